@@ -1,0 +1,34 @@
+"""Errors that are the user's to mend.
+
+Every one carries a single sentence that names the file or argument, says what is wrong with it, and how to
+mend it. The command line prints that sentence alone; library users catch :class:`SlamgymError`.
+"""
+
+
+class SlamgymError(Exception):
+    """Base class of all errors that a user can mend."""
+
+
+class InputFileError(SlamgymError):
+    """A file from outside can't be used.
+
+    Args:
+        path: The file, or ``file:line`` where the line is known.
+        reason: What is wrong and how to mend it, without a full stop.
+    """
+
+    def __init__(self, path: object, reason: str) -> None:
+        super().__init__(f"{path}: {reason}")
+        self.path = str(path)
+        self.reason = reason
+
+    def __reduce__(self) -> tuple[type, tuple[str, str]]:
+        return type(self), (self.path, self.reason)
+
+
+class PlanError(InputFileError):
+    """A floor plan can't be explored; ``path`` may be a plan id."""
+
+
+class ConfigError(SlamgymError):
+    """A setting has an unknown name or a value that makes no sense."""
