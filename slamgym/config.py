@@ -44,7 +44,12 @@ def from_dict(cls: type[_T], values: Mapping[str, Any], where: str = "") -> _T:
     for name in values:
         if name not in fields:
             raise ConfigError(f"{prefix}unknown setting {name!r} of {cls.__name__}; {suggest(name, fields)}")
-    return cls(**{name: _convert(hints[name], value, f"{where}.{name}" if where else name) for name, value in values.items()})
+    return cls(
+        **{
+            name: _convert(hints[name], value, f"{where}.{name}" if where else name)
+            for name, value in values.items()
+        }
+    )
 
 
 def _convert(hint: Any, value: Any, where: str) -> Any:

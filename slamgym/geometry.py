@@ -30,7 +30,7 @@ def compose(a: Pose2D, b: Pose2D) -> Pose2D:
 
 
 def inverse(a: Pose2D) -> Pose2D:
-    """The pose that undoes a: ``compose(a, inverse(a))`` is the identity."""
+    """Undo a pose: a composed with its inverse is the identity."""
     cos, sin = math.cos(a[2]), math.sin(a[2])
     return Pose2D(-cos * a[0] - sin * a[1], sin * a[0] - cos * a[1], wrap_angle(float(-a[2])))
 

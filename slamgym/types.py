@@ -2,7 +2,7 @@
 
 Units are metres, radians and seconds. Frames: x right, y up, theta counter-clockwise from +x in (-pi, pi].
 ``world`` is the frame of the floor plan; ``map`` is the frame of the robot's belief: its origin is the start
-position and its axes are parallel to the world's, so a map leaks nothing about where in the building it began.
+position and its axes are parallel to the world's, so a map doesn't leak where in the building it began.
 Grid arrays are ``[row, col]`` with row 0 at the top (largest y), as ROS map_server images are.
 """
 
@@ -56,7 +56,7 @@ class LaserGeometry:
     @property
     def angles(self) -> FloatArray:
         """Beam directions in the sensor frame, shape (num_beams,) [rad]."""
-        return self.angle_min + self.angle_increment * np.arange(self.num_beams)
+        return self.angle_min + self.angle_increment * np.arange(self.num_beams, dtype=np.float64)
 
 
 @dataclass(frozen=True)
@@ -120,7 +120,9 @@ class GridFrame:
     def to_cell(self, x: Any, y: Any) -> tuple[IntArray, IntArray]:
         """Convert points [m] to (row, col), which may lie outside the grid."""
         col = np.floor((np.asarray(x) - self.origin_x) / self.resolution).astype(np.int64)
-        row = self.height_px - 1 - np.floor((np.asarray(y) - self.origin_y) / self.resolution).astype(np.int64)
+        row = (
+            self.height_px - 1 - np.floor((np.asarray(y) - self.origin_y) / self.resolution).astype(np.int64)
+        )
         return row, col
 
     def to_point(self, row: Any, col: Any) -> tuple[FloatArray, FloatArray]:
@@ -130,7 +132,9 @@ class GridFrame:
         return x, y
 
     @staticmethod
-    def covering(bounds: tuple[float, float, float, float], resolution: float, margin: float = 0.0) -> "GridFrame":
+    def covering(
+        bounds: tuple[float, float, float, float], resolution: float, margin: float = 0.0
+    ) -> "GridFrame":
         """The smallest frame that covers ``bounds`` (min x, min y, max x, max y) plus ``margin`` [m]."""
         min_x, min_y, max_x, max_y = bounds
         return GridFrame(

@@ -1,0 +1,51 @@
+# `make demo` and `make test` set up their own virtual environment; nothing else needs to be installed first.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+DEMO ?= out/demo
+# One thread per process: the programs run one process per core.
+export OMP_NUM_THREADS ?= 1
+
+.PHONY: help setup demo test check format clean
+
+help:
+	@echo "make demo    explore the bundled plans, write map pairs and a contact sheet to $(DEMO)"
+	@echo "make test    run the tests"
+	@echo "make check   format, lint and type checks"
+	@echo "make format  mend what the formatter and the linter can"
+	@echo "make clean   remove the virtual environment and the caches"
+
+$(VENV)/bin/python:
+	$(PYTHON) -m venv $(VENV)
+
+# What a user needs: no torch.
+$(VENV)/.base: pyproject.toml constraints.txt | $(VENV)/bin/python
+	$(BIN)/pip install --quiet --constraint constraints.txt --editable .
+	@touch $@
+
+# What a developer needs: every extra that the tests exercise.
+$(VENV)/.dev: pyproject.toml constraints.txt | $(VENV)/bin/python
+	$(BIN)/pip install --quiet --constraint constraints.txt --editable ".[agents,gan,ros,human,dev]"
+	@touch $@ $(VENV)/.base
+
+setup: $(VENV)/.dev
+
+demo: $(VENV)/.base
+	$(BIN)/slamgym generate --plans bundled --pairs 8 --workers 2 --seed 1 --out $(DEMO)
+
+test: $(VENV)/.dev
+	$(BIN)/python -m slamgym.warmup
+	$(BIN)/python -m pytest -n 2 --import-mode=importlib
+
+check: $(VENV)/.dev
+	$(BIN)/ruff format --check .
+	$(BIN)/ruff check .
+	$(BIN)/mypy
+
+format: $(VENV)/.dev
+	$(BIN)/ruff format .
+	$(BIN)/ruff check --fix .
+
+clean:
+	rm -rf $(VENV) build dist *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis
+	find slamgym agents gan tests benchmarks -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -1,0 +1,3 @@
+"""Generative models between SLAM maps and CAD maps."""
+
+__all__: list[str] = []
