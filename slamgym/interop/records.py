@@ -1,0 +1,88 @@
+"""What a recorded log holds, whatever the format it was stored in."""
+
+import bisect
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+from slamgym.types import LaserGeometry, LaserScan, Pose2D
+
+
+class LogRecord(NamedTuple):
+    """A scan and the odometry pose of the robot at the same moment."""
+
+    stamp: float  # [s]
+    odometry: Pose2D  # the robot's base in the odometry frame
+    scan: LaserScan
+
+
+@dataclass
+class LogWarnings:
+    """Faults of a log that were survived: how often each kind was met, and where first."""
+
+    counts: Counter[str] = field(default_factory=Counter)
+    first: dict[str, str] = field(default_factory=dict)
+
+    def add(self, kind: str, where: object) -> None:
+        """Count one fault; ``where`` is ``file:line`` or the place in a bag."""
+        self.counts[kind] += 1
+        self.first.setdefault(kind, str(where))
+
+    def sentences(self) -> list[str]:
+        """One line per kind of fault, for the user."""
+        return [
+            f"{count} x {kind} (first: {self.first[kind]})" for kind, count in sorted(self.counts.items())
+        ]
+
+
+@dataclass(frozen=True)
+class Log:
+    """A recorded run: its scans in the order of time, and what was wrong with the file.
+
+    All scans share one geometry.
+    """
+
+    source: str
+    """The file or folder it was read from."""
+    records: Sequence[LogRecord]
+    geometry: LaserGeometry
+    warnings: LogWarnings = field(default_factory=LogWarnings)
+    """What was wrong with the file; the faulty messages were left out."""
+
+    def __iter__(self) -> Iterator[LogRecord]:
+        return iter(self.records)
+
+    def __len__(self) -> int:
+        return len(self.records)
+
+    @property
+    def duration(self) -> float:
+        """Time between the first and the last scan [s]."""
+        return self.records[-1].stamp - self.records[0].stamp if self.records else 0.0
+
+
+def longest_ordered(stamps: Sequence[float]) -> list[int]:
+    """Indices of a longest subsequence of ``stamps`` that doesn't decrease.
+
+    Dropping the rest makes the time of a log run forwards with the fewest losses, wherever the faulty stamps
+    lie: one that is far ahead costs one message, not all that follow it. (Fredman 1975: patience sorting.)
+    """
+    tails: list[float] = []  # the smallest last stamp of a subsequence of each length
+    tail_index: list[int] = []
+    previous: list[int] = []
+    for index, stamp in enumerate(stamps):
+        length = bisect.bisect_right(tails, stamp)
+        previous.append(tail_index[length - 1] if length else -1)
+        if length == len(tails):
+            tails.append(stamp)
+            tail_index.append(index)
+        else:
+            tails[length] = stamp
+            tail_index[length] = index
+    ordered: list[int] = []
+    index = tail_index[-1] if tail_index else -1
+    while index >= 0:
+        ordered.append(index)
+        index = previous[index]
+    return ordered[::-1]

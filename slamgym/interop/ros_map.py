@@ -1,0 +1,224 @@
+"""Maps as ROS map_server stores them: an image and a yaml file.
+
+The writer makes the trinary form that ``map_saver`` makes (0 occupied, 205 unknown, 254 free). The reader is
+tolerant, because maps in the wild are: unknown is 205 in map_server maps, 127-128 in cartographer's, 220, 204
+or 100 elsewhere, and a ``free_thresh`` of 0.25 (nav2's default) would turn 205 into free space. So the cells
+are classified by their grey values, and the thresholds of the yaml only fill in where the grey values don't
+tell.
+"""
+
+import math
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import yaml
+
+from slamgym.errors import InputFileError
+from slamgym.interop.atomic import write_bytes, write_text
+from slamgym.types import FREE, OCCUPIED, UNKNOWN, ByteArray, GridFrame, OccupancyGrid
+
+OCCUPIED_THRESHOLD = 0.65
+FREE_THRESHOLD = 0.196
+"""map_saver's own thresholds: the grey value 205 lies between them."""
+
+MIN_UNKNOWN_SHARE = 0.01
+"""A grey level between black and white counts as *the* unknown level if this share of the cells has it."""
+
+
+def write_ros_map(destination: Path | str, grid: OccupancyGrid) -> Path:
+    """Write ``map.pgm`` and ``map.yaml``.
+
+    Args:
+        destination: An existing folder (the files are called ``map``), or the stem of the two files, e.g.
+            ``out/flat`` for ``out/flat.pgm`` and ``out/flat.yaml``.
+        grid: The map.
+
+    Returns:
+        The path of the yaml file.
+
+    Raises:
+        InputFileError: If the files can't be written.
+    """
+    destination = Path(destination)
+    if destination.is_dir():
+        destination = destination / "map"
+    image = destination.with_name(destination.name + ".pgm")
+    description = destination.with_name(destination.name + ".yaml")
+    rows, cols = grid.cells.shape
+    write_bytes(image, b"P5\n%d %d\n255\n" % (cols, rows) + np.ascontiguousarray(grid.cells).tobytes())
+    frame = grid.frame
+    # The yaml goes last: where it exists, the image is complete.
+    write_text(
+        description,
+        f"image: {image.name}\n"
+        "mode: trinary\n"
+        f"resolution: {float(frame.resolution)!r}\n"
+        f"origin: [{float(frame.origin_x)!r}, {float(frame.origin_y)!r}, 0.0]\n"
+        "negate: 0\n"
+        f"occupied_thresh: {OCCUPIED_THRESHOLD}\n"
+        f"free_thresh: {FREE_THRESHOLD}\n",
+    )
+    return description
+
+
+def read_ros_map(path: Path | str) -> OccupancyGrid:
+    """Read a map from its yaml file.
+
+    Args:
+        path: The yaml file; the image is looked up beside it.
+
+    Returns:
+        The map with the three values 0, 205 and 254.
+
+    Raises:
+        InputFileError: If the yaml or the image is missing or malformed, or the map is rotated.
+
+    Convention: the image's first row is the map's top row (largest y); ``origin`` is the outer corner of its
+    bottom-left cell.
+    """
+    path = Path(path)
+    description = _read_description(path)
+    image = path.parent / _text(path, description, "image")
+    resolution = _number(path, description, "resolution")
+    if resolution <= 0.0:
+        raise InputFileError(
+            path, f"resolution is {resolution}; it must be a positive number of metres per cell"
+        )
+    origin_x, origin_y = _origin(path, description)
+    occupied = _number(path, description, "occupied_thresh", OCCUPIED_THRESHOLD)
+    free = _number(path, description, "free_thresh", FREE_THRESHOLD)
+    grey, transparent = _read_grey(image)
+    if str(description.get("mode", "trinary")).lower() == "raw":
+        cells = _classify_raw(grey, occupied, free)
+    else:
+        if description.get("negate", 0) in (1, True, "1", "true"):
+            grey = 255 - grey
+        cells = classify(grey, occupied, free)
+    cells[transparent] = UNKNOWN
+    frame = GridFrame(resolution, origin_x, origin_y, *grey.shape)
+    return OccupancyGrid(cells, frame)
+
+
+def classify(
+    grey: ByteArray, occupied_thresh: float = OCCUPIED_THRESHOLD, free_thresh: float = FREE_THRESHOLD
+) -> ByteArray:
+    """Classify the pixels of a map image (dark walls, light free space) as 0, 205 or 254.
+
+    Args:
+        grey: Grey values, shape (rows, cols), already un-negated.
+        occupied_thresh: Cells with an occupancy (255 - grey) / 255 above this are walls.
+        free_thresh: Cells with an occupancy below this are free, where no grey level marks the unknown.
+
+    Returns:
+        The cells, shape (rows, cols).
+    """
+    occupancy = (255.0 - np.arange(256)) / 255.0
+    unknown = unknown_level(grey, occupied_thresh)
+    if unknown is None:
+        is_free = occupancy < free_thresh
+    else:
+        # A probability map has free cells of every lightness: what is clearly lighter than unknown is free.
+        is_free = np.arange(256) > unknown + max(2.0, 0.25 * (FREE - unknown))
+    table = np.where(occupancy > occupied_thresh, OCCUPIED, np.where(is_free, FREE, UNKNOWN))
+    return table.astype(np.uint8)[grey]
+
+
+def unknown_level(grey: ByteArray, occupied_thresh: float = OCCUPIED_THRESHOLD) -> int | None:
+    """The grey value that means unknown, or None where the image has no such level.
+
+    It is the most frequent value between the walls and the lightest common value (free space).
+    """
+    counts = np.bincount(grey.ravel(), minlength=256)
+    darkest = math.floor(255.0 * (1.0 - occupied_thresh)) + 1
+    common = np.flatnonzero(counts >= MIN_UNKNOWN_SHARE * grey.size)
+    common = common[common >= darkest]
+    # White and almost white (253-255) is never unknown; the margin keeps 250 beside 254 in free space.
+    candidates = common[common < 240]
+    if len(candidates) == 0:
+        return None
+    return int(candidates[np.argmax(counts[candidates])])
+
+
+def _classify_raw(grey: ByteArray, occupied_thresh: float, free_thresh: float) -> ByteArray:
+    """``mode: raw`` stores the occupancy in percent, and 255 (or any value above 100) for unknown."""
+    percent = grey.astype(np.float64)
+    cells = np.full(grey.shape, UNKNOWN, np.uint8)
+    cells[percent <= 100.0 * free_thresh] = FREE
+    cells[(percent >= 100.0 * occupied_thresh) & (percent <= 100.0)] = OCCUPIED
+    return cells
+
+
+def _read_description(path: Path) -> dict[str, Any]:
+    try:
+        description = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputFileError(path, f"can't be read ({error.strerror or error})") from error
+    except UnicodeDecodeError as error:
+        raise InputFileError(path, "is not a text file; give the map's .yaml file") from error
+    except (yaml.YAMLError, RecursionError) as error:
+        mark = getattr(error, "problem_mark", None)
+        where = path if mark is None else f"{path}:{mark.line + 1}"
+        raise InputFileError(where, "is not valid yaml") from error
+    if not isinstance(description, dict):
+        raise InputFileError(path, "is not a map description; it needs the keys image, resolution and origin")
+    return description
+
+
+def _text(path: Path, description: dict[str, Any], key: str) -> str:
+    value = description.get(key)
+    if not isinstance(value, str) or not value or "\0" in value:
+        raise InputFileError(path, f"{key!r} is missing; it names the map's image file")
+    return value
+
+
+def _number(path: Path, description: dict[str, Any], key: str, default: float | None = None) -> float:
+    value = description.get(key, default)
+    try:
+        number = float(value)
+    except (TypeError, ValueError, OverflowError):
+        number = math.nan
+    if not math.isfinite(number):
+        raise InputFileError(path, f"{key!r} is {value!r}; it must be a number")
+    return number
+
+
+def _origin(path: Path, description: dict[str, Any]) -> tuple[float, float]:
+    origin = description.get("origin")
+    try:
+        x, y, *yaw = (float(value) for value in origin)  # type: ignore[union-attr]
+    except (TypeError, ValueError, OverflowError):
+        x, y, yaw = math.nan, math.nan, []
+    if not (math.isfinite(x) and math.isfinite(y)):
+        raise InputFileError(path, f"'origin' is {origin!r}; it must be a list [x, y, yaw] of numbers")
+    if yaw and not abs(yaw[0]) < 1e-3:
+        raise InputFileError(
+            path, f"the map is rotated by {yaw[0]} rad; rotate the image and set the yaw to 0"
+        )
+    return x, y
+
+
+def _read_grey(path: Path) -> tuple[ByteArray, Any]:
+    """The image as grey values and the mask of its transparent pixels."""
+    try:
+        encoded = np.frombuffer(path.read_bytes(), np.uint8)
+    except OSError as error:
+        raise InputFileError(path, f"the map's image can't be read ({error.strerror or error})") from error
+    try:
+        image = cv2.imdecode(encoded, cv2.IMREAD_UNCHANGED) if encoded.size else None
+    except cv2.error:
+        image = None
+    if image is None or image.size == 0:
+        raise InputFileError(path, "is not an image that OpenCV can read (PGM, PNG, BMP, TIFF)")
+    if image.dtype == np.uint16:
+        image = (image >> 8).astype(np.uint8)
+    if image.dtype != np.uint8:
+        raise InputFileError(path, f"has pixels of type {image.dtype}; save it with 8 bits per channel")
+    transparent = np.zeros(image.shape[:2], bool)
+    if image.ndim == 3:
+        if image.shape[2] in (2, 4):
+            transparent = image[:, :, -1] < 128
+            image = image[:, :, :-1]
+        image = np.rint(image.mean(axis=2)).astype(np.uint8)
+    return image, transparent
