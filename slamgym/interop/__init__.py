@@ -2,6 +2,7 @@
 
 from slamgym.interop.carmen import read_carmen, write_carmen
 from slamgym.interop.records import Log, LogRecord, LogWarnings
+from slamgym.interop.relations import Relations, read_relations
 from slamgym.interop.ros_map import read_ros_map, write_ros_map
 from slamgym.interop.tum import read_tum, write_tum
 
@@ -9,7 +10,9 @@ __all__ = [
     "Log",
     "LogRecord",
     "LogWarnings",
+    "Relations",
     "read_carmen",
+    "read_relations",
     "read_ros_map",
     "read_tum",
     "write_carmen",

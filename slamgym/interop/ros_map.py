@@ -174,7 +174,7 @@ def _text(path: Path, description: dict[str, Any], key: str) -> str:
 
 
 def _number(path: Path, description: dict[str, Any], key: str, default: float | None = None) -> float:
-    value = description.get(key, default)
+    value: Any = description.get(key, default)
     try:
         number = float(value)
     except (TypeError, ValueError, OverflowError):
@@ -185,9 +185,9 @@ def _number(path: Path, description: dict[str, Any], key: str, default: float | 
 
 
 def _origin(path: Path, description: dict[str, Any]) -> tuple[float, float]:
-    origin = description.get("origin")
+    origin: Any = description.get("origin")
     try:
-        x, y, *yaw = (float(value) for value in origin)  # type: ignore[union-attr]
+        x, y, *yaw = (float(value) for value in origin)
     except (TypeError, ValueError, OverflowError):
         x, y, yaw = math.nan, math.nan, []
     if not (math.isfinite(x) and math.isfinite(y)):

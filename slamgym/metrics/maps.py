@@ -1,0 +1,100 @@
+"""How well a map agrees with the true one: walls found, space covered, image error.
+
+Convention: both maps are images of one shape on one frame (row 0 at the top); only :func:`aligned_error`
+first searches for the motion that brings one onto the other.
+"""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from slamgym.types import FREE, OCCUPIED, UNKNOWN, BoolArray, ByteArray, FloatArray
+
+
+@dataclass(frozen=True)
+class WallScore:
+    """Agreement of wall cells within a tolerance; all values lie in [0, 1]."""
+
+    precision: float
+    """Share of the map's wall cells that lie near a true wall."""
+    recall: float
+    """Share of the true wall cells that lie near a wall of the map."""
+    iou: float
+    """Intersection over union of the two walls, both thickened by half the tolerance."""
+
+    @property
+    def f1(self) -> float:
+        """Harmonic mean of precision and recall."""
+        total = self.precision + self.recall
+        return 2.0 * self.precision * self.recall / total if total > 0.0 else 0.0
+
+
+def wall_score(walls: BoolArray, true_walls: BoolArray, tolerance_px: float = 2.0) -> WallScore:
+    """Compare wall cells.
+
+    Args:
+        walls: Wall cells of the map, shape (rows, cols).
+        true_walls: True wall cells, same shape.
+        tolerance_px: How far a cell may lie from its counterpart and still count as found [cells].
+
+    Raises:
+        ValueError: If the shapes differ.
+    """
+    _check_shapes(walls, true_walls)
+    if not walls.any() or not true_walls.any():
+        same = float(walls.any() == true_walls.any())
+        return WallScore(same, same, same)
+    to_map, to_truth = _distance(walls), _distance(true_walls)
+    thick, true_thick = to_map <= 0.5 * tolerance_px, to_truth <= 0.5 * tolerance_px
+    return WallScore(
+        precision=float((to_truth[walls] <= tolerance_px).mean()),
+        recall=float((to_map[true_walls] <= tolerance_px).mean()),
+        iou=float((thick & true_thick).sum() / (thick | true_thick).sum()),
+    )
+
+
+def coverage(cells: ByteArray, reachable: BoolArray) -> float:
+    """Share of the reachable space that the map shows as free.
+
+    Args:
+        cells: Map values (0, 205, 254), shape (rows, cols).
+        reachable: Cells that the robot could have seen, same shape.
+    """
+    _check_shapes(cells, reachable)
+    total = np.count_nonzero(reachable)
+    return float(np.count_nonzero((cells == FREE) & reachable) / total) if total else 1.0
+
+
+def known_area(cells: ByteArray, resolution: float) -> float:
+    """Area of the cells that are not unknown [m^2]."""
+    return float(np.count_nonzero(cells != UNKNOWN)) * resolution**2
+
+
+def free_space(cells: ByteArray) -> FloatArray:
+    """The image on which the paper's Table I is computed: 1 where free, 0 in walls and the unknown."""
+    return (cells == FREE).astype(np.float64)
+
+
+def wall_cells(cells: ByteArray) -> BoolArray:
+    """Occupied cells."""
+    occupied: BoolArray = cells == OCCUPIED
+    return occupied
+
+
+def squared_error(image: FloatArray, target: FloatArray) -> float:
+    """Mean squared error of two images with values in [0, 1]."""
+    _check_shapes(image, target)
+    return float(np.mean((np.asarray(image, dtype=np.float64) - target) ** 2))
+
+
+def _distance(mask: BoolArray) -> FloatArray:
+    """Euclidean distance of each cell from the nearest true cell [cells]."""
+    return np.asarray(
+        cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE), dtype=np.float64
+    )
+
+
+def _check_shapes(a: np.ndarray, b: np.ndarray) -> None:
+    if a.shape != b.shape:
+        raise ValueError(f"the maps have different shapes: {a.shape} and {b.shape}; put them on one frame")
