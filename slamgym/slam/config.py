@@ -1,0 +1,146 @@
+"""Settings of the mapper, named after GMapping's parameters where they have one."""
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+from slamgym.errors import ConfigError
+
+Mode = Literal["rbpf", "scan_matching", "dead_reckoning", "ground_truth"]
+Matcher = Literal["coarse_to_fine", "hill_climbing"]
+Proposal = Literal["matched", "improved"]
+
+
+@dataclass(frozen=True)
+class MotionNoise:
+    """How far odometry is trusted: standard deviations per odometry increment, as GMapping's motion model.
+
+    The defaults are the launch values of TurtleBot3's GMapping, which are GMapping's own.
+    """
+
+    srr: float = 0.1
+    """Translation error per metre of translation [m/m]."""
+
+    srt: float = 0.2
+    """Rotation error per metre of translation [rad/m]."""
+
+    str: float = 0.1
+    """Translation error per radian of rotation [m/rad]."""
+
+    stt: float = 0.2
+    """Rotation error per radian of rotation [rad/rad]."""
+
+
+@dataclass(frozen=True)
+class SlamConfig:
+    """How the map is made.
+
+    The defaults are TurtleBot3's GMapping launch file (``turtlebot3_slam/config/gmapping_params.yaml``), except
+    for the number of particles, where GMapping's own default of 30 stands (the launch file says 100).
+    """
+
+    mode: Mode = "rbpf"
+    """``rbpf``: particle filter as GMapping; ``scan_matching``: one particle, no motion noise;
+    ``dead_reckoning``: believes the odometry; ``ground_truth``: the same, for a caller who hands it true poses."""
+
+    particles: int = 30
+    """Number of particles (``particles``)."""
+
+    resolution: float = 0.05
+    """Cell size of the maps [m] (``delta``)."""
+
+    max_usable_range: float = 3.0
+    """Longer returns are not matched; their rays are cut here and clear free space only [m] (``maxUrange``)."""
+
+    matcher: Matcher = "coarse_to_fine"
+    """``coarse_to_fine``: a short climb on a part of the beams, then ICP steps on all of them, on GMapping's
+    objective; ``hill_climbing``: GMapping's own search, several times slower."""
+
+    proposal: Proposal = "matched"
+    """``matched``: a particle moves to the best match, as the GMapping program does; ``improved``: it is drawn
+    from a Gaussian fitted round the match, as the paper has it (Grisetti et al. 2007, section IV-A)."""
+
+    sigma: float = 0.05
+    """Width of the matching score exp(-d^2 / sigma) [m^2] (``sigma``)."""
+
+    linear_step: float = 0.05
+    """First step of the search in x and y [m] (``lstep``)."""
+
+    angular_step: float = 0.05
+    """First step of the search in heading [rad] (``astep``)."""
+
+    iterations: int = 5
+    """How often GMapping's search halves its steps (``iterations``); ``hill_climbing`` only."""
+
+    likelihood_sigma: float = 0.075
+    """Width of the log-likelihood -d^2 / sigma that weighs the particles [m^2] (``lsigma``)."""
+
+    likelihood_gain: float = 3.0
+    """Flattens the weights: they are exp(l / (gain x particles)) (``ogain``)."""
+
+    beam_skip: int = 0
+    """Beams left out between two that are matched (``lskip``); all are drawn into the map."""
+
+    minimum_score: float = 50.0
+    """A match with a lower score is refused and odometry stands (``minimumScore``)."""
+
+    motion: MotionNoise = field(default_factory=MotionNoise)
+    """Noise of the motion model."""
+
+    linear_update: float = 1.0
+    """A scan is processed after this distance [m] (``linearUpdate``) ..."""
+
+    angular_update: float = 0.2
+    """... or this turn [rad] (``angularUpdate``) ..."""
+
+    temporal_update: float | None = 0.5
+    """... or when more than this time has passed [s] (``temporalUpdate``); None turns it off."""
+
+    resample_threshold: float = 0.5
+    """Resample when N_eff falls below this share of the particles (``resampleThreshold``)."""
+
+    occupied_threshold: float = 0.25
+    """A cell is occupied when more than this share of its observations are hits (``occ_thresh``)."""
+
+    no_return_clears: bool = True
+    """Whether a beam without return clears its ray up to the usable range. Stock slam_gmapping skips such beams;
+    then the middle of a room larger than the range stays unknown for ever and exploration never ends there. Turn
+    it off for logs whose missing returns may be glass or errors instead of space."""
+
+    memory_limit_mb: float = 4096.0
+    """The maps may take this much memory [MB]; beyond it the mapper stops with a clear error."""
+
+    def __post_init__(self) -> None:
+        positive = ("particles", "resolution", "max_usable_range", "sigma", "linear_step", "angular_step",
+                    "likelihood_sigma", "likelihood_gain", "memory_limit_mb")  # fmt: skip
+        for name in positive:
+            if not getattr(self, name) > 0:
+                raise ConfigError(f"slam.{name} is {getattr(self, name)!r}; give a value above 0")
+        if self.iterations < 0 or self.beam_skip < 0:
+            raise ConfigError("slam.iterations and slam.beam_skip count things; give 0 or more")
+        if not 0.0 < self.occupied_threshold < 1.0:
+            raise ConfigError(
+                f"slam.occupied_threshold is {self.occupied_threshold!r}; give a share between 0 and 1"
+            )
+
+    @staticmethod
+    def ros_defaults() -> "SlamConfig":
+        """Defaults of the slam_gmapping node itself, which differ from TurtleBot3's launch file."""
+        return SlamConfig(max_usable_range=80.0, angular_update=0.5, temporal_update=None, minimum_score=0.0)
+
+    @staticmethod
+    def for_long_range(max_range: float, particles: int = 30) -> "SlamConfig":
+        """Settings for a recorded log of a long-range scanner (SICK LMS and the like).
+
+        Args:
+            max_range: Largest range the scanner reports [m].
+            particles: Number of particles.
+        """
+        return SlamConfig(
+            particles=particles,
+            max_usable_range=min(max_range, 80.0) * 0.999,
+            minimum_score=0.0,
+            linear_update=0.1,
+            angular_update=0.1,
+            temporal_update=None,
+            no_return_clears=False,
+        )

@@ -1,0 +1,45 @@
+"""GMapping's odometry motion model, as a kernel over all particles."""
+
+import math
+
+import numpy as np
+
+from slamgym.jit import kernel
+from slamgym.slam.config import MotionNoise
+from slamgym.types import FloatArray
+
+LATERAL_SHARE = 0.3
+"""Share of srr that goes from one axis into the other (GMapping's ``sxy``)."""
+
+
+def noise_array(noise: MotionNoise) -> FloatArray:
+    """The noise as (srr, srt, str, stt), as the kernel takes it."""
+    return np.array([noise.srr, noise.srt, noise.str, noise.stt])
+
+
+@kernel
+def sample_motion(poses: FloatArray, increments: FloatArray, normals: FloatArray, noise: FloatArray) -> None:
+    """Move each particle by the odometry increments since the last processed scan, each with noise of its own.
+
+    GMapping adds noise at every scan, also at those it doesn't process; so the spread depends on the scan rate,
+    and to draw it once for the sum would be another filter.
+
+    Args:
+        poses: (particles, 3) [m, m, rad], changed in place.
+        increments: (steps, 3) motion between scans in the robot frame.
+        normals: (steps, particles, 3) standard normal draws.
+        noise: (4,) srr, srt, str, stt.
+    """
+    srr, srt, str_, stt = noise[0], noise[1], noise[2], noise[3]
+    for k in range(len(increments)):
+        dx, dy, turn = increments[k, 0], increments[k, 1], increments[k, 2]
+        sigma_x = srr * abs(dx) + str_ * abs(turn) + LATERAL_SHARE * srr * abs(dy)
+        sigma_y = srr * abs(dy) + str_ * abs(turn) + LATERAL_SHARE * srr * abs(dx)
+        sigma_turn = stt * abs(turn) + srt * math.hypot(dx, dy)
+        for p in range(len(poses)):
+            noisy_x = dx + sigma_x * normals[k, p, 0]
+            noisy_y = dy + sigma_y * normals[k, p, 1]
+            cos, sin = math.cos(poses[p, 2]), math.sin(poses[p, 2])
+            poses[p, 0] += cos * noisy_x - sin * noisy_y
+            poses[p, 1] += sin * noisy_x + cos * noisy_y
+            poses[p, 2] += turn + sigma_turn * normals[k, p, 2]

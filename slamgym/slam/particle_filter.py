@@ -1,0 +1,187 @@
+"""GMapping's Rao-Blackwellised particle filter (Grisetti, Stachniss and Burgard, T-RO 23(1), 2007).
+
+Each particle carries a path and a map of its own. A processed scan moves every particle by odometry with noise,
+then to the best match with its own map; the match's likelihood weighs it, and when few particles hold most of
+the weight they are resampled.
+"""
+
+import time
+
+import numpy as np
+
+from slamgym.geometry import compose
+from slamgym.slam.config import SlamConfig
+from slamgym.slam.drawn_map import BeamTable, DrawnMap
+from slamgym.slam.mapper import SlamStats
+from slamgym.slam.motion_model import noise_array, sample_motion
+from slamgym.slam.odometry_gate import OdometryGate
+from slamgym.slam.particle_maps import ParticleMaps
+from slamgym.slam.resampling import effective_sample_size, normalized_weights, systematic_resample
+from slamgym.slam.scan_match import match_particles, usable_end_points
+from slamgym.slam.trajectory_tree import TrajectoryTree, trace_lineage
+from slamgym.types import (
+    ByteArray, FloatArray, GridFrame, IntArray, LaserGeometry, LaserScan, OccupancyGrid, Pose2D, Trajectory,
+)  # fmt: skip
+
+COARSE_STRIDE = 4
+COARSE_HALVINGS = 2
+ICP_STEPS = 20
+MARGIN = 1.5
+"""How far round the scan's reach the maps are made ready [m]; a match that strays further finds nothing."""
+
+
+class ParticleFilter:
+    """Modes ``rbpf`` and ``scan_matching``; see :class:`slamgym.slam.mapper.Mapper`."""
+
+    def __init__(
+        self, config: SlamConfig, geometry: LaserGeometry, initial_pose: Pose2D, rng: np.random.Generator
+    ) -> None:
+        count = config.particles if config.mode == "rbpf" else 1
+        self._config = config
+        self._rng = rng
+        self._beams = BeamTable(geometry, config)
+        self._gate = OdometryGate(config)
+        self._noise = noise_array(config.motion) if config.mode == "rbpf" else np.zeros(4)
+        self._poses: FloatArray = np.tile(np.array(initial_pose, dtype=np.float64), (count, 1))
+        self._log_weights = np.zeros(count)  # since the last resampling
+        self._path_log_weights = np.zeros(count)  # over the whole path
+        self._weights: FloatArray = np.full(count, 1.0 / count)
+        self._maps = ParticleMaps(count, config.resolution, config.memory_limit_mb)
+        self._tree = TrajectoryTree(count, geometry.num_beams)
+        self._lineage: IntArray = np.zeros(0, dtype=np.int64)  # of the path drawn
+        self._drawn_poses: FloatArray = np.zeros((0, 3))
+        self._drawn = DrawnMap(
+            self._beams, config.resolution, config.occupied_threshold, config.memory_limit_mb
+        )
+        self._grid: OccupancyGrid | None = None
+        self._end_points = np.zeros((geometry.num_beams, 2))
+        self._stats = SlamStats()
+
+    @property
+    def pose(self) -> Pose2D:
+        """See :class:`slamgym.slam.mapper.Mapper`."""
+        x, y, theta = self._poses[self.best_particle]
+        return compose(Pose2D(float(x), float(y), float(theta)), self._gate.since_processed)
+
+    @property
+    def best_particle(self) -> int:
+        """The particle whose whole path explains the scans best."""
+        return int(np.argmax(self._path_log_weights))
+
+    @property
+    def particle_poses(self) -> FloatArray:
+        """(particles, 3) at the last processed scan."""
+        return self._poses.copy()
+
+    @property
+    def covariance(self) -> FloatArray:
+        """See :class:`slamgym.slam.mapper.Mapper`."""
+        deviations = self._poses - self._poses[self.best_particle]
+        deviations[:, 2] = np.arctan2(np.sin(deviations[:, 2]), np.cos(deviations[:, 2]))
+        deviations -= self._weights @ deviations
+        spread: FloatArray = (deviations * self._weights[:, None]).T @ deviations
+        return spread
+
+    @property
+    def n_eff(self) -> float:
+        """See :class:`slamgym.slam.mapper.Mapper`."""
+        return self._stats.n_eff[-1] if self._stats.n_eff else float(len(self._poses))
+
+    @property
+    def stats(self) -> SlamStats:
+        """See :class:`slamgym.slam.mapper.Mapper`."""
+        self._stats.memory_bytes = self._maps.num_bytes + self._tree.num_bytes + self._drawn.num_bytes
+        return self._stats
+
+    def update(self, odometry: Pose2D, scan: LaserScan) -> bool:
+        """See :class:`slamgym.slam.mapper.Mapper`."""
+        begin = time.process_time()
+        self._stats.scans += 1
+        due = self._gate.is_due(odometry, scan.stamp)
+        if due:
+            self._process(scan)
+        self._stats.cpu_seconds += time.process_time() - begin
+        return due
+
+    def _process(self, scan: LaserScan) -> None:
+        """One step of the filter: predict, match, weigh, resample, register."""
+        increments = self._gate.take(scan.stamp)
+        normals = self._rng.standard_normal((len(increments), len(self._poses), 3))
+        sample_motion(self._poses, increments, normals, self._noise)
+        b = self._beams
+        usable = min(b.usable, np.nextafter(b.range_max, 0.0))
+        num_points = usable_end_points(
+            scan.ranges, b.directions, b.mount, b.range_min, usable, self._end_points
+        )
+        points = self._end_points[:num_points]
+        reach = float(np.abs(points).sum(axis=1).max(initial=0.0))
+        self._maps.cover(self._poses, reach + MARGIN)
+        if len(self._tree) > 0:
+            self._match_and_weigh(points)
+        self._tree.append(scan.stamp, self._poses, scan.ranges)
+        self._maps.register(self._poses, points)
+        self._grid = None
+        self._stats.processed += 1
+
+    def _match_and_weigh(self, points: FloatArray) -> None:
+        c = self._config
+        coarse = c.matcher == "coarse_to_fine"
+        log_likelihoods = np.empty(len(self._poses))
+        stride = c.beam_skip + 1
+        matched = match_particles(
+            self._maps.pool, self._maps.tables, self._poses, points, self._maps.origin, c.resolution, stride,
+            COARSE_STRIDE * stride if coarse else stride, COARSE_HALVINGS if coarse else c.iterations,
+            ICP_STEPS if coarse else 0, c.linear_step, c.angular_step, c.sigma, c.likelihood_sigma,
+            c.minimum_score, log_likelihoods,
+        )  # fmt: skip
+        self._stats.refused_matches += len(self._poses) - matched
+        self._log_weights += log_likelihoods
+        self._path_log_weights += log_likelihoods
+        self._weights = normalized_weights(self._log_weights, c.likelihood_gain)
+        n_eff = effective_sample_size(self._weights)
+        self._stats.n_eff.append(n_eff)
+        if n_eff < c.resample_threshold * len(self._poses):
+            self._resample()
+
+    def _resample(self) -> None:
+        ancestors = systematic_resample(self._weights, float(self._rng.random()))
+        self._poses = self._poses[ancestors]
+        self._path_log_weights = self._path_log_weights[ancestors]
+        self._log_weights[:] = 0.0
+        self._weights[:] = 1.0 / len(ancestors)
+        self._maps.resample(ancestors)
+        self._tree.resample(ancestors)
+        self._stats.resamplings += 1
+
+    def _follow_best(self) -> None:
+        """Make the drawn path that of the best particle: take out what it doesn't share, draw the rest."""
+        steps, known = len(self._tree), len(self._lineage)
+        if steps == 0:
+            return
+        lineage = np.full(steps, -1, dtype=np.int64)
+        lineage[:known] = self._lineage
+        first = trace_lineage(self._tree.parents, steps - 1, self.best_particle, lineage)
+        self._drawn.draw(self._drawn_poses[first:], self._tree.ranges[first:known], sign=-1)
+        poses = self._tree.poses_along(lineage, first)
+        self._drawn.draw(poses, self._tree.ranges[first:])
+        self._lineage = lineage
+        self._drawn_poses = np.concatenate([self._drawn_poses[:first], poses])
+
+    def occupancy_grid(self) -> OccupancyGrid:
+        """See :class:`slamgym.slam.mapper.Mapper`."""
+        if self._grid is None:
+            self._follow_best()
+            self._grid = self._drawn.occupancy_grid()
+        return self._grid
+
+    def render(self, frame: GridFrame) -> ByteArray:
+        """See :class:`slamgym.slam.mapper.Mapper`."""
+        self._follow_best()
+        return self._drawn.render(frame)
+
+    def trajectory(self) -> Trajectory:
+        """See :class:`slamgym.slam.mapper.Mapper`."""
+        lineage = np.full(len(self._tree), -1, dtype=np.int64)
+        if len(lineage):
+            trace_lineage(self._tree.parents, len(lineage) - 1, self.best_particle, lineage)
+        return Trajectory(self._tree.stamps.copy(), self._tree.poses_along(lineage))

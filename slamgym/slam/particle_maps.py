@@ -1,0 +1,82 @@
+"""The particles' own maps: owns the tile pool and the tables, and lets them grow."""
+
+import math
+
+import numpy as np
+
+from slamgym.errors import SlamgymError
+from slamgym.slam.tiles import BYTES_PER_TILE, TILE, TilePool, copy_maps, register_scan
+from slamgym.types import FloatArray, IntArray
+
+GROWTH_TILES = 8
+"""Tables grow by at least so many tiles on a side, so that they seldom grow."""
+
+
+class ParticleMaps:
+    """One end-point map per particle, shared copy-on-write (see :mod:`slamgym.slam.tiles`)."""
+
+    def __init__(self, particles: int, resolution: float, memory_limit_mb: float) -> None:
+        self.resolution = resolution
+        self.pool = TilePool.empty(256)
+        self.tables = np.zeros((particles, 0, 0), dtype=np.int32)
+        self._corner = (0, 0)  # tile (row, col) of the lattice where the tables begin
+        self._memory_limit = memory_limit_mb * 1e6
+
+    @property
+    def origin(self) -> FloatArray:
+        """(2,) lower left corner of the tables [m]."""
+        return np.array([self._corner[1], self._corner[0]], dtype=np.float64) * (TILE * self.resolution)
+
+    @property
+    def num_bytes(self) -> int:
+        """Memory of the maps."""
+        return len(self.pool.references) * BYTES_PER_TILE + self.tables.nbytes
+
+    def cover(self, poses: FloatArray, reach: float) -> None:
+        """Let the tables cover all points within ``reach`` [m] of the poses (particles, 3)."""
+        side = TILE * self.resolution
+        low = np.floor((poses[:, :2].min(axis=0) - reach) / side).astype(int)
+        high = np.floor((poses[:, :2].max(axis=0) + reach) / side).astype(int) + 1
+        row, col = self._corner
+        _, rows, cols = self.tables.shape
+        if rows and low[1] >= row and low[0] >= col and high[1] <= row + rows and high[0] <= col + cols:
+            return
+        first_row, first_col, last_row, last_col = int(low[1]), int(low[0]), int(high[1]), int(high[0])
+        if rows:
+            first_row = row if first_row >= row else min(first_row, row - GROWTH_TILES)
+            first_col = col if first_col >= col else min(first_col, col - GROWTH_TILES)
+            last_row = row + rows if last_row <= row + rows else max(last_row, row + rows + GROWTH_TILES)
+            last_col = col + cols if last_col <= col + cols else max(last_col, col + cols + GROWTH_TILES)
+        tables = np.zeros((len(self.tables), last_row - first_row, last_col - first_col), dtype=np.int32)
+        tables[:, row - first_row : row - first_row + rows, col - first_col : col - first_col + cols] = self.tables
+        self.tables, self._corner = tables, (first_row, first_col)
+
+    def register(self, poses: FloatArray, points: FloatArray) -> None:
+        """Add end points (n, 2) [m], given in the robot frame, to each map at its particle's pose.
+
+        Raises:
+            SlamgymError: If the maps would take more memory than allowed.
+        """
+        particle = 0
+        while True:
+            particle = register_scan(
+                self.pool, self.tables, poses, points, self.origin, self.resolution, particle
+            )
+            if particle == len(poses):
+                return
+            self._grow_pool(4 * len(points))
+
+    def _grow_pool(self, needed: int) -> None:
+        capacity = len(self.pool.references)
+        most = int(self._memory_limit / BYTES_PER_TILE)
+        larger = min(max(math.ceil(1.5 * capacity), capacity + 2 * needed), most)
+        if larger < capacity + needed:
+            raise SlamgymError(
+                f"the particles' maps need more than slam.memory_limit_mb={self._memory_limit / 1e6:.0f}; raise it, "
+                "use fewer particles, or a coarser resolution"
+            )
+        self.pool = self.pool.grown(larger)
+
+    def resample(self, ancestors: IntArray) -> None:
+        """Give each particle the map of its ancestor."""
+        copy_maps(self.pool, self.tables, ancestors)

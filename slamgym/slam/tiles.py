@@ -1,0 +1,179 @@
+"""Particle maps as tables of shared tiles: numba kernels.
+
+A particle's map holds what GMapping's holds: per cell the number of end points that fell into it and their
+mean. Maps of particles that share their past are mostly equal, so a map is a table of tile numbers into one
+pool, tiles are counted references, and a tile is copied only when one of its owners writes to it. Resampling
+then copies tables instead of maps, and its cost hardly depends on the size of the building.
+
+Convention: points are in cells, ``(u, v) = (x, y) / resolution`` from the lower left corner of the table;
+tile ``[row, col]`` covers cells ``[row * TILE, (row + 1) * TILE)`` in v and likewise in u, rows upwards.
+Means are offsets from their cell's lower left corner, so float32 is exact enough in a map of any size.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from slamgym.jit import kernel
+from slamgym.types import Float32Array, FloatArray, IntArray
+
+TILE_BITS = 5
+TILE = 1 << TILE_BITS
+"""Cells along a tile's side: 1.6 m at 5 cm."""
+TILE_MASK = TILE - 1
+EMPTY = 0
+"""The tile that stands for every tile never written to; it is never written to itself."""
+MAX_COUNT = 65535
+BYTES_PER_TILE = TILE * TILE * (2 * 4 + 2 + 2) + 8
+
+
+class TilePool(NamedTuple):
+    """Storage of all tiles of all particles; ``C`` is the capacity."""
+
+    means: Float32Array  # (C, TILE * TILE, 2) mean end point within the cell [cells]
+    counts: np.ndarray  # (C, TILE * TILE) uint16 end points seen, stops at MAX_COUNT
+    neighbours: np.ndarray  # (C, TILE * TILE) uint16, bit 3 * (dv + 1) + du + 1: that neighbour holds a mean
+    references: np.ndarray  # (C,) int32 how many tables name the tile
+    free: np.ndarray  # (C,) int32 stack of unused tile numbers
+    num_free: IntArray  # (1,) height of the stack
+
+    @staticmethod
+    def empty(capacity: int) -> "TilePool":
+        """A pool of ``capacity`` unused tiles, the first of them the empty tile."""
+        free = np.zeros(capacity, dtype=np.int32)
+        free[: capacity - 1] = np.arange(capacity - 1, 0, -1)
+        return TilePool(
+            means=np.zeros((capacity, TILE * TILE, 2), dtype=np.float32),
+            counts=np.zeros((capacity, TILE * TILE), dtype=np.uint16),
+            neighbours=np.zeros((capacity, TILE * TILE), dtype=np.uint16),
+            references=np.zeros(capacity, dtype=np.int32),
+            free=free,
+            num_free=np.array([capacity - 1], dtype=np.int64),
+        )
+
+    def grown(self, capacity: int) -> "TilePool":
+        """A pool of larger ``capacity`` with the same contents."""
+        larger = TilePool.empty(capacity)
+        size = len(self.references)
+        larger.means[:size] = self.means
+        larger.counts[:size] = self.counts
+        larger.neighbours[:size] = self.neighbours
+        larger.references[:size] = self.references
+        num_free, num_new = int(self.num_free[0]), capacity - size
+        larger.free[:num_new] = np.arange(capacity - 1, size - 1, -1)
+        larger.free[num_new : num_new + num_free] = self.free[:num_free]
+        larger.num_free[0] = num_new + num_free
+        return larger
+
+
+@kernel
+def writable_tile(pool: TilePool, table: np.ndarray, row: int, col: int) -> int:
+    """The tile at ``[row, col]``, made this table's own first; the pool must have a free tile."""
+    tile = table[row, col]
+    if tile != EMPTY and pool.references[tile] == 1:
+        return tile
+    pool.num_free[0] -= 1
+    fresh = pool.free[pool.num_free[0]]
+    pool.references[fresh] = 1
+    if tile == EMPTY:
+        pool.counts[fresh] = 0
+        pool.neighbours[fresh] = 0
+    else:
+        pool.means[fresh] = pool.means[tile]
+        pool.counts[fresh] = pool.counts[tile]
+        pool.neighbours[fresh] = pool.neighbours[tile]
+        pool.references[tile] -= 1
+    table[row, col] = fresh
+    return fresh
+
+
+@kernel
+def insert_point(pool: TilePool, table: np.ndarray, u: float, v: float) -> None:
+    """Add an end point to a map."""
+    cell_u, cell_v = int(u), int(v)
+    tile = writable_tile(pool, table, cell_v >> TILE_BITS, cell_u >> TILE_BITS)
+    cell = ((cell_v & TILE_MASK) << TILE_BITS) | (cell_u & TILE_MASK)
+    count = int(pool.counts[tile, cell])
+    if count == 0:
+        pool.means[tile, cell, 0] = u - cell_u
+        pool.means[tile, cell, 1] = v - cell_v
+        pool.counts[tile, cell] = 1
+        for dv in range(-1, 2):
+            for du in range(-1, 2):
+                near_u, near_v = cell_u + du, cell_v + dv
+                near = writable_tile(pool, table, near_v >> TILE_BITS, near_u >> TILE_BITS)
+                # Seen from the neighbour, the new mean lies the other way.
+                pool.neighbours[near, ((near_v & TILE_MASK) << TILE_BITS) | (near_u & TILE_MASK)] |= np.uint16(
+                    1 << (3 * (1 - dv) + 1 - du)
+                )
+        return
+    gain = 1.0 / (count + 1)
+    pool.means[tile, cell, 0] += gain * (u - cell_u - pool.means[tile, cell, 0])
+    pool.means[tile, cell, 1] += gain * (v - cell_v - pool.means[tile, cell, 1])
+    if count < MAX_COUNT:
+        pool.counts[tile, cell] = count + 1
+
+
+@kernel
+def register_scan(
+    pool: TilePool, tables: np.ndarray, poses: FloatArray, points: FloatArray, origin: FloatArray, resolution: float, first: int
+) -> int:  # fmt: skip
+    """Add a scan's end points to each particle's own map at the particle's pose.
+
+    Args:
+        pool: The tiles.
+        tables: (particles, rows, cols) int32.
+        poses: (particles, 3) [m, m, rad].
+        points: (n, 2) end points in the robot frame [m].
+        origin: (2,) lower left corner of the tables [m].
+        resolution: Cell size [m].
+        first: Particle to begin with.
+
+    Returns:
+        The particle that the pool had too few free tiles for, or the number of particles when done. The caller
+        lets the pool grow and calls again from there.
+    """
+    scale = 1.0 / resolution
+    # An end point touches at most four tiles: its own and those of its neighbour cells.
+    most = min(4 * len(points), tables.shape[1] * tables.shape[2])
+    max_u, max_v = tables.shape[2] * TILE - 1.0, tables.shape[1] * TILE - 1.0
+    for p in range(first, len(poses)):
+        if pool.num_free[0] < most:
+            return p
+        cos, sin = np.cos(poses[p, 2]) * scale, np.sin(poses[p, 2]) * scale
+        u0, v0 = (poses[p, 0] - origin[0]) * scale, (poses[p, 1] - origin[1]) * scale
+        for i in range(len(points)):
+            u = u0 + cos * points[i, 0] - sin * points[i, 1]
+            v = v0 + sin * points[i, 0] + cos * points[i, 1]
+            if u >= 1.0 and v >= 1.0 and u < max_u and v < max_v:
+                insert_point(pool, tables[p], u, v)
+    return len(poses)
+
+
+@kernel
+def copy_maps(pool: TilePool, tables: np.ndarray, ancestors: IntArray) -> None:
+    """Give each particle the map of its ancestor.
+
+    Args:
+        pool: The tiles.
+        tables: (particles, rows, cols) int32, changed in place.
+        ancestors: (particles,) sorted so that every survivor keeps its own place: ``ancestors[i] == i`` for
+            each i that occurs in it.
+    """
+    for p in range(len(ancestors)):
+        source = ancestors[p]
+        if source == p:
+            continue
+        for row in range(tables.shape[1]):
+            for col in range(tables.shape[2]):
+                old, new = tables[p, row, col], tables[source, row, col]
+                if old == new:
+                    continue
+                if new != EMPTY:
+                    pool.references[new] += 1
+                if old != EMPTY:
+                    pool.references[old] -= 1
+                    if pool.references[old] == 0:
+                        pool.free[pool.num_free[0]] = old
+                        pool.num_free[0] += 1
+                tables[p, row, col] = new
