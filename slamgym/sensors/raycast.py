@@ -1,9 +1,10 @@
 """Exact ray casting against wall segments.
 
-Instead of testing every beam against every wall, each wall is asked which beams can meet it: its two end points
-span an interval of bearings, and a scanner's beams are evenly spaced, so the beams inside come from one division.
-A beam is then tested against a handful of walls whatever the number of walls, and each test is one exact
-ray/line intersection. Walls beyond the sensor's range are dropped before their bearings are computed.
+Instead of testing every beam against every wall, each wall is asked which beams can meet it: its two end
+points span an interval of bearings, and a scanner's beams are evenly spaced, so the beams inside come from
+one division. A beam is then tested against a handful of walls whatever the number of walls, and each test is
+one exact ray/line intersection. Walls beyond the sensor's range are dropped before their bearings are
+computed.
 """
 
 import math
@@ -90,8 +91,8 @@ def cast_rays(
         offset = ax * ey - ay * ex
         edge_on = _EDGE_ON * math.sqrt(ex * ex + ey * ey)
         for _ in range(2):
-            start = max(0, int(math.ceil(low - _WIDENING)))
-            stop = min(num_beams - 1, int(math.floor(high + _WIDENING)))
+            start = max(0, math.ceil(low - _WIDENING))
+            stop = min(num_beams - 1, math.floor(high + _WIDENING))
             for i in range(start, stop + 1):
                 slant = directions[i, 0] * ey - directions[i, 1] * ex
                 distance = offset / slant if abs(slant) > edge_on else nearest
