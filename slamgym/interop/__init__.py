@@ -1,9 +1,12 @@
 """Files that other robotics software reads and writes: ROS maps, TUM trajectories, CARMEN logs, ROS bags."""
 
 from slamgym.interop.carmen import read_carmen, write_carmen
+from slamgym.interop.logs import open_log, read_truth
 from slamgym.interop.records import Log, LogRecord, LogWarnings
 from slamgym.interop.relations import Relations, read_relations
 from slamgym.interop.ros_map import read_ros_map, write_ros_map
+from slamgym.interop.rosbag import read_rosbag
+from slamgym.interop.rosbag_writer import write_rosbag2
 from slamgym.interop.tum import read_tum, write_tum
 
 __all__ = [
@@ -11,11 +14,15 @@ __all__ = [
     "LogRecord",
     "LogWarnings",
     "Relations",
+    "open_log",
     "read_carmen",
     "read_relations",
     "read_ros_map",
+    "read_rosbag",
+    "read_truth",
     "read_tum",
     "write_carmen",
     "write_ros_map",
+    "write_rosbag2",
     "write_tum",
 ]
