@@ -1,0 +1,200 @@
+"""A dataset folder that is being written: resumable, and consistent whenever the writing stops.
+
+Workers write into ``.incoming``; the one process that holds the lock commits. A pair is part of the dataset from
+the moment its folder appears in ``episodes`` (one rename); its two images are in place before that. Whatever a
+killed run leaves behind is not part of the dataset and is removed when the next run opens the folder.
+"""
+
+import json
+import os
+import re
+import shutil
+import tempfile
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from slamgym.dataset.format import Layout
+from slamgym.dataset.schedule import Slot
+from slamgym.dataset.storage import exclusive_lock, replace_file, storage_errors, sync_folder
+from slamgym.errors import ConfigError, InputFileError
+
+SIDES = ("A", "B")
+_OUR_IMAGE = re.compile(r"\d{6,}_[A-Za-z0-9_.-]+\.png")
+_INDEX_SHARE_OF_TIME = 0.02
+"""The manifest is rewritten at most so often that it costs this share of the time."""
+
+
+class DatasetFolder:
+    """The writer's side of a dataset; use :func:`open_dataset` to get one."""
+
+    def __init__(self, root: Path, incoming: Path) -> None:
+        self.layout = Layout(root)
+        self.incoming = incoming
+        self.committed: set[str] = self._scan()
+        self.rejected: dict[int, dict[str, Any]] = _read_rejected(self.layout.rejected)
+        self._next_index_time = time.monotonic()
+
+    def stage(self, name: str) -> Path:
+        """Where a worker may write a pair; a worker of a run that was killed finds no such place any more."""
+        return self.incoming / name
+
+    def commit(self, staged: Path, timing: Mapping[str, Any]) -> None:
+        """Make a staged pair (``A.png``, ``B.png`` and the folder ``episode``) part of the dataset."""
+        layout, name = self.layout, staged.name
+        with storage_errors(layout.root):
+            for side in SIDES:
+                (staged / f"{side}.png").replace(layout.image(side, name))
+                sync_folder(layout.root / side)
+            (staged / "episode").rename(layout.episode(name))
+            sync_folder(layout.episodes)
+            staged.rmdir()
+            with layout.timing.open("a") as file:
+                file.write(json.dumps({"name": name, **timing}) + "\n")
+        self.committed.add(name)
+        if time.monotonic() >= self._next_index_time:
+            self.write_index()
+
+    def reject(self, slot: Slot, error: str, reason: str) -> None:
+        """Note that a plan could not be explored, and why."""
+        self.rejected[slot.index] = {
+            "index": slot.index,
+            "plan_id": slot.plan_id,
+            "repetition": slot.repetition,
+            "seed": slot.seed,
+            "error": error,
+            "reason": reason,
+        }
+
+    def write_index(self) -> None:
+        """Write ``manifest.jsonl`` and ``rejected.jsonl`` as of now, in the order of the schedule."""
+        began = time.monotonic()
+        with storage_errors(self.layout.root):
+            lines = [
+                _record_line(self.layout.episode(name)) for name in sorted(self.committed, key=_index_of)
+            ]
+            _replace_if_changed(self.layout.manifest, "".join(lines))
+            rejected = "".join(json.dumps(entry) + "\n" for _, entry in sorted(self.rejected.items()))
+            if rejected or self.layout.rejected.exists():
+                _replace_if_changed(self.layout.rejected, rejected)
+        now = time.monotonic()
+        self._next_index_time = now + max(5.0, (now - began) / _INDEX_SHARE_OF_TIME)
+
+    def _scan(self) -> set[str]:
+        """Find the committed pairs; remove what is not whole."""
+        layout = self.layout
+        images = {side: {path.stem for path in _images(layout.root / side)} for side in SIDES}
+        episodes = {path.name for path in layout.episodes.iterdir() if path.is_dir()}
+        whole = episodes & images["A"] & images["B"]
+        for name in episodes - whole:
+            shutil.rmtree(layout.episode(name))
+        for side in SIDES:
+            for name in images[side] - whole:
+                layout.image(side, name).unlink()
+        return whole
+
+
+@contextmanager
+def open_dataset(root: Path, settings: Mapping[str, Any]) -> Iterator[DatasetFolder]:
+    """Lock a folder for writing, make it if need be, and clear away what a killed run left in it.
+
+    Args:
+        root: The folder.
+        settings: What decides the content of the pairs, in JSON form; written to ``config.json``.
+
+    Raises:
+        ConfigError: If the folder holds a dataset made with other settings.
+        StorageError: If the folder can't be written or another run is writing to it.
+    """
+    layout = Layout(root)
+    with storage_errors(root):
+        root.mkdir(parents=True, exist_ok=True)
+    with exclusive_lock(layout.lock):
+        _check_settings(layout, settings)
+        with storage_errors(root):
+            for folder in (layout.root / "A", layout.root / "B", layout.episodes):
+                folder.mkdir(exist_ok=True)
+            if not layout.config.exists():
+                replace_file(layout.config, (json.dumps(settings, indent=2) + "\n").encode())
+            shutil.rmtree(layout.incoming, ignore_errors=True)
+            layout.incoming.mkdir()
+            incoming = Path(tempfile.mkdtemp(dir=layout.incoming))
+            _drop_torn_line(layout.timing)
+            folder = DatasetFolder(root, incoming)
+        try:
+            yield folder
+        finally:
+            folder.write_index()
+            shutil.rmtree(layout.incoming, ignore_errors=True)
+
+
+def _check_settings(layout: Layout, settings: Mapping[str, Any]) -> None:
+    if not layout.config.exists():
+        strangers = [path.name for path in layout.root.iterdir() if path != layout.lock]
+        if strangers:
+            raise ConfigError(
+                f"{layout.root}: is not empty and holds no dataset ({strangers[0]} lies there); choose a new folder"
+            )
+        return
+    try:
+        before = json.loads(layout.config.read_text())
+    except ValueError as error:
+        raise InputFileError(layout.config, f"is not JSON ({error}); choose a new folder") from error
+    changes = list(differences(before, json.loads(json.dumps(settings))))
+    if changes:
+        shown = "; ".join(changes[:3]) + (f"; and {len(changes) - 3} more" if len(changes) > 3 else "")
+        raise ConfigError(
+            f"{layout.root}: holds pairs made with other settings ({shown}); "
+            "choose a new folder, or the same settings to go on"
+        )
+
+
+def differences(before: Any, now: Any, where: str = "") -> Iterator[str]:
+    """Name the settings that differ between two JSON values."""
+    if isinstance(before, dict) and isinstance(now, dict):
+        for key in sorted(before.keys() | now.keys()):
+            yield from differences(before.get(key), now.get(key), f"{where}.{key}" if where else key)
+    elif before != now:
+        yield f"{where} was {json.dumps(before)}, now {json.dumps(now)}"
+
+
+def _images(folder: Path) -> Iterator[Path]:
+    """The images that belong to pairs; files that a user put there are left alone."""
+    return (path for path in folder.iterdir() if _OUR_IMAGE.fullmatch(path.name))
+
+
+def _index_of(name: str) -> int:
+    return int(name.split("_", 1)[0])
+
+
+def _record_line(episode: Path) -> str:
+    return (episode / "episode.json").read_text()
+
+
+def _read_rejected(path: Path) -> dict[int, dict[str, Any]]:
+    if not path.exists():
+        return {}
+    try:
+        entries = [json.loads(line) for line in path.read_text().splitlines()]
+        return {int(entry["index"]): entry for entry in entries}
+    except (ValueError, KeyError, TypeError) as error:
+        raise InputFileError(
+            path, f"is malformed ({error}); delete it to have the plans tried again"
+        ) from error
+
+
+def _replace_if_changed(path: Path, text: str) -> None:
+    data = text.encode()
+    if not path.exists() or path.read_bytes() != data:
+        replace_file(path, data)
+
+
+def _drop_torn_line(path: Path) -> None:
+    """Cut a log of lines after its last whole one."""
+    if path.exists():
+        data = path.read_bytes()
+        whole = data.rfind(b"\n") + 1
+        if whole < len(data):
+            os.truncate(path, whole)

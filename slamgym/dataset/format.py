@@ -1,0 +1,235 @@
+"""The layout of a dataset on disk: all that a reader needs to know.
+
+::
+
+    DATASET/
+      config.json              settings, seed, version and the digest of the plan list
+      manifest.jsonl           one line per pair, in the order of their index
+      A/<name>.png             CAD map: 0 walls and outside, 254 inside
+      B/<name>.png             SLAM map: 0 occupied, 205 unknown, 254 free; the same frame and scale as A
+      episodes/<name>/         the exploration itself, from which the images can be rendered again
+        episode.json           the manifest line
+        plan.json              the floor plan (HouseExpo format, world frame)
+        map.pgm, map.yaml      SLAM map for ROS map_server (map frame)
+        truth.tum              true trajectory, one pose a scan
+        odometry.tum           dead reckoning by the wheels, one pose a scan
+        estimate.tum           the filter's trajectory, one pose a processed scan
+        scans.log              scans and odometry as a CARMEN log, for any other SLAM program
+      rejected.jsonl           plans that could not be explored, and why
+      timing.jsonl             seconds that each exploration took (the one file that differs between two runs)
+      contact_sheet.png
+
+Convention: everything but ``plan.json`` is in the ``map`` frame: its origin is the start position and its axes
+are parallel to the world's, so a world point is ``start + map point``. The grid's row 0 is at the top.
+"""
+
+import dataclasses
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+
+from slamgym.config import from_dict, to_dict
+from slamgym.errors import InputFileError
+from slamgym.types import ByteArray, GridFrame
+
+FORMAT_VERSION = 1
+
+
+@dataclass(frozen=True)
+class PairRecord:
+    """One line of the manifest: where a pair comes from and how good it is."""
+
+    name: str
+    """Stem of the files in ``A`` and ``B`` and name of the folder in ``episodes``."""
+    index: int
+    """Place in the sequence of explorations; places of rejected plans are missing."""
+    plan_id: str
+    plan_source: str
+    """The kind of source the plan came from, e.g. ``houseexpo``."""
+    repetition: int
+    """How many explorations of the same plan come before this one."""
+    seed: int
+    """Seed of the exploration, derived from the dataset's seed, the plan id and the repetition."""
+    config_hash: str
+    version: str
+    """Version of slamgym that made the pair."""
+    explorer: str
+    finished: str
+    """Why the exploration ended: ``explored``, ``coverage``, ``time_limit``, ..."""
+    coverage: float
+    """Share of the reachable area that the SLAM map shows, 0 to 1."""
+    robot_seconds: float
+    """Time on the robot's clock [s]."""
+    time_limit: float
+    """[s]"""
+    path_length: float
+    """Metres truly driven."""
+    collisions: int
+    """Control steps with a contact."""
+    ate: float
+    """Absolute trajectory error of the estimate: RMSE of the position against the truth, not aligned [m]."""
+    odometry_ate: float
+    """The same of the wheels' dead reckoning [m]."""
+    final_position_error: float
+    """[m]"""
+    map_error: float
+    """Mean distance of the SLAM map's occupied cells to the nearest face of a CAD wall [m]."""
+    mse: float
+    """Mean squared error of B against A, free 1 and all else 0: the paper's MSE2 of Table I, not aligned."""
+    area: float
+    """Free area of the plan [m2]."""
+    rooms: int
+    resolution: float
+    """[m/pixel]"""
+    origin: tuple[float, float]
+    """Outer corner of the images' bottom-left pixel, map frame [m]."""
+    shape: tuple[int, int]
+    """(rows, cols) of the images."""
+    start: tuple[float, float, float]
+    """Where the robot began, world frame: x [m], y [m], theta [rad]."""
+    sha256: dict[str, str]
+    """Digests of ``A`` and ``B`` (the PNG files)."""
+
+    @property
+    def frame(self) -> GridFrame:
+        """Where the images' pixels lie, map frame."""
+        return GridFrame(self.resolution, *self.origin, *self.shape)
+
+    def to_line(self) -> str:
+        """The record as one line of JSON, with its newline."""
+        return json.dumps(to_dict(self)) + "\n"
+
+    @classmethod
+    def from_line(cls, line: str, where: str = "") -> "PairRecord":
+        """Read a line of the manifest.
+
+        Raises:
+            InputFileError: If the line is no record.
+        """
+        try:
+            values = json.loads(line)
+            return from_dict(cls, values, where)
+        except (ValueError, TypeError) as error:
+            raise InputFileError(where or "manifest line", f"is not a record of a pair ({error})") from error
+
+
+RECORD_FIELDS = tuple(field.name for field in dataclasses.fields(PairRecord))
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Names of the files of one dataset."""
+
+    root: Path
+
+    @property
+    def config(self) -> Path:
+        """Settings, seed and version."""
+        return self.root / "config.json"
+
+    @property
+    def manifest(self) -> Path:
+        """One line per pair."""
+        return self.root / "manifest.jsonl"
+
+    @property
+    def rejected(self) -> Path:
+        """Plans that could not be explored."""
+        return self.root / "rejected.jsonl"
+
+    @property
+    def timing(self) -> Path:
+        """Seconds per exploration."""
+        return self.root / "timing.jsonl"
+
+    @property
+    def contact_sheet(self) -> Path:
+        """Picture of the pairs."""
+        return self.root / "contact_sheet.png"
+
+    @property
+    def episodes(self) -> Path:
+        """Folder of the explorations."""
+        return self.root / "episodes"
+
+    @property
+    def incoming(self) -> Path:
+        """Folder of what is being written; nothing in it is part of the dataset."""
+        return self.root / ".incoming"
+
+    @property
+    def lock(self) -> Path:
+        """Held by the run that writes."""
+        return self.root / ".lock"
+
+    def episode(self, name: str) -> Path:
+        """Folder of one exploration."""
+        return self.episodes / name
+
+    def image(self, side: str, name: str) -> Path:
+        """PNG of one side, ``"A"`` or ``"B"``, of a pair."""
+        return self.root / side / f"{name}.png"
+
+
+def read_manifest(root: Path | str) -> Iterator[PairRecord]:
+    """Read the records of a dataset, in the order of their index.
+
+    Raises:
+        InputFileError: If the folder holds no dataset, or a line is malformed.
+    """
+    path = Layout(Path(root)).manifest
+    if not path.is_file():
+        raise InputFileError(
+            root, "holds no manifest.jsonl; name a folder that `slamgym generate` has written"
+        )
+    with path.open() as lines:
+        for number, line in enumerate(lines, start=1):
+            yield PairRecord.from_line(line, f"{path}:{number}")
+
+
+def read_config(root: Path | str) -> dict[str, Any]:
+    """Read a dataset's ``config.json``.
+
+    Raises:
+        InputFileError: If there is none or it is no JSON object.
+    """
+    path = Layout(Path(root)).config
+    try:
+        values = json.loads(path.read_text())
+    except (OSError, ValueError) as error:
+        raise InputFileError(path, f"can't be read as the settings of a dataset ({error})") from error
+    if not isinstance(values, dict):
+        raise InputFileError(path, "is not a JSON object")
+    return values
+
+
+def load_pair(root: Path | str, name: str) -> tuple[ByteArray, ByteArray]:
+    """Read the two images of a pair, each (rows, cols).
+
+    Raises:
+        InputFileError: If one is missing, not a picture, or their shapes differ.
+    """
+    layout = Layout(Path(root))
+    sides: list[ByteArray] = []
+    for side in ("A", "B"):
+        path = layout.image(side, name)
+        data = path.read_bytes() if path.is_file() else b""
+        image = cv2.imdecode(_as_bytes(data), cv2.IMREAD_GRAYSCALE) if data else None
+        if image is None:
+            raise InputFileError(path, "is missing or not a PNG picture; run `slamgym generate` again")
+        sides.append(image)
+    if sides[0].shape != sides[1].shape:
+        raise InputFileError(
+            layout.image("B", name), f"has shape {sides[1].shape} but A has {sides[0].shape}"
+        )
+    return sides[0], sides[1]
+
+
+def _as_bytes(data: bytes) -> ByteArray:
+    import numpy as np
+
+    return np.frombuffer(data, dtype=np.uint8)

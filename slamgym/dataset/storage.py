@@ -1,0 +1,98 @@
+"""Writing that survives kill -9 and power cuts, and says plainly what is wrong with a disk."""
+
+import contextlib
+import errno
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+from slamgym.errors import SlamgymError
+
+try:
+    import fcntl
+except ImportError:  # not a POSIX system: no lock between two runs there
+    fcntl = None  # type: ignore[assignment]
+
+_MENDS = {
+    errno.ENOSPC: "the disk is full; free some space",
+    errno.EDQUOT: "the disk quota is used up; free some space",
+    errno.EFBIG: "the file would be larger than allowed; raise the limit",
+    errno.EACCES: "permission denied; choose a folder that you may write to",
+    errno.EPERM: "permission denied; choose a folder that you may write to",
+    errno.EROFS: "the file system is read-only; choose another folder",
+    errno.ENOTDIR: "a part of the path is a file, not a folder; choose another folder",
+    errno.EEXIST: "exists and is not a folder; choose another one",
+}
+
+
+class StorageError(SlamgymError):
+    """The dataset can't be written: a full disk, a folder without permission, another run at work in it."""
+
+
+@contextlib.contextmanager
+def storage_errors(path: Path) -> Iterator[None]:
+    """Turn an :class:`OSError` inside the block into a :class:`StorageError` that names the path and the mend."""
+    try:
+        yield
+    except OSError as error:
+        where = error.filename if error.filename is not None else path
+        reason = _MENDS.get(error.errno or 0, error.strerror or str(error))
+        raise StorageError(f"{where}: can't write: {reason}, then run the same command again") from error
+
+
+def write_durably(path: Path, data: bytes) -> None:
+    """Write a new file and wait until the disk has it."""
+    with path.open("wb") as file:
+        file.write(data)
+        file.flush()
+        os.fsync(file.fileno())
+
+
+def replace_file(path: Path, data: bytes) -> None:
+    """Write a file so that readers, and a run killed at any moment, see the old bytes or the new, never a mix."""
+    temporary = path.with_name(f".{path.name}.tmp")
+    write_durably(temporary, data)
+    temporary.replace(path)
+    sync_folder(path.parent)
+
+
+def sync_folder(folder: Path) -> None:
+    """Wait until the disk has the folder's entries (new names, renames)."""
+    if os.name != "posix":
+        return
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def sync_tree(folder: Path) -> None:
+    """Wait until the disk has every file below the folder and their names."""
+    for path in sorted(folder.rglob("*")):
+        if path.is_dir():
+            sync_folder(path)
+        else:
+            with path.open("rb+") as file:
+                os.fsync(file.fileno())
+    sync_folder(folder)
+
+
+@contextlib.contextmanager
+def exclusive_lock(path: Path) -> Iterator[None]:
+    """Hold a lock file; the system releases it when the process ends, however it ends.
+
+    Raises:
+        StorageError: If another process holds it.
+    """
+    with storage_errors(path):
+        file = path.open("a")
+    with file:
+        if fcntl is not None:
+            try:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                raise StorageError(
+                    f"{path.parent}: another run is writing to this folder; wait for it or choose another one"
+                ) from None
+        yield

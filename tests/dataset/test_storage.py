@@ -1,0 +1,42 @@
+import errno
+import multiprocessing
+import os
+
+import pytest
+
+from slamgym.dataset.storage import StorageError, exclusive_lock, replace_file, storage_errors
+
+
+def test_replace_file_leaves_nothing_else(tmp_path):
+    path = tmp_path / "a.txt"
+    replace_file(path, b"one")
+    replace_file(path, b"two")
+    assert path.read_bytes() == b"two"
+    assert [p.name for p in tmp_path.iterdir()] == ["a.txt"]
+
+
+@pytest.mark.parametrize(
+    ("number", "words"),
+    [(errno.ENOSPC, "disk is full"), (errno.EACCES, "permission denied"), (errno.EROFS, "read-only")],
+)
+def test_disk_trouble_is_one_sentence_with_the_path_and_the_mend(tmp_path, number, words):
+    with pytest.raises(StorageError, match=words) as caught, storage_errors(tmp_path):
+        raise OSError(number, os.strerror(number))
+    assert str(tmp_path) in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def _try_lock(path):
+    try:
+        with exclusive_lock(path):
+            return "free"
+    except StorageError as error:
+        return str(error)
+
+
+def test_only_one_process_holds_the_lock(tmp_path):
+    path = tmp_path / ".lock"
+    with multiprocessing.get_context("spawn").Pool(1) as pool:
+        with exclusive_lock(path):
+            assert "another run" in pool.apply(_try_lock, (path,))
+        assert pool.apply(_try_lock, (path,)) == "free"
