@@ -1,5 +1,4 @@
-"""Numeric kernels of motion and collision: how far the robot is from everything, and how it drives when it
-is.
+"""Numeric kernels of motion and collision: how near the robot is to everything, and how it drives.
 
 Segments are walls and other straight outlines, shape (S, 4) as x0, y0, x1, y1 [m]; discs are people, shape
 (P, 3) as x, y, radius [m]. The drive state is one array so that a step crosses from Python into compiled code

@@ -17,7 +17,9 @@ from slamgym.errors import ConfigError
 from slamgym.geometry import between, wrap_angle
 from slamgym.types import FloatArray, Pose2D, Twist2D
 from slamgym.world import motion
+from slamgym.world.clutter import Clutter
 from slamgym.world.contact import SKIN, SUBSTEP_WAY, ContactSolver, Velocity
+from slamgym.world.people import Crowd
 from slamgym.world.robot import RobotConfig
 
 if TYPE_CHECKING:
@@ -60,15 +62,24 @@ class World:
     Args:
         plan: The building. Its walls are obstacles from both sides.
         robot: The robot's measures and limits.
+        clutter: Furniture and people; none where left out.
     """
 
-    def __init__(self, plan: "FloorPlan", robot: RobotConfig) -> None:
+    def __init__(self, plan: "FloorPlan", robot: RobotConfig, *, clutter: Clutter | None = None) -> None:
         self.plan = plan
         self.robot = robot
-        self._obstacles = np.array(plan.segments(), dtype=np.float64, order="C")
-        self._num_walls = len(self._obstacles)
-        self._discs = np.empty((0, 3))
-        self._visible = self._obstacles.view()
+        walls = np.asarray(plan.segments(), dtype=np.float64)
+        clutter = clutter or Clutter()
+        self._num_walls = len(walls)
+        self._crowd = Crowd(clutter.people, clutter.walkable) if clutter.people else None
+        self._discs = self._crowd.discs if self._crowd else np.empty((0, 3))
+        # One array: obstacles that stand, then the legs of those who walk.
+        standing = np.vstack([walls, clutter.segments()])
+        legs = self._crowd.legs() if self._crowd else np.empty((0, 4))
+        self._segments = np.vstack([standing, legs])
+        self._obstacles = self._segments[: len(standing)]
+        self._legs = self._segments[len(standing) :]
+        self._visible = self._segments.view()
         self._visible.flags.writeable = False
         self._limits = np.array(
             [robot.linear_acceleration, robot.angular_acceleration, robot.wheel_separation]
@@ -93,7 +104,10 @@ class World:
         return self._velocity
 
     def segments(self) -> FloatArray:
-        """All that the LIDAR sees now, shape (S, 4) as x0, y0, x1, y1 [m], world frame, read-only."""
+        """All that the LIDAR sees now, shape (S, 4) as x0, y0, x1, y1 [m], world frame.
+
+        The array is read-only for the caller, and its last rows follow the people as they walk.
+        """
         return self._visible
 
     def reset(self, pose: Pose2D) -> None:
@@ -107,6 +121,9 @@ class World:
         self._velocity = Twist2D(0.0, 0.0)
         # The solver remembers earlier contacts; without it the next episode can't depend on the last one.
         self._solver = None
+        if self._crowd:
+            self._crowd.reset()
+            self._legs[:] = self._crowd.legs()
         where = f"start pose ({pose.x:.2f}, {pose.y:.2f}) in plan {self.plan.id}"
         if not np.isfinite(self._state).all():
             raise ConfigError(f"{where} must be finite")
@@ -135,6 +152,8 @@ class World:
         target = self._within_limits(command, dt)
         before = self.pose
         self._state[motion.LEFT :] = 0.0
+        if self._crowd:
+            self._let_people_walk(self._crowd, dt)
         contact = self._drive(target, dt)
         pose = self.pose
         left, right, distance = self._state[motion.LEFT :].tolist()
@@ -151,6 +170,14 @@ class World:
             min(max(linear, -robot.max_linear), robot.max_linear),
             min(max(angular, -robot.max_angular), robot.max_angular),
         )
+
+    def _let_people_walk(self, crowd: Crowd, dt: float) -> None:
+        """People move first, about a robot that stands; then the robot moves among people who stand."""
+        x, y = self._state[:2].tolist()
+        crowd.advance(dt, x, y, self._reach)
+        self._legs[:] = crowd.legs()
+        if self._solver is not None:
+            self._solver.place_people(crowd.discs)
 
     def _drive(self, target: Twist2D, dt: float) -> bool:
         """Drive freely where possible, else in contact substeps; whether contact changed the motion."""
@@ -207,6 +234,7 @@ class World:
         """The velocity that contact leaves of a wish, and whether it took something away."""
         if self._solver is None:
             self._solver = ContactSolver(self._obstacles, self._discs, self.robot)
+            self._solver.place_people(self._discs)
         left, push = self._solver.solve(pose, wish, span)
         contact = max(abs(a - b) for a, b in zip(left, wish, strict=True)) > _CONTACT_TOLERANCE
         if contact and self.robot.contact == "stop":
