@@ -1,3 +1,8 @@
-"""Explorers: classical rules and trained policies for the slamgym environments."""
+"""Explorers: policies that drive a robot through an unknown building.
 
-__all__: list[str] = []
+All of them satisfy Stable-Baselines3's ``PolicyPredictor``.
+"""
+
+from agents.registry import EXPLORERS, make_explorer
+
+__all__ = ["EXPLORERS", "make_explorer"]

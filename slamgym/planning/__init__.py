@@ -4,5 +4,51 @@ Nothing here sees a floor plan or a true pose: the inputs are an occupancy grid,
 """
 
 from slamgym.planning.context import ExplorerContext
+from slamgym.planning.costmap import (
+    Costmap,
+    CostmapConfig,
+    crop_known,
+    footprint_radii,
+    free_body,
+    make_costmap,
+    mark_obstacles,
+)
+from slamgym.planning.frontiers import (
+    Frontier,
+    Reachable,
+    expected_gain,
+    find_frontiers,
+    reachable_space,
+    wavefront_frontiers,
+)
+from slamgym.planning.grid_path import GridPath, path_costs, path_is_free, place_near, plan_path
+from slamgym.planning.navigator import Goal, GoalStatus, Navigator, NavigatorConfig
+from slamgym.planning.path_follower import FollowerConfig, PathFollower
 
-__all__ = ["ExplorerContext"]
+__all__ = [
+    "Costmap",
+    "CostmapConfig",
+    "ExplorerContext",
+    "FollowerConfig",
+    "Frontier",
+    "Goal",
+    "GoalStatus",
+    "GridPath",
+    "Navigator",
+    "NavigatorConfig",
+    "PathFollower",
+    "Reachable",
+    "crop_known",
+    "expected_gain",
+    "find_frontiers",
+    "footprint_radii",
+    "free_body",
+    "make_costmap",
+    "mark_obstacles",
+    "path_costs",
+    "path_is_free",
+    "place_near",
+    "plan_path",
+    "reachable_space",
+    "wavefront_frontiers",
+]

@@ -1,0 +1,267 @@
+"""What all frontier explorers share: the map, the ticks, the goal, the blacklist, and the end.
+
+Main path of a control step: take over a newly published map; deal with a goal that ended; at a tick search
+the frontiers, rank them, and send the best one to the navigation stack; let the navigation stack drive.
+"""
+
+import math
+from abc import abstractmethod
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from agents.explorer import Exploration, Observation
+from slamgym.planning.context import ExplorerContext
+from slamgym.planning.costmap import NO_INFORMATION
+from slamgym.planning.frontiers import Frontier, Point, find_frontiers
+from slamgym.planning.grid_path import COST_FACTOR, path_costs, place_near
+from slamgym.planning.navigator import Goal, GoalStatus, Navigator, NavigatorConfig
+from slamgym.types import ByteArray, FloatArray, OccupancyGrid, Pose2D, Twist2D
+
+_STOP = Twist2D(0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class ExplorationConfig:
+    """What all frontier explorers share."""
+
+    blacklist_cells: int = 5
+    """A frontier is blacklisted if both coordinates of its centroid are this near to an entry [cells]."""
+    bend: float = 0.5
+    """A frontier whose centroid is farther than this from its nearest cell is visited at that cell [m]."""
+    last_frontier_size: float = 0.35
+    """Once nothing larger is left, frontiers down to this size are visited too [m]."""
+    last_radius_share: float = 0.85
+    """Then also doors that a robot of this share of the radius could pass: maps draw walls too thick."""
+    futile_goals: int = 12
+    """So many goals in a row that added nothing to the map end the exploration."""
+    navigator: NavigatorConfig = field(default_factory=NavigatorConfig)
+    """Navigation stack."""
+
+
+class Candidate(NamedTuple):
+    """A frontier that may be chosen, and where the robot would go for it."""
+
+    frontier: Frontier
+    target: Point  # [m]
+
+
+class FrontierExploration(Exploration):
+    """One robot's frontier exploration; a subclass ranks the frontiers.
+
+    Args:
+        context: What the environment tells about the robot and its map.
+        config: What all frontier explorers share.
+        interval: Time between two ticks [s].
+        progress_timeout: A goal that the robot doesn't come nearer to for so long is given up [s].
+        min_frontier_size: Frontiers shorter than this are left for the end [m].
+        keeps_goal: Whether a goal is kept for as long as its frontier exists.
+    """
+
+    def __init__(
+        self,
+        context: ExplorerContext,
+        config: ExplorationConfig,
+        interval: float,
+        progress_timeout: float,
+        min_frontier_size: float,
+        keeps_goal: bool = False,
+    ) -> None:
+        self.context = context
+        self.config = config
+        self._interval = interval
+        self._progress_timeout = progress_timeout
+        self._min_frontier_size = min_frontier_size
+        self._keeps_goal = keeps_goal
+        self._navigator = Navigator(context, config.navigator)
+        self._map: ByteArray | None = None
+        self._tick_at = -math.inf
+        self._target: Candidate | None = None  # what the navigation stack drives to
+        self._blacklist: list[Point] = []
+        self._progress_from: Point = (math.inf, math.inf)  # the goal that progress is measured to
+        self._progress_distance, self._progress_at = math.inf, 0.0
+        self._known_cells, self._futile = 0, 0
+        self._is_last_round = False
+        self._turn_left = 0.0  # what is left of a look around [rad]
+        self._looked_around = False
+        self._last_theta = 0.0
+
+    @abstractmethod
+    def _rank(self, candidates: list[Candidate]) -> list[Candidate]:
+        """Order the candidates, the best first."""
+
+    def act(self, observation: Observation) -> Twist2D:
+        """Velocity for the next control step; see :meth:`Exploration.act`."""
+        pose = Pose2D(*(float(value) for value in observation["pose"]))
+        time = float(observation["time"][0])
+        self._take_map(observation["map"], pose, time)
+        self._mind_result()
+        if self._turn_left > 0.0:
+            return self._look_around(pose)
+        if time - self._tick_at >= self._interval - 1e-6:
+            self._tick(pose, time)
+        if self.finished:
+            return _STOP
+        return self._navigator.step(pose, observation["scan"], time)
+
+    def _take_map(self, cells: ByteArray, pose: Pose2D, time: float) -> None:
+        """Hand the map to the navigation stack if it has changed."""
+        # The environment publishes a new read-only array for a new map; any other array may have been
+        # written to in place, so it is compared.
+        if self._map is not None and (
+            (cells is self._map and not cells.flags.writeable) or np.array_equal(cells, self._map)
+        ):
+            return
+        self._map = cells.copy() if cells.flags.writeable else cells
+        self._navigator.update_map(
+            OccupancyGrid(cells.reshape(self.context.frame.shape), self.context.frame), pose, time
+        )
+
+    def _mind_result(self) -> None:
+        """Blacklist a goal that ended; any end makes the next tick come at once.
+
+        A goal that was reached is blacklisted too: if its frontier is gone that does no harm, and if it is
+        still there then going there again would not help.
+        """
+        status = self._navigator.status
+        if self._target is None or status not in (GoalStatus.SUCCEEDED, GoalStatus.ABORTED):
+            return
+        self._blacklist.append(self._target.frontier.centroid)
+        self._target = None
+        self._navigator.cancel()
+        self._tick_at = -math.inf
+        known = (
+            int(np.count_nonzero(self._navigator.costmap.costs != NO_INFORMATION))
+            if self._navigator.costmap
+            else 0
+        )
+        grown = known > self._known_cells + 20
+        self._futile = 0 if grown else self._futile + 1
+        self._known_cells = max(known, self._known_cells)
+
+    def _tick(self, pose: Pose2D, time: float) -> None:
+        """Search the frontiers and go on to the best."""
+        self._tick_at = time
+        candidates = self._candidates(pose)
+        if self._target is not None and not self._is_making_progress(pose, time):
+            self._blacklist.append(self._target.frontier.centroid)
+            candidates = [c for c in candidates if not self._is_blacklisted(c.frontier)]
+            self._target = None
+            self._navigator.cancel()
+        if self._keeps_goal and self._target is not None and self._still_there(candidates):
+            return
+        for candidate in self._rank(candidates) if candidates else []:
+            if self._go(candidate, pose, time):
+                return
+        self._target = None
+        self._navigator.cancel()
+        self._nothing_left(pose, time)
+
+    def _candidates(self, pose: Pose2D) -> list[Candidate]:
+        """Frontiers that are not blacklisted, with a place to go to for each."""
+        costmap, space = self._navigator.costmap, self._navigator.reachable
+        if costmap is None or space is None or self._futile >= self.config.futile_goals:
+            return []
+        size = self.config.last_frontier_size if self._is_last_round else self._min_frontier_size
+        frontiers = find_frontiers(costmap, pose, min(size, self._min_frontier_size), reachable=space)
+        candidates = []
+        for frontier in frontiers:
+            if self._is_blacklisted(frontier):
+                continue
+            candidates.append(Candidate(frontier, self._place_to_go(frontier)))
+        return candidates
+
+    def _place_to_go(self, frontier: Frontier) -> Point:
+        """Where to go for a frontier: its centroid, unless that would not bring the robot to it.
+
+        The centroid of a frontier that bends round the robot is about where the robot stands, and one drawn
+        anew would send it to and fro. So a place on the frontier is chosen then, and kept for as long as the
+        frontier passes there.
+        """
+        if self._target is not None and self._passes_by(frontier, self._target.target):
+            return self._target.target
+        bends = math.dist(frontier.centroid, frontier.middle) > self.config.bend
+        return frontier.middle if bends else frontier.centroid
+
+    def _passes_by(self, frontier: Frontier, point: Point) -> bool:
+        """Whether some cell of a frontier is as near to a point as the blacklist asks."""
+        assert self._navigator.costmap is not None
+        row, col = self._navigator.costmap.frame.to_cell(*point)
+        off = np.abs(frontier.cells - np.array([row, col])).max(axis=1)
+        return bool(off.min() <= self.config.blacklist_cells)
+
+    def _go(self, candidate: Candidate, pose: Pose2D, time: float) -> bool:
+        """Send a goal to the navigation stack; False if it can't be reached."""
+        frontier = candidate.frontier
+        same = self._target is not None and math.dist(self._target.target, candidate.target) < 0.01
+        if same and self._navigator.status is GoalStatus.ACTIVE:
+            return True
+        for target in dict.fromkeys((candidate.target, frontier.middle, frontier.nearest)):
+            self._navigator.set_goal(Goal(*target, look_at=frontier.middle), pose, time)
+            if self._navigator.status is GoalStatus.ACTIVE:
+                self._target = candidate
+                return True
+        return False
+
+    def _is_making_progress(self, pose: Pose2D, time: float) -> bool:
+        """Whether the goal is new or the robot has come nearer to it within the time-out."""
+        assert self._target is not None
+        target = self._target.target
+        distance = math.dist(target, pose[:2])
+        # A goal that only jitters with the map is not a new one.
+        if math.dist(target, self._progress_from) > 0.5 or distance < self._progress_distance - 0.05:
+            self._progress_from, self._progress_distance, self._progress_at = target, distance, time
+        return time - self._progress_at <= self._progress_timeout
+
+    def _is_blacklisted(self, frontier: Frontier) -> bool:
+        within = (self.config.blacklist_cells + 0.5) * self.context.frame.resolution
+        x, y = frontier.centroid
+        return any(abs(x - bx) < within and abs(y - by) < within for bx, by in self._blacklist)
+
+    def _still_there(self, candidates: list[Candidate]) -> bool:
+        """Whether some frontier still has cells where the goal's frontier was."""
+        assert self._target is not None
+        middle = self._target.frontier.middle
+        return any(self._passes_by(candidate.frontier, middle) for candidate in candidates)
+
+    def _path_costs(self, candidates: list[Candidate], factor: float = COST_FACTOR) -> FloatArray:
+        """Cost of the path to each candidate, inf where none leads, shape (N,) [m]."""
+        navigator = self._navigator
+        assert navigator.costmap is not None
+        assert navigator.reachable is not None
+        costs = path_costs(navigator.costmap, navigator.reachable, factor)
+        tolerance = self.config.navigator.plan_tolerance
+        places = [
+            place_near(navigator.costmap, c.frontier.middle, tolerance, navigator.reachable)
+            for c in candidates
+        ]
+        return np.array([math.inf if place is None else costs[place] for place in places])
+
+    # The end
+
+    def _nothing_left(self, pose: Pose2D, time: float) -> None:
+        """Before the end: a last round with gentler rules, and a look around."""
+        if not self._is_last_round and self._looked_around:
+            self._is_last_round = True
+            # What was given up may have become possible: people walk on and maps get better.
+            self._blacklist.clear()
+            self._futile = 0
+            self._navigator.set_inscribed_radius(
+                self.config.last_radius_share * self.context.robot_radius, pose, time
+            )
+            self._tick_at = -math.inf
+        elif not self._looked_around:
+            self._looked_around = True
+            self._turn_left, self._last_theta = 2.0 * math.pi, pose.theta
+        else:
+            self.finished = True
+
+    def _look_around(self, pose: Pose2D) -> Twist2D:
+        """Turn once round on the spot."""
+        turned = abs(math.remainder(pose.theta - self._last_theta, 2.0 * math.pi))
+        self._last_theta = pose.theta
+        self._turn_left -= turned
+        self._tick_at = -math.inf
+        rate = min(self.config.navigator.follower.turn_rate, self.context.max_angular)
+        return Twist2D(0.0, rate)

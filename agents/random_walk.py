@@ -1,0 +1,48 @@
+"""Random walk: the floor that every explorer must beat."""
+
+import numpy as np
+
+from agents.explorer import BatchedExplorer, Exploration, Observation
+from slamgym.geometry import wrap_angle
+from slamgym.planning.context import ExplorerContext
+from slamgym.planning.path_follower import PathFollower
+from slamgym.planning.path_follower_kernels import free_travel
+from slamgym.types import Twist2D
+
+
+class _Walk(Exploration):
+    """Straight on until something is near, then to a random heading."""
+
+    def __init__(self, context: ExplorerContext, rng: np.random.Generator) -> None:
+        self._follower = PathFollower(context)
+        self._rng = rng
+        self._heading: float | None = None
+        self._turning = True
+
+    def act(self, observation: Observation) -> Twist2D:
+        context, config = self._follower.context, self._follower.config
+        points = self._follower.points(observation["scan"])
+        theta = float(observation["pose"][2])
+        keep = context.robot_radius + config.clearance
+        step = context.control_step / 2
+        if free_travel(points, context.max_linear, 0.0, keep, config.horizon, step) < config.horizon:
+            self._turning = True
+        if self._turning:
+            if self._heading is None:
+                self._heading = float(self._rng.uniform(-np.pi, np.pi))
+            error = float(wrap_angle(self._heading - theta))
+            if abs(error) > config.turned:
+                rate = min(config.turn_rate, context.max_angular, config.turn_gain * abs(error))
+                return Twist2D(0.0, float(np.copysign(rate, error)))
+            self._heading = None
+            if free_travel(points, context.max_linear, 0.0, keep, config.horizon, step) < config.horizon:
+                return Twist2D(0.0, 0.0)
+            self._turning = False
+        return Twist2D(context.max_linear, 0.0)
+
+
+class RandomWalk(BatchedExplorer):
+    """Drives straight on, and to a random heading where the way is blocked; never finishes."""
+
+    def _begin(self, index: int) -> Exploration:
+        return _Walk(self.context, np.random.default_rng([self.seed, index]))

@@ -1,0 +1,34 @@
+"""Explorers by name."""
+
+from collections.abc import Callable
+
+from agents.explorer import BatchedExplorer
+from agents.frontier import CostUtility, ExploreLite, NearestFrontier
+from agents.random_walk import RandomWalk
+from slamgym.config import suggest
+from slamgym.errors import ConfigError
+from slamgym.planning.context import ExplorerContext
+
+EXPLORERS: dict[str, Callable[[ExplorerContext, int], BatchedExplorer]] = {
+    "explore_lite": lambda context, seed: ExploreLite(context, seed=seed),
+    "nearest": lambda context, seed: NearestFrontier(context, seed=seed),
+    "cost_utility": lambda context, seed: CostUtility(context, seed=seed),
+    "random": lambda context, seed: RandomWalk(context, seed=seed),
+}
+"""Name to constructor; each takes the context and a seed."""
+
+
+def make_explorer(name: str, context: ExplorerContext, seed: int = 0) -> BatchedExplorer:
+    """Build an explorer.
+
+    Args:
+        name: One of :data:`EXPLORERS`.
+        context: What the environment tells about the robot and its map.
+        seed: Of the explorer's own random choices; only the random walk makes any.
+
+    Raises:
+        ConfigError: If there is no explorer of that name; the error suggests the nearest.
+    """
+    if name not in EXPLORERS:
+        raise ConfigError(f"no explorer {name!r}; {suggest(name, EXPLORERS)}")
+    return EXPLORERS[name](context, seed)

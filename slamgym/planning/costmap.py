@@ -1,0 +1,186 @@
+"""Costmap: an occupancy grid with obstacles inflated by the robot's body.
+
+The cost values and the exponential decay are those of ROS costmap_2d (Lu, Hershberger, Smart: "Layered
+Costmaps for Context-Sensitive Navigation", IROS 2014; wiki.ros.org/costmap_2d, section Inflation).
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import cv2
+import numpy as np
+
+from slamgym.errors import ConfigError
+from slamgym.planning.costmap_kernels import clear_body, cost_cells, known_window
+from slamgym.types import (
+    FREE,
+    OCCUPIED,
+    ByteArray,
+    Float32Array,
+    FloatArray,
+    GridFrame,
+    OccupancyGrid,
+    Pose2D,
+)
+
+FREE_COST = 0
+INSCRIBED_COST = 253
+LETHAL_COST = 254
+NO_INFORMATION = 255
+"""Costs as costmap_2d defines them: the robot's centre may stand on a cell below ``INSCRIBED_COST``."""
+
+
+@dataclass(frozen=True)
+class CostmapConfig:
+    """How obstacles are inflated."""
+
+    inscribed_radius: float = 0.22
+    """A robot's centre closer than this to an obstacle is a collision [m]; its radius if it is round."""
+    inflation_radius: float = 1.0
+    """Obstacles cost something up to this distance [m] (TurtleBot3 navigation default)."""
+    cost_scaling: float = 3.0
+    """Exponential decay of the cost with the distance beyond the inscribed radius [1/m] (same source)."""
+
+    def __post_init__(self) -> None:
+        if not self.inscribed_radius > 0.0:
+            raise ConfigError(f"inscribed_radius must be positive, not {self.inscribed_radius}")
+        if self.inflation_radius < self.inscribed_radius:
+            raise ConfigError(
+                f"inflation_radius {self.inflation_radius} m must not be less than "
+                f"inscribed_radius {self.inscribed_radius} m"
+            )
+        if not self.cost_scaling >= 0.0:
+            raise ConfigError(f"cost_scaling must not be negative, but is {self.cost_scaling}")
+
+
+@dataclass(frozen=True)
+class Costmap:
+    """Costs of the known part of a map."""
+
+    costs: ByteArray  # (H, W): 0 free, 1..252 inflated, 253 inscribed, 254 lethal, 255 unknown
+    distance: Float32Array  # (H, W) distance to the nearest occupied cell, between centres [cells]
+    frame: GridFrame
+
+    def cost_at(self, x: float, y: float) -> int:
+        """Cost of the cell that holds a point [m]; unknown outside the map."""
+        row, col = self.frame.to_cell(x, y)
+        if 0 <= row < self.frame.height_px and 0 <= col < self.frame.width_px:
+            return int(self.costs[row, col])
+        return NO_INFORMATION
+
+
+def footprint_radii(corners: Sequence[tuple[float, float]]) -> tuple[float, float]:
+    """Inscribed and circumscribed radius [m] of a convex footprint about the robot's origin.
+
+    Args:
+        corners: Corners [m] in the robot's frame, in order.
+
+    Raises:
+        ConfigError: If the origin doesn't lie inside the footprint.
+    """
+    polygon = np.asarray(corners, dtype=np.float32)
+    inscribed = cv2.pointPolygonTest(polygon, (0.0, 0.0), True) if len(polygon) >= 3 else -1.0
+    if inscribed <= 0.0:
+        raise ConfigError("the footprint must have at least 3 corners and hold the robot's origin (0, 0)")
+    return float(inscribed), float(np.hypot(polygon[:, 0], polygon[:, 1]).max())
+
+
+def crop_known(grid: OccupancyGrid, pose: Pose2D, margin: float = 0.5) -> OccupancyGrid:
+    """Copy the part of a map that is known or under the robot, so that later steps don't pay for the rest.
+
+    Args:
+        grid: A map, however large.
+        pose: The robot, in the frame of the map.
+        margin: Kept around the known part and around the robot, as far as the map goes [m].
+    """
+    frame = grid.frame
+    first_row, end_row, first_col, end_col = known_window(grid.cells)
+    row, col = (int(i) for i in frame.to_cell(pose.x, pose.y))
+    row, col = min(max(row, 0), frame.height_px - 1), min(max(col, 0), frame.width_px - 1)
+    if end_row == 0:
+        first_row, end_row, first_col, end_col = row, row + 1, col, col + 1
+    pad = math.ceil(margin / frame.resolution)
+    top, bottom = max(0, min(first_row, row) - pad), min(frame.height_px, max(end_row, row + 1) + pad)
+    left, right = max(0, min(first_col, col) - pad), min(frame.width_px, max(end_col, col + 1) + pad)
+    window = GridFrame(
+        resolution=frame.resolution,
+        origin_x=frame.origin_x + left * frame.resolution,
+        origin_y=frame.origin_y + (frame.height_px - bottom) * frame.resolution,
+        height_px=bottom - top,
+        width_px=right - left,
+    )
+    return OccupancyGrid(np.ascontiguousarray(grid.cells[top:bottom, left:right]).copy(), window)
+
+
+def free_body(grid: OccupancyGrid, pose: Pose2D, radius: float) -> OccupancyGrid:
+    """Copy a map with the cells under the robot set free, as costmap_2d's footprint clearing does.
+
+    The robot stands there, so unknown cells under it are free; occupied ones are kept unless they lie well
+    inside the body, because a wall that the robot touches must stay.
+    """
+    cells = grid.cells.copy()
+    row, col = grid.frame.to_cell(pose.x, pose.y)
+    radius_px = radius / grid.frame.resolution
+    clear_body(cells, int(row), int(col), radius_px, 0.6 * radius_px)
+    return OccupancyGrid(cells, grid.frame)
+
+
+def mark_obstacles(grid: OccupancyGrid, points: FloatArray, apart: float = 0.15) -> OccupancyGrid:
+    """Copy a map with points seen just now, e.g. on a person, entered as occupied.
+
+    Points nearer than ``apart`` [m] to a wall of the map are taken for that wall and left out, so that small
+    errors of the pose don't thicken walls and close doors.
+
+    Args:
+        grid: The map.
+        points: Points in the frame of the map, shape (N, 2) [m].
+        apart: Smallest distance from what the map knows [m].
+    """
+    cells = grid.cells.copy()
+    if len(points):
+        row, col = grid.frame.to_cell(points[:, 0], points[:, 1])
+        inside = (row >= 0) & (row < grid.frame.height_px) & (col >= 0) & (col < grid.frame.width_px)
+        row, col = row[inside], col[inside]
+        new = _distance_px(cells)[row, col] * grid.frame.resolution > apart
+        cells[row[new], col[new]] = OCCUPIED
+    return OccupancyGrid(cells, grid.frame)
+
+
+def make_costmap(grid: OccupancyGrid, config: CostmapConfig | None = None) -> Costmap:
+    """Inflate the obstacles of a map.
+
+    A cell nearer than the inscribed radius to an occupied cell costs 253; farther off the cost is
+    ``252 exp(-cost_scaling (d - inscribed_radius))``; unknown cells stay unknown.
+
+    Args:
+        grid: The map; crop it first (:func:`crop_known`) where most of it is unknown.
+        config: Radii and decay.
+    """
+    config = config or CostmapConfig()
+    distance = _distance_px(grid.cells)
+    table = _cost_table(config, grid.frame.resolution)
+    return Costmap(cost_cells(grid.cells, distance, table), distance, grid.frame)
+
+
+def _distance_px(cells: ByteArray) -> Float32Array:
+    """Euclidean distance of each cell to the nearest occupied one [cells]."""
+    # A pad of free cells changes nothing, and the transform wants at least one occupied cell to measure from.
+    if not (cells == OCCUPIED).any():
+        return np.full(cells.shape, 1e6, dtype=np.float32)
+    transform: Float32Array = cv2.distanceTransform(
+        np.where(cells == OCCUPIED, np.uint8(0), np.uint8(FREE)), cv2.DIST_L2, cv2.DIST_MASK_PRECISE
+    )
+    return transform
+
+
+@lru_cache(maxsize=16)
+def _cost_table(config: CostmapConfig, resolution: float) -> ByteArray:
+    """Cost by squared distance [cells^2], one entry more than the inflation reaches."""
+    reach = math.floor((config.inflation_radius / resolution) ** 2 + 1e-9)
+    distance = np.sqrt(np.arange(reach + 1)) * resolution
+    decayed = (INSCRIBED_COST - 1) * np.exp(-config.cost_scaling * (distance - config.inscribed_radius))
+    table = np.where(distance <= config.inscribed_radius + 1e-9, INSCRIBED_COST, decayed).astype(np.uint8)
+    table[0] = LETHAL_COST
+    return np.append(table, np.uint8(FREE_COST))

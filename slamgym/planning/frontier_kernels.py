@@ -1,0 +1,274 @@
+"""Kernels of the frontier search: flood the space in reach, then collect its unknown border."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slamgym.jit import kernel
+from slamgym.types import BoolArray, ByteArray, FloatArray, IntArray
+
+Int32Array = NDArray[np.int32]
+
+_LETHAL = np.uint8(254)
+_NO_INFORMATION = np.uint8(255)
+
+
+@kernel
+def nearest_open_cell(
+    costs: ByteArray, row: int, col: int, limit: int, mask: BoolArray, max_steps: int
+) -> int:
+    """Flat index of the first cell with a cost below ``limit``, 8-connected from a cell; -1 if there is none.
+
+    The search doesn't cross lethal cells, so that it never ends on the other side of a wall.
+
+    Args:
+        costs: Costmap, shape (H, W).
+        row: Where the search begins.
+        col: Where the search begins.
+        limit: The cell found costs less than this.
+        mask: The cell found must be in it, shape (H * W,); of shape (0,) for any cell.
+        max_steps: How far to search [cells].
+    """
+    height, width = costs.shape
+    if row < 0 or row >= height or col < 0 or col >= width:
+        return -1
+    seen = np.zeros(height * width, np.bool_)
+    queue = np.empty(height * width, np.int32)
+    queue[0] = row * width + col
+    seen[queue[0]] = True
+    head, tail, end = 0, 1, 1
+    for _ in range(max_steps + 1):
+        while head < end:
+            cell = queue[head]
+            head += 1
+            r, c = cell // width, cell % width
+            if costs[r, c] < limit and (mask.size == 0 or mask[cell]):
+                return cell
+            for dr in range(-1, 2):
+                for dc in range(-1, 2):
+                    rr, cc = r + dr, c + dc
+                    if rr < 0 or rr >= height or cc < 0 or cc >= width:
+                        continue
+                    neighbour = rr * width + cc
+                    if not seen[neighbour] and costs[rr, cc] != _LETHAL:
+                        seen[neighbour] = True
+                        queue[tail] = neighbour
+                        tail += 1
+        end = tail
+    return -1
+
+
+@kernel
+def flood(costs: ByteArray, start: int, limit: int, descending: bool) -> tuple[Int32Array, BoolArray]:
+    """Breadth-first, 4-connected search from a cell.
+
+    Args:
+        costs: Costmap, shape (H, W).
+        start: Flat index of the first cell.
+        limit: Cells below this cost are entered, where the robot's centre can be.
+        descending: Explore Lite's own rule instead: a neighbour is entered if it costs no more than the cell.
+
+    Returns:
+        The cells in the order of the search (flat indices), and a mask of them, shape (H * W,).
+    """
+    height, width = costs.shape
+    flat = costs.reshape(-1)
+    reached = np.zeros(height * width, np.bool_)
+    queue = np.empty(height * width, np.int32)
+    queue[0] = start
+    reached[start] = True
+    head, tail = 0, 1
+    while head < tail:
+        cell = queue[head]
+        head += 1
+        if descending:
+            limit = flat[cell] + 1
+        row = cell // width
+        col = cell - row * width
+        # Written out, because this innermost step is most of the cost of a search.
+        if row > 0 and not reached[cell - width] and flat[cell - width] < limit:
+            reached[cell - width] = True
+            queue[tail] = cell - width
+            tail += 1
+        if col > 0 and not reached[cell - 1] and flat[cell - 1] < limit:
+            reached[cell - 1] = True
+            queue[tail] = cell - 1
+            tail += 1
+        if col < width - 1 and not reached[cell + 1] and flat[cell + 1] < limit:
+            reached[cell + 1] = True
+            queue[tail] = cell + 1
+            tail += 1
+        if row < height - 1 and not reached[cell + width] and flat[cell + width] < limit:
+            reached[cell + width] = True
+            queue[tail] = cell + width
+            tail += 1
+    return queue[:tail], reached
+
+
+@kernel
+def widen(costs: ByteArray, order: Int32Array, reached: BoolArray, steps: int) -> Int32Array:
+    """Extend a flooded region, 4-connected, through cells that are neither lethal nor unknown.
+
+    Args:
+        costs: Costmap, shape (H, W).
+        order: The region's cells (flat indices).
+        reached: Mask of the region, shape (H * W,); extended in place.
+        steps: How far [cells].
+
+    Returns:
+        ``order`` with the new cells appended.
+    """
+    height, width = costs.shape
+    flat = costs.reshape(-1)
+    queue = np.empty(height * width, np.int32)
+    queue[: len(order)] = order
+    head, tail = 0, len(order)
+    for _ in range(steps):
+        end = tail
+        while head < end:
+            cell = queue[head]
+            head += 1
+            row = cell // width
+            col = cell - row * width
+            for dr, dc in ((-1, 0), (0, -1), (0, 1), (1, 0)):
+                if not (0 <= row + dr < height and 0 <= col + dc < width):
+                    continue
+                neighbour = cell + dr * width + dc
+                if not reached[neighbour] and flat[neighbour] < _LETHAL:
+                    reached[neighbour] = True
+                    queue[tail] = neighbour
+                    tail += 1
+    return queue[:tail].copy()
+
+
+@kernel
+def collect_frontiers(
+    costs: ByteArray, order: Int32Array, open_cells: BoolArray, min_size: float
+) -> tuple[Int32Array, IntArray]:
+    """Group the unknown cells beside the flooded ones, 8-connected.
+
+    Args:
+        costs: Costmap, shape (H, W).
+        order: Flooded cells (flat indices) in the order of the search.
+        open_cells: Cells that make an unknown 4-neighbour a frontier cell, shape (H * W,).
+        min_size: Frontiers of fewer cells are dropped.
+
+    Returns:
+        Frontier cells (flat indices), frontier after frontier, the first-contact cell first, and the position
+        where each frontier begins, with the end appended.
+    """
+    height, width = costs.shape
+    flat = costs.reshape(-1)
+    flagged = np.zeros(height * width, np.bool_)
+    members = np.empty(height * width, np.int32)
+    starts = np.empty(height * width + 1, np.int64)
+    count, end = 0, 0
+    for position in range(len(order)):
+        cell = order[position]
+        row, col = cell // width, cell % width
+        for dr, dc in ((-1, 0), (0, -1), (0, 1), (1, 0)):
+            r, c = row + dr, col + dc
+            if r < 0 or r >= height or c < 0 or c >= width:
+                continue
+            seed = r * width + c
+            if flagged[seed] or not _is_frontier(flat, open_cells, r, c, height, width):
+                continue
+            first = end
+            members[end] = seed
+            flagged[seed] = True
+            end += 1
+            head = first
+            while head < end:
+                rr, cc = members[head] // width, members[head] % width
+                head += 1
+                for er in range(-1, 2):
+                    for ec in range(-1, 2):
+                        nr, nc = rr + er, cc + ec
+                        if nr < 0 or nr >= height or nc < 0 or nc >= width:
+                            continue
+                        neighbour = nr * width + nc
+                        if not flagged[neighbour] and _is_frontier(flat, open_cells, nr, nc, height, width):
+                            flagged[neighbour] = True
+                            members[end] = neighbour
+                            end += 1
+            if end - first >= min_size:
+                starts[count] = first
+                count += 1
+            else:
+                end = first
+    starts[count] = end
+    return members[:end].copy(), starts[: count + 1].copy()
+
+
+@kernel
+def _is_frontier(flat: ByteArray, open_cells: BoolArray, row: int, col: int, height: int, width: int) -> bool:
+    """Whether a cell is unknown and has an open 4-neighbour."""
+    cell = row * width + col
+    if flat[cell] != _NO_INFORMATION or open_cells[cell]:
+        return False
+    return (
+        (row > 0 and open_cells[cell - width])
+        or (col > 0 and open_cells[cell - 1])
+        or (col < width - 1 and open_cells[cell + 1])
+        or (row < height - 1 and open_cells[cell + width])
+    )
+
+
+@kernel
+def describe_frontiers(
+    members: Int32Array, starts: IntArray, width: int, row: float, col: float
+) -> FloatArray:
+    """Size, smallest distance to (row, col), and cells of each frontier, shape (F, 8) [cells].
+
+    Columns: size, smallest distance, centroid row and col, nearest cell's row and col, row and col of the
+    frontier's cell nearest to the centroid.
+    """
+    described = np.empty((len(starts) - 1, 8))
+    for f in range(len(starts) - 1):
+        first, end = starts[f], starts[f + 1]
+        mean_row, mean_col, best = 0.0, 0.0, np.inf
+        for i in range(first, end):
+            r, c = members[i] // width, members[i] % width
+            mean_row += r
+            mean_col += c
+            squared = (r - row) ** 2 + (c - col) ** 2
+            if squared < best:
+                best = squared
+                described[f, 4], described[f, 5] = r, c
+        mean_row /= end - first
+        mean_col /= end - first
+        described[f, 0] = end - first
+        described[f, 1] = np.sqrt(best)
+        described[f, 2], described[f, 3] = mean_row, mean_col
+        best = np.inf
+        for i in range(first, end):
+            r, c = members[i] // width, members[i] % width
+            squared = (r - mean_row) ** 2 + (c - mean_col) ** 2
+            if squared < best:
+                best = squared
+                described[f, 6], described[f, 7] = r, c
+    return described
+
+
+@kernel
+def visible_unknown(costs: ByteArray, row: int, col: int, reach: float) -> float:
+    """Unknown area in sight of a cell, by rays that end at lethal cells [cells^2].
+
+    A ray stands for its sector, so a cell at distance r counts r times the angle between two rays. Space
+    beyond the costmap is unknown.
+    """
+    height, width = costs.shape
+    num_rays = 72
+    step = 2.0 * np.pi / num_rays
+    area = 0.0
+    for i in range(num_rays):
+        dr, dc = np.sin(i * step), np.cos(i * step)
+        for r in range(1, int(reach) + 1):
+            rr, cc = int(np.floor(row + r * dr + 0.5)), int(np.floor(col + r * dc + 0.5))
+            cost = _NO_INFORMATION
+            if 0 <= rr < height and 0 <= cc < width:
+                cost = costs[rr, cc]
+            if cost == _LETHAL:
+                break
+            if cost == _NO_INFORMATION:
+                area += r * step
+    return area

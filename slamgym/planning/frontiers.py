@@ -1,0 +1,184 @@
+"""Frontiers: where the space that the robot can reach meets the unknown (Yamauchi 1997).
+
+Two searches share their kernels. :func:`find_frontiers` is the breadth-first search of Explore Lite
+(wiki.ros.org/explore_lite) on a costmap, by default with a rule of entry that doesn't stop at inflated
+doorways. :func:`wavefront_frontiers` is the wavefront frontier detector (Keidar and Kaminka, "Robot
+exploration with fast frontier detection", AAMAS 2012), which needs no costmap.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from slamgym.planning.costmap import (
+    FREE_COST,
+    INSCRIBED_COST,
+    LETHAL_COST,
+    NO_INFORMATION,
+    Costmap,
+)
+from slamgym.planning.frontier_kernels import (
+    Int32Array,
+    collect_frontiers,
+    describe_frontiers,
+    flood,
+    nearest_open_cell,
+    visible_unknown,
+    widen,
+)
+from slamgym.types import FREE, OCCUPIED, BoolArray, ByteArray, GridFrame, OccupancyGrid, Pose2D
+
+Point = tuple[float, float]
+_ANY: BoolArray = np.zeros(0, dtype=np.bool_)
+
+
+@dataclass(frozen=True)
+class Frontier:
+    """A connected run of unknown cells that border reachable free space. Points are in the map frame [m]."""
+
+    size: int  # number of cells
+    min_distance: float  # straight from the robot to the nearest cell [m]
+    initial: Point  # the first cell that the search touched
+    centroid: Point  # mean of the cells; may lie anywhere, even where the robot stands
+    nearest: Point  # the cell nearest to the robot
+    middle: Point  # the cell nearest to the centroid
+    cells: Int32Array  # (size, 2) rows and columns in the searched grid
+
+
+class Reachable(NamedTuple):
+    """The cells that a robot can get to, from :func:`reachable_space`."""
+
+    order: Int32Array  # (N,) flat indices in the order of the search
+    mask: BoolArray  # (H * W,) the same as a mask
+    num_centre: int  # the robot's centre can stand on the first so many cells; its body covers the others
+
+
+def reachable_space(
+    costmap: Costmap,
+    pose: Pose2D,
+    reach: float = 0.3,
+    rule: Literal["passable", "descending"] = "passable",
+) -> Reachable | None:
+    """Cells connected with the robot, or None if it stands on no map or is walled in.
+
+    Args:
+        costmap: The costmap.
+        pose: The robot, in the frame of the costmap.
+        reach: Free cells this near to a place of the robot's centre count too, so that the strips beside
+            walls, where no centre can be, are part of the reachable space [m].
+        rule: ``"passable"`` enters every cell where the robot's centre can be. ``"descending"`` is Explore
+            Lite's own rule: a neighbour is entered if it costs no more than the cell. It can't climb over the
+            saddle of cost in an inflated doorway.
+    """
+    row, col = costmap.frame.to_cell(pose.x, pose.y)
+    descending = rule == "descending"
+    limit = FREE_COST + 1 if descending else INSCRIBED_COST
+    start = nearest_open_cell(costmap.costs, int(row), int(col), limit, _ANY, costmap.costs.size)
+    if start < 0:
+        return None
+    reach_px = 0 if descending else math.ceil(reach / costmap.frame.resolution)
+    order, mask = flood(costmap.costs, start, limit, descending)
+    return Reachable(widen(costmap.costs, order, mask, reach_px), mask, len(order))
+
+
+def find_frontiers(
+    costmap: Costmap,
+    pose: Pose2D,
+    min_size: float = 0.75,
+    rule: Literal["passable", "descending"] = "passable",
+    reachable: Reachable | None = None,
+) -> list[Frontier]:
+    """Explore Lite's search for frontiers.
+
+    Breadth-first, 4-connected from the robot's cell (or the nearest one that it can stand on). An unknown
+    cell with a free 4-neighbour starts a frontier, which is grown 8-connected over such cells.
+
+    Args:
+        costmap: The costmap.
+        pose: The robot, in the frame of the costmap.
+        min_size: Frontiers shorter than this are dropped [m] (0.75 in Explore Lite's launch file).
+        rule: See :func:`reachable_space`. With ``"descending"`` only cells without any cost make a frontier,
+            as in the original.
+        reachable: The reachable space, where the caller has it already.
+
+    Returns:
+        The frontiers in the order in which the search touched them, which is that of the path length.
+    """
+    space = reachable or reachable_space(costmap, pose, rule=rule)
+    if space is None:
+        return []
+    open_cells = space.mask if rule == "passable" else (costmap.costs == FREE_COST).reshape(-1)
+    return _frontiers(costmap.costs, costmap.frame, pose, space.order, open_cells, min_size)
+
+
+def wavefront_frontiers(grid: OccupancyGrid, pose: Pose2D, min_size: float = 0.0) -> list[Frontier]:
+    """Wavefront frontier detection on a map without a costmap: every free cell is open to the search.
+
+    Args:
+        grid: The map.
+        pose: The robot, in the frame of the map.
+        min_size: Frontiers shorter than this are dropped [m].
+    """
+    costs = np.full(grid.cells.shape, NO_INFORMATION, dtype=np.uint8)
+    costs[grid.cells == FREE] = FREE_COST
+    costs[grid.cells == OCCUPIED] = LETHAL_COST
+    row, col = grid.frame.to_cell(pose.x, pose.y)
+    start = nearest_open_cell(costs, int(row), int(col), FREE_COST + 1, _ANY, costs.size)
+    if start < 0:
+        return []
+    order, mask = flood(costs, start, FREE_COST + 1, False)
+    return _frontiers(costs, grid.frame, pose, order, mask, min_size)
+
+
+def expected_gain(costmap: Costmap, point: Point, range_max: float) -> float:
+    """Unknown area in sight of a point, which a scan from there could reveal at most [m2].
+
+    Sight ends at occupied cells; unknown ones are taken to be free.
+
+    Args:
+        costmap: The costmap.
+        point: Where the scanner would be [m].
+        range_max: Its range [m].
+    """
+    frame = costmap.frame
+    row, col = frame.to_cell(*point)
+    seen = visible_unknown(costmap.costs, int(row), int(col), range_max / frame.resolution)
+    return float(seen) * frame.resolution**2
+
+
+def _frontiers(
+    costs: ByteArray,
+    frame: GridFrame,
+    pose: Pose2D,
+    order: Int32Array,
+    open_cells: BoolArray,
+    min_size: float,
+) -> list[Frontier]:
+    """Collect and describe the frontiers of a flooded grid."""
+    # A hair's breadth is taken off, so that 15 cells of 0.05 m are not less than 0.75 m by rounding.
+    members, starts = collect_frontiers(costs, order, open_cells, min_size / frame.resolution - 1e-6)
+    row = frame.height_px - 0.5 - (pose.y - frame.origin_y) / frame.resolution
+    col = (pose.x - frame.origin_x) / frame.resolution - 0.5
+    described = describe_frontiers(members, starts, frame.width_px, row, col)
+
+    def point(row: float, col: float) -> Point:
+        x, y = frame.to_point(row, col)
+        return float(x), float(y)
+
+    frontiers = []
+    for values, first, end in zip(described, starts[:-1], starts[1:], strict=True):
+        cells = np.column_stack(np.divmod(members[first:end], frame.width_px))
+        frontiers.append(
+            Frontier(
+                size=int(values[0]),
+                min_distance=float(values[1]) * frame.resolution,
+                initial=point(cells[0, 0], cells[0, 1]),
+                centroid=point(values[2], values[3]),
+                nearest=point(values[4], values[5]),
+                middle=point(values[6], values[7]),
+                cells=cells,
+            )
+        )
+    return frontiers

@@ -1,0 +1,191 @@
+"""Kernels of the global planner: A* and Dijkstra over a costmap, and the cost of a straight line."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slamgym.jit import kernel
+from slamgym.types import BoolArray, ByteArray, Float32Array, FloatArray, IntArray
+
+Int32Array = NDArray[np.int32]
+
+_SQRT2 = np.float32(1.4142135)
+
+
+@kernel
+def _push(keys: Float32Array, cells: Int32Array, size: int, key: Any, cell: int) -> int:
+    """Add to a binary heap; returns its new size."""
+    child = size
+    while child > 0:
+        parent = (child - 1) >> 1
+        if keys[parent] <= key:
+            break
+        keys[child], cells[child] = keys[parent], cells[parent]
+        child = parent
+    keys[child], cells[child] = key, cell
+    return size + 1
+
+
+@kernel
+def _pop(keys: Float32Array, cells: Int32Array, size: int) -> int:
+    """Take the root, already read, off a binary heap; returns its new size."""
+    size -= 1
+    key, cell = keys[size], cells[size]
+    parent = 0
+    while True:
+        child = 2 * parent + 1
+        if child >= size:
+            break
+        if child + 1 < size and keys[child + 1] < keys[child]:
+            child += 1
+        if keys[child] >= key:
+            break
+        keys[parent], cells[parent] = keys[child], cells[child]
+        parent = child
+    keys[parent], cells[parent] = key, cell
+    return size
+
+
+@kernel
+def search_path(
+    costs: ByteArray, start: int, goal: int, limit: int, factor: float
+) -> tuple[Float32Array, Int32Array]:
+    """A* from a cell to another, 8-connected; with ``goal`` -1 Dijkstra's search over all that is reachable.
+
+    A step costs its length times ``1 + factor * cost`` of the cell entered. No step cuts the corner of a cell
+    at or above ``limit``.
+
+    Args:
+        costs: Costmap, shape (H, W).
+        start: Flat index of the first cell.
+        goal: Flat index of the last cell, or -1.
+        limit: Cells at or above this cost are not entered.
+        factor: Weight of the costs.
+
+    Returns:
+        The cost from the start to each cell [cells], inf where the search didn't come, and the flat index of
+        each cell's predecessor, -1 where there is none, both of shape (H * W,).
+    """
+    height, width = costs.shape
+    flat = costs.reshape(-1)
+    distance = np.full(height * width, np.float32(np.inf), np.float32)
+    parent = np.full(height * width, -1, np.int32)
+    closed = np.zeros(height * width, np.bool_)
+    # A cell enters the heap once for each time its distance falls, which is 8 times at most.
+    capacity = 4096
+    keys, cells = np.empty(capacity, np.float32), np.empty(capacity, np.int32)
+    goal_row, goal_col = goal // width, goal % width
+    distance[start] = 0.0
+    size = _push(keys, cells, 0, np.float32(0.0), start)
+    while size > 0:
+        cell = cells[0]
+        size = _pop(keys, cells, size)
+        if closed[cell]:
+            continue
+        closed[cell] = True
+        if cell == goal:
+            break
+        row, col = cell // width, cell % width
+        if size + 8 > capacity:
+            capacity *= 2
+            grown_keys, grown_cells = np.empty(capacity, np.float32), np.empty(capacity, np.int32)
+            grown_keys[:size], grown_cells[:size] = keys[:size], cells[:size]
+            keys, cells = grown_keys, grown_cells
+        for dr in range(-1, 2):
+            for dc in range(-1, 2):
+                r, c = row + dr, col + dc
+                if (dr == 0 and dc == 0) or r < 0 or r >= height or c < 0 or c >= width:
+                    continue
+                neighbour = r * width + c
+                if closed[neighbour] or flat[neighbour] >= limit:
+                    continue
+                length = np.float32(1.0)
+                if dr != 0 and dc != 0:
+                    if flat[cell + dr * width] >= limit or flat[cell + dc] >= limit:
+                        continue
+                    length = _SQRT2
+                reached = distance[cell] + length * np.float32(1.0 + factor * flat[neighbour])
+                if reached < distance[neighbour]:
+                    distance[neighbour] = reached
+                    parent[neighbour] = cell
+                    key = reached
+                    if goal >= 0:
+                        down, across = abs(r - goal_row), abs(c - goal_col)
+                        key += max(down, across) + (_SQRT2 - np.float32(1.0)) * min(down, across)
+                    size = _push(keys, cells, size, key, neighbour)
+    return distance, parent
+
+
+@kernel
+def trace_path(parent: Int32Array, start: int, goal: int) -> IntArray:
+    """Cells (flat indices) from the start to the goal by the predecessors."""
+    length = 1
+    cell = goal
+    while cell != start:
+        cell = parent[cell]
+        length += 1
+    path = np.empty(length, np.int64)
+    cell = goal
+    for i in range(length - 1, -1, -1):
+        path[i] = cell
+        cell = parent[cell]
+    return path
+
+
+@kernel
+def line_cost(
+    costs: ByteArray, row0: float, col0: float, row1: float, col1: float, limit: int, factor: float
+) -> float:
+    """Cost of a straight line [cells], sampled twice per cell; inf if it meets a cell at or above ``limit``.
+
+    Coordinates are those of cell centres; the first point's own cell is not looked at.
+    """
+    height, width = costs.shape
+    length = np.hypot(row1 - row0, col1 - col0)
+    steps = max(1, int(np.ceil(2.0 * length)))
+    total = 0.0
+    for i in range(1, steps + 1):
+        share = i / steps
+        row = int(np.floor(row0 + share * (row1 - row0) + 0.5))
+        col = int(np.floor(col0 + share * (col1 - col0) + 0.5))
+        if row < 0 or row >= height or col < 0 or col >= width or costs[row, col] >= limit:
+            return np.inf
+        total += 1.0 + factor * costs[row, col]
+    return total * length / steps
+
+
+@kernel
+def shortcut(costs: ByteArray, path: FloatArray, limit: int, factor: float) -> BoolArray:
+    """Which points of a path to keep so that straight lines between them cost no more than the path did.
+
+    Args:
+        costs: Costmap, shape (H, W).
+        path: Points (row, col), shape (N, 2).
+        limit: As in :func:`search_path`.
+        factor: As in :func:`search_path`.
+    """
+    n = len(path)
+    along = np.zeros(n)
+    for i in range(1, n):
+        step = line_cost(costs, path[i - 1, 0], path[i - 1, 1], path[i, 0], path[i, 1], 256, factor)
+        along[i] = along[i - 1] + step
+    keep = np.zeros(n, np.bool_)
+    keep[0] = True
+    i = 0
+    while i < n - 1:
+        # Doubling steps forward: paths are mostly straight, so this finds long lines with few tests.
+        best, stride = i + 1, 2
+        while stride >= 1 and best < n - 1:
+            j = min(n - 1, best + stride)
+            line = line_cost(costs, path[i, 0], path[i, 1], path[j, 0], path[j, 1], limit, factor)
+            if line <= along[j] - along[i] + 1e-9:
+                best = j
+                stride *= 2
+            else:
+                stride //= 2
+                if stride > 4:
+                    stride = 4
+        keep[best] = True
+        i = best
+    return keep

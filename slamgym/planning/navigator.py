@@ -1,0 +1,312 @@
+"""Navigation stack: a goal on the map becomes a velocity for each control step.
+
+It plans on the map as last published, follows the path, replans when the map blocks it or the robot leaves
+it, and recovers when the robot is stuck. Whether the robot moves is judged by its estimated pose, never by
+what it was told to do. A goal that can't be reached aborts at once.
+"""
+
+import enum
+import math
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from slamgym.geometry import transform_points, wrap_angle
+from slamgym.planning.context import ExplorerContext
+from slamgym.planning.costmap import (
+    LETHAL_COST,
+    Costmap,
+    CostmapConfig,
+    crop_known,
+    free_body,
+    make_costmap,
+    mark_obstacles,
+)
+from slamgym.planning.frontiers import Point, Reachable, reachable_space
+from slamgym.planning.grid_path import path_is_free, plan_path
+from slamgym.planning.path_follower import FollowerConfig, PathFollower
+from slamgym.types import Float32Array, FloatArray, OccupancyGrid, Pose2D, Twist2D
+
+_STOP = Twist2D(0.0, 0.0)
+
+
+class GoalStatus(enum.Enum):
+    """What became of a goal."""
+
+    IDLE = "no goal"
+    ACTIVE = "on the way"
+    SUCCEEDED = "reached"
+    ABORTED = "given up"
+
+
+@dataclass(frozen=True)
+class Goal:
+    """Where to go, in the map frame [m]."""
+
+    x: float
+    y: float
+    look_at: Point | None = None  # once there, turn towards this point
+
+
+@dataclass(frozen=True)
+class NavigatorConfig:
+    """How the navigation stack behaves."""
+
+    goal_tolerance: float = 0.15
+    """A goal is reached within this distance [m]."""
+    plan_tolerance: float = 0.6
+    """A goal in unknown or inflated space is replaced by a place this near to it [m]."""
+    replan_interval: float = 1.0
+    """Shortest time between two plans to the same goal [s] (move_base plans at 1 Hz)."""
+    deviation: float = 0.4
+    """Farther than this from the path the robot plans anew [m]."""
+    stuck_time: float = 4.0
+    """Without moving for so long the robot recovers [s]."""
+    stuck_distance: float = 0.1
+    """Moving less than this is standing still [m]; turning on the spot counts as moving."""
+    progress_time: float = 25.0
+    """Without coming nearer along the path for so long the robot recovers, moving or not [s]."""
+    obstacle_memory: float = 10.0
+    """Obstacles that only the scan showed are kept in the costmap for so long [s]."""
+    back_up: float = 0.2
+    """Distance of the backward recovery [m]."""
+    back_up_speed: float = 0.1
+    """Speed of the backward recovery [m/s]."""
+    costmap: CostmapConfig = field(default_factory=CostmapConfig)
+    """Inflation; its inscribed radius is replaced by the robot's."""
+    follower: FollowerConfig = field(default_factory=FollowerConfig)
+    """Path following."""
+
+
+class Navigator:
+    """Drives a robot to goals on the map that it believes in.
+
+    Use: :meth:`update_map` whenever a map is published, :meth:`set_goal`, then :meth:`step` once per control
+    step until :attr:`status` is no longer ``ACTIVE``.
+    """
+
+    def __init__(self, context: ExplorerContext, config: NavigatorConfig | None = None) -> None:
+        self.context = context
+        self.config = config or NavigatorConfig()
+        self.follower = PathFollower(context, self.config.follower)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget map and goal."""
+        self.status = GoalStatus.IDLE
+        self.reason = ""  # why the last goal was given up
+        self.goal: Goal | None = None
+        self.costmap: Costmap | None = None
+        self.reachable: Reachable | None = None
+        self.inscribed_radius = self.context.robot_radius
+        self._grid: OccupancyGrid | None = None
+        self._obstacles: list[tuple[float, FloatArray]] = []  # (time, points in the map frame)
+        self._planned_at = -math.inf
+        self._begin_leg(Pose2D(0.0, 0.0, 0.0), 0.0)
+
+    @property
+    def is_active(self) -> bool:
+        """Whether the robot is on its way to a goal."""
+        return self.status is GoalStatus.ACTIVE
+
+    def update_map(self, grid: OccupancyGrid, pose: Pose2D, time: float) -> None:
+        """Take over a newly published map.
+
+        Args:
+            grid: The map, however large its unknown part.
+            pose: The robot's estimated pose in the frame of the map.
+            time: Now [s].
+        """
+        self._grid = crop_known(grid, pose)
+        self._rebuild(pose, time)
+        if self.is_active and self.costmap is not None:
+            ahead = self.follower.ahead
+            if len(ahead) and not path_is_free(self.costmap, ahead):
+                self._plan(pose, time)
+
+    def set_inscribed_radius(self, radius: float, pose: Pose2D, time: float) -> None:
+        """Plan as if the robot had another radius [m], e.g. to try doors that the map draws too narrow."""
+        self.inscribed_radius = radius
+        if self._grid is not None:
+            self._rebuild(pose, time)
+
+    def set_goal(self, goal: Goal, pose: Pose2D, time: float) -> None:
+        """Go somewhere. Sets :attr:`status` to ``ABORTED`` at once if no path leads there.
+
+        Args:
+            goal: Where to.
+            pose: The robot's estimated pose.
+            time: Now [s].
+        """
+        fresh = not self.is_active
+        self.goal, self.status, self.reason = goal, GoalStatus.ACTIVE, ""
+        self._arrived = False
+        if fresh:
+            self._begin_leg(pose, time)
+        self._best_remaining, self._progress_at = math.inf, time
+        self._plan(pose, time)
+
+    def cancel(self) -> None:
+        """Drop the goal."""
+        self.goal, self.status = None, GoalStatus.IDLE
+
+    def step(self, pose: Pose2D, ranges: Float32Array, time: float) -> Twist2D:
+        """Velocity for the next control step; updates :attr:`status`.
+
+        Args:
+            pose: The robot's estimated pose in the frame of the map.
+            ranges: Scan, shape (num_beams,) [m]; no return is the largest range or inf.
+            time: Now [s].
+        """
+        if not self.is_active or self.costmap is None:
+            return _STOP
+        command = self._drive(self.costmap, pose, self.follower.points(ranges), time)
+        return command if self.is_active else _STOP
+
+    def _drive(self, costmap: Costmap, pose: Pose2D, obstacles: FloatArray, time: float) -> Twist2D:
+        """Velocity on the way to the goal, if it isn't given up meanwhile."""
+        if self._recovery:
+            command = self._continue_recovery(pose, time)
+            if command is not None:
+                return command
+            self._plan(pose, time)
+        elif self._is_stuck(pose, time):
+            self._begin_recovery(pose, obstacles, time)
+        if self._arrived or self.follower.remaining(pose) < self.config.goal_tolerance:
+            return self._finish(pose)
+        command = self.follower.step(costmap, pose, obstacles)
+        self._mind_deviation(pose, obstacles, time)
+        return command
+
+    def _finish(self, pose: Pose2D) -> Twist2D:
+        """Turn towards what the goal wants looked at, then report success."""
+        self._arrived = True
+        if self.goal is not None and self.goal.look_at is not None:
+            turn = self.follower.turn_towards(pose, *self.goal.look_at)
+            if turn is not None:
+                return turn
+        if self.is_active:
+            self.status = GoalStatus.SUCCEEDED
+        return _STOP
+
+    def _mind_deviation(self, pose: Pose2D, obstacles: FloatArray, time: float) -> None:
+        """Plan anew when the robot is off its path or the scan blocks it."""
+        if time - self._planned_at < self.config.replan_interval:
+            return
+        ahead = self.follower.ahead
+        off = math.hypot(ahead[0, 0] - pose.x, ahead[0, 1] - pose.y) if len(ahead) else 0.0
+        if self.follower.blocked:
+            self._remember(obstacles, pose, time)
+            self._rebuild(pose, time)
+            # A way round what blocks the robot, if there is one; else it waits for it to go away.
+            self._plan(pose, time, keep_old=True)
+        elif off > self.config.deviation:
+            self._plan(pose, time)
+
+    def _plan(self, pose: Pose2D, time: float, keep_old: bool = False) -> None:
+        """Plan a path to the goal; without one, give up (or keep the old path)."""
+        self._planned_at = time
+        if self.costmap is None or self.goal is None:
+            self._abort("no map")
+            return
+        path = plan_path(
+            self.costmap, pose, (self.goal.x, self.goal.y), self.config.plan_tolerance, self.reachable
+        )
+        if path is not None:
+            self.follower.set_path(path.points)
+        elif not keep_old:
+            self._abort("unreachable")
+
+    def _abort(self, reason: str) -> None:
+        self.status, self.reason = GoalStatus.ABORTED, reason
+
+    def _rebuild(self, pose: Pose2D, time: float) -> None:
+        """Costmap from the map, what the scan showed lately, and the robot's own body."""
+        if self._grid is None:
+            return
+        grid = self._grid
+        self._obstacles = [seen for seen in self._obstacles if time - seen[0] < self.config.obstacle_memory]
+        if self._obstacles:
+            grid = mark_obstacles(grid, np.vstack([points for _, points in self._obstacles]))
+        config = replace(
+            self.config.costmap,
+            inscribed_radius=self.inscribed_radius,
+            inflation_radius=max(self.config.costmap.inflation_radius, self.inscribed_radius),
+        )
+        self.costmap = make_costmap(free_body(grid, pose, self.context.robot_radius), config)
+        self.reachable = reachable_space(self.costmap, pose)
+
+    def _remember(self, obstacles: FloatArray, pose: Pose2D, time: float) -> None:
+        """Keep what the scan shows within 1.5 m for the costmap."""
+        near = obstacles[(obstacles**2).sum(axis=1) < 1.5**2]
+        if len(near):
+            self._obstacles.append((time, transform_points(pose, near)))
+
+    # Recovery: wait for none, plan round what the scan shows, back up, turn; then give up.
+
+    def _begin_leg(self, pose: Pose2D, time: float) -> None:
+        """Start to watch the robot's progress."""
+        self._arrived = False
+        self._recovery = ""  # the recovery in progress
+        self._recoveries = 0  # recoveries since the last progress
+        self._anchor, self._anchor_at = pose, time
+        self._recovered_from = pose
+        self._best_remaining, self._progress_at = math.inf, time
+
+    def _is_stuck(self, pose: Pose2D, time: float) -> bool:
+        """Whether the robot has stood still, or not come nearer, for too long."""
+        moved = math.hypot(pose.x - self._anchor.x, pose.y - self._anchor.y)
+        turned = abs(wrap_angle(pose.theta - self._anchor.theta))
+        if moved > self.config.stuck_distance or turned > 0.3:
+            self._anchor, self._anchor_at = pose, time
+        remaining = self.follower.remaining(pose)
+        if remaining < self._best_remaining - self.config.stuck_distance:
+            self._best_remaining, self._progress_at = remaining, time
+            if math.hypot(pose.x - self._recovered_from.x, pose.y - self._recovered_from.y) > 0.5:
+                self._recoveries, self._recovered_from = 0, pose
+        still = time - self._anchor_at > self.config.stuck_time
+        return still or time - self._progress_at > self.config.progress_time
+
+    def _begin_recovery(self, pose: Pose2D, obstacles: FloatArray, time: float) -> None:
+        """Start the next recovery, or give the goal up after the last one."""
+        if self._recoveries == 0:
+            self._recovered_from = pose
+        self._recoveries += 1
+        self._anchor, self._anchor_at, self._progress_at = pose, time, time
+        self._best_remaining = math.inf
+        self._recovery_begin, self._recovery_at = pose, time
+        self._remember(obstacles, pose, time)
+        self._rebuild(pose, time)
+        if self._recoveries > 3:
+            self._abort("stuck")
+        elif self._recoveries == 2:
+            self._recovery = "turn"
+        else:
+            self._recovery = "back up"
+
+    def _continue_recovery(self, pose: Pose2D, time: float) -> Twist2D | None:
+        """Velocity of the recovery in progress; None when it is over."""
+        begin, elapsed = self._recovery_begin, time - self._recovery_at
+        self._anchor, self._anchor_at = pose, time
+        if self._recovery == "back up" and elapsed < 2.0 * self.config.back_up / self.config.back_up_speed:
+            gone = math.hypot(pose.x - begin.x, pose.y - begin.y)
+            if gone < self.config.back_up and self._is_free_behind(pose):
+                return Twist2D(-self.config.back_up_speed, 0.0)
+        elif self._recovery == "turn" and elapsed < 4.0:
+            turned = abs(wrap_angle(pose.theta - begin.theta))
+            if turned < 0.5 * math.pi:
+                return Twist2D(0.0, min(self.config.follower.turn_rate, self.context.max_angular))
+        self._recovery = ""
+        return None
+
+    def _is_free_behind(self, pose: Pose2D) -> bool:
+        """Whether the map shows nothing just behind the robot, which a scanner that looks ahead can't see."""
+        if self.costmap is None:
+            return False
+        reach = self.context.robot_radius + 0.05
+        for angle in (-0.5, 0.0, 0.5):
+            heading = pose.theta + math.pi + angle
+            x, y = pose.x + reach * math.cos(heading), pose.y + reach * math.sin(heading)
+            if self.costmap.cost_at(x, y) == LETHAL_COST:
+                return False
+        return True
