@@ -1,0 +1,241 @@
+"""Floor plans as geometry: the free space of a building, its rooms and its doors.
+
+Convention: everything is in the plan's frame (``world``): metres, x right, y up.
+"""
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import shapely
+from shapely import Polygon
+from shapely.geometry.base import BaseGeometry
+
+from slamgym.cad.raster import fill_segments, map_values
+from slamgym.errors import PlanError
+from slamgym.types import OCCUPIED, FloatArray, GridFrame, OccupancyGrid
+
+MIN_REACHED_SHARE = 0.8
+"""The robot must be able to drive over this share of the floor, its own width counted."""
+MIN_ROOM_SHARE = 0.25
+"""A room of which the robot can drive over less than this share counts as one that it can't enter.
+
+Half would be too strict: the rooms of HouseExpo are overlapping boxes, often larger than the room itself.
+"""
+MIN_ROOM_AREA = 1.0
+"""Wardrobes and shafts smaller than this [m2] may stay closed to the robot."""
+
+
+@dataclass(frozen=True)
+class Room:
+    """A room by its use and its extent, which may overlap other rooms and walls (HouseExpo gives boxes)."""
+
+    category: str  # as HouseExpo names them: "Bedroom", "Living_Room", ...
+    polygon: Polygon  # [m]
+
+    @property
+    def area(self) -> float:
+        """Area of the declared extent [m2]."""
+        return float(self.polygon.area)
+
+
+@dataclass(frozen=True)
+class Door:
+    """An opening in a wall: the segment across its middle, from jamb to jamb."""
+
+    start: tuple[float, float]  # [m]
+    end: tuple[float, float]  # [m]
+
+    @property
+    def width(self) -> float:
+        """Clear width [m]."""
+        return math.hypot(self.end[0] - self.start[0], self.end[1] - self.start[1])
+
+
+@dataclass(frozen=True)
+class FloorPlan:
+    """A building floor: where a robot may be, what the rooms are called, where the doors are.
+
+    Attributes:
+        id: Name of the plan, unique within its source.
+        free_space: The floor between the walls; its holes are pillars, islands and cores.
+        rooms: Rooms where known.
+        doors: Doors and wider openings where known.
+        source: The file it came from, or the generator with its seed; errors name it.
+    """
+
+    id: str
+    free_space: Polygon
+    rooms: tuple[Room, ...] = ()
+    doors: tuple[Door, ...] = ()
+    source: str = ""
+
+    @property
+    def bounds(self) -> tuple[float, float, float, float]:
+        """(min x, min y, max x, max y) of the free space [m]."""
+        min_x, min_y, max_x, max_y = self.free_space.bounds
+        return min_x, min_y, max_x, max_y
+
+    @property
+    def area(self) -> float:
+        """Area of the free space [m2]."""
+        return float(self.free_space.area)
+
+    @property
+    def num_vertices(self) -> int:
+        """Corners of the outline and of the holes."""
+        return len(self.segments())
+
+    @property
+    def where(self) -> str:
+        """What an error about this plan names: its file, else its id."""
+        return self.source or self.id
+
+    @cached_property
+    def _segments(self) -> FloatArray:
+        segments = ring_segments([self.free_space.exterior, *self.free_space.interiors])
+        segments.flags.writeable = False
+        return segments
+
+    def segments(self) -> FloatArray:
+        """The faces of all walls, outline first, then the holes.
+
+        Returns:
+            Shape (S, 4): x0, y0, x1, y1 [m]; read-only, the same array at every call.
+        """
+        return self._segments
+
+    def raster(
+        self,
+        resolution: float,
+        frame: GridFrame | None = None,
+        offset: tuple[float, float] = (0.0, 0.0),
+        *,
+        outside: int = OCCUPIED,
+        wall_thickness: float = 0.2,
+    ) -> OccupancyGrid:
+        """Draw the plan as an occupancy grid: the CAD map.
+
+        A cell is free (254) if its centre lies in the free space. All else is a wall (0) or, farther than
+        ``wall_thickness`` from any free cell, ``outside``: 0 gives the solid walls of a CAD image, 205 marks
+        what no robot can ever see as unknown.
+
+        Convention: ``offset`` is subtracted from world coordinates before drawing, so the start position as
+        offset gives a grid in the map frame. ``frame`` is the frame of the result; by default the smallest
+        one that covers the plan with a margin of ``wall_thickness``.
+
+        Args:
+            resolution: Cell size [m]; must agree with ``frame``.
+            frame: Where the cells lie.
+            offset: (x, y) [m] of the result's origin in the world.
+            outside: Value of cells far from the free space.
+            wall_thickness: How far outside the free space a cell still counts as wall [m].
+        """
+        if not resolution > 0.0:
+            raise ValueError(f"resolution must be above 0 m per cell, not {resolution}")
+        segments = self.segments() - np.array([*offset, *offset])
+        if frame is None:
+            min_x, min_y, max_x, max_y = self.bounds
+            moved = (min_x - offset[0], min_y - offset[1], max_x - offset[0], max_y - offset[1])
+            frame = GridFrame.covering(moved, resolution, margin=wall_thickness)
+        elif not math.isclose(frame.resolution, resolution):
+            raise ValueError(f"resolution is {resolution} but the frame's is {frame.resolution}")
+        inside = fill_segments(segments, frame)
+        return OccupancyGrid(map_values(inside, resolution, outside, wall_thickness), frame)
+
+
+def ring_segments(rings: Iterable[BaseGeometry]) -> FloatArray:
+    """The edges of closed rings as one array, shape (S, 4) x0, y0, x1, y1 [m]; edges of no length are left out."""
+    edges = []
+    for ring in rings:
+        points = shapely.get_coordinates(ring)
+        edges.append(np.hstack([points[:-1], points[1:]]))
+    segments = np.ascontiguousarray(np.vstack(edges)) if edges else np.empty((0, 4))
+    long_enough = (segments[:, :2] != segments[:, 2:]).any(axis=1)
+    return np.ascontiguousarray(segments[long_enough], dtype=np.float64)
+
+
+def robot_space(plan: FloorPlan, robot_radius: float) -> Polygon:
+    """Where the centre of a round robot can be: the largest connected part of the free space shrunk by its radius.
+
+    Args:
+        plan: The plan.
+        robot_radius: [m].
+
+    Returns:
+        A polygon in the world frame, empty if the robot fits nowhere.
+    """
+    # 1 cm staircases, of which curved walls of HouseExpo consist, cost time and change nothing at this scale.
+    outline = plan.free_space.simplify(0.005) if plan.num_vertices > 200 else plan.free_space
+    shrunk = outline.buffer(-robot_radius, quad_segs=4)
+    parts = [part for part in shapely.get_parts(shrunk) if isinstance(part, Polygon)]
+    return max(parts, key=lambda part: float(part.area), default=Polygon())
+
+
+def check_plan(plan: FloorPlan, robot_radius: float = 0.22, max_extent: float = math.inf) -> None:
+    """Refuse a plan that can't be explored.
+
+    Args:
+        plan: The plan.
+        robot_radius: Radius of the robot's circular hull [m]; 0.22 m holds a TurtleBot3 Waffle Pi.
+        max_extent: Longest side that the map has room for [m].
+
+    Raises:
+        PlanError: Naming the plan and the first fault found: coordinates that aren't numbers, an outline that
+            crosses itself, no area, disjoint parts, too large for the map, or rooms that the robot can't enter.
+    """
+    _check_geometry(plan)
+    min_x, min_y, max_x, max_y = plan.bounds
+    extent = max(max_x - min_x, max_y - min_y)
+    if extent > max_extent:
+        raise PlanError(
+            plan.where,
+            f"the plan is {extent:.1f} m long but the map holds {max_extent:.1f} m; use a larger map or leave it out",
+        )
+    _check_reach(plan, robot_radius)
+
+
+def _check_geometry(plan: FloorPlan) -> None:
+    """Refuse free space that isn't one valid polygon with an area."""
+    space = plan.free_space
+    if isinstance(space, shapely.MultiPolygon):
+        raise PlanError(
+            plan.where, f"the free space falls into {len(space.geoms)} disjoint parts; connect them"
+        )
+    if not isinstance(space, Polygon):
+        raise PlanError(plan.where, f"the free space is a {space.geom_type}, not a polygon")
+    if not np.isfinite(shapely.get_coordinates(space)).all():
+        raise PlanError(plan.where, "a coordinate is NaN or infinite; give numbers in metres")
+    if space.is_empty or space.area <= 0.0:
+        raise PlanError(plan.where, "the free space has no area; give an outline that encloses some")
+    if not space.is_valid:
+        reason = shapely.is_valid_reason(space)
+        raise PlanError(plan.where, f"the outline is invalid ({reason}); make it a simple polygon")
+
+
+def _check_reach(plan: FloorPlan, robot_radius: float) -> None:
+    """Refuse a plan of which the robot can't enter the larger part, or whose declared rooms it can't enter."""
+    centre_space = robot_space(plan, robot_radius)
+    if centre_space.is_empty:
+        raise PlanError(plan.where, f"no place is wide enough for a robot of radius {robot_radius:.2f} m")
+    # The floor that the robot's body can cover; corners it can't reach are a matter of centimetres.
+    reached = centre_space.buffer(robot_radius, quad_segs=4)
+    share = reached.area / plan.area
+    if share < MIN_REACHED_SHARE:
+        raise PlanError(
+            plan.where,
+            f"a robot of radius {robot_radius:.2f} m can enter only {share:.0%} of the floor; widen its openings",
+        )
+    closed = []
+    for room in plan.rooms:
+        floor = room.polygon.intersection(plan.free_space)
+        if floor.area >= MIN_ROOM_AREA and reached.intersection(floor).area < MIN_ROOM_SHARE * floor.area:
+            closed.append(room.category)
+    if closed:
+        names = ", ".join(sorted(set(closed)))
+        raise PlanError(
+            plan.where,
+            f"a robot of radius {robot_radius:.2f} m can't enter {len(closed)} room(s) ({names}); widen their doors",
+        )

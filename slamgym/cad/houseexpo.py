@@ -1,0 +1,254 @@
+"""The HouseExpo file format: one JSON object per plan, metres, y down.
+
+Keys of the data set (Li et al., HouseExpo, IROS 2020): ``id``, ``room_num``, ``bbox`` (``min`` and ``max``
+corner), ``verts`` (one closed outline without its last vertex repeated) and ``room_category`` (category to
+boxes ``[min x, min y, max x, max y]``). Plans written here may carry three keys more, each left out where it
+says nothing new, so that programs for HouseExpo read them too: ``holes`` (a list of rings: pillars, islands,
+cores), ``doors`` (a list of ``[[x, y], [x, y]]`` from jamb to jamb) and ``room_polygons`` (category to rings,
+where a room is more than a box).
+
+Convention: y is down in the file and up in a :class:`FloorPlan`; reader and writer mirror a plan about the
+horizontal middle line of its outline, so its bounding box stays where it is.
+
+About 4 % of HouseExpo's outlines touch or retrace themselves. They are mended where the result is beyond
+doubt; see :func:`mend_outline`.
+"""
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import shapely
+from shapely import Polygon
+
+from slamgym.cad.floorplan import Door, FloorPlan, Room
+from slamgym.errors import PlanError
+from slamgym.interop.atomic import write_text
+from slamgym.types import FloatArray
+
+MAX_COORDINATE = 10_000.0
+"""Coordinates beyond this [m] are taken for another unit than metres."""
+MIN_AREA = 0.01
+"""Less floor than this [m2] is none."""
+MAX_MENDED_SHARE = 0.005
+"""Mending may change the area, and cut off crumbs, by at most this share of it."""
+
+_DECIMALS = 6  # a micrometre: below the files' resolution, above the noise of mirroring
+
+
+def read_houseexpo(path: Path | str) -> FloorPlan:
+    """Read one plan; its id is the name of the file.
+
+    Raises:
+        PlanError: If the file can't be read or isn't a plan; the sentence names the file.
+    """
+    path = Path(path)
+    try:
+        text = path.read_bytes()
+    except OSError as error:
+        raise PlanError(path, f"can't be read ({error.strerror or error})") from error
+    return parse_houseexpo(text, str(path), path.stem)
+
+
+def parse_houseexpo(text: str | bytes, source: str, plan_id: str | None = None) -> FloorPlan:
+    """Read a plan from the content of its file.
+
+    Args:
+        text: The JSON text.
+        source: Where it came from; errors name it.
+        plan_id: Name of the plan; by default the file's own ``id``.
+
+    Raises:
+        PlanError: If it isn't JSON, lacks vertices, has coordinates that aren't numbers, encloses no area or
+            crosses itself.
+    """
+    data = _parse_json(text, source)
+    outline = _points(data["verts"], source, "'verts'", at_least=3)
+    holes = [_points(ring, source, "'holes'", at_least=3) for ring in _list(data, "holes", source)]
+    # Before mirroring, so that errors give places as they stand in the file.
+    space = mend_outline(outline, holes, source)
+    mirror = float(outline[:, 1].min() + outline[:, 1].max())
+    return FloorPlan(
+        id=str(data.get("id", source)) if plan_id is None else plan_id,
+        free_space=_mirrored(space, mirror),
+        rooms=_rooms(data, source, mirror),
+        doors=_doors(data, source, mirror),
+        source=source,
+    )
+
+
+def write_houseexpo(path: Path | str, plan: FloorPlan) -> None:
+    """Write a plan so that :func:`read_houseexpo` gives it back, whole or not at all.
+
+    Raises:
+        InputFileError: If the file can't be written.
+    """
+    write_text(path, format_houseexpo(plan))
+
+
+def format_houseexpo(plan: FloorPlan) -> str:
+    """The text of a plan's file."""
+    min_x, min_y, max_x, max_y = plan.bounds
+    mirror = min_y + max_y
+    data: dict[str, Any] = {
+        "verts": _ring(plan.free_space.exterior, mirror),
+        "id": plan.id,
+        "room_category": {},
+        "room_num": len(plan.rooms),
+        "bbox": {"min": _rounded([min_x, min_y]), "max": _rounded([max_x, max_y])},
+    }
+    for room in plan.rooms:
+        x0, y0, x1, y1 = room.polygon.bounds
+        box = _rounded([x0, mirror - y1, x1, mirror - y0])
+        data["room_category"].setdefault(room.category, []).append(box)
+    if any(not room.polygon.equals(shapely.box(*room.polygon.bounds)) for room in plan.rooms):
+        data["room_polygons"] = {}
+        for room in plan.rooms:
+            ring = _ring(room.polygon.exterior, mirror)
+            data["room_polygons"].setdefault(room.category, []).append(ring)
+    if plan.free_space.interiors:
+        data["holes"] = [_ring(hole, mirror) for hole in plan.free_space.interiors]
+    if plan.doors:
+        data["doors"] = [
+            [_rounded([x, mirror - y]) for x, y in (door.start, door.end)] for door in plan.doors
+        ]
+    return json.dumps(data) + "\n"
+
+
+def mend_outline(outline: FloatArray, holes: list[FloatArray], source: str) -> Polygon:
+    """Make a valid polygon of an outline, if there is only one way to read it.
+
+    An outline that touches or retraces itself encloses one area however it is read. An outline that crosses
+    itself, like a figure of eight or a loop that overlaps itself, encloses different areas by the even-odd
+    rule and by the sum of its signed parts; it is refused. Crumbs and dangling spikes of up to 0.5 % of the
+    area that mending cuts off are dropped; larger separate parts make the free space disjoint, an error.
+
+    Args:
+        outline: Shape (N, 2) [m].
+        holes: Rings within it, each (M, 2).
+        source: Named in errors.
+
+    Raises:
+        PlanError: If the area is none, ambiguous or disjoint.
+    """
+    polygon = Polygon(outline, holes)
+    if polygon.is_valid and polygon.area >= MIN_AREA:
+        return polygon
+    x, y = outline.T
+    signed_area = abs(float(np.dot(x, np.roll(y, -1)) - np.dot(np.roll(x, -1), y))) / 2.0
+    mended = shapely.make_valid(polygon)
+    parts = [part for part in _polygons(mended) if part.area > 0.0]
+    area = sum(part.area for part in parts)
+    if area < MIN_AREA:
+        raise PlanError(source, "the outline encloses no area; give at least a closed room in metres")
+    if holes or abs(area - signed_area) > MAX_MENDED_SHARE * area:
+        reason = shapely.is_valid_reason(polygon)
+        raise PlanError(source, f"the outline crosses itself ({reason}); make it a simple polygon")
+    largest = max(parts, key=lambda part: float(part.area))
+    if area - largest.area > MAX_MENDED_SHARE * area:
+        raise PlanError(
+            source,
+            f"the free space falls into {len(parts)} disjoint parts, the largest {largest.area:.1f} of "
+            f"{area:.1f} m2; connect them",
+        )
+    return largest
+
+
+def _polygons(geometry: Any) -> list[Polygon]:
+    """All polygons in a geometry, however nested its collections are."""
+    if isinstance(geometry, Polygon):
+        return [geometry]
+    return [polygon for part in getattr(geometry, "geoms", ()) for polygon in _polygons(part)]
+
+
+def _parse_json(text: str | bytes, source: str) -> Mapping[str, Any]:
+    try:
+        data = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise PlanError(source, f"is not valid JSON ({error})") from None
+    if not isinstance(data, dict) or "verts" not in data:
+        raise PlanError(source, "has no 'verts'; a HouseExpo plan is an object with id, verts, room_category")
+    return data
+
+
+def _list(data: Mapping[str, Any], key: str, source: str) -> list[Any]:
+    value = data.get(key, [])
+    if not isinstance(value, list):
+        raise PlanError(source, f"'{key}' is not a list")
+    return value
+
+
+def _points(value: Any, source: str, what: str, at_least: int) -> FloatArray:
+    """A list of x, y pairs as an array, shape (N, 2)."""
+    try:
+        points = np.asarray(value if len(value) else np.empty((0, 2)))
+    except (TypeError, ValueError):
+        raise PlanError(source, f"{what} is not a list of [x, y] pairs of numbers") from None
+    if points.ndim != 2 or points.shape[1] != 2 or points.dtype.kind not in "iuf":
+        raise PlanError(source, f"{what} is not a list of [x, y] pairs of numbers")
+    if len(points) < at_least:
+        raise PlanError(source, f"{what} has {len(points)} vertices; an outline needs at least {at_least}")
+    return _checked(points.astype(np.float64), source, what)
+
+
+def _checked(numbers: FloatArray, source: str, what: str) -> FloatArray:
+    if not np.isfinite(numbers).all():
+        raise PlanError(source, f"{what} has a coordinate that is NaN or infinite; give numbers in metres")
+    if np.abs(numbers).max(initial=0.0) > MAX_COORDINATE:
+        raise PlanError(source, f"{what} has a coordinate beyond {MAX_COORDINATE:.0f} m; give metres")
+    return numbers
+
+
+def _rooms(data: Mapping[str, Any], source: str, mirror: float) -> tuple[Room, ...]:
+    """Rooms from polygons where there are any, else from boxes; those without area are left out."""
+    key = "room_polygons" if "room_polygons" in data else "room_category"
+    categories = data.get(key, {})
+    if not isinstance(categories, dict):
+        raise PlanError(source, f"'{key}' is not an object from category to rooms")
+    rooms = []
+    for category, entries in categories.items():
+        for entry in _list(categories, category, source) if entries else []:
+            if key == "room_polygons":
+                polygon = Polygon(_points(entry, source, f"'{key}'", at_least=3))
+            else:
+                polygon = _box(entry, source)
+            if polygon.is_valid and polygon.area > 0.0:
+                rooms.append(Room(category, _mirrored(polygon, mirror)))
+    return tuple(rooms)
+
+
+def _box(entry: Any, source: str) -> Polygon:
+    what = "'room_category'"
+    try:
+        corners = np.asarray(entry)
+    except ValueError:
+        corners = np.empty(0)
+    if corners.shape != (4,) or corners.dtype.kind not in "iuf":
+        raise PlanError(source, f"{what} has a room that is not [min x, min y, max x, max y]")
+    x0, y0, x1, y1 = _checked(corners.astype(np.float64), source, what)
+    return shapely.box(min(x0, x1), min(y0, y1), max(x0, x1), max(y0, y1))
+
+
+def _doors(data: Mapping[str, Any], source: str, mirror: float) -> tuple[Door, ...]:
+    doors = []
+    for entry in _list(data, "doors", source):
+        ends = np.round(_points(entry, source, "'doors'", at_least=2) * [1, -1] + [0, mirror], _DECIMALS)
+        doors.append(Door((float(ends[0, 0]), float(ends[0, 1])), (float(ends[1, 0]), float(ends[1, 1]))))
+    return tuple(doors)
+
+
+def _mirrored(polygon: Polygon, mirror: float) -> Polygon:
+    """Turn y from down to up or back, about the line y = mirror / 2."""
+    return shapely.transform(polygon, lambda points: np.round(points * [1, -1] + [0, mirror], _DECIMALS))
+
+
+def _ring(ring: Any, mirror: float) -> list[list[float]]:
+    points = shapely.get_coordinates(ring)[:-1] * [1.0, -1.0] + [0.0, mirror]
+    rounded: list[list[float]] = np.round(points, _DECIMALS).tolist()
+    return rounded
+
+
+def _rounded(values: list[float]) -> list[float]:
+    return [round(float(value), _DECIMALS) for value in values]
