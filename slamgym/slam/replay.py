@@ -1,0 +1,170 @@
+"""Replaying a recorded log through a mapper."""
+
+import dataclasses
+import json
+import resource
+import sys
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from slamgym.config import from_dict
+from slamgym.errors import ConfigError
+from slamgym.geometry import wrap_angle
+from slamgym.interop.records import Log
+from slamgym.metrics import relative_poses
+from slamgym.slam.config import SlamConfig
+from slamgym.slam.mapper import Mapper, SlamStats, make_mapper
+from slamgym.types import FloatArray, IntArray, LaserGeometry, OccupancyGrid, Pose2D, Trajectory
+
+SHORT_RANGE = 4.0
+"""Scanners up to this range [m] get the TurtleBot3 settings, others those for long ranges."""
+
+
+@dataclass(frozen=True)
+class ReplayResult:
+    """What came out of a log."""
+
+    grid: OccupancyGrid
+    processed: Trajectory
+    """The poses that the mapper estimated, one per processed scan."""
+    trajectory: Trajectory
+    """A pose for every scan: between processed ones, the odometry's motion fitted to both neighbours."""
+    stats: SlamStats
+    wall_seconds: float
+    peak_memory_bytes: int
+    """Of the whole process."""
+    extra: Mapping[str, Any] = field(default_factory=dict)
+    """What else the mapper reports, e.g. its loop closures."""
+
+
+def settings_for(geometry: LaserGeometry, overrides: Mapping[str, Any] | None = None) -> SlamConfig:
+    """Settings that suit a scanner.
+
+    Args:
+        geometry: The log's laser.
+        overrides: Fields of :class:`SlamConfig` that the user chose.
+
+    Raises:
+        ConfigError: If an override has an unknown name or a bad value.
+    """
+    if geometry.range_max <= SHORT_RANGE:
+        # TurtleBot3: usable 3.0 m of 3.5 m, so that a return at the limit isn't mistaken for a wall.
+        base = SlamConfig(max_usable_range=min(3.0, geometry.range_max * 3.0 / 3.5))
+    else:
+        base = SlamConfig.for_long_range(geometry.range_max)
+    values = {item.name: getattr(base, item.name) for item in dataclasses.fields(base)}
+    return from_dict(SlamConfig, {**values, **(overrides or {})}, "slam")
+
+
+def read_overrides(path: Path | str) -> dict[str, Any]:
+    """Read settings from a JSON file with an object of :class:`SlamConfig` fields.
+
+    Raises:
+        ConfigError: If the file can't be read or holds something else.
+    """
+    try:
+        values = json.loads(Path(path).read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise ConfigError(f"{path}: can't be read as JSON settings ({error})") from error
+    if not isinstance(values, dict):
+        raise ConfigError(f'{path}: holds no JSON object of settings, e.g. {{"sigma": 0.05}}')
+    return values
+
+
+def replay(
+    log: Log,
+    config: SlamConfig,
+    rng: np.random.Generator,
+    on_scan: Callable[[int, Mapper, bool], None] | None = None,
+) -> ReplayResult:
+    """Feed a log to a mapper, scan by scan.
+
+    Args:
+        log: The records; at least one.
+        config: Settings of the mapper.
+        rng: Source of all randomness.
+        on_scan: Called after each scan with its index, the mapper, and whether the scan was processed.
+
+    Returns:
+        The map, the trajectories and the counters. The map frame has its origin at the first scan's pose and
+        the axes of the odometry frame.
+    """
+    start = Pose2D(0.0, 0.0, log.records[0].odometry.theta)
+    mapper = make_mapper(config, log.geometry, start, rng)
+    begin = time.perf_counter()
+    processed: list[int] = []
+    for index, record in enumerate(log):
+        is_processed = mapper.update(record.odometry, record.scan)
+        if is_processed:
+            processed.append(index)
+        if on_scan is not None:
+            on_scan(index, mapper, is_processed)
+    path = mapper.trajectory()
+    grid = mapper.occupancy_grid()
+    odometry = np.array([record.odometry for record in log], dtype=np.float64)
+    stamps = np.array([record.stamp for record in log], dtype=np.float64)
+    dense = Trajectory(stamps, poses_between(path.poses, np.array(processed, dtype=np.int64), odometry))
+    report: Callable[[], Mapping[str, Any]] | None = getattr(mapper, "report", None)
+    return ReplayResult(
+        grid=grid,
+        processed=path,
+        trajectory=dense,
+        stats=mapper.stats,
+        wall_seconds=time.perf_counter() - begin,
+        peak_memory_bytes=_peak_memory(),
+        extra=report() if report is not None else {},
+    )
+
+
+def poses_between(poses: FloatArray, indices: IntArray, odometry: FloatArray) -> FloatArray:
+    """Fill in the poses of the scans that were not processed.
+
+    Between two processed scans the robot moved as odometry says, up to a small error, the difference of the two
+    corrections, which is spread linearly over the scans in between.
+
+    Args:
+        poses: Estimates at the processed scans, shape (P, 3).
+        indices: Which scans those are, shape (P,), ascending, the first 0.
+        odometry: Odometry pose at every scan, shape (N, 3).
+
+    Returns:
+        Poses at every scan, shape (N, 3).
+    """
+    every = np.arange(len(odometry))
+    before = np.searchsorted(indices, every, side="right") - 1
+    after = np.minimum(before + 1, len(indices) - 1)
+    from_before = _carried(poses, indices, odometry, every, before)
+    from_after = _carried(poses, indices, odometry, every, after)
+    span = indices[after] - indices[before]
+    share = np.where(span > 0, (every - indices[before]) / np.maximum(span, 1), 0.0)[:, None]
+    difference = from_after - from_before
+    difference[:, 2] = wrap_angle(difference[:, 2])
+    filled: FloatArray = from_before + share * difference
+    filled[:, 2] = wrap_angle(filled[:, 2])
+    return filled
+
+
+def _carried(
+    poses: FloatArray, indices: IntArray, odometry: FloatArray, every: IntArray, anchor: IntArray
+) -> FloatArray:
+    """Every scan's pose by odometry from the processed scan ``anchor``."""
+    motion = relative_poses(odometry[indices[anchor]], odometry[every])
+    base = poses[anchor]
+    cos, sin = np.cos(base[:, 2]), np.sin(base[:, 2])
+    return np.column_stack(
+        [
+            base[:, 0] + cos * motion[:, 0] - sin * motion[:, 1],
+            base[:, 1] + sin * motion[:, 0] + cos * motion[:, 1],
+            wrap_angle(base[:, 2] + motion[:, 2]),
+        ]
+    )
+
+
+def _peak_memory() -> int:
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return int(peak if sys.platform == "darwin" else peak * 1024)
