@@ -14,7 +14,7 @@ import numpy as np
 from agents.explorer import Exploration, Observation
 from slamgym.planning.context import ExplorerContext
 from slamgym.planning.costmap import NO_INFORMATION
-from slamgym.planning.frontiers import Frontier, Point, find_frontiers
+from slamgym.planning.frontiers import Frontier, Point, cut_off_views, find_frontiers
 from slamgym.planning.grid_path import COST_FACTOR, path_costs, place_near
 from slamgym.planning.navigator import Goal, GoalStatus, Navigator, NavigatorConfig
 from slamgym.types import ByteArray, FloatArray, OccupancyGrid, Pose2D, Twist2D
@@ -30,10 +30,10 @@ class ExplorationConfig:
     """A frontier is blacklisted if both coordinates of its centroid are this near to an entry [cells]."""
     bend: float = 0.5
     """A frontier whose centroid is farther than this from its nearest cell is visited at that cell [m]."""
-    last_frontier_size: float = 0.35
+    last_frontier_size: float = 0.6
     """Once nothing larger is left, frontiers down to this size are visited too [m]."""
-    last_radius_share: float = 0.85
-    """Then also doors that a robot of this share of the radius could pass: maps draw walls too thick."""
+    last_radius_shares: tuple[float, ...] = (0.85, 0.6)
+    """Then also doors that a robot of these shares of the radius could pass: maps draw walls too thick."""
     futile_goals: int = 12
     """So many goals in a row that added nothing to the map end the exploration."""
     navigator: NavigatorConfig = field(default_factory=NavigatorConfig)
@@ -82,9 +82,10 @@ class FrontierExploration(Exploration):
         self._progress_from: Point = (math.inf, math.inf)  # the goal that progress is measured to
         self._progress_distance, self._progress_at = math.inf, 0.0
         self._known_cells, self._futile = 0, 0
-        self._is_last_round = False
+        self._last_rounds = 0
+        self._closed_rooms_seen: list[Point] = []
         self._turn_left = 0.0  # what is left of a look around [rad]
-        self._looked_around = False
+        self._has_looked_around = False
         self._last_theta = 0.0
 
     @abstractmethod
@@ -154,8 +155,9 @@ class FrontierExploration(Exploration):
         for candidate in self._rank(candidates) if candidates else []:
             if self._go(candidate, pose, time):
                 return
-        self._target = None
-        self._navigator.cancel()
+        if self._target is not None:
+            self._target = None
+            self._navigator.cancel()
         self._nothing_left(pose, time)
 
     def _candidates(self, pose: Pose2D) -> list[Candidate]:
@@ -163,7 +165,7 @@ class FrontierExploration(Exploration):
         costmap, space = self._navigator.costmap, self._navigator.reachable
         if costmap is None or space is None or self._futile >= self.config.futile_goals:
             return []
-        size = self.config.last_frontier_size if self._is_last_round else self._min_frontier_size
+        size = self.config.last_frontier_size if self._last_rounds else self._min_frontier_size
         frontiers = find_frontiers(costmap, pose, min(size, self._min_frontier_size), reachable=space)
         candidates = []
         for frontier in frontiers:
@@ -241,27 +243,43 @@ class FrontierExploration(Exploration):
     # The end
 
     def _nothing_left(self, pose: Pose2D, time: float) -> None:
-        """Before the end: a last round with gentler rules, and a look around."""
-        if not self._is_last_round and self._looked_around:
-            self._is_last_round = True
-            # What was given up may have become possible: people walk on and maps get better.
-            self._blacklist.clear()
-            self._futile = 0
-            self._navigator.set_inscribed_radius(
-                self.config.last_radius_share * self.context.robot_radius, pose, time
-            )
-            self._tick_at = -math.inf
-        elif not self._looked_around:
-            self._looked_around = True
+        """What is tried before the end: look around, gentler rules, rooms that the map has closed."""
+        if self._navigator.is_active:
+            return  # on the way to a closed room
+        config = self.config
+        self._tick_at = -math.inf
+        self._futile = 0
+        if not self._blacklist and not self._has_looked_around:
+            # Nothing was ever found: the first scans may have shown nothing.
+            self._has_looked_around = True
             self._turn_left, self._last_theta = 2.0 * math.pi, pose.theta
+        elif self._last_rounds < len(config.last_radius_shares):
+            if self._last_rounds == 0:
+                # What was given up may have become possible: people walk on and maps get better.
+                self._blacklist.clear()
+            radius = config.last_radius_shares[self._last_rounds] * self.context.robot_radius
+            self._last_rounds += 1
+            self._navigator.set_inscribed_radius(radius, pose, time)
         else:
-            self.finished = True
+            self.finished = not self._visit_closed_room(pose, time)
+
+    def _visit_closed_room(self, pose: Pose2D, time: float) -> bool:
+        """Go and look at a room that the map cuts off, each once; False if there is none."""
+        costmap, space = self._navigator.costmap, self._navigator.reachable
+        if costmap is None or space is None:
+            return False
+        for place, looked_at in cut_off_views(costmap, space):
+            if all(math.dist(looked_at, seen) > 1.0 for seen in self._closed_rooms_seen):
+                self._closed_rooms_seen.append(looked_at)
+                self._navigator.set_goal(Goal(*place, look_at=looked_at), pose, time)
+                self._tick_at = time
+                return True
+        return False
 
     def _look_around(self, pose: Pose2D) -> Twist2D:
         """Turn once round on the spot."""
         turned = abs(math.remainder(pose.theta - self._last_theta, 2.0 * math.pi))
         self._last_theta = pose.theta
         self._turn_left -= turned
-        self._tick_at = -math.inf
         rate = min(self.config.navigator.follower.turn_rate, self.context.max_angular)
         return Twist2D(0.0, rate)

@@ -16,6 +16,7 @@ from slamgym.planning.costmap import (
 from slamgym.planning.frontiers import (
     Frontier,
     Reachable,
+    cut_off_views,
     expected_gain,
     find_frontiers,
     reachable_space,
@@ -39,6 +40,7 @@ __all__ = [
     "PathFollower",
     "Reachable",
     "crop_known",
+    "cut_off_views",
     "expected_gain",
     "find_frontiers",
     "footprint_radii",

@@ -42,6 +42,11 @@ class CostmapConfig:
     """Obstacles cost something up to this distance [m] (TurtleBot3 navigation default)."""
     cost_scaling: float = 3.0
     """Exponential decay of the cost with the distance beyond the inscribed radius [1/m] (same source)."""
+    coastal_distance: float = math.inf
+    """Cells farther than this from every obstacle cost again [m]: a scanner that sees nothing can't localise
+    the robot (Roy et al., "Coastal navigation", ICRA 1999)."""
+    coastal_cost: int = 100
+    """What they cost, 1 to 252."""
 
     def __post_init__(self) -> None:
         if not self.inscribed_radius > 0.0:
@@ -177,10 +182,12 @@ def _distance_px(cells: ByteArray) -> Float32Array:
 
 @lru_cache(maxsize=16)
 def _cost_table(config: CostmapConfig, resolution: float) -> ByteArray:
-    """Cost by squared distance [cells^2], one entry more than the inflation reaches."""
-    reach = math.floor((config.inflation_radius / resolution) ** 2 + 1e-9)
-    distance = np.sqrt(np.arange(reach + 1)) * resolution
+    """Cost by squared distance [cells^2]; the last entry holds for all that is farther."""
+    coastal = math.isfinite(config.coastal_distance)
+    end = max(config.inflation_radius, config.coastal_distance if coastal else 0.0)
+    distance = np.sqrt(np.arange(math.floor((end / resolution) ** 2 + 1e-9) + 1)) * resolution
     decayed = (INSCRIBED_COST - 1) * np.exp(-config.cost_scaling * (distance - config.inscribed_radius))
+    decayed[distance > config.inflation_radius + 1e-9] = FREE_COST
     table = np.where(distance <= config.inscribed_radius + 1e-9, INSCRIBED_COST, decayed).astype(np.uint8)
     table[0] = LETHAL_COST
-    return np.append(table, np.uint8(FREE_COST))
+    return np.append(table, np.uint8(config.coastal_cost if coastal else FREE_COST))

@@ -57,7 +57,7 @@ def cost_cells(cells: ByteArray, distance_px: Float32Array, table: ByteArray) ->
     Args:
         cells: ROS map values, shape (H, W).
         distance_px: Distance between centres of a cell and the nearest occupied one, shape (H, W) [cells].
-        table: Cost by squared distance [cells^2]; beyond its end the cost is 0.
+        table: Cost by squared distance [cells^2]; the last entry holds for all that is farther.
     """
     height, width = cells.shape
     costs = np.empty((height, width), np.uint8)
@@ -68,7 +68,7 @@ def cost_cells(cells: ByteArray, distance_px: Float32Array, table: ByteArray) ->
                 costs[row, col] = _LETHAL
             elif cells[row, col] == _FREE:
                 squared = distance_px[row, col] * distance_px[row, col] + np.float32(0.5)
-                costs[row, col] = table[int(squared)] if squared < limit else np.uint8(0)
+                costs[row, col] = table[int(squared)] if squared < limit else table[-1]
             else:
                 costs[row, col] = _NO_INFORMATION
     return costs

@@ -10,6 +10,7 @@ import math
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
+import cv2
 import numpy as np
 
 from slamgym.planning.costmap import (
@@ -130,6 +131,44 @@ def wavefront_frontiers(grid: OccupancyGrid, pose: Pose2D, min_size: float = 0.0
         return []
     order, mask = flood(costs, start, FREE_COST + 1, False)
     return _frontiers(costs, grid.frame, pose, order, mask, min_size)
+
+
+def cut_off_views(
+    costmap: Costmap, reachable: Reachable, min_area: float = 1.0, reach: float = 1.5
+) -> list[tuple[Point, Point]]:
+    """Views of free space that the map cuts off from the robot, e.g. by a wall drawn across a doorway.
+
+    Looking again may open it. What rays through walls cleared is too narrow to be taken for a room.
+
+    Args:
+        costmap: The costmap.
+        reachable: The robot's reachable space.
+        min_area: Smaller regions are left out [m2].
+        reach: Regions farther than this from where the robot can be are left out [m].
+
+    Returns:
+        For each region where to stand and what point of it to look at [m], the largest region first.
+    """
+    resolution, frame = costmap.frame.resolution, costmap.frame
+    cut_off = (costmap.costs < LETHAL_COST) & ~reachable.mask.reshape(costmap.costs.shape)
+    opened = cv2.morphologyEx(cut_off.astype(np.uint8), cv2.MORPH_OPEN, np.ones((5, 5), np.uint8))
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(opened, connectivity=4)
+    places = np.column_stack(np.divmod(reachable.order[: reachable.num_centre], frame.width_px))
+    views = []
+    for label in sorted(range(1, count), key=lambda k: -int(stats[k, cv2.CC_STAT_AREA])):
+        if stats[label, cv2.CC_STAT_AREA] * resolution**2 < min_area:
+            break
+        far = np.ones(costmap.costs.shape, np.uint8)
+        far[labels == label] = 0
+        distance = cv2.distanceTransform(far, cv2.DIST_L2, cv2.DIST_MASK_5)[places[:, 0], places[:, 1]]
+        place = places[np.argmin(distance)]
+        if distance.min() * resolution > reach:
+            continue
+        region = np.argwhere(labels == label)
+        looked_at = region[np.argmin(((region - place) ** 2).sum(axis=1))]
+        (x, tx), (y, ty) = frame.to_point([place[0], looked_at[0]], [place[1], looked_at[1]])
+        views.append(((float(x), float(y)), (float(tx), float(ty))))
+    return views
 
 
 def expected_gain(costmap: Costmap, point: Point, range_max: float) -> float:

@@ -72,8 +72,11 @@ class NavigatorConfig:
     """Distance of the backward recovery [m]."""
     back_up_speed: float = 0.1
     """Speed of the backward recovery [m/s]."""
-    costmap: CostmapConfig = field(default_factory=CostmapConfig)
-    """Inflation; its inscribed radius is replaced by the robot's."""
+    costmap: CostmapConfig = field(
+        default_factory=lambda: CostmapConfig(coastal_distance=1.5, coastal_cost=252)
+    )
+    """Inflation; its inscribed radius is replaced by the robot's. Paths keep within sight of walls, which a
+    scanner of short range needs to localise the robot."""
     follower: FollowerConfig = field(default_factory=FollowerConfig)
     """Path following."""
 

@@ -39,6 +39,8 @@ class FollowerConfig:
     """Rate of turn per heading error [1/s]; a turn must not overshoot in one control step."""
     clearance: float = 0.03
     """Kept between the robot's body and what the scanner sees [m]."""
+    squeeze_speed: float = 0.1
+    """Speed in a gap that leaves less than the clearance [m/s]."""
     horizon: float = 1.2
     """How far ahead arcs are checked against the scan [s]."""
 
@@ -125,18 +127,14 @@ class PathFollower:
         slowed = linear * free / config.horizon
         if slowed > 0.25 * context.max_linear:
             return Twist2D(slowed, slowed * curvature)
-        linear, angular, gain = best_arc(
-            near,
-            x,
-            y,
-            context.max_linear,
-            turn_rate,
-            self._keep_apart,
-            config.horizon,
-            context.control_step / 2,
-        )
-        if gain > 0.02:
-            return Twist2D(linear, angular)
+        for speed, apart in (
+            (context.max_linear, self._keep_apart),
+            (config.squeeze_speed, context.robot_radius),
+        ):
+            step = context.control_step / 2
+            linear, angular, gain = best_arc(near, x, y, speed, turn_rate, apart, config.horizon, step)
+            if gain > 0.02:
+                return Twist2D(linear, angular)
         self.blocked = slowed < 0.02
         return Twist2D(slowed, slowed * curvature)
 
