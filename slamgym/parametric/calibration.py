@@ -1,0 +1,112 @@
+"""Coefficients of the two phases from measured straight lines and turns in place.
+
+A run gives the true motion and the believed one. The systematic coefficient of a robot is the slope of its
+error; the random coefficient is the scatter about that slope per square root of the way, as independent
+slips add up. What is written is what :class:`slamgym.parametric.config.TwoPhaseConfig` draws from: the spread
+of the systematic coefficients over robots and the random coefficients.
+"""
+
+import json
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from slamgym.config import suggest
+from slamgym.errors import ConfigError, InputFileError
+from slamgym.interop.atomic import write_text
+from slamgym.parametric.config import TwoPhaseConfig
+from slamgym.types import FloatArray
+
+
+@dataclass(frozen=True)
+class Runs:
+    """Repeated calibration runs of several robots; one row per robot, one column per repetition."""
+
+    way: FloatArray  # (R, N) true length of each straight line [m]
+    way_error: FloatArray  # (R, N) believed minus true length [m]
+    drift: FloatArray  # (R, N) believed minus true heading after the line [rad]
+    turn: FloatArray  # (R, N) true angle of each turn in place, signed [rad]
+    turn_error: FloatArray  # (R, N) believed minus true angle [rad]
+
+
+@dataclass(frozen=True)
+class PhaseCoefficients:
+    """What calibration measures; names and units as in ``TwoPhaseConfig``."""
+
+    k_l: float
+    k_lt: float
+    k_t: float
+    s_l: float
+    s_lt: float
+    s_t: float
+
+
+def fit_phases(runs: Runs) -> PhaseCoefficients:
+    """Fit the coefficients.
+
+    Raises:
+        ConfigError: If there are fewer than two robots or two repetitions.
+    """
+    if min(runs.way.shape) < 2:
+        raise ConfigError("a calibration needs at least 2 robots with 2 repetitions each")
+    k_l, s_l = _slope_and_scatter(runs.way, runs.way_error)
+    k_lt, s_lt = _slope_and_scatter(runs.way, runs.drift)
+    k_t, s_t = _slope_and_scatter(runs.turn, runs.turn_error)
+    return PhaseCoefficients(k_l=k_l, k_lt=k_lt, k_t=k_t, s_l=s_l, s_lt=s_lt, s_t=s_t)
+
+
+def _slope_and_scatter(amount: FloatArray, error: FloatArray) -> tuple[float, float]:
+    """Spread over robots of error / amount, and the random error per square root of the amount.
+
+    With an error k a + s sqrt|a| n the efficient estimate of k is sum(sign(a) e) / sum|a|; its own variance
+    s^2 / sum|a| is taken off the spread.
+    """
+    total = np.abs(amount).sum(axis=1)
+    slope = (np.sign(amount) * error).sum(axis=1) / total  # (R,)
+    residual = (error - slope[:, None] * amount) / np.sqrt(np.abs(amount))
+    random = float((residual**2).sum() / (residual.size - len(slope)))
+    spread = float(np.mean(slope**2) - random * np.mean(1.0 / total))
+    return float(np.sqrt(max(spread, 0.0))), float(np.sqrt(random))
+
+
+def write_calibration(path: Path | str, coefficients: PhaseCoefficients, about: dict[str, object]) -> None:
+    """Write the coefficients as JSON, with what they were measured on.
+
+    Raises:
+        InputFileError: If the file can't be written.
+    """
+    write_text(path, json.dumps({"two_phase": asdict(coefficients), "about": about}, indent=1) + "\n")
+
+
+def read_calibration(path: Path | str, base: TwoPhaseConfig) -> TwoPhaseConfig:
+    """Put measured coefficients in the place of ``base``'s.
+
+    Raises:
+        InputFileError: If the file can't be read or has not the six coefficients.
+    """
+    try:
+        document = json.loads(Path(path).read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
+        raise InputFileError(path, f"can't be read as JSON ({error})") from error
+    values = document.get("two_phase") if isinstance(document, dict) else None
+    names = set(PhaseCoefficients.__dataclass_fields__)
+    if not isinstance(values, dict):
+        raise InputFileError(path, 'has no section "two_phase"; write it with slamgym calibrate-odometry')
+    for name in values:
+        if name not in names:
+            raise InputFileError(path, f"unknown coefficient {name!r}; {suggest(name, names)}")
+    for name in sorted(names):
+        value = values.get(name)
+        if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 <= value < float("inf"):
+            raise InputFileError(path, f"coefficient {name!r} must be a number of 0 or more, not {value!r}")
+    fitted = PhaseCoefficients(**{name: float(values[name]) for name in names})
+    return replace(
+        base,
+        k_l=fitted.k_l,
+        k_lt=fitted.k_lt,
+        k_t=fitted.k_t,
+        s_l=fitted.s_l,
+        s_lt=fitted.s_lt,
+        s_t=fitted.s_t,
+    )

@@ -1,0 +1,327 @@
+"""Settings of the parametric CAD -> SLAM model, with the sources of their default magnitudes.
+
+Every magnitude that no source settles is a named field, so that a reader who has the missing table can put
+the real number in. "OptiOdom" is the public data set of that name (a differential drive robot tracked by
+cameras; MIT licence), from which the odometry magnitudes were computed.
+"""
+
+import dataclasses
+import math
+from dataclasses import dataclass, field
+from typing import Literal
+
+from slamgym.config import suggest
+from slamgym.errors import ConfigError
+
+Method = Literal["two_phase", "ekf", "ekf_schur"]
+PRESET_NAMES = ("faithful", "realistic")
+
+
+@dataclass(frozen=True)
+class MotionConfig:
+    """How the robot drives along its waypoints, and where it takes a scan."""
+
+    profile: Literal["turn_go", "smooth"] = "turn_go"
+    """turn_go: turn in place, then drive straight (what UMBmark and the two phases assume); smooth: a cubic
+    spline through the waypoints, as a clothoid would go."""
+    max_linear: float = 0.26
+    """[m/s] TurtleBot3 Waffle Pi (ROBOTIS e-manual)."""
+    max_angular: float = 1.82
+    """[rad/s] TurtleBot3 Waffle Pi (ROBOTIS e-manual)."""
+    linear_acceleration: float = 2.5
+    """[m/s^2] TurtleBot3 navigation defaults."""
+    angular_acceleration: float = 3.2
+    """[rad/s^2] TurtleBot3 navigation defaults."""
+    scan_spacing: float = 0.15
+    """[m] of driving between two scans that enter the map."""
+    scan_angle: float = 0.2
+    """[rad] of turning between two scans that enter the map; GMapping's angularUpdate on a TurtleBot3."""
+    scan_interval: float = math.inf
+    """[s] between two scans that enter the map at the latest; GMapping's temporalUpdate is 0.5 s on a
+    TurtleBot3."""
+    clearance: float = 0.25
+    """[m] that a planned path keeps from walls: the Waffle Pi's radius of 0.22 m and a margin."""
+
+
+@dataclass(frozen=True)
+class ScannerConfig:
+    """What the LIDAR can see (LDS-01, ROBOTIS xacro)."""
+
+    field_of_view: float = 2.0 * math.pi
+    """[rad] centred on the robot's heading."""
+    range_min: float = 0.12
+    """[m]"""
+    range_max: float = 3.5
+    """[m]"""
+    num_beams: int = 0
+    """Beams per scan; 0 takes as many as let neighbours hit neighbouring cells at full range."""
+    mount_x: float = -0.064
+    """[m] of the scanner ahead of the axle (TurtleBot3 Waffle Pi xacro)."""
+
+
+@dataclass(frozen=True)
+class LidarErrorConfig:
+    """Exteroceptive model: systematic range and bearing errors, noise, and Thrun's beam mixture.
+
+    The systematic coefficients are drawn once per robot from zero-mean normals with these standard
+    deviations: dD = a0 + a1 D, da = b1 a + b2 sin a + b3 cos a + b4 sin 2a + b5 cos 2a + b6 / D (the terms of
+    Mader, Westfeld and Maas 2014). Their table could not be had; the defaults keep within the 0.2 % of range
+    and 0.2 deg that its abstract reports.
+    """
+
+    a0: float = 0.005
+    """[m] constant range error."""
+    a1: float = 0.002
+    """[-] range scale error."""
+    b1: float = 0.0003
+    """[-] bearing scale error."""
+    b2: float = math.radians(0.1)
+    """[rad] sin a."""
+    b3: float = math.radians(0.1)
+    """[rad] cos a."""
+    b4: float = math.radians(0.05)
+    """[rad] sin 2a."""
+    b5: float = math.radians(0.05)
+    """[rad] cos 2a."""
+    b6: float = math.radians(0.01)
+    """[rad m] over D."""
+    sigma_range: float = 0.01
+    """[m] noise of a range; the Gazebo model of the LDS-01."""
+    sigma_bearing: float = math.radians(0.2)
+    """[rad] noise of a bearing."""
+    weight_hit: float = 0.95
+    """[-] share of beams that measure the wall."""
+    weight_short: float = 0.03
+    """[-] share of beams that meet something in front of it."""
+    weight_max: float = 0.01
+    """[-] share of beams without return."""
+    weight_rand: float = 0.01
+    """[-] share of beams with any range."""
+    lambda_short: float = 0.5
+    """[1/m] rate of the short beams' exponential."""
+    mode: Literal["trajectory", "random"] = "trajectory"
+    """trajectory: range and bearing of a wall cell come from the pose that saw it best; random: drawn per
+    cell and median filtered, as the paper prints it."""
+    mixture: Literal["categorical", "weighted_sum"] = "categorical"
+    """categorical: each beam is one of hit, short, max, rand; weighted_sum: the paper's sum of the four
+    displacements, which shifts every wall by decimetres and is kept for comparison only."""
+    median_px: int = 5
+    """[px] window of the median filter over the hits; 0 leaves it out."""
+
+
+@dataclass(frozen=True)
+class OdometryErrorConfig:
+    """Proprioceptive model: the wheel errors of UMBmark, drawn once per robot (standard deviations)."""
+
+    wheel_base: float = 0.287
+    """[m] TurtleBot3 Waffle Pi."""
+    wheel_diameter: float = 0.066
+    """[m] TurtleBot3 Waffle Pi."""
+    alpha_eb_deg: float = 1.0
+    """[deg] error of a quarter turn through the wheel base; rms 0.98 over 8 OptiOdom sets."""
+    kappa_deg: float = 0.23
+    """[deg/m] curvature of a straight line through unequal wheels; rms 0.23 over the same sets."""
+    scale: float = 0.002
+    """[-] error of the mean wheel diameter."""
+
+
+@dataclass(frozen=True)
+class TwoPhaseConfig:
+    """Empirical method after Souza et al. 2008: errors of straight lines and of turns in place.
+
+    k: systematic, drawn once per robot; s: random, per square root of the way. Defaults: OptiOdom.
+    ``slamgym.parametric.calibration`` measures them on the simulated robot instead.
+    """
+
+    k_l: float = 0.003
+    """[-] distance error per metre driven."""
+    k_lt: float = 0.006
+    """[rad/m] heading error per metre driven."""
+    k_t: float = 0.010
+    """[-] heading error per radian turned."""
+    s_l: float = 0.0005
+    """[m/sqrt(m)] random distance error."""
+    s_lt: float = 0.004
+    """[rad/sqrt(m)] random heading error of driving."""
+    s_t: float = 0.0035
+    """[rad/sqrt(rad)] random heading error of turning."""
+    observe: Literal["first", "mean", "last"] = "first"
+    """Which pose places a cell that several poses saw; first anchors it like a landmark."""
+    anchoring: float = 0.0
+    """[0-1] share of the pose error against the map drawn so far that one scan removes, as a scan matcher
+    does; 0 is plain odometry, which is what the paper's method places the cells with."""
+    jitter: float = 0.0
+    """[m] white error of a matched position."""
+    jitter_deg: float = 0.0
+    """[deg] white error of a matched heading."""
+
+
+@dataclass(frozen=True)
+class EkfConfig:
+    """EKF-SLAM with wall cells as landmarks and known association.
+
+    With fine measurements EKF-SLAM removes nearly all of the odometry's error; few landmarks per scan with
+    coarse noise leave distortions of the size that real maps show.
+    """
+
+    sigma_range: float = 0.05
+    """[m] noise of a measured range; never below the cell's own r/sqrt(12)."""
+    sigma_bearing_deg: float = 1.0
+    """[deg] noise of a measured bearing."""
+    noise: float = 1.0
+    """[-] noise that the measurements really have, as a share of what the filter assumes."""
+    landmarks_per_scan: int = 10
+    """At most so many landmarks update the filter per scan; 0 takes all."""
+    sigma_distance_floor: float = 0.002
+    """[m] floor of an increment's standard deviation (its systematic part is the paper's)."""
+    sigma_lateral: float = 0.0005
+    """[m] sideways slip per increment; small, it only keeps the increments' covariance regular."""
+    sigma_heading_floor_deg: float = 0.1
+    """[deg] floor of an increment's heading standard deviation."""
+    max_landmarks: int = 4000
+    """The batched filter's covariance grows with the square of this; more landmarks are refused."""
+    iterations: int = 2
+    """Linearisations of the Schur solution; the first is about the true path."""
+
+
+@dataclass(frozen=True)
+class FailureConfig:
+    """What the paper lists as missing: data association that fails, so that a room jumps or a wall breaks.
+
+    Events come as a Poisson process along the path. During an event nothing corrects the robot's pose.
+    """
+
+    rate: float = 0.0
+    """[1/m] failures per metre driven."""
+    skipped_scans: int = 8
+    """Scans without correction per failure."""
+    jump: float = 0.08
+    """[m] standard deviation of the wrong match's offset, per axis."""
+    jump_deg: float = 2.0
+    """[deg] standard deviation of the wrong match's heading."""
+
+
+@dataclass(frozen=True)
+class RenderConfig:
+    """How the displaced map is drawn."""
+
+    renderer: Literal["warp", "scans"] = "warp"
+    """warp: the CAD map pulled through the displacement field, unknown where nobody looked; scans: every
+    scan drawn at its believed pose by hit and visit counts, as GMapping publishes its map."""
+    smoothing: float = 0.1
+    """[m] Gaussian over the densified field; 2 px of a 256 px map at 0.05 m."""
+    inversions: int = 6
+    """Fixed-point iterations from true to output pixels."""
+    lost_walls: Literal["unknown", "free"] = "unknown"
+    """What stands where a beam lost its wall (renderer warp)."""
+    usable_range: float = 3.0
+    """[m] up to which scans are drawn; GMapping's maxUrange on a TurtleBot3 (renderer scans)."""
+    occupied_threshold: float = 0.25
+    """[-] hits per visit above which a cell is a wall; GMapping's default (renderer scans)."""
+
+
+@dataclass(frozen=True)
+class ParametricConfig:
+    """The whole model."""
+
+    method: Method = "two_phase"
+    """Conversion of odometry errors to map errors: two_phase, ekf (batched) or ekf_schur."""
+    resolution: float = 0.05
+    """[m/px]"""
+    margin: float = 0.5
+    """[m] of unknown round the plan, room for the drift."""
+    severity: float = 1.0
+    """[-] multiplies every magnitude; 0 gives the CAD map back where the robot looked."""
+    motion: MotionConfig = field(default_factory=MotionConfig)
+    scanner: ScannerConfig = field(default_factory=ScannerConfig)
+    lidar: LidarErrorConfig = field(default_factory=LidarErrorConfig)
+    odometry: OdometryErrorConfig = field(default_factory=OdometryErrorConfig)
+    two_phase: TwoPhaseConfig = field(default_factory=TwoPhaseConfig)
+    ekf: EkfConfig = field(default_factory=EkfConfig)
+    failures: FailureConfig = field(default_factory=FailureConfig)
+    render: RenderConfig = field(default_factory=RenderConfig)
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.severity) and self.severity >= 0.0):
+            raise ConfigError(f"severity must be 0 or more, not {self.severity:g}")
+        if not (math.isfinite(self.resolution) and self.resolution > 0.0):
+            raise ConfigError(f"resolution must be more than 0 m per pixel, not {self.resolution:g}")
+        if self.method not in ("two_phase", "ekf", "ekf_schur"):
+            known = suggest(self.method, ("two_phase", "ekf", "ekf_schur"))
+            raise ConfigError(f"unknown method {self.method!r}; {known}")
+        weights = (
+            self.lidar.weight_hit,
+            self.lidar.weight_short,
+            self.lidar.weight_max,
+            self.lidar.weight_rand,
+        )
+        if min(weights) < 0.0 or not math.isclose(sum(weights), 1.0, abs_tol=1e-6):
+            raise ConfigError(f"the four beam weights must be 0 or more and sum to 1, not {weights}")
+
+
+def preset(name: str) -> ParametricConfig:
+    """The settings of a named preset.
+
+    Args:
+        name: ``faithful``: the paper's model with its misprints corrected; ``realistic``: scans drawn one by
+            one at poses that a scan matcher keeps near the map, with failures of data association; its
+            magnitudes were tuned against simulated SLAM maps (docs/parametric.md).
+
+    Raises:
+        ConfigError: If the name is unknown.
+    """
+    if name == "faithful":
+        return ParametricConfig()
+    if name == "realistic":
+        return _REALISTIC
+    raise ConfigError(f"unknown preset {name!r}; {suggest(name, PRESET_NAMES)}")
+
+
+_REALISTIC = ParametricConfig(
+    motion=MotionConfig(scan_interval=0.5),
+    scanner=ScannerConfig(field_of_view=math.pi, num_beams=180),
+    lidar=LidarErrorConfig(),
+    two_phase=TwoPhaseConfig(anchoring=0.5, jitter=0.01, jitter_deg=0.3),
+    failures=FailureConfig(rate=0.01),
+    render=RenderConfig(renderer="scans"),
+)
+
+
+def scaled(config: ParametricConfig) -> ParametricConfig:
+    """The same settings with the severity multiplied into every magnitude, and severity 1.
+
+    Shares of stray beams grow with the severity until none hits; variances, not means, of the draws scale.
+    """
+    s = config.severity
+    lidar, odometry, phases, failures = config.lidar, config.odometry, config.two_phase, config.failures
+    stray = lidar.weight_short + lidar.weight_max + lidar.weight_rand
+    factor = min(s, 1.0 / stray) if stray > 0.0 else 0.0
+    short, long, rand = (w * factor for w in (lidar.weight_short, lidar.weight_max, lidar.weight_rand))
+    names = ("a0", "a1", "b1", "b2", "b3", "b4", "b5", "b6", "sigma_range", "sigma_bearing")
+    return dataclasses.replace(
+        config,
+        severity=1.0,
+        lidar=dataclasses.replace(
+            lidar,
+            weight_hit=1.0 - short - long - rand,
+            weight_short=short,
+            weight_max=long,
+            weight_rand=rand,
+            **{name: s * getattr(lidar, name) for name in names},
+        ),
+        odometry=dataclasses.replace(
+            odometry,
+            alpha_eb_deg=s * odometry.alpha_eb_deg,
+            kappa_deg=s * odometry.kappa_deg,
+            scale=s * odometry.scale,
+        ),
+        two_phase=dataclasses.replace(
+            phases,
+            **{
+                name: s * getattr(phases, name)
+                for name in ("k_l", "k_lt", "k_t", "s_l", "s_lt", "s_t", "jitter", "jitter_deg")
+            },
+        ),
+        ekf=dataclasses.replace(config.ekf, noise=s * config.ekf.noise),
+        failures=dataclasses.replace(failures, rate=s * failures.rate),
+    )

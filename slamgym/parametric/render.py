@@ -1,0 +1,134 @@
+"""The displaced map as a picture: warped as a whole, or drawn scan by scan."""
+
+import numpy as np
+
+from slamgym.parametric.config import LidarErrorConfig, RenderConfig, ScannerConfig
+from slamgym.parametric.lidar_error import (
+    HIT,
+    MAX,
+    NO_BEAM,
+    RAND,
+    SHORT,
+    LidarErrors,
+    WallBeams,
+    draw_components,
+    measure,
+    short_ranges,
+)
+from slamgym.parametric.scan_kernel import draw_scans
+from slamgym.parametric.visibility import Visibility, poses_in_cells, sensor_poses
+from slamgym.parametric.warp import warp
+from slamgym.sensors.raycast import cast_rays
+from slamgym.types import FREE, OCCUPIED, UNKNOWN, BoolArray, ByteArray, Float32Array, FloatArray, GridFrame
+
+
+def warped_map(
+    occupied: BoolArray,
+    visibility: Visibility,
+    beams: WallBeams,
+    inverse: Float32Array,
+    config: RenderConfig,
+) -> ByteArray:
+    """Pull what was seen of the CAD map through the displacement field.
+
+    Convention: ``occupied`` lies on true cells, the result on output cells, ``inverse`` ties them as
+    :mod:`slamgym.parametric.warp` says.
+
+    Returns:
+        (H, W) 0 occupied, 205 unknown, 254 free.
+    """
+    seen = visibility.seen
+    true = np.full(occupied.shape, UNKNOWN, dtype=np.uint8)
+    true[seen & ~occupied] = FREE
+    true[seen & occupied] = OCCUPIED
+    lost = (beams.component != NO_BEAM) & (beams.component != HIT)
+    true[lost] = UNKNOWN if config.lost_walls == "unknown" else FREE
+    rows, cols = visibility.frame.to_cell(beams.stray_points[:, 0], beams.stray_points[:, 1])
+    true[rows, cols] = OCCUPIED
+    return warp(true, inverse, visibility.frame.resolution, UNKNOWN)
+
+
+def true_ranges(
+    poses: FloatArray, segments: FloatArray, angles: FloatArray, scanner: ScannerConfig
+) -> FloatArray:
+    """Exact ranges (T, B) [m] from the poses of the base; ``inf`` where nothing is in reach."""
+    sensors = sensor_poses(poses, scanner.mount_x)
+    walls = segments.view()
+    walls.flags.writeable = False  # always the read-only type, so that the kernel is compiled once
+    ranges = np.empty((len(poses), len(angles)))
+    for k, (x, y, theta) in enumerate(sensors.tolist()):
+        cast_rays(
+            x, y, theta, angles[0], angles[1] - angles[0], len(angles), walls, scanner.range_max, ranges[k]
+        )
+    return ranges
+
+
+def measured_scans(
+    ranges: FloatArray,
+    angles: FloatArray,
+    errors: LidarErrors,
+    config: LidarErrorConfig,
+    scanner: ScannerConfig,
+    rng: np.random.Generator,
+) -> tuple[FloatArray, FloatArray]:
+    """Every beam of every scan with its component of the mixture.
+
+    Args:
+        ranges: (T, B) true ranges [m], ``inf`` for none.
+        angles: (B,) true bearings [rad].
+        errors: Systematic errors.
+        config: Noise and mixture.
+        scanner: Limits of the range.
+        rng: Source of randomness.
+
+    Returns:
+        Measured ranges (T, B) [m], ``inf`` for none, and measured bearings (T, B) [rad].
+    """
+    reach = np.minimum(ranges, scanner.range_max)
+    measured, bearings = measure(reach, np.broadcast_to(angles, ranges.shape), errors, config, rng)
+    measured[np.isinf(ranges)] = np.inf
+    component = draw_components(ranges.shape, config, rng)
+    short = component == SHORT
+    measured[short] = short_ranges(reach[short], config.lambda_short, rng)
+    measured[component == MAX] = np.inf
+    stray = component == RAND
+    measured[stray] = rng.uniform(0.0, scanner.range_max, int(stray.sum()))
+    measured[measured > scanner.range_max] = np.inf
+    return measured, bearings
+
+
+def drawn_map(
+    believed_poses: FloatArray,
+    ranges: FloatArray,
+    bearings: FloatArray,
+    frame: GridFrame,
+    scanner: ScannerConfig,
+    config: RenderConfig,
+) -> ByteArray:
+    """Draw each scan at its believed pose and read the map from the counts of hits and visits.
+
+    Args:
+        believed_poses: (T, 3) of the base, in the frame that ``frame`` places.
+        ranges: (T, B) measured [m].
+        bearings: (T, B) measured [rad].
+        frame: The grid.
+        scanner: Limits of the range.
+        config: Usable range and threshold.
+
+    Returns:
+        (H, W) 0 occupied, 205 unknown, 254 free.
+    """
+    hits, visits = np.zeros(frame.shape, dtype=np.int32), np.zeros(frame.shape, dtype=np.int32)
+    r = frame.resolution
+    draw_scans(
+        poses_in_cells(sensor_poses(believed_poses, scanner.mount_x), frame),
+        ranges / r,
+        bearings,
+        scanner.range_min / r,
+        scanner.range_max / r,
+        config.usable_range / r,
+        hits,
+        visits,
+    )
+    cells = np.where(hits > config.occupied_threshold * visits, OCCUPIED, FREE)
+    return np.where(visits > 0, cells, UNKNOWN).astype(np.uint8)

@@ -1,0 +1,177 @@
+"""Two-phase empirical method: odometry errors of straight lines and turns, carried over to the map.
+
+After Souza, Santana, Britto, Goncalves and Medeiros, *Representation of Odometry Errors on Occupancy Grids*
+(ICINCO 2008). The robot's believed path is integrated from increments with empirical errors; each cell is
+placed as the scan that saw it would have placed it.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from slamgym.geometry import wrap_angle
+from slamgym.parametric.anchor_kernel import anchor_poses
+from slamgym.parametric.config import TwoPhaseConfig
+from slamgym.parametric.odometry_error import Increments, integrate
+from slamgym.parametric.visibility import Visibility
+from slamgym.types import Float32Array, FloatArray, GridFrame
+
+
+@dataclass(frozen=True)
+class PhaseErrors:
+    """Systematic coefficients of one robot, drawn once."""
+
+    k_l: float = 0.0  # [-]
+    k_lt: float = 0.0  # [rad/m]
+    k_t: float = 0.0  # [-]
+
+
+def draw_phase_errors(config: TwoPhaseConfig, rng: np.random.Generator) -> PhaseErrors:
+    """Draw one robot."""
+    k_l, k_lt, k_t = rng.standard_normal(3)
+    return PhaseErrors(
+        k_l=config.k_l * float(k_l), k_lt=config.k_lt * float(k_lt), k_t=config.k_t * float(k_t)
+    )
+
+
+def disturb(
+    true: Increments, errors: PhaseErrors, config: TwoPhaseConfig, rng: np.random.Generator
+) -> Increments:
+    """Believed increments: E_lin added to every distance, E_ang to every turn.
+
+    Args:
+        true: The motion.
+        errors: Systematic coefficients.
+        config: Random coefficients.
+        rng: Source of the random part.
+    """
+    noise = rng.standard_normal((2, len(true.turn)))
+    way, angle = np.abs(true.distance), np.abs(true.turn)
+    linear = errors.k_l * true.distance + config.s_l * np.sqrt(way) * noise[0]
+    angular = (
+        errors.k_t * true.turn
+        + errors.k_lt * true.distance
+        + (config.s_t * np.sqrt(angle) + config.s_lt * np.sqrt(way)) * noise[1]
+    )
+    return Increments(true.distance + linear, true.lateral, true.turn + angular)
+
+
+def anchored_path(
+    true_poses: FloatArray, believed: Increments, visibility: Visibility, gain: FloatArray
+) -> FloatArray:
+    """Integrate believed increments, pulled towards the map drawn so far as a scan matcher pulls.
+
+    Args:
+        true_poses: (T, 3).
+        believed: T - 1 motions as odometry believes them.
+        visibility: Who saw what; decides which part of a scan lies on known walls.
+        gain: (T,) share of the error against the map that the scan removes; 0 where it is not matched.
+
+    Returns:
+        Believed poses, shape (T, 3).
+    """
+    if not gain.any():
+        return integrate(true_poses[0], believed)
+    num_cells = visibility.frame.height_px * visibility.frame.width_px
+    points = np.zeros((num_cells, 2))
+    met = np.unique(visibility.hits[visibility.hits >= 0])
+    points[met] = visibility.cell_points(met)
+    poses = np.empty_like(true_poses)
+    anchor_poses(
+        true_poses,
+        np.column_stack([believed.distance, believed.lateral, believed.turn]),
+        visibility.hits,
+        points,
+        gain,
+        np.zeros((num_cells, 2)),
+        np.zeros(num_cells, dtype=np.bool_),
+        poses,
+    )
+    poses[:, 2] = wrap_angle(poses[:, 2])
+    return poses
+
+
+def jittered(poses: FloatArray, config: TwoPhaseConfig, rng: np.random.Generator) -> FloatArray:
+    """Poses (T, 3) with the white error of a scan match on each but the first, which is known."""
+    noise = rng.standard_normal((len(poses), 3)) * (
+        config.jitter,
+        config.jitter,
+        math.radians(config.jitter_deg),
+    )
+    noise[0] = 0.0
+    shaken = poses + noise
+    shaken[:, 2] = wrap_angle(shaken[:, 2])
+    return shaken
+
+
+def rigid_motions(true_poses: FloatArray, believed_poses: FloatArray, centre: FloatArray) -> FloatArray:
+    """How each scan displaces what it draws: p' = that + R(thetahat - theta)(p - t), as four numbers.
+
+    They enter p' linearly, so their mean over several scans gives the mean placement.
+
+    Args:
+        true_poses: (T, 3).
+        believed_poses: (T, 3).
+        centre: (2,) point that the numbers refer to [m]; near the map keeps them small.
+
+    Returns:
+        (T, 4): cos - 1, sin, and the displacement (x, y) of ``centre`` [m].
+    """
+    turn = believed_poses[:, 2] - true_poses[:, 2]
+    cos, sin = np.cos(turn), np.sin(turn)
+    x, y = centre[0] - true_poses[:, 0], centre[1] - true_poses[:, 1]
+    return np.column_stack(
+        [
+            cos - 1.0,
+            sin,
+            believed_poses[:, 0] + cos * x - sin * y - centre[0],
+            believed_poses[:, 1] + sin * x + cos * y - centre[1],
+        ]
+    )
+
+
+def placement_field(
+    true_poses: FloatArray,
+    believed_poses: FloatArray,
+    visibility: Visibility,
+    choice: Literal["first", "mean", "last"] = "first",
+    mean_motion: Float32Array | None = None,
+) -> Float32Array:
+    """The proprioceptive field d_O over every seen cell.
+
+    Convention: world frame, component 0 = x, 1 = y, true minus measured [m]; lies on *true* cells.
+
+    Args:
+        true_poses: (T, 3).
+        believed_poses: (T, 3).
+        visibility: Who saw what.
+        choice: Which scan places a cell.
+        mean_motion: (H, W, 4) mean of :func:`rigid_motions` over the scans that saw the cell, for ``mean``.
+
+    Returns:
+        (2, H, W) float32, 0 in cells that no scan saw.
+    """
+    frame, seen = visibility.frame, visibility.seen
+    centre = frame_centre(frame)
+    if choice == "mean":
+        if mean_motion is None:
+            raise ValueError("the mean placement needs mean_motion")
+        motion = mean_motion[seen].astype(np.float64)
+    else:
+        scan = visibility.first if choice == "first" else visibility.last
+        motion = rigid_motions(true_poses, believed_poses, centre)[scan[seen]]
+    rows, cols = np.nonzero(seen)
+    x, y = frame.to_point(rows, cols)
+    x, y = x - centre[0], y - centre[1]
+    field = np.zeros((2, *frame.shape), dtype=np.float32)
+    field[0, seen] = -(motion[:, 0] * x - motion[:, 1] * y + motion[:, 2])
+    field[1, seen] = -(motion[:, 1] * x + motion[:, 0] * y + motion[:, 3])
+    return field
+
+
+def frame_centre(frame: GridFrame) -> FloatArray:
+    """The middle of a grid, shape (2,) [m]."""
+    min_x, min_y, max_x, max_y = frame.bounds
+    return np.array([0.5 * (min_x + max_x), 0.5 * (min_y + max_y)])

@@ -1,0 +1,112 @@
+"""What the robot saw along its path: the part of the map that a SLAM robot can draw at all."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from slamgym.parametric.config import ScannerConfig
+from slamgym.parametric.visibility_kernel import Int32Array, observe_cells
+from slamgym.types import BoolArray, Float32Array, FloatArray, GridFrame
+
+
+@dataclass(frozen=True)
+class Visibility:
+    """A record of who saw what.
+
+    Scans are numbered along the trajectory; cells are flat indices ``row * width + col``.
+    """
+
+    frame: GridFrame
+    sensors: FloatArray  # (T, 3) true poses of the scanner, world frame
+    angles: FloatArray  # (B,) [rad] beam directions in the sensor frame
+    first: Int32Array  # (H, W) int32, first scan that saw the cell, -1 never
+    last: Int32Array  # (H, W) int32, last scan
+    count: Int32Array  # (H, W) int32, number of scans
+    best: Int32Array  # (H, W) int32, nearest scan that saw the wall cell, -1 for no wall or unseen
+    hits: Int32Array  # (T, B) int32, wall cell that the beam met, -1 for none
+
+    @property
+    def seen(self) -> BoolArray:
+        """Cells that some scan saw, shape (H, W)."""
+        return self.first >= 0
+
+    def cell_points(self, cells: Int32Array) -> FloatArray:
+        """Centres (..., 2) [m] of flat cell indices (...,), world frame."""
+        row, col = np.divmod(cells, self.frame.width_px)
+        return np.stack(self.frame.to_point(row, col), axis=-1)
+
+
+def sensor_poses(poses: FloatArray, mount_x: float) -> FloatArray:
+    """Poses (T, 3) of a scanner mounted ``mount_x`` [m] ahead of the base on its centre line."""
+    sensors = poses.copy()
+    sensors[:, 0] += mount_x * np.cos(poses[:, 2])
+    sensors[:, 1] += mount_x * np.sin(poses[:, 2])
+    return sensors
+
+
+def poses_in_cells(poses: FloatArray, frame: GridFrame) -> FloatArray:
+    """Poses (T, 3) [m] as continuous (col, row, heading) of a grid, rows growing downwards."""
+    return np.column_stack(
+        [
+            (poses[:, 0] - frame.origin_x) / frame.resolution,
+            frame.height_px - (poses[:, 1] - frame.origin_y) / frame.resolution,
+            poses[:, 2],
+        ]
+    )
+
+
+def beam_angles(scanner: ScannerConfig, resolution: float) -> FloatArray:
+    """Beam directions in the sensor frame, shape (B,) [rad], symmetric about the heading."""
+    fan = scanner.field_of_view
+    num = scanner.num_beams or math.ceil(fan * scanner.range_max / resolution)
+    if fan >= 2.0 * math.pi - 1e-9:  # a full circle has no two ends
+        return -math.pi + fan / num * np.arange(num)
+    return -0.5 * fan + fan / (num - 1) * np.arange(num)
+
+
+def observe(
+    occupied: BoolArray,
+    frame: GridFrame,
+    poses: FloatArray,
+    scanner: ScannerConfig,
+    values: Float32Array | None = None,
+) -> tuple[Visibility, Float32Array]:
+    """Cast the scans of a trajectory on a raster.
+
+    Convention: ``poses`` are in the frame that ``frame`` places the raster in.
+
+    Args:
+        occupied: (H, W) wall cells.
+        frame: Where the cells lie.
+        poses: (T, 3) poses of the robot's base.
+        scanner: Field of view and reach.
+        values: (T, C) a quantity to sum per cell over the scans that see it.
+
+    Returns:
+        The record, and the sums (H, W, C) float32 (C = 0 without ``values``).
+    """
+    sensors = sensor_poses(poses, scanner.mount_x)
+    angles = beam_angles(scanner, frame.resolution)
+    if values is None:
+        values = np.zeros((len(poses), 0), dtype=np.float32)
+    first, last, best = (np.full(frame.shape, -1, dtype=np.int32) for _ in range(3))
+    count = np.zeros(frame.shape, dtype=np.int32)
+    hits = np.empty((len(poses), len(angles)), dtype=np.int32)
+    sums = np.zeros((*frame.shape, values.shape[1]), dtype=np.float32)
+    observe_cells(
+        np.ascontiguousarray(occupied),
+        poses_in_cells(sensors, frame),
+        angles,
+        scanner.range_min / frame.resolution,
+        scanner.range_max / frame.resolution,
+        np.ascontiguousarray(values, dtype=np.float32),
+        first,
+        last,
+        count,
+        best,
+        hits,
+        sums,
+    )
+    visibility = Visibility(frame, sensors, angles, first, last, count, best, hits)
+    return visibility, sums
