@@ -5,7 +5,10 @@ from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Protocol
 
+import numpy as np
+
 from slamgym.cad.floorplan import FloorPlan
+from slamgym.cad.generator import GeneratorConfig, generate_plan
 from slamgym.cad.houseexpo import parse_houseexpo, read_houseexpo
 from slamgym.config import suggest
 from slamgym.errors import ConfigError, InputFileError, PlanError
@@ -13,10 +16,8 @@ from slamgym.errors import ConfigError, InputFileError, PlanError
 BUNDLED = Path(__file__).parent / "bundled"
 """The plans that come with the package."""
 
-PROCEDURAL_COUNT = 100_000
+PROCEDURAL_COUNT = 10_000
 """Plans that ``procedural`` offers for one seed."""
-
-IMAGE_SUFFIXES = (".png", ".pgm", ".bmp", ".jpg", ".jpeg", ".tif", ".tiff")
 
 
 class PlanSource(Protocol):
@@ -85,6 +86,24 @@ class ArchiveSource:
         return parse_houseexpo(self._texts[plan_id], f"{self._path}:{plan_id}.json", plan_id)
 
 
+class ProceduralSource:
+    """Plans that the generator makes when they are asked for."""
+
+    def __init__(
+        self, seed: int = 0, config: GeneratorConfig | None = None, count: int = PROCEDURAL_COUNT
+    ) -> None:
+        self._config = config or GeneratorConfig()
+        self._indices = {f"procedural_{seed}_{index:05d}": (seed, index) for index in range(count)}
+        self.ids: Sequence[str] = list(self._indices)
+
+    def __len__(self) -> int:
+        return len(self.ids)
+
+    def load(self, plan_id: str) -> FloorPlan:
+        """Make one plan; each has a random stream of its own, so the order doesn't matter."""
+        return generate_plan(np.random.default_rng(self._indices[plan_id]), self._config, plan_id)
+
+
 class Subset:
     """Some plans of another source."""
 
@@ -104,7 +123,8 @@ def open_plans(spec: Path | str, ids_file: Path | str | None = None) -> PlanSour
     """Open a set of floor plans.
 
     Args:
-        spec: ``bundled``; a HouseExpo JSON file, a folder of them, or an archive of them (``.tar.gz``).
+        spec: ``bundled``; ``procedural`` or ``procedural:SEED``, plans that the generator makes on the fly;
+            a HouseExpo JSON file, a folder of them, or an archive of them (``.tar.gz``).
         ids_file: A file with one plan id a line, as HouseExpo's ``map_id_train.txt``: only these plans.
 
     Returns:
@@ -157,17 +177,28 @@ def load_all(source: PlanSource) -> Iterator[FloorPlan | PlanError]:
             yield error
 
 
+def _seed(spec: str) -> int:
+    """The seed in ``procedural:SEED``, 0 if there is none."""
+    _, _, seed = spec.partition(":")
+    if seed and not (seed.isascii() and seed.isdigit()):
+        raise ConfigError(f"the seed in {spec!r} must be a whole number, as in 'procedural:7'")
+    return int(seed or 0)
+
+
 def _open(spec: str, wanted: frozenset[str] | None) -> PlanSource:
     """Choose the reader by what ``spec`` looks like."""
     if spec == "bundled":
         return FileSource(BUNDLED.glob("*.json"))
+    if spec == "procedural" or spec.startswith("procedural:"):
+        return ProceduralSource(_seed(spec))
     path = Path(spec)
     if path.is_dir():
         return FileSource(path.glob("*.json"))
     if not path.exists():
         if path.suffix or "/" in spec:
             raise InputFileError(spec, "there is no such file or folder")
-        raise ConfigError(f"there are no plans called {spec!r}; give a path, or {suggest(spec, ['bundled'])}")
+        names = suggest(spec, ["bundled", "procedural"])
+        raise ConfigError(f"there are no plans called {spec!r}; give a path or a known name: {names}")
     if path.name.endswith((".tar.gz", ".tgz", ".tar")):
         return ArchiveSource(path, wanted)
     if path.suffix == ".json":

@@ -1,0 +1,180 @@
+"""What breaks up plain rooms: pillars, kitchen islands, chimney breasts, shafts, bay windows."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from shapely import Polygon
+
+from slamgym.cad.cells import Box, Cell, snap
+from slamgym.cad.doors import Opening
+
+CLEARANCE = 0.9
+"""Free width kept round pillars and islands, and before doors [m]."""
+_PILLAR_SPACING = (4.5, 6.5)
+_CHIMNEY_ROOMS = {"Living_Room", "Kitchen", "Bedroom", "Bathroom", "Dining_Room", "Hall"}
+_BAY_ROOMS = {"Living_Room", "Bedroom", "Dining_Room", "Kitchen"}
+
+
+@dataclass(frozen=True)
+class Details:
+    """How often details occur."""
+
+    pillars: float = 0.35
+    """Probability that a room of more than 40 m2 has pillars."""
+    islands: float = 0.3
+    """Probability that a kitchen of more than 15 m2 has an island."""
+    chimneys: float = 0.08
+    """Probability that a wall of a room has a chimney breast or a shaft."""
+    bays: float = 0.1
+    """Probability that a room has a bay window, if it has an outer wall."""
+
+
+def free_standing(cells: Sequence[Cell], rng: np.random.Generator, config: Details) -> list[Polygon]:
+    """Pillars and islands: what a robot can drive round."""
+    solids: list[Polygon] = []
+    for cell in cells:
+        box = _inner_box(cell.polygon)
+        if box is None:
+            continue
+        if cell.category == "Kitchen" and box.area > 15.0 and rng.random() < config.islands:
+            solids += _island(box, rng)
+        elif box.area > 40.0 and rng.random() < config.pillars:
+            solids += _pillars(box, rng)
+    return solids
+
+
+def _inner_box(polygon: Polygon) -> Box | None:
+    """The cell as a box, if it is one."""
+    return Box(*polygon.bounds) if len(polygon.exterior.coords) == 5 and not polygon.interiors else None
+
+
+def _island(box: Box, rng: np.random.Generator) -> list[Polygon]:
+    """A kitchen island about the middle of the room, along its longer side."""
+    length, depth = rng.uniform(1.2, 2.2), rng.uniform(0.7, 0.95)
+    width, height = (length, depth) if box.width >= box.height else (depth, length)
+    if min(box.width - width, box.height - height) < 2 * CLEARANCE + 0.3:
+        return []
+    x, y = 0.5 * (box.x0 + box.x1), 0.5 * (box.y0 + box.y1)
+    return [shapely.box(snap(x - width / 2), snap(y - height / 2), snap(x + width / 2), snap(y + height / 2))]
+
+
+def _pillars(box: Box, rng: np.random.Generator) -> list[Polygon]:
+    """Pillars on a regular grid, square or round."""
+    size, round_ = snap(rng.uniform(0.3, 0.55)), rng.random() < 0.3
+    spacing = rng.uniform(*_PILLAR_SPACING)
+    columns, rows = (max(1, round(side / spacing) - 1) for side in (box.width, box.height))
+    xs = np.linspace(box.x0, box.x1, columns + 2)[1:-1]
+    ys = np.linspace(box.y0, box.y1, rows + 2)[1:-1]
+    return [_pillar(snap(x), snap(y), size, bool(round_)) for x in xs for y in ys]
+
+
+def _pillar(x: float, y: float, size: float, is_round: bool) -> Polygon:
+    if not is_round:
+        half = snap(0.5 * size)
+        return shapely.box(snap(x - half), snap(y - half), snap(x + half), snap(y + half))
+    angles = np.linspace(0.0, 2 * math.pi, 12, endpoint=False)
+    return Polygon([(snap(x + 0.5 * size * math.cos(a)), snap(y + 0.5 * size * math.sin(a))) for a in angles])
+
+
+def wall_blocks(
+    cells: Sequence[Cell],
+    openings: Sequence[Opening],
+    thickness: float,
+    rng: np.random.Generator,
+    config: Details,
+) -> list[Polygon]:
+    """Chimney breasts and shafts that stand before a wall, clear of doors and of other walls' openings."""
+    keep_free = shapely.union_all(
+        [opening.box.polygon().buffer(CLEARANCE, join_style="mitre") for opening in openings]
+    )
+    blocks = []
+    for cell in cells:
+        if cell.category not in _CHIMNEY_ROOMS or min(_sides(cell)) < 2.6:
+            continue
+        for wall in _edges(cell.polygon):
+            if rng.random() >= config.chimneys:
+                continue
+            block = _block(wall, thickness, rng)
+            if block is not None and not block.intersects(keep_free):
+                blocks.append(block)
+    return blocks
+
+
+def _sides(cell: Cell) -> tuple[float, float]:
+    box = Box(*cell.polygon.bounds)
+    return box.width, box.height
+
+
+def _edges(polygon: Polygon) -> list[tuple[float, float, float, float]]:
+    """Edges of a cell with the cell on their left."""
+    points = shapely.get_coordinates(shapely.geometry.polygon.orient(polygon).exterior)
+    return [(*a, *b) for a, b in zip(points[:-1].tolist(), points[1:].tolist(), strict=True)]
+
+
+def _block(
+    wall: tuple[float, float, float, float], thickness: float, rng: np.random.Generator
+) -> Polygon | None:
+    """A block at a wall: a shaft in its corner, or a chimney breast along it."""
+    length = math.hypot(wall[2] - wall[0], wall[3] - wall[1])
+    width, depth = snap(rng.uniform(0.4, 1.4)), snap(rng.uniform(0.2, 0.55))
+    if length < width + 1.8:
+        return None
+    corner = rng.random() < 0.5
+    start = 0.0 if corner else snap(rng.uniform(0.7, length - width - 0.7))
+    return _beside_wall(wall, start, width, 0.0, snap(depth + 0.5 * thickness))
+
+
+def _beside_wall(
+    wall: tuple[float, float, float, float], start: float, width: float, near: float, far: float
+) -> Polygon:
+    """A rectangle along a wall, between two distances to its left [m]."""
+    x0, y0, x1, y1 = wall
+    length = math.hypot(x1 - x0, y1 - y0)
+    ux, uy = (x1 - x0) / length, (y1 - y0) / length
+    corners = [(start, near), (start + width, near), (start + width, far), (start, far)]
+    return Polygon([(snap(x0 + a * ux - b * uy), snap(y0 + a * uy + b * ux)) for a, b in corners])
+
+
+def bay_windows(
+    cells: Sequence[Cell], thickness: float, rng: np.random.Generator, config: Details
+) -> list[Polygon]:
+    """Free space that bulges out of outer walls, with oblique sides."""
+    built = shapely.union_all([cell.polygon for cell in cells])
+    bays = []
+    for cell in cells:
+        if cell.category not in _BAY_ROOMS or rng.random() >= config.bays:
+            continue
+        outer = [
+            wall for wall in _edges(cell.polygon) if math.hypot(wall[2] - wall[0], wall[3] - wall[1]) > 3.0
+        ]
+        for wall in outer:
+            bay = _bay(wall, thickness, rng)
+            # Its outer wall must not run into the building either.
+            if (
+                bay.buffer(thickness).intersection(built).area
+                < 1.01 * bay.buffer(thickness).intersection(cell.polygon).area
+            ):
+                bays.append(bay)
+                break
+    return bays
+
+
+def _bay(wall: tuple[float, float, float, float], thickness: float, rng: np.random.Generator) -> Polygon:
+    """A trapezium that leans out of a wall."""
+    x0, y0, x1, y1 = wall
+    length = math.hypot(x1 - x0, y1 - y0)
+    ux, uy = (x1 - x0) / length, (y1 - y0) / length
+    width, depth = rng.uniform(1.6, min(3.0, length - 0.6)), rng.uniform(0.5, 0.9)
+    start, inside, slant = 0.5 * (length - width), 0.5 * thickness, rng.uniform(0.2, 0.9) * depth
+    corners = [
+        (start, inside),
+        (start, 0.0),
+        (start + slant, -depth),
+        (start + width - slant, -depth),
+        (start + width, 0.0),
+        (start + width, inside),
+    ]
+    return Polygon([(snap(x0 + a * ux - b * uy), snap(y0 + a * uy + b * ux)) for a, b in corners])

@@ -1,0 +1,166 @@
+"""Which rooms of a layout are joined, by what kind of opening, and where in the wall it is."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import minimum_spanning_tree
+
+from slamgym.cad.cells import Box, Cell, Wall, shared_walls, snap
+from slamgym.cad.floorplan import Door
+
+_HUBS = {"Living_Room", "Dining_Room", "Hall", "Hallway", "Lobby", "Entryway"}
+_SERVICE = {"Bathroom", "Toilet", "Storage", "Wardrobe", "Garage", "Boiler_room", "Balcony"}
+_OPEN_PLAN = {"Living_Room", "Dining_Room", "Kitchen", "Hall", "Hallway", "Lobby", "Room", "Office", "Gym"}
+
+_CLOSED = {"Bathroom", "Toilet"}
+
+MIN_NIB = 0.06
+"""Wall left beside a door [m], measured from the face of the wall that crosses there."""
+DOOR_WIDTHS = ((0.7, 0.75, 0.8, 0.9, 1.0, 1.05, 1.1, 1.2), (0.08, 0.26, 0.1, 0.14, 0.22, 0.06, 0.06, 0.08))
+"""Clear widths of doors [m] and their shares. HouseExpo's openings peak at 0.7-0.8 and 0.95-1.05 m."""
+WIDE_OPENING = (1.2, 2.4)
+"""Clear width of an opening without a door [m]."""
+
+
+@dataclass(frozen=True)
+class Opening:
+    """A hole in the wall between two cells."""
+
+    box: Box  # as thick as the wall
+    door: Door | None  # None where the whole wall is left out
+    cells: tuple[int, int]
+
+
+@dataclass(frozen=True)
+class _Neighbours:
+    """Two cells that share enough wall for a door."""
+
+    first: int
+    second: int
+    wall: Wall
+    cost: float
+
+
+def join_rooms(
+    cells: Sequence[Cell],
+    thickness: float,
+    rng: np.random.Generator,
+    open_plan: float,
+    loops: float,
+) -> list[Opening] | None:
+    """Join all rooms by a tree of openings, and some by one more so that there are ways round.
+
+    The tree prefers doors to halls and living rooms, then to bedrooms and offices; nobody walks through a bath
+    to get to a kitchen if there is another way.
+
+    Args:
+        cells: The layout.
+        thickness: Of the walls [m].
+        rng: Source of all draws.
+        open_plan: Probability that a wall between two living areas is left out.
+        loops: Probability of an opening that the tree doesn't need, for each pair of neighbours with a hub.
+
+    Returns:
+        The openings, or None if some room has no wall that a door fits into.
+    """
+    pairs = _neighbours(cells, thickness, rng)
+    tree = _tree(len(cells), pairs)
+    if len(tree) < len(cells) - 1:
+        return None
+    openings = []
+    for pair in pairs:
+        hub = cells[pair.first].category in _HUBS or cells[pair.second].category in _HUBS
+        private = {cells[pair.first].category, cells[pair.second].category} & _SERVICE
+        if (pair.first, pair.second) in tree:
+            openings.append(_open(cells, pair, thickness, rng, open_plan))
+        elif hub and not private and rng.random() < loops:
+            openings.append(_open(cells, pair, thickness, rng, 0.0))
+    return openings
+
+
+def _neighbours(cells: Sequence[Cell], thickness: float, rng: np.random.Generator) -> list[_Neighbours]:
+    needed = min(DOOR_WIDTHS[0]) + thickness + 2 * MIN_NIB
+    pairs = []
+    for first, cell in enumerate(cells):
+        for second in range(first + 1, len(cells)):
+            other = cells[second]
+            if not cell.polygon.intersects(other.polygon):
+                continue
+            walls = [wall for wall in shared_walls(cell.polygon, other.polygon) if wall.length >= needed]
+            if walls:
+                # The longest wall is preferred, but not always taken.
+                wall = (
+                    walls[0]
+                    if len(walls) == 1 or rng.random() < 0.6
+                    else walls[int(rng.integers(len(walls)))]
+                )
+                cost = _cost(cell.category, other.category) + float(rng.uniform(0.0, 0.9))
+                pairs.append(_Neighbours(first, second, wall, cost))
+    return pairs
+
+
+def _cost(a: str, b: str) -> float:
+    """How unlikely a door between two kinds of rooms is."""
+    service = (a in _SERVICE) + (b in _SERVICE)
+    hub = (a in _HUBS) + (b in _HUBS)
+    return (
+        2.0
+        + 2.0 * service
+        + (4.0 if service == 2 else 0.0)
+        - (1.5 if hub else 0.0)
+        - (0.3 if hub == 2 else 0.0)
+    )
+
+
+def _tree(count: int, pairs: Sequence[_Neighbours]) -> set[tuple[int, int]]:
+    """The cheapest set of pairs that joins everything."""
+    rows, cols = [pair.first for pair in pairs], [pair.second for pair in pairs]
+    graph = coo_array(([pair.cost for pair in pairs], (rows, cols)), shape=(count, count))
+    tree = minimum_spanning_tree(graph.tocsr()).tocoo()
+    return {(int(row), int(col)) for row, col in zip(tree.row, tree.col, strict=True)}
+
+
+def _open(
+    cells: Sequence[Cell], pair: _Neighbours, thickness: float, rng: np.random.Generator, open_plan: float
+) -> Opening:
+    """Put an opening into a wall: none of the wall left, a wide opening, or a door."""
+    categories = {cells[pair.first].category, cells[pair.second].category}
+    members = (pair.first, pair.second)
+    usable = pair.wall.length - thickness  # between the faces of the walls that cross at its ends
+    start = 0.5 * thickness
+    # Even a bedroom or a garage may have a passage rather than a door.
+    chance = open_plan if categories <= _OPEN_PLAN else 0.4 * open_plan
+    if not categories & _CLOSED and rng.random() < chance:
+        if categories <= _OPEN_PLAN and rng.random() < 0.55:
+            return Opening(pair.wall.opening(start, start + usable, thickness), None, members)
+        width = float(np.clip(rng.uniform(*WIDE_OPENING), 0.7, usable - 2 * MIN_NIB))
+    else:
+        width = float(rng.choice(DOOR_WIDTHS[0], p=DOOR_WIDTHS[1]))
+        if width > usable - 2 * MIN_NIB:
+            width = min(DOOR_WIDTHS[0])
+    at = start + _place(usable, width, rng)
+    box = pair.wall.opening(at, at + width, thickness)
+    return Opening(box, _door(box), members)
+
+
+def _place(usable: float, width: float, rng: np.random.Generator) -> float:
+    """Where a door starts along its wall: mostly close to one end, as doors are."""
+    slack = usable - width
+    near = min(float(rng.uniform(MIN_NIB, 0.25)), 0.5 * slack)
+    choice = rng.random()
+    if choice < 0.4:
+        return near
+    if choice < 0.8:
+        return slack - near
+    return float(rng.uniform(near, slack - near))
+
+
+def _door(box: Box) -> Door:
+    """The middle line of an opening, from jamb to jamb."""
+    if box.width >= box.height:
+        y = snap(0.5 * (box.y0 + box.y1))
+        return Door((box.x0, y), (box.x1, y))
+    x = snap(0.5 * (box.x0 + box.x1))
+    return Door((x, box.y0), (x, box.y1))

@@ -1,0 +1,192 @@
+"""A seeded generator of believable homes and offices.
+
+The layout comes first (:mod:`slamgym.cad.homes`, :mod:`slamgym.cad.offices`): cells that tile the building.
+Then openings join the rooms (:mod:`slamgym.cad.doors`), walls get their thickness, and details such as pillars
+and chimneys break up the rooms (:mod:`slamgym.cad.details`). Sizes follow HouseExpo (``benchmarks/
+plan_statistics.py`` compares them); unlike HouseExpo's single outlines, plans may have ways round: second
+doors, rings of corridor, cores, pillars and islands.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+import shapely
+from shapely import Polygon
+
+from slamgym.cad.cells import GRID, Cell
+from slamgym.cad.details import Details, bay_windows, free_standing, wall_blocks
+from slamgym.cad.doors import Opening, join_rooms
+from slamgym.cad.floorplan import Door, FloorPlan, Room, check_plan
+from slamgym.cad.homes import lay_out_home, rooms_for_area
+from slamgym.cad.offices import lay_out_office
+from slamgym.errors import ConfigError, PlanError
+from slamgym.types import FloatArray
+
+MIN_PASSAGE = 0.6
+"""Every part of a plan can be reached through gaps at least this wide [m]."""
+MARGIN = 0.1
+"""Distance of a plan's bounding box from the axes [m], as in HouseExpo."""
+MAX_ATTEMPTS = 100
+
+Kind = Literal["mixed", "home", "office"]
+
+
+@dataclass(frozen=True)
+class GeneratorConfig:
+    """What kind of plans the generator makes; the defaults resemble HouseExpo, offices apart."""
+
+    kind: Kind = "mixed"
+    """Homes, offices, or both."""
+    office_share: float = 0.15
+    """Share of offices among mixed plans."""
+    home_area: float = 112.0
+    """Median free area of homes [m2]; HouseExpo's."""
+    home_area_sigma: float = 0.74
+    """Spread of the logarithm of a home's area; HouseExpo's 5th and 95th percentiles are 30 and 373 m2."""
+    home_area_range: tuple[float, float] = (20.0, 600.0)
+    """Smallest and largest home [m2]."""
+    office_area: tuple[float, float] = (150.0, 700.0)
+    """Smallest and largest office floor [m2]."""
+    wall_thickness: tuple[float, ...] = (0.1, 0.12, 0.14)
+    """Thickness of interior walls [m], even whole centimetres, drawn for a plan; HouseExpo's are 0.10-0.12 m."""
+    open_plan: float = 0.75
+    """Probability that two living areas are joined by a wide opening or none of the wall is left."""
+    loops: float = 0.08
+    """Probability of a second way between two neighbouring rooms, for each pair with a hall or living room."""
+    details: Details = field(default_factory=Details)
+    """Pillars, islands, chimneys, bay windows."""
+
+    def __post_init__(self) -> None:
+        if self.kind not in ("mixed", "home", "office"):
+            raise ConfigError(f"kind must be 'mixed', 'home' or 'office', not {self.kind!r}")
+        if any(round(100 * thickness) % 2 for thickness in self.wall_thickness):
+            raise ConfigError(f"wall_thickness must be even whole centimetres, not {self.wall_thickness}")
+
+
+def generate_plan(
+    seed: int | np.random.Generator, config: GeneratorConfig | None = None, plan_id: str | None = None
+) -> FloorPlan:
+    """Make a floor plan.
+
+    Every plan is valid and connected: a robot of radius 0.25 m can enter every room.
+
+    Args:
+        seed: The same seed gives the same plan; or a generator to draw from.
+        config: The settings.
+        plan_id: Name of the plan; by default made of its kind and seed.
+    """
+    config = config or GeneratorConfig()
+    rng = seed if isinstance(seed, np.random.Generator) else np.random.default_rng(seed)
+    office = config.kind == "office" or (config.kind == "mixed" and rng.random() < config.office_share)
+    kind = "office" if office else "home"
+    if plan_id is None:
+        plan_id = kind if isinstance(seed, np.random.Generator) else f"{kind}_{seed:06d}"
+    # The size is drawn once: drawing it again after a failure would make large plans rare.
+    area = _draw_area(office, config, rng)
+    rooms = rooms_for_area(area, rng)
+    for _ in range(MAX_ATTEMPTS):
+        cells = lay_out_office(area, rng) if office else lay_out_home(area, rooms, rng)
+        plan = _build(plan_id, cells, config, rng)
+        if plan is not None:
+            return plan
+    raise ConfigError(f"no {kind} of {area:.0f} m2 came out in {MAX_ATTEMPTS} attempts; ask for larger ones")
+
+
+def _draw_area(office: bool, config: GeneratorConfig, rng: np.random.Generator) -> float:
+    if office:
+        return float(np.exp(rng.uniform(*np.log(config.office_area))))
+    smallest, largest = config.home_area_range
+    for _ in range(MAX_ATTEMPTS):
+        area = float(rng.lognormal(np.log(config.home_area), config.home_area_sigma))
+        if smallest <= area <= largest:
+            return area
+    return float(np.clip(config.home_area, smallest, largest))
+
+
+def _build(
+    plan_id: str, cells: Sequence[Cell], config: GeneratorConfig, rng: np.random.Generator
+) -> FloorPlan | None:
+    """Turn a layout into a plan: openings, walls, details. None if it came out unusable."""
+    thickness = float(rng.choice(config.wall_thickness))
+    openings = join_rooms(cells, thickness, rng, config.open_plan, config.loops)
+    if openings is None:
+        return None
+    interiors = [_interior(cell.polygon, thickness) for cell in cells]
+    if any(interior is None for interior in interiors):
+        return None
+    bays = bay_windows(cells, thickness, rng, config.details)
+    solids = [
+        *free_standing(cells, rng, config.details),
+        *wall_blocks(cells, openings, thickness, rng, config.details),
+    ]
+    rooms = [polygon for polygon in interiors if polygon is not None]
+    space = shapely.union_all(
+        [*rooms, *(opening.box.polygon() for opening in openings), *bays], grid_size=GRID
+    )
+    for solid in solids:
+        smaller = shapely.difference(space, solid, grid_size=GRID)
+        if _is_roomy(smaller):
+            space = smaller
+    if not _is_roomy(space):
+        return None
+    plan = _place(plan_id, space, cells, rooms, openings, rng)
+    try:
+        check_plan(plan, robot_radius=0.25)
+    except PlanError:
+        return None
+    return plan
+
+
+def _interior(cell: Polygon, thickness: float) -> Polygon | None:
+    """A cell without its walls, or None if less than a metre of width is left."""
+    interior = cell.buffer(-0.5 * thickness, join_style="mitre")
+    interior = shapely.set_precision(interior, GRID)
+    narrowest = interior.buffer(-0.45, join_style="mitre")
+    if not isinstance(interior, Polygon) or not isinstance(narrowest, Polygon) or narrowest.is_empty:
+        return None
+    return interior
+
+
+def _is_roomy(space: Polygon) -> bool:
+    """Whether everything hangs together through gaps of at least :data:`MIN_PASSAGE`."""
+    if not isinstance(space, Polygon) or not space.is_valid:
+        return False
+    return isinstance(space.buffer(-0.5 * MIN_PASSAGE, quad_segs=2), Polygon)
+
+
+def _place(
+    plan_id: str,
+    space: Polygon,
+    cells: Sequence[Cell],
+    rooms: Sequence[Polygon],
+    openings: Sequence[Opening],
+    rng: np.random.Generator,
+) -> FloorPlan:
+    """Turn by a right angle or mirror, by chance, and move to the positive quadrant."""
+    swap, flip = bool(rng.integers(2)), bool(rng.integers(2))
+
+    def turn(points: FloatArray) -> FloatArray:
+        turned = points[:, ::-1] if swap else points
+        return turned * [-1.0 if flip else 1.0, 1.0]
+
+    min_x, min_y, _, _ = shapely.transform(space, turn).bounds
+
+    def move(points: FloatArray) -> FloatArray:
+        moved: FloatArray = np.round(turn(points) - [min_x - MARGIN, min_y - MARGIN], 2)
+        return moved
+
+    order = sorted(range(len(cells)), key=lambda index: cells[index].category)
+    return FloorPlan(
+        id=plan_id,
+        free_space=shapely.transform(space, move),
+        rooms=tuple(Room(cells[index].category, shapely.transform(rooms[index], move)) for index in order),
+        doors=tuple(_moved(opening.door, move) for opening in openings if opening.door),
+        source=f"generator:{plan_id}",
+    )
+
+
+def _moved(door: Door, move: Callable[[FloatArray], FloatArray]) -> Door:
+    (x0, y0), (x1, y1) = move(np.array([door.start, door.end])).tolist()
+    return Door((x0, y0), (x1, y1))
