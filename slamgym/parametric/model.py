@@ -4,6 +4,7 @@ Steps as in docs/parametric.md: scans along the trajectory, who sees what, error
 odometry, their conversion to an error of the map, and the map with that error in it.
 """
 
+import math
 import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -26,7 +27,7 @@ from slamgym.parametric.odometry_error import (
     integrate,
 )
 from slamgym.parametric.path_check import check_path_is_free
-from slamgym.parametric.render import drawn_map, measured_scans, true_ranges, warped_map
+from slamgym.parametric.render import drawn_map, measured_scans, observed_cad, true_ranges
 from slamgym.parametric.schur_slam import solve_schur
 from slamgym.parametric.trajectory import TimedTrajectory, pick_scans
 from slamgym.parametric.two_phase import (
@@ -40,8 +41,17 @@ from slamgym.parametric.two_phase import (
     rigid_motions,
 )
 from slamgym.parametric.visibility import Visibility, beam_angles, observe
-from slamgym.parametric.warp import densify, invert
-from slamgym.types import FREE, BoolArray, Float32Array, FloatArray, GridFrame, OccupancyGrid, Trajectory
+from slamgym.parametric.warp import densify, invert, warp
+from slamgym.types import (
+    FREE,
+    UNKNOWN,
+    BoolArray,
+    Float32Array,
+    FloatArray,
+    GridFrame,
+    OccupancyGrid,
+    Trajectory,
+)
 
 if TYPE_CHECKING:
     from slamgym.cad.floorplan import FloorPlan
@@ -126,7 +136,8 @@ def deform(
             :func:`slamgym.parametric.trajectory.from_recorded`.
         config: The model; the faithful preset if left out.
         rng: Source of all randomness; equal seeds give equal bytes. Left out: seed 0.
-        frame: Grid of the map; by default the plan with ``config.margin``.
+        frame: Grid of the map; by default the plan with ``config.margin``, and more where the drift carries
+            walls beyond it.
 
     Returns:
         The map with its displacement field, the trajectories and the drawn parameters.
@@ -140,6 +151,7 @@ def deform(
     streams = _Streams(*(rng or np.random.default_rng(0)).spawn(6))
     clock = _StopWatch()
     check_path_is_free(trajectory.poses[:, :2], plan.free_space, "the trajectory", "pose")
+    framed = frame is not None
     frame = frame or GridFrame.covering(plan.bounds, model.resolution, model.margin)
     cad = plan.raster(frame.resolution, frame)
     occupied = cad.cells != FREE
@@ -168,11 +180,17 @@ def deform(
         # Landmark SLAM has taken the LIDAR's errors in as measurements; here they are added.
         forward = forward + densify(beams.field, beams.component == HIT, 0.0)
     forward = densify(forward, conversion.known, model.render.smoothing / frame.resolution)
+    # Where the caller leaves the frame open, it grows until no wall drifts out of the picture.
+    pad = 0 if framed else _drift_px(forward, visibility, frame)
+    frame, forward = _padded(frame, pad), np.pad(forward, ((0, 0), (pad, pad), (pad, pad)), mode="edge")
     field = invert(forward, frame.resolution, model.render.inversions)
     clock.lap("field")
 
     if model.render.renderer == "warp":
-        cells = warped_map(occupied, visibility, beams, field, model.render)
+        picture = np.pad(
+            observed_cad(occupied, visibility, beams, model.render), pad, constant_values=UNKNOWN
+        )
+        cells = warp(picture, field, frame.resolution, UNKNOWN)
     else:
         angles = beam_angles(model.scanner, frame.resolution)
         exact = true_ranges(scans.poses, plan.segments(), angles, model.scanner)
@@ -184,9 +202,9 @@ def deform(
 
     return Deformation(
         grid=OccupancyGrid(cells, frame),
-        cad=cad,
+        cad=cad if pad == 0 else plan.raster(frame.resolution, frame),
         field=field,
-        seen=visibility.seen,
+        seen=np.pad(visibility.seen, pad),
         true=scans.as_trajectory(),
         odometry=Trajectory(scans.stamps, conversion.odometry),
         believed=Trajectory(scans.stamps, conversion.believed),
@@ -242,6 +260,31 @@ def _landmark_slam(run: _Run) -> _Conversion:
     known = np.zeros(frame.shape, dtype=np.bool_)
     known[rows, cols] = True
     return _Conversion(field, known, integrate(run.poses[0], controls), estimate.poses)
+
+
+def _drift_px(forward: Float32Array, visibility: Visibility, frame: GridFrame) -> int:
+    """By how many cells the map must grow on every side to hold all displaced walls."""
+    rows, cols = np.nonzero(visibility.best >= 0)
+    new_rows = rows + forward[1, rows, cols] / frame.resolution
+    new_cols = cols - forward[0, rows, cols] / frame.resolution
+    over = (
+        -new_rows.min(initial=0.0),
+        -new_cols.min(initial=0.0),
+        new_rows.max(initial=0.0) - (frame.height_px - 1),
+        new_cols.max(initial=0.0) - (frame.width_px - 1),
+    )
+    return max(0, math.ceil(max(over)))
+
+
+def _padded(frame: GridFrame, pad: int) -> GridFrame:
+    """The frame with ``pad`` more cells on every side."""
+    return GridFrame(
+        frame.resolution,
+        frame.origin_x - pad * frame.resolution,
+        frame.origin_y - pad * frame.resolution,
+        frame.height_px + 2 * pad,
+        frame.width_px + 2 * pad,
+    )
 
 
 class _StopWatch:

@@ -17,25 +17,19 @@ from slamgym.parametric.lidar_error import (
 )
 from slamgym.parametric.scan_kernel import draw_scans
 from slamgym.parametric.visibility import Visibility, poses_in_cells, sensor_poses
-from slamgym.parametric.warp import warp
 from slamgym.sensors.raycast import cast_rays
-from slamgym.types import FREE, OCCUPIED, UNKNOWN, BoolArray, ByteArray, Float32Array, FloatArray, GridFrame
+from slamgym.types import FREE, OCCUPIED, UNKNOWN, BoolArray, ByteArray, FloatArray, GridFrame
 
 
-def warped_map(
-    occupied: BoolArray,
-    visibility: Visibility,
-    beams: WallBeams,
-    inverse: Float32Array,
-    config: RenderConfig,
+def observed_cad(
+    occupied: BoolArray, visibility: Visibility, beams: WallBeams, config: RenderConfig
 ) -> ByteArray:
-    """Pull what was seen of the CAD map through the displacement field.
+    """What the scans show of the CAD map, still in its true place: the picture that is then warped.
 
-    Convention: ``occupied`` lies on true cells, the result on output cells, ``inverse`` ties them as
-    :mod:`slamgym.parametric.warp` says.
+    Walls whose beam was short, max or rand are lost; a rand beam may set a cell elsewhere.
 
     Returns:
-        (H, W) 0 occupied, 205 unknown, 254 free.
+        (H, W) on true cells: 0 occupied, 205 unknown, 254 free.
     """
     seen = visibility.seen
     true = np.full(occupied.shape, UNKNOWN, dtype=np.uint8)
@@ -45,7 +39,7 @@ def warped_map(
     true[lost] = UNKNOWN if config.lost_walls == "unknown" else FREE
     rows, cols = visibility.frame.to_cell(beams.stray_points[:, 0], beams.stray_points[:, 1])
     true[rows, cols] = OCCUPIED
-    return warp(true, inverse, visibility.frame.resolution, UNKNOWN)
+    return true
 
 
 def true_ranges(

@@ -58,11 +58,12 @@ def poses_in_cells(poses: FloatArray, frame: GridFrame) -> FloatArray:
 
 def beam_angles(scanner: ScannerConfig, resolution: float) -> FloatArray:
     """Beam directions in the sensor frame, shape (B,) [rad], symmetric about the heading."""
-    fan = scanner.field_of_view
+    fan = float(scanner.field_of_view)
     num = scanner.num_beams or math.ceil(fan * scanner.range_max / resolution)
+    beams = np.arange(num, dtype=np.float64)
     if fan >= 2.0 * math.pi - 1e-9:  # a full circle has no two ends
-        return -math.pi + fan / num * np.arange(num)
-    return -0.5 * fan + fan / (num - 1) * np.arange(num)
+        return np.asarray(fan / num * beams - math.pi, dtype=np.float64)
+    return np.asarray(fan / (num - 1) * beams - 0.5 * fan, dtype=np.float64)
 
 
 def observe(
