@@ -216,10 +216,10 @@ class World:
         mean_angular, angular = motion.ramp(angular, target.angular, self.robot.angular_acceleration, span)
         dx, dy = motion.chord(theta, mean_linear * span, mean_angular * span)
         wish = (dx / span, dy / span, mean_angular)
-        velocity, contact = self._solve_contact(Pose2D(x, y, theta), wish, span)
+        velocity, contact = self._solve_contact(Pose2D(x, y, theta), wish)
 
         trial = self._state.copy()
-        trial[:3] += np.multiply(velocity, span)
+        trial[:3] += self._bounded(velocity, span)
         if self._overlaps(trial):
             contact = True
             trial[:2] = x, y
@@ -230,12 +230,18 @@ class World:
         )
         return contact
 
-    def _solve_contact(self, pose: Pose2D, wish: Velocity, span: float) -> tuple[Velocity, bool]:
+    def _bounded(self, velocity: Velocity, span: float) -> FloatArray:
+        """The displacement of a substep, cut to what the skin bears, whatever the solver says."""
+        displacement = np.multiply(velocity, span)
+        way = math.hypot(displacement[0], displacement[1]) + self._lever * abs(displacement[2])
+        return displacement if way <= SKIN else displacement * (SKIN / way)
+
+    def _solve_contact(self, pose: Pose2D, wish: Velocity) -> tuple[Velocity, bool]:
         """The velocity that contact leaves of a wish, and whether it took something away."""
         if self._solver is None:
             self._solver = ContactSolver(self._obstacles, self._discs, self.robot)
             self._solver.place_people(self._discs)
-        left, push = self._solver.solve(pose, wish, span)
+        left, push = self._solver.solve(pose, wish)
         contact = max(abs(a - b) for a, b in zip(left, wish, strict=True)) > _CONTACT_TOLERANCE
         if contact and self.robot.contact == "stop":
             return (0.0, 0.0, wish[2] if self.robot.shape == "circle" else 0.0), True

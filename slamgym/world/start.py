@@ -40,6 +40,15 @@ def sample_start(
     Raises:
         PlanError: If the robot fits nowhere.
     """
+    return sample_pose(start_area(plan, robot, clutter), rng)
+
+
+def start_area(plan: "FloorPlan", robot: RobotConfig, clutter: Clutter | None = None) -> shapely.Polygon:
+    """Where :func:`sample_start` draws from, for a caller who draws often.
+
+    Raises:
+        PlanError: If the robot fits nowhere.
+    """
     radius = robot.circumscribed_radius + SKIN + _MARGIN
     furniture = clutter.furniture if clutter else ()
     area = largest_part(fitting_area(plan, radius, furniture))
@@ -48,5 +57,10 @@ def sample_start(
         area = largest_part(area.difference(shapely.union_all(people)))
     if area.is_empty:
         raise PlanError(plan.id, f"a robot of radius {robot.circumscribed_radius:.2f} m fits nowhere in it")
+    return area
+
+
+def sample_pose(area: shapely.Polygon, rng: np.random.Generator) -> Pose2D:
+    """A pose whose place is drawn evenly from an area and whose heading from the full turn."""
     x, y = sample_point(area, rng)
     return Pose2D(x, y, float(rng.uniform(-math.pi, math.pi)))
