@@ -34,6 +34,8 @@ class ExplorationConfig:
     """Once nothing larger is left, frontiers down to this size are visited too [m]."""
     last_radius_shares: tuple[float, ...] = (0.85, 0.6)
     """Then also doors that a robot of these shares of the radius could pass: maps draw walls too thick."""
+    look_around_before: float = 30.0
+    """If nothing is left to explore so soon, the robot first turns once round on the spot [s]."""
     futile_goals: int = 12
     """So many goals in a row that added nothing to the map end the exploration."""
     navigator: NavigatorConfig = field(default_factory=NavigatorConfig)
@@ -82,6 +84,7 @@ class FrontierExploration(Exploration):
         self._progress_from: Point = (math.inf, math.inf)  # the goal that progress is measured to
         self._progress_distance, self._progress_at = math.inf, 0.0
         self._known_cells, self._futile = 0, 0
+        self._began_at, self._judge_at = math.inf, -math.inf
         self._last_rounds = 0
         self._closed_rooms_seen: list[Point] = []
         self._turn_left = 0.0  # what is left of a look around [rad]
@@ -96,8 +99,9 @@ class FrontierExploration(Exploration):
         """Velocity for the next control step; see :meth:`Exploration.act`."""
         pose = Pose2D(*(float(value) for value in observation["pose"]))
         time = float(observation["time"][0])
+        self._began_at = min(self._began_at, time)
         self._take_map(observation["map"], pose, time)
-        self._mind_result()
+        self._mind_result(time)
         if self._turn_left > 0.0:
             return self._look_around(pose)
         if time - self._tick_at >= self._interval - 1e-6:
@@ -119,7 +123,7 @@ class FrontierExploration(Exploration):
             OccupancyGrid(cells.reshape(self.context.frame.shape), self.context.frame), pose, time
         )
 
-    def _mind_result(self) -> None:
+    def _mind_result(self, time: float) -> None:
         """Blacklist a goal that ended; any end makes the next tick come at once.
 
         A goal that was reached is blacklisted too: if its frontier is gone that does no harm, and if it is
@@ -132,6 +136,7 @@ class FrontierExploration(Exploration):
         self._target = None
         self._navigator.cancel()
         self._tick_at = -math.inf
+        self._judge_at = time + self.context.map_update_interval + self.context.control_step
         known = (
             int(np.count_nonzero(self._navigator.costmap.costs != NO_INFORMATION))
             if self._navigator.costmap
@@ -244,13 +249,12 @@ class FrontierExploration(Exploration):
 
     def _nothing_left(self, pose: Pose2D, time: float) -> None:
         """What is tried before the end: look around, gentler rules, rooms that the map has closed."""
-        if self._navigator.is_active:
-            return  # on the way to a closed room
+        if self._navigator.is_active or time < self._judge_at:
+            return  # on the way to a closed room, or the map doesn't show yet what the last goal brought
         config = self.config
         self._tick_at = -math.inf
         self._futile = 0
-        if not self._blacklist and not self._has_looked_around:
-            # Nothing was ever found: the first scans may have shown nothing.
+        if time - self._began_at < config.look_around_before and not self._has_looked_around:
             self._has_looked_around = True
             self._turn_left, self._last_theta = 2.0 * math.pi, pose.theta
         elif self._last_rounds < len(config.last_radius_shares):

@@ -16,9 +16,10 @@ _NO_INFORMATION = np.uint8(255)
 def nearest_open_cell(
     costs: ByteArray, row: int, col: int, limit: int, mask: BoolArray, max_steps: int
 ) -> int:
-    """Flat index of the first cell with a cost below ``limit``, 8-connected from a cell; -1 if there is none.
+    """Flat index of the nearest cell with a cost below ``limit``; -1 if there is none.
 
-    The search doesn't cross lethal cells, so that it never ends on the other side of a wall.
+    The search spreads 8-connected from a cell and doesn't cross lethal cells, so that it never ends on the
+    other side of a wall. Among the cells found it takes the one nearest in a straight line.
 
     Args:
         costs: Costmap, shape (H, W).
@@ -36,13 +37,17 @@ def nearest_open_cell(
     queue[0] = row * width + col
     seen[queue[0]] = True
     head, tail, end = 0, 1, 1
-    for _ in range(max_steps + 1):
+    best, found, ring = np.inf, -1, 0
+    while head < end and ring <= max_steps:
         while head < end:
             cell = queue[head]
             head += 1
             r, c = cell // width, cell % width
             if costs[r, c] < limit and (mask.size == 0 or mask[cell]):
-                return cell
+                squared = (r - row) ** 2 + (c - col) ** 2
+                if squared < best:
+                    best, found = squared, cell
+                continue
             for dr in range(-1, 2):
                 for dc in range(-1, 2):
                     rr, cc = r + dr, c + dc
@@ -54,7 +59,10 @@ def nearest_open_cell(
                         queue[tail] = neighbour
                         tail += 1
         end = tail
-    return -1
+        ring += 1
+        if ring * ring > best:
+            break  # all farther rings are farther in a straight line too
+    return found
 
 
 @kernel

@@ -54,11 +54,13 @@ class PathFollower:
         self.path: FloatArray = np.zeros((0, 2))
         self.blocked = False  # the last command was held back by something in the scan
         self._index = 0
+        self._along: FloatArray = np.zeros(1)  # length of the path up to each point [m]
         self._turn_sign = 0.0  # direction of the turn on the spot in progress, else 0
 
     def set_path(self, path: FloatArray) -> None:
         """Begin a path, shape (N, 2) [m]."""
         self.path = path
+        self._along = np.append(0.0, np.cumsum(np.hypot(*np.diff(path, axis=0).T)))
         self.blocked = False
         self._index = 0
 
@@ -71,10 +73,8 @@ class PathFollower:
         """Length still to go [m]."""
         if not len(self.path):
             return 0.0
-        ahead = self.ahead
-        off = math.hypot(ahead[0, 0] - pose.x, ahead[0, 1] - pose.y)
-        spacing = math.hypot(*(self.path[1] - self.path[0])) if len(self.path) > 1 else 0.0
-        return off + (len(ahead) - 1) * spacing
+        x, y = self.path[self._index]
+        return math.hypot(x - pose.x, y - pose.y) + float(self._along[-1] - self._along[self._index])
 
     def points(self, ranges: Float32Array) -> FloatArray:
         """Obstacles that a scan shows, in the robot's frame, shape (N, 2) [m]."""

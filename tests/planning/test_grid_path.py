@@ -1,0 +1,136 @@
+import math
+
+import numpy as np
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+from slamgym.planning import (
+    CostmapConfig,
+    make_costmap,
+    path_costs,
+    path_is_free,
+    place_near,
+    plan_path,
+    reachable_space,
+)
+from slamgym.planning.costmap import INSCRIBED_COST
+from slamgym.planning.grid_path import COST_FACTOR
+from slamgym.planning.grid_path_kernels import line_cost
+from slamgym.types import FREE, OCCUPIED, UNKNOWN, GridFrame, OccupancyGrid, Pose2D
+
+RESOLUTION = 0.05
+
+
+def grid_of(cells):
+    cells = np.asarray(cells, dtype=np.uint8)
+    return OccupancyGrid(cells, GridFrame(RESOLUTION, -1.0, -1.0, *cells.shape))
+
+
+def point_at(grid, row, col):
+    x, y = grid.frame.to_point(row, col)
+    return float(x), float(y)
+
+
+def pose_at(grid, row, col):
+    return Pose2D(*point_at(grid, row, col), 0.0)
+
+
+def cluttered(seed, shape=(80, 90)):
+    rng = np.random.default_rng(seed)
+    cells = np.full(shape, FREE)
+    for _ in range(12):
+        row, col = rng.integers(0, shape[0]), rng.integers(0, shape[1])
+        cells[row : row + rng.integers(1, 14), col : col + rng.integers(1, 14)] = OCCUPIED
+    return grid_of(cells)
+
+
+@settings(max_examples=30, deadline=None)
+@given(seed=st.integers(0, 10_000), data=st.data())
+def test_paths_keep_off_obstacles_and_cost_no_more_than_a_straight_line(seed, data):
+    grid = cluttered(seed)
+    costmap = make_costmap(grid, CostmapConfig(inscribed_radius=0.12))
+    free = np.argwhere(costmap.costs < INSCRIBED_COST)
+    assume(len(free) > 2)
+    start = free[data.draw(st.integers(0, len(free) - 1))]
+    goal = free[data.draw(st.integers(0, len(free) - 1))]
+    path = plan_path(costmap, pose_at(grid, *start), point_at(grid, *goal), tolerance=0.0)
+    reachable = reachable_space(costmap, pose_at(grid, *start))
+    if path is None:
+        assert goal[0] * grid.cells.shape[1] + goal[1] not in reachable.order[: reachable.num_centre]
+        return
+    assert path_is_free(costmap, path.points)
+    np.testing.assert_allclose(
+        path.points[[0, -1]], [point_at(grid, *start), point_at(grid, *goal)], atol=1e-9
+    )
+    assert np.hypot(*np.diff(path.points, axis=0).T).max() <= RESOLUTION + 1e-9
+    straight = line_cost(costmap.costs, *map(float, start), *map(float, goal), INSCRIBED_COST, COST_FACTOR)
+    # The grid's 8 directions make a path up to 8.2 % longer than the straight line before it is straightened.
+    assert path.cost <= 1.083 * straight * RESOLUTION + 0.2
+    assert path.cost >= math.dist(point_at(grid, *start), point_at(grid, *goal)) - 1e-9
+
+
+@settings(max_examples=15, deadline=None)
+@given(seed=st.integers(0, 10_000))
+def test_straightening_never_makes_a_path_dearer_than_dijkstra_found_it(seed):
+    grid = cluttered(seed)
+    costmap = make_costmap(grid, CostmapConfig(inscribed_radius=0.12))
+    start = pose_at(grid, 40, 45)
+    reachable = reachable_space(costmap, start)
+    assume(reachable is not None)
+    costs = path_costs(costmap, reachable)
+    last = divmod(int(reachable.order[reachable.num_centre - 1]), grid.cells.shape[1])
+    path = plan_path(costmap, start, point_at(grid, *last), 0.0, reachable)
+    # Lines are sampled twice per cell, steps counted once: the two sums differ by a few per cent.
+    assert path.cost <= 1.05 * costs[last] + 0.05
+
+
+def test_goal_in_unknown_space_is_replaced_by_the_nearest_place():
+    cells = np.full((60, 60), FREE)
+    cells[:20] = UNKNOWN
+    grid = grid_of(cells)
+    costmap = make_costmap(grid)
+    path = plan_path(costmap, pose_at(grid, 50, 30), point_at(grid, 14, 30), tolerance=0.5)
+    np.testing.assert_allclose(path.points[-1], point_at(grid, 20, 30), atol=1e-9)
+    assert plan_path(costmap, pose_at(grid, 50, 30), point_at(grid, 2, 30), tolerance=0.5) is None
+
+
+def test_the_place_near_a_goal_is_never_behind_a_wall():
+    cells = np.full((60, 61), FREE)
+    cells[:, 30] = OCCUPIED
+    cells[50:, 30] = FREE  # the way round
+    cells[20:40, 31:37] = UNKNOWN
+    grid = grid_of(cells)
+    costmap = make_costmap(grid)
+    reachable = reachable_space(costmap, pose_at(grid, 30, 10))
+    # Straight across, the near side is nearer; but the goal is an unknown cell on the far side.
+    row, col = place_near(costmap, point_at(grid, 30, 32), 1.0, reachable)
+    assert col > 30
+
+
+def test_no_path_through_a_door_that_is_too_narrow():
+    for door, passable in ((8, False), (14, True)):
+        cells = np.full((60, 61), FREE)
+        cells[:, 29:32] = OCCUPIED
+        cells[20 : 20 + door, 29:32] = FREE
+        grid = grid_of(cells)
+        path = plan_path(make_costmap(grid), pose_at(grid, 30, 10), point_at(grid, 30, 50))
+        assert (path is not None) == passable
+
+
+def test_a_path_leads_out_of_inflated_ground():
+    cells = np.full((60, 60), FREE)
+    cells[0] = OCCUPIED
+    grid = grid_of(cells)
+    costmap = make_costmap(grid)
+    path = plan_path(costmap, pose_at(grid, 2, 10), point_at(grid, 40, 40))
+    assert path is not None
+    assert path_is_free(costmap, path.points)
+
+
+def test_a_blocked_path_is_noticed():
+    grid = grid_of(np.full((60, 60), FREE))
+    path = plan_path(make_costmap(grid), pose_at(grid, 30, 5), point_at(grid, 30, 55))
+    assert path_is_free(make_costmap(grid), path.points)
+    blocked = grid.cells.copy()
+    blocked[25:35, 30] = OCCUPIED
+    assert not path_is_free(make_costmap(grid_of(blocked)), path.points)

@@ -1,0 +1,184 @@
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from slamgym.geometry import wrap_angle
+from slamgym.planning import Goal, GoalStatus, Navigator, PathFollower, make_costmap
+from slamgym.planning.context import ExplorerContext
+from slamgym.planning.path_follower_kernels import free_travel, scan_points
+from slamgym.types import FREE, OCCUPIED, GridFrame, LaserGeometry, OccupancyGrid, Pose2D, Twist2D
+
+
+def room(rows=80, cols=120):
+    cells = np.full((rows, cols), FREE)
+    cells[[0, -1]] = OCCUPIED
+    cells[:, [0, -1]] = OCCUPIED
+    return cells
+
+
+def drive_to(world, goal, seconds=120.0, known=True, stuck=False):
+    """Run the navigation stack until the goal ends; returns it and the commands."""
+    navigator, commands = Navigator(world.context), []
+    grid = world.truth if known else OccupancyGrid(world.map, world.truth.frame)
+    world.scan()
+    navigator.update_map(grid, world.pose, 0.0)
+    navigator.set_goal(goal, world.pose, 0.0)
+    for step in range(int(seconds / world.context.control_step)):
+        time = step * world.context.control_step
+        if step % 10 == 0 and not known:
+            navigator.update_map(OccupancyGrid(world.map.copy(), world.truth.frame), world.pose, time)
+        if not navigator.is_active:
+            break
+        command = navigator.step(world.pose, world.scan(), time)
+        commands.append(command)
+        if not stuck:
+            world.drive(command)
+    return navigator, np.array(commands).reshape(-1, 2)
+
+
+@settings(max_examples=8, deadline=None)
+@given(row=st.integers(8, 70), col=st.integers(8, 110), theta=st.floats(-3.1, 3.1))
+def test_goals_in_a_room_are_reached_within_the_limits_of_the_robot(make_world, row, col, theta):
+    cells = room()
+    cells[30:50, 55:60] = OCCUPIED
+    if (cells[row - 6 : row + 7, col - 6 : col + 7] == OCCUPIED).any():
+        return
+    world = make_world(cells)
+    world.place(20, 20, theta)
+    goal = world.point(row, col)
+    navigator, commands = drive_to(world, Goal(*goal))
+    assert navigator.status is GoalStatus.SUCCEEDED
+    assert math.dist(world.pose[:2], goal) < 0.3
+    assert world.contacts == 0
+    if len(commands):
+        assert np.abs(commands[:, 0]).max() <= world.context.max_linear + 1e-9
+        assert np.abs(commands[:, 1]).max() <= world.context.max_angular + 1e-9
+
+
+def test_a_door_of_70_cm_is_driven_through_without_contact(make_world):
+    cells = room()
+    cells[:, 58:61] = OCCUPIED
+    cells[30:44, 58:61] = FREE
+    world = make_world(cells)
+    world.place(12, 20)
+    navigator, _ = drive_to(world, Goal(*world.point(65, 100)))
+    assert navigator.status is GoalStatus.SUCCEEDED
+    assert world.contacts == 0
+
+
+def test_the_robot_ends_up_looking_at_what_it_was_told_to(make_world):
+    world = make_world(room())
+    world.place(40, 30)
+    behind = world.point(40, 5)
+    drive_to(world, Goal(*world.point(40, 50), look_at=behind))
+    bearing = math.atan2(behind[1] - world.pose.y, behind[0] - world.pose.x)
+    assert abs(wrap_angle(bearing - world.pose.theta)) < 0.3
+
+
+def test_an_unreachable_goal_aborts_at_once(make_world):
+    cells = room()
+    cells[:, 60] = OCCUPIED
+    world = make_world(cells)
+    world.place(40, 30)
+    navigator, commands = drive_to(world, Goal(*world.point(40, 100)))
+    assert navigator.status is GoalStatus.ABORTED
+    assert navigator.reason == "unreachable"
+    assert len(commands) == 0
+
+
+def test_a_robot_that_does_not_move_recovers_and_then_gives_up(make_world):
+    world = make_world(room())
+    world.place(40, 30)
+    navigator, commands = drive_to(world, Goal(*world.point(40, 100)), stuck=True)
+    assert navigator.status is GoalStatus.ABORTED
+    assert navigator.reason == "stuck"
+    assert (commands[:, 0] < 0).any()  # backed up
+    assert ((commands[:, 0] == 0) & (commands[:, 1] != 0)).any()  # turned
+    assert len(commands) * world.context.control_step < 60.0
+
+
+def test_something_new_in_the_way_is_driven_round(make_world):
+    world = make_world(room())
+    world.place(40, 20)
+    known = world.truth
+    appeared = room()
+    appeared[34:47, 60:64] = OCCUPIED  # not in the map that the robot plans on
+    blocked = make_world(appeared)
+    blocked.place(40, 20)
+    blocked.map[:] = known.cells
+    navigator, _ = drive_to(blocked, Goal(*blocked.point(40, 100)), known=False)
+    assert navigator.status is GoalStatus.SUCCEEDED
+    assert blocked.contacts == 0
+
+
+def test_a_blind_corner_with_someone_behind_it_stops_the_robot(make_world):
+    cells = room()
+    cells[:55, 58:61] = OCCUPIED
+    someone = cells.copy()
+    someone[45:50, 61:119] = OCCUPIED  # fills the passage behind the corner
+    world = make_world(someone)
+    world.place(20, 40)
+    navigator = Navigator(world.context)
+    navigator.update_map(make_world(cells).truth, world.pose, 0.0)
+    navigator.set_goal(Goal(*world.point(20, 100)), world.pose, 0.0)
+    for step in range(1000):
+        if not navigator.is_active:
+            break
+        world.drive(navigator.step(world.pose, world.scan(), 0.2 * step))
+    assert navigator.status is GoalStatus.ABORTED
+    assert world.contacts == 0
+
+
+def test_single_false_readings_are_no_obstacles():
+    laser = LaserGeometry(180, -math.pi / 2, math.pi / 179, 0.12, 3.5)
+    ranges = np.full(180, 3.5, np.float32)
+    ranges[90] = 0.3
+    ranges[20:23] = 1.0
+    points = scan_points(ranges, laser.angle_min, laser.angle_increment, 0.12, 3.5, 0.0, 0.0, 0.0)
+    np.testing.assert_allclose(np.hypot(*points.T), 1.0, atol=1e-6)
+    assert len(points) == 3
+
+
+@pytest.mark.parametrize("nan", [np.nan, np.inf, -np.inf])
+def test_erroneous_readings_are_left_out(nan):
+    ranges = np.full(10, nan, np.float32)
+    assert len(scan_points(ranges, 0.0, 0.1, 0.12, 3.5, 0.0, 0.0, 0.0)) == 0
+
+
+def test_free_travel_is_the_time_to_contact():
+    wall = np.array([[1.0, 0.0]])
+    time = free_travel(wall, 0.26, 0.0, 0.25, 10.0, 0.01)
+    assert time == pytest.approx((1.0 - 0.25) / 0.26, abs=0.02)
+    assert free_travel(wall, -0.26, 0.0, 0.25, 1.0, 0.01) == 1.0
+    # In contact already: away is free, nearer is not.
+    touching = np.array([[0.22, 0.0]])
+    assert free_travel(touching, 0.1, 0.0, 0.25, 1.0, 0.1) == 0.0
+    assert free_travel(touching, -0.1, 0.0, 0.25, 1.0, 0.1) == 1.0
+
+
+def test_a_turn_past_the_back_keeps_its_direction():
+    context = ExplorerContext(
+        frame=GridFrame(0.05, 0.0, 0.0, 100, 100),
+        geometry=LaserGeometry(180, -math.pi / 2, math.pi / 179, 0.12, 3.5),
+    )
+    follower = PathFollower(context)
+    costmap = make_costmap(OccupancyGrid(np.full((100, 100), FREE, np.uint8), context.frame))
+    follower.set_path(np.column_stack([np.linspace(2.5, 0.5, 41), np.full(41, 2.5)]))
+    signs = set()
+    for wobble in (0.02, -0.02, 0.02, -0.02):
+        command = follower.step(costmap, Pose2D(2.5, 2.5, wobble), np.zeros((0, 2)))
+        assert command.linear == 0.0
+        signs.add(np.sign(command.angular))
+    assert len(signs) == 1
+
+
+def test_normalised_and_physical_actions_are_the_same_velocity():
+
+    context = ExplorerContext(GridFrame(0.05, 0, 0, 10, 10), LaserGeometry(2, 0, 1, 0.1, 3.5))
+    np.testing.assert_allclose(context.to_action(Twist2D(0.13, -9.0)), [0.5, -1.0])
+    physical = replace(context, normalized_actions=False)
+    np.testing.assert_allclose(physical.to_action(Twist2D(0.13, -9.0)), [0.13, -1.82], rtol=1e-6)
