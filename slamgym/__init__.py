@@ -1,4 +1,18 @@
-"""Floor plan in, honest SLAM map out, and the way back to CAD."""
+"""Floor plan in, honest SLAM map out, and the way back to CAD.
+
+Importing the package registers the environments ``slamgym/Explore-v0`` and ``slamgym/ExploreDiscrete-v0``.
+"""
+
+from gymnasium.envs.registration import register
 
 __version__ = "0.1.0"
 __all__ = ["__version__"]
+
+# Names rather than classes, so that nothing heavy is imported before an environment is made. The environment
+# ends its episodes itself (time_limit), so Gymnasium's own limit stays off.
+register(id="slamgym/Explore-v0", entry_point="slamgym.envs.explore:ExploreEnv")
+register(
+    id="slamgym/ExploreDiscrete-v0",
+    entry_point="slamgym.envs.explore:ExploreEnv",
+    kwargs={"actions": "discrete"},
+)

@@ -212,12 +212,20 @@ class Lidar:
         Returns:
             The scan, with ranges as REP 117 wants them.
         """
-        ranges = self.true_ranges(pose, segments)
-        if not self._perfect:
-            ranges = self._measure(ranges, rng)
+        return self.measure(self.true_ranges(pose, segments), rng, stamp)
+
+    def measure(self, true_ranges: FloatArray, rng: np.random.Generator, stamp: float) -> LaserScan:
+        """Make a scan of ranges known already, for a caller who needs both.
+
+        Args:
+            true_ranges: From :meth:`true_ranges`, shape (num_beams,) [m].
+            rng: Source of the errors.
+            stamp: Time of the scan [s].
+        """
+        ranges = true_ranges if self._perfect else self._draw_errors(true_ranges, rng)
         return LaserScan(stamp, self._as_rep117(ranges), self.geometry)
 
-    def _measure(self, true: FloatArray, rng: np.random.Generator) -> FloatArray:
+    def _draw_errors(self, true: FloatArray, rng: np.random.Generator) -> FloatArray:
         """Draw a measurement for each beam from the mixture of Probabilistic Robotics, section 6.3."""
         config = self.config
         sigma = np.maximum(config.sigma, config.sigma_relative * np.minimum(true, config.range_max))

@@ -1,0 +1,92 @@
+"""Whether anything is left to explore, judged by the robot's map alone."""
+
+import numpy as np
+
+from slamgym.planning import (
+    CostmapConfig,
+    Frontier,
+    find_frontiers,
+    free_body,
+    make_costmap,
+    reachable_space,
+)
+from slamgym.types import FREE, UNKNOWN, FloatArray, OccupancyGrid, Pose2D
+
+
+class FrontierWatch:
+    """Looks for reachable frontiers, and spares itself the search while the last one found is still there.
+
+    A full search costs about a millisecond. Its furthest frontier is remembered; as long as most of that
+    frontier is still unknown beside free space, something is left to explore and no search is needed.
+
+    Args:
+        robot_radius: [m].
+        min_size: Shorter frontiers don't count [m].
+    """
+
+    def __init__(self, robot_radius: float, min_size: float) -> None:
+        self._radius = robot_radius
+        # Only what is lethal to the robot matters here: no cost beyond its body.
+        self._costs = CostmapConfig(inscribed_radius=robot_radius, inflation_radius=robot_radius)
+        self._min_size = min_size
+        self._remembered: FloatArray | None = None  # cell centres (N, 2), map frame [m]
+
+    def is_explored(self, grid: OccupancyGrid, pose: Pose2D) -> bool:
+        """Whether the map shows no frontier that the robot could reach.
+
+        A map on which the robot finds no place for itself doesn't count as explored.
+
+        Args:
+            grid: The map.
+            pose: The believed pose.
+        """
+        if self._remembered is not None and self._is_still_there(grid, self._remembered):
+            return False
+        grid = free_body(_with_border(grid), pose, self._radius)
+        costmap = make_costmap(grid, self._costs)
+        space = reachable_space(costmap, pose)
+        if space is None:
+            self._remembered = None
+            return False
+        frontiers = find_frontiers(costmap, pose, self._min_size, reachable=space)
+        self._remembered = _centres(frontiers[-1], grid) if frontiers else None
+        return not frontiers
+
+    def _is_still_there(self, grid: OccupancyGrid, points: FloatArray) -> bool:
+        """Whether enough of a frontier is still unknown beside free space."""
+        frame, cells = grid.frame, grid.cells
+        row, col = frame.to_cell(points[:, 0], points[:, 1])
+        known = _lookup(cells, row, col) != UNKNOWN
+        beside_free = np.zeros(len(points), dtype=np.bool_)
+        for down, right in ((-1, 0), (1, 0), (0, -1), (0, 1)):
+            beside_free |= _lookup(cells, row + down, col + right) == FREE
+        left = np.count_nonzero(~known & beside_free)
+        return bool(left * frame.resolution >= self._min_size - 1e-6 and left >= 0.5 * len(points))
+
+
+def _with_border(grid: OccupancyGrid) -> OccupancyGrid:
+    """A map with one unknown cell more on every side: a tight map may end in free cells."""
+    frame = grid.frame
+    cells = np.pad(grid.cells, 1, constant_values=UNKNOWN)
+    return OccupancyGrid(
+        cells,
+        type(frame)(
+            frame.resolution,
+            frame.origin_x - frame.resolution,
+            frame.origin_y - frame.resolution,
+            frame.height_px + 2,
+            frame.width_px + 2,
+        ),
+    )
+
+
+def _centres(frontier: Frontier, grid: OccupancyGrid) -> FloatArray:
+    return np.column_stack(grid.frame.to_point(frontier.cells[:, 0], frontier.cells[:, 1]))
+
+
+def _lookup(cells: np.ndarray, row: np.ndarray, col: np.ndarray) -> np.ndarray:
+    """Cell values; unknown outside the map."""
+    inside = (row >= 0) & (row < cells.shape[0]) & (col >= 0) & (col < cells.shape[1])
+    values = np.full(len(row), UNKNOWN, dtype=np.uint8)
+    values[inside] = cells[row[inside], col[inside]]
+    return values

@@ -1,0 +1,213 @@
+"""Settings of the environment, nested as its parts are, and how keyword arguments become one of them."""
+
+import dataclasses
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+from slamgym.config import from_dict, suggest
+from slamgym.envs.rewards import RewardConfig
+from slamgym.errors import ConfigError
+from slamgym.sensors import LidarConfig, OdometryConfig, lidar_level, odometry_level
+from slamgym.slam import SlamConfig
+from slamgym.types import GridFrame
+from slamgym.world import ClutterConfig, RobotConfig
+
+
+@dataclass(frozen=True)
+class ObservationConfig:
+    """What the observation's ``"map"`` shows."""
+
+    map: Literal["egocentric", "global"] = "egocentric"
+    """``egocentric``: a crop of the newest map about the believed pose, turned so that ahead is up;
+    ``global``: the whole map as it was last published, on a canvas centred on the start."""
+
+    crop_px: int = 84
+    """Side of the egocentric crop [cells]; 84 is what convolutional policies are used to."""
+
+    crop_resolution: float = 0.1
+    """Cell size of the egocentric crop [m]: 84 cells show 4.2 m to every side, more than the LDS-01 sees."""
+
+    map_size: float = 64.0
+    """Side of the global canvas [m]; no plan may reach out of it, wherever the robot starts."""
+
+    map_resolution: float = 0.05
+    """Cell size of the global canvas [m]."""
+
+    shared_map: bool = False
+    """Observations between two publications hold the very same read-only global map. That spares copies of
+    some megabytes a second, but Gymnasium's checks want observations that share nothing."""
+
+    def __post_init__(self) -> None:
+        if self.map not in ("egocentric", "global"):
+            raise ConfigError(f"observation.map must be 'egocentric' or 'global', not {self.map!r}")
+        if self.crop_px < 1:
+            raise ConfigError(f"observation.crop_px must be at least 1, not {self.crop_px}")
+        for name in ("crop_resolution", "map_size", "map_resolution"):
+            if not 0.0 < getattr(self, name) < math.inf:
+                raise ConfigError(f"observation.{name} must be positive, not {getattr(self, name)}")
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """Shape of the observation's map."""
+        if self.map == "egocentric":
+            return 1, self.crop_px, self.crop_px
+        return 1, *self.frame().shape
+
+    def frame(self) -> GridFrame:
+        """The global canvas in the map frame: centred on the start, the origin being a corner of cells."""
+        half = max(1, round(0.5 * self.map_size / self.map_resolution))
+        origin = -half * self.map_resolution
+        return GridFrame(self.map_resolution, origin, origin, 2 * half, 2 * half)
+
+
+@dataclass(frozen=True)
+class ExploreConfig:
+    """Everything about an exploration but the floor plan."""
+
+    robot: RobotConfig = field(default_factory=RobotConfig)
+    """Measures and limits of the robot."""
+
+    lidar: LidarConfig = field(default_factory=LidarConfig)
+    """The scanner; an environment step lasts one of its turns. Also the name of an error level."""
+
+    odometry: OdometryConfig = field(default_factory=OdometryConfig)
+    """Errors of the wheel odometry; also the name of an error level."""
+
+    slam: SlamConfig = field(default_factory=SlamConfig)
+    """Localisation and mapping."""
+
+    clutter: ClutterConfig = field(default_factory=ClutterConfig)
+    """Furniture and people, which no drawing shows."""
+
+    observation: ObservationConfig = field(default_factory=ObservationConfig)
+    """The observation's map."""
+
+    reward: RewardConfig = field(default_factory=RewardConfig)
+    """Weights of the reward terms."""
+
+    actions: Literal["normalized", "physical", "discrete"] = "normalized"
+    """``normalized``: shares of the highest speeds in [-1, 1]; ``physical``: m/s and rad/s; ``discrete``:
+    forward, left, right."""
+
+    time_limit: float | None = 420.0
+    """Robot time after which an episode is truncated; the 7 minutes of Daher et al.; None for no limit [s]."""
+
+    map_update_interval: float = 2.0
+    """Time between two publications of the map (``map_update_interval`` of TurtleBot3's GMapping) [s]."""
+
+    coverage_goal: float | None = None
+    """An episode terminates once this share of the reachable floor has truly been seen. The truth decides
+    that, so it is a privileged training signal, which no robot has; None turns it off."""
+
+    terminate_when_explored: bool = True
+    """An episode terminates once the published map shows no frontier that the robot could reach."""
+
+    min_frontier_size: float = 0.35
+    """Shorter frontiers don't keep an episode going: half a frontier of Explore Lite's launch file is still
+    worth a visit, the pinholes that noise leaves in walls are not [m]."""
+
+    record: bool = False
+    """Whether the environment keeps an :class:`~slamgym.envs.recording.EpisodeLog` of every scan."""
+
+    def __post_init__(self) -> None:
+        if self.actions not in ("normalized", "physical", "discrete"):
+            raise ConfigError(
+                f"actions must be 'normalized', 'physical' or 'discrete', not {self.actions!r}; "
+                f"{suggest(str(self.actions), ('normalized', 'physical', 'discrete'))}"
+            )
+        if self.time_limit is not None and not self.time_limit > 0.0:
+            raise ConfigError(f"time_limit must be positive or None, not {self.time_limit}")
+        if self.coverage_goal is not None and not 0.0 < self.coverage_goal <= 1.0:
+            raise ConfigError(f"coverage_goal must be a share in (0, 1] or None, not {self.coverage_goal}")
+        for name in ("map_update_interval", "min_frontier_size"):
+            if not 0.0 <= getattr(self, name) < math.inf:
+                raise ConfigError(f"{name} must not be negative, but is {getattr(self, name)}")
+
+    @property
+    def control_step(self) -> float:
+        """Duration of an environment step, which is that of a scan [s]."""
+        return 1.0 / self.lidar.rate
+
+    @property
+    def max_steps(self) -> int | None:
+        """Environment steps until the time limit."""
+        return (
+            None if self.time_limit is None else max(1, math.ceil(self.time_limit * self.lidar.rate - 1e-9))
+        )
+
+    @property
+    def publication_steps(self) -> int:
+        """Environment steps between two publications of the map."""
+        return max(1, round(self.map_update_interval * self.lidar.rate))
+
+    @property
+    def usable_range(self) -> float:
+        """How far the robot sees for the purpose of mapping [m]."""
+        return min(self.slam.max_usable_range, self.lidar.range_max)
+
+    def for_explorer(self) -> "ExploreConfig":
+        """The same exploration as a frontier explorer needs it.
+
+        The whole map is observed (and shared between steps), every scan is recorded, and the explorer alone
+        decides when it is done.
+        """
+        return dataclasses.replace(
+            self,
+            observation=dataclasses.replace(self.observation, map="global", shared_map=True),
+            actions="physical" if self.actions == "discrete" else self.actions,
+            coverage_goal=None,
+            terminate_when_explored=False,
+            record=True,
+        )
+
+
+# Parts that have named levels.
+_LEVELS: dict[str, Callable[[str], Any]] = {"lidar": lidar_level, "odometry": odometry_level}
+
+
+def resolve_config(config: ExploreConfig | None, settings: Mapping[str, Any]) -> ExploreConfig:
+    """Merge keyword arguments into a configuration.
+
+    Args:
+        config: What the settings change; the defaults where None.
+        settings: Fields of :class:`ExploreConfig` by name. A part is given as its dataclass, as a mapping of
+            the fields that differ, or, for the lidar and the odometry, as the name of an error level.
+            ``localization`` stands for ``slam.mode``.
+
+    Raises:
+        ConfigError: If a name is unknown; the error suggests the nearest one.
+    """
+    config = config or ExploreConfig()
+    settings = dict(settings)
+    mode = settings.pop("localization", None)
+    known = {entry.name for entry in dataclasses.fields(ExploreConfig)}
+    changes = {}
+    for name, value in settings.items():
+        if name not in known:
+            raise ConfigError(
+                f"unknown setting {name!r} of ExploreEnv; {suggest(name, known | {'localization', 'plans'})}"
+            )
+        changes[name] = _part(name, getattr(config, name), value)
+    config = dataclasses.replace(config, **changes)
+    if mode is not None:
+        config = dataclasses.replace(config, slam=dataclasses.replace(config.slam, mode=mode))
+    return config
+
+
+def _part(name: str, current: Any, value: Any) -> Any:
+    """A field's new value."""
+    if not dataclasses.is_dataclass(current) or isinstance(current, type):
+        return value
+    if isinstance(value, type(current)):
+        return value
+    if isinstance(value, str) and name in _LEVELS:
+        return _LEVELS[name](value)
+    if isinstance(value, Mapping):
+        values = {entry.name: getattr(current, entry.name) for entry in dataclasses.fields(current)}
+        return from_dict(type(current), {**values, **value}, name)
+    levels = ", or the name of an error level" if name in _LEVELS else ""
+    raise ConfigError(
+        f"{name} must be a {type(current).__name__} or a mapping of its fields{levels}, not {value!r}"
+    )

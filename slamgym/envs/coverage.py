@@ -1,0 +1,145 @@
+"""How much of a building has truly been seen.
+
+The floor that counts is what a robot could be expected to see: the part of the free space that the robot's
+centre can reach from its start (the connected component of the free space, eroded by the robot's radius,
+that holds the start), dilated back by the radius and by what a disc leaves out of a square corner,
+(sqrt(2) - 1) radius, and cut to the free space. A cell of that floor is seen once a beam without noise, cast
+from the true pose and followed to the usable range, has passed through it. Coverage is the share of the
+floor's cells that were seen.
+
+It is computed from the truth: it may judge an exploration, but no observation shows it.
+"""
+
+import math
+
+import numpy as np
+import shapely
+from shapely.geometry.base import BaseGeometry
+
+from slamgym.cad.floorplan import FloorPlan, ring_segments
+from slamgym.cad.raster import fill_segments
+from slamgym.envs.coverage_kernels import sweep, unit_vectors
+from slamgym.geometry import compose
+from slamgym.types import BoolArray, FloatArray, GridFrame, LaserGeometry, Pose2D
+from slamgym.world.clutter import fitting_area
+
+CELL = 0.1
+"""Cell size of the floor [m]: the beams of one scan are at most 5 cm apart within the usable range."""
+
+CORNER = math.sqrt(2.0) - 1.0
+"""What a disc leaves out of a square corner, along its diagonal, in radii."""
+
+
+class ReachableFloor:
+    """The parts of a building's floor that a robot can reach, each as a mask of cells.
+
+    Args:
+        plan: The building.
+        robot_radius: [m].
+        furniture: What stands in it, world frame.
+    """
+
+    def __init__(
+        self, plan: FloorPlan, robot_radius: float, furniture: tuple[shapely.Polygon, ...] = ()
+    ) -> None:
+        self._dilation = robot_radius * (1.0 + CORNER)
+        self._free: BaseGeometry = plan.free_space
+        if furniture:
+            self._free = self._free.difference(shapely.union_all(list(furniture)))
+        parts = shapely.get_parts(fitting_area(plan, robot_radius, furniture))
+        self._parts = [part for part in parts if not part.is_empty]
+        self._masks: dict[int, BoolArray] = {}
+        # The margin keeps beams that end on the outline inside the grid.
+        self.frame = GridFrame.covering(plan.bounds, CELL, margin=2.0 * CELL)
+
+    def mask(self, x: float, y: float) -> BoolArray:
+        """The floor that is reachable from a point.
+
+        Convention: row 0 at the *bottom*, as the kernel of :class:`Coverage` wants it.
+
+        Args:
+            x: The start, world frame [m].
+            y: The start, world frame [m].
+
+        Returns:
+            Shape ``frame.shape``, read-only; without any cell if the robot can't be anywhere.
+        """
+        index = self._part_at(x, y)
+        if index not in self._masks:
+            if index < 0:
+                cells = np.zeros(self.frame.shape, dtype=np.bool_)
+            else:
+                floor = self._parts[index].buffer(self._dilation, quad_segs=8).intersection(self._free)
+                cells = np.ascontiguousarray(fill_segments(_outlines(floor), self.frame)[::-1])
+            cells.flags.writeable = False
+            self._masks[index] = cells
+        return self._masks[index]
+
+    def _part_at(self, x: float, y: float) -> int:
+        """Index of the part that holds a point, or is nearest to it; -1 if there is none."""
+        if len(self._parts) < 2:
+            return len(self._parts) - 1
+        point = shapely.Point(x, y)
+        return int(np.argmin([part.distance(point) for part in self._parts]))
+
+
+class Coverage:
+    """What one exploration has seen so far.
+
+    Args:
+        floor: The floor that counts, from :meth:`ReachableFloor.mask`.
+        frame: Its frame, world frame.
+        geometry: The scanner.
+        usable_range: Beams are followed no further than this [m].
+    """
+
+    def __init__(
+        self, floor: BoolArray, frame: GridFrame, geometry: LaserGeometry, usable_range: float
+    ) -> None:
+        self._unseen = floor.copy()
+        self._floor = floor
+        self._frame = frame
+        self._mount = geometry.mount
+        self._directions = unit_vectors(geometry.angles)
+        self._usable = usable_range
+        self._total = int(np.count_nonzero(floor))
+        self._seen = 0
+
+    @property
+    def share(self) -> float:
+        """Share of the floor's cells that were seen, in [0, 1]; 1 where there is no floor."""
+        return self._seen / self._total if self._total else 1.0
+
+    @property
+    def seen(self) -> BoolArray:
+        """Cells of the floor that were seen, shape ``frame.shape``, row 0 at the top."""
+        seen: BoolArray = self._floor & ~self._unseen
+        return seen[::-1]
+
+    def add(self, pose: Pose2D, true_ranges: FloatArray) -> None:
+        """Look around.
+
+        Args:
+            pose: True pose of the robot's base, world frame.
+            true_ranges: Ranges without noise from there, shape (num_beams,) [m].
+        """
+        sensor = compose(pose, self._mount)
+        frame = self._frame
+        self._seen += sweep(
+            self._unseen,
+            frame.origin_x,
+            frame.origin_y,
+            frame.resolution,
+            sensor.x,
+            sensor.y,
+            sensor.theta,
+            self._directions,
+            true_ranges,
+            self._usable,
+        )
+
+
+def _outlines(area: BaseGeometry) -> FloatArray:
+    """All edges of an area's polygons, shape (S, 4) [m]."""
+    polygons = [part for part in shapely.get_parts(area) if isinstance(part, shapely.Polygon)]
+    return ring_segments([ring for part in polygons for ring in (part.exterior, *part.interiors)])

@@ -1,0 +1,155 @@
+"""What a policy sees: the robot's map, its scan, its believed pose, its measured velocity, the clock.
+
+Everything here comes from the mapper, the scanner and the wheels. Nothing takes a floor plan or a true pose.
+"""
+
+import math
+from typing import Any, Protocol
+
+import numpy as np
+from gymnasium import spaces
+
+from slamgym.envs.config import ExploreConfig, ObservationConfig
+from slamgym.envs.observation_kernels import cut_crop
+from slamgym.slam import Mapper
+from slamgym.types import ByteArray, Float32Array, GridFrame, LaserScan, OccupancyGrid, Pose2D, Twist2D
+
+Observation = dict[str, Any]
+
+# Spare width of the egocentric window, so that it is cut from the map anew only every few steps [m].
+_WINDOW_MARGIN = 0.5
+
+
+def observation_space(config: ExploreConfig) -> spaces.Dict:
+    """The space of the observations."""
+    extent = np.array([config.observation.map_size, config.observation.map_size, math.pi], dtype=np.float32)
+    speed = 2.0 * np.array([config.robot.max_linear, config.robot.max_angular], dtype=np.float32)
+    limit = np.finfo(np.float32).max if config.max_steps is None else config.max_steps * config.control_step
+    return spaces.Dict(
+        {
+            "map": spaces.Box(0, 255, config.observation.shape, np.uint8),
+            "scan": spaces.Box(0.0, config.lidar.range_max, (config.lidar.num_beams,), np.float32),
+            "pose": spaces.Box(-extent, extent, dtype=np.float32),
+            "velocity": spaces.Box(-speed, speed, dtype=np.float32),
+            "time": spaces.Box(0.0, np.float32(limit), (1,), np.float32),
+        }
+    )
+
+
+class Observer:
+    """Makes observations that lie in :func:`observation_space`."""
+
+    def __init__(self, config: ExploreConfig) -> None:
+        space = observation_space(config)
+        self._range_max = np.float32(config.lidar.range_max)
+        self._pose_limit: Float32Array = space["pose"].high  # type: ignore[attr-defined]
+        self._speed_limit: Float32Array = space["velocity"].high  # type: ignore[attr-defined]
+
+    def observe(self, cells: ByteArray, scan: LaserScan, pose: Pose2D, velocity: Twist2D) -> Observation:
+        """Put an observation together.
+
+        Args:
+            cells: The map as observed, shape (1, H, W).
+            scan: The scan. No return becomes the largest range, and too near to measure becomes 0.
+            pose: Believed pose, map frame; cut off at the size of the canvas.
+            velocity: Measured velocity; cut off at twice the robot's limits.
+        """
+        ranges = np.minimum(scan.ranges, self._range_max)
+        np.maximum(ranges, np.float32(0.0), out=ranges)
+        return {
+            "map": cells,
+            "scan": ranges,
+            "pose": _within(np.array(pose, dtype=np.float32), self._pose_limit),
+            "velocity": _within(np.array(velocity, dtype=np.float32), self._speed_limit),
+            "time": np.array([scan.stamp], dtype=np.float32),
+        }
+
+
+class MapView(Protocol):
+    """How the map is shown."""
+
+    def view(self, mapper: Mapper, is_new: bool, published: bool) -> ByteArray:
+        """The observation's map, shape (1, H, W).
+
+        Args:
+            mapper: The map's source.
+            is_new: Whether the mapper processed a scan since the last call.
+            published: Whether a publication of the map is due.
+        """
+        ...
+
+
+class GlobalView:
+    """The whole map on a fixed canvas, as last published."""
+
+    def __init__(self, config: ObservationConfig) -> None:
+        self._frame = config.frame()
+        self._shared = config.shared_map
+        self._cells: ByteArray | None = None
+
+    def view(self, mapper: Mapper, is_new: bool, published: bool) -> ByteArray:
+        """See :class:`MapView`."""
+        del is_new  # what was processed shows at the next publication
+        if published or self._cells is None:
+            cells = mapper.render(self._frame)
+            cells.flags.writeable = False
+            self._cells = cells[np.newaxis]
+        return self._cells if self._shared else self._cells.copy()
+
+
+class EgocentricView:
+    """The map about the robot, turned into its heading."""
+
+    def __init__(self, config: ObservationConfig, map_resolution: float) -> None:
+        self._config = config
+        self._resolution = map_resolution
+        # Half the diagonal of the crop, plus the margin in which the window serves again.
+        reach = 0.5 * math.sqrt(2.0) * config.crop_px * config.crop_resolution + _WINDOW_MARGIN
+        self._reach_px = math.ceil(reach / map_resolution) + 1
+        self._samples = max(1, math.ceil(config.crop_resolution / map_resolution - 1e-9))
+        self._window: ByteArray | None = None
+        self._window_frame = GridFrame(map_resolution, 0.0, 0.0, 1, 1)
+        self._window_centre = (0.0, 0.0)
+
+    def view(self, mapper: Mapper, is_new: bool, published: bool) -> ByteArray:
+        """See :class:`MapView`. The crop is of the newest map, not of the last published one."""
+        del published
+        pose = mapper.pose
+        off = math.hypot(pose.x - self._window_centre[0], pose.y - self._window_centre[1])
+        if is_new or self._window is None or off > _WINDOW_MARGIN:
+            self._window = self._cut_window(mapper, pose)
+        frame, config = self._window_frame, self._config
+        crop: ByteArray = np.empty((1, config.crop_px, config.crop_px), dtype=np.uint8)
+        cut_crop(
+            self._window, frame.origin_x, frame.origin_y, frame.resolution, pose.x, pose.y, pose.theta,
+            config.crop_resolution, self._samples, crop[0],
+        )  # fmt: skip
+        return crop
+
+    def _cut_window(self, mapper: Mapper, pose: Pose2D) -> ByteArray:
+        """The part of the map that the crop can need, on the map's own lattice."""
+        size, resolution = self._reach_px, self._resolution
+        col, row = math.floor(pose.x / resolution) - size, math.floor(pose.y / resolution) - size
+        self._window_centre = (pose.x, pose.y)
+        self._window_frame = GridFrame(
+            resolution, col * resolution, row * resolution, 2 * size + 1, 2 * size + 1
+        )
+        return mapper.render(self._window_frame)
+
+
+def make_view(config: ExploreConfig) -> MapView:
+    """The view that the settings name, for one episode."""
+    if config.observation.map == "global":
+        return GlobalView(config.observation)
+    return EgocentricView(config.observation, config.slam.resolution)
+
+
+def canvas_grid(cells: ByteArray, config: ObservationConfig) -> OccupancyGrid:
+    """The global view as an occupancy grid."""
+    return OccupancyGrid(cells[0], config.frame())
+
+
+def _within(values: Float32Array, limit: Float32Array) -> Float32Array:
+    np.minimum(values, limit, out=values)
+    np.maximum(values, -limit, out=values)
+    return values

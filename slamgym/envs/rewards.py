@@ -1,0 +1,226 @@
+"""Rewards: small functions of one transition, summed by weights.
+
+Each term is signed so that a positive weight asks for what most users want: gains are positive, costs
+negative. Coverage and map error come from the truth, which is legitimate for a training signal and never
+reaches an observation; information gain and pose uncertainty are what a robot can know itself.
+"""
+
+import dataclasses
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import partial
+from typing import NamedTuple
+
+from slamgym.config import suggest
+from slamgym.errors import ConfigError
+
+
+@dataclass(frozen=True, slots=True)
+class StepRecord:
+    """One transition, as a reward function sees it.
+
+    ``previous_`` values are those before the step. What no active term needs isn't measured and is nan; a
+    term of the user's own makes the environment measure everything.
+    """
+
+    duration: float
+    """Of the step [s]."""
+    time: float
+    """Robot time after the step [s]."""
+    distance: float
+    """True way of the robot during the step [m]."""
+    contact: bool
+    """Whether an obstacle stopped or deflected the robot."""
+    coverage: float
+    """Share of the reachable floor that was truly seen, in [0, 1]."""
+    previous_coverage: float
+    pose_error: float
+    """Distance of the believed from the true position [m]."""
+    n_eff: float
+    """Effective number of particles."""
+    terminated: bool
+    """Whether the exploration is complete: the coverage goal is reached or no frontier is left."""
+    known_area: float = math.nan
+    """Area that the robot's map shows as free or occupied [m2]."""
+    previous_known_area: float = math.nan
+    map_error: float = math.nan
+    """Mean distance of the map's occupied cells from the nearest true wall [m]."""
+    previous_map_error: float = math.nan
+    position_sigma: float = math.nan
+    """Root of the trace of the particles' position covariance [m]; 0 where there are no particles."""
+
+
+RewardFunction = Callable[[StepRecord], float]
+
+
+def coverage_gain(step: StepRecord) -> float:
+    """Share of the reachable floor seen for the first time; sums to the final coverage."""
+    return step.coverage - step.previous_coverage
+
+
+def information_gain(step: StepRecord) -> float:
+    """Growth of the robot's map [m2]: what a robot can know of :func:`coverage_gain`."""
+    return step.known_area - step.previous_known_area
+
+
+def time_cost(step: StepRecord) -> float:
+    """Minus the time spent [s]."""
+    return -step.duration
+
+
+def path_cost(step: StepRecord) -> float:
+    """Minus the way driven [m]."""
+    return -step.distance
+
+
+def collision_cost(step: StepRecord) -> float:
+    """Minus one for a step with contact."""
+    return -1.0 if step.contact else 0.0
+
+
+def map_error_cost(step: StepRecord) -> float:
+    """Minus the growth of the map's error [m]; sums to minus the final error."""
+    return step.previous_map_error - step.map_error
+
+
+def uncertainty_cost(step: StepRecord) -> float:
+    """Minus the time integral of the position's standard deviation [m s]."""
+    return -step.position_sigma * step.duration
+
+
+def completion_bonus(step: StepRecord) -> float:
+    """One when the exploration is complete."""
+    return 1.0 if step.terminated else 0.0
+
+
+def potential_shaping(step: StepRecord, discount: float) -> float:
+    """Potential-based shaping F = discount * Phi(s') - Phi(s) (Ng, Harada and Russell, ICML 1999, eq. 2).
+
+    The potential is coverage - 1, minus what is left to see. It is 0 in the terminal state, as the theorem
+    demands (a complete exploration leaves nothing), so the shaped task has the same optimal policies.
+
+    Args:
+        step: The transition.
+        discount: Gamma of the learner.
+    """
+    after = 0.0 if step.terminated else step.coverage - 1.0
+    return discount * after - (step.previous_coverage - 1.0)
+
+
+@dataclass(frozen=True)
+class RewardConfig:
+    """Weights of the reward terms; a term of weight 0 is neither computed nor reported."""
+
+    coverage_gain: float = 10.0
+    """Per share of the reachable floor (:func:`coverage_gain`); a whole exploration earns this much."""
+
+    information_gain: float = 0.0
+    """Per m2 of new map (:func:`information_gain`)."""
+
+    time: float = 0.01
+    """Per second (:func:`time_cost`); 420 s cost 4.2, less than full coverage earns."""
+
+    path_length: float = 0.0
+    """Per metre driven (:func:`path_cost`)."""
+
+    collision: float = 0.1
+    """Per step with contact (:func:`collision_cost`)."""
+
+    map_error: float = 0.0
+    """Per metre of mean map error (:func:`map_error_cost`)."""
+
+    pose_uncertainty: float = 0.0
+    """Per metre and second (:func:`uncertainty_cost`)."""
+
+    completion: float = 1.0
+    """Once, at the end (:func:`completion_bonus`)."""
+
+    shaping: float = 0.0
+    """Of the potential (:func:`potential_shaping`)."""
+
+    discount: float = 0.995
+    """Gamma in the shaping; must be the learner's."""
+
+    def __post_init__(self) -> None:
+        for entry in dataclasses.fields(self):
+            if not math.isfinite(getattr(self, entry.name)):
+                raise ConfigError(f"reward.{entry.name} must be a number, not {getattr(self, entry.name)}")
+        if not 0.0 <= self.discount <= 1.0:
+            raise ConfigError(f"reward.discount must lie in [0, 1], not {self.discount}")
+
+
+FUNCTIONS: dict[str, RewardFunction] = {
+    "coverage_gain": coverage_gain,
+    "information_gain": information_gain,
+    "time": time_cost,
+    "path_length": path_cost,
+    "collision": collision_cost,
+    "map_error": map_error_cost,
+    "pose_uncertainty": uncertainty_cost,
+    "completion": completion_bonus,
+}
+"""The terms by the name of their weight; shaping comes with its discount."""
+
+
+class RewardTerm(NamedTuple):
+    """A weighted function under the name that ``info["reward_terms"]`` shows."""
+
+    name: str
+    weight: float
+    function: RewardFunction
+
+
+class Reward:
+    """The sum of weighted terms.
+
+    Args:
+        config: Weights of the terms above.
+        extra: Terms of the user's own: name to (weight, function).
+
+    Attributes:
+        terms: The active terms.
+        needs_known_area: Whether a term looks at the area of the robot's map.
+        needs_map_error: Whether a term looks at the map's error.
+        needs_covariance: Whether a term looks at the pose's uncertainty.
+
+    Raises:
+        ConfigError: If a term of the user's own has a name that is taken, or isn't (number, function).
+    """
+
+    def __init__(
+        self, config: RewardConfig, extra: Mapping[str, tuple[float, RewardFunction]] | None = None
+    ) -> None:
+        functions = {**FUNCTIONS, "shaping": partial(potential_shaping, discount=config.discount)}
+        self.terms = [
+            RewardTerm(name, getattr(config, name), function)
+            for name, function in functions.items()
+            if getattr(config, name) != 0.0
+        ]
+        for name, entry in (extra or {}).items():
+            self.terms.append(_own_term(name, entry, functions))
+        active = {term.name for term in self.terms}
+        self.needs_known_area = bool(extra) or "information_gain" in active
+        self.needs_map_error = bool(extra) or "map_error" in active
+        self.needs_covariance = bool(extra) or "pose_uncertainty" in active
+
+    def __call__(self, step: StepRecord) -> tuple[float, dict[str, float]]:
+        """The reward of a transition, and what each term contributed to it."""
+        contributions = {term.name: term.weight * float(term.function(step)) for term in self.terms}
+        return float(sum(contributions.values())), contributions
+
+
+def _own_term(
+    name: str, entry: tuple[float, RewardFunction], taken: Mapping[str, RewardFunction]
+) -> RewardTerm:
+    if name in taken:
+        raise ConfigError(f"reward_terms: {name!r} is a term already; set its weight by reward.{name}")
+    try:
+        weight, function = entry
+        weight = float(weight)
+    except (TypeError, ValueError):
+        raise ConfigError(f"reward_terms[{name!r}] must be (weight, function), not {entry!r}") from None
+    if not callable(function) or not math.isfinite(weight):
+        hint = suggest(function, taken) if isinstance(function, str) else "give a function of a StepRecord"
+        raise ConfigError(f"reward_terms[{name!r}] must be (weight, function), not {entry!r}; {hint}")
+    return RewardTerm(name, weight, function)

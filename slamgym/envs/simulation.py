@@ -1,0 +1,135 @@
+"""One episode of a robot in a building: truth, sensors and belief, stepped together."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from slamgym.envs.config import ExploreConfig
+from slamgym.envs.sites import Site
+from slamgym.geometry import between
+from slamgym.sensors import Lidar, WheelOdometry
+from slamgym.slam import make_mapper
+from slamgym.types import FloatArray, LaserScan, Pose2D, Twist2D
+from slamgym.world import Motion
+
+
+class Streams(NamedTuple):
+    """Independent sources of randomness of one episode.
+
+    Each is seeded by its own draw from the environment's generator, so a setting that makes one of them draw
+    more often (more particles, say) leaves all the others as they were.
+    """
+
+    plan: np.random.Generator
+    clutter: np.random.Generator
+    start: np.random.Generator
+    odometry: np.random.Generator
+    lidar: np.random.Generator
+    slam: np.random.Generator
+
+    @classmethod
+    def spawn(cls, rng: np.random.Generator) -> "Streams":
+        """Derive the streams of the next episode."""
+        seeds = rng.integers(2**63, size=len(cls._fields))
+        return cls(*(np.random.default_rng(int(seed)) for seed in seeds))
+
+
+class Simulation:
+    """The robot's episode.
+
+    Convention: the map frame has its origin at the start position and the world's axes; the robot starts
+    there with its true heading, as if a compass had told it.
+
+    Args:
+        site: The building.
+        start: Where the robot stands at first, world frame.
+        config: The settings.
+        lidar: The scanner.
+        streams: Sources of randomness.
+
+    Attributes:
+        start: Start pose, world frame.
+        world_from_map: The map frame in the world.
+        mapper: SLAM.
+        scan: The newest scan.
+        true_ranges: The same without errors, shape (num_beams,) [m].
+        odometry_pose: Integrated wheel odometry; starts in the map frame.
+        velocity: As measured by the wheel odometry.
+        is_new_scan_processed: Whether SLAM processed the newest scan, i.e. whether the map may have changed.
+        path_length: True way so far [m].
+        collisions: How often the robot came into contact with something.
+
+    Raises:
+        ConfigError: If the start leaves no room for the robot.
+    """
+
+    def __init__(
+        self, site: Site, start: Pose2D, config: ExploreConfig, lidar: Lidar, streams: Streams
+    ) -> None:
+        self._world = site.world
+        self._world.reset(start)
+        self._lidar = lidar
+        self._rng = streams.lidar
+        self._odometry_rng = streams.odometry
+        self._odometry = WheelOdometry(config.odometry, config.robot, streams.odometry)
+        self._believes_truth = config.slam.mode == "ground_truth"
+        self._dt = config.control_step
+        self._steps = 0
+        self._in_contact = False
+        self.start = start
+        self.world_from_map = Pose2D(start.x, start.y, 0.0)
+        initial = Pose2D(0.0, 0.0, start.theta)
+        self._odometry.reset(initial)
+        self.odometry_pose = initial
+        self.mapper = make_mapper(config.slam, lidar.geometry, initial, streams.slam)
+        self.velocity = Twist2D(0.0, 0.0)
+        self.path_length = 0.0
+        self.collisions = 0
+        self._sense()
+
+    @property
+    def steps(self) -> int:
+        """Steps so far."""
+        return self._steps
+
+    @property
+    def time(self) -> float:
+        """Robot time [s]."""
+        return self._steps * self._dt
+
+    @property
+    def true_pose(self) -> Pose2D:
+        """World frame."""
+        return self._world.pose
+
+    @property
+    def true_map_pose(self) -> Pose2D:
+        """The true pose, expressed in the map frame."""
+        x, y, theta = self._world.pose
+        return Pose2D(x - self.start.x, y - self.start.y, theta)
+
+    @property
+    def segments(self) -> FloatArray:
+        """Everything that the scanner can see now, shape (S, 4) [m], world frame."""
+        return self._world.segments()
+
+    def step(self, command: Twist2D) -> Motion:
+        """Drive for one control step towards a velocity, then scan and map."""
+        motion = self._world.step(command, self._dt)
+        before = self.odometry_pose
+        self.odometry_pose = self._odometry.update(motion, self._odometry_rng)
+        moved = between(before, self.odometry_pose)
+        self.velocity = Twist2D(moved.x / self._dt, moved.theta / self._dt)
+        self._steps += 1
+        self.path_length += motion.distance
+        self.collisions += motion.contact and not self._in_contact
+        self._in_contact = motion.contact
+        self._sense()
+        return motion
+
+    def _sense(self) -> None:
+        """Scan from where the robot stands, and let SLAM take it in."""
+        self.true_ranges = self._lidar.true_ranges(self._world.pose, self._world.segments())
+        self.scan: LaserScan = self._lidar.measure(self.true_ranges, self._rng, self.time)
+        odometry = self.true_map_pose if self._believes_truth else self.odometry_pose
+        self.is_new_scan_processed = self.mapper.update(odometry, self.scan)
