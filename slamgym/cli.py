@@ -26,7 +26,7 @@ class Command:
     """One row of the command table."""
 
     target: str
-    """``module:function``; the function takes the arguments after the command's name and returns an exit code."""
+    """``module:function``; it takes the arguments after the command's name and returns an exit code."""
     help: str
     """One line for ``slamgym --help``."""
     inject: Mapping[str, str] = field(default_factory=dict)
@@ -46,6 +46,9 @@ COMMANDS: dict[str, Command] = {
         "slamgym.dataset.watch_command:main",
         "watch an exploration in a window, or write it as MP4 or GIF",
         _EXPLORERS,
+    ),
+    "export-log": Command(
+        "slamgym.interop.export_command:main", "write an episode or a log as CARMEN log or rosbag2"
     ),
 }
 

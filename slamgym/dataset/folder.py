@@ -1,8 +1,8 @@
 """A dataset folder that is being written: resumable, and consistent whenever the writing stops.
 
-Workers write into ``.incoming``; the one process that holds the lock commits. A pair is part of the dataset from
-the moment its folder appears in ``episodes`` (one rename); its two images are in place before that. Whatever a
-killed run leaves behind is not part of the dataset and is removed when the next run opens the folder.
+Workers write into ``.incoming``; the one process that holds the lock commits. A pair is part of the dataset
+from the moment its folder appears in ``episodes`` (one rename); its two images are in place before that.
+Whatever a killed run leaves behind is not part of the dataset; the next run removes it.
 """
 
 import json
@@ -134,9 +134,7 @@ def _check_settings(layout: Layout, settings: Mapping[str, Any]) -> None:
     if not layout.config.exists():
         strangers = [path.name for path in layout.root.iterdir() if path != layout.lock]
         if strangers:
-            raise ConfigError(
-                f"{layout.root}: is not empty and holds no dataset ({strangers[0]} lies there); choose a new folder"
-            )
+            raise ConfigError(f"{layout.root}: holds {strangers[0]} and no dataset; choose a new folder")
         return
     try:
         before = json.loads(layout.config.read_text())

@@ -19,8 +19,8 @@
       timing.jsonl             seconds that each exploration took (the one file that differs between two runs)
       contact_sheet.png
 
-Convention: everything but ``plan.json`` is in the ``map`` frame: its origin is the start position and its axes
-are parallel to the world's, so a world point is ``start + map point``. The grid's row 0 is at the top.
+Convention: everything but ``plan.json`` is in the ``map`` frame: its origin is the start position and its
+axes are parallel to the world's, so a world point is ``start + map point``. The grid's row 0 is at the top.
 """
 
 import dataclasses
@@ -49,7 +49,7 @@ class PairRecord:
     """Place in the sequence of explorations; places of rejected plans are missing."""
     plan_id: str
     plan_source: str
-    """The kind of source the plan came from, e.g. ``houseexpo``."""
+    """File that the plan came from, without its folder, or the generator."""
     repetition: int
     """How many explorations of the same plan come before this one."""
     seed: int
@@ -61,7 +61,7 @@ class PairRecord:
     finished: str
     """Why the exploration ended: ``explored``, ``coverage``, ``time_limit``, ..."""
     coverage: float
-    """Share of the reachable area that the SLAM map shows, 0 to 1."""
+    """Share of the reachable floor that was truly seen, 0 to 1."""
     robot_seconds: float
     """Time on the robot's clock [s]."""
     time_limit: float
@@ -69,7 +69,7 @@ class PairRecord:
     path_length: float
     """Metres truly driven."""
     collisions: int
-    """Control steps with a contact."""
+    """Contacts with walls, furniture or people."""
     ate: float
     """Absolute trajectory error of the estimate: RMSE of the position against the truth, not aligned [m]."""
     odometry_ate: float

@@ -1,7 +1,7 @@
 """Which plan is explored when, and with which seed: a pure function of the dataset's seed.
 
-Nothing here depends on how many pairs are asked for, how many workers there are or in which order they finish,
-so an interrupted, resumed or extended dataset is the same dataset.
+Nothing here depends on how many pairs are asked for, how many workers there are or in which order they
+finish, so an interrupted, resumed or extended dataset is the same dataset.
 """
 
 import hashlib

@@ -31,7 +31,7 @@ class StorageError(SlamgymError):
 
 @contextlib.contextmanager
 def storage_errors(path: Path) -> Iterator[None]:
-    """Turn an :class:`OSError` inside the block into a :class:`StorageError` that names the path and the mend."""
+    """Turn an :class:`OSError` inside the block into an error that names the path and the mend."""
     try:
         yield
     except OSError as error:
@@ -49,7 +49,7 @@ def write_durably(path: Path, data: bytes) -> None:
 
 
 def replace_file(path: Path, data: bytes) -> None:
-    """Write a file so that readers, and a run killed at any moment, see the old bytes or the new, never a mix."""
+    """Write a file so that whoever reads it, whenever a run is killed, sees the old bytes or the new."""
     temporary = path.with_name(f".{path.name}.tmp")
     write_durably(temporary, data)
     temporary.replace(path)

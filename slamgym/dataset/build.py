@@ -1,0 +1,234 @@
+"""The main path of ``slamgym generate``: floor plans in, a folder of map pairs out."""
+
+import time
+import traceback
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import cv2
+
+from slamgym import __version__
+from slamgym.cad import FloorPlan, PlanSource
+from slamgym.config import config_hash, to_dict
+from slamgym.dataset.engine import run_tasks
+from slamgym.dataset.episode import EpisodeConfig, MakeExplorer, run_episode
+from slamgym.dataset.episode_files import write_episode
+from slamgym.dataset.folder import SIDES, DatasetFolder, open_dataset
+from slamgym.dataset.format import FORMAT_VERSION
+from slamgym.dataset.pair import PairConfig, make_pair
+from slamgym.dataset.plan_filter import PlanFilter, passes
+from slamgym.dataset.progress import show_progress
+from slamgym.dataset.record import make_record
+from slamgym.dataset.schedule import Slot, ids_digest, schedule
+from slamgym.dataset.storage import storage_errors, sync_tree, write_durably
+from slamgym.errors import PlanError, SlamgymError
+
+
+@dataclass(frozen=True)
+class DatasetConfig:
+    """Everything that decides the content of a dataset, apart from the plans."""
+
+    seed: int = 0
+    """Seed of the whole dataset; explorations derive theirs from it, the plan id and the repetition."""
+    plans_filter: PlanFilter = "none"
+    """``useful`` takes homes that are worth exploring: 2-20 rooms, 20-300 m2, at most 30 m long, at most
+    1,500 vertices."""
+    episode: EpisodeConfig = field(default_factory=EpisodeConfig)
+    """The exploration."""
+    pair: PairConfig = field(default_factory=PairConfig)
+    """The images."""
+
+
+@dataclass(frozen=True)
+class BuildReport:
+    """What a run of :func:`build_dataset` did."""
+
+    pairs: int
+    """Pairs in the folder now."""
+    fresh: int
+    """Pairs that this run added."""
+    rejected: dict[str, int]
+    """How many slots of the schedule gave no pair, by the kind of error; see ``rejected.jsonl``."""
+    seconds: float
+    """Wall time of this run [s]."""
+
+
+@dataclass(frozen=True)
+class _Exploration:
+    """A task for a worker."""
+
+    slot: Slot
+    plan: FloorPlan
+    staged: Path
+    config: DatasetConfig
+    make_explorer: MakeExplorer
+
+
+@dataclass(frozen=True)
+class _Outcome:
+    """What a worker reports: the pair lies in ``staged``, or ``error`` says why there is none."""
+
+    slot: Slot
+    staged: Path
+    timing: dict[str, Any] = field(default_factory=dict)
+    error: str = ""
+    reason: str = ""
+
+
+def build_dataset(
+    root: Path,
+    plans: PlanSource,
+    config: DatasetConfig,
+    make_explorer: MakeExplorer,
+    *,
+    pairs: int,
+    workers: int = 1,
+) -> BuildReport:
+    """Explore floor plans until the folder holds the wanted number of pairs.
+
+    Pairs that are there already are kept; a run that was interrupted goes on where it stopped. The content
+    depends on the plans and the settings alone, not on the number of workers or on interruptions.
+
+    Args:
+        root: The dataset's folder; made if it is missing.
+        plans: Where the floor plans come from.
+        config: The settings.
+        make_explorer: Makes the explorer of an exploration; a function that can be pickled by reference.
+        pairs: How many pairs the folder shall hold.
+        workers: Number of processes.
+
+    Raises:
+        ConfigError: If the folder holds pairs made with other settings.
+        StorageError: If the folder can't be written, or another run is writing to it.
+        SlamgymError: If no plan at all can be explored.
+    """
+    began = time.monotonic()
+    with open_dataset(root, dataset_settings(config, plans)) as folder:
+        before = len(folder.committed)
+        queue = _Queue(folder, plans, config, make_explorer, pairs)
+        with show_progress("pairs", min(before, pairs), pairs) as advance:
+            while queue.wants_more():
+                for outcome in run_tasks(_explore, queue.draw(), workers):
+                    if outcome.error:
+                        queue.reject(outcome.slot, outcome.error, outcome.reason)
+                    else:
+                        folder.commit(outcome.staged, outcome.timing)
+                        advance()
+        committed = len(folder.committed)
+        rejected = dict(Counter(entry["error"] for entry in folder.rejected.values()))
+    return BuildReport(committed, committed - before, rejected, time.monotonic() - began)
+
+
+def dataset_settings(config: DatasetConfig, plans: PlanSource) -> dict[str, Any]:
+    """The content of ``config.json``: two datasets with the same one have the same pairs."""
+    return {
+        "format_version": FORMAT_VERSION,
+        "version": __version__,
+        "plans": {"count": len(plans), "sha256": ids_digest(plans.ids)},
+        **to_dict(config),
+    }
+
+
+class _Queue:
+    """Draws explorations from the schedule until enough slots hold a pair or are being explored."""
+
+    def __init__(
+        self,
+        folder: DatasetFolder,
+        plans: PlanSource,
+        config: DatasetConfig,
+        make_explorer: MakeExplorer,
+        pairs: int,
+    ) -> None:
+        self._folder, self._plans, self._config, self._make_explorer = folder, plans, config, make_explorer
+        self._slots = schedule(plans.ids, config.seed)
+        self._missing = pairs
+        self._barren = 0
+
+    def wants_more(self) -> bool:
+        """Whether slots are still missing."""
+        return self._missing > 0
+
+    def draw(self) -> Iterator[_Exploration]:
+        """Yield the explorations to run; a rejection on the way makes it go on with the next slot."""
+        while self._missing > 0:
+            slot = next(self._slots)
+            if slot.name in self._folder.committed:
+                self._missing -= 1
+                continue
+            plan = self._load(slot)
+            if plan is None:
+                self._note_barren()
+                continue
+            self._missing -= 1
+            self._barren = 0
+            yield _Exploration(slot, plan, self._folder.stage(slot.name), self._config, self._make_explorer)
+
+    def reject(self, slot: Slot, error: str, reason: str) -> None:
+        """Note that a slot gives no pair; another one takes its place."""
+        self._folder.reject(slot, error, reason)
+        self._missing += 1
+        self._note_barren()
+
+    def _load(self, slot: Slot) -> FloorPlan | None:
+        if slot.index in self._folder.rejected:
+            return None
+        try:
+            plan = self._plans.load(slot.plan_id)
+        except PlanError as error:
+            self._folder.reject(slot, "PlanError", error.reason)
+            return None
+        return plan if passes(plan, self._config.plans_filter) else None
+
+    def _note_barren(self) -> None:
+        self._barren += 1
+        if self._barren >= max(len(self._plans), 1):
+            raise SlamgymError(
+                f"none of the {len(self._plans)} plans gave a pair; {self._folder.layout.rejected} says why, "
+                "unless the filter leaves none"
+            )
+
+
+def _explore(exploration: _Exploration) -> _Outcome:
+    """Run one exploration and write its pair into the staging folder (in a worker)."""
+    slot, staged = exploration.slot, exploration.staged
+    wall, cpu = time.perf_counter(), time.process_time()
+    try:
+        _write_pair(exploration)
+    except PlanError as error:
+        return _Outcome(slot, staged, error="PlanError", reason=error.reason)
+    except (SlamgymError, OSError, MemoryError):
+        raise
+    except Exception as error:  # noqa: BLE001 - one odd plan must not end a night's run; the record names the place
+        return _Outcome(slot, staged, error=type(error).__name__, reason=_place_of(error))
+    timing = {"cpu_seconds": time.process_time() - cpu, "wall_seconds": time.perf_counter() - wall}
+    return _Outcome(slot, staged, timing)
+
+
+def _write_pair(exploration: _Exploration) -> None:
+    slot, staged, config = exploration.slot, exploration.staged, exploration.config
+    episode = run_episode(exploration.plan, slot.seed, config.episode, exploration.make_explorer)
+    pair = make_pair(episode.plan, episode.start, episode.slam_map, config.pair)
+    images = {side: _png(image) for side, image in zip(SIDES, (pair.cad, pair.slam), strict=True)}
+    record = make_record(slot, episode, pair, images, config.episode.explorer, config_hash(config))
+    with storage_errors(staged):
+        (staged / "episode").mkdir(parents=True)
+        write_episode(staged / "episode", episode)
+        write_durably(staged / "episode" / "episode.json", record.to_line().encode())
+        for side, data in images.items():
+            write_durably(staged / f"{side}.png", data)
+        sync_tree(staged)
+
+
+def _png(image: Any) -> bytes:
+    _, data = cv2.imencode(".png", image)
+    return bytes(data)
+
+
+def _place_of(error: Exception) -> str:
+    """The error's message and the innermost line that raised it."""
+    frame = traceback.extract_tb(error.__traceback__)[-1]
+    return f"{error} (in {Path(frame.filename).name}:{frame.lineno}, {frame.name})"

@@ -1,0 +1,123 @@
+"""``slamgym generate``: explore floor plans and write map pairs."""
+
+import dataclasses
+import os
+import sys
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal
+
+import tyro
+
+from slamgym.cad import open_plans
+from slamgym.dataset.build import BuildReport, DatasetConfig, build_dataset
+from slamgym.dataset.episode import EpisodeConfig, MakeExplorer
+from slamgym.dataset.format import Layout
+from slamgym.dataset.pair import PairConfig
+from slamgym.dataset.plan_filter import PlanFilter
+from slamgym.dataset.progress import duration, say
+from slamgym.dataset.summary import describe_pairs, write_contact_sheet
+from slamgym.envs import ExploreConfig
+from slamgym.errors import ConfigError
+from slamgym.sensors import LidarConfig, odometry_level
+from slamgym.slam import SlamConfig
+from slamgym.world import ClutterConfig, RobotConfig
+
+
+@dataclass(frozen=True)
+class GenerateArguments:
+    """Explore floor plans with a simulated robot and write SLAM/CAD map pairs.
+
+    The same seed gives the same files with any number of workers. Ctrl-C and even kill -9 lose at most the
+    explorations in flight: the same command again makes the rest.
+    """
+
+    out: Path
+    """Folder of the dataset; made if it is missing, continued if it holds one made with the same settings."""
+    plans: str = "bundled"
+    """Floor plans: a file, a folder or a .tar.gz of HouseExpo plans, a ROS map's yaml, ``bundled``, or
+    ``procedural``."""
+    ids: Path | None = None
+    """A file with one plan id a line: take only these plans."""
+    plans_filter: PlanFilter = "none"
+    """``useful`` takes homes that are worth exploring: 2-20 rooms, 20-300 m2, at most 30 m long, at most
+    1,500 vertices."""
+    pairs: int = 8
+    """How many pairs the folder shall hold. A larger number later adds to the same folder."""
+    explorer: str = "explore_lite"
+    """Who drives: ``explore_lite``, ``nearest``, ..."""
+    minutes: Literal["auto"] | float = "auto"
+    """``auto``: until nothing is left to explore, with a limit that grows with the floor area; or a fixed
+    limit of robot time [min], 7 in the paper."""
+    particles: int = 30
+    """Particles of the SLAM filter."""
+    odometry: Literal["ideal", "low", "medium", "high"] = "medium"
+    """Errors of the wheel odometry; ``ideal`` is what stock Gazebo has, as in the paper."""
+    seed: int = 0
+    """Seed of everything random."""
+    workers: int = 0
+    """Processes; 0 takes one per core."""
+    contact_sheet: int = 12
+    """Pairs on the contact sheet; 0 draws none."""
+    pair: PairConfig = field(default_factory=PairConfig)
+    """The images."""
+    robot: RobotConfig = field(default_factory=RobotConfig)
+    """Measures and limits of the robot."""
+    lidar: LidarConfig = field(default_factory=LidarConfig)
+    """The scanner and its errors."""
+    slam: SlamConfig = field(default_factory=SlamConfig)
+    """Localisation and mapping."""
+    clutter: ClutterConfig = field(default_factory=ClutterConfig)
+    """Furniture and people, which no CAD map shows."""
+
+
+def main(argv: list[str], make_explorer: MakeExplorer) -> int:
+    """Run the command; returns the exit code."""
+    arguments = tyro.cli(GenerateArguments, args=argv, prog="slamgym generate")
+    if arguments.pairs < 1:
+        raise ConfigError(f"--pairs must be at least 1, not {arguments.pairs}")
+    if arguments.workers < 0:
+        raise ConfigError(f"--workers must be 0 (one per core) or more, not {arguments.workers}")
+    report = build_dataset(
+        arguments.out,
+        open_plans(arguments.plans, ids_file=arguments.ids),
+        dataset_config(arguments),
+        make_explorer,
+        pairs=arguments.pairs,
+        workers=arguments.workers or os.cpu_count() or 1,
+    )
+    _report(arguments, report)
+    return 0
+
+
+def dataset_config(arguments: GenerateArguments) -> DatasetConfig:
+    """The settings that decide the content, with the short options put in their places."""
+    env = ExploreConfig(
+        robot=arguments.robot,
+        lidar=arguments.lidar,
+        odometry=odometry_level(arguments.odometry),
+        slam=dataclasses.replace(arguments.slam, particles=arguments.particles),
+        clutter=arguments.clutter,
+    )
+    return DatasetConfig(
+        seed=arguments.seed,
+        plans_filter=arguments.plans_filter,
+        episode=EpisodeConfig(explorer=arguments.explorer, minutes=arguments.minutes, env=env),
+        pair=arguments.pair,
+    )
+
+
+def _report(arguments: GenerateArguments, report: BuildReport) -> None:
+    """Say what is there now, what was left out, and where to look."""
+    layout = Layout(arguments.out)
+    if report.fresh:
+        say(f"{report.fresh} new pairs in {duration(report.seconds)}.")
+    else:
+        say(f"Nothing to do: {arguments.out} holds {report.pairs} pairs already.")
+    if report.rejected:
+        kinds = ", ".join(f"{count} {kind}" for kind, count in sorted(report.rejected.items()))
+        say(f"{sum(report.rejected.values())} plans were skipped ({kinds}); {layout.rejected} says why.")
+    sys.stdout.write(describe_pairs(arguments.out) + "\n")
+    if arguments.contact_sheet > 0:
+        path = write_contact_sheet(arguments.out, arguments.contact_sheet)
+        sys.stdout.write(f"contact sheet: {path}\n")

@@ -1,0 +1,93 @@
+"""What lies in a dataset, in words and in one picture."""
+
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from slamgym.dataset.contact_sheet import SheetEntry, draw_contact_sheet
+from slamgym.dataset.format import Layout, PairRecord, load_pair, read_manifest
+from slamgym.dataset.storage import replace_file, storage_errors
+from slamgym.interop import read_tum
+
+GOOD_COVERAGE = 0.95
+"""Share of the reachable area from which an exploration counts as complete."""
+
+
+def describe_pairs(root: Path) -> str:
+    """Summarise a dataset in a few lines of text.
+
+    Raises:
+        InputFileError: If the folder holds no dataset.
+    """
+    records = list(read_manifest(root))
+    if not records:
+        return f"{root}: no pairs"
+    coverage = np.array([record.coverage for record in records])
+    ate = np.array([record.ate for record in records])
+    odometry = np.array([record.odometry_ate for record in records])
+    walls = np.array([record.map_error for record in records])
+    minutes = np.array([record.robot_seconds for record in records]) / 60.0
+    complete = 100.0 * np.mean(coverage >= GOOD_COVERAGE)
+    endings = ", ".join(
+        f"{count} {reason}" for reason, count in Counter(r.finished for r in records).most_common()
+    )
+    return "\n".join(
+        [
+            f"{root}: {len(records)} pairs of {len({r.plan_id for r in records})} plans",
+            f"  coverage        median {100 * np.median(coverage):.1f} %, "
+            f"{complete:.0f} % of the pairs at {100 * GOOD_COVERAGE:.0f} % or more",
+            f"  robot time      median {np.median(minutes):.1f} min, longest {minutes.max():.1f} min",
+            f"  ended by        {endings}",
+            f"  position error  median {np.median(ate):.3f} m, worst {ate.max():.3f} m "
+            f"(wheels alone: median {np.median(odometry):.3f} m)",
+            f"  wall error      median {np.median(walls):.3f} m, worst {walls.max():.3f} m",
+        ]
+    )
+
+
+def write_contact_sheet(root: Path, limit: int) -> Path:
+    """Draw up to ``limit`` pairs, spread evenly over the dataset, into its ``contact_sheet.png``.
+
+    Returns:
+        The picture's path.
+
+    Raises:
+        InputFileError: If a file of the dataset is missing or malformed.
+        StorageError: If the picture can't be written.
+    """
+    layout = Layout(root)
+    records = list(read_manifest(root))
+    chosen = [
+        records[i] for i in np.unique(np.linspace(0, len(records) - 1, min(limit, len(records))).astype(int))
+    ]
+    heading = (
+        f"slamgym: {len(chosen)} of {len(records)} pairs"
+        if len(chosen) < len(records)
+        else "slamgym: map pairs"
+    )
+    picture = draw_contact_sheet(heading, sheet_entries(root, chosen), columns=2)
+    with storage_errors(layout.contact_sheet):
+        replace_file(layout.contact_sheet, cv2.imencode(".png", picture[:, :, ::-1])[1].tobytes())
+    return layout.contact_sheet
+
+
+def sheet_entries(root: Path, records: Sequence[PairRecord]) -> list[SheetEntry]:
+    """Read the pairs of some records for a contact sheet."""
+    layout = Layout(root)
+    entries = []
+    for record in records:
+        cad, slam = load_pair(root, record.name)
+        path = read_tum(layout.episode(record.name) / "estimate.tum").poses[:, :2]
+        entries.append(SheetEntry(record.plan_id, _details(record), cad, slam, record.frame, path))
+    return entries
+
+
+def _details(record: PairRecord) -> str:
+    return (
+        f"{100 * record.coverage:.1f} % covered in {record.robot_seconds / 60:.1f} min, "
+        f"{record.path_length:.0f} m; errors: pose {record.ate:.2f} m (wheels {record.odometry_ate:.2f} m), "
+        f"walls {record.map_error:.3f} m"
+    )
