@@ -3,6 +3,8 @@
 from slamgym.cad.floorplan import Door, FloorPlan, Room, check_plan, robot_space
 from slamgym.cad.generator import GeneratorConfig, generate_plan
 from slamgym.cad.houseexpo import format_houseexpo, parse_houseexpo, read_houseexpo, write_houseexpo
+from slamgym.cad.image_plan import read_image_plan, read_ros_plan, trace_plan
+from slamgym.cad.rejections import Rejection, Rejections, usable_plans
 from slamgym.cad.sources import PlanSource, open_plans
 
 __all__ = [
@@ -10,6 +12,8 @@ __all__ = [
     "FloorPlan",
     "GeneratorConfig",
     "PlanSource",
+    "Rejection",
+    "Rejections",
     "Room",
     "check_plan",
     "format_houseexpo",
@@ -17,6 +21,10 @@ __all__ = [
     "open_plans",
     "parse_houseexpo",
     "read_houseexpo",
+    "read_image_plan",
+    "read_ros_plan",
     "robot_space",
+    "trace_plan",
+    "usable_plans",
     "write_houseexpo",
 ]

@@ -4,6 +4,7 @@ A layout tiles the building with polygons whose edges are the middle lines of wa
 centimetres, so that shared edges are exactly equal and unions need no tolerance.
 """
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -106,6 +107,13 @@ def snap(value: float) -> float:
     return round(float(value), 2)
 
 
+def cut_out(polygon: Polygon, box: Box) -> Polygon:
+    """What is left of a cell without a box at its corner or in its middle."""
+    rest = polygon.difference(box.polygon())
+    assert isinstance(rest, Polygon)
+    return rest
+
+
 def shared_walls(a: Polygon, b: Polygon) -> list[Wall]:
     """The straight pieces of boundary that two cells share, the longest first."""
     common = shapely.line_merge(a.boundary.intersection(b.boundary))
@@ -114,7 +122,7 @@ def shared_walls(a: Polygon, b: Polygon) -> list[Wall]:
         if line.geom_type != "LineString":
             continue
         points = np.round(shapely.get_coordinates(line.simplify(0.0)), 2)
-        for (x0, y0), (x1, y1) in zip(points[:-1], points[1:], strict=True):
+        for (x0, y0), (x1, y1) in itertools.pairwise(points):
             if x0 == x1 or y0 == y1:
                 walls.append(Wall(float(x0), float(y0), float(x1), float(y1)))
     return sorted(walls, key=lambda wall: -wall.length)

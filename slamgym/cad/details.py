@@ -26,7 +26,7 @@ class Details:
     """Probability that a room of more than 40 m2 has pillars."""
     islands: float = 0.3
     """Probability that a kitchen of more than 15 m2 has an island."""
-    chimneys: float = 0.08
+    chimneys: float = 0.05
     """Probability that a wall of a room has a chimney breast or a shaft."""
     bays: float = 0.1
     """Probability that a room has a bay window, if it has an outer wall."""
@@ -140,11 +140,11 @@ def _beside_wall(
 
 def bay_windows(
     cells: Sequence[Cell], thickness: float, rng: np.random.Generator, config: Details
-) -> list[Polygon]:
-    """Free space that bulges out of outer walls, with oblique sides."""
+) -> dict[int, Polygon]:
+    """Free space that bulges out of outer walls, with oblique sides, for some of the cells by their index."""
     built = shapely.union_all([cell.polygon for cell in cells])
-    bays = []
-    for cell in cells:
+    bays: dict[int, Polygon] = {}
+    for index, cell in enumerate(cells):
         if cell.category not in _BAY_ROOMS or rng.random() >= config.bays:
             continue
         outer = [
@@ -152,12 +152,10 @@ def bay_windows(
         ]
         for wall in outer:
             bay = _bay(wall, thickness, rng)
-            # Its outer wall must not run into the building either.
-            if (
-                bay.buffer(thickness).intersection(built).area
-                < 1.01 * bay.buffer(thickness).intersection(cell.polygon).area
-            ):
-                bays.append(bay)
+            # Its outer wall must not run into another part of the building either.
+            outside = bay.buffer(thickness).difference(cell.polygon)
+            if outside.intersection(built).area < 0.5 * thickness**2:
+                bays[index] = bay
                 break
     return bays
 

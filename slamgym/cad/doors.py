@@ -4,8 +4,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import minimum_spanning_tree
 
 from slamgym.cad.cells import Box, Cell, Wall, shared_walls, snap
 from slamgym.cad.floorplan import Door
@@ -52,8 +50,8 @@ def join_rooms(
 ) -> list[Opening] | None:
     """Join all rooms by a tree of openings, and some by one more so that there are ways round.
 
-    The tree prefers doors to halls and living rooms, then to bedrooms and offices; nobody walks through a bath
-    to get to a kitchen if there is another way.
+    The tree prefers doors to halls and living rooms, then to bedrooms and offices; nobody walks through a
+    bath to get to a kitchen if there is another way.
 
     Args:
         cells: The layout.
@@ -116,6 +114,10 @@ def _cost(a: str, b: str) -> float:
 
 def _tree(count: int, pairs: Sequence[_Neighbours]) -> set[tuple[int, int]]:
     """The cheapest set of pairs that joins everything."""
+    # Imported here, because only the generator needs scipy and it takes 0.2 s.
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import minimum_spanning_tree
+
     rows, cols = [pair.first for pair in pairs], [pair.second for pair in pairs]
     graph = coo_array(([pair.cost for pair in pairs], (rows, cols)), shape=(count, count))
     tree = minimum_spanning_tree(graph.tocsr()).tocoo()
@@ -133,7 +135,7 @@ def _open(
     # Even a bedroom or a garage may have a passage rather than a door.
     chance = open_plan if categories <= _OPEN_PLAN else 0.4 * open_plan
     if not categories & _CLOSED and rng.random() < chance:
-        if categories <= _OPEN_PLAN and rng.random() < 0.55:
+        if categories <= _OPEN_PLAN and rng.random() < 0.7:
             return Opening(pair.wall.opening(start, start + usable, thickness), None, members)
         width = float(np.clip(rng.uniform(*WIDE_OPENING), 0.7, usable - 2 * MIN_NIB))
     else:

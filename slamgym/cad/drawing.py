@@ -6,6 +6,7 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 import shapely
+from shapely import Polygon
 
 from slamgym.cad.floorplan import FloorPlan
 from slamgym.cad.raster import fill_segments, map_values
@@ -40,6 +41,7 @@ _COLOURS: dict[str, tuple[int, int, int]] = {
 }
 _OVERSAMPLING = 2
 _TEXT_HEIGHT_PX = 40
+_SOLID_AREA = 6.0  # smaller holes [m2] are pillars and islands, drawn solid
 _WALL_THICKNESS = 0.25  # drawn outside the outline [m]
 
 
@@ -63,6 +65,9 @@ def draw_plan(plan: FloorPlan, size_px: int = 420) -> ByteArray:
     canvas[values == OCCUPIED] = _WALL
     canvas[values == FREE] = _FLOOR
     _paint_rooms(canvas, plan, inside, frame)
+    for hole in plan.free_space.interiors:
+        if Polygon(hole).area < _SOLID_AREA:
+            cv2.fillPoly(canvas, [_to_px(shapely.get_coordinates(hole), frame)], _WALL)
     _mark_doors(canvas, plan, frame)
     small = cv2.resize(canvas, (size_px, size_px), interpolation=cv2.INTER_AREA)
     picture = np.vstack([small, np.full((_TEXT_HEIGHT_PX, size_px, 3), _PAPER, dtype=np.uint8)])

@@ -147,7 +147,7 @@ class FloorPlan:
 
 
 def ring_segments(rings: Iterable[BaseGeometry]) -> FloatArray:
-    """The edges of closed rings as one array, shape (S, 4) x0, y0, x1, y1 [m]; edges of no length are left out."""
+    """The edges of closed rings, shape (S, 4) x0, y0, x1, y1 [m], without those of no length."""
     edges = []
     for ring in rings:
         points = shapely.get_coordinates(ring)
@@ -158,7 +158,7 @@ def ring_segments(rings: Iterable[BaseGeometry]) -> FloatArray:
 
 
 def robot_space(plan: FloorPlan, robot_radius: float) -> Polygon:
-    """Where the centre of a round robot can be: the largest connected part of the free space shrunk by its radius.
+    """Where the centre of a round robot can be: the largest part of the free space shrunk by its radius.
 
     Args:
         plan: The plan.
@@ -184,7 +184,7 @@ def check_plan(plan: FloorPlan, robot_radius: float = 0.22, max_extent: float = 
 
     Raises:
         PlanError: Naming the plan and the first fault found: coordinates that aren't numbers, an outline that
-            crosses itself, no area, disjoint parts, too large for the map, or rooms that the robot can't enter.
+            crosses itself, no area, disjoint parts, too large for the map, rooms that the robot can't enter.
     """
     _check_geometry(plan)
     min_x, min_y, max_x, max_y = plan.bounds
@@ -192,14 +192,14 @@ def check_plan(plan: FloorPlan, robot_radius: float = 0.22, max_extent: float = 
     if extent > max_extent:
         raise PlanError(
             plan.where,
-            f"the plan is {extent:.1f} m long but the map holds {max_extent:.1f} m; use a larger map or leave it out",
+            f"the plan is {extent:.1f} m long but the map holds {max_extent:.1f} m; use a larger map",
         )
     _check_reach(plan, robot_radius)
 
 
 def _check_geometry(plan: FloorPlan) -> None:
     """Refuse free space that isn't one valid polygon with an area."""
-    space = plan.free_space
+    space: BaseGeometry = plan.free_space  # which the type promises and a caller may not keep
     if isinstance(space, shapely.MultiPolygon):
         raise PlanError(
             plan.where, f"the free space falls into {len(space.geoms)} disjoint parts; connect them"
@@ -216,18 +216,18 @@ def _check_geometry(plan: FloorPlan) -> None:
 
 
 def _check_reach(plan: FloorPlan, robot_radius: float) -> None:
-    """Refuse a plan of which the robot can't enter the larger part, or whose declared rooms it can't enter."""
+    """Refuse a plan whose floor, or whose declared rooms, the robot can't enter."""
+    robot = f"a robot of radius {robot_radius:.2f} m"
     centre_space = robot_space(plan, robot_radius)
     if centre_space.is_empty:
-        raise PlanError(plan.where, f"no place is wide enough for a robot of radius {robot_radius:.2f} m")
+        raise PlanError(
+            plan.where, f"no place is wide enough for {robot}; check its unit, or use a smaller robot"
+        )
     # The floor that the robot's body can cover; corners it can't reach are a matter of centimetres.
     reached = centre_space.buffer(robot_radius, quad_segs=4)
     share = reached.area / plan.area
     if share < MIN_REACHED_SHARE:
-        raise PlanError(
-            plan.where,
-            f"a robot of radius {robot_radius:.2f} m can enter only {share:.0%} of the floor; widen its openings",
-        )
+        raise PlanError(plan.where, f"{robot} can enter only {share:.0%} of the floor; widen the doors")
     closed = []
     for room in plan.rooms:
         floor = room.polygon.intersection(plan.free_space)
@@ -235,7 +235,4 @@ def _check_reach(plan: FloorPlan, robot_radius: float) -> None:
             closed.append(room.category)
     if closed:
         names = ", ".join(sorted(set(closed)))
-        raise PlanError(
-            plan.where,
-            f"a robot of radius {robot_radius:.2f} m can't enter {len(closed)} room(s) ({names}); widen their doors",
-        )
+        raise PlanError(plan.where, f"{robot} can't enter {len(closed)} room(s), {names}; widen the doors")

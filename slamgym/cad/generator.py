@@ -1,19 +1,20 @@
 """A seeded generator of believable homes and offices.
 
 The layout comes first (:mod:`slamgym.cad.homes`, :mod:`slamgym.cad.offices`): cells that tile the building.
-Then openings join the rooms (:mod:`slamgym.cad.doors`), walls get their thickness, and details such as pillars
-and chimneys break up the rooms (:mod:`slamgym.cad.details`). Sizes follow HouseExpo (``benchmarks/
-plan_statistics.py`` compares them); unlike HouseExpo's single outlines, plans may have ways round: second
-doors, rings of corridor, cores, pillars and islands.
+Then openings join the rooms (:mod:`slamgym.cad.doors`), walls get their thickness, and details such as
+pillars and chimneys break up the rooms (:mod:`slamgym.cad.details`). Sizes follow HouseExpo
+(``benchmarks/plan_statistics.py`` compares them); unlike HouseExpo's single outlines, plans may have ways
+round: second doors, rings of corridor, cores, pillars and islands.
 """
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Literal, TypeGuard
 
 import numpy as np
 import shapely
 from shapely import Polygon
+from shapely.geometry.base import BaseGeometry
 
 from slamgym.cad.cells import GRID, Cell
 from slamgym.cad.details import Details, bay_windows, free_standing, wall_blocks
@@ -50,11 +51,11 @@ class GeneratorConfig:
     office_area: tuple[float, float] = (150.0, 700.0)
     """Smallest and largest office floor [m2]."""
     wall_thickness: tuple[float, ...] = (0.1, 0.12, 0.14)
-    """Thickness of interior walls [m], even whole centimetres, drawn for a plan; HouseExpo's are 0.10-0.12 m."""
-    open_plan: float = 0.75
+    """Thickness of interior walls [m], even whole centimetres; HouseExpo's are 0.10-0.12 m."""
+    open_plan: float = 0.8
     """Probability that two living areas are joined by a wide opening or none of the wall is left."""
     loops: float = 0.08
-    """Probability of a second way between two neighbouring rooms, for each pair with a hall or living room."""
+    """Probability of a second way for each pair of neighbours of which one is a hall or living room."""
     details: Details = field(default_factory=Details)
     """Pillars, islands, chimneys, bay windows."""
 
@@ -116,15 +117,16 @@ def _build(
     interiors = [_interior(cell.polygon, thickness) for cell in cells]
     if any(interior is None for interior in interiors):
         return None
-    bays = bay_windows(cells, thickness, rng, config.details)
+    for index, bay in bay_windows(cells, thickness, rng, config.details).items():
+        wider = shapely.union(interiors[index], bay, grid_size=GRID)
+        interiors[index] = wider if isinstance(wider, Polygon) else None
+    rooms = [room for room in interiors if isinstance(room, Polygon)]
     solids = [
         *free_standing(cells, rng, config.details),
         *wall_blocks(cells, openings, thickness, rng, config.details),
     ]
-    rooms = [polygon for polygon in interiors if polygon is not None]
-    space = shapely.union_all(
-        [*rooms, *(opening.box.polygon() for opening in openings), *bays], grid_size=GRID
-    )
+    passages = [opening.box.polygon() for opening in openings]
+    space = shapely.union_all([*rooms, *passages], grid_size=GRID)
     for solid in solids:
         smaller = shapely.difference(space, solid, grid_size=GRID)
         if _is_roomy(smaller):
@@ -149,7 +151,7 @@ def _interior(cell: Polygon, thickness: float) -> Polygon | None:
     return interior
 
 
-def _is_roomy(space: Polygon) -> bool:
+def _is_roomy(space: BaseGeometry) -> TypeGuard[Polygon]:
     """Whether everything hangs together through gaps of at least :data:`MIN_PASSAGE`."""
     if not isinstance(space, Polygon) or not space.is_valid:
         return False

@@ -3,7 +3,7 @@
 import numpy as np
 import shapely
 
-from slamgym.cad.cells import Box, Cell, Space, snap, subdivide
+from slamgym.cad.cells import Box, Cell, Space, cut_out, snap, subdivide
 
 _PUBLIC = {"Living_Room": 30.0, "Kitchen": 17.0, "Dining_Room": 18.0, "Hall": 12.0}
 """Wanted areas [m2] in a home of middling size; only their ratios matter."""
@@ -20,6 +20,8 @@ _PRIVATE = {
     "Gym": 18.0,
     "Garage": 30.0,
 }
+_ONCE = {"Garage", "Gym", "Hall", "Guest_Room"}
+"""No home has two of these."""
 _CARVED = {"Bathroom", "Toilet", "Wardrobe", "Storage"}
 """Small rooms that may be cut out of a corner of a larger one."""
 
@@ -79,7 +81,7 @@ def lay_out_home(area: float, rooms: int, rng: np.random.Generator) -> list[Cell
 def _programme(
     area: float, rooms: int, rng: np.random.Generator
 ) -> tuple[list[Space], list[Space], list[str]]:
-    """Public rooms, private rooms, and small rooms to be cut out of others, with areas that sum to ``area``."""
+    """Public rooms, private rooms, and small rooms to be cut out of others, with areas that sum to it."""
     if rooms == 1:
         return [Space("Room", area)], [], []
     extra = rng.choice(_MORE, size=max(0, rooms - len(_SEQUENCE)), p=_MORE_WEIGHTS)
@@ -89,7 +91,9 @@ def _programme(
     for index in range(2, len(chosen)):
         if rng.random() < 0.3:
             chosen[index] = str(rng.choice(_MORE, p=_MORE_WEIGHTS))
-    carved = []
+        if chosen[index] in _ONCE and chosen[index] in chosen[:index]:
+            chosen[index] = "Bedroom"
+    carved: list[str] = []
     for category in sorted(_CARVED & set(chosen)):
         if len(chosen) > 3 and len(carved) < MAX_CARVED and rng.random() < 0.45:
             chosen.remove(category)
@@ -101,7 +105,7 @@ def _programme(
     wanted = [(name, size * scale ** (0.6 if name in _CARVED else 1.0)) for name, size in wanted]
     scale = area / sum(size for _, size in wanted)
     spaces = [Space(name, size * scale) for name, size in wanted]
-    rng.shuffle(spaces)  # type: ignore[arg-type]
+    rng.shuffle(spaces)
     public = [space for space in spaces if space.category in _PUBLIC]
     private = [space for space in spaces if space.category not in _PUBLIC]
     return public, private, carved
@@ -195,7 +199,7 @@ def _carve(cells: list[Cell], carved: list[str], rng: np.random.Generator) -> li
             box = _niche(Box(*host.polygon.bounds), rng) if len(host.polygon.exterior.coords) == 5 else None
             if box is None or host.category in _CARVED | {"Hallway"} or host.polygon.interiors:
                 continue
-            rest = host.polygon.difference(box.polygon())
+            rest = cut_out(host.polygon, box)
             cells[index] = Cell(host.category, rest)
             cells.append(Cell(category, box.polygon()))
             break

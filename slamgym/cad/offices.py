@@ -6,7 +6,7 @@ deep, 2.6-5 m wide, corridors 1.5-2.4 m.
 
 import numpy as np
 
-from slamgym.cad.cells import Box, Cell, Space, snap
+from slamgym.cad.cells import Box, Cell, Space, cut_out, snap
 
 _ROOM_DEPTH = (3.8, 5.6)
 _CORRIDOR_WIDTH = (1.5, 2.4)
@@ -68,7 +68,7 @@ def _ring(box: Box, depth: float, corridor: float, rng: np.random.Generator) -> 
         snap(hall.x0 + corridor), snap(hall.y0 + corridor), snap(hall.x1 - corridor), snap(hall.y1 - corridor)
     )
     cells = [
-        Cell("Hallway", hall.polygon().difference(core.polygon())),
+        Cell("Hallway", cut_out(hall.polygon(), core)),
         *_row(Box(box.x0, box.y0, box.x1, hall.y0), True, rng),
         *_row(Box(box.x0, hall.y1, box.x1, box.y1), True, rng),
         *_row(core, True, rng, {"Toilet": 0.35, "Storage": 0.3, "Kitchen": 0.15, "Room": 0.2}),

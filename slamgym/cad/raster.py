@@ -13,7 +13,7 @@ from slamgym.types import FREE, OCCUPIED, BoolArray, ByteArray, FloatArray, Grid
 def fill_segments(segments: FloatArray, frame: GridFrame) -> BoolArray:
     """The cells whose centres lie inside closed rings, by the even-odd rule.
 
-    Convention: segments and frame share one frame of reference; the result is ``[row, col]``, row 0 at the top.
+    Convention: segments are given in the frame's coordinates; the result is ``[row, col]``, row 0 at the top.
 
     Args:
         segments: All edges of all rings (outlines and holes) in any order, shape (S, 4) x0, y0, x1, y1 [m].

@@ -1,7 +1,7 @@
 """Where floor plans come from: one way to open files, folders, archives, maps and the generator."""
 
 import tarfile
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Protocol
 
@@ -10,6 +10,7 @@ import numpy as np
 from slamgym.cad.floorplan import FloorPlan
 from slamgym.cad.generator import GeneratorConfig, generate_plan
 from slamgym.cad.houseexpo import parse_houseexpo, read_houseexpo
+from slamgym.cad.image_plan import IMAGE_SUFFIXES, read_image_plan, read_ros_plan
 from slamgym.config import suggest
 from slamgym.errors import ConfigError, InputFileError, PlanError
 
@@ -104,6 +105,30 @@ class ProceduralSource:
         return generate_plan(np.random.default_rng(self._indices[plan_id]), self._config, plan_id)
 
 
+class PictureSource:
+    """One plan, traced from a ROS map or a picture when it is asked for."""
+
+    def __init__(self, path: Path, resolution: float | None = None) -> None:
+        self._path, self._resolution = path, resolution
+        self.ids: Sequence[str] = [path.stem]
+
+    def __len__(self) -> int:
+        return 1
+
+    def load(self, plan_id: str) -> FloorPlan:
+        """Trace the plan."""
+        if plan_id != self._path.stem:
+            raise KeyError(plan_id)
+        if self._resolution is not None:
+            return read_image_plan(self._path, self._resolution)
+        try:
+            return read_ros_plan(self._path)
+        except PlanError:
+            raise
+        except InputFileError as error:
+            raise PlanError(error.path, error.reason) from error
+
+
 class Subset:
     """Some plans of another source."""
 
@@ -124,7 +149,8 @@ def open_plans(spec: Path | str, ids_file: Path | str | None = None) -> PlanSour
 
     Args:
         spec: ``bundled``; ``procedural`` or ``procedural:SEED``, plans that the generator makes on the fly;
-            a HouseExpo JSON file, a folder of them, or an archive of them (``.tar.gz``).
+            a HouseExpo JSON file, a folder of them, or an archive of them (``.tar.gz``); a ROS map's
+            ``.yaml``; a black/white picture with its metres per pixel, as in ``plan.png@0.05``.
         ids_file: A file with one plan id a line, as HouseExpo's ``map_id_train.txt``: only these plans.
 
     Returns:
@@ -168,13 +194,22 @@ def read_ids(path: Path | str) -> list[str]:
     return ids
 
 
-def load_all(source: PlanSource) -> Iterator[FloorPlan | PlanError]:
-    """Every plan of a source, or the error that its file gives."""
-    for plan_id in source.ids:
-        try:
-            yield source.load(plan_id)
-        except PlanError as error:
-            yield error
+def _existing(name: str) -> Path:
+    path = Path(name)
+    if not path.exists():
+        raise InputFileError(name, "there is no such file or folder")
+    return path
+
+
+def _metres_per_pixel(spec: str, text: str) -> float:
+    """The resolution after the ``@``."""
+    try:
+        resolution = float(text)
+    except ValueError:
+        resolution = 0.0
+    if not 0.0 < resolution < 10.0:
+        raise ConfigError(f"the metres per pixel in {spec!r} must be a number above 0, as in 'plan.png@0.05'")
+    return resolution
 
 
 def _seed(spec: str) -> int:
@@ -191,16 +226,26 @@ def _open(spec: str, wanted: frozenset[str] | None) -> PlanSource:
         return FileSource(BUNDLED.glob("*.json"))
     if spec == "procedural" or spec.startswith("procedural:"):
         return ProceduralSource(_seed(spec))
+    name, _, resolution = spec.rpartition("@")
+    if name.lower().endswith(IMAGE_SUFFIXES):
+        return PictureSource(_existing(name), _metres_per_pixel(spec, resolution))
     path = Path(spec)
     if path.is_dir():
         return FileSource(path.glob("*.json"))
     if not path.exists():
         if path.suffix or "/" in spec:
-            raise InputFileError(spec, "there is no such file or folder")
+            _existing(spec)
         names = suggest(spec, ["bundled", "procedural"])
         raise ConfigError(f"there are no plans called {spec!r}; give a path or a known name: {names}")
     if path.name.endswith((".tar.gz", ".tgz", ".tar")):
         return ArchiveSource(path, wanted)
     if path.suffix == ".json":
         return FileSource([path])
-    raise InputFileError(spec, "is no kind of floor plan known here; give .json, a folder or .tar.gz")
+    if path.suffix in (".yaml", ".yml"):
+        return PictureSource(path)
+    if spec.lower().endswith(IMAGE_SUFFIXES):
+        raise InputFileError(spec, f"a picture needs its metres per pixel; write {spec}@0.05, for example")
+    raise InputFileError(
+        spec,
+        "is no known kind of floor plan; give a .json, a folder, a .tar.gz, a ROS .yaml or a picture",
+    )

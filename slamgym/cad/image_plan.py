@@ -1,0 +1,137 @@
+"""Floor plans from pictures: ROS maps and plain black/white images.
+
+The outline follows the borders of the cells exactly, so a raster of the plan at the picture's own resolution
+gives the picture's free cells back. By default it is then smoothed by less than a cell, which turns the
+staircases of oblique walls into straight lines and leaves straight walls alone.
+"""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import shapely
+from shapely import Polygon
+
+from slamgym.cad.floorplan import FloorPlan
+from slamgym.errors import PlanError
+from slamgym.interop.ros_map import read_ros_map
+from slamgym.types import FREE, BoolArray, GridFrame
+
+IMAGE_SUFFIXES = (".png", ".pgm", ".bmp", ".jpg", ".jpeg", ".tif", ".tiff")
+
+SMOOTHING = 0.75
+"""Default tolerance of smoothing [cells]: just above the 0.71 cells by which a diagonal staircase strays."""
+SPECK_AREA = 0.5
+"""Free patches smaller than this [m2] are dropped."""
+MAX_GREY = 220
+"""The lightest grey that isn't white; ROS maps mark the unknown as 205."""
+MIN_ENCLOSED_SHARE = 0.3
+"""A building's enclosed floor makes up at least this share of the box round its walls."""
+MIN_MAIN_SHARE = 0.8
+"""The largest patch must make up this share of the free space, else the space counts as disjoint."""
+
+
+def read_ros_plan(path: Path | str, smoothing: float = SMOOTHING) -> FloorPlan:
+    """Read the free space of a ROS map; unknown cells count as walls.
+
+    Args:
+        path: The map's yaml file; the image lies beside it.
+        smoothing: Tolerance [cells]; 0 keeps the borders of the cells.
+
+    Raises:
+        InputFileError: If the map can't be read.
+        PlanError: If it has no free space, or several disjoint parts of it.
+    """
+    path = Path(path)
+    grid = read_ros_map(path)
+    return trace_plan(grid.cells == FREE, grid.frame, path.stem, str(path), smoothing)
+
+
+def read_image_plan(path: Path | str, resolution: float, smoothing: float = SMOOTHING) -> FloorPlan:
+    """Read a black/white picture: white pixels are floor, black and grey ones are not.
+
+    White round the building is told from floor by touching the picture's edge. If an outer door is open, or
+    the floor itself reaches the edge, so that little within the walls is left, all white counts as floor.
+
+    Args:
+        path: The picture.
+        resolution: Size of a pixel [m].
+        smoothing: Tolerance [pixels]; 0 keeps the borders of the pixels.
+
+    Raises:
+        PlanError: If the file is no picture, or has no floor or several disjoint parts of it.
+    """
+    path = Path(path)
+    if not resolution > 0.0:
+        raise PlanError(path, f"the resolution must be above 0 m per pixel, not {resolution}")
+    try:
+        data = np.frombuffer(path.read_bytes(), dtype=np.uint8)
+    except OSError as error:
+        raise PlanError(path, f"can't be read ({error.strerror or error})") from error
+    image = cv2.imdecode(data, cv2.IMREAD_GRAYSCALE) if len(data) else None
+    if image is None:
+        raise PlanError(path, "is not a picture that OpenCV can read; give PNG, PGM, BMP, JPEG or TIFF")
+    inside = _without_outside(image > MAX_GREY)
+    height, width = inside.shape
+    frame = GridFrame(resolution, 0.0, 0.0, height, width)
+    return trace_plan(inside, frame, path.stem, str(path), smoothing)
+
+
+def trace_plan(
+    inside: BoolArray, frame: GridFrame, plan_id: str, source: str, smoothing: float = 0.0
+) -> FloorPlan:
+    """Make a plan of the largest connected patch of cells; rooms and doors stay unknown.
+
+    Convention: ``inside`` is ``[row, col]`` with row 0 at the top; the plan has the coordinates of ``frame``.
+
+    Args:
+        inside: True where there is floor, the shape of ``frame``.
+        frame: Where the cells lie.
+        plan_id: Name of the plan.
+        source: Named in errors.
+        smoothing: Tolerance [cells].
+
+    Raises:
+        PlanError: If there is no floor, or the largest patch is less than 80 % of it.
+    """
+    patches = [patch for patch in _patches(inside, frame) if patch.area >= SPECK_AREA]
+    if not patches:
+        raise PlanError(source, f"has no free patch of {SPECK_AREA} m2 or more; check colours and resolution")
+    largest = max(patches, key=lambda patch: float(patch.area))
+    total = sum(patch.area for patch in patches)
+    if largest.area < MIN_MAIN_SHARE * total:
+        raise PlanError(
+            source,
+            f"the free space falls into {len(patches)} disjoint parts, the largest {largest.area:.1f} of "
+            f"{total:.1f} m2; connect them",
+        )
+    outline = largest.simplify(smoothing * frame.resolution) if smoothing > 0.0 else largest
+    if not isinstance(outline, Polygon) or not outline.is_valid:
+        outline = largest
+    return FloorPlan(plan_id, outline, source=source)
+
+
+def _patches(inside: BoolArray, frame: GridFrame) -> list[Polygon]:
+    """The connected patches of cells as polygons; cells that only share a corner are apart."""
+    padded = np.pad(inside, ((0, 0), (1, 1))).astype(np.int8)
+    change = np.diff(padded, axis=1)  # (height, width + 1): +1 where a run of free cells begins, -1 after it
+    row, first = np.nonzero(change == 1)
+    _, stop = np.nonzero(change == -1)
+    # Rows count from the top; whole numbers keep the union exact, metres come after it.
+    runs = shapely.box(first, frame.height_px - 1 - row, stop, frame.height_px - row)
+    origin = np.array([frame.origin_x, frame.origin_y])
+    union = shapely.union_all(runs).simplify(0.0)
+    metres = shapely.transform(union, lambda points: points * frame.resolution + origin)
+    return [patch for patch in shapely.get_parts(metres) if isinstance(patch, Polygon)]
+
+
+def _without_outside(white: BoolArray) -> BoolArray:
+    """Remove white patches that touch the picture's edge, unless they hold the floor."""
+    _, labels = cv2.connectedComponents(white.astype(np.uint8), connectivity=4)
+    at_edge = np.unique(np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]]))
+    enclosed: BoolArray = white & ~np.isin(labels, at_edge)
+    rows, cols = np.flatnonzero(~white.all(axis=1)), np.flatnonzero(~white.all(axis=0))
+    if len(rows) == 0:
+        return white
+    box = (rows[-1] - rows[0] + 1) * (cols[-1] - cols[0] + 1)
+    return enclosed if enclosed.sum() >= MIN_ENCLOSED_SHARE * box else white
