@@ -4,8 +4,9 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from slamgym.errors import ConfigError
+from slamgym.slam.pose_graph_config import PoseGraphConfig
 
-Mode = Literal["rbpf", "scan_matching", "dead_reckoning", "ground_truth"]
+Mode = Literal["rbpf", "pose_graph", "scan_matching", "dead_reckoning", "ground_truth"]
 Matcher = Literal["coarse_to_fine", "hill_climbing"]
 Proposal = Literal["matched", "improved"]
 
@@ -39,7 +40,7 @@ class SlamConfig:
     """
 
     mode: Mode = "rbpf"
-    """``rbpf``: particle filter as GMapping; ``scan_matching``: one particle, no motion noise;
+    """``rbpf``: particle filter as GMapping; ``pose_graph``: closes loops globally; ``scan_matching``: one particle, no motion noise;
     ``dead_reckoning``: believes the odometry; ``ground_truth``: the same, for a caller who hands it true poses."""
 
     particles: int = 30
@@ -86,6 +87,9 @@ class SlamConfig:
     motion: MotionNoise = field(default_factory=MotionNoise)
     """Noise of the motion model."""
 
+    odometry_weight: float = 0.0
+    """Pull of the predicted pose on the match: this many points of score at one standard deviation, twice. 0 is GMapping."""
+
     linear_update: float = 1.0
     """A scan is processed after this distance [m] (``linearUpdate``) ..."""
 
@@ -108,6 +112,9 @@ class SlamConfig:
 
     memory_limit_mb: float = 4096.0
     """The maps may take this much memory [MB]; beyond it the mapper stops with a clear error."""
+
+    pose_graph: PoseGraphConfig = field(default_factory=PoseGraphConfig)
+    """Settings of the mode ``pose_graph``."""
 
     def __post_init__(self) -> None:
         positive = ("particles", "resolution", "max_usable_range", "sigma", "linear_step", "angular_step",

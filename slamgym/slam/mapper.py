@@ -105,10 +105,12 @@ MapperFactory = Callable[[SlamConfig, LaserGeometry, Pose2D, np.random.Generator
 
 def _factories() -> dict[str, MapperFactory]:
     from slamgym.slam.particle_filter import ParticleFilter
+    from slamgym.slam.pose_graph import PoseGraphMapper
     from slamgym.slam.pose_tracking import PoseTracker
 
     return {
         "rbpf": ParticleFilter,
+        "pose_graph": PoseGraphMapper,
         "scan_matching": ParticleFilter,
         "dead_reckoning": PoseTracker,
         "ground_truth": PoseTracker,

@@ -104,6 +104,9 @@ def replay(
             processed.append(index)
         if on_scan is not None:
             on_scan(index, mapper, is_processed)
+    finish: Callable[[], None] | None = getattr(mapper, "finish", None)
+    if finish is not None:  # a mapper that learns more once the log is complete
+        finish()
     path = mapper.trajectory()
     grid = mapper.occupancy_grid()
     odometry = np.array([record.odometry for record in log], dtype=np.float64)
