@@ -108,7 +108,7 @@ class _Nearest(FrontierExploration):
         )
 
     def _rank(self, candidates: list[Candidate]) -> list[Candidate]:
-        costs = self._path_costs(candidates, factor=0.0)
+        costs = self._path_costs(candidates, factor=0.0, only_nearest=True)
         return [candidates[i] for i in np.argsort(costs, kind="stable")]
 
 

@@ -1,4 +1,4 @@
-"""A small world for the tests of planning and explorers: a grid of truth, a scanner that steps along its beams, no noise."""
+"""Fixtures for the tests of planning and explorers: a grid of truth, a scanner that steps along its beams."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Kernels of the costmap: what part of a canvas is known, and what its cells cost."""
+"""Kernels of the costmap: the ground under the robot, and what cells cost."""
 
 import numpy as np
 
@@ -9,33 +9,6 @@ _OCCUPIED = np.uint8(0)
 _FREE = np.uint8(254)
 _LETHAL = np.uint8(254)
 _NO_INFORMATION = np.uint8(255)
-
-
-@kernel
-def known_window(cells: ByteArray) -> tuple[int, int, int, int]:
-    """Bounding box (first row, end row, first col, end col) of the known cells; all 0 if there is none.
-
-    Rows are read from both ends inwards, so that a large empty canvas costs one pass and its middle less.
-    """
-    height, width = cells.shape
-    first_col, end_col = width, 0
-    first_row, end_row = height, 0
-    for row in range(height):
-        for col in range(width):
-            if cells[row, col] == _FREE or cells[row, col] == _OCCUPIED:
-                first_col = min(first_col, col)
-                first_row = min(first_row, row)
-                end_row = row + 1
-                break
-        if end_row != row + 1:
-            continue
-        for col in range(width - 1, end_col - 1, -1):
-            if cells[row, col] == _FREE or cells[row, col] == _OCCUPIED:
-                end_col = col + 1
-                break
-    if end_row == 0:
-        return 0, 0, 0, 0
-    return first_row, end_row, first_col, end_col
 
 
 @kernel

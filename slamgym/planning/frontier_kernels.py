@@ -113,42 +113,6 @@ def flood(costs: ByteArray, start: int, limit: int, descending: bool) -> tuple[I
 
 
 @kernel
-def widen(costs: ByteArray, order: Int32Array, reached: BoolArray, steps: int) -> Int32Array:
-    """Extend a flooded region, 4-connected, through cells that are neither lethal nor unknown.
-
-    Args:
-        costs: Costmap, shape (H, W).
-        order: The region's cells (flat indices).
-        reached: Mask of the region, shape (H * W,); extended in place.
-        steps: How far [cells].
-
-    Returns:
-        ``order`` with the new cells appended.
-    """
-    height, width = costs.shape
-    flat = costs.reshape(-1)
-    queue = np.empty(height * width, np.int32)
-    queue[: len(order)] = order
-    head, tail = 0, len(order)
-    for _ in range(steps):
-        end = tail
-        while head < end:
-            cell = queue[head]
-            head += 1
-            row = cell // width
-            col = cell - row * width
-            for dr, dc in ((-1, 0), (0, -1), (0, 1), (1, 0)):
-                if not (0 <= row + dr < height and 0 <= col + dc < width):
-                    continue
-                neighbour = cell + dr * width + dc
-                if not reached[neighbour] and flat[neighbour] < _LETHAL:
-                    reached[neighbour] = True
-                    queue[tail] = neighbour
-                    tail += 1
-    return queue[:tail].copy()
-
-
-@kernel
 def collect_frontiers(
     costs: ByteArray, order: Int32Array, open_cells: BoolArray, min_size: float
 ) -> tuple[Int32Array, IntArray]:
@@ -156,7 +120,7 @@ def collect_frontiers(
 
     Args:
         costs: Costmap, shape (H, W).
-        order: Flooded cells (flat indices) in the order of the search.
+        order: Flooded cells (flat indices) in the order of the search, at least those beside unknown ones.
         open_cells: Cells that make an unknown 4-neighbour a frontier cell, shape (H * W,).
         min_size: Frontiers of fewer cells are dropped.
 

@@ -2,6 +2,7 @@
 
 import itertools
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,8 +10,10 @@ import numpy as np
 from slamgym.planning.costmap import INSCRIBED_COST, Costmap
 from slamgym.planning.frontier_kernels import nearest_open_cell
 from slamgym.planning.frontiers import Point, Reachable, reachable_space
-from slamgym.planning.grid_path_kernels import line_cost, search_path, shortcut, trace_path
+from slamgym.planning.grid_path_kernels import Int32Array, line_cost, search_path, shortcut, trace_path
 from slamgym.types import Float32Array, FloatArray, Pose2D
+
+_NONE: Int32Array = np.zeros(0, dtype=np.int32)
 
 COST_FACTOR = 0.8 / 50.0
 """Weight of a cell's cost relative to its length: navfn's COST_FACTOR 0.8 over COST_NEUTRAL 50."""
@@ -57,7 +60,7 @@ def plan_path(
     if place is None:
         return None
     first, last = int(space.order[0]), place[0] * frame.width_px + place[1]
-    distance, parent = search_path(costmap.costs, first, last, INSCRIBED_COST, COST_FACTOR)
+    distance, parent = search_path(costmap.costs, first, last, INSCRIBED_COST, COST_FACTOR, _NONE)
     if not math.isfinite(distance[last]):
         return None
     cells = np.column_stack(np.divmod(trace_path(parent, first, last), frame.width_px))
@@ -94,15 +97,22 @@ def path_is_free(costmap: Costmap, points: FloatArray) -> bool:
     return bool(free[np.argmax(free) :].all()) and bool(free.any())
 
 
-def path_costs(costmap: Costmap, reachable: Reachable, factor: float = COST_FACTOR) -> Float32Array:
+def path_costs(
+    costmap: Costmap,
+    reachable: Reachable,
+    factor: float = COST_FACTOR,
+    until: Sequence[tuple[int, int]] = (),
+) -> Float32Array:
     """Cost of the cheapest path from the robot to each cell, inf where it can't go, shape (H, W) [m].
 
     Args:
         costmap: The costmap.
         reachable: The robot's reachable space.
         factor: Weight of the cells' costs; 0 gives path lengths.
+        until: The search ends at the nearest of these cells (row, col), and those that are farther stay inf.
     """
-    distance, _ = search_path(costmap.costs, int(reachable.order[0]), -1, INSCRIBED_COST, factor)
+    ends = np.array([row * costmap.frame.width_px + col for row, col in until], dtype=np.int32)
+    distance, _ = search_path(costmap.costs, int(reachable.order[0]), -1, INSCRIBED_COST, factor, ends)
     in_metres: Float32Array = distance.reshape(costmap.costs.shape) * np.float32(costmap.frame.resolution)
     return in_metres
 
