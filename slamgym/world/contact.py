@@ -5,11 +5,11 @@ import pymunk
 from slamgym.types import FloatArray, Pose2D
 from slamgym.world.robot import RobotConfig
 
-SKIN = 0.005
+SKIN = 0.01
 """Contact begins this far outside the body [m]. The solver needs some overlap to work with; the skin takes
 it, so that the body itself never enters an obstacle."""
 
-SUBSTEP_WAY = 0.004
+SUBSTEP_WAY = 0.008
 """Furthest that a point of the body may move between two looks at the contacts [m]: less than the skin, so
 that no obstacle is passed unseen."""
 

@@ -33,7 +33,7 @@ _CONTACT_TOLERANCE = 1e-4
 _NO_TIME = 1e-9
 
 # Longest contact substep [s]: resolves the acceleration ramp as the free motion does.
-_SUBSTEP_TIME = 0.02
+_SUBSTEP_TIME = 0.03
 
 
 class Motion(NamedTuple):

@@ -1,37 +1,10 @@
 """Floor plans to drive in."""
 
-from dataclasses import dataclass, field
-
 import numpy as np
 import pytest
 import shapely
 
-
-@dataclass(frozen=True)
-class RoomStandIn:
-    category: str
-    polygon: shapely.Polygon
-
-
-@dataclass(frozen=True)
-class DoorStandIn:
-    start: tuple[float, float]
-    end: tuple[float, float]
-
-
-@dataclass(frozen=True)
-class PlanStandIn:
-    """As much of a floor plan as the world reads."""
-
-    free_space: shapely.Polygon
-    rooms: tuple = ()
-    doors: tuple = ()
-    id: str = "test"
-    source: str = field(default="test")
-
-    def segments(self):
-        rings = [np.asarray(r.coords) for r in (self.free_space.exterior, *self.free_space.interiors)]
-        return np.vstack([np.hstack([ring[:-1], ring[1:]]) for ring in rings])
+from slamgym.cad.floorplan import Door, FloorPlan, Room
 
 
 def random_plan(rng):
@@ -52,12 +25,7 @@ def random_plan(rng):
             shapely.LineString([start, end]).buffer(rng.choice([0.005, 0.05]), cap_style="flat")
         )
     parts = [part for part in shapely.get_parts(free) if part.area > 0.01]
-    return PlanStandIn(max(parts, key=lambda part: part.area))
-
-
-@pytest.fixture
-def make_plan():
-    return PlanStandIn
+    return FloorPlan("random", max(parts, key=lambda part: part.area))
 
 
 @pytest.fixture
@@ -68,7 +36,7 @@ def make_random_plan():
 @pytest.fixture
 def hall():
     """8 x 6 m without anything in it."""
-    return PlanStandIn(shapely.box(0, 0, 8, 6))
+    return FloorPlan("hall", shapely.box(0, 0, 8, 6))
 
 
 @pytest.fixture
@@ -81,7 +49,7 @@ def flat():
         "Bathroom": (5.1, 3.6, 8.5, 8),
     }
     openings = [(3.9, 1.5, 4.2, 2.4), (1.5, 3.4, 2.4, 3.7), (4.9, 5, 5.2, 5.9)]
-    rooms = tuple(RoomStandIn(name, shapely.box(*box)) for name, box in boxes.items())
+    rooms = tuple(Room(name, shapely.box(*box)) for name, box in boxes.items())
     free = shapely.union_all([shapely.box(*box) for box in (*boxes.values(), *openings)])
-    doors = (DoorStandIn((4.05, 1.5), (4.05, 2.4)), DoorStandIn((1.5, 3.55), (2.4, 3.55)))
-    return PlanStandIn(free, rooms, doors)
+    doors = (Door((4.05, 1.5), (4.05, 2.4)), Door((1.5, 3.55), (2.4, 3.55)))
+    return FloorPlan("flat", free, rooms, doors)

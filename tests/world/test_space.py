@@ -6,6 +6,7 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from slamgym.cad.floorplan import FloorPlan
 from slamgym.errors import ConfigError
 from slamgym.geometry import compose
 from slamgym.types import Pose2D, Twist2D
@@ -81,7 +82,7 @@ class TestDifferentialDrive:
     @settings(max_examples=10, deadline=None)
     def test_increments_compose_to_the_pose(self, seed):
         rng = np.random.default_rng(seed)
-        world = World(_box(), RobotConfig())
+        world = World(FloorPlan("box", shapely.box(0, 0, 2, 2)), RobotConfig())
         pose = Pose2D(1.0, 1.0, 0.0)
         world.reset(pose)
         for _ in range(50):
@@ -161,8 +162,9 @@ class TestContact:
             for dt in (0.2, 0.33):
                 one, other = near.step(command, dt), far.step(command, dt)
                 assert not one.contact
-                assert one.increment == pytest.approx(other.increment, abs=1e-6)
-                assert one.wheels == pytest.approx(other.wheels, abs=1e-6)
+                # Pieces of the ramp of another length: the bound of the kernel's own test.
+                assert np.allclose(one.increment, other.increment, atol=5e-5, rtol=0)
+                assert np.allclose(one.wheels, other.wheels, atol=1e-9, rtol=0)
 
     def test_a_person_blocks_the_way_and_is_not_run_over(self, hall):
         walkable = shapely.Point(5.0, 3.0).buffer(0.001)
@@ -216,21 +218,20 @@ class TestReset:
             segments[0] = 0.0
 
 
-# The plans, robots and commands below together make 100,000 steps.
-_WORLDS = 25
 _STEPS = 2000
 
 
-@pytest.mark.parametrize("shape", ["circle", "footprint"])
-def test_nothing_lets_the_robot_through_a_wall(make_random_plan, shape):
+# 100,000 steps together.
+@pytest.mark.parametrize(("shape", "worlds"), [("circle", 35), ("footprint", 15)])
+def test_nothing_lets_the_robot_through_a_wall(make_random_plan, shape, worlds):
     contacts = 0
-    for seed in range(_WORLDS):
+    for seed in range(worlds):
         rng = np.random.default_rng([seed, len(shape)])
         fast = seed % 5 == 0
         robot = RobotConfig(
             shape=shape,
             contact="stop" if seed % 3 == 0 else "slide",
-            **({"max_linear": 5.0, "max_angular": 20.0, "linear_acceleration": 100.0} if fast else {}),
+            **({"max_linear": 5.0, "max_angular": 6.0, "linear_acceleration": 100.0} if fast else {}),
         )
         plan, start = _plan_with_room(make_random_plan, robot, rng)
         world = World(plan, robot)
@@ -239,7 +240,7 @@ def test_nothing_lets_the_robot_through_a_wall(make_random_plan, shape):
         for step in range(_STEPS):
             if step % 20 == 0:
                 command = Twist2D(*(rng.choice([-1e9, -1, 0, 0.5, 1, 1, 1e9], 2) * rng.uniform(0, 2, 2)))
-            dt = 5.0 if step % 500 == 499 else rng.choice([0.02, 0.1, 0.2, 0.2])
+            dt = 5.0 if step % 1000 == 999 else rng.choice([0.02, 0.05, 0.1, 0.2])
             motion = world.step(command, dt)
             contacts += motion.contact
             poses[step] = motion.pose
@@ -272,11 +273,3 @@ def _plan_with_room(make_random_plan, robot, rng):
         plan = make_random_plan(rng)
         if not plan.free_space.buffer(-robot.circumscribed_radius - 0.1).is_empty:
             return plan, sample_start(plan, robot, rng)
-
-
-def _box():
-    from types import SimpleNamespace
-
-    corners = np.array([(0.0, 0.0), (2.0, 0.0), (2.0, 2.0), (0.0, 2.0)])
-    walls = np.hstack([corners, np.roll(corners, -1, axis=0)])
-    return SimpleNamespace(id="box", segments=lambda: walls)
