@@ -38,8 +38,8 @@ def warm_up() -> None:
     from slamgym.slam import SlamConfig
 
     announce_compilation()
-    room = shapely.box(0.0, 0.0, 4.0, 3.0).difference(shapely.box(1.8, 0.0, 2.2, 1.5))
-    plan = FloorPlan("warm-up", room)
+    outline = [(0.0, 0.0), (4.0, 0.0), (4.0, 3.0), (2.2, 3.0), (2.2, 1.5), (1.8, 1.5), (1.8, 3.0), (0.0, 3.0)]
+    plan = FloorPlan("warm-up", shapely.Polygon(outline))
     for mode in ("ground_truth", "rbpf"):
         for view in ("egocentric", "global"):
             env = ExploreEnv(

@@ -27,7 +27,7 @@ class ObservationConfig:
     """Side of the egocentric crop [cells]; 84 is what convolutional policies are used to."""
 
     crop_resolution: float = 0.1
-    """Cell size of the egocentric crop [m]: 84 cells show 4.2 m to every side, more than the LDS-01 sees."""
+    """Cell size of the egocentric crop [m]; 84 cells show 4.2 m to every side, more than the LDS-01 sees."""
 
     map_size: float = 64.0
     """Side of the global canvas [m]; no plan may reach out of it, wherever the robot starts."""

@@ -91,6 +91,9 @@ class Coverage:
         frame: Its frame, world frame.
         geometry: The scanner.
         usable_range: Beams are followed no further than this [m].
+
+    Attributes:
+        frame: Where the cells lie.
     """
 
     def __init__(
@@ -98,7 +101,7 @@ class Coverage:
     ) -> None:
         self._unseen = floor.copy()
         self._floor = floor
-        self._frame = frame
+        self.frame = frame
         self._mount = geometry.mount
         self._directions = unit_vectors(geometry.angles)
         self._usable = usable_range
@@ -124,7 +127,7 @@ class Coverage:
             true_ranges: Ranges without noise from there, shape (num_beams,) [m].
         """
         sensor = compose(pose, self._mount)
-        frame = self._frame
+        frame = self.frame
         self._seen += sweep(
             self._unseen,
             frame.origin_x,

@@ -48,8 +48,8 @@ def sweep(
     flat = unseen.reshape(-1)
     cos, sin = math.cos(theta), math.sin(theta)
     scale = 1.0 / resolution
-    start_col = int(math.floor((x - origin_x) * scale))
-    start_row = int(math.floor((y - origin_y) * scale))
+    start_col = math.floor((x - origin_x) * scale)
+    start_row = math.floor((y - origin_y) * scale)
     if not (0 <= start_row < height and 0 <= start_col < width):
         return 0
     start = start_row * width + start_col
@@ -59,8 +59,8 @@ def sweep(
         end_x = x + length * (cos * directions[i, 0] - sin * directions[i, 1])
         end_y = y + length * (sin * directions[i, 0] + cos * directions[i, 1])
         # Beams end at a wall or at the usable range; rounding may put the end a cell outside the grid.
-        d_col = min(max(int(math.floor((end_x - origin_x) * scale)), 0), width - 1) - start_col
-        d_row = min(max(int(math.floor((end_y - origin_y) * scale)), 0), height - 1) - start_row
+        d_col = min(max(math.floor((end_x - origin_x) * scale), 0), width - 1) - start_col
+        d_row = min(max(math.floor((end_y - origin_y) * scale), 0), height - 1) - start_row
         major_stride = 1 if d_col >= 0 else -1
         minor_stride = width if d_row >= 0 else -width
         major, minor = abs(d_col), abs(d_row)

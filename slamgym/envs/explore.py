@@ -1,39 +1,33 @@
 """The environment: a robot explores a floor plan and maps it with SLAM."""
 
-import dataclasses
+import math
 from collections.abc import Mapping
-from typing import Any, ClassVar, NamedTuple
+from typing import Any
 
 import gymnasium as gym
-import numpy as np
-from gymnasium import spaces
 
 from slamgym.cad import FloorPlan
 from slamgym.config import suggest
+from slamgym.envs.actions import Actions
+from slamgym.envs.assessment import Assessment
 from slamgym.envs.completion import FrontierWatch
 from slamgym.envs.config import ExploreConfig, resolve_config
 from slamgym.envs.coverage import Coverage
 from slamgym.envs.observations import MapView, Observation, Observer, make_view, observation_space
 from slamgym.envs.recording import EpisodeLog
-from slamgym.envs.rewards import Reward, RewardFunction, StepRecord
+from slamgym.envs.reset_options import ResetOptions
+from slamgym.envs.rewards import Reward, RewardFunction
 from slamgym.envs.simulation import Simulation, Streams
 from slamgym.envs.sites import PlansArgument, Site, Sites
 from slamgym.errors import ConfigError, PlanError
 from slamgym.planning import ExplorerContext
 from slamgym.sensors import Lidar
 from slamgym.slam import Mapper
-from slamgym.types import UNKNOWN, LaserScan, Pose2D, Twist2D
+from slamgym.types import ByteArray, LaserScan, Pose2D
 from slamgym.warmup import announce_compilation
-from slamgym.world import Clutter, Motion, make_clutter
+from slamgym.world import Clutter, make_clutter
 
 RENDER_MODES = ("rgb_array", "human")
-
-
-class ResetOptions(NamedTuple):
-    """What ``reset(options=...)`` may hold."""
-
-    plan: str | FloorPlan | None = None
-    start: Pose2D | None = None
 
 
 class ExploreEnv(gym.Env[Observation, Any]):
@@ -68,15 +62,16 @@ class ExploreEnv(gym.Env[Observation, Any]):
     | Key        | Shape, type         | Min | Max   | Unit | Meaning |
     |------------|---------------------|-----|-------|------|---------|
     | "map"      | (1, 84, 84) uint8   | 0   | 255   | -    | SLAM map: 0 occupied, 205 unknown, 254 free |
-    | "scan"     | (180,) float32      | 0   | 3.5   | m    | ranges from right to left; 3.5 no return, 0 nearer than 0.12 m |
-    | "pose"     | (3,) float32        | -64, -64, -pi | 64, 64, pi | m, m, rad | believed x, y, theta in the map frame |
-    | "velocity" | (2,) float32        | -0.52, -3.64 | 0.52, 3.64 | m/s, rad/s | by the wheel odometry |
+    | "scan"     | (180,) float32      | 0   | 3.5   | m    | ranges, right to left; 3.5 no return, 0 too near |
+    | "pose"     | (3,) float32        | -1000, -1000, -pi | 1000, 1000, pi | m, m, rad | believed |
+    | "velocity" | (2,) float32        | -0.52, -3.64 | 0.52, 3.64 | m/s, rad/s | by wheel odometry |
     | "time"     | (1,) float32        | 0   | 420   | s    | since the start |
 
-    The map frame has its origin at the start and the axes of the building. By default the map is an egocentric
+    The pose is in the map frame, whose origin is the start and whose axes are the building's. By default the map is an egocentric
     crop of 8.4 x 8.4 m at 0.1 m a cell: the believed pose in the middle, ahead up. With
     ``observation={"map": "global"}`` it is the whole map on a fixed canvas centred on the start, shape
-    (1, 1280, 1280) for 64 m at 0.05 m, published anew every 2 s; with ``shared_map`` the same read-only array in between.
+    (1, 1280, 1280) for 64 m at 0.05 m, published anew every 2 s; with ``shared_map`` it is the same read-only
+    array in between.
 
     With ``localization="ground_truth"`` the believed pose *is* the true pose, by that setting.
 
@@ -134,7 +129,7 @@ class ExploreEnv(gym.Env[Observation, Any]):
     * v0: first version.
     """
 
-    metadata: ClassVar[dict[str, Any]] = {"render_modes": list(RENDER_MODES), "render_fps": 5}
+    metadata: dict[str, Any] = {"render_modes": list(RENDER_MODES), "render_fps": 5}  # noqa: RUF012 - Gymnasium declares it so
 
     def __init__(
         self,
@@ -152,12 +147,14 @@ class ExploreEnv(gym.Env[Observation, Any]):
         self.render_mode = render_mode
         self.metadata = {**self.metadata, "render_fps": round(self.config.lidar.rate)}
         self.observation_space = observation_space(self.config)
-        self.action_space, self._commands = _action_space(self.config)
+        self._actions = Actions(self.config)
+        self.action_space = self._actions.space
         self._lidar = Lidar(self.config.lidar)
         self._sites = Sites(plans, self.config.robot)
         self._observer = Observer(self.config)
         self._reward = Reward(self.config.reward, reward_terms)
         self._renderer: Any = None
+        self._window: Any = None
         self._simulation: Simulation | None = None
 
     def reset(
@@ -174,64 +171,56 @@ class ExploreEnv(gym.Env[Observation, Any]):
             PlanError: If the plan can't be explored or doesn't fit on the canvas.
         """
         super().reset(seed=seed)
-        wanted = _read_options(options)
+        config, wanted = self.config, ResetOptions.read(options)
         streams = Streams.spawn(self.np_random)
-        site = self._choose_site(wanted, streams)
+        self._site = site = self._choose_site(wanted, streams)
         start = wanted.start or site.sample_start(streams.start)
         self._refuse_too_large(site.plan, start)
 
-        config = self.config
-        self._site = site
         self._simulation = simulation = Simulation(site, start, config, self._lidar, streams)
-        self._coverage = Coverage(
-            site.floor.mask(start.x, start.y), site.floor.frame, self._lidar.geometry, config.usable_range
+        self._assessment = Assessment(
+            site, simulation, self._lidar.geometry, config.usable_range, self._reward
         )
-        self._coverage.add(start, simulation.true_ranges)
         self._view: MapView = make_view(config)
         self._frontiers = FrontierWatch(config.robot.radius, config.min_frontier_size)
         self.log = EpisodeLog(config.lidar.num_beams) if config.record or self.render_mode else None
         self._record()
-        self._last = self._take_stock(None, terminated=False)
-        observation = self._observe(published=True)
+        observation = self._observe(is_publication_due=True)
         self._show()
-        return observation, {**self._info(self._last), "plan": site.plan.id}
+        return observation, {**self._assessment.info(), "plan": site.plan.id}
 
     def step(self, action: Any) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Drive for one control step; see :class:`gymnasium.Env`."""
-        simulation = self.simulation
-        motion = simulation.step(self._command(action))
-        self._coverage.add(motion.pose, simulation.true_ranges)
+        config, simulation, assessment = self.config, self.simulation, self._assessment
+        motion = simulation.step(self._actions.to_command(action))
+        assessment.look()
         self._record()
 
-        published = simulation.steps % self.config.publication_steps == 0
-        terminated = self._is_complete(published)
-        truncated = self.config.max_steps is not None and simulation.steps >= self.config.max_steps
-        record = self._last = self._take_stock(motion, terminated)
-        reward, terms = self._reward(record)
+        is_publication_due = simulation.steps % config.publication_steps == 0
+        terminated = self._is_complete(is_publication_due)
+        truncated = config.max_steps is not None and simulation.steps >= config.max_steps
+        reward, terms = self._reward(assessment.judge(motion, config.control_step, terminated))
 
-        observation = self._observe(published)
-        info = {**self._info(record), "reward_terms": terms}
+        observation = self._observe(is_publication_due)
+        info = {**assessment.info(), "reward_terms": terms}
         if terminated or truncated:
-            info["is_success"] = terminated
-            info["map_error"] = self._map_error()
+            info |= {"is_success": terminated, "map_error": assessment.map_error()}
         self._show()
         return observation, reward, terminated, truncated, info
 
     def render(self) -> Any:
-        """The frame, shape (height, width, 3) uint8, in mode ``"rgb_array"``; else None."""
+        """The frame, shape (720, 1280, 3) uint8, in mode ``"rgb_array"``; else None."""
         if self.render_mode == "rgb_array":
-            return self._make_renderer().draw(self)
+            return self._draw()
         if self.render_mode is None:
-            gym.logger.warn(
-                'render() shows nothing without a render_mode; make the environment with render_mode="rgb_array"'
-            )
+            gym.logger.warn('render() needs a render_mode: make the environment with render_mode="rgb_array"')
         return None
 
     def close(self) -> None:
         """Close the window, if there is one."""
-        if self._renderer is not None:
-            self._renderer.close()
-            self._renderer = None
+        if self._window is not None:
+            self._window.close()
+            self._window = None
 
     # What recorders, explorers and viewers may look at.
 
@@ -289,7 +278,7 @@ class ExploreEnv(gym.Env[Observation, Any]):
     @property
     def coverage(self) -> Coverage:
         """What was truly seen. Privileged."""
-        return self._coverage
+        return self._assessment.coverage
 
     def explorer_context(self) -> ExplorerContext:
         """What an explorer may know in advance: the robot, the scanner and the frame of the map.
@@ -344,90 +333,25 @@ class ExploreEnv(gym.Env[Observation, Any]):
         if reach > 0.5 * observation.map_size:
             raise PlanError(
                 plan.where,
-                f"the plan reaches {reach:.1f} m from the start at ({start.x:.1f}, {start.y:.1f}) but the map only "
-                f"{0.5 * observation.map_size:.1f} m; set observation.map_size to {2.0 * reach + 1.0:.0f} or more",
+                f"the plan reaches {reach:.1f} m from the start at ({start.x:.1f}, {start.y:.1f}) but the map "
+                f"only {0.5 * observation.map_size:.1f} m; set observation.map_size to "
+                f"{math.ceil(2.0 * reach)} or more",
             )
 
-    def _command(self, action: Any) -> Twist2D:
-        """The velocity that an action asks for; the world cuts off what exceeds the robot's limits."""
-        if self._commands:
-            return self._commands[int(action)]
-        linear, angular = float(action[0]), float(action[1])
-        if self.config.actions == "normalized":
-            robot = self.config.robot
-            return Twist2D(linear * robot.max_linear, angular * robot.max_angular)
-        return Twist2D(linear, angular)
-
-    def _is_complete(self, published: bool) -> bool:
+    def _is_complete(self, is_publication_due: bool) -> bool:
         """Whether the exploration is complete by one of the rules in force."""
-        config, simulation = self.config, self.simulation
-        if config.coverage_goal is not None and self._coverage.share >= config.coverage_goal:
+        config, mapper = self.config, self.simulation.mapper
+        if config.coverage_goal is not None and self.coverage.share >= config.coverage_goal:
             return True
-        if not (config.terminate_when_explored and published):
+        if not (config.terminate_when_explored and is_publication_due):
             return False
-        mapper = simulation.mapper
         return self._frontiers.is_explored(mapper.occupancy_grid(), mapper.pose)
 
-    def _take_stock(self, motion: Motion | None, terminated: bool) -> StepRecord:
-        """Judge the step, or with no motion the beginning."""
-        simulation, reward = self.simulation, self._reward
-        coverage = self._coverage.share
-        record = StepRecord(
-            duration=self.config.control_step if motion else 0.0,
-            time=simulation.time,
-            distance=motion.distance if motion else 0.0,
-            contact=motion.contact if motion else False,
-            coverage=coverage,
-            previous_coverage=self._last.coverage if motion else coverage,
-            pose_error=_distance(simulation.mapper.pose, simulation.true_map_pose),
-            n_eff=simulation.mapper.n_eff,
-            terminated=terminated,
-        )
-        if not (reward.needs_known_area or reward.needs_map_error or reward.needs_covariance):
-            return record
-        return self._take_dear_stock(record, self._last if motion else None)
-
-    def _take_dear_stock(self, record: StepRecord, last: StepRecord | None) -> StepRecord:
-        """Measure what only some reward terms need."""
-        mapper, reward, dear = self.simulation.mapper, self._reward, {}
-        is_same_map = last is not None and not self.simulation.is_new_scan_processed
-        if reward.needs_known_area:
-            area = last.known_area if last is not None and is_same_map else _known_area(mapper)
-            dear.update(known_area=area, previous_known_area=last.known_area if last else area)
-        if reward.needs_map_error:
-            error = last.map_error if last is not None and is_same_map else self._map_error()
-            dear.update(map_error=error, previous_map_error=last.map_error if last else error)
-        if reward.needs_covariance:
-            dear.update(position_sigma=float(np.sqrt(np.trace(mapper.covariance[:2, :2]))))
-        return dataclasses.replace(record, **dear)
-
-    def _map_error(self) -> float:
-        simulation = self.simulation
-        return self._site.wall_distance.mean_error(
-            simulation.mapper.occupancy_grid(), simulation.world_from_map
-        )
-
-    def _observe(self, published: bool) -> Observation:
+    def _observe(self, is_publication_due: bool) -> Observation:
         simulation = self.simulation
         mapper = simulation.mapper
-        cells = self._view.view(mapper, simulation.is_new_scan_processed, published)
+        cells = self._view.view(mapper, simulation.is_new_scan_processed, is_publication_due)
         return self._observer.observe(cells, simulation.scan, mapper.pose, simulation.velocity)
-
-    def _info(self, record: StepRecord) -> dict[str, Any]:
-        simulation = self.simulation
-        heading = simulation.mapper.pose.theta - simulation.true_pose.theta
-        info = {
-            "coverage": record.coverage,
-            "path_length": simulation.path_length,
-            "collisions": simulation.collisions,
-            "pose_error": record.pose_error,
-            "heading_error": abs((heading + np.pi) % (2.0 * np.pi) - np.pi),
-            "n_eff": record.n_eff,
-            "true_pose": np.array(simulation.true_pose),
-        }
-        if self._reward.needs_map_error:
-            info["map_error"] = record.map_error
-        return info
 
     def _record(self) -> None:
         if self.log is not None:
@@ -438,56 +362,17 @@ class ExploreEnv(gym.Env[Observation, Any]):
 
     def _show(self) -> None:
         if self.render_mode == "human":
-            self._make_renderer().show(self)
+            if self._window is None:
+                from slamgym.envs.window import Window
 
-    def _make_renderer(self) -> Any:
+                self._window = Window(self.metadata["render_fps"])
+            self._window.show(self._draw())
+
+    def _draw(self) -> ByteArray:
+        """A picture of the episode; what draws it is imported when it is needed."""
+        simulation = self.simulation
         if self._renderer is None:
             from slamgym.envs.rendering import Renderer
 
-            self._renderer = Renderer(self.metadata["render_fps"])
-        return self._renderer
-
-
-def _action_space(config: ExploreConfig) -> tuple[spaces.Space[Any], tuple[Twist2D, ...]]:
-    """The space of the actions and, where they are discrete, what each one commands."""
-    robot = config.robot
-    if config.actions == "discrete":
-        commands = (
-            Twist2D(robot.max_linear, 0.0),
-            Twist2D(0.0, robot.max_angular),
-            Twist2D(0.0, -robot.max_angular),
-        )
-        return spaces.Discrete(len(commands)), commands
-    high = np.ones(2, dtype=np.float32)
-    if config.actions == "physical":
-        high = np.array([robot.max_linear, robot.max_angular], dtype=np.float32)
-    return spaces.Box(-high, high, dtype=np.float32), ()
-
-
-def _read_options(options: Mapping[str, Any] | None) -> ResetOptions:
-    """Check the options of a reset."""
-    if not options:
-        return ResetOptions()
-    for name in options:
-        if name not in ResetOptions._fields:
-            raise ConfigError(f"unknown reset option {name!r}; {suggest(name, ResetOptions._fields)}")
-    plan, start = options.get("plan"), options.get("start")
-    if plan is not None and not isinstance(plan, str | FloorPlan):
-        raise ConfigError(f"the reset option 'plan' must be an id or a FloorPlan, not {plan!r}")
-    if start is None:
-        return ResetOptions(plan)
-    try:
-        x, y, theta = (float(value) for value in start)
-    except (TypeError, ValueError):
-        raise ConfigError(f"the reset option 'start' must be (x, y, theta), not {start!r}") from None
-    return ResetOptions(plan, Pose2D(x, y, theta))
-
-
-def _distance(a: Pose2D, b: Pose2D) -> float:
-    return float(np.hypot(a.x - b.x, a.y - b.y))
-
-
-def _known_area(mapper: Mapper) -> float:
-    """Area of the map's known cells [m2]."""
-    grid = mapper.occupancy_grid()
-    return float(np.count_nonzero(grid.cells != UNKNOWN)) * grid.frame.resolution**2
+            self._renderer = Renderer()
+        return self._renderer.draw(self._site, simulation, self._assessment, self.log)

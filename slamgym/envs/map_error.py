@@ -75,8 +75,8 @@ def sum_of_distances(
             if cells[row, col] != OCCUPIED:
                 continue
             map_x = origin_x + (col + 0.5) * resolution
-            field_col = int(math.floor((x + cos * map_x - sin * map_y - field_x) / field_resolution))
-            field_row = int(math.floor((y + sin * map_x + cos * map_y - field_y) / field_resolution))
+            field_col = math.floor((x + cos * map_x - sin * map_y - field_x) / field_resolution)
+            field_row = math.floor((y + sin * map_x + cos * map_y - field_y) / field_resolution)
             field_col = min(max(field_col, 0), field.shape[1] - 1)
             field_row = min(max(field_row, 0), field.shape[0] - 1)
             total += field[field_row, field_col]

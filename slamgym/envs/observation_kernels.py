@@ -52,8 +52,8 @@ def cut_crop(
             value = UNKNOWN
             for a in range(i * samples, (i + 1) * samples):
                 for b in range(j * samples, (j + 1) * samples):
-                    col = int(math.floor(first_col - a * cos + b * sin))
-                    row = int(math.floor(first_row + a * sin + b * cos))
+                    col = math.floor(first_col - a * cos + b * sin)
+                    row = math.floor(first_row + a * sin + b * cos)
                     if 0 <= row < rows and 0 <= col < cols:
                         cell = cells[row, col]
                         if cell == OCCUPIED:

@@ -12,9 +12,12 @@ from gymnasium import spaces
 from slamgym.envs.config import ExploreConfig, ObservationConfig
 from slamgym.envs.observation_kernels import cut_crop
 from slamgym.slam import Mapper
-from slamgym.types import ByteArray, Float32Array, GridFrame, LaserScan, OccupancyGrid, Pose2D, Twist2D
+from slamgym.types import ByteArray, Float32Array, GridFrame, LaserScan, Pose2D, Twist2D
 
 Observation = dict[str, Any]
+
+FURTHEST = 1000.0
+"""Believed positions are cut off here [m], because Gymnasium wants bounds."""
 
 # Spare width of the egocentric window, so that it is cut from the map anew only every few steps [m].
 _WINDOW_MARGIN = 0.5
@@ -22,7 +25,7 @@ _WINDOW_MARGIN = 0.5
 
 def observation_space(config: ExploreConfig) -> spaces.Dict:
     """The space of the observations."""
-    extent = np.array([config.observation.map_size, config.observation.map_size, math.pi], dtype=np.float32)
+    extent = np.array([FURTHEST, FURTHEST, math.pi], dtype=np.float32)
     speed = 2.0 * np.array([config.robot.max_linear, config.robot.max_angular], dtype=np.float32)
     limit = np.finfo(np.float32).max if config.max_steps is None else config.max_steps * config.control_step
     return spaces.Dict(
@@ -51,7 +54,7 @@ class Observer:
         Args:
             cells: The map as observed, shape (1, H, W).
             scan: The scan. No return becomes the largest range, and too near to measure becomes 0.
-            pose: Believed pose, map frame; cut off at the size of the canvas.
+            pose: Believed pose, map frame; cut off at :data:`FURTHEST`.
             velocity: Measured velocity; cut off at twice the robot's limits.
         """
         ranges = np.minimum(scan.ranges, self._range_max)
@@ -68,13 +71,13 @@ class Observer:
 class MapView(Protocol):
     """How the map is shown."""
 
-    def view(self, mapper: Mapper, is_new: bool, published: bool) -> ByteArray:
+    def view(self, mapper: Mapper, is_new: bool, is_publication_due: bool) -> ByteArray:
         """The observation's map, shape (1, H, W).
 
         Args:
             mapper: The map's source.
             is_new: Whether the mapper processed a scan since the last call.
-            published: Whether a publication of the map is due.
+            is_publication_due: Whether the map is to be published anew.
         """
         ...
 
@@ -87,10 +90,10 @@ class GlobalView:
         self._shared = config.shared_map
         self._cells: ByteArray | None = None
 
-    def view(self, mapper: Mapper, is_new: bool, published: bool) -> ByteArray:
+    def view(self, mapper: Mapper, is_new: bool, is_publication_due: bool) -> ByteArray:
         """See :class:`MapView`."""
         del is_new  # what was processed shows at the next publication
-        if published or self._cells is None:
+        if is_publication_due or self._cells is None:
             cells = mapper.render(self._frame)
             cells.flags.writeable = False
             self._cells = cells[np.newaxis]
@@ -111,9 +114,9 @@ class EgocentricView:
         self._window_frame = GridFrame(map_resolution, 0.0, 0.0, 1, 1)
         self._window_centre = (0.0, 0.0)
 
-    def view(self, mapper: Mapper, is_new: bool, published: bool) -> ByteArray:
+    def view(self, mapper: Mapper, is_new: bool, is_publication_due: bool) -> ByteArray:
         """See :class:`MapView`. The crop is of the newest map, not of the last published one."""
-        del published
+        del is_publication_due
         pose = mapper.pose
         off = math.hypot(pose.x - self._window_centre[0], pose.y - self._window_centre[1])
         if is_new or self._window is None or off > _WINDOW_MARGIN:
@@ -142,11 +145,6 @@ def make_view(config: ExploreConfig) -> MapView:
     if config.observation.map == "global":
         return GlobalView(config.observation)
     return EgocentricView(config.observation, config.slam.resolution)
-
-
-def canvas_grid(cells: ByteArray, config: ObservationConfig) -> OccupancyGrid:
-    """The global view as an occupancy grid."""
-    return OccupancyGrid(cells[0], config.frame())
 
 
 def _within(values: Float32Array, limit: Float32Array) -> Float32Array:

@@ -191,7 +191,10 @@ class Reward:
     def __init__(
         self, config: RewardConfig, extra: Mapping[str, tuple[float, RewardFunction]] | None = None
     ) -> None:
-        functions = {**FUNCTIONS, "shaping": partial(potential_shaping, discount=config.discount)}
+        functions: dict[str, RewardFunction] = {
+            **FUNCTIONS,
+            "shaping": partial(potential_shaping, discount=config.discount),
+        }
         self.terms = [
             RewardTerm(name, getattr(config, name), function)
             for name, function in functions.items()

@@ -48,6 +48,7 @@ class Simulation:
         streams: Sources of randomness.
 
     Attributes:
+        radius: Of the circle that holds the robot [m].
         start: Start pose, world frame.
         world_from_map: The map frame in the world.
         mapper: SLAM.
@@ -74,6 +75,7 @@ class Simulation:
         self._odometry = WheelOdometry(config.odometry, config.robot, streams.odometry)
         self._believes_truth = config.slam.mode == "ground_truth"
         self._dt = config.control_step
+        self.radius = config.robot.circumscribed_radius
         self._steps = 0
         self._in_contact = False
         self.start = start

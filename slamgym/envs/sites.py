@@ -162,7 +162,7 @@ def _open(plans: PlansArgument) -> PlanSource:
         return ListedPlans([plans])
     if isinstance(plans, str | Path):
         return open_plans(plans)
-    if isinstance(plans, Sequence):
+    if isinstance(plans, list | tuple):
         return ListedPlans(plans)
     if hasattr(plans, "load") and hasattr(plans, "ids"):
         return plans

@@ -1,0 +1,141 @@
+"""How an exploration goes, judged with knowledge of the truth: for rewards and ``info``."""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from slamgym.envs.coverage import Coverage
+from slamgym.envs.rewards import Reward, StepRecord
+from slamgym.envs.simulation import Simulation
+from slamgym.envs.sites import Site
+from slamgym.geometry import wrap_angle
+from slamgym.slam import Mapper
+from slamgym.types import UNKNOWN, LaserGeometry
+from slamgym.world import Motion
+
+
+class Assessment:
+    """Keeps the accounts of one episode.
+
+    Args:
+        site: The building.
+        simulation: The episode, at its start.
+        geometry: The scanner.
+        usable_range: How far the robot sees for the purpose of mapping [m].
+        reward: Tells what has to be measured.
+
+    Attributes:
+        coverage: What was truly seen.
+        latest: The record of the last step.
+    """
+
+    def __init__(
+        self,
+        site: Site,
+        simulation: Simulation,
+        geometry: LaserGeometry,
+        usable_range: float,
+        reward: Reward,
+    ) -> None:
+        start = simulation.start
+        self._site = site
+        self._simulation = simulation
+        self._reward = reward
+        floor = site.floor
+        self.coverage = Coverage(floor.mask(start.x, start.y), floor.frame, geometry, usable_range)
+        self.coverage.add(start, simulation.true_ranges)
+        self._measured = self._measure(None)
+        share = self.coverage.share
+        self.latest = self._record(0.0, 0.0, False, share, self._measured, False)
+
+    def look(self) -> None:
+        """Account for the newest scan."""
+        self.coverage.add(self._simulation.true_pose, self._simulation.true_ranges)
+
+    def judge(self, motion: Motion, duration: float, terminated: bool) -> StepRecord:
+        """Make the record of a step.
+
+        Args:
+            motion: What the robot did.
+            duration: How long [s].
+            terminated: Whether the exploration is complete.
+        """
+        before = self._measured
+        self._measured = self._measure(before)
+        self.latest = self._record(
+            duration, motion.distance, motion.contact, self.latest.coverage, before, terminated
+        )
+        return self.latest
+
+    def map_error(self) -> float:
+        """Mean distance of the map's occupied cells from the nearest true obstacle [m]."""
+        simulation = self._simulation
+        return self._site.wall_distance.mean_error(
+            simulation.mapper.occupancy_grid(), simulation.world_from_map
+        )
+
+    def info(self) -> dict[str, Any]:
+        """The newest figures, as ``info`` shows them."""
+        simulation, latest = self._simulation, self.latest
+        pose = simulation.true_pose
+        info = {
+            "coverage": latest.coverage,
+            "path_length": simulation.path_length,
+            "collisions": simulation.collisions,
+            "pose_error": latest.pose_error,
+            "heading_error": abs(wrap_angle(simulation.mapper.pose.theta - pose.theta)),
+            "n_eff": latest.n_eff,
+            "true_pose": np.array(pose),
+        }
+        if self._reward.needs_map_error:
+            info["map_error"] = latest.map_error
+        return info
+
+    def _record(
+        self,
+        duration: float,
+        distance: float,
+        contact: bool,
+        previous_coverage: float,
+        before: tuple[float, float],
+        terminated: bool,
+    ) -> StepRecord:
+        mapper, truth = self._simulation.mapper, self._simulation.true_map_pose
+        pose = mapper.pose
+        return StepRecord(
+            duration=duration,
+            time=self._simulation.time,
+            distance=distance,
+            contact=contact,
+            coverage=self.coverage.share,
+            previous_coverage=previous_coverage,
+            pose_error=math.hypot(pose.x - truth.x, pose.y - truth.y),
+            n_eff=mapper.n_eff,
+            terminated=terminated,
+            known_area=self._measured[0],
+            previous_known_area=before[0],
+            map_error=self._measured[1],
+            previous_map_error=before[1],
+            position_sigma=_position_sigma(mapper) if self._reward.needs_covariance else math.nan,
+        )
+
+    def _measure(self, before: tuple[float, float] | None) -> tuple[float, float]:
+        """Known area [m2] and map error [m], nan where no reward looks at them."""
+        if before is not None and not self._simulation.is_new_scan_processed:
+            return before  # the map is the same
+        return (
+            _known_area(self._simulation.mapper) if self._reward.needs_known_area else math.nan,
+            self.map_error() if self._reward.needs_map_error else math.nan,
+        )
+
+
+def _known_area(mapper: Mapper) -> float:
+    """Area of the map's known cells [m2]."""
+    grid = mapper.occupancy_grid()
+    return float(np.count_nonzero(grid.cells != UNKNOWN)) * grid.frame.resolution**2
+
+
+def _position_sigma(mapper: Mapper) -> float:
+    """Root of the trace of the position's covariance [m]."""
+    return math.sqrt(max(0.0, float(np.trace(mapper.covariance[:2, :2]))))
