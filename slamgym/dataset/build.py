@@ -14,7 +14,7 @@ from slamgym import __version__
 from slamgym.cad import FloorPlan, PlanSource
 from slamgym.config import config_hash, to_dict
 from slamgym.dataset.engine import run_tasks
-from slamgym.dataset.episode import EpisodeConfig, MakeExplorer, run_episode
+from slamgym.dataset.episode import EpisodeConfig, MakeExplorer, check_explorer, run_episode
 from slamgym.dataset.episode_files import write_episode
 from slamgym.dataset.folder import SIDES, DatasetFolder, open_dataset
 from slamgym.dataset.format import FORMAT_VERSION
@@ -25,6 +25,7 @@ from slamgym.dataset.record import make_record
 from slamgym.dataset.schedule import Slot, ids_digest, schedule
 from slamgym.dataset.storage import storage_errors, sync_tree, write_durably
 from slamgym.errors import PlanError, SlamgymError
+from slamgym.warmup import kernels_are_compiled, warm_up
 
 
 @dataclass(frozen=True)
@@ -51,7 +52,7 @@ class BuildReport:
     fresh: int
     """Pairs that this run added."""
     rejected: dict[str, int]
-    """How many slots of the schedule gave no pair, by the kind of error; see ``rejected.jsonl``."""
+    """How many plans gave no pair, by the kind of error; see ``rejected.jsonl``."""
     seconds: float
     """Wall time of this run [s]."""
 
@@ -106,6 +107,9 @@ def build_dataset(
         SlamgymError: If no plan at all can be explored.
     """
     began = time.monotonic()
+    check_explorer(plans, config.episode, make_explorer)
+    if not kernels_are_compiled():
+        warm_up()  # here, once, rather than in every worker
     with open_dataset(root, dataset_settings(config, plans)) as folder:
         before = len(folder.committed)
         queue = _Queue(folder, plans, config, make_explorer, pairs)
@@ -118,8 +122,8 @@ def build_dataset(
                         folder.commit(outcome.staged, outcome.timing)
                         advance()
         committed = len(folder.committed)
-        rejected = dict(Counter(entry["error"] for entry in folder.rejected.values()))
-    return BuildReport(committed, committed - before, rejected, time.monotonic() - began)
+        kinds = {entry["plan_id"]: entry["error"] for entry in folder.rejected.values()}
+    return BuildReport(committed, committed - before, dict(Counter(kinds.values())), time.monotonic() - began)
 
 
 def dataset_settings(config: DatasetConfig, plans: PlanSource) -> dict[str, Any]:

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Literal, Protocol
 
-from slamgym.cad import FloorPlan
+from slamgym.cad import FloorPlan, PlanSource
 from slamgym.envs import EpisodeLog, ExploreConfig, ExploreEnv
 from slamgym.errors import ConfigError
 from slamgym.interop import LogRecord
@@ -94,6 +94,15 @@ def time_limit(plan: FloorPlan, minutes: Literal["auto"] | float) -> float:
     return AUTO_BASE + AUTO_PER_AREA * plan.area if minutes == "auto" else 60.0 * float(minutes)
 
 
+def check_explorer(plans: PlanSource, config: EpisodeConfig, make_explorer: MakeExplorer) -> None:
+    """Make an explorer without exploring, to find a wrong setting before any work is done.
+
+    Raises:
+        ConfigError: If there is no explorer of that name, or the environment refuses a setting.
+    """
+    make_explorer(config.explorer, ExploreEnv(plans, config.env).explorer_context())
+
+
 def run_episode(plan: FloorPlan, seed: int, config: EpisodeConfig, make_explorer: MakeExplorer) -> Episode:
     """Let an explorer map a building until it says that it is done or the time is up.
 
@@ -110,7 +119,7 @@ def run_episode(plan: FloorPlan, seed: int, config: EpisodeConfig, make_explorer
     limit = time_limit(plan, config.minutes)
     env = ExploreEnv(plan, dataclasses.replace(config.env, time_limit=limit))
     explorer = make_explorer(config.explorer, env.explorer_context(), seed)
-    observation, info = env.reset(seed=seed)
+    observation, info = env.reset(seed=seed, options={"plan": plan})
     finished, truncated = False, False
     while not truncated:
         action, _ = explorer.predict(observation)

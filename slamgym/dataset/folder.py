@@ -114,8 +114,8 @@ def open_dataset(root: Path, settings: Mapping[str, Any]) -> Iterator[DatasetFol
     with exclusive_lock(layout.lock):
         _check_settings(layout, settings)
         with storage_errors(root):
-            for folder in (layout.root / "A", layout.root / "B", layout.episodes):
-                folder.mkdir(exist_ok=True)
+            for part in (layout.root / "A", layout.root / "B", layout.episodes):
+                part.mkdir(exist_ok=True)
             if not layout.config.exists():
                 replace_file(layout.config, (json.dumps(settings, indent=2) + "\n").encode())
             shutil.rmtree(layout.incoming, ignore_errors=True)
