@@ -92,7 +92,7 @@ class ExploreConfig:
     forward, left, right."""
 
     time_limit: float | None = 420.0
-    """Robot time after which an episode is truncated; the 7 minutes of Daher et al.; None for no limit [s]."""
+    """Robot time after which an episode is truncated: the 7 minutes of Daher et al.; None for none [s]."""
 
     map_update_interval: float = 2.0
     """Time between two publications of the map (``map_update_interval`` of TurtleBot3's GMapping) [s]."""

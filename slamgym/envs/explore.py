@@ -62,13 +62,13 @@ class ExploreEnv(gym.Env[Observation, Any]):
     | Key        | Shape, type         | Min | Max   | Unit | Meaning |
     |------------|---------------------|-----|-------|------|---------|
     | "map"      | (1, 84, 84) uint8   | 0   | 255   | -    | SLAM map: 0 occupied, 205 unknown, 254 free |
-    | "scan"     | (180,) float32      | 0   | 3.5   | m    | ranges, right to left; 3.5 no return, 0 too near |
+    | "scan"     | (180,) float32      | 0   | 3.5   | m    | right to left; 3.5 no return, 0 too near |
     | "pose"     | (3,) float32        | -1000, -1000, -pi | 1000, 1000, pi | m, m, rad | believed |
     | "velocity" | (2,) float32        | -0.52, -3.64 | 0.52, 3.64 | m/s, rad/s | by wheel odometry |
     | "time"     | (1,) float32        | 0   | 420   | s    | since the start |
 
-    The pose is in the map frame, whose origin is the start and whose axes are the building's. By default the map is an egocentric
-    crop of 8.4 x 8.4 m at 0.1 m a cell: the believed pose in the middle, ahead up. With
+    The pose is in the map frame, whose origin is the start and whose axes are the building's. By default the
+    map is an egocentric crop of 8.4 x 8.4 m at 0.1 m a cell: the believed pose in the middle, ahead up. With
     ``observation={"map": "global"}`` it is the whole map on a fixed canvas centred on the start, shape
     (1, 1280, 1280) for 64 m at 0.05 m, published anew every 2 s; with ``shared_map`` it is the same read-only
     array in between.
@@ -333,8 +333,8 @@ class ExploreEnv(gym.Env[Observation, Any]):
         if reach > 0.5 * observation.map_size:
             raise PlanError(
                 plan.where,
-                f"the plan reaches {reach:.1f} m from the start at ({start.x:.1f}, {start.y:.1f}) but the map "
-                f"only {0.5 * observation.map_size:.1f} m; set observation.map_size to "
+                f"the plan reaches {reach:.1f} m from the start at ({start.x:.1f}, {start.y:.1f}) but the "
+                f"map only {0.5 * observation.map_size:.1f} m; set observation.map_size to "
                 f"{math.ceil(2.0 * reach)} or more",
             )
 

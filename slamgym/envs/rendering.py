@@ -110,10 +110,10 @@ class Renderer:
     def _draw_belief(self, panel: ByteArray, simulation: Simulation, log: EpisodeLog | None) -> None:
         """What the robot believes: its map, its path and its scan, and faintly where it truly went."""
         view, origin = self._view, simulation.start
-        panel[:] = view.paint(simulation, panel.shape[:2])
+        panel[:] = view.paint(simulation)
         if log is not None:
             estimates = log.estimates[:, :2] + [origin.x, origin.y]
-            _draw_path(panel, view.pixels(log.true_poses[:, :2]), TRUTH)
+            _draw_path(panel, view.pixels(log.true_poses[:, :2]), TRUTH, thickness=1)
             _draw_path(panel, view.pixels(estimates), BELIEF)
         x, y, theta = simulation.mapper.pose
         pose = Pose2D(x + origin.x, y + origin.y, theta)
@@ -154,7 +154,7 @@ class _View:
         )  # fmt: skip
         return placed
 
-    def paint(self, simulation: Simulation, shape: tuple[int, int]) -> ByteArray:
+    def paint(self, simulation: Simulation) -> ByteArray:
         """The robot's map."""
         grid = simulation.mapper.occupancy_grid()
         frame, origin = grid.frame, simulation.start
@@ -206,7 +206,7 @@ def _tint_seen(panel: ByteArray, view: _View, assessment: Assessment) -> None:
 
 
 def _end_points(simulation: Simulation, pose: Pose2D, ranges: FloatArray) -> FloatArray:
-    """Ends of the beams, cut at the scanner's range, shape (num_beams, 2), in the frame of ``pose``'s parent."""
+    """Ends of the beams, at most at the scanner's range, shape (num_beams, 2), in the parent frame of ``pose``."""
     geometry = simulation.scan.geometry
     lengths = np.clip(ranges, 0.0, geometry.range_max)
     local = np.column_stack([lengths * np.cos(geometry.angles), lengths * np.sin(geometry.angles)])
@@ -224,8 +224,8 @@ def _draw_beams(panel: ByteArray, view: _View, mount: Pose2D, ends: FloatArray) 
     cv2.addWeighted(fan, 0.35, patch, 0.65, 0.0, dst=patch)
 
 
-def _draw_path(panel: ByteArray, pixels: np.ndarray, colour: Colour) -> None:
-    cv2.polylines(panel, [pixels], False, colour, 2, cv2.LINE_AA, _SHIFT)
+def _draw_path(panel: ByteArray, pixels: np.ndarray, colour: Colour, thickness: int = 2) -> None:
+    cv2.polylines(panel, [pixels], False, colour, thickness, cv2.LINE_AA, _SHIFT)
     start = int(pixels[0, 0]), int(pixels[0, 1])
     cv2.circle(panel, start, 4 << _SHIFT, colour, -1, cv2.LINE_AA, _SHIFT)
 
@@ -236,10 +236,10 @@ def _draw_robot(
     """A disc with a line to where it looks."""
     nose = pose.x + radius * math.cos(pose.theta), pose.y + radius * math.sin(pose.theta)
     (col, row), tip = view.pixels(np.array([[pose.x, pose.y], nose])).tolist()
-    size = round(max(radius * view.scale, 5.0) * (1 << _SHIFT))
+    size = round(max(radius * view.scale, 7.0) * (1 << _SHIFT))
     if filled:
         cv2.circle(panel, (col, row), size, colour, -1, cv2.LINE_AA, _SHIFT)
-    cv2.circle(panel, (col, row), size, FLOOR if filled else colour, 2, cv2.LINE_AA, _SHIFT)
+    cv2.circle(panel, (col, row), size, FLOOR if filled else colour, 1 if filled else 2, cv2.LINE_AA, _SHIFT)
     cv2.line(panel, (col, row), tip, FLOOR if filled else colour, 2, cv2.LINE_AA, _SHIFT)
 
 
@@ -287,7 +287,7 @@ def _draw_figures(image: ByteArray, site: Site, simulation: Simulation, assessme
         ("pose error", f"{100.0 * latest.pose_error:.1f} cm"),
         ("N_eff", f"{latest.n_eff:.1f}"),
         ("contacts", f"{simulation.collisions}"),
-        ("plan", site.plan.id if len(site.plan.id) <= 20 else site.plan.id[:18] + ".."),
+        ("plan", site.plan.id if len(site.plan.id) <= 15 else site.plan.id[:13] + ".."),
     ]
     step = (WIDTH - 2 * _MARGIN - 40) // len(figures)
     for index, (name, value) in enumerate(figures):

@@ -37,7 +37,8 @@ class Window:
                 self._screen = pygame.display.set_mode((image.shape[1], image.shape[0]))
             except pygame.error as error:
                 raise SlamgymError(
-                    f'render_mode="human" can\'t open a window ({error}); use render_mode="rgb_array" without a display'
+                    f'render_mode="human" can\'t open a window ({error}); '
+                    'use render_mode="rgb_array" without a display'
                 ) from None
             pygame.display.set_caption("slamgym")
         pygame.event.pump()
