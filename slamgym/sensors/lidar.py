@@ -120,9 +120,8 @@ def _gazebo(config: LidarConfig) -> LidarConfig:
 
 def _lds01(config: LidarConfig) -> LidarConfig:
     # The data sheet's limits are taken for three standard deviations: +-15 mm below 0.5 m, a precision of 3.5
-    # % beyond. (Its accuracy of 5 % holds a constant part too, which isn't noise.) The shares of the four
-    # endings are those by which AMCL's weights (0.95, 0.1, 0.05, 0.05) order them, with short readings rarer
-    # as nobody walks by.
+    # % beyond. (Its accuracy of 5 % holds a constant part too, which isn't noise.) The data sheet is silent
+    # on failing beams; 5 % is AMCL's own share of them (laser_z_hit 0.95), mostly short as in its weights.
     return replace(
         config, sigma=0.005, sigma_relative=0.035 / 3.0, z_hit=0.95, z_short=0.03, z_max=0.01, z_rand=0.01
     )

@@ -23,7 +23,7 @@ class OdometryConfig:
     """Errors of wheel odometry; the defaults are the level ``medium`` of :func:`odometry_level`.
 
     Systematic errors are drawn once per robot, i.e. per episode: E_d and E_b as Borenstein and Feng define
-    them (UMBmark, IEEE Trans. Robotics and Automation 12(6), 1996, eq. 1 and 2) and a common scale. Random
+    them (UMBmark, IEEE Trans. Robotics and Automation 12(6), 1996) and a common scale. Random
     slip grows with the square root of the way and of the turned angle, as a sum of independent slips does
     (Chong and Kleeman, ICRA 1997).
     """
@@ -32,7 +32,7 @@ class OdometryConfig:
     """``ideal`` reports the body's true motion, as TurtleBot3's stock Gazebo plugin does."""
 
     ticks_per_revolution: int = 4096
-    """Encoder resolution (Dynamixel XL430/XM430 e-manual: 4,096 pulses a turn); 0 for a continuous
+    """Encoder resolution (Dynamixel XM430-W210 e-manual: 4,096 a turn); 0 for a continuous
     encoder."""
 
     diameter_ratio: float = 1.0
@@ -100,7 +100,7 @@ _LEVELS = {
     ),
     # Geometric means of low and high, about three times from either.
     "medium": OdometryConfig(),
-    # Six public logs (ACES, CSAIL, Edmonton, Freiburg, Intel, MIT): way 2.6 to 5.4 % (4 % here), heading 0.5
+    # Six public logs of other robots: way 2.6 to 5.4 % (4 % here), heading 0.5
     # to 1.8 deg a metre (1.2 here, half of the least again as a constant drift), turns 3.5 to 13 % (8 %
     # here), bias to 3 %.
     "high": OdometryConfig(

@@ -56,9 +56,9 @@ class RobotConfig:
     contact_slip: float = 1.0
     """What the wheels do while contact blocks the body: 1 they roll on as driven, 0 they stall, or any share.
 
-    The default follows from the motors: the XL430's stall torque of 1.4 N m at a 0.033 m wheel is 42 N,
-    several times what the tyres of a 1.8 kg robot can pass to the floor, so a real Waffle Pi spins its wheels
-    at a wall and its odometry counts a way that it didn't go.
+    The default follows from the motors: the XM430-W210's stall torque of 2.7 N m is 82 N at a wheel of 0.033
+    m, far more than the tyres of a 1.8 kg robot can pass to the floor. A real Waffle Pi spins its wheels at a
+    wall, and its odometry counts a way that it didn't go.
     """
 
     def __post_init__(self) -> None:
