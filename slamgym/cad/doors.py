@@ -14,6 +14,8 @@ _OPEN_PLAN = {"Living_Room", "Dining_Room", "Kitchen", "Hall", "Hallway", "Lobby
 
 _CLOSED = {"Bathroom", "Toilet"}
 
+MAX_SPARE = 3
+"""Openings at most that make ways round in a plan."""
 MIN_NIB = 0.06
 """Wall left beside a door [m], measured from the face of the wall that crosses there."""
 DOOR_WIDTHS = ((0.7, 0.75, 0.8, 0.9, 1.0, 1.05, 1.1, 1.2), (0.08, 0.26, 0.1, 0.14, 0.22, 0.06, 0.06, 0.08))
@@ -58,7 +60,7 @@ def join_rooms(
         thickness: Of the walls [m].
         rng: Source of all draws.
         open_plan: Probability that a wall between two living areas is left out.
-        loops: Probability of an opening that the tree doesn't need, for each pair of neighbours with a hub.
+        loops: Probability that there are one to three openings that the tree doesn't need.
 
     Returns:
         The openings, or None if some room has no wall that a door fits into.
@@ -67,15 +69,21 @@ def join_rooms(
     tree = _tree(len(cells), pairs)
     if len(tree) < len(cells) - 1:
         return None
-    openings = []
-    for pair in pairs:
-        hub = cells[pair.first].category in _HUBS or cells[pair.second].category in _HUBS
-        private = {cells[pair.first].category, cells[pair.second].category} & _SERVICE
-        if (pair.first, pair.second) in tree:
-            openings.append(_open(cells, pair, thickness, rng, open_plan))
-        elif hub and not private and rng.random() < loops:
-            openings.append(_open(cells, pair, thickness, rng, 0.0))
-    return openings
+    joined = [_open(cells, pair, thickness, rng, open_plan) for pair in pairs if _ends(pair) in tree]
+    spare = [pair for pair in pairs if _ends(pair) not in tree and not _uses(cells, pair) & _SERVICE]
+    if spare and rng.random() < loops:
+        number = min(len(spare), int(rng.integers(1, 1 + MAX_SPARE)))
+        chosen = rng.choice(len(spare), size=number, replace=False)
+        joined += [_open(cells, spare[int(index)], thickness, rng, 0.3 * open_plan) for index in chosen]
+    return joined
+
+
+def _ends(pair: _Neighbours) -> tuple[int, int]:
+    return pair.first, pair.second
+
+
+def _uses(cells: Sequence[Cell], pair: _Neighbours) -> set[str]:
+    return {cells[pair.first].category, cells[pair.second].category}
 
 
 def _neighbours(cells: Sequence[Cell], thickness: float, rng: np.random.Generator) -> list[_Neighbours]:
@@ -128,8 +136,7 @@ def _open(
     cells: Sequence[Cell], pair: _Neighbours, thickness: float, rng: np.random.Generator, open_plan: float
 ) -> Opening:
     """Put an opening into a wall: none of the wall left, a wide opening, or a door."""
-    categories = {cells[pair.first].category, cells[pair.second].category}
-    members = (pair.first, pair.second)
+    categories, members = _uses(cells, pair), _ends(pair)
     usable = pair.wall.length - thickness  # between the faces of the walls that cross at its ends
     start = 0.5 * thickness
     # Even a bedroom or a garage may have a passage rather than a door.

@@ -6,11 +6,10 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 import shapely
-from shapely import Polygon
 
 from slamgym.cad.floorplan import FloorPlan
 from slamgym.cad.raster import fill_segments, map_values
-from slamgym.types import FREE, OCCUPIED, UNKNOWN, ByteArray, FloatArray, GridFrame
+from slamgym.types import FREE, OCCUPIED, UNKNOWN, BoolArray, ByteArray, FloatArray, GridFrame
 
 _PAPER = (255, 255, 255)
 _WALL = (52, 48, 46)
@@ -41,7 +40,6 @@ _COLOURS: dict[str, tuple[int, int, int]] = {
 }
 _OVERSAMPLING = 2
 _TEXT_HEIGHT_PX = 40
-_SOLID_AREA = 6.0  # smaller holes [m2] are pillars and islands, drawn solid
 _WALL_THICKNESS = 0.25  # drawn outside the outline [m]
 
 
@@ -62,12 +60,9 @@ def draw_plan(plan: FloorPlan, size_px: int = 420) -> ByteArray:
     canvas = np.full((fine, fine, 3), _PAPER, dtype=np.uint8)
     inside = fill_segments(plan.segments(), frame)
     values = map_values(inside, frame.resolution, UNKNOWN, _WALL_THICKNESS)
-    canvas[values == OCCUPIED] = _WALL
+    canvas[(values == OCCUPIED) | _enclosed(values == UNKNOWN)] = _WALL
     canvas[values == FREE] = _FLOOR
     _paint_rooms(canvas, plan, inside, frame)
-    for hole in plan.free_space.interiors:
-        if Polygon(hole).area < _SOLID_AREA:
-            cv2.fillPoly(canvas, [_to_px(shapely.get_coordinates(hole), frame)], _WALL)
     _mark_doors(canvas, plan, frame)
     small = cv2.resize(canvas, (size_px, size_px), interpolation=cv2.INTER_AREA)
     picture = np.vstack([small, np.full((_TEXT_HEIGHT_PX, size_px, 3), _PAPER, dtype=np.uint8)])
@@ -108,6 +103,14 @@ def _to_px(points: FloatArray, frame: GridFrame) -> np.ndarray:
     return np.round(np.column_stack([x, frame.height_px * frame.resolution - y]) / frame.resolution).astype(
         np.int32
     )
+
+
+def _enclosed(mask: BoolArray) -> BoolArray:
+    """Patches of a mask that don't touch the picture's edge: the inside of pillars, islands and chimneys."""
+    _, labels = cv2.connectedComponents(mask.astype(np.uint8))
+    at_edge = np.unique(np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]]))
+    enclosed: BoolArray = mask & ~np.isin(labels, at_edge)
+    return enclosed
 
 
 def _paint_rooms(canvas: np.ndarray, plan: FloorPlan, inside: np.ndarray, frame: GridFrame) -> None:

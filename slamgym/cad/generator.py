@@ -54,8 +54,10 @@ class GeneratorConfig:
     """Thickness of interior walls [m], even whole centimetres; HouseExpo's are 0.10-0.12 m."""
     open_plan: float = 0.8
     """Probability that two living areas are joined by a wide opening or none of the wall is left."""
-    loops: float = 0.08
-    """Probability of a second way for each pair of neighbours of which one is a hall or living room."""
+    office_open_plan: float = 0.2
+    """The same for the rooms of an office."""
+    loops: float = 0.35
+    """Probability that a plan has doors that make ways round; cores, pillars and islands make others."""
     details: Details = field(default_factory=Details)
     """Pillars, islands, chimneys, bay windows."""
 
@@ -89,7 +91,7 @@ def generate_plan(
     rooms = rooms_for_area(area, rng)
     for _ in range(MAX_ATTEMPTS):
         cells = lay_out_office(area, rng) if office else lay_out_home(area, rooms, rng)
-        plan = _build(plan_id, cells, config, rng)
+        plan = _build(plan_id, cells, config, config.office_open_plan if office else config.open_plan, rng)
         if plan is not None:
             return plan
     raise ConfigError(f"no {kind} of {area:.0f} m2 came out in {MAX_ATTEMPTS} attempts; ask for larger ones")
@@ -107,11 +109,11 @@ def _draw_area(office: bool, config: GeneratorConfig, rng: np.random.Generator) 
 
 
 def _build(
-    plan_id: str, cells: Sequence[Cell], config: GeneratorConfig, rng: np.random.Generator
+    plan_id: str, cells: Sequence[Cell], config: GeneratorConfig, open_plan: float, rng: np.random.Generator
 ) -> FloorPlan | None:
     """Turn a layout into a plan: openings, walls, details. None if it came out unusable."""
     thickness = float(rng.choice(config.wall_thickness))
-    openings = join_rooms(cells, thickness, rng, config.open_plan, config.loops)
+    openings = join_rooms(cells, thickness, rng, open_plan, config.loops)
     if openings is None:
         return None
     interiors = [_interior(cell.polygon, thickness) for cell in cells]

@@ -196,7 +196,11 @@ def _carve(cells: list[Cell], carved: list[str], rng: np.random.Generator) -> li
         )
         for index in order[:3]:
             host = cells[index]
-            box = _niche(Box(*host.polygon.bounds), rng) if len(host.polygon.exterior.coords) == 5 else None
+            box = (
+                _niche(Box(*host.polygon.bounds), host.category in _PUBLIC, rng)
+                if len(host.polygon.exterior.coords) == 5
+                else None
+            )
             if box is None or host.category in _CARVED | {"Hallway"} or host.polygon.interiors:
                 continue
             rest = cut_out(host.polygon, box)
@@ -206,13 +210,13 @@ def _carve(cells: list[Cell], carved: list[str], rng: np.random.Generator) -> li
     return cells
 
 
-def _niche(host: Box, rng: np.random.Generator) -> Box | None:
+def _niche(host: Box, may_be_core: bool, rng: np.random.Generator) -> Box | None:
     """A place for a small room within a large one that leaves enough width beside it."""
     width, height = snap(rng.uniform(1.5, 2.6)), snap(rng.uniform(1.4, 2.3))
     if rng.random() < 0.5:
         width, height = height, width
     free_x, free_y = host.width - width, host.height - height
-    if min(free_x, free_y) > 2.8 and rng.random() < 0.5:
+    if may_be_core and min(free_x, free_y) > 2.8 and rng.random() < 0.4:
         x0, y0 = (
             snap(host.x0 + free_x * rng.uniform(0.45, 0.55)),
             snap(host.y0 + free_y * rng.uniform(0.45, 0.55)),
