@@ -150,6 +150,14 @@ class TwoPhaseConfig:
     anchoring: float = 0.0
     """[0-1] share of the pose error against the map drawn so far that one scan removes, as a scan matcher
     does; 0 is plain odometry, which is what the paper's method places the cells with."""
+    matched_beams: int = 50
+    """Scans with fewer beams on known walls are not matched and odometry stands; GMapping's minimumScore on a
+    TurtleBot3, of 180 beams."""
+    matched_range: float = 3.0
+    """[m] Longer beams are not matched; GMapping's maxUrange on a TurtleBot3."""
+    lag: float = 0.0
+    """[-] share of the motion that matching loses in directions that the walls leave open, because a scan
+    overlaps the known map more the less the robot has moved."""
     jitter: float = 0.0
     """[m] white error of a matched position."""
     jitter_deg: float = 0.0
@@ -319,7 +327,7 @@ def scaled(config: ParametricConfig) -> ParametricConfig:
             phases,
             **{
                 name: s * getattr(phases, name)
-                for name in ("k_l", "k_lt", "k_t", "s_l", "s_lt", "s_t", "jitter", "jitter_deg")
+                for name in ("k_l", "k_lt", "k_t", "s_l", "s_lt", "s_t", "lag", "jitter", "jitter_deg")
             },
         ),
         ekf=dataclasses.replace(config.ekf, noise=s * config.ekf.noise),

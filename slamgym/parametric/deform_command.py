@@ -12,6 +12,7 @@ import tyro
 
 from slamgym.cad.floorplan import FloorPlan
 from slamgym.cad.sources import open_plans
+from slamgym.config import suggest
 from slamgym.errors import ConfigError
 from slamgym.parametric.config import Method, ParametricConfig, preset
 from slamgym.parametric.model import deform
@@ -145,9 +146,10 @@ def _check(arguments: DeformArguments) -> None:
 
 def _load_plan(arguments: DeformArguments) -> FloorPlan:
     source = open_plans(arguments.plan)
-    if arguments.plan_id is not None:
-        return source.load(arguments.plan_id)
-    return source.load(next(iter(source.ids)))
+    plan_id = arguments.plan_id if arguments.plan_id is not None else source.ids[0]
+    if plan_id not in source.ids:
+        raise ConfigError(f"{arguments.plan} has no plan {plan_id!r}; {suggest(plan_id, source.ids)}")
+    return source.load(plan_id)
 
 
 def _config(arguments: DeformArguments) -> ParametricConfig:

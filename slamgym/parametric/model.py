@@ -219,7 +219,7 @@ def _two_phase(run: _Run) -> _Conversion:
     phases, poses, visibility = run.model.two_phase, run.poses, run.visibility
     controls = disturb(run.motion, run.robot.phases, phases, run.streams.noise)
     gain = np.where(run.failures.matched, phases.anchoring, 0.0)
-    path = anchored_path(poses, run.failures.disturb(controls), visibility, gain)
+    path = anchored_path(poses, run.failures.disturb(controls), visibility, run.occupied, gain, phases)
     believed = jittered(path, phases, run.streams.noise)
     mean_motion: Float32Array | None = None
     if phases.observe == "mean":

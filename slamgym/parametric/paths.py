@@ -49,9 +49,9 @@ def read_waypoints(path: Path | str) -> Waypoints:
                 f"{path}:{number}", "has not two (x,y) or three (x,y,t) numbers like the rest"
             )
         rows.append(row)
-    table = np.array(rows, dtype=np.float64).reshape(len(rows), -1)
-    if len(table) == 0:
+    if not rows:
         raise InputFileError(path, "has no waypoint; give one line x,y[,t] per waypoint")
+    table = np.array(rows, dtype=np.float64)
     return Waypoints(table[:, :2], table[:, 2] if table.shape[1] == 3 else None)
 
 

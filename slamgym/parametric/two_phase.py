@@ -9,6 +9,7 @@ import math
 from dataclasses import dataclass
 from typing import Literal
 
+import cv2
 import numpy as np
 
 from slamgym.geometry import wrap_angle
@@ -16,7 +17,7 @@ from slamgym.parametric.anchor_kernel import anchor_poses
 from slamgym.parametric.config import TwoPhaseConfig
 from slamgym.parametric.odometry_error import Increments, integrate
 from slamgym.parametric.visibility import Visibility
-from slamgym.types import Float32Array, FloatArray, GridFrame
+from slamgym.types import BoolArray, Float32Array, FloatArray, GridFrame
 
 
 @dataclass(frozen=True)
@@ -59,7 +60,12 @@ def disturb(
 
 
 def anchored_path(
-    true_poses: FloatArray, believed: Increments, visibility: Visibility, gain: FloatArray
+    true_poses: FloatArray,
+    believed: Increments,
+    visibility: Visibility,
+    occupied: BoolArray,
+    gain: FloatArray,
+    config: TwoPhaseConfig,
 ) -> FloatArray:
     """Integrate believed increments, pulled towards the map drawn so far as a scan matcher pulls.
 
@@ -67,30 +73,52 @@ def anchored_path(
         true_poses: (T, 3).
         believed: T - 1 motions as odometry believes them.
         visibility: Who saw what; decides which part of a scan lies on known walls.
+        occupied: (H, W) wall cells.
         gain: (T,) share of the error against the map that the scan removes; 0 where it is not matched.
+        config: Limits of the matching.
 
     Returns:
         Believed poses, shape (T, 3).
     """
     if not gain.any():
         return integrate(true_poses[0], believed)
-    num_cells = visibility.frame.height_px * visibility.frame.width_px
-    points = np.zeros((num_cells, 2))
-    met = np.unique(visibility.hits[visibility.hits >= 0])
-    points[met] = visibility.cell_points(met)
+    frame = visibility.frame
+    cells = np.arange(frame.height_px * frame.width_px, dtype=np.int32)
+    points = visibility.cell_points(cells)
+    # Only what is near enough to be matched counts.
+    away = np.hypot(*(points[visibility.hits] - visibility.sensors[:, None, :2]).transpose(2, 0, 1))
+    matched = np.where(away <= config.matched_range, visibility.hits, -1).astype(np.int32)
     poses = np.empty_like(true_poses)
     anchor_poses(
         true_poses,
         np.column_stack([believed.distance, believed.lateral, believed.turn]),
-        visibility.hits,
+        matched,
         points,
+        wall_normals(occupied).reshape(-1, 2),
         gain,
-        np.zeros((num_cells, 2)),
-        np.zeros(num_cells, dtype=np.bool_),
+        config.matched_beams,
+        config.lag,
+        np.zeros((len(cells), 2)),
+        np.zeros(len(cells), dtype=np.bool_),
         poses,
     )
     poses[:, 2] = wrap_angle(poses[:, 2])
     return poses
+
+
+def wall_normals(occupied: BoolArray) -> FloatArray:
+    """Direction across the wall at every cell: main axis of the structure tensor of the smoothed picture.
+
+    Convention: world axes (x right, y up); the sign is arbitrary.
+
+    Returns:
+        (H, W, 2) unit vectors; any direction far from walls.
+    """
+    smooth = cv2.GaussianBlur(occupied.astype(np.float32), (0, 0), 1.0)
+    gx, gy = cv2.Sobel(smooth, cv2.CV_32F, 1, 0), -cv2.Sobel(smooth, cv2.CV_32F, 0, 1)
+    xx, yy, xy = (cv2.GaussianBlur(product, (0, 0), 1.5) for product in (gx * gx, gy * gy, gx * gy))
+    angle = 0.5 * np.arctan2(2.0 * xy, xx - yy).astype(np.float64)
+    return np.stack([np.cos(angle), np.sin(angle)], axis=-1)
 
 
 def jittered(poses: FloatArray, config: TwoPhaseConfig, rng: np.random.Generator) -> FloatArray:

@@ -1,0 +1,184 @@
+"""The whole model: identity without errors, seeds, severities, and what each method and preset gives."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from slamgym.errors import ConfigError
+from slamgym.parametric.config import (
+    FailureConfig,
+    ParametricConfig,
+    RenderConfig,
+    TwoPhaseConfig,
+    preset,
+    scaled,
+)
+from slamgym.parametric.model import deform
+from slamgym.parametric.trajectory import TimedTrajectory
+from slamgym.types import FREE, OCCUPIED, UNKNOWN, GridFrame
+
+METHODS = ("two_phase", "ekf_schur", "ekf")
+
+
+def config_of(method: str, name: str = "faithful", **changes) -> ParametricConfig:
+    resolution = 0.2 if method == "ekf" else 0.1
+    return dataclasses.replace(preset(name), method=method, resolution=resolution, **changes)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_severity_zero_gives_the_cad_map_back_where_the_robot_looked(flat, tour, method) -> None:
+    result = deform(flat, tour, config_of(method, severity=0.0), np.random.default_rng(0))
+    np.testing.assert_allclose(result.believed.poses, result.true.poses, atol=1e-9)
+    np.testing.assert_allclose(result.odometry.poses, result.true.poses, atol=1e-9)
+    np.testing.assert_allclose(result.field, 0.0, atol=1e-9)
+    np.testing.assert_array_equal(result.grid.cells[result.seen], result.cad.cells[result.seen])
+    assert (result.grid.cells[~result.seen] == UNKNOWN).all()
+    assert result.seen.mean() > 0.3
+
+
+def test_scans_without_errors_draw_walls_only_where_walls_are(flat, tour) -> None:
+    result = deform(flat, tour, config_of("two_phase", "realistic", severity=0.0), np.random.default_rng(0))
+    near_wall = np.zeros(result.cad.cells.shape, dtype=bool)
+    rows, cols = np.nonzero(result.cad.cells == OCCUPIED)
+    for i in (-1, 0, 1):  # an exact range can end on the free side of the border between two cells
+        for j in (-1, 0, 1):
+            near_wall[np.clip(rows + i, 0, None).clip(max=near_wall.shape[0] - 1),
+                      np.clip(cols + j, 0, None).clip(max=near_wall.shape[1] - 1)] = True  # fmt: skip
+    assert near_wall[result.grid.cells == OCCUPIED].all()
+    assert (result.grid.cells == FREE).sum() > 1000
+
+
+@pytest.mark.parametrize("name", ["faithful", "realistic"])
+@pytest.mark.parametrize("method", METHODS)
+def test_the_same_seed_gives_the_same_bytes_and_another_another_map(flat, tour, method, name) -> None:
+    maps = [deform(flat, tour, config_of(method, name), np.random.default_rng(s)) for s in (1, 1, 2)]
+    assert maps[0].grid.cells.tobytes() == maps[1].grid.cells.tobytes()
+    assert maps[0].field.tobytes() == maps[1].field.tobytes()
+    assert maps[0].parameters == maps[1].parameters
+    assert maps[0].field.tobytes() != maps[2].field.tobytes()
+    assert set(np.unique(maps[0].grid.cells)) == {OCCUPIED, UNKNOWN, FREE}
+    assert maps[0].field.dtype == np.float32
+    assert maps[0].field.shape == (2, *maps[0].grid.cells.shape)
+
+
+def test_a_given_frame_is_kept(flat, tour) -> None:
+    frame = GridFrame(0.1, -0.5, -0.5, 64, 100)
+    result = deform(flat, tour, config_of("two_phase", severity=3.0), np.random.default_rng(0), frame)
+    assert result.grid.frame == frame
+    assert result.cad.frame == frame
+
+
+def test_an_open_frame_grows_until_every_displaced_wall_is_inside(flat, tour) -> None:
+    config = config_of("two_phase", severity=4.0)
+    result = deform(flat, tour, config, np.random.default_rng(5))
+    border = np.ones(result.grid.cells.shape, dtype=bool)
+    border[1:-1, 1:-1] = False
+    assert (result.grid.cells[border] == OCCUPIED).mean() < 0.05
+    assert result.grid.frame.width_px > GridFrame.covering(flat.bounds, 0.1, config.margin).width_px
+
+
+def test_displacement_grows_with_severity(flat, tour) -> None:
+    def rms(severity: float) -> float:
+        fields = [
+            deform(flat, tour, config_of("two_phase", severity=severity), np.random.default_rng(s)).field
+            for s in range(6)
+        ]
+        return float(np.mean([np.sqrt((field**2).mean()) for field in fields]))
+
+    assert rms(0.3) < rms(1.0) < rms(3.0)
+
+
+def test_the_field_says_where_the_walls_went(flat, tour) -> None:
+    # The map at q shows the CAD map at q + d(q): reading the CAD map through the field finds its walls.
+    result = deform(flat, tour, config_of("two_phase"), np.random.default_rng(4))
+    frame = result.grid.frame
+    rows, cols = np.nonzero(result.grid.cells == OCCUPIED)
+    x, y = frame.to_point(rows, cols)
+    to = frame.to_cell(x + result.field[0, rows, cols], y + result.field[1, rows, cols])
+    on_wall = (
+        result.cad.cells[to[0].clip(0, frame.height_px - 1), to[1].clip(0, frame.width_px - 1)] == OCCUPIED
+    )
+    # All but the spurious cells of rand beams, 1 % of the wall beams.
+    assert on_wall.mean() > 0.95
+
+
+@pytest.mark.parametrize("observe", ["first", "mean", "last"])
+def test_ways_to_place_a_cell_agree_on_its_first_and_only_view(flat, tour, observe) -> None:
+    phases = dataclasses.replace(TwoPhaseConfig(), observe=observe)
+    once = TimedTrajectory(*(a[:2] for a in (tour.stamps, tour.poses, tour.twists, tour.accelerations)))
+    result = deform(flat, once, config_of("two_phase", two_phase=phases), np.random.default_rng(0))
+    first = deform(flat, once, config_of("two_phase"), np.random.default_rng(0))
+    np.testing.assert_allclose(result.field, first.field, atol=1e-3)
+
+
+def test_anchoring_keeps_the_path_near_the_truth(flat, tour) -> None:
+    def end_error(anchoring: float) -> float:
+        phases = dataclasses.replace(TwoPhaseConfig(), anchoring=anchoring)
+        errors = []
+        for seed in range(8):
+            config = config_of("two_phase", two_phase=phases, severity=2.0)
+            result = deform(flat, tour, config, np.random.default_rng(seed))
+            errors.append(np.hypot(*(result.believed.poses - result.true.poses)[-1, :2]))
+        return float(np.mean(errors))
+
+    assert end_error(0.8) < 0.4 * end_error(0.0)
+
+
+def test_failures_make_maps_that_differ_more_from_the_plan(flat, tour) -> None:
+    def worst(rate: float) -> float:
+        largest = []
+        for seed in range(8):
+            config = config_of(
+                "two_phase",
+                "realistic",
+                failures=FailureConfig(rate=rate, jump=0.3, jump_deg=5.0),
+                render=RenderConfig(renderer="scans"),
+            )
+            result = deform(flat, tour, config, np.random.default_rng(seed))
+            largest.append(np.hypot(*result.field)[result.seen].max())
+        return float(np.mean(largest))
+
+    assert worst(0.5) > 2.0 * worst(0.0)
+
+
+def test_failures_are_off_in_the_faithful_preset_and_on_in_the_realistic_one() -> None:
+    assert preset("faithful").failures.rate == 0.0
+    assert preset("realistic").failures.rate > 0.0
+
+
+def test_a_path_through_a_wall_is_refused(flat, tour) -> None:
+    through = TimedTrajectory(tour.stamps, tour.poses.copy(), tour.twists, tour.accelerations)
+    through.poses[len(tour) // 2, :2] = [3.05, 1.0]
+    with pytest.raises(ConfigError, match="lies in a wall"):
+        deform(flat, through)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"severity": -0.1}, "severity must be 0 or more"),
+        ({"severity": float("nan")}, "severity must be 0 or more"),
+        ({"resolution": 0.0}, "resolution must be more than 0"),
+        ({"method": "two_phases"}, "did you mean 'two_phase'"),
+    ],
+)
+def test_settings_that_make_no_sense_are_refused(changes, message) -> None:
+    with pytest.raises(ConfigError, match=message):
+        ParametricConfig(**changes)
+
+
+def test_an_unknown_preset_suggests_the_nearest() -> None:
+    with pytest.raises(ConfigError, match="did you mean 'realistic'"):
+        preset("realistik")
+
+
+def test_scaling_by_zero_leaves_no_magnitude_and_by_one_changes_nothing() -> None:
+    nothing = scaled(dataclasses.replace(preset("realistic"), severity=0.0))
+    assert nothing.lidar.weight_hit == 1.0
+    assert nothing.failures.rate == nothing.two_phase.jitter == nothing.odometry.kappa_deg == 0.0
+    same = scaled(preset("realistic"))
+    assert same.two_phase == preset("realistic").two_phase
+    assert same.lidar.weight_hit == pytest.approx(preset("realistic").lidar.weight_hit)
+    extreme = scaled(dataclasses.replace(preset("faithful"), severity=100.0))
+    assert extreme.lidar.weight_hit == pytest.approx(0.0, abs=1e-12)

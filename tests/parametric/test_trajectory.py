@@ -1,0 +1,119 @@
+"""Waypoints to poses, speeds and accelerations; and the paths that make no sense."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from slamgym.errors import ConfigError
+from slamgym.geometry import wrap_angle
+from slamgym.parametric.config import MotionConfig
+from slamgym.parametric.trajectory import Waypoints, drive, from_recorded, pick_scans
+from slamgym.types import Trajectory
+
+CONFIG = MotionConfig()
+SQUARE = np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 2.0], [0.0, 2.0], [0.0, 0.0]])
+
+
+@given(st.lists(st.tuples(st.floats(-5, 5), st.floats(-5, 5)), min_size=2, max_size=6, unique=True))
+def test_turn_and_go_passes_all_waypoints_within_the_robots_limits(points) -> None:
+    points = np.round(np.array(points), 2)
+    if len(np.unique(points, axis=0)) < 2:
+        return
+    driven = drive(Waypoints(points), CONFIG)
+    for point in points:
+        assert np.hypot(*(driven.poses[:, :2] - point).T).min() < 1e-9
+    assert np.abs(driven.twists[:, 0]).max() <= CONFIG.max_linear + 1e-9
+    assert np.abs(driven.twists[:, 1]).max() <= CONFIG.max_angular + 1e-9
+    assert np.abs(driven.accelerations[:, 0]).max() <= CONFIG.linear_acceleration + 1e-9
+    assert (np.diff(driven.stamps) > 0.0).all()
+    # It turns or drives, never both.
+    assert not ((driven.twists[:, 0] != 0.0) & (driven.twists[:, 1] != 0.0)).any()
+
+
+def test_speeds_integrate_to_the_way_and_the_turn() -> None:
+    driven = drive(Waypoints(SQUARE), CONFIG)
+    dt = np.diff(driven.stamps)
+    # Trapezoids of the sampled speeds: exact but for the corners of the speed profile, one sample each.
+    way = (0.5 * (driven.twists[1:, 0] + driven.twists[:-1, 0]) * dt).sum()
+    turn = (0.5 * (driven.twists[1:, 1] + driven.twists[:-1, 1]) * dt).sum()
+    assert way == pytest.approx(8.0, rel=0.01)
+    assert turn == pytest.approx(3 * math.pi / 2, rel=0.02)
+    assert driven.as_trajectory().length == pytest.approx(8.0)
+
+
+def test_times_of_arrival_are_kept() -> None:
+    times = np.array([0.0, 12.0, 30.0, 42.0, 60.0])
+    driven = drive(Waypoints(SQUARE, times), CONFIG)
+    for point, time in zip(SQUARE, times, strict=True):
+        at = np.argmin(np.abs(driven.stamps - time))
+        assert driven.stamps[at] == pytest.approx(time)
+        np.testing.assert_allclose(driven.poses[at, :2], point, atol=1e-9)
+
+
+def test_smooth_profile_has_heading_and_turn_rate_of_its_curve() -> None:
+    angle = np.linspace(0.0, math.pi, 33)
+    arc = 2.0 * np.column_stack([np.sin(angle), 1.0 - np.cos(angle)])
+    driven = drive(Waypoints(arc), dataclasses.replace(CONFIG, profile="smooth"))
+    middle = slice(len(driven) // 4, 3 * len(driven) // 4)
+    # A circle of radius 2 m: turn rate = speed / 2; the spline keeps to it within 2 % away from its ends.
+    np.testing.assert_allclose(driven.twists[middle, 1], driven.twists[middle, 0] / 2.0, rtol=0.02)
+    turned = np.gradient(np.unwrap(driven.poses[:, 2]), driven.stamps)
+    np.testing.assert_allclose(turned[middle], driven.twists[middle, 1], rtol=0.02)
+
+
+def test_a_recorded_path_gets_its_speeds() -> None:
+    stamps = np.arange(0.0, 10.0, 0.2)
+    poses = np.column_stack([0.2 * stamps, np.zeros_like(stamps), np.zeros_like(stamps)])
+    timed = from_recorded(Trajectory(stamps, poses))
+    np.testing.assert_allclose(timed.twists[:, 0], 0.2)
+    np.testing.assert_allclose(timed.twists[:, 1], 0.0, atol=1e-12)
+    np.testing.assert_allclose(timed.accelerations, 0.0, atol=1e-9)
+
+
+def test_scans_are_picked_by_way_angle_and_time() -> None:
+    driven = drive(Waypoints(SQUARE), CONFIG)
+    scans = pick_scans(driven, CONFIG)
+    step = np.hypot(*np.diff(scans.poses[:, :2], axis=0).T)
+    turn = np.abs(wrap_angle(np.diff(scans.poses[:, 2])))
+    # One fine sample may overshoot: 0.05 s at the largest speeds.
+    assert step.max() <= CONFIG.scan_spacing + 0.05 * CONFIG.max_linear + 1e-9
+    assert turn.max() <= CONFIG.scan_angle + 0.05 * CONFIG.max_angular + 1e-9
+    np.testing.assert_allclose(scans.poses[[0, -1]], driven.poses[[0, -1]])
+    timed = pick_scans(driven, dataclasses.replace(CONFIG, scan_interval=0.5))
+    assert np.diff(timed.stamps).max() <= 0.5 + 0.051
+
+
+@pytest.mark.parametrize(
+    ("points", "times", "message"),
+    [
+        ([[0.0, 0.0]], None, "has 1 waypoint"),
+        ([[0.0, 0.0], [float("nan"), 1.0]], None, "waypoint 2 is not a pair of finite numbers"),
+        ([[0.0, 0.0], [float("inf"), 1.0]], None, "waypoint 2"),
+        ([[1.0, 1.0], [1.0, 1.0]], None, "all waypoints lie in one place"),
+        ([[0.0, 0.0], [1.0, 0.0]], [5.0, 3.0], "times of arrival must increase"),
+        ([[0.0, 0.0], [1.0, 0.0]], [0.0, float("nan")], "finite time of arrival"),
+        ([[0.0, 0.0], [1.0, 0.0]], [0.0, 0.5], "can't be reached in 0.50 s"),
+    ],
+)
+def test_paths_that_make_no_sense_are_refused_by_name(points, times, message) -> None:
+    waypoints = Waypoints(np.array(points), None if times is None else np.array(times))
+    with pytest.raises(ConfigError, match=message) as error:
+        drive(waypoints, CONFIG, "tour.csv")
+    assert str(error.value).startswith("tour.csv")
+
+
+@pytest.mark.parametrize(
+    ("stamps", "poses", "message"),
+    [
+        ([0.0], [[0, 0, 0]], "has 1 pose"),
+        ([0.0, 0.0], [[0, 0, 0], [1, 0, 0]], "time doesn't grow at pose 2"),
+        ([0.0, 1.0], [[0, 0, 0], [float("nan"), 0, 0]], "not finite"),
+    ],
+)
+def test_recorded_paths_that_make_no_sense_are_refused(stamps, poses, message) -> None:
+    with pytest.raises(ConfigError, match=message):
+        from_recorded(Trajectory(np.array(stamps), np.array(poses, dtype=float)))
