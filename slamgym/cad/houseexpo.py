@@ -4,8 +4,8 @@ Keys of the data set (Li et al., HouseExpo, IROS 2020): ``id``, ``room_num``, ``
 corner), ``verts`` (one closed outline without its last vertex repeated) and ``room_category`` (category to
 boxes ``[min x, min y, max x, max y]``). Plans written here may carry three keys more, each left out where it
 says nothing new, so that programs for HouseExpo read them too: ``holes`` (a list of rings: pillars, islands,
-cores), ``doors`` (a list of ``[[x, y], [x, y]]`` from jamb to jamb) and ``room_polygons`` (category to rings,
-where a room is more than a box).
+cores), ``doors`` (a list of ``[[x, y], [x, y]]`` from jamb to jamb) and ``room_polygons`` (category to rooms,
+each a list of its outline and its holes, where a room is more than a box).
 
 Convention: y is down in the file and up in a :class:`FloorPlan`; reader and writer mirror a plan about the
 horizontal middle line of its outline, so its bounding box stays where it is.
@@ -106,8 +106,8 @@ def format_houseexpo(plan: FloorPlan) -> str:
     if any(not room.polygon.equals(shapely.box(*room.polygon.bounds)) for room in plan.rooms):
         data["room_polygons"] = {}
         for room in plan.rooms:
-            ring = _ring(room.polygon.exterior, mirror)
-            data["room_polygons"].setdefault(room.category, []).append(ring)
+            rings = [_ring(ring, mirror) for ring in (room.polygon.exterior, *room.polygon.interiors)]
+            data["room_polygons"].setdefault(room.category, []).append(rings)
     if plan.free_space.interiors:
         data["holes"] = [_ring(hole, mirror) for hole in plan.free_space.interiors]
     if plan.doors:
@@ -210,13 +210,18 @@ def _rooms(data: Mapping[str, Any], source: str, mirror: float) -> tuple[Room, .
     rooms = []
     for category, entries in categories.items():
         for entry in _list(categories, category, source) if entries else []:
-            if key == "room_polygons":
-                polygon = Polygon(_points(entry, source, f"'{key}'", at_least=3))
-            else:
-                polygon = _box(entry, source)
+            polygon = _rings(entry, source) if key == "room_polygons" else _box(entry, source)
             if polygon.is_valid and polygon.area > 0.0:
                 rooms.append(Room(category, _mirrored(polygon, mirror)))
     return tuple(rooms)
+
+
+def _rings(entry: Any, source: str) -> Polygon:
+    what = "'room_polygons'"
+    if not isinstance(entry, list) or not entry:
+        raise PlanError(source, f"{what} has a room that is not a list of rings")
+    outline, *holes = (_points(ring, source, what, at_least=3) for ring in entry)
+    return Polygon(outline, holes)
 
 
 def _box(entry: Any, source: str) -> Polygon:

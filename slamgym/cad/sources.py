@@ -228,10 +228,12 @@ def _open(spec: str, wanted: frozenset[str] | None) -> PlanSource:
         return ProceduralSource(_seed(spec))
     name, _, resolution = spec.rpartition("@")
     if name.lower().endswith(IMAGE_SUFFIXES):
-        return PictureSource(_existing(name), _metres_per_pixel(spec, resolution))
+        metres_per_pixel = _metres_per_pixel(spec, resolution)
+        return PictureSource(_existing(name), metres_per_pixel)
     path = Path(spec)
     if path.is_dir():
-        return FileSource(path.glob("*.json"))
+        # HouseExpo unpacks into a folder within a folder.
+        return FileSource(list(path.glob("*.json")) or path.rglob("*.json"))
     if not path.exists():
         if path.suffix or "/" in spec:
             _existing(spec)

@@ -1,0 +1,139 @@
+import numpy as np
+import pytest
+import shapely
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from shapely import Polygon
+
+from slamgym.cad import GeneratorConfig, generate_plan
+from slamgym.cad.cells import Box, Space, shared_walls, subdivide
+from slamgym.cad.statistics import find_openings, measure_plan
+from slamgym.errors import ConfigError
+
+seeds = st.integers(0, 2**32)
+kinds = st.sampled_from(["home", "office"])
+
+
+@given(seeds, kinds)
+@settings(max_examples=120, deadline=None)
+def test_every_plan_is_valid_and_connected_for_the_robot(seed, kind):
+    plan = generate_plan(seed, GeneratorConfig(kind=kind))
+    assert isinstance(plan.free_space, Polygon)
+    assert plan.free_space.is_valid
+    # One connected space for a robot of radius 0.22 m with a margin, and it gets into every room.
+    robot = plan.free_space.buffer(-0.25)
+    assert isinstance(robot, Polygon)
+    assert all(room.polygon.intersects(robot) for room in plan.rooms)
+
+
+@given(seeds, kinds)
+@settings(max_examples=60, deadline=None)
+def test_doors_are_passages_of_their_width(seed, kind):
+    plan = generate_plan(seed, GeneratorConfig(kind=kind))
+    wall = shapely.Polygon()
+    for door in plan.doors:
+        assert 0.7 - 1e-9 <= door.width <= 2.4 + 1e-9
+        line = shapely.LineString([door.start, door.end])
+        assert plan.free_space.covers(line)
+        # The jambs are solid: half a centimetre beyond either end there is wall.
+        longer = shapely.affinity.scale(line, 1 + 0.01 / door.width, 1 + 0.01 / door.width)
+        wall = longer.difference(plan.free_space)
+        assert wall.length == pytest.approx(0.01, abs=1e-6)
+
+
+@given(seeds, kinds)
+@settings(max_examples=60, deadline=None)
+def test_rooms_lie_in_the_plan_and_apart(seed, kind):
+    plan = generate_plan(seed, GeneratorConfig(kind=kind))
+    rooms = shapely.union_all([room.polygon for room in plan.rooms])
+    assert rooms.area == pytest.approx(sum(room.area for room in plan.rooms))
+    # Outside the rooms the free space is doorways; inside them pillars, islands and chimneys are missing.
+    assert plan.free_space.difference(rooms).area < 0.12 * plan.area
+    assert rooms.difference(plan.free_space).area < 0.12 * plan.area
+
+
+@given(seeds)
+@settings(max_examples=30, deadline=None)
+def test_the_same_seed_gives_the_same_plan(seed):
+    first = generate_plan(seed)
+    assert generate_plan(seed) == first
+    assert generate_plan(np.random.default_rng(seed), plan_id=first.id).free_space == first.free_space
+    assert generate_plan(seed + 1).free_space != first.free_space
+
+
+@given(seeds)
+@settings(max_examples=30, deadline=None)
+def test_corners_lie_on_whole_centimetres_in_the_positive_quadrant(seed):
+    plan = generate_plan(seed)
+    points = 100 * plan.segments()
+    np.testing.assert_allclose(points, np.round(points), atol=1e-6)
+    assert plan.bounds[:2] == pytest.approx((0.1, 0.1))
+
+
+def test_homes_resemble_houseexpo_and_unlike_it_have_ways_round():
+    homes = [measure_plan(generate_plan(seed, GeneratorConfig(kind="home"))) for seed in range(200)]
+
+    def median(name):
+        return float(np.median([getattr(home, name) for home in homes]))
+
+    # HouseExpo's medians; the tolerances are some three standard errors of a median of 200 plans.
+    assert median("rooms") == pytest.approx(6.5, abs=1.5)
+    assert median("area") == pytest.approx(112, rel=0.2)
+    assert median("long_side") == pytest.approx(14.3, rel=0.15)
+    assert median("aspect") == pytest.approx(1.37, abs=0.15)
+    assert median("fill") == pytest.approx(0.84, abs=0.05)
+    assert median("openings") == pytest.approx(4.5, abs=1.5)
+    assert median("vertices") == pytest.approx(47, abs=15)
+    with_holes = np.mean([home.holes > 0 for home in homes])
+    assert 0.2 < with_holes < 0.6
+
+
+def test_mixed_plans_are_mostly_homes():
+    names = [generate_plan(seed).id.split("_")[0] for seed in range(120)]
+    # Binomial with p = 0.15: 18 expected, standard deviation 3.9.
+    assert 5 <= names.count("office") <= 34
+    assert set(names) == {"home", "office"}
+
+
+def test_settings_that_make_no_sense_are_refused():
+    with pytest.raises(ConfigError, match="kind must be"):
+        GeneratorConfig(kind="castle")
+    with pytest.raises(ConfigError, match="even whole centimetres"):
+        GeneratorConfig(wall_thickness=(0.11,))
+
+
+@given(
+    sizes=st.lists(st.floats(2, 30), min_size=1, max_size=12),
+    seed=seeds,
+)
+@settings(deadline=None)
+def test_subdivision_tiles_the_box_in_proportion(sizes, seed):
+    side = np.sqrt(sum(sizes))
+    box = Box(0.0, 0.0, round(1.3 * side, 2), round(side / 1.3, 2))
+    cells = subdivide(box, [Space("Room", size) for size in sizes], np.random.default_rng(seed))
+    assert len(cells) == len(sizes)
+    assert shapely.union_all([cell.polygon for cell in cells]).equals(box.polygon())
+    # Cuts are rounded to a centimetre, so a room is wrong by at most 1 cm along its sides.
+    for cell, size in zip(cells, sizes, strict=True):
+        wanted = size / sum(sizes) * box.area
+        assert cell.polygon.area == pytest.approx(wanted, abs=0.01 * cell.polygon.length + 0.01)
+
+
+def test_shared_walls_are_found_once_and_longest_first():
+    left = shapely.box(0, 0, 2, 5)
+    right = shapely.box(2, 1, 4, 3)
+    assert shared_walls(left, right) == [(2, 1, 2, 3)] or shared_walls(left, right) == [(2, 3, 2, 1)]
+    assert shared_walls(left, shapely.box(2, 5, 4, 6)) == []
+    corner = shapely.box(0, 0, 6, 6).difference(shapely.box(3, 4, 6, 6))
+    assert [wall.length for wall in shared_walls(corner, shapely.box(3, 4, 6, 6))] == [3, 2]
+
+
+def test_openings_are_found_and_measured():
+    # Two rooms; the wall between them has a door of 0.9 m at its end and one of 1.1 m in its middle.
+    space = (
+        shapely.box(0, 0, 8, 6)
+        .difference(shapely.box(3.95, 0.9, 4.05, 3))
+        .difference(shapely.box(3.95, 4.1, 4.05, 6))
+    )
+    assert sorted(find_openings(space)) == pytest.approx([0.9, 1.1])
+    assert find_openings(shapely.box(0, 0, 3, 3)) == []

@@ -1,0 +1,117 @@
+import json
+
+import cv2
+import numpy as np
+import pytest
+
+from slamgym.cad import generate_plan, open_plans, write_houseexpo
+from slamgym.cad.drawing import draw_plan, draw_sheet
+from slamgym.cad.plans_command import main
+from slamgym.errors import ConfigError, InputFileError
+
+FAULTS = {
+    "malformed": "{",
+    "nan": '{"verts": [[0, 0], [NaN, 0], [1, 1]]}',
+    "two_vertices": '{"verts": [[0, 0], [1, 0]]}',
+    "crossing": '{"verts": [[0, 0], [2, 2], [2, 0], [0, 2]]}',
+    "flat": '{"verts": [[0, 0], [1, 1], [2, 2]]}',
+    "disjoint": '{"verts": [[0, 0], [2, 0], [2, 2], [4, 2], [4, 4], [2, 4], [2, 2], [0, 2]]}',
+    "narrow": '{"verts": [[0, 0], [9, 0], [9, 0.4], [0, 0.4]]}',
+    "giant": '{"verts": [[0, 0], [90, 0], [90, 5], [0, 5]]}',
+}
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """Two good plans and one with each fault."""
+    plans = tmp_path / "in"
+    for seed in (1, 2):
+        write_houseexpo(plans / f"good_{seed}.json", generate_plan(seed))
+    for name, text in FAULTS.items():
+        (plans / f"{name}.json").write_text(text)
+    return plans
+
+
+def rejected(path):
+    return {entry["plan"]: entry for entry in map(json.loads, path.read_text().splitlines())}
+
+
+def test_check_goes_on_past_bad_plans_and_writes_them_down(folder, tmp_path, capsys):
+    out = tmp_path / "rejected.jsonl"
+    assert main(["check", str(folder), "--max-extent", "64", "--rejected", str(out)]) == 1
+    printed = capsys.readouterr()
+    assert "2 of 10 plans can be explored" in printed.out
+    assert "8 plans were left out" in printed.err
+    entries = rejected(out)
+    assert set(entries) == set(FAULTS)
+    for name, entry in entries.items():
+        assert set(entry) == {"plan", "source", "reason"}
+        assert entry["source"].endswith(f"{name}.json")
+        assert f"{name}.json: {entry['reason']}" in printed.err
+    assert "90.0 m" in entries["giant"]["reason"]
+
+
+def test_check_of_good_plans_leaves_no_file(tmp_path, capsys):
+    out = tmp_path / "rejected.jsonl"
+    assert main(["check", "bundled", "--rejected", str(out)]) == 0
+    assert not out.exists()
+    assert "24 of 24" in capsys.readouterr().out
+
+
+def test_list_prints_a_line_per_plan(folder, capsys):
+    assert main(["list", str(folder), "--max-extent", "64"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split()[0] for line in lines] == ["id", "good_1", "good_2"]
+    assert float(lines[1].split()[1]) == pytest.approx(generate_plan(1).area, abs=0.1)
+
+
+def test_write_keeps_generated_plans_readable(tmp_path, capsys):
+    out = tmp_path / "out"
+    assert main(["write", "procedural:9", "--count", "3", "--out", str(out)]) == 0
+    assert "3 plans written" in capsys.readouterr().out
+    written, source = open_plans(out), open_plans("procedural:9")
+    assert list(written.ids) == list(source.ids[:3])
+    for plan_id in written.ids:
+        assert written.load(plan_id).free_space.equals(source.load(plan_id).free_space)
+
+
+def test_write_lists_what_it_left_out(folder, tmp_path):
+    out = tmp_path / "out"
+    assert main(["write", str(folder), "--max-extent", "64", "--out", str(out)]) == 0
+    assert set(rejected(out / "rejected.jsonl")) == set(FAULTS)
+
+
+def test_draw_makes_a_sheet(folder, tmp_path):
+    out = tmp_path / "sheet.png"
+    assert main(["draw", str(folder), "--out", str(out), "--size", "128", "--columns", "2"]) == 0
+    sheet = cv2.imread(str(out))
+    assert sheet.shape[1] == 256
+    assert len(np.unique(sheet.reshape(-1, 3), axis=0)) > 20
+
+
+def test_a_drawing_shows_floor_walls_and_doors_with_y_up():
+    plan = generate_plan(0)
+    picture = draw_plan(plan, 300)
+    assert picture.shape == (340, 300, 3)
+    min_x, min_y, max_x, max_y = plan.bounds
+    side = 1.12 * max(max_x - min_x, max_y - min_y) + 0.5
+    inside = plan.raster(side / 300)
+    # As many bright coloured pixels as there is floor, to within the walls' antialiasing.
+    walls = (picture[:300].max(axis=2) < 80).mean() * side**2
+    assert 0.02 * plan.area < walls < plan.area
+    assert (inside.cells == 254).any()
+    reds = (picture[:300, :, 2].astype(int) - picture[:300, :, 0] > 120).sum()
+    assert reds > 0
+    assert draw_sheet([plan, plan], columns=6, size_px=100).shape[1] == 200
+
+
+def test_mistakes_are_one_error(tmp_path):
+    with pytest.raises(ConfigError, match="too many for one picture"):
+        main(["draw", "procedural", "--out", str(tmp_path / "a.png")])
+    with pytest.raises(ConfigError, match="--count must be"):
+        main(["list", "--count", "0"])
+    with pytest.raises(ConfigError, match="did you mean 'bundled'"):
+        main(["list", "bundle"])
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputFileError, match="can't be written"):
+        main(["write", "--count", "1", "--out", str(tmp_path / "file" / "out")])
