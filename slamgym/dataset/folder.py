@@ -22,7 +22,7 @@ from slamgym.dataset.storage import exclusive_lock, replace_file, storage_errors
 from slamgym.errors import ConfigError, InputFileError
 
 SIDES = ("A", "B")
-_OUR_IMAGE = re.compile(r"\d{6,}_[A-Za-z0-9_.-]+\.png")
+_OUR_NAME = re.compile(r"\d{6,}_[A-Za-z0-9_.-]+")
 _INDEX_SHARE_OF_TIME = 0.02
 """The manifest is rewritten at most so often that it costs this share of the time."""
 
@@ -72,9 +72,9 @@ class DatasetFolder:
         """Write ``manifest.jsonl`` and ``rejected.jsonl`` as of now, in the order of the schedule."""
         began = time.monotonic()
         with storage_errors(self.layout.root):
-            lines = [
-                _record_line(self.layout.episode(name)) for name in sorted(self.committed, key=_index_of)
-            ]
+            # The folder is the truth: Ctrl-C may come between a pair's last rename and the note of it.
+            names = sorted((path.name for path in _ours(self.layout.episodes)), key=_index_of)
+            lines = [_record_line(self.layout.episode(name)) for name in names]
             _replace_if_changed(self.layout.manifest, "".join(lines))
             rejected = "".join(json.dumps(entry) + "\n" for _, entry in sorted(self.rejected.items()))
             if rejected or self.layout.rejected.exists():
@@ -85,8 +85,8 @@ class DatasetFolder:
     def _scan(self) -> set[str]:
         """Find the committed pairs; remove what is not whole."""
         layout = self.layout
-        images = {side: {path.stem for path in _images(layout.root / side)} for side in SIDES}
-        episodes = {path.name for path in layout.episodes.iterdir() if path.is_dir()}
+        images = {side: {path.stem for path in _ours(layout.root / side)} for side in SIDES}
+        episodes = {path.name for path in _ours(layout.episodes)}
         whole = episodes & images["A"] & images["B"]
         for name in episodes - whole:
             shutil.rmtree(layout.episode(name))
@@ -158,9 +158,9 @@ def differences(before: Any, now: Any, where: str = "") -> Iterator[str]:
         yield f"{where} was {json.dumps(before)}, now {json.dumps(now)}"
 
 
-def _images(folder: Path) -> Iterator[Path]:
-    """The images that belong to pairs; files that a user put there are left alone."""
-    return (path for path in folder.iterdir() if _OUR_IMAGE.fullmatch(path.name))
+def _ours(folder: Path) -> Iterator[Path]:
+    """What belongs to pairs; what a user put there is left alone."""
+    return (path for path in folder.iterdir() if _OUR_NAME.fullmatch(path.name))
 
 
 def _index_of(name: str) -> int:

@@ -63,6 +63,7 @@ def test_leftovers_of_a_killed_run_are_removed_and_strangers_are_kept(tmp_path):
         folder.commit(stage(folder, 1), {})
     layout.image("A", slot(5).name).write_bytes(b"a run died between the images and the episode")
     (tmp_path / "A" / "my notes.png").write_bytes(b"the user's")
+    (layout.episodes / "favourites").mkdir()
     layout.image("B", slot(1).name).unlink()
     (layout.incoming / "old" / slot(6).name).mkdir(parents=True)
     with layout.timing.open("a") as file:
@@ -71,7 +72,7 @@ def test_leftovers_of_a_killed_run_are_removed_and_strangers_are_kept(tmp_path):
         assert folder.committed == {slot(0).name}
     assert not layout.incoming.exists()
     assert {p.name for p in (tmp_path / "A").iterdir()} == {f"{slot(0).name}.png", "my notes.png"}
-    assert {p.name for p in layout.episodes.iterdir()} == {slot(0).name}
+    assert {p.name for p in layout.episodes.iterdir()} == {slot(0).name, "favourites"}
     assert [json.loads(line)["name"] for line in layout.timing.read_text().splitlines()] == [
         slot(0).name,
         slot(1).name,

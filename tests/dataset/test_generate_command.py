@@ -1,0 +1,175 @@
+"""`slamgym generate` as a user runs it: killed, resumed, mistyped, without permission."""
+
+import json
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from shapely import box
+
+from slamgym import cli
+from slamgym.cad import FloorPlan, write_houseexpo
+from slamgym.dataset import Layout, load_pair, read_manifest
+
+OPTIONS = ["--seed", "3", "--minutes", "0.2", "--particles", "5", "--contact-sheet", "0"]
+
+
+@pytest.fixture(scope="module")
+def plans(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("plans")
+    rooms = box(0, 0, 3.0, 2.4).difference(box(1.4, 0.0, 1.6, 1.4))
+    for name in ("a", "b", "c"):
+        write_houseexpo(folder / f"{name}.json", FloorPlan(name, rooms))
+    return folder
+
+
+def arguments(plans, out, *more):
+    return ["generate", "--plans", str(plans), "--out", str(out), *OPTIONS, *more]
+
+
+def content(root: Path):
+    return {
+        str(path.relative_to(root)): path.read_bytes()
+        for path in sorted(root.rglob("*"))
+        if path.is_file() and path.name not in ("timing.jsonl", ".lock")
+    }
+
+
+def test_pairs_a_summary_and_a_contact_sheet(plans, tmp_path, capsys):
+    command = arguments(plans, tmp_path / "out", "--pairs", "2", "--workers", "1")
+    command[command.index("--contact-sheet") + 1] = "4"
+    assert cli.main(command) == 0
+    shown = capsys.readouterr().out
+    sheet = Layout(tmp_path / "out").contact_sheet
+    assert f"contact sheet: {sheet}" in shown
+    assert "2 pairs of 2 plans" in shown
+    assert sheet.stat().st_size > 1000
+
+
+def test_the_settings_reach_the_exploration(plans, tmp_path):
+    out = tmp_path / "out"
+    more = [
+        "--pairs",
+        "1",
+        "--workers",
+        "1",
+        "--odometry",
+        "ideal",
+        "--lidar.range-max",
+        "5",
+        "--clutter.people",
+        "1",
+    ]
+    assert cli.main(arguments(plans, out, *more)) == 0
+    env = json.loads((out / "config.json").read_text())["episode"]["env"]
+    assert env["odometry"]["model"] == "ideal"
+    assert env["lidar"]["range_max"] == 5
+    assert env["clutter"]["people"] == 1
+    assert env["slam"]["particles"] == 5
+    assert next(iter(read_manifest(out))).odometry_ate == pytest.approx(0.0, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("more", "words"),
+    [
+        (["--explorer", "explore_light"], "did you mean 'explore_lite'"),
+        (["--pairs", "0"], "--pairs must be at least 1"),
+        (["--workers", "-1"], "--workers must be 0"),
+        (["--minutes", "0"], "minutes must be 'auto' or a positive number"),
+    ],
+)
+def test_a_senseless_option_is_one_line_and_makes_no_folder(plans, tmp_path, capsys, more, words):
+    assert cli.main(arguments(plans, tmp_path / "out", *more)) == 2
+    error = capsys.readouterr().err
+    assert error.startswith("slamgym: error: ")
+    assert words in error
+    assert error.count("\n") == 1
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_missing_plan_folder_is_one_line(tmp_path, capsys):
+    assert cli.main(arguments(tmp_path / "nowhere", tmp_path / "out")) == 2
+    assert "nowhere" in capsys.readouterr().err
+
+
+@pytest.mark.skipif(os.name != "posix", reason="POSIX permissions")
+def test_an_unwritable_folder_is_one_line(plans, tmp_path, capsys):
+    locked = tmp_path / "locked"
+    locked.mkdir(mode=0o500)
+    if os.access(locked, os.W_OK):  # root may write anywhere but below a file
+        locked = tmp_path / "file"
+        locked.touch()
+    assert cli.main(arguments(plans, locked / "out", "--workers", "1")) == 2
+    error = capsys.readouterr().err
+    assert str(locked) in error
+    assert error.count("\n") == 1
+
+
+def test_killed_at_random_moments_nothing_is_torn_doubled_or_lost(plans, tmp_path):
+    """Kill -9 a run again and again while it works; what it leaves is whole, and the end result the same."""
+    steady, killed = tmp_path / "steady", tmp_path / "killed"
+    assert cli.main(arguments(plans, steady, "--pairs", "24", "--workers", "1")) == 0
+    command = [
+        sys.executable,
+        "-m",
+        "slamgym.cli",
+        *arguments(plans, killed, "--pairs", "24", "--workers", "1"),
+    ]
+    rng = random.Random(0)
+    kills = 0
+    for _ in range(4):
+        process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        already = _committed(killed)
+        while process.poll() is None and _committed(killed) < already + 1:
+            time.sleep(0.001)
+        time.sleep(rng.uniform(0.0, 0.25))
+        if process.poll() is None:
+            process.send_signal(signal.SIGKILL)
+            kills += 1
+        process.wait()
+        _check_that_all_is_whole(killed)
+    assert kills >= 2
+    assert cli.main(arguments(plans, killed, "--pairs", "24", "--workers", "1")) == 0
+    assert content(killed) == content(steady)
+
+
+def _committed(root):
+    episodes = Layout(root).episodes
+    return len(list(episodes.iterdir())) if episodes.exists() else 0
+
+
+def _check_that_all_is_whole(root):
+    layout = Layout(root)
+    for episode in layout.episodes.iterdir():
+        record = json.loads((episode / "episode.json").read_text())
+        cad, slam = load_pair(root, record["name"])
+        assert list(cad.shape) == list(slam.shape) == record["shape"]
+        assert (episode / "scans.log").read_text().endswith("\n")
+    if layout.manifest.exists():
+        names = [record.name for record in read_manifest(root)]
+        assert len(set(names)) == len(names)
+
+
+def test_ctrl_c_keeps_what_is_done(plans, tmp_path):
+    out = tmp_path / "out"
+    command = [
+        sys.executable,
+        "-m",
+        "slamgym.cli",
+        *arguments(plans, out, "--pairs", "500", "--workers", "2"),
+    ]
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+    while process.poll() is None and _committed(out) < 2:
+        time.sleep(0.01)
+    process.send_signal(signal.SIGINT)
+    _, error = process.communicate(timeout=60)
+    assert process.returncode == cli.EXIT_INTERRUPTED
+    assert error.endswith("slamgym: error: interrupted\n")
+    assert "Traceback" not in error
+    assert len(list(read_manifest(out))) == _committed(out) >= 2
+    assert not Layout(out).incoming.exists()
