@@ -11,6 +11,7 @@ from slamgym.cad.floorplan import FloorPlan
 from slamgym.cad.generator import GeneratorConfig, generate_plan
 from slamgym.cad.houseexpo import parse_houseexpo, read_houseexpo
 from slamgym.cad.image_plan import IMAGE_SUFFIXES, read_image_plan, read_ros_plan
+from slamgym.cad.room_lines import RoomLinesSource
 from slamgym.config import suggest
 from slamgym.errors import ConfigError, InputFileError, PlanError
 
@@ -150,7 +151,8 @@ def open_plans(spec: Path | str, ids_file: Path | str | None = None) -> PlanSour
     Args:
         spec: ``bundled``; ``procedural`` or ``procedural:SEED``, plans that the generator makes on the fly;
             a HouseExpo JSON file, a folder of them, or an archive of them (``.tar.gz``); a ROS map's
-            ``.yaml``; a black/white picture with its metres per pixel, as in ``plan.png@0.05``.
+            ``.yaml``; floors as rooms with portals (``.jsonl`` or ``.jsonl.xz``); a black/white picture with
+            its metres per pixel, as in ``plan.png@0.05``.
         ids_file: A file with one plan id a line, as HouseExpo's ``map_id_train.txt``: only these plans.
 
     Returns:
@@ -243,11 +245,13 @@ def _open(spec: str, wanted: frozenset[str] | None) -> PlanSource:
         return ArchiveSource(path, wanted)
     if path.suffix == ".json":
         return FileSource([path])
+    if path.name.endswith((".jsonl", ".jsonl.xz")):
+        return RoomLinesSource(path)
     if path.suffix in (".yaml", ".yml"):
         return PictureSource(path)
     if spec.lower().endswith(IMAGE_SUFFIXES):
         raise InputFileError(spec, f"a picture needs its metres per pixel; write {spec}@0.05, for example")
     raise InputFileError(
         spec,
-        "is no known kind of floor plan; give a .json, a folder, a .tar.gz, a ROS .yaml or a picture",
+        "is no known kind of floor plan; give .json, a folder, .tar.gz, .jsonl, a ROS .yaml or a picture",
     )
