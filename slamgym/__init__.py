@@ -1,6 +1,8 @@
 """Floor plan in, honest SLAM map out, and the way back to CAD.
 
 Importing the package registers the environments ``slamgym/Explore-v0`` and ``slamgym/ExploreDiscrete-v0``.
+Processes that a vector environment starts afresh may not have imported it: there,
+``gym.make("slamgym:slamgym/Explore-v0")`` does so by itself.
 """
 
 from gymnasium.envs.registration import register

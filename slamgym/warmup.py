@@ -11,12 +11,16 @@ EXPECTED_SECONDS = 45
 """About what the kernels take to compile on one core of a 2020s server."""
 
 
-def kernels_are_compiled() -> bool:
-    """Whether a cache of compiled kernels exists, beside the sources or wherever numba keeps it."""
+def kernel_cache() -> Path:
+    """The folder of compiled kernels: beside the sources, or wherever numba keeps it."""
     from slamgym.sensors.raycast import cast_rays
 
-    folder = Path(cast_rays.stats.cache_path)  # type: ignore[attr-defined]
-    return any(folder.glob("*.nbi"))
+    return Path(cast_rays.stats.cache_path)  # type: ignore[attr-defined]
+
+
+def kernels_are_compiled() -> bool:
+    """Whether there are compiled kernels."""
+    return any(kernel_cache().glob("*.nbi"))
 
 
 @functools.cache

@@ -94,11 +94,11 @@ class Renderer:
             cv2.fillPoly(
                 panel, [view.pixels(np.asarray(piece.exterior.coords))], FURNITURE, cv2.LINE_AA, _SHIFT
             )
-        _draw_walls(panel, site, view)
         pose = simulation.true_pose
         ends = _end_points(simulation, pose, simulation.true_ranges)
         mount = compose(pose, simulation.scan.geometry.mount)
         _draw_beams(panel, view, mount, ends)
+        _draw_walls(panel, site, view)
         moving = simulation.segments[len(site.plan.segments()) + len(site.clutter.segments()) :]
         if len(moving):
             lines = view.pixels(moving.reshape(-1, 2)).reshape(-1, 2, 2)
@@ -206,7 +206,7 @@ def _tint_seen(panel: ByteArray, view: _View, assessment: Assessment) -> None:
 
 
 def _end_points(simulation: Simulation, pose: Pose2D, ranges: FloatArray) -> FloatArray:
-    """Ends of the beams, at most at the scanner's range, shape (num_beams, 2), in the parent frame of ``pose``."""
+    """Ends of the beams, at most at the range limit, (num_beams, 2), in the parent frame of ``pose``."""
     geometry = simulation.scan.geometry
     lengths = np.clip(ranges, 0.0, geometry.range_max)
     local = np.column_stack([lengths * np.cos(geometry.angles), lengths * np.sin(geometry.angles)])

@@ -1,0 +1,169 @@
+"""The arithmetic of rewards."""
+
+import math
+from dataclasses import fields, replace
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from slamgym.cad import FloorPlan
+from slamgym.envs import ExploreEnv, RewardConfig, StepRecord
+from slamgym.envs.rewards import FUNCTIONS, Reward, potential_shaping
+from slamgym.errors import ConfigError
+
+number = st.floats(-100.0, 100.0)
+share = st.floats(0.0, 1.0)
+records = st.builds(
+    StepRecord,
+    duration=st.floats(0.0, 1.0),
+    time=st.floats(0.0, 500.0),
+    distance=st.floats(0.0, 1.0),
+    contact=st.booleans(),
+    coverage=share,
+    previous_coverage=share,
+    pose_error=st.floats(0.0, 5.0),
+    n_eff=st.floats(1.0, 30.0),
+    terminated=st.booleans(),
+    known_area=st.floats(0.0, 100.0),
+    previous_known_area=st.floats(0.0, 100.0),
+    map_error=share,
+    previous_map_error=share,
+    position_sigma=share,
+)
+configs = st.builds(
+    RewardConfig,
+    **{entry.name: number for entry in fields(RewardConfig) if entry.name != "discount"},
+    discount=share,
+)
+AT_REST = StepRecord(
+    duration=0.2,
+    time=0.2,
+    distance=0.0,
+    contact=False,
+    coverage=0.5,
+    previous_coverage=0.5,
+    pose_error=0.0,
+    n_eff=30.0,
+    terminated=False,
+)
+
+
+@given(records, configs)
+def test_the_reward_is_the_sum_of_its_terms(record, config):
+    total, terms = Reward(config)(record)
+    assert total == pytest.approx(sum(terms.values()))
+    for name, function in FUNCTIONS.items():
+        weight = getattr(config, name)
+        assert terms.get(name, 0.0) == pytest.approx(weight * function(record))
+
+
+@given(records)
+def test_weights_of_zero_leave_nothing(record):
+    nothing = RewardConfig(**{entry.name: 0.0 for entry in fields(RewardConfig)})
+    assert Reward(nothing)(record) == (0.0, {})
+
+
+@given(st.lists(share, min_size=2, max_size=30), st.floats(0.9, 1.0))
+def test_shaping_telescopes_to_the_potential_of_the_start(coverages, discount):
+    """Discounted shaping adds minus the first potential, whatever the way (Ng et al. 1999, theorem 1)."""
+    steps = [
+        replace(AT_REST, previous_coverage=a, coverage=b)
+        for a, b in zip(coverages[:-1], coverages[1:], strict=True)
+    ]
+    steps[-1] = replace(steps[-1], terminated=True)
+    total = sum(discount**i * potential_shaping(step, discount) for i, step in enumerate(steps))
+    assert total == pytest.approx(1.0 - coverages[0], abs=1e-9)
+
+
+def test_costs_are_negative_and_gains_positive():
+    step = replace(
+        AT_REST,
+        distance=0.1,
+        contact=True,
+        coverage=0.6,
+        terminated=True,
+        known_area=12.0,
+        previous_known_area=10.0,
+        map_error=0.05,
+        previous_map_error=0.03,
+        position_sigma=0.5,
+    )
+    values = {name: function(step) for name, function in FUNCTIONS.items()}
+    assert values == pytest.approx(
+        {
+            "coverage_gain": 0.1,
+            "information_gain": 2.0,
+            "time": -0.2,
+            "path_length": -0.1,
+            "collision": -1.0,
+            "map_error": -0.02,
+            "pose_uncertainty": -0.1,
+            "completion": 1.0,
+        }
+    )
+
+
+def test_what_no_term_needs_is_not_measured_and_own_terms_get_everything(flat: FloorPlan):
+    seen: list[StepRecord] = []
+
+    def spy(step: StepRecord) -> float:
+        seen.append(step)
+        return 2.0
+
+    env = ExploreEnv(flat, reward_terms={"spy": (0.5, spy)}, slam={"particles": 4})
+    env.reset(seed=0)
+    info = env.step((0.5, 0.0))[4]
+    assert info["reward_terms"]["spy"] == 1.0
+    assert info["map_error"] == seen[0].map_error
+    measured = (seen[0].known_area, seen[0].map_error, seen[0].position_sigma)
+    assert all(math.isfinite(value) for value in measured)
+
+    plain = ExploreEnv(flat)
+    plain.reset(seed=0)
+    assert "map_error" not in plain.step((0.5, 0.0))[4]
+
+
+@pytest.mark.parametrize("mode", ["rbpf", "ground_truth"])
+def test_over_an_episode_the_gains_add_up(flat: FloorPlan, mode: str):
+    env = ExploreEnv(
+        flat,
+        localization=mode,
+        slam={"particles": 4},
+        time_limit=20.0,
+        reward={"coverage_gain": 1.0, "information_gain": 1.0, "map_error": -1.0, "path_length": -1.0},
+    )
+    _, first = env.reset(seed=3)
+    known = env._assessment.latest.known_area
+    sums: dict[str, float] = {}
+    truncated = False
+    while not truncated:
+        _, reward, _, truncated, info = env.step((0.4, 0.3))
+        assert reward == pytest.approx(sum(info["reward_terms"].values()))
+        for name, value in info["reward_terms"].items():
+            sums[name] = sums.get(name, 0.0) + value
+    assert sums["coverage_gain"] == pytest.approx(info["coverage"] - first["coverage"])
+    assert sums["map_error"] == pytest.approx(info["map_error"] - first["map_error"])
+    assert sums["path_length"] == pytest.approx(info["path_length"])
+    assert sums["information_gain"] == pytest.approx(env._assessment.latest.known_area - known)
+
+
+@pytest.mark.parametrize(
+    ("terms", "says"),
+    [
+        ({"time": (1.0, lambda step: 0.0)}, "reward.time"),
+        ({"mine": 1.0}, r"\(weight, function\)"),
+        ({"mine": (1.0, "coverage_gian")}, "did you mean 'coverage_gain'"),
+        ({"mine": ("much", lambda step: 0.0)}, r"\(weight, function\)"),
+    ],
+)
+def test_unusable_terms_are_refused(terms, says):
+    with pytest.raises(ConfigError, match=says):
+        Reward(RewardConfig(), terms)
+
+
+def test_weights_must_be_numbers():
+    with pytest.raises(ConfigError, match=r"reward.time"):
+        RewardConfig(time=math.nan)
+    with pytest.raises(ConfigError, match="discount"):
+        RewardConfig(discount=1.5)
