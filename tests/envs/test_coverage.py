@@ -71,7 +71,7 @@ def test_coverage_only_grows_and_stays_a_share(poses):
     coverage = coverage_of(plan, 2.0, 2.0)
     shares = [look(coverage, plan, Pose2D(*pose)) for pose in poses]
     assert shares == sorted(shares)
-    assert 0.0 < shares[0]
+    assert shares[0] > 0.0
     assert shares[-1] <= 1.0
     assert look(coverage, plan, Pose2D(*poses[0])) == shares[-1]  # nothing is seen twice
 
