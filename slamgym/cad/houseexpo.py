@@ -10,8 +10,8 @@ each a list of its outline and its holes, where a room is more than a box).
 Convention: y is down in the file and up in a :class:`FloorPlan`; reader and writer mirror a plan about the
 horizontal middle line of its outline, so its bounding box stays where it is.
 
-About 4 % of HouseExpo's outlines touch or retrace themselves. They are mended where the result is beyond
-doubt; see :func:`mend_outline`.
+Of the 23,647 training outlines 883 touch, retrace or cross themselves. 806 are mended, where the result is
+beyond doubt, and 77 are refused; see :func:`mend_outline`.
 """
 
 import json

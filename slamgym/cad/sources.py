@@ -60,7 +60,7 @@ class FileSource:
 class ArchiveSource:
     """Plans in HouseExpo's own ``.tar.gz``, which is read through once and kept as text.
 
-    A gzip stream can't be read from the middle, so the choice is between reading 17 MB once (0.6 s for
+    A gzip stream can't be read from the middle, so the choice is between reading 17 MB once (0.8 s for
     the 23,647 training plans, which take 60 MB) and reading on average half of it for every plan.
     """
 
