@@ -1,0 +1,68 @@
+"""What the README and the docs tell people to run, runs."""
+
+import os
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+
+
+def blocks(language: str) -> list[tuple[str, str]]:
+    """(page name, code) of every fenced block in a language."""
+    fence = re.compile(rf"^```{language}\n(.*?)^```", re.DOTALL | re.MULTILINE)
+    return [(page.name, code) for page in PAGES for code in fence.findall(page.read_text())]
+
+
+def slamgym_commands() -> list[tuple[str, str]]:
+    """(page name, command line) of every `slamgym ...` line in a shell block."""
+    found = []
+    for page, code in blocks("sh"):
+        for line in code.replace("\\\n", " ").splitlines():
+            command = line.split("#")[0].strip()
+            if command.startswith("slamgym "):
+                found.append((page, command))
+    return found
+
+
+@pytest.mark.parametrize(("page", "code"), blocks("python"))
+def test_python_blocks_run(page, code, tmp_path):
+    done = subprocess.run(
+        [sys.executable, "-W", "error", "-c", code],
+        cwd=tmp_path, capture_output=True, text=True, timeout=300, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, f"{page}:\n{code}\n{done.stderr}"
+
+
+def test_there_are_commands_to_check():
+    assert slamgym_commands()
+
+
+@pytest.mark.parametrize(("page", "command"), sorted(set(slamgym_commands())))
+def test_commands_exist_and_know_their_options(page, command):
+    words = shlex.split(command)[1:]
+    verbs = [words[0], words[1]] if words[0] in {"plans", "dataset"} and len(words) > 1 else [words[0]]
+    help_text = subprocess.run(
+        [sys.executable, "-m", "slamgym.cli", *verbs, "--help"],
+        capture_output=True, text=True, check=True, env=os.environ | {"COLUMNS": "200"},
+    ).stdout  # fmt: skip
+    for option in (word.split("=")[0] for word in words if word.startswith("--")):
+        assert option in help_text, f"{page}: {command}: {option} is unknown"
+
+
+def test_make_targets_named_in_the_readme_exist():
+    makefile = (ROOT / "Makefile").read_text()
+    targets = {target for _, code in blocks("sh") for target in re.findall(r"^make (\w+)", code, re.MULTILINE)}
+    assert {"demo", "test"} <= targets
+    assert all(re.search(rf"^{target}:", makefile, re.MULTILINE) for target in targets)
+
+
+def test_linked_files_exist():
+    for page in PAGES:
+        for link in re.findall(r"\]\((?!https?://|#)([^)#]+)", page.read_text()):
+            assert (page.parent / link).exists(), f"{page.name} links to {link}"
