@@ -84,7 +84,7 @@ class Assessment:
             "path_length": simulation.path_length,
             "collisions": simulation.collisions,
             "pose_error": latest.pose_error,
-            "heading_error": abs(wrap_angle(simulation.mapper.pose.theta - pose.theta)),
+            "heading_error": abs(wrap_angle(simulation.believed_pose.theta - pose.theta)),
             "n_eff": latest.n_eff,
             "true_pose": np.array(pose),
         }
@@ -101,11 +101,11 @@ class Assessment:
         before: tuple[float, float],
         terminated: bool,
     ) -> StepRecord:
-        mapper, truth = self._simulation.mapper, self._simulation.true_map_pose
-        pose = mapper.pose
+        simulation = self._simulation
+        mapper, pose, truth = simulation.mapper, simulation.believed_pose, simulation.true_map_pose
         return StepRecord(
             duration=duration,
-            time=self._simulation.time,
+            time=simulation.time,
             distance=distance,
             contact=contact,
             coverage=self.coverage.share,

@@ -340,24 +340,24 @@ class ExploreEnv(gym.Env[Observation, Any]):
 
     def _is_complete(self, is_publication_due: bool) -> bool:
         """Whether the exploration is complete by one of the rules in force."""
-        config, mapper = self.config, self.simulation.mapper
+        config, simulation = self.config, self.simulation
         if config.coverage_goal is not None and self.coverage.share >= config.coverage_goal:
             return True
         if not (config.terminate_when_explored and is_publication_due):
             return False
-        return self._frontiers.is_explored(mapper.occupancy_grid(), mapper.pose)
+        return self._frontiers.is_explored(simulation.mapper.occupancy_grid(), simulation.believed_pose)
 
     def _observe(self, is_publication_due: bool) -> Observation:
         simulation = self.simulation
-        mapper = simulation.mapper
-        cells = self._view.view(mapper, simulation.is_new_scan_processed, is_publication_due)
-        return self._observer.observe(cells, simulation.scan, mapper.pose, simulation.velocity)
+        pose = simulation.believed_pose
+        cells = self._view.view(simulation.mapper, pose, simulation.is_new_scan_processed, is_publication_due)
+        return self._observer.observe(cells, simulation.scan, pose, simulation.velocity)
 
     def _record(self) -> None:
         if self.log is not None:
             simulation = self.simulation
             self.log.append(
-                simulation.scan, simulation.true_pose, simulation.odometry_pose, simulation.mapper.pose
+                simulation.scan, simulation.true_pose, simulation.odometry_pose, simulation.believed_pose
             )
 
     def _show(self) -> None:

@@ -5,6 +5,9 @@ import math
 from slamgym.jit import kernel
 from slamgym.types import FREE, OCCUPIED, UNKNOWN, ByteArray
 
+_FRACTION = 32
+_ONE = float(1 << _FRACTION)
+
 
 @kernel
 def cut_crop(
@@ -40,24 +43,29 @@ def cut_crop(
         out: Receives the crop, shape (h, w).
     """
     rows, cols = cells.shape
+    flat = cells.reshape(-1)
     height, width = out.shape
-    # From samples to cells of the map: one step to the right in the crop, one step down.
-    step = crop_resolution / (samples * resolution)
-    cos, sin = step * math.cos(theta), step * math.sin(theta)
-    ahead, left = 0.5 * (height * samples - 1), 0.5 * (width * samples - 1)
-    first_col = (x - origin_x) / resolution + ahead * cos - left * sin
-    first_row = rows - (y - origin_y) / resolution - ahead * sin - left * cos
+    # Positions in the map in 1 / 2^32 of a cell. From sample to sample: (sin, cos) to the right in the crop,
+    # (-cos, sin) down.
+    step = crop_resolution / (samples * resolution) * _ONE
+    cos, sin = round(step * math.cos(theta)), round(step * math.sin(theta))
+    ahead, left = height * samples - 1, width * samples - 1
+    first_col = round((x - origin_x) / resolution * _ONE) + (ahead * cos - left * sin) // 2
+    first_row = round((rows - (y - origin_y) / resolution) * _ONE) - (ahead * sin + left * cos) // 2
     for i in range(height):
         for j in range(width):
             value = UNKNOWN
             for a in range(i * samples, (i + 1) * samples):
-                for b in range(j * samples, (j + 1) * samples):
-                    col = math.floor(first_col - a * cos + b * sin)
-                    row = math.floor(first_row + a * sin + b * cos)
-                    if 0 <= row < rows and 0 <= col < cols:
-                        cell = cells[row, col]
+                col = first_col - a * cos + j * samples * sin
+                row = first_row + a * sin + j * samples * cos
+                for _ in range(samples):
+                    r, c = row >> _FRACTION, col >> _FRACTION
+                    if 0 <= r < rows and 0 <= c < cols:
+                        cell = flat[r * cols + c]
                         if cell == OCCUPIED:
                             value = OCCUPIED
                         elif cell == FREE and value == UNKNOWN:
                             value = FREE
+                    col += sin
+                    row += cos
             out[i, j] = value

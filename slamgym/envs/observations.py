@@ -71,11 +71,12 @@ class Observer:
 class MapView(Protocol):
     """How the map is shown."""
 
-    def view(self, mapper: Mapper, is_new: bool, is_publication_due: bool) -> ByteArray:
+    def view(self, mapper: Mapper, pose: Pose2D, is_new: bool, is_publication_due: bool) -> ByteArray:
         """The observation's map, shape (1, H, W).
 
         Args:
             mapper: The map's source.
+            pose: Believed pose, map frame.
             is_new: Whether the mapper processed a scan since the last call.
             is_publication_due: Whether the map is to be published anew.
         """
@@ -90,9 +91,9 @@ class GlobalView:
         self._shared = config.shared_map
         self._cells: ByteArray | None = None
 
-    def view(self, mapper: Mapper, is_new: bool, is_publication_due: bool) -> ByteArray:
+    def view(self, mapper: Mapper, pose: Pose2D, is_new: bool, is_publication_due: bool) -> ByteArray:
         """See :class:`MapView`."""
-        del is_new  # what was processed shows at the next publication
+        del pose, is_new  # what was processed shows at the next publication
         if is_publication_due or self._cells is None:
             cells = mapper.render(self._frame)
             cells.flags.writeable = False
@@ -114,10 +115,9 @@ class EgocentricView:
         self._window_frame = GridFrame(map_resolution, 0.0, 0.0, 1, 1)
         self._window_centre = (0.0, 0.0)
 
-    def view(self, mapper: Mapper, is_new: bool, is_publication_due: bool) -> ByteArray:
+    def view(self, mapper: Mapper, pose: Pose2D, is_new: bool, is_publication_due: bool) -> ByteArray:
         """See :class:`MapView`. The crop is of the newest map, not of the last published one."""
         del is_publication_due
-        pose = mapper.pose
         off = math.hypot(pose.x - self._window_centre[0], pose.y - self._window_centre[1])
         if is_new or self._window is None or off > _WINDOW_MARGIN:
             self._window = self._cut_window(mapper, pose)

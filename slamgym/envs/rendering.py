@@ -115,7 +115,7 @@ class Renderer:
             estimates = log.estimates[:, :2] + [origin.x, origin.y]
             _draw_path(panel, view.pixels(log.true_poses[:, :2]), TRUTH, thickness=1)
             _draw_path(panel, view.pixels(estimates), BELIEF)
-        x, y, theta = simulation.mapper.pose
+        x, y, theta = simulation.believed_pose
         pose = Pose2D(x + origin.x, y + origin.y, theta)
         hits = simulation.scan.ranges <= simulation.scan.geometry.range_max
         ends = _end_points(simulation, pose, simulation.scan.ranges.astype(np.float64))[hits]

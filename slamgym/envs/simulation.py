@@ -55,6 +55,7 @@ class Simulation:
         scan: The newest scan.
         true_ranges: The same without errors, shape (num_beams,) [m].
         odometry_pose: Integrated wheel odometry; starts in the map frame.
+        believed_pose: What SLAM believes, map frame.
         velocity: As measured by the wheel odometry.
         is_new_scan_processed: Whether SLAM processed the newest scan, i.e. whether the map may have changed.
         path_length: True way so far [m].
@@ -135,3 +136,4 @@ class Simulation:
         self.scan: LaserScan = self._lidar.measure(self.true_ranges, self._rng, self.time)
         odometry = self.true_map_pose if self._believes_truth else self.odometry_pose
         self.is_new_scan_processed = self.mapper.update(odometry, self.scan)
+        self.believed_pose = self.mapper.pose
