@@ -12,6 +12,7 @@ from slamgym.metrics.maps import (
     wall_score,
 )
 from slamgym.metrics.relations import RelationError, relation_error
+from slamgym.metrics.revisits import end_points, revisit_disagreement
 from slamgym.metrics.trajectory import (
     ErrorStatistics,
     PoseError,
@@ -34,6 +35,7 @@ __all__ = [
     "aligned_error",
     "apply_similarity",
     "coverage",
+    "end_points",
     "free_space",
     "known_area",
     "nees_interval",
@@ -42,6 +44,7 @@ __all__ = [
     "relation_error",
     "relative_pose_error",
     "relative_poses",
+    "revisit_disagreement",
     "squared_error",
     "wall_cells",
     "wall_score",

@@ -1,8 +1,8 @@
 """Accuracy of a map without any reference: do the passes through a place agree?
 
 Where the robot came twice, its scans must show the same walls in the same place. The distance between what
-different passes saw is zero for a perfect trajectory (up to sensor noise and things that moved), grows with the
-local error of the path, and can be had for every log that visits a place again.
+different passes saw is zero for a perfect trajectory (up to sensor noise and things that moved), grows with
+the local error of the path, and can be had for every log that visits a place again.
 """
 
 import numpy as np

@@ -41,13 +41,14 @@ def paint_levels(index: np.ndarray, levels: np.ndarray) -> None:
                 levels[0, row, col] = HIT
     for h in range(1, len(levels)):
         step = 1 << (h - 1)
+        below, level = levels[h - 1], levels[h]
         for row in range(rows):
             up = min(row + step, rows - 1)
+            # Without a branch inside, the compiler turns these loops into vector instructions.
             for col in range(cols):
-                right = min(col + step, cols - 1)
-                a = max(levels[h - 1, row, col], levels[h - 1, row, right])
-                b = max(levels[h - 1, up, col], levels[h - 1, up, right])
-                levels[h, row, col] = max(a, b)
+                level[row, col] = max(below[row, col], below[up, col])
+            for col in range(cols - step):
+                level[row, col] = max(level[row, col], level[row, col + step])
 
 
 @kernel
@@ -113,7 +114,11 @@ def search_window(
         if bounds[place] <= best:
             break
         a, rest = place // (per_side * per_side), place % (per_side * per_side)
-        stack[0, 0], stack[0, 1], stack[0, 2] = top, (rest // per_side) * block - window, (rest % per_side) * block - window
+        stack[0, 0], stack[0, 1], stack[0, 2] = (
+            top,
+            (rest // per_side) * block - window,
+            (rest % per_side) * block - window,
+        )
         stack[0, 3] = bounds[place]
         height = 1
         while height > 0:
@@ -123,7 +128,11 @@ def search_window(
                 continue
             if h == 0:
                 best = bound
-                pose[0], pose[1], pose[2] = centre[0] + du * cell, centre[1] + dv * cell, centre[2] + angles[a]
+                pose[0], pose[1], pose[2] = (
+                    centre[0] + du * cell,
+                    centre[1] + dv * cell,
+                    centre[2] + angles[a],
+                )
                 continue
             half = 1 << (h - 1)
             first = height

@@ -1,7 +1,7 @@
 """Least squares over a graph of planar poses: sparse Levenberg-Marquardt with robust edges.
 
-The error of an edge is the relative pose it measured, compared with the one the graph implies (Grisetti et al.
-2010, *A Tutorial on Graph-Based SLAM*, eq. 30-33). Loop closures are scaled by dynamic covariance scaling
+The error of an edge is the relative pose it measured, compared with the one the graph implies (Grisetti et
+al. 2010, *A Tutorial on Graph-Based SLAM*, eq. 30-33). Loop closures are scaled by dynamic covariance scaling
 (Agarwal et al. 2013), so that a false one loses its pull instead of bending the map.
 """
 
@@ -44,7 +44,12 @@ def chi_squared(poses: FloatArray, edges: Edges) -> FloatArray:
 
 
 def optimise(
-    poses: FloatArray, edges: Edges, *, robust_width: float = 5.0, iterations: int = 15, tolerance: float = 1e-4
+    poses: FloatArray,
+    edges: Edges,
+    *,
+    robust_width: float = 5.0,
+    iterations: int = 15,
+    tolerance: float = 1e-4,
 ) -> FloatArray:
     """Find the poses that agree best with the edges; the first node stays where it is.
 
@@ -118,8 +123,16 @@ def _normal_equations(poses: FloatArray, edges: Edges, robust_width: float) -> t
     block_rows, block_cols = np.concatenate([a, a, b, b]), np.concatenate([a, b, a, b])
     free = (block_rows > 0) & (block_cols > 0)
     inner = np.arange(3)
-    rows = (3 * (block_rows[free] - 1))[:, None, None] + inner[None, :, None] + np.zeros((1, 1, 3), dtype=np.int64)
-    cols = (3 * (block_cols[free] - 1))[:, None, None] + inner[None, None, :] + np.zeros((1, 3, 1), dtype=np.int64)
+    rows = (
+        (3 * (block_rows[free] - 1))[:, None, None]
+        + inner[None, :, None]
+        + np.zeros((1, 1, 3), dtype=np.int64)
+    )
+    cols = (
+        (3 * (block_cols[free] - 1))[:, None, None]
+        + inner[None, None, :]
+        + np.zeros((1, 3, 1), dtype=np.int64)
+    )
     hessian = csc_matrix((blocks[free].ravel(), (rows.ravel(), cols.ravel())), shape=(size, size))
     return hessian, gradient[3:]
 

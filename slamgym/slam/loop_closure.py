@@ -37,13 +37,15 @@ class Closure(NamedTuple):
     information: FloatArray  # (3, 3)
 
 
-def graph_distances(first: IntArray, second: IntArray, lengths: FloatArray, num_nodes: int, node: int) -> FloatArray:
+def graph_distances(
+    first: IntArray, second: IntArray, lengths: FloatArray, num_nodes: int, node: int
+) -> FloatArray:
     """Length of the shortest way along the edges from ``node`` to every node, (N,) [m]."""
     # Two edges between the same nodes would be added up by the matrix: the sequence's edge wins.
     key = first * num_nodes + second
     _, unique = np.unique(key, return_index=True)
     graph = csr_matrix((lengths[unique], (first[unique], second[unique])), shape=(num_nodes, num_nodes))
-    return np.asarray(dijkstra(graph, directed=False, indices=node), dtype=np.float64)
+    return np.asarray(dijkstra(graph, directed=False, indices=np.array([node]))[0], dtype=np.float64)
 
 
 def find_candidates(

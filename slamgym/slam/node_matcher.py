@@ -24,7 +24,7 @@ ANGULAR_STEPS = (0.008, 0.06)
 class LocalMap(NamedTuple):
     """Surface cells round a pose; see :mod:`slamgym.slam.surface_map`."""
 
-    index: np.ndarray  # (rows, cols) int32
+    numbers: np.ndarray  # (rows, cols) int32, number of the occupied cell
     means: FloatArray  # (cells, 2)
     infos: FloatArray  # (cells, 3)
     origin_x: float  # [m]
@@ -65,24 +65,36 @@ class NodeMatcher:
         origin_y = (math.floor(centre[1] / cell) - half) * cell
         index = np.empty((2 * half, 2 * half), dtype=np.int32)
         moments = np.empty((min(int(counts[members].sum()) + 1, index.size), 6))
-        used = collect_cells(points, counts, poses, members, origin_x, origin_y, cell, index, moments)
+        places = np.empty((len(moments), 2), dtype=np.int32)
+        used = collect_cells(points, counts, poses, members, origin_x, origin_y, cell, index, places, moments)
         means, infos = np.empty((used, 2)), np.empty((used, 3))
-        bind_cells(index, moments[:used], self._config.surface_sigma, means, infos)
+        bind_cells(index, places, moments[:used], self._config.surface_sigma, means, infos)
         return LocalMap(index, means, infos, origin_x, origin_y)
 
     def align(
-        self, local: LocalMap, points: FloatArray, start: FloatArray, prior: FloatArray, prior_info: FloatArray
+        self,
+        local: LocalMap,
+        points: FloatArray,
+        start: FloatArray,
+        prior: FloatArray,
+        prior_info: FloatArray,
     ) -> Match:
         """Refine a pose near its final place; see :func:`slamgym.slam.surface_map.align_scan`."""
         pose, information = np.empty(3), np.empty((3, 3))
         fit = align_scan(
-            local.index, local.means, local.infos, local.origin_x, local.origin_y, self._config.cell, points, start,
-            prior, prior_info, ALIGN_STEPS, ALIGN_REACH, self._config.point_share, pose, information,
+            local.numbers, local.means, local.infos, local.origin_x, local.origin_y, self._config.cell, points,
+            start, prior, prior_info, ALIGN_STEPS, ALIGN_REACH, self._config.point_share, pose, information,
         )  # fmt: skip
         return Match(pose, information, float(fit))
 
     def search(
-        self, local: LocalMap, points: FloatArray, centre: FloatArray, window: float, turn: float, least: float
+        self,
+        local: LocalMap,
+        points: FloatArray,
+        centre: FloatArray,
+        window: float,
+        turn: float,
+        least: float,
     ) -> tuple[FloatArray, float]:
         """Find the best pose in a window of ``window`` [m] and ``turn`` [rad] round ``centre``.
 
@@ -92,8 +104,8 @@ class NodeMatcher:
         cell = self._config.cell
         cells = max(1, math.ceil(window / cell))
         num_levels = min(MOST_LEVELS, max(1, math.ceil(math.log2(cells + 1))) + 1)
-        levels = np.empty((num_levels, *local.index.shape), dtype=np.uint8)
-        paint_levels(local.index, levels)
+        levels = np.empty((num_levels, *local.numbers.shape), dtype=np.uint8)
+        paint_levels(local.numbers, levels)
         points = points[:: max(1, len(points) // SEARCH_POINTS)]
         # One step turns the far points by about a cell: further points would only be blurred by a finer one.
         far = float(np.percentile(np.hypot(points[:, 0], points[:, 1]), 80.0))

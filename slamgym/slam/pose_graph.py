@@ -1,7 +1,7 @@
 """Graph-based SLAM: the mode that closes loops globally, which GMapping can't.
 
-Every processed scan is a node. It is matched with the scans before it, which gives an edge to its predecessor;
-when the robot may have come back to a place, it is searched for among the old scans there, which gives a loop
+Every processed scan is a node. It is matched with the scans before it, which gives an edge to its
+predecessor; when the robot may have come back to a place, it is searched for among the old scans there, which gives a loop
 closure. Least squares over all edges corrects the whole path at once, and the map is redrawn from it.
 """
 
@@ -15,14 +15,32 @@ from slamgym.geometry import compose, wrap_angle
 from slamgym.metrics.trajectory import relative_poses
 from slamgym.slam.config import SlamConfig
 from slamgym.slam.drawn_map import BeamTable, DrawnMap
+from slamgym.slam.graph_nodes import GraphNodes
 from slamgym.slam.graph_solver import Edges, chi_squared, optimise
-from slamgym.slam.loop_closure import LOOP_EDGE_LENGTH, Candidate, Closure, agree, find_candidates, graph_distances
+from slamgym.slam.loop_closure import (
+    LOOP_EDGE_LENGTH,
+    Candidate,
+    Closure,
+    agree,
+    find_candidates,
+    graph_distances,
+)
 from slamgym.slam.mapper import SlamStats
 from slamgym.slam.motion_model import noise_array
 from slamgym.slam.node_matcher import Match, NodeMatcher
 from slamgym.slam.odometry_gate import OdometryGate
 from slamgym.slam.scan_match import usable_end_points
-from slamgym.types import ByteArray, FloatArray, GridFrame, IntArray, LaserGeometry, LaserScan, OccupancyGrid, Pose2D, Trajectory
+from slamgym.types import (
+    ByteArray,
+    FloatArray,
+    GridFrame,
+    IntArray,
+    LaserGeometry,
+    LaserScan,
+    OccupancyGrid,
+    Pose2D,
+    Trajectory,
+)
 
 MIN_POINTS = 20
 """A scan with fewer end points isn't matched."""
@@ -38,8 +56,10 @@ OPTIMISE_INTERVAL = 60
 """... the others wait for so many nodes."""
 FALSE_CHI2 = 60.0
 """Closures that disagree more than this with the optimised graph are taken out at the end."""
-FINAL_WINDOW = (0.3, 0.06)
-"""Search window of the final passes [m], [rad]."""
+FINAL_WINDOW = (0.4, 0.08)
+"""Search window of the first final pass [m], [rad]."""
+MOST_CANDIDATES = 2
+"""Places that are compared with each scan."""
 
 
 class PoseGraphMapper:
@@ -62,7 +82,7 @@ class PoseGraphMapper:
         self._beams = BeamTable(geometry, config)
         self._matcher = NodeMatcher(self._settings)
         self._noise = noise_array(config.motion)
-        self._nodes = _Nodes(geometry.num_beams)
+        self._nodes = GraphNodes(geometry.num_beams)
         self._initial_pose = initial_pose
         self._steps: list[Closure] = []  # edges between successive nodes
         self._closures: list[Closure] = []
@@ -111,11 +131,19 @@ class PoseGraphMapper:
         """Match all nodes with their neighbours once more, now that their places are known, and optimise."""
         begin = time.process_time()
         self._optimise()
-        for _ in range(self._settings.final_passes):
+        for final in range(self._settings.final_passes):
+            # The first pass still searches; after it the scans lie so close that alignment alone finds them.
+            window = FINAL_WINDOW if final == 0 else (0.0, 0.0)
             self._closures = []
+            steps = np.hypot(*np.diff(self._nodes.poses[:, :2], axis=0).T)
+            driven = np.concatenate([[0.0], np.cumsum(steps)])
             for node in range(len(self._nodes)):
-                self._close_loops(node, most=2, window=FINAL_WINDOW)
-            self._optimise()
+                for candidate in self._candidates(node, np.abs(driven - driven[node])):
+                    closure = self._close(node, Candidate(candidate.node, *window), self._settings.final_fit)
+                    if closure is not None:
+                        self._closures.append(closure)
+            self._stale = True
+            self._optimise(iterations=15, tolerance=1e-4)
             self._drop_false_closures()
         self._stats.cpu_seconds += time.process_time() - begin
 
@@ -132,7 +160,7 @@ class PoseGraphMapper:
             self._match_with_predecessors(predicted, prior_info, window)
             node = len(self._nodes) - 1
             if node % self._settings.loop_interval == 0:
-                self._close_loops(node, most=2)
+                self._close_loops(node)
             if self._stale and node - self._last_optimised > OPTIMISE_INTERVAL:
                 self._optimise()
         self._grid = None
@@ -171,13 +199,16 @@ class PoseGraphMapper:
             self._stats.refused_matches += 1
         self._steps.append(Closure(node - 1, node, match.pose, match.information))
         self._nodes.poses[node] = _placed(self._nodes.poses[node - 1], match.pose)
-        self._covariance = np.linalg.inv(match.information)
+        self._covariance = np.asarray(np.linalg.inv(match.information), dtype=np.float64)
 
     def _match(
         self, node: int, reference: int, members: IntArray, guess: FloatArray, prior_info: FloatArray,
         window: float, turn: float, least: float,
     ) -> Match | None:  # fmt: skip
-        """Search a node's scan in a local map of ``members``, in the frame of ``reference``."""
+        """Search a node's scan in a local map of ``members``, in the frame of ``reference``.
+
+        A window of zero leaves the search out: the scan is aligned from the guess.
+        """
         points = self._nodes.end_points(node)
         if len(points) < MIN_POINTS:
             return None
@@ -185,42 +216,49 @@ class PoseGraphMapper:
             np.broadcast_to(self._nodes.poses[reference], (len(members), 3)), self._nodes.poses[members]
         )
         reach = float(np.hypot(points[:, 0], points[:, 1]).max()) + window
-        local = self._matcher.local_map(self._nodes.points, self._nodes.counts, members, relative, guess, reach)
-        start, score = self._matcher.search(local, points, guess, window, turn, least)
-        if score <= least:
-            return None
+        local = self._matcher.local_map(
+            self._nodes.points, self._nodes.counts, members, relative, guess, reach
+        )
+        start = guess
+        if window > 0.0:
+            start, score = self._matcher.search(local, points, guess, window, turn, least)
+            if score <= least:
+                return None
         return self._matcher.align(local, points, start, guess, prior_info)
 
     # --- loops ---
 
-    def _close_loops(self, node: int, most: int, window: tuple[float, float] | None = None) -> None:
-        """Look for places seen before; ``window`` replaces the accumulated uncertainty where the graph is done."""
-        for candidate in find_candidates(self._nodes.poses, node, self._distances(node), self._settings, most):
-            if window is not None:
-                candidate = Candidate(candidate.node, *window)  # noqa: PLW2901
-            closure = self._close(node, candidate)
+    def _candidates(self, node: int, distances: FloatArray) -> list[Candidate]:
+        return find_candidates(self._nodes.poses, node, distances, self._settings, MOST_CANDIDATES)
+
+    def _close_loops(self, node: int) -> None:
+        """Look for places seen before, in windows as large as the drift may be by now."""
+        for candidate in self._candidates(node, self._distances(node)):
+            closure = self._close(node, candidate, self._settings.loop_fit)
             if closure is None:
                 continue
             if candidate.window <= self._settings.trusted_window:
                 self._accept([closure])
                 continue
-            allies = [other for other in self._pending if agree(closure, other, self._nodes.poses, self._settings)]
+            allies = [
+                other for other in self._pending if agree(closure, other, self._nodes.poses, self._settings)
+            ]
             self._pending.append(closure)
             if len(allies) >= self._settings.agreeing:
                 self._accept([closure, *allies])
                 self._pending.clear()
 
-    def _close(self, node: int, candidate: Candidate) -> Closure | None:
+    def _close(self, node: int, candidate: Candidate, least_fit: float) -> Closure | None:
         old = candidate.node
         low, high = max(0, old - NEIGHBOURS), min(len(self._nodes), old + NEIGHBOURS + 1)
         members = np.arange(low, high)
         members = members[np.abs(members - node) > self._settings.local_nodes]
         guess = relative_poses(self._nodes.poses[[old]], self._nodes.poses[[node]])[0]
-        least = self._settings.loop_fit - 0.15
+        least = least_fit - 0.15  # the search's score is a little lower than the fit after alignment
         match = self._match(
             node, old, members, guess, np.zeros((3, 3)), candidate.window, candidate.turn, least
         )
-        if match is None or match.fit < self._settings.loop_fit:
+        if match is None or match.fit < least_fit:
             return None
         return Closure(old, node, match.pose, match.information)
 
@@ -245,20 +283,23 @@ class PoseGraphMapper:
             node,
         )
 
-    def _optimise(self) -> None:
+    def _optimise(self, iterations: int = 10, tolerance: float = 1e-3) -> None:
         self._last_optimised = len(self._nodes)
         if not self._stale:
             return
         self._stale = False
+        self._grid = None
         edges = _edges(self._steps, self._closures)
         poses = self._nodes.poses
         width = float(chi_squared(poses, edges)[edges.robust].max(initial=0.0))
-        # Graduated: what may pull shrinks from "anything" to the robust width, so that a large true correction
-        # isn't taken for a false one.
+        # Graduated: what may pull shrinks from "anything" to the robust width, so that a large true
+        # correction isn't taken for a false one.
         while width > self._settings.robust_width:
-            poses = optimise(poses, edges, robust_width=width, iterations=4, tolerance=1e-3)
+            poses = optimise(poses, edges, robust_width=width, iterations=8, tolerance=1e-3)
             width = min(width * 0.1, float(chi_squared(poses, edges)[edges.robust].max(initial=0.0)))
-        self._nodes.poses[:] = optimise(poses, edges, robust_width=self._settings.robust_width)
+        self._nodes.poses[:] = optimise(
+            poses, edges, robust_width=self._settings.robust_width, iterations=iterations, tolerance=tolerance
+        )
 
     def _drop_false_closures(self) -> None:
         if not self._closures:
@@ -286,8 +327,10 @@ class PoseGraphMapper:
 
     def occupancy_grid(self) -> OccupancyGrid:
         """See :class:`slamgym.slam.mapper.Mapper`."""
-        self._follow_path()
-        return self._map.occupancy_grid()
+        if self._grid is None:
+            self._follow_path()
+            self._grid = self._map.occupancy_grid()
+        return self._grid
 
     def render(self, frame: GridFrame) -> ByteArray:
         """See :class:`slamgym.slam.mapper.Mapper`."""
@@ -297,60 +340,6 @@ class PoseGraphMapper:
     def trajectory(self) -> Trajectory:
         """See :class:`slamgym.slam.mapper.Mapper`."""
         return Trajectory(self._nodes.stamps.copy(), self._nodes.poses.copy())
-
-
-class _Nodes:
-    """The scans and their poses, in arrays that double when they are full."""
-
-    def __init__(self, num_beams: int) -> None:
-        self._length = 0
-        self._poses = np.zeros((64, 3))
-        self._stamps = np.zeros(64)
-        self._points = np.zeros((64, num_beams, 2))
-        self._counts = np.zeros(64, dtype=np.int64)
-        self._ranges = np.zeros((64, num_beams), dtype=np.float32)
-
-    def __len__(self) -> int:
-        return self._length
-
-    @property
-    def num_bytes(self) -> int:
-        return self._points.nbytes + self._ranges.nbytes
-
-    @property
-    def poses(self) -> FloatArray:
-        return self._poses[: self._length]
-
-    @property
-    def stamps(self) -> FloatArray:
-        return self._stamps[: self._length]
-
-    @property
-    def ranges(self) -> np.ndarray:
-        return self._ranges[: self._length]
-
-    @property
-    def points(self) -> FloatArray:
-        return self._points[: self._length]
-
-    @property
-    def counts(self) -> IntArray:
-        return self._counts[: self._length]
-
-    def end_points(self, node: int) -> FloatArray:
-        return self._points[node, : self._counts[node]]
-
-    def append(self, scan: LaserScan, pose: FloatArray, points: FloatArray) -> None:
-        if self._length == len(self._stamps):
-            for name in ("_poses", "_stamps", "_points", "_counts", "_ranges"):
-                old = getattr(self, name)
-                setattr(self, name, np.concatenate([old, np.zeros_like(old)]))
-        self._poses[self._length] = pose
-        self._stamps[self._length] = scan.stamp
-        self._points[self._length, : len(points)] = points
-        self._counts[self._length] = len(points)
-        self._ranges[self._length] = scan.ranges
-        self._length += 1
 
 
 def _edges(steps: list[Closure], closures: list[Closure]) -> Edges:

@@ -21,7 +21,7 @@ class PoseGraphConfig:
     cell: float = 0.1
     """Cell size of the local maps that scans are matched with [m]."""
 
-    surface_sigma: float = 0.03
+    surface_sigma: float = 0.02
     """Standard deviation of end points across a wall [m]."""
 
     point_share: float = 0.02
@@ -52,9 +52,12 @@ class PoseGraphConfig:
     """Most position uncertainty that a loop is searched in [m]."""
 
     loop_fit: float = 0.6
-    """A loop closure needs this share of fitting points."""
+    """A loop closure needs this share of fitting points ..."""
 
-    trusted_window: float = 1.0
+    final_fit: float = 0.5
+    """... and this at the end, when the places are known."""
+
+    trusted_window: float = 0.6
     """Within this uncertainty one match is enough; beyond it, a closure waits for others that agree [m]."""
 
     agreeing: int = 2
@@ -67,7 +70,14 @@ class PoseGraphConfig:
     """How often, at the end, all nodes are matched with their neighbours once more."""
 
     def __post_init__(self) -> None:
-        for name in ("keyframe_distance", "keyframe_turn", "match_range", "cell", "surface_sigma", "point_share"):
+        for name in (
+            "keyframe_distance",
+            "keyframe_turn",
+            "match_range",
+            "cell",
+            "surface_sigma",
+            "point_share",
+        ):
             if not getattr(self, name) > 0:
                 raise ConfigError(f"slam.pose_graph.{name} is {getattr(self, name)!r}; give a value above 0")
         for name in ("local_nodes", "loop_interval"):

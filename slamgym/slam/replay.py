@@ -127,8 +127,8 @@ def replay(
 def poses_between(poses: FloatArray, indices: IntArray, odometry: FloatArray) -> FloatArray:
     """Fill in the poses of the scans that were not processed.
 
-    Between two processed scans the robot moved as odometry says, up to a small error, the difference of the two
-    corrections, which is spread linearly over the scans in between.
+    Between two processed scans the robot moved as odometry says, up to a small error, the difference of the
+    two corrections, which is spread linearly over the scans in between.
 
     Args:
         poses: Estimates at the processed scans, shape (P, 3).

@@ -261,7 +261,8 @@ def _report(folder: Path, summary: dict[str, Any]) -> str:
         if key in summary:
             r = summary[key]
             lines.append(
-                f"  relations, {moments}: {r['translation_mean_m']:.4f} +- {r['translation_deviation_m']:.4f} m, "
+                f"  relations, {moments}: "
+                f"{r['translation_mean_m']:.4f} +- {r['translation_deviation_m']:.4f} m, "
                 f"{r['rotation_mean_deg']:.2f} +- {r['rotation_deviation_deg']:.2f} deg "
                 f"(mean +- deviation of {r['count']} of {r['count'] + r['missing']})"
             )

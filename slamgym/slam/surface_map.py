@@ -1,7 +1,7 @@
 """A local map of surface cells, and the alignment of a scan with it: numba kernels.
 
-A few scans round one pose are put into square cells. Each occupied cell holds the mean of its end points and a
-2 x 2 information matrix that says in which direction the mean binds: across a wall only, or both ways at a
+A few scans round one pose are put into square cells. Each occupied cell holds the mean of its end points and
+a 2 x 2 information matrix that says in which direction the mean binds: across a wall only, or both ways at a
 corner (the normal-distributions transform of Biber and Strasser 2003, with the point-to-line metric of Censi
 2008 on flat pieces). So the normal matrix of an alignment shows honestly that a corridor leaves the scan free
 to slide, and what it gives is the information of a pose-graph edge.
@@ -19,13 +19,13 @@ from slamgym.types import FloatArray, IntArray
 
 VACANT = -1
 FLATNESS = 0.15
-"""A piece of surface is flat if its narrow spread is below this share of its wide one (standard deviations)."""
+"""A piece of surface is flat if its narrow spread (standard deviation) is below this share of its wide one."""
 
 
 @kernel
 def collect_cells(
-    points: FloatArray, counts: IntArray, poses: FloatArray, members: IntArray, origin_x: float, origin_y: float,
-    cell: float, index: np.ndarray, moments: FloatArray,
+    points: FloatArray, counts: IntArray, poses: FloatArray, members: IntArray, origin_x: float,
+    origin_y: float, cell: float, index: np.ndarray, places: np.ndarray, moments: FloatArray,
 ) -> int:  # fmt: skip
     """Put the end points of some scans into cells.
 
@@ -38,6 +38,7 @@ def collect_cells(
         origin_y: Lower left corner of the grid [m].
         cell: Cell size [m].
         index: (rows, cols) int32, receives the number of the occupied cell or ``VACANT``.
+        places: (most cells, 2) int32, receives each occupied cell's row and column.
         moments: (most cells, 6) receives n, sums of x, y, xx, xy, yy, relative to the grid's corner.
 
     Returns:
@@ -61,6 +62,7 @@ def collect_cells(
                     continue
                 number = used
                 index[row, col] = number
+                places[number, 0], places[number, 1] = row, col
                 moments[number] = 0.0
                 used += 1
             moments[number, 0] += 1.0
@@ -73,11 +75,19 @@ def collect_cells(
 
 
 @kernel
-def bind_cells(index: np.ndarray, moments: FloatArray, sigma: float, means: FloatArray, infos: FloatArray) -> None:
+def bind_cells(
+    index: np.ndarray,
+    places: np.ndarray,
+    moments: FloatArray,
+    sigma: float,
+    means: FloatArray,
+    infos: FloatArray,
+) -> None:
     """Compute what each occupied cell binds.
 
     Args:
         index: (rows, cols) from :func:`collect_cells`.
+        places: (cells, 2) from :func:`collect_cells`.
         moments: (cells, 6) from :func:`collect_cells`.
         sigma: Standard deviation of a point across a wall [m]; at corners and clutter twice that, both ways.
         means: (cells, 2) receives the means, relative to the grid's corner [m].
@@ -85,39 +95,36 @@ def bind_cells(index: np.ndarray, moments: FloatArray, sigma: float, means: Floa
     """
     rows, cols = index.shape
     across = 1.0 / (sigma * sigma)
-    for row in range(rows):
-        for col in range(cols):
-            number = index[row, col]
-            if number == VACANT:
-                continue
-            n = sx = sy = sxx = sxy = syy = 0.0
-            for near_row in range(max(row - 1, 0), min(row + 2, rows)):
-                for near_col in range(max(col - 1, 0), min(col + 2, cols)):
-                    near = index[near_row, near_col]
-                    if near != VACANT:
-                        n += moments[near, 0]
-                        sx += moments[near, 1]
-                        sy += moments[near, 2]
-                        sxx += moments[near, 3]
-                        sxy += moments[near, 4]
-                        syy += moments[near, 5]
-            own = moments[number, 0]
-            means[number, 0], means[number, 1] = moments[number, 1] / own, moments[number, 2] / own
-            mean_x, mean_y = sx / n, sy / n
-            var_x, var_y = sxx / n - mean_x * mean_x, syy / n - mean_y * mean_y
-            cov = sxy / n - mean_x * mean_y
-            middle, half = 0.5 * (var_x + var_y), 0.5 * (var_x - var_y)
-            root = math.sqrt(half * half + cov * cov)
-            wide, narrow = middle + root, max(middle - root, 0.0)
-            if n >= 4.0 and narrow < FLATNESS * FLATNESS * wide:
-                along = 0.5 * math.atan2(2.0 * cov, var_x - var_y)
-                normal_x, normal_y = -math.sin(along), math.cos(along)
-                infos[number, 0] = across * normal_x * normal_x
-                infos[number, 1] = across * normal_x * normal_y
-                infos[number, 2] = across * normal_y * normal_y
-            else:
-                infos[number, 0] = infos[number, 2] = 0.25 * across
-                infos[number, 1] = 0.0
+    for number in range(len(moments)):
+        row, col = places[number, 0], places[number, 1]
+        n = sx = sy = sxx = sxy = syy = 0.0
+        for near_row in range(max(row - 1, 0), min(row + 2, rows)):
+            for near_col in range(max(col - 1, 0), min(col + 2, cols)):
+                near = index[near_row, near_col]
+                if near != VACANT:
+                    n += moments[near, 0]
+                    sx += moments[near, 1]
+                    sy += moments[near, 2]
+                    sxx += moments[near, 3]
+                    sxy += moments[near, 4]
+                    syy += moments[near, 5]
+        own = moments[number, 0]
+        means[number, 0], means[number, 1] = moments[number, 1] / own, moments[number, 2] / own
+        mean_x, mean_y = sx / n, sy / n
+        var_x, var_y = sxx / n - mean_x * mean_x, syy / n - mean_y * mean_y
+        cov = sxy / n - mean_x * mean_y
+        middle, half = 0.5 * (var_x + var_y), 0.5 * (var_x - var_y)
+        root = math.sqrt(half * half + cov * cov)
+        wide, narrow = middle + root, max(middle - root, 0.0)
+        if n >= 4.0 and narrow < FLATNESS * FLATNESS * wide:
+            along = 0.5 * math.atan2(2.0 * cov, var_x - var_y)
+            normal_x, normal_y = -math.sin(along), math.cos(along)
+            infos[number, 0] = across * normal_x * normal_x
+            infos[number, 1] = across * normal_x * normal_y
+            infos[number, 2] = across * normal_y * normal_y
+        else:
+            infos[number, 0] = infos[number, 2] = 0.25 * across
+            infos[number, 1] = 0.0
 
 
 @kernel
