@@ -47,6 +47,9 @@ COMMANDS: dict[str, Command] = {
         "watch an exploration in a window, or write it as MP4 or GIF",
         _EXPLORERS,
     ),
+    "slam": Command(
+        "slamgym.slam.replay_command:main", "make a map from a recorded log (CARMEN, ROS bag, episode)"
+    ),
     "export-log": Command(
         "slamgym.interop.export_command:main", "write an episode or a log as CARMEN log or rosbag2"
     ),

@@ -80,7 +80,7 @@ class _Outcome:
 
 
 def build_dataset(
-    root: Path,
+    root: Path | str,
     plans: PlanSource,
     config: DatasetConfig,
     make_explorer: MakeExplorer,
@@ -110,7 +110,7 @@ def build_dataset(
     check_explorer(plans, config.episode, make_explorer)
     if not kernels_are_compiled():
         warm_up()  # here, once, rather than in every worker
-    with open_dataset(root, dataset_settings(config, plans)) as folder:
+    with open_dataset(Path(root), dataset_settings(config, plans)) as folder:
         before = len(folder.committed)
         queue = _Queue(folder, plans, config, make_explorer, pairs)
         with show_progress("pairs", min(before, pairs), pairs) as advance:

@@ -1,7 +1,10 @@
 """Run independent tasks on all cores of one machine."""
 
 import contextlib
+import os
 import signal
+import threading
+import time
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from concurrent.futures.process import BrokenProcessPool
@@ -22,6 +25,10 @@ _SINGLE_THREADED = {
     "MKL_NUM_THREADS": "1",
     "NUMBA_NUM_THREADS": "1",
 }
+
+
+PARENT_CHECK_INTERVAL = 0.5
+"""How often a worker looks whether its parent lives [s]."""
 
 
 class WorkerLostError(SlamgymError):
@@ -48,7 +55,9 @@ def run_tasks(task: Callable[[_Item], _Result], items: Iterable[_Item], workers:
         with _one_opencv_thread():
             yield from map(task, items)
         return
-    executor = loky.get_reusable_executor(workers, initializer=_start_worker, env=_SINGLE_THREADED)
+    executor = loky.get_reusable_executor(
+        workers, initializer=_start_worker, initargs=(os.getpid(),), env=_SINGLE_THREADED
+    )
     remaining = iter(items)
     try:
         pending: set[Future[_Result]] = {
@@ -69,10 +78,19 @@ def run_tasks(task: Callable[[_Item], _Result], items: Iterable[_Item], workers:
         executor.shutdown(wait=True, kill_workers=True)
 
 
-def _start_worker() -> None:
-    """Prepare a worker process: one thread, and Ctrl-C is the parent's to handle."""
+def _start_worker(parent: int) -> None:
+    """Prepare a worker: one thread, Ctrl-C is the parent's to handle, and no life after the parent."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     cv2.setNumThreads(1)
+    if os.name == "posix":
+        threading.Thread(target=_end_with_parent, args=(parent,), daemon=True).start()
+
+
+def _end_with_parent(parent: int) -> None:
+    """End this process when its parent was killed: loky's workers would wait for tasks for ever."""
+    while os.getppid() == parent:
+        time.sleep(PARENT_CHECK_INTERVAL)
+    os._exit(1)
 
 
 @contextlib.contextmanager

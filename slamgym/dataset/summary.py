@@ -16,7 +16,7 @@ GOOD_COVERAGE = 0.95
 """Share of the reachable area from which an exploration counts as complete."""
 
 
-def describe_pairs(root: Path) -> str:
+def describe_pairs(root: Path | str) -> str:
     """Summarise a dataset in a few lines of text.
 
     Raises:
@@ -48,7 +48,7 @@ def describe_pairs(root: Path) -> str:
     )
 
 
-def write_contact_sheet(root: Path, limit: int) -> Path:
+def write_contact_sheet(root: Path | str, limit: int) -> Path:
     """Draw up to ``limit`` pairs, spread evenly over the dataset, into its ``contact_sheet.png``.
 
     Returns:
@@ -58,7 +58,7 @@ def write_contact_sheet(root: Path, limit: int) -> Path:
         InputFileError: If a file of the dataset is missing or malformed.
         StorageError: If the picture can't be written.
     """
-    layout = Layout(root)
+    layout = Layout(Path(root))
     records = list(read_manifest(root))
     chosen = [
         records[i] for i in np.unique(np.linspace(0, len(records) - 1, min(limit, len(records))).astype(int))
@@ -74,9 +74,9 @@ def write_contact_sheet(root: Path, limit: int) -> Path:
     return layout.contact_sheet
 
 
-def sheet_entries(root: Path, records: Sequence[PairRecord]) -> list[SheetEntry]:
+def sheet_entries(root: Path | str, records: Sequence[PairRecord]) -> list[SheetEntry]:
     """Read the pairs of some records for a contact sheet."""
-    layout = Layout(root)
+    layout = Layout(Path(root))
     entries = []
     for record in records:
         cad, slam = load_pair(root, record.name)
