@@ -10,11 +10,13 @@ from scipy.linalg import cho_factor, cho_solve
 from scipy.sparse import bsr_array, csc_array
 from scipy.sparse.linalg import splu
 
+from slamgym.errors import ConfigError
 from slamgym.geometry import wrap_angle
 from slamgym.parametric.landmarks import LandmarkEstimate, LandmarkProblem, observation_model
 from slamgym.parametric.odometry_error import increments_of
 from slamgym.types import FloatArray, IntArray
 
+_MAX_SCANS = 4000  # beyond this the factors of a long winding path fill gigabytes
 _DENSE_UNKNOWNS = 1500  # above this the pose system is sparse enough for a sparse factorisation to win
 
 
@@ -28,7 +30,15 @@ def solve_schur(problem: LandmarkProblem, iterations: int = 2) -> LandmarkEstima
 
     Returns:
         Smoothed poses (the first is exact) and landmarks.
+
+    Raises:
+        ConfigError: If there are too many scans for the memory.
     """
+    if len(problem.true_poses) > _MAX_SCANS:
+        raise ConfigError(
+            f"ekf_schur would solve for {len(problem.true_poses)} scans, more than {_MAX_SCANS}; use a larger "
+            "scan spacing, a shorter path or the method two_phase"
+        )
     poses, points = problem.true_poses.copy(), problem.points.copy()
     for _ in range(iterations):
         pose_step, point_step = _gauss_newton_step(problem, poses, points)
