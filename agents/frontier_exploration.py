@@ -36,6 +36,8 @@ class ExplorationConfig:
     """Then also doors that a robot of these shares of the radius could pass: maps draw walls too thick."""
     look_around_before: float = 30.0
     """If nothing is left to explore so soon, the robot first turns once round on the spot [s]."""
+    closed_room_looks: int = 8
+    """Rooms that the map cuts off from the robot are looked at from so many places at most."""
     futile_goals: int = 12
     """So many goals in a row that added nothing to the map end the exploration."""
     navigator: NavigatorConfig = field(default_factory=NavigatorConfig)
@@ -86,7 +88,7 @@ class FrontierExploration(Exploration):
         self._known_cells, self._futile = 0, 0
         self._began_at, self._judge_at = math.inf, -math.inf
         self._last_rounds = 0
-        self._closed_rooms_seen: list[Point] = []
+        self._looked_from: list[Point] = []  # places from which closed rooms were looked at
         self._turn_left = 0.0  # what is left of a look around [rad]
         self._has_looked_around = False
         self._last_theta = 0.0
@@ -108,7 +110,13 @@ class FrontierExploration(Exploration):
             self._tick(pose, time)
         if self.finished:
             return _STOP
-        return self._navigator.step(pose, observation["scan"], time)
+        command = self._navigator.step(pose, observation["scan"], time)
+        if self._target is None and self._navigator.status is GoalStatus.SUCCEEDED:
+            # The robot looks at a closed room: what the scan sees through is no wall.
+            self._navigator.trust_scan(pose, observation["scan"], time)
+            self._navigator.cancel()
+            self._tick_at = -math.inf
+        return command
 
     def _take_map(self, cells: ByteArray, pose: Pose2D, time: float) -> None:
         """Hand the map to the navigation stack if it has changed."""
@@ -120,9 +128,8 @@ class FrontierExploration(Exploration):
         self._map = cells.copy() if cells.flags.writeable else cells
         if unchanged:
             return
-        self._navigator.update_map(
-            OccupancyGrid(cells.reshape(self.context.frame.shape), self.context.frame), pose, time
-        )
+        grid = OccupancyGrid(cells.reshape(self.context.frame.shape), self.context.frame)
+        self._navigator.update_map(grid, pose, time)
 
     def _mind_result(self, time: float) -> None:
         """Blacklist a goal that ended; any end makes the next tick come at once.
@@ -278,17 +285,22 @@ class FrontierExploration(Exploration):
             self.finished = not self._visit_closed_room(pose, time)
 
     def _visit_closed_room(self, pose: Pose2D, time: float) -> bool:
-        """Go and look at a room that the map cuts off, each once; False if there is none."""
+        """Go and look at a room that the map cuts off, from each side once; False if there is none left."""
         costmap, space = self._navigator.costmap, self._navigator.reachable
         if costmap is None or space is None:
             return False
-        for place, looked_at in cut_off_views(costmap, space):
-            if all(math.dist(looked_at, seen) > 1.0 for seen in self._closed_rooms_seen):
-                self._closed_rooms_seen.append(looked_at)
-                self._navigator.set_goal(Goal(*place, look_at=looked_at), pose, time)
-                self._tick_at = time
-                return True
-        return False
+        views = [
+            view
+            for view in cut_off_views(costmap, space)
+            if all(math.dist(view[0], seen) > 0.7 for seen in self._looked_from)
+        ]
+        if not views or len(self._looked_from) >= self.config.closed_room_looks:
+            return False
+        place, looked_at = min(views, key=lambda view: math.dist(view[0], pose[:2]))
+        self._looked_from.append(place)
+        self._navigator.set_goal(Goal(*place, look_at=looked_at), pose, time)
+        self._tick_at = time
+        return True
 
     def _look_around(self, pose: Pose2D) -> Twist2D:
         """Turn once round on the spot."""

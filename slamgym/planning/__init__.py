@@ -7,6 +7,7 @@ from slamgym.planning.context import ExplorerContext
 from slamgym.planning.costmap import (
     Costmap,
     CostmapConfig,
+    clear_seen,
     crop_known,
     footprint_radii,
     free_body,
@@ -39,6 +40,7 @@ __all__ = [
     "NavigatorConfig",
     "PathFollower",
     "Reachable",
+    "clear_seen",
     "crop_known",
     "cut_off_views",
     "expected_gain",

@@ -13,7 +13,8 @@ import cv2
 import numpy as np
 
 from slamgym.errors import ConfigError
-from slamgym.planning.costmap_kernels import clear_body, cost_cells
+from slamgym.geometry import compose
+from slamgym.planning.costmap_kernels import clear_beams, clear_body, cost_cells
 from slamgym.types import (
     FREE,
     OCCUPIED,
@@ -22,6 +23,7 @@ from slamgym.types import (
     Float32Array,
     FloatArray,
     GridFrame,
+    LaserGeometry,
     OccupancyGrid,
     Pose2D,
 )
@@ -152,6 +154,40 @@ def mark_obstacles(grid: OccupancyGrid, points: FloatArray, apart: float = 0.15)
         new = _distance_px(cells)[row, col] * grid.frame.resolution > apart
         cells[row[new], col[new]] = OCCUPIED
     return OccupancyGrid(cells, grid.frame)
+
+
+def clear_seen(
+    grid: OccupancyGrid,
+    pose: Pose2D,
+    ranges: Float32Array,
+    geometry: LaserGeometry,
+    margin: float = 0.3,
+    longest: float = 2.5,
+) -> OccupancyGrid:
+    """Copy a map with walls taken out that a scan sees through, as costmap_2d's raytracing does.
+
+    Args:
+        grid: The map.
+        pose: The robot, in the frame of the map.
+        ranges: Scan, shape (num_beams,) [m].
+        geometry: The scanner.
+        margin: The last stretch of each beam clears nothing [m].
+        longest: Nor does what lies beyond [m].
+    """
+    frame, cells = grid.frame, grid.cells.copy()
+    sensor = compose(pose, geometry.mount)
+    clear_beams(
+        cells,
+        (sensor.x - frame.origin_x) / frame.resolution - 0.5,
+        frame.height_px - 0.5 - (sensor.y - frame.origin_y) / frame.resolution,
+        sensor.theta,
+        ranges / np.float32(frame.resolution),
+        geometry.angle_min,
+        geometry.angle_increment,
+        longest / frame.resolution,
+        margin / frame.resolution,
+    )
+    return OccupancyGrid(cells, frame)
 
 
 def make_costmap(grid: OccupancyGrid, config: CostmapConfig | None = None) -> Costmap:

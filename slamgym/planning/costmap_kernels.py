@@ -45,3 +45,43 @@ def cost_cells(cells: ByteArray, distance_px: Float32Array, table: ByteArray) ->
             else:
                 costs[row, col] = _NO_INFORMATION
     return costs
+
+
+@kernel
+def clear_beams(
+    cells: ByteArray,
+    x: float,
+    y: float,
+    theta: float,
+    ranges: Float32Array,
+    angle_min: float,
+    angle_increment: float,
+    longest: float,
+    margin: float,
+) -> None:
+    """Free the occupied cells that the beams of a scan passed, but for the last stretch of each beam.
+
+    Args:
+        cells: ROS map values, shape (H, W); changed in place.
+        x: Sensor [cells], column of cell centres.
+        y: Sensor [cells], row of cell centres.
+        theta: Sensor's heading [rad], counter-clockwise; rows grow downwards.
+        ranges: Shape (num_beams,) [cells].
+        angle_min: Direction of the first beam in the sensor's frame [rad].
+        angle_increment: Angle from one beam to the next [rad].
+        longest: Beams are cut off here [cells].
+        margin: What is kept at the end of each beam [cells]: errors of the pose must not erase real walls.
+    """
+    height, width = cells.shape
+    for i in range(len(ranges)):
+        if not ranges[i] > 0.0:
+            continue
+        end = min(ranges[i], longest) - margin
+        angle = theta + angle_min + i * angle_increment
+        dx, dy = np.cos(angle), -np.sin(angle)
+        step = 0.0
+        while step < end:
+            row, col = int(np.floor(y + step * dy + 0.5)), int(np.floor(x + step * dx + 0.5))
+            if 0 <= row < height and 0 <= col < width and cells[row, col] == _OCCUPIED:
+                cells[row, col] = _FREE
+            step += 0.5

@@ -139,7 +139,11 @@ def wavefront_frontiers(grid: OccupancyGrid, pose: Pose2D, min_size: float = 0.0
 
 
 def cut_off_views(
-    costmap: Costmap, reachable: Reachable, min_area: float = 1.0, reach: float = 1.5
+    costmap: Costmap,
+    reachable: Reachable,
+    min_area: float = 1.0,
+    reach: float = 1.0,
+    spacing: float = 1.0,
 ) -> list[tuple[Point, Point]]:
     """Views of free space that the map cuts off from the robot, e.g. by a wall drawn across a doorway.
 
@@ -149,30 +153,34 @@ def cut_off_views(
         costmap: The costmap.
         reachable: The robot's reachable space.
         min_area: Smaller regions are left out [m2].
-        reach: Regions farther than this from where the robot can be are left out [m].
+        reach: Farther than this from a region there is nothing to see of it [m].
+        spacing: Smallest distance between two places to look at the same region from [m].
 
     Returns:
-        For each region where to stand and what point of it to look at [m], the largest region first.
+        Where to stand and what point of the region to look at [m]; the largest region first, and of each
+        region the nearest places first.
     """
     resolution, frame = costmap.frame.resolution, costmap.frame
     cut_off = (costmap.costs < LETHAL_COST) & ~reachable.mask.reshape(costmap.costs.shape)
     opened = cv2.morphologyEx(cut_off.astype(np.uint8), cv2.MORPH_OPEN, np.ones((5, 5), np.uint8))
     count, labels, stats, _ = cv2.connectedComponentsWithStats(opened, connectivity=4)
     places = np.column_stack(np.divmod(reachable.order[: reachable.num_centre], frame.width_px))
-    views = []
+    views: list[tuple[Point, Point]] = []
     for label in sorted(range(1, count), key=lambda k: -int(stats[k, cv2.CC_STAT_AREA])):
         if stats[label, cv2.CC_STAT_AREA] * resolution**2 < min_area:
             break
-        far = np.ones(costmap.costs.shape, np.uint8)
-        far[labels == label] = 0
-        distance = cv2.distanceTransform(far, cv2.DIST_L2, cv2.DIST_MASK_5)[places[:, 0], places[:, 1]]
-        place = places[np.argmin(distance)]
-        if distance.min() * resolution > reach:
-            continue
+        distance = cv2.distanceTransform((labels != label).view(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5)
+        distance = distance[places[:, 0], places[:, 1]] * resolution
+        near = np.flatnonzero(distance <= reach)
+        near = near[np.argsort(distance[near], kind="stable")]
         region = np.argwhere(labels == label)
-        looked_at = region[np.argmin(((region - place) ** 2).sum(axis=1))]
-        (x, tx), (y, ty) = frame.to_point([place[0], looked_at[0]], [place[1], looked_at[1]])
-        views.append(((float(x), float(y)), (float(tx), float(ty))))
+        while len(near):
+            place = places[near[0]]
+            looked_at = region[np.argmin(((region - place) ** 2).sum(axis=1))]
+            x, y = frame.to_point([place[0], looked_at[0]], [place[1], looked_at[1]])
+            views.append(((float(x[0]), float(y[0])), (float(x[1]), float(y[1]))))
+            apart = np.hypot(*(places[near] - place).T) * resolution
+            near = near[apart >= spacing]
     return views
 
 

@@ -17,6 +17,7 @@ from slamgym.planning.costmap import (
     LETHAL_COST,
     Costmap,
     CostmapConfig,
+    clear_seen,
     crop_known,
     free_body,
     make_costmap,
@@ -68,6 +69,8 @@ class NavigatorConfig:
     """Without coming nearer along the path for so long the robot recovers, moving or not [s]."""
     obstacle_memory: float = 10.0
     """Obstacles that only the scan showed are kept in the costmap for so long [s]."""
+    views_kept: int = 10
+    """So many trusted scans overrule the map."""
     back_up: float = 0.2
     """Distance of the backward recovery [m]."""
     back_up_speed: float = 0.1
@@ -103,6 +106,7 @@ class Navigator:
         self.reachable: Reachable | None = None
         self.inscribed_radius = self.context.robot_radius
         self._grid: OccupancyGrid | None = None
+        self._views: list[tuple[Pose2D, Float32Array]] = []  # trusted scans and where they were taken
         self._obstacles: list[tuple[float, FloatArray]] = []  # (time, points in the map frame)
         self._planned_at = -math.inf
         self._begin_leg(Pose2D(0.0, 0.0, 0.0), 0.0)
@@ -126,6 +130,19 @@ class Navigator:
             ahead = self.follower.ahead
             if len(ahead) and not path_is_free(self.costmap, ahead):
                 self._plan(pose, time)
+
+    def trust_scan(self, pose: Pose2D, ranges: Float32Array, time: float) -> None:
+        """Disregard walls of the map that a scan sees through, from now on.
+
+        For maps that went wrong: SLAM may draw a wall across a doorway and then need long to unlearn it.
+
+        Args:
+            pose: Where the scan was taken, in the frame of the map.
+            ranges: The scan, shape (num_beams,) [m].
+            time: Now [s].
+        """
+        self._views = [*self._views[-(self.config.views_kept - 1) :], (pose, ranges.copy())]
+        self._rebuild(pose, time)
 
     def set_inscribed_radius(self, radius: float, pose: Pose2D, time: float) -> None:
         """Plan as if the robot had another radius [m], e.g. to try doors that the map draws too narrow."""
@@ -228,6 +245,8 @@ class Navigator:
         if self._grid is None:
             return
         grid = self._grid
+        for place, ranges in self._views:
+            grid = clear_seen(grid, place, ranges, self.context.geometry)
         self._obstacles = [seen for seen in self._obstacles if time - seen[0] < self.config.obstacle_memory]
         if self._obstacles:
             grid = mark_obstacles(grid, np.vstack([points for _, points in self._obstacles]))

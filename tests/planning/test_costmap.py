@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from slamgym.errors import ConfigError
 from slamgym.planning import (
     CostmapConfig,
+    clear_seen,
     crop_known,
     footprint_radii,
     free_body,
@@ -15,7 +16,7 @@ from slamgym.planning import (
     mark_obstacles,
 )
 from slamgym.planning.costmap import FREE_COST, INSCRIBED_COST, LETHAL_COST, NO_INFORMATION
-from slamgym.types import FREE, OCCUPIED, UNKNOWN, GridFrame, OccupancyGrid, Pose2D
+from slamgym.types import FREE, OCCUPIED, UNKNOWN, GridFrame, LaserGeometry, OccupancyGrid, Pose2D
 
 RESOLUTION = 0.05
 
@@ -147,3 +148,17 @@ def test_footprint_radii_of_the_waffle():
 def test_senseless_settings_are_refused(settings_):
     with pytest.raises(ConfigError):
         CostmapConfig(**settings_)
+
+
+def test_a_scan_takes_out_the_wall_that_it_sees_through_and_keeps_the_one_it_ends_at():
+    cells = np.full((60, 80), FREE)
+    cells[:, 30] = OCCUPIED  # drawn by mistake
+    cells[:, 60] = OCCUPIED
+    grid = OccupancyGrid(cells.astype(np.uint8), GridFrame(RESOLUTION, 0.0, 0.0, 60, 80))
+    x, y = grid.frame.to_point(30, 10)
+    laser = LaserGeometry(41, -0.2, 0.01, 0.12, 3.5)
+    wall = (50 * RESOLUTION / np.cos(laser.angles)).astype(np.float32)
+    seen = clear_seen(grid, Pose2D(float(x), float(y), 0.0), wall, laser, longest=3.5).cells
+    assert (seen[27:34, 30] == FREE).all()
+    assert (seen[:10, 30] == OCCUPIED).all()
+    assert (seen[:, 60] == OCCUPIED).all()

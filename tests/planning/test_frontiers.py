@@ -157,9 +157,13 @@ def test_a_room_behind_a_drawn_wall_is_worth_a_look_and_a_ray_through_a_wall_is_
     grid = two_rooms(door_cells=0)
     costmap = make_costmap(grid)
     pose = pose_at(grid, 30, 30)
-    ((place, looked_at),) = cut_off_views(costmap, reachable_space(costmap, pose))
-    assert costmap.cost_at(*place) < LETHAL_COST
-    assert looked_at[1] < place[1]  # the closed room lies below
+    views = cut_off_views(costmap, reachable_space(costmap, pose))
+    places = np.array([place for place, _ in views])
+    assert len(views) > 1
+    assert np.hypot(*(places[:, None] - places[None]).T)[~np.eye(len(views), dtype=bool)].min() >= 1.0
+    for place, looked_at in views:
+        assert costmap.cost_at(*place) < LETHAL_COST
+        assert looked_at[1] < place[1]  # the closed room lies below
     thin = two_rooms(door_cells=0, far_known=0)
     thin.cells[64:84, 30] = FREE
     costmap = make_costmap(thin)
