@@ -63,6 +63,7 @@ class _Exploration:
 
     slot: Slot
     plan: FloorPlan
+    root: Path
     staged: Path
     config: DatasetConfig
     make_explorer: MakeExplorer
@@ -169,7 +170,8 @@ class _Queue:
                 continue
             self._missing -= 1
             self._barren = 0
-            yield _Exploration(slot, plan, self._folder.stage(slot.name), self._config, self._make_explorer)
+            root, staged = self._folder.layout.root, self._folder.stage(slot.name)
+            yield _Exploration(slot, plan, root, staged, self._config, self._make_explorer)
 
     def reject(self, slot: Slot, error: str, reason: str) -> None:
         """Note that a slot gives no pair; another one takes its place."""
@@ -218,7 +220,7 @@ def _write_pair(exploration: _Exploration) -> None:
     pair = make_pair(episode.plan, episode.start, episode.slam_map, config.pair)
     images = {side: _png(image) for side, image in zip(SIDES, (pair.cad, pair.slam), strict=True)}
     record = make_record(slot, episode, pair, images, config.episode.explorer, config_hash(config))
-    with storage_errors(staged):
+    with storage_errors(exploration.root):
         (staged / "episode").mkdir(parents=True)
         write_episode(staged / "episode", episode)
         write_durably(staged / "episode" / "episode.json", record.to_line().encode())

@@ -6,7 +6,7 @@ import os
 from collections.abc import Iterator
 from pathlib import Path
 
-from slamgym.errors import SlamgymError
+from slamgym.errors import InputFileError, SlamgymError
 
 try:
     import fcntl
@@ -31,13 +31,24 @@ class StorageError(SlamgymError):
 
 @contextlib.contextmanager
 def storage_errors(path: Path) -> Iterator[None]:
-    """Turn an :class:`OSError` inside the block into an error that names the path and the mend."""
+    """Turn a failure to write inside the block into an error that names the folder and the mend.
+
+    Args:
+        path: What is being written, as the user knows it.
+    """
     try:
         yield
     except OSError as error:
-        where = error.filename if error.filename is not None else path
-        reason = _MENDS.get(error.errno or 0, error.strerror or str(error))
-        raise StorageError(f"{where}: can't write: {reason}, then run the same command again") from error
+        raise _storage_error(path, error) from error
+    except InputFileError as error:
+        if not isinstance(error.__cause__, OSError):
+            raise
+        raise _storage_error(path, error.__cause__) from error
+
+
+def _storage_error(path: Path, error: OSError) -> StorageError:
+    reason = _MENDS.get(error.errno or 0, error.strerror or str(error))
+    return StorageError(f"{path}: can't be written ({reason}, then run the same command again)")
 
 
 def write_durably(path: Path, data: bytes) -> None:

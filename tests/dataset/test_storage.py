@@ -5,6 +5,7 @@ import os
 import pytest
 
 from slamgym.dataset.storage import StorageError, exclusive_lock, replace_file, storage_errors
+from slamgym.errors import InputFileError
 
 
 def test_replace_file_leaves_nothing_else(tmp_path):
@@ -24,6 +25,23 @@ def test_disk_trouble_is_one_sentence_with_the_path_and_the_mend(tmp_path, numbe
         raise OSError(number, os.strerror(number))
     assert str(tmp_path) in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def _fail_as_a_file_writer_does(path):
+    try:
+        raise OSError(errno.ENOSPC, "No space left on device")
+    except OSError as error:
+        raise InputFileError(path, "can't be written") from error
+
+
+def test_trouble_under_a_writer_of_another_layer_is_the_same_sentence(tmp_path):
+    with pytest.raises(StorageError, match="disk is full"), storage_errors(tmp_path):
+        _fail_as_a_file_writer_does(tmp_path / "map.pgm")
+
+
+def test_other_errors_pass_unchanged(tmp_path):
+    with pytest.raises(InputFileError, match=r"plan\.json"), storage_errors(tmp_path):
+        raise InputFileError("plan.json", "is empty")
 
 
 def _try_lock(path):
