@@ -47,6 +47,14 @@ COMMANDS: dict[str, Command] = {
         "watch an exploration in a window, or write it as MP4 or GIF",
         _EXPLORERS,
     ),
+    "deform": Command(
+        "slamgym.parametric.deform_command:main",
+        "deform a floor plan into SLAM-like maps by the parametric model",
+        {**_EXPLORERS, "record_path": "slamgym.dataset.recorded_path:record_path"},
+    ),
+    "calibrate-odometry": Command(
+        "slamgym.dataset.calibrate_command:main", "measure the simulated robot's odometry errors"
+    ),
     "slam": Command(
         "slamgym.slam.replay_command:main", "make a map from a recorded log (CARMEN, ROS bag, episode)"
     ),
