@@ -39,7 +39,7 @@ def announce_compilation() -> None:
 
 
 def warm_up() -> None:
-    """Compile the kernels of exploration: a moment of driving and mapping in every mode, and of navigation."""
+    """Compile the kernels of exploration: a moment of driving and mapping, and of navigation."""
     from slamgym.envs import ExploreConfig, ExploreEnv
     from slamgym.slam import SlamConfig
 
