@@ -16,14 +16,23 @@ _HALF = 1 << (_FRACTION - 1)
 
 
 @kernel
-def drawn_length(r: float, range_min: float, range_max: float, usable: float, no_return_clears: bool) -> float:
-    """How far a beam is drawn [m]; 0 for a beam that is left out, and at most ``usable``.
+def drawn_length(
+    ranges: Float32Array, i: int, range_min: float, range_max: float, usable: float, no_return_clears: bool
+) -> float:
+    """How far beam ``i`` of a scan is drawn [m]; 0 for a beam that is left out, and at most ``usable``.
 
     A beam that returned from within ``usable`` is a hit. A longer one is cut and clears only; so does a beam
-    without return (``+inf``) if ``no_return_clears``. nan, ``-inf`` and ranges below ``range_min`` are left out.
+    without return (``+inf``) if ``no_return_clears`` and the beams beside it reach beyond ``usable`` as well: a
+    lone one among hits is a failed measurement and would clear a spike through the wall. nan, ``-inf`` and
+    ranges below ``range_min`` are left out.
     """
+    r = ranges[i]
     if r >= range_max:
-        return min(usable, range_max) if no_return_clears else 0.0
+        if not no_return_clears:
+            return 0.0
+        if (i > 0 and ranges[i - 1] <= usable) or (i + 1 < len(ranges) and ranges[i + 1] <= usable):
+            return 0.0
+        return min(usable, range_max)
     if not r >= range_min:
         return 0.0
     return min(r, usable)
@@ -42,7 +51,7 @@ def scan_bounds(
         bounds[0], bounds[2] = min(bounds[0], x0), max(bounds[2], x0)
         bounds[1], bounds[3] = min(bounds[1], y0), max(bounds[3], y0)
         for i in range(ranges.shape[1]):
-            length = drawn_length(ranges[k, i], range_min, range_max, usable, no_return_clears)
+            length = drawn_length(ranges[k], i, range_min, range_max, usable, no_return_clears)
             x = x0 + length * (cos * directions[i, 0] - sin * directions[i, 1])
             y = y0 + length * (sin * directions[i, 0] + cos * directions[i, 1])
             bounds[0], bounds[2] = min(bounds[0], x), max(bounds[2], x)
@@ -87,7 +96,7 @@ def draw_scans(
         start = start_row * cols + start_col
         for i in range(ranges.shape[1]):
             r = ranges[k, i]
-            length = drawn_length(r, range_min, range_max, usable, no_return_clears)
+            length = drawn_length(ranges[k], i, range_min, range_max, usable, no_return_clears)
             if length == 0.0:
                 continue
             x = x0 + length * (cos * directions[i, 0] - sin * directions[i, 1])
