@@ -23,6 +23,8 @@ def anchor_poses(
     gain: FloatArray,
     min_known: int,
     lag: float,
+    width: int,
+    reach: int,
     placed: FloatArray,
     is_placed: BoolArray,
     poses: FloatArray,
@@ -34,7 +36,8 @@ def anchor_poses(
     scan matcher that can't tell one piece of a wall from the next (point to line, linearised). A weak prior
     holds the predicted pose in directions that the walls leave open. There a real matcher also falls behind,
     because the overlap with the known map is larger the less the robot has moved: ``lag`` is the share of the
-    motion that is lost so.
+    motion that is lost so. Nor can a matcher tell the two faces of a thin wall apart (``reach``): a room
+    seen for the first time is pulled so that its face of the wall falls on the known one.
 
     Args:
         true_poses: (T, 3) world frame.
@@ -45,6 +48,8 @@ def anchor_poses(
         gain: (T,) share [0-1] of the correction that is applied.
         min_known: Scans with fewer beams on known walls are not matched.
         lag: Share of the motion lost in directions that the walls leave open.
+        width: W, the row length of the flat indices.
+        reach: A new wall cell is taken for a known one up to so many cells across the wall from it.
         placed: (H * W, 2) out, where the first scan that saw the cell drew it [m].
         is_placed: (H * W,) in and out, False everywhere before.
         poses: (T, 3) out, believed poses, heading not wrapped.
@@ -69,14 +74,19 @@ def anchor_poses(
         known = 0
         for b in range(hits.shape[1]):
             cell = hits[k, b]
-            if cell < 0 or not is_placed[cell]:
+            if cell < 0:
+                continue
+            reference = _wall_in_reach(cell, normals, is_placed, width, reach)
+            if reference < 0:
                 continue
             known += 1
             px, py = points[cell, 0] - true_poses[k, 0], points[cell, 1] - true_poses[k, 1]
             x, y = cos * px - sin * py, sin * px + cos * py
             nx = cos * normals[cell, 0] - sin * normals[cell, 1]
             ny = sin * normals[cell, 0] + cos * normals[cell, 1]
-            gap = nx * (placed[cell, 0] - poses[k, 0] - x) + ny * (placed[cell, 1] - poses[k, 1] - y)
+            gap = nx * (placed[reference, 0] - poses[k, 0] - x) + ny * (
+                placed[reference, 1] - poses[k, 1] - y
+            )
             lever = x * ny - y * nx
             A[0, 0] += nx * nx
             A[0, 1] += nx * ny
@@ -104,3 +114,18 @@ def anchor_poses(
                 px, py = points[cell, 0] - true_poses[k, 0], points[cell, 1] - true_poses[k, 1]
                 placed[cell, 0] = poses[k, 0] + cos * px - sin * py
                 placed[cell, 1] = poses[k, 1] + sin * px + cos * py
+
+
+@kernel
+def _wall_in_reach(cell: int, normals: FloatArray, is_placed: BoolArray, width: int, reach: int) -> int:
+    """The known wall cell that a matcher takes a cell for: itself, the nearest across the wall, or -1."""
+    if is_placed[cell]:
+        return cell
+    for step in range(1, reach + 1):
+        d_col = round(step * normals[cell, 0])
+        d_row = -round(step * normals[cell, 1])
+        for sign in (-1, 1):
+            other = cell + sign * (int(d_row) * width + int(d_col))
+            if 0 <= other < len(is_placed) and is_placed[other]:
+                return other
+    return -1

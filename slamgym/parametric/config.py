@@ -158,6 +158,8 @@ class TwoPhaseConfig:
     lag: float = 0.0
     """[-] share of the motion that matching loses in directions that the walls leave open, because a scan
     overlaps the known map more the less the robot has moved."""
+    thin_wall: float = 0.0
+    """[m] Up to this thickness matching takes a wall's new face for the known one; 0 tells them apart."""
     jitter: float = 0.0
     """[m] white error of a matched position."""
     jitter_deg: float = 0.0
@@ -288,9 +290,39 @@ def preset(name: str) -> ParametricConfig:
 _REALISTIC = ParametricConfig(
     motion=MotionConfig(scan_interval=0.5),
     scanner=ScannerConfig(field_of_view=math.pi, num_beams=180),
-    lidar=LidarErrorConfig(),
-    two_phase=TwoPhaseConfig(anchoring=0.5, jitter=0.01, jitter_deg=0.3),
-    failures=FailureConfig(rate=0.01),
+    # The simulator's scanner: no systematic error, 2 % of the beams failing.
+    lidar=LidarErrorConfig(
+        a0=0.0,
+        a1=0.0,
+        b1=0.0,
+        b2=0.0,
+        b3=0.0,
+        b4=0.0,
+        b5=0.0,
+        b6=0.0,
+        sigma_range=0.01,
+        sigma_bearing=0.0,
+        weight_hit=0.98,
+        weight_short=0.005,
+        weight_max=0.01,
+        weight_rand=0.005,
+        lambda_short=1.0,
+    ),
+    # What a particle filter makes of the simulator's odometry of level "medium".
+    two_phase=TwoPhaseConfig(
+        k_l=0.006,
+        k_lt=0.006,
+        k_t=0.018,
+        s_l=0.02,
+        s_lt=0.008,
+        s_t=0.01,
+        anchoring=0.65,
+        lag=0.6,
+        thin_wall=0.15,
+        jitter=0.001,
+        jitter_deg=0.03,
+    ),
+    failures=FailureConfig(rate=0.005, jump=0.25, jump_deg=2.5),
     render=RenderConfig(renderer="scans"),
 )
 

@@ -263,7 +263,7 @@ def _landmark_slam(run: _Run) -> _Conversion:
 
 
 def _drift_px(forward: Float32Array, visibility: Visibility, frame: GridFrame) -> int:
-    """By how many cells the map must grow on every side to hold all displaced walls."""
+    """Cells by which the map must grow on every side to hold all displaced walls, at most half its size."""
     rows, cols = np.nonzero(visibility.best >= 0)
     new_rows = rows + forward[1, rows, cols] / frame.resolution
     new_cols = cols - forward[0, rows, cols] / frame.resolution
@@ -273,7 +273,8 @@ def _drift_px(forward: Float32Array, visibility: Visibility, frame: GridFrame) -
         new_rows.max(initial=0.0) - (frame.height_px - 1),
         new_cols.max(initial=0.0) - (frame.width_px - 1),
     )
-    return max(0, math.ceil(max(over)))
+    # Dead reckoning over kilometres drifts without bound; a picture that follows it helps nobody.
+    return min(max(0, math.ceil(max(over))), max(frame.shape) // 2)
 
 
 def _padded(frame: GridFrame, pad: int) -> GridFrame:

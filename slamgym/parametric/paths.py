@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from slamgym.cad.floorplan import FloorPlan
 
 _ROADMAP_RESOLUTION = 0.05  # [m] of the grid that a roadmap is made on
-_STOP_SPACING = 3.0  # [m] between stops in a plan without rooms: a little less than the LIDAR's reach
+_STOP_SPACING = 5.0  # [m] of way between stops in a plan without rooms; the LIDAR sees what lies between
 
 
 def read_waypoints(path: Path | str) -> Waypoints:

@@ -36,8 +36,8 @@ def solve_schur(problem: LandmarkProblem, iterations: int = 2) -> LandmarkEstima
     """
     if len(problem.true_poses) > _MAX_SCANS:
         raise ConfigError(
-            f"ekf_schur would solve for {len(problem.true_poses)} scans, more than {_MAX_SCANS}; use a larger "
-            "scan spacing, a shorter path or the method two_phase"
+            f"ekf_schur would solve for {len(problem.true_poses)} scans, more than {_MAX_SCANS}; use a "
+            "larger scan spacing, a shorter path or the method two_phase"
         )
     poses, points = problem.true_poses.copy(), problem.points.copy()
     for _ in range(iterations):

@@ -98,6 +98,8 @@ def anchored_path(
         gain,
         config.matched_beams,
         config.lag,
+        frame.width_px,
+        round(config.thin_wall / frame.resolution),
         np.zeros((len(cells), 2)),
         np.zeros(len(cells), dtype=np.bool_),
         poses,
