@@ -89,7 +89,7 @@ def time_limit(plan: FloorPlan, minutes: Literal["auto"] | float) -> float:
     """Robot time after which an exploration is cut off [s].
 
     ``auto`` is there to end explorations that go round in circles, not to hurry others: Explore Lite took
-    2.4 s/m2 in the median of 50 HouseExpo plans, and 5.4 s/m2 in the slowest.
+    2.4 s/m2 in the median of 50 HouseExpo plans, and 8.0 s/m2 in the slowest.
     """
     return AUTO_BASE + AUTO_PER_AREA * plan.area if minutes == "auto" else 60.0 * float(minutes)
 
