@@ -82,8 +82,9 @@ class NodeMatcher:
         """Refine a pose near its final place; see :func:`slamgym.slam.surface_map.align_scan`."""
         pose, information = np.empty(3), np.empty((3, 3))
         fit = align_scan(
-            local.numbers, local.means, local.infos, local.origin_x, local.origin_y, self._config.cell, points,
-            start, prior, prior_info, ALIGN_STEPS, ALIGN_REACH, self._config.point_share, pose, information,
+            local.numbers, local.means, local.infos, local.origin_x, local.origin_y, self._config.cell,
+            points, start, prior, prior_info, ALIGN_STEPS, ALIGN_REACH, self._config.point_share, pose,
+            information,
         )  # fmt: skip
         return Match(pose, information, float(fit))
 

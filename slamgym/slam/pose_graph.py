@@ -1,8 +1,8 @@
 """Graph-based SLAM: the mode that closes loops globally, which GMapping can't.
 
 Every processed scan is a node. It is matched with the scans before it, which gives an edge to its
-predecessor; when the robot may have come back to a place, it is searched for among the old scans there, which gives a loop
-closure. Least squares over all edges corrects the whole path at once, and the map is redrawn from it.
+predecessor; when the robot may have come back to a place, it is searched for among the old scans there, which
+gives a loop closure. Least squares over all edges corrects the whole path at once, and the map is redrawn.
 """
 
 import dataclasses
@@ -77,6 +77,7 @@ class PoseGraphMapper:
             config,
             linear_update=max(config.linear_update, self._settings.keyframe_distance),
             angular_update=max(config.angular_update, self._settings.keyframe_turn),
+            temporal_update=None,  # a node where nothing is new would only cost time
         )
         self._gate = OdometryGate(gate)
         self._beams = BeamTable(geometry, config)

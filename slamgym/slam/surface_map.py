@@ -19,7 +19,7 @@ from slamgym.types import FloatArray, IntArray
 
 VACANT = -1
 FLATNESS = 0.15
-"""A piece of surface is flat if its narrow spread (standard deviation) is below this share of its wide one."""
+"""Surface is flat if its narrow spread (standard deviation) is below this share of its wide one."""
 
 
 @kernel

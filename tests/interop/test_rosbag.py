@@ -1,0 +1,182 @@
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from slamgym.errors import ConfigError, InputFileError
+from slamgym.interop import open_log, read_rosbag, write_rosbag2
+from slamgym.interop.export_command import main as export_log
+from slamgym.interop.transform_tree import TransformTree, planar, rigid_transform
+from slamgym.types import GridFrame, OccupancyGrid
+
+pytest.importorskip("rosbags")
+
+GRID = OccupancyGrid(np.array([[0, 205, 254]], np.uint8), GridFrame(0.05, -1.0, 2.0, 1, 3))
+
+
+@pytest.mark.parametrize("storage", ["sqlite3", "mcap"])
+def test_a_log_survives_rosbag2(tmp_path, records, geometry, storage):
+    write_rosbag2(tmp_path / "bag", records, geometry, grid=GRID, storage=storage)
+    log = open_log(tmp_path / "bag")
+    assert log.warnings.sentences() == []
+    assert log.geometry.angles == pytest.approx(geometry.angles, abs=1e-6)
+    assert log.geometry.mount == pytest.approx(geometry.mount)
+    assert len(log) == len(records)
+    for ours, theirs in zip(records, log, strict=True):
+        assert theirs.stamp == pytest.approx(ours.stamp)
+        assert theirs.odometry == pytest.approx(ours.odometry, abs=1e-9)
+        seen = ours.scan.ranges > 0.0
+        assert (theirs.scan.ranges[seen] == ours.scan.ranges[seen]).all()
+        assert np.isnan(theirs.scan.ranges[~seen]).all()
+
+
+def test_a_single_storage_file_opens_too(tmp_path, records, geometry):
+    write_rosbag2(tmp_path / "bag", records, geometry, storage="mcap")
+    assert len(open_log(tmp_path / "bag" / "bag.mcap")) == len(records)
+
+
+def test_the_map_is_published_with_row_zero_at_the_bottom(tmp_path, records, geometry):
+    from rosbags.highlevel import AnyReader
+
+    write_rosbag2(tmp_path / "bag", records, geometry, grid=GRID)
+    with AnyReader([tmp_path / "bag"]) as reader:
+        topics = set(reader.topics)
+        connection = next(c for c in reader.connections if c.topic == "/map")
+        _, _, raw = next(reader.messages([connection]))
+        message = reader.deserialize(raw, connection.msgtype)
+    assert topics == {"/scan", "/odom", "/tf", "/tf_static", "/map"}
+    assert message.data.tolist() == [100, -1, 0]
+    assert (message.info.origin.position.x, message.info.origin.position.y) == (-1.0, 2.0)
+
+
+def write_rosbag1(path, records, geometry, *, with_odometry):
+    """A ROS 1 bag whose laser hangs upside down."""
+    from rosbags.rosbag1 import Writer
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+    store = get_typestore(Stores.ROS1_NOETIC)
+    store.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms", "tf2_msgs/msg/TFMessage"))
+    types = store.types
+
+    def header(stamp, frame):
+        ns = round(stamp * 1e9)
+        time = types["builtin_interfaces/msg/Time"](sec=ns // 10**9, nanosec=ns % 10**9)
+        return types["std_msgs/msg/Header"](seq=0, stamp=time, frame_id=frame)
+
+    def transform(stamp, parent, child, xyz, quaternion):
+        body = types["geometry_msgs/msg/Transform"](
+            translation=types["geometry_msgs/msg/Vector3"](*xyz),
+            rotation=types["geometry_msgs/msg/Quaternion"](*quaternion),
+        )
+        stamped = types["geometry_msgs/msg/TransformStamped"](header(stamp, parent), child, body)
+        return types["tf2_msgs/msg/TFMessage"]([stamped])
+
+    with Writer(path) as writer:
+        scan = writer.add_connection("/base_scan", "sensor_msgs/msg/LaserScan", typestore=store)
+        tf = writer.add_connection("/tf", "tf2_msgs/msg/TFMessage", typestore=store)
+
+        def write(connection, stamp, message):
+            writer.write(connection, round(stamp * 1e9), store.serialize_ros1(message, connection.msgtype))
+
+        first = records[0].stamp
+        write(tf, first, transform(first, "/base_link", "/laser", (0.1, 0.0, 0.3), (1.0, 0.0, 0.0, 0.0)))
+        for record in records:
+            pose = record.odometry
+            if with_odometry:
+                half = 0.5 * pose.theta
+                turned = (0.0, 0.0, np.sin(half), np.cos(half))
+                write(tf, record.stamp, transform(record.stamp, "/odom", "/base_link", (*pose[:2], 0.0), turned))
+            message = types["sensor_msgs/msg/LaserScan"](
+                header(record.stamp, "/laser"), geometry.angle_min, -geometry.angle_min, geometry.angle_increment,
+                0.0, 0.0, geometry.range_min, geometry.range_max, record.scan.ranges, np.zeros(0, np.float32),
+            )  # fmt: skip
+            write(scan, record.stamp, message)
+
+
+def test_rosbag1_with_tf_alone_and_a_laser_upside_down(tmp_path, records, geometry):
+    write_rosbag1(tmp_path / "a.bag", records, geometry, with_odometry=True)
+    log = open_log(tmp_path / "a.bag")
+    assert log.geometry.mount == pytest.approx((0.1, 0.0, 0.0), abs=1e-9)
+    assert [record.odometry for record in log] == [pytest.approx(r.odometry, abs=1e-6) for r in records]
+    # Upside down, the beams run the other way round.
+    assert log.records[0].scan.ranges[-1] == records[0].scan.ranges[0]
+
+
+class TestErrors:
+    def test_without_odometry_the_error_says_so(self, tmp_path, records, geometry):
+        write_rosbag1(tmp_path / "a.bag", records, geometry, with_odometry=False)
+        with pytest.raises(InputFileError, match="neither Odometry"):
+            read_rosbag(tmp_path / "a.bag")
+
+    def test_an_unknown_topic_lists_those_there_are(self, tmp_path, records, geometry):
+        write_rosbag2(tmp_path / "bag", records, geometry)
+        with pytest.raises(InputFileError, match="/scan"):
+            read_rosbag(tmp_path / "bag", scan_topic="/laser")
+
+    def test_an_existing_folder_is_not_overwritten(self, tmp_path, records, geometry):
+        with pytest.raises(InputFileError, match="exists already"):
+            write_rosbag2(tmp_path, records, geometry)
+
+    def test_a_missing_package_names_the_extra(self, tmp_path, monkeypatch):
+        monkeypatch.setitem(__import__("sys").modules, "rosbags.highlevel", None)
+        (tmp_path / "a.bag").write_bytes(b"")
+        with pytest.raises(ConfigError, match=r"slamgym\[ros\]"):
+            open_log(tmp_path / "a.bag")
+
+    def test_a_folder_without_a_bag_is_one_error(self, tmp_path):
+        with pytest.raises(InputFileError, match="without a ROS bag"):
+            open_log(tmp_path)
+
+    @settings(deadline=None, max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture])
+    @given(st.sampled_from([".bag", ".mcap", ".db3"]), st.binary(max_size=300))
+    def test_junk_is_one_error(self, tmp_path, suffix, content):
+        path = tmp_path / f"a{suffix}"
+        path.write_bytes(content)
+        with pytest.raises(InputFileError, match="a.*(bag|scan|read|exist)"):
+            open_log(path)
+
+    @settings(deadline=None, max_examples=15, suppress_health_check=[HealthCheck.function_scoped_fixture])
+    @given(st.sampled_from(["sqlite3", "mcap"]), st.floats(0.0, 1.0), st.binary(min_size=1, max_size=40))
+    def test_a_damaged_bag_is_an_error_or_a_counted_warning(
+        self, tmp_path_factory, records, geometry, storage, place, junk
+    ):
+        folder = tmp_path_factory.mktemp("damaged") / "bag"
+        write_rosbag2(folder, records, geometry, storage=storage)
+        file = next(path for path in folder.iterdir() if path.suffix in (".db3", ".mcap"))
+        content = bytearray(file.read_bytes())
+        at = int(place * (len(content) - 1))
+        content[at : at + len(junk)] = junk
+        file.write_bytes(content)
+        try:
+            log = open_log(folder)
+        except InputFileError:
+            return
+        assert len(log) > 0
+
+
+def test_transforms_chain_and_invert():
+    tree = TransformTree()
+    half = np.sqrt(0.5)
+    turned = rigid_transform(np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, half, half]))
+    tree.add("base", "tower", 0.0, turned, static=True)
+    tree.add("tower", "laser", 0.0, rigid_transform(np.array([0.0, 1.0, 0.5]), np.array([0, 0, 0, 1.0])), static=True)
+    found = tree.lookup("laser", "base")
+    assert planar(found) == pytest.approx((0.0, 0.0, np.pi / 2))
+    assert tree.lookup("base", "laser") @ found == pytest.approx(np.eye(4))
+    assert tree.lookup("laser", "elsewhere") is None
+
+
+class TestExportCommand:
+    def test_an_episode_is_exported_both_ways(self, tmp_path, records, geometry, capsys):
+        from slamgym.interop import write_carmen, write_ros_map
+
+        episode = tmp_path / "episode"
+        episode.mkdir()
+        write_carmen(episode / "scans.log", records, geometry)
+        write_ros_map(episode, GRID)
+        assert export_log([str(episode), "-o", str(tmp_path / "a.log.gz")]) == 0
+        assert export_log([str(episode), "-o", str(tmp_path / "bag"), "--format", "rosbag2"]) == 0
+        assert len(open_log(tmp_path / "a.log.gz")) == len(open_log(tmp_path / "bag")) == len(records)
+        assert "10 scans" in capsys.readouterr().out
+        with pytest.raises(InputFileError, match="--overwrite"):
+            export_log([str(episode), "-o", str(tmp_path / "a.log.gz")])
