@@ -11,7 +11,7 @@ from typing import Any
 import cv2
 
 from slamgym import __version__
-from slamgym.cad import FloorPlan, PlanSource
+from slamgym.cad import FloorPlan, PlanSource, check_plan
 from slamgym.config import config_hash, to_dict
 from slamgym.dataset.engine import run_tasks
 from slamgym.dataset.episode import EpisodeConfig, MakeExplorer, check_explorer, run_episode
@@ -184,6 +184,7 @@ class _Queue:
             return None
         try:
             plan = self._plans.load(slot.plan_id)
+            check_plan(plan, self._config.episode.env.robot.radius)
         except PlanError as error:
             self._folder.reject(slot, "PlanError", error.reason)
             return None
