@@ -8,7 +8,6 @@ from slamgym.slam.pose_graph_config import PoseGraphConfig
 
 Mode = Literal["rbpf", "pose_graph", "scan_matching", "dead_reckoning", "ground_truth"]
 Matcher = Literal["coarse_to_fine", "hill_climbing"]
-Proposal = Literal["matched", "improved"]
 
 
 @dataclass(frozen=True)
@@ -40,8 +39,9 @@ class SlamConfig:
     """
 
     mode: Mode = "rbpf"
-    """``rbpf``: particle filter as GMapping; ``pose_graph``: closes loops globally; ``scan_matching``: one particle, no motion noise;
-    ``dead_reckoning``: believes the odometry; ``ground_truth``: the same, for a caller who hands it true poses."""
+    """``rbpf``: particle filter as GMapping; ``pose_graph``: closes loops globally; ``scan_matching``: one particle,
+    no motion noise; ``dead_reckoning``: believes the odometry; ``ground_truth``: the same, for a caller who hands
+    it true poses."""
 
     particles: int = 30
     """Number of particles (``particles``)."""
@@ -53,12 +53,8 @@ class SlamConfig:
     """Longer returns are not matched; their rays are cut here and clear free space only [m] (``maxUrange``)."""
 
     matcher: Matcher = "coarse_to_fine"
-    """``coarse_to_fine``: a short climb on a part of the beams, then ICP steps on all of them, on GMapping's
-    objective; ``hill_climbing``: GMapping's own search, several times slower."""
-
-    proposal: Proposal = "matched"
-    """``matched``: a particle moves to the best match, as the GMapping program does; ``improved``: it is drawn
-    from a Gaussian fitted round the match, as the paper has it (Grisetti et al. 2007, section IV-A)."""
+    """``coarse_to_fine``: ICP from the predicted pose, first on a part of the beams, with a short climb where it
+    fits poorly; ``hill_climbing``: GMapping's own search, ten times slower and less accurate."""
 
     sigma: float = 0.05
     """Width of the matching score exp(-d^2 / sigma) [m^2] (``sigma``)."""
@@ -87,8 +83,9 @@ class SlamConfig:
     motion: MotionNoise = field(default_factory=MotionNoise)
     """Noise of the motion model."""
 
-    odometry_weight: float = 0.0
-    """Pull of the predicted pose on the match: this many points of score at one standard deviation, twice. 0 is GMapping."""
+    odometry_weight: float = 0.1
+    """Pull of the predicted pose on the match: a pose n standard deviations of the motion model away from it costs
+    n^2 / 2 x this many beams of score. It keeps a scan from sliding along a corridor. 0 is GMapping's."""
 
     linear_update: float = 1.0
     """A scan is processed after this distance [m] (``linearUpdate``) ..."""
@@ -119,6 +116,8 @@ class SlamConfig:
     def __post_init__(self) -> None:
         positive = ("particles", "resolution", "max_usable_range", "sigma", "linear_step", "angular_step",
                     "likelihood_sigma", "likelihood_gain", "memory_limit_mb")  # fmt: skip
+        if self.odometry_weight < 0.0:
+            raise ConfigError(f"slam.odometry_weight is {self.odometry_weight!r}; give 0 or more")
         for name in positive:
             if not getattr(self, name) > 0:
                 raise ConfigError(f"slam.{name} is {getattr(self, name)!r}; give a value above 0")
@@ -128,6 +127,13 @@ class SlamConfig:
             raise ConfigError(
                 f"slam.occupied_threshold is {self.occupied_threshold!r}; give a share between 0 and 1"
             )
+
+    @staticmethod
+    def gmapping(particles: int = 30) -> "SlamConfig":
+        """GMapping's own search and weights, for comparison: nothing of what this package adds."""
+        return SlamConfig(
+            particles=particles, matcher="hill_climbing", odometry_weight=0.0, no_return_clears=False
+        )
 
     @staticmethod
     def ros_defaults() -> "SlamConfig":

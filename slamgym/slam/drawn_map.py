@@ -7,7 +7,15 @@ import numpy as np
 from slamgym.errors import SlamgymError
 from slamgym.slam.config import SlamConfig
 from slamgym.slam.occupancy_grid import classify, coarsen, draw_scans, scan_bounds
-from slamgym.types import UNKNOWN, ByteArray, Float32Array, FloatArray, GridFrame, LaserGeometry, OccupancyGrid
+from slamgym.types import (
+    UNKNOWN,
+    ByteArray,
+    Float32Array,
+    FloatArray,
+    GridFrame,
+    LaserGeometry,
+    OccupancyGrid,
+)
 
 BLOCK = 64
 """The grid grows by blocks of this many cells, so that it seldom grows."""
@@ -65,9 +73,19 @@ class DrawnMap:
         b = self._beams
         bounds = np.array([math.inf, math.inf, -math.inf, -math.inf])
         scan_bounds(
-            poses, ranges, b.directions, b.mount, b.range_min, b.range_max, b.usable, b.no_return_clears, bounds
+            poses,
+            ranges,
+            b.directions,
+            b.mount,
+            b.range_min,
+            b.range_max,
+            b.usable,
+            b.no_return_clears,
+            bounds,
         )
-        first_col, first_row, last_col, last_row = (math.floor(float(value) / self._resolution) for value in bounds)
+        first_col, first_row, last_col, last_row = (
+            math.floor(float(value) / self._resolution) for value in bounds
+        )
         box = (first_row, first_col, last_row + 1, last_col + 1)
         self._cover(box)
         draw_scans(
@@ -115,7 +133,10 @@ class DrawnMap:
     def occupancy_grid(self) -> OccupancyGrid:
         """The map, cropped to the cells known."""
         cells = self._classified()
-        rows, cols = np.flatnonzero((cells != UNKNOWN).any(axis=1)), np.flatnonzero((cells != UNKNOWN).any(axis=0))
+        rows, cols = (
+            np.flatnonzero((cells != UNKNOWN).any(axis=1)),
+            np.flatnonzero((cells != UNKNOWN).any(axis=0)),
+        )
         if len(rows) == 0:
             frame = GridFrame(self._resolution, 0.0, 0.0, 1, 1)
             return OccupancyGrid(np.full((1, 1), UNKNOWN, dtype=np.uint8), frame)

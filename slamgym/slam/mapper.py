@@ -9,7 +9,16 @@ import numpy as np
 from slamgym.config import suggest
 from slamgym.errors import ConfigError
 from slamgym.slam.config import SlamConfig
-from slamgym.types import ByteArray, FloatArray, GridFrame, LaserGeometry, LaserScan, OccupancyGrid, Pose2D, Trajectory
+from slamgym.types import (
+    ByteArray,
+    FloatArray,
+    GridFrame,
+    LaserGeometry,
+    LaserScan,
+    OccupancyGrid,
+    Pose2D,
+    Trajectory,
+)
 
 
 @dataclass

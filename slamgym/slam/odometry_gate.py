@@ -34,7 +34,7 @@ class OdometryGate:
     def is_due(self, odometry: Pose2D, stamp: float) -> bool:
         """Take the odometry pose of a scan; True if the scan must be processed. The first one must."""
         if self._last is None:
-            self._last = odometry
+            self._last = self._last_processed = odometry
             return True
         increment = between(self._last, odometry)
         self._increments.append(increment)

@@ -23,9 +23,9 @@ from slamgym.types import (
     ByteArray, FloatArray, GridFrame, IntArray, LaserGeometry, LaserScan, OccupancyGrid, Pose2D, Trajectory,
 )  # fmt: skip
 
-COARSE_STRIDE = 4
-COARSE_HALVINGS = 2
-ICP_STEPS = 20
+POSITION_FLOOR = 0.005
+HEADING_FLOOR = 0.003
+"""Odometry is never trusted further than this [m], [rad]."""
 MARGIN = 1.5
 """How far round the scan's reach the maps are made ready [m]; a match that strays further finds nothing."""
 
@@ -41,7 +41,7 @@ class ParticleFilter:
         self._rng = rng
         self._beams = BeamTable(geometry, config)
         self._gate = OdometryGate(config)
-        self._noise = noise_array(config.motion) if config.mode == "rbpf" else np.zeros(4)
+        self._noise = noise_array(config.motion)
         self._poses: FloatArray = np.tile(np.array(initial_pose, dtype=np.float64), (count, 1))
         self._log_weights = np.zeros(count)  # since the last resampling
         self._path_log_weights = np.zeros(count)  # over the whole path
@@ -106,8 +106,11 @@ class ParticleFilter:
     def _process(self, scan: LaserScan) -> None:
         """One step of the filter: predict, match, weigh, resample, register."""
         increments = self._gate.take(scan.stamp)
-        normals = self._rng.standard_normal((len(increments), len(self._poses), 3))
-        sample_motion(self._poses, increments, normals, self._noise)
+        shape = (len(increments), len(self._poses), 3)
+        normals = self._rng.standard_normal(shape) if self._config.mode == "rbpf" else np.zeros(shape)
+        variance, turn_variance = sample_motion(self._poses, increments, normals, self._noise)
+        stiffness = self._config.odometry_weight / (variance + POSITION_FLOOR**2)
+        turn_stiffness = self._config.odometry_weight / (turn_variance + HEADING_FLOOR**2)
         b = self._beams
         usable = min(b.usable, np.nextafter(b.range_max, 0.0))
         num_points = usable_end_points(
@@ -117,22 +120,19 @@ class ParticleFilter:
         reach = float(np.abs(points).sum(axis=1).max(initial=0.0))
         self._maps.cover(self._poses, reach + MARGIN)
         if len(self._tree) > 0:
-            self._match_and_weigh(points)
+            self._match_and_weigh(points, stiffness, turn_stiffness)
         self._tree.append(scan.stamp, self._poses, scan.ranges)
         self._maps.register(self._poses, points)
         self._grid = None
         self._stats.processed += 1
 
-    def _match_and_weigh(self, points: FloatArray) -> None:
+    def _match_and_weigh(self, points: FloatArray, stiffness: float, turn_stiffness: float) -> None:
         c = self._config
-        coarse = c.matcher == "coarse_to_fine"
         log_likelihoods = np.empty(len(self._poses))
-        stride = c.beam_skip + 1
         matched = match_particles(
-            self._maps.pool, self._maps.tables, self._poses, points, self._maps.origin, c.resolution, stride,
-            COARSE_STRIDE * stride if coarse else stride, COARSE_HALVINGS if coarse else c.iterations,
-            ICP_STEPS if coarse else 0, c.linear_step, c.angular_step, c.sigma, c.likelihood_sigma,
-            c.minimum_score, log_likelihoods,
+            self._maps.pool, self._maps.tables, self._poses, points, self._maps.origin, c.resolution,
+            c.beam_skip + 1, c.iterations if c.matcher == "hill_climbing" else -1, c.linear_step, c.angular_step,
+            c.sigma, c.likelihood_sigma, c.minimum_score, stiffness, turn_stiffness, log_likelihoods,
         )  # fmt: skip
         self._stats.refused_matches += len(self._poses) - matched
         self._log_weights += log_likelihoods

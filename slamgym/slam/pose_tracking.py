@@ -9,7 +9,16 @@ from slamgym.slam.config import SlamConfig
 from slamgym.slam.drawn_map import BeamTable, DrawnMap
 from slamgym.slam.mapper import SlamStats
 from slamgym.slam.odometry_gate import OdometryGate
-from slamgym.types import ByteArray, FloatArray, GridFrame, LaserGeometry, LaserScan, OccupancyGrid, Pose2D, Trajectory
+from slamgym.types import (
+    ByteArray,
+    FloatArray,
+    GridFrame,
+    LaserGeometry,
+    LaserScan,
+    OccupancyGrid,
+    Pose2D,
+    Trajectory,
+)
 
 
 class PoseTracker:

@@ -2,9 +2,10 @@
 
 The objective is GMapping's: the sum over beams of ``exp(-d^2 / sigma)``, where d is the distance from the
 beam's end point to the nearest cell mean in the 3 x 3 cells round it. GMapping climbs it with six axis moves of
-shrinking step; here a short climb on a part of the beams finds the right hill, and ICP steps (weighted
-closed-form alignment of the end points to their nearest means, which is a fixed-point iteration of the same
-objective) find its top in fewer evaluations.
+shrinking step. Its top is biased: a beam that ends where nothing is mapped yet scores nothing, so a pose that
+lags behind, whose beams end on known walls, scores more, and maps of corridors shrink. Here ICP steps start at
+the predicted pose instead, and only pull on beams that have found a wall; across the wall fully, along it
+weakly. A short climb on a part of the beams follows only where that match is poor.
 
 Convention: see :mod:`slamgym.slam.tiles` for points in cells. Poses are in cells and radians here.
 """
@@ -14,14 +15,31 @@ import math
 import numpy as np
 
 from slamgym.jit import kernel
-from slamgym.slam.tiles import EMPTY, TILE_BITS, TILE_MASK, TilePool
+from slamgym.slam.tiles import EMPTY, MEAN_U, MEAN_UNITS, MEAN_V, NEIGHBOURS, TILE_BITS, TILE_MASK, TilePool
 from slamgym.types import Float32Array, FloatArray
 
 MAX_CLIMB_STEPS = 50
 """Bound on the moves of one climb, so that a climb across a featureless map ends."""
-CONVERGED_CELLS = 2e-3
-CONVERGED_RAD = 1e-4
-"""ICP stops when a step is smaller than 0.1 mm at 5 cm cells and 0.006 degrees."""
+NORMAL_REACH = 3
+NORMAL_GAP = 0.2
+NORMAL_THICKNESS = 0.03
+"""A surface normal comes from up to so many points on either side, each within this gap of the next [m], if they
+lie on a line this thin [m]."""
+TANGENT = 0.1
+"""Weight of a distance along the surface against one across it. Along a wall the nearest mean says little, but
+not nothing: without it, a scan that sees two parallel walls slides."""
+CONVERGED_CELLS = 5e-3
+CONVERGED_RAD = 2e-4
+"""ICP stops when a step is smaller than 0.25 mm at 5 cm cells and 0.011 degrees."""
+COARSE_STRIDE = 4
+COARSE_HALVINGS = 2
+COARSE_STEPS = 6
+FINE_STEPS = 6
+"""The first steps take every fourth point."""
+ACCEPTED_SHARE = 0.95
+BETTER_SHARE = 0.02
+"""The climb is left out when the first match scores this share of the points; its own match must be better by
+this share."""
 
 
 def _neighbour_lists() -> tuple[np.ndarray, np.ndarray]:
@@ -35,6 +53,16 @@ def _neighbour_lists() -> tuple[np.ndarray, np.ndarray]:
 
 
 _NUM_NEIGHBOURS, _NEIGHBOURS = _neighbour_lists()
+_DU = np.arange(9) % 3 - 1
+_DV = np.arange(9) // 3 - 1
+
+
+@kernel
+def _exp_of_minus(x: float) -> float:
+    """exp(-x), from its series where that is good to 1e-4: within a 3 x 3 window the argument is small."""
+    if x < 0.5:
+        return 1.0 - x * (1.0 - x * (0.5 - x * (1.0 / 6.0 - x * (1.0 / 24.0))))
+    return math.exp(-x)
 
 
 @kernel
@@ -65,6 +93,56 @@ def usable_end_points(
 
 
 @kernel
+def surface_normals(points: FloatArray, out: FloatArray) -> None:
+    """Unit normals of the surface at each end point, from the points beside it; zero where it isn't straight.
+
+    Args:
+        points: (n, 2) end points in the order of the beams [m].
+        out: (n, 2) receives the normals.
+    """
+    n = len(points)
+    for i in range(n):
+        out[i, 0] = out[i, 1] = 0.0
+        first, last = i, i
+        for _ in range(NORMAL_REACH):
+            if (
+                first > 0
+                and math.hypot(
+                    points[first - 1, 0] - points[first, 0], points[first - 1, 1] - points[first, 1]
+                )
+                < NORMAL_GAP
+            ):
+                first -= 1
+            if (
+                last < n - 1
+                and math.hypot(points[last + 1, 0] - points[last, 0], points[last + 1, 1] - points[last, 1])
+                < NORMAL_GAP
+            ):
+                last += 1
+        count = last - first + 1
+        if count < 3:
+            continue
+        mean_x = mean_y = xx = xy = yy = 0.0
+        for j in range(first, last + 1):
+            mean_x += points[j, 0]
+            mean_y += points[j, 1]
+        mean_x /= count
+        mean_y /= count
+        for j in range(first, last + 1):
+            dx, dy = points[j, 0] - mean_x, points[j, 1] - mean_y
+            xx += dx * dx
+            xy += dx * dy
+            yy += dy * dy
+        half_trace, half_gap = 0.5 * (xx + yy), math.hypot(0.5 * (xx - yy), xy)
+        thickness = (half_trace - half_gap) / count
+        spread = (half_trace + half_gap) / count
+        if thickness > NORMAL_THICKNESS**2 or spread < 4.0 * thickness:
+            continue
+        angle = 0.5 * math.atan2(2.0 * xy, xx - yy) + 0.5 * math.pi
+        out[i, 0], out[i, 1] = math.cos(angle), math.sin(angle)
+
+
+@kernel
 def nearest_mean(pool: TilePool, table: np.ndarray, u: float, v: float) -> tuple[float, float, float]:
     """Squared distance to, and offset of, the nearest cell mean in the 3 x 3 cells round a point.
 
@@ -79,24 +157,23 @@ def nearest_mean(pool: TilePool, table: np.ndarray, u: float, v: float) -> tuple
     if tile == EMPTY:
         return -1.0, 0.0, 0.0
     in_v, in_u = cell_v & TILE_MASK, cell_u & TILE_MASK
-    bits = pool.neighbours[tile, (in_v << TILE_BITS) | in_u]
+    bits = pool.cells[tile, (in_v << TILE_BITS) | in_u, NEIGHBOURS]
     if bits == 0:
         return -1.0, 0.0, 0.0
     best, best_u, best_v = 1e9, 0.0, 0.0
-    base_u, base_v = cell_u - 1 - u, cell_v - 1 - v
+    base_u, base_v = cell_u - u, cell_v - v
     inside = 0 < in_u < TILE_MASK and 0 < in_v < TILE_MASK
     for b in range(_NUM_NEIGHBOURS[bits]):
         k = _NEIGHBOURS[bits, b]
-        dv = k // 3
-        du = k - 3 * dv
+        du, dv = _DU[k], _DV[k]
         if inside:
-            near, cell = tile, ((in_v + dv - 1) << TILE_BITS) | (in_u + du - 1)
+            near, cell = tile, ((in_v + dv) << TILE_BITS) | (in_u + du)
         else:
-            near_u, near_v = cell_u + du - 1, cell_v + dv - 1
+            near_u, near_v = cell_u + du, cell_v + dv
             near = table[near_v >> TILE_BITS, near_u >> TILE_BITS]
             cell = ((near_v & TILE_MASK) << TILE_BITS) | (near_u & TILE_MASK)
-        offset_u = base_u + du + pool.means[near, cell, 0]
-        offset_v = base_v + dv + pool.means[near, cell, 1]
+        offset_u = base_u + du + pool.cells[near, cell, MEAN_U] * (1.0 / MEAN_UNITS)
+        offset_v = base_v + dv + pool.cells[near, cell, MEAN_V] * (1.0 / MEAN_UNITS)
         d2 = offset_u * offset_u + offset_v * offset_v
         if d2 < best:
             best, best_u, best_v = d2, offset_u, offset_v
@@ -115,16 +192,18 @@ def score(
         v = v0 + sin * points[i, 0] + cos * points[i, 1]
         d2, _, _ = nearest_mean(pool, table, u, v)
         if d2 >= 0.0:
-            total += math.exp(-gain * d2)
+            total += _exp_of_minus(gain * d2)
     return total
 
 
 @kernel
 def climb(
     pool: TilePool, table: np.ndarray, points: FloatArray, stride: int, u0: float, v0: float, theta0: float,
-    linear_step: float, angular_step: float, halvings: int, gain: float,
+    linear_step: float, angular_step: float, halvings: int, gain: float, stiffness: float, turn_stiffness: float,
 ) -> tuple[float, float, float, float]:  # fmt: skip
     """GMapping's hill climbing: the best of six axis moves while there is one, then half the step.
+
+    The prior's share is scaled down with ``stride``, as the score is.
 
     Returns:
         (u, v, theta, score) of the top.
@@ -139,7 +218,9 @@ def climb(
             try_u = u + (sign * linear_step if move < 2 else 0.0)
             try_v = v + (sign * linear_step if 2 <= move < 4 else 0.0)
             try_theta = theta + (sign * angular_step if move >= 4 else 0.0)
-            value = score(pool, table, points, stride, try_u, try_v, try_theta, gain)
+            value = score(pool, table, points, stride, try_u, try_v, try_theta, gain) - prior_cost(
+                try_u - u0, try_v - v0, try_theta - theta0, stiffness / stride, turn_stiffness / stride
+            )
             if value > best:
                 best, best_u, best_v, best_theta = value, try_u, try_v, try_theta
         if best > current:
@@ -154,64 +235,138 @@ def climb(
 
 
 @kernel
+def prior_cost(du: float, dv: float, turn: float, stiffness: float, turn_stiffness: float) -> float:
+    """What it costs to leave the predicted pose, in units of the score."""
+    return 0.5 * (stiffness * (du * du + dv * dv) + turn_stiffness * turn * turn)
+
+
+@kernel
 def align(
-    pool: TilePool, table: np.ndarray, points: FloatArray, stride: int, u0: float, v0: float, theta0: float,
-    steps: int, gain: float, likelihood_gain: float, miss: float,
+    pool: TilePool, table: np.ndarray, points: FloatArray, normals: FloatArray, stride: int, u0: float, v0: float, theta0: float,
+    prior_u: float, prior_v: float, prior_theta: float, steps: int, gain: float, stiffness: float,
+    turn_stiffness: float, likelihood_gain: float, miss: float,
 ) -> tuple[float, float, float, float, float]:  # fmt: skip
     """Refine a pose by at most ``steps`` ICP steps; zero steps only evaluate it.
 
-    Each step solves the weighted orthogonal Procrustes problem in closed form, with the objective's own weights
-    exp(-d^2 / sigma). The best pose met is returned, so a step that loses is never kept.
+    Each step solves for the motion that brings the points to their nearest means, weighted by the objective's
+    own weights exp(-d^2 / sigma), against the pull of the prior: one Gauss-Newton step. The best pose met is
+    returned, so a step that loses is never kept.
 
     Returns:
         (u, v, theta, score, log-likelihood) of that pose. The log-likelihood is GMapping's: -d^2 / likelihood
         sigma per matched beam and ``miss`` per beam with nothing near.
     """
-    u0_best, v0_best, theta_best, score_best, likelihood_best = u0, v0, theta0, -1.0, 0.0
+    u, v, theta = u0, v0, theta0
+    best_u, best_v, best_theta, best_score, best_likelihood, best_value = u, v, theta, 0.0, 0.0, -1e9
+    force = 2.0 * gain
     for step in range(steps + 1):
-        cos, sin = math.cos(theta0), math.sin(theta0)
-        total, likelihood = 0.0, 0.0
-        sum_x = sum_y = sum_u = sum_v = dot = cross = 0.0
+        cos, sin = math.cos(theta), math.sin(theta)
+        total, fit, likelihood = 0.0, 0.0, 0.0
+        uu = uv = vv = ut = vt = tt = 0.0
+        r_u = r_v = r_turn = 0.0
         for i in range(0, len(points), stride):
             x = cos * points[i, 0] - sin * points[i, 1]
             y = sin * points[i, 0] + cos * points[i, 1]
-            d2, du, dv = nearest_mean(pool, table, u0 + x, v0 + y)
+            d2, du, dv = nearest_mean(pool, table, u + x, v + y)
             if d2 < 0.0:
                 likelihood += miss
                 continue
             likelihood -= likelihood_gain * d2
-            w = math.exp(-gain * d2)
+            w = _exp_of_minus(gain * d2)
             total += w
-            sum_x += w * x
-            sum_y += w * y
-            sum_u += w * du
-            sum_v += w * dv
-            # The rotation wants target (x + du, y + dv) against source (x, y).
-            dot += w * (x * (x + du) + y * (y + dv))
-            cross += w * (x * dv - y * du)
-        if total > score_best:
-            u0_best, v0_best, theta_best, score_best, likelihood_best = u0, v0, theta0, total, likelihood
+            # Information of this pair: full across the surface, TANGENT along it; isotropic without a normal.
+            n_u = cos * normals[i, 0] - sin * normals[i, 1]
+            n_v = sin * normals[i, 0] + cos * normals[i, 1]
+            if n_u == 0.0 and n_v == 0.0:
+                i_uu, i_uv, i_vv = w, 0.0, w
+            else:
+                i_uu = w * (n_u * n_u * (1.0 - TANGENT) + TANGENT)
+                i_uv = w * (n_u * n_v * (1.0 - TANGENT))
+                i_vv = w * (n_v * n_v * (1.0 - TANGENT) + TANGENT)
+            i_ut, i_vt = i_uv * x - i_uu * y, i_vv * x - i_uv * y
+            uu += i_uu
+            uv += i_uv
+            vv += i_vv
+            ut += i_ut
+            vt += i_vt
+            tt += i_vt * x - i_ut * y
+            f_u, f_v = i_uu * du + i_uv * dv, i_uv * du + i_vv * dv
+            fit += w - gain * (f_u * du + f_v * dv) + gain * w * d2
+            r_u += f_u
+            r_v += f_v
+            r_turn += x * f_v - y * f_u
+        value = fit - prior_cost(u - prior_u, v - prior_v, theta - prior_theta, stiffness, turn_stiffness)
+        if value > best_value:
+            best_u, best_v, best_theta, best_score, best_likelihood, best_value = (
+                u,
+                v,
+                theta,
+                total,
+                likelihood,
+                value,
+            )
         if total == 0.0 or step == steps:
             break
-        mean_x, mean_y, mean_u, mean_v = sum_x / total, sum_y / total, sum_u / total, sum_v / total
-        turn = math.atan2(
-            cross - total * (mean_x * mean_v - mean_y * mean_u),
-            dot - total * (mean_x * (mean_x + mean_u) + mean_y * (mean_y + mean_v)),
-        )
-        turn_cos, turn_sin = math.cos(turn), math.sin(turn)
-        move_u = mean_u + mean_x - (turn_cos * mean_x - turn_sin * mean_y)
-        move_v = mean_v + mean_y - (turn_sin * mean_x + turn_cos * mean_y)
-        u0, v0, theta0 = u0 + move_u, v0 + move_v, theta0 + turn
+        # Normal equations of sum w |J step - residual|^2, where a point moves by (du - y turn, dv + x turn).
+        a, b, c = force * uu + stiffness + 1e-6, force * uv, force * vv + stiffness + 1e-6
+        d, e, f = force * ut, force * vt, force * tt + turn_stiffness + 1e-6
+        g_u = force * r_u - stiffness * (u - prior_u)
+        g_v = force * r_v - stiffness * (v - prior_v)
+        g_t = force * r_turn - turn_stiffness * (theta - prior_theta)
+        m_uu, m_uv, m_ut = c * f - e * e, d * e - b * f, b * e - c * d
+        m_vv, m_vt, m_tt = a * f - d * d, b * d - a * e, a * c - b * b
+        determinant = a * m_uu + b * m_uv + d * m_ut
+        if determinant < 1e-12:
+            break
+        move_u = (m_uu * g_u + m_uv * g_v + m_ut * g_t) / determinant
+        move_v = (m_uv * g_u + m_vv * g_v + m_vt * g_t) / determinant
+        turn = (m_ut * g_u + m_vt * g_v + m_tt * g_t) / determinant
+        u, v, theta = u + move_u, v + move_v, theta + turn
         if abs(move_u) + abs(move_v) < CONVERGED_CELLS and abs(turn) < CONVERGED_RAD:
             break
-    return u0_best, v0_best, theta_best, score_best, likelihood_best
+    return best_u, best_v, best_theta, best_score, best_likelihood
+
+
+@kernel
+def match_scan(
+    pool: TilePool, table: np.ndarray, points: FloatArray, normals: FloatArray, stride: int, u0: float, v0: float,
+    theta0: float, linear_step: float, angular_step: float, gain: float, stiffness: float, turn_stiffness: float,
+    likelihood_gain: float, miss: float,
+) -> tuple[float, float, float, float, float]:  # fmt: skip
+    """Match a scan from a predicted pose: ICP; where that fits poorly, a climb and ICP from its top; ICP on all.
+
+    Returns:
+        As :func:`align`.
+    """
+    coarse = COARSE_STRIDE * stride
+    soft, turn_soft = stiffness / COARSE_STRIDE, turn_stiffness / COARSE_STRIDE
+    u, v, theta, value, _ = align(
+        pool, table, points, normals, coarse, u0, v0, theta0, u0, v0, theta0, COARSE_STEPS, gain, soft, turn_soft,
+        likelihood_gain, miss,
+    )  # fmt: skip
+    num_coarse = (len(points) + coarse - 1) // coarse
+    if value < ACCEPTED_SHARE * num_coarse:
+        u1, v1, theta1, _ = climb(
+            pool, table, points, coarse, u0, v0, theta0, linear_step, angular_step, COARSE_HALVINGS, gain, stiffness,
+            turn_stiffness,
+        )  # fmt: skip
+        u1, v1, theta1, value1, _ = align(
+            pool, table, points, normals, coarse, u1, v1, theta1, u0, v0, theta0, COARSE_STEPS, gain, soft,
+            turn_soft, likelihood_gain, miss,
+        )  # fmt: skip
+        if value1 > value + BETTER_SHARE * num_coarse:
+            u, v, theta = u1, v1, theta1
+    return align(
+        pool, table, points, normals, stride, u, v, theta, u0, v0, theta0, FINE_STEPS, gain, stiffness,
+        turn_stiffness, likelihood_gain, miss,
+    )  # fmt: skip
 
 
 @kernel
 def match_particles(
     pool: TilePool, tables: np.ndarray, poses: FloatArray, points: FloatArray, origin: FloatArray, resolution: float,
-    stride: int, coarse_stride: int, halvings: int, icp_steps: int, linear_step: float, angular_step: float,
-    sigma: float, likelihood_sigma: float, minimum_score: float, log_likelihoods: FloatArray,
+    stride: int, halvings: int, linear_step: float, angular_step: float, sigma: float, likelihood_sigma: float,
+    minimum_score: float, stiffness: float, turn_stiffness: float, log_likelihoods: FloatArray,
 ) -> int:  # fmt: skip
     """Move each particle to the best match of the scan with the particle's own map.
 
@@ -219,18 +374,18 @@ def match_particles(
         pool: The tiles.
         tables: (particles, rows, cols) int32.
         poses: (particles, 3) [m, m, rad], changed in place where the match scores above ``minimum_score``.
-        points: (n, 2) end points in the robot frame [m].
+        points: (n, 2) end points in the robot frame, in the order of the beams [m].
         origin: (2,) lower left corner of the tables [m].
         resolution: Cell size [m].
         stride: Take every so many points (1: all).
-        coarse_stride: The climb takes every so many points.
-        halvings: Times the climb halves its steps.
-        icp_steps: Most ICP steps after the climb.
+        halvings: Times GMapping's climb halves its steps; negative for :func:`match_scan` instead of it.
         linear_step: First step of the climb [m].
         angular_step: First step of the climb [rad].
         sigma: Width of the score [m^2].
         likelihood_sigma: Width of the likelihood [m^2].
         minimum_score: Score that a match needs.
+        stiffness: Pull of the predicted position, in units of the score [1/m^2].
+        turn_stiffness: Pull of the predicted heading, in units of the score [1/rad^2].
         log_likelihoods: (particles,) receives the log-likelihood at the final pose.
 
     Returns:
@@ -238,19 +393,30 @@ def match_particles(
     """
     scale = 1.0 / resolution
     scaled = points * scale
+    normals = np.empty_like(points)
+    surface_normals(points, normals)
     gain, likelihood_gain = resolution * resolution / sigma, resolution * resolution / likelihood_sigma
     miss = -0.5 / likelihood_sigma
+    stiffness *= resolution * resolution
     matched = 0
     for p in range(len(poses)):
         table = tables[p]
         start_u, start_v = (poses[p, 0] - origin[0]) * scale, (poses[p, 1] - origin[1]) * scale
-        u, v, theta, _ = climb(
-            pool, table, scaled, coarse_stride, start_u, start_v, poses[p, 2], linear_step * scale, angular_step,
-            halvings, gain,
-        )  # fmt: skip
-        u, v, theta, value, likelihood = align(
-            pool, table, scaled, stride, u, v, theta, icp_steps, gain, likelihood_gain, miss
-        )
+        start_theta = poses[p, 2]
+        if halvings < 0:
+            u, v, theta, value, likelihood = match_scan(
+                pool, table, scaled, normals, stride, start_u, start_v, start_theta, linear_step * scale,
+                angular_step, gain, stiffness, turn_stiffness, likelihood_gain, miss,
+            )  # fmt: skip
+        else:
+            u, v, theta, _ = climb(
+                pool, table, scaled, stride, start_u, start_v, start_theta, linear_step * scale, angular_step,
+                halvings, gain, stiffness, turn_stiffness,
+            )  # fmt: skip
+            _, _, _, value, likelihood = align(
+                pool, table, scaled, normals, stride, u, v, theta, u, v, theta, 0, gain, 0.0, 0.0, likelihood_gain,
+                miss,
+            )  # fmt: skip
         if value > minimum_score:
             poses[p, 0] = origin[0] + u * resolution
             poses[p, 1] = origin[1] + v * resolution
@@ -258,7 +424,8 @@ def match_particles(
             matched += 1
         else:
             _, _, _, _, likelihood = align(
-                pool, table, scaled, stride, start_u, start_v, poses[p, 2], 0, gain, likelihood_gain, miss
-            )
+                pool, table, scaled, normals, stride, start_u, start_v, start_theta, start_u, start_v, start_theta,
+                0, gain, 0.0, 0.0, likelihood_gain, miss,
+            )  # fmt: skip
         log_likelihoods[p] = likelihood
     return matched
