@@ -35,7 +35,8 @@ class SlamConfig:
     """How the map is made.
 
     The defaults are TurtleBot3's GMapping launch file (``turtlebot3_slam/config/gmapping_params.yaml``), except
-    for the number of particles, where GMapping's own default of 30 stands (the launch file says 100).
+    for the number of particles and the minimum score, where GMapping's own defaults of 30 and 0 stand (the launch
+    file says 100 and 50), and for ``odometry_weight``, which GMapping doesn't have.
     """
 
     mode: Mode = "rbpf"
@@ -77,8 +78,9 @@ class SlamConfig:
     beam_skip: int = 0
     """Beams left out between two that are matched (``lskip``); all are drawn into the map."""
 
-    minimum_score: float = 50.0
-    """A match with a lower score is refused and odometry stands (``minimumScore``)."""
+    minimum_score: float = 0.0
+    """A match with a lower score is refused and odometry stands (``minimumScore``). 0 is GMapping's default. With
+    the launch file's 50 a robot that sees few walls isn't matched at all and its particles scatter."""
 
     motion: MotionNoise = field(default_factory=MotionNoise)
     """Noise of the motion model."""
@@ -132,13 +134,17 @@ class SlamConfig:
     def gmapping(particles: int = 30) -> "SlamConfig":
         """GMapping's own search and weights, for comparison: nothing of what this package adds."""
         return SlamConfig(
-            particles=particles, matcher="hill_climbing", odometry_weight=0.0, no_return_clears=False
+            particles=particles,
+            matcher="hill_climbing",
+            minimum_score=50.0,
+            odometry_weight=0.0,
+            no_return_clears=False,
         )
 
     @staticmethod
     def ros_defaults() -> "SlamConfig":
         """Defaults of the slam_gmapping node itself, which differ from TurtleBot3's launch file."""
-        return SlamConfig(max_usable_range=80.0, angular_update=0.5, temporal_update=None, minimum_score=0.0)
+        return SlamConfig(max_usable_range=80.0, angular_update=0.5, temporal_update=None)
 
     @staticmethod
     def for_long_range(max_range: float, particles: int = 30) -> "SlamConfig":
@@ -151,7 +157,6 @@ class SlamConfig:
         return SlamConfig(
             particles=particles,
             max_usable_range=min(max_range, 80.0) * 0.999,
-            minimum_score=0.0,
             linear_update=0.1,
             angular_update=0.1,
             temporal_update=None,
