@@ -25,7 +25,7 @@ class LocalMap(NamedTuple):
     """Surface cells round a pose; see :mod:`slamgym.slam.surface_map`."""
 
     numbers: np.ndarray  # (rows, cols) int32, number of the occupied cell
-    means: FloatArray  # (cells, 2)
+    means: FloatArray  # (cells, 4)
     infos: FloatArray  # (cells, 3)
     origin_x: float  # [m]
     origin_y: float  # [m]
@@ -64,10 +64,10 @@ class NodeMatcher:
         origin_x = (math.floor(centre[0] / cell) - half) * cell
         origin_y = (math.floor(centre[1] / cell) - half) * cell
         index = np.empty((2 * half, 2 * half), dtype=np.int32)
-        moments = np.empty((min(int(counts[members].sum()) + 1, index.size), 6))
+        moments = np.empty((min(int(counts[members].sum()) + 1, index.size), 8))
         places = np.empty((len(moments), 2), dtype=np.int32)
         used = collect_cells(points, counts, poses, members, origin_x, origin_y, cell, index, places, moments)
-        means, infos = np.empty((used, 2)), np.empty((used, 3))
+        means, infos = np.empty((used, 4)), np.empty((used, 3))
         bind_cells(index, places, moments[:used], self._config.surface_sigma, means, infos)
         return LocalMap(index, means, infos, origin_x, origin_y)
 

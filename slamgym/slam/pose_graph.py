@@ -29,7 +29,7 @@ from slamgym.slam.mapper import SlamStats
 from slamgym.slam.motion_model import noise_array
 from slamgym.slam.node_matcher import Match, NodeMatcher
 from slamgym.slam.odometry_gate import OdometryGate
-from slamgym.slam.scan_match import usable_end_points
+from slamgym.slam.end_points import usable_end_points
 from slamgym.types import (
     ByteArray,
     FloatArray,

@@ -18,6 +18,12 @@ from slamgym.jit import kernel
 from slamgym.types import FloatArray, IntArray
 
 VACANT = -1
+BEHIND = -0.3
+"""Cosine of the angle between the views of a surface beyond which they are of its two sides."""
+ENOUGH = 5.0
+"""Points that a piece of surface needs to show its direction."""
+STRAY = 0.01
+"""What a cell with fewer points counts, beside one with a direction."""
 FLATNESS = 0.15
 """Surface is flat if its narrow spread (standard deviation) is below this share of its wide one."""
 
@@ -39,7 +45,8 @@ def collect_cells(
         cell: Cell size [m].
         index: (rows, cols) int32, receives the number of the occupied cell or ``VACANT``.
         places: (most cells, 2) int32, receives each occupied cell's row and column.
-        moments: (most cells, 6) receives n, sums of x, y, xx, xy, yy, relative to the grid's corner.
+        moments: (most cells, 8) receives n, sums of x, y, xx, xy, yy, relative to the grid's corner, and the
+            sums of the unit vectors towards the robot that saw the points.
 
     Returns:
         The number of occupied cells.
@@ -71,6 +78,10 @@ def collect_cells(
             moments[number, 3] += x * x
             moments[number, 4] += x * y
             moments[number, 5] += y * y
+            view_x, view_y = poses[k, 0] - origin_x - x, poses[k, 1] - origin_y - y
+            length = math.hypot(view_x, view_y) + 1e-9
+            moments[number, 6] += view_x / length
+            moments[number, 7] += view_y / length
     return used
 
 
@@ -88,9 +99,10 @@ def bind_cells(
     Args:
         index: (rows, cols) from :func:`collect_cells`.
         places: (cells, 2) from :func:`collect_cells`.
-        moments: (cells, 6) from :func:`collect_cells`.
+        moments: (cells, 8) from :func:`collect_cells`.
         sigma: Standard deviation of a point across a wall [m]; at corners and clutter twice that, both ways.
-        means: (cells, 2) receives the means, relative to the grid's corner [m].
+        means: (cells, 4) receives the means, relative to the grid's corner [m], and the mean unit vectors
+            towards the robot that saw the cell.
         infos: (cells, 3) receives the matrices' xx, xy and yy entries [1/m^2].
     """
     rows, cols = index.shape
@@ -98,32 +110,39 @@ def bind_cells(
     for number in range(len(moments)):
         row, col = places[number, 0], places[number, 1]
         n = sx = sy = sxx = sxy = syy = 0.0
-        for near_row in range(max(row - 1, 0), min(row + 2, rows)):
-            for near_col in range(max(col - 1, 0), min(col + 2, cols)):
-                near = index[near_row, near_col]
-                if near != VACANT:
-                    n += moments[near, 0]
-                    sx += moments[near, 1]
-                    sy += moments[near, 2]
-                    sxx += moments[near, 3]
-                    sxy += moments[near, 4]
-                    syy += moments[near, 5]
+        # Far away the beams are wider apart than the cells: then the second ring of neighbours joins in.
+        for ring in range(1, 3):
+            if n >= ENOUGH:
+                break
+            n = sx = sy = sxx = sxy = syy = 0.0
+            for near_row in range(max(row - ring, 0), min(row + ring + 1, rows)):
+                for near_col in range(max(col - ring, 0), min(col + ring + 1, cols)):
+                    near = index[near_row, near_col]
+                    if near != VACANT:
+                        n += moments[near, 0]
+                        sx += moments[near, 1]
+                        sy += moments[near, 2]
+                        sxx += moments[near, 3]
+                        sxy += moments[near, 4]
+                        syy += moments[near, 5]
         own = moments[number, 0]
         means[number, 0], means[number, 1] = moments[number, 1] / own, moments[number, 2] / own
+        means[number, 2], means[number, 3] = moments[number, 6] / own, moments[number, 7] / own
         mean_x, mean_y = sx / n, sy / n
         var_x, var_y = sxx / n - mean_x * mean_x, syy / n - mean_y * mean_y
         cov = sxy / n - mean_x * mean_y
         middle, half = 0.5 * (var_x + var_y), 0.5 * (var_x - var_y)
         root = math.sqrt(half * half + cov * cov)
         wide, narrow = middle + root, max(middle - root, 0.0)
-        if n >= 4.0 and narrow < FLATNESS * FLATNESS * wide:
+        if n >= ENOUGH and narrow < FLATNESS * FLATNESS * wide:
             along = 0.5 * math.atan2(2.0 * cov, var_x - var_y)
             normal_x, normal_y = -math.sin(along), math.cos(along)
             infos[number, 0] = across * normal_x * normal_x
             infos[number, 1] = across * normal_x * normal_y
             infos[number, 2] = across * normal_y * normal_y
         else:
-            infos[number, 0] = infos[number, 2] = 0.25 * across
+            # A corner or clutter binds both ways; of a few stray points nothing is known.
+            infos[number, 0] = infos[number, 2] = (0.25 if n >= ENOUGH else STRAY) * across
             infos[number, 1] = 0.0
 
 
@@ -143,7 +162,7 @@ def align_scan(
 
     Args:
         index: (rows, cols) of the local map.
-        means: (cells, 2).
+        means: (cells, 4).
         infos: (cells, 3).
         origin_x: Lower left corner of the grid [m].
         origin_y: Lower left corner of the grid [m].
@@ -189,6 +208,10 @@ def align_scan(
                         if d2 < best:
                             best, number = d2, near
             if number == VACANT:
+                continue
+            # A wall seen from behind is another wall: its far side, or that of another room.
+            view = -(turned_x * means[number, 2] + turned_y * means[number, 3])
+            if view < BEHIND * math.hypot(turned_x, turned_y):
                 continue
             error_x, error_y = x - means[number, 0], y - means[number, 1]
             a, b, c = infos[number, 0], infos[number, 1], infos[number, 2]

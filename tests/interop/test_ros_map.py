@@ -9,7 +9,9 @@ from slamgym.interop import read_ros_map, write_ros_map
 from slamgym.interop.ros_map import classify
 from slamgym.types import FREE, OCCUPIED, UNKNOWN, GridFrame, OccupancyGrid
 
-YAML = "image: map.pgm\nresolution: 0.05\norigin: [0, 0, 0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: {}\n"
+YAML = (
+    "image: map.pgm\nresolution: 0.05\norigin: [0, 0, 0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: {}\n"
+)
 
 
 def write_image(folder, pixels, free_thresh=0.196):
@@ -21,7 +23,9 @@ def write_image(folder, pixels, free_thresh=0.196):
 
 @settings(deadline=None, max_examples=30)
 @given(
-    arrays(np.uint8, st.tuples(st.integers(1, 9), st.integers(1, 9)), elements=st.sampled_from([0, 205, 254])),
+    arrays(
+        np.uint8, st.tuples(st.integers(1, 9), st.integers(1, 9)), elements=st.sampled_from([0, 205, 254])
+    ),
     st.floats(0.001, 1.0),
     st.floats(-1e3, 1e3),
 )

@@ -55,7 +55,9 @@ def write_rosbag1(path, records, geometry, *, with_odometry):
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
     store = get_typestore(Stores.ROS1_NOETIC)
-    store.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms", "tf2_msgs/msg/TFMessage"))
+    store.register(
+        get_types_from_msg("geometry_msgs/TransformStamped[] transforms", "tf2_msgs/msg/TFMessage")
+    )
     types = store.types
 
     def header(stamp, frame):
@@ -85,7 +87,9 @@ def write_rosbag1(path, records, geometry, *, with_odometry):
             if with_odometry:
                 half = 0.5 * pose.theta
                 turned = (0.0, 0.0, np.sin(half), np.cos(half))
-                write(tf, record.stamp, transform(record.stamp, "/odom", "/base_link", (*pose[:2], 0.0), turned))
+                write(
+                    tf, record.stamp, transform(record.stamp, "/odom", "/base_link", (*pose[:2], 0.0), turned)
+                )
             message = types["sensor_msgs/msg/LaserScan"](
                 header(record.stamp, "/laser"), geometry.angle_min, -geometry.angle_min, geometry.angle_increment,
                 0.0, 0.0, geometry.range_min, geometry.range_max, record.scan.ranges, np.zeros(0, np.float32),
@@ -132,7 +136,7 @@ class TestErrors:
     def test_junk_is_one_error(self, tmp_path, suffix, content):
         path = tmp_path / f"a{suffix}"
         path.write_bytes(content)
-        with pytest.raises(InputFileError, match="a.*(bag|scan|read|exist)"):
+        with pytest.raises(InputFileError, match=r"a\.(bag|mcap|db3)"):
             open_log(path)
 
     @settings(deadline=None, max_examples=15, suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -159,7 +163,13 @@ def test_transforms_chain_and_invert():
     half = np.sqrt(0.5)
     turned = rigid_transform(np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, half, half]))
     tree.add("base", "tower", 0.0, turned, static=True)
-    tree.add("tower", "laser", 0.0, rigid_transform(np.array([0.0, 1.0, 0.5]), np.array([0, 0, 0, 1.0])), static=True)
+    tree.add(
+        "tower",
+        "laser",
+        0.0,
+        rigid_transform(np.array([0.0, 1.0, 0.5]), np.array([0, 0, 0, 1.0])),
+        static=True,
+    )
     found = tree.lookup("laser", "base")
     assert planar(found) == pytest.approx((0.0, 0.0, np.pi / 2))
     assert tree.lookup("base", "laser") @ found == pytest.approx(np.eye(4))

@@ -1,0 +1,130 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from slamgym.geometry import transform_poses
+from slamgym.metrics import (
+    absolute_trajectory_error,
+    align_se2,
+    end_points,
+    nees_interval,
+    normalised_estimation_error_squared,
+    poses_at,
+    relation_error,
+    relative_pose_error,
+    relative_poses,
+    revisit_disagreement,
+)  # fmt: skip
+from slamgym.types import Pose2D, Trajectory
+
+moves = st.builds(Pose2D, st.floats(-50, 50), st.floats(-50, 50), st.floats(-3.1, 3.1))
+
+
+def wiggle(number=60):
+    t = np.linspace(0.0, 12.0, number)
+    return Trajectory(t, np.column_stack([t, np.sin(t), 0.3 * np.cos(t)]))
+
+
+@settings(deadline=None)
+@given(moves)
+def test_ate_ignores_a_rigid_motion_and_unaligned_ate_sees_it(motion):
+    truth = wiggle()
+    moved = Trajectory(truth.stamps, transform_poses(motion, truth.poses))
+    aligned = absolute_trajectory_error(moved, truth)
+    # Coordinates up to 60 m in doubles.
+    assert aligned.translation.rmse < 1e-9
+    assert aligned.rotation.maximum < 1e-9
+    plain = absolute_trajectory_error(moved, truth, align=False).translation.rmse
+    assert plain == pytest.approx(np.sqrt(np.mean(np.sum((moved.poses - truth.poses)[:, :2] ** 2, axis=1))))
+
+
+@settings(deadline=None)
+@given(moves, st.integers(0, 99))
+def test_alignment_is_the_least_squares_motion(motion, seed):
+    rng = np.random.default_rng(seed)
+    points, noise = rng.normal(size=(30, 2)), 0.1 * rng.normal(size=(30, 2))
+    target = transform_poses(motion, np.column_stack([points, np.zeros(30)]))[:, :2] + noise
+
+    def cost(pose):
+        return np.sum((transform_poses(pose, np.column_stack([points, np.zeros(30)]))[:, :2] - target) ** 2)
+
+    best = align_se2(points, target)
+    for shift in np.eye(3) * 1e-3:
+        assert cost(best) <= cost(Pose2D(*(np.array(best) + shift))) + 1e-12
+        assert cost(best) <= cost(Pose2D(*(np.array(best) - shift))) + 1e-12
+
+
+def test_rpe_of_a_scale_error_is_that_share_of_the_stretch():
+    t = np.linspace(0, 10, 101)
+    truth = Trajectory(t, np.column_stack([t, 0 * t, 0 * t]))
+    estimate = Trajectory(t, np.column_stack([1.02 * t, 0 * t, 0 * t]))
+    assert relative_pose_error(estimate, truth, delta=2.0).translation.mean == pytest.approx(0.04)
+
+
+def test_interpolation_takes_the_shorter_arc():
+    trajectory = Trajectory(np.array([0.0, 1.0]), np.array([[0, 0, 3.1], [2, 0, -3.1]]))
+    poses, valid = poses_at(trajectory, np.array([0.5, 2.0]))
+    assert poses[0, 0] == 1.0
+    assert abs(poses[0, 2]) == pytest.approx(np.pi)
+    assert valid.tolist() == [True, False]
+
+
+class TestRelations:
+    def test_a_perfect_path_has_no_error_in_any_frame(self):
+        truth = wiggle()
+        a, b = np.array([3, 10, 20]), np.array([5, 40, 21])
+        relative = relative_poses(truth.poses[a], truth.poses[b])
+        moved = Trajectory(truth.stamps, transform_poses(Pose2D(5.0, -2.0, 2.0), truth.poses))
+        error = relation_error(moved, truth.stamps[a], truth.stamps[b], relative)
+        assert error.translation.maximum < 1e-12
+        assert error.missing == 0
+
+    def test_error_and_deviation_of_known_relations(self):
+        path = Trajectory(np.arange(3.0), np.array([[0, 0, 0], [1, 0, 0], [2, 0, 0.1]]))
+        relative = np.array([[1.1, 0, 0], [1.0, 0, 0]])
+        error = relation_error(path, np.array([0.0, 1.0]), np.array([1.0, 2.0]), relative)
+        assert error.translation.mean == pytest.approx(0.05)
+        assert error.translation.deviation == pytest.approx(0.05)
+        assert error.rotation.mean == pytest.approx(0.05)
+
+    def test_moments_between_poses_count_only_without_a_largest_gap(self):
+        path = Trajectory(np.arange(3.0), np.array([[0, 0, 0], [1, 0, 0], [2, 0, 0]]))
+        starts, ends = np.array([0.0, 0.5]), np.array([1.0, 1.5])
+        relative = np.array([[1.0, 0, 0], [1.0, 0, 0]])
+        assert relation_error(path, starts, ends, relative).missing == 0
+        assert relation_error(path, starts, ends, relative, max_gap=0.01).missing == 1
+
+    def test_relations_of_another_log_are_refused(self):
+        with pytest.raises(ValueError, match="same log"):
+            relation_error(wiggle(), np.array([1e9]), np.array([1e9 + 1]), np.zeros((1, 3)))
+
+
+class TestConsistency:
+    def test_nees_of_honest_gaussians_lies_in_its_interval(self):
+        rng = np.random.default_rng(1)
+        covariance = np.diag([0.04, 0.01, 0.0025])
+        errors = rng.multivariate_normal(np.zeros(3), covariance, size=400)
+        nees = normalised_estimation_error_squared(
+            errors, np.zeros((400, 3)), np.tile(covariance, (400, 1, 1)), 0.0
+        )
+        low, high = nees_interval(400, probability=0.999)
+        assert low < nees.mean() < high
+
+    def test_an_overconfident_filter_lies_above(self):
+        nees = normalised_estimation_error_squared(
+            np.full((5, 3), 0.3), np.zeros((5, 3)), np.tile(np.eye(3) * 1e-3, (5, 1, 1))
+        )
+        assert nees.mean() > nees_interval(5)[1]
+
+
+def test_passes_that_agree_have_no_disagreement_and_shifted_ones_have_the_shift():
+    # A wall seen from two passes; the second is shifted across it.
+    angles = np.linspace(-0.5, 0.5, 201)
+    directions = np.column_stack([np.cos(angles), np.sin(angles)])
+    ranges = np.tile(2.0 / np.cos(angles), (20, 1))
+    poses = np.zeros((20, 3))
+    for shift in (0.0, 0.1):
+        poses[10:, 0] = shift
+        points, owners = end_points(ranges, directions, np.zeros(2), poses, 10.0)
+        assert revisit_disagreement(points, owners, gap=10).mean == pytest.approx(shift, abs=1e-9)

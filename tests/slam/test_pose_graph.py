@@ -1,0 +1,118 @@
+import numpy as np
+import pytest
+
+from slamgym.errors import ConfigError
+from slamgym.geometry import between, compose
+from slamgym.interop import Log, LogRecord
+from slamgym.metrics import absolute_trajectory_error
+from slamgym.sensors.raycast import cast_rays
+from slamgym.slam import SlamConfig
+from slamgym.slam.pose_graph_config import PoseGraphConfig
+from slamgym.slam.replay import replay
+from slamgym.types import LaserGeometry, LaserScan, Pose2D, Trajectory
+
+
+def box(x0, y0, x1, y1):
+    return [(x0, y0, x1, y0), (x1, y0, x1, y1), (x1, y1, x0, y1), (x0, y1, x0, y0)]
+
+
+# A corridor 2 m wide round a core, with niches and pillars that tell its sides apart.
+SEGMENTS = np.array(
+    box(0, 0, 20, 14) + box(2, 2, 18, 12) + box(5, 0, 5.6, 0.4) + box(12, 1.6, 12.5, 2) + box(19.5, 6, 20, 7.5)
+    + box(8, 13.4, 9.5, 14) + box(14, 12, 14.4, 12.3) + box(0, 4, 0.4, 4.5) + box(1.7, 8, 2, 9.0),
+    dtype=np.float64,
+)  # fmt: skip
+GEOMETRY = LaserGeometry(181, -np.pi / 2, np.pi / 180, 0.1, 8.0, Pose2D(0.0, 0.0, 0.0))
+CORNERS = [(1, 1), (19, 1), (19, 13), (1, 13)]
+
+
+def true_path(rounds=2, step=0.2, turn=0.2):
+    """Round the corridor, turning on the spot at the corners."""
+    poses = [Pose2D(1.0, 1.0, 0.0)]
+    for side in range(4 * rounds):
+        x0, y0 = CORNERS[side % 4]
+        x1, y1 = CORNERS[(side + 1) % 4]
+        length, heading = np.hypot(x1 - x0, y1 - y0), side % 4 * np.pi / 2
+        for s in np.arange(step, length + 1e-9, step):
+            poses.append(Pose2D(x0 + s * (x1 - x0) / length, y0 + s * (y1 - y0) / length, heading))
+        for t in np.linspace(0, np.pi / 2, int(np.pi / 2 / turn) + 1)[1:]:
+            poses.append(Pose2D(x1, y1, heading + t))
+    return poses
+
+
+@pytest.fixture(scope="module")
+def drive():
+    """A log with biased, noisy odometry and noisy ranges, and the truth."""
+    rng = np.random.default_rng(0)
+    truth, records = true_path(), []
+    odometry = Pose2D(0.0, 0.0, 0.0)
+    for k, pose in enumerate(truth):
+        if k:
+            d = between(truth[k - 1], pose)
+            noisy = Pose2D(1.03 * d.x, d.y, d.theta * 1.02 + 0.008 * d.x + 0.005 * rng.standard_normal())
+            odometry = compose(odometry, noisy)
+        ranges = np.empty(GEOMETRY.num_beams)
+        cast_rays(*pose, GEOMETRY.angle_min, GEOMETRY.angle_increment, 181, SEGMENTS, 8.0, ranges)
+        ranges += 0.01 * rng.standard_normal(len(ranges))
+        records.append(LogRecord(0.2 * k, odometry, LaserScan(0.2 * k, ranges.astype(np.float32), GEOMETRY)))
+    stamps = 0.2 * np.arange(len(truth))
+    return Log("drive", records, GEOMETRY), Trajectory(stamps, np.array(truth))
+
+
+def run(log, **settings):
+    config = SlamConfig(
+        max_usable_range=8.0, temporal_update=None, linear_update=0.2, angular_update=0.15, **settings
+    )
+    return replay(log, config, np.random.default_rng(0))
+
+
+def test_two_rounds_of_a_corridor_are_closed(drive):
+    log, truth = drive
+    dead = absolute_trajectory_error(run(log, mode="dead_reckoning").trajectory, truth).translation.rmse
+    result = run(log, mode="pose_graph")
+    error = absolute_trajectory_error(result.trajectory, truth).translation.rmse
+    assert result.extra["loop_closures"] > 50
+    # Along the bare stretches only odometry tells the distance, 3 % long; niches and closures hold the rest.
+    assert error < 0.1
+    assert dead > 1.0
+
+
+def test_without_loops_the_error_is_larger(drive):
+    log, truth = drive
+    open_ended = PoseGraphConfig(loop_length=1e9)
+    loose = run(log, mode="pose_graph", pose_graph=open_ended)
+    assert loose.extra["loop_closures"] == 0
+    closed = run(log, mode="pose_graph")
+    errors = [absolute_trajectory_error(r.trajectory, truth).translation.rmse for r in (loose, closed)]
+    assert errors[1] < errors[0]
+
+
+def test_equal_logs_give_equal_maps(drive):
+    log, _ = drive
+    short = Log("short", log.records[:150], GEOMETRY)
+    a, b = run(short, mode="pose_graph"), run(short, mode="pose_graph")
+    assert (a.trajectory.poses == b.trajectory.poses).all()
+    assert (a.grid.cells == b.grid.cells).all()
+
+
+def test_the_map_follows_the_corrected_path(drive):
+    log, _ = drive
+    grid = run(log, mode="pose_graph").grid
+    width, height = np.array(grid.cells.shape[::-1]) * grid.frame.resolution
+    # The building is 20 x 14 m; what is cut off or doubled would change the extent of its walls.
+    assert width == pytest.approx(20.0, abs=0.4)
+    assert height == pytest.approx(14.0, abs=0.4)
+
+
+def test_scans_that_see_nothing_leave_the_odometry_standing():
+    empty = np.full(181, np.inf, np.float32)
+    records = [
+        LogRecord(0.2 * k, Pose2D(0.3 * k, 0.0, 0.0), LaserScan(0.2 * k, empty, GEOMETRY)) for k in range(10)
+    ]
+    result = run(Log("empty", records, GEOMETRY), mode="pose_graph")
+    assert result.trajectory.poses[-1] == pytest.approx((2.7, 0.0, 0.0), abs=1e-6)
+
+
+def test_settings_that_make_no_sense_are_refused():
+    with pytest.raises(ConfigError, match="keyframe_distance"):
+        PoseGraphConfig(keyframe_distance=0.0)

@@ -1,0 +1,133 @@
+import json
+
+import cv2
+import numpy as np
+import pytest
+
+from slamgym.errors import ConfigError, InputFileError
+from slamgym.interop import LogRecord, read_ros_map, read_tum, write_carmen, write_tum
+from slamgym.sensors.raycast import cast_rays
+from slamgym.slam.map_picture import map_picture
+from slamgym.slam.replay import poses_between, settings_for
+from slamgym.slam.replay_command import main
+from slamgym.types import GridFrame, LaserGeometry, LaserScan, OccupancyGrid, Pose2D, Trajectory
+
+ROOM = np.array([(0, 0, 6, 0), (6, 0, 6, 4), (6, 4, 0, 4), (0, 4, 0, 0), (2, 0, 2, 1.5)], dtype=np.float64)
+GEOMETRY = LaserGeometry(180, -np.pi / 2, np.pi / 180, 0.1, 10.0, Pose2D(0.0, 0.0, 0.0))
+
+
+@pytest.fixture(scope="module")
+def episode(tmp_path_factory):
+    """A folder as an exploration leaves it: a log and the truth."""
+    folder = tmp_path_factory.mktemp("episode")
+    poses = [Pose2D(1.0 + 0.1 * k, 2.5, 0.02 * k) for k in range(40)]
+    records = []
+    for k, pose in enumerate(poses):
+        ranges = np.empty(180)
+        cast_rays(*pose, GEOMETRY.angle_min, GEOMETRY.angle_increment, 180, ROOM, 10.0, ranges)
+        records.append(LogRecord(0.2 * k, pose, LaserScan(0.2 * k, ranges.astype(np.float32), GEOMETRY)))
+    write_carmen(folder / "scans.log", records, GEOMETRY)
+    write_tum(folder / "truth.tum", Trajectory(0.2 * np.arange(40), np.array(poses)))
+    return folder
+
+
+@pytest.mark.parametrize("mode", ["rbpf", "pose_graph", "scan_matching", "dead_reckoning"])
+def test_a_log_becomes_a_map_a_path_a_picture_and_a_summary(tmp_path, episode, mode, capsys):
+    out = tmp_path / "out"
+    assert main([str(episode), "-o", str(out), "--mode", mode, "--particles", "5"]) == 0
+    grid = read_ros_map(out / "map.yaml")
+    # The room is 6 x 4 m, of which the metre behind the start is never seen; walls are up to two cells thick.
+    assert np.array(grid.cells.shape) * 0.05 == pytest.approx((4.0, 5.0), abs=0.25)
+    assert len(read_tum(out / "trajectory.tum")) == 40
+    assert cv2.imread(str(out / "map.png")).shape[0] > 300
+    summary = json.loads((out / "summary.json").read_text())
+    assert summary["scans"] == 40
+    assert summary["truth"]["ate_rmse_m"] < 0.03
+    assert summary["config"]["mode"] == mode
+    assert sorted(path.name for path in out.iterdir()) == [
+        "map.pgm", "map.png", "map.yaml", "summary.json", "trajectory.tum",
+    ]  # fmt: skip
+    assert mode in capsys.readouterr().out
+
+
+def test_the_same_seed_gives_the_same_map(tmp_path, episode):
+    for name in ("a", "b"):
+        main([str(episode), "-o", str(tmp_path / name), "--particles", "5", "--seed", "3"])
+    for file in ("map.pgm", "trajectory.tum", "map.png"):
+        assert (tmp_path / "a" / file).read_bytes() == (tmp_path / "b" / file).read_bytes()
+
+
+def test_relations_are_judged(tmp_path, episode, capsys):
+    relations = tmp_path / "a.relations"
+    relations.write_text("0.0 2.0 1.0 0 0 0 0 0.2\n0.05 2.05 1.0 0 0 0 0 0.2\n")
+    main(
+        [str(episode), "-o", str(tmp_path / "out"), "--mode", "dead_reckoning", "--relations", str(relations)]
+    )
+    printed = capsys.readouterr().out
+    assert "of 2 of 2" in printed
+    assert "of 1 of 2" in printed
+    relations.write_text("9e9 9.1e9 1 0 0 0 0 0\n")
+    with pytest.raises(ConfigError, match="same log"):
+        main([str(episode), "-o", str(tmp_path / "out"), "--relations", str(relations)])
+
+
+@pytest.mark.parametrize("name", ["film.mp4", "film.gif"])
+def test_a_film_of_the_growing_map(tmp_path, episode, name):
+    film = tmp_path / name
+    main([str(episode), "-o", str(tmp_path / "out"), "--particles", "3", "--video", str(film)])
+    assert film.stat().st_size > 10_000
+    assert list(tmp_path.glob(".*part*")) == []
+
+
+class TestErrors:
+    def test_a_film_needs_a_known_ending(self, tmp_path, episode):
+        with pytest.raises(ConfigError, match=r"\.mp4 or \.gif"):
+            main([str(episode), "-o", str(tmp_path / "out"), "--video", str(tmp_path / "film.txt")])
+        assert not (tmp_path / "out").exists()
+
+    def test_a_missing_log_writes_nothing(self, tmp_path):
+        with pytest.raises(InputFileError, match="doesn't exist"):
+            main([str(tmp_path / "none.log"), "-o", str(tmp_path / "out")])
+        assert not (tmp_path / "out").exists()
+
+    def test_an_output_that_is_a_file_is_refused(self, tmp_path, episode):
+        (tmp_path / "out").write_text("mine")
+        with pytest.raises(InputFileError, match="name a folder"):
+            main([str(episode), "-o", str(tmp_path / "out")])
+        assert (tmp_path / "out").read_text() == "mine"
+
+    def test_settings_from_a_file_are_checked(self, tmp_path, episode):
+        (tmp_path / "s.json").write_text('{"sigmaa": 1}')
+        with pytest.raises(ConfigError, match="sigma"):
+            main([str(episode), "-o", str(tmp_path / "out"), "--settings", str(tmp_path / "s.json")])
+
+    def test_ground_truth_is_not_for_logs(self, tmp_path, episode):
+        with pytest.raises(ConfigError, match="simulation"):
+            main([str(episode), "-o", str(tmp_path / "out"), "--mode", "ground_truth"])
+
+
+def test_scans_between_processed_ones_share_the_correction():
+    odometry = np.column_stack([np.arange(5.0), np.zeros(5), np.zeros(5)])
+    poses = np.array([[0.0, 0.0, 0.0], [4.0, 0.4, 0.0]])
+    filled = poses_between(poses, np.array([0, 4]), odometry)
+    assert filled[:, 0] == pytest.approx([0, 1, 2, 3, 4])
+    assert filled[:, 1] == pytest.approx([0, 0.1, 0.2, 0.3, 0.4])
+
+
+def test_settings_follow_the_scanner():
+    near = settings_for(LaserGeometry(180, -1.57, 0.0175, 0.12, 3.5))
+    far = settings_for(LaserGeometry(180, -1.57, 0.0175, 0.0, 81.0), {"particles": 7})
+    assert near.max_usable_range == pytest.approx(3.0)
+    assert far.max_usable_range > 75.0
+    assert far.particles == 7
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (5, 4000), (300, 200)])
+def test_pictures_of_any_map_have_a_sensible_size(shape):
+    cells = np.random.default_rng(0).choice(np.array([0, 205, 254], np.uint8), shape)
+    picture = map_picture(
+        OccupancyGrid(cells, GridFrame(0.05, 0.0, 0.0, *shape)), np.array([[0.0, 0.0, 0.0]]), "name"
+    )
+    assert picture.ndim == 3
+    assert 64 < picture.shape[0] < 3000
+    assert 600 < picture.shape[1] < 3000
