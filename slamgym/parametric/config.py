@@ -316,13 +316,11 @@ _REALISTIC = ParametricConfig(
         s_l=0.02,
         s_lt=0.008,
         s_t=0.01,
-        anchoring=0.65,
-        lag=0.6,
-        thin_wall=0.15,
-        jitter=0.001,
-        jitter_deg=0.03,
+        anchoring=0.9,
+        lag=0.2,
+        thin_wall=0.2,
     ),
-    failures=FailureConfig(rate=0.005, jump=0.25, jump_deg=2.5),
+    failures=FailureConfig(rate=0.02, jump=0.2, jump_deg=4.0),
     render=RenderConfig(renderer="scans"),
 )
 

@@ -20,7 +20,8 @@ def draw_scans(
 ) -> None:
     """Visit the cells along each beam (Bresenham's line) and hit the last one.
 
-    A range within ``usable`` is a hit. A longer one, or none, is cut there and only clears.
+    A range within ``usable`` is a hit. A longer one, or none, is cut there and only clears; a beam without
+    return beside one that hit is left out as a failed measurement.
 
     Convention: everything is in cells: sensors are (col, row, heading) with continuous coordinates, rows
     growing downwards, heading and bearings counter-clockwise. Beams that leave the grid are drawn as far as
@@ -42,6 +43,11 @@ def draw_scans(
         for b in range(ranges.shape[1]):
             r = ranges[k, b]
             if not r >= range_min:
+                continue
+            if r >= range_max and (
+                (b > 0 and ranges[k, b - 1] <= usable)
+                or (b + 1 < ranges.shape[1] and ranges[k, b + 1] <= usable)
+            ):
                 continue
             is_hit = r <= usable and r < range_max
             length = min(r, usable)
