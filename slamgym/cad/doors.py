@@ -149,7 +149,8 @@ def _open(
         width = float(rng.choice(DOOR_WIDTHS[0], p=DOOR_WIDTHS[1]))
         if width > usable - 2 * MIN_NIB:
             width = min(DOOR_WIDTHS[0])
-    at = start + _place(usable, width, rng)
+    # Whole centimetres, as the walls: rounding both ends of the box by themselves could narrow a door.
+    width, at = snap(width), snap(start + _place(usable, width, rng))
     box = pair.wall.opening(at, at + width, thickness)
     return Opening(box, _door(box), members)
 
