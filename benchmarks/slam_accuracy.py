@@ -1,0 +1,154 @@
+"""Accuracy of the particle filter: recorded logs with reference relations, and simulated homes with a truth.
+
+    python benchmarks/slam_accuracy.py [--logs ../shared/data/logs] [--seeds 5] [--episodes 20]
+
+The simulated robot explores generated homes for seven minutes with a known pose; the same scans and wheel readings
+are then replayed through each mode, so that every row of a table judges the same drives. Errors are the RMSE of
+the final path against the truth without any alignment; intervals are 95 % bootstrap intervals of the mean.
+"""
+
+import argparse
+import dataclasses
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from report import print_and_save
+
+from agents.registry import make_explorer
+from slamgym.cad import GeneratorConfig, generate_plan
+from slamgym.dataset import EpisodeConfig, run_episode
+from slamgym.envs import ExploreConfig
+from slamgym.interop import Log, open_log, read_relations
+from slamgym.metrics import (
+    absolute_trajectory_error,
+    nees_interval,
+    normalised_estimation_error_squared,
+    poses_at,
+    relation_error,
+)
+from slamgym.sensors import odometry_level
+from slamgym.slam import SlamConfig, make_mapper
+from slamgym.slam.replay import replay, settings_for
+from slamgym.types import Pose2D, Trajectory
+
+GMAPPING = {("intel", 30): 0.0667, ("intel", 50): 0.0678}
+"""GMapping (C++) on this log, translational m, as measured with its own program; published for 50: 0.070."""
+
+REAL_COLUMNS = ("log", "particles", "mean [m]", "worst [m]", "rotation [deg]", "GMapping [m]", "ms per scan")
+SIMULATED_COLUMNS = ("odometry", "laser [m]", "mode", "particles", "RMSE [m]", "95 % low", "95 % high", "worst [m]",
+                     "N_eff share", "NEES", "ms per scan")  # fmt: skip
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--logs", type=Path)
+    parser.add_argument("--seeds", type=int, default=5)
+    parser.add_argument("--episodes", type=int, default=20)
+    arguments = parser.parse_args()
+    if arguments.logs is not None:
+        rows = [
+            real_row(path, particles, arguments.seeds)
+            for path in sorted(arguments.logs.glob("*.relations"))
+            for particles in (30, 50)
+        ]
+        print_and_save("slam_accuracy_logs", f"recorded logs, {arguments.seeds} seeds", rows, REAL_COLUMNS)
+    rows = simulated_rows(arguments.episodes)
+    title = f"simulated homes, {arguments.episodes} explorations of 7 minutes"
+    print_and_save("slam_accuracy_simulated", title, rows, SIMULATED_COLUMNS)
+
+
+def real_row(relations_file: Path, particles: int, seeds: int) -> dict[str, Any]:
+    """One log with relations: the errors over those whose moments are those of scans."""
+    log = open_log(relations_file.with_suffix(".log.gz"))
+    relations = read_relations(relations_file)
+    config = settings_for(log.geometry, {"particles": particles})
+    results = [replay(log, config, np.random.default_rng(seed)) for seed in range(seeds)]
+    errors = [relation_error(result.trajectory, *relations, max_gap=0.001) for result in results]
+    means = [error.translation.mean for error in errors]
+    name = relations_file.stem
+    return {
+        "log": name,
+        "particles": particles,
+        "mean [m]": round(float(np.mean(means)), 4),
+        "worst [m]": round(max(means), 4),
+        "rotation [deg]": round(float(np.degrees(np.mean([error.rotation.mean for error in errors]))), 2),
+        "GMapping [m]": GMAPPING.get((name, particles)),
+        "ms per scan": round(float(np.median([r.stats.cpu_ms_per_processed_scan for r in results])), 2),
+    }
+
+
+def simulated_rows(episodes: int) -> list[dict[str, Any]]:
+    """Error against odometry noise, mode, particles and laser range."""
+    rows = []
+    for level in ("ideal", "low", "medium", "high"):
+        drives = [explore(seed, level, 3.5) for seed in range(episodes)]
+        rows += [
+            simulated_row(drives, level, 3.5, mode, 30)
+            for mode in ("dead_reckoning", "scan_matching", "rbpf")
+        ]
+        if level == "medium":
+            rows += [simulated_row(drives, level, 3.5, "rbpf", particles) for particles in (8, 100)]
+    for range_max in (6.0, 12.0):
+        drives = [explore(seed, "medium", range_max) for seed in range(episodes)]
+        rows.append(simulated_row(drives, "medium", range_max, "rbpf", 30))
+    return rows
+
+
+def explore(seed: int, level: str, range_max: float) -> tuple[Log, Trajectory]:
+    """Seven minutes in a generated home of its own, driven with a known pose."""
+    plan = generate_plan(1_000 + seed, GeneratorConfig(kind="home"))
+    env = ExploreConfig().for_explorer()
+    lidar = dataclasses.replace(env.lidar, range_max=range_max)
+    slam = SlamConfig(mode="ground_truth", max_usable_range=range_max * 3.0 / 3.5)
+    env = dataclasses.replace(env, odometry=odometry_level(level), lidar=lidar, slam=slam)
+    episode = run_episode(plan, seed, EpisodeConfig("nearest", 7.0, env), make_explorer)
+    return Log(f"home {seed}", list(episode.records), episode.geometry), episode.truth
+
+
+def simulated_row(
+    drives: Sequence[tuple[Log, Trajectory]], level: str, range_max: float, mode: str, particles: int
+) -> dict[str, Any]:
+    """One mode on all drives."""
+    errors, shares, nees, times = [], [], [], []
+    config = SlamConfig(mode=mode, particles=particles, max_usable_range=range_max * 3.0 / 3.5)  # type: ignore[arg-type]
+    for seed, (log, truth) in enumerate(drives):
+        start = log.records[0].odometry
+        mapper = make_mapper(config, log.geometry, Pose2D(0.0, 0.0, start.theta), np.random.default_rng(seed))
+        for record in log.records:
+            mapper.update(record.odometry, record.scan)
+        path = mapper.trajectory()
+        errors.append(absolute_trajectory_error(path, truth, align=False).translation.rmse)
+        shares.append(np.mean(mapper.stats.n_eff) / particles if mapper.stats.n_eff else 1.0)
+        final = np.array([mapper.pose])
+        true_final, _ = poses_at(truth, np.array([log.records[-1].stamp]))
+        nees.append(normalised_estimation_error_squared(final, true_final, mapper.covariance[None])[0])
+        times.append(mapper.stats.cpu_ms_per_processed_scan)
+    low, high = bootstrap_interval(errors)
+    return {
+        "odometry": level,
+        "laser [m]": range_max,
+        "mode": mode,
+        "particles": particles if mode == "rbpf" else 1,
+        "RMSE [m]": round(float(np.mean(errors)), 3),
+        "95 % low": round(low, 3),
+        "95 % high": round(high, 3),
+        "worst [m]": round(max(errors), 3),
+        "N_eff share": round(float(np.mean(shares)), 2) if mode == "rbpf" else None,
+        "NEES": round(float(np.median(nees)), 1) if mode == "rbpf" else None,
+        "ms per scan": round(float(np.median(times)), 2),
+    }
+
+
+def bootstrap_interval(values: Sequence[float]) -> tuple[float, float]:
+    """95 % interval of the mean."""
+    rng = np.random.default_rng(0)
+    means = rng.choice(np.asarray(values), (4000, len(values))).mean(axis=1)
+    low, high = np.percentile(means, [2.5, 97.5])
+    return float(low), float(high)
+
+
+if __name__ == "__main__":
+    print(f"NEES of one run of a consistent filter lies in {nees_interval(1)} with 95 %")
+    main()
