@@ -2,9 +2,10 @@
 
     python benchmarks/slam_accuracy.py [--logs ../shared/data/logs] [--seeds 5] [--episodes 20]
 
-The simulated robot explores generated homes for seven minutes with a known pose; the same scans and wheel readings
-are then replayed through each mode, so that every row of a table judges the same drives. Errors are the RMSE of
-the final path against the truth without any alignment; intervals are 95 % bootstrap intervals of the mean.
+The simulated robot explores generated homes for seven minutes with a known pose; the same scans and wheel
+readings are then replayed through each mode, so that every row of a table judges the same drives. Errors are
+the RMSE of the final path against the truth without any alignment; intervals are 95 % bootstrap intervals of
+the mean.
 """
 
 import argparse
@@ -37,8 +38,10 @@ GMAPPING = {("intel", 30): 0.0667, ("intel", 50): 0.0678}
 """GMapping (C++) on this log, translational m, as measured with its own program; published for 50: 0.070."""
 
 REAL_COLUMNS = ("log", "particles", "mean [m]", "worst [m]", "rotation [deg]", "GMapping [m]", "ms per scan")
-SIMULATED_COLUMNS = ("odometry", "laser [m]", "mode", "particles", "RMSE [m]", "95 % low", "95 % high", "worst [m]",
-                     "N_eff share", "NEES", "ms per scan")  # fmt: skip
+SIMULATED_COLUMNS = (
+    "odometry", "laser [m]", "mode", "particles", "RMSE [m]", "95 % low", "95 % high", "worst [m]", "N_eff share",
+    "NEES", "ms per scan",
+)  # fmt: skip
 
 
 def main() -> None:
