@@ -39,8 +39,8 @@ GMAPPING = {("intel", 30): 0.0667, ("intel", 50): 0.0678}
 
 REAL_COLUMNS = ("log", "particles", "mean [m]", "worst [m]", "rotation [deg]", "GMapping [m]", "ms per scan")
 SIMULATED_COLUMNS = (
-    "odometry", "laser [m]", "mode", "particles", "RMSE [m]", "95 % low", "95 % high", "worst [m]", "N_eff share",
-    "NEES", "ms per scan",
+    "odometry", "laser [m]", "mode", "particles", "RMSE [m]", "95 % low", "95 % high", "worst [m]",
+    "N_eff share", "NEES", "ms per scan",
 )  # fmt: skip
 
 

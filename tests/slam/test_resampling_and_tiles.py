@@ -1,0 +1,117 @@
+"""Resampling is unbiased, and maps that share tiles behave as copies would."""
+
+import math
+from collections import defaultdict
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from slamgym.slam.particle_maps import ParticleMaps
+from slamgym.slam.resampling import effective_sample_size, normalized_weights, systematic_resample
+from slamgym.slam.scan_match import nearest_mean
+
+log_weights = st.lists(st.floats(-1e4, 0.0), min_size=1, max_size=40).map(np.array)
+
+
+@given(log_weights, st.floats(0.1, 10.0))
+def test_weights_sum_to_one_and_keep_their_order(logs, gain):
+    weights = normalized_weights(logs, gain)
+    assert math.isclose(weights.sum(), 1.0)
+    assert 1.0 - 1e-9 <= effective_sample_size(weights) <= len(logs) + 1e-9
+    order = np.argsort(logs)
+    assert np.all(np.diff(weights[order]) >= 0.0)
+
+
+@given(log_weights, st.floats(0.0, 1.0, exclude_max=True))
+def test_each_particle_survives_as_often_as_its_weight_says(logs, uniform):
+    weights = normalized_weights(logs, 1.0)
+    ancestors = systematic_resample(weights, uniform)
+    copies = np.bincount(ancestors, minlength=len(weights))
+    assert copies.sum() == len(weights)
+    # Systematic resampling: the whole part of N w for sure, one more by chance (rounding aside).
+    expected = len(weights) * weights
+    assert np.all(copies >= np.floor(expected - 1e-6))
+    assert np.all(copies <= np.ceil(expected + 1e-6))
+    # Survivors stay where they are.
+    assert np.all(ancestors[copies > 0] == np.flatnonzero(copies > 0))
+
+
+def test_resampling_is_unbiased_over_its_draw():
+    weights = np.array([0.05, 0.15, 0.3, 0.5])
+    draws = [
+        np.bincount(systematic_resample(weights, u), minlength=4) for u in (np.arange(1000) + 0.5) / 1000
+    ]
+    np.testing.assert_allclose(np.mean(draws, axis=0), 4 * weights, atol=4e-3)
+
+
+class DenseMaps:
+    """The same maps as plain dictionaries, copied whole at resampling."""
+
+    def __init__(self, particles, resolution):
+        self.maps = [defaultdict(list) for _ in range(particles)]
+        self.resolution = resolution
+
+    def register(self, poses, points):
+        for cells, (x, y, theta) in zip(self.maps, poses, strict=True):
+            cos, sin = math.cos(theta), math.sin(theta)
+            for px, py in points:
+                u = (x + cos * px - sin * py) / self.resolution
+                v = (y + sin * px + cos * py) / self.resolution
+                cells[math.floor(u), math.floor(v)].append((u, v))
+
+    def resample(self, ancestors):
+        copies = [{key: list(value) for key, value in self.maps[a].items()} for a in ancestors]
+        self.maps = [defaultdict(list, copy) for copy in copies]
+
+    def nearest(self, particle, u, v):
+        means = [
+            np.mean(self.maps[particle][near], axis=0)
+            for near in ((math.floor(u) + du, math.floor(v) + dv) for du in (-1, 0, 1) for dv in (-1, 0, 1))
+            if near in self.maps[particle]
+        ]
+        return min((float((m[0] - u) ** 2 + (m[1] - v) ** 2) for m in means), default=-1.0)
+
+
+@given(st.integers(0, 2**32 - 1))
+@settings(max_examples=25, deadline=None)
+def test_shared_tiles_behave_as_copied_maps(seed):
+    rng = np.random.default_rng(seed)
+    particles, resolution = 4, 0.05
+    shared, dense = ParticleMaps(particles, resolution, 100.0), DenseMaps(particles, resolution)
+    for _ in range(6):
+        poses = rng.uniform([-3, -3, -3], [3, 3, 3], (particles, 3))
+        points = rng.uniform(-1.5, 1.5, (12, 2))
+        shared.cover(poses, 4.0)
+        shared.register(poses, points)
+        dense.register(poses, points)
+        if rng.random() < 0.6:
+            ancestors = systematic_resample(rng.dirichlet(np.ones(particles)), float(rng.random()))
+            shared.resample(ancestors)
+            dense.resample(ancestors)
+    origin = shared.origin
+    for particle in range(particles):
+        for cell in list(dense.maps[particle])[:20]:
+            u, v = cell[0] + rng.random(), cell[1] + rng.random()
+            found, _, _ = nearest_mean(
+                shared.pool,
+                shared.tables[particle],
+                u - origin[0] / resolution,
+                v - origin[1] / resolution,
+            )
+            expected = dense.nearest(particle, u, v)
+            # Means are kept in 16 bits: a few hundred-thousandths of a cell.
+            assert math.isclose(math.sqrt(found), math.sqrt(expected), abs_tol=1e-3)
+
+
+def test_resampling_shares_tiles_instead_of_copying_them():
+    maps = ParticleMaps(50, 0.05, 100.0)
+    poses = np.zeros((50, 3))
+    points = np.random.default_rng(0).uniform(-5, 5, (500, 2))
+    maps.cover(poses, 8.0)
+    maps.register(poses[:1].repeat(50, axis=0), points)
+    free_before = int(maps.pool.num_free[0])
+    maps.resample(np.zeros(50, dtype=np.int64))
+    # All follow the first now: the tiles of 49 maps came free and none was taken.
+    tiles = np.count_nonzero(maps.tables[0])
+    assert int(maps.pool.num_free[0]) == free_before + 49 * tiles
