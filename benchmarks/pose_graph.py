@@ -3,8 +3,9 @@
     python benchmarks/pose_graph.py ../shared/data/logs [--seeds 3] [--episodes DATASET/episodes]
 
 Real logs have no truth. ``at scans`` is the error over the reference relations (``NAME.relations`` beside
-``NAME.log.gz``) whose moments are those of scans; ``revisit`` is the mean distance between what different passes
-through a place saw. Episodes of ``slamgym generate`` have a truth; for them the ATE after alignment is given.
+``NAME.log.gz``) whose moments are those of scans; ``revisit`` is the mean distance between what different
+passes through a place saw. Episodes of ``slamgym generate`` have a truth; for them the ATE after alignment is
+given.
 """
 
 import argparse
@@ -48,7 +49,7 @@ def main() -> None:
         for path in sorted(arguments.logs.glob("*.log.gz"))
         for mode, particles in CASES
     ]
-    title = f"recorded logs: rbpf means over {arguments.seeds} seeds, pose_graph over as many disturbed odometries"
+    title = f"recorded logs, means over {arguments.seeds} seeds (rbpf) or disturbed odometries (pose_graph)"
     print_and_save("pose_graph", title, rows, COLUMNS)
     if arguments.episodes is not None:
         folders = sorted(path for path in arguments.episodes.iterdir() if path.is_dir())

@@ -15,6 +15,7 @@ from slamgym.geometry import compose, wrap_angle
 from slamgym.metrics.trajectory import relative_poses
 from slamgym.slam.config import SlamConfig
 from slamgym.slam.drawn_map import BeamTable, DrawnMap
+from slamgym.slam.end_points import usable_end_points
 from slamgym.slam.graph_nodes import GraphNodes
 from slamgym.slam.graph_solver import Edges, chi_squared, optimise
 from slamgym.slam.loop_closure import (
@@ -29,7 +30,6 @@ from slamgym.slam.mapper import SlamStats
 from slamgym.slam.motion_model import noise_array
 from slamgym.slam.node_matcher import Match, NodeMatcher
 from slamgym.slam.odometry_gate import OdometryGate
-from slamgym.slam.end_points import usable_end_points
 from slamgym.types import (
     ByteArray,
     FloatArray,
@@ -75,8 +75,8 @@ class PoseGraphMapper:
         self._settings = config.pose_graph
         gate = dataclasses.replace(
             config,
-            linear_update=max(config.linear_update, self._settings.keyframe_distance),
-            angular_update=max(config.angular_update, self._settings.keyframe_turn),
+            linear_update=self._settings.keyframe_distance,
+            angular_update=self._settings.keyframe_turn,
             temporal_update=None,  # a node where nothing is new would only cost time
         )
         self._gate = OdometryGate(gate)

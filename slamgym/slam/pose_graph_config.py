@@ -9,8 +9,8 @@ from slamgym.errors import ConfigError
 class PoseGraphConfig:
     """How scans are matched and loops are closed. The defaults serve indoor scanners of 3 to 80 m range."""
 
-    keyframe_distance: float = 0.25
-    """A scan becomes a node after this distance [m], if the mapper's own ``linear_update`` isn't larger."""
+    keyframe_distance: float = 0.5
+    """A scan becomes a node after this distance [m]; the mapper's own update thresholds don't count ..."""
 
     keyframe_turn: float = 0.2
     """... or after this turn [rad]."""
@@ -24,10 +24,10 @@ class PoseGraphConfig:
     surface_sigma: float = 0.02
     """Standard deviation of end points across a wall [m]."""
 
-    point_share: float = 0.02
+    point_share: float = 0.05
     """What a point counts in the information of a match: neighbouring points err together."""
 
-    local_nodes: int = 12
+    local_nodes: int = 30
     """A new scan is matched with this many nodes before it."""
 
     minimum_fit: float = 0.45
@@ -51,7 +51,7 @@ class PoseGraphConfig:
     largest_window: float = 6.0
     """Most position uncertainty that a loop is searched in [m]."""
 
-    loop_fit: float = 0.6
+    loop_fit: float = 0.7
     """A loop closure needs this share of fitting points ..."""
 
     final_fit: float = 0.5

@@ -1,6 +1,7 @@
 """``slamgym slam``: a recorded log in, a ROS map, a trajectory and a picture out."""
 
 import json
+import math
 import sys
 from collections.abc import Callable
 from contextlib import ExitStack
@@ -149,7 +150,7 @@ def _replay(arguments: SlamArguments, log: Log, config: SlamConfig) -> ReplayRes
 def _viewer(screens: list[ShowFrame], total: int) -> Callable[[int, Mapper, bool], None]:
     """What to call after each scan; it draws a frame now and then, and the last one for a while."""
     view = GrowingView()
-    every = max(1, total // MAX_FRAMES)
+    every = math.ceil(total / MAX_FRAMES)
 
     def show(index: int, mapper: Mapper, is_processed: bool) -> None:
         del is_processed

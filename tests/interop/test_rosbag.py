@@ -91,8 +91,9 @@ def write_rosbag1(path, records, geometry, *, with_odometry):
                     tf, record.stamp, transform(record.stamp, "/odom", "/base_link", (*pose[:2], 0.0), turned)
                 )
             message = types["sensor_msgs/msg/LaserScan"](
-                header(record.stamp, "/laser"), geometry.angle_min, -geometry.angle_min, geometry.angle_increment,
-                0.0, 0.0, geometry.range_min, geometry.range_max, record.scan.ranges, np.zeros(0, np.float32),
+                header(record.stamp, "/laser"), geometry.angle_min, -geometry.angle_min,
+                geometry.angle_increment, 0.0, 0.0, geometry.range_min, geometry.range_max,
+                record.scan.ranges, np.zeros(0, np.float32),
             )  # fmt: skip
             write(scan, record.stamp, message)
 

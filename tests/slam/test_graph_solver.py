@@ -12,12 +12,11 @@ def ring(number=40, radius=5.0):
     return np.column_stack([radius * np.cos(angle), radius * np.sin(angle), angle + np.pi / 2])
 
 
-def edges_between(truth, first, second, robust=None):
+def edges_between(truth, first, second):
     first, second = np.asarray(first), np.asarray(second)
-    return Edges(
-        first, second, relative_poses(truth[first], truth[second]), np.tile(np.diag([400.0, 400.0, 4000.0]), (len(first), 1, 1)),
-        np.zeros(len(first), bool) if robust is None else np.asarray(robust),
-    )  # fmt: skip
+    measured = relative_poses(truth[first], truth[second])
+    information = np.tile(np.diag([400.0, 400.0, 4000.0]), (len(first), 1, 1))
+    return Edges(first, second, measured, information, np.zeros(len(first), bool))
 
 
 def dead_reckoned(truth, rng):

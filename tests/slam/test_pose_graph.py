@@ -16,12 +16,14 @@ def box(x0, y0, x1, y1):
     return [(x0, y0, x1, y0), (x1, y0, x1, y1), (x1, y1, x0, y1), (x0, y1, x0, y0)]
 
 
-# A corridor 2 m wide round a core, with niches and pillars that tell its sides apart.
-SEGMENTS = np.array(
-    box(0, 0, 20, 14) + box(2, 2, 18, 12) + box(5, 0, 5.6, 0.4) + box(12, 1.6, 12.5, 2) + box(19.5, 6, 20, 7.5)
-    + box(8, 13.4, 9.5, 14) + box(14, 12, 14.4, 12.3) + box(0, 4, 0.4, 4.5) + box(1.7, 8, 2, 9.0),
-    dtype=np.float64,
-)  # fmt: skip
+# A corridor 2 m wide round a core, with niches and pillars by which its sides can be told apart.
+PILLARS = [
+    (5, 0, 5.6, 0.4), (8.6, 1.5, 9.0, 2), (12, 1.6, 12.5, 2), (15.2, 0, 15.4, 0.6), (19.5, 6, 20, 7.5),
+    (18, 4, 18.4, 4.5), (19.6, 9.7, 20, 10), (8, 13.4, 9.5, 14), (14, 12, 14.4, 12.3), (11.5, 13.6, 12, 14),
+    (4.8, 12, 5.2, 12.5), (0, 4, 0.4, 4.5), (1.7, 8, 2, 9.0), (0, 6.1, 0.5, 6.3), (0, 10.4, 0.3, 11.1),
+]  # fmt: skip
+WALLS = [(0, 0, 20, 14), (2, 2, 18, 12)]
+SEGMENTS = np.array([side for corners in WALLS + PILLARS for side in box(*corners)], dtype=np.float64)
 GEOMETRY = LaserGeometry(181, -np.pi / 2, np.pi / 180, 0.1, 8.0, Pose2D(0.0, 0.0, 0.0))
 CORNERS = [(1, 1), (19, 1), (19, 13), (1, 13)]
 
@@ -33,10 +35,10 @@ def true_path(rounds=2, step=0.2, turn=0.2):
         x0, y0 = CORNERS[side % 4]
         x1, y1 = CORNERS[(side + 1) % 4]
         length, heading = np.hypot(x1 - x0, y1 - y0), side % 4 * np.pi / 2
-        for s in np.arange(step, length + 1e-9, step):
-            poses.append(Pose2D(x0 + s * (x1 - x0) / length, y0 + s * (y1 - y0) / length, heading))
-        for t in np.linspace(0, np.pi / 2, int(np.pi / 2 / turn) + 1)[1:]:
-            poses.append(Pose2D(x1, y1, heading + t))
+        ux, uy = (x1 - x0) / length, (y1 - y0) / length
+        poses += [Pose2D(x0 + s * ux, y0 + s * uy, heading) for s in np.arange(step, length + 1e-9, step)]
+        turns = np.linspace(0, np.pi / 2, int(np.pi / 2 / turn) + 1)[1:]
+        poses += [Pose2D(x1, y1, heading + t) for t in turns]
     return poses
 
 
@@ -79,10 +81,11 @@ def test_two_rounds_of_a_corridor_are_closed(drive):
 
 def test_without_loops_the_error_is_larger(drive):
     log, truth = drive
-    open_ended = PoseGraphConfig(loop_length=1e9)
-    loose = run(log, mode="pose_graph", pose_graph=open_ended)
+    # Matched with two scans only, the path drifts as it would in a larger building.
+    short = {"local_nodes": 2, "keyframe_distance": 0.2}
+    loose = run(log, mode="pose_graph", pose_graph=PoseGraphConfig(loop_length=1e9, **short))
     assert loose.extra["loop_closures"] == 0
-    closed = run(log, mode="pose_graph")
+    closed = run(log, mode="pose_graph", pose_graph=PoseGraphConfig(**short))
     errors = [absolute_trajectory_error(r.trajectory, truth).translation.rmse for r in (loose, closed)]
     assert errors[1] < errors[0]
 

@@ -8,8 +8,8 @@ from slamgym.slam.node_matcher import NodeMatcher
 from slamgym.slam.pose_graph_config import PoseGraphConfig
 
 ROOM = np.array(
-    [(-4, -3, 5, -3), (5, -3, 5, 2), (5, 2, 1, 2), (1, 2, 1, 4), (1, 4, -4, 4), (-4, 4, -4, -3), (2, -1, 3, -1),
-     (3, -1, 3, 0), (3, 0, 2, 0), (2, 0, 2, -1)], dtype=np.float64,
+    [(-4, -3, 5, -3), (5, -3, 5, 2), (5, 2, 1, 2), (1, 2, 1, 4), (1, 4, -4, 4), (-4, 4, -4, -3),
+     (2, -1, 3, -1), (3, -1, 3, 0), (3, 0, 2, 0), (2, 0, 2, -1)], dtype=np.float64,
 )  # fmt: skip
 CORRIDOR = np.array([(-100, -1, 100, -1), (-100, 1, 100, 1)], dtype=np.float64)
 BEAMS = 181
@@ -42,7 +42,7 @@ def test_search_and_alignment_find_the_pose_to_a_centimetre(dx, dy, turn):
     room = local_map(matcher, KNOWN)
     truth = np.array([0.1, 0.2, 0.4])
     points = scan_points(truth)
-    start, score = matcher.search(room, points, truth + [dx, dy, turn], 1.0, 0.4, 0.3)
+    start, score = matcher.search(room, points, truth + np.array([dx, dy, turn]), 1.0, 0.4, 0.3)
     assert score > 0.6
     match = matcher.align(room, points, start, start, np.zeros((3, 3)))
     assert match.fit > 0.8
