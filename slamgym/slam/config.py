@@ -34,15 +34,16 @@ class MotionNoise:
 class SlamConfig:
     """How the map is made.
 
-    The defaults are TurtleBot3's GMapping launch file (``turtlebot3_slam/config/gmapping_params.yaml``), except
-    for the number of particles and the minimum score, where GMapping's own defaults of 30 and 0 stand (the launch
-    file says 100 and 50), and for ``odometry_weight``, which GMapping doesn't have.
+    The defaults are TurtleBot3's GMapping launch file (``turtlebot3_slam/config/gmapping_params.yaml``),
+    except for the number of particles and the minimum score, where GMapping's own defaults of 30 and 0 stand
+    (the launch file says 100 and 50), and for ``odometry_weight`` and ``drawn_noise``, which GMapping doesn't
+    have.
     """
 
     mode: Mode = "rbpf"
-    """``rbpf``: particle filter as GMapping; ``pose_graph``: closes loops globally; ``scan_matching``: one particle,
-    no motion noise; ``dead_reckoning``: believes the odometry; ``ground_truth``: the same, for a caller who hands
-    it true poses."""
+    """``rbpf``: particle filter as GMapping; ``pose_graph``: closes loops globally; ``scan_matching``: one
+    particle, no motion noise; ``dead_reckoning``: believes the odometry; ``ground_truth``: the same, for a
+    caller who hands it true poses."""
 
     particles: int = 30
     """Number of particles (``particles``)."""
@@ -51,11 +52,12 @@ class SlamConfig:
     """Cell size of the maps [m] (``delta``)."""
 
     max_usable_range: float = 3.0
-    """Longer returns are not matched; their rays are cut here and clear free space only [m] (``maxUrange``)."""
+    """Longer returns are not matched; their rays are cut here and clear free space only [m]
+    (``maxUrange``)."""
 
     matcher: Matcher = "coarse_to_fine"
-    """``coarse_to_fine``: ICP from the predicted pose, first on a part of the beams, with a short climb where it
-    fits poorly; ``hill_climbing``: GMapping's own search, ten times slower and less accurate."""
+    """``coarse_to_fine``: ICP from the predicted pose, first on a part of the beams, with a short climb where
+    it fits poorly; ``hill_climbing``: GMapping's own search, ten times slower and less accurate."""
 
     sigma: float = 0.05
     """Width of the matching score exp(-d^2 / sigma) [m^2] (``sigma``)."""
@@ -79,15 +81,21 @@ class SlamConfig:
     """Beams left out between two that are matched (``lskip``); all are drawn into the map."""
 
     minimum_score: float = 0.0
-    """A match with a lower score is refused and odometry stands (``minimumScore``). 0 is GMapping's default. With
-    the launch file's 50 a robot that sees few walls isn't matched at all and its particles scatter."""
+    """A match with a lower score is refused and odometry stands (``minimumScore``). 0 is GMapping's default.
+    With the launch file's 50 a robot that sees few walls isn't matched at all and its particles scatter."""
 
     motion: MotionNoise = field(default_factory=MotionNoise)
     """Noise of the motion model."""
 
-    odometry_weight: float = 0.1
-    """Pull of the predicted pose on the match: a pose n standard deviations of the motion model away from it costs
-    n^2 / 2 x this many beams of score. It keeps a scan from sliding along a corridor. 0 is GMapping's."""
+    odometry_weight: float = 0.3
+    """Pull of the predicted pose on the match: a pose n standard deviations of the motion model away from it
+    costs n^2 / 2 times this many beams of score. It keeps a scan from sliding along a corridor. 0 is
+    GMapping."""
+
+    drawn_noise: float = 0.3
+    """Share of the motion noise that is drawn for each particle; the pull of the predicted pose counts with
+    all of it. The launch values of the noise are several times a wheel robot's real error, so that drawing
+    all of it scatters particles that see little. GMapping's: 1."""
 
     linear_update: float = 1.0
     """A scan is processed after this distance [m] (``linearUpdate``) ..."""
@@ -105,9 +113,9 @@ class SlamConfig:
     """A cell is occupied when more than this share of its observations are hits (``occ_thresh``)."""
 
     no_return_clears: bool = True
-    """Whether a beam without return clears its ray up to the usable range. Stock slam_gmapping skips such beams;
-    then the middle of a room larger than the range stays unknown for ever and exploration never ends there. Turn
-    it off for logs whose missing returns may be glass or errors instead of space."""
+    """Whether a beam without return clears its ray up to the usable range. Stock slam_gmapping skips such
+    beams; then the middle of a room larger than the range stays unknown for ever and exploration never ends
+    there. Turn it off for logs whose missing returns may be glass or errors instead of space."""
 
     memory_limit_mb: float = 4096.0
     """The maps may take this much memory [MB]; beyond it the mapper stops with a clear error."""
@@ -116,10 +124,20 @@ class SlamConfig:
     """Settings of the mode ``pose_graph``."""
 
     def __post_init__(self) -> None:
-        positive = ("particles", "resolution", "max_usable_range", "sigma", "linear_step", "angular_step",
-                    "likelihood_sigma", "likelihood_gain", "memory_limit_mb")  # fmt: skip
-        if self.odometry_weight < 0.0:
-            raise ConfigError(f"slam.odometry_weight is {self.odometry_weight!r}; give 0 or more")
+        positive = (
+            "particles",
+            "resolution",
+            "max_usable_range",
+            "sigma",
+            "linear_step",
+            "angular_step",
+            "likelihood_sigma",
+            "likelihood_gain",
+            "memory_limit_mb",
+        )
+        for name in ("odometry_weight", "drawn_noise"):
+            if not getattr(self, name) >= 0.0:
+                raise ConfigError(f"slam.{name} is {getattr(self, name)!r}; give 0 or more")
         for name in positive:
             if not getattr(self, name) > 0:
                 raise ConfigError(f"slam.{name} is {getattr(self, name)!r}; give a value above 0")
@@ -138,6 +156,7 @@ class SlamConfig:
             matcher="hill_climbing",
             minimum_score=50.0,
             odometry_weight=0.0,
+            drawn_noise=1.0,
             no_return_clears=False,
         )
 

@@ -89,9 +89,20 @@ class DrawnMap:
         box = (first_row, first_col, last_row + 1, last_col + 1)
         self._cover(box)
         draw_scans(
-            self._counts, self._corner[1], self._corner[0], self._resolution, poses, ranges, b.directions, b.mount,
-            b.range_min, b.range_max, b.usable, b.no_return_clears, sign,
-        )  # fmt: skip
+            self._counts,
+            self._corner[1],
+            self._corner[0],
+            self._resolution,
+            poses,
+            ranges,
+            b.directions,
+            b.mount,
+            b.range_min,
+            b.range_max,
+            b.usable,
+            b.no_return_clears,
+            sign,
+        )
         if self._dirty is not None:
             old = self._dirty
             box = (min(box[0], old[0]), min(box[1], old[1]), max(box[2], old[2]), max(box[3], old[3]))
@@ -159,9 +170,15 @@ class DrawnMap:
         if frame.resolution != self._resolution or not aligned:
             out = np.empty(frame.shape, dtype=np.uint8)
             coarsen(
-                cells, self._corner[1] * self._resolution, self._corner[0] * self._resolution, self._resolution,
-                frame.origin_x, frame.origin_y, frame.resolution, out,
-            )  # fmt: skip
+                cells,
+                self._corner[1] * self._resolution,
+                self._corner[0] * self._resolution,
+                self._resolution,
+                frame.origin_x,
+                frame.origin_y,
+                frame.resolution,
+                out,
+            )
             return out
         out = np.full(frame.shape, UNKNOWN, dtype=np.uint8)
         first_row, first_col = round(row) - self._corner[0], round(col) - self._corner[1]

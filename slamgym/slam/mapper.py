@@ -55,8 +55,8 @@ class SlamStats:
 class Mapper(Protocol):
     """A SLAM method that is fed scan by scan.
 
-    Poses and maps are in the ``map`` frame (see :mod:`slamgym.types`), in which the robot starts at the initial
-    pose. Odometry may be in any frame: only its increments count.
+    Poses and maps are in the ``map`` frame (see :mod:`slamgym.types`), in which the robot starts at the
+    initial pose. Odometry may be in any frame: only its increments count.
     """
 
     @property
@@ -66,7 +66,7 @@ class Mapper(Protocol):
 
     @property
     def covariance(self) -> FloatArray:
-        """Covariance (3, 3) of x [m], y [m], theta [rad] at the last processed scan; zero if none is known."""
+        """Covariance (3, 3) of x, y [m] and theta [rad] at the last processed scan; zero if not known."""
         ...
 
     @property
@@ -95,9 +95,9 @@ class Mapper(Protocol):
         """The map on another grid.
 
         Args:
-            frame: Any axis-parallel grid of the map frame. On the map's own lattice the cells are copied; on a
-                coarser one, or one that is offset, occupied wins over free and free over unknown among the cells
-                that overlap.
+            frame: Any axis-parallel grid of the map frame. On the map's own lattice the cells are copied; on
+                a coarser one, or one that is offset, occupied wins over free and free over unknown among the
+                cells that overlap.
 
         Returns:
             Values as ROS map_server, shape ``frame.shape``, row 0 at the top.

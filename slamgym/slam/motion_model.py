@@ -21,10 +21,10 @@ def noise_array(noise: MotionNoise) -> FloatArray:
 def sample_motion(
     poses: FloatArray, increments: FloatArray, normals: FloatArray, noise: FloatArray
 ) -> tuple[float, float]:
-    """Move each particle by the odometry increments since the last processed scan, each with noise of its own.
+    """Move each particle by the odometry increments since the last processed scan, with its own noise.
 
-    GMapping adds noise at every scan, also at those it doesn't process; so the spread depends on the scan rate,
-    and to draw it once for the sum would be another filter.
+    GMapping adds noise at every scan, also at those it doesn't process; so the spread depends on the scan
+    rate, and to draw it once for the sum would be another filter.
 
     Args:
         poses: (particles, 3) [m, m, rad], changed in place.

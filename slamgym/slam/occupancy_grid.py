@@ -22,8 +22,8 @@ def drawn_length(
     """How far beam ``i`` of a scan is drawn [m]; 0 for a beam that is left out, and at most ``usable``.
 
     A beam that returned from within ``usable`` is a hit. A longer one is cut and clears only; so does a beam
-    without return (``+inf``) if ``no_return_clears`` and the beams beside it reach beyond ``usable`` as well: a
-    lone one among hits is a failed measurement and would clear a spike through the wall. nan, ``-inf`` and
+    without return (``+inf``) if ``no_return_clears`` and the beams beside it reach beyond ``usable`` as well:
+    a lone one among hits is a failed measurement and would clear a spike through the wall. nan, ``-inf`` and
     ranges below ``range_min`` are left out.
     """
     r = ranges[i]
@@ -40,10 +40,17 @@ def drawn_length(
 
 @kernel
 def scan_bounds(
-    poses: FloatArray, ranges: Float32Array, directions: FloatArray, mount: FloatArray,
-    range_min: float, range_max: float, usable: float, no_return_clears: bool, bounds: FloatArray,
-) -> None:  # fmt: skip
-    """Stretch ``bounds`` (min x, min y, max x, max y) [m] over all that the scans draw; see :func:`draw_scans`."""
+    poses: FloatArray,
+    ranges: Float32Array,
+    directions: FloatArray,
+    mount: FloatArray,
+    range_min: float,
+    range_max: float,
+    usable: float,
+    no_return_clears: bool,
+    bounds: FloatArray,
+) -> None:
+    """Stretch ``bounds`` (min x, min y, max x, max y) [m] over all that :func:`draw_scans` draws."""
     for k in range(len(poses)):
         cos, sin = math.cos(poses[k, 2]), math.sin(poses[k, 2])
         x0 = poses[k, 0] + cos * mount[0] - sin * mount[1]
@@ -60,10 +67,20 @@ def scan_bounds(
 
 @kernel
 def draw_scans(
-    counts: np.ndarray, corner_col: int, corner_row: int, resolution: float, poses: FloatArray, ranges: Float32Array,
-    directions: FloatArray, mount: FloatArray, range_min: float, range_max: float, usable: float,
-    no_return_clears: bool, sign: int,
-) -> None:  # fmt: skip
+    counts: np.ndarray,
+    corner_col: int,
+    corner_row: int,
+    resolution: float,
+    poses: FloatArray,
+    ranges: Float32Array,
+    directions: FloatArray,
+    mount: FloatArray,
+    range_min: float,
+    range_max: float,
+    usable: float,
+    no_return_clears: bool,
+    sign: int,
+) -> None:
     """Draw scans into the counts, or take them out again.
 
     Each beam visits the cells from the sensor to its end (Bresenham's line, in fixed point) and hits the last
@@ -91,8 +108,8 @@ def draw_scans(
         cos, sin = math.cos(poses[k, 2]), math.sin(poses[k, 2])
         x0 = poses[k, 0] + cos * mount[0] - sin * mount[1]
         y0 = poses[k, 1] + sin * mount[0] + cos * mount[1]
-        start_col = int(math.floor(x0 * scale)) - corner_col
-        start_row = int(math.floor(y0 * scale)) - corner_row
+        start_col = math.floor(x0 * scale) - corner_col
+        start_row = math.floor(y0 * scale) - corner_row
         start = start_row * cols + start_col
         for i in range(ranges.shape[1]):
             r = ranges[k, i]
@@ -101,8 +118,8 @@ def draw_scans(
                 continue
             x = x0 + length * (cos * directions[i, 0] - sin * directions[i, 1])
             y = y0 + length * (sin * directions[i, 0] + cos * directions[i, 1])
-            d_col = int(math.floor(x * scale)) - corner_col - start_col
-            d_row = int(math.floor(y * scale)) - corner_row - start_row
+            d_col = math.floor(x * scale) - corner_col - start_col
+            d_row = math.floor(y * scale) - corner_row - start_row
             major_stride = 1 if d_col >= 0 else -1
             minor_stride = cols if d_row >= 0 else -cols
             major, minor = abs(d_col), abs(d_row)
@@ -133,9 +150,15 @@ def classify(counts: np.ndarray, threshold: float, out: ByteArray) -> None:
 
 @kernel
 def coarsen(
-    cells: ByteArray, corner_x: float, corner_y: float, resolution: float, origin_x: float, origin_y: float,
-    out_resolution: float, out: ByteArray,
-) -> None:  # fmt: skip
+    cells: ByteArray,
+    corner_x: float,
+    corner_y: float,
+    resolution: float,
+    origin_x: float,
+    origin_y: float,
+    out_resolution: float,
+    out: ByteArray,
+) -> None:
     """Read the map on another grid: of the cells that overlap a coarse one occupied wins, then free.
 
     Args:
@@ -153,12 +176,12 @@ def coarsen(
     ratio = out_resolution / resolution
     for row in range(rows):
         bottom = (origin_y - corner_y) / resolution + (rows - 1 - row) * ratio
-        first_row = max(int(math.floor(bottom + slack)), 0)
-        last_row = min(int(math.ceil(bottom + ratio - slack)), cells.shape[0])
+        first_row = max(math.floor(bottom + slack), 0)
+        last_row = min(math.ceil(bottom + ratio - slack), cells.shape[0])
         for col in range(cols):
             left = (origin_x - corner_x) / resolution + col * ratio
-            first_col = max(int(math.floor(left + slack)), 0)
-            last_col = min(int(math.ceil(left + ratio - slack)), cells.shape[1])
+            first_col = max(math.floor(left + slack), 0)
+            last_col = min(math.ceil(left + ratio - slack), cells.shape[1])
             value = UNKNOWN
             for r in range(first_row, last_row):
                 for c in range(first_col, last_col):

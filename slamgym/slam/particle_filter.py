@@ -1,8 +1,8 @@
 """GMapping's Rao-Blackwellised particle filter (Grisetti, Stachniss and Burgard, T-RO 23(1), 2007).
 
-Each particle carries a path and a map of its own. A processed scan moves every particle by odometry with noise,
-then to the best match with its own map; the match's likelihood weighs it, and when few particles hold most of
-the weight they are resampled.
+Each particle carries a path and a map of its own. A processed scan moves every particle by odometry with
+noise, then to the best match with its own map; the match's likelihood weighs it, and when few particles hold
+most of the weight they are resampled.
 """
 
 import time
@@ -12,22 +12,47 @@ import numpy as np
 from slamgym.geometry import compose
 from slamgym.slam.config import SlamConfig
 from slamgym.slam.drawn_map import BeamTable, DrawnMap
+from slamgym.slam.end_points import usable_end_points
 from slamgym.slam.mapper import SlamStats
 from slamgym.slam.motion_model import noise_array, sample_motion
 from slamgym.slam.odometry_gate import OdometryGate
 from slamgym.slam.particle_maps import ParticleMaps
 from slamgym.slam.resampling import effective_sample_size, normalized_weights, systematic_resample
-from slamgym.slam.scan_match import match_particles, usable_end_points
+from slamgym.slam.scan_match import MatchSettings, match_particles
 from slamgym.slam.trajectory_tree import TrajectoryTree, trace_lineage
 from slamgym.types import (
-    ByteArray, FloatArray, GridFrame, IntArray, LaserGeometry, LaserScan, OccupancyGrid, Pose2D, Trajectory,
-)  # fmt: skip
+    ByteArray,
+    FloatArray,
+    GridFrame,
+    IntArray,
+    LaserGeometry,
+    LaserScan,
+    OccupancyGrid,
+    Pose2D,
+    Trajectory,
+)
 
 POSITION_FLOOR = 0.005
 HEADING_FLOOR = 0.003
 """Odometry is never trusted further than this [m], [rad]."""
+NULL_LIKELIHOOD = -0.5
+"""-d^2 of a beam with nothing near [m^2] (GMapping's ``nullLikelihood``)."""
 MARGIN = 1.5
 """How far round the scan's reach the maps are made ready [m]; a match that strays further finds nothing."""
+
+
+def match_settings(config: SlamConfig) -> MatchSettings:
+    """The settings as the matching kernels take them, lengths in cells."""
+    return MatchSettings(
+        gain=config.resolution**2 / config.sigma,
+        likelihood_gain=config.resolution**2 / config.likelihood_sigma,
+        miss=NULL_LIKELIHOOD / config.likelihood_sigma,
+        stride=config.beam_skip + 1,
+        linear_step=config.linear_step / config.resolution,
+        angular_step=float(config.angular_step),
+        halvings=config.iterations if config.matcher == "hill_climbing" else -1,
+        minimum_score=float(config.minimum_score),
+    )
 
 
 class ParticleFilter:
@@ -55,6 +80,7 @@ class ParticleFilter:
         )
         self._grid: OccupancyGrid | None = None
         self._end_points = np.zeros((geometry.num_beams, 2))
+        self._match_settings = match_settings(config)
         self._stats = SlamStats()
 
     @property
@@ -72,6 +98,17 @@ class ParticleFilter:
     def particle_poses(self) -> FloatArray:
         """(particles, 3) at the last processed scan."""
         return self._poses.copy()
+
+    def particle_paths(self, most: int) -> list[FloatArray]:
+        """Paths of at most so many particles, each (processed scans, 3)."""
+        last = len(self._tree) - 1
+        paths: list[FloatArray] = []
+        for particle in range(min(most, len(self._poses)) if last >= 0 else 0):
+            lineage = np.full(last + 1, -1, dtype=np.int64)
+            # After a resampling the places of the particles changed; their parents are at the last scan.
+            trace_lineage(self._tree.parents, last, particle, lineage)
+            paths.append(self._tree.poses_along(lineage))
+        return paths
 
     @property
     def covariance(self) -> FloatArray:
@@ -107,7 +144,8 @@ class ParticleFilter:
         """One step of the filter: predict, match, weigh, resample, register."""
         increments = self._gate.take(scan.stamp)
         shape = (len(increments), len(self._poses), 3)
-        normals = self._rng.standard_normal(shape) if self._config.mode == "rbpf" else np.zeros(shape)
+        rbpf = self._config.mode == "rbpf"
+        normals = self._config.drawn_noise * self._rng.standard_normal(shape) if rbpf else np.zeros(shape)
         variance, turn_variance = sample_motion(self._poses, increments, normals, self._noise)
         stiffness = self._config.odometry_weight / (variance + POSITION_FLOOR**2)
         turn_stiffness = self._config.odometry_weight / (turn_variance + HEADING_FLOOR**2)
@@ -130,10 +168,17 @@ class ParticleFilter:
         c = self._config
         log_likelihoods = np.empty(len(self._poses))
         matched = match_particles(
-            self._maps.pool, self._maps.tables, self._poses, points, self._maps.origin, c.resolution,
-            c.beam_skip + 1, c.iterations if c.matcher == "hill_climbing" else -1, c.linear_step, c.angular_step,
-            c.sigma, c.likelihood_sigma, c.minimum_score, stiffness, turn_stiffness, log_likelihoods,
-        )  # fmt: skip
+            self._maps.pool,
+            self._maps.tables,
+            self._poses,
+            points,
+            self._maps.origin,
+            c.resolution,
+            stiffness,
+            turn_stiffness,
+            self._match_settings,
+            log_likelihoods,
+        )
         self._stats.refused_matches += len(self._poses) - matched
         self._log_weights += log_likelihoods
         self._path_log_weights += log_likelihoods

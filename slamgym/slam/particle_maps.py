@@ -1,13 +1,12 @@
 """The particles' own maps: owns the tile pool and the tables, and lets them grow."""
 
-import math
-
 import numpy as np
 
 from slamgym.errors import SlamgymError
 from slamgym.slam.tiles import BYTES_PER_TILE, TILE, TilePool, copy_maps, register_scan
 from slamgym.types import FloatArray, IntArray
 
+FIRST_TILES = 1024
 GROWTH_TILES = 8
 """Tables grow by at least so many tiles on a side, so that they seldom grow."""
 
@@ -17,7 +16,7 @@ class ParticleMaps:
 
     def __init__(self, particles: int, resolution: float, memory_limit_mb: float) -> None:
         self.resolution = resolution
-        self.pool = TilePool.empty(256)
+        self.pool = TilePool.empty(FIRST_TILES)
         self.tables = np.zeros((particles, 0, 0), dtype=np.int32)
         self._corner = (0, 0)  # tile (row, col) of the lattice where the tables begin
         self._memory_limit = memory_limit_mb * 1e6
@@ -71,7 +70,7 @@ class ParticleMaps:
     def _grow_pool(self, needed: int) -> None:
         capacity = len(self.pool.references)
         most = int(self._memory_limit / BYTES_PER_TILE)
-        larger = min(max(math.ceil(1.5 * capacity), capacity + 2 * needed), most)
+        larger = min(max(2 * capacity, capacity + 2 * needed), most)
         if larger < capacity + needed:
             raise SlamgymError(
                 f"the particles' maps need more than slam.memory_limit_mb={self._memory_limit / 1e6:.0f}; raise it, "

@@ -30,8 +30,8 @@ def systematic_resample(weights: FloatArray, uniform: float) -> IntArray:
         uniform: One draw from [0, 1).
 
     Returns:
-        (particles,) ancestor of each place. Every survivor keeps its own place, so that only the maps of those
-        who die are replaced.
+        (particles,) ancestor of each place. Every survivor keeps its own place, so that only the maps of
+        those who die are replaced.
     """
     count = len(weights)
     ticks = (np.arange(count) + uniform) / count

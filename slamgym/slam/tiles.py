@@ -7,9 +7,9 @@ then copies tables instead of maps, and its cost hardly depends on the size of t
 
 Convention: points are in cells, ``(u, v) = (x, y) / resolution`` from the lower left corner of the table;
 tile ``[row, col]`` covers cells ``[row * TILE, (row + 1) * TILE)`` in v and likewise in u, rows upwards.
-A cell is four uint16, so that all that is asked of it lies in eight bytes of one cache line: the mean end point
-within the cell (in 1/65536 of a cell, i.e. 0.8 um at 5 cm, in a map of any size), the count, and the neighbours.
-Half of the time of a naive layout goes into waiting for memory.
+A cell is four uint16, so that all that is asked of it lies in eight bytes of one cache line: the mean end
+point within the cell (in 1/65536 of a cell, i.e. 0.8 um at 5 cm, in a map of any size), the count, and the
+neighbours. Half of the time of a naive layout goes into waiting for memory.
 """
 
 from typing import NamedTuple
@@ -37,8 +37,8 @@ class TilePool(NamedTuple):
     """Storage of all tiles of all particles; ``C`` is the capacity."""
 
     cells: np.ndarray
-    """(C, TILE * TILE, 4) uint16: mean u and v [1 / MEAN_UNITS cells], end points seen (stops at MAX_COUNT), and
-    the neighbours that hold a mean (bit ``3 * (dv + 1) + du + 1``)."""
+    """(C, TILE * TILE, 4) uint16: mean u and v [1 / MEAN_UNITS cells], end points seen (stops at MAX_COUNT),
+    and the neighbours that hold a mean (bit ``3 * (dv + 1) + du + 1``)."""
     references: np.ndarray  # (C,) int32 how many tables name the tile
     free: np.ndarray  # (C,) int32 stack of unused tile numbers
     num_free: IntArray  # (1,) height of the stack
@@ -87,10 +87,9 @@ def writable_tile(pool: TilePool, table: np.ndarray, row: int, col: int) -> int:
 
 
 @kernel
-def insert_point(pool: TilePool, table: np.ndarray, u: float, v: float) -> None:
-    """Add an end point to a map."""
+def insert_point(pool: TilePool, table: np.ndarray, tile: int, u: float, v: float) -> None:
+    """Add an end point to a map; ``tile`` is the point's tile, and this table's own."""
     cell_u, cell_v = int(u), int(v)
-    tile = writable_tile(pool, table, cell_v >> TILE_BITS, cell_u >> TILE_BITS)
     cell = ((cell_v & TILE_MASK) << TILE_BITS) | (cell_u & TILE_MASK)
     in_u, in_v = (u - cell_u) * MEAN_UNITS, (v - cell_v) * MEAN_UNITS
     count = int(pool.cells[tile, cell, COUNT])
@@ -117,8 +116,14 @@ def insert_point(pool: TilePool, table: np.ndarray, u: float, v: float) -> None:
 
 @kernel
 def register_scan(
-    pool: TilePool, tables: np.ndarray, poses: FloatArray, points: FloatArray, origin: FloatArray, resolution: float, first: int
-) -> int:  # fmt: skip
+    pool: TilePool,
+    tables: np.ndarray,
+    poses: FloatArray,
+    points: FloatArray,
+    origin: FloatArray,
+    resolution: float,
+    first: int,
+) -> int:
     """Add a scan's end points to each particle's own map at the particle's pose.
 
     Args:
@@ -131,8 +136,8 @@ def register_scan(
         first: Particle to begin with.
 
     Returns:
-        The particle that the pool had too few free tiles for, or the number of particles when done. The caller
-        lets the pool grow and calls again from there.
+        The particle that the pool had too few free tiles for, or the number of particles when done. The
+        caller lets the pool grow and calls again from there.
     """
     scale = 1.0 / resolution
     # An end point touches at most four tiles: its own and those of its neighbour cells.
@@ -143,11 +148,17 @@ def register_scan(
             return p
         cos, sin = np.cos(poses[p, 2]) * scale, np.sin(poses[p, 2]) * scale
         u0, v0 = (poses[p, 0] - origin[0]) * scale, (poses[p, 1] - origin[1]) * scale
+        row, col, tile = -1, -1, EMPTY
         for i in range(len(points)):
             u = u0 + cos * points[i, 0] - sin * points[i, 1]
             v = v0 + sin * points[i, 0] + cos * points[i, 1]
             if u >= 1.0 and v >= 1.0 and u < max_u and v < max_v:
-                insert_point(pool, tables[p], u, v)
+                at_row, at_col = int(v) >> TILE_BITS, int(u) >> TILE_BITS
+                # Neighbouring beams mostly end in the same tile.
+                if at_row != row or at_col != col:
+                    row, col = at_row, at_col
+                    tile = writable_tile(pool, tables[p], row, col)
+                insert_point(pool, tables[p], tile, u, v)
     return len(poses)
 
 

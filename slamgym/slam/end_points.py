@@ -1,0 +1,96 @@
+"""What a scan is to the matcher: end points and the surface's direction at each, as numba kernels."""
+
+import math
+
+from slamgym.jit import kernel
+from slamgym.types import Float32Array, FloatArray
+
+NORMAL_REACH = 3
+NORMAL_GAP = 0.2
+NORMAL_THICKNESS = 0.03
+"""A surface normal comes from up to so many points on either side, each within this gap of the next [m], if
+they lie on a line this thin [m]."""
+
+
+@kernel
+def usable_end_points(
+    ranges: Float32Array,
+    directions: FloatArray,
+    mount: FloatArray,
+    range_min: float,
+    range_max: float,
+    out: FloatArray,
+) -> int:
+    """End points of the beams that can be matched, in the robot frame.
+
+    Args:
+        ranges: (num_beams,) [m]; infinite and nan beams are left out.
+        directions: (num_beams, 2) unit vectors of the beams in the robot frame.
+        mount: (2,) sensor position in the robot frame [m].
+        range_min: Smallest range taken [m].
+        range_max: Largest range taken [m].
+        out: (num_beams, 2) receives the points [m].
+
+    Returns:
+        The number of points.
+    """
+    n = 0
+    for i in range(len(ranges)):
+        r = ranges[i]
+        if r >= range_min and r <= range_max:
+            out[n, 0] = mount[0] + r * directions[i, 0]
+            out[n, 1] = mount[1] + r * directions[i, 1]
+            n += 1
+    return n
+
+
+@kernel
+def surface_normals(points: FloatArray, out: FloatArray) -> None:
+    """Unit normals of the surface at each end point, from the points beside it; zero where it isn't straight.
+
+    Args:
+        points: (n, 2) end points in the order of the beams [m].
+        out: (n, 2) receives the normals.
+    """
+    for i in range(len(points)):
+        out[i, 0] = out[i, 1] = 0.0
+        first, last = i, i
+        for _ in range(NORMAL_REACH):
+            if first > 0 and _gap(points, first - 1) < NORMAL_GAP:
+                first -= 1
+            if last < len(points) - 1 and _gap(points, last) < NORMAL_GAP:
+                last += 1
+        count = last - first + 1
+        if count < 3:
+            continue
+        xx, xy, yy = _scatter(points, first, last + 1)
+        half_trace, half_gap = 0.5 * (xx + yy), math.hypot(0.5 * (xx - yy), xy)
+        thickness, spread = (
+            half_trace - half_gap,
+            half_trace + half_gap,
+        )  # variances across and along the line
+        if thickness <= NORMAL_THICKNESS**2 and spread >= 4.0 * thickness:
+            angle = 0.5 * math.atan2(2.0 * xy, xx - yy) + 0.5 * math.pi
+            out[i, 0], out[i, 1] = math.cos(angle), math.sin(angle)
+
+
+@kernel
+def _gap(points: FloatArray, i: int) -> float:
+    """Distance from a point to the next."""
+    return math.hypot(points[i + 1, 0] - points[i, 0], points[i + 1, 1] - points[i, 1])
+
+
+@kernel
+def _scatter(points: FloatArray, first: int, end: int) -> tuple[float, float, float]:
+    """Covariance (xx, xy, yy) of points ``first`` to ``end - 1``."""
+    count = end - first
+    mean_x = mean_y = xx = xy = yy = 0.0
+    for j in range(first, end):
+        mean_x += points[j, 0] / count
+        mean_y += points[j, 1] / count
+    for j in range(first, end):
+        dx, dy = points[j, 0] - mean_x, points[j, 1] - mean_y
+        xx += dx * dx / count
+        xy += dx * dy / count
+        yy += dy * dy / count
+    return xx, xy, yy
