@@ -38,7 +38,7 @@ REAL_COLUMNS = (
     "log", "search", "particles", "at scans [m]", "worst [m]", "rotation [deg]", "interpolated [m]", "ms per scan",
 )  # fmt: skip
 SIMULATED_COLUMNS = (
-    "odometry", "laser [m]", "mode", "particles", "RMSE [m]", "95 % low", "95 % high", "worst [m]",
+    "odometry", "laser [m]", "mode", "particles", "RMSE [m]", "95 % low", "95 % high", "median [m]", "worst [m]",
     "N_eff share", "NEES", "ms per scan",
 )  # fmt: skip
 
@@ -56,6 +56,8 @@ def main() -> None:
             for search, particles in (("ours", 30), ("ours", 50), ("GMapping's", 30))
         ]
         print_and_save("slam_accuracy_logs", f"recorded logs, {arguments.seeds} seeds", rows, REAL_COLUMNS)
+    if arguments.episodes == 0:
+        return
     rows = simulated_rows(arguments.episodes)
     title = f"simulated homes, {arguments.episodes} explorations of 7 minutes"
     print_and_save("slam_accuracy_simulated", title, rows, SIMULATED_COLUMNS)
@@ -116,7 +118,9 @@ def simulated_row(
 ) -> dict[str, Any]:
     """One mode on all drives."""
     errors, shares, nees, times = [], [], [], []
-    config = SlamConfig(mode=mode, particles=particles, max_usable_range=range_max * 3.0 / 3.5)  # type: ignore[arg-type]
+    config = SlamConfig.gmapping(particles)
+    if mode != "GMapping's search":
+        config = SlamConfig(mode=mode, particles=particles, max_usable_range=range_max * 3.0 / 3.5)  # type: ignore[arg-type]
     for seed, (log, truth) in enumerate(drives):
         start = log.records[0].odometry
         mapper = make_mapper(config, log.geometry, Pose2D(0.0, 0.0, start.theta), np.random.default_rng(seed))
@@ -134,13 +138,14 @@ def simulated_row(
         "odometry": level,
         "laser [m]": range_max,
         "mode": mode,
-        "particles": particles if mode == "rbpf" else 1,
+        "particles": config.particles if config.mode == "rbpf" else 1,
         "RMSE [m]": round(float(np.mean(errors)), 3),
         "95 % low": round(low, 3),
         "95 % high": round(high, 3),
+        "median [m]": round(float(np.median(errors)), 3),
         "worst [m]": round(max(errors), 3),
-        "N_eff share": round(float(np.mean(shares)), 2) if mode == "rbpf" else None,
-        "NEES": round(float(np.median(nees)), 1) if mode == "rbpf" else None,
+        "N_eff share": round(float(np.mean(shares)), 2) if config.mode == "rbpf" else None,
+        "NEES": round(float(np.median(nees)), 1) if config.mode == "rbpf" else None,
         "ms per scan": round(float(np.median(times)), 2),
     }
 
