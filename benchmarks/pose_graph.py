@@ -1,6 +1,6 @@
 """Accuracy and time of ``pose_graph`` beside the particle filter, on recorded and simulated logs.
 
-    python benchmarks/pose_graph.py ../shared/data/logs [--seeds 3] [--episodes DATASET/episodes]
+    python benchmarks/pose_graph.py LOGS [--seeds 3] [--episodes DATASET/episodes]
 
 Real logs have no truth. ``at scans`` is the error over the reference relations (``NAME.relations`` beside
 ``NAME.log.gz``) whose moments are those of scans; ``revisit`` is the mean distance between what different

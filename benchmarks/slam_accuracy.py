@@ -1,6 +1,6 @@
 """Accuracy of the particle filter: recorded logs with reference relations, and simulated homes with a truth.
 
-    python benchmarks/slam_accuracy.py [--logs ../shared/data/logs] [--seeds 5] [--episodes 20]
+    python benchmarks/slam_accuracy.py [--logs LOGS] [--seeds 5] [--episodes 20]
 
 The simulated robot explores generated homes for seven minutes with a known pose; the same scans and wheel
 readings are then replayed through each mode, so that every row of a table judges the same drives. Errors are

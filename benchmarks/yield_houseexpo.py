@@ -1,6 +1,6 @@
 """How many explorations of real floor plans see the whole building, and what stopped the others.
 
-    python benchmarks/yield_houseexpo.py ../shared/data/houseexpo/json.tar.gz [--pairs 50] [--minutes auto]
+    python benchmarks/yield_houseexpo.py json.tar.gz [--pairs 50] [--minutes auto]
 
 The plans are filtered as ``slamgym generate --plans-filter useful`` does. The dataset stays in ``--out`` to
 be looked at.

@@ -57,7 +57,9 @@ def test_commands_exist_and_know_their_options(page, command):
 
 def test_make_targets_named_in_the_readme_exist():
     makefile = (ROOT / "Makefile").read_text()
-    targets = {target for _, code in blocks("sh") for target in re.findall(r"^make (\w+)", code, re.MULTILINE)}
+    targets = {
+        target for _, code in blocks("sh") for target in re.findall(r"^make (\w+)", code, re.MULTILINE)
+    }
     assert {"demo", "test"} <= targets
     assert all(re.search(rf"^{target}:", makefile, re.MULTILINE) for target in targets)
 
