@@ -5,7 +5,7 @@ import os
 import sys
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 import tyro
 
@@ -32,7 +32,7 @@ class GenerateArguments:
     explorations in flight: the same command again makes the rest.
     """
 
-    out: Path
+    out: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
     """Folder of the dataset; made if it is missing, continued if it holds one made with the same settings."""
     plans: str = "bundled"
     """Floor plans: a file, a folder or a .tar.gz of HouseExpo plans, a ROS map's yaml, ``bundled``, or

@@ -37,7 +37,7 @@ class WatchArguments:
     """Id of the plan; by default one that follows from the seed."""
     explorer: str = "explore_lite"
     """Who drives: ``explore_lite``, ``nearest``, ..."""
-    output: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None
+    out: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None
     """Film to write, .mp4 or .gif; without it a window opens."""
     minutes: Literal["auto"] | float = "auto"
     """Limit of robot time [min]."""
@@ -69,21 +69,21 @@ def main(argv: list[str], make_explorer: MakeExplorer) -> int:
     env = _make_env(arguments, plan)
     try:
         steps = _explore(env, plan, arguments, make_explorer)
-        if arguments.output is None:
+        if arguments.out is None:
             for _ in steps:
                 pass
         else:
             _write_film(arguments, env, steps)
-            sys.stdout.write(f"{arguments.output}\n")
+            sys.stdout.write(f"{arguments.out}\n")
     finally:
         env.close()
     return 0
 
 
 def _check(arguments: WatchArguments) -> None:
-    output = arguments.output
+    output = arguments.out
     if output is not None and output.suffix.lower() not in FILM_FORMATS:
-        raise ConfigError(f"--output {output}: a film is an .mp4 or a .gif")
+        raise ConfigError(f"--out {output}: a film is an .mp4 or a .gif")
     for name in ("speed", "fps"):
         if not 0.0 < getattr(arguments, name) < 1000.0:
             raise ConfigError(f"--{name} must be positive, not {getattr(arguments, name)}")
@@ -110,7 +110,7 @@ def _make_env(arguments: WatchArguments, plan: FloorPlan) -> ExploreEnv:
         time_limit=time_limit(plan, arguments.minutes),
     )
     return ExploreEnv(
-        plan, config.for_explorer(), render_mode="human" if arguments.output is None else "rgb_array"
+        plan, config.for_explorer(), render_mode="human" if arguments.out is None else "rgb_array"
     )
 
 
@@ -137,9 +137,9 @@ def _explore(
 
 def _write_film(arguments: WatchArguments, env: ExploreEnv, steps: Iterator[dict[str, Any]]) -> None:
     """Write every n-th step as a frame; the file appears when it is complete."""
-    assert arguments.output is not None
+    assert arguments.out is not None
     stride = max(1, round(arguments.speed / arguments.fps / env.config.control_step))
-    with staged(arguments.output) as part, _open_film(part, arguments.fps) as film:
+    with staged(arguments.out) as part, _open_film(part, arguments.fps) as film:
         for number, _ in enumerate(steps):
             if number % stride == 0:
                 film.append_data(_even(env.render()))

@@ -22,7 +22,7 @@ class ExportArguments:
     log: tyro.conf.Positional[Path]
     """Folder of an episode that `slamgym generate` wrote, a CARMEN log or a ROS bag."""
 
-    output: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
+    out: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
     """The file (CARMEN; compressed if it ends in .gz) or folder (rosbag2) to write."""
 
     format: Literal["carmen", "rosbag2"] = "carmen"
@@ -48,14 +48,14 @@ def main(argv: list[str]) -> int:
     for sentence in log.warnings.sentences():
         sys.stderr.write(f"slamgym: warning: {sentence}\n")
     if arguments.format == "carmen":
-        if arguments.output.exists() and not arguments.overwrite:
-            raise InputFileError(arguments.output, "exists already; give --overwrite to replace it")
-        write_carmen(arguments.output, log.records, log.geometry, message=arguments.message)
+        if arguments.out.exists() and not arguments.overwrite:
+            raise InputFileError(arguments.out, "exists already; give --overwrite to replace it")
+        write_carmen(arguments.out, log.records, log.geometry, message=arguments.message)
     else:
         write_rosbag2(
-            arguments.output, log.records, log.geometry, grid=_map(arguments), storage=arguments.storage
+            arguments.out, log.records, log.geometry, grid=_map(arguments), storage=arguments.storage
         )
-    sys.stdout.write(f"{arguments.output}: {len(log)} scans over {log.duration:.1f} s\n")
+    sys.stdout.write(f"{arguments.out}: {len(log)} scans over {log.duration:.1f} s\n")
     return 0
 
 

@@ -41,7 +41,7 @@ class SlamArguments:
     """CARMEN log (.log, .clf, also .gz), ROS bag (.bag, .mcap, .db3 or a rosbag2 folder), or the folder of an
     episode that `slamgym generate` wrote."""
 
-    output: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
+    out: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
     """Folder for map.pgm, map.yaml, map.png, trajectory.tum and summary.json."""
 
     mode: Mode = "rbpf"
@@ -97,8 +97,8 @@ OVERRIDES = ("particles", "resolution", "max_usable_range", "linear_update", "an
 def main(argv: list[str]) -> int:
     """Run the command; returns the exit code."""
     arguments = tyro.cli(SlamArguments, args=argv, prog="slamgym slam")
-    if arguments.output.exists() and not arguments.output.is_dir():
-        raise InputFileError(arguments.output, "is a file; name a folder for the results")
+    if arguments.out.exists() and not arguments.out.is_dir():
+        raise InputFileError(arguments.out, "is a file; name a folder for the results")
     relations = read_relations(arguments.relations) if arguments.relations is not None else None
     log = open_log(arguments.log, scan_topic=arguments.scan_topic, odometry_topic=arguments.odometry_topic)
     truth = read_truth(arguments.log)
@@ -108,8 +108,8 @@ def main(argv: list[str]) -> int:
     result = _replay(arguments, log, config)
     accuracy = _accuracy(result.trajectory, relations, truth)
     summary = _summary(arguments, log, config, result, accuracy)
-    _write(arguments.output, result, summary)
-    sys.stdout.write(_report(arguments.output, summary))
+    _write(arguments.out, result, summary)
+    sys.stdout.write(_report(arguments.out, summary))
     return 0
 
 
