@@ -94,6 +94,8 @@ def simulated_rows(episodes: int) -> list[dict[str, Any]]:
             simulated_row(drives, level, 3.5, mode, 30)
             for mode in ("dead_reckoning", "scan_matching", "rbpf")
         ]
+        if level in ("ideal", "medium"):
+            rows.append(simulated_row(drives, level, 3.5, "GMapping's search", 30))
         if level == "medium":
             rows += [simulated_row(drives, level, 3.5, "rbpf", particles) for particles in (8, 100)]
     for range_max in (6.0, 12.0):
