@@ -47,6 +47,7 @@ COMMANDS: dict[str, Command] = {
         "watch an exploration in a window, or write it as MP4 or GIF",
         _EXPLORERS,
     ),
+    "agents": Command("agents.commands:main", "train, evaluate and compare explorers"),
     "deform": Command(
         "slamgym.parametric.deform_command:main",
         "deform a floor plan into SLAM-like maps by the parametric model",
