@@ -52,6 +52,7 @@ def match_settings(config: SlamConfig) -> MatchSettings:
         angular_step=float(config.angular_step),
         halvings=config.iterations if config.matcher == "hill_climbing" else -1,
         minimum_score=float(config.minimum_score),
+        odometry_weight=float(config.odometry_weight),
     )
 
 
@@ -147,8 +148,8 @@ class ParticleFilter:
         rbpf = self._config.mode == "rbpf"
         normals = self._config.drawn_noise * self._rng.standard_normal(shape) if rbpf else np.zeros(shape)
         variance, turn_variance = sample_motion(self._poses, increments, normals, self._noise)
-        stiffness = self._config.odometry_weight / (variance + POSITION_FLOOR**2)
-        turn_stiffness = self._config.odometry_weight / (turn_variance + HEADING_FLOOR**2)
+        variance += POSITION_FLOOR**2
+        turn_variance += HEADING_FLOOR**2
         b = self._beams
         usable = min(b.usable, np.nextafter(b.range_max, 0.0))
         num_points = usable_end_points(
@@ -158,13 +159,13 @@ class ParticleFilter:
         reach = float(np.abs(points).sum(axis=1).max(initial=0.0))
         self._maps.cover(self._poses, reach + MARGIN)
         if len(self._tree) > 0:
-            self._match_and_weigh(points, stiffness, turn_stiffness)
+            self._match_and_weigh(points, variance, turn_variance)
         self._tree.append(scan.stamp, self._poses, scan.ranges)
         self._maps.register(self._poses, points)
         self._grid = None
         self._stats.processed += 1
 
-    def _match_and_weigh(self, points: FloatArray, stiffness: float, turn_stiffness: float) -> None:
+    def _match_and_weigh(self, points: FloatArray, variance: float, turn_variance: float) -> None:
         c = self._config
         log_likelihoods = np.empty(len(self._poses))
         matched = match_particles(
@@ -174,8 +175,8 @@ class ParticleFilter:
             points,
             self._maps.origin,
             c.resolution,
-            stiffness,
-            turn_stiffness,
+            variance,
+            turn_variance,
             self._match_settings,
             log_likelihoods,
         )

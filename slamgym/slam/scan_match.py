@@ -18,6 +18,7 @@ import numpy as np
 from slamgym.jit import kernel
 from slamgym.slam.end_points import surface_normals
 from slamgym.slam.tiles import (
+    COUNT,
     EMPTY,
     MEAN_U,
     MEAN_UNITS,
@@ -34,6 +35,8 @@ MAX_CLIMB_STEPS = 50
 TANGENT = 0.1
 """Weight of a distance along the surface against one across it. Along a wall the nearest mean says little,
 but not nothing: without it, a scan that sees two parallel walls slides."""
+SQUARE_WIDTH = 0.15
+"""Closeness by which means are averaged is 1 / (this + d^2)^2 [cells^2]; 2 cm at 5 cm cells."""
 CONVERGED_CELLS = 5e-3
 CONVERGED_RAD = 2e-4
 """ICP stops when a step is smaller than 0.25 mm at 5 cm cells and 0.011 degrees."""
@@ -42,10 +45,13 @@ COARSE_HALVINGS = 2
 COARSE_STEPS = 6
 FINE_STEPS = 6
 """The first steps take every fourth point."""
-ACCEPTED_SHARE = 0.95
-BETTER_SHARE = 0.02
-"""The climb is left out when the first match scores this share of the points; what it leads to must be better
-by this share."""
+CAPTURE_CELLS = 2.5
+"""ICP finds a wall that lies about this far from where it is predicted."""
+SURE_SHARES = 0.5, 0.1
+UNSURE_SHARES = 0.95, 0.02
+"""The climb is left out when the first match scores the first share of the points, and what it leads to must be
+better by the second: where the prediction is good to within the capture range, and where it isn't. The climb
+drags a pose to where more beams end on known walls, so it must not decide where it isn't needed."""
 
 
 class MatchSettings(NamedTuple):
@@ -59,6 +65,7 @@ class MatchSettings(NamedTuple):
     angular_step: float  # [rad]
     halvings: int  # of GMapping's climb; negative for match_scan instead
     minimum_score: float
+    odometry_weight: float
 
 
 class Prior(NamedTuple):
@@ -69,6 +76,7 @@ class Prior(NamedTuple):
     theta: float  # [rad]
     stiffness: float  # [1/cells^2]
     turn_stiffness: float  # [1/rad^2]
+    sure: bool  # whether the prediction is good to within the capture range
 
 
 class Match(NamedTuple):
@@ -105,11 +113,14 @@ def _exp_of_minus(x: float) -> float:
 
 
 @kernel
-def nearest_mean(pool: TilePool, table: np.ndarray, u: float, v: float) -> tuple[float, float, float]:
-    """Squared distance to, and offset of, the nearest cell mean in the 3 x 3 cells round a point.
+def surface_near(pool: TilePool, table: np.ndarray, u: float, v: float) -> tuple[float, float, float]:
+    """The surface in the 3 x 3 cells round a point.
 
     Returns:
-        (d^2, du, dv) [cells]; d^2 is negative where the neighbourhood is empty.
+        Squared distance to the nearest cell mean, negative where the neighbourhood is empty [cells^2], and the
+        offset to the middle of the surface [cells]: the average of the means by their counts and closeness. A
+        wall seen from slightly wrong poses is smeared over two cells; the nearest of its means would hold a
+        point anywhere within it.
     """
     cell_u, cell_v = int(u), int(v)
     row, col = cell_v >> TILE_BITS, cell_u >> TILE_BITS
@@ -122,7 +133,7 @@ def nearest_mean(pool: TilePool, table: np.ndarray, u: float, v: float) -> tuple
     bits = pool.cells[tile, (in_v << TILE_BITS) | in_u, NEIGHBOURS]
     if bits == 0:
         return -1.0, 0.0, 0.0
-    best, best_u, best_v = 1e9, 0.0, 0.0
+    nearest, sum_u, sum_v, weight = 1e9, 0.0, 0.0, 0.0
     inside = 0 < in_u < TILE_MASK and 0 < in_v < TILE_MASK
     for b in range(_NUM_NEIGHBOURS[bits]):
         k = _NEIGHBOURS[bits, b]
@@ -136,9 +147,12 @@ def nearest_mean(pool: TilePool, table: np.ndarray, u: float, v: float) -> tuple
         offset_u = cell_u - u + du + pool.cells[near, cell, MEAN_U] * (1.0 / MEAN_UNITS)
         offset_v = cell_v - v + dv + pool.cells[near, cell, MEAN_V] * (1.0 / MEAN_UNITS)
         d2 = offset_u * offset_u + offset_v * offset_v
-        if d2 < best:
-            best, best_u, best_v = d2, offset_u, offset_v
-    return best, best_u, best_v
+        w = pool.cells[near, cell, COUNT] / ((SQUARE_WIDTH + d2) * (SQUARE_WIDTH + d2))
+        sum_u += w * offset_u
+        sum_v += w * offset_v
+        weight += w
+        nearest = min(nearest, d2)
+    return nearest, sum_u / weight, sum_v / weight
 
 
 @kernel
@@ -151,16 +165,22 @@ def score(
     v0: float,
     theta: float,
     gain: float,
+    to_beat: float,
 ) -> float:
-    """GMapping's matching score of a pose over every ``stride``-th point; ``gain`` in 1/cells^2."""
+    """GMapping's matching score of a pose over every ``stride``-th point; ``gain`` in 1/cells^2.
+
+    The count starts at what a perfect fit would score and ends as soon as ``to_beat`` is out of reach; most
+    poses that a climb tries lose, and show it early.
+    """
     cos, sin = math.cos(theta), math.sin(theta)
-    total = 0.0
+    total = float((len(points) + stride - 1) // stride)
     for i in range(0, len(points), stride):
         u = u0 + cos * points[i, 0] - sin * points[i, 1]
         v = v0 + sin * points[i, 0] + cos * points[i, 1]
-        d2, _, _ = nearest_mean(pool, table, u, v)
-        if d2 >= 0.0:
-            total += _exp_of_minus(gain * d2)
+        d2, _, _ = surface_near(pool, table, u, v)
+        total -= 1.0 - _exp_of_minus(gain * d2) if d2 >= 0.0 else 1.0
+        if total <= to_beat:
+            break
     return total
 
 
@@ -188,7 +208,7 @@ def climb(
     """
     u, v, theta = prior.u, prior.v, prior.theta
     linear_step, angular_step = s.linear_step, s.angular_step
-    current = score(pool, table, points, stride, u, v, theta, s.gain)
+    current = score(pool, table, points, stride, u, v, theta, s.gain, -1.0)
     halved = 0
     for _ in range(MAX_CLIMB_STEPS):
         best, best_u, best_v, best_theta = current, u, v, theta
@@ -197,8 +217,8 @@ def climb(
             try_u = u + (sign * linear_step if move < 2 else 0.0)
             try_v = v + (sign * linear_step if 2 <= move < 4 else 0.0)
             try_theta = theta + (sign * angular_step if move >= 4 else 0.0)
-            value = score(pool, table, points, stride, try_u, try_v, try_theta, s.gain)
-            value -= prior_cost(prior, try_u, try_v, try_theta)
+            cost = prior_cost(prior, try_u, try_v, try_theta)
+            value = score(pool, table, points, stride, try_u, try_v, try_theta, s.gain, best + cost) - cost
             if value > best:
                 best, best_u, best_v, best_theta = value, try_u, try_v, try_theta
         if best > current:
@@ -245,9 +265,10 @@ def align(
 ) -> Match:
     """Refine a pose by at most ``steps`` ICP steps; zero steps only evaluate it.
 
-    Each step solves for the motion that brings the points to their nearest means, weighted by the objective's
-    own weights exp(-d^2 / sigma), against the pull of the prior: one Gauss-Newton step. The best pose met is
-    returned, so a step that loses is never kept.
+    Each step solves for the motion that brings the points to the surface near them, weighted by the objective's
+    own weights exp(-d^2 / sigma), against the pull of the prior: one Gauss-Newton step. The last pose is
+    returned, not the one that scored best on the way: the score counts beams that end on known walls, and to
+    choose by it is to lag behind.
 
     Args:
         pool: The tiles.
@@ -262,18 +283,17 @@ def align(
         steps: Most steps.
         s: Settings.
     """
-    best = Match(u, v, theta, 0.0, 0.0)
-    best_value = -1e9
+    match = Match(u, v, theta, 0.0, 0.0)
     force = 2.0 * s.gain
     for step in range(steps + 1):
         cos, sin = math.cos(theta), math.sin(theta)
-        total, fit, likelihood = 0.0, 0.0, 0.0
+        total, likelihood = 0.0, 0.0
         uu = uv = vv = ut = vt = tt = 0.0  # normal equations
         r_u = r_v = r_t = 0.0
         for i in range(0, len(points), stride):
             x = cos * points[i, 0] - sin * points[i, 1]
             y = sin * points[i, 0] + cos * points[i, 1]
-            d2, du, dv = nearest_mean(pool, table, u + x, v + y)
+            d2, du, dv = surface_near(pool, table, u + x, v + y)
             if d2 < 0.0:
                 likelihood += s.miss
                 continue
@@ -296,13 +316,10 @@ def align(
             vt += i_vt
             tt += i_vt * x - i_ut * y
             f_u, f_v = i_uu * du + i_uv * dv, i_uv * du + i_vv * dv
-            fit += w + s.gain * (w * d2 - f_u * du - f_v * dv)  # the score, with distances as weighted above
             r_u += f_u
             r_v += f_v
             r_t += x * f_v - y * f_u
-        value = fit - prior_cost(prior, u, v, theta)
-        if value > best_value:
-            best, best_value = Match(u, v, theta, total, likelihood), value
+        match = Match(u, v, theta, total, likelihood)
         if total == 0.0 or step == steps:
             break
         k, k_t = prior.stiffness, prior.turn_stiffness
@@ -320,7 +337,7 @@ def align(
         u, v, theta = u + move_u, v + move_v, theta + turn
         if abs(move_u) + abs(move_v) < CONVERGED_CELLS and abs(turn) < CONVERGED_RAD:
             break
-    return best
+    return match
 
 
 @kernel
@@ -344,15 +361,15 @@ def match_scan(
     """
     stride = COARSE_STRIDE * s.stride
     # A part of the beams scores a part of the points.
-    soft = Prior(
-        prior.u, prior.v, prior.theta, prior.stiffness / COARSE_STRIDE, prior.turn_stiffness / COARSE_STRIDE
-    )
+    stiffness, turn_stiffness = prior.stiffness / COARSE_STRIDE, prior.turn_stiffness / COARSE_STRIDE
+    soft = Prior(prior.u, prior.v, prior.theta, stiffness, turn_stiffness, prior.sure)
     near = align(pool, table, points, normals, stride, prior.u, prior.v, prior.theta, soft, COARSE_STEPS, s)
     num_points = (len(points) + stride - 1) // stride
-    if near.score < ACCEPTED_SHARE * num_points:
+    accepted, better = SURE_SHARES if prior.sure else UNSURE_SHARES
+    if near.score < accepted * num_points:
         u, v, theta = climb(pool, table, points, stride, soft, COARSE_HALVINGS, s)
         far = align(pool, table, points, normals, stride, u, v, theta, soft, COARSE_STEPS, s)
-        if far.score > near.score + BETTER_SHARE * num_points:
+        if far.score > near.score + better * num_points:
             near = far
     return align(pool, table, points, normals, s.stride, near.u, near.v, near.theta, prior, FINE_STEPS, s)
 
@@ -365,8 +382,8 @@ def match_particles(
     points: FloatArray,
     origin: FloatArray,
     resolution: float,
-    stiffness: float,
-    turn_stiffness: float,
+    variance: float,
+    turn_variance: float,
     s: MatchSettings,
     log_likelihoods: FloatArray,
 ) -> int:
@@ -380,8 +397,8 @@ def match_particles(
         points: (n, 2) end points in the robot frame, in the order of the beams [m].
         origin: (2,) lower left corner of the tables [m].
         resolution: Cell size [m].
-        stiffness: Pull of the predicted position, in units of the score [1/m^2].
-        turn_stiffness: Pull of the predicted heading, in units of the score [1/rad^2].
+        variance: Of the predicted position [m^2].
+        turn_variance: Of the predicted heading [rad^2].
         s: Settings.
         log_likelihoods: (particles,) receives the log-likelihood at the final pose.
 
@@ -392,11 +409,17 @@ def match_particles(
     scaled = points * scale
     normals = np.empty_like(points)
     surface_normals(points, normals)
-    stiffness *= resolution * resolution
+    stiffness = s.odometry_weight * resolution * resolution / variance
+    turn_stiffness = s.odometry_weight / turn_variance
+    # How far off an end point is predicted, for one standard deviation of the position and one of the heading.
+    square = 0.0
+    for i in range(len(scaled)):
+        square += (scaled[i, 0] ** 2 + scaled[i, 1] ** 2) / len(scaled)
+    sure = math.sqrt(variance) * scale + math.sqrt(turn_variance * square) < CAPTURE_CELLS
     matched = 0
     for p in range(len(poses)):
         u, v = (poses[p, 0] - origin[0]) * scale, (poses[p, 1] - origin[1]) * scale
-        prior = Prior(u, v, poses[p, 2], stiffness, turn_stiffness)
+        prior = Prior(u, v, poses[p, 2], stiffness, turn_stiffness, sure)
         if s.halvings < 0:
             match = match_scan(pool, tables[p], scaled, normals, prior, s)
         else:

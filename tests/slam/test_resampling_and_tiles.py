@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from slamgym.slam.particle_maps import ParticleMaps
 from slamgym.slam.resampling import effective_sample_size, normalized_weights, systematic_resample
-from slamgym.slam.scan_match import nearest_mean
+from slamgym.slam.scan_match import surface_near
 
 log_weights = st.lists(st.floats(-1e4, 0.0), min_size=1, max_size=40).map(np.array)
 
@@ -93,7 +93,7 @@ def test_shared_tiles_behave_as_copied_maps(seed):
     for particle in range(particles):
         for cell in list(dense.maps[particle])[:20]:
             u, v = cell[0] + rng.random(), cell[1] + rng.random()
-            found, _, _ = nearest_mean(
+            found, _, _ = surface_near(
                 shared.pool,
                 shared.tables[particle],
                 u - origin[0] / resolution,
