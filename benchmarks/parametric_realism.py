@@ -24,9 +24,9 @@ from slamgym.cad import FloorPlan, check_plan, open_plans
 from slamgym.dataset.episode import EpisodeConfig, run_episode
 from slamgym.errors import SlamgymError
 from slamgym.interop import read_ros_map
+from slamgym.metrics.map_statistics import displacement_statistics, map_statistics
+from slamgym.metrics.two_sample import LEARNERS, two_sample_test
 from slamgym.parametric import ParametricConfig, deform, from_recorded, preset
-from slamgym.parametric.map_statistics import displacement_statistics, map_statistics
-from slamgym.parametric.two_sample import LEARNERS, two_sample_test
 from slamgym.types import FREE, UNKNOWN, ByteArray, FloatArray, GridFrame, Trajectory
 
 RESOLUTION = 0.05

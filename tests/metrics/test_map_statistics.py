@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 
 from slamgym.errors import ConfigError
-from slamgym.parametric.map_statistics import (
+from slamgym.metrics.map_statistics import (
     displacement_statistics,
     map_statistics,
     open_border,
     wall_thickness,
     wall_tilt,
 )
-from slamgym.parametric.two_sample import two_sample_test
+from slamgym.metrics.two_sample import two_sample_test
 from slamgym.types import FREE, OCCUPIED, UNKNOWN
 
 
