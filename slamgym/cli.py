@@ -62,6 +62,7 @@ COMMANDS: dict[str, Command] = {
     "export-log": Command(
         "slamgym.interop.export_command:main", "write an episode or a log as CARMEN log or rosbag2"
     ),
+    "gan": Command("gan.commands:main", "train and use the translators between SLAM maps and CAD drawings"),
 }
 
 
