@@ -1,0 +1,51 @@
+"""Build the networks that the settings describe."""
+
+import torch
+from torch import nn
+
+from gan.config import CHANNELS, DiscriminatorConfig, LossConfig, TranslatorConfig
+from gan.discriminator_domain import DomainDiscriminator
+from gan.discriminator_real import RealFakeDiscriminator
+from gan.generator import ProgressiveGenerator
+from gan.layers import initialise
+from gan.residual_unet import ResidualUNet
+
+Generator = ProgressiveGenerator | ResidualUNet
+
+
+def build_generator(config: TranslatorConfig, seed: int = 0) -> Generator:
+    """The generator with freshly drawn weights, on the CPU.
+
+    Args:
+        config: What it is.
+        seed: Equal seeds give equal weights.
+    """
+    inputs, outputs = CHANNELS[config.input_encoding], CHANNELS[config.output_encoding]
+    draws = torch.Generator().manual_seed(seed)
+    parts = config.generator
+    if parts.kind == "residual":
+        unet = ResidualUNet(
+            inputs, outputs, parts.width, parts.depth, parts.displacement, parts.max_displacement_px
+        )
+        unet.start(draws)
+        return unet
+    progressive = ProgressiveGenerator(inputs, outputs, config.input_size, parts.width)
+    initialise(progressive, draws)
+    return progressive
+
+
+def build_discriminators(
+    config: TranslatorConfig, parts: DiscriminatorConfig, loss: LossConfig, seed: int = 0
+) -> nn.ModuleDict:
+    """The judges that the losses need (``domain``, ``real_fake``), with freshly drawn weights, on the CPU."""
+    inputs, outputs = CHANNELS[config.input_encoding], CHANNELS[config.output_encoding]
+    judges = nn.ModuleDict()
+    if parts.domain and max(loss.domain, loss.feature_matching) > 0.0:
+        judges["domain"] = DomainDiscriminator(inputs, outputs, config.output_size, parts.width)
+    consistency = loss.input_consistency if loss.input_consistency_reference != "none" else 0.0
+    if parts.real_fake and max(loss.real_fake, consistency) > 0.0:
+        judges["real_fake"] = RealFakeDiscriminator(
+            outputs, config.output_size, parts.width, parts.patch_width
+        )
+    initialise(judges, torch.Generator().manual_seed(seed + 1))
+    return judges
