@@ -2,6 +2,8 @@
 
 from slamgym.metrics.alignment import AlignedError, Similarity, aligned_error, apply_similarity
 from slamgym.metrics.consistency import nees_interval, normalised_estimation_error_squared
+from slamgym.metrics.improvement import Improvement, Interval, improvement, mean_interval, wilson_interval
+from slamgym.metrics.map_statistics import displacement_statistics, map_statistics
 from slamgym.metrics.maps import (
     WallScore,
     coverage,
@@ -13,6 +15,7 @@ from slamgym.metrics.maps import (
 )
 from slamgym.metrics.relations import RelationError, relation_error
 from slamgym.metrics.revisits import end_points, revisit_disagreement
+from slamgym.metrics.rooms import RoomRule, RoomScore, label_rooms, room_score
 from slamgym.metrics.trajectory import (
     ErrorStatistics,
     PoseError,
@@ -22,22 +25,45 @@ from slamgym.metrics.trajectory import (
     relative_pose_error,
     relative_poses,
 )
+from slamgym.metrics.two_sample import TwoSampleResult, two_sample_test
+from slamgym.metrics.walls import (
+    WallDistance,
+    boundary_distance,
+    boundary_score,
+    free_boundary,
+    intersection_over_union,
+)
 
 __all__ = [
     "AlignedError",
     "ErrorStatistics",
+    "Improvement",
+    "Interval",
     "PoseError",
     "RelationError",
+    "RoomRule",
+    "RoomScore",
     "Similarity",
+    "TwoSampleResult",
+    "WallDistance",
     "WallScore",
     "absolute_trajectory_error",
     "align_se2",
     "aligned_error",
     "apply_similarity",
+    "boundary_distance",
+    "boundary_score",
     "coverage",
+    "displacement_statistics",
     "end_points",
+    "free_boundary",
     "free_space",
+    "improvement",
+    "intersection_over_union",
     "known_area",
+    "label_rooms",
+    "map_statistics",
+    "mean_interval",
     "nees_interval",
     "normalised_estimation_error_squared",
     "poses_at",
@@ -45,7 +71,10 @@ __all__ = [
     "relative_pose_error",
     "relative_poses",
     "revisit_disagreement",
+    "room_score",
     "squared_error",
+    "two_sample_test",
     "wall_cells",
     "wall_score",
+    "wilson_interval",
 ]

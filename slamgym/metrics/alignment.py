@@ -1,8 +1,10 @@
 """Mean squared error of two map images after the best similarity transform (the aligned MSE of Table I).
 
 The error of a SLAM map against the CAD drawing depends on how the two are laid over each other. Feature
-matching finds a poor alignment on such images; here the transform is searched directly: rotations are scanned
-on small blurred images, the best few are refined by Powell's method on sharper ones.
+matching finds a poor alignment on such images; here the transform is searched directly, coarse to fine:
+rotations are scanned on small blurred images, the most promising are refined by Powell's method (1964), and
+the best of those once more on sharper images. `benchmarks/gan_alignment.py` measures how often that finds the
+best transform there is.
 """
 
 import math
@@ -13,14 +15,21 @@ import cv2
 import numpy as np
 from scipy.optimize import minimize
 
+from slamgym.geometry import wrap_angle
+from slamgym.metrics.alignment_kernel import moved_error
 from slamgym.metrics.maps import squared_error
 from slamgym.types import Float32Array, FloatArray
 
-SEARCH_SIZE_PX = 128
-"""Larger side of the images during the search; the final error is taken at full size."""
 START_ANGLES = 24
-REFINED_STARTS = 4
-COARSE_BLUR_PX, FINE_BLUR_PX = 4.0, 1.0
+COARSE_STARTS = 4
+"""Rotations that are refined on the coarse images, beside the identity."""
+FINE_STARTS = 2
+"""How many of those are refined on the fine images."""
+FIRST_STEPS = (0.02, 0.02, 0.05, 0.03)
+"""Of Powell's line searches: shift, shift, angle [rad], log_scale."""
+MAX_START_LOG_SCALE = 0.3
+MAX_LOG_SCALE = 0.7
+MAX_SHIFT = 1.0  # share of the larger side
 
 
 class Similarity(NamedTuple):
@@ -45,6 +54,20 @@ class Similarity(NamedTuple):
         )
 
 
+IDENTITY = Similarity(0.0, 0.0, 0.0, 0.0)
+
+
+class Level(NamedTuple):
+    """How far the images are reduced for a stage of the search."""
+
+    size_px: int  # larger side
+    blur_px: float  # standard deviation, in pixels of the reduced image
+
+
+COARSE = Level(64, 2.0)
+FINE = Level(128, 1.0)
+
+
 @dataclass(frozen=True)
 class AlignedError:
     """Mean squared error before and after alignment."""
@@ -59,6 +82,8 @@ class AlignedError:
 def aligned_error(image: FloatArray, target: FloatArray) -> AlignedError:
     """Mean squared error of ``image`` against ``target`` after the best similarity transform of ``image``.
 
+    The better of aligned and unaligned counts, so that the search can only help.
+
     Args:
         image: Values in [0, 1], shape (rows, cols), e.g. :func:`slamgym.metrics.free_space` of a map.
         target: Same shape.
@@ -66,17 +91,52 @@ def aligned_error(image: FloatArray, target: FloatArray) -> AlignedError:
     Raises:
         ValueError: If the shapes differ.
     """
-    identity = Similarity(0.0, 0.0, 0.0, 0.0)
     unaligned = squared_error(image, target)
-    best, best_error = identity, unaligned
-    small, small_target = _shrink(image), _shrink(target)
-    if small.any() and small_target.any():
-        for start in _starts(small, small_target):
-            found = _refine(start, small, small_target)
+    best, best_error = IDENTITY, unaligned
+    if np.any(image) and np.any(target) and unaligned > 0.0:
+        for found in search_similarities(image, target):
             error = squared_error(apply_similarity(image, found), target)
             if error < best_error:
                 best, best_error = found, error
     return AlignedError(best_error, unaligned, best)
+
+
+def search_similarities(
+    image: FloatArray,
+    target: FloatArray,
+    start_angles: int = START_ANGLES,
+    coarse_starts: int = COARSE_STARTS,
+    fine_starts: int = FINE_STARTS,
+) -> list[Similarity]:
+    """Similarities that may bring ``image`` onto ``target``, found from several starts.
+
+    Args:
+        image: Values in [0, 1], shape (rows, cols), not all 0.
+        target: Same shape, not all 0.
+        start_angles: Rotations that are tried.
+        coarse_starts: How many of them are refined on coarse images; the identity always is.
+        fine_starts: How many of the results are refined on fine images.
+
+    Returns:
+        ``fine_starts`` similarities at most, the one with the least error on blurred images first.
+    """
+    coarse, coarse_target = _reduce(image, COARSE), _reduce(target, COARSE)
+    # Turned and scaled about the middle of what is drawn, the parameters hardly depend on each other.
+    pivot, target_centroid = _centroid(coarse), _centroid(coarse_target)
+    search = _Search(np.pad(coarse, 1), coarse_target, pivot)
+    log_scale = 0.5 * math.log(float(coarse_target.sum()) / float(coarse.sum()))
+    log_scale = min(max(log_scale, -MAX_START_LOG_SCALE), MAX_START_LOG_SCALE)
+    starts = [
+        np.array([*(target_centroid - pivot), 2.0 * math.pi * turn / start_angles, log_scale])
+        for turn in range(start_angles)
+    ]
+    starts.sort(key=search.error)
+    # The identity is always refined: maps are mostly nearly aligned already.
+    refined = [search.refine(start, 1e-2) for start in [np.zeros(4), *starts[:coarse_starts]]]
+    refined.sort(key=search.error)
+    search = _Search(np.pad(_reduce(image, FINE), 1), _reduce(target, FINE), pivot)
+    found = [search.refine(start, 1e-3) for start in _distinct(refined)[:fine_starts]]
+    return [search.similarity(values) for values in sorted(found, key=search.error)]
 
 
 def apply_similarity(image: FloatArray, similarity: Similarity) -> FloatArray:
@@ -91,66 +151,73 @@ def apply_similarity(image: FloatArray, similarity: Similarity) -> FloatArray:
     return np.clip(warped, 0.0, 1.0).astype(np.float64)
 
 
-def _shrink(image: FloatArray) -> Float32Array:
+def _reduce(image: FloatArray, level: Level) -> Float32Array:
+    """Shrink to the level's size, never enlarge, and blur."""
     rows, cols = image.shape
-    factor = min(1.0, SEARCH_SIZE_PX / max(rows, cols))
+    factor = min(1.0, level.size_px / max(rows, cols))
     size = (max(1, round(cols * factor)), max(1, round(rows * factor)))
-    return np.asarray(
-        cv2.resize(np.asarray(image, dtype=np.float32), size, interpolation=cv2.INTER_AREA), dtype=np.float32
-    )
+    small = cv2.resize(np.asarray(image, dtype=np.float32), size, interpolation=cv2.INTER_AREA)
+    blurred = cv2.GaussianBlur(small, (0, 0), level.blur_px, borderType=cv2.BORDER_CONSTANT)
+    return np.asarray(blurred, dtype=np.float32)
 
 
-def _starts(image: Float32Array, target: Float32Array) -> list[Similarity]:
-    """The most promising rotations, with the shift and scale that the centroids and areas suggest."""
-    rows, cols = image.shape
-    size = max(rows, cols)
-    blurred, blurred_target = _blur(image, COARSE_BLUR_PX), _blur(target, COARSE_BLUR_PX)
-    centroid, target_centroid = _centroid(image), _centroid(target)
-    log_scale = 0.5 * math.log(float(target.sum()) / float(image.sum()))
-    log_scale = min(max(log_scale, -0.3), 0.3)
-    candidates = [Similarity(0.0, 0.0, 0.0, 0.0)]
-    for turn in range(START_ANGLES):
-        turned = Similarity(0.0, 0.0, 2.0 * math.pi * turn / START_ANGLES, log_scale)
-        moved = turned.matrix(rows, cols) @ np.array([*centroid, 1.0])
-        shift = (target_centroid - moved) / size
-        candidates.append(turned._replace(shift_x=float(shift[0]), shift_y=float(shift[1])))
-    candidates.sort(key=lambda start: _cost(np.array(start), blurred, blurred_target))
-    # The identity is always refined: maps are mostly nearly aligned already.
-    return list(dict.fromkeys([Similarity(0.0, 0.0, 0.0, 0.0), *candidates[:REFINED_STARTS]]))
+@dataclass(frozen=True)
+class _Search:
+    """Two reduced images, and the error over the four parameters: shift of the pivot, angle, log_scale."""
 
+    image: Float32Array  # (rows + 2, cols + 2), with a border of 0
+    target: Float32Array  # (rows, cols)
+    pivot: FloatArray  # (2,) from the image's middle, shares of the larger side
 
-def _refine(start: Similarity, image: Float32Array, target: Float32Array) -> Similarity:
-    values = np.array(start)
-    for blur_px in (COARSE_BLUR_PX, FINE_BLUR_PX):
-        steps = np.diag([0.02, 0.02, 0.05, 0.03]) * (blur_px / COARSE_BLUR_PX)
+    def error(self, values: FloatArray) -> float:
+        """Mean squared error after the motion; 1 beyond the bounds."""
+        shift_x, shift_y, angle, log_scale = values
+        if abs(log_scale) > MAX_LOG_SCALE or max(abs(shift_x), abs(shift_y)) > MAX_SHIFT:
+            return 1.0
+        x, y = self.pivot
+        return float(moved_error(self.image, self.target, x, y, shift_x, shift_y, angle, log_scale))
+
+    def refine(self, start: FloatArray, tolerance: float) -> FloatArray:
+        """The parameters that Powell's method finds from a start."""
         result = minimize(
-            _cost,
-            values,
-            args=(_blur(image, blur_px), _blur(target, blur_px)),
+            self.error,
+            start,
             method="Powell",
-            options={"direc": steps, "xtol": 1e-3, "ftol": 1e-4, "maxfev": 400},
+            options={"direc": np.diag(FIRST_STEPS), "xtol": tolerance, "ftol": tolerance, "maxfev": 400},
         )
-        values = result.x
-    return Similarity(*(float(value) for value in values))
+        return np.asarray(result.x, dtype=np.float64)
+
+    def similarity(self, values: FloatArray) -> Similarity:
+        """The same motion about the image's middle."""
+        shift_x, shift_y, angle, log_scale = (float(value) for value in values)
+        turned = Similarity(0.0, 0.0, angle, log_scale).matrix(1, 1)[:, :2] @ self.pivot
+        moved = self.pivot - turned
+        return Similarity(
+            float(moved[0]) + shift_x, float(moved[1]) + shift_y, float(wrap_angle(angle)), log_scale
+        )
 
 
-def _cost(values: FloatArray, image: Float32Array, target: Float32Array) -> float:
-    similarity = Similarity(*values)
-    if abs(similarity.log_scale) > 0.7 or max(abs(similarity.shift_x), abs(similarity.shift_y)) > 1.0:
-        return 1.0
-    rows, cols = image.shape
-    warped = cv2.warpAffine(image, similarity.matrix(rows, cols), (cols, rows), flags=cv2.INTER_LINEAR)
-    return float(np.mean((warped - target) ** 2))
+def _distinct(found: list[FloatArray]) -> list[FloatArray]:
+    """Drop what lies beside a better one: several starts climb into the same hollow."""
+    kept: list[FloatArray] = []
+    for values in found:
+        if not any(_near(values, other) for other in kept):
+            kept.append(values)
+    return kept
 
 
-def _blur(image: Float32Array, sigma_px: float) -> Float32Array:
-    return np.asarray(
-        cv2.GaussianBlur(image, (0, 0), sigma_px, borderType=cv2.BORDER_CONSTANT), dtype=np.float32
+def _near(a: FloatArray, b: FloatArray) -> bool:
+    return (
+        abs(float(wrap_angle(float(a[2] - b[2])))) < 0.05
+        and math.hypot(a[0] - b[0], a[1] - b[1]) < 0.02
+        and abs(a[3] - b[3]) < 0.05
     )
 
 
 def _centroid(image: Float32Array) -> FloatArray:
-    """(x, y) in pixels."""
+    """(x, y) of what is drawn, from the image's middle, in shares of the larger side."""
+    rows, cols = image.shape
     row, col = np.indices(image.shape)
     total = float(image.sum())
-    return np.array([(image * col).sum() / total, (image * row).sum() / total])
+    x, y = float((image * col).sum()) / total, float((image * row).sum()) / total
+    return np.array([x - 0.5 * (cols - 1), y - 0.5 * (rows - 1)]) / max(rows, cols)

@@ -13,6 +13,7 @@ from slamgym.metrics import (
     squared_error,
     wall_score,
 )  # fmt: skip
+from slamgym.metrics.alignment_kernel import moved_error
 
 
 def flat(size=96):
@@ -79,3 +80,35 @@ def test_coverage_counts_free_cells_of_the_reachable_space_only():
     assert coverage(cells, reachable) == pytest.approx(0.25)
     assert known_area(cells, 0.5) == pytest.approx(1.0)
     assert free_space(cells).sum() == 3.0
+
+
+@settings(deadline=None, max_examples=40)
+@given(
+    st.tuples(st.integers(3, 40), st.integers(3, 40)),
+    st.floats(-1.2, 1.2),
+    st.floats(-1.2, 1.2),
+    st.floats(-3.2, 3.2),
+    st.floats(-0.8, 0.8),
+)
+def test_the_search_kernel_agrees_with_drawing_the_moved_image(shape, dx, dy, angle, log_scale):
+    rng = np.random.default_rng(shape[0])
+    image, target = rng.random((2, *shape)).astype(np.float32)
+    similarity = Similarity(dx, dy, angle, log_scale)
+    drawn = apply_similarity(image.astype(np.float64), similarity)
+    error = moved_error(np.pad(image, 1), target, 0.0, 0.0, *similarity)
+    # OpenCV interpolates at 32 steps a pixel: white noise then differs by up to 1/64 of its slope.
+    assert error == pytest.approx(squared_error(drawn, target.astype(np.float64)), abs=0.02)
+
+
+def test_a_map_is_aligned_with_itself():
+    result = aligned_error(flat(), flat())
+    assert (result.mse, result.unaligned, result.similarity) == (0.0, 0.0, Similarity(0.0, 0.0, 0.0, 0.0))
+
+
+def test_alignment_finds_the_rotation_and_scale():
+    target = np.pad(flat(), 48)  # room enough that the moved flat isn't cut off
+    moved = apply_similarity(target, Similarity(0.04, -0.03, 2.0, 0.1))
+    found = aligned_error(moved, target).similarity
+    # Undoing a turn undoes it about the image's centre: angle and scale are those of the inverse.
+    assert found.angle == pytest.approx(-2.0, abs=0.01)
+    assert found.log_scale == pytest.approx(-0.1, abs=0.01)

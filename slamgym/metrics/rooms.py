@@ -1,0 +1,175 @@
+"""Rooms of a map by its shape alone: parts of the free space that only a doorway joins.
+
+The distance from the nearest wall is a landscape: rooms are its hills, doorways its passes. Flooding it from
+the top (a watershed, as in the distance-transform segmentation of Bormann et al., *Room Segmentation: Survey,
+Implementation, and Analysis*, ICRA 2016), two hills stay two rooms if the pass between them is as narrow as a
+doorway and clearly narrower than both; else they are one room. The same rule judges a map and the truth, so
+what it gets wrong about unusual rooms is wrong in both.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+
+from slamgym.jit import kernel
+from slamgym.types import BoolArray, FloatArray, IntArray
+
+
+@dataclass(frozen=True)
+class RoomRule:
+    """What counts as a room and as a doorway."""
+
+    max_doorway: float = 1.6
+    """Wider openings join two parts to one room [m]. It lies in the gap of the widths in HouseExpo plans:
+    doors end at 1.35 m, and open passages begin at 1.85 m."""
+    max_narrowing: float = 0.75
+    """A doorway is at most this share of the smaller room's width."""
+    min_width: float = 0.7
+    """Narrower parts are no rooms: niches, and slits between furniture and a wall [m]."""
+    min_area: float = 1.0
+    """Smaller parts are no rooms [m2]."""
+
+
+DEFAULT_RULE = RoomRule()
+
+
+@dataclass(frozen=True)
+class RoomScore:
+    """Agreement of the rooms of two maps."""
+
+    count: int
+    true_count: int
+    f1: float
+    """Of rooms that have a counterpart with an intersection over union above 0.5 (Structured3D's room F1)."""
+
+    @property
+    def count_error(self) -> int:
+        """How many rooms too many (positive) or too few."""
+        return self.count - self.true_count
+
+
+def label_rooms(free: BoolArray, metres_per_px: float, rule: RoomRule = DEFAULT_RULE) -> IntArray:
+    """Number the rooms of a map.
+
+    Args:
+        free: Free cells, shape (rows, cols).
+        metres_per_px: Scale [m].
+        rule: What counts as a room.
+
+    Returns:
+        Shape (rows, cols): 0 where there is no room, else 1 to the number of rooms.
+    """
+    padded = np.pad(free, 1).astype(np.uint8)
+    distance = cv2.distanceTransform(padded, cv2.DIST_L2, cv2.DIST_MASK_PRECISE).astype(np.float64)
+    # A wall's face lies half a cell before its first cell.
+    radius = np.where(padded > 0, (distance - 0.5) * metres_per_px, 0.0)
+    order = np.argsort(-radius, axis=None, kind="stable")[: int(padded.sum())]
+    parts = _flood(
+        radius,
+        order.astype(np.int64),
+        rule.max_doorway / 2.0,
+        rule.max_narrowing,
+        rule.min_width / 2.0,
+        rule.min_area / metres_per_px**2,
+    )
+    roots, labels = np.unique(parts, return_inverse=True)
+    labels = labels.reshape(parts.shape) + (0 if roots[0] == 0 else 1)
+    large = _is_room(labels, radius, rule, metres_per_px)
+    numbers = np.where(large, np.cumsum(large), 0)
+    return np.asarray(numbers[labels][1:-1, 1:-1], dtype=np.int64)
+
+
+def room_score(
+    free: BoolArray, true_free: BoolArray, metres_per_px: float, rule: RoomRule = DEFAULT_RULE
+) -> RoomScore:
+    """Compare the rooms of a map with those of the CAD map.
+
+    Args:
+        free: Free cells of the map, shape (rows, cols).
+        true_free: Free cells of the CAD map, same shape and frame.
+        metres_per_px: Scale of both [m].
+        rule: What counts as a room.
+
+    Raises:
+        ValueError: If the shapes differ.
+    """
+    if free.shape != true_free.shape:
+        raise ValueError(
+            f"the maps have different shapes: {free.shape} and {true_free.shape}; put them on one frame"
+        )
+    found, truth = label_rooms(free, metres_per_px, rule), label_rooms(true_free, metres_per_px, rule)
+    count, true_count = int(found.max(initial=0)), int(truth.max(initial=0))
+    overlap = np.zeros((count + 1, true_count + 1))
+    np.add.at(overlap, (found, truth), 1.0)
+    sizes, true_sizes = overlap.sum(axis=1, keepdims=True), overlap.sum(axis=0, keepdims=True)
+    iou = overlap[1:, 1:] / np.maximum(sizes[1:] + true_sizes[:, 1:] - overlap[1:, 1:], 1.0)
+    # Above one half, no room can have two counterparts.
+    matched = int((iou > 0.5).sum())
+    total = count + true_count
+    return RoomScore(count, true_count, 2.0 * matched / total if total else 1.0)
+
+
+def _is_room(labels: IntArray, radius: FloatArray, rule: RoomRule, metres_per_px: float) -> BoolArray:
+    """Which labels are wide and large enough; label 0, outside, never is."""
+    sizes = np.bincount(labels.ravel()) * metres_per_px**2
+    widest = np.zeros(len(sizes))
+    np.maximum.at(widest, labels.ravel(), radius.ravel())
+    rooms: BoolArray = (sizes >= rule.min_area) & (widest >= rule.min_width / 2.0)
+    rooms[0] = False
+    return rooms
+
+
+@kernel
+def _flood(
+    radius: FloatArray,
+    order: IntArray,
+    max_pass: float,
+    max_narrowing: float,
+    min_peak: float,
+    min_cells: float,
+) -> IntArray:
+    """Flood a landscape from the top; 0 outside, else the number of the part that a cell belongs to.
+
+    ``order`` lists the flat indices of the cells from the highest on; the border of the landscape is 0.
+    """
+    rows, cols = radius.shape
+    height = radius.ravel()
+    parent = np.zeros(rows * cols, np.int64)  # 0: not flooded; a root is its own parent
+    size = np.zeros(rows * cols, np.int64)
+    peak = np.zeros(rows * cols, np.float64)
+    for at in order:
+        own: Any = np.int64(0)
+        for k in range(8):
+            step = (-1, 1, -cols, cols, -cols - 1, -cols + 1, cols - 1, cols + 1)[k]
+            if parent[at + step] == 0:
+                continue
+            other = _root(parent, at + step)
+            if own == 0:
+                own = other
+                parent[at] = own
+                size[own] += 1
+            elif other != own:
+                lower = min(peak[own], peak[other])
+                doorway = height[at] <= max_pass and height[at] <= max_narrowing * lower
+                if doorway and lower >= min_peak and min(size[own], size[other]) >= min_cells:
+                    continue  # two rooms: the cell stays with the first
+                if peak[other] > peak[own]:
+                    own, other = other, own
+                parent[other] = own
+                size[own] += size[other]
+        if own == 0:
+            parent[at], size[at], peak[at] = at, 1, height[at]
+    for at in order:
+        parent[at] = _root(parent, at)
+    return parent.reshape(rows, cols)
+
+
+@kernel
+def _root(parent: IntArray, at: Any) -> Any:
+    """The root of a cell's tree; paths are halved on the way."""
+    while parent[at] != at:
+        parent[at] = parent[parent[at]]
+        at = parent[at]
+    return at
