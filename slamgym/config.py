@@ -52,6 +52,76 @@ def from_dict(cls: type[_T], values: Mapping[str, Any], where: str = "") -> _T:
     )
 
 
+def replace_setting(config: _T, name: str, value: Any) -> _T:
+    """A copy of (nested) settings in which one of them has another value.
+
+    Args:
+        config: A settings dataclass.
+        name: The setting, with dots between the levels, as in ``slam.motion.srr``.
+        value: Its new value, in JSON form or as the field has it.
+
+    Raises:
+        ConfigError: If there is no such setting (the error suggests the nearest), or the value is of the wrong
+            type or refused by the settings.
+    """
+    return _replace(config, name, value, name, config)
+
+
+def _replace(config: _T, path: str, value: Any, name: str, root: Any) -> _T:
+    """Replace what lies at ``path``; ``name`` is the whole path from ``root``, for errors."""
+    first, _, rest = path.partition(".")
+    hints = typing.get_type_hints(type(config))
+    current = getattr(config, first) if first in hints else None
+    if first not in hints or (rest and not dataclasses.is_dataclass(current)):
+        raise ConfigError(f"unknown setting {name!r}; {suggest(name, setting_names(root))}")
+    if rest:
+        value = _replace(current, rest, value, name, root)
+    else:
+        value = _convert(hints[first], value, name)
+        if not _fits(hints[first], value):
+            raise ConfigError(f"{name} can't be {value!r}; {_expectation(hints[first])}")
+    return dataclasses.replace(config, **{first: value})  # type: ignore[type-var]
+
+
+def setting_names(config: Any) -> list[str]:
+    """Names of all settings of a (nested) settings dataclass, with dots between the levels."""
+    names: list[str] = []
+    for field in dataclasses.fields(config):
+        value = getattr(config, field.name)
+        if dataclasses.is_dataclass(value):
+            names.extend(f"{field.name}.{inner}" for inner in setting_names(value))
+        else:
+            names.append(field.name)
+    return names
+
+
+def _fits(hint: Any, value: Any) -> bool:
+    """Whether a value is of the declared type; a whole number is a float, too."""
+    origin, options = typing.get_origin(hint), typing.get_args(hint)
+    if origin in (types.UnionType, typing.Union):
+        return any(_fits(option, value) for option in options)
+    if origin is typing.Literal:
+        return any(value == option and type(value) is type(option) for option in options)
+    if origin is tuple:
+        variadic = len(options) == 2 and options[1] is Ellipsis
+        if not isinstance(value, tuple) or not (variadic or len(value) == len(options)):
+            return False
+        inner = [options[0]] * len(value) if variadic else options
+        return all(_fits(option, item) for option, item in zip(inner, value, strict=True))
+    if hint is float:
+        return isinstance(value, (int, float)) and not isinstance(value, bool)
+    if hint is int:
+        return isinstance(value, int) and not isinstance(value, bool)
+    return value is None if hint in (None, type(None)) else isinstance(value, origin or hint)
+
+
+def _expectation(hint: Any) -> str:
+    options = typing.get_args(hint)
+    if typing.get_origin(hint) is typing.Literal:
+        return f"known: {', '.join(map(str, options))}"
+    return f"it must be of type {getattr(hint, '__name__', hint)}"
+
+
 def _convert(hint: Any, value: Any, where: str) -> Any:
     """Give a JSON value the type that the field declares."""
     if typing.get_origin(hint) in (types.UnionType, typing.Union):

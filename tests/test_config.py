@@ -2,7 +2,7 @@ from dataclasses import dataclass, field
 
 import pytest
 
-from slamgym.config import config_hash, from_dict, to_dict
+from slamgym.config import config_hash, from_dict, replace_setting, setting_names, to_dict
 from slamgym.errors import ConfigError
 from slamgym.types import Pose2D
 
@@ -47,3 +47,28 @@ def test_unknown_names_are_refused_with_a_suggestion(values, words):
 def test_the_hash_tells_settings_apart_and_is_stable():
     assert config_hash(Outer()) == config_hash(Outer())
     assert config_hash(Outer()) != config_hash(Outer(particles=31))
+
+
+def test_a_setting_is_replaced_by_its_dotted_name():
+    changed = replace_setting(Outer(), "inner.range_max", 5)
+    assert changed == Outer(inner=Inner(range_max=5))
+    assert replace_setting(Outer(), "levels", [4.0]).levels == (4.0,)
+    assert replace_setting(Outer(), "optional", None).optional is None
+    assert setting_names(Outer()) == ["particles", "inner.range_max", "inner.mount", "optional", "levels"]
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "words"),
+    [
+        ("inner.rangemax", 1.0, "unknown setting 'inner.rangemax'; did you mean 'inner.range_max'"),
+        ("particels", 1, "did you mean 'particles'"),
+        ("particles.x", 1, "unknown setting 'particles.x'"),
+        ("particles", 1.5, "particles can't be 1.5; it must be of type int"),
+        ("particles", True, "can't be True"),
+        ("levels", ["a"], "levels can't be"),
+        ("inner", 3, "inner can't be 3; it must be of type Inner"),
+    ],
+)
+def test_a_wrong_replacement_is_refused_by_name(name, value, words):
+    with pytest.raises(ConfigError, match=words):
+        replace_setting(Outer(), name, value)

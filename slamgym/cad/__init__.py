@@ -4,6 +4,7 @@ from slamgym.cad.floorplan import Door, FloorPlan, Room, check_plan, robot_space
 from slamgym.cad.generator import GeneratorConfig, generate_plan
 from slamgym.cad.houseexpo import format_houseexpo, parse_houseexpo, read_houseexpo, write_houseexpo
 from slamgym.cad.image_plan import read_image_plan, read_ros_plan, trace_plan
+from slamgym.cad.mixed_source import PlanGroup, open_plan_mix, plan_groups
 from slamgym.cad.rejections import Rejection, Rejections, usable_plans
 from slamgym.cad.sources import PlanSource, open_plans
 
@@ -11,6 +12,7 @@ __all__ = [
     "Door",
     "FloorPlan",
     "GeneratorConfig",
+    "PlanGroup",
     "PlanSource",
     "Rejection",
     "Rejections",
@@ -18,8 +20,10 @@ __all__ = [
     "check_plan",
     "format_houseexpo",
     "generate_plan",
+    "open_plan_mix",
     "open_plans",
     "parse_houseexpo",
+    "plan_groups",
     "read_houseexpo",
     "read_image_plan",
     "read_ros_plan",

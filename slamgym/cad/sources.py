@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 
 from slamgym.cad.floorplan import FloorPlan
-from slamgym.cad.generator import GeneratorConfig, generate_plan
+from slamgym.cad.generator import GeneratorConfig, Kind, generate_plan
 from slamgym.cad.houseexpo import parse_houseexpo, read_houseexpo
 from slamgym.cad.image_plan import IMAGE_SUFFIXES, read_image_plan, read_ros_plan
 from slamgym.cad.room_lines import RoomLinesSource
@@ -92,10 +92,14 @@ class ProceduralSource:
     """Plans that the generator makes when they are asked for."""
 
     def __init__(
-        self, seed: int = 0, config: GeneratorConfig | None = None, count: int = PROCEDURAL_COUNT
+        self,
+        seed: int = 0,
+        config: GeneratorConfig | None = None,
+        count: int = PROCEDURAL_COUNT,
+        name: str = "procedural",
     ) -> None:
         self._config = config or GeneratorConfig()
-        self._indices = {f"procedural_{seed}_{index:05d}": (seed, index) for index in range(count)}
+        self._indices = {f"{name}_{seed}_{index:05d}": (seed, index) for index in range(count)}
         self.ids: Sequence[str] = list(self._indices)
 
     def __len__(self) -> int:
@@ -149,10 +153,11 @@ def open_plans(spec: Path | str, ids_file: Path | str | None = None) -> PlanSour
     """Open a set of floor plans.
 
     Args:
-        spec: ``bundled``; ``procedural`` or ``procedural:SEED``, plans that the generator makes on the fly;
-            a HouseExpo JSON file, a folder of them, or an archive of them (``.tar.gz``); a ROS map's
-            ``.yaml``; floors as rooms with portals (``.jsonl`` or ``.jsonl.xz``); a black/white picture with
-            its metres per pixel, as in ``plan.png@0.05``.
+        spec: ``bundled``; ``procedural``, plans that the generator makes on the fly, and behind it, each
+            after a colon, ``home`` or ``office`` for one kind only, ``loops`` for a second way round in every
+            plan, and a seed, as in ``procedural:office:loops:7``; a HouseExpo JSON file, a folder of them, or
+            an archive of them (``.tar.gz``); a ROS map's ``.yaml``; floors as rooms with portals (``.jsonl``
+            or ``.jsonl.xz``); a black/white picture with its metres per pixel, as in ``plan.png@0.05``.
         ids_file: A file with one plan id a line, as HouseExpo's ``map_id_train.txt``: only these plans.
 
     Returns:
@@ -214,12 +219,25 @@ def _metres_per_pixel(spec: str, text: str) -> float:
     return resolution
 
 
-def _seed(spec: str) -> int:
-    """The seed in ``procedural:SEED``, 0 if there is none."""
-    _, _, seed = spec.partition(":")
-    if seed and not (seed.isascii() and seed.isdigit()):
-        raise ConfigError(f"the seed in {spec!r} must be a whole number, as in 'procedural:7'")
-    return int(seed or 0)
+def _procedural(spec: str) -> ProceduralSource:
+    """Read what stands behind ``procedural:``."""
+    kind: Kind = "mixed"
+    loops, seed = GeneratorConfig.loops, 0
+    words = [word for word in spec.split(":")[1:] if word]
+    for word in words:
+        if word in ("home", "office"):
+            kind = "home" if word == "home" else "office"
+        elif word == "loops":
+            loops = 1.0
+        elif word.isascii() and word.isdigit():
+            seed = int(word)
+        else:
+            raise ConfigError(
+                f"{word!r} in {spec!r} must be a whole number (the seed), 'home', 'office' or 'loops', "
+                "as in 'procedural:7' or 'procedural:office:loops'"
+            )
+    name = "_".join(["procedural" if kind == "mixed" else kind, *(["loops"] if "loops" in words else [])])
+    return ProceduralSource(seed, GeneratorConfig(kind=kind, loops=loops), name=name)
 
 
 def _open(spec: str, wanted: frozenset[str] | None) -> PlanSource:
@@ -227,7 +245,7 @@ def _open(spec: str, wanted: frozenset[str] | None) -> PlanSource:
     if spec == "bundled":
         return FileSource(BUNDLED.glob("*.json"))
     if spec == "procedural" or spec.startswith("procedural:"):
-        return ProceduralSource(_seed(spec))
+        return _procedural(spec)
     name, _, resolution = spec.rpartition("@")
     if name.lower().endswith(IMAGE_SUFFIXES):
         metres_per_pixel = _metres_per_pixel(spec, resolution)

@@ -1,5 +1,6 @@
 """The main path of ``slamgym generate``: floor plans in, a folder of map pairs out."""
 
+import dataclasses
 import time
 import traceback
 from collections import Counter
@@ -11,7 +12,7 @@ from typing import Any
 import cv2
 
 from slamgym import __version__
-from slamgym.cad import FloorPlan, PlanSource, check_plan
+from slamgym.cad import FloorPlan, PlanSource, check_plan, plan_groups
 from slamgym.config import config_hash, to_dict
 from slamgym.dataset.engine import run_tasks
 from slamgym.dataset.episode import EpisodeConfig, MakeExplorer, check_explorer, run_episode
@@ -21,10 +22,11 @@ from slamgym.dataset.format import FORMAT_VERSION
 from slamgym.dataset.pair import PairConfig, make_pair
 from slamgym.dataset.plan_filter import PlanFilter, passes
 from slamgym.dataset.progress import show_progress
+from slamgym.dataset.recipe import Recipe, check_recipe, episode_conditions
 from slamgym.dataset.record import make_record
-from slamgym.dataset.schedule import Slot, ids_digest, schedule
+from slamgym.dataset.schedule import Slot, ids_digest, schedule_groups
 from slamgym.dataset.storage import storage_errors, sync_tree, write_durably
-from slamgym.errors import PlanError, SlamgymError
+from slamgym.errors import ConfigError, PlanError, SlamgymError
 from slamgym.warmup import kernels_are_compiled, warm_up
 
 
@@ -41,6 +43,15 @@ class DatasetConfig:
     """The exploration."""
     pair: PairConfig = field(default_factory=PairConfig)
     """The images."""
+    trajectories: int = 1
+    """Explorations of a plan that come one after the other: several SLAM maps of one CAD map."""
+    recipe: Recipe = field(default_factory=Recipe)
+    """What varies from one exploration to the next."""
+
+    def __post_init__(self) -> None:
+        if self.trajectories < 1:
+            raise ConfigError(f"trajectories must be at least 1, not {self.trajectories}")
+        check_recipe(self.recipe, self.episode)
 
 
 @dataclass(frozen=True)
@@ -108,7 +119,8 @@ def build_dataset(
         SlamgymError: If no plan at all can be explored.
     """
     began = time.monotonic()
-    check_explorer(plans, config.episode, make_explorer)
+    for explorer in config.recipe.values("explorer") or [config.episode.explorer]:
+        check_explorer(plans, dataclasses.replace(config.episode, explorer=explorer), make_explorer)
     if not kernels_are_compiled():
         warm_up()  # here, once, rather than in every worker
     with open_dataset(Path(root), dataset_settings(config, plans)) as folder:
@@ -132,7 +144,10 @@ def dataset_settings(config: DatasetConfig, plans: PlanSource) -> dict[str, Any]
     return {
         "format_version": FORMAT_VERSION,
         "version": __version__,
-        "plans": {"count": len(plans), "sha256": ids_digest(plans.ids)},
+        "plans": [
+            {"count": len(group.ids), "sha256": ids_digest(group.ids), "weight": group.weight}
+            for group in plan_groups(plans)
+        ],
         **to_dict(config),
     }
 
@@ -149,7 +164,7 @@ class _Queue:
         pairs: int,
     ) -> None:
         self._folder, self._plans, self._config, self._make_explorer = folder, plans, config, make_explorer
-        self._slots = schedule(plans.ids, config.seed)
+        self._slots = schedule_groups(plan_groups(plans), config.seed, config.trajectories)
         self._missing = pairs
         self._barren = 0
 
@@ -192,7 +207,7 @@ class _Queue:
 
     def _note_barren(self) -> None:
         self._barren += 1
-        if self._barren >= max(len(self._plans), 1):
+        if self._barren >= max(len(self._plans), 1) * self._config.trajectories:
             raise SlamgymError(
                 f"none of the {len(self._plans)} plans gave a pair; {self._folder.layout.rejected} says why, "
                 "unless the filter leaves none"
@@ -217,13 +232,16 @@ def _explore(exploration: _Exploration) -> _Outcome:
 
 def _write_pair(exploration: _Exploration) -> None:
     slot, staged, config = exploration.slot, exploration.staged, exploration.config
-    episode = run_episode(exploration.plan, slot.seed, config.episode, exploration.make_explorer)
+    settings, conditions = episode_conditions(config.recipe, config.episode, slot.seed)
+    episode = run_episode(exploration.plan, slot.seed, settings, exploration.make_explorer)
     pair = make_pair(episode.plan, episode.start, episode.slam_map, config.pair)
     images = {side: _png(image) for side, image in zip(SIDES, (pair.cad, pair.slam), strict=True)}
-    record = make_record(slot, episode, pair, images, config.episode.explorer, config_hash(config))
     with storage_errors(exploration.root):
         (staged / "episode").mkdir(parents=True)
-        write_episode(staged / "episode", episode)
+        sums = write_episode(staged / "episode", episode)
+        record = make_record(
+            slot, episode, pair, {**images, "episode": sums}, conditions, config_hash(config)
+        )
         write_durably(staged / "episode" / "episode.json", record.to_line().encode())
         for side, data in images.items():
             write_durably(staged / f"{side}.png", data)

@@ -14,7 +14,8 @@
         truth.tum              true trajectory, one pose a scan
         odometry.tum           dead reckoning by the wheels, one pose a scan
         estimate.tum           the filter's trajectory, one pose a processed scan
-        scans.log              scans and odometry as a CARMEN log, for any other SLAM program
+        scans.log.gz           scans and odometry as a CARMEN log, for any other SLAM program
+        SHA256SUMS             digests of these files but episode.json, as ``sha256sum -c`` reads them
       rejected.jsonl           plans that could not be explored, and why
       timing.jsonl             seconds that each exploration took (the one file that differs between two runs)
       contact_sheet.png
@@ -36,7 +37,7 @@ from slamgym.config import from_dict, to_dict
 from slamgym.errors import InputFileError
 from slamgym.types import ByteArray, GridFrame
 
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2
 
 
 @dataclass(frozen=True)
@@ -58,6 +59,9 @@ class PairRecord:
     version: str
     """Version of slamgym that made the pair."""
     explorer: str
+    conditions: dict[str, Any]
+    """Settings of the exploration by name (:mod:`slamgym.dataset.conditions`): the usual ones and all that
+    vary within the dataset."""
     finished: str
     """Why the exploration ended: ``explored``, ``coverage``, ``time_limit``, ..."""
     coverage: float
@@ -92,7 +96,7 @@ class PairRecord:
     start: tuple[float, float, float]
     """Where the robot began, world frame: x [m], y [m], theta [rad]."""
     sha256: dict[str, str]
-    """Digests of ``A`` and ``B`` (the PNG files)."""
+    """Digests of ``A`` and ``B`` (the PNG files) and ``episode`` (the episode's ``SHA256SUMS``)."""
 
     @property
     def frame(self) -> GridFrame:

@@ -9,13 +9,14 @@ from typing import Annotated, Literal
 
 import tyro
 
-from slamgym.cad import open_plans
+from slamgym.cad import open_plan_mix
 from slamgym.dataset.build import BuildReport, DatasetConfig, build_dataset
 from slamgym.dataset.episode import EpisodeConfig, MakeExplorer
 from slamgym.dataset.format import Layout
 from slamgym.dataset.pair import PairConfig
 from slamgym.dataset.plan_filter import PlanFilter
 from slamgym.dataset.progress import duration, say
+from slamgym.dataset.recipe import Recipe, open_recipe
 from slamgym.dataset.summary import describe_pairs, write_contact_sheet
 from slamgym.envs import ExploreConfig
 from slamgym.errors import ConfigError
@@ -34,14 +35,15 @@ class GenerateArguments:
 
     out: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
     """Folder of the dataset; made if it is missing, continued if it holds one made with the same settings."""
-    plans: str = "bundled"
-    """Floor plans: a file, a folder or a .tar.gz of HouseExpo plans, a ROS map's yaml, ``bundled``, or
-    ``procedural``."""
+    plans: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
+    """Floor plans: a file, a folder or a .tar.gz of HouseExpo plans, a ROS map's yaml, ``bundled`` (the
+    default), or ``procedural``, also ``procedural:home`` or ``procedural:office:loops``. May be given several
+    times or with commas; ``=WEIGHT`` behind a source makes it come more often, as in ``json.tar.gz=8``."""
     ids: Path | None = None
     """A file with one plan id a line: take only these plans."""
     plans_filter: PlanFilter = "none"
     """``useful`` takes homes that are worth exploring: 2-20 rooms, 20-300 m2, at most 30 m long, at most
-    1,500 vertices."""
+    1,500 vertices. Generated plans always pass."""
     pairs: int = 8
     """How many pairs the folder shall hold. A larger number later adds to the same folder."""
     explorer: str = "explore_lite"
@@ -53,6 +55,10 @@ class GenerateArguments:
     """Particles of the SLAM filter."""
     odometry: Literal["ideal", "low", "medium", "high"] = "medium"
     """Errors of the wheel odometry; ``ideal`` is what stock Gazebo has, as in the paper."""
+    recipe: str | None = None
+    """Vary the settings from one exploration to the next: a YAML or JSON file, or ``reference``."""
+    trajectories: int = 1
+    """Explorations of each plan that come one after the other: several SLAM maps of one CAD map."""
     seed: int = 0
     """Seed of everything random."""
     workers: int = 0
@@ -80,7 +86,7 @@ def main(argv: list[str], make_explorer: MakeExplorer) -> int:
         raise ConfigError(f"--workers must be 0 (one per core) or more, not {arguments.workers}")
     report = build_dataset(
         arguments.out,
-        open_plans(arguments.plans, ids_file=arguments.ids),
+        open_plan_mix(arguments.plans or ("bundled",), ids_file=arguments.ids),
         dataset_config(arguments),
         make_explorer,
         pairs=arguments.pairs,
@@ -104,6 +110,8 @@ def dataset_config(arguments: GenerateArguments) -> DatasetConfig:
         plans_filter=arguments.plans_filter,
         episode=EpisodeConfig(explorer=arguments.explorer, minutes=arguments.minutes, env=env),
         pair=arguments.pair,
+        trajectories=arguments.trajectories,
+        recipe=open_recipe(arguments.recipe) if arguments.recipe else Recipe(),
     )
 
 

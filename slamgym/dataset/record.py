@@ -2,6 +2,7 @@
 
 import hashlib
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
@@ -22,8 +23,8 @@ def make_record(
     slot: Slot,
     episode: Episode,
     pair: MapPair,
-    images: Mapping[str, bytes],
-    explorer: str,
+    files: Mapping[str, bytes],
+    conditions: Mapping[str, Any],
     settings_hash: str,
 ) -> PairRecord:
     """Judge an exploration against the truth and describe it.
@@ -32,8 +33,8 @@ def make_record(
         slot: Its place in the schedule.
         episode: The exploration.
         pair: Its images.
-        images: The same as PNG files.
-        explorer: Name of the explorer.
+        files: Contents of the files that the record vouches for, by name: ``A``, ``B``, ``episode``.
+        conditions: The conditions of the exploration.
         settings_hash: Hash of the dataset's settings.
     """
     frame = pair.frame
@@ -46,7 +47,8 @@ def make_record(
         seed=slot.seed,
         config_hash=settings_hash,
         version=__version__,
-        explorer=explorer,
+        explorer=conditions["explorer"],
+        conditions=dict(conditions),
         finished=episode.finished,
         coverage=_rounded(episode.coverage),
         robot_seconds=_rounded(episode.robot_seconds),
@@ -70,7 +72,7 @@ def make_record(
         origin=(_rounded(frame.origin_x), _rounded(frame.origin_y)),
         shape=frame.shape,
         start=(_rounded(episode.start.x), _rounded(episode.start.y), _rounded(episode.start.theta)),
-        sha256={side: hashlib.sha256(data).hexdigest() for side, data in images.items()},
+        sha256={side: hashlib.sha256(data).hexdigest() for side, data in files.items()},
     )
 
 

@@ -5,11 +5,14 @@ finish, so an interrupted, resumed or extended dataset is the same dataset.
 """
 
 import hashlib
+import itertools
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+
+from slamgym.cad import PlanGroup
 
 
 @dataclass(frozen=True)
@@ -28,16 +31,43 @@ class Slot:
         return f"{self.index:06d}_{re.sub(r'[^A-Za-z0-9_.-]+', '-', self.plan_id)}"
 
 
-def schedule(plan_ids: Sequence[str], seed: int) -> Iterator[Slot]:
-    """Go through the plans in a shuffled order, over and over, without end."""
-    order = np.random.default_rng(seed).permutation(len(plan_ids))
-    index, repetition = 0, 0
+def schedule(plan_ids: Sequence[str], seed: int, trajectories: int = 1) -> Iterator[Slot]:
+    """Go through the plans in a shuffled order, over and over, without end.
+
+    Args:
+        plan_ids: The plans.
+        seed: Of the order and of the explorations.
+        trajectories: How many explorations of a plan come one after the other.
+    """
+    return schedule_groups([PlanGroup(plan_ids, 1.0)], seed, trajectories)
+
+
+def schedule_groups(groups: Sequence[PlanGroup], seed: int, trajectories: int = 1) -> Iterator[Slot]:
+    """Go through the plans of several sources at once, each as often as its weight says.
+
+    The sources take turns as evenly as their weights allow (smooth weighted round robin), so that every
+    beginning of the sequence has their proportions. Within a source the order is shuffled.
+    """
+    total = sum(group.weight for group in groups)
+    credits = [0.0] * len(groups)
+    turns = [_rounds(group.ids, seed, number) for number, group in enumerate(groups)]
+    index = 0
     while True:
-        for position in order:
-            plan_id = plan_ids[position]
+        credits = [credit + group.weight for credit, group in zip(credits, groups, strict=True)]
+        chosen = credits.index(max(credits))
+        credits[chosen] -= total
+        plan_id, turn = next(turns[chosen])
+        for repetition in range(turn * trajectories, (turn + 1) * trajectories):
             yield Slot(index, plan_id, repetition, exploration_seed(seed, plan_id, repetition))
             index += 1
-        repetition += 1
+
+
+def _rounds(plan_ids: Sequence[str], seed: int, number: int) -> Iterator[tuple[str, int]]:
+    """The plans of one source in its order, and how often each came before."""
+    order = np.random.default_rng((seed, number) if number else seed).permutation(len(plan_ids))
+    for turn in itertools.count():
+        for position in order:
+            yield plan_ids[position], turn
 
 
 def exploration_seed(seed: int, plan_id: str, repetition: int) -> int:

@@ -86,7 +86,7 @@ def test_the_episode_folder_tells_the_same_story(dataset):
     for record in read_manifest(dataset):
         folder = Layout(dataset).episode(record.name)
         truth, odometry = read_tum(folder / "truth.tum"), read_tum(folder / "odometry.tum")
-        estimate, log = read_tum(folder / "estimate.tum"), read_carmen(folder / "scans.log")
+        estimate, log = read_tum(folder / "estimate.tum"), read_carmen(folder / "scans.log.gz")
         assert len(truth) == len(odometry) == len(log)
         assert truth.stamps[-1] == pytest.approx(record.robot_seconds)
         # The files hold micrometres.

@@ -18,6 +18,7 @@ RECORD = PairRecord(
     config_hash="0123456789ab",
     version="0.1.0",
     explorer="explore_lite",
+    conditions={"explorer": "explore_lite", "clutter.furniture": 0.5},
     finished="explored",
     coverage=0.99,
     robot_seconds=61.2,

@@ -1,5 +1,6 @@
 """`slamgym generate` as a user runs it: killed, resumed, mistyped, without permission."""
 
+import gzip
 import json
 import os
 import random
@@ -149,7 +150,7 @@ def _check_that_all_is_whole(root):
         record = json.loads((episode / "episode.json").read_text())
         cad, slam = load_pair(root, record["name"])
         assert list(cad.shape) == list(slam.shape) == record["shape"]
-        assert (episode / "scans.log").read_text().endswith("\n")
+        assert gzip.decompress((episode / "scans.log.gz").read_bytes()).endswith(b"\n")
     if layout.manifest.exists():
         names = [record.name for record in read_manifest(root)]
         assert len(set(names)) == len(names)

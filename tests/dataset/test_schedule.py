@@ -3,7 +3,8 @@ from itertools import islice
 from hypothesis import given
 from hypothesis import strategies as st
 
-from slamgym.dataset.schedule import Slot, exploration_seed, ids_digest, schedule
+from slamgym.cad import PlanGroup
+from slamgym.dataset.schedule import Slot, exploration_seed, ids_digest, schedule, schedule_groups
 
 IDS = [f"plan{i}" for i in range(7)]
 
@@ -46,3 +47,34 @@ def test_names_are_safe_file_names(plan_id):
 def test_a_changed_plan_list_has_another_digest():
     assert ids_digest(IDS) == ids_digest(list(IDS))
     assert len({ids_digest(IDS), ids_digest(IDS[::-1]), ids_digest(IDS[1:]), ids_digest(["plan0plan1"])}) == 4
+
+
+@given(st.lists(st.integers(1, 9), min_size=1, max_size=4), st.integers(1, 3), st.integers(0, 99))
+def test_every_beginning_has_the_proportions_of_the_weights(weights, trajectories, seed):
+    groups = [PlanGroup([f"{n}/{i}" for i in range(5)], float(w)) for n, w in enumerate(weights)]
+    slots = list(islice(schedule_groups(groups, seed, trajectories), 40 * trajectories))
+    plans = [slot.plan_id for slot in slots[::trajectories]]
+    for length in (5, 17, 40):
+        for number, weight in enumerate(weights):
+            count = sum(plan_id.startswith(f"{number}/") for plan_id in plans[:length])
+            # Taking turns keeps every count within one turn per other source of its share.
+            assert abs(count - length * weight / sum(weights)) < len(weights)
+
+
+def test_explorations_of_one_plan_follow_each_other_and_differ():
+    slots = list(islice(schedule(IDS, seed=3, trajectories=2), 28))
+    for first, second in zip(slots[::2], slots[1::2], strict=True):
+        assert first.plan_id == second.plan_id
+        assert second.repetition == first.repetition + 1
+        assert first.seed != second.seed
+    of_one = [slot for slot in slots if slot.plan_id == IDS[0]]
+    assert [slot.repetition for slot in of_one] == [0, 1, 2, 3]
+    single = {(s.plan_id, s.repetition): s.seed for s in islice(schedule(IDS, seed=3), 28)}
+    assert {(s.plan_id, s.repetition): s.seed for s in slots} == single
+
+
+def test_a_source_has_the_same_order_whatever_stands_beside_it():
+    alone = [slot.plan_id for slot in islice(schedule(IDS, seed=3), 7)]
+    groups = [PlanGroup(IDS, 1.0), PlanGroup(["x", "y"], 3.0)]
+    mixed = [slot.plan_id for slot in islice(schedule_groups(groups, seed=3), 28)]
+    assert [plan_id for plan_id in mixed if plan_id in IDS] == alone

@@ -1,0 +1,146 @@
+"""Variety by configuration: drawn by weight, from the seed alone, and refused where it makes no sense."""
+
+import json
+from collections import Counter
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from slamgym.dataset.build import DatasetConfig
+from slamgym.dataset.conditions import apply_conditions, known_settings, setting_value
+from slamgym.dataset.episode import EpisodeConfig
+from slamgym.dataset.recipe import Choice, Recipe, episode_conditions, open_recipe, parse_recipe
+from slamgym.errors import ConfigError, InputFileError
+from slamgym.sensors import odometry_level
+
+PLAIN = {
+    "explorer": ["explore_lite", {"value": "nearest", "weight": 3}],
+    "slam.particles": [{"between": [5, 8]}],
+    "clutter.furniture": [{"value": 0.0, "weight": 1}, {"between": [0.25, 0.75], "weight": 1}],
+    "scanner": [
+        {"set": {"lidar.range_max": 3.5, "slam.max_usable_range": 3.0}},
+        {"set": {"lidar.range_max": 8.0, "slam.max_usable_range": 7.0}},
+    ],
+}
+RECIPE = parse_recipe(PLAIN, "test")
+
+
+@given(st.integers(0, 2**63 - 1))
+def test_a_draw_is_one_of_the_choices_and_follows_from_the_seed(seed):
+    drawn = RECIPE.draw(seed)
+    assert drawn == RECIPE.draw(seed)
+    assert drawn["explorer"] in ("explore_lite", "nearest")
+    assert drawn["slam.particles"] in (5, 6, 7, 8)
+    assert drawn["clutter.furniture"] == 0.0 or 0.25 <= drawn["clutter.furniture"] <= 0.75
+    assert (drawn["lidar.range_max"], drawn["slam.max_usable_range"]) in ((3.5, 3.0), (8.0, 7.0))
+
+
+def test_weights_are_kept():
+    draws = [RECIPE.draw(seed) for seed in range(2000)]
+    # Binomial with n = 2000: four standard deviations are 0.039 at p = 0.75 and 0.045 at 0.5.
+    assert sum(d["explorer"] == "nearest" for d in draws) / 2000 == pytest.approx(0.75, abs=0.039)
+    assert sum(d["lidar.range_max"] == 8.0 for d in draws) / 2000 == pytest.approx(0.5, abs=0.045)
+    assert set(Counter(d["slam.particles"] for d in draws)) == {5, 6, 7, 8}
+    # Factors are drawn apart from each other.
+    both = sum(d["explorer"] == "nearest" and d["lidar.range_max"] == 8.0 for d in draws) / 2000
+    assert both == pytest.approx(0.375, abs=0.044)
+
+
+def test_a_factor_more_does_not_change_the_others():
+    less = parse_recipe({name: PLAIN[name] for name in ("explorer", "scanner")}, "test")
+    for seed in range(50):
+        assert less.draw(seed).items() <= RECIPE.draw(seed).items()
+
+
+def test_what_is_drawn_reaches_the_settings_and_the_record():
+    config, conditions = episode_conditions(RECIPE, EpisodeConfig(), 7)
+    for name, value in conditions.items():
+        if name not in ("odometry",):
+            assert setting_value(config, name) == value
+    assert conditions["odometry"] == "medium"
+    assert conditions["clutter.people"] == 0
+    _, plain = episode_conditions(Recipe(), EpisodeConfig(), 7)
+    assert plain["explorer"] == "explore_lite"
+    assert plain["slam.particles"] == 30
+
+
+def test_levels_come_before_single_settings():
+    config = apply_conditions(EpisodeConfig(), {"odometry.slip_way": 0.5, "odometry": "low"})
+    assert config.env.odometry.slip_way == 0.5
+    assert config.env.odometry.slip_turn == odometry_level("low").slip_turn
+
+
+def test_every_known_name_can_be_read():
+    for name in known_settings():
+        setting_value(EpisodeConfig(), name)
+
+
+@pytest.mark.parametrize(
+    ("plain", "words"),
+    [
+        ({"slam.particels": [5]}, "test: slam.particels: unknown setting .* did you mean 'slam.particles'"),
+        ({"explorer": ["a"], "robo.radius": [1]}, "did you mean 'robot.radius'"),
+        ({"reward.coverage": [1.0]}, "unknown setting 'reward.coverage'"),
+        ({"slam.particles": ["many"]}, "slam.particles can't be 'many'"),
+        ({"slam.particles": [0]}, "give a value above 0"),
+        ({"slam.mode": ["rbfp"]}, "known: rbpf"),
+        ({"odometry": ["hihg"]}, "did you mean 'high'"),
+        ({"odometry": [3]}, "must be the name of an error level"),
+        ({"explorer": []}, "give a list"),
+        ({"explorer": "nearest"}, "give a list"),
+        ({"explorer": [{"value": "nearest", "wieght": 2}]}, "did you mean 'weight'"),
+        ({"explorer": [{"value": "nearest", "weight": 0}]}, "weight must be a number above 0"),
+        ({"explorer": [{"weight": 2}]}, "either a 'value'"),
+        ({"clutter.furniture": [{"between": [0.5, 0.2]}]}, "the smaller first"),
+        ({"clutter.furniture": [{"between": [0.5, 1.2]}]}, "share in"),
+        ({"scanner": [{"set": {}}]}, "'set' takes settings"),
+        ({"x": [{"set": {"slam.particles": 3}}], "slam.particles": [5]}, "both set 'slam.particles'"),
+    ],
+)
+def test_a_senseless_recipe_is_one_error_that_names_the_place(plain, words):
+    with pytest.raises(ConfigError, match=words) as caught:
+        parse_recipe(plain, "test")
+    assert str(caught.value).startswith("test: ")
+
+
+def test_yaml_and_json_say_the_same(tmp_path):
+    (tmp_path / "r.json").write_text(json.dumps(PLAIN))
+    (tmp_path / "r.yaml").write_text(json.dumps(PLAIN, indent=1))
+    assert open_recipe(str(tmp_path / "r.json")) == open_recipe(str(tmp_path / "r.yaml")) == RECIPE
+
+
+def test_the_reference_recipe_varies_what_it_promises():
+    recipe = open_recipe("reference")
+    assert {"explorer", "odometry", "slam.particles", "clutter.furniture", "clutter.people"} < recipe.settings
+    assert set(recipe.values("odometry")) == {"ideal", "low", "medium", "high"}
+    drawn = [recipe.draw(seed)["slam.particles"] for seed in range(200)]
+    assert Counter(drawn).most_common(1)[0][0] == 30
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "words"),
+    [
+        ("r.yaml", "[1, 2", "neither YAML nor JSON"),
+        ("r.yaml", "just words", "is no recipe"),
+        ("r.json", "", "is no recipe"),
+    ],
+)
+def test_a_file_that_is_no_recipe_is_named(tmp_path, name, content, words):
+    (tmp_path / name).write_text(content)
+    with pytest.raises(InputFileError, match=words):
+        open_recipe(str(tmp_path / name))
+
+
+def test_unknown_recipes_and_missing_files_are_named(tmp_path):
+    with pytest.raises(ConfigError, match="did you mean 'reference'"):
+        open_recipe("refrence")
+    with pytest.raises(InputFileError, match=r"gone\.yaml"):
+        open_recipe(str(tmp_path / "gone.yaml"))
+
+
+def test_a_setting_that_the_recipe_would_draw_over_is_refused():
+    recipe = Recipe({"explorer": (Choice({"explorer": "nearest"}),)})
+    DatasetConfig(recipe=recipe)
+    with pytest.raises(ConfigError, match="explorer is set, but the recipe varies it"):
+        DatasetConfig(recipe=recipe, episode=EpisodeConfig(explorer="cost_utility"))
