@@ -1,4 +1,8 @@
+"""What the engines promise, on the processes of this machine."""
+
+import contextlib
 import os
+import random
 import signal
 import subprocess
 import sys
@@ -6,7 +10,18 @@ import time
 
 import pytest
 
-from slamgym.dataset.engine import WorkerLostError, run_tasks
+from slamgym.dataset import engine as module
+from slamgym.dataset.engine import (
+    MAX_ATTEMPTS,
+    MAX_LOST_IN_A_ROW,
+    Attempt,
+    Backlog,
+    Lost,
+    WorkerLostError,
+    open_engine,
+    run_tasks,
+)
+from slamgym.errors import ConfigError
 
 
 def square(value):
@@ -19,9 +34,30 @@ def fail_on_three(value):
     return value
 
 
-def die_on_three(value):
+def die_on_three(item):
+    """Note each attempt in a folder; item 3 kills its worker every time."""
+    folder, value = item
+    (folder / f"{value}-{time.monotonic_ns()}").touch()
     if value == 3:
         os.kill(os.getpid(), signal.SIGKILL)
+    return value
+
+
+def die_at_first(item):
+    """Kill the worker at the first attempt of item 2."""
+    folder, value = item
+    marker = folder / str(value)
+    if value == 2 and not marker.exists():
+        marker.touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    return value
+
+
+def note_pid(item):
+    """Leave the process id where the test finds it, and work for a moment."""
+    folder, value = item
+    (folder / str(os.getpid())).touch()
+    time.sleep(0.05)
     return value
 
 
@@ -31,11 +67,22 @@ def thread_settings(_):
     return cv2.getNumThreads(), os.environ.get("NUMBA_NUM_THREADS"), os.environ.get("OMP_NUM_THREADS")
 
 
+def pid_after_a_moment(_):
+    time.sleep(0.1)
+    return os.getpid()
+
+
+@pytest.fixture(scope="module")
+def engine():
+    with open_engine("local", 2) as engine:
+        yield engine
+
+
 def test_one_worker_does_every_item_in_order():
     assert list(run_tasks(square, range(9), 1)) == [i * i for i in range(9)]
 
 
-def test_two_workers_do_every_item_once_and_draw_only_a_little_ahead():
+def test_two_workers_do_every_item_once_and_draw_only_a_little_ahead(engine):
     drawn = 0
 
     def items():
@@ -45,23 +92,103 @@ def test_two_workers_do_every_item_once_and_draw_only_a_little_ahead():
             yield i
 
     results = []
-    for result in run_tasks(square, items(), workers=2):
+    for result in engine.run(square, items()):
         results.append(result)
-        assert drawn <= len(results) + 2 * 2
+        # In hand, ready beside it, and come in together with this result.
+        assert drawn <= len(results) + 3 * 2
     assert sorted(results) == [i * i for i in range(50)]
 
 
-@pytest.mark.parametrize("workers", [1, 2])
-def test_an_error_ends_the_run(workers):
+def test_an_error_ends_the_run(engine):
     with pytest.raises(ValueError, match="three"):
-        list(run_tasks(fail_on_three, range(9), workers))
+        list(run_tasks(fail_on_three, range(9), 1))
+    with pytest.raises(ValueError, match="three"):
+        list(engine.run(fail_on_three, range(9)))
 
 
-def test_a_killed_worker_is_a_clear_error_and_the_next_run_works():
-    with pytest.raises(WorkerLostError, match="killed"):
-        list(run_tasks(die_on_three, range(9), 2))
+def test_an_engine_runs_again_after_a_run_that_was_given_up(engine):
+    for _ in engine.run(square, range(50)):
+        break
+    assert sorted(engine.run(square, range(5))) == [0, 1, 4, 9, 16]
     # Every worker computes on one thread.
-    assert set(run_tasks(thread_settings, range(4), 2)) == {(1, "1", "1")}
+    assert set(engine.run(thread_settings, range(4))) == {(1, "1", "1")}
+    # The processes live as long as the engine.
+    first = set(engine.run(pid_after_a_moment, range(4)))
+    assert set(engine.run(pid_after_a_moment, range(4))) == first
+    assert len(first) == 2
+
+
+def test_a_task_whose_worker_dies_is_tried_again(engine, tmp_path):
+    items = [(tmp_path, value) for value in range(9)]
+    assert sorted(engine.run(die_at_first, items)) == list(range(9))
+
+
+def test_a_task_that_kills_every_worker_is_handed_back_and_the_others_are_done(engine, tmp_path):
+    items = [(tmp_path, value) for value in range(8)]
+    results = list(engine.run(die_on_three, items))
+    lost = [result for result in results if isinstance(result, Lost)]
+    assert [entry.item for entry in lost] == [(tmp_path, 3)]
+    assert "killed" in lost[0].reason
+    assert sorted(result for result in results if not isinstance(result, Lost)) == [0, 1, 2, 4, 5, 6, 7]
+    begun = [int(path.name.split("-")[0]) for path in tmp_path.iterdir()]
+    # The others are begun once: they don't suffer with their neighbour.
+    assert sorted(begun) == sorted([*range(8), *[3] * (MAX_ATTEMPTS - 1)])
+
+
+def test_a_task_that_may_not_be_lost_is_a_clear_error(monkeypatch):
+    class Unlucky:
+        def run(self, task, items):
+            yield from (Lost(item, "a worker process was killed") for item in items)
+
+    monkeypatch.setattr(module, "open_engine", lambda *_: contextlib.nullcontext(Unlucky()))
+    with pytest.raises(WorkerLostError, match="was killed; run the same command again"):
+        list(run_tasks(square, range(8), workers=2))
+
+
+def test_a_task_is_tried_again_before_fresh_ones_and_then_given_up():
+    backlog = Backlog("ab")
+    attempt = backlog.pop()
+    for _ in range(MAX_ATTEMPTS - 1):
+        assert attempt.item == "a"
+        assert backlog.worker_died(attempt, "a worker was killed") is None
+        attempt = backlog.pop()
+    lost = backlog.worker_died(attempt, "a worker was killed")
+    assert lost == Lost("a", f"a worker was killed at each of {MAX_ATTEMPTS} attempts")
+    assert backlog.pop().item == "b"
+    assert backlog.pop() is None
+
+
+def test_task_after_task_lost_is_the_machine_s_fault():
+    backlog = Backlog([])
+    last = Attempt("plan", MAX_ATTEMPTS)
+    for _ in range(3):  # a result between them shows that the machine is fit
+        for _ in range(MAX_LOST_IN_A_ROW - 1):
+            assert backlog.worker_died(last, "a worker was killed") is not None
+        backlog.succeeded()
+    for _ in range(MAX_LOST_IN_A_ROW - 1):
+        backlog.worker_died(last, "a worker was killed")
+    with pytest.raises(WorkerLostError, match="memory is short"):
+        backlog.worker_died(last, "a worker was killed")
+
+
+def test_workers_killed_from_outside_lose_nothing(engine, tmp_path):
+    """Each kill hits a worker at a random moment: at work, or between two tasks."""
+    rng = random.Random(1)
+    results = []
+    for result in engine.run(note_pid, [(tmp_path, value) for value in range(40)]):
+        results.append(result)
+        if len(results) in (7, 23):
+            time.sleep(rng.uniform(0.0, 0.05))
+            _kill_one(tmp_path, rng)
+    assert sorted(results) == list(range(40))
+
+
+def _kill_one(folder, rng):
+    for pid in rng.sample(pids := sorted(int(path.name) for path in folder.iterdir()), len(pids)):
+        (folder / str(pid)).unlink()
+        if _is_alive(pid):
+            os.kill(pid, signal.SIGKILL)
+            return
 
 
 @pytest.mark.skipif(os.name != "posix", reason="looks at parent processes")
@@ -80,6 +207,18 @@ def test_workers_end_when_their_parent_is_killed(tmp_path):
     while any(map(_is_alive, workers)) and time.monotonic() < deadline:
         time.sleep(0.1)
     assert not any(map(_is_alive, workers))
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"workers": 0}, "at least 1"),
+        ({"workers": 2, "address": "auto"}, "--engine ray"),
+    ],
+)
+def test_senseless_options_are_refused(options, words):
+    with pytest.raises(ConfigError, match=words):
+        open_engine("local", **options)
 
 
 def _is_alive(pid):
