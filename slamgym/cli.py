@@ -42,6 +42,9 @@ COMMANDS: dict[str, Command] = {
         "explore floor plans and write SLAM/CAD map pairs",
         _EXPLORERS,
     ),
+    "dataset": Command(
+        "slamgym.dataset.commands:main", "render, clean, split, check and describe what generate has made"
+    ),
     "watch": Command(
         "slamgym.dataset.watch_command:main",
         "watch an exploration in a window, or write it as MP4 or GIF",
