@@ -41,9 +41,8 @@ class ProgressiveGenerator(nn.Module):
         encoder = [fine] + [middle if level <= 3 else coarse for level in range(1, self.halvings + 1)]
         self.enter = DoubleConv(in_channels, fine)
         self.down = nn.ModuleList(DoubleConv(encoder[i], encoder[i + 1]) for i in range(self.halvings))
-        decoder = [coarse]
-        for side in (SMALLEST << step for step in range(1, self.halvings + 1)):
-            decoder.append(self._decoder_channels(side, fine, middle, coarse))
+        sides = [SMALLEST << step for step in range(1, self.halvings + 1)]
+        decoder = [coarse, *(self._decoder_channels(side, fine, middle, coarse) for side in sides)]
         self.grow = nn.ModuleList()
         for step in range(self.halvings):
             skip = encoder[self.halvings - step] if step > 0 else 0

@@ -36,7 +36,7 @@ class SpectralConv2d(nn.Conv2d):
             sigma = torch.dot(u, matrix @ v)
             return self.weight / sigma
 
-    def forward(self, input: Tensor) -> Tensor:  # noqa: A002 - the name that nn.Conv2d has
+    def forward(self, input: Tensor) -> Tensor:
         """Convolve (B, in, H, W) to (B, out, H', W')."""
         return functional.conv2d(input, self.normalised_weight(), None, self.stride, self.padding)
 

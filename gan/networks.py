@@ -13,24 +13,25 @@ from gan.residual_unet import ResidualUNet
 Generator = ProgressiveGenerator | ResidualUNet
 
 
-def build_generator(config: TranslatorConfig, seed: int = 0) -> Generator:
-    """The generator with freshly drawn weights, on the CPU.
+def build_generator(config: TranslatorConfig, seed: int | None = 0) -> Generator:
+    """The generator with freshly drawn weights.
 
     Args:
         config: What it is.
-        seed: Equal seeds give equal weights.
+        seed: Equal seeds give equal weights; None leaves them to torch, for a network that will be loaded.
     """
     inputs, outputs = CHANNELS[config.input_encoding], CHANNELS[config.output_encoding]
-    draws = torch.Generator().manual_seed(seed)
     parts = config.generator
     if parts.kind == "residual":
         unet = ResidualUNet(
             inputs, outputs, parts.width, parts.depth, parts.displacement, parts.max_displacement_px
         )
-        unet.start(draws)
+        if seed is not None:
+            unet.start(torch.Generator().manual_seed(seed))
         return unet
     progressive = ProgressiveGenerator(inputs, outputs, config.input_size, parts.width)
-    initialise(progressive, draws)
+    if seed is not None:
+        initialise(progressive, torch.Generator().manual_seed(seed))
     return progressive
 
 

@@ -1,0 +1,211 @@
+"""Read folders of map pairs for training.
+
+Two layouts are taken:
+
+* ``IMAGES/{train,test}/{A,B}/<name>.png``, as `slamgym dataset render` writes them, with ``manifest.jsonl`` beside,
+  which tells plans and scales;
+* ``IMAGES/{A,B}/<name>.png``: any folder of pairs, without splits.
+
+A is the CAD map (0 walls and outside, 254 inside), B the SLAM map (0 occupied, 205 unknown, 254 free). All
+images are square, grey, and of one size; file names are the same on both sides. Without a manifest every name
+is a plan of its own.
+"""
+
+import hashlib
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from gan.resample import resample_grey, resample_slam
+from slamgym.errors import ConfigError, InputFileError
+from slamgym.types import ByteArray, FloatArray
+
+SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".pgm", ".tif", ".tiff")
+
+
+@dataclass(frozen=True)
+class PairSet:
+    """Map pairs in memory."""
+
+    cad: ByteArray  # (N, S, S)
+    slam: ByteArray  # (N, S, S)
+    names: tuple[str, ...]
+    plan_ids: tuple[str, ...]
+    """Pairs of one plan must not be torn apart by a split."""
+    metres_per_px: FloatArray  # (N,) of these images; nan where the manifest doesn't tell
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    def subset(self, indices: Sequence[int]) -> "PairSet":
+        """The pairs with these indices."""
+        chosen = np.asarray(indices, dtype=np.int64)
+        return PairSet(
+            self.cad[chosen],
+            self.slam[chosen],
+            tuple(self.names[i] for i in chosen),
+            tuple(self.plan_ids[i] for i in chosen),
+            self.metres_per_px[chosen],
+        )
+
+    def split(self, share: float) -> tuple["PairSet", "PairSet"]:
+        """Hold out the pairs of about this share of the plans; which ones follows from the plans' ids alone.
+
+        Returns:
+            (the rest, the held-out ones).
+        """
+        held_out = [_place(plan) < share for plan in self.plan_ids]
+        rest = [index for index, out in enumerate(held_out) if not out]
+        return self.subset(rest), self.subset([index for index, out in enumerate(held_out) if out])
+
+    def scale_percentiles(self) -> tuple[float, float, float] | None:
+        """5th, 50th and 95th percentile of the metres per pixel; None if they aren't known."""
+        known = self.metres_per_px[np.isfinite(self.metres_per_px)]
+        if known.size == 0:
+            return None
+        low, middle, high = np.percentile(known, [5.0, 50.0, 95.0])
+        return float(low), float(middle), float(high)
+
+
+def load_pairs(root: Path | str, split: str, size: int, limit: int | None = None) -> PairSet:
+    """Read all pairs of a split.
+
+    Args:
+        root: The folder of images.
+        split: ``train`` or ``test``; a folder without splits has ``train`` only.
+        size: Side that the images shall have [px]; they are resampled if theirs is another.
+        limit: Take only the first so many names.
+
+    Raises:
+        InputFileError: If the folder or a file is missing, empty or malformed, or a pair is unequal.
+    """
+    root = Path(root)
+    folder = _split_folder(root, split)
+    files = _matched(folder)
+    names = sorted(files)[:limit]
+    told = _manifest(root)
+    cad = np.empty((len(names), size, size), dtype=np.uint8)
+    slam = np.empty_like(cad)
+    scales = np.full(len(names), np.nan)
+    side = None
+    for index, name in enumerate(names):
+        a, b = (read_grey(path) for path in files[name])
+        side = _check_shapes(files[name], a, b, side)
+        cad[index], slam[index] = resample_grey(a, (size, size)), resample_slam(b, (size, size))
+        scales[index] = told.get(name, ("", np.nan))[1] * side / size
+    plans = tuple(told.get(name, (name, np.nan))[0] for name in names)
+    return PairSet(cad, slam, tuple(names), plans, scales)
+
+
+def has_split(root: Path | str, split: str) -> bool:
+    """Whether a folder of images has this split."""
+    return (Path(root) / split / "A").is_dir()
+
+
+def read_grey(path: Path) -> ByteArray:
+    """Read an image of one channel, or of several equal ones, 8 bits each.
+
+    Raises:
+        InputFileError: If it can't be read or is coloured.
+    """
+    try:
+        encoded = np.frombuffer(path.read_bytes(), np.uint8)
+    except OSError as error:
+        raise InputFileError(path, f"can't be read ({error.strerror or error})") from error
+    image = _decoded(encoded)
+    if image is None:
+        raise InputFileError(path, "is not an image that OpenCV can read (PNG, JPEG, BMP, PGM, TIFF)")
+    if image.dtype != np.uint8:
+        raise InputFileError(path, f"has pixels of type {image.dtype}; save it with 8 bits per channel")
+    if image.ndim == 3:
+        colours = image[:, :, : 3 if image.shape[2] >= 3 else 1]
+        if int((colours.max(axis=2) - colours.min(axis=2)).max()) > 8:
+            raise InputFileError(path, f"is coloured ({image.shape[2]} channels); maps are grey images")
+        image = np.rint(colours.mean(axis=2)).astype(np.uint8)
+    return np.asarray(image, dtype=np.uint8)
+
+
+def _decoded(encoded: ByteArray) -> np.ndarray | None:
+    try:
+        return cv2.imdecode(encoded, cv2.IMREAD_UNCHANGED) if encoded.size else None
+    except cv2.error:
+        return None
+
+
+def _split_folder(root: Path, split: str) -> Path:
+    if not root.is_dir():
+        raise InputFileError(root, "is not a folder; name one that `slamgym dataset render` has written")
+    if (root / split / "A").is_dir() or (root / split / "B").is_dir():
+        return root / split
+    if split == "train" and ((root / "A").is_dir() or (root / "B").is_dir()):
+        return root
+    raise InputFileError(root, f"holds no pairs: it needs {split}/A and {split}/B with images of equal names")
+
+
+def _matched(folder: Path) -> dict[str, tuple[Path, Path]]:
+    """Files of both sides by name."""
+    sides = [_images(folder / side) for side in ("A", "B")]
+    lonely = sorted(sides[0].keys() ^ sides[1].keys())
+    if lonely:
+        side, other = ("A", "B") if lonely[0] in sides[0] else ("B", "A")
+        raise InputFileError(
+            folder,
+            f"{len(lonely)} images have no counterpart, the first is {side}/{lonely[0]} without {other}/{lonely[0]}",
+        )
+    return {name: (sides[0][name], sides[1][name]) for name in sides[0]}
+
+
+def _images(folder: Path) -> dict[str, Path]:
+    if not folder.is_dir():
+        raise InputFileError(folder, "is missing; pairs need a folder A (CAD) and a folder B (SLAM)")
+    found = {path.stem: path for path in sorted(folder.iterdir()) if path.suffix.lower() in SUFFIXES}
+    if not found:
+        raise InputFileError(folder, f"holds no images ({', '.join(SUFFIXES)})")
+    return found
+
+
+def _check_shapes(paths: tuple[Path, Path], a: ByteArray, b: ByteArray, side: int | None) -> int:
+    if a.shape != b.shape:
+        raise InputFileError(paths[1], f"has shape {b.shape} but its counterpart A has {a.shape}")
+    if a.shape[0] != a.shape[1]:
+        raise InputFileError(paths[0], f"has shape {a.shape}; training images are square")
+    if side is not None and a.shape[0] != side:
+        raise InputFileError(
+            paths[0], f"has {a.shape[0]} px a side but the images before it {side}; render all at one size"
+        )
+    return int(a.shape[0])
+
+
+def _manifest(root: Path) -> dict[str, tuple[str, float]]:
+    """Plan id and metres per pixel by name; empty without a manifest."""
+    path = root / "manifest.jsonl"
+    if not path.is_file():
+        return {}
+    told: dict[str, tuple[str, float]] = {}
+    for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), start=1):
+        try:
+            values = json.loads(line)
+            told[str(values["name"])] = (str(values["plan_id"]), float(values["metres_per_px"]))
+        except (ValueError, TypeError, KeyError) as error:
+            raise InputFileError(f"{path}:{number}", f"is not a record of an image pair ({error})") from error
+    return told
+
+
+def _place(plan_id: str) -> float:
+    """A fixed number in [0, 1) for a plan."""
+    digest = hashlib.sha256(plan_id.encode()).digest()
+    return int.from_bytes(digest[:8], "big") / 2.0**64
+
+
+def require_pairs(pairs: PairSet, minimum: int, what: str) -> None:
+    """Refuse a set that is too small to train with.
+
+    Raises:
+        ConfigError: If it has fewer than ``minimum`` pairs.
+    """
+    if len(pairs) < minimum:
+        raise ConfigError(f"{what} needs at least {minimum} training pairs, but there are {len(pairs)}")

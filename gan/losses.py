@@ -1,0 +1,165 @@
+"""The terms that the networks minimise, one function each; equation numbers are the paper's.
+
+A judge returns, for each of its copies (scales), a list of features whose last entry holds the judgements. Every sample
+and every scale takes part in every term.
+"""
+
+from collections.abc import Sequence
+from typing import Literal
+
+import torch
+from torch import Tensor
+from torch.nn import functional
+
+GanKind = Literal["lsgan", "bce"]
+Judged = Sequence[Sequence[Tensor]]
+"""Features per copy, the last one the judgements."""
+
+
+def verdict_loss(judgements: Tensor, real: bool, kind: GanKind) -> Tensor:
+    """How far judgements are from ``real`` (1) or fake (0): the mean of squares, or of -log.
+
+    Args:
+        judgements: Any shape; scores before any sigmoid.
+        real: What they ought to say.
+        kind: ``lsgan`` (Mao et al. 2017) or ``bce``, the logarithms of eqs. (2) and (3).
+    """
+    target = torch.full_like(judgements, float(real), dtype=torch.float32)
+    if kind == "lsgan":
+        return functional.mse_loss(judgements.float(), target)
+    return functional.binary_cross_entropy_with_logits(judgements.float(), target)
+
+
+def _over_copies(judged: Judged, real: bool, kind: GanKind) -> Tensor:
+    return torch.stack([verdict_loss(features[-1], real, kind) for features in judged]).sum()
+
+
+def domain_judge_loss(real: Judged, fake: Judged, other: Judged | None, kind: GanKind) -> Tensor:
+    """Eq. (2) for the domain judge: (x, y) is right; (x, G(x)) and an unassociated target (x, y') are wrong.
+
+    Args:
+        real: Of (x, y).
+        fake: Of (x, G(x)).
+        other: Of (x, y'), or None to leave it out.
+        kind: See :func:`verdict_loss`.
+
+    Returns:
+        The mean over the three kinds of the sum over the copies.
+    """
+    terms = [_over_copies(real, True, kind), _over_copies(fake, False, kind)]
+    if other is not None:
+        terms.append(_over_copies(other, False, kind))
+    return torch.stack(terms).mean()
+
+
+def real_fake_judge_loss(real: Judged, fake: Judged, kind: GanKind) -> Tensor:
+    """Eq. (3) for the real/fake judge: y is real, G(x) is fake; the mean of the sums over the copies."""
+    return 0.5 * (_over_copies(real, True, kind) + _over_copies(fake, False, kind))
+
+
+def domain_loss(fake: Judged, kind: GanKind) -> Tensor:
+    """Eq. (2) for the generator: the domain judge shall take (x, G(x)) for right. Sum over the copies."""
+    return _over_copies(fake, True, kind)
+
+
+def real_fake_loss(fake: Judged, kind: GanKind, scope: Literal["all", "as_coded"] = "all") -> Tensor:
+    """Eq. (3) for the generator: the real/fake judge shall take every G(x) for real. Sum over the copies.
+
+    Args:
+        fake: Of G(x).
+        kind: See :func:`verdict_loss`.
+        scope: ``as_coded`` is the published code's slip: the last copy's verdict on the last sample alone.
+    """
+    if scope == "as_coded":
+        return verdict_loss(fake[-1][-1][-1], True, kind)
+    return _over_copies(fake, True, kind)
+
+
+def feature_matching_loss(fake: Judged, real: Judged, layer_weights: Sequence[float]) -> Tensor:
+    """Eq. (4): the domain judge's features of (x, G(x)) and of (x, y) shall agree. Sum over the copies.
+
+    Args:
+        fake: Of (x, G(x)).
+        real: Of (x, y); taken as constants.
+        layer_weights: Of the first layers; the judgements themselves never count.
+    """
+    return torch.stack(
+        [
+            _layer_distance(a[:-1], b[:-1], layer_weights)  # one copy each
+            for a, b in zip(fake, real, strict=True)
+        ]
+    ).sum()
+
+
+def input_consistency_loss(fake: Judged, reference: Judged, layer_weights: Sequence[float]) -> Tensor:
+    """Eq. (5): the real/fake judge's features of G(x) and of a reference shall agree.
+
+    The reference is y in the paper and x in the published code; it is taken as constant.
+    """
+    return feature_matching_loss(fake, reference, layer_weights)
+
+
+def _layer_distance(fake: Sequence[Tensor], real: Sequence[Tensor], weights: Sequence[float]) -> Tensor:
+    terms = [
+        weight * functional.l1_loss(a.float(), b.detach().float())
+        for weight, a, b in zip(weights, fake, real, strict=False)
+    ]
+    return torch.stack(terms).sum()
+
+
+def l1_loss(image: Tensor, target: Tensor) -> Tensor:
+    """The term that omega weighs, eq. (6): mean |y - G(x)| in [-1, 1]."""
+    return functional.l1_loss(image.float(), target.float())
+
+
+def probabilities(image: Tensor) -> Tensor:
+    """Of each value being 1: images in [-1, 1] as values in [0, 1]."""
+    return 0.5 * (image.float() + 1.0)
+
+
+def cross_entropy_loss(
+    image: Tensor, logits: Tensor | None, target: Tensor, edge_weight: float = 0.0
+) -> Tensor:
+    """Weighted mean binary cross entropy; soft targets are allowed.
+
+    Args:
+        image: (B, C, H, W) in [-1, 1].
+        logits: Log odds of the same, or None to take them from the image.
+        target: Same shape, in [-1, 1].
+        edge_weight: Pixels within two of a border of the target count 1 + this.
+    """
+    wanted = probabilities(target)
+    if logits is None:
+        logits = torch.logit(probabilities(image), eps=1e-6)
+    terms = functional.binary_cross_entropy_with_logits(logits.float(), wanted, reduction="none")
+    if edge_weight <= 0.0:
+        return terms.mean()
+    weights = 1.0 + edge_weight * near_borders(wanted)
+    return (weights * terms).sum() / weights.sum()
+
+
+def near_borders(values: Tensor, reach: int = 2) -> Tensor:
+    """1 where values within ``reach`` pixels differ by more than a half, else 0; (B, C, H, W)."""
+    window = 2 * reach + 1
+    highest = functional.max_pool2d(values, window, stride=1, padding=reach)
+    lowest = -functional.max_pool2d(-values, window, stride=1, padding=reach)
+    return (highest - lowest > 0.5).float()
+
+
+def dice_loss(image: Tensor, target: Tensor) -> Tensor:
+    """One minus the overlap 2 |A B| / (|A| + |B|), mean of that of the ones and that of the rest.
+
+    Milletari et al., *V-Net* (2016), over the pixels of each sample and channel.
+
+    Args:
+        image: (B, C, H, W) in [-1, 1].
+        target: Same shape.
+    """
+    a, b = probabilities(image), probabilities(target)
+    return 1.0 - 0.5 * (_overlap(a, b) + _overlap(1.0 - a, 1.0 - b))
+
+
+def _overlap(a: Tensor, b: Tensor) -> Tensor:
+    shared = (a * b).sum(dim=(-2, -1))
+    total = a.square().sum(dim=(-2, -1)) + b.square().sum(dim=(-2, -1))
+    return ((2.0 * shared + 1.0) / (total + 1.0)).mean()

@@ -1,0 +1,150 @@
+"""Ready settings: the paper's two translators, the default one, and a size of each for a CPU.
+
+``model32`` and ``modelprog`` follow Daher et al. and the schedules of its code (750 and 200 epochs). The CPU sizes keep
+losses, judges and schedule but have narrower networks and smaller images; give them ``--minutes``.
+"""
+
+from gan.config import (
+    AugmentConfig,
+    DiscriminatorConfig,
+    GeneratorConfig,
+    LossConfig,
+    OptimiserConfig,
+    Stage,
+    TrainConfig,
+    TranslatorConfig,
+)
+from slamgym.config import suggest
+from slamgym.errors import ConfigError
+
+REAL_MAPS = AugmentConfig(
+    zoom=0.15,
+    shift=0.06,
+    turn_deg=1.0,
+    specks=0.004,
+    broken_walls=0.3,
+    unknown=0.12,
+    cut_off=0.1,
+    wobble_px=1.5,
+)
+"""What real maps have and clean simulation lacks."""
+
+_OVERLAP = LossConfig(
+    domain=0.0,
+    real_fake=0.0,
+    feature_matching=0.0,
+    input_consistency=0.0,
+    l1=0.0,
+    cross_entropy=1.0,
+    dice=1.0,
+    edge_weight=3.0,
+)
+"""No judges: the floor is a region, and what counts is its overlap and its borders."""
+
+PRESETS: dict[str, TrainConfig] = {
+    "model32": TrainConfig(
+        preset="model32",
+        translator=TranslatorConfig(direction="slam2cad", input_size=256, output_size=32),
+        stages=(Stage(32, 750.0, 64),),
+    ),
+    "modelprog": TrainConfig(
+        preset="modelprog",
+        translator=TranslatorConfig(direction="cad2slam", input_size=256, output_size=256),
+        stages=(
+            Stage(32, 16.0, 64),
+            Stage(64, 15.0, 32, 1.0, 16),
+            Stage(128, 30.0, 16, 1.0, 8),
+            Stage(256, 139.0, 4, 1.0, 2),
+        ),
+    ),
+    "slam2cad": TrainConfig(
+        preset="slam2cad",
+        translator=TranslatorConfig(
+            direction="slam2cad",
+            input_size=256,
+            output_size=256,
+            input_encoding="free_occupied",
+            output_encoding="grey",
+            derotate=True,
+            generator=GeneratorConfig("residual", width=24, depth=4),
+        ),
+        discriminator=DiscriminatorConfig(domain=False, real_fake=False),
+        loss=_OVERLAP,
+        augment=REAL_MAPS,
+        optimiser=OptimiserConfig(
+            learning_rate=2e-3, beta1=0.9, beta2=0.99, warm_up=0.02, decay=0.6, average=0.99, clip_norm=1.0
+        ),
+        stages=(Stage(256, 40.0, 16),),
+    ),
+    "slam2cad-gan": TrainConfig(
+        preset="slam2cad-gan",
+        translator=TranslatorConfig(
+            direction="slam2cad",
+            input_size=256,
+            output_size=256,
+            input_encoding="free_occupied",
+            output_encoding="grey",
+            derotate=True,
+            generator=GeneratorConfig("residual", width=24, depth=4),
+        ),
+        discriminator=DiscriminatorConfig(domain=True, real_fake=True, width=32, patch_width=16),
+        loss=LossConfig(
+            domain=0.02,
+            real_fake=0.02,
+            feature_matching=0.02,
+            input_consistency=0.02,
+            l1=0.0,
+            cross_entropy=1.0,
+            dice=1.0,
+            edge_weight=3.0,
+        ),
+        augment=REAL_MAPS,
+        optimiser=OptimiserConfig(
+            learning_rate=1e-3, beta1=0.55, beta2=0.99, warm_up=0.02, decay=0.6, average=0.99, clip_norm=1.0
+        ),
+        stages=(Stage(256, 40.0, 16),),
+    ),
+    "model32-cpu": TrainConfig(
+        preset="model32-cpu",
+        translator=TranslatorConfig(
+            direction="slam2cad",
+            input_size=128,
+            output_size=32,
+            input_encoding="free_occupied",
+            output_encoding="grey",
+            generator=GeneratorConfig("progressive", width=16),
+        ),
+        discriminator=DiscriminatorConfig(width=64, patch_width=32),
+        optimiser=OptimiserConfig(learning_rate=5e-4),
+        stages=(Stage(32, 40.0, 16),),
+    ),
+    "modelprog-cpu": TrainConfig(
+        preset="modelprog-cpu",
+        translator=TranslatorConfig(
+            direction="cad2slam",
+            input_size=128,
+            output_size=128,
+            input_encoding="grey",
+            output_encoding="free_occupied",
+            generator=GeneratorConfig("progressive", width=16),
+        ),
+        discriminator=DiscriminatorConfig(width=64, patch_width=32),
+        optimiser=OptimiserConfig(learning_rate=5e-4),
+        stages=(
+            Stage(32, 4.0, 32),
+            Stage(64, 4.0, 16, 1.0, 16),
+            Stage(128, 6.0, 8, 1.0, 8),
+        ),
+    ),
+}
+
+
+def find_preset(name: str) -> TrainConfig:
+    """Look up a preset.
+
+    Raises:
+        ConfigError: If there is none of this name; the error suggests the nearest.
+    """
+    if name not in PRESETS:
+        raise ConfigError(f"unknown preset {name!r}; {suggest(name, PRESETS)}")
+    return PRESETS[name]

@@ -1,0 +1,213 @@
+"""Trained translators as files: safetensors in half precision, settings and model card in the header.
+
+Beside ``NAME.safetensors`` lie ``NAME.json`` (settings and figures, for programs) and ``NAME.md`` (the model card, for
+people); only the first is needed. Nothing in the file can run code, and loading needs no network.
+"""
+
+import json
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import torch
+from safetensors import SafetensorError, safe_open
+from safetensors.torch import save_file
+from torch import Tensor
+
+from gan.config import Direction, TranslatorConfig
+from gan.layers import count_parameters
+from gan.networks import Generator, build_generator
+from slamgym import __version__
+from slamgym.config import from_dict, suggest, to_dict
+from slamgym.errors import ConfigError, InputFileError
+from slamgym.interop.atomic import staged, write_text
+
+FORMAT = "slamgym-translator-1"
+PRETRAINED = Path(__file__).parent / "pretrained"
+MAX_BYTES = 15_000_000
+"""A file that is shipped is no larger."""
+MAX_PARAMETERS = 200_000_000
+"""Settings in a file from a stranger may ask for any size; beyond this they are refused before memory is taken."""
+
+
+@dataclass(frozen=True)
+class ModelCard:
+    """Where weights come from and how good they were on held-out pairs."""
+
+    preset: str = ""
+    pairs: int = 0
+    """Training pairs."""
+    images: int = 0
+    """Pairs drawn in the training, repetitions included."""
+    seconds: float = 0.0
+    """Wall-clock time of the training."""
+    seed: int = 0
+    command: str = ""
+    data: str = ""
+    """What the pairs were made from."""
+    device: str = ""
+    figures: dict[str, float] = field(default_factory=dict)
+    """On held-out pairs at the end of the training."""
+    version: str = __version__
+
+
+@dataclass(frozen=True)
+class Weights:
+    """A generator ready to use."""
+
+    generator: Generator
+    config: TranslatorConfig
+    card: ModelCard
+
+
+def save_translator(path: Path, generator: Generator, config: TranslatorConfig, card: ModelCard) -> None:
+    """Write weights, settings and card.
+
+    Args:
+        path: ``NAME.safetensors``.
+        generator: Its batch norms' statistics stay in single precision: their range may exceed half's.
+        config: What it is.
+        card: Where it comes from.
+
+    Raises:
+        InputFileError: If it can't be written.
+    """
+    tensors = {name: _halved(name, value) for name, value in generator.state_dict().items()}
+    facts = {"config": to_dict(config), "card": to_dict(card)}
+    header = {"format": FORMAT} | {name: json.dumps(value) for name, value in facts.items()}
+    with staged(path) as part:
+        save_file(tensors, part, metadata=header)
+    write_text(path.with_suffix(".json"), json.dumps(facts, indent=1) + "\n")
+    write_text(path.with_suffix(".md"), describe(path.stem, generator, config, card))
+
+
+def load_weights(name_or_path: str | Path, direction: Direction | None = None) -> Weights:
+    """Read weights: the name of shipped ones, or a file.
+
+    Args:
+        name_or_path: E.g. ``slam2cad``, or the path of a ``.safetensors`` file or of a run's folder.
+        direction: What they must translate; None takes any.
+
+    Raises:
+        InputFileError: If the file is missing, damaged, unsafe, or no translator.
+        ConfigError: If no weights of this name are shipped, or they translate the other way.
+    """
+    path = find_weights(name_or_path)
+    try:
+        with safe_open(path, framework="pt") as file:
+            header = file.metadata() or {}
+            tensors = {key: file.get_tensor(key) for key in file.keys()}  # noqa: SIM118 - not a mapping
+    except (SafetensorError, OSError) as error:
+        raise InputFileError(path, _why_unreadable(path, error)) from error
+    config, card = _read_header(path, header)
+    if direction is not None and config.direction != direction:
+        raise ConfigError(
+            f"{path}: these weights translate {_arrow(config.direction)}, not {_arrow(direction)}; "
+            "choose others with --weights"
+        )
+    return Weights(_fill(path, config, tensors), config, card)
+
+
+def shipped() -> list[str]:
+    """Names of the weights that come with the package."""
+    return sorted(path.stem for path in PRETRAINED.glob("*.safetensors"))
+
+
+def find_weights(name_or_path: str | Path) -> Path:
+    """The file of shipped weights, of a path, or of a run's folder.
+
+    Raises:
+        ConfigError: If it is a plain name and none of that name are shipped.
+        InputFileError: If the path doesn't exist.
+    """
+    path = Path(name_or_path)
+    if path.is_dir() and (path / "weights.safetensors").is_file():
+        return path / "weights.safetensors"
+    if path.is_file():
+        return path
+    if path.name == str(name_or_path) and not path.suffix:
+        file = PRETRAINED / f"{path.name}.safetensors"
+        if file.is_file():
+            return file
+        known = shipped()
+        hint = suggest(path.name, known) if known else "none are shipped; train some with `slamgym gan train`"
+        raise ConfigError(f"no weights are called {path.name!r}; {hint}")
+    raise InputFileError(path, "doesn't exist; name shipped weights, a .safetensors file or a finished run")
+
+
+def describe(name: str, generator: Generator, config: TranslatorConfig, card: ModelCard) -> str:
+    """The model card in Markdown."""
+    figures = "\n".join(f"| {key} | {value:.4g} |" for key, value in card.figures.items())
+    low, middle, high = config.metres_per_px
+    return (
+        f"# {name}\n\n"
+        f"Translates {_arrow(config.direction)}; preset `{card.preset}` of slamgym {card.version}, "
+        f"{count_parameters(generator):,} weights. Licence: MIT.\n\n"
+        f"- Input: {config.input_size} x {config.input_size} px, {low:.3f} to {high:.3f} m/px (median {middle:.3f}), "
+        f"encoded as `{config.input_encoding}`; output {config.output_size} x {config.output_size} px as "
+        f"`{config.output_encoding}`.\n"
+        f"- Data: {card.data or 'simulated explorations'}, {card.pairs:,} training pairs, "
+        f"{card.images:,} images drawn.\n"
+        f"- Training: {card.seconds / 60.0:.0f} minutes on {card.device or 'an unknown device'}, seed {card.seed}.\n"
+        f"- Command: `{card.command or 'not recorded'}`\n\n"
+        "## Figures on held-out pairs at the end of the training\n\n"
+        "Not aligned; `slamgym gan evaluate` gives those of the paper's protocol.\n\n"
+        f"| figure | value |\n|---|---|\n{figures}\n\n"
+        "## Limits\n\n"
+        "Trained on simulated explorations of homes and offices by a robot with a 2D scanner. Rooms that the robot "
+        "never saw are guessed or missing; buildings with curved walls or with directions that aren't at right angles "
+        "are squared off.\n"
+    )
+
+
+def _halved(name: str, value: Tensor) -> Tensor:
+    keep = "running_" in name or not value.is_floating_point()
+    return value.detach().cpu().contiguous().clone() if keep else value.detach().cpu().half().contiguous()
+
+
+def _read_header(path: Path, header: dict[str, str]) -> tuple[TranslatorConfig, ModelCard]:
+    if header.get("format") != FORMAT:
+        raise InputFileError(path, "is a safetensors file, but not of a slamgym translator")
+    try:
+        config = from_dict(TranslatorConfig, json.loads(header["config"]), str(path))
+        card = from_dict(ModelCard, json.loads(header["card"]), str(path))
+    except (KeyError, ValueError, TypeError, ConfigError) as error:
+        raise InputFileError(path, f"has settings that can't be used ({error})") from error
+    return config, card
+
+
+def _fill(path: Path, config: TranslatorConfig, tensors: dict[str, Tensor]) -> Generator:
+    # Shapes are compared before any memory is taken.
+    with torch.device("meta"):
+        generator = build_generator(config, seed=None)
+    if count_parameters(generator) > MAX_PARAMETERS:
+        raise InputFileError(path, "asks for a network of unreasonable size")
+    wanted: dict[str, Any] = {name: tuple(value.shape) for name, value in generator.state_dict().items()}
+    found = {name: tuple(value.shape) for name, value in tensors.items()}
+    if wanted != found:
+        odd = sorted(name for name in wanted.keys() | found.keys() if wanted.get(name) != found.get(name))
+        raise InputFileError(
+            path, f"holds tensors of another network ({len(odd)} differ, the first is {odd[0]})"
+        )
+    whole = {name: value.float() if value.is_floating_point() else value for name, value in tensors.items()}
+    if not all(bool(torch.isfinite(value).all()) for value in whole.values() if value.is_floating_point()):
+        raise InputFileError(path, "holds weights that are NaN or infinite")
+    generator.load_state_dict(whole, assign=True)
+    return generator.eval().requires_grad_(False)
+
+
+def _why_unreadable(path: Path, error: Exception) -> str:
+    try:
+        with path.open("rb") as file:
+            start = file.read(4)
+    except OSError:
+        return f"can't be read ({error})"
+    if start[:2] == b"PK" or start[:1] == b"\x80":
+        return (
+            "is a pickle or a torch.save file, which can run code when it is read; only safetensors are taken"
+        )
+    return f"is damaged or not a safetensors file ({error})"
+
+
+def _arrow(direction: Direction) -> str:
+    return "SLAM maps to CAD maps" if direction == "slam2cad" else "CAD maps to SLAM maps"
