@@ -5,6 +5,7 @@ results in any order. A worker that dies takes nothing with it but the task in i
 :data:`MAX_ATTEMPTS` times in all; then the engine hands the item back as :class:`Lost`.
 """
 
+import os
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import AbstractContextManager
@@ -59,6 +60,13 @@ class Engine(Protocol):
             Exception: What a task raises ends the iteration; tasks in flight are lost.
         """
         ...
+
+
+def available_cores() -> int:
+    """Cores that this process may use: a batch system or a container may grant fewer than there are."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
 
 
 def open_engine(

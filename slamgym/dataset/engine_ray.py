@@ -14,7 +14,7 @@ from typing import Any, Self, TypeVar
 import cv2
 
 from slamgym import __version__
-from slamgym.dataset.engine import Attempt, Backlog, Lost
+from slamgym.dataset.engine import Attempt, Backlog, Lost, available_cores
 from slamgym.errors import ConfigError, SlamgymError
 
 _Item = TypeVar("_Item")
@@ -152,7 +152,7 @@ def _connect(ray: ModuleType, workers: int, address: str | None) -> None:
         if address is not None and address != "local":
             ray.init(address=address, **quiet)
             return
-        workers = workers or os.cpu_count() or 1
+        workers = workers or available_cores()
         store = max(SMALLEST_STORE, workers * LOCAL_STORE_PER_WORKER)
         ray.init(
             address="local", num_cpus=workers, include_dashboard=False, object_store_memory=store, **quiet

@@ -3,6 +3,9 @@
 Workers write into ``.incoming``; the one process that holds the lock commits. A pair is part of the dataset
 from the moment its folder appears in ``episodes`` (one rename); its two images are in place before that.
 Whatever a killed run leaves behind is not part of the dataset; the next run removes it.
+
+A worker's files are on the disk before they are renamed, but the renames themselves are synchronised only now
+and then: after a power cut the last seconds' pairs may be missing, and none is torn.
 """
 
 import json
@@ -17,12 +20,15 @@ from pathlib import Path
 from typing import Any
 
 from slamgym.dataset.format import Layout
+from slamgym.dataset.manifest_file import ManifestFile
 from slamgym.dataset.schedule import Slot
+from slamgym.dataset.shard import FOLDER as SHARD_FOLDER
+from slamgym.dataset.slot_set import SlotSet
 from slamgym.dataset.storage import exclusive_lock, replace_file, storage_errors, sync_folder
 from slamgym.errors import ConfigError, InputFileError
 
 SIDES = ("A", "B")
-_OUR_NAME = re.compile(r"\d{6,}_[A-Za-z0-9_.-]+")
+_OUR_NAME = re.compile(r"(\d{6,})_[A-Za-z0-9_.-]+")
 _INDEX_SHARE_OF_TIME = 0.02
 """The manifest is rewritten at most so often that it costs this share of the time."""
 
@@ -33,27 +39,30 @@ class DatasetFolder:
     def __init__(self, root: Path, incoming: Path) -> None:
         self.layout = Layout(root)
         self.incoming = incoming
-        self.committed: set[str] = self._scan()
+        self.committed = self._scan()
         self.rejected: dict[int, dict[str, Any]] = _read_rejected(self.layout.rejected)
+        self._manifest = ManifestFile(self.layout.manifest)
+        self._list_what_is_there()
         self._next_index_time = time.monotonic()
 
     def stage(self, name: str) -> Path:
         """Where a worker may write a pair; a worker of a run that was killed finds no such place any more."""
         return self.incoming / name
 
-    def commit(self, staged: Path, timing: Mapping[str, Any]) -> None:
+    def commit(self, slot: Slot, staged: Path, timing: Mapping[str, Any]) -> None:
         """Make a staged pair (``A.png``, ``B.png`` and the folder ``episode``) part of the dataset."""
-        layout, name = self.layout, staged.name
+        layout, name = self.layout, slot.name
         with storage_errors(layout.root):
+            line = _record_line(staged / "episode")
             for side in SIDES:
                 (staged / f"{side}.png").replace(layout.image(side, name))
-                sync_folder(layout.root / side)
             (staged / "episode").rename(layout.episode(name))
-            sync_folder(layout.episodes)
             staged.rmdir()
-            with layout.timing.open("a") as file:
-                file.write(json.dumps({"name": name, **timing}) + "\n")
-        self.committed.add(name)
+            if timing:
+                with layout.timing.open("a") as file:
+                    file.write(json.dumps({"name": name, **timing}) + "\n")
+            self.committed.add(slot.index)
+            self._manifest.add(slot.index, line)
         if time.monotonic() >= self._next_index_time:
             self.write_index()
 
@@ -71,28 +80,48 @@ class DatasetFolder:
     def write_index(self) -> None:
         """Write ``manifest.jsonl`` and ``rejected.jsonl`` as of now, in the order of the schedule."""
         began = time.monotonic()
-        with storage_errors(self.layout.root):
-            # The folder is the truth: Ctrl-C may come between a pair's last rename and the note of it.
-            names = sorted((path.name for path in _ours(self.layout.episodes)), key=_index_of)
-            lines = [_record_line(self.layout.episode(name)) for name in names]
-            _replace_if_changed(self.layout.manifest, "".join(lines))
+        layout = self.layout
+        with storage_errors(layout.root):
+            for folder in (*(layout.root / side for side in SIDES), layout.episodes):
+                sync_folder(folder)
+            self._manifest.write()
             rejected = "".join(json.dumps(entry) + "\n" for _, entry in sorted(self.rejected.items()))
-            if rejected or self.layout.rejected.exists():
-                _replace_if_changed(self.layout.rejected, rejected)
+            if rejected or layout.rejected.exists():
+                _replace_if_changed(layout.rejected, rejected)
         now = time.monotonic()
         self._next_index_time = now + max(5.0, (now - began) / _INDEX_SHARE_OF_TIME)
 
-    def _scan(self) -> set[str]:
+    def write_last_index(self) -> None:
+        """Write the index after an interruption, from what lies in the folder.
+
+        It may have come between a pair's last rename and the note of it.
+        """
+        self.committed = self._scan()
+        self._list_what_is_there()
+        self.write_index()
+
+    def _list_what_is_there(self) -> None:
+        names: dict[int, str] = {}
+        missing = SlotSet(index for index in self.committed if index not in self._manifest.listed)
+        if missing:
+            names = {index: name for index, name in _ours(self.layout.episodes) if index in missing}
+        self._manifest.agree_with(
+            self.committed, lambda index: _record_line(self.layout.episode(names[index]))
+        )
+
+    def _scan(self) -> SlotSet:
         """Find the committed pairs; remove what is not whole."""
         layout = self.layout
-        images = {side: {path.stem for path in _ours(layout.root / side)} for side in SIDES}
-        episodes = {path.name for path in _ours(layout.episodes)}
-        whole = episodes & images["A"] & images["B"]
-        for name in episodes - whole:
-            shutil.rmtree(layout.episode(name))
-        for side in SIDES:
-            for name in images[side] - whole:
-                layout.image(side, name).unlink()
+        folders = [layout.root / "A", layout.root / "B", layout.episodes]
+        present = [SlotSet(index for index, _ in _ours(folder)) for folder in folders]
+        whole = SlotSet(index for index in present[2] if index in present[0] and index in present[1])
+        for folder, indices in zip(folders, present, strict=True):
+            if len(indices) > len(whole):
+                for name in [name for index, name in _ours(folder) if index not in whole]:
+                    if folder == layout.episodes:
+                        shutil.rmtree(folder / name)
+                    else:
+                        (folder / name).unlink()
         return whole
 
 
@@ -125,14 +154,22 @@ def open_dataset(root: Path, settings: Mapping[str, Any]) -> Iterator[DatasetFol
             folder = DatasetFolder(root, incoming)
         try:
             yield folder
-        finally:
+        except BaseException:
+            folder.write_last_index()
+            raise
+        else:
             folder.write_index()
+        finally:
             shutil.rmtree(layout.incoming, ignore_errors=True)
 
 
 def _check_settings(layout: Layout, settings: Mapping[str, Any]) -> None:
     if not layout.config.exists():
-        strangers = [path.name for path in layout.root.iterdir() if path != layout.lock]
+        strangers = [
+            path.name
+            for path in layout.root.iterdir()
+            if path != layout.lock and not SHARD_FOLDER.fullmatch(path.name)
+        ]
         if strangers:
             raise ConfigError(f"{layout.root}: holds {strangers[0]} and no dataset; choose a new folder")
         return
@@ -158,17 +195,17 @@ def differences(before: Any, now: Any, where: str = "") -> Iterator[str]:
         yield f"{where} was {json.dumps(before)}, now {json.dumps(now)}"
 
 
-def _ours(folder: Path) -> Iterator[Path]:
-    """What belongs to pairs; what a user put there is left alone."""
-    return (path for path in folder.iterdir() if _OUR_NAME.fullmatch(path.name))
+def _ours(folder: Path) -> Iterator[tuple[int, str]]:
+    """Slot and name of what belongs to pairs; what a user put there is left alone."""
+    with os.scandir(folder) as entries:
+        for entry in entries:
+            match = _OUR_NAME.fullmatch(entry.name)
+            if match is not None:
+                yield int(match[1]), entry.name
 
 
-def _index_of(name: str) -> int:
-    return int(name.split("_", 1)[0])
-
-
-def _record_line(episode: Path) -> str:
-    return (episode / "episode.json").read_text()
+def _record_line(episode: Path) -> bytes:
+    return (episode / "episode.json").read_bytes()
 
 
 def _read_rejected(path: Path) -> dict[int, dict[str, Any]]:

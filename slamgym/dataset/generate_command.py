@@ -1,7 +1,6 @@
 """``slamgym generate``: explore floor plans and write map pairs."""
 
 import dataclasses
-import os
 import sys
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -10,13 +9,16 @@ from typing import Annotated, Literal
 import tyro
 
 from slamgym.cad import open_plan_mix
-from slamgym.dataset.build import BuildReport, DatasetConfig, build_dataset
+from slamgym.dataset.build import BuildReport, Execution, build_dataset
+from slamgym.dataset.engine import EngineName, available_cores
 from slamgym.dataset.episode import EpisodeConfig, MakeExplorer
 from slamgym.dataset.format import Layout
 from slamgym.dataset.pair import PairConfig
 from slamgym.dataset.plan_filter import PlanFilter
 from slamgym.dataset.progress import duration, say
 from slamgym.dataset.recipe import Recipe, open_recipe
+from slamgym.dataset.settings import DatasetConfig
+from slamgym.dataset.shard import WHOLE, Shard
 from slamgym.dataset.summary import describe_pairs, write_contact_sheet
 from slamgym.envs import ExploreConfig
 from slamgym.errors import ConfigError
@@ -63,6 +65,13 @@ class GenerateArguments:
     """Seed of everything random."""
     workers: int = 0
     """Processes; 0 takes one per core."""
+    engine: EngineName = "local"
+    """``local``: the processes of this machine. ``ray``: a Ray cluster (``pip install 'slamgym[ray]'``)."""
+    address: str | None = None
+    """Address of a Ray cluster that runs already, e.g. ``auto``; without it, one is started here."""
+    shard: str | None = None
+    """``i/n``, e.g. 3/10: make only the fourth tenth of the dataset, in a folder of its own below OUT. When
+    all shards are done, ``slamgym dataset merge OUT`` puts them together."""
     contact_sheet: int = 12
     """Pairs on the contact sheet; 0 draws none."""
     pair: PairConfig = field(default_factory=PairConfig)
@@ -84,15 +93,18 @@ def main(argv: list[str], make_explorer: MakeExplorer) -> int:
         raise ConfigError(f"--pairs must be at least 1, not {arguments.pairs}")
     if arguments.workers < 0:
         raise ConfigError(f"--workers must be 0 (one per core) or more, not {arguments.workers}")
+    shard = WHOLE if arguments.shard is None else Shard.parse(arguments.shard)
+    # Without an address too Ray finds its own way: a cluster named by the environment, or one per core here.
+    workers = arguments.workers or (available_cores() if arguments.engine == "local" else 0)
     report = build_dataset(
         arguments.out,
         open_plan_mix(arguments.plans or ("bundled",), ids_file=arguments.ids),
         dataset_config(arguments),
         make_explorer,
         pairs=arguments.pairs,
-        workers=arguments.workers or os.cpu_count() or 1,
+        execution=Execution(workers, arguments.engine, arguments.address, shard),
     )
-    _report(arguments, report)
+    _report(report, arguments.contact_sheet)
     return 0
 
 
@@ -115,17 +127,17 @@ def dataset_config(arguments: GenerateArguments) -> DatasetConfig:
     )
 
 
-def _report(arguments: GenerateArguments, report: BuildReport) -> None:
+def _report(report: BuildReport, sheet_pairs: int) -> None:
     """Say what is there now, what was left out, and where to look."""
-    layout = Layout(arguments.out)
+    layout = Layout(report.root)
     if report.fresh:
         say(f"{report.fresh} new pairs in {duration(report.seconds)}.")
     else:
-        say(f"Nothing to do: {arguments.out} holds {report.pairs} pairs already.")
+        say(f"Nothing to do: {report.root} holds {report.pairs} pairs already.")
     if report.rejected:
         kinds = ", ".join(f"{count} {kind}" for kind, count in sorted(report.rejected.items()))
         say(f"{sum(report.rejected.values())} plans were skipped ({kinds}); {layout.rejected} says why.")
-    sys.stdout.write(describe_pairs(arguments.out) + "\n")
-    if arguments.contact_sheet > 0:
-        path = write_contact_sheet(arguments.out, arguments.contact_sheet)
+    sys.stdout.write(describe_pairs(report.root) + "\n")
+    if sheet_pairs > 0:
+        path = write_contact_sheet(report.root, sheet_pairs)
         sys.stdout.write(f"contact sheet: {path}\n")

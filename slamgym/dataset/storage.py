@@ -3,7 +3,7 @@
 import contextlib
 import errno
 import os
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from slamgym.errors import InputFileError, SlamgymError
@@ -51,18 +51,23 @@ def _storage_error(path: Path, error: OSError) -> StorageError:
     return StorageError(f"{path}: can't be written ({reason}, then run the same command again)")
 
 
-def write_durably(path: Path, data: bytes) -> None:
-    """Write a new file and wait until the disk has it."""
-    with path.open("wb") as file:
-        file.write(data)
-        file.flush()
-        os.fsync(file.fileno())
-
-
 def replace_file(path: Path, data: bytes) -> None:
     """Write a file so that whoever reads it, whenever a run is killed, sees the old bytes or the new."""
+    replace_file_by(path, [data])
+
+
+def replace_file_by(path: Path, chunks: Iterable[bytes]) -> None:
+    """The same as :func:`replace_file`, of data that need not fit in memory.
+
+    Args:
+        path: The file; what the chunks are made from may be its old content.
+        chunks: The new content.
+    """
     temporary = path.with_name(f".{path.name}.tmp")
-    write_durably(temporary, data)
+    with temporary.open("wb") as file:
+        file.writelines(chunks)
+        file.flush()
+        os.fsync(file.fileno())
     temporary.replace(path)
     sync_folder(path.parent)
 

@@ -176,7 +176,7 @@ def test_plans_of_which_none_can_be_explored_are_one_clear_error(tmp_path):
 
 
 def test_a_bug_in_one_exploration_is_recorded_and_the_run_goes_on(tmp_path, monkeypatch):
-    from slamgym.dataset import build as module
+    from slamgym.dataset import exploration as module
 
     def explore(plan, *args):
         if plan.id == "corner":
@@ -200,16 +200,16 @@ def test_an_unknown_explorer_is_one_clear_error_and_nothing_is_left(tmp_path):
 
 
 def test_a_full_disk_is_one_clear_error_and_keeps_what_is_there(tmp_path, monkeypatch):
-    from slamgym.dataset import build as module
+    from slamgym.dataset import exploration as module
 
     build(tmp_path, pairs=1)
     before = content(tmp_path)
 
-    def full(path, data):
-        raise OSError(errno.ENOSPC, "No space left on device", str(path))
+    def full(folder):
+        raise OSError(errno.ENOSPC, "No space left on device", str(folder))
 
     with monkeypatch.context() as patch:
-        patch.setattr(module, "write_durably", full)
+        patch.setattr(module, "sync_tree", full)
         with pytest.raises(StorageError, match=r"disk is full"):
             build(tmp_path, pairs=2)
     assert content(tmp_path) == before

@@ -20,7 +20,9 @@ def slot(index):
 def stage(folder, index):
     staged = folder.stage(slot(index).name)
     (staged / "episode").mkdir(parents=True)
-    (staged / "episode" / "episode.json").write_text(json.dumps({"index": index}) + "\n")
+    (staged / "episode" / "episode.json").write_text(
+        json.dumps({"name": slot(index).name, "index": index}) + "\n"
+    )
     for side in "AB":
         (staged / f"{side}.png").write_bytes(side.encode())
     return staged
@@ -33,8 +35,8 @@ def names(root):
 
 def test_a_committed_pair_is_there_and_nothing_else(tmp_path):
     with open_dataset(tmp_path, SETTINGS) as folder:
-        folder.commit(stage(folder, 4), {"cpu_seconds": 1.0})
-        folder.commit(stage(folder, 2), {"cpu_seconds": 2.0})
+        folder.commit(slot(4), stage(folder, 4), {"cpu_seconds": 1.0})
+        folder.commit(slot(2), stage(folder, 2), {"cpu_seconds": 2.0})
         stage(folder, 7)  # never committed
     assert names(tmp_path) == {
         "config.json",
@@ -49,18 +51,18 @@ def test_a_committed_pair_is_there_and_nothing_else(tmp_path):
 
 def test_a_new_run_knows_what_is_done(tmp_path):
     with open_dataset(tmp_path, SETTINGS) as folder:
-        folder.commit(stage(folder, 0), {})
+        folder.commit(slot(0), stage(folder, 0), {})
         folder.reject(slot(1), "PlanError", "is a single point")
     with open_dataset(tmp_path, SETTINGS) as folder:
-        assert folder.committed == {slot(0).name}
+        assert list(folder.committed) == [0]
         assert folder.rejected[1]["reason"] == "is a single point"
 
 
 def test_leftovers_of_a_killed_run_are_removed_and_strangers_are_kept(tmp_path):
     layout = Layout(tmp_path)
     with open_dataset(tmp_path, SETTINGS) as folder:
-        folder.commit(stage(folder, 0), {})
-        folder.commit(stage(folder, 1), {})
+        folder.commit(slot(0), stage(folder, 0), {"cpu_seconds": 1.0})
+        folder.commit(slot(1), stage(folder, 1), {"cpu_seconds": 1.0})
     layout.image("A", slot(5).name).write_bytes(b"a run died between the images and the episode")
     (tmp_path / "A" / "my notes.png").write_bytes(b"the user's")
     (layout.episodes / "favourites").mkdir()
@@ -69,7 +71,7 @@ def test_leftovers_of_a_killed_run_are_removed_and_strangers_are_kept(tmp_path):
     with layout.timing.open("a") as file:
         file.write('{"name": "torn')
     with open_dataset(tmp_path, SETTINGS) as folder:
-        assert folder.committed == {slot(0).name}
+        assert list(folder.committed) == [0]
     assert not layout.incoming.exists()
     assert {p.name for p in (tmp_path / "A").iterdir()} == {f"{slot(0).name}.png", "my notes.png"}
     assert {p.name for p in layout.episodes.iterdir()} == {slot(0).name, "favourites"}

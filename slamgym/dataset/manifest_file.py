@@ -1,0 +1,110 @@
+"""``manifest.jsonl`` while pairs are being added: always whole, always in the order of the slots.
+
+Rewriting it from the pairs' own files would cost the more, the more there are. So the lines of fresh pairs
+are kept until they are merged into the file, whose other lines are copied as they stand.
+"""
+
+import heapq
+import json
+import re
+from collections.abc import Callable, Iterator
+from operator import itemgetter
+from pathlib import Path
+
+from slamgym.dataset.slot_set import SlotSet
+from slamgym.dataset.storage import replace_file_by
+
+MOST_FRESH_LINES = 20_000
+"""Fresh lines that are kept in memory, 2 kB each."""
+
+_NAME = re.compile(rb'\{"name": "(\d{6,})_')
+
+
+class ManifestFile:
+    """The writer's side of a manifest."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._fresh: dict[int, bytes] = {}
+        self._stale = False
+        self.listed = SlotSet()
+        """Slots of the pairs that the file will list when it is written."""
+        try:
+            for index, _ in self._lines():
+                self.listed.add(index)
+        except ValueError:  # somebody has edited it; the pairs' own files tell what belongs there
+            self.listed, self._stale = SlotSet(), True
+
+    def agree_with(self, committed: SlotSet, read_line: Callable[[int], bytes]) -> None:
+        """List the committed pairs and no others.
+
+        Args:
+            committed: The slots of the pairs.
+            read_line: Gives the line of one that is not listed yet.
+        """
+        for index in list(self.listed):
+            if index not in committed:
+                self.listed.discard(index)
+                self._fresh.pop(index, None)
+                self._stale = True
+        for index in committed:
+            if index not in self.listed:
+                self.add(index, read_line(index))
+
+    def add(self, index: int, line: bytes) -> None:
+        """Note the line of a fresh pair."""
+        self._fresh[index] = line
+        self.listed.add(index)
+        if len(self._fresh) >= MOST_FRESH_LINES:
+            self.write()
+
+    def write(self) -> None:
+        """Merge the fresh lines into the file."""
+        if not self._fresh and not self._stale and self._path.exists():
+            return
+        # What is not listed any more, or is to be replaced, is left out.
+        kept = (
+            (index, line)
+            for index, line in self._valid_lines()
+            if index in self.listed and index not in self._fresh
+        )
+        merged = heapq.merge(kept, sorted(self._fresh.items()), key=itemgetter(0))
+        replace_file_by(self._path, map(itemgetter(1), merged))
+        self._fresh.clear()
+        self._stale = False
+
+    def _valid_lines(self) -> Iterator[tuple[int, bytes]]:
+        """The lines of the file; none if it was not usable, as then all are fresh."""
+        try:
+            yield from self._lines()
+        except ValueError:
+            return
+
+    def _lines(self) -> Iterator[tuple[int, bytes]]:
+        """The slots and lines of the file.
+
+        Raises:
+            ValueError: If a line is no record, or they are out of order.
+        """
+        if not self._path.exists():
+            return
+        last = -1
+        with self._path.open("rb") as file:
+            for line in file:
+                index = _index_of(line)
+                if index <= last:
+                    raise ValueError(f"line of slot {index} after that of {last}")
+                last = index
+                yield index, line
+
+
+def _index_of(line: bytes) -> int:
+    if not line.endswith(b"\n"):
+        raise ValueError("the last line is not whole")
+    match = _NAME.match(line)
+    if match is not None:
+        return int(match[1])
+    record = json.loads(line)
+    if not isinstance(record, dict) or not isinstance(record.get("index"), int):
+        raise ValueError("a line is no record")
+    return int(record["index"])
