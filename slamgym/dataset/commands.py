@@ -17,6 +17,7 @@ class Command(NamedTuple):
 
 
 COMMANDS: dict[str, Command] = {
+    "merge": Command("slamgym.dataset.merge_command:main", "put the shards of a dataset together"),
     "stats": Command("slamgym.dataset.stats_command:main", "what lies in a dataset, as tables or JSON"),
     "show": Command("slamgym.dataset.show_command:main", "draw pairs: a sample, some by name, the worst"),
     "check": Command("slamgym.dataset.check_command:main", "verify every file and name every fault"),

@@ -40,7 +40,7 @@ class DatasetFolder:
         self.layout = Layout(root)
         self.incoming = incoming
         self.committed = self._scan()
-        self.rejected: dict[int, dict[str, Any]] = _read_rejected(self.layout.rejected)
+        self.rejected: dict[int, dict[str, Any]] = read_rejected(self.layout.rejected)
         self._manifest = ManifestFile(self.layout.manifest)
         self._list_what_is_there()
         self._next_index_time = time.monotonic()
@@ -104,7 +104,7 @@ class DatasetFolder:
         names: dict[int, str] = {}
         missing = SlotSet(index for index in self.committed if index not in self._manifest.listed)
         if missing:
-            names = {index: name for index, name in _ours(self.layout.episodes) if index in missing}
+            names = {index: name for index, name in pair_names(self.layout.episodes) if index in missing}
         self._manifest.agree_with(
             self.committed, lambda index: _record_line(self.layout.episode(names[index]))
         )
@@ -113,11 +113,11 @@ class DatasetFolder:
         """Find the committed pairs; remove what is not whole."""
         layout = self.layout
         folders = [layout.root / "A", layout.root / "B", layout.episodes]
-        present = [SlotSet(index for index, _ in _ours(folder)) for folder in folders]
+        present = [SlotSet(index for index, _ in pair_names(folder)) for folder in folders]
         whole = SlotSet(index for index in present[2] if index in present[0] and index in present[1])
         for folder, indices in zip(folders, present, strict=True):
             if len(indices) > len(whole):
-                for name in [name for index, name in _ours(folder) if index not in whole]:
+                for name in [name for index, name in pair_names(folder) if index not in whole]:
                     if folder == layout.episodes:
                         shutil.rmtree(folder / name)
                     else:
@@ -195,7 +195,7 @@ def differences(before: Any, now: Any, where: str = "") -> Iterator[str]:
         yield f"{where} was {json.dumps(before)}, now {json.dumps(now)}"
 
 
-def _ours(folder: Path) -> Iterator[tuple[int, str]]:
+def pair_names(folder: Path) -> Iterator[tuple[int, str]]:
     """Slot and name of what belongs to pairs; what a user put there is left alone."""
     with os.scandir(folder) as entries:
         for entry in entries:
@@ -208,7 +208,12 @@ def _record_line(episode: Path) -> bytes:
     return (episode / "episode.json").read_bytes()
 
 
-def _read_rejected(path: Path) -> dict[int, dict[str, Any]]:
+def read_rejected(path: Path) -> dict[int, dict[str, Any]]:
+    """The entries of ``rejected.jsonl`` by slot.
+
+    Raises:
+        InputFileError: If it is malformed.
+    """
     if not path.exists():
         return {}
     try:

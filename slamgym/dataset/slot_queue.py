@@ -62,6 +62,7 @@ class SlotQueue:
             slot = next(self._slots)
             if slot.index in self._folder.committed:
                 self._missing -= 1
+                self._barren = 0
                 continue
             if self._shard == WHOLE and slot.index in self._folder.rejected:
                 self._note_barren()

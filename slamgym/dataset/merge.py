@@ -1,0 +1,133 @@
+"""Put the shards of a dataset together."""
+
+import json
+import os
+import shutil
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from slamgym.dataset.folder import SIDES, DatasetFolder, differences, open_dataset, pair_names, read_rejected
+from slamgym.dataset.format import Layout, PairRecord, read_config
+from slamgym.dataset.progress import Advance, show_progress
+from slamgym.dataset.schedule import Slot
+from slamgym.dataset.shard import FOLDER, shard_folders
+from slamgym.dataset.storage import exclusive_lock, storage_errors, sync_tree
+from slamgym.errors import ConfigError
+
+
+@dataclass(frozen=True)
+class MergeReport:
+    """What :func:`merge_shards` did."""
+
+    shards: int
+    """Shards that were there."""
+    missing: list[str]
+    """Names of shards that should be there and are not."""
+    pairs: int
+    """Pairs in the dataset now."""
+    fresh: int
+    """Pairs that were not in it before."""
+
+
+def merge_shards(root: Path | str) -> MergeReport:
+    """Make one dataset of the shards below a folder, in that folder.
+
+    The files are linked where the file system can, else copied, and the shards are left as they are: a merge
+    that is interrupted is simply run again, and so is one to which shards were added. Without shards missing
+    and plans that could not be explored, the result is what a run without shards makes.
+
+    Args:
+        root: The folder that was given to ``slamgym generate --shard``.
+
+    Raises:
+        ConfigError: If there is no shard, or they were made with different settings.
+        StorageError: If the folder can't be written, or a run is writing to it or to a shard.
+        InputFileError: If a file of a shard is malformed.
+    """
+    root = Path(root)
+    shards = shard_folders(root)
+    if not shards:
+        raise ConfigError(f"{root}: holds no shard; give the folder that `slamgym generate --shard` wrote to")
+    settings = _common_settings(shards)
+    total = sum(1 for shard in shards for _ in pair_names(Layout(shard).episodes))
+    with open_dataset(root, settings) as folder:
+        before = len(folder.committed)
+        with show_progress("pairs", 0, total) as advance:
+            for shard in shards:
+                with exclusive_lock(Layout(shard).lock):
+                    _take_shard(folder, Layout(shard), advance)
+        pairs = len(folder.committed)
+    return MergeReport(len(shards), _missing_shards(shards), pairs, pairs - before)
+
+
+def _common_settings(shards: list[Path]) -> dict[str, Any]:
+    first = read_config(shards[0])
+    for shard in shards[1:]:
+        change = next(differences(first, read_config(shard)), None)
+        if change is not None:
+            raise ConfigError(
+                f"{shard}: made with other settings than {shards[0].name} ({change}); remove one"
+            )
+    return first
+
+
+def _take_shard(folder: DatasetFolder, shard: Layout, advance: Advance) -> None:
+    times = dict(_read_times(shard.timing))
+    for index, name in pair_names(shard.episodes):
+        files = {f"{side}.png": shard.image(side, name) for side in SIDES}
+        if index not in folder.committed and all(path.exists() for path in files.values()):
+            record = PairRecord.from_line(
+                (shard.episode(name) / "episode.json").read_text(), str(shard.episode(name))
+            )
+            slot = Slot(record.index, record.plan_id, record.repetition, record.seed)
+            staged = folder.stage(name)
+            with storage_errors(folder.layout.root):
+                _link(shard.episode(name), files, staged)
+            folder.commit(slot, staged, times.get(name, {}))
+        advance()
+    for index, entry in read_rejected(shard.rejected).items():
+        folder.rejected.setdefault(index, entry)
+
+
+def _link(episode: Path, images: dict[str, Path], staged: Path) -> None:
+    """Put a shard's pair into a staging place."""
+    (staged / "episode").mkdir(parents=True)
+    linked = True
+    for path in episode.iterdir():
+        linked &= _link_or_copy(path, staged / "episode" / path.name)
+    for name, path in images.items():
+        linked &= _link_or_copy(path, staged / name)
+    if not linked:
+        sync_tree(staged)
+
+
+def _link_or_copy(source: Path, target: Path) -> bool:
+    """Give a file a second name, or copy it; returns whether it is the same file."""
+    try:
+        os.link(source, target)
+    except OSError:  # another file system, or one without links
+        shutil.copyfile(source, target)
+        return False
+    return True
+
+
+def _read_times(path: Path) -> Iterator[tuple[str, dict[str, Any]]]:
+    """What each exploration took; the last line may be torn by a kill."""
+    if not path.exists():
+        return
+    for line in path.read_text().splitlines():
+        try:
+            entry = json.loads(line)
+            yield entry.pop("name"), entry
+        except (ValueError, KeyError, AttributeError):
+            continue
+
+
+def _missing_shards(shards: list[Path]) -> list[str]:
+    """Which shards of the same division are not there."""
+    matches = [match for shard in shards if (match := FOLDER.fullmatch(shard.name))]
+    count = max(int(match[2]) for match in matches)
+    there = {int(match[1]) for match in matches if int(match[2]) == count}
+    return [f"{number}/{count}" for number in range(count) if number not in there]

@@ -1,0 +1,41 @@
+"""``slamgym dataset merge``: put the shards of a dataset together."""
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import tyro
+
+from slamgym.dataset.merge import MergeReport, merge_shards
+from slamgym.dataset.summary import describe_pairs
+
+_SHOWN = 5
+
+
+@dataclass(frozen=True)
+class MergeArguments:
+    """Put the shards that ``slamgym generate --shard`` has made below a folder together, in that folder.
+
+    Files are linked, not copied, where the file system can; the shards stay and may be removed afterwards.
+    Run it again whenever shards were added. Afterwards the same ``slamgym generate`` without ``--shard`` adds
+    the pairs that are missing, if explorations failed.
+    """
+
+    root: tyro.conf.Positional[Path]
+    """The folder that holds the shards."""
+
+
+def main(argv: list[str]) -> int:
+    """Run the command; returns the exit code."""
+    arguments = tyro.cli(MergeArguments, args=argv, prog="slamgym dataset merge")
+    report = merge_shards(arguments.root)
+    sys.stdout.write(_describe(report) + "\n" + describe_pairs(arguments.root) + "\n")
+    return 0
+
+
+def _describe(report: MergeReport) -> str:
+    lines = f"{report.fresh} new pairs of {report.shards} shards."
+    if report.missing:
+        more = "" if len(report.missing) <= _SHOWN else f" and {len(report.missing) - _SHOWN} more"
+        lines += f" Not there: {', '.join(report.missing[:_SHOWN])}{more}."
+    return lines
