@@ -58,17 +58,26 @@ def clean_map(slam: ByteArray, metres_per_px: float, config: CleaningConfig = DE
 
 
 class ClassicalTranslator:
-    """The cleaning as a :class:`gan.translator.Translator` for maps of one scale."""
+    """The cleaning as a :class:`gan.translator.Translator`."""
 
-    def __init__(self, metres_per_px: float, config: CleaningConfig = DEFAULT_CLEANING) -> None:
+    def __init__(self, config: CleaningConfig = DEFAULT_CLEANING, metres_per_px: float = 0.05) -> None:
+        """Keep the settings.
+
+        Args:
+            config: Sizes of what is dropped and filled.
+            metres_per_px: Scale of maps that come without one; 0.05 m is what most robots use.
+
+        Raises:
+            ConfigError: If the scale isn't positive.
+        """
         if not metres_per_px > 0.0:
             raise ConfigError(f"metres_per_px must be a positive number, not {metres_per_px}")
-        self.metres_per_px = metres_per_px
         self.config = config
+        self.metres_per_px = metres_per_px
 
-    def translate(self, slam: ByteArray) -> Float32Array:
+    def translate(self, slam: ByteArray, metres_per_px: float | None = None) -> Float32Array:
         """See :class:`gan.translator.Translator`; the values are 0 and 1."""
-        return clean_map(slam, self.metres_per_px, self.config).astype(np.float32)
+        return clean_map(slam, metres_per_px or self.metres_per_px, self.config).astype(np.float32)
 
 
 def outline_only(cad: ByteArray, metres_per_px: float, thickest_wall: float = 0.5) -> BoolArray:

@@ -9,11 +9,12 @@ from slamgym.types import ByteArray, Float32Array
 class Translator(Protocol):
     """Something that turns a SLAM map into a map of where the floor is."""
 
-    def translate(self, slam: ByteArray) -> Float32Array:
+    def translate(self, slam: ByteArray, metres_per_px: float | None = None) -> Float32Array:
         """Tell for each pixel how likely it is free space of the building.
 
         Args:
             slam: SLAM map, shape (H, W): 0 occupied, 205 unknown, 254 free, row 0 at the top. Any size.
+            metres_per_px: Scale of the map [m], if it is known.
 
         Returns:
             Shape (H, W), values in [0, 1], in the frame and scale of ``slam``: 1 inside of rooms, 0 in walls

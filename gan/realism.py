@@ -1,0 +1,163 @@
+"""Do generated SLAM maps look like simulated ones? For the way from CAD to SLAM, which has no one right answer.
+
+Each map becomes a list of statistics of its own and of where its walls lie against the CAD map it was made from (so
+that a realistic map of another building is found out), and a classifier learns to tell generated from simulated maps,
+cross-validated over plans: an accuracy of 0.5 is perfect. The same test between two sets of simulated maps shows what
+the test makes of no difference.
+"""
+
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from gan.data import PairSet
+from gan.elastic import bend
+from slamgym.metrics import displacement_statistics, map_statistics, two_sample_test
+from slamgym.metrics.kernel_distance import kernel_distance, statistic_distances
+from slamgym.metrics.two_sample import LEARNERS
+from slamgym.types import ByteArray
+
+NULL, ELASTIC = "simulated, other maps", "elastic deformation"
+SHOWN = (
+    "share_unknown",
+    "share_occupied",
+    "wall_thickness_px",
+    "open_border",
+    "blobs_per_100m2",
+    "holes_per_100m2",
+    "displacement_p50_m",
+    "displacement_p95_m",
+    "missed_share",
+    "displacement_correlation_1m",
+)
+"""Statistics whose medians are printed."""
+
+Statistics = list[dict[str, float]]
+
+
+def describe_maps(maps: ByteArray, pairs: PairSet) -> Statistics:
+    """Statistics of each map against its CAD map.
+
+    Args:
+        maps: SLAM-like maps (N, S, S): 0, 205, 254.
+        pairs: Their CAD maps and scales.
+    """
+    described = []
+    for i in range(len(pairs)):
+        scale = float(pairs.metres_per_px[i])
+        rng = np.random.default_rng(i)  # picks pairs of wall cells, the same for every kind of map
+        described.append(
+            map_statistics(maps[i], scale) | displacement_statistics(maps[i], pairs.cad[i] <= 127, scale, rng)
+        )
+    return described
+
+
+def elastic_maps(pairs: PairSet, seed: int) -> ByteArray:
+    """The baseline: CAD maps bent by random fields, (N, S, S)."""
+    scales = pairs.metres_per_px
+    return np.stack(
+        [bend(pairs.cad[i], float(scales[i]), np.random.default_rng([seed, i])) for i in range(len(pairs))]
+    )
+
+
+def judge(
+    name: str,
+    reference: Statistics,
+    reference_plans: list[str],
+    generated: Statistics,
+    generated_plans: list[str],
+    seed: int = 0,
+) -> dict[str, Any]:
+    """Test one kind of maps against the simulated ones.
+
+    Args:
+        name: Of the kind.
+        reference: Statistics of simulated maps.
+        reference_plans: Their plans.
+        generated: Statistics of the maps to judge.
+        generated_plans: Their plans.
+        seed: Of the tests.
+
+    Returns:
+        JSON form: ``name``, ``maps`` of each kind, for each learner its accuracy with its interval and the most
+        telling statistics, the kernel distance, medians, and the distances of all statistics.
+    """
+    entry: dict[str, Any] = {"name": name, "maps": len(generated), "reference_maps": len(reference)}
+    for learner in LEARNERS:
+        result = two_sample_test(reference, generated, reference_plans, generated_plans, learner, seed=seed)
+        entry[learner] = {
+            "accuracy": result.accuracy,
+            "low": result.low,
+            "high": result.high,
+            "telling": result.telling[:5],
+        }
+    entry["kernel_distance"] = asdict(kernel_distance(reference, generated, seed=seed))
+    entry["medians"] = medians(generated)
+    entry["wasserstein"] = statistic_distances(reference, generated)
+    return entry
+
+
+def judge_null(statistics: Statistics, pairs: PairSet, seed: int = 0) -> dict[str, Any]:
+    """The same test where there is nothing to find: simulated maps against other simulated maps.
+
+    Where plans were explored several times, one exploration against another; else half of the plans against the
+    other half.
+    """
+    first, second = _null_halves(pairs.plan_ids, seed)
+    plans = pairs.plan_ids
+    return judge(
+        NULL,
+        [statistics[i] for i in first],
+        [plans[i] for i in first],
+        [statistics[i] for i in second],
+        [plans[i] for i in second],
+        seed,
+    )
+
+
+def medians(statistics: Statistics) -> dict[str, float]:
+    """Medians of the statistics that are printed."""
+    return {name: float(np.median([row[name] for row in statistics])) for name in SHOWN}
+
+
+def realism_table(entries: list[dict[str, Any]]) -> tuple[list[str], list[list[str]]]:
+    """Headings and rows: how well each kind can be told from simulated maps."""
+    headings = ["maps", "number", *(f"accuracy, {learner.replace('_', ' ')}" for learner in LEARNERS)]
+    headings += ["kernel distance p", "most telling statistics (KS distance)"]
+    rows = []
+    for entry in entries:
+        row = [entry["name"], str(entry["maps"])]
+        for learner in LEARNERS:
+            found = entry[learner]
+            row.append(f"{found['accuracy']:.2f} [{found['low']:.2f}, {found['high']:.2f}]")
+        row.append(f"{entry['kernel_distance']['p']:.3f}")
+        telling = entry["extra_trees"]["telling"][:3]
+        row.append(", ".join(f"{statistic} {distance:.2f}" for statistic, distance in telling))
+        rows.append(row)
+    return headings, rows
+
+
+def medians_table(
+    reference: dict[str, float], entries: list[dict[str, Any]]
+) -> tuple[list[str], list[list[str]]]:
+    """Headings and rows: the medians of each kind beside those of simulated maps."""
+    kinds = [entry for entry in entries if entry["name"] != NULL]
+    rows = [
+        [name, f"{reference[name]:.3g}", *(f"{entry['medians'][name]:.3g}" for entry in kinds)]
+        for name in SHOWN
+    ]
+    return ["statistic", "simulated", *(entry["name"] for entry in kinds)], rows
+
+
+def _null_halves(plan_ids: tuple[str, ...], seed: int) -> tuple[list[int], list[int]]:
+    of_plan: dict[str, list[int]] = {}
+    for index, plan in enumerate(plan_ids):
+        of_plan.setdefault(plan, []).append(index)
+    repeated = [indices for indices in of_plan.values() if len(indices) > 1]
+    if len(repeated) * 2 >= len(of_plan):
+        return [indices[0] for indices in repeated], [indices[1] for indices in repeated]
+    dealt = np.random.default_rng(seed).permutation(sorted(of_plan))
+    half = set(dealt[: len(dealt) // 2].tolist())
+    first = [index for index, plan in enumerate(plan_ids) if plan in half]
+    return first, [index for index, plan in enumerate(plan_ids) if plan not in half]
