@@ -22,6 +22,8 @@ class Exploration(ABC):
 
     finished: bool = False
     """Nothing that the robot can reach is left to explore."""
+    decisions: int = 0
+    """How often it was chosen where to go."""
 
     @abstractmethod
     def act(self, observation: Observation) -> Twist2D:
@@ -59,6 +61,11 @@ class BatchedExplorer(ABC):
     def finished(self) -> bool:
         """Whether nothing reachable is left to explore, in any environment."""
         return bool(self._explorations) and all(e.finished for e in self._explorations)
+
+    @property
+    def decisions(self) -> int:
+        """How often it was chosen where to go, in all environments together."""
+        return sum(exploration.decisions for exploration in self._explorations)
 
     @property
     def finished_each(self) -> BoolArray:

@@ -15,6 +15,7 @@ from agents.explorer import BatchedExplorer, Exploration
 from agents.frontier_exploration import Candidate, ExplorationConfig, FrontierExploration
 from slamgym.planning.context import ExplorerContext
 from slamgym.planning.frontiers import expected_gain
+from slamgym.types import Pose2D
 
 
 @dataclass(frozen=True)
@@ -57,6 +58,10 @@ class _ExploreLite(FrontierExploration):
             return potential * frontier.min_distance * resolution - gain * frontier.size * resolution
 
         return sorted(candidates, key=cost)
+
+    def _distance_left(self, pose: Pose2D) -> float:
+        """Explore Lite's own measure of progress: straight to the goal, whichever way leads there [m]."""
+        return math.dist(self._target.target, pose[:2]) if self._target is not None else math.inf
 
 
 class ExploreLite(BatchedExplorer):

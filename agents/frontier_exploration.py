@@ -79,6 +79,7 @@ class FrontierExploration(Exploration):
         self._min_frontier_size = min_frontier_size
         self._keeps_goal = keeps_goal
         self._navigator = Navigator(context, config.navigator)
+        self._pose = Pose2D(0.0, 0.0, 0.0)
         self._map: ByteArray | None = None
         self._tick_at = -math.inf
         self._target: Candidate | None = None  # what the navigation stack drives to
@@ -101,6 +102,7 @@ class FrontierExploration(Exploration):
         """Velocity for the next control step; see :meth:`Exploration.act`."""
         pose = Pose2D(*(float(value) for value in observation["pose"]))
         time = float(observation["time"][0])
+        self._pose = pose
         self._began_at = min(self._began_at, time)
         self._take_map(observation["map"], pose, time)
         self._mind_result(time)
@@ -132,15 +134,15 @@ class FrontierExploration(Exploration):
         self._navigator.update_map(grid, pose, time)
 
     def _mind_result(self, time: float) -> None:
-        """Blacklist a goal that ended; any end makes the next tick come at once.
+        """Close a goal that ended; any end makes the next tick come at once.
 
-        A goal that was reached is blacklisted too: if its frontier is gone that does no harm, and if it is
+        A goal that was reached is not visited again either: if its frontier is gone that does no harm, and if it is
         still there then going there again would not help.
         """
         status = self._navigator.status
         if self._target is None or status not in (GoalStatus.SUCCEEDED, GoalStatus.ABORTED):
             return
-        self._blacklist.append(self._target.frontier.centroid)
+        self._close(self._target, status is GoalStatus.SUCCEEDED)
         self._target = None
         self._navigator.cancel()
         self._tick_at = -math.inf
@@ -154,6 +156,10 @@ class FrontierExploration(Exploration):
         self._futile = 0 if grown else self._futile + 1
         self._known_cells = max(known, self._known_cells)
 
+    def _close(self, candidate: Candidate, reached: bool) -> None:  # noqa: ARG002 - for subclasses
+        """Deal with a goal that ended: its frontier is not visited again."""
+        self._blacklist.append(candidate.frontier.centroid)
+
     def _tick(self, pose: Pose2D, time: float) -> None:
         """Search the frontiers and go on to the best."""
         self._tick_at = time
@@ -165,6 +171,7 @@ class FrontierExploration(Exploration):
             self._navigator.cancel()
         if self._keeps_goal and self._target is not None and self._still_there(candidates):
             return
+        self.decisions += bool(candidates)
         for candidate in self._rank(candidates) if candidates else []:
             if self._go(candidate, pose, time):
                 return
@@ -223,11 +230,17 @@ class FrontierExploration(Exploration):
         """Whether the goal is new or the robot has come nearer to it within the time-out."""
         assert self._target is not None
         target = self._target.target
-        distance = math.dist(target, pose[:2])
+        distance = self._distance_left(pose)
         # A goal that only jitters with the map is not a new one.
         if math.dist(target, self._progress_from) > 0.5 or distance < self._progress_distance - 0.05:
             self._progress_from, self._progress_distance, self._progress_at = target, distance, time
+        elif distance > self._progress_distance + 0.5:
+            self._progress_distance = distance  # a longer way had to be taken: progress is made along it
         return time - self._progress_at <= self._progress_timeout
+
+    def _distance_left(self, pose: Pose2D) -> float:
+        """What progress is measured by: the way that is left to the goal [m]."""
+        return self._navigator.follower.remaining(pose)
 
     def _is_blacklisted(self, frontier: Frontier) -> bool:
         within = (self.config.blacklist_cells + 0.5) * self.context.frame.resolution
@@ -278,6 +291,7 @@ class FrontierExploration(Exploration):
             if self._last_rounds == 0:
                 # What was given up may have become possible: people walk on and maps get better.
                 self._blacklist.clear()
+                self._progress_from = (math.inf, math.inf)
             radius = config.last_radius_shares[self._last_rounds] * self.context.robot_radius
             self._last_rounds += 1
             self._navigator.set_inscribed_radius(radius, pose, time)

@@ -1,0 +1,180 @@
+"""Open tours: from a start through all places, ending anywhere.
+
+The shortest one is exact up to :data:`EXACT_PLACES` places, by dynamic programming over subsets (Held and
+Karp, "A dynamic programming approach to sequencing problems", J. SIAM 10(1), 1962); beyond, a
+nearest-neighbour tour is improved by 2-opt and Or-opt moves (Croes 1958; Or 1976) until none helps.
+
+The same programme finds the tour on which the places wait least, each weighted by what it is worth: the
+travelling repairman's (Afrati et al., "The complexity of the travelling repairman problem", RAIRO 20(1), 1986).
+"""
+
+import numpy as np
+
+from slamgym.jit import kernel
+from slamgym.types import FloatArray, IntArray
+
+EXACT_PLACES = 9
+"""Most places that are ordered exactly: 2^9 * 9 states take some tens of microseconds."""
+
+_FAR = 1e9
+
+
+def open_tour(lengths: FloatArray) -> IntArray:
+    """Order of the places in a short open tour from the start.
+
+    Args:
+        lengths: Path lengths between start and places, the start first, shape (N + 1, N + 1) [m], symmetric;
+            inf where no path leads.
+
+    Returns:
+        Indices 1 to N in the order of the visits, shape (N,). Places that can't be reached come last.
+    """
+    matrix = np.where(np.isfinite(lengths), lengths, _FAR).astype(np.float64)
+    if len(matrix) <= 1:
+        return np.zeros(0, dtype=np.int64)
+    if len(matrix) - 1 <= EXACT_PLACES:
+        order: IntArray = exact_tour(matrix, np.zeros(len(matrix) - 1), 1.0)
+        return order
+    tour: IntArray = improve_tour(matrix, nearest_neighbour_tour(matrix))
+    return tour
+
+
+def repairman_tour(lengths: FloatArray, weights: FloatArray, length_weight: float = 0.0) -> IntArray:
+    """Order of the places that makes the weighted sum of the ways to each of them smallest.
+
+    Args:
+        lengths: As :func:`open_tour` takes them.
+        weights: What it is worth to be early at each place, shape (N,), not negative; N is at most
+            :data:`EXACT_PLACES`.
+        length_weight: What the length of the whole tour counts beside that.
+
+    Raises:
+        ValueError: If there are too many places.
+    """
+    if len(lengths) - 1 > EXACT_PLACES:
+        raise ValueError(f"at most {EXACT_PLACES} places can be ordered exactly, not {len(lengths) - 1}")
+    if len(lengths) <= 1:
+        return np.zeros(0, dtype=np.int64)
+    matrix = np.where(np.isfinite(lengths), lengths, _FAR).astype(np.float64)
+    order: IntArray = exact_tour(matrix, np.asarray(weights, dtype=np.float64), length_weight)
+    return order
+
+
+def tour_length(lengths: FloatArray, order: IntArray) -> float:
+    """Length of the tour from the start through the places in some order [m]."""
+    stops = np.append(0, order)
+    return float(lengths[stops[:-1], stops[1:]].sum())
+
+
+@kernel
+def exact_tour(lengths: FloatArray, weights: FloatArray, length_weight: float) -> IntArray:
+    """Held and Karp's dynamic programme for an open tour from place 0.
+
+    A leg costs its length times ``length_weight`` plus the weights of the places that still wait.
+    """
+    n = len(lengths) - 1
+    waiting = np.zeros(1 << n)
+    for visited in range(1 << n):
+        waiting[visited] = length_weight
+        for i in range(n):
+            if not visited >> i & 1:
+                waiting[visited] += weights[i]
+    best = np.full((1 << n, n), np.inf)
+    before = np.full((1 << n, n), -1, np.int64)
+    for i in range(n):
+        best[1 << i, i] = lengths[0, i + 1] * waiting[0]
+    for visited in range(1, 1 << n):
+        for last in range(n):
+            so_far = best[visited, last]
+            if not so_far < np.inf:
+                continue
+            for following in range(n):
+                if visited >> following & 1:
+                    continue
+                both = visited | (1 << following)
+                length = so_far + lengths[last + 1, following + 1] * waiting[visited]
+                if length < best[both, following]:
+                    best[both, following] = length
+                    before[both, following] = last
+    visited = (1 << n) - 1
+    last = int(np.argmin(best[visited]))
+    order = np.empty(n, np.int64)
+    for position in range(n - 1, -1, -1):
+        order[position] = last + 1
+        previous = before[visited, last]
+        visited ^= 1 << last
+        last = previous
+    return order
+
+
+@kernel
+def nearest_neighbour_tour(lengths: FloatArray) -> IntArray:
+    """Always on to the nearest place that is left, from place 0."""
+    n = len(lengths) - 1
+    left = np.ones(n + 1, np.bool_)
+    left[0] = False
+    order = np.empty(n, np.int64)
+    here = 0
+    for position in range(n):
+        nearest = -1
+        for place in range(1, n + 1):
+            if left[place] and (nearest < 0 or lengths[here, place] < lengths[here, nearest]):
+                nearest = place
+        order[position] = here = nearest
+        left[nearest] = False
+    return order
+
+
+@kernel
+def improve_tour(lengths: FloatArray, order: IntArray) -> IntArray:
+    """Reverse stretches (2-opt) and move stretches of up to 3 places (Or-opt) while the tour gets shorter."""
+    tour = np.append(np.zeros(1, np.int64), order)
+    improved = True
+    while improved:
+        improved = _two_opt(lengths, tour)
+        improved = _or_opt(lengths, tour) or improved
+    return tour[1:].copy()
+
+
+@kernel
+def _two_opt(lengths: FloatArray, tour: IntArray) -> bool:
+    """Do all reversals that help; the last place has no successor. Returns whether there was any."""
+    n, improved = len(tour), False
+    for i in range(1, n - 1):
+        for j in range(i + 1, n):
+            change = lengths[tour[i - 1], tour[j]] - lengths[tour[i - 1], tour[i]]
+            if j + 1 < n:
+                change += lengths[tour[i], tour[j + 1]] - lengths[tour[j], tour[j + 1]]
+            if change < -1e-9:
+                tour[i : j + 1] = tour[i : j + 1][::-1].copy()
+                improved = True
+    return improved
+
+
+@kernel
+def _or_opt(lengths: FloatArray, tour: IntArray) -> bool:
+    """Do the first move of a stretch that helps. Returns whether there was one."""
+    n = len(tour)
+    for size in range(1, 4):
+        for first in range(1, n - size + 1):
+            last = first + size - 1
+            taken = lengths[tour[first - 1], tour[first]]
+            if last + 1 < n:
+                taken += lengths[tour[last], tour[last + 1]] - lengths[tour[first - 1], tour[last + 1]]
+            for after in range(n):
+                # The stretch goes between the places at `after` and `after + 1`, in its order.
+                if first - 1 <= after <= last:
+                    continue
+                added = lengths[tour[after], tour[first]]
+                if after + 1 < n:
+                    added += lengths[tour[last], tour[after + 1]] - lengths[tour[after], tour[after + 1]]
+                if added - taken < -1e-9:
+                    stretch = tour[first : last + 1].copy()
+                    if after < first:
+                        tour[after + 1 + size : last + 1] = tour[after + 1 : first].copy()
+                        tour[after + 1 : after + 1 + size] = stretch
+                    else:
+                        tour[first : after - size + 1] = tour[last + 1 : after + 1].copy()
+                        tour[after - size + 1 : after + 1] = stretch
+                    return True
+    return False
