@@ -106,14 +106,45 @@ def train_completeness(
     )
 
 
-def held_out_probabilities(
+@dataclass(frozen=True)
+class CrossFittedModel:
+    """Models of which at least one has seen no map of a given plan.
+
+    The plans are split into parts; each part's model learned from all the others, and ``whole`` from all.
+    """
+
+    whole: CompletenessModel
+    parts: tuple[CompletenessModel, ...]
+    part_of: dict[str, int]
+    """Plan id to its part; other plans are left to ``whole``, which hasn't seen them either."""
+
+    def probabilities(self, features: FloatArray, plan_ids: Sequence[str]) -> FloatArray:
+        """Probability of being complete by a model that has seen no map of the same plan.
+
+        Args:
+            features: (N, 15).
+            plan_ids: (N,).
+
+        Returns:
+            (N,).
+        """
+        part = np.array([self.part_of.get(plan_id, -1) for plan_id in plan_ids], dtype=np.int64)
+        probabilities = np.zeros(len(part))
+        for number in np.unique(part):
+            chosen = part == number
+            model = self.whole if number < 0 else self.parts[number]
+            probabilities[chosen] = model.probabilities(features[chosen])
+        return probabilities
+
+
+def cross_fit(
     features: FloatArray,
     complete: BoolArray,
     plan_ids: Sequence[str],
     config: TreesConfig,
     folds: int = 5,
-) -> FloatArray:
-    """Predict every map by a model that has seen no map of the same plan.
+) -> CrossFittedModel:
+    """Train models for predictions on held-out plans.
 
     Args:
         features: (N, 15).
@@ -122,29 +153,23 @@ def held_out_probabilities(
         config: The settings.
         folds: Parts into which the plans are split; fewer where there are fewer plans.
 
-    Returns:
-        (N,) probabilities.
-
     Raises:
-        SlamgymError: If scikit-learn is missing, there are less than two plans, or all maps are of one kind.
+        SlamgymError: If scikit-learn is missing, there are less than two plans, or one kind of maps alone
+            is there, in all plans or outside some part.
     """
-    _refuse_one_kind(complete)
     plans = sorted(set(plan_ids))
     if len(plans) < 2:
         raise SlamgymError("held-out plans need at least two plans; add pairs of other plans")
+    count = min(folds, len(plans))
     order = np.random.default_rng(config.seed).permutation(len(plans))
-    fold_of = {plans[place]: number % min(folds, len(plans)) for number, place in enumerate(order)}
-    fold = np.array([fold_of[plan] for plan in plan_ids])
-    probabilities = np.zeros(len(complete))
-    for number in np.unique(fold):
-        test = fold == number
-        known = complete[~test]
-        if known.all() or not known.any():  # nothing to tell apart: the share itself is the best guess
-            probabilities[test] = float(known.mean())
-            continue
-        model = train_completeness(features[~test], known, config)
-        probabilities[test] = model.probabilities(features[test])
-    return probabilities
+    part_of = {plans[place]: number % count for number, place in enumerate(order)}
+    part = np.array([part_of[plan_id] for plan_id in plan_ids])
+    whole = train_completeness(features, complete, config)
+    parts = [
+        train_completeness(features[part != number], complete[part != number], config)
+        for number in range(count)
+    ]
+    return CrossFittedModel(whole, tuple(parts), part_of)
 
 
 def _to_forest(trees: Sequence[Any]) -> Forest:

@@ -1,0 +1,282 @@
+"""How well the shape of a SLAM map alone tells whether it is complete, against the truth, on held-out plans.
+
+    python benchmarks/completeness.py --make json.tar.gz [--out out/completeness]
+    python benchmarks/completeness.py --read DATASET [DATASET ...]
+
+``--make`` explores HouseExpo plans and furnished generated ones with several explorers and odometry errors;
+``--read`` takes datasets that exist. Every exploration is looked at several times, from its first seconds to
+its end, so that there are maps of every degree of completeness. ``--write-model`` stores the model trained on
+all of them as the one that ships with the package.
+"""
+
+import dataclasses
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import tyro
+from report import print_and_save
+
+from agents.registry import make_explorer
+from slamgym.cad import open_plans
+from slamgym.dataset.build import DatasetConfig, build_dataset
+from slamgym.dataset.completeness import FEATURES, completeness_features
+from slamgym.dataset.completeness_model import SHIPPED_MODEL, TreesConfig, cross_fit
+from slamgym.dataset.criteria import Criteria, StuckFilter
+from slamgym.dataset.episode import EpisodeConfig
+from slamgym.dataset.format import load_pair, read_manifest
+from slamgym.dataset.labelled_maps import LabelledMaps, label_maps
+from slamgym.dataset.probability_score import ProbabilityScore, roc_auc, score_probabilities
+from slamgym.envs import ExploreConfig
+from slamgym.sensors import odometry_level
+from slamgym.slam import SlamConfig
+from slamgym.types import BoolArray, FloatArray
+from slamgym.world import ClutterConfig
+
+BAND = (0.4, 0.8)
+RESAMPLES = 500
+"""Bootstrap samples of plans for the 95 % intervals."""
+
+
+@dataclass(frozen=True)
+class Arguments:
+    """Accuracy and calibration of the classifier of completeness."""
+
+    make: str | None = None
+    """HouseExpo plans to explore: a folder or a .tar.gz."""
+    read: tuple[Path, ...] = ()
+    """Datasets to read instead."""
+    out: Path = Path("out/completeness")
+    """Where --make puts its datasets."""
+    scale: float = 1.0
+    """Share of the explorations that --make makes."""
+    workers: int = 2
+    """Processes of --make."""
+    write_model: bool = False
+    """Store the model trained on everything as the shipped one."""
+
+
+@dataclass(frozen=True)
+class Group:
+    """Explorations of one kind."""
+
+    name: str
+    pairs: int
+    explorer: str
+    minutes: float | None
+    particles: int
+    odometry: str
+    furniture: float
+    seed: int
+
+
+GROUPS = (
+    Group("houseexpo", 110, "explore_lite", None, 20, "medium", 0.0, 11),
+    Group("high_noise", 60, "nearest", None, 12, "high", 0.0, 12),
+    Group("furnished", 60, "cost_utility", None, 12, "medium", 0.6, 13),
+    Group("random_walk", 40, "random", 3.0, 12, "medium", 0.0, 14),
+)
+
+
+def main() -> None:
+    arguments = tyro.cli(Arguments)
+    roots = list(arguments.read) or make_datasets(arguments)
+    criteria, stuck, trees = Criteria(), StuckFilter(), TreesConfig()
+    pairs = [(root, record) for root in roots for record in read_manifest(root)]
+    everything = label_maps(pairs, criteria, stuck)
+    maps = everything.where(everything.learnable)
+    models = cross_fit(maps.features, maps.complete, maps.plan_ids, trees)
+    probabilities = models.probabilities(maps.features, maps.plan_ids)
+
+    report_accuracy(maps, probabilities, trees, len(pairs))
+    report_calibration(maps, probabilities)
+    report_features(maps)
+    report_stuck(everything)
+    report_speed(roots, models.whole.probabilities)
+    if arguments.write_model:
+        about = {
+            "criteria": dataclasses.asdict(criteria),
+            "explorations": len(pairs),
+            "plans": len(set(maps.plan_ids)),
+        }
+        dataclasses.replace(models.whole, about=models.whole.about | about).write(SHIPPED_MODEL)
+        print(f"model: {SHIPPED_MODEL}, {SHIPPED_MODEL.stat().st_size / 1e3:.0f} kB")
+
+
+def make_datasets(arguments: Arguments) -> list[Path]:
+    if arguments.make is None:
+        raise SystemExit("name HouseExpo plans with --make, or datasets with --read")
+    roots = []
+    for group in GROUPS:
+        env = ExploreConfig(
+            odometry=odometry_level(group.odometry),
+            slam=SlamConfig(particles=group.particles),
+            clutter=ClutterConfig(furniture=group.furniture),
+        )
+        episode = EpisodeConfig(group.explorer, "auto" if group.minutes is None else group.minutes, env)
+        from_houseexpo = group.furniture == 0.0
+        plans = open_plans(arguments.make if from_houseexpo else "procedural")
+        config = DatasetConfig(
+            seed=group.seed, plans_filter="useful" if from_houseexpo else "none", episode=episode
+        )
+        root = arguments.out / group.name
+        count = max(2, round(arguments.scale * group.pairs))
+        build_dataset(root, plans, config, make_explorer, pairs=count, workers=arguments.workers)
+        roots.append(root)
+    return roots
+
+
+def report_accuracy(
+    maps: LabelledMaps, probabilities: FloatArray, trees: TreesConfig, explorations: int
+) -> None:
+    """The figures of the classifier on all maps and on the harder or more usual ones among them."""
+    subsets: list[tuple[str, BoolArray]] = [("all", np.ones(len(maps), dtype=np.bool_))]
+    subsets += [("at the end, or after 7 min", maps.is_last | (maps.minutes == 7.0))]
+    subsets += [("at least half seen", maps.coverage >= 0.5), ("80 to 99 % seen", _between(maps, 0.8, 0.99))]
+    sources = np.array(maps.sources)
+    subsets += [(f"of {source}", sources == source) for source in sorted(set(maps.sources))]
+    rows = [accuracy_row(name, maps.where(chosen), probabilities[chosen]) for name, chosen in subsets]
+    for source in sorted(set(maps.sources)):
+        # A model that knows neither the plans nor the explorer, the noise or the furniture.
+        test = sources == source
+        if len(set(maps.sources)) < 2 or not 0 < maps.complete[~test].sum() < (~test).sum():
+            continue
+        others = maps.where(~test)
+        model = cross_fit(others.features, others.complete, others.plan_ids, trees)
+        seen = model.probabilities(maps.features[test], [maps.plan_ids[i] for i in np.flatnonzero(test)])
+        rows.append(accuracy_row(f"of {source}, trained on the others", maps.where(test), seen))
+    title = (
+        f"Extra Trees on 15 features, held-out plans: {len(maps)} maps from {explorations} explorations of "
+        f"{len(set(maps.plan_ids))} plans; intervals of 95 % over plans"
+    )
+    print_and_save("completeness", title, rows, list(rows[0]))
+
+
+def accuracy_row(name: str, maps: LabelledMaps, probabilities: FloatArray) -> dict[str, object]:
+    score = score_probabilities(probabilities, maps.complete, BAND)
+    low, high = intervals(maps, probabilities)
+    return {
+        "maps": name,
+        "number": score.count,
+        "complete [%]": round(100.0 * score.positives / score.count, 1),
+        "accuracy [%]": round(100.0 * score.accuracy, 1),
+        "accuracy, 95 %": f"{100.0 * low.accuracy:.1f}-{100.0 * high.accuracy:.1f}",
+        "ROC AUC": round(score.roc_auc, 4),
+        "AUC, 95 %": f"{low.roc_auc:.3f}-{high.roc_auc:.3f}",
+        "Brier": round(score.brier, 4),
+        "calibration error": round(score.calibration_error, 4),
+        "in the band [%]": round(100.0 * score.band_share, 1),
+        "right outside it [%]": round(100.0 * score.accuracy_outside_band, 1),
+        "complete of the kept [%]": round(100.0 * score.kept_purity, 1),
+    }
+
+
+def intervals(maps: LabelledMaps, probabilities: FloatArray) -> tuple[ProbabilityScore, ProbabilityScore]:
+    """Scores whose figures are the 2.5 and 97.5 percentiles over resampled plans."""
+    plans = sorted(set(maps.plan_ids))
+    members = {plan: [] for plan in plans}
+    for number, plan in enumerate(maps.plan_ids):
+        members[plan].append(number)
+    rng = np.random.default_rng(0)
+    scores = []
+    for _ in range(RESAMPLES):
+        drawn = rng.integers(len(plans), size=len(plans))
+        chosen = np.concatenate([members[plans[i]] for i in drawn])
+        scores.append(score_probabilities(probabilities[chosen], maps.complete[chosen], BAND))
+    bounds = []
+    for percentile in (2.5, 97.5):
+        figures = {
+            name: float(np.nanpercentile([getattr(score, name) for score in scores], percentile))
+            for name in ("accuracy", "roc_auc")
+        }
+        bounds.append(dataclasses.replace(scores[0], **figures))
+    return bounds[0], bounds[1]
+
+
+def report_calibration(maps: LabelledMaps, probabilities: FloatArray) -> None:
+    score = score_probabilities(probabilities, maps.complete, BAND)
+    columns = ["probability", "maps", "predicted", "complete", "95 % of the latter"]
+    rows = [
+        [f"{b.low:.1f}-{b.high:.1f}", b.count, _figure(b.predicted), _figure(b.observed), wilson(b.observed, b.count)]
+        for b in score.bins
+    ]  # fmt: skip
+    title = (
+        f"reliability on held-out plans: Brier score {score.brier:.4f}, calibration error "
+        f"{score.calibration_error:.4f}, {100.0 * score.band_share:.1f} % in the band of {BAND[0]} to {BAND[1]}"
+    )
+    print_and_save("completeness_calibration", title, rows, columns)
+
+
+def report_features(maps: LabelledMaps) -> None:
+    """How far each feature alone would go: the area under its ROC curve, whichever side is complete."""
+    rows = []
+    for name, values in zip(FEATURES, maps.features.T, strict=True):
+        area = roc_auc(values, maps.complete)
+        complete, incomplete = np.median(values[maps.complete]), np.median(values[~maps.complete])
+        rows.append(
+            [name, round(max(area, 1.0 - area), 3), round(float(complete), 3), round(float(incomplete), 3)]
+        )
+    rows.sort(key=lambda row: -row[1])
+    columns = ["feature", "ROC AUC alone", "complete, median", "incomplete, median"]
+    print_and_save("completeness_features", "single features", rows, columns)
+
+
+def report_stuck(maps: LabelledMaps) -> None:
+    """What the stuck filter catches, and what it catches wrongly."""
+    kinds = {
+        "stuck (driven less than 1 m)": maps.is_stuck,
+        "complete": maps.complete,
+        "incomplete, not stuck": ~maps.complete & ~maps.is_stuck,
+    }
+    rows = [
+        [name, int(kind.sum()), round(100.0 * float(maps.looks_stuck[kind].mean()), 1) if kind.any() else None]
+        for name, kind in kinds.items()
+    ]  # fmt: skip
+    print_and_save("completeness_stuck", "stuck filter", rows, ["maps", "number", "caught [%]"])
+
+
+def report_speed(roots: list[Path], predict: Callable[[FloatArray], FloatArray]) -> None:
+    seconds, sizes, features = [], [], []
+    for root in roots:
+        for record in list(read_manifest(root))[:40]:
+            cells = load_pair(root, record.name)[1]
+            begin = time.process_time()
+            features.append(completeness_features(cells, record.resolution))
+            seconds.append(time.process_time() - begin)
+            sizes.append(cells.size)
+    matrix = np.array(features)
+    begin = time.process_time()
+    predict(matrix)
+    each = (time.process_time() - begin) / len(matrix)
+    rows = [
+        ["features", 1e3 * float(np.median(seconds)), 1e3 * float(np.percentile(seconds, 95))],
+        ["classifier, in one go", 1e3 * each, None],
+    ]
+    cells_each = f"{np.median(sizes) / 1e3:.0f} thousand cells"
+    title = f"CPU time of a map, {len(seconds)} maps of {cells_each} (median); goal 10 ms"
+    print_and_save("completeness_speed", title, rows, ["part", "median [ms]", "95th percentile [ms]"])
+
+
+def wilson(share: float, count: int) -> str:
+    """Wilson's 95 % interval of a share."""
+    if count == 0:
+        return "-"
+    z = 1.96
+    centre = (share + z**2 / (2 * count)) / (1 + z**2 / count)
+    half = z / (1 + z**2 / count) * np.sqrt(share * (1 - share) / count + z**2 / (4 * count**2))
+    return f"{centre - half:.2f}-{centre + half:.2f}"
+
+
+def _between(maps: LabelledMaps, low: float, high: float) -> BoolArray:
+    chosen: BoolArray = (maps.coverage >= low) & (maps.coverage < high)
+    return chosen
+
+
+def _figure(value: float) -> float | None:
+    return None if np.isnan(value) else round(value, 3)
+
+
+if __name__ == "__main__":
+    main()
