@@ -1,0 +1,53 @@
+"""Manifests as tables: rows of which each column has one type, and Parquet files of them."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from slamgym.config import to_dict
+from slamgym.dataset.format import PairRecord
+from slamgym.dataset.images import ImageRecord
+from slamgym.errors import ConfigError
+from slamgym.interop.atomic import staged
+
+
+def rows_of(records: Sequence[PairRecord] | Sequence[ImageRecord]) -> list[dict[str, Any]]:
+    """The records as rows of plain values; every row has every condition, null where it has none.
+
+    Conditions differ between records, and a setting may be a word here and a number there; a column of a
+    table can't be both, so such a column holds text.
+    """
+    rows = [to_dict(record) for record in records]
+    names = sorted({name for row in rows for name in row["conditions"]})
+    kinds = {name: _common_kind([row["conditions"].get(name) for row in rows]) for name in names}
+    for row in rows:
+        drawn = row["conditions"]
+        row["conditions"] = {
+            name: None if drawn.get(name) is None else kinds[name](drawn[name]) for name in names
+        }
+    return rows
+
+
+def write_parquet(path: Path, records: Sequence[PairRecord] | Sequence[ImageRecord]) -> None:
+    """Write a manifest as a Parquet file.
+
+    Raises:
+        ConfigError: If pyarrow isn't installed.
+        InputFileError: If the file can't be written.
+    """
+    try:
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+    except ImportError:
+        raise ConfigError("Parquet needs pyarrow; install it by `pip install slamgym[hub]`") from None
+    table = pa.Table.from_pylist(rows_of(records))
+    with staged(path) as part:
+        pq.write_table(table, part)
+
+
+def _common_kind(values: Sequence[Any]) -> type:
+    """The type that holds all values: whole numbers and others are numbers, anything else mixed is text."""
+    kinds = {type(value) for value in values if value is not None}
+    if len(kinds) == 1:
+        return kinds.pop()
+    return float if kinds <= {int, float} else str
