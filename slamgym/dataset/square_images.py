@@ -20,7 +20,11 @@ from slamgym.errors import ConfigError, SlamgymError
 from slamgym.types import FREE, OCCUPIED, UNKNOWN, ByteArray, FloatArray, GridFrame, IntArray, OccupancyGrid
 
 Bounds = tuple[float, float, float, float]
-_SUB = 4  # the plan is drawn so many times finer to measure distances from its faces
+_SUB = 3  # the plan is drawn so many times finer to measure distances from its faces
+SPIKE_WIDTH = 0.2
+"""Free space narrower than this is no floor [m]."""
+WALL = 0.15
+"""Thickness of wall that an image shows around the floor, if the margin is 0 [m]: SLAM draws 1 to 3 cells."""
 _DIGITS = 6  # micrometres, as manifests hold them
 
 
@@ -40,7 +44,7 @@ class ImageConfig:
     metres_per_px: float = 0.1
     """The scale, if it is fixed."""
     margin_px: int = 4
-    """Free border around what the two maps show."""
+    """Free border around the plan and the floor of the SLAM map."""
     edge_px: float = 1.0
     """Thickness of the line that is drawn along every face of a wall, half of it on the floor. 1 keeps walls
     that are thinner than a pixel, more makes all walls thicker, 0 draws them as they are."""
@@ -79,7 +83,7 @@ def draw_pair(
     """
     min_x, min_y, max_x, max_y = plan.bounds
     in_map = (min_x - start[0], min_y - start[1], max_x - start[0], max_y - start[1])
-    frame = square_frame(union(in_map, known_bounds(slam_map)), config)
+    frame = square_frame(union(in_map, mapped_bounds(slam_map)), config)
     return draw_plan(plan, start, frame, config.edge_px), resample_map(slam_map, frame), frame
 
 
@@ -102,19 +106,25 @@ def square_frame(bounds: Bounds, config: ImageConfig) -> GridFrame:
     return GridFrame(scale, round(origin_x, _DIGITS), round(origin_y, _DIGITS), config.size, config.size)
 
 
-def known_bounds(grid: OccupancyGrid) -> Bounds | None:
-    """Extent of what a map knows [m], None if it knows nothing."""
-    known = grid.cells != UNKNOWN
-    rows, cols = np.flatnonzero(known.any(axis=1)), np.flatnonzero(known.any(axis=0))
+def mapped_bounds(grid: OccupancyGrid) -> Bounds | None:
+    """Extent of the floor that a map shows, with its walls [m]; None if it shows none.
+
+    The spikes of beams that went astray reach far beyond the building and don't count.
+    """
+    frame, step = grid.frame, grid.frame.resolution
+    width = max(1, math.ceil(SPIKE_WIDTH / step))
+    free = np.pad((grid.cells == FREE).astype(np.uint8), width)
+    floor = cv2.morphologyEx(free, cv2.MORPH_OPEN, np.ones((width, width), np.uint8))
+    floor = floor[width:-width, width:-width]
+    rows, cols = np.flatnonzero(floor.any(axis=1)), np.flatnonzero(floor.any(axis=0))
     if len(rows) == 0:
         return None
-    frame, step = grid.frame, grid.frame.resolution
     top = frame.origin_y + frame.height_px * step
     return (
-        frame.origin_x + float(cols[0]) * step,
-        top - float(rows[-1] + 1) * step,
-        frame.origin_x + float(cols[-1] + 1) * step,
-        top - float(rows[0]) * step,
+        frame.origin_x + float(cols[0]) * step - WALL,
+        top - float(rows[-1] + 1) * step - WALL,
+        frame.origin_x + float(cols[-1] + 1) * step + WALL,
+        top - float(rows[0]) * step + WALL,
     )
 
 
@@ -147,9 +157,7 @@ def draw_plan(plan: FloorPlan, start: tuple[float, float], frame: GridFrame, edg
     inside = fill_segments(plan.segments() - np.array([*start, *start]), fine)
     # From a floor cell's centre to that of the nearest wall cell; the face lies half a cell before it.
     from_face = cv2.distanceTransform(inside.astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE) - 0.5
-    centre = slice(_SUB // 2 - 1, _SUB // 2 + 1)
-    # The centre of a pixel is the corner of its four middle cells.
-    middle = from_face.reshape(rows, _SUB, cols, _SUB)[:, centre, :, centre].mean(axis=(1, 3))
+    middle = from_face[_SUB // 2 :: _SUB, _SUB // 2 :: _SUB]  # at the pixels' centres
     cells: ByteArray = np.where(middle > 0.5 * edge_px * _SUB, FREE, OCCUPIED).astype(np.uint8)
     return cells
 
