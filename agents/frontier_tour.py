@@ -1,8 +1,10 @@
-"""A tour over all frontiers: not the nearest one first, but the first one of the shortest way through all.
+"""Tours over all frontiers: not the nearest one first, but the first one of the best way through all.
 
-Ordering all frontiers by a travelling salesman's tour keeps the robot from leaving small ones behind that it
-would have to come back for (Kulich, Faigl and Preucil, "On distance utility in the exploration task", ICRA
-2011). The tour is open: the robot needn't return.
+:class:`FrontierTour` takes the shortest open tour, a travelling salesman's, which keeps the robot from leaving
+small frontiers behind that it would have to come back for (Kulich, Faigl and Preucil, "On distance utility in
+the exploration task", ICRA 2011). :class:`Repairman` takes the tour on which the unknown waits least: each
+frontier waits until the robot gets there, weighted by the unknown area in sight from it. So small frontiers on
+the way are taken along, and those that hide little and lie aside are left for the end.
 """
 
 from collections.abc import Sequence
@@ -16,6 +18,7 @@ from agents.view_exploration import Option, ViewConfig, ViewExploration
 from slamgym.errors import ConfigError
 from slamgym.planning import ExplorerContext
 from slamgym.planning.coarse_paths import CoarsePaths
+from slamgym.types import FloatArray, IntArray
 
 
 @dataclass(frozen=True)
@@ -23,15 +26,9 @@ class FrontierTourConfig(ViewConfig):
     """Settings of the tour."""
 
     turn_weight: float = 0.2
-    """What a radian of turning before the first leg counts [m/rad]: 0.26 m/s over 1.2 rad/s."""
+    """What a radian of turning before the first leg counts [m/rad]: the speed of 0.26 m/s over 1.2 rad/s."""
     max_places: int = EXACT_PLACES
     """Only so many frontiers, the nearest, are ordered by the tour; the others come after."""
-    gain_weight: float = 0.0
-    """What a square metre of unknown in sight weighs when a frontier waits [1/m2]; 0 for the shortest tour."""
-    wait_weight: float = 0.0
-    """What the waiting of any frontier weighs."""
-    length_weight: float = 1.0
-    """What the length of the tour weighs."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -39,8 +36,25 @@ class FrontierTourConfig(ViewConfig):
             raise ConfigError(f"max_places must be at least 1, not {self.max_places}")
 
 
-class _FrontierTour(ViewExploration):
-    """The first frontier of the shortest tour through all."""
+@dataclass(frozen=True)
+class RepairmanConfig(FrontierTourConfig):
+    """Settings of the repairman's tour."""
+
+    area_weight: float = 1.0
+    """What a square metre of unknown in sight weighs while it waits [1/m2]."""
+    wait_weight: float = 0.5
+    """What any frontier weighs while it waits, however little it hides."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.max_places > EXACT_PLACES:
+            raise ConfigError(f"max_places must be at most {EXACT_PLACES}, not {self.max_places}")
+        if self.area_weight < 0.0 or self.wait_weight <= 0.0:
+            raise ConfigError("area_weight must not be negative, and wait_weight must be positive")
+
+
+class _Tour(ViewExploration):
+    """The first frontier of a tour through all."""
 
     def __init__(self, context: ExplorerContext, config: FrontierTourConfig) -> None:
         super().__init__(context, config)
@@ -52,13 +66,26 @@ class _FrontierTour(ViewExploration):
         toured, rest = near[: config.max_places], near[config.max_places :]
         places = np.array([options[i].candidate.target for i in toured])
         lengths = paths.matrix(self._pose, places)
-        turns = np.array([options[i].turn for i in toured])
-        lengths[0, 1:] += config.turn_weight * turns
-        weights = np.array([config.wait_weight + config.gain_weight * options[i].gain for i in toured])
-        order = (
-            repairman_tour(lengths, weights, config.length_weight) if weights.any() else open_tour(lengths)
-        )
+        lengths[0, 1:] += config.turn_weight * np.array([options[i].turn for i in toured])
+        order = self._through(lengths, [options[i] for i in toured])
         return [*(toured[i - 1] for i in order), *rest]
+
+    def _through(self, lengths: FloatArray, options: Sequence[Option]) -> IntArray:  # noqa: ARG002 - for subclasses
+        """Order of the options, 1 to N, by the lengths between robot and options."""
+        return open_tour(lengths)
+
+
+class _RepairmanTour(_Tour):
+    """The first frontier of the tour on which the unknown waits least."""
+
+    def __init__(self, context: ExplorerContext, config: RepairmanConfig) -> None:
+        super().__init__(context, config)
+        self._weights = config
+
+    def _through(self, lengths: FloatArray, options: Sequence[Option]) -> IntArray:
+        config = self._weights
+        weights = np.array([config.wait_weight + config.area_weight * option.gain for option in options])
+        return repairman_tour(lengths, weights)
 
 
 class FrontierTour(BatchedExplorer):
@@ -77,4 +104,23 @@ class FrontierTour(BatchedExplorer):
         self.config = config or FrontierTourConfig()
 
     def _begin(self, index: int) -> Exploration:  # noqa: ARG002 - every environment begins alike
-        return _FrontierTour(self.context, self.config)
+        return _Tour(self.context, self.config)
+
+
+class Repairman(BatchedExplorer):
+    """Goes round all frontiers such that the unknown waits least, planned anew whenever one is done.
+
+    Args:
+        context: What the environment tells about the robot and its map.
+        config: Settings.
+        seed: Unused: nothing here is random.
+    """
+
+    def __init__(
+        self, context: ExplorerContext, config: RepairmanConfig | None = None, seed: int = 0
+    ) -> None:
+        super().__init__(context, seed)
+        self.config = config or RepairmanConfig()
+
+    def _begin(self, index: int) -> Exploration:  # noqa: ARG002 - every environment begins alike
+        return _RepairmanTour(self.context, self.config)

@@ -20,9 +20,9 @@ from slamgym.planning.coarse_paths import CoarsePaths
 class NextBestViewConfig(ViewConfig):
     """Settings of the next best view."""
 
-    path_weight: float = 0.2
-    """Lambda: how fast the worth of a view falls with the path [1/m]; 0.2 in the paper, whose lengths are in
-    metres too."""
+    path_weight: float = 0.5
+    """Lambda: how fast the worth of a view falls with the path [1/m]; 0.2 in the paper, which is for rooms and
+    ranges three times as large."""
 
 
 class _NextBestView(ViewExploration):

@@ -39,14 +39,13 @@ def open_tour(lengths: FloatArray) -> IntArray:
     return tour
 
 
-def repairman_tour(lengths: FloatArray, weights: FloatArray, length_weight: float = 0.0) -> IntArray:
+def repairman_tour(lengths: FloatArray, weights: FloatArray) -> IntArray:
     """Order of the places that makes the weighted sum of the ways to each of them smallest.
 
     Args:
         lengths: As :func:`open_tour` takes them.
         weights: What it is worth to be early at each place, shape (N,), not negative; N is at most
             :data:`EXACT_PLACES`.
-        length_weight: What the length of the whole tour counts beside that.
 
     Raises:
         ValueError: If there are too many places.
@@ -56,7 +55,7 @@ def repairman_tour(lengths: FloatArray, weights: FloatArray, length_weight: floa
     if len(lengths) <= 1:
         return np.zeros(0, dtype=np.int64)
     matrix = np.where(np.isfinite(lengths), lengths, _FAR).astype(np.float64)
-    order: IntArray = exact_tour(matrix, np.asarray(weights, dtype=np.float64), length_weight)
+    order: IntArray = exact_tour(matrix, np.asarray(weights, dtype=np.float64), 0.0)
     return order
 
 

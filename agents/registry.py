@@ -4,6 +4,8 @@ from collections.abc import Callable
 
 from agents.explorer import BatchedExplorer
 from agents.frontier import CostUtility, ExploreLite, NearestFrontier
+from agents.frontier_tour import FrontierTour, Repairman
+from agents.next_best_view import NextBestView
 from agents.random_walk import RandomWalk
 from slamgym.config import suggest
 from slamgym.errors import ConfigError
@@ -13,6 +15,9 @@ EXPLORERS: dict[str, Callable[[ExplorerContext, int], BatchedExplorer]] = {
     "explore_lite": lambda context, seed: ExploreLite(context, seed=seed),
     "nearest": lambda context, seed: NearestFrontier(context, seed=seed),
     "cost_utility": lambda context, seed: CostUtility(context, seed=seed),
+    "next_best_view": lambda context, seed: NextBestView(context, seed=seed),
+    "tour": lambda context, seed: FrontierTour(context, seed=seed),
+    "repairman": lambda context, seed: Repairman(context, seed=seed),
     "random": lambda context, seed: RandomWalk(context, seed=seed),
 }
 """Name to constructor; each takes the context and a seed."""

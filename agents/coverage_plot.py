@@ -1,0 +1,98 @@
+"""Coverage over time, all explorers in one picture, with bands."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from agents.coverage_curve import mean_coverage
+from agents.trial import Trial
+from slamgym.errors import ConfigError
+from slamgym.interop.atomic import staged
+from slamgym.types import FloatArray
+
+_POINTS = 200
+_RESAMPLES = 1000
+_COLOURS = (
+    "#1971c2", "#e03131", "#2f9e44", "#f08c00", "#9c36b5", "#0c8599", "#6741d9", "#e8590c", "#66a80f", "#868e96",
+)  # fmt: skip
+
+
+def draw_coverage(trials: Sequence[Trial], path: Path, title: str = "") -> None:
+    """Draw mean coverage over time with bands, and how many explorations had reached a level when.
+
+    Bands are 95 % bootstrap intervals of the mean over explorations. Time is robot time per floor area, so that
+    plans of different sizes can be averaged.
+
+    Args:
+        trials: Of all explorers.
+        path: PNG to write.
+        title: Heading of the picture.
+
+    Raises:
+        ConfigError: If matplotlib is not installed.
+        InputFileError: If the picture can't be written.
+    """
+    figure, axes = _figure()
+    left, right = axes
+    names = list(dict.fromkeys(trial.explorer for trial in trials))
+    end = _end(trials)
+    times = np.linspace(0.0, end, _POINTS)  # [s/m2]
+    for number, name in enumerate(names):
+        own = [trial for trial in trials if trial.explorer == name]
+        colour, label = _COLOURS[number % len(_COLOURS)], f"{name} ({len(own)})"
+        curves = np.vstack([mean_coverage([t.coverage_curve], times * t.area)[0] for t in own])
+        low, high = _band(curves)
+        left.plot(times, curves.mean(axis=0), color=colour, label=label, linewidth=1.6)
+        left.fill_between(times, low, high, color=colour, alpha=0.15, linewidth=0.0)
+        for level, style in (("0.95", "-"), ("0.99", "--")):
+            reached = np.array([_per_area(t, level) for t in own])
+            share = (reached[:, None] <= times).mean(axis=0)
+            right.plot(times, share, style, color=colour, linewidth=1.4)
+    left.set(
+        xlabel="robot time per floor area [s/m²]", ylabel="share of the reachable floor seen", ylim=(0, 1.01)
+    )
+    left.legend(loc="lower right", fontsize=8, frameon=False)
+    right.set(xlabel="robot time per floor area [s/m²]", ylabel="share of explorations", ylim=(0, 1.01))
+    right.set_title("reached 95 % (solid) and 99 % (dashed)", fontsize=10)
+    left.set_title(title or "mean, with its 95 % interval", fontsize=10)
+    for axis in axes:
+        axis.set_xlim(0, end)
+        axis.grid(alpha=0.25)
+    with staged(path) as part:
+        figure.savefig(part, dpi=150)
+
+
+def _figure() -> tuple[Any, Any]:
+    """An empty figure with two axes, drawn without a window."""
+    try:
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
+    except ImportError as error:
+        raise ConfigError(
+            "the plot needs matplotlib; pip install 'slamgym[agents]', or leave it out with --no-plot"
+        ) from error
+    figure = Figure(figsize=(11.0, 4.4), layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure, figure.subplots(1, 2)
+
+
+def _band(curves: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """95 % bootstrap interval of the mean curve, two of shape (times,)."""
+    rng = np.random.default_rng(0)
+    counts = rng.multinomial(len(curves), np.full(len(curves), 1.0 / len(curves)), size=_RESAMPLES)
+    low, high = np.percentile(counts @ curves / len(curves), [2.5, 97.5], axis=0)
+    return low, high
+
+
+def _per_area(trial: Trial, level: str) -> float:
+    """Time to a level per floor area [s/m2]; inf if it was never reached."""
+    value = trial.time_to[level]
+    return np.inf if value is None else value / trial.area
+
+
+def _end(trials: Sequence[Trial]) -> float:
+    """Right end of the time axis [s/m2]: by then nine of ten explorations have reached 99 %."""
+    reached = [_per_area(trial, "0.99") for trial in trials if trial.time_to["0.99"] is not None]
+    return float(np.percentile(reached, 90.0)) if reached else 10.0
