@@ -1,0 +1,288 @@
+"""Verify a dataset or a folder of rendered images: every file, and whether the lists and the files agree.
+
+A fault is a sentence about one file. Checking goes on after it, so that all faults come to light at once.
+"""
+
+import hashlib
+import json
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+
+from slamgym.dataset.episode_files import SUMS
+from slamgym.dataset.format import FORMAT_VERSION, Layout, PairRecord
+from slamgym.dataset.images import read_png
+from slamgym.dataset.schedule import Slot, exploration_seed
+from slamgym.errors import InputFileError, SlamgymError
+from slamgym.types import FREE, OCCUPIED, UNKNOWN
+
+VALUES: Mapping[str, frozenset[int]] = {
+    "A": frozenset({OCCUPIED, FREE}),
+    "B": frozenset({OCCUPIED, UNKNOWN, FREE}),
+}
+"""What the pixels of each side may be."""
+EPISODE_FILES = (
+    "plan.json", "map.pgm", "map.yaml", "truth.tum", "odometry.tum", "estimate.tum", "scans.log.gz",
+)  # fmt: skip
+"""Files of an exploration, besides its record and its digests."""
+_SETTINGS_BESIDE = ("format_version", "version", "plans")
+"""Keys of ``config.json`` that are not part of the settings' hash."""
+
+_Record = TypeVar("_Record")
+
+
+@dataclass(frozen=True)
+class Fault:
+    """Something that is wrong with a file."""
+
+    path: Path
+    what: str
+
+    def __str__(self) -> str:
+        return f"{self.path}: {self.what}"
+
+
+def check_dataset(root: Path | str, advance: Callable[[], None] = lambda: None) -> list[Fault]:
+    """Verify a folder that ``slamgym generate`` has written.
+
+    Args:
+        root: The dataset.
+        advance: Called after each pair.
+
+    Raises:
+        InputFileError: If the folder holds no dataset at all.
+    """
+    layout = Layout(Path(root))
+    if not layout.manifest.is_file():
+        raise InputFileError(root, "holds no manifest.jsonl; name a dataset or a folder of rendered images")
+    settings, faults = _read_settings(layout.config)
+    records, broken = read_records(layout.manifest, PairRecord.from_line)
+    faults += broken
+    faults += _repetitions(layout.manifest, records)
+    for record in records:
+        faults += _check_record(layout, record, settings)
+        faults += _check_pair_images(layout, record)
+        faults += check_episode(layout.episode(record.name), record)
+        advance()
+    faults += _strangers(layout, {record.name for record in records})
+    faults += _same_images((layout.image("B", r.name), r.sha256.get("B", ""), r.name) for r in records)
+    for path in (layout.rejected, layout.timing):
+        faults += _check_lines(path)
+    faults += _check_side_files(layout.root, records)
+    return faults
+
+
+def check_episode(folder: Path, record: PairRecord) -> Iterator[Fault]:
+    """Verify the folder of one exploration."""
+    if not folder.is_dir():
+        yield Fault(folder, "is missing")
+        return
+    own = folder / "episode.json"
+    if not own.is_file():
+        yield Fault(own, "is missing")
+    elif own.read_text(encoding="utf-8", errors="replace") != record.to_line():
+        yield Fault(own, "differs from the manifest's line")
+    yield from _check_sums(folder, record.sha256.get("episode", ""))
+
+
+def check_image(
+    path: Path, side: str, sha256: str, shape: tuple[int, int], values: frozenset[int]
+) -> Iterator[Fault]:
+    """Verify one picture: that it is there, unchanged, and of the right kind, size and values.
+
+    Args:
+        path: The picture.
+        side: ``"A"`` or ``"B"``.
+        sha256: Digest that the manifest gives.
+        shape: (rows, cols) that the manifest gives.
+        values: What the pixels may be.
+    """
+    if not path.is_file():
+        yield Fault(path, "is missing")
+        return
+    if hashlib.sha256(path.read_bytes()).hexdigest() != sha256:
+        yield Fault(path, "differs from the digest in the manifest")
+    try:
+        image = read_png(path)
+    except InputFileError as error:
+        yield Fault(path, error.reason)
+        return
+    if image.ndim != 2 or image.dtype != np.uint8:
+        yield Fault(path, f"has shape {image.shape} and type {image.dtype}, not one channel of uint8")
+        return
+    if image.shape != tuple(shape):
+        yield Fault(path, f"has shape {image.shape}, the manifest says {tuple(shape)}")
+    strange = sorted({int(value) for value in np.unique(image)} - values)
+    if strange:
+        known = ", ".join(map(str, sorted(values)))
+        yield Fault(path, f"has the pixel value {strange[0]}; side {side} has {known} only")
+
+
+def read_records(path: Path, parse: Callable[[str, str], _Record]) -> tuple[list[_Record], list[Fault]]:
+    """Read a manifest, whatever is wrong with some of its lines."""
+    records: list[_Record] = []
+    faults = []
+    text = path.read_text(encoding="utf-8", errors="replace")
+    if text and not text.endswith("\n"):
+        faults.append(Fault(path, "ends in the middle of a line"))
+    for number, line in enumerate(text.splitlines(), start=1):
+        try:
+            records.append(parse(line, f"{path}:{number}"))
+        except SlamgymError as error:
+            reason = error.reason if isinstance(error, InputFileError) else str(error)
+            faults.append(Fault(Path(f"{path}:{number}"), reason))
+    return records, faults
+
+
+def doubled(path: Path, what: str, values: Iterable[Any]) -> Iterator[Fault]:
+    """Name every value that a manifest has twice."""
+    seen = set()
+    for value in values:
+        if value in seen:
+            yield Fault(path, f"has the {what} {value} twice")
+        seen.add(value)
+
+
+def _read_settings(path: Path) -> tuple[dict[str, Any], list[Fault]]:
+    try:
+        settings = json.loads(path.read_text(encoding="utf-8"))
+    except OSError:
+        return {}, [Fault(path, "is missing")]
+    except ValueError as error:
+        return {}, [Fault(path, f"is not JSON ({error})")]
+    if not isinstance(settings, dict):
+        return {}, [Fault(path, "is not a JSON object")]
+    if settings.get("format_version") != FORMAT_VERSION:
+        found = settings.get("format_version")
+        return settings, [Fault(path, f"has format {found}, this version knows {FORMAT_VERSION}")]
+    return settings, []
+
+
+def settings_hash(settings: Mapping[str, Any]) -> str:
+    """The hash that every record of a dataset with this ``config.json`` carries."""
+    inner = {name: value for name, value in settings.items() if name not in _SETTINGS_BESIDE}
+    return hashlib.sha256(json.dumps(inner, sort_keys=True).encode()).hexdigest()[:12]
+
+
+def _repetitions(path: Path, records: list[PairRecord]) -> Iterator[Fault]:
+    yield from doubled(path, "name", (record.name for record in records))
+    yield from doubled(path, "index", (record.index for record in records))
+    yield from doubled(path, "seed", (record.seed for record in records))
+    if [r.index for r in records] != sorted(r.index for r in records):
+        yield Fault(path, "is not in the order of the index")
+
+
+def _check_record(layout: Layout, record: PairRecord, settings: Mapping[str, Any]) -> Iterator[Fault]:
+    """Whether a record follows from the settings."""
+    where = Path(f"{layout.manifest}: {record.name}")
+    if Slot(record.index, record.plan_id, record.repetition, record.seed).name != record.name:
+        yield Fault(where, f"its index {record.index} and plan {record.plan_id!r} give another name")
+    if not settings:
+        return
+    if record.config_hash != settings_hash(settings):
+        yield Fault(where, "was made with other settings than config.json holds")
+    if record.seed != exploration_seed(settings.get("seed", 0), record.plan_id, record.repetition):
+        yield Fault(where, "its seed doesn't follow from the dataset's seed, its plan and its repetition")
+
+
+def _check_pair_images(layout: Layout, record: PairRecord) -> Iterator[Fault]:
+    for side, values in VALUES.items():
+        path = layout.image(side, record.name)
+        yield from check_image(path, side, record.sha256.get(side, ""), record.shape, values)
+
+
+def _check_sums(folder: Path, sha256: str) -> Iterator[Fault]:
+    """Whether the files of an exploration are those that its digests, and the manifest's digest, tell of."""
+    sums = folder / SUMS
+    if not sums.is_file():
+        yield Fault(sums, "is missing")
+        return
+    content = sums.read_bytes()
+    if hashlib.sha256(content).hexdigest() != sha256:
+        yield Fault(sums, "differs from the digest in the manifest")
+    listed = {}
+    for line in content.decode(errors="replace").splitlines():
+        digest, _, name = line.partition("  ")
+        listed[name] = digest
+    for name in EPISODE_FILES:
+        if name not in listed:
+            yield Fault(sums, f"doesn't list {name}")
+    for name, digest in listed.items():
+        path = folder / Path(name).name
+        if not path.is_file():
+            yield Fault(path, "is missing")
+        elif hashlib.sha256(path.read_bytes()).hexdigest() != digest:
+            yield Fault(path, f"differs from its digest in {SUMS}")
+    for path in sorted(folder.iterdir()):
+        if path.name not in {*listed, SUMS, "episode.json"}:
+            yield Fault(path, "is no file of an exploration")
+
+
+def _strangers(layout: Layout, names: set[str]) -> Iterator[Fault]:
+    """Files and folders that no record speaks of."""
+    for side in VALUES:
+        folder = layout.root / side
+        for path in sorted(folder.iterdir()) if folder.is_dir() else ():
+            if path.suffix != ".png" or path.stem not in names:
+                yield Fault(path, "is not in the manifest")
+    for path in sorted(layout.episodes.iterdir()) if layout.episodes.is_dir() else ():
+        if path.name not in names:
+            yield Fault(path, "is not in the manifest")
+    if layout.incoming.exists():
+        yield Fault(layout.incoming, "is what a run left that is at work or was killed; run it again")
+
+
+def _same_images(entries: Iterable[tuple[Path, str, str]]) -> Iterator[Fault]:
+    """SLAM maps that are the same to the last bit: two explorations never are."""
+    owners: dict[str, str] = {}
+    for path, sha256, name in entries:
+        if sha256 in owners:
+            yield Fault(path, f"is the same picture as that of {owners[sha256]}")
+        else:
+            owners[sha256] = name
+
+
+def _check_lines(path: Path) -> Iterator[Fault]:
+    """Whether a list of JSON objects is whole."""
+    if not path.exists():
+        return
+    for number, line in enumerate(path.read_text(encoding="utf-8", errors="replace").splitlines(), start=1):
+        try:
+            whole = isinstance(json.loads(line), dict)
+        except ValueError:
+            whole = False
+        if not whole:
+            yield Fault(Path(f"{path}:{number}"), "is not a JSON object")
+
+
+def _check_side_files(root: Path, records: list[PairRecord]) -> Iterator[Fault]:
+    """Whether the split and the verdicts, where there are any, know the pairs."""
+    # Imported here, as reading a dataset needs neither.
+    from slamgym.dataset.split import read_split, split_path
+    from slamgym.dataset.verdicts import VERDICTS_FILE, read_verdicts
+
+    if split_path(root).exists():
+        try:
+            plans = read_split(root).plans
+            missing = sorted({record.plan_id for record in records} - plans.keys())
+            if missing:
+                yield Fault(split_path(root), f"doesn't know {len(missing)} plans, such as {missing[0]}")
+        except SlamgymError as error:
+            yield _as_fault(split_path(root), error)
+    if (root / VERDICTS_FILE).exists():
+        try:
+            names = read_verdicts(root).keys()
+            missing = [record.name for record in records if record.name not in names]
+            if missing:
+                yield Fault(root / VERDICTS_FILE, f"doesn't know {len(missing)} pairs, such as {missing[0]}")
+        except SlamgymError as error:
+            yield _as_fault(root / VERDICTS_FILE, error)
+
+
+def _as_fault(path: Path, error: SlamgymError) -> Fault:
+    if isinstance(error, InputFileError):
+        return Fault(Path(error.path), error.reason)
+    return Fault(path, str(error))
