@@ -15,6 +15,8 @@ PANEL_PX = 256
 GAP_PX = 10
 TITLE_PX = 30
 CAPTION_PX = 20
+ROWS_IN_A_BLOCK = 8
+MAX_COLUMNS_OF_TWO_BLOCKS = 6
 
 _PAPER, _INK, _QUIET = (255, 255, 255), (38, 43, 51), (110, 118, 129)
 _BOTH, _MISSING, _EXTRA = (255, 255, 255), (60, 130, 220), (220, 60, 50)
@@ -23,7 +25,7 @@ _BOTH, _MISSING, _EXTRA = (255, 255, 255), (60, 130, 220), (220, 60, 50)
 def draw_grid(
     columns: Sequence[str], rows: Sequence[Sequence[ByteArray]], captions: Sequence[str] | None = None
 ) -> ByteArray:
-    """Draw pictures in a grid with a title over each column.
+    """Draw pictures in a grid with a title over each column; many rows of few columns stand in two blocks.
 
     Args:
         columns: Titles.
@@ -33,6 +35,18 @@ def draw_grid(
     Returns:
         RGB, shape (rows, cols, 3).
     """
+    if len(rows) > ROWS_IN_A_BLOCK and len(columns) <= MAX_COLUMNS_OF_TWO_BLOCKS:
+        half = -(-len(rows) // 2)
+        blocks = [_draw_block(columns, rows[i : i + half], (captions or [])[i : i + half]) for i in (0, half)]
+        height = max(block.shape[0] for block in blocks)
+        padded = [np.pad(b, ((0, height - b.shape[0]), (0, 0), (0, 0)), constant_values=255) for b in blocks]
+        return np.hstack([padded[0], np.full((height, 2 * GAP_PX, 3), 255, np.uint8), padded[1]])
+    return _draw_block(columns, rows, captions or [])
+
+
+def _draw_block(
+    columns: Sequence[str], rows: Sequence[Sequence[ByteArray]], captions: Sequence[str]
+) -> ByteArray:
     line = PANEL_PX + GAP_PX + (CAPTION_PX if captions else 0)
     width = len(columns) * (PANEL_PX + GAP_PX) + GAP_PX
     sheet = Image.new("RGB", (width, TITLE_PX + len(rows) * line + GAP_PX), _PAPER)

@@ -21,10 +21,12 @@ from slamgym.metrics.maps import squared_error
 from slamgym.types import Float32Array, FloatArray
 
 START_ANGLES = 24
-COARSE_STARTS = 4
+COARSE_STARTS = 3
 """Rotations that are refined on the coarse images, beside the identity."""
 FINE_STARTS = 2
-"""How many of those are refined on the fine images."""
+"""How many of those are refined on the fine images at most."""
+RIVAL = 1.5
+"""A second start is refined on the fine images only if its coarse error is below this times the best one's."""
 FIRST_STEPS = (0.02, 0.02, 0.05, 0.03)
 """Of Powell's line searches: shift, shift, angle [rad], log_scale."""
 MAX_START_LOG_SCALE = 0.3
@@ -134,8 +136,10 @@ def search_similarities(
     # The identity is always refined: maps are mostly nearly aligned already.
     refined = [search.refine(start, 1e-2) for start in [np.zeros(4), *starts[:coarse_starts]]]
     refined.sort(key=search.error)
+    worst = RIVAL * search.error(refined[0])
+    promising = [values for values in _distinct(refined) if search.error(values) <= worst]
     search = _Search(np.pad(_reduce(image, FINE), 1), _reduce(target, FINE), pivot)
-    found = [search.refine(start, 1e-3) for start in _distinct(refined)[:fine_starts]]
+    found = [search.refine(start, 1e-3) for start in promising[:fine_starts]]
     return [search.similarity(values) for values in sorted(found, key=search.error)]
 
 

@@ -1,0 +1,154 @@
+"""How good and how fast is the alignment that the translators are judged with?
+
+Free-space masks of SLAM maps are moved by random similarities and aligned with their CAD maps by the search that
+`slamgym gan evaluate` uses, by OpenCV's ECC, and by feature matching. The yardstick is the best error that any of them
+or a search from 72 rotations, 24 of them refined, finds for the pair.
+
+Run: ``python benchmarks/gan_alignment.py IMAGES [--pairs 24] [--moves 4]``.
+"""
+
+import argparse
+import math
+import os
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")  # before numpy starts its threads
+
+import cv2
+import numpy as np
+from report import print_and_save
+
+from gan.data import load_pairs
+from gan.evaluate import evenly_spaced
+from slamgym.metrics import Similarity, aligned_error, apply_similarity, squared_error
+from slamgym.metrics.alignment import search_similarities
+from slamgym.types import FREE, FloatArray
+
+SIZE = 128
+NEAR = 0.005  # of the best mean squared error
+MAX_TURN, MAX_LOG_SCALE, MAX_SHIFT = math.radians(30.0), 0.1, 0.06
+
+Align = Callable[[FloatArray, FloatArray], float]
+
+
+def search(image: FloatArray, target: FloatArray) -> float:
+    return aligned_error(image, target).mse
+
+
+def exhaustive(image: FloatArray, target: FloatArray) -> float:
+    found = search_similarities(image, target, start_angles=72, coarse_starts=24, fine_starts=8)
+    return min(squared_error(apply_similarity(image, s), target) for s in found)
+
+
+def ecc(motion: int) -> Align:
+    """Enhanced correlation coefficient (Evangelidis and Psarakis 2008) on images blurred by 8, 4 and 2 px."""
+
+    def align(image: FloatArray, target: FloatArray) -> float:
+        warp = np.eye(2, 3, dtype=np.float32)
+        for sigma in (8.0, 4.0, 2.0):
+            a, b = (cv2.GaussianBlur(i.astype(np.float32), (0, 0), sigma) for i in (image, target))
+            try:
+                stop = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 60, 1e-5)
+                _, warp = cv2.findTransformECC(b, a, warp, motion, stop, None, 5)
+            except cv2.error:
+                break  # it has run out of overlap
+        moved = cv2.warpAffine(
+            image.astype(np.float32), warp, image.shape[::-1], flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+        )
+        return min(squared_error(image, target), squared_error(moved.astype(np.float64), target))
+
+    return align
+
+
+def features(make: Callable[[], object], norm: int) -> Align:
+    """Keypoints matched with the ratio test, and a similarity by RANSAC."""
+
+    def align(image: FloatArray, target: FloatArray) -> float:
+        unaligned = squared_error(image, target)
+        detector: object = make()
+        found = [detector.detectAndCompute((i * 255).astype(np.uint8), None) for i in (image, target)]  # type: ignore[attr-defined]
+        if any(descriptors is None or len(descriptors) < 3 for _, descriptors in found):
+            return unaligned
+        matches = cv2.BFMatcher(norm).knnMatch(found[0][1], found[1][1], k=2)
+        good = [m for m, *rest in matches if rest and m.distance < 0.85 * rest[0].distance]
+        if len(good) < 3:
+            return unaligned
+        a = np.array([found[0][0][m.queryIdx].pt for m in good], np.float32)
+        b = np.array([found[1][0][m.trainIdx].pt for m in good], np.float32)
+        warp, _ = cv2.estimateAffinePartial2D(a, b, method=cv2.RANSAC, ransacReprojThreshold=4.0)
+        if warp is None:
+            return unaligned
+        moved = cv2.warpAffine(image.astype(np.float32), warp, image.shape[::-1], flags=cv2.INTER_LINEAR)
+        return min(unaligned, squared_error(moved.astype(np.float64), target))
+
+    return align
+
+
+def methods() -> dict[str, Align]:
+    return {
+        "multi-start Powell, coarse to fine (ours)": search,
+        "ECC, euclidean": ecc(cv2.MOTION_EUCLIDEAN),
+        "ECC, affine (not a similarity: shear absorbs drift)": ecc(cv2.MOTION_AFFINE),
+        "SIFT + RANSAC": features(cv2.SIFT_create, cv2.NORM_L2),
+        "ORB + RANSAC": features(cv2.ORB_create, cv2.NORM_HAMMING),
+    }
+
+
+def moved_pairs(images: Path, pairs: int, moves: int) -> list[list[tuple[FloatArray, FloatArray]]]:
+    """For each pair, the map under several random similarities, and the CAD map."""
+    loaded = load_pairs(images, "test", SIZE)
+    rng = np.random.default_rng(0)
+    result = []
+    for i in evenly_spaced(len(loaded), pairs):
+        target = (loaded.cad[i] > 127).astype(np.float64)
+        image = (loaded.slam[i] == FREE).astype(np.float64)
+        drawn = rng.uniform(-1.0, 1.0, (moves, 4)) * (MAX_SHIFT, MAX_SHIFT, MAX_TURN, MAX_LOG_SCALE)
+        result.append([((apply_similarity(image, Similarity(*d)) >= 0.5) * 1.0, target) for d in drawn])
+    return result
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("images", type=Path, help="folder that `slamgym dataset render` has written")
+    parser.add_argument("--pairs", type=int, default=24)
+    parser.add_argument("--moves", type=int, default=4)
+    arguments = parser.parse_args()
+    cv2.setNumThreads(1)
+    cv2.setRNGSeed(0)
+    moved = moved_pairs(arguments.images, arguments.pairs, arguments.moves)
+    search(*moved[0][0])  # compiles the kernel
+    errors, milliseconds = {}, {}
+    for name, align in methods().items():
+        begun = time.process_time()
+        errors[name] = np.array([[align(*pair) for pair in row] for row in moved])
+        milliseconds[name] = 1e3 * (time.process_time() - begun) / errors[name].size
+    reference = np.array([[exhaustive(*pair) for pair in row] for row in moved])
+    best = np.minimum(reference, np.min([e for n, e in errors.items() if "affine" not in n], axis=0))
+    rows = [("no alignment", *_row(np.array([[squared_error(*p) for p in r] for r in moved]), best), 0.0)]
+    rows += [(name, *_row(error, best), round(milliseconds[name], 1)) for name, error in errors.items()]
+    rows.append(("the best of all similarities", *_row(best, best), None))
+    print_and_save(
+        "gan_alignment",
+        f"Aligning {len(moved)} SLAM maps under {arguments.moves} random similarities each, {SIZE} px "
+        "(turn up to 30 degrees, scale 0.9 to 1.1, shift up to 6 %)",
+        rows,
+        (
+            "method",
+            "mean MSE",
+            f"share within {NEAR} of the best",
+            "spread over start poses",
+            "CPU ms a pair",
+        ),
+    )
+
+
+def _row(errors: np.ndarray, best: np.ndarray) -> tuple[float, float, float]:
+    # The same map from other poses should give the same error, but for the resampling of the pose itself.
+    spread = float(errors.std(axis=1).mean())
+    return round(float(errors.mean()), 4), round(float((errors <= best + NEAR).mean()), 3), round(spread, 4)
+
+
+if __name__ == "__main__":
+    main()
