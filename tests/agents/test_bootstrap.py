@@ -1,0 +1,60 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from agents.bootstrap import mean_difference, mean_interval, mean_of_ratios, ratio_of_means
+
+
+@settings(max_examples=15, deadline=None)
+@given(seed=st.integers(0, 10**6), factor=st.floats(0.5, 2.0))
+def test_an_explorer_that_is_always_faster_by_a_factor_has_no_uncertainty(seed, factor):
+    reference = np.random.default_rng(seed).uniform(50.0, 500.0, size=20)
+    for statistic in (ratio_of_means, mean_of_ratios):
+        interval = statistic(factor * reference, reference)
+        assert (interval.low, interval.value, interval.high) == pytest.approx((factor, factor, factor))
+
+
+def test_the_value_lies_inside_its_interval_which_shrinks_with_the_number_of_plans():
+    rng = np.random.default_rng(3)
+    widths = []
+    for n in (20, 80, 320):
+        interval = mean_interval(rng.normal(5.0, 1.0, size=n))
+        assert interval.low < interval.value < interval.high
+        widths.append(interval.high - interval.low)
+    # The width falls as 1 / sqrt(n): by 2 for four times the plans; 30 % off by chance.
+    assert widths[0] / widths[1] == pytest.approx(2.0, rel=0.3)
+    assert widths[1] / widths[2] == pytest.approx(2.0, rel=0.3)
+
+
+def test_nineteen_of_twenty_intervals_hold_the_truth():
+    rng = np.random.default_rng(0)
+    held = [not mean_interval(rng.normal(1.0, 0.5, size=40), seed).excludes(1.0) for seed in range(200)]
+    # Binomial(200, 0.95) has a standard deviation of 1.5 %; percentile intervals are a little narrow at n = 40.
+    assert 0.89 <= np.mean(held) <= 0.99
+
+
+def test_pairing_cancels_the_differences_between_plans():
+    rng = np.random.default_rng(1)
+    plans = rng.uniform(100.0, 1000.0, size=40)
+    faster = plans * rng.normal(0.85, 0.02, size=40)
+    paired = ratio_of_means(faster, plans)
+    assert paired.excludes(1.0)
+    assert paired.high - paired.low < 0.03
+    unpaired = ratio_of_means(rng.permutation(faster), plans)
+    assert not unpaired.excludes(1.0)
+
+
+def test_large_plans_count_more_in_the_ratio_of_means_than_in_the_mean_of_ratios():
+    reference = np.array([10.0, 1000.0])
+    values = np.array([5.0, 1000.0])  # faster on the small plan alone
+    assert ratio_of_means(values, reference).value == pytest.approx(1005.0 / 1010.0)
+    assert mean_of_ratios(values, reference).value == pytest.approx(0.75)
+    assert mean_difference(values, reference).value == pytest.approx(-2.5)
+
+
+def test_the_seed_decides_the_interval_and_nothing_is_refused():
+    values = np.random.default_rng(2).normal(size=30)
+    assert mean_interval(values, 5) == mean_interval(values, 5)
+    with pytest.raises(ValueError, match="no plans"):
+        mean_interval(np.zeros(0))

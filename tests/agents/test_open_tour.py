@@ -1,0 +1,88 @@
+import itertools
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from agents.open_tour import (
+    EXACT_PLACES,
+    improve_tour,
+    nearest_neighbour_tour,
+    open_tour,
+    repairman_tour,
+    tour_length,
+)
+
+
+def lengths_of(seed, places):
+    """Distances between a start and random places, the start first."""
+    points = np.random.default_rng(seed).uniform(0.0, 10.0, size=(places + 1, 2))
+    return np.hypot(*(points[:, None] - points[None]).transpose(2, 0, 1))
+
+
+def waiting(lengths, weights, order):
+    """Sum over the places of weight times the way until there."""
+    stops = np.append(0, order)
+    along = np.cumsum(lengths[stops[:-1], stops[1:]])
+    return float((along * weights[np.asarray(order) - 1]).sum())
+
+
+@settings(max_examples=60, deadline=None)
+@given(seed=st.integers(0, 10**6), places=st.integers(1, 6))
+def test_the_exact_tour_is_the_shortest_of_all_orders(seed, places):
+    lengths = lengths_of(seed, places)
+    best = min(tour_length(lengths, np.array(o)) for o in itertools.permutations(range(1, places + 1)))
+    assert tour_length(lengths, open_tour(lengths)) == pytest.approx(best)
+
+
+@settings(max_examples=60, deadline=None)
+@given(seed=st.integers(0, 10**6), places=st.integers(1, 6))
+def test_the_repairman_makes_the_weighted_waiting_shortest(seed, places):
+    lengths = lengths_of(seed, places)
+    weights = np.random.default_rng(seed + 1).uniform(0.1, 5.0, size=places)
+    best = min(waiting(lengths, weights, o) for o in itertools.permutations(range(1, places + 1)))
+    assert waiting(lengths, weights, repairman_tour(lengths, weights)) == pytest.approx(best)
+
+
+@settings(max_examples=40, deadline=None)
+@given(seed=st.integers(0, 10**6), places=st.integers(EXACT_PLACES + 1, 30))
+def test_a_long_tour_visits_each_place_once_and_is_no_longer_than_nearest_neighbour(seed, places):
+    lengths = lengths_of(seed, places)
+    order = open_tour(lengths)
+    assert sorted(order) == list(range(1, places + 1))
+    greedy = nearest_neighbour_tour(lengths)
+    assert tour_length(lengths, order) <= tour_length(lengths, greedy) + 1e-9
+
+
+@settings(max_examples=40, deadline=None)
+@given(seed=st.integers(0, 10**6))
+def test_local_search_comes_close_to_the_exact_tour(seed):
+    lengths = lengths_of(seed, 8)
+    exact = tour_length(lengths, open_tour(lengths))
+    improved = tour_length(lengths, improve_tour(lengths, nearest_neighbour_tour(lengths)))
+    # 2-opt and Or-opt end within some 5 % of the optimum on average (Johnson and McGeoch 1997); 8 places are few.
+    assert exact - 1e-9 <= improved <= 1.35 * exact
+
+
+def test_places_that_cannot_be_reached_come_last():
+    lengths = lengths_of(1, 4)
+    lengths[2, :] = lengths[:, 2] = np.inf
+    lengths[2, 2] = 0.0
+    assert open_tour(lengths)[-1] == 2
+    assert repairman_tour(lengths, np.ones(4))[-1] == 2
+
+
+def test_a_heavy_place_is_visited_before_a_light_one_that_is_nearer():
+    lengths = np.array(
+        [[0.0, 2.0, 3.0], [2.0, 0.0, 5.0], [3.0, 5.0, 0.0]]
+    )  # one to the left, one to the right
+    assert list(open_tour(lengths)) == [1, 2]
+    assert list(repairman_tour(lengths, np.array([1.0, 10.0]))) == [2, 1]
+
+
+def test_no_places_make_an_empty_tour_and_too_many_are_refused():
+    assert len(open_tour(np.zeros((1, 1)))) == 0
+    assert len(repairman_tour(np.zeros((1, 1)), np.zeros(0))) == 0
+    with pytest.raises(ValueError, match="at most"):
+        repairman_tour(np.zeros((EXACT_PLACES + 2, EXACT_PLACES + 2)), np.ones(EXACT_PLACES + 1))
