@@ -6,6 +6,8 @@ common file system; a bounded number of tasks is under way, so the store does no
 
 import logging
 import os
+import re
+import socket
 import time
 from collections.abc import Callable, Iterable, Iterator
 from types import ModuleType
@@ -31,6 +33,10 @@ LOCAL_STORE_PER_WORKER = 64 << 20
 """Object store of a cluster on this machine, per worker: an exploration's files take a few MB."""
 
 SMALLEST_STORE = 128 << 20
+"""Ray refuses less than 75 MiB."""
+
+CONNECTION_TIMEOUT = 10.0
+"""How long a cluster's head may take to accept a connection [s]."""
 
 
 class RayEngine:
@@ -148,18 +154,37 @@ def _import_ray() -> ModuleType:
 def _connect(ray: ModuleType, workers: int, address: str | None) -> None:
     """Join a cluster or start one on this machine."""
     quiet: dict[str, Any] = {"log_to_driver": False, "logging_level": logging.ERROR}
-    try:
-        if address is not None and address != "local":
-            ray.init(address=address, **quiet)
-            return
+    if address is not None and address != "local":
+        check_address(address)
+        options: dict[str, Any] = {"address": address}
+    else:
         workers = workers or available_cores()
         store = max(SMALLEST_STORE, workers * LOCAL_STORE_PER_WORKER)
-        ray.init(
-            address="local", num_cpus=workers, include_dashboard=False, object_store_memory=store, **quiet
-        )
+        options = {"address": "local", "num_cpus": workers, "object_store_memory": store}
+        options["include_dashboard"] = False
+    try:
+        ray.init(**options, **quiet)
     except (ConnectionError, ValueError, RuntimeError, OSError) as error:
-        where = address or "this machine"
-        raise ConfigError(
-            f"--address: no Ray cluster answers at {where} ({str(error).splitlines()[0]}); "
-            "`ray status` on its head shows whether it runs"
-        ) from error
+        raise _no_answer(address or "this machine", error) from error
+
+
+def check_address(address: str) -> None:
+    """Find out at once that nobody listens, for which Ray itself takes minutes.
+
+    Raises:
+        ConfigError: If the address is ``host:port`` and takes no connection.
+    """
+    match = re.fullmatch(r"(?:ray://)?([^:/]+):(\d+)", address)
+    if match is None:
+        return
+    try:
+        socket.create_connection((match[1], int(match[2])), timeout=CONNECTION_TIMEOUT).close()
+    except (OSError, OverflowError) as error:
+        raise _no_answer(address, error) from error
+
+
+def _no_answer(where: str, error: Exception) -> ConfigError:
+    reason = (str(error).splitlines() or [type(error).__name__])[0]
+    return ConfigError(
+        f"--address: no Ray cluster answers at {where} ({reason}); `ray status` on its head shows whether it runs"
+    )

@@ -1,0 +1,220 @@
+"""A Ray cluster on this machine, whose processes are killed on purpose."""
+
+import contextlib
+import os
+import random
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("ray")
+
+from shapely import box
+
+from agents.registry import make_explorer
+from slamgym import cli
+from slamgym.cad import FloorPlan, write_houseexpo
+from slamgym.dataset import DatasetConfig, EpisodeConfig, Layout, build_dataset, read_manifest
+from slamgym.dataset.build import Execution
+from slamgym.dataset.engine import MAX_ATTEMPTS, Lost, open_engine
+from slamgym.dataset.engine_ray import IN_FLIGHT_PER_CPU, check_address
+from slamgym.envs import ExploreConfig
+from slamgym.errors import ConfigError
+from slamgym.slam import SlamConfig
+
+CPUS = 2
+QUICK = DatasetConfig(
+    seed=5, episode=EpisodeConfig(minutes=0.1, env=ExploreConfig(slam=SlamConfig(particles=2)))
+)
+OPTIONS = ["--seed", "5", "--minutes", "0.1", "--particles", "2", "--contact-sheet", "0"]
+
+
+class Plans:
+    """Two small rooms."""
+
+    def __init__(self):
+        self.plans = {f"room{i}": FloorPlan(f"room{i}", box(0, 0, 2.0 + 0.2 * i, 2.0)) for i in range(2)}
+        self.ids = list(self.plans)
+
+    def __len__(self):
+        return len(self.ids)
+
+    def load(self, plan_id):
+        return self.plans[plan_id]
+
+
+def square(value):
+    return value * value
+
+
+def fail_on_three(value):
+    if value == 3:
+        raise ConfigError("three")
+    return value
+
+
+def die_on_three(item):
+    """Note each attempt; item 3 kills its worker every time, item 5 the first time."""
+    folder, value = item
+    first = not list(folder.glob(f"{value}-*"))
+    (folder / f"{value}-{time.monotonic_ns()}").touch()
+    if value == 3 or (value == 5 and first):
+        os.kill(os.getpid(), signal.SIGKILL)
+    return value
+
+
+@pytest.fixture(scope="module")
+def cluster():
+    """A cluster that the engines find running; gives its address."""
+    with open_engine("ray", CPUS):
+        import ray
+
+        yield ray.get_runtime_context().gcs_address
+
+
+def content(root):
+    return {
+        str(path.relative_to(root)): path.read_bytes()
+        for path in sorted(root.rglob("*"))
+        if path.is_file() and path.name not in ("timing.jsonl", ".lock")
+    }
+
+
+def test_every_item_is_done_once_and_few_are_under_way(cluster):
+    drawn = 0
+
+    def items():
+        nonlocal drawn
+        for i in range(40):
+            drawn += 1
+            yield i
+
+    results = []
+    with open_engine("ray", CPUS) as engine:
+        for result in engine.run(square, items()):
+            results.append(result)
+            assert drawn <= len(results) + IN_FLIGHT_PER_CPU * CPUS
+    assert sorted(results) == [i * i for i in range(40)]
+
+
+def test_an_error_of_a_task_is_raised_as_it_is(cluster):
+    with open_engine("ray", CPUS) as engine, pytest.raises(ConfigError, match=r"^three$"):
+        list(engine.run(fail_on_three, range(9)))
+
+
+def test_a_killed_worker_s_task_is_tried_again_and_at_last_given_up(cluster, tmp_path):
+    with open_engine("ray", CPUS) as engine:
+        results = list(engine.run(die_on_three, [(tmp_path, value) for value in range(8)]))
+    lost = [result for result in results if isinstance(result, Lost)]
+    assert [entry.item for entry in lost] == [(tmp_path, 3)]
+    assert "killed" in lost[0].reason
+    assert sorted(result for result in results if not isinstance(result, Lost)) == [0, 1, 2, 4, 5, 6, 7]
+    begun = [int(path.name.split("-")[0]) for path in tmp_path.iterdir()]
+    assert begun.count(3) == MAX_ATTEMPTS
+    assert begun.count(5) == 2
+
+
+def test_nodes_with_another_version_are_refused(cluster, monkeypatch):
+    monkeypatch.setattr("slamgym.dataset.engine_ray.__version__", "0.0.0")
+    with open_engine("ray", CPUS) as engine, pytest.raises(ConfigError, match=r"the driver has 0\.0\.0"):
+        list(engine.run(square, range(2)))
+
+
+@pytest.mark.skipif(not Path("/proc").is_dir(), reason="finds the workers in /proc")
+def test_the_same_bytes_as_on_one_machine_while_workers_are_killed(cluster, tmp_path):
+    """Workers die at random moments; the folder has every pair once, and not a byte is different."""
+    build_dataset(tmp_path / "local", Plans(), QUICK, make_explorer, pairs=12)
+    kills: list[int] = []
+    over = threading.Event()
+    killer = threading.Thread(target=_kill_workers, args=(random.Random(3), kills, over))
+    killer.start()
+    try:
+        report = build_dataset(
+            tmp_path / "ray", Plans(), QUICK, make_explorer, pairs=12, execution=Execution(CPUS, "ray")
+        )
+    finally:
+        over.set()
+        killer.join()
+    assert kills
+    assert (report.pairs, report.rejected) == (12, {})
+    assert content(tmp_path / "ray") == content(tmp_path / "local")
+
+
+def _kill_workers(rng, kills, over):
+    """Kill workers at work, less often than a task may be begun."""
+    while len(kills) < MAX_ATTEMPTS - 1 and not over.wait(0.002):
+        at_work = [pid for pid in _processes("ray::_run_on_node") if pid not in kills]
+        if at_work:
+            over.wait(rng.uniform(0.0, 0.1))
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(pid := rng.choice(at_work), signal.SIGKILL)
+                kills.append(pid)
+
+
+def _processes(title):
+    for path in Path("/proc").iterdir():
+        if path.name.isdigit():
+            with contextlib.suppress(OSError):
+                if (path / "cmdline").read_bytes().startswith(title.encode()):
+                    yield int(path.name)
+
+
+def test_a_killed_driver_s_run_is_completed_by_the_next(cluster, tmp_path):
+    plans = tmp_path / "plans"
+    plans.mkdir()
+    for i in range(2):
+        write_houseexpo(plans / f"room{i}.json", FloorPlan(f"room{i}", box(0, 0, 2.0 + 0.2 * i, 2.0)))
+    local, out = tmp_path / "local", tmp_path / "ray"
+    options = ["generate", "--plans", str(plans), *OPTIONS]
+    assert cli.main([*options, "--out", str(local), "--pairs", "16", "--workers", "1"]) == 0
+    command = [*options, "--out", str(out), "--pairs", "16", "--engine", "ray", "--address", cluster]
+    driver = subprocess.Popen(
+        [sys.executable, "-m", "slamgym.cli", *command], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+    )
+    while driver.poll() is None and _committed(out) < 2:
+        time.sleep(0.01)
+    driver.kill()
+    driver.wait()
+    assert 2 <= _committed(out) < 16
+    assert cli.main(command) == 0
+    assert content(out) == content(local)
+    assert len(list(read_manifest(out))) == 16
+
+
+def test_an_address_where_nothing_answers_is_one_clear_error(monkeypatch):
+    import ray
+
+    def fail(**_):
+        raise ConnectionError("Could not find any running Ray instance.\nMore about it.")
+
+    monkeypatch.setattr(ray, "is_initialized", lambda: False)
+    monkeypatch.setattr(ray, "init", fail)
+    monkeypatch.setattr("slamgym.dataset.engine_ray.check_address", lambda _: None)
+    with pytest.raises(
+        ConfigError, match=r"no Ray cluster answers at 10\.0\.0\.1:6379 \(Could not.*ray status"
+    ):
+        open_engine("ray", 2, "10.0.0.1:6379")
+
+
+def test_a_port_where_nobody_listens_is_found_at_once():
+    with socket.socket() as closed:
+        closed.bind(("127.0.0.1", 0))
+        with pytest.raises(ConfigError, match="no Ray cluster answers at 127"):
+            check_address(f"127.0.0.1:{closed.getsockname()[1]}")
+
+
+def test_without_ray_the_command_to_install_it_is_named(monkeypatch):
+    monkeypatch.setitem(sys.modules, "ray", None)
+    with pytest.raises(ConfigError, match=r"pip install 'slamgym\[ray\]'"):
+        open_engine("ray", 2)
+
+
+def _committed(root):
+    episodes = Layout(root).episodes
+    return len(list(episodes.iterdir())) if episodes.exists() else 0
