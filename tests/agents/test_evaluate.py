@@ -1,0 +1,170 @@
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+import shapely
+
+import agents.evaluate as evaluation_module
+from agents.evaluate import FULL_KNOWLEDGE, EvaluationConfig, choose_plans, evaluate
+from agents.evaluate_command import main, open_source
+from agents.splits import split_of
+from agents.trial import TrialConfig, run_trial
+from agents.trial_log import TrialLog
+from slamgym.cad import FloorPlan
+from slamgym.envs import ExploreConfig
+from slamgym.envs.sites import ListedPlans
+from slamgym.errors import ConfigError
+from slamgym.slam import SlamConfig
+
+# 6 s of robot time: long enough to begin, short enough for a test.
+TRIAL = TrialConfig(minutes=0.1, env=ExploreConfig(slam=SlamConfig(mode="ground_truth")))
+
+
+def room(plan_id, width=4.0):
+    return FloorPlan(plan_id, shapely.box(0.0, 0.0, width, 3.0))
+
+
+def source(count=3):
+    return ListedPlans([room(f"room_{i}", 4.0 + i) for i in range(count)])
+
+
+def config(**changes):
+    settings = {
+        "explorers": ("nearest", "explore_lite"),
+        "split": None,
+        "plans_filter": "none",
+        "trial": TRIAL,
+    }
+    return EvaluationConfig(**{**settings, **changes})
+
+
+def comparable(trial):
+    """A trial without what a clock measured."""
+    return dataclasses.replace(trial, decision_cpu=0.0, decision_cpu_max=0.0, step_cpu=0.0, cpu=0.0)
+
+
+def test_every_explorer_sees_the_same_plans_and_starts(tmp_path):
+    result = evaluate(source(), config(), tmp_path)
+    assert result.fresh == len(result.trials) == 6
+    by_name = {n: [t for t in result.trials if t.explorer == n] for n in ("nearest", "explore_lite")}
+    assert [(t.plan, t.seed) for t in by_name["nearest"]] == [
+        (t.plan, t.seed) for t in by_name["explore_lite"]
+    ]
+    # What the first scan shows depends on the start alone.
+    firsts = [{t.plan: t.curve["coverage"][0] for t in trials} for trials in by_name.values()]
+    assert firsts[0] == firsts[1]
+    assert len(set(firsts[0].values())) == 3
+    assert all(0.0 < t.coverage <= 1.0 and t.time <= 6.0 + 1e-9 for t in result.trials)
+
+
+def test_an_interrupted_evaluation_keeps_what_is_done_and_goes_on(tmp_path, monkeypatch):
+    done = []
+
+    def interrupted(*arguments):
+        if len(done) == 2:
+            raise KeyboardInterrupt
+        done.append(arguments[0].id)
+        return run_trial(*arguments)
+
+    monkeypatch.setattr(evaluation_module, "run_trial", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        evaluate(source(), config(), tmp_path / "resumed")
+    assert len(TrialLog(tmp_path / "resumed" / "trials.jsonl").trials) == 2
+    monkeypatch.setattr(evaluation_module, "run_trial", run_trial)
+    resumed = evaluate(source(), config(), tmp_path / "resumed")
+    assert resumed.fresh == 4
+    at_once = evaluate(source(), config(), tmp_path / "at_once")
+    assert [comparable(t) for t in resumed.trials] == [comparable(t) for t in at_once.trials]
+    assert evaluate(source(), config(), tmp_path / "resumed").fresh == 0
+
+
+def test_more_explorers_and_plans_add_to_what_is_there(tmp_path):
+    evaluate(source(), config(count=2), tmp_path)
+    assert evaluate(source(), config(count=3), tmp_path).fresh == 2
+    more = evaluate(source(), config(explorers=("nearest", "explore_lite", "random")), tmp_path)
+    assert more.fresh == 3
+    # Other settings are other trials.
+    other = config(trial=dataclasses.replace(TRIAL, minutes=0.05))
+    assert evaluate(source(), other, tmp_path).fresh == 6
+
+
+def test_plans_too_small_for_the_robot_are_skipped_and_counted(tmp_path):
+    plans = ListedPlans([room("fine"), FloorPlan("closet", shapely.box(0.0, 0.0, 0.3, 3.0))])
+    result = evaluate(plans, config(explorers=("nearest",)), tmp_path)
+    assert [t.plan for t in result.trials] == ["fine"]
+    assert [s.plan for s in result.skipped] == ["closet"]
+    assert "wide enough" in result.skipped[0].reason
+    with pytest.raises(ConfigError, match="none of the 1 plans can be used"):
+        choose_plans(ListedPlans([FloorPlan("closet", shapely.box(0.0, 0.0, 0.3, 3.0))]), config())
+
+
+def test_only_plans_of_the_split_are_explored():
+    plans = ListedPlans([room(f"r{i}") for i in range(60)])
+    chosen, _ = choose_plans(plans, config(split="test"))
+    assert chosen
+    assert all(split_of(plan.id) == "test" for plan in chosen)
+
+
+def test_the_privileged_explorer_needs_its_setting(tmp_path):
+    with pytest.raises(ConfigError, match="told the floor plan"):
+        config(explorers=("nearest", FULL_KNOWLEDGE))
+    result = evaluate(source(1), config(explorers=("nearest",), full_knowledge=True), tmp_path)
+    assert [t.explorer for t in result.trials] == ["nearest", FULL_KNOWLEDGE]
+
+
+@pytest.mark.parametrize(
+    ("changes", "match"),
+    [
+        ({"explorers": ()}, "at least one explorer"),
+        ({"explorers": ("nearest", "nearest")}, "named twice"),
+        ({"count": 0}, "at least 1"),
+    ],
+)
+def test_senseless_settings_are_refused(changes, match):
+    with pytest.raises(ConfigError, match=match):
+        config(**changes)
+
+
+def test_an_unknown_explorer_is_refused_with_the_nearest_name_before_any_work(tmp_path):
+    with pytest.raises(ConfigError, match="did you mean 'nearest'"):
+        evaluate(source(), config(explorers=("nearset",)), tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_the_command_writes_tables_figures_and_a_plot(tmp_path, capsys):
+    pytest.importorskip("matplotlib")
+    argv = ["-o", str(tmp_path), "--count", "2", "--split", "all", "--explorers", "nearest,explore_lite"]
+    argv += ["--minutes", "0.1", "--workers", "1", "--slam.mode", "ground_truth", "--plans-filter", "none"]
+    assert main(argv) == 0
+    printed = capsys.readouterr().out
+    assert "against `explore_lite`" in printed
+    assert (tmp_path / "results.md").read_text() in printed
+    results = json.loads((tmp_path / "results.json").read_text())
+    assert results["summary"]["plans"] == 2
+    assert results["config"]["explorers"] == ["nearest", "explore_lite"]
+    picture = (tmp_path / "coverage_over_time.png").read_bytes()
+    assert picture.startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize(
+    ("argv", "match"),
+    [
+        (["--explorers", "nearest", "--against", "explore_lite"], "--against explore_lite is not among"),
+        (["--film", "nearest"], "must name two"),
+        (["--film-plan", "x"], "needs --film"),
+        (["--workers", "-1"], "--workers"),
+        (["--plans", "offices:x"], "whole number"),
+    ],
+)
+def test_wrong_arguments_are_refused(tmp_path, argv, match):
+    with pytest.raises(ConfigError, match=match):
+        main(["-o", str(tmp_path / "out"), *argv])
+
+
+def test_offices_are_a_source_of_their_own():
+    offices = open_source("offices:3")
+    plan = offices.load(offices.ids[0])
+    assert plan.area > 100.0
+    assert plan.id == offices.ids[0]
+    assert np.isfinite(plan.area)
