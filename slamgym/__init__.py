@@ -1,6 +1,7 @@
 """Floor plan in, honest SLAM map out, and the way back to CAD.
 
-Importing the package registers the environments ``slamgym/Explore-v0`` and ``slamgym/ExploreDiscrete-v0``.
+Importing the package registers the environments ``slamgym/Explore-v0``, ``slamgym/ExploreDiscrete-v0``
+and ``slamgym/ExploreFrontiers-v0``.
 Processes that a vector environment starts afresh may not have imported it: there,
 ``gym.make("slamgym:slamgym/Explore-v0")`` does so by itself.
 """
@@ -18,3 +19,4 @@ register(
     entry_point="slamgym.envs.explore:ExploreEnv",
     kwargs={"actions": "discrete"},
 )
+register(id="slamgym/ExploreFrontiers-v0", entry_point="slamgym.envs.frontier_actions:ExploreFrontiersEnv")

@@ -280,6 +280,10 @@ class ExploreEnv(gym.Env[Observation, Any]):
         """What was truly seen. Privileged."""
         return self._assessment.coverage
 
+    def map_error(self) -> float:
+        """Mean distance of the map's occupied cells from the nearest true obstacle [m]. Privileged."""
+        return self._assessment.map_error()
+
     def explorer_context(self) -> ExplorerContext:
         """What an explorer may know in advance: the robot, the scanner and the frame of the map.
 

@@ -1,0 +1,75 @@
+"""The network of :mod:`agents.policy`, run with numpy alone: choosing needs neither torch nor its start-up."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from slamgym.types import Float32Array
+
+_FAR_BELOW = np.float32(-1e8)
+
+
+class FrontierScorer:
+    """Scores the candidates of one observation.
+
+    Args:
+        weights: Arrays by the names of :class:`agents.policy.FrontierNetwork`'s parameters.
+        heads: Heads of the attention.
+    """
+
+    def __init__(self, weights: Mapping[str, Float32Array], heads: int) -> None:
+        self._weights = {name: np.ascontiguousarray(value, np.float32) for name, value in weights.items()}
+        self._heads = heads
+
+    def scores(self, observation: Mapping[str, Any]) -> Float32Array:
+        """Score of each candidate, shape (N,) for the N rows that the mask shows.
+
+        Args:
+            observation: Unbatched, of ``slamgym/ExploreFrontiers-v0`` with any K.
+        """
+        there = observation["mask"] > 0.5
+        features = observation["candidates"][there]
+        crops = _relu(self._linear("crop", observation["crops"][there].reshape(len(features), -1)))
+        overall = np.broadcast_to(observation["globals"], (len(features), len(observation["globals"])))
+        vectors = _relu(self._linear("embed_in", np.concatenate([features, crops, overall], axis=1)))
+        vectors = _relu(self._linear("embed_out", vectors))
+        vectors = self._normalise(vectors + self._attend(vectors))
+        pooled = np.concatenate([vectors.mean(axis=0), vectors.max(axis=0)])
+        own = np.concatenate([vectors, np.broadcast_to(pooled, (len(features), len(pooled)))], axis=1)
+        learned = self._linear("score_out", _relu(self._linear("score_in", own)))
+        scores: Float32Array = learned[:, 0] + features @ self._weights["prior.weight"][0]
+        return scores
+
+    def choose(self, observation: Mapping[str, Any]) -> int:
+        """The candidate with the highest score; 0 where there is none."""
+        if not (observation["mask"] > 0.5).any():
+            return 0
+        scores = np.full(len(observation["mask"]), _FAR_BELOW)
+        scores[observation["mask"] > 0.5] = self.scores(observation)
+        return int(scores.argmax())
+
+    def _linear(self, name: str, values: Float32Array) -> Float32Array:
+        product: Float32Array = values @ self._weights[f"{name}.weight"].T + self._weights[f"{name}.bias"]
+        return product
+
+    def _attend(self, vectors: Float32Array) -> Float32Array:
+        count, width = vectors.shape
+        parts = self._linear("query_key_value", vectors).reshape(count, 3, self._heads, width // self._heads)
+        query, key, value = parts.transpose(1, 2, 0, 3)  # each (heads, N, width / heads)
+        weights = query @ key.transpose(0, 2, 1) / np.sqrt(np.float32(width // self._heads))
+        weights = np.exp(weights - weights.max(axis=2, keepdims=True))
+        weights /= weights.sum(axis=2, keepdims=True)
+        return self._linear("attended", (weights @ value).transpose(1, 0, 2).reshape(count, width))
+
+    def _normalise(self, vectors: Float32Array) -> Float32Array:
+        centred = vectors - vectors.mean(axis=1, keepdims=True)
+        scale = np.sqrt((centred**2).mean(axis=1, keepdims=True) + np.float32(1e-5))
+        normalised: Float32Array = (
+            centred / scale * self._weights["norm.weight"] + self._weights["norm.bias"]
+        ).astype(np.float32)
+        return normalised
+
+
+def _relu(values: Float32Array) -> Float32Array:
+    return np.maximum(values, np.float32(0.0))

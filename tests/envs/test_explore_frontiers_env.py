@@ -1,0 +1,210 @@
+"""The environment at the level of decisions."""
+
+import dataclasses
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+
+from slamgym.envs import DiscountByTermination, ExploreFrontiersEnv
+from slamgym.envs.frontier_actions import DEFAULT_REWARD
+from slamgym.envs.frontier_features import CANDIDATE_FEATURES, GLOBAL_FEATURES, action_mask
+from slamgym.errors import ConfigError
+
+SMALL = {"observation": {"map_size": 24.0}, "localization": "ground_truth"}
+
+
+@pytest.fixture
+def env(two_room_plan):
+    return ExploreFrontiersEnv(two_room_plan, **SMALL)
+
+
+@pytest.fixture
+def two_room_plan():
+    import shapely
+
+    from slamgym.cad import FloorPlan
+
+    left, right = shapely.box(0.0, 0.0, 5.0, 5.0), shapely.box(5.1, 0.0, 10.0, 5.0)
+    door = shapely.box(4.9, 2.0, 5.2, 3.0)
+    return FloorPlan("two-rooms", shapely.union_all([left, right, door]))
+
+
+def play(env, choose=lambda observation, env: 0, seed=0, options=None):
+    observation, info = env.reset(seed=seed, options=options)
+    steps = [(observation, 0.0, info)]
+    over = False
+    while not over:
+        observation, reward, terminated, truncated, info = env.step(choose(observation, env))
+        over = terminated or truncated
+        steps.append((observation, reward, info))
+    return steps, terminated
+
+
+def test_gymnasium_accepts_the_environment(two_room_plan):
+    env = gym.make("slamgym/ExploreFrontiers-v0", plans=two_room_plan, **SMALL)
+    check_env(env.unwrapped, skip_render_check=True)
+
+
+def test_choosing_the_nearest_explores_the_building(env):
+    steps, terminated = play(env)
+    info = steps[-1][2]
+    assert terminated
+    assert info["is_success"]
+    assert info["coverage"] > 0.99
+    assert info["map_error"] < 0.1
+    assert 3 < len(steps) < 60
+
+
+def test_the_same_seed_gives_the_same_episode(env):
+    first, _ = play(env, seed=3)
+    second, _ = play(env, seed=3)
+    assert len(first) == len(second)
+    for (a, ra, _), (b, rb, _) in zip(first, second, strict=True):
+        assert ra == rb
+        for key in a:
+            np.testing.assert_array_equal(a[key], b[key])
+
+
+def test_masked_rows_are_empty_and_the_mask_is_told_three_times(env):
+    steps, _ = play(env)
+    for observation, _, info in steps[:-1]:
+        count = int(observation["mask"].sum())
+        assert count >= 1
+        assert not observation["candidates"][count:].any()
+        assert not observation["crops"][count:].any()
+        np.testing.assert_array_equal(info["action_mask"], action_mask(observation))
+    np.testing.assert_array_equal(env.action_masks(), steps[-1][2]["action_mask"])
+
+
+def test_candidates_come_with_the_shortest_path_first(env):
+    column = CANDIDATE_FEATURES.index("path_cost")
+    for observation, _, _ in play(env)[0]:
+        there = observation["candidates"][observation["mask"] > 0.5, column]
+        assert (np.diff(there) >= -1e-6).all()
+
+
+def test_durations_add_up_to_the_time(env):
+    steps, _ = play(env)
+    begin = steps[0][2]["time"]
+    assert sum(info["duration"] for _, _, info in steps) == pytest.approx(steps[-1][2]["time"] - begin)
+    # A decision lasts no longer than the horizon, but for the time until the next map or a forced look.
+    lasting = [info["duration"] for _, _, info in steps[1:-1]]
+    assert max(lasting) < 40.0
+
+
+def test_undiscounted_shaping_and_time_make_up_the_reward(env):
+    """With discount 1 the potential telescopes: only its first and last values count."""
+    steps, _ = play(env)
+    begin, end = steps[0][2], steps[-1][2]
+    seen = end["coverage"] - begin["coverage"]
+    duration = end["time"] - begin["time"]
+    contacts = sum(info["reward_terms"].get("collision", 0.0) for _, _, info in steps[1:])
+    expected = DEFAULT_REWARD.shaping * seen - DEFAULT_REWARD.time * duration + contacts
+    assert sum(reward for _, reward, _ in steps) == pytest.approx(expected, abs=1e-6)
+
+
+def test_rewards_within_a_step_are_discounted_by_seconds(two_room_plan):
+    reward = {"coverage_gain": 0.0, "time": 1.0, "collision": 0.0, "shaping": 0.0}
+    env = ExploreFrontiersEnv(two_room_plan, reward=reward, discount=0.9, **SMALL)
+    for _, reward_sum, info in play(env)[0][1:]:
+        count = round(info["duration"] / 0.2)
+        assert reward_sum == pytest.approx(-0.2 * sum(0.9 ** (0.2 * i) for i in range(count)), abs=1e-4)
+
+
+def test_a_masked_action_chooses_the_first_candidate(env):
+    first, _ = env.reset(seed=1)
+    nothing = int(first["mask"].sum())
+    masked = env.step(nothing)
+    env.reset(seed=1)
+    plain = env.step(0)
+    np.testing.assert_array_equal(masked[0]["candidates"], plain[0]["candidates"])
+    assert masked[1] == plain[1]
+
+
+def test_observations_hold_no_truth(two_room_plan):
+    """Judging with the truth changes rewards and info, but not a bit of what is observed."""
+    plain = ExploreFrontiersEnv(two_room_plan, **SMALL)
+    measured = ExploreFrontiersEnv(
+        two_room_plan,
+        reward=dataclasses.replace(DEFAULT_REWARD, map_error=5.0),
+        reward_terms={"mine": (1.0, lambda step: step.coverage)},
+        **SMALL,
+    )
+    for (a, ra, _), (b, rb, _) in zip(play(plain, seed=2)[0][1:], play(measured, seed=2)[0][1:], strict=True):
+        assert ra != rb
+        for key in a:
+            np.testing.assert_array_equal(a[key], b[key])
+
+
+def test_the_coverage_goal_ends_the_episode(two_room_plan):
+    env = ExploreFrontiersEnv(two_room_plan, coverage_goal=0.6, **SMALL)
+    steps, terminated = play(env)
+    assert terminated
+    assert 0.6 <= steps[-1][2]["coverage"] < 0.95
+
+
+def test_the_time_limit_truncates(two_room_plan):
+    env = ExploreFrontiersEnv(two_room_plan, time_limit=8.0, **SMALL)
+    steps, terminated = play(env)
+    assert not terminated
+    assert steps[-1][2]["time"] == pytest.approx(8.0)
+
+
+def test_fewer_candidates_can_be_asked_for(two_room_plan):
+    env = ExploreFrontiersEnv(two_room_plan, driver={"max_candidates": 3}, **SMALL)
+    observation, _ = env.reset(seed=0)
+    assert env.action_space.n == 3
+    assert observation["candidates"].shape == (3, len(CANDIDATE_FEATURES))
+    assert observation["globals"].shape == (len(GLOBAL_FEATURES),)
+    assert env.observation_space.contains(observation)
+
+
+@pytest.mark.parametrize("settings", [{"driver": {"horizn": 3.0}}, {"discount": 0.0}, {"timelimit": 4.0}])
+def test_unknown_and_senseless_settings_are_refused(two_room_plan, settings):
+    with pytest.raises(ConfigError):
+        ExploreFrontiersEnv(two_room_plan, **{**SMALL, **settings})
+
+
+def test_a_step_before_the_first_reset_is_refused(env):
+    with pytest.raises(gym.error.ResetNeeded):
+        env.step(0)
+
+
+class _Fixed(gym.Env):
+    """Ten steps of a given duration, each with a reward of one."""
+
+    observation_space = gym.spaces.Discrete(11)
+    action_space = gym.spaces.Discrete(1)
+
+    def __init__(self, duration):
+        self.duration = duration
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        self.count = 0
+        return 0, {}
+
+    def step(self, action):
+        self.count += 1
+        return self.count, 1.0, self.count == 10, False, {"duration": self.duration}
+
+
+def test_a_constant_gamma_with_termination_gives_the_semi_markov_value():
+    """The mean discounted return over many episodes is that of a discount by seconds."""
+    duration, per_second, gamma = 5.0, 0.97, 0.95
+    env = DiscountByTermination(_Fixed(duration), per_second=per_second, gamma=gamma)
+    env.reset(seed=0)
+    env.np_random = np.random.default_rng(0)
+    returns = []
+    for _ in range(3000):
+        env.reset()
+        total, weight, over = 0.0, 1.0, False
+        while not over:
+            _, reward, terminated, truncated, _ = env.step(0)
+            total, weight, over = total + weight * reward, weight * gamma, terminated or truncated
+        returns.append(total)
+    expected = sum(per_second ** (duration * i) for i in range(10))
+    # 4 standard errors of the mean of 3000 episodes.
+    assert np.mean(returns) == pytest.approx(expected, abs=4 * np.std(returns) / 3000**0.5)
