@@ -45,9 +45,12 @@ def best_view(costmap: Costmap, point: Point, reach: float, geometry: LaserGeome
     around = np.concatenate([by_ray, by_ray[: width - 1]])
     sums = np.convolve(around, np.ones(width), mode="valid")
     first = int(np.argmax(sums))
-    step = 2.0 * math.pi / NUM_RAYS
+    # Within the field the heading is the mean direction of what is seen: it stays if the field has room to spare.
+    angles = 2.0 * math.pi / NUM_RAYS * (first + np.arange(width))
+    seen = around[first : first + width]
+    direction = math.atan2(float(seen @ np.sin(angles)), float(seen @ np.cos(angles)))
     middle = geometry.angle_min + 0.5 * field
-    heading = math.remainder((first + 0.5 * (width - 1)) * step - middle, 2.0 * math.pi)
+    heading = math.remainder(direction - middle, 2.0 * math.pi)
     return View(heading, float(sums[first]) * costmap.frame.resolution**2)
 
 

@@ -7,7 +7,7 @@ from slamgym.errors import ConfigError
 from slamgym.planning import find_frontiers, make_costmap
 from slamgym.types import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, Pose2D, Twist2D
 
-FRONTIER_EXPLORERS = ["explore_lite", "nearest", "cost_utility"]
+FRONTIER_EXPLORERS = ["explore_lite", "nearest", "cost_utility", "next_best_view", "tour", "repairman"]
 
 
 def closed(rows, cols):
