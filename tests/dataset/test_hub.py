@@ -1,0 +1,95 @@
+"""Rendered images as Hugging Face's library and Parquet readers see them."""
+
+import json
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from slamgym import cli
+from slamgym.dataset.format import read_manifest
+from slamgym.dataset.images import load_images, read_images
+from slamgym.dataset.record_table import rows_of, write_parquet
+from slamgym.dataset.render import render_images
+from slamgym.dataset.selection import select_pairs
+from slamgym.dataset.split import make_split
+from slamgym.dataset.square_images import ImageConfig
+from slamgym.errors import ConfigError
+
+LOAD = """
+import json, sys
+import numpy as np
+import datasets
+datasets.disable_progress_bars()
+loaded = datasets.load_dataset(sys.argv[1])
+rows = {
+    side: [
+        {"name": row["name"], "conditions": row["conditions"], "mode": row["A"].mode,
+         "sums": [int(np.asarray(row[key]).sum()) for key in "AB"]}
+        for row in loaded[side]
+    ]
+    for side in loaded
+}
+print(json.dumps(rows))
+"""
+
+
+@pytest.fixture
+def images(dataset_copy, tmp_path):
+    split = make_split(dataset_copy, test=0.4, seed=1)
+    selection = select_pairs(dataset_copy, 0.0)
+    render_images(dataset_copy, tmp_path / "images", ImageConfig(size=64), split, selection=selection)
+    return tmp_path / "images"
+
+
+def test_datasets_loads_the_folder_as_it_lies(images, tmp_path):
+    pytest.importorskip("datasets")
+    done = subprocess.run(
+        [sys.executable, "-c", LOAD, str(images)],
+        env=os.environ | {"HF_HOME": str(tmp_path / "home"), "HF_HUB_OFFLINE": "1", "HF_DATASETS_OFFLINE": "1"},
+        capture_output=True, text=True, timeout=120, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    rows = json.loads(done.stdout)
+    assert set(rows) == {"train", "test"}
+    for side, found in rows.items():
+        records = read_images(images, side)
+        assert [row["name"] for row in found] == [record.name for record in records]
+        for row, record in zip(found, records, strict=True):
+            assert row["mode"] == "L"
+            assert row["sums"] == [int(image.sum()) for image in load_images(images, record)]
+            assert row["conditions"]["odometry"] == record.conditions["odometry"]
+
+
+def test_a_parquet_file_holds_the_manifest(dataset_copy, tmp_path):
+    parquet = pytest.importorskip("pyarrow.parquet")
+    path = tmp_path / "manifest.parquet"
+    assert cli.main(["dataset", "stats", str(dataset_copy), "--parquet", str(path)]) == 0
+    rows = parquet.read_table(path).to_pylist()
+    records = list(read_manifest(dataset_copy))
+    assert [row["name"] for row in rows] == [record.name for record in records]
+    assert np.allclose([row["ate"] for row in rows], [record.ate for record in records])
+    assert rows[0]["conditions"]["clutter.people"] == records[0].conditions["clutter.people"]
+
+
+def test_without_pyarrow_one_sentence_says_what_to_install(dataset_copy, tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    with pytest.raises(ConfigError, match=r"pip install slamgym\[hub\]"):
+        write_parquet(tmp_path / "x.parquet", list(read_manifest(dataset_copy)))
+
+
+def test_a_column_has_one_type_though_conditions_differ(small_dataset):
+    import dataclasses
+
+    records = list(read_manifest(small_dataset))[:3]
+    conditions = [{"minutes": "auto", "n": 1}, {"minutes": 7.0, "n": 1.5}, {"new": True}]
+    changed = [
+        dataclasses.replace(record, conditions=one) for record, one in zip(records, conditions, strict=True)
+    ]
+    assert [row["conditions"] for row in rows_of(changed)] == [
+        {"minutes": "auto", "n": 1.0, "new": None},
+        {"minutes": "7.0", "n": 1.5, "new": None},
+        {"minutes": None, "n": None, "new": True},
+    ]
