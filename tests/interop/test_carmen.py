@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from slamgym.errors import InputFileError
-from slamgym.interop import read_carmen, write_carmen
-from slamgym.types import LaserGeometry
+from slamgym.interop import LogRecord, read_carmen, write_carmen
+from slamgym.types import LaserGeometry, LaserScan, Pose2D
 
 
 def flaser(ranges=(1.0, 2.0, 3.0), pose=(0.0, 0.0, 0.0), stamp=1.0, laser=None):
@@ -53,6 +53,27 @@ class TestRoundTrip:
         records[0].scan.ranges[0] = 3.49996
         write_carmen(tmp_path / "a.log", records, geometry)
         assert np.isfinite(read_carmen(tmp_path / "a.log").records[0].scan.ranges[0])
+
+    @given(
+        st.lists(
+            st.floats(width=32, min_value=0.0, max_value=4.0)
+            | st.sampled_from([0.0005, 0.0625, 1.0625, 3.4995, 3.4999, 3.5, np.inf, -np.inf, np.nan]),
+            min_size=2,
+            max_size=20,
+        )
+    )
+    def test_ranges_are_written_as_python_rounds_them(self, tmp_path_factory, values):
+        ranges = np.array(values, dtype=np.float32)
+        geometry = LaserGeometry(len(values), -0.5, 0.1, 0.12, 3.5)
+        path = tmp_path_factory.getbasetemp() / "rounded.log"
+        scan = LaserScan(1.0, ranges, geometry)
+        write_carmen(path, [LogRecord(1.0, Pose2D(0.0, 0.0, 0.0), scan)], geometry, message="FLASER")
+        written = path.read_text().splitlines()[-1].split()[2 : 2 + len(values)]
+        expected = [
+            0.0 if not value > 0.0 else 3.5 if value >= 3.5 else min(value, 3.499)
+            for value in map(float, ranges)
+        ]
+        assert written == [f"{value:.3f}" for value in expected]
 
 
 class TestGeometry:
