@@ -12,7 +12,7 @@ import numpy as np
 from gan.config import AugmentConfig
 from slamgym.types import FREE, OCCUPIED, UNKNOWN, BoolArray, ByteArray, Float32Array
 
-DAMAGE_PROBABILITY = 0.5
+DAMAGE_PROBABILITY = 0.35
 """Of each kind of damage: clean maps shall stay common."""
 BLOB_CELLS = 24
 """Blobs come from noise on a grid of this many cells a side."""

@@ -189,7 +189,9 @@ def _manifest(root: Path) -> dict[str, tuple[str, float]]:
     for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), start=1):
         try:
             values = json.loads(line)
-            told[str(values["name"])] = (str(values["plan_id"]), float(values["metres_per_px"]))
+            # Near-duplicates of a plan form a group; they must not be torn apart either.
+            plan = values.get("group") or values["plan_id"]
+            told[str(values["name"])] = (str(plan), float(values["metres_per_px"]))
         except (ValueError, TypeError, KeyError) as error:
             raise InputFileError(f"{path}:{number}", f"is not a record of an image pair ({error})") from error
     return told

@@ -74,7 +74,7 @@ class Learner:
             moment: Resolution, fade-in and learning rate.
 
         Returns:
-            The terms of the losses, ``total`` among them, before weighting.
+            The terms of the losses, before weighting, and their ``total``. If that isn't finite nothing was moved.
         """
         self.generator.train()
         self.judges.train()
@@ -89,9 +89,11 @@ class Learner:
                 drawing = self.generator(x, moment.resolution, moment.fade)
                 terms = self._generator_terms(drawing, x_small, y, real, moment.fade)
         total = self._weighted(terms)
+        told = {name: term.detach() for name, term in terms.items()} | {"total": total.detach()}
+        if not bool(torch.isfinite(total)):
+            # The weights stay as they are; besides, some backward kernels crash on NaN.
+            return {name: float(value) for name, value in told.items()}
         self._descend("generator", total)
-        told = {name: term.detach() for name, term in terms.items()}
-        told["total"] = total.detach()
         for name, term in self._judge_terms(
             drawing.image.detach(), x_small, other, real, moment.fade
         ).items():

@@ -139,11 +139,17 @@ def cross_entropy_loss(
 
 
 def near_borders(values: Tensor, reach: int = 2) -> Tensor:
-    """1 where values within ``reach`` pixels differ by more than a half, else 0; (B, C, H, W)."""
+    """1 where the square of pixels within ``reach`` holds both kinds of values, else 0; (B, C, H, W).
+
+    Args:
+        values: (B, C, H, W) in [0, 1], mostly near the ends.
+        reach: [px]
+    """
     window = 2 * reach + 1
-    highest = functional.max_pool2d(values, window, stride=1, padding=reach)
-    lowest = -functional.max_pool2d(-values, window, stride=1, padding=reach)
-    return (highest - lowest > 0.5).float()
+    # A mean is far cheaper than the largest and the smallest value, and differs from 0 and 1 as soon as one pixel does.
+    mean = functional.avg_pool2d(values, window, stride=1, padding=reach, count_include_pad=False)
+    margin = 0.5 / window**2
+    return ((mean > margin) & (mean < 1.0 - margin)).float()
 
 
 def dice_loss(image: Tensor, target: Tensor) -> Tensor:

@@ -22,10 +22,10 @@ REAL_MAPS = AugmentConfig(
     shift=0.06,
     turn_deg=1.0,
     specks=0.004,
-    broken_walls=0.3,
-    unknown=0.12,
-    cut_off=0.1,
-    wobble_px=1.5,
+    broken_walls=0.2,
+    unknown=0.08,
+    cut_off=0.05,
+    wobble_px=1.0,
 )
 """What real maps have and clean simulation lacks."""
 
@@ -74,7 +74,7 @@ PRESETS: dict[str, TrainConfig] = {
         optimiser=OptimiserConfig(
             learning_rate=2e-3, beta1=0.9, beta2=0.99, warm_up=0.02, decay=0.6, average=0.99, clip_norm=1.0
         ),
-        stages=(Stage(256, 40.0, 16),),
+        stages=(Stage(256, 40.0, 8),),
     ),
     "slam2cad-gan": TrainConfig(
         preset="slam2cad-gan",
@@ -102,7 +102,7 @@ PRESETS: dict[str, TrainConfig] = {
         optimiser=OptimiserConfig(
             learning_rate=1e-3, beta1=0.55, beta2=0.99, warm_up=0.02, decay=0.6, average=0.99, clip_norm=1.0
         ),
-        stages=(Stage(256, 40.0, 16),),
+        stages=(Stage(256, 40.0, 8),),
     ),
     "model32-cpu": TrainConfig(
         preset="model32-cpu",

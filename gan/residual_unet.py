@@ -13,7 +13,7 @@ from torch.nn import functional
 from gan.displacement import resize_field, warp
 from gan.drawing import Drawing
 
-FINE_CHANNELS = 12
+FINE_CHANNELS = 8
 """Channels at full resolution: few, since every one costs four of the level below."""
 FIELD_LEVEL = 2
 """The field is predicted at this level: an eighth of the input's side."""

@@ -44,12 +44,12 @@ def translate_tiled(
     for (r, c), part in zip(corners, drawn, strict=True):
         total[:, r : r + tile, c : c + tile] += part * window
         weight[r : r + tile, c : c + tile] += window
-    return (total / weight)[:, above : above + rows, beside : beside + cols]
+    blended: Float32Array = (total / weight).astype(np.float32)
+    return blended[:, above : above + rows, beside : beside + cols]
 
 
 def _window(tile: int) -> Float32Array:
     """Weights that fall towards the borders but stay positive."""
     ramp = np.minimum(np.arange(tile), np.arange(tile)[::-1]) + 1.0
     ramp = np.minimum(1.0, ramp / (OVERLAP * tile))
-    window: Float32Array = np.outer(ramp, ramp).astype(np.float32)
-    return window
+    return np.asarray(np.outer(ramp, ramp), dtype=np.float32)

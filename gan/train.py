@@ -119,6 +119,8 @@ class _Training:
             )
         self.config = config
         self.learner = Learner(config, compute)
+        # Nothing here draws from torch's own generator; whatever ever does shall start from the seed.
+        torch.manual_seed(config.seed)
         rng = np.random.default_rng(config.seed)
         damage = config.translator.direction == "slam2cad"
         self.sampler = BatchSampler(self.pairs, config.augment, rng, damage)

@@ -11,7 +11,7 @@ from typing import Any
 
 import torch
 from safetensors import SafetensorError, safe_open
-from safetensors.torch import save_file
+from safetensors.torch import save
 from torch import Tensor
 
 from gan.config import Direction, TranslatorConfig
@@ -19,8 +19,9 @@ from gan.layers import count_parameters
 from gan.networks import Generator, build_generator
 from slamgym import __version__
 from slamgym.config import from_dict, suggest, to_dict
+from slamgym.dataset.progress import duration
 from slamgym.errors import ConfigError, InputFileError
-from slamgym.interop.atomic import staged, write_text
+from slamgym.interop.atomic import write_bytes, write_text
 
 FORMAT = "slamgym-translator-1"
 PRETRAINED = Path(__file__).parent / "pretrained"
@@ -75,8 +76,8 @@ def save_translator(path: Path, generator: Generator, config: TranslatorConfig, 
     tensors = {name: _halved(name, value) for name, value in generator.state_dict().items()}
     facts = {"config": to_dict(config), "card": to_dict(card)}
     header = {"format": FORMAT} | {name: json.dumps(value) for name, value in facts.items()}
-    with staged(path) as part:
-        save_file(tensors, part, metadata=header)
+    # As bytes: safetensors' own file would be readable by its writer alone.
+    write_bytes(path, save(tensors, metadata=header))
     write_text(path.with_suffix(".json"), json.dumps(facts, indent=1) + "\n")
     write_text(path.with_suffix(".md"), describe(path.stem, generator, config, card))
 
@@ -148,7 +149,7 @@ def describe(name: str, generator: Generator, config: TranslatorConfig, card: Mo
         f"`{config.output_encoding}`.\n"
         f"- Data: {card.data or 'simulated explorations'}, {card.pairs:,} training pairs, "
         f"{card.images:,} images drawn.\n"
-        f"- Training: {card.seconds / 60.0:.0f} minutes on {card.device or 'an unknown device'}, seed {card.seed}.\n"
+        f"- Training: {duration(card.seconds)} on {card.device or 'an unknown device'}, seed {card.seed}.\n"
         f"- Command: `{card.command or 'not recorded'}`\n\n"
         "## Figures on held-out pairs at the end of the training\n\n"
         "Not aligned; `slamgym gan evaluate` gives those of the paper's protocol.\n\n"

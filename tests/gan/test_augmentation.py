@@ -1,0 +1,122 @@
+"""Changes to pairs, and the direction of walls."""
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from gan.augmentation import augment, flipped, unflipped
+from gan.config import AugmentConfig
+from gan.derotation import dominant_angle_deg, padded_for_turning, turned
+from slamgym.errors import ConfigError
+from slamgym.types import FREE, OCCUPIED, UNKNOWN
+
+EVERYTHING = AugmentConfig(
+    zoom=0.2, shift=0.1, turn_deg=2.0, specks=0.05, broken_walls=0.5, unknown=0.3, cut_off=0.5, wobble_px=2.0
+)
+
+
+@pytest.mark.parametrize("symmetry", range(8))
+def test_flips_are_undone(symmetry):
+    image = np.arange(12).reshape(3, 4)
+    assert np.array_equal(unflipped(flipped(image, symmetry), symmetry), image)
+
+
+def test_the_eight_flips_differ():
+    image = np.arange(9).reshape(3, 3)
+    assert len({flipped(image, symmetry).tobytes() for symmetry in range(8)}) == 8
+
+
+def test_flips_are_the_same_for_both_images():
+    image = np.arange(256, dtype=np.uint8).reshape(16, 16)
+    for seed in range(20):
+        cad, slam = augment(image, image, AugmentConfig(), np.random.default_rng(seed))
+        assert np.array_equal(cad, slam)
+
+
+@given(seed=st.integers(0, 10_000))
+@settings(max_examples=40, deadline=None)
+def test_damaged_maps_keep_their_three_values_and_targets_are_not_damaged(seed):
+    cad = np.full((48, 48), OCCUPIED, np.uint8)
+    cad[8:40, 8:40] = FREE
+    slam = np.where(cad == FREE, FREE, UNKNOWN).astype(np.uint8)
+    slam[7, 8:40] = OCCUPIED
+    before = slam.copy()
+    new_cad, new_slam = augment(cad, slam, EVERYTHING, np.random.default_rng(seed))
+    assert np.array_equal(slam, before)
+    assert set(np.unique(new_slam)) <= {OCCUPIED, UNKNOWN, FREE}
+    assert new_cad.shape == new_slam.shape == (48, 48)
+    # Motion alone changes the floor's area: by the square of at most 1.2, less what is shifted out.
+    assert 0.55 * (cad == FREE).sum() < (new_cad > 127).sum() < 1.5 * (cad == FREE).sum()
+
+
+def test_without_damage_the_slam_map_moves_as_the_cad_map_does():
+    image = np.full((32, 32), UNKNOWN, np.uint8)
+    image[5:20, 8:27] = FREE
+    for seed in range(10):
+        rng = np.random.default_rng(seed)
+        cad, slam = augment(image, image, EVERYTHING, rng, damage=False)
+        assert np.mean((cad > 230) != (slam > 230)) < 0.08  # interpolated against nearest cell: borders only
+
+
+@pytest.mark.parametrize(
+    ("setting", "value"), [("unknown", 0.4), ("broken_walls", 0.9), ("specks", 0.1), ("cut_off", 0.99)]
+)
+def test_each_kind_of_damage_does_something(setting, value):
+    slam = np.full((64, 64), FREE, np.uint8)
+    slam[::4] = OCCUPIED
+    config = AugmentConfig(flips=False, **{setting: value})
+    changed = [
+        not np.array_equal(augment(slam, slam, config, np.random.default_rng(s))[1], slam) for s in range(20)
+    ]
+    assert any(changed)
+
+
+@pytest.mark.parametrize(
+    "values",
+    [{"specks": 1.0}, {"zoom": -0.1}, {"turn_deg": 90.0}, {"wobble_px": -1.0}, {"cut_off": float("nan")}],
+)
+def test_impossible_augmentation_is_refused(values):
+    with pytest.raises(ConfigError, match="augment"):
+        AugmentConfig(**values)
+
+
+def turned_building(angle_deg, noise=0.0):
+    """A building of two rooms, 200 px, turned counter-clockwise."""
+    image = np.full((256, 256), UNKNOWN, np.uint8)
+    for x0, y0, x1, y1 in ((70, 80, 150, 170), (158, 80, 190, 140)):
+        corners = np.array([(x0, y0), (x1, y0), (x1, y1), (x0, y1)], np.float64) - 127.5
+        angle = np.radians(angle_deg)
+        # Rows grow downwards, so counter-clockwise on the screen is this:
+        turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
+        outline = np.rint(corners @ turn.T + 127.5).astype(np.int32)
+        cv2.fillPoly(image, [outline], FREE)
+        cv2.polylines(image, [outline], True, OCCUPIED, 2)
+    specks = np.random.default_rng(0).random(image.shape) < noise
+    image[specks] = OCCUPIED
+    return image
+
+
+@pytest.mark.parametrize("angle", [-40.0, -13.0, -2.5, 0.0, 1.5, 7.0, 30.0, 44.0])
+@pytest.mark.parametrize("noise", [0.0, 0.005])
+def test_the_direction_of_walls_is_found(angle, noise):
+    # Corners are rounded to whole pixels: at most atan(1 / 80) = 0.7 degrees along the shorter walls.
+    assert dominant_angle_deg(turned_building(angle, noise)) == pytest.approx(angle, abs=0.8)
+
+
+def test_a_map_without_walls_has_no_direction():
+    assert dominant_angle_deg(np.full((32, 32), UNKNOWN, np.uint8)) == 0.0
+
+
+def test_turning_back_straightens_the_walls():
+    straight = turned(turned_building(20.0), -dominant_angle_deg(turned_building(20.0)))
+    assert dominant_angle_deg(straight) == pytest.approx(0.0, abs=0.8)
+
+
+@pytest.mark.parametrize("angle", [10.0, 45.0, 90.0])
+def test_padding_keeps_all_corners(angle):
+    image = np.full((20, 50), FREE, np.uint8)
+    padded = padded_for_turning(image, angle)
+    kept = (turned(padded, angle) == FREE).sum()
+    assert kept == pytest.approx(image.size, rel=0.03)  # nearest cells along the borders

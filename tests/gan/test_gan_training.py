@@ -1,0 +1,286 @@
+"""Training goes on bit for bit, stops at NaN with the last good state kept, and learns."""
+
+import dataclasses
+import json
+import signal
+
+import numpy as np
+import pytest
+import torch
+from safetensors.torch import load_file
+
+from gan.checkpoint import load_checkpoint
+from gan.config import (
+    AugmentConfig,
+    DiscriminatorConfig,
+    GeneratorConfig,
+    LossConfig,
+    OptimiserConfig,
+    Stage,
+    TrainConfig,
+    TranslatorConfig,
+)
+from gan.data import load_pairs
+from gan.device import choose_compute
+from gan.interruption import deferred_interrupt
+from gan.learner import Learner
+from gan.sampler import BatchSampler
+from gan.schedule import Moment
+from gan.train import RunOptions, TrainingDivergedError, train
+from gan.train_command import main
+from gan.translate import load_translator
+from slamgym.errors import ConfigError, InputFileError
+
+CPU = choose_compute("cpu", "float32")
+PROGRESSIVE = TrainConfig(
+    preset="tiny",
+    translator=TranslatorConfig(
+        direction="slam2cad",
+        input_size=32,
+        output_size=32,
+        input_encoding="grey",
+        output_encoding="grey",
+        generator=GeneratorConfig(width=2),
+    ),
+    discriminator=DiscriminatorConfig(width=8, patch_width=8),
+    augment=AugmentConfig(turn_deg=1.0, specks=0.02),
+    optimiser=OptimiserConfig(average=0.9),
+    stages=(Stage(16, 1.0, 2), Stage(32, 2.0, 2, 1.0, 1)),
+    validation=0.0,
+)
+RESIDUAL = dataclasses.replace(
+    PROGRESSIVE,
+    translator=dataclasses.replace(
+        PROGRESSIVE.translator,
+        derotate=True,
+        generator=GeneratorConfig("residual", width=8, depth=2, displacement=True),
+    ),
+    loss=LossConfig(
+        domain=0.0, real_fake=0.0, feature_matching=0.0, input_consistency=0.0, l1=0.0,
+        cross_entropy=1.0, dice=1.0, edge_weight=1.0, smoothness=0.1,
+    ),
+    optimiser=OptimiserConfig(learning_rate=5e-3, average=0.8, clip_norm=1.0),
+    stages=(Stage(32, 2.0, 2),),
+)  # fmt: skip
+QUIET = RunOptions(tensorboard=False, checkpoint_minutes=60.0)
+
+
+@pytest.fixture
+def images(tmp_path, make_images):
+    return make_images(tmp_path / "images", count=6, manifest=True)
+
+
+def state(run):
+    return load_file(run / "checkpoint.safetensors")
+
+
+@pytest.mark.parametrize("config", [PROGRESSIVE, RESIDUAL], ids=["progressive", "residual"])
+def test_an_interrupted_training_goes_on_bit_for_bit(tmp_path, images, config):
+    whole = train(images, tmp_path / "whole", config, CPU, QUIET)
+    # In the middle of a pass, in the middle of the fade-in, and twice.
+    for stop in (2, 5):
+        stopped = dataclasses.replace(QUIET, stop_after_steps=stop)
+        report = train(images, tmp_path / "torn", config, CPU, stopped)
+        assert not report.finished
+        assert report.steps == stop
+    resumed = train(images, tmp_path / "torn", config, CPU, QUIET)
+    assert resumed.finished
+    assert resumed.steps == whole.steps
+    expected, found = state(tmp_path / "whole"), state(tmp_path / "torn")
+    assert expected.keys() == found.keys()
+    assert any(key.startswith("optimiser.") for key in found)
+    for key, value in expected.items():
+        assert torch.equal(value, found[key]), key
+    weights = [load_file(tmp_path / run / "weights.safetensors") for run in ("whole", "torn")]
+    assert all(torch.equal(weights[0][key], weights[1][key]) for key in weights[0])
+
+
+def test_a_finished_training_is_left_as_it_is(tmp_path, images):
+    train(images, tmp_path / "run", RESIDUAL, CPU, QUIET)
+    before = (tmp_path / "run" / "checkpoint.safetensors").read_bytes()
+    report = train(images, tmp_path / "run", RESIDUAL, CPU, QUIET)
+    assert report.finished
+    assert (tmp_path / "run" / "checkpoint.safetensors").read_bytes() == before
+
+
+def test_equal_seeds_learn_equal_weights_and_others_differ(tmp_path, images):
+    stopped = dataclasses.replace(QUIET, stop_after_steps=2)
+    for name, seed in (("a", 1), ("b", 1), ("c", 2)):
+        train(images, tmp_path / name, dataclasses.replace(PROGRESSIVE, seed=seed), CPU, stopped)
+    a, b, c = (state(tmp_path / name) for name in "abc")
+    assert all(torch.equal(a[key], b[key]) for key in a)
+    assert not all(torch.equal(a[key], c[key]) for key in a)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"seed": 5}, "another configuration"),
+        ({"preset": "other"}, "another preset"),
+    ],
+)
+def test_another_training_in_the_same_folder_is_refused(tmp_path, images, change, message):
+    stopped = dataclasses.replace(QUIET, stop_after_steps=1)
+    train(images, tmp_path / "run", PROGRESSIVE, CPU, stopped)
+    with pytest.raises(ConfigError, match=message):
+        train(images, tmp_path / "run", dataclasses.replace(PROGRESSIVE, **change), CPU, QUIET)
+
+
+def test_other_images_in_the_same_folder_are_refused(tmp_path, images, make_images):
+    train(images, tmp_path / "run", PROGRESSIVE, CPU, dataclasses.replace(QUIET, stop_after_steps=1))
+    others = make_images(tmp_path / "others", count=6, first=30)
+    with pytest.raises(ConfigError, match="another set of images"):
+        train(others, tmp_path / "run", PROGRESSIVE, CPU, QUIET)
+
+
+def test_a_damaged_checkpoint_is_one_clear_error(tmp_path, images):
+    run = tmp_path / "run"
+    train(images, run, PROGRESSIVE, CPU, dataclasses.replace(QUIET, stop_after_steps=1))
+    file = run / "checkpoint.safetensors"
+    file.write_bytes(file.read_bytes()[:-100])
+    with pytest.raises(InputFileError, match="damaged or no checkpoint"):
+        train(images, run, PROGRESSIVE, CPU, QUIET)
+
+
+def test_nan_stops_with_the_last_good_state_kept(tmp_path, images, monkeypatch):
+    run = tmp_path / "run"
+    train(images, run, PROGRESSIVE, CPU, dataclasses.replace(QUIET, stop_after_steps=2))
+    before = state(run)
+    step = Learner.step
+
+    def poisoned(self, batch, moment):
+        told = step(self, batch, moment)
+        return told | {"total": float("nan")} if self.steps_done == 4 else told
+
+    monkeypatch.setattr(Learner, "step", poisoned)
+    with pytest.raises(
+        TrainingDivergedError, match=r"became nan at step 4 .*last good state is .*checkpoint"
+    ):
+        train(images, run, PROGRESSIVE, CPU, QUIET)
+    kept = state(run)
+    assert all(torch.equal(before[key], kept[key]) for key in before)
+
+
+def test_a_rate_far_too_large_diverges_with_an_error(tmp_path, images):
+    optimiser = OptimiserConfig(learning_rate=1e30)
+    config = dataclasses.replace(RESIDUAL, optimiser=optimiser, stages=(Stage(32, 10.0, 2),))
+    with pytest.raises(TrainingDivergedError, match="nothing was kept"):
+        train(images, tmp_path / "run", config, CPU, QUIET)
+
+
+def test_too_few_pairs_are_refused(tmp_path, make_images):
+    with pytest.raises(ConfigError, match="at least 2 training pairs, but there are 1"):
+        train(make_images(tmp_path / "one", count=1), tmp_path / "run", PROGRESSIVE, CPU, QUIET)
+
+
+def test_a_budget_of_time_ends_the_schedule_early(tmp_path, images):
+    config = dataclasses.replace(RESIDUAL, stages=(Stage(32, 1e6, 2),))
+    options = dataclasses.replace(QUIET, minutes=1 / 60, checkpoint_minutes=0.1 / 60)
+    report = train(images, tmp_path / "run", config, CPU, options)
+    assert report.finished
+    assert report.steps < 1e5  # of three million
+
+
+def test_the_residual_network_learns(tmp_path, make_images):
+    images = make_images(tmp_path / "images", count=24)
+    config = dataclasses.replace(
+        RESIDUAL, augment=AugmentConfig(), stages=(Stage(32, 40.0, 6),), validation=0.25
+    )
+    report = train(images, tmp_path / "run", config, CPU, QUIET)
+    # The maps are shifted by up to a pixel and lack a tenth of their walls; copying them scores 1.
+    assert report.figures["mse_ratio"] < 1.0
+    samples = list((tmp_path / "run" / "samples").iterdir())
+    assert len(samples) == 1
+    line = json.loads((tmp_path / "run" / "figures.jsonl").read_text().splitlines()[-1])
+    assert line["step"] == report.steps
+    cells = load_pairs(images, "train", 32).slam[0]
+    assert load_translator(tmp_path / "run").translate(cells).shape == (32, 32)
+
+
+@pytest.mark.parametrize("kind", ["lsgan", "bce"])
+@pytest.mark.parametrize("reference", ["x", "y", "none"])
+def test_all_terms_are_told_and_every_network_moves(images, kind, reference):
+    loss = LossConfig(gan=kind, input_consistency_reference=reference, cross_entropy=1.0, dice=1.0)
+    learner = Learner(dataclasses.replace(PROGRESSIVE, loss=loss), CPU)
+    before = {name: [p.clone() for p in n.parameters()] for name, n in learner.networks().items()}
+    sampler = BatchSampler(load_pairs(images, "train", 32), AugmentConfig(), np.random.default_rng(0), True)
+    told = learner.step(sampler.draw(2), Moment(32, 2, 0.5, 1.0))
+    names = {"domain", "real_fake", "feature_matching", "l1", "cross_entropy", "dice", "total"}
+    names |= {"judge_domain", "judge_real_fake"} | (set() if reference == "none" else {"input_consistency"})
+    assert told.keys() == names
+    weights = {name: getattr(loss, name) for name in names if hasattr(loss, name)}
+    assert told["total"] == pytest.approx(sum(weights[name] * told[name] for name in weights), rel=1e-4)
+    for name, network in learner.networks().items():
+        assert any(not torch.equal(a, b) for a, b in zip(before[name], network.parameters(), strict=True)), (
+            name
+        )
+
+
+def test_consistency_with_the_input_needs_equal_encodings():
+    translator = dataclasses.replace(PROGRESSIVE.translator, input_encoding="free_occupied")
+    loss = LossConfig(input_consistency_reference="x")
+    with pytest.raises(ConfigError, match="equal encodings"):
+        Learner(dataclasses.replace(PROGRESSIVE, translator=translator, loss=loss), CPU)
+
+
+def test_the_generators_step_leaves_the_judges_alone(images):
+    learner = Learner(PROGRESSIVE, CPU)
+    for name in ("domain", "real_fake"):
+        # A judge that isn't moved by its own optimiser must not move at all, nor get a gradient from the generator's.
+        learner.optimisers[name] = torch.optim.SGD(learner.judges[name].parameters(), 0.0)
+    seen = []
+    descend = Learner._descend
+
+    def watched(self, name, loss):
+        descend(self, name, loss)
+        if name == "generator":
+            seen.extend(p.grad for p in self.judges.parameters())
+
+    learner._descend = watched.__get__(learner)
+    sampler = BatchSampler(load_pairs(images, "train", 32), AugmentConfig(), np.random.default_rng(0), True)
+    learner.step(sampler.draw(2), Moment(32, 2, 1.0, 1.0))
+    assert seen
+    assert all(grad is None for grad in seen)
+    assert all(p.requires_grad for p in learner.judges.parameters())
+
+
+def test_the_first_ctrl_c_is_noted_and_the_second_breaks_off():
+    before = signal.getsignal(signal.SIGINT)
+    with deferred_interrupt() as interruption:
+        signal.raise_signal(signal.SIGINT)
+        assert interruption.requested
+        with pytest.raises(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGINT)
+    assert signal.getsignal(signal.SIGINT) is before
+
+
+def test_ctrl_c_saves_a_state_to_go_on_from(tmp_path, images, monkeypatch):
+    train(images, tmp_path / "whole", PROGRESSIVE, CPU, QUIET)
+    step = Learner.step
+
+    def interrupted(self, batch, moment):
+        told = step(self, batch, moment)
+        if self.steps_done == 3:
+            signal.raise_signal(signal.SIGINT)
+        return told
+
+    monkeypatch.setattr(Learner, "step", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        train(images, tmp_path / "torn", PROGRESSIVE, CPU, QUIET)
+    assert load_checkpoint(tmp_path / "torn" / "checkpoint.safetensors").facts["steps_done"] == 3
+    monkeypatch.undo()
+    train(images, tmp_path / "torn", PROGRESSIVE, CPU, QUIET)
+    expected, found = state(tmp_path / "whole"), state(tmp_path / "torn")
+    assert all(torch.equal(expected[key], found[key]) for key in expected)
+
+
+def test_the_command_trains_from_options(tmp_path, images, capsys):
+    arguments = [
+        str(images), "-o", str(tmp_path / "run"), "--preset", "model32-cpu", "--epochs", "1", "--batch-size", "3",
+        "--device", "cpu", "--set", "translator.input_size=32", "translator.generator.width=2",
+        "discriminator.width=8", "discriminator.patch_width=8",
+    ]  # fmt: skip
+    assert main(arguments) == 0
+    assert "2 steps, 6 images" in capsys.readouterr().out
+    assert (tmp_path / "run" / "weights.safetensors").exists()
+    assert list((tmp_path / "run" / "tensorboard").iterdir())

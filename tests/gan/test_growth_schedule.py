@@ -1,0 +1,130 @@
+"""Steps, fade-in, learning rate, and fitting them into a span of time."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from gan.budget import Budget
+from gan.config import OptimiserConfig, Stage
+from gan.presets import PRESETS, find_preset
+from gan.schedule import Schedule, Span, plan_schedule
+from gan.train_command import apply_settings, scaled_stages
+from slamgym.errors import ConfigError
+
+PAPER_PAIRS = 4224
+GROWING = (Stage(32, 2.0, 4), Stage(64, 3.0, 2, 1.0, 1))
+
+
+def test_the_papers_epochs_become_steps():
+    schedule = plan_schedule(PRESETS["model32"].stages, PAPER_PAIRS, OptimiserConfig())
+    assert schedule.spans == (Span(32, 64, 750 * PAPER_PAIRS // 64, False),)
+    spans = plan_schedule(PRESETS["modelprog"].stages, PAPER_PAIRS, OptimiserConfig()).spans
+    assert [(s.resolution, s.batch, s.fading) for s in spans] == [
+        (32, 64, False), (64, 16, True), (64, 32, False), (128, 8, True), (128, 16, False), (256, 2, True),
+        (256, 4, False),
+    ]  # fmt: skip
+    assert sum(s.steps * s.batch for s in spans) == 200 * PAPER_PAIRS
+
+
+def test_the_fade_in_is_linear_over_its_epoch_and_ends_at_one():
+    schedule = plan_schedule(GROWING, 16, OptimiserConfig())
+    fades = [schedule.moment(step).fade for step in range(8, 24)]
+    assert fades == pytest.approx([(i + 1) / 16 for i in range(16)])
+    assert schedule.moment(7).fade == schedule.moment(24).fade == 1.0
+
+
+def test_the_rate_is_constant_for_seven_tenths_and_falls_to_nothing():
+    schedule = Schedule((Span(32, 4, 100, False),), decay=0.3)
+    rates = [schedule.moment(step).rate for step in range(100)]
+    assert rates[:71] == [1.0] * 71
+    assert rates[85] == pytest.approx(0.5)
+    assert rates[99] == pytest.approx(1 / 30)
+    assert rates == sorted(rates, reverse=True)
+
+
+def test_the_rate_warms_up():
+    schedule = Schedule((Span(32, 1, 100, False),), warm_up=0.1, decay=0.0)
+    assert [schedule.moment(step).rate for step in (0, 5, 10)] == pytest.approx([0.01, 0.5, 1.0])
+
+
+@pytest.mark.parametrize("step", [-1, 40])
+def test_no_moment_beyond_the_ends(step):
+    with pytest.raises(IndexError):
+        plan_schedule(GROWING, 16, OptimiserConfig()).moment(step)
+
+
+@given(step=st.integers(0, 50), factor=st.floats(0.01, 20.0))
+def test_stretching_keeps_what_is_done_and_every_open_span(step, factor):
+    schedule = plan_schedule(GROWING, 16, OptimiserConfig())
+    stretched = schedule.stretched(step, factor)
+    assert stretched.images_before(step) == schedule.images_before(step)
+    assert len(stretched.spans) == len(schedule.spans)
+    assert all(span.steps >= 1 for span in stretched.spans)
+    if step < schedule.steps:
+        assert stretched.steps > step
+        assert stretched.moment(step).resolution == schedule.moment(step).resolution
+
+
+def test_a_budget_fits_the_schedule_to_the_time():
+    schedule = Schedule((Span(32, 4, 100, False), Span(64, 4, 100, False)))
+    budget = Budget(seconds=1000.0, step_seconds=[1.0, 4.0])
+    fitted = budget.fitted(schedule, 0, 0.0)
+    assert budget.predicted(fitted, 0) == pytest.approx(970.0, rel=0.01)
+    # Twice as slow as measured: what is left shrinks accordingly.
+    budget.observe(predicted=100.0, taken=200.0)
+    later = budget.fitted(fitted, 100, 200.0)
+    assert budget.predicted(later, 100) == pytest.approx(770.0, rel=0.02)
+
+
+def test_a_budget_that_is_used_up_ends_soon():
+    schedule = Schedule((Span(32, 4, 100, False),))
+    assert Budget(10.0, [1.0]).fitted(schedule, 50, 20.0).steps == 51
+
+
+def test_epochs_scale_all_stages():
+    stages = scaled_stages(GROWING, 10.0)
+    assert [stage.epochs for stage in stages] == [4.0, 6.0]
+    assert stages[1].fade_epochs == 1.0
+    assert scaled_stages(GROWING, 1.0)[1].fade_epochs == pytest.approx(0.2)
+
+
+def test_settings_are_put_in_by_path():
+    config = apply_settings(PRESETS["model32"], ["loss.l1=20", "loss.gan=bce", "stages=[[32,5,8]]"])
+    assert config.loss.l1 == 20
+    assert config.loss.gan == "bce"
+    assert config.stages == (Stage(32, 5, 8),)
+
+
+@pytest.mark.parametrize(
+    ("setting", "message"),
+    [
+        ("loss.feature_match=1", "did you mean 'feature_matching'"),
+        ("los.l1=1", "no section 'los'"),
+        ("l1", "takes path=value"),
+        ("loss.l1=-1", "must be 0 or more"),
+        ("translator.input_size=100", "power of two"),
+        ("translator.output_size=64", "last stage has resolution 32"),
+        ("generator=1", "unknown setting"),
+        ("translator.input_encoding=cmyk", "one of grey, free_occupied, rgb"),
+    ],
+)
+def test_impossible_settings_are_refused(setting, message):
+    with pytest.raises(ConfigError, match=message):
+        apply_settings(PRESETS["model32"], [setting])
+
+
+def test_an_unknown_preset_is_refused_with_a_suggestion():
+    with pytest.raises(ConfigError, match="did you mean 'model32'"):
+        find_preset("model23")
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_presets_know_their_names_and_keep_the_papers_optimiser(name):
+    preset = PRESETS[name]
+    assert preset.preset == name
+    if name in ("model32", "modelprog"):
+        assert (preset.optimiser.learning_rate, preset.optimiser.beta1, preset.optimiser.beta2) == (
+            2e-4, 0.55, 0.99,
+        )  # fmt: skip
+        assert preset.loss.l1 == 10.0
+        assert preset.translator.input_size == 256

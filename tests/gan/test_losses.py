@@ -1,0 +1,132 @@
+"""Every term by hand, and that every sample and every scale gets a gradient."""
+
+import math
+
+import pytest
+import torch
+
+from gan import losses
+from gan.displacement import resize_field, roughness, warp
+
+
+def judged(*copies):
+    """Copies of a judge: each a list of values, one feature map each."""
+    return [[torch.as_tensor(v, dtype=torch.float32) for v in copy] for copy in copies]
+
+
+def test_verdict_loss_by_hand():
+    scores = torch.tensor([0.0, 2.0])
+    assert float(losses.verdict_loss(scores, True, "lsgan")) == pytest.approx(1.0)  # (1 + 1) / 2
+    assert float(losses.verdict_loss(scores, False, "lsgan")) == pytest.approx(2.0)  # (0 + 4) / 2
+    expected = 0.5 * (math.log(2.0) + math.log(1.0 + math.exp(-2.0)))
+    assert float(losses.verdict_loss(scores, True, "bce")) == pytest.approx(expected)
+
+
+def test_domain_judge_loss_is_the_mean_of_right_wrong_and_unassociated():
+    real, fake, other = judged([[3.0]], [[1.0]]), judged([[1.0]], [[0.0]]), judged([[2.0]], [[2.0]])
+    # Sums over the copies: 4 + 0, 1 + 0, 4 + 4.
+    assert float(losses.domain_judge_loss(real, fake, other, "lsgan")) == pytest.approx((4.0 + 1.0 + 8.0) / 3)
+    assert float(losses.domain_judge_loss(real, fake, None, "lsgan")) == pytest.approx((4.0 + 1.0) / 2)
+
+
+def test_real_fake_judge_loss_by_hand():
+    assert float(losses.real_fake_judge_loss(judged([[0.0]]), judged([[3.0]]), "lsgan")) == 5.0
+
+
+def test_generator_terms_sum_over_the_copies():
+    fake = judged([[9.0], [0.0]], [[9.0], [3.0]])
+    assert float(losses.domain_loss(fake, "lsgan")) == 1.0 + 4.0
+    assert float(losses.real_fake_loss(fake, "lsgan")) == 1.0 + 4.0
+
+
+@pytest.mark.parametrize("kind", ["lsgan", "bce"])
+def test_every_sample_and_every_scale_gets_a_gradient(kind):
+    scores = [torch.zeros(4, 1, 1, 1, requires_grad=True), torch.zeros(4, 1, 3, 3, requires_grad=True)]
+    losses.real_fake_loss([[s] for s in scores], kind).backward()
+    for score in scores:
+        per_sample = score.grad.abs().sum(dim=(1, 2, 3))
+        assert (per_sample > 0.0).all()
+        assert torch.allclose(per_sample, per_sample[:1].expand(4))
+
+
+def test_as_coded_only_the_last_sample_of_the_last_scale_gets_one():
+    first, last = torch.zeros(4, 1, 1, 1, requires_grad=True), torch.zeros(4, 1, 3, 3, requires_grad=True)
+    losses.real_fake_loss([[first], [last]], "lsgan", "as_coded").backward()
+    assert first.grad is None
+    assert (last.grad.abs().sum(dim=(1, 2, 3)) > 0.0).tolist() == [False, False, False, True]
+
+
+def test_feature_matching_weighs_layers_and_leaves_the_verdict_out():
+    fake, real = judged([[1.0], [1.0], [50.0]], [[4.0], [0.0]]), judged([[0.0], [3.0], [0.0]], [[2.0], [0.0]])
+    # First copy 5 * 1 + 2 * 2, second 5 * 2; what comes after the weights is dropped.
+    assert float(losses.feature_matching_loss(fake, real, (5.0, 2.0))) == pytest.approx(9.0 + 10.0)
+    assert float(losses.feature_matching_loss(fake, real, (5.0,))) == pytest.approx(5.0 + 10.0)
+
+
+def test_references_are_constants():
+    fake, real = torch.ones(2, requires_grad=True), torch.zeros(2, requires_grad=True)
+    losses.input_consistency_loss([[fake, fake]], [[real, real]], (1.0,)).backward()
+    assert fake.grad is not None
+    assert real.grad is None
+
+
+def test_l1_by_hand():
+    assert float(losses.l1_loss(torch.tensor([1.0, -1.0]), torch.tensor([1.0, 0.0]))) == 0.5
+
+
+def test_cross_entropy_by_hand_and_from_logits():
+    logits = torch.full((1, 1, 4, 4), 1.0)
+    image, target = torch.tanh(0.5 * logits), torch.ones(1, 1, 4, 4)
+    expected = math.log(1.0 + math.exp(-1.0))
+    assert float(losses.cross_entropy_loss(image, logits, target)) == pytest.approx(expected, rel=1e-5)
+    assert float(losses.cross_entropy_loss(image, None, target)) == pytest.approx(expected, rel=1e-4)
+
+
+def test_cross_entropy_is_finite_for_saturated_images():
+    image = torch.ones(1, 1, 2, 2, requires_grad=True)
+    loss = losses.cross_entropy_loss(image, None, -torch.ones(1, 1, 2, 2))
+    loss.backward()
+    assert torch.isfinite(loss)
+    assert torch.isfinite(image.grad).all()
+
+
+def test_borders_weigh_more():
+    target = -torch.ones(1, 1, 8, 8)
+    target[..., 4:] = 1.0
+    near = losses.near_borders(losses.probabilities(target))
+    assert near[0, 0, 0].tolist() == [0, 0, 1, 1, 1, 1, 0, 0]
+    logits = torch.zeros_like(target)
+    logits[..., 0] = 5.0  # wrong far from the border
+    far_wrong = losses.cross_entropy_loss(torch.tanh(logits / 2), logits, target, edge_weight=3.0)
+    logits = torch.zeros_like(target)
+    logits[..., 3] = 5.0  # wrong at the border
+    near_wrong = losses.cross_entropy_loss(torch.tanh(logits / 2), logits, target, edge_weight=3.0)
+    assert near_wrong > far_wrong
+
+
+def test_dice_is_zero_for_the_target_and_near_one_for_its_opposite():
+    target = torch.ones(2, 1, 16, 16)
+    target[..., :8] = -1.0
+    assert float(losses.dice_loss(target, target)) == pytest.approx(0.0, abs=1e-6)
+    assert float(losses.dice_loss(-target, target)) == pytest.approx(1.0, abs=0.01)
+
+
+def test_warp_follows_its_convention():
+    image = torch.arange(36.0).reshape(1, 1, 6, 6)
+    right, up = torch.zeros(1, 2, 6, 6), torch.zeros(1, 2, 6, 6)
+    right[:, 0], up[:, 1] = 2.0, 2.0
+    assert torch.allclose(warp(image, torch.zeros(1, 2, 6, 6)), image, atol=1e-4)
+    # out(q) = in(q + d): +2 to the right moves the image 2 to the left, +2 upwards moves it 2 down.
+    assert torch.allclose(warp(image, right)[..., :4], image[..., 2:], atol=1e-4)
+    assert torch.allclose(warp(image, up)[..., 2:, :], image[..., :4, :], atol=1e-4)
+
+
+def test_a_field_is_resized_with_its_pixels():
+    field = torch.full((1, 2, 4, 4), 8.0)
+    assert torch.allclose(resize_field(field, 16, 32), torch.full((1, 2, 16, 16), 4.0))
+
+
+def test_roughness_of_constant_and_sloped_fields():
+    assert float(roughness(torch.full((1, 2, 4, 4), 3.0))) == 0.0
+    slope = torch.arange(4.0).expand(1, 2, 4, 4)  # differs by 1 along x, by 0 along y
+    assert float(roughness(slope)) == pytest.approx(1.0)

@@ -1,0 +1,253 @@
+"""Maps through a translator: sizes, frames, scales, files, bad input; the network copies what is free."""
+
+import dataclasses
+from itertools import pairwise
+
+import cv2
+import numpy as np
+import pytest
+import torch
+from torch import nn
+
+from gan.config import GeneratorConfig, TranslatorConfig
+from gan.device import choose_compute
+from gan.drawing import Drawing
+from gan.networks import build_generator
+from gan.tiling import tile_starts, translate_tiled
+from gan.translate import LearnedTranslator, load_translator
+from gan.translate_command import main
+from gan.translator import Translator
+from gan.weights import ModelCard, save_translator
+from slamgym import cli
+from slamgym.errors import ConfigError, InputFileError
+from slamgym.interop.ros_map import read_ros_map, write_ros_map
+from slamgym.types import FREE, OCCUPIED, UNKNOWN, GridFrame, OccupancyGrid
+
+CPU = choose_compute("cpu", "float32")
+CONFIG = TranslatorConfig(
+    input_size=64,
+    output_size=64,
+    input_encoding="free_occupied",
+    output_encoding="grey",
+    derotate=True,
+    metres_per_px=(0.05, 0.1, 0.2),
+    generator=GeneratorConfig("residual", width=8, depth=2),
+)
+
+
+class Copy(nn.Module):
+    """Draws what is free in the input."""
+
+    def __init__(self, channels=1, shrink=1):
+        super().__init__()
+        self.channels, self.shrink = channels, shrink
+
+    def forward(self, x, resolution=None, fade=1.0):
+        small = nn.functional.avg_pool2d(x, self.shrink) if self.shrink > 1 else x
+        return Drawing(small[:, : self.channels])
+
+
+def copying(config=CONFIG, **kwargs):
+    return LearnedTranslator(Copy(**kwargs), config, ModelCard(), CPU)
+
+
+def building(rows, cols, margin=0.2, fill=UNKNOWN):
+    cells = np.full((rows, cols), fill, np.uint8)
+    top, left = round(margin * rows), round(margin * cols)
+    cells[top : rows - top, left : cols - left] = FREE
+    cells[top : rows - top, cols // 2 : cols // 2 + 3] = OCCUPIED
+    return cells
+
+
+def agreement(free, cells):
+    return float(np.mean((free > 0.5) == (cells == FREE)))
+
+
+def test_it_is_a_translator():
+    assert isinstance(copying(), Translator)
+
+
+@pytest.mark.parametrize("shape", [(64, 64), (40, 40), (64, 50), (150, 90), (300, 280), (700, 80)])
+@pytest.mark.parametrize("scale", [None, 0.02, 0.05, 0.3])
+def test_any_size_and_scale_comes_back_in_place(shape, scale):
+    cells = building(*shape)
+    free = copying().translate(cells, scale)
+    assert free.shape == shape
+    assert free.dtype == np.float32
+    assert 0.0 <= free.min() <= free.max() <= 1.0
+    # Resampling blurs the borders by a pixel of the network's image: five pixels at 0.02 m.
+    assert agreement(free, cells) > 0.9
+
+
+def test_a_map_of_the_networks_size_is_not_resampled():
+    cells = building(64, 64)
+    assert agreement(copying().translate(cells), cells) == 1.0
+
+
+def test_a_turned_map_comes_back_turned():
+    cells = building(101, 101, margin=0.3)
+    matrix = cv2.getRotationMatrix2D((50, 50), 25.0, 1.0)
+    turned = cv2.warpAffine(cells, matrix, (101, 101), flags=cv2.INTER_NEAREST, borderValue=UNKNOWN)
+    assert agreement(copying().translate(turned), turned) > 0.96
+
+
+def test_drift_of_the_heading_is_taken_out():
+    cells = building(64, 64)
+    matrix = cv2.getRotationMatrix2D((31.5, 31.5), 4.0, 1.0)
+    drifted = cv2.warpAffine(cells, matrix, (64, 64), flags=cv2.INTER_NEAREST, borderValue=UNKNOWN)
+    free = copying().translate(drifted)
+    assert agreement(free, cells) > agreement(free, drifted)
+
+
+@pytest.mark.parametrize("flips", [1, 2, 4, 8])
+def test_flips_come_back_in_place(flips):
+    cells = building(64, 64)
+    cells[20:30, 14:20] = OCCUPIED  # not symmetric
+    translator = copying(dataclasses.replace(CONFIG, flips=flips, derotate=False))
+    assert agreement(translator.translate(cells), cells) == 1.0
+
+
+def test_a_smaller_output_is_enlarged():
+    config = dataclasses.replace(CONFIG, output_size=32, generator=GeneratorConfig(width=2))
+    cells = building(64, 64)
+    assert agreement(copying(config, shrink=2).translate(cells), cells) > 0.9
+
+
+@pytest.mark.parametrize("value", [UNKNOWN, FREE, OCCUPIED])
+def test_maps_of_one_value_are_translated(value):
+    cells = np.full((50, 70), value, np.uint8)
+    free = copying().translate(cells)
+    assert free.shape == (50, 70)
+    assert (free > 0.5).all() == (value == FREE)
+
+
+def test_cad_to_slam_draws_the_three_values():
+    config = dataclasses.replace(
+        CONFIG, direction="cad2slam", derotate=False, input_encoding="grey", output_encoding="free_occupied"
+    )
+
+    class Inverse(nn.Module):
+        def forward(self, x, resolution=None, fade=1.0):
+            return Drawing(torch.cat([x, -torch.ones_like(x)], dim=1))
+
+    translator = LearnedTranslator(Inverse(), config, ModelCard(), CPU)
+    cad = building(90, 64, fill=OCCUPIED)
+    slam = translator.translate_cells(cad, 0.1)
+    assert slam.shape == cad.shape
+    assert set(np.unique(slam)) == {UNKNOWN, FREE}
+    assert np.mean((slam == FREE) == (cad == FREE)) > 0.95
+    with pytest.raises(ConfigError, match="draw SLAM maps"):
+        translator.translate(cad)
+
+
+@pytest.mark.parametrize(
+    "cells", [np.zeros((3, 3, 3), np.uint8), np.zeros((3, 3)), np.zeros((0, 5), np.uint8)]
+)
+def test_what_is_no_map_is_refused(cells):
+    with pytest.raises(ConfigError, match="a map is an array"):
+        copying().translate(cells)
+
+
+@pytest.mark.parametrize("length", [1, 64, 65, 100, 128, 129, 500])
+def test_tiles_cover_everything_and_overlap(length):
+    starts = tile_starts(length, 64)
+    assert starts[0] == 0
+    assert max(length, 64) == starts[-1] + 64
+    assert all(b - a <= 0.75 * 64 + 1 for a, b in pairwise(starts))
+
+
+def test_tiles_blend_to_the_same_image():
+    cells = np.random.default_rng(0).integers(0, 255, (150, 90), dtype=np.uint8)
+    whole = translate_tiled(cells, 64, 0, lambda tiles: tiles[:, None].astype(np.float32))
+    assert np.allclose(whole[0], cells, atol=1e-3)
+
+
+@pytest.fixture
+def weights(tmp_path):
+    path = tmp_path / "tiny.safetensors"
+    config = dataclasses.replace(CONFIG, input_size=32, output_size=32)
+    save_translator(path, build_generator(config, seed=1), config, ModelCard(preset="tiny"))
+    return path
+
+
+def test_weights_load_with_one_call(weights):
+    translator = load_translator(weights, "slam2cad", flips=2)
+    assert translator.config.flips == 2
+    assert translator.translate(building(40, 50)).shape == (40, 50)
+
+
+def test_an_image_becomes_an_image(tmp_path, weights):
+    cv2.imwrite(str(tmp_path / "map.png"), building(50, 40))
+    assert (
+        main([str(tmp_path / "map.png"), "-o", str(tmp_path / "out" / "cad.png"), "--weights", str(weights)])
+        == 0
+    )
+    image = cv2.imread(str(tmp_path / "out" / "cad.png"), cv2.IMREAD_UNCHANGED)
+    assert image.shape == (50, 40)
+    assert set(np.unique(image)) <= {0, 254}
+
+
+def test_probabilities_are_written_on_demand(tmp_path, weights):
+    cv2.imwrite(str(tmp_path / "map.png"), building(50, 40))
+    arguments = [str(tmp_path / "map.png"), "-o", str(tmp_path), "--weights", str(weights), "--probability"]
+    (tmp_path / "map.png").rename(tmp_path / "slam.pgm.png")
+    arguments[0] = str(tmp_path / "slam.pgm.png")
+    arguments[2] = str(tmp_path / "p.png")
+    assert main(arguments) == 0
+    assert len(np.unique(cv2.imread(str(tmp_path / "p.png"), cv2.IMREAD_UNCHANGED))) > 2
+
+
+def test_a_ros_map_becomes_a_ros_map_of_the_same_frame(tmp_path, weights):
+    frame = GridFrame(0.05, -3.0, 1.5, 60, 45)
+    source = write_ros_map(tmp_path / "flat", OccupancyGrid(building(60, 45), frame))
+    (tmp_path / "out").mkdir()
+    assert main([str(source), "-o", str(tmp_path / "out"), "--weights", str(weights)]) == 0
+    translated = read_ros_map(tmp_path / "out" / "flat.yaml")
+    assert translated.frame == frame
+
+
+def test_a_folder_of_both_is_translated_once_each(tmp_path, weights, capsys):
+    source, out = tmp_path / "in", tmp_path / "out"
+    source.mkdir()
+    write_ros_map(source / "flat", OccupancyGrid(building(60, 45), GridFrame(0.05, 0.0, 0.0, 60, 45)))
+    cv2.imwrite(str(source / "sketch.png"), building(30, 30))
+    (source / "broken.png").write_bytes(b"no picture")
+    assert main([str(source), "-o", str(out), "--weights", str(weights)]) == 0
+    assert sorted(path.name for path in out.iterdir()) == ["flat.pgm", "flat.yaml", "sketch.png"]
+    captured = capsys.readouterr()
+    assert "2 maps in" in captured.out
+    assert "skipped" in captured.err
+    assert "broken.png: is not an image" in captured.err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "error", "message"),
+    [
+        (["absent.png", "-o", "x.png"], InputFileError, "doesn't exist"),
+        (["map.png", "-o", "x.docx"], InputFileError, "is no image name"),
+        (["map.png", "-o", "x.png", "--metres-per-px", "-1"], ConfigError, "must be positive"),
+        (["map.png", "-o", "x.png", "--flips", "3"], ConfigError, "1, 2, 4 or 8"),
+        (["empty", "-o", "x"], InputFileError, "holds no images"),
+        (["broken.png", "-o", "x.png"], InputFileError, "is not an image"),
+        (["colour.png", "-o", "x.png"], InputFileError, "is coloured"),
+    ],
+)
+def test_bad_input_is_one_clear_error(tmp_path, weights, monkeypatch, arguments, error, message):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "broken.png").write_bytes(b"")
+    cv2.imwrite("map.png", building(20, 20))
+    colour = np.zeros((8, 8, 3), np.uint8)
+    colour[..., 0] = 200
+    cv2.imwrite("colour.png", colour)
+    with pytest.raises(error, match=message):
+        main([*arguments, "--weights", str(weights)])
+
+
+def test_the_command_line_shows_no_traceback(tmp_path, capsys):
+    assert cli.main(["gan", "translate", str(tmp_path / "absent.png"), "-o", "x.png"]) == 2
+    assert "doesn't exist" in capsys.readouterr().err
+    assert cli.main(["gan", "trane"]) == 2
+    assert "did you mean 'train'" in capsys.readouterr().err
+    assert cli.main(["gan", "--help"]) == 0
+    assert "translate" in capsys.readouterr().out
