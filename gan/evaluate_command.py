@@ -21,6 +21,7 @@ from gan.real_maps import find_ros_maps, translate_real
 from gan.realism import (
     ELASTIC,
     NULL,
+    REPEATS,
     describe_maps,
     elastic_maps,
     judge,
@@ -69,6 +70,8 @@ class EvaluateArguments:
     """SLAM-like maps made from the test pairs' CAD maps, as NAME=FOLDER: judged against the simulated maps."""
     realism: bool = False
     """Judge elastic deformation against the simulated maps even if nothing else is given to be judged."""
+    repeats: int = REPEATS
+    """How often the two-sample tests deal plans to folds anew; fewer are faster and vary more."""
     real: Path | None = None
     """A folder of ROS maps of real robots: draws their translations, for looking at."""
     device: Literal["auto", "cpu", "cuda", "mps"] = "cpu"
@@ -107,6 +110,8 @@ def _check(arguments: EvaluateArguments) -> None:
     for name in ("count", "size", "pictures", "seed"):
         if getattr(arguments, name) < 0:
             raise ConfigError(f"--{name} must be 0 or more, not {getattr(arguments, name)}")
+    if arguments.repeats < 1:
+        raise ConfigError(f"--repeats must be 1 or more, not {arguments.repeats}")
     if 0 < arguments.size < 32:
         raise ConfigError(f"--size must be 32 px or more, not {arguments.size}")
     if arguments.real is not None and not arguments.real.is_dir():
@@ -179,7 +184,7 @@ def _judge_realism(
         raise ConfigError(f"a two-sample test needs {MINIMUM} pairs or more, not {len(pairs)}")
     say("Judging generated SLAM maps against simulated ones.")
     reference = describe_maps(pairs.slam, pairs)
-    entries = [judge_null(reference, pairs, arguments.seed)]
+    entries = [judge_null(reference, pairs, arguments.seed, arguments.repeats)]
     drawn: dict[str, ByteArray] = {}
     plans = list(pairs.plan_ids)
     made = {ELASTIC: elastic_maps(pairs, arguments.seed)}
@@ -187,7 +192,8 @@ def _judge_realism(
         made[name] = np.stack([translator.translate_cells(cad) for cad in pairs.cad])
     for name, maps in made.items():
         drawn[name] = maps
-        entries.append(judge(name, reference, plans, describe_maps(maps, pairs), plans, arguments.seed))
+        described = describe_maps(maps, pairs)
+        entries.append(judge(name, reference, plans, described, plans, arguments.seed, arguments.repeats))
     for name, folder in folders.items():
         some, maps = load_generated(folder, pairs)
         chosen = [pairs.names.index(n) for n in some.names]
@@ -198,6 +204,7 @@ def _judge_realism(
             describe_maps(maps, some),
             list(some.plan_ids),
             arguments.seed,
+            arguments.repeats,
         )
         entries.append(entry)
         drawn[name] = _spread(maps, chosen, len(pairs))

@@ -33,6 +33,9 @@ SHOWN = (
 )
 """Statistics whose medians are printed."""
 
+REPEATS = 4
+"""Of the cross-validation; its accuracies are averaged."""
+
 Statistics = list[dict[str, float]]
 
 
@@ -68,6 +71,7 @@ def judge(
     generated: Statistics,
     generated_plans: list[str],
     seed: int = 0,
+    repeats: int = REPEATS,
 ) -> dict[str, Any]:
     """Test one kind of maps against the simulated ones.
 
@@ -78,6 +82,7 @@ def judge(
         generated: Statistics of the maps to judge.
         generated_plans: Their plans.
         seed: Of the tests.
+        repeats: How often plans are dealt to folds anew.
 
     Returns:
         JSON form: ``name``, ``maps`` of each kind, for each learner its accuracy with its interval and the most
@@ -85,7 +90,9 @@ def judge(
     """
     entry: dict[str, Any] = {"name": name, "maps": len(generated), "reference_maps": len(reference)}
     for learner in LEARNERS:
-        result = two_sample_test(reference, generated, reference_plans, generated_plans, learner, seed=seed)
+        result = two_sample_test(
+            reference, generated, reference_plans, generated_plans, learner, repeats=repeats, seed=seed
+        )
         entry[learner] = {
             "accuracy": result.accuracy,
             "low": result.low,
@@ -98,7 +105,9 @@ def judge(
     return entry
 
 
-def judge_null(statistics: Statistics, pairs: PairSet, seed: int = 0) -> dict[str, Any]:
+def judge_null(
+    statistics: Statistics, pairs: PairSet, seed: int = 0, repeats: int = REPEATS
+) -> dict[str, Any]:
     """The same test where there is nothing to find: simulated maps against other simulated maps.
 
     Where plans were explored several times, one exploration against another; else half of the plans against the
@@ -113,6 +122,7 @@ def judge_null(statistics: Statistics, pairs: PairSet, seed: int = 0) -> dict[st
         [statistics[i] for i in second],
         [plans[i] for i in second],
         seed,
+        repeats,
     )
 
 

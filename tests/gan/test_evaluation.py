@@ -1,0 +1,367 @@
+"""The evaluation on drawings whose answers are known, and its command from end to end."""
+
+import json
+
+import cv2
+import numpy as np
+import pytest
+
+from gan.classical import ClassicalTranslator, CleaningConfig, clean_map, outline_only
+from gan.data import PairSet
+from gan.elastic import bend
+from gan.evaluate import (
+    CLEANED,
+    OUTLINE,
+    RAW,
+    Method,
+    baselines,
+    evaluate_method,
+    evenly_spaced,
+    learned,
+    score_map,
+)
+from gan.evaluate_command import main
+from gan.figures import draw_grid, draw_overlay, write_box_plot
+from gan.generated_maps import load_generated, parse_named_folders, shifted
+from gan.real_maps import find_ros_maps, translate_real, working_map
+from gan.realism import describe_maps, elastic_maps, judge
+from gan.summary import main_table, scores_csv, summarise, table_one
+from gan.translator import Translator
+from slamgym.errors import ConfigError, InputFileError
+from slamgym.interop import write_ros_map
+from slamgym.metrics import label_rooms
+from slamgym.types import FREE, OCCUPIED, UNKNOWN, GridFrame, OccupancyGrid
+
+SCALE = 0.08
+SIZE = 128
+
+
+def plan(width: int = 80, wall: int = 50):
+    """A CAD map: three rooms with doorways of 0.96 m."""
+    cad = np.zeros((SIZE, SIZE), np.uint8)
+    cad[20:100, 20 : 20 + width] = FREE
+    cad[20:100, wall : wall + 2] = OCCUPIED
+    cad[35:47, wall : wall + 2] = FREE
+    cad[60:62, wall:] = OCCUPIED
+    cad[60:62, wall + 14 : wall + 26] = np.where(wall + 14 < 20 + width, FREE, OCCUPIED)
+    return cad
+
+
+def explored(cad, rng, rays: int = 12):
+    """A SLAM map of it: faces of walls one pixel thick, unknown behind, rays that left, specks of furniture."""
+    free = (cad > 127).astype(np.uint8)
+    slam = np.full(cad.shape, UNKNOWN, np.uint8)
+    slam[cv2.dilate(free, np.ones((3, 3), np.uint8)) > 0] = OCCUPIED
+    slam[free > 0] = FREE
+    for row in rng.choice(
+        np.arange(22, 98, 4), rays, replace=False
+    ):  # apart: beside each other they are wide
+        slam[row, 101 : 101 + int(rng.integers(5, 25))] = FREE
+        slam[row, 100] = FREE
+    for _ in range(4):
+        row, col = rng.integers(25, 95), rng.integers(55, 95)
+        slam[row : row + 2, col : col + 2] = OCCUPIED
+    return slam
+
+
+def make_pairs(count: int) -> PairSet:
+    rng = np.random.default_rng(0)
+    cad = np.stack([plan(72 + i % 9, 44 + i % 7) for i in range(count)])
+    slam = np.stack([explored(image, rng) for image in cad])
+    names = tuple(f"{i:03d}" for i in range(count))
+    return PairSet(cad, slam, names, tuple(f"plan{i}" for i in range(count)), np.full(count, SCALE))
+
+
+def write_pairs(root, pairs: PairSet) -> None:
+    lines = []
+    for side in "AB":
+        (root / "test" / side).mkdir(parents=True)
+    for i, name in enumerate(pairs.names):
+        cv2.imwrite(str(root / "test" / "A" / f"{name}.png"), pairs.cad[i])
+        cv2.imwrite(str(root / "test" / "B" / f"{name}.png"), pairs.slam[i])
+        record = {"name": name, "split": "test", "plan_id": pairs.plan_ids[i], "metres_per_px": SCALE}
+        lines.append(json.dumps(record))
+    (root / "manifest.jsonl").write_text("\n".join(lines) + "\n")
+
+
+class TestScores:
+    def test_the_cad_map_itself_is_perfect(self):
+        score = score_map(plan() > 127, plan(), SCALE)
+        assert (score.mse, score.wall_f1_10cm, score.free_iou, score.room_error) == (0.0, 1.0, 1.0, 0)
+        assert (score.rotation_deg, score.scale) == (0.0, 1.0)
+
+    def test_a_turned_map_is_judged_after_alignment(self):
+        matrix = cv2.getRotationMatrix2D((63.5, 63.5), 12.0, 1.05)
+        turned = cv2.warpAffine(plan(), matrix, (SIZE, SIZE)) > 127
+        score = score_map(turned, plan(), SCALE)
+        assert score.mse < 0.2 * score.mse_unaligned
+        assert score.rotation_deg == pytest.approx(-12.0, abs=1.0)
+        assert score.wall_f1_10cm > 0.9 > score.wall_f1_10cm_unaligned
+
+    def test_the_outline_beats_the_map_in_the_error_and_is_exposed_by_walls_and_rooms(self):
+        pairs = make_pairs(6)
+        scores = {method.name: evaluate_method(method, pairs) for method in baselines()}
+        mean = {
+            name: {k: np.mean([getattr(s, k) for s in rows]) for k in ("mse", "wall_f1_10cm", "room_error")}
+            for name, rows in scores.items()
+        }
+        assert mean[OUTLINE]["wall_f1_10cm"] < mean[RAW]["wall_f1_10cm"] < mean[CLEANED]["wall_f1_10cm"]
+        assert mean[OUTLINE]["room_error"] >= 1.5
+        assert mean[CLEANED]["mse"] < mean[RAW]["mse"]
+        assert mean[CLEANED]["room_error"] == 0.0
+
+    def test_an_empty_translation_is_finite_and_bad(self):
+        score = score_map(np.zeros((SIZE, SIZE), bool), plan(), SCALE)
+        assert score.wall_f1_10cm == score.free_iou == 0.0
+        assert np.isfinite([score.chamfer, score.hausdorff_95]).all()
+
+    def test_malformed_translations_and_unknown_scales_are_refused(self):
+        pairs = make_pairs(1)
+        with pytest.raises(ConfigError, match="shape"):
+            evaluate_method(Method("small", lambda pairs, i: np.zeros((4, 4), np.float32)), pairs)
+        with pytest.raises(ConfigError, match="not finite"):
+            evaluate_method(Method("nan", lambda pairs, i: np.full((SIZE, SIZE), np.nan, np.float32)), pairs)
+        unknown = PairSet(pairs.cad, pairs.slam, pairs.names, pairs.plan_ids, np.array([np.nan]))
+        with pytest.raises(ConfigError, match="no scale"):
+            evaluate_method(baselines()[0], unknown)
+
+    def test_a_translator_is_asked_with_the_slam_map(self):
+        class Answers:
+            def translate(self, slam, metres_per_px=None):
+                return (slam == FREE).astype(np.float32)
+
+        assert isinstance(Answers(), Translator)
+        pairs = make_pairs(2)
+        mine, raw = (evaluate_method(m, pairs) for m in (learned("mine", Answers()), baselines()[0]))
+        assert [s.mse for s in mine] == [s.mse for s in raw]
+
+
+class TestCleaning:
+    def test_thin_walls_stay_and_rays_and_specks_go(self):
+        rng = np.random.default_rng(1)
+        cleaned = clean_map(explored(plan(), rng), SCALE)
+        assert label_rooms(cleaned, SCALE).max() == label_rooms(plan() > 127, SCALE).max() == 3
+        assert not cleaned[:, 104:].any()
+        assert np.mean(cleaned == (plan() > 127)) > 0.985
+
+    def test_sizes_are_in_metres(self):
+        slam = explored(plan(), np.random.default_rng(1))
+        large = np.repeat(np.repeat(slam, 2, axis=0), 2, axis=1)
+        small = clean_map(slam, SCALE)
+        assert np.mean(clean_map(large, SCALE / 2)[::2, ::2] == small) > 0.99
+
+    def test_an_empty_and_an_unknown_map_stay_empty(self):
+        for value in (OCCUPIED, UNKNOWN):
+            assert not clean_map(np.full((40, 50), value, np.uint8), 0.05).any()
+
+    def test_it_is_a_translator(self):
+        translator = ClassicalTranslator()
+        assert isinstance(translator, Translator)
+        slam = explored(plan(), np.random.default_rng(2))
+        assert np.array_equal(translator.translate(slam, SCALE) >= 0.5, clean_map(slam, SCALE))
+
+    def test_senseless_sizes_are_refused(self):
+        with pytest.raises(ConfigError, match="ray_width"):
+            CleaningConfig(ray_width=-1.0)
+        with pytest.raises(ConfigError, match="positive"):
+            ClassicalTranslator(metres_per_px=0.0)
+
+    def test_the_outline_has_no_inner_wall_and_keeps_the_outer_ones(self):
+        outline = outline_only(plan(), SCALE)
+        assert label_rooms(outline, SCALE).max() == 1
+        assert np.array_equal(outline[:, :20], np.zeros((SIZE, 20), bool))
+        assert outline[20:100, 20:100].all()
+        # A building that reaches the border of its image is not joined to it.
+        assert outline_only(plan()[20:, 20:], SCALE).sum() == outline.sum()
+
+
+class TestTables:
+    def test_the_summary_compares_every_method_with_the_raw_map(self):
+        pairs = make_pairs(5)
+        scores = {method.name: evaluate_method(method, pairs) for method in baselines()}
+        summary = summarise(scores)
+        assert json.loads(json.dumps(summary)) == summary
+        assert "improvement" not in summary[RAW]
+        better = summary[CLEANED]["improvement"]
+        assert better["mean_mse2"]["value"] == pytest.approx(summary[RAW]["mse"]["value"])
+        expected = np.mean([a.mse < b.mse for a, b in zip(scores[CLEANED], scores[RAW], strict=True)])
+        assert better["share_improved"]["value"] == pytest.approx(expected)
+        headings, rows = main_table(summary)
+        assert [row[0] for row in rows] == [RAW, CLEANED, OUTLINE]
+        assert all(len(row) == len(headings) for row in rows)
+        headings, rows = table_one(scores)
+        assert len(rows) == 6
+        assert rows[-1][0] == "mean"
+        assert len(scores_csv(scores).splitlines()) == 1 + 3 * 5
+
+    def test_the_choice_of_maps_is_even_and_never_twice(self):
+        assert evenly_spaced(10, 4) == [0, 3, 6, 9]
+        assert evenly_spaced(3, 20) == [0, 1, 2]
+        assert evenly_spaced(0, 5) == []
+
+
+class TestRealism:
+    def test_elastic_maps_are_told_apart_and_simulated_ones_are_not(self):
+        pytest.importorskip("sklearn")
+        pairs = make_pairs(40)
+        reference = describe_maps(pairs.slam[:20], pairs.subset(range(20)))
+        others = describe_maps(pairs.slam[20:], pairs.subset(range(20, 40)))
+        bent = describe_maps(elastic_maps(pairs.subset(range(20)), 0), pairs.subset(range(20)))
+        first, second = list(pairs.plan_ids[:20]), list(pairs.plan_ids[20:])
+        null = judge("null", reference, first, others, second, repeats=1)
+        elastic = judge("elastic", reference, first, bent, first, repeats=1)
+        assert null["extra_trees"]["accuracy"] < 0.75 < elastic["extra_trees"]["accuracy"]
+        assert elastic["kernel_distance"]["p"] < 0.01
+        assert json.loads(json.dumps(elastic))["name"] == "elastic"
+
+    def test_bending_displaces_walls_as_told_and_keeps_the_values(self):
+        cad = plan()
+        still = bend(cad, SCALE, np.random.default_rng(0), displacement=1e-6)
+        assert np.array_equal(still == FREE, cad == FREE)
+        bent = bend(cad, SCALE, np.random.default_rng(0), displacement=0.3)
+        assert set(np.unique(bent)) == {OCCUPIED, UNKNOWN, FREE}
+        assert 0.01 < np.mean((bent == FREE) != (cad == FREE)) < 0.2
+
+
+class TestGeneratedMaps:
+    def test_images_and_ros_maps_are_found_by_the_names_of_the_pairs(self, tmp_path):
+        pairs = make_pairs(12)
+        for i in range(6):
+            cv2.imwrite(str(tmp_path / f"{pairs.names[i]}.png"), pairs.slam[i])
+        for i in range(6, 12):
+            # As `slamgym deform` writes: another scale, another place in the image.
+            folder = tmp_path / pairs.names[i] / "000"
+            folder.mkdir(parents=True)
+            cells = np.repeat(np.repeat(pairs.slam[i][10:], 2, axis=0), 2, axis=1)
+            frame = GridFrame(SCALE / 2, 0.0, 0.0, *cells.shape)
+            write_ros_map(folder, OccupancyGrid(cells, frame))
+            cad = np.repeat(np.repeat(pairs.cad[i][10:], 2, axis=0), 2, axis=1)
+            cv2.imwrite(str(folder / "cad.png"), cad)
+        some, maps = load_generated(tmp_path, pairs)
+        assert some.names == pairs.names
+        assert np.array_equal(maps[:6], pairs.slam[:6])
+        # The lower rows, which the crop left, are where they were.
+        assert np.mean(maps[6:, 10:] == pairs.slam[6:, 10:]) > 0.97
+
+    def test_too_few_and_malformed_arguments_are_refused(self, tmp_path):
+        with pytest.raises(InputFileError, match="0 of the 3"):
+            load_generated(tmp_path, make_pairs(3))
+        with pytest.raises(ConfigError, match="NAME=FOLDER"):
+            parse_named_folders(["modelprog"])
+        with pytest.raises(InputFileError, match="not a folder"):
+            parse_named_folders([f"a={tmp_path / 'none'}"])
+        with pytest.raises(ConfigError, match="twice"):
+            parse_named_folders([f"a={tmp_path}", f"a={tmp_path}"])
+
+    @pytest.mark.parametrize("offset", [(-3.0, 2.0), (0.0, 0.0), (5.0, -6.0), (90.0, 0.0)])
+    def test_shifting_copies_what_stays_inside(self, offset):
+        cells = np.arange(1, 61, dtype=np.uint8).reshape(6, 10)
+        down, right = (int(o) for o in offset)
+        canvas = shifted(cells, (8, 9), *offset)
+        for row in range(8):
+            for col in range(9):
+                inside = 0 <= row - down < 6 and 0 <= col - right < 10
+                assert canvas[row, col] == (cells[row - down, col - right] if inside else UNKNOWN)
+
+
+class TestPictures:
+    def test_grids_and_overlays(self):
+        rows = [[plan(), plan()]] * 3
+        one = draw_grid(["a", "b"], rows, ["x", "y", "z"])
+        many = draw_grid(["a", "b"], rows * 4)
+        assert one.dtype == np.uint8
+        assert many.shape[1] > 1.9 * one.shape[1]  # two blocks
+        overlay = draw_overlay(np.array([[True, True, False, False]]), np.array([[True, False, True, False]]))
+        assert len({tuple(pixel) for pixel in overlay[0]}) == 4
+
+    def test_the_box_plot_is_a_picture(self, tmp_path):
+        pytest.importorskip("matplotlib")
+        write_box_plot(tmp_path / "box.png", {"a": np.random.default_rng(0).normal(size=30)})
+        assert cv2.imread(str(tmp_path / "box.png")).shape[2] == 3
+
+
+class TestRealMaps:
+    def test_maps_of_any_scale_are_brought_to_a_working_scale(self):
+        cells = np.full((300, 400), UNKNOWN, np.uint8)
+        cells[100:200, 100:300] = FREE
+        for resolution, expected in ((0.02, 0.04), (0.05, 0.05)):
+            grid = OccupancyGrid(cells, GridFrame(resolution, 0.0, 0.0, 300, 400))
+            working, scale = working_map(grid)
+            assert scale == pytest.approx(expected)
+            metres = np.count_nonzero(working == FREE) * scale**2
+            assert metres == pytest.approx(100 * 200 * resolution**2, rel=0.02)
+
+    def test_broken_maps_are_left_out_with_a_warning(self, tmp_path):
+        grid = OccupancyGrid(explored(plan(), np.random.default_rng(0)), GridFrame(0.05, 0, 0, SIZE, SIZE))
+        write_ros_map(tmp_path / "good", grid)
+        (tmp_path / "bad.yaml").write_text("image: none.png\nresolution: 0.05\norigin: [0, 0, 0]\n")
+        warnings: list[str] = []
+        columns, rows, captions = translate_real(
+            find_ros_maps(tmp_path), {"mine": ClassicalTranslator()}, warnings.append
+        )
+        assert columns[-1] == "mine"
+        assert len(rows) == len(captions) == len(warnings) == 1
+        assert "none.png" in warnings[0]
+
+    def test_a_folder_without_maps_is_refused(self, tmp_path):
+        with pytest.raises(InputFileError, match="no ROS maps"):
+            find_ros_maps(tmp_path)
+
+
+class TestCommand:
+    def test_from_images_to_tables_and_pictures(self, tmp_path, capsys):
+        pytest.importorskip("matplotlib")
+        pytest.importorskip("sklearn")
+        pairs = make_pairs(12)
+        images, out, made = tmp_path / "images", tmp_path / "out", tmp_path / "made"
+        write_pairs(images, pairs)
+        made.mkdir()
+        for i, name in enumerate(pairs.names):
+            cv2.imwrite(str(made / f"{name}.png"), pairs.slam[i])
+        arguments = [str(images), "-o", str(out), "--pictures", "2"]
+        arguments += ["--generated", f"copied={made}", "--repeats", "1"]
+        assert main(arguments) == 0
+        assert "classical cleaning" in capsys.readouterr().out
+        result = json.loads((out / "evaluation.json").read_text())
+        assert result["maps"] == 12
+        assert result["metres_per_px"]["p50"] == pytest.approx(SCALE)
+        kinds = {kind["name"]: kind for kind in result["realism"]["kinds"]}
+        assert kinds["copied"]["medians"] == result["realism"]["reference_medians"]
+        assert kinds["elastic deformation"]["extra_trees"]["accuracy"] > 0.9
+        assert "Table I" in (out / "tables.md").read_text()
+        for picture in ("maps.png", "overlays.png", "differences.png", "cad2slam.png"):
+            assert cv2.imread(str(out / picture)) is not None
+
+    def test_the_same_command_gives_the_same_figures(self, tmp_path):
+        write_pairs(tmp_path / "images", make_pairs(4))
+        found = []
+        for run in ("a", "b"):
+            main([str(tmp_path / "images"), "-o", str(tmp_path / run), "--pictures", "0", "--count", "3"])
+            result = json.loads((tmp_path / run / "evaluation.json").read_text())
+            for method in result["methods"].values():
+                del method["seconds"]
+            found.append(result)
+        assert found[0] == found[1]
+        assert found[0]["maps"] == 3
+
+    @pytest.mark.parametrize(
+        ("extra", "message"),
+        [
+            (["--size", "8"], "32 px"),
+            (["--count", "-1"], "0 or more"),
+            (["--weights", "none-such-weights"], "none-such-weights"),
+            (["--real", "none-such-folder"], "not a folder"),
+            (["--generated", "a"], "NAME=FOLDER"),
+            (["--split", "valid"], "valid"),
+        ],
+    )
+    def test_mistakes_are_one_clear_error(self, tmp_path, extra, message):
+        if "--weights" in extra:
+            pytest.importorskip("torch")
+        write_pairs(tmp_path / "images", make_pairs(2))
+        with pytest.raises((ConfigError, InputFileError), match=message):
+            main([str(tmp_path / "images"), "-o", str(tmp_path / "out"), *extra])
+
+    def test_a_missing_folder_is_one_clear_error(self, tmp_path):
+        with pytest.raises(InputFileError, match="dataset render"):
+            main([str(tmp_path / "none"), "-o", str(tmp_path / "out")])
