@@ -53,12 +53,13 @@ def completeness_features(cells: ByteArray, resolution: float) -> FloatArray:
     Returns:
         Values in the order of :data:`FEATURES`, shape (15,); all 0 for a map without any known cell.
     """
-    cropped = crop_to_known(cells)
+    margin = round(SPIKE_WIDTH / resolution)
+    cropped = crop_to_known(cells, margin + 1)
     if cropped is None:
         return np.zeros(len(FEATURES))
     free, occupied, unknown = cropped == FREE, cropped == OCCUPIED, cropped == UNKNOWN
     floor = without_spikes(free, resolution)
-    hull = inside_hull(floor if floor.any() else ~unknown, round(SPIKE_WIDTH / resolution))
+    hull = inside_hull(floor if floor.any() else ~unknown, margin)
     cell_area = resolution * resolution
     free_area, occupied_area, unknown_area = (
         float(np.count_nonzero(mask & hull)) * cell_area for mask in (free, occupied, unknown)
@@ -90,14 +91,14 @@ def completeness_features(cells: ByteArray, resolution: float) -> FloatArray:
     )
 
 
-def crop_to_known(cells: ByteArray) -> ByteArray | None:
-    """The map's known part with one unknown cell around it; None if nothing is known."""
+def crop_to_known(cells: ByteArray, margin_px: int) -> ByteArray | None:
+    """The map's known part with unknown cells around it; None if nothing is known."""
     known = cells != UNKNOWN
     rows, cols = np.flatnonzero(known.any(axis=1)), np.flatnonzero(known.any(axis=0))
     if len(rows) == 0:
         return None
     part = cells[rows[0] : rows[-1] + 1, cols[0] : cols[-1] + 1]
-    return np.pad(part, 1, constant_values=UNKNOWN)
+    return np.pad(part, margin_px, constant_values=UNKNOWN)
 
 
 def without_spikes(free: BoolArray, resolution: float) -> BoolArray:

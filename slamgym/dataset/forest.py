@@ -99,7 +99,8 @@ def read_forest(path: Path | str) -> tuple[Forest, dict[str, Any]]:
             raise InputFileError(
                 path, f"is larger than {MAX_FILE_BYTES / 1e6:.0f} MB; it is no model of ours"
             )
-        with np.load(path, allow_pickle=False) as file:
+        # From memory: where np.load fails it would leave a file open.
+        with np.load(io.BytesIO(Path(path).read_bytes()), allow_pickle=False) as file:
             arrays = {name: np.asarray(file[name]) for name in (*_ARRAYS, "about")}
         about = json.loads(arrays.pop("about").tobytes())
     except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
