@@ -24,7 +24,13 @@ from slamgym.dataset.manifest_file import ManifestFile
 from slamgym.dataset.schedule import Slot
 from slamgym.dataset.shard import FOLDER as SHARD_FOLDER
 from slamgym.dataset.slot_set import SlotSet
-from slamgym.dataset.storage import exclusive_lock, replace_file, storage_errors, sync_folder
+from slamgym.dataset.storage import (
+    exclusive_lock,
+    replace_file,
+    storage_errors,
+    sync_folder,
+    temporary_name,
+)
 from slamgym.errors import ConfigError, InputFileError
 
 SIDES = ("A", "B")
@@ -143,10 +149,11 @@ def open_dataset(root: Path, settings: Mapping[str, Any]) -> Iterator[DatasetFol
     with exclusive_lock(layout.lock):
         _check_settings(layout, settings)
         with storage_errors(root):
-            for part in (layout.root / "A", layout.root / "B", layout.episodes):
-                part.mkdir(exist_ok=True)
+            # The settings first: by them a folder is known, however early the run is killed.
             if not layout.config.exists():
                 replace_file(layout.config, (json.dumps(settings, indent=2) + "\n").encode())
+            for part in (layout.root / "A", layout.root / "B", layout.episodes):
+                part.mkdir(exist_ok=True)
             shutil.rmtree(layout.incoming, ignore_errors=True)
             layout.incoming.mkdir()
             incoming = Path(tempfile.mkdtemp(dir=layout.incoming))
@@ -168,7 +175,8 @@ def _check_settings(layout: Layout, settings: Mapping[str, Any]) -> None:
         strangers = [
             path.name
             for path in layout.root.iterdir()
-            if path != layout.lock and not SHARD_FOLDER.fullmatch(path.name)
+            if path not in (layout.lock, temporary_name(layout.config))
+            and not SHARD_FOLDER.fullmatch(path.name)
         ]
         if strangers:
             raise ConfigError(f"{layout.root}: holds {strangers[0]} and no dataset; choose a new folder")

@@ -63,13 +63,18 @@ def replace_file_by(path: Path, chunks: Iterable[bytes]) -> None:
         path: The file; what the chunks are made from may be its old content.
         chunks: The new content.
     """
-    temporary = path.with_name(f".{path.name}.tmp")
+    temporary = temporary_name(path)
     with temporary.open("wb") as file:
         file.writelines(chunks)
         file.flush()
         os.fsync(file.fileno())
     temporary.replace(path)
     sync_folder(path.parent)
+
+
+def temporary_name(path: Path) -> Path:
+    """Where the new content of a file is written before it takes the file's place."""
+    return path.with_name(f".{path.name}.tmp")
 
 
 def sync_folder(folder: Path) -> None:

@@ -3,7 +3,6 @@
 import gzip
 import json
 import os
-import random
 import signal
 import subprocess
 import sys
@@ -15,7 +14,7 @@ from shapely import box
 
 from slamgym import cli
 from slamgym.cad import FloorPlan, write_houseexpo
-from slamgym.dataset import Layout, load_pair, read_manifest
+from slamgym.dataset import Layout, read_manifest
 
 OPTIONS = ["--seed", "3", "--minutes", "0.2", "--particles", "5", "--contact-sheet", "0"]
 
@@ -52,6 +51,13 @@ def test_pairs_a_summary_and_a_contact_sheet(plans, tmp_path, capsys):
     assert sheet.stat().st_size > 1000
 
 
+def test_a_shard_has_a_folder_of_its_own(plans, tmp_path, capsys):
+    out = tmp_path / "out"
+    assert cli.main(arguments(plans, out, "--pairs", "3", "--workers", "1", "--shard", "1/2")) == 0
+    assert str(out / "shard-00001-of-00002") in capsys.readouterr().out
+    assert [record.index for record in read_manifest(out / "shard-00001-of-00002")] == [1]
+
+
 def test_the_settings_reach_the_exploration(plans, tmp_path):
     out = tmp_path / "out"
     more = [
@@ -81,6 +87,8 @@ def test_the_settings_reach_the_exploration(plans, tmp_path):
         (["--explorer", "explore_light"], "did you mean 'explore_lite'"),
         (["--pairs", "0"], "--pairs must be at least 1"),
         (["--workers", "-1"], "--workers must be 0"),
+        (["--shard", "10/10"], "the last is 9/10"),
+        (["--address", "auto"], "add --engine ray"),
         (["--minutes", "0"], "minutes must be 'auto' or a positive number"),
     ],
 )
@@ -111,49 +119,9 @@ def test_an_unwritable_folder_is_one_line(plans, tmp_path, capsys):
     assert error.count("\n") == 1
 
 
-def test_killed_at_random_moments_nothing_is_torn_doubled_or_lost(plans, tmp_path):
-    """Kill -9 a run again and again while it works; what it leaves is whole, and the end result the same."""
-    steady, killed = tmp_path / "steady", tmp_path / "killed"
-    assert cli.main(arguments(plans, steady, "--pairs", "24", "--workers", "1")) == 0
-    command = [
-        sys.executable,
-        "-m",
-        "slamgym.cli",
-        *arguments(plans, killed, "--pairs", "24", "--workers", "1"),
-    ]
-    rng = random.Random(0)
-    kills = 0
-    for _ in range(4):
-        process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-        already = _committed(killed)
-        while process.poll() is None and _committed(killed) < already + 1:
-            time.sleep(0.001)
-        time.sleep(rng.uniform(0.0, 0.25))
-        if process.poll() is None:
-            process.send_signal(signal.SIGKILL)
-            kills += 1
-        process.wait()
-        _check_that_all_is_whole(killed)
-    assert kills >= 2
-    assert cli.main(arguments(plans, killed, "--pairs", "24", "--workers", "1")) == 0
-    assert content(killed) == content(steady)
-
-
 def _committed(root):
     episodes = Layout(root).episodes
     return len(list(episodes.iterdir())) if episodes.exists() else 0
-
-
-def _check_that_all_is_whole(root):
-    layout = Layout(root)
-    for episode in layout.episodes.iterdir():
-        record = json.loads((episode / "episode.json").read_text())
-        cad, slam = load_pair(root, record["name"])
-        assert list(cad.shape) == list(slam.shape) == record["shape"]
-        assert gzip.decompress((episode / "scans.log.gz").read_bytes()).endswith(b"\n")
-    if layout.manifest.exists():
-        names = [record.name for record in read_manifest(root)]
-        assert len(set(names)) == len(names)
 
 
 def test_ctrl_c_keeps_what_is_done(plans, tmp_path):
