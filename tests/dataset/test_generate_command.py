@@ -1,6 +1,5 @@
 """`slamgym generate` as a user runs it: killed, resumed, mistyped, without permission."""
 
-import gzip
 import json
 import os
 import signal
