@@ -17,8 +17,10 @@ from slamgym.dataset.pair import PairConfig
 from slamgym.dataset.plan_filter import PlanFilter
 from slamgym.dataset.progress import duration, say
 from slamgym.dataset.recipe import Recipe, open_recipe
+from slamgym.dataset.render_command import render_and_report
 from slamgym.dataset.settings import DatasetConfig
 from slamgym.dataset.shard import WHOLE, Shard
+from slamgym.dataset.square_images import ImageConfig
 from slamgym.dataset.summary import describe_pairs, write_contact_sheet
 from slamgym.envs import ExploreConfig
 from slamgym.errors import ConfigError
@@ -72,6 +74,9 @@ class GenerateArguments:
     shard: str | None = None
     """``i/n``, e.g. 3/10: make only the fourth tenth of the dataset, in a folder of its own below OUT. When
     all shards are done, ``slamgym dataset merge OUT`` puts them together."""
+    images: Path | None = None
+    """Also render uniform square images of the complete pairs into this folder, by the defaults of
+    ``slamgym dataset render``."""
     contact_sheet: int = 12
     """Pairs on the contact sheet; 0 draws none."""
     pair: PairConfig = field(default_factory=PairConfig)
@@ -93,6 +98,8 @@ def main(argv: list[str], make_explorer: MakeExplorer) -> int:
         raise ConfigError(f"--pairs must be at least 1, not {arguments.pairs}")
     if arguments.workers < 0:
         raise ConfigError(f"--workers must be 0 (one per core) or more, not {arguments.workers}")
+    if arguments.shard is not None and arguments.images is not None:
+        raise ConfigError("a shard alone is not rendered; leave --images out and render after the merge")
     shard = WHOLE if arguments.shard is None else Shard.parse(arguments.shard)
     # Without an address too Ray finds its own way: a cluster named by the environment, or one per core here.
     workers = arguments.workers or (available_cores() if arguments.engine == "local" else 0)
@@ -105,6 +112,8 @@ def main(argv: list[str], make_explorer: MakeExplorer) -> int:
         execution=Execution(workers, arguments.engine, arguments.address, shard),
     )
     _report(report, arguments.contact_sheet)
+    if arguments.images is not None:
+        render_and_report(arguments.out, arguments.images, ImageConfig(), None, max(workers, 1))
     return 0
 
 

@@ -1,6 +1,5 @@
 """``slamgym dataset render``: make uniform square images for training."""
 
-import os
 import sys
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -8,12 +7,13 @@ from typing import Annotated
 
 import tyro
 
-from slamgym.dataset.images import read_images
+from slamgym.dataset.engine import available_cores
+from slamgym.dataset.images import SPLITS, read_images
 from slamgym.dataset.progress import say
 from slamgym.dataset.record_table import write_parquet
 from slamgym.dataset.render import render_images
 from slamgym.dataset.selection import Selection, select_pairs
-from slamgym.dataset.split import make_split, read_split, split_path
+from slamgym.dataset.split import current_split, split_path
 from slamgym.dataset.square_images import ImageConfig
 from slamgym.errors import ConfigError
 
@@ -46,36 +46,42 @@ def main(argv: list[str]) -> int:
     arguments = tyro.cli(RenderArguments, args=argv, prog="slamgym dataset render")
     if arguments.workers < 0:
         raise ConfigError(f"--workers must be 0 (one per core) or more, not {arguments.workers}")
-    workers = arguments.workers or os.cpu_count() or 1
-    selection = _select(arguments)
-    if not split_path(arguments.dataset).is_file():
-        say("The dataset has no split.json yet; making one (`slamgym dataset split` sets its options).")
-        make_split(arguments.dataset, workers=workers)
-    split = read_split(arguments.dataset)
-    report = render_images(
-        arguments.dataset, arguments.out, arguments.images, split, selection=selection, workers=workers
-    )
+    workers = arguments.workers or available_cores()
+    render_and_report(arguments.dataset, arguments.out, arguments.images, arguments.min_coverage, workers)
     if arguments.parquet:
         write_parquet(arguments.out / "manifest.parquet", read_images(arguments.out))
-    sides = ", ".join(f"{report.sides.get(side, 0)} {side}" for side in ("train", "test"))
-    sys.stdout.write(
-        f"{arguments.out}: {report.images} pairs of images ({sides}), {report.fresh} of them new\n"
-    )
-    for reason, count in report.left_out.items():
-        sys.stdout.write(f"  left out: {count} pairs, {reason}; see skipped.jsonl\n")
     return 0
 
 
-def _select(arguments: RenderArguments) -> Selection:
-    selection = select_pairs(arguments.dataset, arguments.min_coverage)
+def render_and_report(
+    dataset: Path, out: Path, config: ImageConfig, min_coverage: float | None, workers: int
+) -> None:
+    """Render what is good enough, on the sides that the split gives, and say what came of it.
+
+    Raises:
+        ConfigError: If no pair is good enough, or the folder holds something else.
+        InputFileError: If a file of the dataset is missing or malformed.
+        StorageError: If the folder can't be written.
+    """
+    selection = _select(dataset, min_coverage)
+    if not split_path(dataset).is_file():
+        say("The dataset has no split.json yet; making one (`slamgym dataset split` sets its options).")
+    split = current_split(dataset, workers)
+    report = render_images(dataset, out, config, split, selection=selection, workers=workers)
+    sides = ", ".join(f"{report.sides.get(side, 0)} {side}" for side in SPLITS)
+    sys.stdout.write(f"{out}: {report.images} pairs of images ({sides}), {report.fresh} of them new\n")
+    for reason, count in report.left_out.items():
+        sys.stdout.write(f"  left out: {count} pairs, {reason}; see skipped.jsonl\n")
+
+
+def _select(dataset: Path, min_coverage: float | None) -> Selection:
+    selection = select_pairs(dataset, min_coverage)
     total = len(selection.kept) + len(selection.left_out)
-    if "by" not in selection.rule and arguments.min_coverage is None:
+    if "by" not in selection.rule and min_coverage is None:
         say(
             f"The dataset was not cleaned: taking {len(selection.kept)} of {total} pairs, those that saw "
             f"{100 * selection.rule['min_coverage']:g} % of the floor (`slamgym dataset clean` decides better)."
         )
     if not selection.kept:
-        raise ConfigError(
-            f"{arguments.dataset}: none of the {total} pairs is good enough; try --min-coverage 0"
-        )
+        raise ConfigError(f"{dataset}: none of the {total} pairs is good enough; try --min-coverage 0")
     return selection

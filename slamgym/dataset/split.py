@@ -116,6 +116,20 @@ def read_split(root: Path | str) -> SplitTable:
     return table
 
 
+def current_split(root: Path | str, workers: int = 1) -> SplitTable:
+    """The split of a dataset as it is now: made if there is none, made again by the same rule if plans were added.
+
+    Raises:
+        InputFileError: If a file of the dataset is missing or malformed.
+    """
+    if not split_path(root).is_file():
+        return make_split(root, workers=workers)
+    split = read_split(root)
+    if all(record.plan_id in split.plans for record in read_manifest(root)):
+        return split
+    return make_split(root, test=split.test, seed=split.seed, forced=split.forced, workers=workers)
+
+
 def assign_sides(
     groups: Mapping[str, str], *, test: float, seed: int, forced: Collection[str] = ()
 ) -> SplitTable:

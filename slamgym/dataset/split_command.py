@@ -1,6 +1,5 @@
 """``slamgym dataset split``: put plans on the training or the test side."""
 
-import os
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -8,6 +7,7 @@ from pathlib import Path
 import tyro
 
 from slamgym.cad.sources import read_ids
+from slamgym.dataset.engine import available_cores
 from slamgym.dataset.split import make_split, split_path
 from slamgym.errors import ConfigError
 
@@ -38,7 +38,7 @@ def main(argv: list[str]) -> int:
     if arguments.workers < 0:
         raise ConfigError(f"--workers must be 0 (one per core) or more, not {arguments.workers}")
     forced = read_ids(arguments.test_plans) if arguments.test_plans is not None else []
-    workers = arguments.workers or os.cpu_count() or 1
+    workers = arguments.workers or available_cores()
     table = make_split(
         arguments.dataset, test=arguments.test, seed=arguments.seed, forced=forced, workers=workers
     )

@@ -2,13 +2,19 @@
 
 import dataclasses
 import json
+import random
 import shutil
+import subprocess
+import sys
+import time
 
 import cv2
 import numpy as np
 import pytest
+from shapely import box
 
 from slamgym import cli
+from slamgym.cad import FloorPlan, write_houseexpo
 from slamgym.dataset.format import Layout, load_pair, read_manifest
 from slamgym.dataset.images import ImageLayout, ImageRecord, load_images, read_images
 from slamgym.dataset.render import JOURNAL, render_images
@@ -192,6 +198,54 @@ def test_the_command_makes_a_split_and_tells_what_is_left_out(dataset_copy, tmp_
     assert "| train |" in ImageLayout(out).card.read_text()
     assert cli.main([*command[:-4], "--min-coverage", "2"]) == 2
     assert "must lie in [0, 1]" in capsys.readouterr().err
+
+
+def test_generate_renders_too_and_goes_on_when_more_pairs_are_asked_for(tmp_path, capsys):
+    out, images = tmp_path / "pairs", tmp_path / "images"
+    for name in ("a", "b", "c"):
+        write_houseexpo(tmp_path / "plans" / f"{name}.json", FloorPlan(name, box(0, 0, 3, 2 + ord(name) % 5)))
+    command = ["generate", "--plans", str(tmp_path / "plans"), "--minutes", "0.3", "--particles", "3",
+               "--workers", "1", "--contact-sheet", "0", "--out", str(out), "--images", str(images)]  # fmt: skip
+    assert cli.main([*command, "--pairs", "2"]) == 0
+    assert len(read_images(images)) == len(select_pairs(out).kept)
+    assert cli.main([*command, "--pairs", "3"]) == 0
+    assert "no split.json yet" in capsys.readouterr().err
+    assert len(read_split(out).plans) == 3
+    assert len(read_images(images)) == len(select_pairs(out).kept)
+    assert cli.main([*command, "--shard", "0/2"]) == 2
+    assert "render after the merge" in capsys.readouterr().err
+
+
+def test_killed_while_it_draws_a_run_goes_on(dataset, tmp_path):
+    """Kill -9 rendering at random moments; the end result is that of a run in peace."""
+    peace, killed = tmp_path / "peace", tmp_path / "killed"
+    size = ["--size", "768", "--min-coverage", "0", "--workers", "1"]
+    assert cli.main(["dataset", "render", str(dataset), "--out", str(peace), *size]) == 0
+    command = [
+        sys.executable,
+        "-m",
+        "slamgym.cli",
+        "dataset",
+        "render",
+        str(dataset),
+        "--out",
+        str(killed),
+        *size,
+    ]
+    rng, kills = random.Random(0), 0
+    for _ in range(2):
+        process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        before = len(list(killed.rglob("*.png")))
+        while process.poll() is None and len(list(killed.rglob("*.png"))) <= before:
+            time.sleep(0.002)
+        time.sleep(rng.uniform(0.0, 0.15))
+        if process.poll() is None:
+            process.kill()
+            kills += 1
+        process.wait()
+    assert kills >= 1
+    assert cli.main(["dataset", "render", str(dataset), "--out", str(killed), *size]) == 0
+    assert content(killed) == content(peace)
 
 
 def test_a_record_of_images_survives_its_line(dataset, tmp_path):
