@@ -12,6 +12,7 @@ import numpy as np
 import torch
 
 from agents.learning_envs import make_env
+from agents.tour_expert import TourExpert
 from agents.train_config import TrainConfig
 from slamgym.cad import FloorPlan
 from slamgym.config import suggest
@@ -19,40 +20,35 @@ from slamgym.dataset.progress import say, show_progress
 from slamgym.envs.frontier_actions import ExploreFrontiersEnv
 from slamgym.envs.frontier_features import CANDIDATE_FEATURES
 from slamgym.errors import ConfigError
-from slamgym.types import FloatArray
 
-Expert = Callable[[ExploreFrontiersEnv, dict[str, Any]], int]
-"""From the environment (with the truth in it) and the observation to an action."""
+Answer = Callable[[dict[str, Any]], int]
+"""From an observation to the action that the expert would take."""
 
 
-def gain_per_way(env: ExploreFrontiersEnv, observation: dict[str, Any]) -> int:
+def gain_per_way(env: ExploreFrontiersEnv) -> Answer:
     """Unknown area in sight over one metre plus the way: next best view, without privileges."""
     del env
     column = CANDIDATE_FEATURES.index("gain_per_way")
-    return int(np.where(observation["mask"] > 0.5, observation["candidates"][:, column], -np.inf).argmax())
+
+    def answer(observation: dict[str, Any]) -> int:
+        return int(
+            np.where(observation["mask"] > 0.5, observation["candidates"][:, column], -np.inf).argmax()
+        )
+
+    return answer
 
 
-def true_gain(env: ExploreFrontiersEnv, observation: dict[str, Any]) -> int:
-    """The same with the floor that truly is unseen and in sight from the frontier. Privileged."""
-    del observation
-    gains = true_gains(env)
-    ways = np.array([candidate.path_length for candidate in env.driver.candidates])
-    return int(np.argmax((gains + 0.05) / (1.0 + ways))) if len(gains) else 0
+def full_knowledge(env: ExploreFrontiersEnv) -> Answer:
+    """The short tour of one who knows the building. Privileged."""
+    expert = TourExpert(env)
+    return lambda _: expert.choose()
 
 
-def true_gains(env: ExploreFrontiersEnv) -> FloatArray:
-    """Unseen floor in sight of each candidate, shape (N,) [m2]: rays through the true building."""
-    inner, coverage = env.inner, env.inner.coverage
-    origin = inner.world_from_map
-    areas = []
-    for candidate in env.driver.candidates:
-        x, y = candidate.frontier.middle
-        areas.append(coverage.unseen_in_sight((x + origin.x, y + origin.y), inner.simulation.segments))
-    return np.array(areas)
-
-
-EXPERTS: dict[str, Expert] = {"gain_per_way": gain_per_way, "true_gain": true_gain}
-"""Whom to imitate, by name."""
+EXPERTS: dict[str, Callable[[ExploreFrontiersEnv], Answer]] = {
+    "full_knowledge": full_knowledge,
+    "gain_per_way": gain_per_way,
+}
+"""Whom to imitate, by name; an expert is made anew when an episode has begun."""
 
 
 def imitate(model: Any, config: TrainConfig, plans: Sequence[FloorPlan], out: Path) -> None:
@@ -80,15 +76,16 @@ def imitate(model: Any, config: TrainConfig, plans: Sequence[FloorPlan], out: Pa
 
 
 def _collect(
-    env: ExploreFrontiersEnv, expert: Expert, count: int, seed: int
+    env: ExploreFrontiersEnv, expert: Callable[[ExploreFrontiersEnv], Answer], count: int, seed: int
 ) -> tuple[list[dict[str, Any]], list[int]]:
     rng = np.random.default_rng(seed)
     observation, _ = env.reset(seed=seed)
+    ask = expert(env)
     observations: list[dict[str, Any]] = []
     answers: list[int] = []
     with show_progress("decisions of the expert", 0, count) as advance:
         while len(answers) < count:
-            answer = expert(env, observation)
+            answer = ask(observation)
             observations.append(observation)
             answers.append(answer)
             advance()
@@ -97,6 +94,7 @@ def _collect(
             observation, _, terminated, truncated, _ = env.step(action)
             if terminated or truncated:
                 observation, _ = env.reset()
+                ask = expert(env)
     return observations, answers
 
 

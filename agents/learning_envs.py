@@ -1,6 +1,6 @@
 """The environments of a training run."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import gymnasium as gym
@@ -10,7 +10,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecEnv
 from agents.learning_plans import StagedPlans
 from agents.train_config import TrainConfig
 from slamgym.cad import FloorPlan
-from slamgym.envs import ExploreEnv
+from slamgym.envs import ExploreEnv, RewardFunction
 from slamgym.envs.frontier_actions import ExploreFrontiersEnv
 
 EPISODE_INFO = ("time", "path_length", "coverage", "collisions", "map_error", "pose_error")
@@ -62,13 +62,23 @@ def make_env(config: TrainConfig, plans: Any, **changes: Any) -> ExploreFrontier
     return ExploreFrontiersEnv(plans, discount=discount, **settings)
 
 
-def make_learning_envs(config: TrainConfig, plans: Sequence[FloorPlan]) -> VecEnv:
-    """All environments of a run, each with a seed of its own."""
+def make_learning_envs(
+    config: TrainConfig,
+    plans: Sequence[FloorPlan],
+    reward_terms: Mapping[str, tuple[float, RewardFunction]] | None = None,
+) -> VecEnv:
+    """All environments of a run, each with a seed of its own.
+
+    Args:
+        config: The run.
+        plans: What to learn on.
+        reward_terms: Terms of the user's own, name to (weight, function).
+    """
 
     def maker() -> Callable[[], gym.Env[Any, Any]]:
         def make() -> gym.Env[Any, Any]:
             staged = StagedPlans(plans, config.curriculum)
-            wrapped = Staged(make_env(config, staged), staged)
+            wrapped = Staged(make_env(config, staged, reward_terms=reward_terms), staged)
             keywords = EPISODE_INFO if config.env == "explore_frontiers" else EPISODE_INFO[1:]
             return Monitor(wrapped, info_keywords=keywords)
 

@@ -4,6 +4,7 @@ Reading one executes nothing. The header names the version of the features and t
 that weights of another observation space are refused with one sentence.
 """
 
+import hashlib
 import json
 import struct
 from collections.abc import Mapping
@@ -39,6 +40,14 @@ class PolicyFile:
     network: NetworkConfig
     weights: Mapping[str, Float32Array]
     about: Mapping[str, Any]  # how they were trained
+
+    @property
+    def fingerprint(self) -> str:
+        """The first 12 hex digits of the SHA-256 of the weights in the order of their names."""
+        digest = hashlib.sha256()
+        for name in sorted(self.weights):
+            digest.update(name.encode() + np.ascontiguousarray(self.weights[name], "<f4").tobytes())
+        return digest.hexdigest()[:12]
 
     def scorer(self) -> FrontierScorer:
         """The network, ready to choose."""

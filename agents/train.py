@@ -6,6 +6,7 @@ lets it imitate an expert first where that is asked for, and learns to the end.
 
 import dataclasses
 import json
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -25,10 +26,18 @@ from agents.policy import FrontierPolicy, MaskableFrontierPolicy
 from agents.pretrained_policy import write_policy
 from agents.semi_markov import MaskableSemiMarkovBuffer, SemiMarkovBuffer, SemiMarkovDiscounting
 from agents.train_config import TrainConfig
-from agents.training_callbacks import Checkpoint, FollowCurriculum, ShowProgress, Validate, write_json
+from agents.training_callbacks import (
+    Checkpoint,
+    FollowCurriculum,
+    LogEpisodes,
+    ShowProgress,
+    Validate,
+    write_json,
+)
 from slamgym import __version__
 from slamgym.config import from_dict, to_dict
 from slamgym.dataset.progress import say, show_progress
+from slamgym.envs import RewardFunction
 from slamgym.envs.frontier_actions import ExploreFrontiersEnv
 from slamgym.errors import ConfigError, InputFileError
 
@@ -36,13 +45,16 @@ CONFIG = "config.json"
 POLICY = "policy.safetensors"
 
 
-def train(config: TrainConfig, out: Path) -> BaseAlgorithm:
+def train(
+    config: TrainConfig, out: Path, reward_terms: Mapping[str, tuple[float, RewardFunction]] | None = None
+) -> BaseAlgorithm:
     """Train a policy; the same command again goes on where the run was interrupted.
 
     Args:
         config: The run.
         out: Its folder: ``config.json``, ``progress.csv`` and TensorBoard events, ``validation.csv``,
             ``checkpoint.pt``, ``policy.safetensors`` and, by validation, ``best.safetensors``.
+        reward_terms: Terms of the reward of the user's own, name to (weight, function).
 
     Returns:
         The learner.
@@ -55,7 +67,7 @@ def train(config: TrainConfig, out: Path) -> BaseAlgorithm:
     _claim(config, out)
     plans = draw_plans(config.plans, "train", config.plan_count, config.seed)
     say(f"{len(plans)} floor plans, {sum(plan.area for plan in plans) / len(plans):.0f} m2 on average")
-    envs = make_learning_envs(config, plans)
+    envs = make_learning_envs(config, plans, reward_terms)
     model = _make_model(config, envs)
     is_resumed = has_checkpoint(out)
     if is_resumed:
@@ -76,6 +88,7 @@ def train(config: TrainConfig, out: Path) -> BaseAlgorithm:
         raise
     finally:
         envs.close()
+        model.logger.close()
     if config.env == "explore_frontiers":
         export_policy(config, model, out / POLICY)
     else:
@@ -151,7 +164,7 @@ def _callbacks(config: TrainConfig, out: Path, model: BaseAlgorithm) -> list[Bas
     callbacks: list[BaseCallback] = [FollowCurriculum(config), Checkpoint(out, config.checkpoint_every)]
     if config.env != "explore_frontiers":
         return callbacks
-    callbacks.append(SemiMarkovDiscounting())
+    callbacks += [SemiMarkovDiscounting(), LogEpisodes()]
     if config.evaluate_every:
         plans = draw_plans(config.plans, "validation", config.evaluate_plans)
         env = make_env(config, plans, coverage_goal=None)

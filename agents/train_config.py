@@ -81,7 +81,7 @@ class TrainConfig:
     """The network."""
     imitation_decisions: int = 0
     """So many decisions of an expert are imitated first; 0 for none."""
-    imitation_expert: str = "true_gain"
+    imitation_expert: str = "full_knowledge"
     """Whom to imitate; see :mod:`agents.imitation`."""
     evaluate_every: int = 12_000
     """Steps between two evaluations on validation plans; 0 for none."""

@@ -114,6 +114,20 @@ class Checkpoint(BaseCallback):
         save_checkpoint(self._folder, self.model)
 
 
+class LogEpisodes(BaseCallback):
+    """Logs what the latest episodes of training took, whatever the reward."""
+
+    def _on_step(self) -> bool:
+        return True
+
+    def _on_rollout_end(self) -> None:
+        episodes = list(self.model.ep_info_buffer or [])
+        for name, key in (("seconds", "time"), ("metres", "path_length"), ("coverage", "coverage")):
+            if episodes:
+                mean = sum(episode[key] for episode in episodes) / len(episodes)
+                self.logger.record(f"rollout/episode_{name}", mean)
+
+
 class ShowProgress(BaseCallback):
     """Advances a bar by the steps that were made."""
 

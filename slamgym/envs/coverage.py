@@ -20,7 +20,6 @@ from slamgym.cad.floorplan import FloorPlan, ring_segments
 from slamgym.cad.raster import fill_segments
 from slamgym.envs.coverage_kernels import sweep, unit_vectors
 from slamgym.geometry import compose
-from slamgym.sensors.raycast import cast_rays
 from slamgym.types import BoolArray, FloatArray, GridFrame, LaserGeometry, Pose2D
 from slamgym.world.clutter import fitting_area
 
@@ -141,28 +140,6 @@ class Coverage:
             true_ranges,
             self._usable,
         )
-
-    def unseen_in_sight(self, point: tuple[float, float], segments: FloatArray, num_rays: int = 180) -> float:
-        """Floor that was not seen yet and is in sight of a point, all round up to the usable range [m2].
-
-        Args:
-            point: World frame [m].
-            segments: What blocks the sight, shape (S, 4) [m].
-            num_rays: Beams cast.
-        """
-        angles = np.linspace(-np.pi, np.pi, num_rays, endpoint=False)
-        ranges = np.empty(num_rays)
-        cast_rays(
-            point[0], point[1], 0.0, angles[0], 2.0 * np.pi / num_rays, num_rays, segments, self._usable, ranges
-        )  # fmt: skip
-        copy = self._unseen.copy()
-        frame = self.frame
-        return CELL**2 * int(
-            sweep(
-                copy, frame.origin_x, frame.origin_y, frame.resolution, point[0], point[1], 0.0,
-                unit_vectors(angles), ranges, self._usable,
-            )
-        )  # fmt: skip
 
 
 def _outlines(area: BaseGeometry) -> FloatArray:

@@ -1,0 +1,70 @@
+"""Reward presets for ``slamgym agents shape``: all of them, with their weights, in this one file.
+
+Every preset is a :class:`~slamgym.envs.rewards.RewardConfig`. All but ``coverage_only`` and
+``information_gain`` pay for time, for a policy that may take for ever learns nothing else. A term of your own
+needs no preset: ``slamgym agents shape --term my_module:my_function`` adds it to one.
+"""
+
+from dataclasses import dataclass, replace
+
+from slamgym.config import suggest
+from slamgym.envs import RewardConfig
+from slamgym.errors import ConfigError
+
+_NOTHING = RewardConfig(coverage_gain=0.0, time=0.0, collision=0.0, completion=0.0)
+
+
+@dataclass(frozen=True)
+class Preset:
+    """A reward and what it is for."""
+
+    reward: RewardConfig
+    about: str
+    needs_filter: bool = False
+    """Whether the reward only makes sense with a particle filter: with true poses there is no error to pay."""
+
+
+PRESETS: dict[str, Preset] = {
+    "coverage_only": Preset(replace(_NOTHING, coverage_gain=2.0), "floor truly seen, and nothing else"),
+    "information_gain": Preset(
+        replace(_NOTHING, information_gain=0.02), "growth of the robot's own map: needs no truth"
+    ),
+    "path_cost": Preset(
+        replace(_NOTHING, coverage_gain=2.0, path_length=0.08), "coverage, less the way driven"
+    ),
+    "time": Preset(replace(_NOTHING, coverage_gain=2.0, time=0.02), "coverage, less the time taken"),
+    "collision": Preset(
+        replace(_NOTHING, coverage_gain=2.0, time=0.02, collision=0.1), "as time, less contacts"
+    ),
+    "map_error": Preset(
+        replace(_NOTHING, coverage_gain=2.0, time=0.02, map_error=40.0),
+        "as time, less the growth of the map's true error (Daher et al.'s maps are judged by it)",
+        needs_filter=True,
+    ),
+    "pose_uncertainty": Preset(
+        replace(_NOTHING, coverage_gain=2.0, time=0.02, pose_uncertainty=0.2),
+        "as time, less the filter's position uncertainty over time: active SLAM, pays for closing loops "
+        "(Stachniss, Grisetti and Burgard 2005)",
+        needs_filter=True,
+    ),
+    "potential": Preset(
+        replace(_NOTHING, time=0.02, shaping=2.0),
+        "time, and potential-based coverage (Ng, Harada and Russell 1999): the optimal policies are those of "
+        "time alone",
+    ),
+    "completion": Preset(
+        replace(_NOTHING, time=0.02, completion=5.0), "time, and a bonus at the end: sparse"
+    ),
+}
+"""The presets by name."""
+
+
+def preset(name: str) -> Preset:
+    """A preset by its name.
+
+    Raises:
+        ConfigError: If there is none; the error suggests the nearest.
+    """
+    if name not in PRESETS:
+        raise ConfigError(f"no reward preset {name!r}; {suggest(name, PRESETS)}")
+    return PRESETS[name]

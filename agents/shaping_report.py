@@ -1,0 +1,173 @@
+"""The outcome of a reward-shaping experiment: a table with intervals, learning curves, a page of pictures."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from agents.bootstrap import Interval, mean_interval, ratio_of_means
+from agents.reward_shaping import ShapingRun, means
+from slamgym.errors import SlamgymError
+from slamgym.interop.atomic import staged, write_text
+from slamgym.types import FloatArray
+
+COLUMNS = (
+    ("time_95", "time to 95 % [s]", "{:.0f}"),
+    ("time_99", "time to 99 % [s]", "{:.0f}"),
+    ("path_99", "way to 99 % [m]", "{:.1f}"),
+    ("coverage", "coverage", "{:.3f}"),
+    ("map_error", "map error [m]", "{:.4f}"),
+)
+"""Field of :class:`agents.validation.Outcome`, heading, format."""
+
+_POINTS = 60
+_RESAMPLES = 2000
+_COLOURS = (
+    "#1971c2",
+    "#e03131",
+    "#2f9e44",
+    "#f08c00",
+    "#9c36b5",
+    "#0c8599",
+    "#6741d9",
+    "#66a80f",
+    "#868e96",
+    "#000000",
+)
+
+
+def write_shaping_report(runs: Sequence[ShapingRun], out: Path) -> str:
+    """Write ``shaping.md``, ``curves.png`` and ``outcomes.png``.
+
+    Args:
+        runs: All runs.
+        out: Folder.
+
+    Returns:
+        The table.
+
+    Raises:
+        SlamgymError: If matplotlib isn't installed.
+    """
+    text = table(runs)
+    write_text(out / "shaping.md", text)
+    draw_curves(runs, out / "curves.png")
+    draw_outcomes(runs, out / "outcomes.png")
+    return text
+
+
+def table(runs: Sequence[ShapingRun]) -> str:
+    """Means over seeds and plans with 95 % bootstrap intervals, and map error and time against ``time``.
+
+    The rows that are resampled are explorations: each of a preset's seeds on each plan.
+    """
+    names = list(dict.fromkeys(run.preset for run in runs))
+    reference = "time" if "time" in names else names[0]
+    headings = [
+        "preset",
+        "seeds",
+        *(heading for _, heading, _ in COLUMNS),
+        f"time 99 / {reference}",
+        f"error / {reference}",
+    ]
+    lines = ["| " + " | ".join(headings) + " |", "|" + "---|" * len(headings)]
+    for name in names:
+        own = [run for run in runs if run.preset == name]
+        cells = [name, str(len(own))]
+        cells += [_cell(mean_interval(_all(own, field)), form) for field, _, form in COLUMNS]
+        for field in ("time_99", "map_error"):
+            values, base = _paired(own, [run for run in runs if run.preset == reference], field)
+            cells.append(_cell(ratio_of_means(values, base), "{:.2f}") if len(values) else "-")
+        lines.append("| " + " | ".join(cells) + " |")
+    return "\n".join(lines) + "\n"
+
+
+def draw_curves(runs: Sequence[ShapingRun], path: Path) -> None:
+    """Learning curves: duration of the episodes of training over steps, mean of the seeds with its interval."""
+    plot = _pyplot()
+    figure, axis = plot.subplots(figsize=(8, 5), layout="constrained")
+    for number, name in enumerate(dict.fromkeys(run.preset for run in runs)):
+        curves = [run.curve for run in runs if run.preset == name and len(run.curve) > 1]
+        if not curves:
+            continue
+        begin, end = max(c[0][0] for c in curves), min(c[-1][0] for c in curves)
+        steps = np.linspace(begin, end, _POINTS)
+        values = np.vstack([np.interp(steps, *np.array(curve).T) for curve in curves])
+        low, high = _band(values)
+        colour = _COLOURS[number % len(_COLOURS)]
+        axis.plot(steps, values.mean(axis=0), color=colour, label=f"{name} ({len(curves)})", linewidth=1.6)
+        axis.fill_between(steps, low, high, color=colour, alpha=0.15, linewidth=0.0)
+    axis.set(xlabel="decisions", ylabel="mean duration of the latest 100 episodes [s]")
+    axis.grid(alpha=0.25)
+    axis.legend(fontsize=8, frameon=False)
+    _save(figure, path)
+
+
+def draw_outcomes(runs: Sequence[ShapingRun], path: Path) -> None:
+    """A page of pictures: every outcome of every preset, a dot for each seed and the interval of the mean."""
+    plot = _pyplot()
+    names = list(dict.fromkeys(run.preset for run in runs))
+    figure, axes = plot.subplots(
+        1, len(COLUMNS), figsize=(3 * len(COLUMNS), 0.45 * len(names) + 1.6), layout="constrained"
+    )
+    for axis, (field, heading, _) in zip(axes, COLUMNS, strict=True):
+        for row, name in enumerate(names):
+            own = [run for run in runs if run.preset == name]
+            interval = mean_interval(_all(own, field))
+            colour = _COLOURS[row % len(_COLOURS)]
+            axis.plot([interval.low, interval.high], [row, row], color=colour, linewidth=3, alpha=0.4)
+            axis.plot(means(own, field), [row] * len(own), "o", color=colour, markersize=4)
+        axis.set_yticks(range(len(names)), names if axis is axes[0] else [""] * len(names))
+        axis.set_title(heading, fontsize=9)
+        axis.invert_yaxis()
+        axis.grid(alpha=0.25)
+    _save(figure, path)
+
+
+def _all(runs: Sequence[ShapingRun], field: str) -> FloatArray:
+    return np.array([getattr(outcome, field) for run in runs for outcome in run.outcomes])
+
+
+def _paired(
+    runs: Sequence[ShapingRun], reference: Sequence[ShapingRun], field: str
+) -> tuple[FloatArray, FloatArray]:
+    """A field of two presets on the same plans, averaged over the seeds of each, shape (plans,) each."""
+    if not reference or not runs:
+        return np.zeros(0), np.zeros(0)
+
+    def of(some: Sequence[ShapingRun]) -> FloatArray:
+        return np.array([[getattr(outcome, field) for outcome in run.outcomes] for run in some]).mean(axis=0)
+
+    return of(runs), of(reference)
+
+
+def _cell(interval: Interval, form: str) -> str:
+    return f"{form.format(interval.value)} [{form.format(interval.low)}, {form.format(interval.high)}]"
+
+
+def _band(values: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """95 % bootstrap interval of the mean over rows, each of shape (columns,)."""
+    rng = np.random.default_rng(0)
+    drawn = values[rng.integers(len(values), size=(_RESAMPLES, len(values)))].mean(axis=1)
+    low, high = np.percentile(drawn, [2.5, 97.5], axis=0)
+    return low, high
+
+
+def _pyplot() -> Any:
+    try:
+        import matplotlib as mpl
+    except ImportError:
+        raise SlamgymError(
+            'the pictures need matplotlib; install it with: pip install "slamgym[agents]"'
+        ) from None
+    mpl.use("Agg")
+    from matplotlib import pyplot as plt
+
+    return plt
+
+
+def _save(figure: Any, path: Path) -> None:
+    with staged(path) as part:
+        figure.savefig(part, dpi=130)
+    _pyplot().close(figure)

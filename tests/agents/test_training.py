@@ -1,0 +1,157 @@
+"""Training: the semi-Markov estimates, the curriculum, a whole small run, and going on with it."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from agents.learning_plans import Curriculum, StagedPlans, draw_plans
+from agents.splits import split_of
+from agents.train_config import PPOConfig, TrainConfig
+from slamgym.cad import open_plans
+from slamgym.errors import ConfigError, InputFileError
+
+torch = pytest.importorskip("torch")
+pytest.importorskip("sb3_contrib")
+
+from stable_baselines3.common.buffers import DictRolloutBuffer  # noqa: E402
+
+from agents.imitation import EXPERTS  # noqa: E402
+from agents.learning_envs import make_env  # noqa: E402
+from agents.pretrained_policy import read_policy  # noqa: E402
+from agents.semi_markov import SemiMarkovBuffer  # noqa: E402
+from agents.train import train  # noqa: E402
+from slamgym.envs.frontier_actions import ExploreFrontiersEnv  # noqa: E402
+from slamgym.envs.frontier_features import frontier_observation_space  # noqa: E402
+
+TINY = TrainConfig(
+    plan_count=2,
+    steps=24,
+    num_envs=2,
+    ppo=PPOConfig(n_steps=6, batch_size=6, n_epochs=1),
+    evaluate_every=0,
+    checkpoint_every=12,
+    time_limit=40.0,
+)
+
+
+def fill(buffer, durations, rng):
+    space = frontier_observation_space(2)
+    for step in range(buffer.buffer_size):
+        observation = {key: np.stack([box.sample()] * buffer.n_envs) for key, box in space.spaces.items()}
+        if isinstance(buffer, SemiMarkovBuffer):
+            buffer.durations[step] = durations[step]
+        buffer.add(
+            observation,
+            np.zeros((buffer.n_envs, 1)),
+            rng.normal(size=buffer.n_envs),
+            rng.random(buffer.n_envs) < 0.2,
+            torch.as_tensor(rng.normal(size=buffer.n_envs)),
+            torch.zeros(buffer.n_envs),
+        )
+
+
+def make_buffer(kind, gamma):
+    from gymnasium import spaces
+
+    return kind(
+        8, frontier_observation_space(2), spaces.Discrete(2), "cpu", gae_lambda=0.9, gamma=gamma, n_envs=3
+    )
+
+
+def test_steps_of_one_second_give_the_usual_advantages():
+    ours, theirs = make_buffer(SemiMarkovBuffer, 0.97), make_buffer(DictRolloutBuffer, 0.97)
+    for buffer in (ours, theirs):
+        fill(buffer, np.ones((8, 3)), np.random.default_rng(0))
+        buffer.compute_returns_and_advantage(torch.ones(3), np.array([False, True, False]))
+    np.testing.assert_allclose(ours.advantages, theirs.advantages, atol=1e-5)
+    np.testing.assert_allclose(ours.returns, theirs.returns, atol=1e-5)
+
+
+def test_long_steps_are_discounted_by_their_seconds():
+    """With lambda 1 the return is the sum of rewards discounted by the time that passed before each."""
+    rng = np.random.default_rng(1)
+    durations = rng.uniform(0.5, 9.0, (8, 3))
+    buffer = make_buffer(SemiMarkovBuffer, 0.95)
+    buffer.gae_lambda = 1.0
+    fill(buffer, durations, rng)
+    buffer.episode_starts[:] = 0.0
+    buffer.compute_returns_and_advantage(torch.full((3,), 2.0), np.zeros(3, bool))
+    before = np.vstack([np.zeros(3), np.cumsum(durations, axis=0)])
+    expected = (0.95 ** before[:-1] * buffer.rewards).sum(axis=0) + 0.95 ** before[-1] * 2.0
+    np.testing.assert_allclose(buffer.returns[0], expected, rtol=1e-4)
+
+
+def test_the_curriculum_grows():
+    source = open_plans("procedural:3")
+    plans = [source.load(source.ids[i]) for i in range(8)]
+    curriculum = Curriculum(areas=(80.0, 140.0), shares=(0.25, 0.5))
+    assert [curriculum.stage(share) for share in (0.0, 0.24, 0.25, 0.5, 1.0)] == [0, 0, 1, 2, 2]
+    staged = StagedPlans(plans, curriculum)
+    sizes = []
+    for stage in range(3):
+        staged.set_stage(stage)
+        sizes.append(len(staged))
+        assert all(staged.load(plan_id).area <= (80.0, 140.0, np.inf)[stage] for plan_id in staged.ids[1:])
+    assert sizes == sorted(sizes)
+    assert sizes[-1] == 8
+
+
+def test_plans_are_drawn_from_the_split_only():
+    for split in ("train", "validation"):
+        plans = draw_plans(["procedural:0", "bundled"], split, 4)
+        assert plans
+        assert {split_of(plan.id) for plan in plans} == {split}
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"algo": "sac"},
+        {"algo": "maskable_ppo", "env": "explore"},
+        {"steps": 0},
+        {"discount": 1.5},
+        {"evaluate_every": -1},
+    ],
+)
+def test_senseless_runs_are_refused(changes):
+    with pytest.raises(ConfigError):
+        dataclasses.replace(TINY, **changes)
+
+
+def test_experts_choose_candidates_that_are_there():
+    env = make_env(TINY, draw_plans(["procedural:0"], "train", 1))
+    assert isinstance(env, ExploreFrontiersEnv)
+    observation, _ = env.reset(seed=0)
+    answers = [expert(env) for expert in EXPERTS.values()]
+    for _ in range(4):
+        for answer in answers:
+            assert env.action_masks()[answer(observation)]
+        observation, _, terminated, truncated, _ = env.step(0)
+        if terminated or truncated:
+            break
+
+
+def test_a_run_is_saved_and_goes_on_where_it_stopped(tmp_path):
+    half = dataclasses.replace(TINY, imitation_decisions=12, evaluate_every=100, evaluate_plans=1)
+    model = train(half, tmp_path)
+    assert model.num_timesteps == 24
+    for name in ("config.json", "checkpoint.pt", "policy.safetensors", "policy.json", "validation.csv"):
+        assert (tmp_path / name).is_file(), name
+    assert list(tmp_path.glob("log/*/events.out.tfevents.*"))
+    weights = read_policy(tmp_path / "policy.safetensors").weights
+    again = train(half, tmp_path)  # nothing is left to do, and nothing is lost
+    assert again.num_timesteps == 24
+    for name, value in read_policy(tmp_path / "policy.safetensors").weights.items():
+        np.testing.assert_array_equal(value, weights[name])
+    assert again.policy.optimizer.state_dict()["state"]
+    with pytest.raises(ConfigError, match="holds a run with seed = 0"):
+        train(dataclasses.replace(half, seed=1), tmp_path)
+    (tmp_path / "checkpoint.pt").write_bytes(b"not a checkpoint")
+    with pytest.raises(InputFileError, match="checkpoint"):
+        train(half, tmp_path)
+
+
+def test_plain_ppo_learns_on_frontiers_too(tmp_path):
+    model = train(dataclasses.replace(TINY, algo="ppo", steps=12), tmp_path)
+    assert model.num_timesteps == 12
