@@ -247,6 +247,8 @@ class TrainConfig:
     stages: tuple[Stage, ...] = (Stage(32, 750.0, 64),)
     """From coarse to fine."""
     seed: int = 0
+    minutes: float | None = None
+    """Wall-clock time of a training that isn't told epochs or minutes; None goes by the stages' epochs."""
     validation: float = 0.04
     """Share of the training plans that is held out to watch the training (at most 64 pairs are looked at)."""
 

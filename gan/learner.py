@@ -66,6 +66,11 @@ class Learner:
             named["average"] = self.average
         return named
 
+    def compile(self) -> None:
+        """Let torch compile the networks in training; names and state stay as they are."""
+        for network in (self.generator, *self.judges.values()):
+            network.compile()
+
     def step(self, batch: Batch, moment: Moment) -> dict[str, float]:
         """Move all networks once.
 

@@ -1,7 +1,7 @@
 """Ready settings: the paper's two translators, the default one, and a size of each for a CPU.
 
 ``model32`` and ``modelprog`` follow Daher et al. and the schedules of its code (750 and 200 epochs). The CPU sizes keep
-losses, judges and schedule but have narrower networks and smaller images; give them ``--minutes``.
+losses, judges and schedule but have narrower networks and smaller images, and a span of minutes.
 """
 
 from gan.config import (
@@ -76,6 +76,26 @@ PRESETS: dict[str, TrainConfig] = {
         ),
         stages=(Stage(256, 40.0, 8),),
     ),
+    "slam2cad-cpu": TrainConfig(
+        preset="slam2cad-cpu",
+        translator=TranslatorConfig(
+            direction="slam2cad",
+            input_size=256,
+            output_size=256,
+            input_encoding="free_occupied",
+            output_encoding="grey",
+            derotate=True,
+            generator=GeneratorConfig("residual", width=16, depth=4),
+        ),
+        discriminator=DiscriminatorConfig(domain=False, real_fake=False),
+        loss=_OVERLAP,
+        augment=REAL_MAPS,
+        optimiser=OptimiserConfig(
+            learning_rate=2e-3, beta1=0.9, beta2=0.99, warm_up=0.02, decay=0.6, average=0.99, clip_norm=1.0
+        ),
+        stages=(Stage(256, 40.0, 8),),
+        minutes=60.0,
+    ),
     "slam2cad-gan": TrainConfig(
         preset="slam2cad-gan",
         translator=TranslatorConfig(
@@ -117,6 +137,7 @@ PRESETS: dict[str, TrainConfig] = {
         discriminator=DiscriminatorConfig(width=64, patch_width=32),
         optimiser=OptimiserConfig(learning_rate=5e-4),
         stages=(Stage(32, 40.0, 16),),
+        minutes=30.0,
     ),
     "modelprog-cpu": TrainConfig(
         preset="modelprog-cpu",
@@ -131,10 +152,12 @@ PRESETS: dict[str, TrainConfig] = {
         discriminator=DiscriminatorConfig(width=64, patch_width=32),
         optimiser=OptimiserConfig(learning_rate=5e-4),
         stages=(
-            Stage(32, 4.0, 32),
-            Stage(64, 4.0, 16, 1.0, 16),
-            Stage(128, 6.0, 8, 1.0, 8),
+            # Steps cost 1 : 4 : 10, so the finer ones get fewer images and still most of the time.
+            Stage(32, 10.0, 32),
+            Stage(64, 6.0, 16, 1.0, 16),
+            Stage(128, 3.0, 8, 0.5, 8),
         ),
+        minutes=60.0,
     ),
 }
 

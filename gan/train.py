@@ -61,6 +61,8 @@ class RunOptions:
     stop_after_steps: int | None = None
     """Stop there, with a checkpoint, as an interruption would."""
     tensorboard: bool = True
+    compile: bool = False
+    """Let torch compile the networks."""
     command: str = ""
     """For the model card."""
 
@@ -119,6 +121,8 @@ class _Training:
             )
         self.config = config
         self.learner = Learner(config, compute)
+        if options.compile:
+            self.learner.compile()
         # Nothing here draws from torch's own generator; whatever ever does shall start from the seed.
         torch.manual_seed(config.seed)
         rng = np.random.default_rng(config.seed)

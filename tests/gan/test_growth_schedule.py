@@ -1,5 +1,7 @@
 """Steps, fade-in, learning rate, and fitting them into a span of time."""
 
+from pathlib import Path
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -8,7 +10,7 @@ from gan.budget import Budget
 from gan.config import OptimiserConfig, Stage
 from gan.presets import PRESETS, find_preset
 from gan.schedule import Schedule, Span, plan_schedule
-from gan.train_command import apply_settings, scaled_stages
+from gan.train_command import TrainArguments, apply_settings, scaled_stages, train_config
 from slamgym.errors import ConfigError
 
 PAPER_PAIRS = 4224
@@ -128,3 +130,31 @@ def test_presets_know_their_names_and_keep_the_papers_optimiser(name):
         )  # fmt: skip
         assert preset.loss.l1 == 10.0
         assert preset.translator.input_size == 256
+
+
+def arguments(**values):
+    return TrainArguments(images=Path("images"), out=Path("run"), **values)
+
+
+def test_the_cpu_presets_have_their_own_time_unless_told_otherwise():
+    assert train_config(arguments(preset="model32-cpu")).minutes == PRESETS["model32-cpu"].minutes
+    assert train_config(arguments(preset="model32-cpu", minutes=3.0)).minutes == 3.0
+    assert train_config(arguments(preset="model32-cpu", epochs=2.0)).minutes is None
+    for name in ("model32-cpu", "modelprog-cpu", "slam2cad-cpu"):
+        assert 0.0 < PRESETS[name].minutes <= 90.0
+
+
+def test_options_reach_the_configuration():
+    config = train_config(
+        arguments(preset="modelprog", seed=3, batch_size=5, learning_rate=0.01, epochs=20.0)
+    )
+    assert config.seed == 3
+    assert {stage.batch for stage in config.stages} == {5}
+    assert config.optimiser.learning_rate == 0.01
+    assert sum(stage.epochs for stage in config.stages) == pytest.approx(20.0)
+
+
+@pytest.mark.parametrize("values", [{"epochs": 0.0}, {"batch_size": 0}, {"learning_rate": -1.0}])
+def test_impossible_options_are_refused(values):
+    with pytest.raises(ConfigError):
+        train_config(arguments(**values))
