@@ -1,0 +1,74 @@
+import dataclasses
+
+import imageio
+import numpy as np
+import pytest
+import shapely
+
+from agents.coverage_plot import draw_coverage
+from agents.duel_film import film_duel
+from agents.trial import TrialConfig
+from slamgym.cad import FloorPlan
+from slamgym.envs import ExploreConfig
+from slamgym.envs.sites import ListedPlans
+from slamgym.errors import ConfigError
+from slamgym.slam import SlamConfig
+
+PAIR = ("nearest", "explore_lite")
+# 2 s of robot time: a film of some frames.
+CONFIG = TrialConfig(minutes=2.0 / 60.0, env=ExploreConfig(slam=SlamConfig(mode="ground_truth")))
+
+
+@pytest.fixture
+def plans():
+    return ListedPlans([FloorPlan(name, shapely.box(0.0, 0.0, 4.0, 3.0)) for name in ("a", "b")])
+
+
+@pytest.fixture
+def trials(make_trial):
+    """The left explorer gains more on plan b."""
+    return [
+        make_trial(name, plan, seconds)
+        for name, times in zip(PAIR, ((90.0, 50.0), (100.0, 100.0)), strict=True)
+        for plan, seconds in zip("ab", times, strict=True)
+    ]
+
+
+def test_a_film_shows_both_explorations_side_by_side(tmp_path, plans, trials):
+    film_duel(plans, trials, PAIR, CONFIG, tmp_path / "film.mp4")
+    with imageio.get_reader(tmp_path / "film.mp4") as reader:
+        frames = [frame for frame in reader.iter_data()]  # noqa: C416 - list() asks the reader for its length
+    assert len(frames) > 40  # 2 s of film at the end
+    rows, cols, _ = frames[0].shape
+    assert (rows % 2, cols % 2) == (0, 0)
+    left, right = frames[0][:, : cols // 2].astype(int), frames[0][:, cols // 2 :].astype(int)
+    heading = np.s_[:40]
+    assert np.abs(left[heading] - right[heading]).max() > 100  # other names
+    assert np.abs(left[60:] - right[60:]).mean() < 3.0  # the same start; the codec loses a little
+    assert list(tmp_path.iterdir()) == [tmp_path / "film.mp4"]
+
+
+def test_the_plan_to_film_is_where_the_left_one_gains_most_or_the_one_named(
+    tmp_path, plans, trials, monkeypatch
+):
+    filmed = []
+
+    def no_frames(plan, seed, name, config, stride):
+        filmed.append(plan.id)
+        yield np.zeros((4, 4, 3), np.uint8)
+
+    monkeypatch.setattr("agents.duel_film._frames", no_frames)
+    film_duel(plans, trials, PAIR, CONFIG, tmp_path / "film.mp4")
+    film_duel(plans, trials, PAIR, CONFIG, tmp_path / "film.mp4", "a")
+    assert filmed == ["b", "b", "a", "a"]
+    with pytest.raises(ConfigError, match="was not explored"):
+        film_duel(plans, trials, PAIR, CONFIG, tmp_path / "film.mp4", "c")
+
+
+def test_a_plot_of_explorers_that_reach_a_level_and_of_one_that_never_does(tmp_path, trials, make_trial):
+    pytest.importorskip("matplotlib")
+    slow = [dataclasses.replace(make_trial("slow", plan, reached=0.6), finished=False) for plan in "ab"]
+    draw_coverage([*trials, *slow], tmp_path / "plot.png")
+    picture = imageio.v3.imread(tmp_path / "plot.png")
+    assert picture.shape[1] > picture.shape[0] > 400
+    assert len(np.unique(picture.reshape(-1, picture.shape[2]), axis=0)) > 20  # not an empty page
