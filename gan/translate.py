@@ -110,7 +110,7 @@ class LearnedTranslator:
             metres_per_px: Scale, if it is known.
         """
         size = self.config.input_size
-        if cells.shape == (size, size) and metres_per_px is None:
+        if cells.shape == (size, size) and self._is_usual(metres_per_px):
             return self._draw(cells[np.newaxis])[0]
         channels = 1 if self.config.output_encoding == "grey" else 2
         result = np.full((channels, *cells.shape), -1.0, np.float32)
@@ -128,6 +128,11 @@ class LearnedTranslator:
             result[channel, rows, cols] = 2.0 * share - 1.0
         return result
 
+    def _is_usual(self, metres_per_px: float | None) -> bool:
+        """Whether an image of the network's size may go in as it is: its scale is near those of the training."""
+        low, _, high = self.config.metres_per_px
+        return metres_per_px is None or 0.5 * low <= metres_per_px <= 2.0 * high
+
     def _working_shape(self, shape: tuple[int, int], metres_per_px: float | None) -> tuple[int, int]:
         """Rows and columns at which a map goes through the network."""
         size, longest = self.config.input_size, max(shape)
@@ -135,9 +140,9 @@ class LearnedTranslator:
             factor = max(size / longest, 1.0 / MAX_SHRINK)
         else:
             low, middle, high = self.config.metres_per_px
-            to_fit = longest * metres_per_px / size
-            # One tile if it fits at a scale that was trained; else tiles at the middle of those scales.
-            factor = metres_per_px / (max(to_fit, low) if to_fit <= high else middle)
+            # The map's own scale if it was trained; a coarser one if that makes a single tile; else tiles.
+            nearest, to_fit = min(max(metres_per_px, low), high), longest * metres_per_px / size
+            factor = metres_per_px / (max(nearest, to_fit) if to_fit <= high else middle)
         rows, cols = (max(1, min(math.ceil(side * factor), side * size)) for side in shape)
         return (min(rows, size), min(cols, size)) if factor * longest <= size + 1 else (rows, cols)
 

@@ -84,6 +84,23 @@ def test_a_map_of_the_networks_size_is_not_resampled():
     assert agreement(copying().translate(cells), cells) == 1.0
 
 
+@pytest.mark.parametrize(
+    ("shape", "scale", "expected"),
+    [
+        ((40, 30), 0.1, (40, 30)),  # of a trained scale: as it is
+        ((64, 20), 0.01, (13, 4)),  # too fine: the finest that was trained, 0.05
+        ((30, 20), 0.4, (60, 40)),  # too coarse: 0.2
+        ((100, 50), 0.1, (64, 32)),  # shrunk to 0.156 it fits into one tile
+        ((200, 100), 0.1, (200, 100)),  # doesn't fit even at 0.2: tiles at 0.1
+        ((400, 200), 0.05, (200, 100)),
+        ((32, 16), None, (64, 32)),  # of unknown scale: fitted
+        ((640, 64), None, (160, 16)),  # but shrunk by 4 at most
+    ],
+)
+def test_the_working_scale(shape, scale, expected):
+    assert copying()._working_shape(shape, scale) == expected
+
+
 def test_a_turned_map_comes_back_turned():
     cells = building(101, 101, margin=0.3)
     matrix = cv2.getRotationMatrix2D((50, 50), 25.0, 1.0)
