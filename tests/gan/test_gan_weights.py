@@ -10,6 +10,7 @@ from safetensors.torch import save_file
 
 from gan.config import GeneratorConfig, TranslatorConfig
 from gan.networks import build_generator
+from gan.ship import main as ship_command
 from gan.weights import MAX_BYTES, ModelCard, load_weights, save_translator, shipped
 from slamgym.config import from_dict, to_dict
 from slamgym.errors import ConfigError, InputFileError
@@ -141,6 +142,18 @@ def test_a_file_that_cannot_be_written_is_one_clear_error(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(InputFileError, match="can't be written"):
         save_translator(tmp_path / "file" / "w.safetensors", build_generator(TINY), TINY, CARD)
+
+
+def test_shipping_keeps_the_weights_and_completes_the_card(saved, tmp_path):
+    path, _ = saved
+    out = str(tmp_path / "out")
+    arguments = [str(path), "mine", "--data", "homes", "--command", "slamgym gan train images", "--out", out]
+    assert ship_command(arguments) == 0
+    before, after = load_weights(path), load_weights(tmp_path / "out" / "mine.safetensors")
+    state = after.generator.state_dict()
+    assert all(torch.equal(value, state[key]) for key, value in before.generator.state_dict().items())
+    assert after.card == dataclasses.replace(CARD, data="homes", command="slamgym gan train images")
+    assert (tmp_path / "out" / "mine.md").read_text().startswith("# mine\n")
 
 
 @pytest.mark.parametrize("name", shipped())
