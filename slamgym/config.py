@@ -133,8 +133,15 @@ def _convert(hint: Any, value: Any, where: str) -> Any:
         return from_dict(typing.cast(type, hint), value, where)
     if isinstance(value, list) and isinstance(hint, type) and issubclass(hint, tuple):
         return hint(*value)
-    if isinstance(value, list) and typing.get_origin(hint) is tuple:
-        return tuple(value)
+    origin, options = typing.get_origin(hint), typing.get_args(hint)
+    if isinstance(value, list) and origin is tuple:
+        variadic = len(options) == 2 and options[1] is Ellipsis
+        if not variadic and len(options) != len(value):
+            return tuple(value)
+        inner = [options[0]] * len(value) if variadic else options
+        return tuple(_convert(option, item, where) for option, item in zip(inner, value, strict=True))
+    if isinstance(value, Mapping) and origin in (dict, Mapping):
+        return {name: _convert(options[1], item, f"{where}.{name}") for name, item in value.items()}
     return value
 
 

@@ -1,3 +1,4 @@
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import pytest
@@ -19,11 +20,14 @@ class Outer:
     inner: Inner = field(default_factory=Inner)
     optional: Inner | None = None
     levels: tuple[float, ...] = (1.0, 2.0)
+    parts: Mapping[str, tuple[Inner, ...]] = field(default_factory=dict)
 
 
 def test_round_trip_keeps_nested_values():
     config = Outer(particles=8, inner=Inner(4.0, Pose2D(1.0, 2.0, 3.0)), optional=Inner(), levels=(3.0,))
     assert from_dict(Outer, to_dict(config)) == config
+    nested = Outer(parts={"a": (Inner(1.0), Inner(2.0, Pose2D(1.0, 0.0, 0.0))), "b": ()})
+    assert from_dict(Outer, to_dict(nested)) == nested
 
 
 def test_missing_names_keep_their_defaults():
@@ -35,7 +39,7 @@ def test_missing_names_keep_their_defaults():
     [
         ({"particels": 5}, ["unknown setting 'particels'", "did you mean 'particles'?"]),
         ({"inner": {"rangemax": 1.0}}, ["inner", "did you mean 'range_max'?"]),
-        ({"qqqq": 1}, ["known: inner, levels, optional, particles"]),
+        ({"qqqq": 1}, ["known: inner, levels, optional, particles, parts"]),
     ],
 )
 def test_unknown_names_are_refused_with_a_suggestion(values, words):
@@ -54,7 +58,14 @@ def test_a_setting_is_replaced_by_its_dotted_name():
     assert changed == Outer(inner=Inner(range_max=5))
     assert replace_setting(Outer(), "levels", [4.0]).levels == (4.0,)
     assert replace_setting(Outer(), "optional", None).optional is None
-    assert setting_names(Outer()) == ["particles", "inner.range_max", "inner.mount", "optional", "levels"]
+    assert setting_names(Outer()) == [
+        "particles",
+        "inner.range_max",
+        "inner.mount",
+        "optional",
+        "levels",
+        "parts",
+    ]
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,12 @@
 from slamgym.dataset.build import BuildReport, DatasetConfig, build_dataset
 from slamgym.dataset.episode import Episode, EpisodeConfig, run_episode
 from slamgym.dataset.format import Layout, PairRecord, load_pair, read_config, read_manifest
+from slamgym.dataset.images import ImageRecord, load_images, read_images
 from slamgym.dataset.pair import MapPair, PairConfig, make_pair
+from slamgym.dataset.render import render_images
+from slamgym.dataset.selection import select_pairs
+from slamgym.dataset.split import make_split, read_split
+from slamgym.dataset.square_images import ImageConfig
 from slamgym.dataset.summary import describe_pairs, write_contact_sheet
 
 __all__ = [
@@ -11,16 +16,24 @@ __all__ = [
     "DatasetConfig",
     "Episode",
     "EpisodeConfig",
+    "ImageConfig",
+    "ImageRecord",
     "Layout",
     "MapPair",
     "PairConfig",
     "PairRecord",
     "build_dataset",
     "describe_pairs",
+    "load_images",
     "load_pair",
     "make_pair",
+    "make_split",
     "read_config",
+    "read_images",
     "read_manifest",
+    "read_split",
+    "render_images",
     "run_episode",
+    "select_pairs",
     "write_contact_sheet",
 ]
