@@ -1,7 +1,6 @@
 """Which explorations a run has to make, drawn one at a time."""
 
 from collections.abc import Iterator
-from pathlib import Path
 
 from slamgym.cad import FloorPlan, PlanSource, check_plan, plan_groups
 from slamgym.dataset.episode import MakeExplorer
@@ -20,9 +19,9 @@ _LEFT_OUT = ""
 class SlotQueue:
     """Draws explorations from the schedule until enough slots hold a pair or are being explored.
 
-    A whole dataset has the first ``pairs`` slots that give a pair. The runs of its shards can't know of each
-    other's explorations that fail, so together they take the first ``pairs`` slots whose plan is fit; a run
-    without shards adds afterwards what is missing.
+    A whole dataset has the first ``pairs`` slots that give a pair. The run of a shard can't know which of the
+    other shards' plans can't be explored, so together they take the first ``pairs`` slots whose plan the
+    filter lets through. Of these some fail; a run without shards adds afterwards what is missing.
 
     Args:
         folder: Where the pairs are kept.
@@ -50,7 +49,8 @@ class SlotQueue:
         self._shard, self._shares_files = shard, shares_files
         self._missing = pairs
         self._barren = 0
-        self._unfit: dict[str, str] = {}
+        self._chosen: set[str] = set()
+        self._faults: dict[str, str] = {}
 
     def wants_more(self) -> bool:
         """Whether slots are still missing."""
@@ -61,20 +61,34 @@ class SlotQueue:
         while self._missing > 0:
             slot = next(self._slots)
             if slot.index in self._folder.committed:
-                self._missing -= 1
-                self._barren = 0
-                continue
-            if self._shard == WHOLE and slot.index in self._folder.rejected:
+                self._count()
+            elif self._shard != WHOLE:
+                yield from self._draw_of_shard(slot)
+            elif slot.index in self._folder.rejected or (plan := self._load_fit(slot)) is None:
                 self._note_barren()
-                continue
-            plan = self._load(slot)
-            if plan is None:
-                self._note_barren()
-                continue
-            self._missing -= 1
-            self._barren = 0
-            if self._shard.owns(slot.index) and slot.index not in self._folder.rejected:
-                yield Exploration(slot, plan, self._staging_place(slot), self._config, self._make_explorer)
+            else:
+                self._count()
+                yield self._exploration(slot, plan)
+
+    def _draw_of_shard(self, slot: Slot) -> Iterator[Exploration]:
+        if not self._is_chosen(slot.plan_id):
+            self._note_barren()
+            if self._shard.owns(slot.index) and self._faults[slot.plan_id] != _LEFT_OUT:
+                self._folder.reject(slot, "PlanError", self._faults[slot.plan_id])
+            return
+        self._count()
+        if self._shard.owns(slot.index) and slot.index not in self._folder.rejected:
+            plan = self._load_fit(slot)
+            if plan is not None:
+                yield self._exploration(slot, plan)
+
+    def _count(self) -> None:
+        self._missing -= 1
+        self._barren = 0
+
+    def _exploration(self, slot: Slot, plan: FloorPlan) -> Exploration:
+        staged = self._folder.stage(slot.name) if self._shares_files else None
+        return Exploration(slot, plan, staged, self._config, self._make_explorer)
 
     def reject(self, slot: Slot, error: str, reason: str) -> None:
         """Note that a slot gives no pair; in a whole dataset another one takes its place."""
@@ -83,24 +97,37 @@ class SlotQueue:
             self._missing += 1
             self._note_barren()
 
-    def _staging_place(self, slot: Slot) -> Path | None:
-        return self._folder.stage(slot.name) if self._shares_files else None
+    def _is_chosen(self, plan_id: str) -> bool:
+        """Whether a plan can be read and passes the filter: the quick part of the judgement, made once each."""
+        if plan_id not in self._chosen and plan_id not in self._faults:
+            self._read(plan_id)
+        return plan_id in self._chosen
 
-    def _load(self, slot: Slot) -> FloorPlan | None:
-        """The plan, or None if it is unfit; each unfit plan is loaded once."""
-        fault = self._unfit.get(slot.plan_id)
-        if fault is None:
+    def _read(self, plan_id: str) -> FloorPlan | None:
+        """The plan if the filter lets it through; else a fault is noted."""
+        try:
+            plan = self._plans.load(plan_id)
+        except PlanError as error:
+            self._faults[plan_id] = error.reason
+            return None
+        if not passes(plan, self._config.plans_filter):
+            self._faults[plan_id] = _LEFT_OUT
+            return None
+        self._chosen.add(plan_id)
+        return plan
+
+    def _load_fit(self, slot: Slot) -> FloorPlan | None:
+        """The plan of a slot, or None if it can't be explored, with a note of the reason."""
+        plan_id, plan = slot.plan_id, None
+        if plan_id not in self._faults and (plan := self._read(plan_id)) is not None:
             try:
-                plan = self._plans.load(slot.plan_id)
                 check_plan(plan, self._config.episode.env.robot.radius)
             except PlanError as error:
-                fault = error.reason
-            else:
-                if passes(plan, self._config.plans_filter):
-                    return plan
-                fault = _LEFT_OUT
-            self._unfit[slot.plan_id] = fault
-        if fault != _LEFT_OUT and self._shard.owns(slot.index):
+                self._faults[plan_id] = error.reason
+        fault = self._faults.get(plan_id)
+        if fault is None:
+            return plan
+        if fault != _LEFT_OUT:
             self._folder.reject(slot, "PlanError", fault)
         return None
 
