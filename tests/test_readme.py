@@ -46,7 +46,9 @@ def test_there_are_commands_to_check():
 @pytest.mark.parametrize(("page", "command"), sorted(set(slamgym_commands())))
 def test_commands_exist_and_know_their_options(page, command):
     words = shlex.split(command)[1:]
-    verbs = [words[0], words[1]] if words[0] in {"plans", "dataset", "agents"} and len(words) > 1 else [words[0]]
+    verbs = (
+        [words[0], words[1]] if words[0] in {"plans", "dataset", "agents"} and len(words) > 1 else [words[0]]
+    )
     help_text = subprocess.run(
         [sys.executable, "-m", "slamgym.cli", *verbs, "--help"],
         capture_output=True, text=True, check=True, env=os.environ | {"COLUMNS": "200"},
