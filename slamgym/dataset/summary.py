@@ -1,5 +1,6 @@
 """What lies in a dataset, in words and in one picture."""
 
+from array import array
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
@@ -22,21 +23,22 @@ def describe_pairs(root: Path | str) -> str:
     Raises:
         InputFileError: If the folder holds no dataset.
     """
-    records = list(read_manifest(root))
-    if not records:
+    # A million records would not fit in memory; five numbers of each do.
+    figures, plans, endings_count = array("d"), set[str](), Counter[str]()
+    for record in read_manifest(root):
+        figures.extend(
+            (record.coverage, record.ate, record.odometry_ate, record.map_error, record.robot_seconds / 60.0)
+        )
+        plans.add(record.plan_id)
+        endings_count[record.finished] += 1
+    if not figures:
         return f"{root}: no pairs"
-    coverage = np.array([record.coverage for record in records])
-    ate = np.array([record.ate for record in records])
-    odometry = np.array([record.odometry_ate for record in records])
-    walls = np.array([record.map_error for record in records])
-    minutes = np.array([record.robot_seconds for record in records]) / 60.0
+    coverage, ate, odometry, walls, minutes = np.frombuffer(figures).reshape(-1, 5).T
     complete = 100.0 * np.mean(coverage >= GOOD_COVERAGE)
-    endings = ", ".join(
-        f"{count} {reason}" for reason, count in Counter(r.finished for r in records).most_common()
-    )
+    endings = ", ".join(f"{count} {reason}" for reason, count in endings_count.most_common())
     return "\n".join(
         [
-            f"{root}: {len(records)} pairs of {len({r.plan_id for r in records})} plans",
+            f"{root}: {len(coverage)} pairs of {len(plans)} plans",
             f"  coverage        median {100 * np.median(coverage):.1f} %, "
             f"{complete:.0f} % of the pairs at {100 * GOOD_COVERAGE:.0f} % or more",
             f"  robot time      median {np.median(minutes):.1f} min, longest {minutes.max():.1f} min",
@@ -59,15 +61,10 @@ def write_contact_sheet(root: Path | str, limit: int) -> Path:
         StorageError: If the picture can't be written.
     """
     layout = Layout(Path(root))
-    records = list(read_manifest(root))
-    chosen = [
-        records[i] for i in np.unique(np.linspace(0, len(records) - 1, min(limit, len(records))).astype(int))
-    ]
-    heading = (
-        f"slamgym: {len(chosen)} of {len(records)} pairs"
-        if len(chosen) < len(records)
-        else "slamgym: map pairs"
-    )
+    count = sum(1 for _ in read_manifest(root))
+    places = set(np.linspace(0, count - 1, min(limit, count)).astype(int).tolist())
+    chosen = [record for place, record in enumerate(read_manifest(root)) if place in places]
+    heading = f"slamgym: {len(chosen)} of {count} pairs" if len(chosen) < count else "slamgym: map pairs"
     picture = draw_contact_sheet(heading, sheet_entries(root, chosen), columns=2)
     with storage_errors(layout.contact_sheet):
         replace_file(layout.contact_sheet, cv2.imencode(".png", picture[:, :, ::-1])[1].tobytes())
