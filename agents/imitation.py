@@ -1,15 +1,17 @@
-"""Imitate an expert before learning from rewards: behaviour cloning (Pomerleau 1989) of frontier choices.
+"""Imitate an expert before learning from rewards: behaviour cloning (Pomerleau 1989), then DAgger.
 
 The experts are allowed to know the truth; what is learned from them is not: the network sees nothing but
 observations.
 """
 
+import math
 from collections.abc import Callable, Sequence
-from pathlib import Path
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 import torch
+from torch.nn.functional import cross_entropy
 
 from agents.learning_envs import make_env
 from agents.tour_expert import TourExpert
@@ -20,6 +22,9 @@ from slamgym.dataset.progress import say, show_progress
 from slamgym.envs.frontier_actions import ExploreFrontiersEnv
 from slamgym.envs.frontier_features import CANDIDATE_FEATURES
 from slamgym.errors import ConfigError
+
+_EPOCHS = 40
+_PATIENCE = 4  # epochs without a better result on what is held out
 
 Answer = Callable[[dict[str, Any]], int]
 """From an observation to the action that the expert would take."""
@@ -51,80 +56,131 @@ EXPERTS: dict[str, Callable[[ExploreFrontiersEnv], Answer]] = {
 """Whom to imitate, by name; an expert is made anew when an episode has begun."""
 
 
-def imitate(model: Any, config: TrainConfig, plans: Sequence[FloorPlan], out: Path) -> None:
-    """Fit a policy to an expert's choices by cross-entropy.
+def imitate(model: Any, config: TrainConfig, plans: Sequence[FloorPlan]) -> None:
+    """Fit a policy to an expert's choices, and its value to the returns that came of them.
 
-    The expert drives, but one choice in ten is drawn at random, so that the data hold its answers to
-    situations that it would not get into by itself.
+    In the first round the expert drives, but one choice in ten is drawn at random. In the rounds after it the
+    policy drives and the expert is asked what it would have done (DAgger: Ross, Gordon and Bagnell, AISTATS
+    2011): so the data hold answers to the situations that the policy gets itself into.
 
     Args:
         model: The learner; its policy is changed.
         config: The run.
-        plans: Where the expert explores.
-        out: Folder of the run; unused but for messages.
+        plans: Where to explore.
+
+    Raises:
+        ConfigError: If there is no expert of that name.
     """
-    del out
     if config.imitation_expert not in EXPERTS:
         raise ConfigError(
             f"no expert {config.imitation_expert!r} to imitate; {suggest(config.imitation_expert, EXPERTS)}"
         )
-    expert = EXPERTS[config.imitation_expert]
     env = make_env(config, list(plans))
     assert isinstance(env, ExploreFrontiersEnv)
-    observations, answers = _collect(env, expert, config.imitation_decisions, config.seed)
-    _fit(model.policy, observations, answers, config.seed)
+    network = model.policy.features_extractor.network
+    lessons = _Lessons()
+    rounds = max(1, config.imitation_rounds)
+    for number in range(rounds):
+        wanted = (config.imitation_decisions * (number + 1)) // rounds
+        choose = None if number == 0 else _student(network)
+        _collect(env, EXPERTS[config.imitation_expert], choose, lessons, wanted, config, seed=number)
+        _fit(network, lessons, config.seed)
+
+
+@dataclass
+class _Lessons:
+    """What the expert was asked, what it answered, and what the rest of the episode brought."""
+
+    observations: list[dict[str, Any]] = field(default_factory=list)
+    answers: list[int] = field(default_factory=list)
+    returns: list[float] = field(default_factory=list)  # nan where the episode was cut off
+
+    def __len__(self) -> int:
+        return len(self.answers)
+
+    def end_episode(self, steps: list[tuple[float, float]], discount: float, is_whole: bool) -> None:
+        """Add the returns of an episode from its (reward, duration) of each step."""
+        following, returns = 0.0, []
+        for reward, duration in reversed(steps):
+            following = reward + discount**duration * following
+            returns.append(following if is_whole else math.nan)
+        self.returns += reversed(returns)
+
+
+def _student(network: Any) -> Answer:
+    def choose(observation: dict[str, Any]) -> int:
+        with torch.no_grad():
+            scores, _ = network({key: torch.as_tensor(value)[None] for key, value in observation.items()})
+        return int(scores[0].argmax())
+
+    return choose
 
 
 def _collect(
-    env: ExploreFrontiersEnv, expert: Callable[[ExploreFrontiersEnv], Answer], count: int, seed: int
-) -> tuple[list[dict[str, Any]], list[int]]:
-    rng = np.random.default_rng(seed)
-    observation, _ = env.reset(seed=seed)
-    ask = expert(env)
-    observations: list[dict[str, Any]] = []
-    answers: list[int] = []
-    with show_progress("decisions of the expert", 0, count) as advance:
-        while len(answers) < count:
+    env: ExploreFrontiersEnv,
+    expert: Callable[[ExploreFrontiersEnv], Answer],
+    choose: Answer | None,
+    lessons: _Lessons,
+    wanted: int,
+    config: TrainConfig,
+    seed: int,
+) -> None:
+    """Explore until there are as many lessons as wanted; the expert drives where ``choose`` is None."""
+    rng = np.random.default_rng([config.seed, seed])
+    observation, _ = env.reset(seed=int(rng.integers(2**31)))
+    ask, steps = expert(env), []
+    with show_progress("decisions of the expert", len(lessons), wanted) as advance:
+        while len(lessons) < wanted:
             answer = ask(observation)
-            observations.append(observation)
-            answers.append(answer)
+            lessons.observations.append(observation)
+            lessons.answers.append(answer)
             advance()
-            valid = np.flatnonzero(env.action_masks())
-            action = int(rng.choice(valid)) if rng.random() < 0.1 else answer
-            observation, _, terminated, truncated, _ = env.step(action)
+            action = choose(observation) if choose else answer
+            if choose is None and rng.random() < 0.1:
+                action = int(rng.choice(np.flatnonzero(env.action_masks())))
+            observation, reward, terminated, truncated, info = env.step(action)
+            steps.append((float(reward), float(info["duration"])))
             if terminated or truncated:
+                lessons.end_episode(steps, config.discount, is_whole=terminated)
                 observation, _ = env.reset()
-                ask = expert(env)
-    return observations, answers
+                ask, steps = expert(env), []
+    lessons.end_episode(steps, config.discount, is_whole=False)
 
 
-def _fit(policy: Any, observations: list[dict[str, Any]], answers: list[int], seed: int) -> None:
-    """Minimise the cross-entropy on nine tenths of the data while it falls on the rest."""
-    tensors = {key: torch.as_tensor(np.stack([o[key] for o in observations])) for key in observations[0]}
-    target = torch.as_tensor(answers)
-    network = policy.features_extractor.network
-    order = torch.as_tensor(np.random.default_rng(seed).permutation(len(answers)))
-    held = order[: max(1, len(order) // 10)]
-    rest = order[len(held) :]
+def _fit(network: Any, lessons: _Lessons, seed: int) -> None:
+    """Minimise cross-entropy and the value's squared error while the former falls on a tenth held out."""
+    tensors = {
+        key: torch.as_tensor(np.stack([o[key] for o in lessons.observations]))
+        for key in lessons.observations[0]
+    }
+    answers = torch.as_tensor(lessons.answers)
+    returns = torch.as_tensor(lessons.returns, dtype=torch.float32)
+    # The last tenth is held out rather than a random one: neighbouring decisions are much alike.
+    order = torch.arange(len(answers))
+    held, rest = order[-max(1, len(order) // 10) :], order[: -max(1, len(order) // 10)]
     optimiser = torch.optim.Adam(network.parameters(), lr=1e-3)
-    best, best_state, waited = float("inf"), None, 0
-    for epoch in range(40):
+    best, best_state, accuracy, waited = float("inf"), network.state_dict(), 0.0, 0
+    for epoch in range(_EPOCHS):
         shuffled = rest[torch.as_tensor(np.random.default_rng([seed, epoch]).permutation(len(rest)))]
         for batch in shuffled.split(256):
-            scores, _ = network({key: value[batch] for key, value in tensors.items()})
-            loss = torch.nn.functional.cross_entropy(scores, target[batch])
+            scores, values = network({key: value[batch] for key, value in tensors.items()})
+            known = torch.isfinite(returns[batch])
+            errors = (values[known] - returns[batch][known]) ** 2
+            loss = cross_entropy(scores, answers[batch]) + 0.5 * errors.sum() / max(1, len(batch))
             optimiser.zero_grad()
             loss.backward()
             optimiser.step()
         with torch.no_grad():
             scores, _ = network({key: value[held] for key, value in tensors.items()})
-            held_loss = float(torch.nn.functional.cross_entropy(scores, target[held]))
-            accuracy = float((scores.argmax(dim=1) == target[held]).float().mean())
+            held_loss = float(cross_entropy(scores, answers[held]))
         waited = 0 if held_loss < best else waited + 1
         if held_loss < best:
             best, best_state = held_loss, {k: v.clone() for k, v in network.state_dict().items()}
-        if waited == 4:
+            accuracy = float((scores.argmax(dim=1) == answers[held]).float().mean())
+        if waited == _PATIENCE:
             break
-    if best_state is not None:
-        network.load_state_dict(best_state)
-    say(f"imitation: cross-entropy {best:.3f}, the expert's choice in {accuracy:.0%} of held-out decisions")
+    network.load_state_dict(best_state)
+    say(
+        f"imitation: {len(lessons)} decisions, cross-entropy {best:.3f}, the expert's choice in "
+        f"{accuracy:.0%} of held-out decisions"
+    )

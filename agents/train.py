@@ -75,7 +75,8 @@ def train(
         say(f"going on at step {model.num_timesteps}")
     model.set_logger(configure(str(out / "log" / str(model.num_timesteps)), ["csv", "tensorboard"]))
     if config.imitation_decisions and not is_resumed:
-        imitate(model, config, plans, out)
+        imitate(model, config, plans)
+        save_checkpoint(out, model)
     left = max(0, config.steps - model.num_timesteps)
     try:
         with show_progress("steps", model.num_timesteps, config.steps) as advance:

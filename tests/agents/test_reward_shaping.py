@@ -1,0 +1,131 @@
+"""Reward presets, their experiment and its report; learning itself is replaced by writing weights."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from agents.network_config import NetworkConfig
+from agents.pretrained_policy import SHIPPED, read_policy, write_policy
+from agents.reward_presets import PRESETS, preset
+from agents.reward_shaping import OWN, ShapingConfig, ShapingRun, own_term, run_shaping, settings_of
+from agents.shape_command import main
+from agents.shaping_report import table, write_shaping_report
+from agents.train_config import TrainConfig
+from agents.validation import Outcome
+from slamgym.envs.rewards import Reward, StepRecord
+from slamgym.errors import ConfigError
+
+STEP = StepRecord(
+    duration=0.2, time=10.0, distance=0.05, contact=True, coverage=0.5, previous_coverage=0.4, pose_error=0.2,
+    n_eff=20.0, terminated=True, known_area=30.0, previous_known_area=29.0, map_error=0.05, previous_map_error=0.04,
+    position_sigma=0.1,
+)  # fmt: skip
+
+
+def outcome(time_99=100.0, map_error=0.02):
+    return Outcome(
+        time_95=80.0, time_99=time_99, path_95=18.0, path_99=22.0, time=120.0, coverage=1.0, decisions=40,
+        seconds=1.0, map_error=map_error,
+    )  # fmt: skip
+
+
+def runs_of(name, times, errors):
+    outcomes = [outcome(t, e) for t, e in zip(times, errors, strict=True)]
+    return [ShapingRun(name, seed, [(100.0, 300.0), (200.0, 250.0 + seed)], outcomes) for seed in range(2)]
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_every_preset_rewards_what_its_weights_say(name):
+    reward = Reward(PRESETS[name].reward)
+    total, terms = reward(STEP)
+    assert np.isfinite(total)
+    assert terms
+    assert total == pytest.approx(sum(terms.values()))
+
+
+def test_the_presets_differ_in_what_they_pay_for():
+    active = {name: {term.name for term in Reward(chosen.reward).terms} for name, chosen in PRESETS.items()}
+    assert active["coverage_only"] == {"coverage_gain"}
+    assert active["information_gain"] == {"information_gain"}
+    assert active["path_cost"] == {"coverage_gain", "path_length"}
+    assert active["map_error"] - active["time"] == {"map_error"}
+    assert active["pose_uncertainty"] - active["time"] == {"pose_uncertainty"}
+    assert active["potential"] == {"time", "shaping"}
+    assert active["completion"] == {"time", "completion"}
+    assert len({frozenset(terms) for terms in active.values()}) == len(PRESETS)
+
+
+def test_an_unknown_preset_suggests_the_nearest():
+    with pytest.raises(ConfigError, match="did you mean 'map_error'"):
+        preset("map_eror")
+    with pytest.raises(ConfigError, match="did you mean 'time'"):
+        ShapingConfig(presets=("tme",))
+
+
+def test_presets_about_errors_train_with_the_filter():
+    config = ShapingConfig()
+    assert settings_of(config, "map_error", 1).localization == "rbpf"
+    assert settings_of(config, "time", 1).localization == "ground_truth"
+    assert settings_of(config, "time", 1).reward == PRESETS["time"].reward
+    assert settings_of(config, OWN, 2) == dataclasses.replace(config.train, seed=2)
+
+
+def learn_nothing(calls):
+    def learn(settings, folder, reward_terms=None):
+        calls.append((settings.seed, settings.reward, reward_terms))
+        write_policy(folder / "policy.safetensors", NetworkConfig(), read_policy(SHIPPED).weights, {})
+        (folder / "log" / "0").mkdir(parents=True)
+        (folder / "log" / "0" / "progress.csv").write_text(
+            "time/total_timesteps,rollout/episode_seconds\n10,400\n20,300\n30,\n"
+        )
+
+    return learn
+
+
+def test_an_experiment_is_run_once_and_reported(tmp_path):
+    train = TrainConfig(time_limit=30.0, evaluate_every=0)
+    config = ShapingConfig(presets=("time", OWN), seeds=1, test_plans=1, particles=5, train=train)
+    calls = []
+    term = own_term("math:sqrt", 0.5)
+    runs = run_shaping(config, tmp_path, learn_nothing(calls), term)
+    assert [(run.preset, run.seed, len(run.outcomes)) for run in runs] == [("time", 0, 1), (OWN, 0, 1)]
+    assert runs[0].curve == [(10.0, 400.0), (20.0, 300.0)]
+    assert calls[0][2] is None
+    assert calls[1][2]["sqrt"][0] == 0.5
+    again = run_shaping(config, tmp_path, learn_nothing(calls), term)
+    assert len(calls) == 2
+    assert again == runs
+
+
+def test_the_report_names_presets_and_compares_them_with_time(tmp_path):
+    pytest.importorskip("matplotlib")
+    runs = runs_of("time", [100.0, 200.0], [0.02, 0.04]) + runs_of("map_error", [110.0, 220.0], [0.01, 0.02])
+    text = write_shaping_report(runs, tmp_path)
+    row = next(line for line in text.splitlines() if line.startswith("| map_error"))
+    assert "1.10 [1.10, 1.10]" in row  # every plan takes a tenth longer
+    assert "0.50 [0.50, 0.50]" in row  # and has half the error
+    for name in ("shaping.md", "curves.png", "outcomes.png"):
+        assert (tmp_path / name).stat().st_size > 100
+
+
+def test_without_the_preset_time_the_first_is_the_reference():
+    text = table(runs_of("potential", [100.0, 200.0], [0.02, 0.04]))
+    assert "time 99 / potential" in text
+    assert "1.00 [1.00, 1.00]" in text
+
+
+@pytest.mark.parametrize("spec", ["nothing_here:f", "math:squareroot", "math"])
+def test_a_term_that_is_no_function_is_refused(spec):
+    with pytest.raises(ConfigError, match="--term"):
+        own_term(spec, 1.0)
+
+
+def test_the_command_lists_the_presets_and_asks_for_a_folder(capsys):
+    assert main(["--list"]) == 0
+    shown = capsys.readouterr().out
+    assert all(name in shown for name in PRESETS)
+    with pytest.raises(ConfigError, match="-o"):
+        main([])
+    with pytest.raises(ConfigError, match="needs --term"):
+        main(["-o", "nowhere", "--presets", OWN])
