@@ -6,7 +6,7 @@ from agents.bootstrap import Interval
 from agents.evaluation_summary import Comparison, ExplorerSummary, LevelComparison, Summary
 
 _SHOWN = ("0.5", "0.8", "0.9", "0.95", "0.99")
-_RATIO_LEVELS = ("0.9", "0.95", "0.99")
+_RATIO_LEVELS = ("0.95", "0.99")
 
 
 def describe(summary: Summary) -> str:

@@ -52,6 +52,8 @@ class FullKnowledgeConfig:
     """The tour."""
     replan_interval: float = 6.0
     """The tour is planned anew after so long [s], because more is seen on the way than a plan foretells."""
+    keeps_tour: bool = True
+    """Whether an earlier tour is kept as long as no shorter one is found."""
     enough: float = 0.06
     """A stop is done when less than this is left of what it is for [m2]."""
     navigator: NavigatorConfig = field(default_factory=NavigatorConfig)
@@ -204,7 +206,8 @@ class FullKnowledge:
         here = self._in_world(pose)
         self._planned_at = time
         self.decisions += 1
-        self.tour = self.planner.plan(self.unseen, (here.x, here.y), self._banned)
+        previous = [stop.place for stop in self.tour] if self.config.keeps_tour else []
+        self.tour = self.planner.plan(self.unseen, (here.x, here.y), self._banned, previous)
         while self.tour:
             stop = self.tour[0]
             x, y = self._in_map(stop.point)

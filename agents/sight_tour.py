@@ -9,6 +9,7 @@ sees but lies less out of the way, and places are left out whose part is seen on
 
 import itertools
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -98,33 +99,70 @@ class SightPlanner:
             [frame.origin_x + (col + 0.5) * frame.resolution, frame.origin_y + (row + 0.5) * frame.resolution]
         )
 
-    def plan(self, unseen: BoolArray, start: Point, banned: frozenset[int] = frozenset()) -> list[Stop]:
+    def plan(
+        self,
+        unseen: BoolArray,
+        start: Point,
+        banned: frozenset[int] = frozenset(),
+        previous: Sequence[int] = (),
+    ) -> list[Stop]:
         """A short tour that sees what is left.
 
         Args:
             unseen: Which of :attr:`cells` are still to be seen, shape (C,).
             start: The robot [m].
             banned: Places that it failed to get to.
+            previous: Places of an earlier tour that sees all this. It is improved too, and kept if it is the
+                shorter one, so that the robot doesn't turn back for a tour that only looks different.
 
         Returns:
             Stops in their order; each cell belongs to the first stop that sees it.
         """
         wanted = unseen & self.coverable
         spare = (1.0 - self.config.goal) * np.count_nonzero(self.coverable)
+        if np.count_nonzero(wanted) <= spare:
+            return []
         from_start = self._paths.lengths_to(self._paths.lengths_from(self._paths.place(start)), self.places)
         usable = np.isfinite(from_start)
         usable[list(banned)] = False
-        chosen = self._cover(wanted, spare, usable)
-        if not chosen:
+        kept = [place for place in previous if usable[place]]
+        tours = [
+            self._improved(places, wanted, from_start, usable, start)
+            for places in (self._cover(wanted, spare, usable), kept)
+            if places
+        ]
+        seeing = [tour for tour in tours if np.count_nonzero(wanted & ~self._seen_by(tour, start)) <= spare]
+        if not (seeing or tours):
             return []
-        tour = self._ordered(chosen, from_start)
+        return self._stops(min(seeing or tours, key=lambda tour: self.length(tour, from_start)), wanted)
+
+    def length(self, tour: Sequence[int], from_start: FloatArray) -> float:
+        """Length of an open tour over places [m].
+
+        Args:
+            tour: Places in their order.
+            from_start: Path length from the start to each place, shape (P,) [m].
+        """
+        legs = sum(float(self._lengths[a, b]) for a, b in itertools.pairwise(tour))
+        return float(from_start[tour[0]]) + legs if tour else 0.0
+
+    def _improved(
+        self, places: list[int], wanted: BoolArray, from_start: FloatArray, usable: BoolArray, start: Point
+    ) -> list[int]:
+        """A tour through some places, with these moved and left out where that makes it shorter."""
+        tour = self._ordered(places, from_start)
         for _ in range(self.config.sweeps):
             before = list(tour)
             tour = self._moved(tour, wanted, from_start, usable)
             tour = self._ordered(self._without_seen_on_way(tour, wanted, start), from_start)
             if tour == before:
                 break
-        return self._stops(tour, wanted)
+        return tour
+
+    def _seen_by(self, tour: list[int], start: Point) -> BoolArray:
+        """Cells that are seen from the stops of a tour or on its way, shape (C,)."""
+        seen: BoolArray = np.asarray(self._seen[tour].any(axis=0)) | self._seen_on_way(tour, start)
+        return seen
 
     def middle_of(self, cells: IntArray) -> Point:
         """Mean of some of :attr:`cells` (indices), of the whole floor if there are none [m]."""
