@@ -40,7 +40,7 @@ def announce_compilation() -> None:
 
 def warm_up() -> None:
     """Compile the kernels of exploration: a moment of driving and mapping, and of navigation."""
-    from slamgym.envs import ExploreConfig, ExploreEnv
+    from slamgym.envs import ExploreConfig, ExploreEnv, ExploreFrontiersEnv
     from slamgym.slam import SlamConfig
 
     announce_compilation()
@@ -55,6 +55,9 @@ def warm_up() -> None:
         env.reset(seed=0, options={"start": (0.24, 1.0, 3.14)})
         env.step((1.0, 0.0))
     _navigate(ExploreEnv(plan, config.for_explorer(), observation={"map_size": 8.0}))
+    decisions = ExploreFrontiersEnv(plan, localization="ground_truth", observation={"map_size": 10.0})
+    decisions.reset(seed=0, options={"start": (0.8, 1.0, 0.0)})
+    decisions.step(0)
 
 
 def _navigate(env: "ExploreEnv") -> None:
