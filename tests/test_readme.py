@@ -47,7 +47,9 @@ def test_there_are_commands_to_check():
 def test_commands_exist_and_know_their_options(page, command):
     words = shlex.split(command)[1:]
     verbs = (
-        [words[0], words[1]] if words[0] in {"plans", "dataset", "agents"} and len(words) > 1 else [words[0]]
+        [words[0], words[1]]
+        if words[0] in {"plans", "dataset", "agents", "gan"} and len(words) > 1
+        else [words[0]]
     )
     help_text = subprocess.run(
         [sys.executable, "-m", "slamgym.cli", *verbs, "--help"],
