@@ -22,12 +22,12 @@ from gan.realism import (
     ELASTIC,
     NULL,
     REPEATS,
-    describe_maps,
+    Sample,
     elastic_maps,
     judge,
-    judge_null,
     medians,
     medians_table,
+    null_halves,
     realism_table,
 )
 from gan.summary import main_table, markdown, scores_csv, summarise, table_one
@@ -72,6 +72,8 @@ class EvaluateArguments:
     """Judge elastic deformation against the simulated maps even if nothing else is given to be judged."""
     repeats: int = REPEATS
     """How often the two-sample tests deal plans to folds anew; fewer are faster and vary more."""
+    cnn: bool = False
+    """Let a convolutional network judge the pictures, too; takes minutes."""
     real: Path | None = None
     """A folder of ROS maps of real robots: draws their translations, for looking at."""
     device: Literal["auto", "cpu", "cuda", "mps"] = "cpu"
@@ -182,36 +184,30 @@ def _judge_realism(
 ) -> dict[str, Any]:
     if len(pairs) < MINIMUM:
         raise ConfigError(f"a two-sample test needs {MINIMUM} pairs or more, not {len(pairs)}")
-    say("Judging generated SLAM maps against simulated ones.")
-    reference = describe_maps(pairs.slam, pairs)
-    entries = [judge_null(reference, pairs, arguments.seed, arguments.repeats)]
-    drawn: dict[str, ByteArray] = {}
-    plans = list(pairs.plan_ids)
-    made = {ELASTIC: elastic_maps(pairs, arguments.seed)}
+    made = {ELASTIC: (pairs, elastic_maps(pairs, arguments.seed))}
     for name, translator in translators.items():
-        made[name] = np.stack([translator.translate_cells(cad) for cad in pairs.cad])
-    for name, maps in made.items():
-        drawn[name] = maps
-        described = describe_maps(maps, pairs)
-        entries.append(judge(name, reference, plans, described, plans, arguments.seed, arguments.repeats))
+        made[name] = (pairs, np.stack([translator.translate_cells(cad) for cad in pairs.cad]))
     for name, folder in folders.items():
-        some, maps = load_generated(folder, pairs)
-        chosen = [pairs.names.index(n) for n in some.names]
-        entry = judge(
-            name,
-            [reference[i] for i in chosen],
-            list(some.plan_ids),
-            describe_maps(maps, some),
-            list(some.plan_ids),
-            arguments.seed,
-            arguments.repeats,
-        )
-        entries.append(entry)
-        drawn[name] = _spread(maps, chosen, len(pairs))
+        made[name] = load_generated(folder, pairs)
+    reference = Sample.of(pairs.slam, pairs)
+    entries, drawn = [], {}
+    with show_progress("two-sample tests", 0, 1 + len(made)) as advance:
+        first, second = (reference.subset(half) for half in null_halves(reference.plans, arguments.seed))
+        entries.append(_judge(arguments, NULL, first, second))
+        advance()
+        for name, (some, maps) in made.items():
+            chosen = [pairs.names.index(n) for n in some.names]
+            entries.append(_judge(arguments, name, reference.subset(chosen), Sample.of(maps, some)))
+            drawn[name] = _spread(maps, chosen, len(pairs))
+            advance()
     if arguments.pictures:
         write_generated_grid(arguments.out / "cad2slam.png", pairs, drawn, arguments.pictures)
     _print("Telling generated from simulated SLAM maps; 0.5 is perfect", *realism_table(entries))
-    return {"reference_medians": medians(reference), "kinds": entries, "null": NULL}
+    return {"reference_medians": medians(reference.statistics), "kinds": entries, "null": NULL}
+
+
+def _judge(arguments: EvaluateArguments, name: str, reference: Sample, generated: Sample) -> dict[str, Any]:
+    return judge(name, reference, generated, arguments.seed, arguments.repeats, arguments.cnn)
 
 
 def _spread(maps: ByteArray, chosen: Sequence[int], count: int) -> ByteArray:

@@ -6,7 +6,8 @@ cross-validated over plans: an accuracy of 0.5 is perfect. The same test between
 the test makes of no difference.
 """
 
-from dataclasses import asdict
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -36,7 +37,39 @@ SHOWN = (
 REPEATS = 4
 """Of the cross-validation; its accuracies are averaged."""
 
+PICTURES = "network_on_pictures"
+
 Statistics = list[dict[str, float]]
+
+
+@dataclass(frozen=True)
+class Sample:
+    """SLAM-like maps of one kind, and what they were made from."""
+
+    maps: ByteArray  # (N, S, S): 0, 205, 254
+    cad: ByteArray  # (N, S, S)
+    plans: list[str]
+    statistics: Statistics
+
+    @staticmethod
+    def of(maps: ByteArray, pairs: PairSet) -> "Sample":
+        """Describe maps that were made from the CAD maps of a set of pairs.
+
+        Args:
+            maps: (N, S, S): 0, 205, 254.
+            pairs: Their CAD maps, plans and scales.
+        """
+        return Sample(maps, pairs.cad, list(pairs.plan_ids), describe_maps(maps, pairs))
+
+    def subset(self, indices: Sequence[int]) -> "Sample":
+        """The maps with these indices."""
+        chosen = list(indices)
+        return Sample(
+            self.maps[chosen],
+            self.cad[chosen],
+            [self.plans[i] for i in chosen],
+            [self.statistics[i] for i in chosen],
+        )
 
 
 def describe_maps(maps: ByteArray, pairs: PairSet) -> Statistics:
@@ -66,32 +99,31 @@ def elastic_maps(pairs: PairSet, seed: int) -> ByteArray:
 
 def judge(
     name: str,
-    reference: Statistics,
-    reference_plans: list[str],
-    generated: Statistics,
-    generated_plans: list[str],
+    reference: Sample,
+    generated: Sample,
     seed: int = 0,
     repeats: int = REPEATS,
+    pictures: bool = False,
 ) -> dict[str, Any]:
     """Test one kind of maps against the simulated ones.
 
     Args:
         name: Of the kind.
-        reference: Statistics of simulated maps.
-        reference_plans: Their plans.
-        generated: Statistics of the maps to judge.
-        generated_plans: Their plans.
+        reference: Simulated maps.
+        generated: The maps to judge.
         seed: Of the tests.
         repeats: How often plans are dealt to folds anew.
+        pictures: Let a convolutional network judge the pictures, too; needs torch.
 
     Returns:
         JSON form: ``name``, ``maps`` of each kind, for each learner its accuracy with its interval and the most
         telling statistics, the kernel distance, medians, and the distances of all statistics.
     """
-    entry: dict[str, Any] = {"name": name, "maps": len(generated), "reference_maps": len(reference)}
+    values, others = reference.statistics, generated.statistics
+    entry: dict[str, Any] = {"name": name, "maps": len(others), "reference_maps": len(values)}
     for learner in LEARNERS:
         result = two_sample_test(
-            reference, generated, reference_plans, generated_plans, learner, repeats=repeats, seed=seed
+            values, others, reference.plans, generated.plans, learner, repeats=repeats, seed=seed
         )
         entry[learner] = {
             "accuracy": result.accuracy,
@@ -99,31 +131,43 @@ def judge(
             "high": result.high,
             "telling": result.telling[:5],
         }
-    entry["kernel_distance"] = asdict(kernel_distance(reference, generated, seed=seed))
-    entry["medians"] = medians(generated)
-    entry["wasserstein"] = statistic_distances(reference, generated)
+    if pictures:
+        from gan.map_classifier import picture_test
+
+        found = picture_test(
+            reference.maps,
+            reference.cad,
+            reference.plans,
+            generated.maps,
+            generated.cad,
+            generated.plans,
+            seed,
+        )
+        entry[PICTURES] = {"accuracy": found.value, "low": found.low, "high": found.high}
+    entry["kernel_distance"] = asdict(kernel_distance(values, others, seed=seed))
+    entry["medians"] = medians(others)
+    entry["wasserstein"] = statistic_distances(values, others)
     return entry
 
 
-def judge_null(
-    statistics: Statistics, pairs: PairSet, seed: int = 0, repeats: int = REPEATS
-) -> dict[str, Any]:
-    """The same test where there is nothing to find: simulated maps against other simulated maps.
+def null_halves(plan_ids: Sequence[str], seed: int) -> tuple[list[int], list[int]]:
+    """Two sets of simulated maps between which there is nothing to find.
 
-    Where plans were explored several times, one exploration against another; else half of the plans against the
-    other half.
+    Where plans were explored several times, one exploration and another; else half of the plans and the others.
+
+    Returns:
+        Their indices.
     """
-    first, second = _null_halves(pairs.plan_ids, seed)
-    plans = pairs.plan_ids
-    return judge(
-        NULL,
-        [statistics[i] for i in first],
-        [plans[i] for i in first],
-        [statistics[i] for i in second],
-        [plans[i] for i in second],
-        seed,
-        repeats,
-    )
+    of_plan: dict[str, list[int]] = {}
+    for index, plan in enumerate(plan_ids):
+        of_plan.setdefault(plan, []).append(index)
+    repeated = [indices for indices in of_plan.values() if len(indices) > 1]
+    if len(repeated) * 2 >= len(of_plan):
+        return [indices[0] for indices in repeated], [indices[1] for indices in repeated]
+    dealt = np.random.default_rng(seed).permutation(sorted(of_plan))
+    half = set(dealt[: len(dealt) // 2].tolist())
+    first = [index for index, plan in enumerate(plan_ids) if plan in half]
+    return first, [index for index, plan in enumerate(plan_ids) if plan not in half]
 
 
 def medians(statistics: Statistics) -> dict[str, float]:
@@ -133,12 +177,13 @@ def medians(statistics: Statistics) -> dict[str, float]:
 
 def realism_table(entries: list[dict[str, Any]]) -> tuple[list[str], list[list[str]]]:
     """Headings and rows: how well each kind can be told from simulated maps."""
-    headings = ["maps", "number", *(f"accuracy, {learner.replace('_', ' ')}" for learner in LEARNERS)]
+    learners = [learner for learner in (*LEARNERS, PICTURES) if learner in entries[0]]
+    headings = ["maps", "number", *(f"accuracy, {learner.replace('_', ' ')}" for learner in learners)]
     headings += ["kernel distance p", "most telling statistics (KS distance)"]
     rows = []
     for entry in entries:
         row = [entry["name"], str(entry["maps"])]
-        for learner in LEARNERS:
+        for learner in learners:
             found = entry[learner]
             row.append(f"{found['accuracy']:.2f} [{found['low']:.2f}, {found['high']:.2f}]")
         row.append(f"{entry['kernel_distance']['p']:.3f}")
@@ -158,16 +203,3 @@ def medians_table(
         for name in SHOWN
     ]
     return ["statistic", "simulated", *(entry["name"] for entry in kinds)], rows
-
-
-def _null_halves(plan_ids: tuple[str, ...], seed: int) -> tuple[list[int], list[int]]:
-    of_plan: dict[str, list[int]] = {}
-    for index, plan in enumerate(plan_ids):
-        of_plan.setdefault(plan, []).append(index)
-    repeated = [indices for indices in of_plan.values() if len(indices) > 1]
-    if len(repeated) * 2 >= len(of_plan):
-        return [indices[0] for indices in repeated], [indices[1] for indices in repeated]
-    dealt = np.random.default_rng(seed).permutation(sorted(of_plan))
-    half = set(dealt[: len(dealt) // 2].tolist())
-    first = [index for index, plan in enumerate(plan_ids) if plan in half]
-    return first, [index for index, plan in enumerate(plan_ids) if plan not in half]

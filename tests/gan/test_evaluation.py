@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
+from gan import realism
 from gan.classical import ClassicalTranslator, CleaningConfig, clean_map, outline_only
 from gan.data import PairSet
 from gan.elastic import bend
@@ -24,7 +25,7 @@ from gan.evaluate_command import main
 from gan.figures import draw_grid, draw_overlay, write_box_plot
 from gan.generated_maps import load_generated, parse_named_folders, shifted
 from gan.real_maps import find_ros_maps, translate_real, working_map
-from gan.realism import describe_maps, elastic_maps, judge
+from gan.realism import Sample, elastic_maps, judge, null_halves
 from gan.summary import main_table, scores_csv, summarise, table_one
 from gan.translator import Translator
 from slamgym.errors import ConfigError, InputFileError
@@ -201,18 +202,38 @@ class TestTables:
 
 
 class TestRealism:
-    def test_elastic_maps_are_told_apart_and_simulated_ones_are_not(self):
+    def test_elastic_maps_are_told_apart_and_simulated_ones_are_not(self, monkeypatch):
         pytest.importorskip("sklearn")
+        monkeypatch.setattr(realism, "LEARNERS", ("extra_trees",))  # the other is tested with the metrics
         pairs = make_pairs(40)
-        reference = describe_maps(pairs.slam[:20], pairs.subset(range(20)))
-        others = describe_maps(pairs.slam[20:], pairs.subset(range(20, 40)))
-        bent = describe_maps(elastic_maps(pairs.subset(range(20)), 0), pairs.subset(range(20)))
-        first, second = list(pairs.plan_ids[:20]), list(pairs.plan_ids[20:])
-        null = judge("null", reference, first, others, second, repeats=1)
-        elastic = judge("elastic", reference, first, bent, first, repeats=1)
+        reference = Sample.of(pairs.slam, pairs)
+        first, second = null_halves(pairs.plan_ids, seed=0)
+        assert sorted(first + second) == list(range(40))
+        some = pairs.subset(first)
+        bent = Sample.of(elastic_maps(some, 0), some)
+        null = judge("null", reference.subset(first), reference.subset(second), repeats=1)
+        elastic = judge("elastic", reference.subset(first), bent, repeats=1)
         assert null["extra_trees"]["accuracy"] < 0.75 < elastic["extra_trees"]["accuracy"]
         assert elastic["kernel_distance"]["p"] < 0.01
         assert json.loads(json.dumps(elastic))["name"] == "elastic"
+
+    def test_the_network_on_pictures_tells_elastic_maps(self):
+        pytest.importorskip("torch")
+        from gan.map_classifier import ClassifierConfig, picture_test
+
+        pairs = make_pairs(40)
+        config = ClassifierConfig(size=32, width=8, epochs=12, folds=2, batch=8)
+        arguments = (pairs.slam, pairs.cad, list(pairs.plan_ids))
+        bent = picture_test(*arguments, elastic_maps(pairs, 0), *arguments[1:], config=config)
+        same = picture_test(*arguments, *arguments, config=config)
+        assert bent.low > 0.6
+        assert same.value == pytest.approx(
+            0.5, abs=0.02
+        )  # each map is in both samples: half of the guesses fail
+
+    def test_explorations_of_one_plan_are_set_against_each_other(self):
+        first, second = null_halves(["a", "a", "b", "b", "b", "c"], seed=0)
+        assert (first, second) == ([0, 2], [1, 3])
 
     def test_bending_displaces_walls_as_told_and_keeps_the_values(self):
         cad = plan()
@@ -309,9 +330,10 @@ class TestRealMaps:
 
 
 class TestCommand:
-    def test_from_images_to_tables_and_pictures(self, tmp_path, capsys):
+    def test_from_images_to_tables_and_pictures(self, tmp_path, capsys, monkeypatch):
         pytest.importorskip("matplotlib")
         pytest.importorskip("sklearn")
+        monkeypatch.setattr(realism, "LEARNERS", ("extra_trees",))  # one will do here
         pairs = make_pairs(12)
         images, out, made = tmp_path / "images", tmp_path / "out", tmp_path / "made"
         write_pairs(images, pairs)
@@ -321,7 +343,7 @@ class TestCommand:
         arguments = [str(images), "-o", str(out), "--pictures", "2"]
         arguments += ["--generated", f"copied={made}", "--repeats", "1"]
         assert main(arguments) == 0
-        assert "classical cleaning" in capsys.readouterr().out
+        assert "improved" in capsys.readouterr().out
         result = json.loads((out / "evaluation.json").read_text())
         assert result["maps"] == 12
         assert result["metres_per_px"]["p50"] == pytest.approx(SCALE)
