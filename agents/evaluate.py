@@ -132,7 +132,9 @@ def choose_plans(source: PlanSource, config: EvaluationConfig) -> tuple[list[Flo
     """
     ids = [i for i in source.ids if config.split is None or split_of(i) == config.split]
     if not ids:
-        raise ConfigError(f"none of the {len(source)} plans belongs to the split {config.split!r}")
+        raise ConfigError(
+            f"none of the {len(source)} plans belongs to the split {config.split!r}; give more plans, or take all"
+        )
     robot, side = config.trial.env.robot, config.trial.env.observation.map_size
     plans: list[FloorPlan] = []
     skipped: list[Skipped] = []

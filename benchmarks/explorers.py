@@ -58,21 +58,23 @@ def main() -> None:
         seed=arguments.seed,
         full_knowledge=True,
     )
-    houses = run("houseexpo", open_source(arguments.plans), config, arguments)
+    houses = run("houseexpo", "HouseExpo", open_source(arguments.plans), config, arguments)
     draw_coverage(houses.trials, PLOT, f"{arguments.count} HouseExpo plans: mean, with its 95 % interval")
     shutil.copy(PLOT, arguments.out / "houseexpo" / PLOT.name)
     if arguments.offices:
         offices = dataclasses.replace(config, count=arguments.offices, split=None, plans_filter="none")
-        run("offices", open_source("offices"), offices, arguments)
+        run("offices", "Generated offices, with loops", open_source("offices"), offices, arguments)
 
 
-def run(name: str, source: PlanSource, config: EvaluationConfig, arguments: Arguments) -> Evaluation:
+def run(
+    name: str, heading: str, source: PlanSource, config: EvaluationConfig, arguments: Arguments
+) -> Evaluation:
     """Evaluate on one kind of plans; write its part of the page and its figures."""
     out = arguments.out / name
     evaluation = evaluate(source, config, out, arguments.workers)
     text = write_report(out, evaluation, config, arguments.against)
     print(text)
-    replace_part(PAGE, name, text)
+    replace_part(PAGE, name, f"### {heading}\n\n{text}")
     summary = dataclasses.asdict(summarise(evaluation.trials, arguments.against))
     document = {"name": f"explorers_{name}", **environment(), "seed": config.seed, "summary": summary}
     # The path of the plans is the machine's own.
