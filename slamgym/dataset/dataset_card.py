@@ -26,6 +26,7 @@ def write_card(
     records: Sequence[ImageRecord],
     left_out: Mapping[str, str],
     settings: Mapping[str, Any],
+    source: str,
 ) -> None:
     """Write ``README.md`` and both ``metadata.jsonl``.
 
@@ -34,6 +35,7 @@ def write_card(
         records: Its pairs.
         left_out: Pairs of the dataset that have no images, and why.
         settings: The content of ``config.json``.
+        source: SHA-256 of the manifest of the dataset that the images were made from.
     """
     rows = rows_of(records)
     for split in SPLITS:
@@ -43,10 +45,12 @@ def write_card(
             if row["split"] == split
         ]
         replace_file(layout.root / split / METADATA, "".join(lines).encode())
-    replace_file(layout.card, _card(records, left_out, settings).encode())
+    replace_file(layout.card, _card(records, left_out, settings, source).encode())
 
 
-def _card(records: Sequence[ImageRecord], left_out: Mapping[str, str], settings: Mapping[str, Any]) -> str:
+def _card(
+    records: Sequence[ImageRecord], left_out: Mapping[str, str], settings: Mapping[str, Any], source: str
+) -> str:
     present = [split for split in SPLITS if any(record.split == split for record in records)]
     head = {
         "pretty_name": "SLAM/CAD map pairs",
@@ -83,7 +87,7 @@ def _card(records: Sequence[ImageRecord], left_out: Mapping[str, str], settings:
 
 Pairs of images of one place in one frame: `A` is the CAD map (0 walls and outside, 254 inside), `B` the map that a
 simulated robot made by SLAM while it explored the building (0 occupied, 205 unknown, 254 free). Made by
-slamgym {__version__}.
+slamgym {__version__} from a dataset whose manifest has the SHA-256 `{source}`.
 
 All images are {images["size"]} x {images["size"]} pixels, one channel of 8 bits; {scale} (`metres_per_px`).
 

@@ -112,7 +112,8 @@ def render_images(
         fresh, misfits = _draw_all(dataset, layout, todo, split, config, workers, done)
         finished = [done[record.name] for record in records if record.name in done]
         left_out = {**chosen.left_out, **misfits}
-        _finish(layout, finished, left_out, settings)
+        source = hashlib.sha256(Layout(dataset).manifest.read_bytes()).hexdigest()
+        _finish(layout, finished, left_out, settings, source)
     return RenderReport(
         images=len(finished),
         fresh=fresh,
@@ -214,6 +215,7 @@ def _finish(
     records: Sequence[ImageRecord],
     left_out: Mapping[str, str],
     settings: Mapping[str, Any],
+    source: str,
 ) -> None:
     """Write manifest, list of what is missing and card; remove images that are no part of the result."""
     with storage_errors(layout.root):
@@ -224,7 +226,7 @@ def _finish(
         replace_file(layout.manifest, "".join(record.to_line() for record in records).encode())
         skipped = (json.dumps({"name": name, "reason": why}) + "\n" for name, why in sorted(left_out.items()))
         replace_file(layout.skipped, "".join(skipped).encode())
-        write_card(layout, records, left_out, settings)
+        write_card(layout, records, left_out, settings, source)
 
 
 def _images(layout: ImageLayout) -> Iterator[Path]:
