@@ -45,7 +45,7 @@ class DriverConfig:
     stall_time: float = 40.0
     """If the map hasn't grown for so long, choices are no longer reconsidered on the way: a policy that
     changes its mind for ever would never arrive [s]."""
-    last_frontier_size: float = 0.35
+    last_frontier_size: float = 0.25
     """Once nothing larger is left, frontiers down to this size are offered too [m]."""
     last_radius_shares: tuple[float, ...] = (0.85, 0.6)
     """Then also doors that a robot of these shares of the radius could pass: maps draw walls too thick."""
