@@ -1,0 +1,173 @@
+"""Candidates for a choice, and the driver that offers them and drives."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from slamgym.errors import ConfigError
+from slamgym.planning import CostmapConfig, ExplorerContext, find_frontiers, make_costmap, reachable_space
+from slamgym.planning.frontier_candidates import RoadMap, coarsen, make_candidates, split
+from slamgym.planning.frontier_driver import DriverConfig, FrontierDriver
+from slamgym.types import FREE, OCCUPIED, UNKNOWN, GridFrame, LaserGeometry, OccupancyGrid, Pose2D
+
+FRAME = GridFrame(0.05, -4.0, -4.0, 160, 160)
+HERE = Pose2D(0.0, 0.0, 0.0)
+
+
+def room(half=2.0, openings=()):
+    """A square room about the origin, walls drawn but for openings (x0, y0, x1, y1) into the unknown."""
+    cells = np.full(FRAME.shape, UNKNOWN, np.uint8)
+    x, y = FRAME.to_point(*np.indices(FRAME.shape))
+    far = np.maximum(np.abs(x), np.abs(y))
+    cells[far < half] = FREE
+    cells[(far >= half) & (far < half + 0.1)] = OCCUPIED
+    for x0, y0, x1, y1 in openings:
+        inside = (x > x0) & (x < x1) & (y > y0) & (y < y1)
+        cells[inside & (cells == OCCUPIED)] = UNKNOWN
+    return OccupancyGrid(cells, FRAME)
+
+
+EAST, NORTH = (1.9, -0.6, 2.2, 0.6), (-1.0, 1.9, 1.0, 2.2)
+
+
+def planned(grid):
+    costmap = make_costmap(grid, CostmapConfig())
+    return costmap, reachable_space(costmap, HERE)
+
+
+def candidates_of(grid, **changes):
+    costmap, space = planned(grid)
+    settings = {"min_size": 0.3, "split_extent": 3.0, "tolerance": 0.6} | changes
+    return make_candidates(costmap, space, HERE, **settings)[0]
+
+
+def test_candidates_are_the_openings_with_paths_to_them():
+    first, second = candidates_of(room(openings=[EAST, NORTH]))
+    assert first.path_cost <= second.path_cost
+    east = min((first, second), key=lambda one: abs(one.frontier.middle[1]))
+    assert east.frontier.middle == pytest.approx((2.05, 0.0), abs=0.15)
+    assert east.path_length == pytest.approx(1.8, abs=0.3)  # to where the robot's centre can stand
+    np.testing.assert_allclose(east.path[0], [0.0, 0.0], atol=0.1)
+
+
+def test_what_lies_behind_a_wall_is_no_candidate():
+    grid = room(openings=[])
+    grid.cells[:20] = FREE  # known, but out of reach
+    assert candidates_of(grid) == []
+
+
+def test_the_place_the_robot_goes_to_is_kept():
+    grid = room(openings=[EAST])
+    (fresh,) = candidates_of(grid)
+    wanted = (2.03, 0.3)
+    (kept,) = candidates_of(grid, keep=wanted)
+    assert kept.target == wanted
+    assert fresh.target != wanted
+
+
+@settings(deadline=None, max_examples=30)
+@given(extent=st.floats(0.2, 4.0))
+def test_parts_of_a_frontier_make_up_the_whole_and_reach_no_farther(extent):
+    grid = room(openings=[EAST, NORTH, (-2.2, -2.2, 2.2, -1.9)])
+    costmap, _ = planned(grid)
+    for frontier in find_frontiers(costmap, HERE, 0.3):
+        parts = split(frontier, FRAME, HERE, extent)
+        cells = np.vstack([part.cells for part in parts])
+        assert len(cells) == frontier.size
+        assert set(map(tuple, cells)) == set(map(tuple, frontier.cells))
+        for part in parts:
+            assert np.ptp(part.cells, axis=0).max() * FRAME.resolution <= extent
+            assert part.size == len(part.cells)
+
+
+def test_coarse_cells_take_the_lowest_cost_and_stay_in_place():
+    rng = np.random.default_rng(0)
+    costs = rng.integers(0, 256, (7, 9)).astype(np.uint8)
+    frame = GridFrame(0.05, 1.0, 2.0, 7, 9)
+    coarse, coarse_frame = coarsen(costs, frame)
+    assert coarse.shape == (3, 4)
+    for row in range(3):
+        for col in range(4):
+            assert coarse[row, col] == costs[2 * row : 2 * row + 2, 2 * col : 2 * col + 2].min()
+    x, y = coarse_frame.to_point(0, 0)
+    left, top = frame.to_point(0, 0)
+    assert (x, y) == pytest.approx((left + 0.025, top - 0.025))
+
+
+def test_roads_lead_everywhere_in_reach_and_nowhere_else():
+    grid = room(openings=[EAST])
+    costmap, space = planned(grid)
+    roads = RoadMap.survey(costmap, space)
+    row, col = (int(i) for i in roads.frame.to_cell(1.0, 1.0))
+    path = roads.path_to(row, col)
+    np.testing.assert_allclose(path[-1], [1.0, 1.0], atol=0.1)
+    outside = tuple(int(i) for i in roads.frame.to_cell(3.0, 3.0))
+    assert roads.path_to(*outside) is None
+
+
+@pytest.fixture
+def driver():
+    geometry = LaserGeometry(180, -np.pi / 2, np.pi / 179, 0.12, 3.5)
+    return FrontierDriver(ExplorerContext(FRAME, geometry), DriverConfig())
+
+
+def see(driver, grid, time, pose=HERE):
+    cells = grid.cells[np.newaxis].copy()
+    cells.flags.writeable = False
+    return driver.observe(
+        {
+            "map": cells,
+            "scan": np.full(180, 3.5, np.float32),
+            "pose": np.array(pose, np.float32),
+            "time": np.array([time], np.float32),
+        }
+    )
+
+
+def test_a_choice_is_due_once_then_kept_until_the_horizon(driver):
+    grid = room(openings=[EAST, NORTH])
+    assert see(driver, grid, 0.0)
+    assert driver.choose(0)
+    assert driver.command().linear >= 0.0
+    assert not see(driver, grid, 2.0)
+    assert not see(driver, grid, 4.0)
+    assert see(driver, grid, 6.0)
+
+
+def test_a_choice_is_due_as_soon_as_the_frontier_is_gone(driver):
+    see(driver, room(openings=[EAST, NORTH]), 0.0)
+    east = min(range(2), key=lambda i: abs(driver.candidates[i].frontier.middle[1]))
+    driver.choose(east)
+    assert see(driver, room(openings=[NORTH]), 2.0)
+    assert len(driver.candidates) == 1
+
+
+def test_a_stalled_exploration_keeps_its_choice(driver):
+    grid = room(openings=[EAST, NORTH])
+    see(driver, grid, 0.0)
+    due = [see(driver, grid, time) and driver.choose(0) for time in np.arange(0.0, 80.0, 2.0)]
+    # The robot doesn't move: from 30 s without progress the goal is given up, but not reconsidered at 46, 52 s ...
+    assert sum(due[1:20]) >= 5
+    assert sum(due[24:]) <= 4
+
+
+def test_with_nothing_left_the_robot_looks_around_and_is_done(driver):
+    closed = room()
+    assert not see(driver, closed, 0.0)
+    turned = []
+    for step in range(200):
+        turned.append(driver.command())
+        heading = 0.3 * step
+        see(driver, closed, 2.0 * step, Pose2D(0.0, 0.0, float(np.arctan2(np.sin(heading), np.cos(heading)))))
+        if driver.finished:
+            break
+    assert driver.finished
+    assert turned[0].angular > 0.0
+    assert driver.command() == (0.0, 0.0)
+
+
+@pytest.mark.parametrize("changes", [{"max_candidates": 0}, {"horizon": 0.0}, {"split_extent": -1.0}])
+def test_senseless_settings_are_refused(changes):
+    with pytest.raises(ConfigError):
+        DriverConfig(**changes)
