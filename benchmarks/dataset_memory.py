@@ -1,6 +1,6 @@
 """Memory over many pairs, and the cost of book-keeping in a folder that holds many.
 
-    python benchmarks/dataset_memory.py [--pairs 2000] [--workers 2] [--committed 20000]
+    python benchmarks/dataset_memory.py [--pairs 2000] [--workers 2] [--committed 4000]
 
 The explorations are short (seconds of robot time, few particles): leaks are per exploration and per pair, not
 per second. The resident set of driver and workers is read from /proc now and then; a straight line through the
@@ -49,7 +49,7 @@ class Arguments:
     """Particles of the filter."""
     plans: str = "bundled"
     """Floor plans, as `slamgym generate` takes them."""
-    committed: int = 20_000
+    committed: int = 4_000
     """Pairs of empty files for the cost of book-keeping; 0 leaves it out."""
     keep: int = 200
     """Fresh pairs between two clearances of their files, which would only fill the disk; the driver's own
