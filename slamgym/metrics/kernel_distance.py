@@ -67,9 +67,9 @@ def statistic_distances(first: list[dict[str, float]], second: list[dict[str, fl
     distances = {}
     for name in first[0]:
         a, b = np.array([row[name] for row in first]), np.array([row[name] for row in second])
-        spread = float(a.std())
-        distance = float(wasserstein_distance(a, b))
-        distances[name] = distance / spread if spread > 0.0 else (0.0 if distance == 0.0 else float("inf"))
+        # Of a statistic that is the same in the whole reference, the spread over both counts: always finite.
+        spread = float(a.std()) or float(np.concatenate([a, b]).std())
+        distances[name] = float(wasserstein_distance(a, b)) / spread if spread > 0.0 else 0.0
     return distances
 
 

@@ -32,6 +32,8 @@ def test_wasserstein_distance_is_the_shift_in_deviations_of_the_reference() -> N
     assert distances["s0"] == pytest.approx(1.5, abs=0.1)
     assert distances["s1"] == 0.0
     assert distances["constant"] == 0.0
+    changed = [row | {"constant": 3.0} for row in samples(0.0, 0)]
+    assert 0.0 < statistic_distances(samples(0.0, 0), changed)["constant"] < 10.0
 
 
 def test_one_map_is_no_sample() -> None:
