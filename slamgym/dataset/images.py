@@ -15,7 +15,6 @@ All images are square, of one size, with one channel of uint8. The two of a pair
 the same place at the same scale.
 """
 
-import dataclasses
 import json
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -91,9 +90,6 @@ class ImageRecord:
                 where or "manifest line", f"has the split {record.split!r}; known: train, test"
             )
         return record
-
-
-IMAGE_FIELDS = tuple(field.name for field in dataclasses.fields(ImageRecord))
 
 
 @dataclass(frozen=True)
