@@ -2,8 +2,9 @@
 
 The paper's cleaning looks at pixel counts and ratios of black, white and grey, the number of holes by the
 Euler number, and the grey-white neighbours. Here areas are in m2 and lengths in m, so that maps of different
-resolution compare. Areas are counted within the convex hull of the floor, so that neither margins, nor the
-map's heading, nor the spikes of stray beams matter much.
+resolution compare. The floor is the free space without the spikes that stray beams clear through walls, and
+areas are counted within its convex hull, so that neither spikes, nor margins, nor the map's heading matter
+much.
 
 Convention: maps have the values of ROS map_server (0, 205, 254). No feature changes when a map is flipped,
 turned by 90 degrees or given a wider margin.
@@ -23,11 +24,11 @@ FEATURES = (
     "unknown_share",
     "occupied_per_free",
     "unknown_per_free",
-    "islands",  # holes of the free space by its Euler number: pillars, furniture, pieces of wall
-    "pockets",  # holes of the known space by its Euler number: unknown places that are closed in
+    "islands",  # holes of the floor by its Euler number: pillars, furniture, pieces of wall
+    "pockets",  # holes of floor and walls by their Euler number: unknown places that are closed in
     "wall_parts",  # separate parts of the occupied space for each 10 m2 of free space
-    "frontier",  # [m] sides that a free and an unknown cell share
-    "frontier_share",  # of all sides between a free cell and one that isn't
+    "frontier",  # [m] grey-white neighbours: sides that a cell of the floor and an unknown one share
+    "frontier_share",  # of all sides between the floor and the rest
     "open_frontier",  # [m] the part of the frontier that the robot has room to drive through
     "widest_frontier",  # [m] the longest connected piece of that part
 )
@@ -59,6 +60,8 @@ def completeness_features(cells: ByteArray, resolution: float) -> FloatArray:
         return np.zeros(len(FEATURES))
     free, occupied, unknown = cropped == FREE, cropped == OCCUPIED, cropped == UNKNOWN
     floor = without_spikes(free, resolution)
+    if not floor.any():
+        floor = free
     hull = inside_hull(floor if floor.any() else ~unknown, margin)
     cell_area = resolution * resolution
     free_area, occupied_area, unknown_area = (
@@ -66,8 +69,8 @@ def completeness_features(cells: ByteArray, resolution: float) -> FloatArray:
     )
     hull_area = float(np.count_nonzero(hull)) * cell_area
     floor_area = max(free_area, cell_area)
-    frontier = shared_sides(free, unknown)
-    borders = frontier + shared_sides(free, occupied)
+    frontier = shared_sides(floor, unknown)
+    borders = shared_sides(floor, ~floor)
     open_cells, widest = open_frontier(floor, occupied, unknown, resolution)
     return np.array(
         [
@@ -79,8 +82,8 @@ def completeness_features(cells: ByteArray, resolution: float) -> FloatArray:
             unknown_area / hull_area,
             occupied_area / floor_area,
             unknown_area / floor_area,
-            count_holes(free),
-            count_holes(~unknown),
+            count_holes(floor),
+            count_holes(floor | occupied),
             10.0 * count_parts(occupied) / floor_area,
             frontier * resolution,
             frontier / max(borders, 1),
