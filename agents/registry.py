@@ -5,6 +5,7 @@ from collections.abc import Callable
 from agents.explorer import BatchedExplorer
 from agents.frontier import CostUtility, ExploreLite, NearestFrontier
 from agents.frontier_tour import FrontierTour, Repairman
+from agents.learned import LearnedExplorer
 from agents.next_best_view import NextBestView
 from agents.random_walk import RandomWalk
 from slamgym.config import suggest
@@ -18,6 +19,7 @@ EXPLORERS: dict[str, Callable[[ExplorerContext, int], BatchedExplorer]] = {
     "next_best_view": lambda context, seed: NextBestView(context, seed=seed),
     "tour": lambda context, seed: FrontierTour(context, seed=seed),
     "repairman": lambda context, seed: Repairman(context, seed=seed),
+    "rl": lambda context, seed: LearnedExplorer(context, seed=seed),
     "random": lambda context, seed: RandomWalk(context, seed=seed),
 }
 """Name to constructor; each takes the context and a seed."""
@@ -27,13 +29,16 @@ def make_explorer(name: str, context: ExplorerContext, seed: int = 0) -> Batched
     """Build an explorer.
 
     Args:
-        name: One of :data:`EXPLORERS`.
+        name: One of :data:`EXPLORERS`, or ``rl:FILE`` for weights that ``slamgym agents train`` wrote.
         context: What the environment tells about the robot and its map.
         seed: Of the explorer's own random choices; only the random walk makes any.
 
     Raises:
         ConfigError: If there is no explorer of that name; the error suggests the nearest.
+        InputFileError: If the weights can't be used.
     """
+    if name.startswith("rl:"):
+        return LearnedExplorer(context, name.removeprefix("rl:"), seed=seed)
     if name not in EXPLORERS:
         raise ConfigError(f"no explorer {name!r}; {suggest(name, EXPLORERS)}")
     return EXPLORERS[name](context, seed)
