@@ -32,6 +32,8 @@ from slamgym.dataset.settings import dataset_settings
 from slamgym.dataset.slot_queue import SlotQueue
 from slamgym.warmup import warm_up
 
+IN_MEMORY = "/dev/shm" if Path("/dev/shm").is_dir() else None
+"""Where the datasets are made, as the disk is not what is measured."""
 PAGE_MB = os.sysconf("SC_PAGE_SIZE") / 2**20
 
 
@@ -74,7 +76,7 @@ def measure_memory(arguments: Arguments) -> None:
     every = max(1, arguments.pairs // 100)
     began = time.perf_counter()
     with (
-        TemporaryDirectory() as root,
+        TemporaryDirectory(dir=IN_MEMORY) as root,
         open_engine("local", arguments.workers) as engine,
         open_dataset(Path(root), dataset_settings(config, plans)) as folder,
     ):
@@ -115,7 +117,7 @@ def measure_bookkeeping(count: int) -> None:
     """Commit pairs of empty files, and open the folder again."""
     rows = []
     slots = schedule([f"plan-{number:032d}" for number in range(1000)], 0)
-    with TemporaryDirectory() as temporary:
+    with TemporaryDirectory(dir=IN_MEMORY) as temporary:
         root = Path(temporary)
         for part in (count // 4, count - count // 4):
             with open_dataset(root, {"seed": 0}) as folder:
