@@ -1,9 +1,10 @@
 """The default generator for SLAM -> CAD: a residual U-Net that does its work at half resolution and below.
 
-The input is folded 2 x 2 into channels at once, so the finest convolutions run at half the side, and the output is
-unfolded again and refined by a thin pair of convolutions that sees the input's own pixels. Skips are added, not
-concatenated. With ``displacement`` the decoder first predicts, at an eighth of the side, how far each place drifted,
-and the finer skips (and the input) are warped back by it before they are used.
+The input is folded 2 x 2 into channels at once, so the finest convolutions run at half the side, and the output
+is unfolded again and refined by a thin pair of convolutions that sees the input's own pixels; what it draws is a
+correction of the input. Skips are added, not concatenated. With ``displacement`` the decoder first predicts, at
+an eighth of the side, how far each place drifted, and the finer skips (and the input) are warped back by it
+before they are used.
 """
 
 import torch
@@ -15,6 +16,8 @@ from gan.drawing import Drawing
 
 FINE_CHANNELS = 8
 """Channels at full resolution: few, since every one costs four of the level below."""
+COPIED_LOG_ODDS = 2.0
+"""Log odds that the untrained network gives to the input's first channel (free space, or grey): odds of 7."""
 FIELD_LEVEL = 2
 """The field is predicted at this level: an eighth of the input's side."""
 WIDENING = (1.0, 2.0, 3.0, 4.0, 4.0, 4.0, 4.0, 4.0)
@@ -83,6 +86,7 @@ class ResidualUNet(nn.Module):
             nn.ReLU(inplace=True),
             nn.Conv2d(FINE_CHANNELS, out_channels, 3, padding=1),
         )
+        self.copy = nn.Conv2d(in_channels, out_channels, 1, bias=False)
         field_level = min(FIELD_LEVEL, depth)
         self.field_head = nn.Conv2d(channels[field_level], 2, 3, padding=1) if displacement else None
         self.field_level = field_level
@@ -103,6 +107,13 @@ class ResidualUNet(nn.Module):
                 last = block.body[-1]
                 assert isinstance(last, nn.BatchNorm2d)
                 nn.init.zeros_(last.weight)
+        # The first drawing is the input: only what is wrong with it has to be learnt.
+        nn.init.zeros_(self.copy.weight)
+        with torch.no_grad():
+            self.copy.weight[0, 0] = COPIED_LOG_ODDS
+        last_conv = self.refine[-1]
+        assert isinstance(last_conv, nn.Conv2d)
+        nn.init.zeros_(last_conv.weight)
         if self.field_head is not None:
             nn.init.zeros_(self.field_head.weight)
             assert self.field_head.bias is not None
@@ -134,7 +145,8 @@ class ResidualUNet(nn.Module):
                 field = self._predict_field(drawn)
         seen = x if field is None else self._undo(x, field, side)
         fine = self.unfold(drawn)  # (B, FINE_CHANNELS, S, S)
-        logits = self.refine(torch.cat([fine, seen.to(fine.dtype)], dim=1)).float()
+        correction = self.refine(torch.cat([fine, seen.to(fine.dtype)], dim=1))
+        logits = correction.float() + self.copy(seen).float()
         return Drawing(torch.tanh(0.5 * logits), logits, field)
 
     def _predict_field(self, features: Tensor) -> Tensor | None:

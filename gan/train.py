@@ -287,6 +287,7 @@ class _Training:
 
 def _training_pairs(images: Path, config: TrainConfig) -> tuple[PairSet, PairSet]:
     """(pairs to train on, pairs of held-out plans)."""
+    say(f"reading the pairs of {images}")
     pairs = load_pairs(images, "train", config.translator.input_size)
     if config.translator.derotate and config.translator.direction == "slam2cad":
         pairs = derotated(pairs)

@@ -187,8 +187,8 @@ def test_the_residual_network_learns(tmp_path, make_images):
         RESIDUAL, augment=AugmentConfig(), stages=(Stage(32, 40.0, 6),), validation=0.25
     )
     report = train(images, tmp_path / "run", config, CPU, QUIET)
-    # The maps are shifted by up to a pixel and lack a tenth of their walls; copying them scores 1.
-    assert report.figures["mse_ratio"] < 1.0
+    # The walls are a pixel too thick and have gaps; copying the map scores 1.
+    assert report.figures["mse_ratio"] < 0.7
     samples = list((tmp_path / "run" / "samples").iterdir())
     assert len(samples) == 1
     line = json.loads((tmp_path / "run" / "figures.jsonl").read_text().splitlines()[-1])

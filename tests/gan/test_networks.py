@@ -84,6 +84,14 @@ def test_the_residual_network_draws_at_its_inputs_size(channels, displacement):
         assert drawing.field.abs().max() <= network.max_displacement_px
 
 
+def test_the_residual_network_starts_by_copying_its_input():
+    network = ResidualUNet(2, 1, width=8, depth=3)
+    network.start(torch.Generator().manual_seed(0))
+    x = torch.randn(2, 2, 32, 32).sign()
+    with torch.no_grad():
+        assert torch.equal(network(x).image.sign(), x[:, :1])
+
+
 def test_the_residual_networks_field_starts_at_zero_and_learns():
     network = ResidualUNet(2, 1, width=8, depth=3, displacement=True)
     network.start(torch.Generator().manual_seed(0))
