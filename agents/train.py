@@ -64,8 +64,9 @@ def train(
         InputFileError: If plans or the checkpoint can't be read.
     """
     torch.set_num_threads(1)
-    _claim(config, out)
+    _refuse_other_run(config, out)
     plans = draw_plans(config.plans, "train", config.plan_count, config.seed)
+    write_json(out / CONFIG, {"version": __version__, **to_dict(config)})
     say(f"{len(plans)} floor plans, {sum(plan.area for plan in plans) / len(plans):.0f} m2 on average")
     envs = make_learning_envs(config, plans, reward_terms)
     model = _make_model(config, envs)
@@ -120,18 +121,17 @@ def read_config(folder: Path) -> TrainConfig:
         raise InputFileError(path, f"holds no settings of a training run ({error})") from None
 
 
-def _claim(config: TrainConfig, out: Path) -> None:
-    """Write the settings beside the run, or refuse a folder with other ones."""
-    if (out / CONFIG).exists():
-        old = read_config(out)
-        for entry in dataclasses.fields(TrainConfig):
-            mine, theirs = getattr(config, entry.name), getattr(old, entry.name)
-            if mine != theirs and entry.name != "workers":
-                raise ConfigError(
-                    f"{out} holds a run with {entry.name} = {theirs}, not {mine}; choose another folder"
-                )
+def _refuse_other_run(config: TrainConfig, out: Path) -> None:
+    """Refuse a folder that holds a run with other settings."""
+    if not (out / CONFIG).exists():
         return
-    write_json(out / CONFIG, {"version": __version__, **to_dict(config)})
+    old = read_config(out)
+    for entry in dataclasses.fields(TrainConfig):
+        mine, theirs = getattr(config, entry.name), getattr(old, entry.name)
+        if mine != theirs and entry.name != "workers":
+            raise ConfigError(
+                f"{out} holds a run with {entry.name} = {theirs}, not {mine}; choose another folder"
+            )
 
 
 def _make_model(config: TrainConfig, envs: VecEnv) -> BaseAlgorithm:
