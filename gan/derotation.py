@@ -17,6 +17,8 @@ MAX_POINTS = 3000
 """Of the outline that are looked at."""
 COARSE_BIN_PX, FINE_BIN_PX = 2.0, 1.0
 COARSE_STEP_DEG, FINE_STEP_DEG, FINE_REACH_DEG = 1.0, 0.15, 1.5
+MIN_TURN_DEG = 0.3
+"""About the error of the angle itself."""
 TOP = 0.95
 """What counts as the top of the sharpness, in shares of its maximum."""
 
@@ -42,6 +44,12 @@ def dominant_angle_deg(cells: ByteArray) -> float:
     # The top is flat: its middle is the direction.
     weights = np.clip(scores - TOP * scores.max(), 0.0, None)
     return float((float(angles @ weights / weights.sum()) + 45.0) % 90.0 - 45.0)
+
+
+def angle_to_undo_deg(cells: ByteArray) -> float:
+    """The same, but 0 if it is too small to be worth a resampling."""
+    angle = dominant_angle_deg(cells)
+    return angle if abs(angle) >= MIN_TURN_DEG else 0.0
 
 
 def _outline_points(free: BoolArray) -> FloatArray:
@@ -84,7 +92,10 @@ def turned(cells: ByteArray, angle_deg: float, fill: int = UNKNOWN) -> ByteArray
 
 def turned_probability(image: Float32Array, angle_deg: float) -> Float32Array:
     """The same for values in [0, 1], interpolated, with 0 from beyond the border."""
-    return image if angle_deg == 0.0 else np.asarray(_turn(image, angle_deg, cv2.INTER_LINEAR, 0.0))
+    if angle_deg == 0.0:
+        return image
+    # Cubic: between two pixels, linear interpolation would lift a wall one pixel thick to a half.
+    return np.clip(_turn(image, angle_deg, cv2.INTER_CUBIC, 0.0), 0.0, 1.0).astype(np.float32)
 
 
 def padded_for_turning(cells: ByteArray, angle_deg: float, fill: int = UNKNOWN) -> ByteArray:

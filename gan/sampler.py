@@ -9,7 +9,7 @@ import numpy as np
 from gan.augmentation import augment
 from gan.config import AugmentConfig
 from gan.data import PairSet
-from gan.derotation import dominant_angle_deg, turned
+from gan.derotation import angle_to_undo_deg, turned
 from slamgym.types import ByteArray, IntArray
 
 MAX_REDRAWS = 20
@@ -103,5 +103,5 @@ def derotated(pairs: PairSet) -> PairSet:
 
 
 def _without_drift(cells: ByteArray) -> ByteArray:
-    angle = dominant_angle_deg(cells)
+    angle = angle_to_undo_deg(cells)
     return turned(cells, -angle) if abs(angle) <= MAX_DRIFT_DEG else cells

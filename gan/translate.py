@@ -1,11 +1,9 @@
 """Use a trained translator: maps of any size and scale in, maps of the same frame out.
 
-How an image reaches the network: a SLAM map is turned so that most walls lie along the axes, cut to what is
-known of it, and resampled to the scale that the network was trained at (told by the ROS map's resolution;
-without it the map is fitted into the network's image). What is larger than the network's image goes through in
-overlapping tiles. The translation takes the same way back, so that it lies over the input.
-
-A turn of at most 8 degrees is not undone: it is taken for drift of the robot's heading, which CAD maps don't have.
+How an image reaches the network: a SLAM map is turned so that most walls lie along the axes, cut to what is known
+of it, and resampled to a scale that the network was trained at (told by the ROS map's resolution; without it the
+map is fitted into the network's image). What is larger than the network's image goes through in overlapping tiles.
+The translation takes the same way back, so that it lies over the input.
 """
 
 import dataclasses
@@ -17,7 +15,7 @@ import numpy as np
 
 from gan.augmentation import flipped, unflipped
 from gan.config import Direction, TranslatorConfig
-from gan.derotation import dominant_angle_deg, padded_for_turning, turned, turned_probability
+from gan.derotation import angle_to_undo_deg, padded_for_turning, turned, turned_probability
 from gan.device import Compute, DeviceName, choose_compute
 from gan.encoding import decode_slam, free_probability
 from gan.networks import Generator
@@ -56,12 +54,16 @@ class LearnedTranslator:
         self._compute = compute
         self._generator = compute.put(generator)
 
-    def translate(self, slam: ByteArray, metres_per_px: float | None = None) -> Float32Array:
+    def translate(
+        self, slam: ByteArray, metres_per_px: float | None = None, straighten: bool = False
+    ) -> Float32Array:
         """Tell for each pixel of a SLAM map how likely it is free space of the building.
 
         Args:
             slam: (H, W): 0 occupied, 205 unknown, 254 free, row 0 at the top.
             metres_per_px: Scale of the map, if it is known.
+            straighten: Leave the drawing turned about the image's centre so that most walls lie along the axes,
+                instead of turning it back into the map's frame.
 
         Returns:
             (H, W) in [0, 1]: 1 inside of rooms, 0 in walls and outside.
@@ -72,27 +74,29 @@ class LearnedTranslator:
         if self.config.direction != "slam2cad":
             raise ConfigError("these weights draw SLAM maps from CAD maps; choose others with --weights")
         _require_image(slam)
-        angle = dominant_angle_deg(slam) if self.config.derotate else 0.0
-        if abs(angle) <= MAX_DRIFT_DEG:
-            return self._free_space(turned(slam, -angle), metres_per_px)
-        padded = padded_for_turning(slam, angle)
+        angle = angle_to_undo_deg(slam) if self.config.derotate else 0.0
+        # A small turn cuts nothing off but a sliver of the corners; the training's maps are turned like this, too.
+        padded = slam if abs(angle) <= MAX_DRIFT_DEG else padded_for_turning(slam, angle)
         free = self._free_space(turned(padded, -angle), metres_per_px)
         above, beside = ((a - b) // 2 for a, b in zip(padded.shape, slam.shape, strict=True))
-        back = turned_probability(free, angle)
+        back = free if straighten else turned_probability(free, angle)
         return back[above : above + slam.shape[0], beside : beside + slam.shape[1]]
 
-    def translate_cells(self, cells: ByteArray, metres_per_px: float | None = None) -> ByteArray:
+    def translate_cells(
+        self, cells: ByteArray, metres_per_px: float | None = None, straighten: bool = False
+    ) -> ByteArray:
         """Translate a map into the other kind of map, in either direction.
 
         Args:
             cells: (H, W): a SLAM map (0, 205, 254) or a CAD map (0, 254), row 0 at the top.
             metres_per_px: Scale of the map, if it is known.
+            straighten: As in :meth:`translate`; without effect on CAD maps.
 
         Returns:
             (H, W): a CAD map (0, 254) or a SLAM map (0, 205, 254), in the same frame.
         """
         if self.config.direction == "slam2cad":
-            free = self.translate(cells, metres_per_px)
+            free = self.translate(cells, metres_per_px, straighten)
             return np.where(free >= 0.5, FREE, OCCUPIED).astype(np.uint8)
         _require_image(cells)
         drawn = self._fitted(cells, OCCUPIED, metres_per_px)

@@ -37,6 +37,8 @@ class TranslateArguments:
     """Average over 1, 2, 4 or 8 flips and quarter turns: somewhat better, and as many times slower."""
     probability: bool = False
     """Write how likely each pixel is free (0 to 255) instead of a map of walls and floor (images only)."""
+    straighten: bool = False
+    """Turn the drawing so that most walls lie along the axes, instead of laying it over the input (images only)."""
     device: DeviceName = "cpu"
     """Where to compute."""
 
@@ -58,7 +60,7 @@ def main(argv: list[str]) -> int:
         sys.stdout.write(f"{translate_ros_map(arguments.input, arguments.out, translator)}\n")
     else:
         out = _image_destination(arguments.out, arguments.input)
-        translate_image(arguments.input, out, translator, scale, arguments.probability)
+        translate_image(arguments.input, out, translator, arguments)
         sys.stdout.write(f"{out}\n")
     return 0
 
@@ -81,8 +83,7 @@ def translate_image(
     source: Path,
     out: Path,
     translator: LearnedTranslator,
-    metres_per_px: float | None = None,
-    probability: bool = False,
+    arguments: TranslateArguments,
 ) -> None:
     """Translate an image file and write another.
 
@@ -90,14 +91,14 @@ def translate_image(
         source: Grey image; for SLAM maps its greys are classified as ROS maps' are.
         out: Image to write; its suffix tells the format.
         translator: What translates.
-        metres_per_px: Scale, if it is known.
-        probability: Write probabilities instead of the map.
+        arguments: Scale, and what to write.
     """
     cells = _as_input(read_grey(source), translator)
-    if probability:
-        image = np.rint(255.0 * translator.translate(cells, metres_per_px)).astype(np.uint8)
+    scale, straighten = arguments.metres_per_px, arguments.straighten
+    if arguments.probability:
+        image = np.rint(255.0 * translator.translate(cells, scale, straighten)).astype(np.uint8)
     else:
-        image = translator.translate_cells(cells, metres_per_px)
+        image = translator.translate_cells(cells, scale, straighten)
     written, data = cv2.imencode(out.suffix or ".png", image)
     if not written:
         raise InputFileError(out, "can't be written in this format; choose .png")
@@ -141,7 +142,7 @@ def _translate_folder(arguments: TranslateArguments, translator: LearnedTranslat
                     translate_ros_map(path, arguments.out / path.stem, translator)
                 else:
                     out = arguments.out / f"{path.stem}.png"
-                    translate_image(path, out, translator, arguments.metres_per_px, arguments.probability)
+                    translate_image(path, out, translator, arguments)
             except InputFileError as error:
                 refused += 1
                 say(f"skipped {error}")

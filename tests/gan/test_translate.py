@@ -108,12 +108,14 @@ def test_a_turned_map_comes_back_turned():
     assert agreement(copying().translate(turned), turned) > 0.96
 
 
-def test_drift_of_the_heading_is_taken_out():
+def test_a_drifted_map_is_straightened_on_demand():
     cells = building(64, 64)
     matrix = cv2.getRotationMatrix2D((31.5, 31.5), 4.0, 1.0)
     drifted = cv2.warpAffine(cells, matrix, (64, 64), flags=cv2.INTER_NEAREST, borderValue=UNKNOWN)
-    free = copying().translate(drifted)
-    assert agreement(free, cells) > agreement(free, drifted)
+    straight, back = copying().translate(drifted, straighten=True), copying().translate(drifted)
+    assert agreement(straight, cells) > agreement(straight, drifted)
+    assert agreement(back, drifted) > agreement(back, cells)
+    assert agreement(back, drifted) > 0.97
 
 
 @pytest.mark.parametrize("flips", [1, 2, 4, 8])
