@@ -14,13 +14,14 @@ from slamgym.types import FloatArray
 
 _POINTS = 200
 _RESAMPLES = 1000
+_LEVELS = ("0.95", "0.99")
 _COLOURS = (
     "#1971c2", "#e03131", "#2f9e44", "#f08c00", "#9c36b5", "#0c8599", "#6741d9", "#e8590c", "#66a80f", "#868e96",
 )  # fmt: skip
 
 
 def draw_coverage(trials: Sequence[Trial], path: Path, title: str = "") -> None:
-    """Draw mean coverage over time with bands, and how many explorations had reached a level when.
+    """Draw mean coverage over time with bands, and how many explorations had seen 95 % and 99 % when.
 
     Bands are 95 % bootstrap intervals of the mean over explorations. Time is robot time per floor area, so that
     plans of different sizes can be averaged.
@@ -35,7 +36,7 @@ def draw_coverage(trials: Sequence[Trial], path: Path, title: str = "") -> None:
         InputFileError: If the picture can't be written.
     """
     figure, axes = _figure()
-    left, right = axes
+    left, *rights = axes
     names = list(dict.fromkeys(trial.explorer for trial in trials))
     end = _end(trials)
     times = np.linspace(0.0, end, _POINTS)  # [s/m2]
@@ -46,26 +47,24 @@ def draw_coverage(trials: Sequence[Trial], path: Path, title: str = "") -> None:
         low, high = _band(curves)
         left.plot(times, curves.mean(axis=0), color=colour, label=label, linewidth=1.6)
         left.fill_between(times, low, high, color=colour, alpha=0.15, linewidth=0.0)
-        for level, style in (("0.95", "-"), ("0.99", "--")):
+        for axis, level in zip(rights, _LEVELS, strict=True):
             reached = np.array([_per_area(t, level) for t in own])
-            share = (reached[:, None] <= times).mean(axis=0)
-            right.plot(times, share, style, color=colour, linewidth=1.4)
-    left.set(
-        xlabel="robot time per floor area [s/m²]", ylabel="share of the reachable floor seen", ylim=(0, 1.01)
-    )
-    left.legend(loc="lower right", fontsize=8, frameon=False)
-    right.set(xlabel="robot time per floor area [s/m²]", ylabel="share of explorations", ylim=(0, 1.01))
-    right.set_title("reached 95 % (solid) and 99 % (dashed)", fontsize=10)
+            axis.plot(times, (reached[:, None] <= times).mean(axis=0), color=colour, linewidth=1.4)
     left.set_title(title or "mean, with its 95 % interval", fontsize=10)
+    left.set_ylabel("share of the reachable floor seen")
+    left.legend(loc="lower right", fontsize=8, frameon=False)
+    for axis, level in zip(rights, _LEVELS, strict=True):
+        axis.set_title(f"explorations that have seen {100 * float(level):g} %", fontsize=10)
+        axis.set_ylabel("share of explorations")
     for axis in axes:
-        axis.set_xlim(0, end)
+        axis.set(xlabel="robot time per floor area [s/m²]", xlim=(0, end), ylim=(0, 1.01))
         axis.grid(alpha=0.25)
     with staged(path) as part:
-        figure.savefig(part, dpi=150)
+        figure.savefig(part, dpi=120)
 
 
 def _figure() -> tuple[Any, Any]:
-    """An empty figure with two axes, drawn without a window."""
+    """An empty figure with three axes, drawn without a window."""
     try:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
@@ -73,9 +72,9 @@ def _figure() -> tuple[Any, Any]:
         raise ConfigError(
             "the plot needs matplotlib; pip install 'slamgym[agents]', or leave it out with --no-plot"
         ) from error
-    figure = Figure(figsize=(11.0, 4.4), layout="constrained")
+    figure = Figure(figsize=(14.0, 4.4), layout="constrained")
     FigureCanvasAgg(figure)
-    return figure, figure.subplots(1, 2)
+    return figure, figure.subplots(1, 3)
 
 
 def _band(curves: FloatArray) -> tuple[FloatArray, FloatArray]:

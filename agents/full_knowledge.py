@@ -29,6 +29,7 @@ from slamgym.planning import (
     make_costmap,
     reachable_space,
 )
+from slamgym.planning.coarse_paths import CoarsePaths
 from slamgym.sensors import Lidar
 from slamgym.types import (
     FREE,
@@ -50,8 +51,9 @@ class FullKnowledgeConfig:
 
     sight: SightConfig = field(default_factory=SightConfig)
     """The tour."""
-    replan_interval: float = 6.0
-    """The tour is planned anew after so long [s], because more is seen on the way than a plan foretells."""
+    replan_interval: float = 60.0
+    """The tour is planned anew when a stop is done, and after so long [s] at the latest. In rings of rooms two
+    ways round are alike, and a robot that reconsidered every few seconds would turn back time and again."""
     keeps_tour: bool = True
     """Whether an earlier tour is kept as long as no shorter one is found."""
     enough: float = 0.06
@@ -207,7 +209,7 @@ class FullKnowledge:
         self._planned_at = time
         self.decisions += 1
         previous = [stop.place for stop in self.tour] if self.config.keeps_tour else []
-        self.tour = self.planner.plan(self.unseen, (here.x, here.y), self._banned, previous)
+        self.tour = self.planner.plan(self.unseen, (here.x, here.y), self._banned, previous, self._ways(pose))
         while self.tour:
             stop = self.tour[0]
             x, y = self._in_map(stop.point)
@@ -219,6 +221,20 @@ class FullKnowledge:
             self.tour = self.tour[1:]
         self._navigator.cancel()
         self.finished = True
+
+    def _ways(self, pose: Pose2D) -> FloatArray | None:
+        """Path length to each of the planner's places by the map that the robot drives on [m].
+
+        Errors of the map may close a door that is open: the tour must not lead through it time and again.
+        """
+        costmap, space = self._navigator.costmap, self._navigator.reachable
+        assert self.planner is not None
+        if costmap is None or space is None:
+            return None
+        paths = CoarsePaths(costmap, space)
+        lengths = paths.lengths_from(paths.place((pose.x, pose.y)))
+        ways = paths.lengths_to(lengths, self.planner.places - [self._origin.x, self._origin.y])
+        return ways if np.isfinite(ways).any() else None
 
     def _left_of(self, stop: Stop) -> NDArray[np.int64]:
         """What of a stop's cells is still unseen."""

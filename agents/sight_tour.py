@@ -38,6 +38,8 @@ class SightConfig:
     """Every so many-th floor cell of a row and of a column stands for the others."""
     goal: float = 0.995
     """Share of the floor that the tour shall see: the last slivers behind corners cost more than they show."""
+    clearly: float = 1.0
+    """A tour must be so much shorter than the one under way to replace it [m]."""
     sweeps: int = 3
     """How often places are moved and left out."""
 
@@ -105,6 +107,7 @@ class SightPlanner:
         start: Point,
         banned: frozenset[int] = frozenset(),
         previous: Sequence[int] = (),
+        from_start: FloatArray | None = None,
     ) -> list[Stop]:
         """A short tour that sees what is left.
 
@@ -112,8 +115,10 @@ class SightPlanner:
             unseen: Which of :attr:`cells` are still to be seen, shape (C,).
             start: The robot [m].
             banned: Places that it failed to get to.
-            previous: Places of an earlier tour that sees all this. It is improved too, and kept if it is the
-                shorter one, so that the robot doesn't turn back for a tour that only looks different.
+            previous: Places of an earlier tour that sees all this. It is improved too, and kept unless another
+                is clearly shorter, so that the robot doesn't turn back for a tour that only looks different.
+            from_start: Path length from the robot to each place, where the caller knows better than the plan
+                which ways are open, shape (P,) [m].
 
         Returns:
             Stops in their order; each cell belongs to the first stop that sees it.
@@ -122,19 +127,24 @@ class SightPlanner:
         spare = (1.0 - self.config.goal) * np.count_nonzero(self.coverable)
         if np.count_nonzero(wanted) <= spare:
             return []
-        from_start = self._paths.lengths_to(self._paths.lengths_from(self._paths.place(start)), self.places)
+        if from_start is None:
+            lengths = self._paths.lengths_from(self._paths.place(start))
+            from_start = self._paths.lengths_to(lengths, self.places)
         usable = np.isfinite(from_start)
         usable[list(banned)] = False
         kept = [place for place in previous if usable[place]]
-        tours = [
-            self._improved(places, wanted, from_start, usable, start)
-            for places in (self._cover(wanted, spare, usable), kept)
-            if places
-        ]
-        seeing = [tour for tour in tours if np.count_nonzero(wanted & ~self._seen_by(tour, start)) <= spare]
-        if not (seeing or tours):
-            return []
-        return self._stops(min(seeing or tours, key=lambda tour: self.length(tour, from_start)), wanted)
+        fresh = self._cover(wanted, spare, usable)
+        best: list[int] = []
+        for places, handicap in ((kept, 0.0), (fresh, self.config.clearly)):
+            if not places:
+                continue
+            tour = self._improved(places, wanted, from_start, usable, start)
+            missed = np.count_nonzero(wanted & ~self._seen_by(tour, start))
+            if places is kept and missed > spare:
+                continue
+            if not best or self.length(tour, from_start) + handicap < self.length(best, from_start):
+                best = tour
+        return self._stops(best, wanted)
 
     def length(self, tour: Sequence[int], from_start: FloatArray) -> float:
         """Length of an open tour over places [m].
