@@ -95,14 +95,18 @@ def main(argv: list[str]) -> int:
     pairs = _load(arguments)
     to_cad = {name: t for name, t in translators.items() if t.config.direction == "slam2cad"}
     to_slam = {name: t for name, t in translators.items() if t.config.direction == "cad2slam"}
+    generated = {name: load_generated(folder, pairs) for name, folder in folders.items()}
+    judged = bool(generated or to_slam or arguments.realism)
+    if judged and len(pairs) < MINIMUM:
+        raise ConfigError(f"a two-sample test needs {MINIMUM} pairs or more, not {len(pairs)}")
     scores, summary = _measure(pairs, to_cad)
     _write(arguments, pairs, scores, summary, None)
     if arguments.pictures:
         write_pictures(arguments.out, pairs, _methods(to_cad), scores, arguments.pictures)
     if arguments.real is not None:
         _draw_real(arguments, dict(to_cad))
-    if folders or to_slam or arguments.realism:
-        realism = _judge_realism(arguments, pairs, folders, to_slam)
+    if judged:
+        realism = _judge_realism(arguments, pairs, generated, to_slam)
         _write(arguments, pairs, scores, summary, realism)
     sys.stdout.write(f"results: {arguments.out}\n")
     return 0
@@ -179,16 +183,13 @@ def _measure(
 def _judge_realism(
     arguments: EvaluateArguments,
     pairs: PairSet,
-    folders: dict[str, Path],
+    generated: dict[str, tuple[PairSet, ByteArray]],
     translators: "dict[str, LearnedTranslator]",
 ) -> dict[str, Any]:
-    if len(pairs) < MINIMUM:
-        raise ConfigError(f"a two-sample test needs {MINIMUM} pairs or more, not {len(pairs)}")
     made = {ELASTIC: (pairs, elastic_maps(pairs, arguments.seed))}
     for name, translator in translators.items():
         made[name] = (pairs, np.stack([translator.translate_cells(cad) for cad in pairs.cad]))
-    for name, folder in folders.items():
-        made[name] = load_generated(folder, pairs)
+    made |= generated
     reference = Sample.of(pairs.slam, pairs)
     entries, drawn = [], {}
     with show_progress("two-sample tests", 0, 1 + len(made)) as advance:
