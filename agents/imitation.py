@@ -26,6 +26,7 @@ from slamgym.errors import ConfigError
 
 _BATCH = 256
 _EPOCHS = 40
+_VALUE_WEIGHT = 0.05  # small: the value shares its trunk with the scores, which matter more here
 _PATIENCE = 4  # epochs without a better result on what is held out
 
 Answer = Callable[[dict[str, Any]], int]
@@ -167,7 +168,7 @@ def _fit(network: Any, lessons: _Lessons, seed: int) -> None:
             scores, values = network(_narrowed(tensors, batch))
             known = torch.isfinite(returns[batch])
             errors = (values[known] - returns[batch][known]) ** 2
-            loss = cross_entropy(scores, answers[batch]) + 0.5 * errors.sum() / max(1, len(batch))
+            loss = cross_entropy(scores, answers[batch]) + _VALUE_WEIGHT * errors.sum() / len(batch)
             optimiser.zero_grad()
             loss.backward()
             optimiser.step()

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from agents.learning_envs import make_env
-from agents.learning_plans import draw_plans
+from agents.learning_plans import Curriculum, draw_plans
 from agents.pretrained_policy import read_policy
 from agents.reward_presets import PRESETS, preset
 from agents.train_config import TrainConfig
@@ -48,8 +48,12 @@ class ShapingConfig:
     """Held-out plans that every policy explores at the end."""
     particles: int = 30
     """Particles of the filter in that test."""
-    train: TrainConfig = field(default_factory=lambda: TrainConfig(steps=15_000, evaluate_every=0))
-    """Each run, but for its reward and seed."""
+    train: TrainConfig = field(
+        default_factory=lambda: TrainConfig(
+            steps=15_000, plan_count=300, evaluate_every=0, curriculum=Curriculum(areas=(), shares=())
+        )
+    )
+    """Each run, but for its reward and seed. Without a curriculum, lest the curves show its stages."""
 
     def __post_init__(self) -> None:
         for name in self.presets:

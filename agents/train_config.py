@@ -81,7 +81,7 @@ class TrainConfig:
     """The network."""
     imitation_decisions: int = 0
     """So many decisions of an expert are imitated first; 0 for none."""
-    imitation_rounds: int = 3
+    imitation_rounds: int = 1
     """In how many rounds; the expert drives in the first and answers to the policy in the others (DAgger)."""
     imitation_expert: str = "full_knowledge"
     """Whom to imitate; see :mod:`agents.imitation`."""
