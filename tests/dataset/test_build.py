@@ -1,5 +1,6 @@
 """The promises of a generated dataset, on plans that are explored in seconds."""
 
+import contextlib
 import dataclasses
 import errno
 import json
@@ -13,6 +14,7 @@ from shapely import Polygon, box
 from agents.registry import make_explorer
 from slamgym.cad import FloorPlan, read_houseexpo
 from slamgym.dataset import DatasetConfig, EpisodeConfig, Layout, build_dataset, load_pair, read_manifest
+from slamgym.dataset.engine import Lost
 from slamgym.dataset.storage import StorageError
 from slamgym.envs import ExploreConfig
 from slamgym.errors import ConfigError, PlanError, SlamgymError
@@ -218,3 +220,31 @@ def test_a_full_disk_is_one_clear_error_and_keeps_what_is_there(tmp_path, monkey
 
 def test_minutes_limit_the_exploration(dataset):
     assert all(record.robot_seconds <= 12.0 + 1e-9 for record in read_manifest(dataset))
+
+
+class Elsewhere:
+    """An engine whose tasks don't see the driver's files, and whose workers die of one plan."""
+
+    shares_files = False
+
+    def __init__(self, deadly=""):
+        self.deadly = deadly
+
+    def run(self, task, items):
+        for item in items:
+            assert item.staged is None
+            yield Lost(item, "a worker process was killed") if item.plan.id == self.deadly else task(item)
+
+
+def test_files_that_come_back_as_bytes_are_the_same(dataset, tmp_path, monkeypatch):
+    monkeypatch.setattr("slamgym.dataset.build.open_engine", lambda *_: contextlib.nullcontext(Elsewhere()))
+    build(tmp_path)
+    assert content(tmp_path) == content(dataset)
+
+
+def test_a_plan_that_kills_its_workers_is_skipped_and_listed(tmp_path, monkeypatch):
+    engine = Elsewhere(deadly="corner")
+    monkeypatch.setattr("slamgym.dataset.build.open_engine", lambda *_: contextlib.nullcontext(engine))
+    assert build(tmp_path, pairs=2).rejected == {"WorkerLostError": 1}
+    assert {record.plan_id for record in read_manifest(tmp_path)} == {"rooms"}
+    assert "was killed" in Layout(tmp_path).rejected.read_text()
