@@ -2,11 +2,13 @@
 
 Nobody explores so: it is the yardstick, the "optimum with full knowledge", and an expert to imitate. It
 drives by the same navigation stack, with the same SLAM, as every other explorer; only where to go, and what
-lies behind the border of the map, it takes from the plan. It is made from an environment
-(:meth:`FullKnowledge.of`), never by a name and a context, so that no explorer gets the truth unasked.
+lies behind the border of the map, it takes from the plan, and what is left to see from the true coverage. It is
+made from an environment (:meth:`FullKnowledge.of`), never by a name and a context, so that no explorer gets the
+truth unasked.
 """
 
 import math
+from collections import Counter
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -30,7 +32,6 @@ from slamgym.planning import (
     reachable_space,
 )
 from slamgym.planning.coarse_paths import CoarsePaths
-from slamgym.sensors import Lidar
 from slamgym.types import (
     FREE,
     OCCUPIED,
@@ -56,6 +57,8 @@ class FullKnowledgeConfig:
     ways round are alike, and a robot that reconsidered every few seconds would turn back time and again."""
     keeps_tour: bool = True
     """Whether an earlier tour is kept as long as no shorter one is found."""
+    looks: int = 4
+    """A stop is looked round from in so many directions."""
     enough: float = 0.06
     """A stop is done when less than this is left of what it is for [m2]."""
     navigator: NavigatorConfig = field(default_factory=NavigatorConfig)
@@ -67,11 +70,10 @@ class FullKnowledge:
 
     Args:
         context: What any explorer is told.
-        lidar: The scanner.
         drawing: The true building on the frame of the observation's map, shape ``context.frame.shape``.
         segments: Its walls and furniture, shape (S, 4) [m], world frame.
-        floor: What is to be seen: mask (row 0 at the bottom) and frame, as
-            :class:`~slamgym.envs.coverage.Coverage` takes them.
+        floor: What is to be seen, as :class:`~slamgym.envs.coverage.Coverage` takes it, row 0 at the bottom.
+        coverage: What has truly been seen of it, kept by the environment.
         start: Pose at which the robot begins, world frame: the origin of the map frame.
         reach: How far it sees for the purpose of mapping [m].
         config: Settings.
@@ -85,10 +87,10 @@ class FullKnowledge:
     def __init__(
         self,
         context: ExplorerContext,
-        lidar: Lidar,
         drawing: ByteArray,
         segments: FloatArray,
-        floor: tuple[BoolArray, Any],
+        floor: BoolArray,
+        coverage: Coverage,
         start: Pose2D,
         reach: float,
         config: FullKnowledgeConfig | None = None,
@@ -96,21 +98,21 @@ class FullKnowledge:
         self.config = config or FullKnowledgeConfig()
         self.context = context
         self._drawing = drawing
-        self._segments = segments
         self._origin = start
-        self._lidar = lidar
-        mask, frame = floor
+        frame = coverage.frame
         costmap = self._true_costmap(context)
         space = reachable_space(costmap, start)
         self._cell_area = (self.config.sight.every * frame.resolution) ** 2
-        self._seen = Coverage(mask, frame, lidar.geometry, reach)
+        self._seen = coverage
         self.planner: SightPlanner | None = None
         self.finished = space is None
         if space is not None:
-            self.planner = SightPlanner(costmap, space, mask, frame, segments, reach, self.config.sight)
+            self.planner = SightPlanner(costmap, space, floor, frame, segments, reach, self.config.sight)
             self._hopeless = np.zeros(len(self.planner.cells), dtype=np.bool_)
         self._navigator = Navigator(context, self.config.navigator)
         self._banned: frozenset[int] = frozenset()
+        self._visits: Counter[int] = Counter()
+        self._is_last_round = False
         self._map: ByteArray | None = None
         self._planned_at = -math.inf
         self.tour: list[Stop] = []
@@ -135,9 +137,7 @@ class FullKnowledge:
         segments = np.vstack([plan.segments(), env.clutter.segments()])
         mask = floor.mask(start.x, start.y)
         reach = env.config.usable_range
-        return FullKnowledge(
-            context, Lidar(env.config.lidar), drawing, segments, (mask, floor.frame), start, reach, config
-        )
+        return FullKnowledge(context, drawing, segments, mask, env.coverage, start, reach, config)
 
     def reset(self) -> None:
         """Refuse: another episode needs another floor plan.
@@ -157,7 +157,6 @@ class FullKnowledge:
         """Choose the action of an unbatched observation, shape (2,); zeros once finished."""
         pose = Pose2D(*(float(value) for value in observation["pose"]))
         time = float(observation["time"][0])
-        self._look(pose)
         self._take_map(observation["map"], pose, time)
         if not self.finished and self._is_plan_due(time):
             self._plan(pose, time)
@@ -167,15 +166,10 @@ class FullKnowledge:
 
     @property
     def unseen(self) -> BoolArray:
-        """Which of the planner's cells are still to be seen, by what the robot believes of its way."""
+        """Which of the planner's cells have truly not been seen, and can be."""
         assert self.planner is not None
         seen = self._seen.seen[::-1].reshape(-1)[self.planner.cells]
         return self.planner.coverable & ~seen & ~self._hopeless
-
-    def _look(self, pose: Pose2D) -> None:
-        """Foretell what the scanner shows from the believed pose."""
-        here = self._in_world(pose)
-        self._seen.add(here, self._lidar.true_ranges(here, self._segments))
 
     def _take_map(self, cells: ByteArray, pose: Pose2D, time: float) -> None:
         """Hand the map to the navigation stack, its unknown part filled in from the plan."""
@@ -196,8 +190,11 @@ class FullKnowledge:
             return True
         left = self._left_of(self.tour[0])
         if status is GoalStatus.SUCCEEDED:
-            # What isn't seen from close by, looking at it, can't be seen because of errors of the pose.
-            self._hopeless[left] = True
+            place = self.tour[0].place
+            self._visits[place] += 1
+            if self._visits[place] >= self.config.looks:
+                # What isn't seen in so many looks can't be seen because of errors of the pose, for now.
+                self._hopeless[left] = True
             return True
         done = len(left) * self._cell_area < self.config.enough
         return done or time - self._planned_at >= self.config.replan_interval
@@ -220,7 +217,11 @@ class FullKnowledge:
             self._banned |= {stop.place}
             self.tour = self.tour[1:]
         self._navigator.cancel()
-        self.finished = True
+        # What was given up may be possible now: maps get better.
+        self.finished = self._is_last_round or not (self._banned or self._hopeless.any())
+        self._is_last_round = True
+        self._banned, self._visits = frozenset(), Counter()
+        self._hopeless[:] = False
 
     def _ways(self, pose: Pose2D) -> FloatArray | None:
         """Path length to each of the planner's places by the map that the robot drives on [m].
