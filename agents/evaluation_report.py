@@ -36,8 +36,8 @@ def write_report(out: Path, evaluation: Evaluation, config: EvaluationConfig, ag
 
 def _heading(summary: Summary, config: EvaluationConfig, skipped: Sequence[Skipped]) -> str:
     lines = [
-        f"{summary.plans} plans of the split {config.split}, filter {config.plans_filter}, "
-        f"{config.repetitions} exploration(s) of each by every explorer, SLAM {config.trial.env.slam.mode} with "
+        f"{summary.plans} plans (split {config.split or 'all'}, filter {config.plans_filter}), each explored "
+        f"{config.repetitions} time(s) by every explorer; SLAM {config.trial.env.slam.mode} with "
         f"{config.trial.env.slam.particles} particles."
     ]
     if skipped:
