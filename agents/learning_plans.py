@@ -6,9 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from agents.splits import Split, split_plans
-from slamgym.cad import FloorPlan, open_plans
+from slamgym.cad import FloorPlan, check_plan, open_plans
 from slamgym.dataset.plan_filter import AREA, LONG_SIDE, passes
 from slamgym.errors import ConfigError, PlanError
+from slamgym.world import RobotConfig
 
 
 @dataclass(frozen=True)
@@ -93,6 +94,7 @@ def draw_plans(specs: Sequence[str], split: Split, count: int, seed: int = 0) ->
 def _load(source: object, plan_id: str) -> FloorPlan | None:
     try:
         plan: FloorPlan = source.load(plan_id)  # type: ignore[attr-defined]
+        check_plan(plan, RobotConfig().radius)
     except PlanError:
         return None
     min_x, min_y, max_x, max_y = plan.bounds
