@@ -26,7 +26,6 @@ from slamgym.errors import ConfigError
 
 _BATCH = 256
 _EPOCHS = 40
-_VALUE_WEIGHT = 0.05  # small: the value shares its trunk with the scores, which matter more here
 _PATIENCE = 4  # epochs without a better result on what is held out
 
 Answer = Callable[[dict[str, Any]], int]
@@ -87,7 +86,7 @@ def imitate(model: Any, config: TrainConfig, plans: Sequence[FloorPlan]) -> None
         wanted = (config.imitation_decisions * (number + 1)) // rounds
         choose = None if number == 0 else _student(network)
         _collect(env, EXPERTS[config.imitation_expert], choose, lessons, wanted, config, seed=number)
-        _fit(network, lessons, config.seed)
+        _fit(network, lessons, config.imitation_value_weight, config.seed)
 
 
 @dataclass
@@ -150,7 +149,7 @@ def _collect(
     lessons.end_episode(steps, config.discount, is_whole=False)
 
 
-def _fit(network: Any, lessons: _Lessons, seed: int) -> None:
+def _fit(network: Any, lessons: _Lessons, value_weight: float, seed: int) -> None:
     """Minimise cross-entropy and the value's squared error while the former falls on a tenth held out."""
     tensors = {
         key: torch.as_tensor(np.stack([o[key] for o in lessons.observations]))
@@ -168,7 +167,7 @@ def _fit(network: Any, lessons: _Lessons, seed: int) -> None:
             scores, values = network(_narrowed(tensors, batch))
             known = torch.isfinite(returns[batch])
             errors = (values[known] - returns[batch][known]) ** 2
-            loss = cross_entropy(scores, answers[batch]) + _VALUE_WEIGHT * errors.sum() / len(batch)
+            loss = cross_entropy(scores, answers[batch]) + value_weight * errors.sum() / len(batch)
             optimiser.zero_grad()
             loss.backward()
             optimiser.step()

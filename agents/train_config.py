@@ -83,6 +83,9 @@ class TrainConfig:
     """So many decisions of an expert are imitated first; 0 for none."""
     imitation_rounds: int = 1
     """In how many rounds; the expert drives in the first and answers to the policy in the others (DAgger)."""
+    imitation_value_weight: float = 0.05
+    """Weight of the value's squared error beside the cross-entropy: the value shares its trunk with the
+    scores, which matter more then."""
     imitation_expert: str = "full_knowledge"
     """Whom to imitate; see :mod:`agents.imitation`."""
     evaluate_every: int = 12_000

@@ -21,7 +21,7 @@ def main() -> None:
     figure, (left, right) = plt.subplots(1, 2, figsize=(9, 3.6), layout="constrained")
     curve = read_curve(folder)
     left.plot([steps for steps, _ in curve], [seconds for _, seconds in curve], color="#1971c2")
-    left.set(xlabel="decisions", ylabel="s", title="duration of the latest 100 episodes of training")
+    left.set(xlabel="decisions", ylabel="s", title="latest 100 episodes of training (small homes first)")
     with (folder / "validation.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     for name, label, colour in (("time_95", "95 %", "#1971c2"), ("time_99", "99 %", "#e03131")):
@@ -32,7 +32,7 @@ def main() -> None:
     right.legend(frameon=False)
     for axis in (left, right):
         axis.grid(alpha=0.25)
-        axis.set_ylim(bottom=0)
+        axis.set_ylim(0.0, 1.1 * axis.get_ylim()[1])
     target.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(target, dpi=130)
     print(f"{target}: {len(curve)} updates, {len(rows)} evaluations")
