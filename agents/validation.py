@@ -1,6 +1,7 @@
 """How well a policy explores buildings that it doesn't learn on, while it learns."""
 
 import math
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -38,41 +39,29 @@ def explore(env: ExploreFrontiersEnv, choose: Choose, plan: FloorPlan, seed: int
         plan: The building.
         seed: Of start and noise.
     """
-    import time
-
     observation, info = env.reset(seed=seed, options={"plan": plan})
-    watch = _Watch(env)
+    reached: dict[float, tuple[float, float]] = {}  # to within a decision
     begin, decisions, is_over = time.process_time(), 0, False
     while not is_over:
         observation, _, terminated, truncated, info = env.step(choose(observation))
         decisions += 1
-        watch.look(info)
+        for share in (0.95, 0.99):
+            if info["coverage"] >= share:
+                reached.setdefault(share, (info["time"], info["path_length"]))
         is_over = terminated or truncated
-    reached = [watch.reached.get(share, (info["time"], info["path_length"])) for share in (0.95, 0.99)]
+    end = info["time"], info["path_length"]
+    (time_95, path_95), (time_99, path_99) = reached.get(0.95, end), reached.get(0.99, end)
     return Outcome(
-        time_95=reached[0][0],
-        time_99=reached[1][0],
-        path_95=reached[0][1],
-        path_99=reached[1][1],
+        time_95=time_95,
+        time_99=time_99,
+        path_95=path_95,
+        path_99=path_99,
         time=info["time"],
         coverage=info["coverage"],
         decisions=decisions,
         seconds=time.process_time() - begin,
         map_error=info["map_error"],
     )
-
-
-class _Watch:
-    """Notes when shares of coverage are reached, to within a decision."""
-
-    def __init__(self, env: ExploreFrontiersEnv) -> None:
-        del env
-        self.reached: dict[float, tuple[float, float]] = {}
-
-    def look(self, info: dict[str, Any]) -> None:
-        for share in (0.95, 0.99):
-            if info["coverage"] >= share:
-                self.reached.setdefault(share, (info["time"], info["path_length"]))
 
 
 def judge(
