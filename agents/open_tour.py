@@ -16,7 +16,11 @@ from slamgym.types import FloatArray, IntArray
 EXACT_PLACES = 9
 """Most places that are ordered exactly: 2^9 * 9 states take some tens of microseconds."""
 
-_FAR = 1e9
+_FAR = 1e5
+"""Stands for "no path" [m]: beyond every building, yet small enough that sums of it keep micrometres."""
+
+_GAIN = 1e-6
+"""A move that shortens a tour by less is none [m]: rounding could undo it for ever."""
 
 
 def open_tour(lengths: FloatArray) -> IntArray:
@@ -35,6 +39,8 @@ def open_tour(lengths: FloatArray) -> IntArray:
     if len(matrix) - 1 <= EXACT_PLACES:
         order: IntArray = exact_tour(matrix, np.zeros(len(matrix) - 1), 1.0)
         return order
+    # Moves are judged as if a stretch were as long backwards; else they might go round in circles.
+    matrix = np.minimum(matrix, matrix.T)
     tour: IntArray = improve_tour(matrix, nearest_neighbour_tour(matrix))
     return tour
 
@@ -144,7 +150,7 @@ def _two_opt(lengths: FloatArray, tour: IntArray) -> bool:
             change = lengths[tour[i - 1], tour[j]] - lengths[tour[i - 1], tour[i]]
             if j + 1 < n:
                 change += lengths[tour[i], tour[j + 1]] - lengths[tour[j], tour[j + 1]]
-            if change < -1e-9:
+            if change < -_GAIN:
                 tour[i : j + 1] = tour[i : j + 1][::-1].copy()
                 improved = True
     return improved
@@ -167,7 +173,7 @@ def _or_opt(lengths: FloatArray, tour: IntArray) -> bool:
                 added = lengths[tour[after], tour[first]]
                 if after + 1 < n:
                     added += lengths[tour[last], tour[after + 1]] - lengths[tour[after], tour[after + 1]]
-                if added - taken < -1e-9:
+                if added - taken < -_GAIN:
                     stretch = tour[first : last + 1].copy()
                     if after < first:
                         tour[after + 1 + size : last + 1] = tour[after + 1 : first].copy()

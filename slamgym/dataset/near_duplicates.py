@@ -99,7 +99,9 @@ def distances(prints: Float32Array, others: Float32Array) -> Float32Array:
     best = np.full(len(prints), np.inf, dtype=np.float32)
     for turned in (others, others.transpose(0, 2, 1)):
         for flipped in (turned, turned[:, ::-1], turned[:, :, ::-1], turned[:, ::-1, ::-1]):
-            np.minimum(best, np.linalg.norm((prints - flipped).reshape(len(prints), SIDE * SIDE), axis=1), out=best)
+            np.minimum(
+                best, np.linalg.norm((prints - flipped).reshape(len(prints), SIDE * SIDE), axis=1), out=best
+            )
     return best
 
 

@@ -86,3 +86,13 @@ def test_no_places_make_an_empty_tour_and_too_many_are_refused():
     assert len(repairman_tour(np.zeros((1, 1)), np.zeros(0))) == 0
     with pytest.raises(ValueError, match="at most"):
         repairman_tour(np.zeros((EXACT_PLACES + 2, EXACT_PLACES + 2)), np.ones(EXACT_PLACES + 1))
+
+
+@settings(max_examples=40, deadline=None)
+@given(seed=st.integers(0, 10**6), places=st.integers(EXACT_PLACES + 1, 20), cut_off=st.integers(1, 6))
+def test_a_tour_ends_where_places_can_not_be_reached_and_ways_back_are_longer(seed, places, cut_off):
+    rng = np.random.default_rng(seed)
+    lengths = lengths_of(seed, places) + rng.uniform(0.0, 1.0, size=(places + 1, places + 1))
+    lost = rng.choice(np.arange(1, places + 1), cut_off, replace=False)
+    lengths[lost, :] = lengths[:, lost] = np.inf
+    assert sorted(open_tour(lengths)) == list(range(1, places + 1))
