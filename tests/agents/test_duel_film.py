@@ -1,5 +1,6 @@
 import dataclasses
 
+import cv2
 import imageio
 import numpy as np
 import pytest
@@ -34,10 +35,18 @@ def trials(make_trial):
     ]
 
 
+def frames_of(path):
+    film = cv2.VideoCapture(str(path))
+    frames = []
+    while (shot := film.read())[0]:
+        frames.append(shot[1])
+    film.release()
+    return frames
+
+
 def test_a_film_shows_both_explorations_side_by_side(tmp_path, plans, trials):
     film_duel(plans, trials, PAIR, CONFIG, tmp_path / "film.mp4")
-    with imageio.get_reader(tmp_path / "film.mp4") as reader:
-        frames = [frame for frame in reader.iter_data()]  # noqa: C416 - list() asks the reader for its length
+    frames = frames_of(tmp_path / "film.mp4")
     assert len(frames) > 40  # 2 s of film at the end
     rows, cols, _ = frames[0].shape
     assert (rows % 2, cols % 2) == (0, 0)

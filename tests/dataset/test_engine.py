@@ -23,6 +23,11 @@ from slamgym.dataset.engine import (
 )
 from slamgym.errors import ConfigError
 
+# loky's own thread may stumble over a task that was taken back while its process was being ended.
+pytestmark = pytest.mark.filterwarnings(
+    "ignore:Exception in thread ExecutorManagerThread:pytest.PytestUnhandledThreadExceptionWarning"
+)
+
 
 def square(value):
     return value * value

@@ -1,3 +1,5 @@
+import dataclasses
+
 import pytest
 from shapely import Polygon, box
 
@@ -19,7 +21,8 @@ def test_durations_in_words(seconds, words):
 
 
 def _plan(polygon, rooms):
-    return FloorPlan("plan", polygon, tuple(Room("room", polygon) for _ in range(rooms)))
+    rooms = tuple(Room("room", polygon) for _ in range(rooms))
+    return FloorPlan("plan", polygon, rooms, source="json.tar.gz:plan.json")
 
 
 @pytest.mark.parametrize(
@@ -45,3 +48,4 @@ def _plan(polygon, rooms):
 def test_the_useful_filter(plan, useful):
     assert passes(plan, "useful") is useful
     assert passes(plan, "none")
+    assert passes(dataclasses.replace(plan, source="procedural"), "useful")
