@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 RESULTS = Path(__file__).parent / "results"
@@ -71,7 +72,7 @@ def _print(title: str, records: list[dict[str, Any]], columns: Sequence[str]) ->
     table = Table(title=title, title_justify="left")
     for column in columns:
         numeric = all(isinstance(record[column], int | float) or record[column] is None for record in records)
-        table.add_column(column, justify="right" if numeric else "left")
+        table.add_column(escape(column), justify="right" if numeric else "left")
     for record in records:
         table.add_row(*[_cell(record[column]) for column in columns])
     # A file or a pipe has no width of its own: wide enough that no column is cut.
