@@ -11,10 +11,9 @@ import numpy as np
 from agents.coverage_curve import LEVELS, CoverageCurve, CurveRecorder, horizon
 from slamgym.cad import FloorPlan
 from slamgym.config import config_hash, from_dict
-from slamgym.dataset.episode import FinishingExplorer, time_limit
+from slamgym.dataset.episode import FinishingExplorer, explored_env, time_limit
 from slamgym.envs import ExploreConfig, ExploreEnv
 from slamgym.envs.map_error import WallDistance
-from slamgym.errors import ConfigError
 from slamgym.metrics import absolute_trajectory_error
 
 MakeForEpisode = Callable[[ExploreEnv, int], FinishingExplorer]
@@ -38,9 +37,7 @@ class TrialConfig:
     """Robot, sensors, SLAM, clutter."""
 
     def __post_init__(self) -> None:
-        if self.minutes != "auto" and not 0.0 < float(self.minutes) < float("inf"):
-            raise ConfigError(f"minutes must be 'auto' or a positive number, not {self.minutes}")
-        object.__setattr__(self, "env", dataclasses.replace(self.env.for_explorer(), time_limit=None))
+        object.__setattr__(self, "env", explored_env(self.minutes, self.env))
 
 
 @dataclass(frozen=True)

@@ -4,6 +4,8 @@
 losses, judges and schedule but have narrower networks and smaller images, and a span of minutes.
 """
 
+from dataclasses import replace
+
 from gan.config import (
     AugmentConfig,
     DiscriminatorConfig,
@@ -41,6 +43,26 @@ _OVERLAP = LossConfig(
 )
 """No judges: the floor is a region, and what counts is its overlap and its borders."""
 
+_SLAM2CAD = TrainConfig(
+    preset="slam2cad",
+    translator=TranslatorConfig(
+        direction="slam2cad",
+        input_size=256,
+        output_size=256,
+        input_encoding="free_occupied",
+        output_encoding="grey",
+        derotate=True,
+        generator=GeneratorConfig("residual", width=24, depth=4),
+    ),
+    discriminator=DiscriminatorConfig(domain=False, real_fake=False),
+    loss=_OVERLAP,
+    augment=REAL_MAPS,
+    optimiser=OptimiserConfig(
+        learning_rate=2e-3, beta1=0.9, beta2=0.99, warm_up=0.02, decay=0.6, average=0.99, clip_norm=1.0
+    ),
+    stages=(Stage(256, 40.0, 8),),
+)
+
 PRESETS: dict[str, TrainConfig] = {
     "model32": TrainConfig(
         preset="model32",
@@ -57,72 +79,19 @@ PRESETS: dict[str, TrainConfig] = {
             Stage(256, 139.0, 4, 1.0, 2),
         ),
     ),
-    "slam2cad": TrainConfig(
-        preset="slam2cad",
-        translator=TranslatorConfig(
-            direction="slam2cad",
-            input_size=256,
-            output_size=256,
-            input_encoding="free_occupied",
-            output_encoding="grey",
-            derotate=True,
-            generator=GeneratorConfig("residual", width=24, depth=4),
-        ),
-        discriminator=DiscriminatorConfig(domain=False, real_fake=False),
-        loss=_OVERLAP,
-        augment=REAL_MAPS,
-        optimiser=OptimiserConfig(
-            learning_rate=2e-3, beta1=0.9, beta2=0.99, warm_up=0.02, decay=0.6, average=0.99, clip_norm=1.0
-        ),
-        stages=(Stage(256, 40.0, 8),),
-    ),
-    "slam2cad-cpu": TrainConfig(
+    "slam2cad": _SLAM2CAD,
+    "slam2cad-cpu": replace(
+        _SLAM2CAD,
         preset="slam2cad-cpu",
-        translator=TranslatorConfig(
-            direction="slam2cad",
-            input_size=256,
-            output_size=256,
-            input_encoding="free_occupied",
-            output_encoding="grey",
-            derotate=True,
-            generator=GeneratorConfig("residual", width=16, depth=4),
-        ),
-        discriminator=DiscriminatorConfig(domain=False, real_fake=False),
-        loss=_OVERLAP,
-        augment=REAL_MAPS,
-        optimiser=OptimiserConfig(
-            learning_rate=2e-3, beta1=0.9, beta2=0.99, warm_up=0.02, decay=0.6, average=0.99, clip_norm=1.0
-        ),
-        stages=(Stage(256, 40.0, 8),),
+        translator=replace(_SLAM2CAD.translator, generator=GeneratorConfig("residual", width=16, depth=4)),
         minutes=60.0,
     ),
-    "slam2cad-gan": TrainConfig(
+    "slam2cad-gan": replace(
+        _SLAM2CAD,
         preset="slam2cad-gan",
-        translator=TranslatorConfig(
-            direction="slam2cad",
-            input_size=256,
-            output_size=256,
-            input_encoding="free_occupied",
-            output_encoding="grey",
-            derotate=True,
-            generator=GeneratorConfig("residual", width=24, depth=4),
-        ),
         discriminator=DiscriminatorConfig(domain=True, real_fake=True, width=32, patch_width=16),
-        loss=LossConfig(
-            domain=0.02,
-            real_fake=0.02,
-            feature_matching=0.02,
-            input_consistency=0.02,
-            l1=0.0,
-            cross_entropy=1.0,
-            dice=1.0,
-            edge_weight=3.0,
-        ),
-        augment=REAL_MAPS,
-        optimiser=OptimiserConfig(
-            learning_rate=1e-3, beta1=0.55, beta2=0.99, warm_up=0.02, decay=0.6, average=0.99, clip_norm=1.0
-        ),
-        stages=(Stage(256, 40.0, 8),),
+        loss=replace(_OVERLAP, domain=0.02, real_fake=0.02, feature_matching=0.02, input_consistency=0.02),
+        optimiser=replace(_SLAM2CAD.optimiser, learning_rate=1e-3, beta1=0.55),
     ),
     "model32-cpu": TrainConfig(
         preset="model32-cpu",

@@ -35,6 +35,21 @@ class MakeExplorer(Protocol):
         ...
 
 
+def explored_env(minutes: Literal["auto"] | float, env: ExploreConfig) -> ExploreConfig:
+    """What the environment of an exploration will be told, so that the saved settings say what was done.
+
+    Args:
+        minutes: Limit of robot time [min]; it takes the place of the environment's own.
+        env: What the user chose.
+
+    Raises:
+        ConfigError: If the limit is neither ``auto`` nor a positive number.
+    """
+    if minutes != "auto" and not 0.0 < float(minutes) < float("inf"):
+        raise ConfigError(f"minutes must be 'auto' or a positive number, not {minutes}")
+    return dataclasses.replace(env.for_explorer(), time_limit=None)
+
+
 @dataclass(frozen=True)
 class EpisodeConfig:
     """How a floor plan is explored."""
@@ -47,10 +62,7 @@ class EpisodeConfig:
     """Robot, sensors, SLAM, clutter. What concerns learning, such as rewards, has no effect."""
 
     def __post_init__(self) -> None:
-        if self.minutes != "auto" and not 0.0 < float(self.minutes) < float("inf"):
-            raise ConfigError(f"minutes must be 'auto' or a positive number, not {self.minutes}")
-        # What the environment will be told, so that the saved settings say what was done.
-        object.__setattr__(self, "env", dataclasses.replace(self.env.for_explorer(), time_limit=None))
+        object.__setattr__(self, "env", explored_env(self.minutes, self.env))
 
 
 @dataclass(frozen=True)
