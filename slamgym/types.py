@@ -17,6 +17,7 @@ Float32Array = NDArray[np.float32]
 ByteArray = NDArray[np.uint8]
 BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.int64]
+Int32Array = NDArray[np.int32]
 
 OCCUPIED = 0
 UNKNOWN = 205

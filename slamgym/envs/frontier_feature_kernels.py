@@ -4,10 +4,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slamgym.jit import kernel
-from slamgym.types import BoolArray, ByteArray, Float32Array, FloatArray
+from slamgym.types import BoolArray, ByteArray, Float32Array, FloatArray, Int32Array
 
 Int16Array = NDArray[np.int16]
-Int32Array = NDArray[np.int32]
 
 UNKNOWN_CLASS = 0
 FREE_CLASS = 1

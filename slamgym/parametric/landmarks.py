@@ -10,8 +10,7 @@ from slamgym.parametric.config import EkfConfig
 from slamgym.parametric.lidar_error import LidarErrors
 from slamgym.parametric.odometry_error import Increments
 from slamgym.parametric.visibility import Visibility
-from slamgym.parametric.visibility_kernel import Int32Array
-from slamgym.types import BoolArray, FloatArray, IntArray
+from slamgym.types import BoolArray, FloatArray, Int32Array, IntArray
 
 
 @dataclass(frozen=True)

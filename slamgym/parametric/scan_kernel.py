@@ -3,8 +3,7 @@
 import math
 
 from slamgym.jit import kernel
-from slamgym.parametric.visibility_kernel import Int32Array
-from slamgym.types import FloatArray
+from slamgym.types import FloatArray, Int32Array
 
 
 @kernel

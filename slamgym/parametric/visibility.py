@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from slamgym.parametric.config import ScannerConfig
-from slamgym.parametric.visibility_kernel import Int32Array, observe_cells
-from slamgym.types import BoolArray, Float32Array, FloatArray, GridFrame
+from slamgym.parametric.visibility_kernel import observe_cells
+from slamgym.types import BoolArray, Float32Array, FloatArray, GridFrame, Int32Array
 
 
 @dataclass(frozen=True)

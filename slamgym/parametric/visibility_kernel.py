@@ -2,13 +2,8 @@
 
 import math
 
-import numpy as np
-from numpy.typing import NDArray
-
 from slamgym.jit import kernel
-from slamgym.types import BoolArray, Float32Array, FloatArray
-
-Int32Array = NDArray[np.int32]
+from slamgym.types import BoolArray, Float32Array, FloatArray, Int32Array
 
 
 @kernel

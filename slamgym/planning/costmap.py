@@ -14,9 +14,8 @@ import numpy as np
 
 from slamgym.errors import ConfigError
 from slamgym.geometry import compose
-from slamgym.planning.costmap_kernels import clear_beams, clear_body, cost_cells
+from slamgym.planning.costmap_kernels import clear_beams, clear_body, cost_cells, distance_to_occupied
 from slamgym.types import (
-    FREE,
     OCCUPIED,
     UNKNOWN,
     ByteArray,
@@ -151,7 +150,7 @@ def mark_obstacles(grid: OccupancyGrid, points: FloatArray, apart: float = 0.15)
         row, col = grid.frame.to_cell(points[:, 0], points[:, 1])
         inside = (row >= 0) & (row < grid.frame.height_px) & (col >= 0) & (col < grid.frame.width_px)
         row, col = row[inside], col[inside]
-        new = _distance_px(cells)[row, col] * grid.frame.resolution > apart
+        new = distance_to_occupied(cells)[row, col] * grid.frame.resolution > apart
         cells[row[new], col[new]] = OCCUPIED
     return OccupancyGrid(cells, grid.frame)
 
@@ -201,7 +200,7 @@ def make_costmap(grid: OccupancyGrid, config: CostmapConfig | None = None) -> Co
         config: Radii and decay.
     """
     config = config or CostmapConfig()
-    distance = _distance_px(grid.cells)
+    distance = distance_to_occupied(grid.cells)
     table = _cost_table(config, grid.frame.resolution)
     return Costmap(cost_cells(grid.cells, distance, table), distance, grid.frame)
 
@@ -218,17 +217,6 @@ def _known_window(cells: ByteArray) -> tuple[int, int, int, int]:
     if len(rows) == 0:
         return 0, 0, 0, 0
     return int(rows[0]), int(rows[-1]) + 1, int(cols[0]) * step, (int(cols[-1]) + 1) * step
-
-
-def _distance_px(cells: ByteArray) -> Float32Array:
-    """Euclidean distance of each cell to the nearest occupied one [cells]."""
-    # A pad of free cells changes nothing, and the transform wants at least one occupied cell to measure from.
-    if not (cells == OCCUPIED).any():
-        return np.full(cells.shape, 1e6, dtype=np.float32)
-    transform: Float32Array = cv2.distanceTransform(
-        np.where(cells == OCCUPIED, np.uint8(0), np.uint8(FREE)), cv2.DIST_L2, cv2.DIST_MASK_PRECISE
-    )
-    return transform
 
 
 @lru_cache(maxsize=16)

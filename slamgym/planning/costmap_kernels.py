@@ -1,9 +1,9 @@
-"""Kernels of the costmap: the ground under the robot, and what cells cost."""
+"""Kernels of the costmap: the ground under the robot, distances to obstacles, and what cells cost."""
 
 import numpy as np
 
 from slamgym.jit import kernel
-from slamgym.types import ByteArray, Float32Array
+from slamgym.types import ByteArray, Float32Array, FloatArray, Int32Array
 
 _OCCUPIED = np.uint8(0)
 _FREE = np.uint8(254)
@@ -85,3 +85,80 @@ def clear_beams(
             if 0 <= row < height and 0 <= col < width and cells[row, col] == _OCCUPIED:
                 cells[row, col] = _FREE
             step += 0.5
+
+
+@kernel
+def distance_to_occupied(cells: ByteArray) -> Float32Array:
+    """Exact Euclidean distance of each cell to the nearest occupied one, shape (H, W) [cells]; 1e6 without any.
+
+    First the distance along the column, then, row by row, the lower envelope of the parabolas
+    ``(col - c)^2 + along_column[c]^2`` (Felzenszwalb and Huttenlocher 2012). Where two parabolas meet on a cell
+    either may be taken, so the rounding of their intersection does no harm.
+
+    Args:
+        cells: ROS map values, shape (H, W).
+    """
+    height, width = cells.shape
+    far = height + width
+    along_column = np.empty((height, width), np.int32)
+    for col in range(width):
+        along_column[0, col] = 0 if cells[0, col] == _OCCUPIED else far
+    for row in range(1, height):
+        for col in range(width):
+            step = min(along_column[row - 1, col] + 1, far)
+            along_column[row, col] = 0 if cells[row, col] == _OCCUPIED else step
+    for row in range(height - 2, -1, -1):
+        for col in range(width):
+            along_column[row, col] = min(along_column[row, col], along_column[row + 1, col] + 1)
+    distance = np.empty((height, width), np.float32)
+    apex, lift, first = np.empty((3, width), np.int32)
+    half_inverse = 0.5 / np.arange(0.0, width)
+    for row in range(height):
+        count = _lower_envelope(along_column[row], far, half_inverse, apex, lift, first)
+        end = width
+        for k in range(count - 1, -1, -1):
+            height_2 = lift[k] - apex[k] ** 2
+            for col in range(first[k], end):
+                distance[row, col] = np.sqrt(np.float32((col - apex[k]) ** 2 + height_2))
+            end = first[k]
+        if count == 0:
+            distance[row] = 1e6
+    return distance
+
+
+@kernel
+def _lower_envelope(
+    along_column: Int32Array,
+    far: int,
+    half_inverse: FloatArray,
+    apex: Int32Array,
+    lift: Int32Array,
+    first: Int32Array,
+) -> int:
+    """The parabolas of a row that are lowest somewhere, from left to right; returns their number.
+
+    Args:
+        along_column: Distance along the column, shape (W,) [cells]; ``far`` where it holds no occupied cell.
+        far: See above.
+        half_inverse: ``1 / (2 n)`` for each n, shape (W,).
+        apex: Receives the column of each parabola, shape (W,).
+        lift: Receives ``along_column^2 + apex^2``, shape (W,).
+        first: Receives the first column where it is the lowest, shape (W,).
+    """
+    count = 0
+    for col in range(len(along_column)):
+        if along_column[col] >= far:
+            continue
+        lifted = along_column[col] ** 2 + col**2
+        begin = 0
+        while count > 0:
+            meeting = (lifted - lift[count - 1]) * half_inverse[col - apex[count - 1]]
+            begin = int(meeting) + 1 if meeting >= 0.0 else 0
+            if begin > first[count - 1]:
+                break
+            count -= 1
+            begin = 0
+        if begin < len(along_column):
+            apex[count], lift[count], first[count] = col, lifted, begin
+            count += 1
+    return count

@@ -1,12 +1,9 @@
 """Kernels of the frontier search: flood the space in reach, then collect its unknown border."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from slamgym.jit import kernel
-from slamgym.types import BoolArray, ByteArray, FloatArray, IntArray
-
-Int32Array = NDArray[np.int32]
+from slamgym.types import BoolArray, ByteArray, FloatArray, Int32Array, IntArray
 
 _LETHAL = np.uint8(254)
 _NO_INFORMATION = np.uint8(255)

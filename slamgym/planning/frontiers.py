@@ -21,14 +21,13 @@ from slamgym.planning.costmap import (
     Costmap,
 )
 from slamgym.planning.frontier_kernels import (
-    Int32Array,
     collect_frontiers,
     describe_frontiers,
     flood,
     nearest_open_cell,
     visible_unknown,
 )
-from slamgym.types import FREE, OCCUPIED, BoolArray, ByteArray, GridFrame, OccupancyGrid, Pose2D
+from slamgym.types import FREE, OCCUPIED, BoolArray, ByteArray, GridFrame, Int32Array, OccupancyGrid, Pose2D
 
 Point = tuple[float, float]
 _CROSS = np.array([[0, 1, 0], [1, 1, 1], [0, 1, 0]], np.uint8)

@@ -3,12 +3,9 @@
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from slamgym.jit import kernel
-from slamgym.types import BoolArray, ByteArray, Float32Array, FloatArray, IntArray
-
-Int32Array = NDArray[np.int32]
+from slamgym.types import BoolArray, ByteArray, Float32Array, FloatArray, Int32Array, IntArray
 
 _SQRT2 = np.float32(1.4142135)
 

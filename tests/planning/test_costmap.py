@@ -162,3 +162,24 @@ def test_a_scan_takes_out_the_wall_that_it_sees_through_and_keeps_the_one_it_end
     assert (seen[27:34, 30] == FREE).all()
     assert (seen[:10, 30] == OCCUPIED).all()
     assert (seen[:, 60] == OCCUPIED).all()
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    seed=st.integers(0, 10_000),
+    rows=st.integers(1, 40),
+    cols=st.integers(1, 40),
+    share=st.sampled_from([0.002, 0.03, 0.5]),
+)
+def test_distances_are_those_to_the_nearest_occupied_cell(seed, rows, cols, share):
+    rng = np.random.default_rng(seed)
+    cells = np.where(rng.random((rows, cols)) < share, OCCUPIED, FREE).astype(np.uint8)
+    cells[rng.random((rows, cols)) < 0.2] = UNKNOWN
+    obstacles = np.argwhere(cells == OCCUPIED)
+    distance = make_costmap(grid_of(cells)).distance
+    if len(obstacles) == 0:
+        assert (distance == 1e6).all()
+        return
+    offsets = np.argwhere(np.full(cells.shape, True))[:, None] - obstacles[None]
+    nearest = np.sqrt((offsets**2).sum(-1).min(1)).reshape(cells.shape)
+    np.testing.assert_array_equal(distance, nearest.astype(np.float32))
