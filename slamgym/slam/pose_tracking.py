@@ -55,18 +55,18 @@ class PoseTracker:
 
     def update(self, odometry: Pose2D, scan: LaserScan) -> bool:
         """See :class:`slamgym.slam.mapper.Mapper`."""
-        begin = time.process_time()
         self._stats.scans += 1
-        due = self._gate.is_due(odometry, scan.stamp)
-        if due:
-            self._last_pose = self.pose
-            self._gate.take(scan.stamp)
-            self._map.draw(np.array([self._last_pose]), scan.ranges[np.newaxis])
-            self._path.append((scan.stamp, self._last_pose))
-            self._grid = None
-            self._stats.processed += 1
+        if not self._gate.is_due(odometry, scan.stamp):
+            return False
+        begin = time.process_time()
+        self._last_pose = self.pose
+        self._gate.take(scan.stamp)
+        self._map.draw(np.array([self._last_pose]), scan.ranges[np.newaxis])
+        self._path.append((scan.stamp, self._last_pose))
+        self._grid = None
+        self._stats.processed += 1
         self._stats.cpu_seconds += time.process_time() - begin
-        return due
+        return True
 
     def occupancy_grid(self) -> OccupancyGrid:
         """See :class:`slamgym.slam.mapper.Mapper`."""
