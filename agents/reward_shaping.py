@@ -21,7 +21,7 @@ from agents.reward_presets import PRESETS, preset
 from agents.train_config import TrainConfig
 from agents.validation import Outcome, explore
 from slamgym.cad import FloorPlan
-from slamgym.cli import load_target
+from slamgym.command_table import load_target
 from slamgym.config import suggest, to_dict
 from slamgym.dataset.progress import say
 from slamgym.envs import RewardFunction

@@ -5,32 +5,16 @@ their factory from here, so that ``slamgym`` itself never imports ``agents``. No
 needed, so ``slamgym --help`` answers at once.
 """
 
-import importlib
 import os
 import sys
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
-from typing import Any
 
 from slamgym import __version__
-from slamgym.config import suggest
+from slamgym.command_table import Command, CommandTable
 from slamgym.errors import SlamgymError
 
 EXIT_USER_ERROR = 2
 EXIT_INTERRUPTED = 130  # 128 + SIGINT, as shells report it
 EXIT_BROKEN_PIPE = 141  # 128 + SIGPIPE
-
-
-@dataclass(frozen=True)
-class Command:
-    """One row of the command table."""
-
-    target: str
-    """``module:function``; it takes the arguments after the command's name and returns an exit code."""
-    help: str
-    """One line for ``slamgym --help``."""
-    inject: Mapping[str, str] = field(default_factory=dict)
-    """Keyword arguments of the function, each a ``module:attribute``."""
 
 
 _EXPLORERS = {"make_explorer": "agents.registry:make_explorer"}
@@ -68,6 +52,13 @@ COMMANDS: dict[str, Command] = {
     "gan": Command("gan.commands:main", "train and use the translators between SLAM maps and CAD drawings"),
 }
 
+TABLE = CommandTable(
+    "slamgym",
+    COMMANDS,
+    about="Floor plan in, honest SLAM map out, and the way back to CAD.",
+    closing="; slamgym --version the version.",
+)
+
 
 def main(argv: list[str] | None = None) -> int:
     """Run one command.
@@ -96,38 +87,10 @@ def main(argv: list[str] | None = None) -> int:
 
 
 def _dispatch(arguments: list[str]) -> int:
-    if not arguments or arguments[0] in ("-h", "--help", "help"):
-        sys.stdout.write(_usage())
-        return 0
-    name, rest = arguments[0], arguments[1:]
-    if name in ("-V", "--version"):
+    if arguments and arguments[0] in ("-V", "--version"):
         sys.stdout.write(f"slamgym {__version__}\n")
         return 0
-    if name not in COMMANDS:
-        raise SlamgymError(
-            f"unknown command {name!r}; {suggest(name, COMMANDS)} (slamgym --help lists them all)"
-        )
-    command = COMMANDS[name]
-    injected = {key: load_target(target) for key, target in command.inject.items()}
-    run: Callable[..., int] = load_target(command.target)
-    return run(rest, **injected)
-
-
-def load_target(target: str) -> Any:
-    """Import what ``module:attribute`` names."""
-    module, attribute = target.split(":")
-    return getattr(importlib.import_module(module), attribute)
-
-
-def _usage() -> str:
-    width = max(map(len, COMMANDS))
-    rows = "\n".join(f"  {name:<{width}}  {command.help}" for name, command in COMMANDS.items())
-    return (
-        "usage: slamgym <command> [options]\n\n"
-        "Floor plan in, honest SLAM map out, and the way back to CAD.\n\n"
-        f"commands:\n{rows}\n\n"
-        "slamgym <command> --help shows a command's options; slamgym --version the version.\n"
-    )
+    return TABLE.run(arguments)
 
 
 def _complain(message: str) -> None:

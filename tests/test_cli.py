@@ -7,6 +7,7 @@ import sys
 import pytest
 
 from slamgym import __version__, cli
+from slamgym.command_table import load_target
 from slamgym.errors import InputFileError
 
 
@@ -92,7 +93,7 @@ def test_a_bug_keeps_its_traceback(command):
 def test_every_command_exists(name):
     entry = cli.COMMANDS[name]
     for target in (entry.target, *entry.inject.values()):
-        assert callable(cli.load_target(target))
+        assert callable(load_target(target))
 
 
 def _python(code, **kwargs):

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
-FOUNDATION = {"types", "geometry", "errors", "config", "jit", "__init__", "warmup"}
+FOUNDATION = {"types", "geometry", "errors", "config", "command_table", "jit", "__init__", "warmup"}
 # A layer may import the layers before it; everything may import the foundation.
 LAYERS = ["interop", "cad", "world", "sensors", "slam", "planning", "envs", "dataset"]
 # Of the dataset, the translators see the files on disk and how progress is told.
