@@ -13,6 +13,7 @@ from slamgym.types import FloatArray
 
 RESAMPLES = 10_000
 CONFIDENCE = 0.95
+_BAND_RESAMPLES = 2000
 
 Statistic = Callable[[FloatArray], FloatArray]
 """From sums over resampled plans, shape (R, columns), to figures of shape (R,)."""
@@ -66,6 +67,71 @@ def mean_difference(values: FloatArray, reference: FloatArray, seed: int = 0) ->
     return mean_interval(np.asarray(values) - np.asarray(reference), seed)
 
 
+def crossed_mean(values: FloatArray, seed: int = 0) -> Interval:
+    """Mean over runs and plans, both drawn again; see :func:`crossed_ratio`.
+
+    Args:
+        values: Shape (runs, plans).
+        seed: Of the resampling.
+    """
+    return crossed_ratio(values, np.ones((1, np.shape(values)[1])), seed)
+
+
+def crossed_ratio(values: FloatArray, reference: FloatArray, seed: int = 0) -> Interval:
+    """Ratio of means of two learners, each trained several times and tested on the same plans.
+
+    Explorations of one run, and those of one plan, are no independent draws. So runs and plans are drawn again,
+    each by themselves (Owen, "The pigeonhole bootstrap", Annals of Applied Statistics 1(2), 2007): the interval
+    covers other plans as well as other seeds of the training, and errs to the wide side.
+
+    Args:
+        values: Shape (runs, plans).
+        reference: Shape (other runs, the same plans), positive.
+        seed: Of the resampling.
+
+    Raises:
+        ValueError: If there is no plan, or the plans differ in number.
+    """
+    values, reference = np.asarray(values, dtype=np.float64), np.asarray(reference, dtype=np.float64)
+    if values.shape[1] != reference.shape[1] or values.size == 0 or reference.size == 0:
+        raise ValueError(f"there are no plans to compare on in shapes {values.shape} and {reference.shape}")
+    rng = np.random.default_rng(seed)
+    plans = _draws(values.shape[1], rng)
+    means = [
+        ((_draws(len(table), rng) @ table) * plans).sum(axis=1) / table.size for table in (values, reference)
+    ]
+    low, high = _percentiles(means[0] / means[1])
+    return Interval(float(values.mean() / reference.mean()), float(low), float(high))
+
+
+def mean_band(rows: FloatArray, seed: int = 0) -> tuple[FloatArray, FloatArray]:
+    """Interval of the mean row.
+
+    Args:
+        rows: Curves at the same places, shape (N, places).
+        seed: Of the resampling.
+
+    Returns:
+        Lower and upper bound, shape (places,) each.
+    """
+    drawn = _draws(len(rows), np.random.default_rng(seed), _BAND_RESAMPLES) @ rows / len(rows)
+    low, high = _percentiles(drawn)
+    return low, high
+
+
+def _draws(count: int, rng: np.random.Generator, resamples: int = RESAMPLES) -> FloatArray:
+    """How often each of N is drawn: the same as picking N with replacement, in much less memory; (R, N)."""
+    drawn: FloatArray = rng.multinomial(count, np.full(count, 1.0 / count), size=resamples).astype(np.float64)
+    return drawn
+
+
+def _percentiles(figures: FloatArray) -> FloatArray:
+    """Bounds of the percentile interval over the first axis."""
+    tail = 50.0 * (1.0 - CONFIDENCE)
+    bounds: FloatArray = np.percentile(figures, [tail, 100.0 - tail], axis=0)
+    return bounds
+
+
 def _bootstrap(table: FloatArray, statistic: Statistic, seed: int) -> Interval:
     """A statistic of column means with its percentile interval over resampled rows.
 
@@ -74,11 +140,7 @@ def _bootstrap(table: FloatArray, statistic: Statistic, seed: int) -> Interval:
     """
     if len(table) == 0:
         raise ValueError("there are no plans to compare on")
-    rng = np.random.default_rng(seed)
-    # How often each row is drawn: the same draws as picking N rows with replacement, in much less memory.
-    counts = rng.multinomial(len(table), np.full(len(table), 1.0 / len(table)), size=RESAMPLES)
-    figures = statistic(counts @ table / len(table))
-    tail = 50.0 * (1.0 - CONFIDENCE)
-    low, high = np.percentile(figures, [tail, 100.0 - tail])
+    figures = statistic(_draws(len(table), np.random.default_rng(seed)) @ table / len(table))
+    low, high = _percentiles(figures)
     value = float(statistic(table.mean(axis=0, keepdims=True))[0])
     return Interval(value, float(low), float(high))

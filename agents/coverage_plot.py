@@ -6,14 +6,13 @@ from typing import Any
 
 import numpy as np
 
+from agents.bootstrap import mean_band
 from agents.coverage_curve import mean_coverage
 from agents.trial import Trial
 from slamgym.errors import ConfigError
 from slamgym.interop.atomic import staged
-from slamgym.types import FloatArray
 
 _POINTS = 200
-_RESAMPLES = 1000
 _LEVELS = ("0.95", "0.99")
 _COLOURS = (
     "#1971c2", "#e03131", "#2f9e44", "#f08c00", "#9c36b5", "#0c8599", "#6741d9", "#e8590c", "#66a80f", "#868e96",
@@ -44,7 +43,7 @@ def draw_coverage(trials: Sequence[Trial], path: Path, title: str = "") -> None:
         own = [trial for trial in trials if trial.explorer == name]
         colour, label = _COLOURS[number % len(_COLOURS)], f"{name} ({len(own)})"
         curves = np.vstack([mean_coverage([t.coverage_curve], times * t.area)[0] for t in own])
-        low, high = _band(curves)
+        low, high = mean_band(curves)
         left.plot(times, curves.mean(axis=0), color=colour, label=label, linewidth=1.6)
         left.fill_between(times, low, high, color=colour, alpha=0.15, linewidth=0.0)
         for axis, level in zip(rights, _LEVELS, strict=True):
@@ -75,14 +74,6 @@ def _figure() -> tuple[Any, Any]:
     figure = Figure(figsize=(14.0, 4.4), layout="constrained")
     FigureCanvasAgg(figure)
     return figure, figure.subplots(1, 3)
-
-
-def _band(curves: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """95 % bootstrap interval of the mean curve, two of shape (times,)."""
-    rng = np.random.default_rng(0)
-    counts = rng.multinomial(len(curves), np.full(len(curves), 1.0 / len(curves)), size=_RESAMPLES)
-    low, high = np.percentile(counts @ curves / len(curves), [2.5, 97.5], axis=0)
-    return low, high
 
 
 def _per_area(trial: Trial, level: str) -> float:

@@ -91,7 +91,9 @@ class Evaluation:
     """How many trials were done just now; the others had been done before."""
 
 
-def evaluate(source: PlanSource, config: EvaluationConfig, out: Path, workers: int = 1) -> Evaluation:
+def evaluate(
+    source: PlanSource, config: EvaluationConfig, out: Path, workers: int = 1, only_done: bool = False
+) -> Evaluation:
     """Run every explorer on every plan, or what is left of that from an earlier run.
 
     Args:
@@ -99,9 +101,10 @@ def evaluate(source: PlanSource, config: EvaluationConfig, out: Path, workers: i
         config: What to evaluate.
         out: Folder of the results: ``trials.jsonl``, ``config.json``.
         workers: Processes.
+        only_done: Do nothing, and return what an earlier run has done.
 
     Raises:
-        ConfigError: If there is no explorer of a name, or no plan passes split and filter.
+        ConfigError: If there is no explorer of a name, or no plan passes split and filter, or nothing is done.
         StorageError: If the folder can't be written, or another run is at work in it.
     """
     plans, skipped = choose_plans(source, config)
@@ -114,6 +117,10 @@ def evaluate(source: PlanSource, config: EvaluationConfig, out: Path, workers: i
             Task(name, plan, seed) for plan in plans for seed in _seeds(plan, config) for name in config.names
         ]
         tasks = [task for task in wanted if _key(task, hashes) not in log.trials]
+        if only_done:
+            wanted, tasks = [task for task in wanted if _key(task, hashes) in log.trials], []
+            if not wanted:
+                raise ConfigError(f"{out}: none of these explorations is done yet")
         with storage_errors(out):
             replace_file(out / "config.json", json.dumps(to_dict(config), indent=1).encode() + b"\n")
         _run(tasks, config, log, workers, done=len(wanted) - len(tasks), total=len(wanted))

@@ -149,7 +149,7 @@ def open_source(spec: str) -> PlanSource:
         return open_plans(spec)
     if seed and not (seed.isascii() and seed.isdigit()):
         raise ConfigError(f"the seed in {spec!r} must be a whole number, as in 'offices:7'")
-    return ProceduralSource(int(seed or 0), GeneratorConfig(kind="office"))
+    return ProceduralSource(int(seed or 0), GeneratorConfig(kind="office"), name="office")
 
 
 def _filmed(arguments: EvaluateArguments, config: EvaluationConfig) -> tuple[str, str] | None:

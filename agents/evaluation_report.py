@@ -5,7 +5,7 @@ import json
 from collections.abc import Sequence
 from pathlib import Path
 
-from agents.evaluate import Evaluation, EvaluationConfig, Skipped
+from agents.evaluate import FULL_KNOWLEDGE, Evaluation, EvaluationConfig, Skipped
 from agents.evaluation_summary import Summary, summarise
 from agents.evaluation_tables import describe
 from slamgym import __version__
@@ -26,7 +26,7 @@ def write_report(out: Path, evaluation: Evaluation, config: EvaluationConfig, ag
         ConfigError: If the reference is not among the explorers.
         StorageError: If the folder can't be written.
     """
-    summary = summarise(evaluation.trials, against)
+    summary = summarise(evaluation.trials, against, yardstick=FULL_KNOWLEDGE)
     text = _heading(summary, config, evaluation.skipped) + describe(summary)
     with storage_errors(out):
         replace_file(out / "results.json", _as_json(summary, config, evaluation.skipped))

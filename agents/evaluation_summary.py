@@ -16,6 +16,7 @@ import numpy as np
 
 from agents.bootstrap import Interval, mean_difference, mean_interval, mean_of_ratios, ratio_of_means
 from agents.coverage_curve import LEVELS
+from agents.registry import CLASSICAL
 from agents.trial import Trial, level_name
 from slamgym.config import suggest
 from slamgym.errors import ConfigError
@@ -105,15 +106,19 @@ class Summary:
 
     explorers: tuple[ExplorerSummary, ...]
     comparisons: tuple[Comparison, ...]
+    """With the reference."""
     plans: int
+    others: tuple[Comparison, ...] = ()
+    """With further references, one after the other."""
 
 
-def summarise(trials: Sequence[Trial], against: str) -> Summary:
-    """Judge explorers and compare them with one of them.
+def summarise(trials: Sequence[Trial], against: str, yardstick: str | None = None) -> Summary:
+    """Judge explorers and compare them with one of them, and with the best rule by hand.
 
     Args:
         trials: Of all explorers on the same plans and seeds.
         against: Name of the reference explorer.
+        yardstick: Name of an explorer that all are compared with too, if there are trials of it.
 
     Raises:
         ConfigError: If the reference is not among the explorers, or there are no trials.
@@ -126,11 +131,27 @@ def summarise(trials: Sequence[Trial], against: str) -> Summary:
     if not shared:
         raise ConfigError("the explorers share no exploration")
     aligned = {name: [found[pair] for pair in shared] for name, found in by_name.items()}
+    explorers = tuple(_summary(name, aligned[name]) for name in names)
+
+    def against_all(reference: str) -> tuple[Comparison, ...]:
+        return tuple(compare(aligned[name], aligned[reference]) for name in names if name != reference)
+
+    further = [name for name in (best_classical(explorers), yardstick) if name in names and name != against]
     return Summary(
-        tuple(_summary(name, aligned[name]) for name in names),
-        tuple(compare(aligned[name], aligned[against]) for name in names if name != against),
+        explorers,
+        against_all(against),
         len({plan for plan, _ in shared}),
+        tuple(comparison for reference in further for comparison in against_all(str(reference))),
     )
+
+
+def best_classical(explorers: Sequence[ExplorerSummary]) -> str | None:
+    """The rule by hand with the least censored time to 99 %; None if there is none.
+
+    It is the best on the plans that it is then compared on, which flatters it, not who is compared with it.
+    """
+    classical = [explorer for explorer in explorers if explorer.explorer in CLASSICAL]
+    return min(classical, key=lambda e: e.time_to["0.99"].value).explorer if classical else None
 
 
 def compare(trials: Sequence[Trial], reference: Sequence[Trial]) -> Comparison:

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 from agents.bootstrap import Interval
 from agents.evaluation_summary import Comparison, ExplorerSummary, LevelComparison, Summary
+from agents.registry import CLASSICAL
 
 _SHOWN = ("0.5", "0.8", "0.9", "0.95", "0.99")
 _RATIO_LEVELS = ("0.95", "0.99")
@@ -28,6 +29,13 @@ def describe(summary: Summary) -> str:
                 _ratio_table(summary.comparisons, quantity),
             ]
         parts += [f"\nOther differences from `{reference}`:\n", _difference_table(summary.comparisons)]
+    for reference in dict.fromkeys(comparison.reference for comparison in summary.others):
+        own = [comparison for comparison in summary.others if comparison.reference == reference]
+        what = ", the quickest rule by hand to 99 %" if reference in CLASSICAL else ""
+        parts += [
+            f"\nAgainst `{reference}`{what}; ratio of means where both reach the level, with 95 % interval:\n",
+            _further_table(own),
+        ]
     return "\n".join(parts) + "\n"
 
 
@@ -102,6 +110,22 @@ def _ratio_table(comparisons: Sequence[Comparison], quantity: str) -> str:
             cells += [both, ratios, with_bounds(found.censored_ratio_of_means)]
         rows.append(cells)
     return markdown_table(header, rows)
+
+
+def _further_table(comparisons: Sequence[Comparison]) -> str:
+    header = ["explorer"]
+    header += [f"{q} to {100 * float(level):g} %" for q in ("time", "path") for level in _RATIO_LEVELS]
+    rows = []
+    for comparison in comparisons:
+        cells = [f"`{comparison.explorer}`"]
+        for quantity in ("time", "path"):
+            for level in _RATIO_LEVELS:
+                found = level_of(comparison, quantity, level)
+                ratio = found.ratio_of_means
+                cells.append("-" if ratio is None else f"{with_bounds(ratio)} n={found.both}")
+        error = comparison.ratios.get("map_error")
+        rows.append([*cells, "-" if error is None else with_bounds(error)])
+    return markdown_table([*header, "map error"], rows)
 
 
 def _difference_table(comparisons: Sequence[Comparison]) -> str:

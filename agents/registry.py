@@ -24,6 +24,9 @@ EXPLORERS: dict[str, Callable[[ExplorerContext, int], BatchedExplorer]] = {
 }
 """Name to constructor; each takes the context and a seed."""
 
+CLASSICAL = ("explore_lite", "nearest", "cost_utility", "next_best_view", "tour", "repairman")
+"""Rules by hand: neither learned, nor told the floor plan, nor the random walk."""
+
 
 def make_explorer(name: str, context: ExplorerContext, seed: int = 0) -> BatchedExplorer:
     """Build an explorer.

@@ -3,7 +3,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from agents.bootstrap import mean_difference, mean_interval, mean_of_ratios, ratio_of_means
+from agents.bootstrap import (
+    crossed_mean,
+    crossed_ratio,
+    mean_band,
+    mean_difference,
+    mean_interval,
+    mean_of_ratios,
+    ratio_of_means,
+)
 
 
 @settings(max_examples=15, deadline=None)
@@ -58,3 +66,33 @@ def test_the_seed_decides_the_interval_and_nothing_is_refused():
     assert mean_interval(values, 5) == mean_interval(values, 5)
     with pytest.raises(ValueError, match="no plans"):
         mean_interval(np.zeros(0))
+
+
+def test_seeds_that_differ_widen_the_interval_however_many_plans_there_are():
+    rng = np.random.default_rng(5)
+    plans = rng.uniform(0.9, 1.1, size=(1, 400))
+    runs = np.array([[0.8], [1.0], [1.2]])  # of one preset; the luck of a training, the same on every plan
+    ratio = crossed_ratio(runs * plans, plans)
+    assert ratio.value == pytest.approx(1.0)
+    assert ratio.low < 0.9
+    assert ratio.high > 1.1
+    alike = crossed_ratio(np.ones((3, 1)) * plans, plans)
+    assert alike.high - alike.low < 1e-9
+
+
+def test_one_run_gives_the_interval_over_plans():
+    values = np.random.default_rng(6).normal(5.0, 1.0, size=200)
+    crossed, plain = crossed_mean(values[None]), mean_interval(values)
+    assert crossed.value == pytest.approx(plain.value)
+    # The same figure from other draws: two percentiles of 10,000 draws lie this near.
+    assert (crossed.low, crossed.high) == pytest.approx((plain.low, plain.high), abs=0.02)
+    with pytest.raises(ValueError, match="no plans"):
+        crossed_ratio(np.ones((2, 3)), np.ones((2, 4)))
+
+
+def test_the_band_of_curves_is_that_of_each_place():
+    rows = np.random.default_rng(7).normal(size=(50, 3))
+    low, high = mean_band(rows)
+    for place in range(3):
+        interval = mean_interval(rows[:, place])
+        assert (low[place], high[place]) == pytest.approx((interval.low, interval.high), abs=0.05)
