@@ -40,7 +40,7 @@ GOAL_GAIN = 1.85
 
 PARTS_OF_WRITING: dict[str, list[tuple[Any, str]]] = {
     "drawing the pair, its figures": [(exploration, "make_pair"), (exploration, "make_record")],
-    "PNG": [(exploration, "_png")],
+    "PNG": [(exploration, "encode_png")],
     "scans.log.gz": [(episode_files, "write_carmen")],
     "trajectories (TUM)": [(episode_files, "write_tum")],
     "map, plan": [(episode_files, "write_ros_map"), (episode_files, "write_houseexpo")],

@@ -6,43 +6,23 @@ A fault is a sentence about one file. Checking goes on after it, so that all fau
 import hashlib
 import json
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeVar
-
-import numpy as np
+from typing import Any
 
 from slamgym.dataset.episode_files import SUMS
-from slamgym.dataset.format import FORMAT_VERSION, Layout, PairRecord
-from slamgym.dataset.images import read_png
+from slamgym.dataset.faults import VALUES, Fault, check_image, doubled, read_records
+from slamgym.dataset.folder import is_whole, pair_names
+from slamgym.dataset.format import FORMAT_VERSION, Layout, PairRecord, require_manifest
 from slamgym.dataset.schedule import Slot, exploration_seed
+from slamgym.dataset.shard import shard_folders
 from slamgym.errors import InputFileError, SlamgymError
-from slamgym.types import FREE, OCCUPIED, UNKNOWN
 
-VALUES: Mapping[str, frozenset[int]] = {
-    "A": frozenset({OCCUPIED, FREE}),
-    "B": frozenset({OCCUPIED, UNKNOWN, FREE}),
-}
-"""What the pixels of each side may be."""
 EPISODE_FILES = (
     "plan.json", "map.pgm", "map.yaml", "truth.tum", "odometry.tum", "estimate.tum", "scans.log.gz",
 )  # fmt: skip
 """Files of an exploration, besides its record and its digests."""
 _SETTINGS_BESIDE = ("format_version", "version", "plans")
 """Keys of ``config.json`` that are not part of the settings' hash."""
-
-_Record = TypeVar("_Record")
-
-
-@dataclass(frozen=True)
-class Fault:
-    """Something that is wrong with a file."""
-
-    path: Path
-    what: str
-
-    def __str__(self) -> str:
-        return f"{self.path}: {self.what}"
 
 
 def check_dataset(root: Path | str, advance: Callable[[], None] = lambda: None) -> list[Fault]:
@@ -56,8 +36,7 @@ def check_dataset(root: Path | str, advance: Callable[[], None] = lambda: None) 
         InputFileError: If the folder holds no dataset at all.
     """
     layout = Layout(Path(root))
-    if not layout.manifest.is_file():
-        raise InputFileError(root, "holds no manifest.jsonl; name a dataset or a folder of rendered images")
+    require_manifest(layout.manifest, "slamgym generate")
     settings, faults = _read_settings(layout.config)
     records, broken = read_records(layout.manifest, PairRecord.from_line)
     faults += broken
@@ -67,7 +46,9 @@ def check_dataset(root: Path | str, advance: Callable[[], None] = lambda: None) 
         faults += _check_pair_images(layout, record)
         faults += check_episode(layout.episode(record.name), record)
         advance()
-    faults += _strangers(layout, {record.name for record in records})
+    names = {record.name for record in records}
+    faults += _strangers(layout, names)
+    faults += _unmerged(layout, names)
     faults += _same_images((layout.image("B", r.name), r.sha256.get("B", ""), r.name) for r in records)
     for path in (layout.rejected, layout.timing):
         faults += _check_lines(path)
@@ -86,64 +67,6 @@ def check_episode(folder: Path, record: PairRecord) -> Iterator[Fault]:
     elif own.read_text(encoding="utf-8", errors="replace") != record.to_line():
         yield Fault(own, "differs from the manifest's line")
     yield from _check_sums(folder, record.sha256.get("episode", ""))
-
-
-def check_image(
-    path: Path, side: str, sha256: str, shape: tuple[int, int], values: frozenset[int]
-) -> Iterator[Fault]:
-    """Verify one picture: that it is there, unchanged, and of the right kind, size and values.
-
-    Args:
-        path: The picture.
-        side: ``"A"`` or ``"B"``.
-        sha256: Digest that the manifest gives.
-        shape: (rows, cols) that the manifest gives.
-        values: What the pixels may be.
-    """
-    if not path.is_file():
-        yield Fault(path, "is missing")
-        return
-    if hashlib.sha256(path.read_bytes()).hexdigest() != sha256:
-        yield Fault(path, "differs from the digest in the manifest")
-    try:
-        image = read_png(path)
-    except InputFileError as error:
-        yield Fault(path, error.reason)
-        return
-    if image.ndim != 2 or image.dtype != np.uint8:
-        yield Fault(path, f"has shape {image.shape} and type {image.dtype}, not one channel of uint8")
-        return
-    if image.shape != tuple(shape):
-        yield Fault(path, f"has shape {image.shape}, the manifest says {tuple(shape)}")
-    strange = sorted({int(value) for value in np.unique(image)} - values)
-    if strange:
-        known = ", ".join(map(str, sorted(values)))
-        yield Fault(path, f"has the pixel value {strange[0]}; side {side} has {known} only")
-
-
-def read_records(path: Path, parse: Callable[[str, str], _Record]) -> tuple[list[_Record], list[Fault]]:
-    """Read a manifest, whatever is wrong with some of its lines."""
-    records: list[_Record] = []
-    faults = []
-    text = path.read_text(encoding="utf-8", errors="replace")
-    if text and not text.endswith("\n"):
-        faults.append(Fault(path, "ends in the middle of a line"))
-    for number, line in enumerate(text.splitlines(), start=1):
-        try:
-            records.append(parse(line, f"{path}:{number}"))
-        except SlamgymError as error:
-            reason = error.reason if isinstance(error, InputFileError) else str(error)
-            faults.append(Fault(Path(f"{path}:{number}"), reason))
-    return records, faults
-
-
-def doubled(path: Path, what: str, values: Iterable[Any]) -> Iterator[Fault]:
-    """Name every value that a manifest has twice."""
-    seen = set()
-    for value in values:
-        if value in seen:
-            yield Fault(path, f"has the {what} {value} twice")
-        seen.add(value)
 
 
 def _read_settings(path: Path) -> tuple[dict[str, Any], list[Fault]]:
@@ -233,6 +156,21 @@ def _strangers(layout: Layout, names: set[str]) -> Iterator[Fault]:
             yield Fault(path, "is not in the manifest")
     if layout.incoming.exists():
         yield Fault(layout.incoming, "is what a run left that is at work or was killed; run it again")
+
+
+def _unmerged(layout: Layout, names: set[str]) -> Iterator[Fault]:
+    """Shards below the dataset may stay, but hold nothing that was not put into it."""
+    for folder in shard_folders(layout.root):
+        shard = Layout(folder)
+        left = sorted(
+            name for _, name in pair_names(shard.episodes) if name not in names and is_whole(shard, name)
+        )
+        if left:
+            yield Fault(
+                folder,
+                f"has {len(left)} pairs that are not in the dataset, such as {left[0]}; "
+                f"run `slamgym dataset merge {layout.root}` again",
+            )
 
 
 def _same_images(entries: Iterable[tuple[Path, str, str]]) -> Iterator[Fault]:

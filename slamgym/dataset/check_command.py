@@ -8,8 +8,8 @@ import tyro
 
 from slamgym.dataset.check import check_dataset
 from slamgym.dataset.check_images import check_image_folder, is_image_folder
+from slamgym.dataset.format import require_manifest
 from slamgym.dataset.progress import show_progress
-from slamgym.errors import InputFileError
 
 EXIT_FAULTS = 1
 
@@ -29,10 +29,7 @@ def main(argv: list[str]) -> int:
     """Run the command; returns the exit code."""
     arguments = tyro.cli(CheckArguments, args=argv, prog="slamgym dataset check")
     manifest = arguments.folder / "manifest.jsonl"
-    if not manifest.is_file():
-        raise InputFileError(
-            arguments.folder, "holds no manifest.jsonl; name a dataset or a folder of rendered images"
-        )
+    require_manifest(manifest, "slamgym generate` or `slamgym dataset render")
     total = manifest.read_bytes().count(b"\n")
     check = check_image_folder if is_image_folder(arguments.folder) else check_dataset
     with show_progress("pairs checked", 0, total) as advance:

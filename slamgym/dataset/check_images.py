@@ -4,10 +4,10 @@ import json
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from slamgym.dataset.check import VALUES, Fault, check_image, doubled, read_records
 from slamgym.dataset.dataset_card import METADATA
-from slamgym.dataset.images import IMAGES_VERSION, SIDES, SPLITS, ImageLayout, ImageRecord
-from slamgym.errors import InputFileError
+from slamgym.dataset.faults import VALUES, Fault, check_image, doubled, read_records
+from slamgym.dataset.format import SIDES, require_manifest
+from slamgym.dataset.images import IMAGES_VERSION, SPLITS, ImageLayout, ImageRecord
 
 
 def is_image_folder(root: Path | str) -> bool:
@@ -26,8 +26,7 @@ def check_image_folder(root: Path | str, advance: Callable[[], None] = lambda: N
         InputFileError: If the folder has no manifest.
     """
     layout = ImageLayout(Path(root))
-    if not layout.manifest.is_file():
-        raise InputFileError(root, "holds no manifest.jsonl; name a folder of rendered images")
+    require_manifest(layout.manifest, "slamgym dataset render")
     faults = list(_check_settings(layout))
     records, broken = read_records(layout.manifest, ImageRecord.from_line)
     faults += broken

@@ -13,7 +13,8 @@ import numpy as np
 import yaml
 
 from slamgym import __version__
-from slamgym.dataset.images import SIDES, SPLITS, ImageLayout, ImageRecord
+from slamgym.dataset.format import SIDES
+from slamgym.dataset.images import SPLITS, ImageLayout, ImageRecord
 from slamgym.dataset.record_table import rows_of
 from slamgym.dataset.storage import replace_file
 

@@ -4,6 +4,7 @@ Nothing here knows which engine runs it. Where the worker sees the dataset's fol
 place there; on another machine it gives the files back as bytes.
 """
 
+import os
 import shutil
 import time
 import traceback
@@ -13,14 +14,13 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-import cv2
-
 from slamgym.cad import FloorPlan
 from slamgym.config import config_hash
 from slamgym.dataset.episode import MakeExplorer, run_episode
 from slamgym.dataset.episode_files import write_episode
-from slamgym.dataset.folder import SIDES
+from slamgym.dataset.format import SIDES
 from slamgym.dataset.pair import make_pair
+from slamgym.dataset.png import encode_png
 from slamgym.dataset.recipe import episode_conditions
 from slamgym.dataset.record import make_record
 from slamgym.dataset.schedule import Slot
@@ -66,7 +66,11 @@ def explore(exploration: Exploration) -> Outcome:
         files = _write_or_pack(exploration)
     except PlanError as error:
         return Outcome(slot, error="PlanError", reason=error.reason)
-    except (SlamgymError, OSError, MemoryError):
+    except MemoryError as error:
+        raise SlamgymError(
+            f"memory ran out while {slot.plan_id} was explored; run the same command again with fewer --workers"
+        ) from error
+    except (SlamgymError, OSError):
         raise
     except Exception as error:  # noqa: BLE001 - one odd plan must not end a night's run; the record names the place
         return Outcome(slot, error=type(error).__name__, reason=_place_of(error))
@@ -89,7 +93,8 @@ def _write_or_pack(exploration: Exploration) -> dict[str, bytes] | None:
         with storage_errors(exploration.staged):
             sync_tree(exploration.staged)
         return None
-    with TemporaryDirectory(prefix="slamgym-") as temporary:
+    folder = Path(os.environ.get("TMPDIR", "/tmp"))
+    with storage_errors(folder), TemporaryDirectory(prefix="slamgym-") as temporary:
         staged = Path(temporary) / exploration.slot.name
         _write_pair(exploration, staged)
         return {
@@ -104,7 +109,7 @@ def _write_pair(exploration: Exploration, staged: Path) -> None:
     settings, conditions = episode_conditions(config.recipe, config.episode, slot.seed)
     episode = run_episode(exploration.plan, slot.seed, settings, exploration.make_explorer)
     pair = make_pair(episode.plan, episode.start, episode.slam_map, config.pair)
-    images = {side: _png(image) for side, image in zip(SIDES, (pair.cad, pair.slam), strict=True)}
+    images = {side: encode_png(image) for side, image in zip(SIDES, (pair.cad, pair.slam), strict=True)}
     with storage_errors(staged):
         _make_staging_place(staged)
         sums = write_episode(staged / "episode", episode)
@@ -121,11 +126,6 @@ def _make_staging_place(staged: Path) -> None:
         shutil.rmtree(staged)
     staged.mkdir()
     (staged / "episode").mkdir()
-
-
-def _png(image: Any) -> bytes:
-    _, data = cv2.imencode(".png", image)
-    return bytes(data)
 
 
 def _place_of(error: Exception) -> str:

@@ -19,21 +19,21 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from slamgym.dataset.format import Layout
+from slamgym.dataset.format import SIDES, Layout
 from slamgym.dataset.manifest_file import ManifestFile
 from slamgym.dataset.schedule import Slot
-from slamgym.dataset.shard import FOLDER as SHARD_FOLDER
+from slamgym.dataset.settings_file import claim_folder
+from slamgym.dataset.shard import is_shard_name
 from slamgym.dataset.slot_set import SlotSet
 from slamgym.dataset.storage import (
+    drop_torn_line,
     exclusive_lock,
-    replace_file,
+    replace_if_changed,
     storage_errors,
     sync_folder,
-    temporary_name,
 )
-from slamgym.errors import ConfigError, InputFileError
+from slamgym.errors import InputFileError
 
-SIDES = ("A", "B")
 _OUR_NAME = re.compile(r"(\d{6,})_[A-Za-z0-9_.-]+")
 _INDEX_SHARE_OF_TIME = 0.02
 """The manifest is rewritten at most so often that it costs this share of the time."""
@@ -93,7 +93,7 @@ class DatasetFolder:
             self._manifest.write()
             rejected = "".join(json.dumps(entry) + "\n" for _, entry in sorted(self.rejected.items()))
             if rejected or layout.rejected.exists():
-                _replace_if_changed(layout.rejected, rejected)
+                replace_if_changed(layout.rejected, rejected.encode())
         now = time.monotonic()
         self._next_index_time = now + max(5.0, (now - began) / _INDEX_SHARE_OF_TIME)
 
@@ -147,17 +147,15 @@ def open_dataset(root: Path, settings: Mapping[str, Any]) -> Iterator[DatasetFol
     with storage_errors(root):
         root.mkdir(parents=True, exist_ok=True)
     with exclusive_lock(layout.lock):
-        _check_settings(layout, settings)
+        # The settings first: by them a folder is known, however early the run is killed.
+        claim_folder(layout, settings, "pairs", is_shard_name)
         with storage_errors(root):
-            # The settings first: by them a folder is known, however early the run is killed.
-            if not layout.config.exists():
-                replace_file(layout.config, (json.dumps(settings, indent=2) + "\n").encode())
             for part in (layout.root / "A", layout.root / "B", layout.episodes):
                 part.mkdir(exist_ok=True)
             shutil.rmtree(layout.incoming, ignore_errors=True)
             layout.incoming.mkdir()
             incoming = Path(tempfile.mkdtemp(dir=layout.incoming))
-            _drop_torn_line(layout.timing)
+            drop_torn_line(layout.timing)
             folder = DatasetFolder(root, incoming)
         try:
             yield folder
@@ -170,46 +168,21 @@ def open_dataset(root: Path, settings: Mapping[str, Any]) -> Iterator[DatasetFol
             shutil.rmtree(layout.incoming, ignore_errors=True)
 
 
-def _check_settings(layout: Layout, settings: Mapping[str, Any]) -> None:
-    if not layout.config.exists():
-        strangers = [
-            path.name
-            for path in layout.root.iterdir()
-            if path not in (layout.lock, temporary_name(layout.config))
-            and not SHARD_FOLDER.fullmatch(path.name)
-        ]
-        if strangers:
-            raise ConfigError(f"{layout.root}: holds {strangers[0]} and no dataset; choose a new folder")
-        return
-    try:
-        before = json.loads(layout.config.read_text())
-    except ValueError as error:
-        raise InputFileError(layout.config, f"is not JSON ({error}); choose a new folder") from error
-    changes = list(differences(before, json.loads(json.dumps(settings))))
-    if changes:
-        shown = "; ".join(changes[:3]) + (f"; and {len(changes) - 3} more" if len(changes) > 3 else "")
-        raise ConfigError(
-            f"{layout.root}: holds pairs made with other settings ({shown}); "
-            "choose a new folder, or the same settings to go on"
-        )
-
-
-def differences(before: Any, now: Any, where: str = "") -> Iterator[str]:
-    """Name the settings that differ between two JSON values."""
-    if isinstance(before, dict) and isinstance(now, dict):
-        for key in sorted(before.keys() | now.keys()):
-            yield from differences(before.get(key), now.get(key), f"{where}.{key}" if where else key)
-    elif before != now:
-        yield f"{where} was {json.dumps(before)}, now {json.dumps(now)}"
-
-
 def pair_names(folder: Path) -> Iterator[tuple[int, str]]:
     """Slot and name of what belongs to pairs; what a user put there is left alone."""
+    if not folder.is_dir():
+        return
     with os.scandir(folder) as entries:
         for entry in entries:
             match = _OUR_NAME.fullmatch(entry.name)
             if match is not None:
                 yield int(match[1]), entry.name
+
+
+def is_whole(layout: Layout, name: str) -> bool:
+    """Whether a pair has its two images and its record."""
+    files = [layout.image(side, name) for side in SIDES] + [layout.episode(name) / "episode.json"]
+    return all(path.is_file() for path in files)
 
 
 def _record_line(episode: Path) -> bytes:
@@ -231,18 +204,3 @@ def read_rejected(path: Path) -> dict[int, dict[str, Any]]:
         raise InputFileError(
             path, f"is malformed ({error}); delete it to have the plans tried again"
         ) from error
-
-
-def _replace_if_changed(path: Path, text: str) -> None:
-    data = text.encode()
-    if not path.exists() or path.read_bytes() != data:
-        replace_file(path, data)
-
-
-def _drop_torn_line(path: Path) -> None:
-    """Cut a log of lines after its last whole one."""
-    if path.exists():
-        data = path.read_bytes()
-        whole = data.rfind(b"\n") + 1
-        if whole < len(data):
-            os.truncate(path, whole)

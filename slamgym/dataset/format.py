@@ -29,15 +29,19 @@ import json
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
-
-import cv2
+from typing import Any, Literal, TypeVar
 
 from slamgym.config import from_dict, to_dict
+from slamgym.dataset.png import read_png
+from slamgym.dataset.shard import shard_folders
 from slamgym.errors import InputFileError
 from slamgym.types import ByteArray, GridFrame
 
 FORMAT_VERSION = 2
+SIDES: tuple[Literal["A"], Literal["B"]] = ("A", "B")
+"""CAD and SLAM map of a pair."""
+
+_Line = TypeVar("_Line")
 
 
 @dataclass(frozen=True)
@@ -105,7 +109,7 @@ class PairRecord:
 
     def to_line(self) -> str:
         """The record as one line of JSON, with its newline."""
-        return json.dumps(to_dict(self)) + "\n"
+        return write_line(self)
 
     @classmethod
     def from_line(cls, line: str, where: str = "") -> "PairRecord":
@@ -114,31 +118,91 @@ class PairRecord:
         Raises:
             InputFileError: If the line is no record.
         """
-        try:
-            values = json.loads(line)
-            return from_dict(cls, values, where)
-        except (ValueError, TypeError) as error:
-            raise InputFileError(where or "manifest line", f"is not a record of a pair ({error})") from error
+        return read_line(cls, line, where, "a record of a pair")
 
 
 RECORD_FIELDS = tuple(field.name for field in dataclasses.fields(PairRecord))
 
 
+def write_line(record: Any) -> str:
+    """A record as one line of JSON, with its newline."""
+    return json.dumps(to_dict(record)) + "\n"
+
+
+def read_line(kind: type[_Line], line: str, where: str, what: str) -> _Line:
+    """Read a line that :func:`write_line` has made.
+
+    Args:
+        kind: The dataclass of the record.
+        line: The line.
+        where: File and number of the line, for errors.
+        what: What the record is called in errors.
+
+    Raises:
+        InputFileError: If the line is no such record.
+    """
+    where = where or "manifest line"
+    try:
+        return from_dict(kind, json.loads(line), where)
+    except (ValueError, TypeError) as error:
+        raise InputFileError(where, f"is not {what} ({error})") from error
+
+
+def require_manifest(manifest: Path, made_by: str) -> None:
+    """Refuse a folder without a manifest.
+
+    Raises:
+        InputFileError: Saying what the folder is instead, or which command (``made_by``) writes such folders.
+    """
+    if manifest.is_file():
+        return
+    root = manifest.parent
+    if shard_folders(root):
+        raise InputFileError(
+            root,
+            f"holds shards that are not merged yet; run `slamgym dataset merge {root}`, or name one of them",
+        )
+    what = f"holds no {manifest.name}" if root.is_dir() else "is no folder"
+    raise InputFileError(root, f"{what}; name a folder that `{made_by}` has written")
+
+
+def manifest_lines(manifest: Path, made_by: str) -> Iterator[tuple[str, str]]:
+    """The lines of a manifest, each with its file and number for errors.
+
+    Raises:
+        InputFileError: If it is missing; ``made_by`` names the command that writes such folders.
+    """
+    require_manifest(manifest, made_by)
+    with manifest.open(encoding="utf-8") as lines:
+        for number, line in enumerate(lines, start=1):
+            yield line, f"{manifest}:{number}"
+
+
 @dataclass(frozen=True)
-class Layout:
-    """Names of the files of one dataset."""
+class FolderLayout:
+    """Names that a dataset and a folder of rendered images have in common."""
 
     root: Path
 
     @property
     def config(self) -> Path:
-        """Settings, seed and version."""
+        """Settings and version: how the content was made."""
         return self.root / "config.json"
 
     @property
     def manifest(self) -> Path:
         """One line per pair."""
         return self.root / "manifest.jsonl"
+
+    @property
+    def lock(self) -> Path:
+        """Held by the run that writes."""
+        return self.root / ".lock"
+
+
+@dataclass(frozen=True)
+class Layout(FolderLayout):
+    """Names of the files of one dataset."""
 
     @property
     def rejected(self) -> Path:
@@ -165,11 +229,6 @@ class Layout:
         """Folder of what is being written; nothing in it is part of the dataset."""
         return self.root / ".incoming"
 
-    @property
-    def lock(self) -> Path:
-        """Held by the run that writes."""
-        return self.root / ".lock"
-
     def episode(self, name: str) -> Path:
         """Folder of one exploration."""
         return self.episodes / name
@@ -185,14 +244,11 @@ def read_manifest(root: Path | str) -> Iterator[PairRecord]:
     Raises:
         InputFileError: If the folder holds no dataset, or a line is malformed.
     """
-    path = Layout(Path(root)).manifest
-    if not path.is_file():
-        raise InputFileError(
-            root, "holds no manifest.jsonl; name a folder that `slamgym generate` has written"
-        )
-    with path.open() as lines:
-        for number, line in enumerate(lines, start=1):
-            yield PairRecord.from_line(line, f"{path}:{number}")
+    layout = Layout(Path(root))
+    if (layout.root / "train").is_dir() and not layout.episodes.is_dir():
+        raise InputFileError(root, "holds rendered images; name the dataset that they were made from")
+    for line, where in manifest_lines(layout.manifest, "slamgym generate"):
+        yield PairRecord.from_line(line, where)
 
 
 def read_config(root: Path | str) -> dict[str, Any]:
@@ -218,22 +274,9 @@ def load_pair(root: Path | str, name: str) -> tuple[ByteArray, ByteArray]:
         InputFileError: If one is missing, not a picture, or their shapes differ.
     """
     layout = Layout(Path(root))
-    sides: list[ByteArray] = []
-    for side in ("A", "B"):
-        path = layout.image(side, name)
-        data = path.read_bytes() if path.is_file() else b""
-        image = cv2.imdecode(_as_bytes(data), cv2.IMREAD_GRAYSCALE) if data else None
-        if image is None:
-            raise InputFileError(path, "is missing or not a PNG picture; run `slamgym generate` again")
-        sides.append(image)
-    if sides[0].shape != sides[1].shape:
-        raise InputFileError(
-            layout.image("B", name), f"has shape {sides[1].shape} but A has {sides[0].shape}"
-        )
-    return sides[0], sides[1]
-
-
-def _as_bytes(data: bytes) -> ByteArray:
-    import numpy as np
-
-    return np.frombuffer(data, dtype=np.uint8)
+    cad, slam = (read_png(layout.image(side, name)) for side in SIDES)
+    if cad.ndim != 2:
+        raise InputFileError(layout.image("A", name), "has colours; `slamgym dataset check` names all faults")
+    if slam.shape != cad.shape:
+        raise InputFileError(layout.image("B", name), f"has shape {slam.shape} but A has {cad.shape}")
+    return cad, slam

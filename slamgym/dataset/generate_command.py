@@ -147,6 +147,6 @@ def _report(report: BuildReport, sheet_pairs: int) -> None:
         kinds = ", ".join(f"{count} {kind}" for kind, count in sorted(report.rejected.items()))
         say(f"{sum(report.rejected.values())} plans were skipped ({kinds}); {layout.rejected} says why.")
     sys.stdout.write(describe_pairs(report.root) + "\n")
-    if sheet_pairs > 0:
+    if sheet_pairs > 0 and report.pairs > 0:
         path = write_contact_sheet(report.root, sheet_pairs)
         sys.stdout.write(f"contact sheet: {path}\n")

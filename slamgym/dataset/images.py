@@ -15,21 +15,17 @@ All images are square, of one size, with one channel of uint8. The two of a pair
 the same place at the same scale.
 """
 
-import json
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-import cv2
-import numpy as np
-
-from slamgym.config import from_dict, to_dict
+from slamgym.dataset.format import SIDES, FolderLayout, manifest_lines, read_line, write_line
+from slamgym.dataset.png import read_png
 from slamgym.errors import InputFileError
 from slamgym.types import ByteArray, GridFrame
 
 IMAGES_VERSION = 1
-SIDES: tuple[Literal["A"], Literal["B"]] = ("A", "B")
 Split = Literal["train", "test"]
 SPLITS: tuple[Split, Split] = ("train", "test")
 
@@ -72,7 +68,7 @@ class ImageRecord:
 
     def to_line(self) -> str:
         """The record as one line of JSON, with its newline."""
-        return json.dumps(to_dict(self)) + "\n"
+        return write_line(self)
 
     @classmethod
     def from_line(cls, line: str, where: str = "") -> "ImageRecord":
@@ -81,10 +77,7 @@ class ImageRecord:
         Raises:
             InputFileError: If the line is no record.
         """
-        try:
-            record = from_dict(cls, json.loads(line), where)
-        except (ValueError, TypeError) as error:
-            raise InputFileError(where or "manifest line", f"is not a record of images ({error})") from error
+        record = read_line(cls, line, where, "a record of images")
         if record.split not in SPLITS:
             raise InputFileError(
                 where or "manifest line", f"has the split {record.split!r}; known: train, test"
@@ -93,20 +86,8 @@ class ImageRecord:
 
 
 @dataclass(frozen=True)
-class ImageLayout:
+class ImageLayout(FolderLayout):
     """Names of the files of one folder of images."""
-
-    root: Path
-
-    @property
-    def config(self) -> Path:
-        """How the images were made."""
-        return self.root / "config.json"
-
-    @property
-    def manifest(self) -> Path:
-        """One line per pair."""
-        return self.root / "manifest.jsonl"
 
     @property
     def card(self) -> Path:
@@ -117,11 +98,6 @@ class ImageLayout:
     def skipped(self) -> Path:
         """Pairs of the dataset that have no images, and why."""
         return self.root / "skipped.jsonl"
-
-    @property
-    def lock(self) -> Path:
-        """Held by the run that writes."""
-        return self.root / ".lock"
 
     def image(self, split: str, side: str, name: str) -> Path:
         """PNG of one side, ``"A"`` or ``"B"``, of a pair."""
@@ -134,14 +110,11 @@ def iterate_images(root: Path | str) -> Iterator[ImageRecord]:
     Raises:
         InputFileError: If the folder holds no rendered images, or a line is malformed.
     """
-    path = ImageLayout(Path(root)).manifest
-    if not path.is_file():
-        raise InputFileError(
-            root, "holds no manifest.jsonl; name a folder that `slamgym dataset render` has written"
-        )
-    with path.open(encoding="utf-8") as lines:
-        for number, line in enumerate(lines, start=1):
-            yield ImageRecord.from_line(line, f"{path}:{number}")
+    layout = ImageLayout(Path(root))
+    if (layout.root / "episodes").is_dir():
+        raise InputFileError(root, "holds explorations; make images of them by `slamgym dataset render`")
+    for line, where in manifest_lines(layout.manifest, "slamgym dataset render"):
+        yield ImageRecord.from_line(line, where)
 
 
 def read_images(root: Path | str, split: Split | None = None) -> list[ImageRecord]:
@@ -166,22 +139,3 @@ def load_images(root: Path | str, record: ImageRecord) -> tuple[ByteArray, ByteA
             path = layout.image(record.split, side, record.name)
             raise InputFileError(path, f"has shape {image.shape} but the manifest says {record.size}")
     return cad, slam
-
-
-def read_png(path: Path) -> ByteArray:
-    """Read a picture as it is, shape (rows, cols) or (rows, cols, channels).
-
-    Raises:
-        InputFileError: If it is missing or no picture.
-    """
-    try:
-        data = np.frombuffer(path.read_bytes(), dtype=np.uint8)
-    except OSError as error:
-        raise InputFileError(path, f"can't be read ({error.strerror or error})") from error
-    try:
-        image = cv2.imdecode(data, cv2.IMREAD_UNCHANGED) if data.size else None
-    except cv2.error:
-        image = None
-    if image is None:
-        raise InputFileError(path, "is not a PNG picture")
-    return image

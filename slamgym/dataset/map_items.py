@@ -5,10 +5,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-import cv2
-import numpy as np
-
-from slamgym.dataset.format import Layout, PairRecord, load_pair, read_manifest
+from slamgym.dataset.format import Layout, PairRecord, load_pair, read_manifest, require_manifest
+from slamgym.dataset.png import read_png
+from slamgym.dataset.shard import shard_folders
 from slamgym.errors import InputFileError
 from slamgym.interop import read_ros_map
 from slamgym.types import ByteArray, OccupancyGrid
@@ -55,6 +54,8 @@ def open_items(root: Path | str) -> list[MapItem]:
         raise InputFileError(root, "is not a folder; name a dataset or a folder of ROS maps (.yaml)")
     if Layout(root).manifest.is_file():
         return [_pair_item(root, record) for record in read_manifest(root)]
+    if shard_folders(root):
+        require_manifest(Layout(root).manifest, "slamgym generate")
     items = [_map_item(root, path) for path in sorted(root.rglob("*.yaml")) if _describes_a_map(path)]
     if not items:
         raise InputFileError(
@@ -66,7 +67,7 @@ def open_items(root: Path | str) -> list[MapItem]:
 def _pair_item(root: Path, record: PairRecord) -> MapItem:
     def load() -> OccupancyGrid:
         path = Layout(root).image("B", record.name)
-        cells = _read_image(path)
+        cells = read_png(path)
         if cells.shape != record.shape:
             raise InputFileError(path, f"has shape {cells.shape}, the manifest says {record.shape}")
         return OccupancyGrid(cells, record.frame)
@@ -98,15 +99,3 @@ def _describes_a_map(path: Path) -> bool:
     except (OSError, UnicodeDecodeError):
         return False
     return any(line.startswith("image:") for line in text.splitlines())
-
-
-def _read_image(path: Path) -> ByteArray:
-    data = np.frombuffer(path.read_bytes() if path.is_file() else b"", dtype=np.uint8)
-    try:
-        image = cv2.imdecode(data, cv2.IMREAD_GRAYSCALE) if data.size else None
-    except cv2.error:
-        image = None
-    if image is None:
-        raise InputFileError(path, "is missing or not a PNG picture")
-    cells: ByteArray = image
-    return cells

@@ -8,10 +8,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from slamgym.dataset.folder import SIDES, DatasetFolder, differences, open_dataset, pair_names, read_rejected
-from slamgym.dataset.format import Layout, PairRecord, read_config
+from slamgym.dataset.folder import DatasetFolder, is_whole, open_dataset, pair_names, read_rejected
+from slamgym.dataset.format import SIDES, Layout, PairRecord, read_config
 from slamgym.dataset.progress import Advance, show_progress
 from slamgym.dataset.schedule import Slot
+from slamgym.dataset.settings_file import differences
 from slamgym.dataset.shard import FOLDER, shard_folders
 from slamgym.dataset.storage import exclusive_lock, storage_errors, sync_tree
 from slamgym.errors import ConfigError
@@ -25,6 +26,8 @@ class MergeReport:
     """Shards that were there."""
     missing: list[str]
     """Names of shards that should be there and are not."""
+    broken: list[str]
+    """Pairs of the shards that lack a file, and were left out."""
     pairs: int
     """Pairs in the dataset now."""
     fresh: int
@@ -47,19 +50,20 @@ def merge_shards(root: Path | str) -> MergeReport:
         InputFileError: If a file of a shard is malformed.
     """
     root = Path(root)
-    shards = shard_folders(root)
+    # A run that was killed at once has left a folder without anything in it.
+    shards = [folder for folder in shard_folders(root) if Layout(folder).config.is_file()]
     if not shards:
         raise ConfigError(f"{root}: holds no shard; give the folder that `slamgym generate --shard` wrote to")
     settings = _common_settings(shards)
     total = sum(1 for shard in shards for _ in pair_names(Layout(shard).episodes))
     with open_dataset(root, settings) as folder:
-        before = len(folder.committed)
+        before, broken = len(folder.committed), list[str]()
         with show_progress("pairs", 0, total) as advance:
             for shard in shards:
                 with exclusive_lock(Layout(shard).lock):
-                    _take_shard(folder, Layout(shard), advance)
+                    broken += _take_shard(folder, Layout(shard), advance)
         pairs = len(folder.committed)
-    return MergeReport(len(shards), _missing_shards(shards), pairs, pairs - before)
+    return MergeReport(len(shards), _missing_shards(shards), broken, pairs, pairs - before)
 
 
 def _common_settings(shards: list[Path]) -> dict[str, Any]:
@@ -73,32 +77,39 @@ def _common_settings(shards: list[Path]) -> dict[str, Any]:
     return first
 
 
-def _take_shard(folder: DatasetFolder, shard: Layout, advance: Advance) -> None:
+def _take_shard(folder: DatasetFolder, shard: Layout, advance: Advance) -> list[str]:
+    """Put a shard's pairs into the dataset; returns the names of those that are not whole."""
+    broken = []
     times = dict(_read_times(shard.timing))
     for index, name in pair_names(shard.episodes):
-        files = {f"{side}.png": shard.image(side, name) for side in SIDES}
-        if index not in folder.committed and all(path.exists() for path in files.values()):
-            record = PairRecord.from_line(
-                (shard.episode(name) / "episode.json").read_text(), str(shard.episode(name))
-            )
-            slot = Slot(record.index, record.plan_id, record.repetition, record.seed)
-            staged = folder.stage(name)
-            with storage_errors(folder.layout.root):
-                _link(shard.episode(name), files, staged)
-            folder.commit(slot, staged, times.get(name, {}))
+        if index not in folder.committed:
+            if is_whole(shard, name):
+                _take_pair(folder, shard, name, times.get(name, {}))
+            else:
+                broken.append(name)
         advance()
     for index, entry in read_rejected(shard.rejected).items():
         folder.rejected.setdefault(index, entry)
+    return broken
 
 
-def _link(episode: Path, images: dict[str, Path], staged: Path) -> None:
+def _take_pair(folder: DatasetFolder, shard: Layout, name: str, times: dict[str, Any]) -> None:
+    line = shard.episode(name) / "episode.json"
+    record = PairRecord.from_line(line.read_text(), str(line))
+    staged = folder.stage(name)
+    with storage_errors(folder.layout.root):
+        _link(shard, name, staged)
+    folder.commit(Slot(record.index, record.plan_id, record.repetition, record.seed), staged, times)
+
+
+def _link(shard: Layout, name: str, staged: Path) -> None:
     """Put a shard's pair into a staging place."""
     (staged / "episode").mkdir(parents=True)
     linked = True
-    for path in episode.iterdir():
+    for path in shard.episode(name).iterdir():
         linked &= _link_or_copy(path, staged / "episode" / path.name)
-    for name, path in images.items():
-        linked &= _link_or_copy(path, staged / name)
+    for side in SIDES:
+        linked &= _link_or_copy(shard.image(side, name), staged / f"{side}.png")
     if not linked:
         sync_tree(staged)
 

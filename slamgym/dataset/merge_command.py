@@ -38,4 +38,9 @@ def _describe(report: MergeReport) -> str:
     if report.missing:
         more = "" if len(report.missing) <= _SHOWN else f" and {len(report.missing) - _SHOWN} more"
         lines += f" Not there: {', '.join(report.missing[:_SHOWN])}{more}."
+    if report.broken:
+        lines += (
+            f" {len(report.broken)} pairs lack a file and were left out, such as {report.broken[0]}: "
+            "run `slamgym generate` for their shards again."
+        )
     return lines

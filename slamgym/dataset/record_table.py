@@ -1,5 +1,6 @@
 """Manifests as tables: rows of which each column has one type, and Parquet files of them."""
 
+import importlib.util
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -28,6 +29,16 @@ def rows_of(records: Sequence[PairRecord] | Sequence[ImageRecord]) -> list[dict[
     return rows
 
 
+def require_parquet() -> None:
+    """Find out that Parquet can't be written before the work is done, rather than after.
+
+    Raises:
+        ConfigError: If pyarrow isn't installed.
+    """
+    if importlib.util.find_spec("pyarrow") is None:
+        raise ConfigError("Parquet needs pyarrow; install it by `pip install 'slamgym[hub]'`")
+
+
 def write_parquet(path: Path, records: Sequence[PairRecord] | Sequence[ImageRecord]) -> None:
     """Write a manifest as a Parquet file.
 
@@ -35,11 +46,10 @@ def write_parquet(path: Path, records: Sequence[PairRecord] | Sequence[ImageReco
         ConfigError: If pyarrow isn't installed.
         InputFileError: If the file can't be written.
     """
-    try:
-        import pyarrow as pa
-        import pyarrow.parquet as pq
-    except ImportError:
-        raise ConfigError("Parquet needs pyarrow; install it by `pip install slamgym[hub]`") from None
+    require_parquet()
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
     table = pa.Table.from_pylist(rows_of(records))
     with staged(path) as part:
         pq.write_table(table, part)

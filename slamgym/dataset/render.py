@@ -7,32 +7,29 @@ where it stopped, and what it left half done is done again with the same result.
 
 import hashlib
 import json
-import os
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import cv2
-
 from slamgym import __version__
 from slamgym.cad import read_houseexpo
 from slamgym.config import to_dict
 from slamgym.dataset.dataset_card import write_card
 from slamgym.dataset.engine import run_tasks
-from slamgym.dataset.folder import differences
-from slamgym.dataset.format import Layout, PairRecord, read_config, read_manifest
-from slamgym.dataset.images import IMAGES_VERSION, SIDES, SPLITS, ImageLayout, ImageRecord
+from slamgym.dataset.format import SIDES, Layout, PairRecord, read_config, read_manifest
+from slamgym.dataset.images import IMAGES_VERSION, SPLITS, ImageLayout, ImageRecord
+from slamgym.dataset.png import encode_png
 from slamgym.dataset.progress import show_progress
 from slamgym.dataset.selection import Selection, select_pairs
+from slamgym.dataset.settings_file import claim_folder
 from slamgym.dataset.split import SplitTable
 from slamgym.dataset.square_images import DoesNotFitError, ImageConfig, draw_pair
-from slamgym.dataset.storage import exclusive_lock, replace_file, storage_errors
-from slamgym.errors import ConfigError, InputFileError
+from slamgym.dataset.storage import drop_torn_line, exclusive_lock, replace_file, storage_errors
+from slamgym.errors import ConfigError
 from slamgym.interop import read_ros_map
 from slamgym.interop.atomic import write_bytes
-from slamgym.types import ByteArray
 
 _CHUNK = 8
 JOURNAL = ".rendered.jsonl"
@@ -104,7 +101,7 @@ def render_images(
         layout.root.mkdir(parents=True, exist_ok=True)
     with exclusive_lock(layout.lock):
         settings = image_settings(dataset, config, split, chosen)
-        _check_settings(layout, settings)
+        claim_folder(layout, settings, "images")
         done = _read_journal(layout)
         todo = [record for record in records if not _is_done(layout, done.get(record.name), split, record)]
         for record in todo:
@@ -184,7 +181,7 @@ def _draw(task: _Drawing, record: PairRecord) -> _Drawn:
     except DoesNotFitError as error:
         return _Drawn(record.name, None, f"too large: {error}")
     place = task.split.plans[record.plan_id]
-    images = {side: _png(image) for side, image in zip(SIDES, (cad, slam), strict=True)}
+    images = {side: encode_png(image) for side, image in zip(SIDES, (cad, slam), strict=True)}
     with storage_errors(task.out):
         for side, data in images.items():
             write_bytes(ImageLayout(task.out).image(place.side, side, record.name), data)
@@ -255,11 +252,9 @@ def _read_journal(layout: ImageLayout) -> dict[str, ImageRecord]:
     path = layout.root / JOURNAL
     if not path.exists():
         return {}
-    data = path.read_bytes()
-    whole = data.rfind(b"\n") + 1
-    if whole < len(data):
-        os.truncate(path, whole)
-    records = (ImageRecord.from_line(line.decode(), str(path)) for line in data[:whole].splitlines())
+    drop_torn_line(path)
+    lines = path.read_text(encoding="utf-8").splitlines()
+    records = (ImageRecord.from_line(line, str(path)) for line in lines)
     return {record.name: record for record in records}
 
 
@@ -270,28 +265,3 @@ def _check_split(split: SplitTable, records: Sequence[PairRecord]) -> None:
             f"the split doesn't know the plan {unknown[0]!r}, perhaps since the dataset has grown; "
             "run `slamgym dataset split` again"
         )
-
-
-def _check_settings(layout: ImageLayout, settings: Mapping[str, Any]) -> None:
-    """Refuse a folder that holds something else; write the settings into an empty one."""
-    if not layout.config.exists():
-        strangers = [path.name for path in layout.root.iterdir() if path != layout.lock]
-        if strangers:
-            raise ConfigError(f"{layout.root}: holds {strangers[0]} and no images; choose a new folder")
-        with storage_errors(layout.root):
-            replace_file(layout.config, (json.dumps(settings, indent=2) + "\n").encode())
-        return
-    try:
-        before = json.loads(layout.config.read_text())
-    except ValueError as error:
-        raise InputFileError(layout.config, f"is not JSON ({error}); choose a new folder") from error
-    changes = list(differences(before, json.loads(json.dumps(settings))))
-    if changes:
-        raise ConfigError(
-            f"{layout.root}: holds images made with other settings ({'; '.join(changes[:3])}); "
-            "choose a new folder, or the same settings to go on"
-        )
-
-
-def _png(image: ByteArray) -> bytes:
-    return bytes(cv2.imencode(".png", image)[1])

@@ -10,7 +10,7 @@ import tyro
 from slamgym.dataset.engine import available_cores
 from slamgym.dataset.images import SPLITS, read_images
 from slamgym.dataset.progress import say
-from slamgym.dataset.record_table import write_parquet
+from slamgym.dataset.record_table import require_parquet, write_parquet
 from slamgym.dataset.render import render_images
 from slamgym.dataset.selection import Selection, select_pairs
 from slamgym.dataset.split import current_split, split_path
@@ -46,6 +46,8 @@ def main(argv: list[str]) -> int:
     arguments = tyro.cli(RenderArguments, args=argv, prog="slamgym dataset render")
     if arguments.workers < 0:
         raise ConfigError(f"--workers must be 0 (one per core) or more, not {arguments.workers}")
+    if arguments.parquet:
+        require_parquet()
     workers = arguments.workers or available_cores()
     render_and_report(arguments.dataset, arguments.out, arguments.images, arguments.min_coverage, workers)
     if arguments.parquet:

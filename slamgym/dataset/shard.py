@@ -57,8 +57,13 @@ WHOLE = Shard(0, 1)
 """Of a dataset that is not divided."""
 
 
+def is_shard_name(name: str) -> bool:
+    """Whether a folder of this name holds a shard."""
+    return FOLDER.fullmatch(name) is not None
+
+
 def shard_folders(root: Path) -> list[Path]:
     """The shards' folders below a root, by name."""
     if not root.is_dir():
         return []
-    return sorted(path for path in root.iterdir() if FOLDER.fullmatch(path.name) and path.is_dir())
+    return sorted(path for path in root.iterdir() if is_shard_name(path.name) and path.is_dir())

@@ -84,6 +84,8 @@ def make_split(
     if not 0.0 <= test <= 1.0:
         raise ConfigError(f"the share of test plans must lie in [0, 1], not {test}")
     first = first_records(read_manifest(root))
+    if not first:
+        raise ConfigError(f"{root}: holds no pairs yet")
     strangers = [plan_id for plan_id in forced if plan_id not in first]
     if strangers:
         raise ConfigError(

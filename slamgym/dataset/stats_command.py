@@ -11,7 +11,7 @@ from rich.table import Table
 
 from slamgym.config import to_dict
 from slamgym.dataset.format import read_manifest
-from slamgym.dataset.record_table import write_parquet
+from slamgym.dataset.record_table import require_parquet, write_parquet
 from slamgym.dataset.statistics import DatasetStatistics, GroupStatistics, dataset_statistics
 
 COLUMNS = (
@@ -40,6 +40,8 @@ class StatsArguments:
 def main(argv: list[str]) -> int:
     """Run the command; returns the exit code."""
     arguments = tyro.cli(StatsArguments, args=argv, prog="slamgym dataset stats")
+    if arguments.parquet is not None:
+        require_parquet()
     statistics = dataset_statistics(arguments.dataset)
     if arguments.parquet is not None:
         write_parquet(arguments.parquet, list(read_manifest(arguments.dataset)))

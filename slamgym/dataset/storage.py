@@ -76,6 +76,21 @@ def replace_file_by(path: Path, chunks: Iterable[bytes]) -> None:
     sync_folder(path.parent)
 
 
+def replace_if_changed(path: Path, data: bytes) -> None:
+    """The same as :func:`replace_file`, but a file that has the content already stays as it is."""
+    if not path.exists() or path.read_bytes() != data:
+        replace_file(path, data)
+
+
+def drop_torn_line(path: Path) -> None:
+    """Cut a log of lines, if there is one, after its last whole line: a run that was killed may have torn it."""
+    if path.exists():
+        data = path.read_bytes()
+        whole = data.rfind(b"\n") + 1
+        if whole < len(data):
+            os.truncate(path, whole)
+
+
 def temporary_name(path: Path) -> Path:
     """Where the new content of a file is written before it takes the file's place."""
     return path.with_name(f".{path.name}.tmp")

@@ -5,11 +5,11 @@ from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
-import cv2
 import numpy as np
 
 from slamgym.dataset.contact_sheet import SheetEntry, draw_contact_sheet
 from slamgym.dataset.format import Layout, PairRecord, load_pair, read_manifest
+from slamgym.dataset.png import encode_png
 from slamgym.dataset.storage import replace_file, storage_errors
 from slamgym.interop import read_tum
 
@@ -67,7 +67,7 @@ def write_contact_sheet(root: Path | str, limit: int) -> Path:
     heading = f"slamgym: {len(chosen)} of {count} pairs" if len(chosen) < count else "slamgym: map pairs"
     picture = draw_contact_sheet(heading, sheet_entries(root, chosen), columns=2)
     with storage_errors(layout.contact_sheet):
-        replace_file(layout.contact_sheet, cv2.imencode(".png", picture[:, :, ::-1])[1].tobytes())
+        replace_file(layout.contact_sheet, encode_png(picture[:, :, ::-1]))
     return layout.contact_sheet
 
 

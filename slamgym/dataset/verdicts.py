@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from slamgym.config import from_dict
-from slamgym.dataset.storage import replace_file, storage_errors
+from slamgym.dataset.storage import replace_if_changed, storage_errors
 from slamgym.errors import ConfigError, InputFileError
 
 VERDICTS_FILE = "clean.jsonl"
@@ -49,8 +49,8 @@ def write_verdicts(root: Path, verdicts: Iterable[Verdict], summary: Mapping[str
     """
     lines = "".join(json.dumps(dataclasses.asdict(verdict)) + "\n" for verdict in verdicts)
     with storage_errors(root):
-        _replace_if_changed(root / SUMMARY_FILE, json.dumps(summary, indent=1) + "\n")
-        _replace_if_changed(root / VERDICTS_FILE, lines)
+        replace_if_changed(root / SUMMARY_FILE, (json.dumps(summary, indent=1) + "\n").encode())
+        replace_if_changed(root / VERDICTS_FILE, lines.encode())
 
 
 def read_verdicts(root: Path | str) -> dict[str, Verdict]:
@@ -70,9 +70,3 @@ def read_verdicts(root: Path | str) -> dict[str, Verdict]:
             raise InputFileError(f"{path}:{number}", f"is not a verdict ({error})") from error
         verdicts[verdict.name] = verdict
     return verdicts
-
-
-def _replace_if_changed(path: Path, text: str) -> None:
-    data = text.encode()
-    if not path.exists() or path.read_bytes() != data:
-        replace_file(path, data)

@@ -106,6 +106,14 @@ def test_a_folder_with_other_things_is_refused(tmp_path):
         pass
 
 
+def test_settings_that_can_not_be_read_are_named(tmp_path):
+    with open_dataset(tmp_path, SETTINGS):
+        pass
+    Layout(tmp_path).config.write_bytes(b"\xff{")
+    with pytest.raises(InputFileError, match=r"config\.json: is not JSON"), open_dataset(tmp_path, SETTINGS):
+        pass
+
+
 def test_a_file_in_place_of_the_folder_is_refused(tmp_path):
     path = tmp_path / "out"
     path.touch()

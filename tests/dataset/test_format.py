@@ -5,7 +5,7 @@ import cv2
 import numpy as np
 import pytest
 
-from slamgym.dataset import Layout, PairRecord, load_pair, read_config, read_manifest
+from slamgym.dataset import Layout, PairRecord, load_pair, read_config, read_images, read_manifest
 from slamgym.errors import ConfigError, InputFileError
 
 RECORD = PairRecord(
@@ -77,6 +77,18 @@ def test_a_folder_without_a_dataset_is_said_to_be_one(tmp_path):
         read_config(tmp_path)
 
 
+def test_a_dataset_and_its_images_are_told_apart(tmp_path):
+    dataset, images = tmp_path / "dataset", tmp_path / "images"
+    (images / "train").mkdir(parents=True)
+    (dataset / "episodes").mkdir(parents=True)
+    with pytest.raises(InputFileError, match="holds rendered images; name the dataset"):
+        list(read_manifest(images))
+    with pytest.raises(InputFileError, match="holds explorations; make images of them"):
+        read_images(dataset)
+    with pytest.raises(InputFileError, match="nowhere: is no folder"):
+        list(read_manifest(tmp_path / "nowhere"))
+
+
 def _write_image(root, side, shape):
     path = Layout(root).image(side, "000003_flat")
     path.parent.mkdir()
@@ -97,4 +109,7 @@ def test_a_missing_image_and_unequal_shapes_are_named(tmp_path):
         load_pair(tmp_path, "000003_flat")
     _write_image(tmp_path, "B", (4, 7))
     with pytest.raises(InputFileError, match="shape"):
+        load_pair(tmp_path, "000003_flat")
+    cv2.imwrite(str(Layout(tmp_path).image("A", "000003_flat")), np.zeros((4, 7, 3), np.uint8))
+    with pytest.raises(InputFileError, match=r"A/000003_flat\.png: has colours"):
         load_pair(tmp_path, "000003_flat")

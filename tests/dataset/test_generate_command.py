@@ -57,6 +57,14 @@ def test_a_shard_has_a_folder_of_its_own(plans, tmp_path, capsys):
     assert [record.index for record in read_manifest(out / "shard-00001-of-00002")] == [1]
 
 
+def test_a_shard_of_fewer_pairs_than_shards_may_be_empty(plans, tmp_path, capsys):
+    command = arguments(plans, tmp_path / "out", "--pairs", "1", "--workers", "1", "--shard", "1/2")
+    assert cli.main(command) == 0
+    shown = capsys.readouterr().out
+    assert "no pairs" in shown
+    assert "contact sheet" not in shown
+
+
 def test_the_settings_reach_the_exploration(plans, tmp_path):
     out = tmp_path / "out"
     more = [

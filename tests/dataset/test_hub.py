@@ -76,8 +76,11 @@ def test_a_parquet_file_holds_the_manifest(dataset_copy, tmp_path):
 
 def test_without_pyarrow_one_sentence_says_what_to_install(dataset_copy, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "pyarrow", None)
-    with pytest.raises(ConfigError, match=r"pip install slamgym\[hub\]"):
+    with pytest.raises(ConfigError, match=r"pip install 'slamgym\[hub\]'"):
         write_parquet(tmp_path / "x.parquet", list(read_manifest(dataset_copy)))
+    # Before the work is done, not after.
+    assert cli.main(["dataset", "render", str(dataset_copy), "--out", str(tmp_path / "i"), "--parquet"]) == 2
+    assert not (tmp_path / "i").exists()
 
 
 def test_a_column_has_one_type_though_conditions_differ(small_dataset):

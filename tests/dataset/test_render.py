@@ -21,6 +21,7 @@ from slamgym.dataset.render import JOURNAL, render_images
 from slamgym.dataset.selection import select_pairs
 from slamgym.dataset.split import make_split, read_split
 from slamgym.dataset.square_images import ImageConfig
+from slamgym.dataset.storage import temporary_name
 from slamgym.errors import ConfigError, InputFileError
 
 CONFIG = ImageConfig(size=64)
@@ -167,6 +168,17 @@ def test_other_settings_and_other_folders_are_refused(dataset, tmp_path):
     (tmp_path / "other" / "thesis.tex").touch()
     with pytest.raises(ConfigError, match=r"thesis\.tex"):
         render(dataset, tmp_path / "other")
+
+
+def test_a_run_that_was_killed_before_its_settings_were_there_goes_on(dataset, tmp_path):
+    out = tmp_path / "images"
+    out.mkdir()
+    layout = ImageLayout(out)
+    layout.lock.touch()
+    temporary_name(layout.config).write_text('{"ver')
+    render(dataset, out)
+    assert len(read_images(out)) > 0
+    assert not temporary_name(layout.config).exists()
 
 
 def test_a_dataset_that_has_grown_needs_a_new_split(longer_small_dataset, tmp_path):

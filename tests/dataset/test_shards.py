@@ -10,9 +10,11 @@ from hypothesis import strategies as st
 from shapely import box
 
 from agents.registry import make_explorer
+from slamgym import cli
 from slamgym.cad import FloorPlan
 from slamgym.dataset import DatasetConfig, EpisodeConfig, Layout, build_dataset, merge_command, read_manifest
 from slamgym.dataset.build import Execution
+from slamgym.dataset.check import check_dataset
 from slamgym.dataset.merge import merge_shards
 from slamgym.dataset.shard import WHOLE, Shard, shard_folders
 from slamgym.dataset.storage import StorageError, exclusive_lock
@@ -161,10 +163,55 @@ def test_what_a_failed_exploration_leaves_open_a_run_without_shards_adds(tmp_pat
     assert content(tmp_path / "shards") == content(tmp_path / "whole")
 
 
-def test_a_pair_that_is_not_whole_is_left_out(shards):
+def test_a_pair_that_is_not_whole_is_left_out_and_named(shards, capsys):
     record = next(read_manifest(shards / "shard-00000-of-00003"))
     Layout(shards / "shard-00000-of-00003").image("B", record.name).unlink()
-    assert merge_shards(shards).pairs == PAIRS - 1
+    assert merge_command.main([str(shards)]) == 0
+    assert f"1 pairs lack a file and were left out, such as {record.name}" in capsys.readouterr().out
+    assert len(list(read_manifest(shards))) == PAIRS - 1
+    # A run of the shard makes it again.
+    assert build(shards, Shard(0, COUNT)).fresh == 1
+    assert merge_shards(shards).pairs == PAIRS
+
+
+def test_a_shard_that_was_killed_at_once_is_not_there(whole, shards):
+    empty = shards / "shard-00003-of-00004"
+    empty.mkdir()
+    Layout(empty).lock.touch()
+    report = merge_shards(shards)
+    assert (report.shards, report.pairs, report.broken) == (COUNT, PAIRS, [])
+    Layout(empty).config.write_bytes(Layout(shards).config.read_bytes())  # killed a moment later
+    assert merge_shards(shards).shards == COUNT + 1
+    assert content(shards) == content(whole)
+
+
+def test_checking_looks_at_shards_only_for_what_is_not_merged(shards):
+    assert check_dataset(shards / "shard-00001-of-00003") == []
+    late = next(read_manifest(shards / "shard-00001-of-00003")).name
+    hidden = Layout(shards / "shard-00001-of-00003").image("A", late)
+    picture = hidden.read_bytes()
+    hidden.unlink()
+    merge_shards(shards)
+    assert check_dataset(shards) == []
+    hidden.write_bytes(picture)
+    (fault,) = check_dataset(shards)
+    assert fault.path.name == "shard-00001-of-00003"
+    assert (
+        f"has 1 pairs that are not in the dataset, such as {late}; run `slamgym dataset merge" in fault.what
+    )
+    merge_shards(shards)
+    assert check_dataset(shards) == []
+    # The files of both are the same, so damage to a shard is damage to the dataset.
+    hidden.write_bytes(b"")
+    assert {fault.path.name for fault in check_dataset(shards)} == {f"{late}.png"}
+
+
+@pytest.mark.parametrize("command", ["check", "stats", "show", "clean", "split"])
+def test_shards_that_are_not_merged_are_no_dataset_and_no_maps_from_elsewhere(sharded, capsys, command):
+    assert cli.main(["dataset", command, str(sharded)]) == 2
+    error = capsys.readouterr().err
+    assert f"holds shards that are not merged yet; run `slamgym dataset merge {sharded}`" in error
+    assert error.count("\n") == 1
 
 
 def test_shards_with_other_settings_are_refused(shards):

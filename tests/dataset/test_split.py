@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from slamgym import cli
-from slamgym.dataset.format import read_manifest
+from slamgym.dataset.format import Layout, read_manifest
 from slamgym.dataset.split import assign_sides, make_split, read_split, split_path
 from slamgym.errors import ConfigError, InputFileError
 
@@ -75,6 +75,12 @@ def test_the_command_says_what_it_did(dataset_copy, tmp_path, capsys):
     (tmp_path / "ids.txt").write_text("hal\n")
     assert cli.main(command) == 2
     assert "did you mean 'hall'" in capsys.readouterr().err
+
+
+def test_without_pairs_there_is_nothing_to_split(dataset_copy):
+    Layout(dataset_copy).manifest.write_text("")
+    with pytest.raises(ConfigError, match="holds no pairs yet"):
+        make_split(dataset_copy)
 
 
 def test_wrong_shares_and_broken_files_are_named(dataset_copy):

@@ -4,7 +4,13 @@ import os
 
 import pytest
 
-from slamgym.dataset.storage import StorageError, exclusive_lock, replace_file, storage_errors
+from slamgym.dataset.storage import (
+    StorageError,
+    drop_torn_line,
+    exclusive_lock,
+    replace_file,
+    storage_errors,
+)
 from slamgym.errors import InputFileError
 
 
@@ -50,6 +56,16 @@ def _try_lock(path):
             return "free"
     except StorageError as error:
         return str(error)
+
+
+def test_a_log_is_cut_after_its_last_whole_line(tmp_path):
+    path = tmp_path / "log"
+    drop_torn_line(path)
+    assert not path.exists()
+    for content, whole in ((b"", b""), (b"torn", b""), (b"a\nb\n", b"a\nb\n"), (b"a\nb", b"a\n")):
+        path.write_bytes(content)
+        drop_torn_line(path)
+        assert path.read_bytes() == whole
 
 
 def test_only_one_process_holds_the_lock(tmp_path):

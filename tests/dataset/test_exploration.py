@@ -1,0 +1,49 @@
+"""What a worker reports when the machine, not the plan, is at fault: an error that ends the run in one line."""
+
+import errno
+
+import pytest
+from shapely import box
+
+from agents.registry import make_explorer
+from slamgym.cad import FloorPlan
+from slamgym.dataset import DatasetConfig
+from slamgym.dataset import exploration as module
+from slamgym.dataset.exploration import Exploration, explore
+from slamgym.dataset.schedule import Slot
+from slamgym.dataset.storage import StorageError
+from slamgym.errors import SlamgymError
+
+ROOM = FloorPlan("room", box(0, 0, 2.4, 2.0))
+
+
+def exploration():
+    """One that gives its files back, as on another machine."""
+    return Exploration(Slot(0, "room", 0, 1), ROOM, None, DatasetConfig(), make_explorer)
+
+
+def fail_with(error):
+    def fail(*_, **__):
+        raise error
+
+    return fail
+
+
+def test_memory_that_runs_out_is_no_fault_of_the_plan(monkeypatch):
+    monkeypatch.setattr(module, "run_episode", fail_with(MemoryError()))
+    with pytest.raises(SlamgymError, match=r"memory ran out while room was explored.*fewer --workers"):
+        explore(exploration())
+
+
+def test_a_full_temporary_folder_is_named(monkeypatch):
+    monkeypatch.setenv("TMPDIR", "/scratch/tmp")
+    monkeypatch.setattr(module, "TemporaryDirectory", fail_with(OSError(errno.ENOSPC, "No space left")))
+    with pytest.raises(StorageError, match=r"^/scratch/tmp: can't be written \(the disk is full"):
+        explore(exploration())
+
+
+def test_an_error_of_the_program_is_noted_with_its_place(monkeypatch):
+    monkeypatch.setattr(module, "run_episode", fail_with(ZeroDivisionError("division by zero")))
+    outcome = explore(exploration())
+    assert outcome.error == "ZeroDivisionError"
+    assert "division by zero (in test_exploration.py" in outcome.reason
