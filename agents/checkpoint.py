@@ -20,6 +20,7 @@ def save_checkpoint(folder: Path, model: Any) -> None:
     """
     state = {"steps": model.num_timesteps, "updates": getattr(model, "_n_updates", 0)}
     state |= {name: module.state_dict() for name, module in _modules(model).items()}
+    state |= {name: getattr(model, name).detach().clone() for name in _tensors(model)}
     with staged(folder / CHECKPOINT) as part:
         torch.save(state, part)
 
@@ -39,6 +40,8 @@ def load_checkpoint(folder: Path, model: Any) -> None:
         state = torch.load(path, map_location="cpu", weights_only=True)
         for name, module in _modules(model).items():
             module.load_state_dict(state[name])
+        for name in _tensors(model):
+            getattr(model, name).data.copy_(state[name])
         model.num_timesteps = int(state["steps"])
         model._n_updates = int(state["updates"])
     except (OSError, RuntimeError, KeyError, ValueError, EOFError, _unpickling_error()) as error:
@@ -63,6 +66,12 @@ def _modules(model: Any) -> dict[str, Any]:
             part = getattr(part, attribute)
         parts[name] = part
     return parts
+
+
+def _tensors(model: Any) -> list[str]:
+    """Learned numbers that belong to no network, such as the entropy's weight in SAC."""
+    _, names = model._get_torch_save_params()
+    return [name for name in names if isinstance(getattr(model, name, None), torch.Tensor)]
 
 
 def _unpickling_error() -> type[Exception]:

@@ -1,6 +1,7 @@
 """Two explorers side by side on the same plan, start and noise, as a film."""
 
 import dataclasses
+import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -49,7 +50,7 @@ def film_duel(
         ConfigError: If neither explored the plan.
         InputFileError: If the film can't be written.
     """
-    chosen = _choose(trials, explorers, plan_id)
+    chosen = choose_trial(trials, explorers, plan_id)
     plan = source.load(chosen.plan)
     stride = max(1, round(SPEED / FPS / config.env.control_step))
     halves = [_frames(plan, chosen.seed, name, config, stride) for name in explorers]
@@ -65,8 +66,8 @@ def film_duel(
             film.append_data(np.hstack(latest))
 
 
-def _choose(trials: Sequence[Trial], explorers: tuple[str, str], plan_id: str | None) -> Trial:
-    """The left explorer's trial on the plan to film."""
+def choose_trial(trials: Sequence[Trial], explorers: tuple[str, str], plan_id: str | None) -> Trial:
+    """The left explorer's trial on the plan to film; arguments as :func:`film_duel` takes them."""
     left, right = ({(t.plan, t.seed): t for t in trials if t.explorer == name} for name in explorers)
     both = [pair for pair in left if pair in right]
     if plan_id is not None:
@@ -74,8 +75,12 @@ def _choose(trials: Sequence[Trial], explorers: tuple[str, str], plan_id: str | 
         if not both:
             plans = sorted({trial.plan for trial in trials})
             raise ConfigError(f"plan {plan_id!r} was not explored; {suggest(plan_id, plans[:1000])}")
-    best = min(both, key=lambda p: censored(left[p], "time", _LEVEL) / censored(right[p], "time", _LEVEL))
-    return left[best]
+
+    def share(pair: tuple[str, int]) -> float:
+        ours, theirs = (censored(side[pair], "time", _LEVEL) for side in (left, right))
+        return ours / theirs if theirs > 0.0 else math.inf  # the very first scan showed all
+
+    return left[min(both, key=share)]
 
 
 def _frames(plan: FloorPlan, seed: int, name: str, config: TrialConfig, stride: int) -> Iterator[ByteArray]:

@@ -48,6 +48,7 @@ def make_env(config: TrainConfig, plans: Any, **changes: Any) -> ExploreFrontier
     """
     settings: dict[str, Any] = {
         "localization": config.localization,
+        "odometry": config.odometry,
         "slam": {"particles": config.particles},
         "reward": config.reward,
         "coverage_goal": config.coverage_goal,
@@ -58,8 +59,7 @@ def make_env(config: TrainConfig, plans: Any, **changes: Any) -> ExploreFrontier
         return ExploreEnv(plans, **settings)
     settings["slam"] |= {"resolution": config.resolution}
     settings["observation"] = {"map_resolution": config.resolution}
-    discount = changes.pop("discount", config.discount)
-    return ExploreFrontiersEnv(plans, discount=discount, **settings)
+    return ExploreFrontiersEnv(plans, **{"discount": config.discount, **settings})
 
 
 def make_learning_envs(

@@ -1,14 +1,16 @@
 """Reward presets for ``slamgym agents shape``: all of them, with their weights, in this one file.
 
-Every preset is a :class:`~slamgym.envs.rewards.RewardConfig`. All but ``coverage_only`` and
-``information_gain`` pay for time, for a policy that may take for ever learns nothing else. A term of your own
-needs no preset: ``slamgym agents shape --term my_module:my_function`` adds it to one.
+Every preset is a :class:`~slamgym.envs.rewards.RewardConfig`, and two have a term of their own besides. All but
+``coverage_only`` and ``information_gain`` pay for time, for a policy that may take for ever learns nothing else.
+A term of your own needs no preset: ``slamgym agents shape --term my_module:my_function`` adds it to one.
 """
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 
 from slamgym.config import suggest
-from slamgym.envs import RewardConfig
+from slamgym.envs import RewardConfig, RewardFunction
+from slamgym.envs.rewards import StepRecord
 from slamgym.errors import ConfigError
 
 _NOTHING = RewardConfig(coverage_gain=0.0, time=0.0, collision=0.0, completion=0.0)
@@ -22,6 +24,32 @@ class Preset:
     about: str
     needs_filter: bool = False
     """Whether the reward only makes sense with a particle filter: with true poses there is no error to pay."""
+    terms: Mapping[str, tuple[float, RewardFunction]] = field(default_factory=dict)
+    """Further terms: name to (weight, function)."""
+
+
+def error_of_new_map(step: StepRecord) -> float:
+    """Minus the new map's area times the error of the pose that it is drawn from [m3].
+
+    A wall is drawn as wrongly as the robot is wrong about where it stands, so over an exploration this adds up
+    to about the map's mean error times its area, but each part is due when the decision that causes it is paid:
+    the growth of the mean error (:func:`~slamgym.envs.rewards.map_error_cost`) is spread over all later steps.
+    """
+    return -step.pose_error * _new_area(step)
+
+
+def uncertainty_of_new_map(step: StepRecord) -> float:
+    """The same by what a robot can know: the filter's position uncertainty instead of the true error [m3].
+
+    Nothing is due in known space, where the robot may be as unsure as it likes; exploring is worth more once
+    a loop is closed than before (active SLAM; Stachniss, Grisetti and Burgard 2005).
+    """
+    return -step.position_sigma * _new_area(step)
+
+
+def _new_area(step: StepRecord) -> float:
+    # The map of another particle may know less than that of the last step's best one.
+    return max(0.0, step.known_area - step.previous_known_area)
 
 
 PRESETS: dict[str, Preset] = {
@@ -46,6 +74,18 @@ PRESETS: dict[str, Preset] = {
         "as time, less the filter's position uncertainty over time: active SLAM, pays for closing loops "
         "(Stachniss, Grisetti and Burgard 2005)",
         needs_filter=True,
+    ),
+    "careful_mapping": Preset(
+        replace(_NOTHING, coverage_gain=2.0, time=0.02),
+        "as time, less the true pose error under which each new part of the map is drawn",
+        needs_filter=True,
+        terms={"error_of_new_map": (0.4, error_of_new_map)},
+    ),
+    "certain_mapping": Preset(
+        replace(_NOTHING, coverage_gain=2.0, time=0.02),
+        "the same with the filter's position uncertainty in the error's place: needs no truth but coverage",
+        needs_filter=True,
+        terms={"uncertainty_of_new_map": (0.8, uncertainty_of_new_map)},
     ),
     "potential": Preset(
         replace(_NOTHING, time=0.02, shaping=2.0),

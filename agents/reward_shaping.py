@@ -1,18 +1,17 @@
 """Reward-shaping experiments: the same learner with different rewards, over several seeds.
 
-Main path: :func:`run_shaping` trains every preset with every seed (a run that is done is not done again),
-explores held-out plans with each policy and the particle filter, and hands the :class:`ShapingRun` records to
-:mod:`agents.shaping_report`.
+Main path: :func:`run_shaping` trains every preset with every seed, explores held-out plans with each policy and
+the particle filter, and hands the :class:`ShapingRun` records to :mod:`agents.shaping_report`. Training goes on
+from its checkpoint after an interruption, and the test from its last exploration: ``shaping.json`` in the folder
+of a run is written anew, whole, after each.
 """
 
 import dataclasses
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from agents.learning_envs import make_env
 from agents.learning_plans import Curriculum, draw_plans
@@ -22,11 +21,12 @@ from agents.train_config import TrainConfig
 from agents.validation import Outcome, explore
 from slamgym.cad import FloorPlan
 from slamgym.command_table import load_target
-from slamgym.config import suggest, to_dict
-from slamgym.dataset.progress import say
+from slamgym.config import config_hash, from_dict, suggest, to_dict
+from slamgym.dataset.progress import say, show_progress
+from slamgym.dataset.schedule import exploration_seed
 from slamgym.envs import RewardFunction
 from slamgym.envs.frontier_actions import ExploreFrontiersEnv
-from slamgym.errors import ConfigError, SlamgymError
+from slamgym.errors import ConfigError, InputFileError
 from slamgym.interop.atomic import write_text
 
 Term = tuple[str, float, RewardFunction]
@@ -35,13 +35,17 @@ Term = tuple[str, float, RewardFunction]
 OWN = "own"
 """Preset that a term of the user's own makes."""
 
+POLICY = "policy.safetensors"
+RESULTS = "shaping.json"
+
 
 @dataclass(frozen=True)
 class ShapingConfig:
     """An experiment."""
 
     presets: tuple[str, ...] = tuple(PRESETS)
-    """Names of presets; ``slamgym agents shape --list`` explains them."""
+    """Names of presets; ``slamgym agents shape --list`` explains them. If one of them needs the particle filter
+    all are trained with it, so that they differ in the reward alone."""
     seeds: int = 3
     """Runs of each preset."""
     test_plans: int = 20
@@ -75,6 +79,15 @@ class ShapingRun:
     outcomes: list[Outcome]  # one of each test plan
 
 
+@dataclass(frozen=True)
+class _Identity:
+    """What a run's results depend on, and by which they are known again."""
+
+    train: TrainConfig
+    particles: int
+    term: tuple[str, float] | None
+
+
 def run_shaping(
     config: ShapingConfig, out: Path, learn: Callable[..., Any], term: Term | None = None
 ) -> list[ShapingRun]:
@@ -85,45 +98,77 @@ def run_shaping(
         out: Its folder: one folder for each run.
         learn: :func:`agents.train.train`, which needs torch.
         term: A term of the user's own, for the preset ``own``.
+
+    Raises:
+        ConfigError: If the folder holds runs with other settings.
     """
     plans = draw_plans(config.train.plans, "test", config.test_plans)
-    runs = []
-    for name in config.presets:
-        for seed in range(config.seeds):
-            folder = out / name / f"seed_{seed}"
-            run = _read(folder, name, seed, len(plans))
-            if run is None:
-                say(f"{name}, seed {seed}")
-                settings = settings_of(config, name, seed)
-                learn(settings, folder, reward_terms={term[0]: term[1:]} if term and name == OWN else None)
-                outcomes = test_policy(settings, folder / "policy.safetensors", plans, config.particles)
-                run = ShapingRun(name, seed, read_curve(folder), outcomes)
-                _write(folder, run)
-            runs.append(run)
-    return runs
+    return [
+        _run_one(config, name, seed, out / name / f"seed_{seed}", plans, learn, term)
+        for name in config.presets
+        for seed in range(config.seeds)
+    ]
+
+
+def _run_one(
+    config: ShapingConfig,
+    name: str,
+    seed: int,
+    folder: Path,
+    plans: Sequence[FloorPlan],
+    learn: Callable[..., Any],
+    term: Term | None,
+) -> ShapingRun:
+    """Train and test one preset with one seed, or what is left of that."""
+    settings = settings_of(config, name, seed)
+    term = term if name == OWN else None
+    identity = config_hash(
+        _Identity(dataclasses.replace(settings, workers=1), config.particles, term[:2] if term else None)
+    )
+    outcomes = _read(folder, identity)
+    left = [plan for plan in plans if plan.id not in outcomes]
+    if left:
+        say(f"{name}, seed {seed}")
+        _write(folder, identity, outcomes)  # before the training: a term's weight stands nowhere else
+        learn(settings, folder, reward_terms=_terms(name, term))
+        with show_progress("test explorations", len(plans) - len(left), len(plans)) as advance:
+            for plan, outcome in test_policy(settings, folder / POLICY, left, config.particles):
+                outcomes[plan.id] = outcome
+                _write(folder, identity, outcomes)
+                advance()
+    return ShapingRun(name, seed, read_curve(folder), [outcomes[plan.id] for plan in plans])
 
 
 def settings_of(config: ShapingConfig, name: str, seed: int) -> TrainConfig:
     """The training run of a preset and a seed."""
-    base = dataclasses.replace(config.train, seed=seed)
+    needs_filter = any(preset(other).needs_filter for other in config.presets if other != OWN)
+    localization = "rbpf" if needs_filter else config.train.localization
+    base = dataclasses.replace(config.train, seed=seed, localization=localization)
+    return base if name == OWN else dataclasses.replace(base, reward=preset(name).reward)
+
+
+def _terms(name: str, term: Term | None) -> dict[str, tuple[float, RewardFunction]] | None:
+    """Terms of the reward that no weight of its configuration stands for."""
     if name == OWN:
-        return base
-    chosen = preset(name)
-    localization = "rbpf" if chosen.needs_filter else base.localization
-    return dataclasses.replace(base, reward=chosen.reward, localization=localization)
+        return {term[0]: term[1:]} if term else None
+    return dict(preset(name).terms) or None
 
 
 def test_policy(
     settings: TrainConfig, path: Path, plans: Sequence[FloorPlan], particles: int
-) -> list[Outcome]:
-    """Explore held-out plans with a trained policy, the particle filter on and maps of full resolution."""
+) -> Iterator[tuple[FloorPlan, Outcome]]:
+    """Explore held-out plans with a trained policy, the particle filter on and maps of full resolution.
+
+    Start and noise of an exploration follow from its plan's id, whatever the other plans.
+    """
     scorer = read_policy(path).scorer()
     env = make_env(
         dataclasses.replace(settings, resolution=0.05), plans,
         localization="rbpf", slam={"particles": particles}, coverage_goal=None,
     )  # fmt: skip
     assert isinstance(env, ExploreFrontiersEnv)
-    return [explore(env, scorer.choose, plan, seed) for seed, plan in enumerate(plans)]
+    for plan in plans:
+        yield plan, explore(env, scorer.choose, plan, exploration_seed(0, plan.id, 0))
 
 
 def read_curve(folder: Path) -> list[tuple[float, float]]:
@@ -157,25 +202,30 @@ def own_term(spec: str, weight: float) -> Term:
     return name, weight, function
 
 
-def means(runs: Sequence[ShapingRun], name: str) -> np.ndarray[Any, np.dtype[np.float64]]:
-    """A field of the outcomes, one value for each run: the mean over plans."""
-    return np.array([np.mean([getattr(outcome, name) for outcome in run.outcomes]) for run in runs])
+def _write(folder: Path, identity: str, outcomes: Mapping[str, Outcome]) -> None:
+    document = {"settings": identity, "outcomes": {plan: to_dict(o) for plan, o in outcomes.items()}}
+    write_text(folder / RESULTS, json.dumps(document, indent=1) + "\n")
 
 
-def _write(folder: Path, run: ShapingRun) -> None:
-    write_text(folder / "shaping.json", json.dumps(to_dict(run), indent=1) + "\n")
+def _read(folder: Path, identity: str) -> dict[str, Outcome]:
+    """What was tested of a run, by plan.
 
-
-def _read(folder: Path, name: str, seed: int, plans: int) -> ShapingRun | None:
-    """A run that is done."""
+    Raises:
+        ConfigError: If it was another run.
+        InputFileError: If the file is damaged.
+    """
+    path = folder / RESULTS
+    if not path.exists():
+        return {}
     try:
-        values = json.loads((folder / "shaping.json").read_text())
-    except OSError:
-        return None
-    except ValueError:
-        raise SlamgymError(
-            f"{folder / 'shaping.json'}: is damaged; delete it to test that run again"
-        ) from None
-    outcomes = [Outcome(**outcome) for outcome in values["outcomes"]]
-    curve = [(float(steps), float(value)) for steps, value in values["curve"]]
-    return ShapingRun(name, seed, curve, outcomes) if len(outcomes) == plans else None
+        document = json.loads(path.read_text(encoding="utf-8"))
+        found = str(document["settings"])
+        outcomes = {plan: from_dict(Outcome, values) for plan, values in document["outcomes"].items()}
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, ConfigError) as error:
+        raise InputFileError(path, f"is damaged ({error}); delete it to test that run again") from None
+    if found != identity:
+        raise ConfigError(
+            f"{folder} holds a run with other settings (training, particles, term or presets that need the "
+            "filter); choose another folder"
+        )
+    return outcomes

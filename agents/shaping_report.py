@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from agents.bootstrap import Interval, mean_interval, ratio_of_means
-from agents.reward_shaping import ShapingRun, means
+from agents.bootstrap import Interval, crossed_mean, crossed_ratio, mean_band
+from agents.reward_shaping import ShapingRun
 from slamgym.errors import SlamgymError
 from slamgym.interop.atomic import staged, write_text
 from slamgym.types import FloatArray
@@ -22,7 +22,6 @@ COLUMNS = (
 """Field of :class:`agents.validation.Outcome`, heading, format."""
 
 _POINTS = 60
-_RESAMPLES = 2000
 _COLOURS = (
     "#1971c2",
     "#e03131",
@@ -58,9 +57,10 @@ def write_shaping_report(runs: Sequence[ShapingRun], out: Path) -> str:
 
 
 def table(runs: Sequence[ShapingRun]) -> str:
-    """Means over seeds and plans with 95 % bootstrap intervals, and map error and time against ``time``.
+    """Means over seeds and plans with 95 % intervals, and map error and time against ``time``.
 
-    The rows that are resampled are explorations: each of a preset's seeds on each plan.
+    Both are drawn again for an interval (:func:`agents.bootstrap.crossed_ratio`), so it holds for other plans
+    and other seeds of the training.
     """
     names = list(dict.fromkeys(run.preset for run in runs))
     reference = "time" if "time" in names else names[0]
@@ -75,10 +75,11 @@ def table(runs: Sequence[ShapingRun]) -> str:
     for name in names:
         own = [run for run in runs if run.preset == name]
         cells = [name, str(len(own))]
-        cells += [_cell(mean_interval(_all(own, field)), form) for field, _, form in COLUMNS]
+        cells += [_cell(crossed_mean(_outcomes(own, field)), form) for field, _, form in COLUMNS]
+        base = [run for run in runs if run.preset == reference]
         for field in ("time_99", "map_error"):
-            values, base = _paired(own, [run for run in runs if run.preset == reference], field)
-            cells.append(_cell(ratio_of_means(values, base), "{:.2f}") if len(values) else "-")
+            ratio = crossed_ratio(_outcomes(own, field), _outcomes(base, field))
+            cells.append(_cell(ratio, "{:.2f}"))
         lines.append("| " + " | ".join(cells) + " |")
     return "\n".join(lines) + "\n"
 
@@ -94,7 +95,7 @@ def draw_curves(runs: Sequence[ShapingRun], path: Path) -> None:
         begin, end = max(c[0][0] for c in curves), min(c[-1][0] for c in curves)
         steps = np.linspace(begin, end, _POINTS)
         values = np.vstack([np.interp(steps, *np.array(curve).T) for curve in curves])
-        low, high = _band(values)
+        low, high = mean_band(values)
         colour = _COLOURS[number % len(_COLOURS)]
         axis.plot(steps, values.mean(axis=0), color=colour, label=f"{name} ({len(curves)})", linewidth=1.6)
         axis.fill_between(steps, low, high, color=colour, alpha=0.15, linewidth=0.0)
@@ -114,10 +115,11 @@ def draw_outcomes(runs: Sequence[ShapingRun], path: Path) -> None:
     for axis, (field, heading, _) in zip(axes, COLUMNS, strict=True):
         for row, name in enumerate(names):
             own = [run for run in runs if run.preset == name]
-            interval = mean_interval(_all(own, field))
+            values = _outcomes(own, field)
+            interval = crossed_mean(values)
             colour = _COLOURS[row % len(_COLOURS)]
             axis.plot([interval.low, interval.high], [row, row], color=colour, linewidth=3, alpha=0.4)
-            axis.plot(means(own, field), [row] * len(own), "o", color=colour, markersize=4)
+            axis.plot(values.mean(axis=1), [row] * len(own), "o", color=colour, markersize=4)
         axis.set_yticks(range(len(names)), names if axis is axes[0] else [""] * len(names))
         axis.set_title(heading, fontsize=9)
         axis.invert_yaxis()
@@ -125,33 +127,13 @@ def draw_outcomes(runs: Sequence[ShapingRun], path: Path) -> None:
     _save(figure, path)
 
 
-def _all(runs: Sequence[ShapingRun], field: str) -> FloatArray:
-    return np.array([getattr(outcome, field) for run in runs for outcome in run.outcomes])
-
-
-def _paired(
-    runs: Sequence[ShapingRun], reference: Sequence[ShapingRun], field: str
-) -> tuple[FloatArray, FloatArray]:
-    """A field of two presets on the same plans, averaged over the seeds of each, shape (plans,) each."""
-    if not reference or not runs:
-        return np.zeros(0), np.zeros(0)
-
-    def of(some: Sequence[ShapingRun]) -> FloatArray:
-        return np.array([[getattr(outcome, field) for outcome in run.outcomes] for run in some]).mean(axis=0)
-
-    return of(runs), of(reference)
+def _outcomes(runs: Sequence[ShapingRun], field: str) -> FloatArray:
+    """A field of the outcomes, shape (runs, plans)."""
+    return np.array([[getattr(outcome, field) for outcome in run.outcomes] for run in runs])
 
 
 def _cell(interval: Interval, form: str) -> str:
     return f"{form.format(interval.value)} [{form.format(interval.low)}, {form.format(interval.high)}]"
-
-
-def _band(values: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """95 % bootstrap interval of the mean over rows, each of shape (columns,)."""
-    rng = np.random.default_rng(0)
-    drawn = values[rng.integers(len(values), size=(_RESAMPLES, len(values)))].mean(axis=1)
-    low, high = np.percentile(drawn, [2.5, 97.5], axis=0)
-    return low, high
 
 
 def _pyplot() -> Any:

@@ -23,7 +23,7 @@ from agents.imitation import imitate
 from agents.learning_envs import make_env, make_learning_envs
 from agents.learning_plans import draw_plans
 from agents.policy import FrontierPolicy, MaskableFrontierPolicy
-from agents.pretrained_policy import write_policy
+from agents.pretrained_policy import SHIPPED, read_policy, write_policy
 from agents.semi_markov import MaskableSemiMarkovBuffer, SemiMarkovBuffer, SemiMarkovDiscounting
 from agents.train_config import TrainConfig
 from agents.training_callbacks import (
@@ -73,7 +73,11 @@ def train(
     is_resumed = has_checkpoint(out)
     if is_resumed:
         load_checkpoint(out, model)
+        # Not the plans and the noise of the beginning once more.
+        model.set_random_seed(config.seed + model.num_timesteps)
         say(f"going on at step {model.num_timesteps}")
+    elif config.start_from:
+        _begin_with(config.start_from, model)
     model.set_logger(configure(str(out / "log" / str(model.num_timesteps)), ["csv", "tensorboard"]))
     if config.imitation_decisions and not is_resumed:
         imitate(model, config, plans)
@@ -159,6 +163,24 @@ def _make_model(config: TrainConfig, envs: VecEnv) -> BaseAlgorithm:
     if config.algo == "ppo":
         return PPO(FrontierPolicy, envs, rollout_buffer_class=SemiMarkovBuffer, **kwargs)
     return MaskablePPO(MaskableFrontierPolicy, envs, rollout_buffer_class=MaskableSemiMarkovBuffer, **kwargs)
+
+
+def _begin_with(start_from: str, model: BaseAlgorithm) -> None:
+    """Replace the weights of a fresh frontier policy by those of an earlier run.
+
+    Raises:
+        ConfigError: If that run's network has other sizes.
+        InputFileError: If the file is no frontier policy of this version.
+    """
+    found = read_policy(SHIPPED if start_from == "shipped" else start_from)
+    network: Any = model.policy.features_extractor.network
+    weights = {name: torch.from_numpy(value.copy()) for name, value in found.weights.items()}
+    try:
+        network.load_state_dict(weights)
+    except RuntimeError:
+        raise ConfigError(
+            f"start_from {start_from}: its network is {found.network}, not {network.config}; give the same sizes"
+        ) from None
 
 
 def _callbacks(config: TrainConfig, out: Path, model: BaseAlgorithm) -> list[BaseCallback]:

@@ -60,6 +60,8 @@ class TrainConfig:
     """1 runs them in this process; more gives each environment a process of its own."""
     localization: Literal["ground_truth", "rbpf", "scan_matching", "dead_reckoning"] = "ground_truth"
     """SLAM while training; the true pose is several times faster than the particle filter."""
+    odometry: Literal["ideal", "low", "medium", "high"] = "medium"
+    """Errors of the wheel odometry, which matter where poses are estimated."""
     particles: int = 10
     """Particles, where there is a filter."""
     resolution: float = 0.1
@@ -79,6 +81,9 @@ class TrainConfig:
     """The learner."""
     network: NetworkConfig = field(default_factory=NetworkConfig)
     """The network."""
+    start_from: str = ""
+    """Weights to begin with: ``shipped``, or a file that an earlier run wrote; by default those of an untrained
+    network. On ``explore_frontiers`` only."""
     imitation_decisions: int = 0
     """So many decisions of an expert are imitated first; 0 for none."""
     imitation_rounds: int = 1
@@ -103,6 +108,10 @@ class TrainConfig:
         if self.algo == "maskable_ppo" and self.env != "explore_frontiers":
             raise ConfigError(
                 "algo 'maskable_ppo' needs masked actions; give --algo ppo or sac for --env explore"
+            )
+        if self.start_from and self.env != "explore_frontiers":
+            raise ConfigError(
+                "start_from names weights of a frontier policy; it needs --env explore_frontiers"
             )
         for name in ("plan_count", "steps", "num_envs", "workers", "checkpoint_every"):
             if getattr(self, name) < 1:

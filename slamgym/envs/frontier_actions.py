@@ -158,7 +158,7 @@ class ExploreFrontiersEnv(gym.Env[Observation, np.int64]):
         self._is_over = False
         is_due = self._driver.observe(inner)
         _, is_truncated, info = self._drive(is_due, info)
-        self._is_over = is_truncated or self._driver.finished
+        self._is_over = is_truncated or self._driver.finished or bool(info.get("is_success"))
         return self._observe(info, duration=0.0)
 
     def step(self, action: Any) -> tuple[Observation, float, bool, bool, dict[str, Any]]:

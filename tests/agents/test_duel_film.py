@@ -7,7 +7,7 @@ import pytest
 import shapely
 
 from agents.coverage_plot import draw_coverage
-from agents.duel_film import film_duel
+from agents.duel_film import choose_trial, film_duel
 from agents.trial import TrialConfig
 from slamgym.cad import FloorPlan
 from slamgym.envs import ExploreConfig
@@ -72,6 +72,14 @@ def test_the_plan_to_film_is_where_the_left_one_gains_most_or_the_one_named(
     assert filmed == ["b", "b", "a", "a"]
     with pytest.raises(ConfigError, match="was not explored"):
         film_duel(plans, trials, PAIR, CONFIG, tmp_path / "film.mp4", "c")
+
+
+def test_a_plan_that_the_first_scan_shows_is_no_gain(trials, make_trial):
+    at_once = make_trial(PAIR[1], "c")
+    at_once = dataclasses.replace(at_once, time_to=dict.fromkeys(at_once.time_to, 0.0))
+    both = [*trials, make_trial(PAIR[0], "c", 10.0), at_once]
+    assert choose_trial(both, PAIR, None).plan == "b"
+    assert choose_trial(both, PAIR, "c").explorer == PAIR[0]
 
 
 def test_a_plot_of_explorers_that_reach_a_level_and_of_one_that_never_does(tmp_path, trials, make_trial):

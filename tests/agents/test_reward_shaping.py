@@ -5,16 +5,17 @@ import dataclasses
 import numpy as np
 import pytest
 
+import agents.reward_shaping as shaping_module
 from agents.network_config import NetworkConfig
 from agents.pretrained_policy import SHIPPED, read_policy, write_policy
-from agents.reward_presets import PRESETS, preset
+from agents.reward_presets import PRESETS, error_of_new_map, preset, uncertainty_of_new_map
 from agents.reward_shaping import OWN, ShapingConfig, ShapingRun, own_term, run_shaping, settings_of
 from agents.shape_command import main
 from agents.shaping_report import table, write_shaping_report
 from agents.train_config import TrainConfig
 from agents.validation import Outcome
 from slamgym.envs.rewards import Reward, StepRecord
-from slamgym.errors import ConfigError
+from slamgym.errors import ConfigError, InputFileError
 
 STEP = StepRecord(
     duration=0.2, time=10.0, distance=0.05, contact=True, coverage=0.5, previous_coverage=0.4, pose_error=0.2,
@@ -37,7 +38,7 @@ def runs_of(name, times, errors):
 
 @pytest.mark.parametrize("name", PRESETS)
 def test_every_preset_rewards_what_its_weights_say(name):
-    reward = Reward(PRESETS[name].reward)
+    reward = Reward(PRESETS[name].reward, PRESETS[name].terms)
     total, terms = reward(STEP)
     assert np.isfinite(total)
     assert terms
@@ -45,12 +46,17 @@ def test_every_preset_rewards_what_its_weights_say(name):
 
 
 def test_the_presets_differ_in_what_they_pay_for():
-    active = {name: {term.name for term in Reward(chosen.reward).terms} for name, chosen in PRESETS.items()}
+    active = {
+        name: {term.name for term in Reward(chosen.reward, chosen.terms).terms}
+        for name, chosen in PRESETS.items()
+    }
     assert active["coverage_only"] == {"coverage_gain"}
     assert active["information_gain"] == {"information_gain"}
     assert active["path_cost"] == {"coverage_gain", "path_length"}
     assert active["map_error"] - active["time"] == {"map_error"}
     assert active["pose_uncertainty"] - active["time"] == {"pose_uncertainty"}
+    assert active["careful_mapping"] - active["time"] == {"error_of_new_map"}
+    assert active["certain_mapping"] - active["time"] == {"uncertainty_of_new_map"}
     assert active["potential"] == {"time", "shaping"}
     assert active["completion"] == {"time", "completion"}
     assert len({frozenset(terms) for terms in active.values()}) == len(PRESETS)
@@ -63,19 +69,32 @@ def test_an_unknown_preset_suggests_the_nearest():
         ShapingConfig(presets=("tme",))
 
 
-def test_presets_about_errors_train_with_the_filter():
-    config = ShapingConfig()
-    assert settings_of(config, "map_error", 1).localization == "rbpf"
-    assert settings_of(config, "time", 1).localization == "ground_truth"
-    assert settings_of(config, "time", 1).reward == PRESETS["time"].reward
-    assert settings_of(config, OWN, 2) == dataclasses.replace(config.train, seed=2)
+def test_new_map_is_charged_with_the_error_it_is_drawn_under():
+    # One square metre was new, 0.2 m wrong and 0.1 m unsure.
+    assert error_of_new_map(STEP) == pytest.approx(-0.2)
+    assert uncertainty_of_new_map(STEP) == pytest.approx(-0.1)
+    shrunk = dataclasses.replace(STEP, known_area=28.0)
+    assert error_of_new_map(shrunk) == uncertainty_of_new_map(shrunk) == 0.0
+
+
+def test_with_a_preset_about_errors_all_train_with_the_filter():
+    config = ShapingConfig(presets=("time", "map_error"))
+    for name in ("time", "map_error"):
+        settings = settings_of(config, name, 1)
+        assert settings.localization == "rbpf"
+        differing = dataclasses.replace(settings, reward=config.train.reward, localization="ground_truth")
+        assert differing == dataclasses.replace(config.train, seed=1)
+    without = ShapingConfig(presets=("time", "path_cost", OWN))
+    assert settings_of(without, "time", 1).localization == "ground_truth"
+    assert settings_of(without, "time", 1).reward == PRESETS["time"].reward
+    assert settings_of(without, OWN, 2) == dataclasses.replace(without.train, seed=2)
 
 
 def learn_nothing(calls):
     def learn(settings, folder, reward_terms=None):
         calls.append((settings.seed, settings.reward, reward_terms))
         write_policy(folder / "policy.safetensors", NetworkConfig(), read_policy(SHIPPED).weights, {})
-        (folder / "log" / "0").mkdir(parents=True)
+        (folder / "log" / "0").mkdir(parents=True, exist_ok=True)
         (folder / "log" / "0" / "progress.csv").write_text(
             "time/total_timesteps,rollout/episode_seconds\n10,400\n20,300\n30,\n"
         )
@@ -96,6 +115,36 @@ def test_an_experiment_is_run_once_and_reported(tmp_path):
     again = run_shaping(config, tmp_path, learn_nothing(calls), term)
     assert len(calls) == 2
     assert again == runs
+    for other in (dataclasses.replace(config, particles=6), dataclasses.replace(config, presets=(OWN,))):
+        with pytest.raises(ConfigError, match="other settings"):
+            run_shaping(other, tmp_path, learn_nothing(calls), own_term("math:sqrt", 0.6))
+    (tmp_path / "time" / "seed_0" / "shaping.json").write_text('{"settings": ')
+    with pytest.raises(InputFileError, match="delete it"):
+        run_shaping(config, tmp_path, learn_nothing(calls), term)
+    assert len(calls) == 2
+
+
+def test_an_interrupted_test_goes_on_with_the_plans_that_are_left(tmp_path, monkeypatch):
+    explored = []
+
+    def explore(env, choose, plan, seed):
+        if len(explored) == 2:
+            explored.append("interrupted")
+            raise KeyboardInterrupt
+        explored.append((plan.id, seed))
+        return outcome(float(seed % 1000))
+
+    monkeypatch.setattr(shaping_module, "explore", explore)
+    config = ShapingConfig(presets=("careful_mapping",), seeds=1, test_plans=4)
+    calls = []
+    with pytest.raises(KeyboardInterrupt):
+        run_shaping(config, tmp_path / "resumed", learn_nothing(calls))
+    (resumed,) = run_shaping(config, tmp_path / "resumed", learn_nothing(calls))
+    assert list(calls[0][2]) == ["error_of_new_map"]
+    seen = [entry for entry in explored if entry != "interrupted"]
+    assert len(seen) == len(set(seen)) == 4
+    (at_once,) = run_shaping(config, tmp_path / "at_once", learn_nothing(calls))
+    assert resumed.outcomes == at_once.outcomes
 
 
 def test_the_report_names_presets_and_compares_them_with_time(tmp_path):

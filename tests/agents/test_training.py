@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from agents.learning_plans import Curriculum, StagedPlans, draw_plans
+from agents.network_config import NetworkConfig
 from agents.splits import split_of
 from agents.train_config import PPOConfig, TrainConfig
 from slamgym.cad import open_plans
@@ -16,6 +17,7 @@ pytest.importorskip("sb3_contrib")
 
 from stable_baselines3.common.buffers import DictRolloutBuffer  # noqa: E402
 
+from agents import train as train_module  # noqa: E402
 from agents.imitation import EXPERTS  # noqa: E402
 from agents.learning_envs import make_env  # noqa: E402
 from agents.pretrained_policy import read_policy  # noqa: E402
@@ -112,6 +114,7 @@ def test_plans_are_drawn_from_the_split_only():
         {"steps": 0},
         {"discount": 1.5},
         {"evaluate_every": -1},
+        {"algo": "ppo", "env": "explore", "start_from": "shipped"},
     ],
 )
 def test_senseless_runs_are_refused(changes):
@@ -150,6 +153,32 @@ def test_a_run_is_saved_and_goes_on_where_it_stopped(tmp_path):
     (tmp_path / "checkpoint.pt").write_bytes(b"not a checkpoint")
     with pytest.raises(InputFileError, match="checkpoint"):
         train(half, tmp_path)
+
+
+def test_a_run_can_begin_with_other_weights(tmp_path):
+    from agents.pretrained_policy import SHIPPED
+
+    slow = dataclasses.replace(TINY, steps=12, ppo=dataclasses.replace(TINY.ppo, learning_rate=1e-12))
+    train(dataclasses.replace(slow, start_from="shipped"), tmp_path / "run")
+    learned, shipped = (read_policy(p).weights for p in (tmp_path / "run" / "policy.safetensors", SHIPPED))
+    for name, value in shipped.items():
+        np.testing.assert_allclose(learned[name], value, atol=1e-6)
+    wide = dataclasses.replace(slow, start_from="shipped", network=NetworkConfig(width=32))
+    with pytest.raises(ConfigError, match="same sizes"):
+        train(wide, tmp_path / "wide")
+    with pytest.raises(InputFileError, match="can't be read"):
+        train(dataclasses.replace(slow, start_from="nowhere.safetensors"), tmp_path / "nowhere")
+
+
+def test_a_resumed_run_draws_other_plans_than_at_its_beginning(tmp_path, monkeypatch):
+    seeds = []
+    monkeypatch.setattr(
+        train_module.MaskablePPO, "set_random_seed", lambda model, seed=None: seeds.append(seed)
+    )
+    train(dataclasses.replace(TINY, steps=12), tmp_path)
+    assert seeds == [0]
+    train(dataclasses.replace(TINY, steps=12), tmp_path)
+    assert seeds == [0, 0, 12]
 
 
 def test_plain_ppo_learns_on_frontiers_too(tmp_path):
