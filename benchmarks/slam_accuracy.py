@@ -24,6 +24,7 @@ from slamgym.envs import ExploreConfig
 from slamgym.interop import Log, open_log, read_relations
 from slamgym.metrics import (
     absolute_trajectory_error,
+    mean_interval,
     nees_interval,
     normalised_estimation_error_squared,
     poses_at,
@@ -135,29 +136,21 @@ def simulated_row(
         true_final, _ = poses_at(truth, np.array([log.records[-1].stamp]))
         nees.append(normalised_estimation_error_squared(final, true_final, mapper.covariance[None])[0])
         times.append(mapper.stats.cpu_ms_per_processed_scan)
-    low, high = bootstrap_interval(errors)
+    interval = mean_interval(np.array(errors))
     return {
         "odometry": level,
         "laser [m]": range_max,
         "mode": mode,
         "particles": config.particles if config.mode == "rbpf" else 1,
         "RMSE [m]": round(float(np.mean(errors)), 3),
-        "95 % low": round(low, 3),
-        "95 % high": round(high, 3),
+        "95 % low": round(interval.low, 3),
+        "95 % high": round(interval.high, 3),
         "median [m]": round(float(np.median(errors)), 3),
         "worst [m]": round(max(errors), 3),
         "N_eff share": round(float(np.mean(shares)), 2) if config.mode == "rbpf" else None,
         "NEES": round(float(np.median(nees)), 1) if config.mode == "rbpf" else None,
         "ms per scan": round(float(np.median(times)), 2),
     }
-
-
-def bootstrap_interval(values: Sequence[float]) -> tuple[float, float]:
-    """95 % interval of the mean."""
-    rng = np.random.default_rng(0)
-    means = rng.choice(np.asarray(values), (4000, len(values))).mean(axis=1)
-    low, high = np.percentile(means, [2.5, 97.5])
-    return float(low), float(high)
 
 
 if __name__ == "__main__":

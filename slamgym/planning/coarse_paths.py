@@ -60,11 +60,13 @@ class CoarsePaths:
         """Length of the shortest path from an open cell to each coarse cell, inf where none leads.
 
         Args:
-            place: Flat index, from :meth:`place`.
+            place: Flat index, from :meth:`place`; from -1 none leads anywhere.
 
         Returns:
             Flat, shape (cells,) [m].
         """
+        if place < 0:
+            return np.full(self._costs.size, np.inf, dtype=np.float32)
         lengths, _ = search_path(self._costs, place, -1, INSCRIBED_COST, 0.0, _NONE)
         in_metres: Float32Array = lengths * np.float32(self.cell)
         return in_metres

@@ -216,28 +216,3 @@ def describe_frontiers(
                 best = squared
                 described[f, 6], described[f, 7] = r, c
     return described
-
-
-@kernel
-def visible_unknown(costs: ByteArray, row: int, col: int, reach: float) -> float:
-    """Unknown area in sight of a cell, by rays that end at lethal cells [cells^2].
-
-    A ray stands for its sector, so a cell at distance r counts r times the angle between two rays. Space
-    beyond the costmap is unknown.
-    """
-    height, width = costs.shape
-    num_rays = 72
-    step = 2.0 * np.pi / num_rays
-    area = 0.0
-    for i in range(num_rays):
-        dr, dc = np.sin(i * step), np.cos(i * step)
-        for r in range(1, int(reach) + 1):
-            rr, cc = int(np.floor(row + r * dr + 0.5)), int(np.floor(col + r * dc + 0.5))
-            cost = _NO_INFORMATION
-            if 0 <= rr < height and 0 <= cc < width:
-                cost = costs[rr, cc]
-            if cost == _LETHAL:
-                break
-            if cost == _NO_INFORMATION:
-                area += r * step
-    return area

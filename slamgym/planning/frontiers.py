@@ -25,8 +25,8 @@ from slamgym.planning.frontier_kernels import (
     describe_frontiers,
     flood,
     nearest_open_cell,
-    visible_unknown,
 )
+from slamgym.planning.sight_kernels import visible_unknown
 from slamgym.types import FREE, OCCUPIED, BoolArray, ByteArray, GridFrame, Int32Array, OccupancyGrid, Pose2D
 
 Point = tuple[float, float]

@@ -10,16 +10,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from slamgym.jit import kernel
 from slamgym.planning.costmap import Costmap
 from slamgym.planning.frontiers import Point, Reachable
-from slamgym.types import BoolArray, ByteArray, FloatArray, IntArray, LaserGeometry
+from slamgym.planning.sight_kernels import seen_from, unknown_by_ray
+from slamgym.types import IntArray, LaserGeometry
 
 NUM_RAYS = 72
 """Rays of a full turn that stand for a scan."""
-
-_LETHAL = np.uint8(254)
-_NO_INFORMATION = np.uint8(255)
 
 
 class View(NamedTuple):
@@ -71,64 +68,3 @@ def viewing_places(costmap: Costmap, reachable: Reachable, point: Point, reach: 
     row, col = costmap.frame.to_cell(*point)
     cells: IntArray = seen_from(costmap.costs, centre, int(row), int(col), reach / costmap.frame.resolution)
     return cells
-
-
-@kernel
-def unknown_by_ray(costs: ByteArray, row: int, col: int, reach: float) -> FloatArray:
-    """Unknown area in sight of a cell in each direction, shape (72,) [cells^2].
-
-    Ray i points i * 5 degrees counter-clockwise from +x and stands for its sector, so a cell at distance r
-    counts r times the angle between two rays. Rays end at lethal cells; beyond the costmap all is unknown.
-    """
-    height, width = costs.shape
-    step = 2.0 * np.pi / 72
-    areas = np.zeros(72)
-    for i in range(72):
-        dr, dc = -np.sin(i * step), np.cos(i * step)
-        for r in range(1, int(reach) + 1):
-            rr, cc = int(np.floor(row + r * dr + 0.5)), int(np.floor(col + r * dc + 0.5))
-            cost = _NO_INFORMATION
-            if 0 <= rr < height and 0 <= cc < width:
-                cost = costs[rr, cc]
-            if cost == _LETHAL:
-                break
-            if cost == _NO_INFORMATION:
-                areas[i] += r * step
-    return areas
-
-
-@kernel
-def seen_from(costs: ByteArray, wanted: BoolArray, row: int, col: int, reach: float) -> IntArray:
-    """Wanted cells in sight of a cell that borders on the unknown, nearest first, shape (N, 2).
-
-    Sight ends at lethal and at unknown cells, but for unknown ones within 2 cells of the first.
-
-    Args:
-        costs: Costmap, shape (H, W).
-        wanted: Cells to list, shape (H * W,).
-        row: Where to look from.
-        col: Where to look from.
-        reach: Range [cells].
-    """
-    height, width = costs.shape
-    num_rays = 120
-    step = 2.0 * np.pi / num_rays
-    alive = np.ones(num_rays, np.bool_)
-    found = np.empty((num_rays * (int(reach) + 1), 2), np.int64)
-    count = 0
-    for r in range(int(reach) + 1):
-        for i in range(num_rays):
-            if not alive[i]:
-                continue
-            rr = int(np.floor(row - r * np.sin(i * step) + 0.5))
-            cc = int(np.floor(col + r * np.cos(i * step) + 0.5))
-            if not (0 <= rr < height and 0 <= cc < width):
-                alive[i] = False
-                continue
-            cost = costs[rr, cc]
-            if cost == _LETHAL or (cost == _NO_INFORMATION and r > 2):
-                alive[i] = False
-            elif wanted[rr * width + cc]:
-                found[count, 0], found[count, 1] = rr, cc
-                count += 1
-    return found[:count].copy()

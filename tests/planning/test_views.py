@@ -129,6 +129,7 @@ def test_coarse_cells_lose_no_doorway_and_open_no_wall():
         found = paths.lengths_to(lengths, np.array([point(grid, 31, 95)]))[0]
         assert np.isfinite(found) == joined, door
         assert np.isinf(paths.lengths_to(lengths, np.array([[-5.0, 0.0]]))[0])
+        assert np.isinf(paths.lengths_from(paths.place((-5.0, 0.0)))).all()  # off the map
 
 
 def test_a_way_leads_from_start_to_goal_in_small_steps():

@@ -1,0 +1,62 @@
+import numpy as np
+import pytest
+
+from slamgym.planning.sight_kernels import unknown_by_ray, visible_unknown
+
+LETHAL, UNKNOWN = 254, 255
+STEP = 2.0 * np.pi / 72
+
+
+def some_costs(seed):
+    """A costmap of 60 x 80 cells with walls and patches of the unknown."""
+    rng = np.random.default_rng(seed)
+    costs = np.zeros((60, 80), np.uint8)
+    for value, count in ((UNKNOWN, 12), (LETHAL, 8)):
+        for _ in range(count):
+            row, col = rng.integers(60), rng.integers(80)
+            costs[row : row + rng.integers(1, 12), col : col + rng.integers(1, 12)] = value
+    costs[20:41, 30:51] = 0
+    return costs
+
+
+def by_hand(costs, row, col, reach):
+    """The sum over all rays, added up cell after cell."""
+    area = 0.0
+    for i in range(72):
+        for r in range(1, int(reach) + 1):
+            rr = int(np.floor(row + r * np.sin(i * STEP) + 0.5))
+            cc = int(np.floor(col + r * np.cos(i * STEP) + 0.5))
+            inside = 0 <= rr < costs.shape[0] and 0 <= cc < costs.shape[1]
+            cost = costs[rr, cc] if inside else UNKNOWN
+            if cost == LETHAL:
+                break
+            if cost == UNKNOWN:
+                area += r * STEP
+    return area
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_area_in_sight_is_that_of_the_rays_to_the_last_bit(seed):
+    costs = some_costs(seed)
+    for row, col, reach in ((30, 40, 45.7), (2, 3, 60.0), (30, 40, 1.0)):
+        assert visible_unknown(costs, row, col, reach) == by_hand(costs, row, col, reach)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_directions_add_up_to_the_whole(seed):
+    costs = some_costs(seed)
+    by_ray = unknown_by_ray(costs, 30, 40, 45.7)
+    assert by_ray.shape == (72,)
+    # The same rays in the opposite order: where one ends between two cells it may fall to the other.
+    assert by_ray.sum() == pytest.approx(visible_unknown(costs, 30, 40, 45.7), rel=0.03)
+
+
+def test_an_empty_disc_counts_with_its_area_and_a_wall_hides_its_sector():
+    costs = np.full((101, 101), UNKNOWN, np.uint8)
+    whole = unknown_by_ray(costs, 50, 50, 40.0)
+    # Rings of radius 1 to 40 and width 1 reach from 0.5 to 40.5.
+    assert whole.sum() == pytest.approx(np.pi * (40.5**2 - 0.5**2), rel=1e-9)
+    costs[:, 60] = LETHAL  # 10 cells to the right
+    hidden = unknown_by_ray(costs, 50, 50, 40.0)
+    assert hidden[0] == pytest.approx(STEP * sum(range(1, 10)))
+    assert hidden[36] == whole[36]
