@@ -28,9 +28,7 @@ def measure_seconds(schedule: Schedule, pairs: PairSet, config: TrainConfig, com
     The networks in training, their optimisers and the order of the data are not touched.
     """
     learner = Learner(config, compute)
-    sampler = BatchSampler(
-        pairs, config.augment, np.random.default_rng(0), config.translator.direction == "slam2cad"
-    )
+    sampler = BatchSampler.of(pairs, config, np.random.default_rng(0))
     measured: dict[tuple[int, int], float] = {}
     for span in schedule.spans:
         key = (span.resolution, span.batch)

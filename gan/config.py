@@ -46,6 +46,9 @@ class GeneratorConfig:
     """Channels of the finest level; the deeper levels have up to four times as many."""
     depth: int = 4
     """Halvings below the first one (``residual``); ``progressive`` always goes down to 2 x 2."""
+    fold: int = 2
+    """The first one (``residual``): so many pixels a side become channels of one, 2 or 4. With 4 a step costs
+    far less, and fine detail has to come out of the channels."""
     displacement: bool = False
     """Predict a displacement field and undo it on the skip connections (``residual``)."""
     max_displacement_px: float = 8.0
@@ -56,6 +59,8 @@ class GeneratorConfig:
             raise ConfigError(
                 f"generator: width must be 1 or more and depth 1 to 7, not {self.width} and {self.depth}"
             )
+        if self.fold not in (2, 4):
+            raise ConfigError(f"generator.fold must be 2 or 4, not {self.fold}")
         if not 0.0 < self.max_displacement_px <= 64.0:
             raise ConfigError(
                 f"generator.max_displacement_px must lie between 0 and 64, not {self.max_displacement_px}"
@@ -204,6 +209,9 @@ class TranslatorConfig:
     """Turn SLAM maps so that most walls lie along the axes before they are translated."""
     flips: int = 1
     """Of how many flips and quarter turns the translation is the mean: 1, 2, 4 or 8."""
+    reach: float = 0.5
+    """Floor is drawn at most so far beyond what the robot saw [m], and targets end there (slam2cad); 0 draws it
+    anywhere."""
     metres_per_px: tuple[float, float, float] = (0.04, 0.06, 0.1)
     """Smallest, middle and largest scale of the training images (5th, 50th and 95th percentile) [m/px of
     ``input_size``]."""
@@ -223,12 +231,14 @@ class TranslatorConfig:
         if self.generator.kind == "residual":
             if self.output_size != self.input_size:
                 raise ConfigError("the residual generator draws at the input's size: set output_size to it")
-            if self.input_size >> (self.generator.depth + 1) < 2:
+            if self.input_size // self.generator.fold >> self.generator.depth < 2:
                 raise ConfigError(
                     f"generator.depth {self.generator.depth} is too much for {self.input_size} px"
                 )
         if self.flips not in (1, 2, 4, 8):
             raise ConfigError(f"flips must be 1, 2, 4 or 8, not {self.flips}")
+        if not (math.isfinite(self.reach) and self.reach >= 0.0):
+            raise ConfigError(f"reach must be 0 or more, not {self.reach}")
         scales = self.metres_per_px
         if len(scales) != 3 or not all(math.isfinite(s) and s > 0.0 for s in scales):
             raise ConfigError(f"metres_per_px must be three positive numbers, not {scales}")
@@ -246,6 +256,9 @@ class TrainConfig:
     optimiser: OptimiserConfig = field(default_factory=OptimiserConfig)
     stages: tuple[Stage, ...] = (Stage(32, 750.0, 64),)
     """From coarse to fine."""
+    register: bool = False
+    """Move each SLAM map onto its CAD map by the best similarity before anything is learnt
+    (:mod:`gan.registration`)."""
     seed: int = 0
     minutes: float | None = None
     """Wall-clock time of a training that isn't told epochs or minutes; None goes by the stages' epochs."""
@@ -270,6 +283,12 @@ class TrainConfig:
             raise ConfigError(f"validation must lie in [0, 0.5], not {self.validation}")
         if self.loss.smoothness > 0.0 and not self.translator.generator.displacement:
             raise ConfigError("loss.smoothness needs generator.displacement")
+
+    @property
+    def needs_unassociated(self) -> bool:
+        """Whether a judge is shown targets of other places."""
+        judged = self.discriminator.domain and max(self.loss.domain, self.loss.feature_matching) > 0.0
+        return judged and self.discriminator.unassociated
 
     def _check_stage(self, stage: Stage) -> None:
         _require_power_of_two("stages.resolution", stage.resolution)

@@ -11,6 +11,7 @@ from slamgym.errors import ConfigError
 
 NetworkT = TypeVar("NetworkT", bound=torch.nn.Module)
 DeviceName = Literal["auto", "cpu", "cuda", "mps"]
+Layout = Literal["auto", "channels_last", "contiguous"]
 
 
 @dataclass(frozen=True)
@@ -19,6 +20,8 @@ class Compute:
 
     device: torch.device
     precision: Literal["float32", "bfloat16"]
+    channels_last: bool = False
+    """Whether a pixel's channels lie beside each other in memory."""
 
     def autocast(self) -> AbstractContextManager[None]:
         """Mixed precision inside the block: convolutions in bfloat16 where that is the precision."""
@@ -26,8 +29,8 @@ class Compute:
 
     @property
     def memory_format(self) -> torch.memory_format:
-        """How images lie in memory: channels last on CUDA, whose tensor cores want it; on CPUs it was slower."""
-        return torch.channels_last if self.device.type == "cuda" else torch.contiguous_format
+        """How images and weights lie in memory."""
+        return torch.channels_last if self.channels_last else torch.contiguous_format
 
     def put(self, network: NetworkT) -> NetworkT:
         """Move a network to the device, with its weights laid out as its images will be."""
@@ -44,13 +47,16 @@ class Compute:
             torch.mps.synchronize()
 
 
-def choose_compute(device: DeviceName = "auto", precision: Precision = "auto") -> Compute:
-    """Pick the device and the precision.
+def choose_compute(
+    device: DeviceName = "auto", precision: Precision = "auto", layout: Layout = "auto"
+) -> Compute:
+    """Pick the device, the precision and the memory layout.
 
     Args:
         device: ``auto`` takes CUDA, else Apple's MPS, else the CPU.
         precision: ``auto`` takes bfloat16 where the hardware multiplies it faster (CUDA from Ampere on, CPUs
             with AVX512-BF16 or AMX: 2 to 2.5 times the speed), else float32.
+        layout: ``auto`` takes channels last on CUDA, whose tensor cores want it, and plain channels elsewhere.
 
     Raises:
         ConfigError: If the device isn't there.
@@ -60,10 +66,11 @@ def choose_compute(device: DeviceName = "auto", precision: Precision = "auto") -
     if not available[name]:
         raise ConfigError(f"--device {name} isn't available here; use --device auto")
     chosen = torch.device(name)
+    last = layout == "channels_last" or (layout == "auto" and name == "cuda")
     if precision != "auto":
-        return Compute(chosen, precision)
+        return Compute(chosen, precision, last)
     fast = {"cuda": _cuda_has_bfloat16, "cpu": _cpu_has_bfloat16, "mps": lambda: False}[name]()
-    return Compute(chosen, "bfloat16" if fast else "float32")
+    return Compute(chosen, "bfloat16" if fast else "float32", last)
 
 
 def make_deterministic() -> None:

@@ -66,10 +66,14 @@ class Learner:
             named["average"] = self.average
         return named
 
-    def compile(self) -> None:
-        """Let torch compile the networks in training; names and state stay as they are."""
+    def compile(self, backend: str = "inductor") -> None:
+        """Let torch compile the networks in training; names and state stay as they are.
+
+        Args:
+            backend: Of torch.compile.
+        """
         for network in (self.generator, *self.judges.values()):
-            network.compile()
+            network.compile(backend=backend)
 
     def step(self, batch: Batch, moment: Moment) -> dict[str, float]:
         """Move all networks once.
@@ -110,17 +114,19 @@ class Learner:
         values = torch.stack([value.float() for value in told.values()]).tolist()
         return dict(zip(told, values, strict=True))
 
-    def _encoded(self, batch: Batch, resolution: int) -> tuple[Tensor, Tensor, Tensor]:
-        """Input (B, in, S, S), target and unassociated target (B, out, R, R)."""
-        translator = self.config.translator
-        to_cad = translator.direction == "slam2cad"
+    def _encoded(self, batch: Batch, resolution: int) -> tuple[Tensor, Tensor, Tensor | None]:
+        """Input (B, in, S, S), target and unassociated target (B, out, R, R), if the judges see such."""
+        to_cad = self.config.translator.direction == "slam2cad"
         x, y = (batch.slam, batch.cad) if to_cad else (batch.cad, batch.slam)
         other = batch.other_cad if to_cad else batch.other_slam
-        return (
-            self._on_device(x, translator.input_encoding),
-            shrink_to(self._on_device(y, translator.output_encoding), resolution),
-            shrink_to(self._on_device(other, translator.output_encoding), resolution),
-        )
+        unassociated = None
+        if self.config.needs_unassociated and other is not None:
+            unassociated = self._target(other, resolution)
+        seen = self._on_device(x, self.config.translator.input_encoding)
+        return seen, self._target(y, resolution), unassociated
+
+    def _target(self, cells: ByteArray, resolution: int) -> Tensor:
+        return shrink_to(self._on_device(cells, self.config.translator.output_encoding), resolution)
 
     def _on_device(self, cells: ByteArray, encoding: str) -> Tensor:
         images = encode(torch.from_numpy(cells).to(self.compute.device), encoding)  # type: ignore[arg-type]
@@ -181,7 +187,12 @@ class Learner:
         return torch.stack([getattr(weights, name) * term for name, term in terms.items()]).sum()
 
     def _judge_terms(
-        self, image: Tensor, x_small: Tensor, other: Tensor, real: dict[str, losses.Judged], fade: float
+        self,
+        image: Tensor,
+        x_small: Tensor,
+        other: Tensor | None,
+        real: dict[str, losses.Judged],
+        fade: float,
     ) -> dict[str, Tensor]:
         """Losses of the judges, of eqs. (2) and (3)."""
         kind = self.config.loss.gan
@@ -189,11 +200,7 @@ class Learner:
         with self.compute.autocast():
             fake = self._judge(x_small, image, fade)
             if "domain" in fake:
-                unassociated = (
-                    self.judges["domain"](x_small, other, fade)
-                    if self.config.discriminator.unassociated
-                    else None
-                )
+                unassociated = None if other is None else self.judges["domain"](x_small, other, fade)
                 terms["domain"] = losses.domain_judge_loss(real["domain"], fake["domain"], unassociated, kind)
             if "real_fake" in fake:
                 terms["real_fake"] = losses.real_fake_judge_loss(real["real_fake"], fake["real_fake"], kind)

@@ -24,7 +24,13 @@ def build_generator(config: TranslatorConfig, seed: int | None = 0) -> Generator
     parts = config.generator
     if parts.kind == "residual":
         unet = ResidualUNet(
-            inputs, outputs, parts.width, parts.depth, parts.displacement, parts.max_displacement_px
+            inputs,
+            outputs,
+            parts.width,
+            parts.depth,
+            parts.displacement,
+            parts.max_displacement_px,
+            parts.fold,
         )
         if seed is not None:
             unet.start(torch.Generator().manual_seed(seed))

@@ -22,11 +22,11 @@ from slamgym.errors import ConfigError
 REAL_MAPS = AugmentConfig(
     zoom=0.15,
     shift=0.06,
-    turn_deg=1.0,
+    turn_deg=0.5,
     specks=0.004,
     broken_walls=0.2,
     unknown=0.08,
-    cut_off=0.05,
+    cut_off=0.1,
     wobble_px=1.0,
 )
 """What real maps have and clean simulation lacks."""
@@ -61,12 +61,13 @@ _SLAM2CAD = TrainConfig(
         learning_rate=2e-3, beta1=0.9, beta2=0.99, warm_up=0.02, decay=0.6, average=0.99, clip_norm=1.0
     ),
     stages=(Stage(256, 40.0, 8),),
+    register=True,
 )
 
 PRESETS: dict[str, TrainConfig] = {
     "model32": TrainConfig(
         preset="model32",
-        translator=TranslatorConfig(direction="slam2cad", input_size=256, output_size=32),
+        translator=TranslatorConfig(direction="slam2cad", input_size=256, output_size=32, reach=0.0),
         stages=(Stage(32, 750.0, 64),),
     ),
     "modelprog": TrainConfig(
@@ -86,6 +87,13 @@ PRESETS: dict[str, TrainConfig] = {
         translator=replace(_SLAM2CAD.translator, generator=GeneratorConfig("residual", width=16, depth=4)),
         minutes=60.0,
     ),
+    "slam2cad-fold4": replace(
+        _SLAM2CAD,
+        preset="slam2cad-fold4",
+        translator=replace(
+            _SLAM2CAD.translator, generator=GeneratorConfig("residual", width=32, depth=3, fold=4)
+        ),
+    ),
     "slam2cad-gan": replace(
         _SLAM2CAD,
         preset="slam2cad-gan",
@@ -101,11 +109,13 @@ PRESETS: dict[str, TrainConfig] = {
             output_size=32,
             input_encoding="free_occupied",
             output_encoding="grey",
+            reach=0.0,
             generator=GeneratorConfig("progressive", width=16),
         ),
         discriminator=DiscriminatorConfig(width=64, patch_width=32),
-        optimiser=OptimiserConfig(learning_rate=5e-4),
+        optimiser=OptimiserConfig(learning_rate=5e-4, average=0.98),
         stages=(Stage(32, 40.0, 16),),
+        register=True,
         minutes=30.0,
     ),
     "modelprog-cpu": TrainConfig(
@@ -118,14 +128,16 @@ PRESETS: dict[str, TrainConfig] = {
             output_encoding="free_occupied",
             generator=GeneratorConfig("progressive", width=16),
         ),
-        discriminator=DiscriminatorConfig(width=64, patch_width=32),
-        optimiser=OptimiserConfig(learning_rate=5e-4),
+        # The patch judges at full resolution cost most of a step: thin ones leave time for twice the steps.
+        discriminator=DiscriminatorConfig(width=64, patch_width=16),
+        optimiser=OptimiserConfig(learning_rate=5e-4, average=0.98),
         stages=(
             # Steps cost 1 : 4 : 10, so the finer ones get fewer images and still most of the time.
             Stage(32, 10.0, 32),
             Stage(64, 6.0, 16, 1.0, 16),
             Stage(128, 3.0, 8, 0.5, 8),
         ),
+        register=True,
         minutes=60.0,
     ),
 }

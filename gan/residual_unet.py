@@ -1,10 +1,10 @@
 """The default generator for SLAM -> CAD: a residual U-Net that does its work at half resolution and below.
 
-The input is folded 2 x 2 into channels at once, so the finest convolutions run at half the side, and the output
-is unfolded again and refined by a thin pair of convolutions that sees the input's own pixels; what it draws is a
-correction of the input. Skips are added, not concatenated. With ``displacement`` the decoder first predicts, at
-an eighth of the side, how far each place drifted, and the finer skips (and the input) are warped back by it
-before they are used.
+The input is folded 2 x 2 (or 4 x 4) into channels at once, so the finest convolutions run at half the side, and the
+output is unfolded again and refined by a thin pair of convolutions that sees the input's own pixels; what it draws is a
+correction of the input. Skips are added, not concatenated. With ``displacement`` the decoder first predicts, at an
+eighth of the side, how far each place drifted, and the finer skips (and the input) are warped back by it before they
+are used.
 """
 
 import torch
@@ -19,7 +19,7 @@ FINE_CHANNELS = 8
 COPIED_LOG_ODDS = 2.0
 """Log odds that the untrained network gives to the input's first channel (free space, or grey): odds of 7."""
 FIELD_LEVEL = 2
-"""The field is predicted at this level: an eighth of the input's side."""
+"""The field is predicted at this level: an eighth of the input's side (a sixteenth with ``fold`` 4)."""
 WIDENING = (1.0, 2.0, 3.0, 4.0, 4.0, 4.0, 4.0, 4.0)
 
 
@@ -45,7 +45,7 @@ class ResidualBlock(nn.Module):
 
 
 class ResidualUNet(nn.Module):
-    """(B, in, S, S) to a drawing of the same size; S a multiple of 2 ** (depth + 1)."""
+    """(B, in, S, S) to a drawing of the same size; S a multiple of fold * 2 ** depth."""
 
     def __init__(
         self,
@@ -55,14 +55,15 @@ class ResidualUNet(nn.Module):
         depth: int = 4,
         displacement: bool = False,
         max_displacement_px: float = 8.0,
+        fold: int = 2,
     ) -> None:
         super().__init__()
         self.depth = depth
         self.max_displacement_px = max_displacement_px
         channels = [round(width * WIDENING[level] / 8.0) * 8 or 8 for level in range(depth + 1)]
         self.enter = nn.Sequential(
-            nn.PixelUnshuffle(2),
-            nn.Conv2d(4 * in_channels, channels[0], 3, padding=1, bias=False),
+            nn.PixelUnshuffle(fold),
+            nn.Conv2d(fold**2 * in_channels, channels[0], 3, padding=1, bias=False),
             nn.BatchNorm2d(channels[0]),
             nn.ReLU(inplace=True),
         )
@@ -79,7 +80,7 @@ class ResidualUNet(nn.Module):
         )
         self.decode = nn.ModuleList(ResidualBlock(count, count) for count in channels[:-1])
         self.unfold = nn.Sequential(
-            nn.Conv2d(channels[0], 4 * FINE_CHANNELS, 1), nn.PixelShuffle(2), nn.ReLU(inplace=True)
+            nn.Conv2d(channels[0], fold**2 * FINE_CHANNELS, 1), nn.PixelShuffle(fold), nn.ReLU(inplace=True)
         )
         self.refine = nn.Sequential(
             nn.Conv2d(FINE_CHANNELS + in_channels, FINE_CHANNELS, 3, padding=1),
@@ -130,7 +131,7 @@ class ResidualUNet(nn.Module):
         side = x.shape[-1]
         if resolution not in (None, side) or fade < 1.0:
             raise ValueError(f"this generator draws at the input's size {side} only, not at {resolution}")
-        skips = [self.encode[0](self.enter(x))]  # (B, w, S / 2, S / 2)
+        skips = [self.encode[0](self.enter(x))]  # (B, w, S / fold, S / fold)
         for level in range(self.depth):
             skips.append(self.encode[level + 1](self.shrink[level](skips[-1])))
         drawn = self.bottom(skips[-1])

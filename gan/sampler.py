@@ -7,9 +7,10 @@ from typing import Any
 import numpy as np
 
 from gan.augmentation import augment
-from gan.config import AugmentConfig
+from gan.config import AugmentConfig, TrainConfig
 from gan.data import PairSet
 from gan.derotation import angle_to_undo_deg, turned
+from gan.explored import limited_to_explored
 from slamgym.types import ByteArray, IntArray
 
 MAX_REDRAWS = 20
@@ -24,14 +25,22 @@ class Batch:
 
     cad: ByteArray  # (B, S, S)
     slam: ByteArray  # (B, S, S)
-    other_cad: ByteArray  # (B, S, S) CAD maps of other places
-    other_slam: ByteArray  # (B, S, S) SLAM maps of other places
+    other_cad: ByteArray | None  # (B, S, S) CAD maps of other places, if they were asked for
+    other_slam: ByteArray | None  # (B, S, S) SLAM maps of other places
 
 
 class BatchSampler:
     """Draws batches: every pair once per pass, in an order that changes from pass to pass."""
 
-    def __init__(self, pairs: PairSet, config: AugmentConfig, rng: np.random.Generator, damage: bool) -> None:
+    def __init__(
+        self,
+        pairs: PairSet,
+        config: AugmentConfig,
+        rng: np.random.Generator,
+        damage: bool,
+        reach: float = 0.0,
+        others: bool = True,
+    ) -> None:
         """Prepare a stream.
 
         Args:
@@ -39,18 +48,32 @@ class BatchSampler:
             config: How samples are changed.
             rng: Source of the order and of all changes.
             damage: Whether SLAM maps are the input and may be damaged.
+            reach: Targets end so far beyond what the robot saw [m], see :func:`gan.explored.explored_floor`;
+                0 leaves them whole.
+            others: Whether unassociated targets are drawn, too.
         """
         self._pairs = pairs
         self._config = config
         self._rng = rng
         self._damage = damage
+        self._reach = reach
+        self._others = others
         self._order: IntArray = rng.permutation(len(pairs)).astype(np.int64)
         self._position = 0
 
+    @staticmethod
+    def of(pairs: PairSet, config: TrainConfig, rng: np.random.Generator) -> "BatchSampler":
+        """The stream that a training draws from."""
+        to_cad = config.translator.direction == "slam2cad"
+        reach = config.translator.reach if to_cad else 0.0
+        return BatchSampler(pairs, config.augment, rng, to_cad, reach, config.needs_unassociated)
+
     def draw(self, count: int) -> Batch:
         """The next batch of this many pairs."""
-        chosen = [self._next() for _ in range(count)]
-        samples = [self._sample(index) for index in chosen]
+        samples = [self._sample(self._next()) for _ in range(count)]
+        if not self._others:
+            cad, slam = (np.stack(part) for part in zip(*samples, strict=True))
+            return Batch(cad, slam, None, None)
         cad, slam, other_cad, other_slam = (np.stack(part) for part in zip(*samples, strict=True))
         return Batch(cad, slam, other_cad, other_slam)
 
@@ -75,17 +98,23 @@ class BatchSampler:
         self._position += 1
         return int(self._order[self._position - 1])
 
-    def _sample(self, index: int) -> tuple[ByteArray, ByteArray, ByteArray, ByteArray]:
-        other = self._other(index)
+    def _sample(self, index: int) -> tuple[ByteArray, ...]:
+        """CAD and SLAM map of a pair, changed, and of another one if others are wanted."""
         # A generator per sample, so that what one sample draws doesn't shift the others' draws.
+        if not self._others:
+            return self._changed(index, np.random.default_rng(self._rng.integers(0, 2**63)))
+        other = self._other(index)
         own, others = (np.random.default_rng(seed) for seed in self._rng.integers(0, 2**63, 2))
-        pairs = self._pairs
-        cad, slam = augment(pairs.cad[index], pairs.slam[index], self._config, own, self._damage)
         # Unassociated targets go through the same transform, lest the judge tell them by it.
-        other_cad, other_slam = augment(
-            pairs.cad[other], pairs.slam[other], self._config, others, self._damage
-        )
-        return cad, slam, other_cad, other_slam
+        return *self._changed(index, own), *self._changed(other, others)
+
+    def _changed(self, index: int, rng: np.random.Generator) -> tuple[ByteArray, ByteArray]:
+        pairs = self._pairs
+        cad, slam = augment(pairs.cad[index], pairs.slam[index], self._config, rng, self._damage)
+        if self._reach > 0.0:
+            # The zoom changes the scale by a few per cent, which a reach needn't know.
+            cad = limited_to_explored(cad, slam, float(pairs.metres_per_px[index]), self._reach)
+        return cad, slam
 
     def _other(self, index: int) -> int:
         other = index

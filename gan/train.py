@@ -6,6 +6,7 @@ A run is a folder::
       config.json             settings and where the images came from
       checkpoint.safetensors  the state, from which the same command goes on bit for bit
       weights.safetensors     the translator, written at the end (and weights.md, its model card)
+      registration.safetensors  how each SLAM map was moved onto its CAD map (presets that do so)
       figures.jsonl           one line of validation figures per checkpoint
       samples/, tensorboard/  input, translation and target of held-out pairs; curves
 """
@@ -29,6 +30,7 @@ from gan.data import PairSet, load_pairs, require_pairs
 from gan.device import Compute, make_deterministic
 from gan.interruption import Interruption, deferred_interrupt
 from gan.learner import Learner
+from gan.registration import registered
 from gan.sampler import BatchSampler, derotated
 from gan.schedule import Span, plan_schedule
 from gan.training_log import TrainingLog, training_bar
@@ -113,7 +115,7 @@ class _Training:
     ) -> None:
         self.folder, self.options, self.compute = run, options, compute
         self.checkpoint = run / "checkpoint.safetensors"
-        self.pairs, self.held_out = _training_pairs(images, config)
+        self.pairs, self.held_out = _training_pairs(images, run, config)
         scales = self.pairs.scale_percentiles()
         if scales is not None:
             config = dataclasses.replace(
@@ -126,8 +128,7 @@ class _Training:
         # Nothing here draws from torch's own generator; whatever ever does shall start from the seed.
         torch.manual_seed(config.seed)
         rng = np.random.default_rng(config.seed)
-        damage = config.translator.direction == "slam2cad"
-        self.sampler = BatchSampler(self.pairs, config.augment, rng, damage)
+        self.sampler = BatchSampler.of(self.pairs, config, rng)
         self.schedule = plan_schedule(config.stages, len(self.pairs), config.optimiser)
         self.seconds_used = 0.0
         self.budget: Budget | None = None
@@ -285,23 +286,28 @@ class _Training:
         return path
 
 
-def _training_pairs(images: Path, config: TrainConfig) -> tuple[PairSet, PairSet]:
+def _training_pairs(images: Path, run: Path, config: TrainConfig) -> tuple[PairSet, PairSet]:
     """(pairs to train on, pairs of held-out plans)."""
     say(f"reading the pairs of {images}")
     pairs = load_pairs(images, "train", config.translator.input_size)
-    if config.translator.derotate and config.translator.direction == "slam2cad":
+    if config.register:
+        pairs = registered(pairs, run / "registration.safetensors", _checksum(pairs))
+    elif config.translator.derotate and config.translator.direction == "slam2cad":
         pairs = derotated(pairs)
     rest, held_out = pairs.split(config.validation)
     require_pairs(rest, MIN_PAIRS, f"the preset {config.preset!r}")
     return rest, held_out.subset(range(min(len(held_out), MAX_VALIDATION_PAIRS)))
 
 
+def _checksum(pairs: PairSet) -> str:
+    return f"{zlib.crc32(pairs.slam.data, zlib.crc32(pairs.cad.data)):08x}"
+
+
 def _identity(config: TrainConfig, compute: Compute, pairs: PairSet, options: RunOptions) -> dict[str, Any]:
     """What must be the same for a training to go on."""
-    checksum = zlib.crc32(pairs.slam.data, zlib.crc32(pairs.cad.data))
     return {
         "preset": config.preset,
-        "set of images": f"{len(pairs)} pairs, checksum {checksum:08x}",
+        "set of images": f"{len(pairs)} pairs, checksum {_checksum(pairs)}",
         "configuration": to_dict(config),
         "device": compute.device.type,
         "precision": compute.precision,

@@ -12,7 +12,7 @@ from typing import Annotated, Any
 import tyro
 
 from gan.config import Precision, Stage, TrainConfig
-from gan.device import DeviceName, choose_compute
+from gan.device import DeviceName, Layout, choose_compute
 from gan.presets import PRESETS, find_preset
 from gan.train import RunOptions, TrainingReport, train
 from slamgym.config import from_dict, to_dict
@@ -34,8 +34,8 @@ class TrainArguments:
     out: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
     """Folder of the run: settings, checkpoint, weights, samples, curves."""
     preset: str = "slam2cad"
-    """model32 and modelprog (the paper's), slam2cad (the default translator), slam2cad-gan, slam2cad-cpu,
-    model32-cpu, modelprog-cpu."""
+    """model32 and modelprog (the paper's), slam2cad (the default translator), slam2cad-fold4, slam2cad-gan,
+    slam2cad-cpu, model32-cpu, modelprog-cpu."""
     minutes: float | None = None
     """Wall-clock time for the whole training: the schedule is stretched so that it ends then. The CPU presets have
     some by default."""
@@ -51,6 +51,8 @@ class TrainArguments:
     """``auto`` takes CUDA, else MPS, else the CPU."""
     precision: Precision = "auto"
     """``bfloat16`` mixes precisions; ``auto`` does where the hardware gains by it."""
+    layout: Layout = "auto"
+    """Of images in memory: ``auto`` takes channels_last on CUDA. benchmarks/gan_step.py tells what is faster here."""
     threads: int = 0
     """CPU threads of torch; 0 leaves torch's choice (OMP_NUM_THREADS)."""
     compile: bool = False
@@ -79,7 +81,7 @@ def main(argv: list[str]) -> int:
         checkpoint_minutes=arguments.checkpoint_minutes,
         command=shlex.join(["slamgym", "gan", "train", *argv]),
     )
-    compute = choose_compute(arguments.device, arguments.precision)
+    compute = choose_compute(arguments.device, arguments.precision, arguments.layout)
     report = train(arguments.images, arguments.out, config, compute, options)
     sys.stdout.write(describe(report))
     return 0

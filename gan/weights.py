@@ -155,10 +155,20 @@ def describe(name: str, generator: Generator, config: TranslatorConfig, card: Mo
         "Not aligned; `slamgym gan evaluate` gives those of the paper's protocol.\n\n"
         f"| figure | value |\n|---|---|\n{figures}\n\n"
         "## Limits\n\n"
-        "Trained on simulated explorations of homes and offices by a robot with a 2D scanner. Rooms that the robot "
-        "never saw are guessed or missing; buildings with curved walls or with directions that aren't at right angles "
-        "are squared off.\n"
+        "Trained on simulated explorations of homes and offices by a robot with a 2D scanner. "
+        f"{_limits(config)}\n"
     )
+
+
+def _limits(config: TranslatorConfig) -> str:
+    if config.direction == "cad2slam":
+        return "One CAD map gives one SLAM map: there is no noise input (bend the CAD map to get another)."
+    unseen = (
+        f"Floor ends {config.reach:g} m beyond what the robot saw"
+        if config.reach > 0.0
+        else "Rooms that the robot never saw are guessed or missing"
+    )
+    return f"{unseen}; buildings with curved walls or with directions that aren't at right angles are squared off."
 
 
 def _halved(name: str, value: Tensor) -> Tensor:

@@ -46,6 +46,7 @@ PROGRESSIVE = TrainConfig(
     augment=AugmentConfig(turn_deg=1.0, specks=0.02),
     optimiser=OptimiserConfig(average=0.9),
     stages=(Stage(16, 1.0, 2), Stage(32, 2.0, 2, 1.0, 1)),
+    register=True,
     validation=0.0,
 )
 RESIDUAL = dataclasses.replace(
@@ -61,6 +62,7 @@ RESIDUAL = dataclasses.replace(
     ),
     optimiser=OptimiserConfig(learning_rate=5e-3, average=0.8, clip_norm=1.0),
     stages=(Stage(32, 2.0, 2),),
+    register=False,
 )  # fmt: skip
 QUIET = RunOptions(tensorboard=False, checkpoint_minutes=60.0)
 
@@ -89,6 +91,7 @@ def test_an_interrupted_training_goes_on_bit_for_bit(tmp_path, images, config):
     expected, found = state(tmp_path / "whole"), state(tmp_path / "torn")
     assert expected.keys() == found.keys()
     assert any(key.startswith("optimiser.") for key in found)
+    assert (tmp_path / "torn" / "registration.safetensors").exists() == config.register
     for key, value in expected.items():
         assert torch.equal(value, found[key]), key
     weights = [load_file(tmp_path / run / "weights.safetensors") for run in ("whole", "torn")]
@@ -214,6 +217,39 @@ def test_all_terms_are_told_and_every_network_moves(images, kind, reference):
         assert any(not torch.equal(a, b) for a, b in zip(before[name], network.parameters(), strict=True)), (
             name
         )
+
+
+@pytest.mark.parametrize("layout", ["channels_last", "contiguous"])
+def test_a_step_is_the_same_in_both_memory_layouts(images, layout):
+    told = []
+    for chosen in ("auto", layout):
+        learner = Learner(RESIDUAL, choose_compute("cpu", "float32", chosen))
+        sampler = BatchSampler.of(load_pairs(images, "train", 32), RESIDUAL, np.random.default_rng(0))
+        told.append([learner.step(sampler.draw(2), Moment(32, 2, 1.0, 1.0)) for _ in range(2)])
+    for plain, other in zip(*told, strict=True):
+        assert other == pytest.approx(plain, rel=1e-3)  # sums in another order
+
+
+def test_compiled_networks_learn_the_same_under_the_same_names(images):
+    told, names = [], []
+    for compiled in (False, True):
+        learner = Learner(RESIDUAL, CPU)
+        if compiled:
+            learner.compile("eager")  # traced, but not translated to machine code, which takes minutes
+        sampler = BatchSampler.of(load_pairs(images, "train", 32), RESIDUAL, np.random.default_rng(0))
+        told.append([learner.step(sampler.draw(2), Moment(32, 2, 1.0, 1.0)) for _ in range(2)])
+        names.append([list(network.state_dict()) for network in learner.networks().values()])
+    for plain, traced in zip(*told, strict=True):
+        assert traced == pytest.approx(plain, rel=1e-4)
+    assert names[0] == names[1]
+
+
+def test_unassociated_targets_are_drawn_for_judges_alone(images):
+    pairs = load_pairs(images, "train", 32)
+    with_judges = BatchSampler.of(pairs, PROGRESSIVE, np.random.default_rng(0)).draw(2)
+    without = BatchSampler.of(pairs, RESIDUAL, np.random.default_rng(0)).draw(2)
+    assert with_judges.other_cad is not None
+    assert without.other_cad is None
 
 
 def test_consistency_with_the_input_needs_equal_encodings():

@@ -12,6 +12,7 @@ from gan.generator import ProgressiveGenerator
 from gan.layers import SpectralConv2d, blend, count_parameters, initialise, minibatch_stddev
 from gan.networks import build_discriminators, build_generator
 from gan.residual_unet import ResidualUNet
+from slamgym.errors import ConfigError
 
 
 def test_counts_are_those_of_the_published_code():
@@ -84,12 +85,21 @@ def test_the_residual_network_draws_at_its_inputs_size(channels, displacement):
         assert drawing.field.abs().max() <= network.max_displacement_px
 
 
-def test_the_residual_network_starts_by_copying_its_input():
-    network = ResidualUNet(2, 1, width=8, depth=3)
+@pytest.mark.parametrize(("fold", "depth"), [(2, 3), (4, 2)])
+def test_the_residual_network_starts_by_copying_its_input(fold, depth):
+    network = ResidualUNet(2, 1, width=8, depth=depth, fold=fold)
     network.start(torch.Generator().manual_seed(0))
     x = torch.randn(2, 2, 32, 32).sign()
     with torch.no_grad():
         assert torch.equal(network(x).image.sign(), x[:, :1])
+
+
+@pytest.mark.parametrize(
+    ("generator", "message"), [({"fold": 3}, "fold"), ({"fold": 4, "depth": 4}, "depth")]
+)
+def test_a_fold_that_does_not_fit_is_refused(generator, message):
+    with pytest.raises(ConfigError, match=message):
+        TranslatorConfig(input_size=64, output_size=64, generator=GeneratorConfig("residual", **generator))
 
 
 def test_the_residual_networks_field_starts_at_zero_and_learns():

@@ -1,0 +1,97 @@
+"""Lay SLAM maps over their CAD maps before a translator learns from them.
+
+A SLAM map starts where the robot starts, and drift shifts, turns and scales it as a whole. No network can tell from
+the map how far it is off, and the evaluation doesn't ask (it aligns every translation by a similarity); unaligned
+pairs only teach it to blur walls over all the places where they might be. Of the error of simulated pairs two fifths
+are of this kind (docs/gan_training.md).
+"""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+from safetensors import SafetensorError
+from safetensors.numpy import load, save
+
+from gan.data import PairSet
+from slamgym.dataset.progress import show_progress
+from slamgym.interop.atomic import write_bytes
+from slamgym.metrics.alignment import IDENTITY, Similarity, apply_similarity, search_similarities
+from slamgym.metrics.maps import squared_error
+from slamgym.types import FREE, UNKNOWN, ByteArray, FloatArray
+
+MAX_SCALING = 0.04
+"""Logarithm of the largest scaling that is believed. A laser measures metres, so drift hardly scales a map; what asks
+for more is a map that was broken off, stretched over rooms that it doesn't show."""
+
+
+def registered(pairs: PairSet, cache: Path | None = None, checksum: str = "") -> PairSet:
+    """The pairs with each SLAM map moved onto its CAD map by the similarity that brings the free spaces nearest.
+
+    Args:
+        pairs: Rendered pairs; CAD maps stay as they are.
+        cache: File to keep the similarities in (20 ms each to find); None keeps nothing.
+        checksum: Of the pairs: a file of others is replaced.
+    """
+    found = _cached(cache, checksum, len(pairs))
+    if found is None:
+        rows = []
+        with show_progress("alignments", 0, len(pairs)) as advance:
+            for cad, slam in zip(pairs.cad, pairs.slam, strict=True):
+                rows.append(nearest_similarity(slam, cad))
+                advance()
+        found = np.array(rows, dtype=np.float64).reshape(len(pairs), 4)
+        if cache is not None:
+            write_bytes(cache, save({checksum: found}))
+    slam = [moved(cells, Similarity(*row)) for cells, row in zip(pairs.slam, found.tolist(), strict=True)]
+    stacked = np.stack(slam) if slam else pairs.slam
+    return PairSet(pairs.cad, stacked, pairs.names, pairs.plan_ids, pairs.metres_per_px)
+
+
+def nearest_similarity(slam: ByteArray, cad: ByteArray) -> Similarity:
+    """The similarity that brings a SLAM map nearest to its CAD map; the identity where none does better.
+
+    Drift is small, so the search starts from the maps as they lie, unlike that of the evaluation, which must find
+    any turn; and what scales the map by more than :data:`MAX_SCALING` isn't taken.
+
+    Args:
+        slam: (S, S): 0, 205, 254.
+        cad: (S, S): 0 walls and outside, 254 inside.
+    """
+    free, inside = (slam == FREE).astype(np.float64), (cad > FREE // 2).astype(np.float64)
+    best, error = IDENTITY, squared_error(free, inside)
+    if free.any() and inside.any():
+        for similarity in search_similarities(free, inside, start_angles=1, coarse_starts=0, fine_starts=1):
+            if abs(similarity.log_scale) > MAX_SCALING:
+                continue
+            reached = squared_error(apply_similarity(free, similarity), inside)
+            if reached < error:
+                best, error = similarity, reached
+    return best
+
+
+def moved(slam: ByteArray, similarity: Similarity) -> ByteArray:
+    """A SLAM map after a similarity: nearest cells, unknown from beyond the border."""
+    if similarity == IDENTITY:
+        return slam
+    rows, cols = slam.shape
+    warped = cv2.warpAffine(
+        slam,
+        similarity.matrix(rows, cols),
+        (cols, rows),
+        flags=cv2.INTER_NEAREST,
+        borderMode=cv2.BORDER_CONSTANT,
+        borderValue=UNKNOWN,
+    )
+    return np.asarray(warped, dtype=np.uint8)
+
+
+def _cached(cache: Path | None, checksum: str, count: int) -> FloatArray | None:
+    """The similarities in a file, (N, 4), if it was written for the same pairs."""
+    if cache is None or not cache.is_file():
+        return None
+    try:
+        found = load(cache.read_bytes()).get(checksum)
+    except (SafetensorError, OSError):
+        return None  # whatever it is, finding them anew is right
+    return found if found is not None and found.shape == (count, 4) else None

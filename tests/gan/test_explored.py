@@ -1,0 +1,107 @@
+"""Where a SLAM map is evidence of floor, and that targets and translations end there."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from gan.config import AugmentConfig, GeneratorConfig, TranslatorConfig
+from gan.data import PairSet
+from gan.device import choose_compute
+from gan.explored import explored_floor, limited_to_explored
+from gan.networks import build_generator
+from gan.sampler import BatchSampler
+from gan.translate import LearnedTranslator
+from gan.weights import ModelCard
+from slamgym.errors import ConfigError
+from slamgym.types import FREE, OCCUPIED, UNKNOWN
+
+SCALE = 0.1
+
+
+def half_explored():
+    """A hall of 8 m by 4 m whose left half was seen, but for a bed of 1.5 m in it."""
+    cad = np.zeros((60, 100), np.uint8)
+    cad[10:50, 10:90] = FREE
+    slam = np.full(cad.shape, UNKNOWN, np.uint8)
+    slam[10:50, 10:50] = FREE
+    slam[25:40, 20:35] = UNKNOWN
+    return cad, slam
+
+
+def test_gaps_are_closed_and_frontiers_are_passed_by_the_reach_alone():
+    cad, slam = half_explored()
+    target = limited_to_explored(cad, slam, SCALE, reach=0.5)
+    assert (target[10:50, 10:50] == FREE).all()  # with the bed
+    assert (target[10:50, 50:54] == FREE).all()
+    assert not target[:, 56:].any()
+    assert not target[:10].any()  # no floor that the CAD map hasn't
+
+
+def test_sizes_are_in_metres_and_an_unknown_scale_is_taken_as_usual():
+    _, slam = half_explored()
+    large = slam.repeat(2, axis=0).repeat(2, axis=1)
+    fine = explored_floor(large, SCALE / 2, 0.5)[::2, ::2]
+    assert np.mean(fine == explored_floor(slam, SCALE, 0.5)) > 0.99
+    assert explored_floor(slam, float("nan"), 0.5).any()
+
+
+@given(seed=st.integers(0, 1000), reach=st.floats(0.0, 1.0))
+@settings(max_examples=20, deadline=None)
+def test_what_was_seen_is_explored_and_a_longer_reach_explores_more(seed, reach):
+    rng = np.random.default_rng(seed)
+    slam = np.full((40, 40), UNKNOWN, np.uint8)
+    row, col = rng.integers(0, 25, 2)
+    slam[row : row + 14, col : col + 12] = FREE
+    slam[row : row + 14, col + 12 : col + 13] = OCCUPIED
+    near, far = explored_floor(slam, SCALE, reach), explored_floor(slam, SCALE, reach + 0.3)
+    assert near[slam == FREE].all()
+    assert far[near].all()
+    assert far.sum() > near.sum() or near.all()
+
+
+@pytest.mark.parametrize("value", [UNKNOWN, OCCUPIED])
+def test_without_free_space_or_with_single_cells_nothing_is_explored(value):
+    slam = np.full((30, 40), value, np.uint8)
+    assert not explored_floor(slam, SCALE, 0.5).any()
+    slam[5, 7] = FREE
+    assert not explored_floor(slam, SCALE, 0.5).any()
+    assert explored_floor(np.full((30, 40), FREE, np.uint8), SCALE, 0.5).all()
+
+
+def test_training_targets_end_where_the_map_does():
+    cad, slam = (np.stack([image[:60, :60]]) for image in half_explored())
+    slam[0, 30:] = UNKNOWN
+    pairs = PairSet(cad, slam, ("a",), ("a",), np.array([SCALE]))
+    config = AugmentConfig(flips=False)
+    arguments = (pairs, config, np.random.default_rng(0), True)
+    whole = BatchSampler(*arguments, others=False).draw(1)
+    limited = BatchSampler(*arguments, reach=0.5, others=False).draw(1)
+    assert np.array_equal(whole.cad, cad)
+    assert np.array_equal(limited.cad[0], limited_to_explored(cad[0], slam[0], SCALE, 0.5))
+    assert (limited.cad != whole.cad).any()
+    assert limited.other_cad is None
+
+
+@pytest.mark.parametrize("reach", [0.0, 0.5])
+def test_a_translation_ends_where_the_map_does(reach):
+    config = TranslatorConfig(
+        input_size=64, output_size=64, input_encoding="free_occupied", output_encoding="grey", reach=reach,
+        generator=GeneratorConfig("residual", width=8, depth=2),
+    )  # fmt: skip
+    generator = build_generator(config)
+    generator.copy.weight.data.zero_()
+    generator.refine[-1].bias.data.fill_(3.0)  # floor everywhere
+    translator = LearnedTranslator(generator.eval(), config, ModelCard(), choose_compute("cpu", "float32"))
+    slam = half_explored()[1]
+    free = translator.translate(slam, SCALE) >= 0.5
+    expected = np.ones_like(free) if reach == 0.0 else explored_floor(slam, SCALE, reach)
+    known = np.zeros_like(free)
+    known[8:52, 8:52] = True  # beyond the content's margin nothing is drawn
+    assert np.array_equal(free[known], expected[known])
+    assert reach == 0.0 or not free[:, 60:].any()
+
+
+def test_an_impossible_reach_is_refused():
+    with pytest.raises(ConfigError, match="reach"):
+        TranslatorConfig(reach=-1.0)
