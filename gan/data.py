@@ -52,6 +52,19 @@ class PairSet:
             self.metres_per_px[chosen],
         )
 
+    def resampled(self, size: int) -> "PairSet":
+        """The pairs with images of this side [px]."""
+        if self.cad.shape[1:] == (size, size):
+            return self
+        factor = self.cad.shape[1] / size
+        return PairSet(
+            np.stack([resample_grey(image, (size, size)) for image in self.cad]),
+            np.stack([resample_slam(image, (size, size)) for image in self.slam]),
+            self.names,
+            self.plan_ids,
+            self.metres_per_px * factor,
+        )
+
     def split(self, share: float) -> tuple["PairSet", "PairSet"]:
         """Hold out the pairs of about this share of the plans; which ones follows from the plans' ids alone.
 

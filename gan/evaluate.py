@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 
 from gan.classical import clean_map, outline_only
@@ -23,7 +24,9 @@ from slamgym.metrics import (
     boundary_score,
     intersection_over_union,
     room_score,
+    squared_error,
 )
+from slamgym.metrics.alignment import IDENTITY
 from slamgym.types import FREE, BoolArray, ByteArray, Float32Array
 
 TOLERANCES = (0.1, 0.2)
@@ -32,6 +35,9 @@ THRESHOLD = 0.5
 """Probability from which a pixel counts as free."""
 
 RAW, CLEANED, OUTLINE = "raw SLAM map", "classical cleaning", "outline only (oracle)"
+BLURRED = "raw SLAM map, blurred"
+BLUR = 0.07
+"""Standard deviation of that blur, about the displacement of walls by drift [m]."""
 
 
 @dataclass(frozen=True)
@@ -43,6 +49,8 @@ class MapScore:
     metres_per_px: float
     mse: float
     """Mean squared error of the free-space masks, aligned: MSE1 of a translation, MSE2 of the SLAM map."""
+    mse_grey: float
+    """The same of the image as it was drawn, in the same position: probabilities instead of a mask."""
     mse_unaligned: float
     wall_f1_10cm: float
     wall_f1_20cm: float
@@ -82,9 +90,14 @@ class Method:
 
 
 def baselines() -> list[Method]:
-    """What every translator is compared with. The last one has seen the answer; it shows what the error misses."""
+    """What every translator is compared with.
+
+    The blurred map shows what greys alone do to the error, and the last one, which has seen the answer, what the error
+    misses.
+    """
     return [
         Method(RAW, lambda pairs, i: (pairs.slam[i] == FREE).astype(np.float32)),
+        Method(BLURRED, lambda pairs, i: _blurred(pairs.slam[i] == FREE, float(pairs.metres_per_px[i]))),
         Method(
             CLEANED,
             lambda pairs, i: clean_map(pairs.slam[i], float(pairs.metres_per_px[i])).astype(np.float32),
@@ -96,9 +109,23 @@ def baselines() -> list[Method]:
     ]
 
 
+def _blurred(free: BoolArray, metres_per_px: float) -> Float32Array:
+    blurred = cv2.GaussianBlur(free.astype(np.float32), (0, 0), BLUR / metres_per_px)
+    return np.asarray(blurred, dtype=np.float32)
+
+
 def learned(name: str, translator: Translator) -> Method:
     """A method that asks a translator."""
-    return Method(name, lambda pairs, i: translator.translate(pairs.slam[i]), learned=True)
+    return Method(
+        name,
+        lambda pairs, i: translator.translate(pairs.slam[i], _scale(pairs, i)),
+        learned=True,
+    )
+
+
+def _scale(pairs: PairSet, index: int) -> float | None:
+    scale = float(pairs.metres_per_px[index])
+    return scale if math.isfinite(scale) else None
 
 
 def evaluate_method(
@@ -127,7 +154,7 @@ def evaluate_method(
         _check(method.name, probability, pairs.slam[i].shape)
         scores.append(
             score_map(
-                probability >= THRESHOLD,
+                probability,
                 pairs.cad[i],
                 float(pairs.metres_per_px[i]),
                 name=pairs.names[i],
@@ -141,7 +168,7 @@ def evaluate_method(
 
 
 def score_map(
-    free: BoolArray,
+    drawn: BoolArray | Float32Array,
     cad: ByteArray,
     metres_per_px: float,
     name: str = "",
@@ -151,7 +178,7 @@ def score_map(
     """Score one map.
 
     Args:
-        free: Free cells, shape (H, W).
+        drawn: Free cells, or the probability of being free, shape (H, W).
         cad: CAD map of the same shape and frame: 0 walls and outside, 254 inside.
         metres_per_px: Scale [m].
         name: Of the pair.
@@ -159,6 +186,7 @@ def score_map(
         seconds: What the translation took.
     """
     truth: BoolArray = cad > 127
+    free: BoolArray = drawn >= THRESHOLD
     found = aligned_error(free.astype(np.float64), truth.astype(np.float64))
     placed = aligned_mask(free, found.similarity)
     near = boundary_score(placed, truth, metres_per_px, TOLERANCES[0])
@@ -169,6 +197,7 @@ def score_map(
         plan_id=plan_id,
         metres_per_px=metres_per_px,
         mse=found.mse,
+        mse_grey=_grey_error(drawn, truth, found.similarity),
         mse_unaligned=found.unaligned,
         wall_f1_10cm=near.f1,
         wall_f1_20cm=boundary_score(placed, truth, metres_per_px, TOLERANCES[1]).f1,
@@ -187,9 +216,15 @@ def score_map(
     )
 
 
+def _grey_error(drawn: BoolArray | Float32Array, truth: BoolArray, similarity: Similarity) -> float:
+    values = drawn.astype(np.float64)
+    placed = values if similarity == IDENTITY else apply_similarity(values, similarity)
+    return squared_error(placed, truth.astype(np.float64))
+
+
 def aligned_mask(free: BoolArray, similarity: Similarity) -> BoolArray:
     """A mask after a similarity; untouched by resampling if that does nothing."""
-    if similarity == Similarity(0.0, 0.0, 0.0, 0.0):
+    if similarity == IDENTITY:
         return free
     moved: BoolArray = apply_similarity(free.astype(np.float64), similarity) >= THRESHOLD
     return moved

@@ -1,5 +1,6 @@
 """``slamgym gan evaluate``: translators and baselines on held-out pairs, in tables and pictures."""
 
+import dataclasses
 import json
 import sys
 from collections.abc import Sequence
@@ -13,8 +14,16 @@ from rich.console import Console
 from rich.table import Table
 
 from gan.data import PairSet, load_pairs, read_grey
-from gan.evaluate import OUTLINE, RAW, MapScore, Method, baselines, evaluate_method, evenly_spaced, learned
-from gan.evaluation_pictures import write_generated_grid, write_pictures
+from gan.evaluate import (
+    BLURRED,
+    MapScore,
+    Method,
+    baselines,
+    evaluate_method,
+    evenly_spaced,
+    learned,
+)
+from gan.evaluation_pictures import Results, write_generated_grid, write_pictures
 from gan.figures import draw_grid, write_picture
 from gan.generated_maps import MINIMUM, load_generated, parse_named_folders
 from gan.real_maps import find_ros_maps, translate_real
@@ -29,6 +38,7 @@ from gan.realism import (
     medians_table,
     null_halves,
     realism_table,
+    translated_maps,
 )
 from gan.summary import main_table, markdown, scores_csv, summarise, table_one
 from gan.translator import Translator
@@ -58,6 +68,8 @@ class EvaluateArguments:
     weights: list[str] = field(default_factory=list)
     """Translators: names of shipped weights, .safetensors files or folders of finished runs; NAME=PATH chooses the
     name in the tables. None measures the baselines alone."""
+    flips: Literal[1, 2, 4, 8] | None = None
+    """Average CAD maps over so many flips and quarter turns instead of what the weights' settings say."""
     split: str = "test"
     """Which pairs."""
     count: int = 0
@@ -102,7 +114,9 @@ def main(argv: list[str]) -> int:
     scores, summary = _measure(pairs, to_cad)
     _write(arguments, pairs, scores, summary, None)
     if arguments.pictures:
-        write_pictures(arguments.out, pairs, _methods(to_cad), scores, arguments.pictures)
+        # Blurred and then thresholded, the raw map looks as it did.
+        shown = [method for method in _methods(to_cad) if method.name != BLURRED]
+        write_pictures(arguments.out, Results(pairs, shown, scores), arguments.pictures)
     if arguments.real is not None:
         _draw_real(arguments, dict(to_cad))
     if judged:
@@ -137,9 +151,12 @@ def _load_translators(arguments: EvaluateArguments) -> "dict[str, LearnedTransla
         name, equals, path = argument.partition("=")
         if not equals:
             name, path = _short_name(argument), argument
-        if name in translators or name in {RAW, OUTLINE}:
+        if name in translators or name in {method.name for method in baselines()}:
             raise ConfigError(f"two methods are called {name!r}; choose a name with --weights NAME=PATH")
-        translators[name] = load_translator(path, device=arguments.device)
+        translator = load_translator(path, device=arguments.device)
+        if arguments.flips is not None and translator.config.direction == "slam2cad":
+            translator.config = dataclasses.replace(translator.config, flips=arguments.flips)
+        translators[name] = translator
     return translators
 
 
@@ -186,19 +203,23 @@ def _judge_realism(
     generated: dict[str, tuple[PairSet, ByteArray]],
     translators: "dict[str, LearnedTranslator]",
 ) -> dict[str, Any]:
-    made = {ELASTIC: (pairs, elastic_maps(pairs, arguments.seed))}
+    made = {ELASTIC: (pairs, elastic_maps(pairs, arguments.seed))} | generated
     for name, translator in translators.items():
-        made[name] = (pairs, np.stack([translator.translate_cells(cad) for cad in pairs.cad]))
-    made |= generated
-    reference = Sample.of(pairs.slam, pairs)
+        made |= translated_maps(name, translator, pairs, arguments.seed)
+    references: dict[int, Sample] = {}
+    for side in {some.cad.shape[1] for some, _ in made.values()}:
+        simulated = pairs.resampled(side)
+        references[side] = Sample.of(simulated.slam, simulated)
     entries, drawn = [], {}
     with show_progress("two-sample tests", 0, 1 + len(made)) as advance:
+        reference = references[pairs.cad.shape[1]]
         first, second = (reference.subset(half) for half in null_halves(reference.plans, arguments.seed))
         entries.append(_judge(arguments, NULL, first, second))
         advance()
         for name, (some, maps) in made.items():
             chosen = [pairs.names.index(n) for n in some.names]
-            entries.append(_judge(arguments, name, reference.subset(chosen), Sample.of(maps, some)))
+            same = references[some.cad.shape[1]].subset(chosen)
+            entries.append(_judge(arguments, name, same, Sample.of(maps, some)))
             drawn[name] = _spread(maps, chosen, len(pairs))
             advance()
     if arguments.pictures:

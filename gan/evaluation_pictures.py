@@ -1,6 +1,7 @@
 """Which pictures an evaluation draws: chosen by the order of names or by the worst results, never by the best."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -14,9 +15,23 @@ from slamgym.types import FREE, OCCUPIED, BoolArray, ByteArray
 WORST = 10
 
 
-def write_pictures(
-    folder: Path, pairs: PairSet, methods: Sequence[Method], scores: dict[str, list[MapScore]], count: int
-) -> None:
+@dataclass(frozen=True)
+class Results:
+    """What was measured of which pairs."""
+
+    pairs: PairSet
+    methods: Sequence[Method]
+    """Those to be shown; the raw SLAM map is among them."""
+    scores: dict[str, list[MapScore]]
+    """By method, in the order of the pairs."""
+
+    def caption(self, index: int, measure: str, title: str) -> str:
+        """Name and scale of a pair, and what the methods reached on it."""
+        values = (f"{m.name} {getattr(self.scores[m.name][index], measure):.3g}" for m in self.methods)
+        return f"{_caption(self.pairs, index)}; {title}: {', '.join(values)}"
+
+
+def write_pictures(folder: Path, results: Results, count: int) -> None:
     """Write the pictures of an evaluation.
 
     ``maps.png`` (as the paper's Fig. 4) shows SLAM map, every method and the CAD map; ``overlays.png`` (Fig. 5) each
@@ -25,21 +40,23 @@ def write_pictures(
 
     Args:
         folder: Where to.
-        pairs: The pairs.
-        methods: What was measured.
-        scores: By method, in the order of the pairs.
+        results: What to show.
         count: Rows of the first two.
     """
-    chosen = evenly_spaced(len(pairs), count)
-    _write_grid(folder / "maps.png", pairs, methods, scores, chosen)
-    _write_overlays(folder / "overlays.png", pairs, methods, scores, chosen)
-    raw = np.array([score.mse for score in scores[RAW]])
-    others = {name: raw - np.array([s.mse for s in rows]) for name, rows in scores.items() if name != RAW}
-    write_box_plot(folder / "differences.png", others)
-    for method in methods:
+    chosen = evenly_spaced(len(results.pairs), count)
+    _write_grid(folder / "maps.png", results, chosen)
+    _write_overlays(folder / "overlays.png", results, chosen)
+    raw = np.array([score.mse for score in results.scores[RAW]])
+    gains = {
+        method.name: raw - np.array([score.mse for score in results.scores[method.name]])
+        for method in results.methods
+        if method.name != RAW
+    }
+    write_box_plot(folder / "differences.png", gains)
+    for method in results.methods:
         if method.learned:
-            worst = [int(i) for i in np.argsort(others[method.name], kind="stable")[:WORST]]
-            _write_grid(folder / f"worst_{_file_name(method.name)}.png", pairs, methods, scores, worst)
+            worst = [int(i) for i in np.argsort(gains[method.name], kind="stable")[:WORST]]
+            _write_grid(folder / f"worst_{_file_name(method.name)}.png", results, worst)
 
 
 def write_generated_grid(path: Path, pairs: PairSet, maps: dict[str, ByteArray], count: int) -> None:
@@ -57,43 +74,30 @@ def write_generated_grid(path: Path, pairs: PairSet, maps: dict[str, ByteArray],
     write_picture(path, draw_grid(["CAD map", *maps, "simulated SLAM map"], rows, captions))
 
 
-def _write_grid(
-    path: Path,
-    pairs: PairSet,
-    methods: Sequence[Method],
-    scores: dict[str, list[MapScore]],
-    chosen: Sequence[int],
-) -> None:
-    shown = [method for method in methods if method.name != RAW]
-    rows, captions = [], []
+def _write_grid(path: Path, results: Results, chosen: Sequence[int]) -> None:
+    pairs = results.pairs
+    shown = [method for method in results.methods if method.name != RAW]
+    rows = []
     for i in chosen:
         masks = [_mask(method, pairs, i) for method in shown]
         drawn = [np.where(mask, FREE, OCCUPIED).astype(np.uint8) for mask in masks]
         rows.append([pairs.slam[i], *drawn, pairs.cad[i]])
-        errors = ", ".join(f"{m.name} {scores[m.name][i].mse:.4f}" for m in methods)
-        captions.append(f"{_caption(pairs, i)}; aligned MSE: {errors}")
+    captions = [results.caption(i, "mse", "aligned MSE") for i in chosen]
     write_picture(path, draw_grid([RAW, *(m.name for m in shown), "CAD map"], rows, captions))
 
 
-def _write_overlays(
-    path: Path,
-    pairs: PairSet,
-    methods: Sequence[Method],
-    scores: dict[str, list[MapScore]],
-    chosen: Sequence[int],
-) -> None:
-    rows, captions = [], []
+def _write_overlays(path: Path, results: Results, chosen: Sequence[int]) -> None:
+    rows = []
     for i in chosen:
-        truth: BoolArray = pairs.cad[i] > 127
+        truth: BoolArray = results.pairs.cad[i] > 127
         row = []
-        for method in methods:
-            mask = _mask(method, pairs, i)
+        for method in results.methods:
+            mask = _mask(method, results.pairs, i)
             found = aligned_error(mask.astype(np.float64), truth.astype(np.float64))
             row.append(draw_overlay(aligned_mask(mask, found.similarity), truth))
         rows.append(row)
-        f1 = ", ".join(f"{m.name} {scores[m.name][i].wall_f1_10cm:.2f}" for m in methods)
-        captions.append(f"{_caption(pairs, i)}; wall F1 10 cm: {f1}")
-    write_picture(path, draw_grid([method.name for method in methods], rows, captions))
+    captions = [results.caption(i, "wall_f1_10cm", "wall F1 10 cm") for i in chosen]
+    write_picture(path, draw_grid([method.name for method in results.methods], rows, captions))
 
 
 def _mask(method: Method, pairs: PairSet, index: int) -> BoolArray:

@@ -8,7 +8,7 @@ the test makes of no difference.
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -18,6 +18,9 @@ from slamgym.metrics import displacement_statistics, map_statistics, two_sample_
 from slamgym.metrics.kernel_distance import kernel_distance, statistic_distances
 from slamgym.metrics.two_sample import LEARNERS
 from slamgym.types import ByteArray
+
+if TYPE_CHECKING:
+    from gan.translate import LearnedTranslator
 
 NULL, ELASTIC = "simulated, other maps", "elastic deformation"
 SHOWN = (
@@ -95,6 +98,35 @@ def elastic_maps(pairs: PairSet, seed: int) -> ByteArray:
     return np.stack(
         [bend(pairs.cad[i], float(scales[i]), np.random.default_rng([seed, i])) for i in range(len(pairs))]
     )
+
+
+def translated_maps(
+    name: str, translator: "LearnedTranslator", pairs: PairSet, seed: int
+) -> dict[str, tuple[PairSet, ByteArray]]:
+    """What a translator makes of the CAD maps: as it draws, and of CAD maps that were bent as drift would.
+
+    A network that draws at less than the images' resolution is judged at its own, with the simulated maps brought to
+    it, too: else the enlarged pixels alone would give it away.
+
+    Args:
+        name: Of the translator.
+        translator: From CAD to SLAM.
+        pairs: What to translate.
+        seed: Of the bending.
+
+    Returns:
+        By name the pairs at that resolution and the maps (N, S, S).
+    """
+    side = min(pairs.cad.shape[1], translator.config.output_size)
+    seen = pairs.resampled(side)
+    title = name if side == pairs.cad.shape[1] else f"{name} at {side} px"
+    scales = [float(scale) for scale in seen.metres_per_px]
+    straight = [translator.translate_cells(cad, scale) for cad, scale in zip(seen.cad, scales, strict=True)]
+    bent = [
+        translator.translate_cells(cad, scale, drift=np.random.default_rng([seed, i]))
+        for i, (cad, scale) in enumerate(zip(seen.cad, scales, strict=True))
+    ]
+    return {title: (seen, np.stack(straight)), f"{title}, bent": (seen, np.stack(bent))}
 
 
 def judge(

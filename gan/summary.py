@@ -13,6 +13,7 @@ from slamgym.metrics import Interval, improvement, mean_interval
 
 MEASURES: dict[str, str] = {
     "mse": "aligned MSE",
+    "mse_grey": "aligned MSE of the image as drawn",
     "mse_unaligned": "unaligned MSE",
     "wall_f1_10cm": "wall F1 10 cm",
     "wall_f1_20cm": "wall F1 20 cm",
@@ -39,7 +40,7 @@ def summarise(scores: dict[str, list[MapScore]]) -> dict[str, dict[str, Any]]:
 
     Returns:
         JSON form, by method: ``maps``, ``plans``, one interval for each of :data:`MEASURES`, ``rooms_right`` and,
-        but for the raw map, ``improvement``.
+        but for the raw map, ``improvement`` (of the masks) and ``improvement_grey`` (of the images as drawn).
     """
     raw = np.array([score.mse for score in scores[RAW]])
     summary: dict[str, dict[str, Any]] = {}
@@ -52,6 +53,8 @@ def summarise(scores: dict[str, list[MapScore]]) -> dict[str, dict[str, Any]]:
         entry["rooms_right"] = float(np.mean([row.room_error == 0 for row in rows]))
         if method != RAW:
             entry["improvement"] = asdict(improvement(np.array([row.mse for row in rows]), raw, plans))
+            grey = np.array([row.mse_grey for row in rows])
+            entry["improvement_grey"] = asdict(improvement(grey, raw, plans))
         summary[method] = entry
     return summary
 
@@ -59,21 +62,18 @@ def summarise(scores: dict[str, list[MapScore]]) -> dict[str, dict[str, Any]]:
 def main_table(summary: dict[str, dict[str, Any]]) -> tuple[list[str], list[list[str]]]:
     """Headings and rows of the table that goes into the terminal and the documentation."""
     headings = ["method", "MSE1", "MSE1 / MSE2", "improved", "sign p", "Wilcoxon p"]
+    headings += ["grey MSE1 / MSE2", "improved by grey"]
     shown = ["wall_f1_10cm", "wall_f1_20cm", "free_iou", "hausdorff_95", "room_error", "room_f1"]
     rows = []
     for method, entry in summary.items():
-        better = entry.get("improvement")
         row = [method, _mean(entry["mse"], 4)]
-        if better is None:
-            row += ["1", "-", "-", "-"]
+        if method == RAW:
+            row += ["1", "-", "-", "-", "1", "-"]
         else:
-            share = better["share_improved"]
-            row += [
-                _interval(better["ratio_of_means"], 2),
-                f"{100 * share['value']:.1f} % [{100 * share['low']:.1f}, {100 * share['high']:.1f}]",
-                _p_value(better["sign_p"]),
-                _p_value(better["wilcoxon_p"]),
-            ]
+            better, grey = entry["improvement"], entry["improvement_grey"]
+            row += [_interval(better["ratio_of_means"], 2), _percentage(better["share_improved"])]
+            row += [_p_value(better["sign_p"]), _p_value(better["wilcoxon_p"])]
+            row += [_interval(grey["ratio_of_means"], 2), _percentage(grey["share_improved"])]
         row += [_interval(entry[measure], 2) for measure in shown]
         rows.append(row)
     return headings + [MEASURES[measure] for measure in shown], rows
@@ -117,6 +117,10 @@ def _mean(interval: dict[str, float] | Interval, digits: int) -> str:
 
 def _interval(interval: dict[str, float], digits: int) -> str:
     return f"{interval['value']:.{digits}f} [{interval['low']:.{digits}f}, {interval['high']:.{digits}f}]"
+
+
+def _percentage(share: dict[str, float]) -> str:
+    return f"{100 * share['value']:.1f} % [{100 * share['low']:.1f}, {100 * share['high']:.1f}]"
 
 
 def _p_value(p: float) -> str:

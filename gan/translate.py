@@ -17,7 +17,9 @@ from gan.augmentation import flipped, unflipped
 from gan.config import Direction, TranslatorConfig
 from gan.derotation import angle_to_undo_deg, padded_for_turning, turned, turned_probability
 from gan.device import Compute, DeviceName, choose_compute
+from gan.elastic import drifted
 from gan.encoding import decode_slam, free_probability
+from gan.explored import explored_floor
 from gan.networks import Generator
 from gan.resample import resample_grey, resample_probability, resample_slam
 from gan.sampler import MAX_DRIFT_DEG
@@ -31,6 +33,8 @@ MARGIN = 0.06
 """Border around what is known of a map, in shares of its larger side."""
 MAX_SHRINK = 4.0
 """A map of unknown scale is shrunk at most by this to fit into the network's image; a larger one is tiled."""
+MAX_COARSENING = 1.3
+"""A map is shrunk by so much beyond the coarsest trained scale (the 95th percentile) before it is tiled."""
 SYMMETRIES = {1: (0,), 2: (0, 4), 4: (0, 2, 4, 6), 8: tuple(range(8))}
 """Which flips and quarter turns are averaged, by their number."""
 
@@ -77,13 +81,21 @@ class LearnedTranslator:
         angle = angle_to_undo_deg(slam) if self.config.derotate else 0.0
         # A small turn cuts nothing off but a sliver of the corners; the training's maps are turned like this, too.
         padded = slam if abs(angle) <= MAX_DRIFT_DEG else padded_for_turning(slam, angle)
-        free = self._free_space(turned(padded, -angle), metres_per_px)
+        upright = turned(padded, -angle)
+        free = self._free_space(upright, metres_per_px)
+        if self.config.reach > 0.0:
+            scale = metres_per_px or self.config.metres_per_px[1]
+            free[~explored_floor(upright, scale, self.config.reach)] = 0.0
         above, beside = ((a - b) // 2 for a, b in zip(padded.shape, slam.shape, strict=True))
         back = free if straighten else turned_probability(free, angle)
         return back[above : above + slam.shape[0], beside : beside + slam.shape[1]]
 
     def translate_cells(
-        self, cells: ByteArray, metres_per_px: float | None = None, straighten: bool = False
+        self,
+        cells: ByteArray,
+        metres_per_px: float | None = None,
+        straighten: bool = False,
+        drift: np.random.Generator | None = None,
     ) -> ByteArray:
         """Translate a map into the other kind of map, in either direction.
 
@@ -91,6 +103,8 @@ class LearnedTranslator:
             cells: (H, W): a SLAM map (0, 205, 254) or a CAD map (0, 254), row 0 at the top.
             metres_per_px: Scale of the map, if it is known.
             straighten: As in :meth:`translate`; without effect on CAD maps.
+            drift: Bend a CAD map by a random field first, as drift would: one CAD map then gives many SLAM maps.
+                Without effect on SLAM maps.
 
         Returns:
             (H, W): a CAD map (0, 254) or a SLAM map (0, 205, 254), in the same frame.
@@ -99,6 +113,8 @@ class LearnedTranslator:
             free = self.translate(cells, metres_per_px, straighten)
             return np.where(free >= 0.5, FREE, OCCUPIED).astype(np.uint8)
         _require_image(cells)
+        if drift is not None:
+            cells = drifted(cells, metres_per_px or self.config.metres_per_px[1], drift)
         drawn = self._fitted(cells, OCCUPIED, metres_per_px)
         return decode_slam(drawn, self.config.output_encoding)
 
@@ -146,7 +162,7 @@ class LearnedTranslator:
             low, middle, high = self.config.metres_per_px
             # The map's own scale if it was trained; a coarser one if that makes a single tile; else tiles.
             nearest, to_fit = min(max(metres_per_px, low), high), longest * metres_per_px / size
-            factor = metres_per_px / (max(nearest, to_fit) if to_fit <= high else middle)
+            factor = metres_per_px / (max(nearest, to_fit) if to_fit <= MAX_COARSENING * high else middle)
         rows, cols = (max(1, min(math.ceil(side * factor), side * size)) for side in shape)
         return (min(rows, size), min(cols, size)) if factor * longest <= size + 1 else (rows, cols)
 

@@ -39,6 +39,8 @@ class TranslateArguments:
     """Write how likely each pixel is free (0 to 255) instead of a map of walls and floor (images only)."""
     straighten: bool = False
     """Turn the drawing so that most walls lie along the axes, instead of laying it over the input (images only)."""
+    drift_seed: int | None = None
+    """Bend CAD maps by a random field first, as drift would; each seed gives another SLAM map of the same building."""
     device: DeviceName = "cpu"
     """Where to compute."""
 
@@ -54,10 +56,12 @@ def main(argv: list[str]) -> int:
     translator = load_translator(arguments.weights, device=arguments.device, flips=arguments.flips)
     if arguments.probability and translator.config.direction != "slam2cad":
         raise ConfigError("--probability needs weights that translate SLAM maps to CAD maps")
+    if arguments.drift_seed is not None and translator.config.direction != "cad2slam":
+        raise ConfigError("--drift-seed needs weights that translate CAD maps to SLAM maps")
     if arguments.input.is_dir():
         _translate_folder(arguments, translator)
     elif arguments.input.suffix.lower() in YAML:
-        sys.stdout.write(f"{translate_ros_map(arguments.input, arguments.out, translator)}\n")
+        sys.stdout.write(f"{translate_ros_map(arguments.input, arguments.out, translator, arguments)}\n")
     else:
         out = _image_destination(arguments.out, arguments.input)
         translate_image(arguments.input, out, translator, arguments)
@@ -65,16 +69,21 @@ def main(argv: list[str]) -> int:
     return 0
 
 
-def translate_ros_map(source: Path, out: Path, translator: LearnedTranslator) -> Path:
+def translate_ros_map(
+    source: Path, out: Path, translator: LearnedTranslator, arguments: TranslateArguments
+) -> Path:
     """Translate a ROS map; returns the yaml file written.
 
     Args:
         source: The yaml file.
         out: Folder, or stem of the two files.
         translator: What translates.
+        arguments: How it is drawn.
     """
     grid = read_ros_map(source)
-    cells = translator.translate_cells(_as_input(grid.cells, translator, ternary=True), grid.frame.resolution)
+    cells = translator.translate_cells(
+        _as_input(grid.cells, translator, ternary=True), grid.frame.resolution, drift=_drift(arguments)
+    )
     stem = out / source.stem if out.is_dir() else out.with_suffix("") if out.suffix in YAML else out
     return write_ros_map(stem, OccupancyGrid(cells, grid.frame))
 
@@ -98,11 +107,15 @@ def translate_image(
     if arguments.probability:
         image = np.rint(255.0 * translator.translate(cells, scale, straighten)).astype(np.uint8)
     else:
-        image = translator.translate_cells(cells, scale, straighten)
+        image = translator.translate_cells(cells, scale, straighten, _drift(arguments))
     written, data = cv2.imencode(out.suffix or ".png", image)
     if not written:
         raise InputFileError(out, "can't be written in this format; choose .png")
     write_bytes(out, data.tobytes())
+
+
+def _drift(arguments: TranslateArguments) -> np.random.Generator | None:
+    return None if arguments.drift_seed is None else np.random.default_rng(arguments.drift_seed)
 
 
 def _as_input(grey: ByteArray, translator: LearnedTranslator, ternary: bool = False) -> ByteArray:
@@ -139,7 +152,7 @@ def _translate_folder(arguments: TranslateArguments, translator: LearnedTranslat
         for path in [*maps, *images]:
             try:
                 if path in maps:
-                    translate_ros_map(path, arguments.out / path.stem, translator)
+                    translate_ros_map(path, arguments.out / path.stem, translator, arguments)
                 else:
                     out = arguments.out / f"{path.stem}.png"
                     translate_image(path, out, translator, arguments)

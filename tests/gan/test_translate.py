@@ -91,7 +91,8 @@ def test_a_map_of_the_networks_size_is_not_resampled():
         ((64, 20), 0.01, (13, 4)),  # too fine: the finest that was trained, 0.05
         ((30, 20), 0.4, (60, 40)),  # too coarse: 0.2
         ((100, 50), 0.1, (64, 32)),  # shrunk to 0.156 it fits into one tile
-        ((200, 100), 0.1, (200, 100)),  # doesn't fit even at 0.2: tiles at 0.1
+        ((150, 50), 0.1, (64, 22)),  # shrunk to 0.234, hardly coarser than was trained
+        ((200, 100), 0.1, (200, 100)),  # doesn't fit even so: tiles at 0.1
         ((400, 200), 0.05, (200, 100)),
         ((32, 16), None, (64, 32)),  # of unknown scale: fitted
         ((640, 64), None, (160, 16)),  # but shrunk by 4 at most
@@ -155,6 +156,10 @@ def test_cad_to_slam_draws_the_three_values():
     assert slam.shape == cad.shape
     assert set(np.unique(slam)) == {UNKNOWN, FREE}
     assert np.mean((slam == FREE) == (cad == FREE)) > 0.95
+    one, other = (translator.translate_cells(cad, 0.1, drift=np.random.default_rng(seed)) for seed in (1, 2))
+    assert set(np.unique(one)) == {UNKNOWN, FREE}
+    for a, b in ((one, other), (one, slam)):
+        assert 0.0 < np.mean(a != b) < 0.2
     with pytest.raises(ConfigError, match="draw SLAM maps"):
         translator.translate(cad)
 
@@ -246,6 +251,7 @@ def test_a_folder_of_both_is_translated_once_each(tmp_path, weights, capsys):
         (["map.png", "-o", "x.docx"], InputFileError, "is no image name"),
         (["map.png", "-o", "x.png", "--metres-per-px", "-1"], ConfigError, "must be positive"),
         (["map.png", "-o", "x.png", "--flips", "3"], ConfigError, "1, 2, 4 or 8"),
+        (["map.png", "-o", "x.png", "--drift-seed", "1"], ConfigError, "CAD maps to SLAM maps"),
         (["empty", "-o", "x"], InputFileError, "holds no images"),
         (["broken.png", "-o", "x.png"], InputFileError, "is not an image"),
         (["colour.png", "-o", "x.png"], InputFileError, "is coloured"),
