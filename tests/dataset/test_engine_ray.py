@@ -23,7 +23,8 @@ from slamgym.cad import FloorPlan, write_houseexpo
 from slamgym.dataset import DatasetConfig, EpisodeConfig, Layout, build_dataset, read_manifest
 from slamgym.dataset.build import Execution
 from slamgym.dataset.engine import MAX_ATTEMPTS, Lost, open_engine
-from slamgym.dataset.engine_ray import IN_FLIGHT_PER_CPU, check_address
+from slamgym.dataset.engine_ray import IN_FLIGHT_PER_CPU
+from slamgym.dataset.ray_cluster import check_address
 from slamgym.envs import ExploreConfig
 from slamgym.errors import ConfigError
 from slamgym.slam import SlamConfig
@@ -195,11 +196,27 @@ def test_an_address_where_nothing_answers_is_one_clear_error(monkeypatch):
 
     monkeypatch.setattr(ray, "is_initialized", lambda: False)
     monkeypatch.setattr(ray, "init", fail)
-    monkeypatch.setattr("slamgym.dataset.engine_ray.check_address", lambda _: None)
+    monkeypatch.setattr("slamgym.dataset.ray_cluster.check_address", lambda _: None)
     with pytest.raises(
-        ConfigError, match=r"no Ray cluster answers at 10\.0\.0\.1:6379 \(Could not.*ray status"
+        ConfigError,
+        match=r"no Ray cluster answers at 10\.0\.0\.1:6379 \(Could not.*More about it.*ray status",
     ):
         open_engine("ray", 2, "10.0.0.1:6379")
+
+
+def test_a_cluster_that_does_not_start_here_is_one_clear_error(monkeypatch):
+    import ray
+
+    def fail(**_):
+        raise ray.exceptions.RaySystemError("The raylet died.")
+
+    monkeypatch.delenv("RAY_ADDRESS", raising=False)
+    monkeypatch.setattr(ray, "is_initialized", lambda: False)
+    monkeypatch.setattr(ray, "init", fail)
+    with pytest.raises(
+        ConfigError, match=r"could not be started on this machine \(.*raylet died.*--engine local"
+    ):
+        open_engine("ray", 2)
 
 
 def test_a_port_where_nobody_listens_is_found_at_once():
