@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
-from gan import realism
+from gan import evaluate_command, realism
 from gan.classical import ClassicalTranslator, CleaningConfig, clean_map, outline_only
 from gan.data import PairSet
 from gan.elastic import bend
@@ -23,7 +23,7 @@ from gan.evaluate import (
     learned,
     score_map,
 )
-from gan.evaluate_command import main
+from gan.evaluate_command import EvaluateArguments, main
 from gan.figures import draw_grid, draw_overlay, write_box_plot
 from gan.generated_maps import load_generated, parse_named_folders, shifted
 from gan.real_maps import find_ros_maps, translate_real, working_map
@@ -85,6 +85,24 @@ def write_pairs(root, pairs: PairSet) -> None:
         record = {"name": name, "split": "test", "plan_id": pairs.plan_ids[i], "metres_per_px": SCALE}
         lines.append(json.dumps(record))
     (root / "manifest.jsonl").write_text("\n".join(lines) + "\n")
+
+
+def copying_translator(side: int):
+    """A CAD-to-SLAM translator that draws floor and walls where the CAD map has them."""
+    torch = pytest.importorskip("torch")
+    from gan.config import GeneratorConfig, TranslatorConfig
+    from gan.device import choose_compute
+    from gan.networks import build_generator
+    from gan.translate import LearnedTranslator
+    from gan.weights import ModelCard
+
+    config = TranslatorConfig(
+        direction="cad2slam", input_size=side, output_size=side, input_encoding="free_occupied",
+        output_encoding="free_occupied", generator=GeneratorConfig("residual", width=8, depth=2),
+    )  # fmt: skip
+    generator = build_generator(config).eval()
+    generator.copy.weight.data = 5.0 * torch.eye(2)[:, :, None, None]
+    return LearnedTranslator(generator, config, ModelCard(), choose_compute("cpu", "float32"))
 
 
 @pytest.fixture(scope="module")
@@ -257,20 +275,7 @@ class TestRealism:
         assert picture_test(*arguments, *arguments, config=brief).value == pytest.approx(0.5, abs=1e-9)
 
     def test_a_translator_is_judged_at_its_own_resolution_and_with_drift(self):
-        torch = pytest.importorskip("torch")
-        from gan.config import GeneratorConfig, TranslatorConfig
-        from gan.device import choose_compute
-        from gan.networks import build_generator
-        from gan.translate import LearnedTranslator
-        from gan.weights import ModelCard
-
-        config = TranslatorConfig(
-            direction="cad2slam", input_size=64, output_size=64, input_encoding="free_occupied",
-            output_encoding="free_occupied", generator=GeneratorConfig("residual", width=8, depth=2),
-        )  # fmt: skip
-        generator = build_generator(config).eval()
-        generator.copy.weight.data = 5.0 * torch.eye(2)[:, :, None, None]
-        translator = LearnedTranslator(generator, config, ModelCard(), choose_compute("cpu", "float32"))
+        translator = copying_translator(64)
         pairs = make_pairs(2)
         made = translated_maps("copy", translator, pairs, seed=0)
         assert list(made) == ["copy at 64 px", "copy at 64 px, bent"]
@@ -287,6 +292,37 @@ class TestRealism:
         name = "copy at 64 px, bent"
         assert np.array_equal(again[name][1], bent)
         assert not np.array_equal(other[name][1], bent)
+
+    def test_every_kind_is_set_against_simulated_maps_of_its_resolution(self, tmp_path, monkeypatch):
+        seen = {}
+
+        def watched(name, reference, generated, *_):
+            seen[name] = reference.maps.shape, generated.maps.shape
+            learner = {"accuracy": 0.5, "low": 0.4, "high": 0.6, "telling": []}
+            medians = realism.medians(generated.statistics)
+            return {
+                "name": name,
+                "maps": 2,
+                "extra_trees": learner,
+                "kernel_distance": {"p": 1.0},
+                "medians": medians,
+            }
+
+        monkeypatch.setattr(evaluate_command, "judge", watched)
+        pairs = make_pairs(2)
+        generated = {"made": (pairs.subset([1]), pairs.slam[1:])}
+        arguments = EvaluateArguments(tmp_path, tmp_path, pictures=1)
+        found = evaluate_command._judge_realism(arguments, pairs, generated, {"copy": copying_translator(64)})
+        large, small, one = (2, SIZE, SIZE), (2, 64, 64), (1, SIZE, SIZE)
+        assert {kind["name"] for kind in found["kinds"]} == seen.keys()
+        assert seen == {
+            realism.NULL: (one, one),
+            realism.ELASTIC: (large, large),
+            "made": (one, one),
+            "copy at 64 px": (small, small),
+            "copy at 64 px, bent": (small, small),
+        }
+        assert cv2.imread(str(tmp_path / "cad2slam.png")) is not None
 
     def test_explorations_of_one_plan_are_set_against_each_other(self):
         first, second = null_halves(["a", "a", "b", "b", "b", "c"], seed=0)
