@@ -101,7 +101,8 @@ def draw_curves(runs: Sequence[ShapingRun], path: Path) -> None:
         axis.fill_between(steps, low, high, color=colour, alpha=0.15, linewidth=0.0)
     axis.set(xlabel="decisions", ylabel="mean duration of the latest 100 episodes [s]")
     axis.grid(alpha=0.25)
-    axis.legend(fontsize=8, frameon=False)
+    if axis.lines:  # runs too short to have a curve leave none
+        axis.legend(fontsize=8, frameon=False)
     _save(figure, path)
 
 
