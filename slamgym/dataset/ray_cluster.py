@@ -157,8 +157,6 @@ def _import_ray() -> ModuleType:
     # No report of usage to Ray's makers, and no remarks about settings that concern GPUs alone.
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
     os.environ.setdefault("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")
-    # Errors are told here, in one line; warnings of Ray's core would stand before it, one a second.
-    os.environ.setdefault("RAY_BACKEND_LOG_LEVEL", "error")
     try:
         import ray
     except ImportError as error:
