@@ -56,7 +56,8 @@ def choose_compute(
         device: ``auto`` takes CUDA, else Apple's MPS, else the CPU.
         precision: ``auto`` takes bfloat16 where the hardware multiplies it faster (CUDA from Ampere on, CPUs
             with AVX512-BF16 or AMX: 2 to 2.5 times the speed), else float32.
-        layout: ``auto`` takes channels last on CUDA, whose tensor cores want it, and plain channels elsewhere.
+        layout: ``auto`` takes channels last on CUDA and for bfloat16 on CPUs, whose matrix units want it (three
+            quarters of the time of plain channels), and plain channels elsewhere.
 
     Raises:
         ConfigError: If the device isn't there.
@@ -66,11 +67,11 @@ def choose_compute(
     if not available[name]:
         raise ConfigError(f"--device {name} isn't available here; use --device auto")
     chosen = torch.device(name)
-    last = layout == "channels_last" or (layout == "auto" and name == "cuda")
-    if precision != "auto":
-        return Compute(chosen, precision, last)
-    fast = {"cuda": _cuda_has_bfloat16, "cpu": _cpu_has_bfloat16, "mps": lambda: False}[name]()
-    return Compute(chosen, "bfloat16" if fast else "float32", last)
+    if precision == "auto":
+        fast = {"cuda": _cuda_has_bfloat16, "cpu": _cpu_has_bfloat16, "mps": lambda: False}[name]()
+        precision = "bfloat16" if fast else "float32"
+    wanted = name == "cuda" or (name == "cpu" and precision == "bfloat16")
+    return Compute(chosen, precision, layout == "channels_last" or (layout == "auto" and wanted))
 
 
 def make_deterministic() -> None:

@@ -52,7 +52,7 @@ class TrainArguments:
     precision: Precision = "auto"
     """``bfloat16`` mixes precisions; ``auto`` does where the hardware gains by it."""
     layout: Layout = "auto"
-    """Of images in memory: ``auto`` takes channels_last on CUDA. benchmarks/gan_step.py tells what is faster here."""
+    """In memory: ``auto`` takes channels_last on CUDA and for bfloat16 on CPUs (benchmarks/gan_step.py)."""
     threads: int = 0
     """CPU threads of torch; 0 leaves torch's choice (OMP_NUM_THREADS)."""
     compile: bool = False

@@ -219,6 +219,12 @@ def test_all_terms_are_told_and_every_network_moves(images, kind, reference):
         )
 
 
+@pytest.mark.parametrize(("precision", "last"), [("float32", False), ("bfloat16", True)])
+def test_matrix_units_get_the_layout_that_they_want(precision, last):
+    assert choose_compute("cpu", precision).channels_last == last
+    assert not choose_compute("cpu", precision, "contiguous").channels_last
+
+
 @pytest.mark.parametrize("layout", ["channels_last", "contiguous"])
 def test_a_step_is_the_same_in_both_memory_layouts(images, layout):
     told = []
