@@ -218,13 +218,14 @@ def _without_nan(value: Any) -> Any:
 
 
 def _kind(reason: str) -> str:
-    """The kind of a reason: what stands before its first number."""
+    """The kind of a reason's first fault: what stands before its number, and how the exploration ended."""
     if reason.startswith(("stuck", "doubtful", "incomplete")):
         return reason.split(":", 1)[0]
     if reason.endswith("by a person"):
         return reason
+    first = reason.split("; ", 1)[0]
     for kind in ("coverage", "map error", "position error"):
-        if reason.startswith(kind):
-            ending = reason.rpartition(": ")[2] if kind == "coverage" and ": " in reason else ""
-            return f"{kind}: {ending}" if ending and ";" not in ending else kind
+        if first.startswith(kind):
+            ending = first.rpartition(": ")[2] if kind == "coverage" and ": " in first else ""
+            return f"{kind}: {ending}" if ending else kind
     return "unreadable"

@@ -12,9 +12,9 @@ from agents.registry import make_explorer
 from slamgym import cli
 from slamgym.cad import FloorPlan
 from slamgym.dataset import DatasetConfig, EpisodeConfig, Layout, build_dataset, read_manifest
-from slamgym.dataset.cleaning import CleanConfig, clean_maps
+from slamgym.dataset.cleaning import CleanConfig, CleanReport, clean_maps
 from slamgym.dataset.map_items import open_items
-from slamgym.dataset.verdicts import read_verdicts
+from slamgym.dataset.verdicts import Verdict, read_verdicts
 from slamgym.envs import ExploreConfig
 from slamgym.errors import ConfigError, InputFileError
 from slamgym.interop import write_ros_map
@@ -251,3 +251,21 @@ def test_verdicts_that_are_missing_or_malformed_are_named(tmp_path):
 def test_a_band_that_is_none_is_refused():
     with pytest.raises(ConfigError, match="band"):
         CleanConfig(band=(0.5, 1.5))
+
+
+def test_dropped_maps_are_counted_by_their_first_fault():
+    reasons = [
+        "coverage 0.81 < 0.95: time limit",
+        "coverage 0.72 < 0.95: time limit; map error 0.41 m > 0.30 m",
+        "map error 0.35 m > 0.30 m; position error 1.02 m > 0.60 m",
+        "stuck: drove 0.3 m; coverage 0.10 < 0.95: time limit",
+    ]
+    verdicts = tuple(
+        Verdict(
+            name=str(number), keep=False, reason=reason, by="truth", probability=None, is_doubtful=False,
+            looks_stuck=False, is_complete=False, coverage=None, ate=None, map_error=None,
+        )
+        for number, reason in enumerate(reasons)
+    )  # fmt: skip
+    counted = CleanReport(verdicts, agreement=None).reasons()
+    assert counted == {"coverage: time limit": 2, "map error": 1, "stuck": 1}
