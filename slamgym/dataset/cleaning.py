@@ -70,7 +70,7 @@ class CleanReport:
 
     def reasons(self) -> dict[str, int]:
         """How many maps were dropped, by the kind of reason; the numbers in the reasons are left out."""
-        kinds = (_kind(verdict.reason) for verdict in self.verdicts if not verdict.keep)
+        kinds = (verdict.kind for verdict in self.verdicts if not verdict.keep)
         return dict(Counter(kinds).most_common())
 
 
@@ -215,17 +215,3 @@ def _without_nan(value: Any) -> Any:
     if isinstance(value, list | tuple):
         return [_without_nan(item) for item in value]
     return None if isinstance(value, float) and np.isnan(value) else value
-
-
-def _kind(reason: str) -> str:
-    """The kind of a reason's first fault: what stands before its number, and how the exploration ended."""
-    if reason.startswith(("stuck", "doubtful", "incomplete")):
-        return reason.split(":", 1)[0]
-    if reason.endswith("by a person"):
-        return reason
-    first = reason.split("; ", 1)[0]
-    for kind in ("coverage", "map error", "position error"):
-        if first.startswith(kind):
-            ending = first.rpartition(": ")[2] if kind == "coverage" and ": " in first else ""
-            return f"{kind}: {ending}" if ending else kind
-    return "unreadable"

@@ -75,7 +75,7 @@ def dataset_statistics(root: Path | str) -> DatasetStatistics:
     kept = {name: verdict.keep for name, verdict in verdicts.items()}
     seconds = read_cpu_seconds(layout.timing)
     rejected = {entry["plan_id"]: entry["error"] for entry in read_rejected(layout.rejected).values()}
-    dropped = Counter(verdict.reason.split(":")[0] for verdict in verdicts.values() if not verdict.keep)
+    dropped = Counter(verdict.kind for verdict in verdicts.values() if not verdict.keep)
     return DatasetStatistics(
         dataset=str(root),
         whole=_summarise(records, kept, seconds),

@@ -40,6 +40,20 @@ class Verdict:
     map_error: float | None
     """[m]"""
 
+    @property
+    def kind(self) -> str:
+        """The kind of the reason's first fault: what stands before its number, and how the exploration ended."""
+        if self.reason.startswith(("stuck", "doubtful", "incomplete")):
+            return self.reason.split(":", 1)[0]
+        if self.reason.endswith("by a person"):
+            return self.reason
+        first = self.reason.split("; ", 1)[0]
+        for kind in ("coverage", "map error", "position error"):
+            if first.startswith(kind):
+                ending = first.rpartition(": ")[2] if kind == "coverage" and ": " in first else ""
+                return f"{kind}: {ending}" if ending else kind
+        return "unreadable"
+
 
 def write_verdicts(root: Path, verdicts: Iterable[Verdict], summary: Mapping[str, Any]) -> None:
     """Write ``clean.json`` and ``clean.jsonl``; files that would not change are left as they are.
