@@ -131,6 +131,10 @@ def _committed(root):
     return len(list(episodes.iterdir())) if episodes.exists() else 0
 
 
+def _hear_ctrl_c():
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
 def test_ctrl_c_keeps_what_is_done(plans, tmp_path):
     out = tmp_path / "out"
     command = [
@@ -139,7 +143,10 @@ def test_ctrl_c_keeps_what_is_done(plans, tmp_path):
         "slamgym.cli",
         *arguments(plans, out, "--pairs", "500", "--workers", "2"),
     ]
-    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+    # Where the tests run in the background of a shell, they and their children are born deaf to Ctrl-C.
+    process = subprocess.Popen(
+        command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, preexec_fn=_hear_ctrl_c
+    )
     while process.poll() is None and _committed(out) < 2:
         time.sleep(0.01)
     process.send_signal(signal.SIGINT)
