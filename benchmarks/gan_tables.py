@@ -46,7 +46,15 @@ def render(name: str) -> str | None:
     """A table in Markdown, None if its results don't exist."""
     if name in ("evaluation", "realism", "medians"):
         path = RESULTS / "gan_evaluation.json"
-        return from_evaluation(name, json.loads(path.read_text())) if path.exists() else None
+        if not path.exists():
+            return None
+        try:
+            return from_evaluation(name, json.loads(path.read_text()))
+        except KeyError as missing:
+            raise SystemExit(
+                f"{path} lacks {missing}, as an earlier version wrote it: run `slamgym gan evaluate` again and "
+                "pass its folder with --evaluation"
+            ) from missing
     path = RESULTS / f"{name}.json"
     if not path.exists():
         return None
