@@ -7,7 +7,6 @@ generate --plans-filter useful`` does, "passes cleaning" is what ``slamgym datas
 stay in ``--out`` to be looked at; run again, the benchmark goes on where it was stopped.
 """
 
-import re
 from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
@@ -27,7 +26,7 @@ from slamgym.dataset import (
     read_manifest,
     write_contact_sheet,
 )
-from slamgym.dataset.criteria import Criteria, record_faults
+from slamgym.dataset.criteria import Criteria, fault_kind, record_faults
 from slamgym.metrics.improvement import wilson_interval
 
 GOOD_COVERAGE = 0.95
@@ -111,7 +110,7 @@ def share(count: int, total: int) -> str:
 def reasons(records: list[PairRecord]) -> list[tuple[str, int]]:
     """The first fault of each exploration that has one, without its figures, and how many share it."""
     faults = (record_faults(record, Criteria()) for record in records)
-    return Counter(re.sub(r" [\d.]+.*?(:|$)", r"\1", found[0]) for found in faults if found).most_common()
+    return Counter(fault_kind(found[0]) for found in faults if found).most_common()
 
 
 if __name__ == "__main__":

@@ -119,6 +119,15 @@ def record_faults(record: PairRecord, criteria: Criteria) -> list[str]:
     return found
 
 
+def fault_kind(fault: str) -> str:
+    """A fault of :func:`record_faults` without its figures, but with how the exploration ended; else nothing."""
+    for kind in ("stuck", "coverage", "map error", "position error"):
+        if fault.startswith(kind):
+            ending = fault.rpartition(": ")[2] if kind == "coverage" and ": " in fault else ""
+            return f"{kind}: {ending}" if ending else kind
+    return ""
+
+
 def _below(value: float, limit: float) -> str:
     """A value less than a limit, with as many digits as it takes to see that."""
     for digits in (2, 3, 4):

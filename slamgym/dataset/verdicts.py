@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from slamgym.config import from_dict
+from slamgym.dataset.criteria import fault_kind
 from slamgym.dataset.storage import replace_if_changed, storage_errors
 from slamgym.errors import ConfigError, InputFileError
 
@@ -43,16 +44,11 @@ class Verdict:
     @property
     def kind(self) -> str:
         """The kind of the reason's first fault: what stands before its number, and how the exploration ended."""
-        if self.reason.startswith(("stuck", "doubtful", "incomplete")):
+        if self.reason.startswith(("doubtful", "incomplete")):
             return self.reason.split(":", 1)[0]
         if self.reason.endswith("by a person"):
             return self.reason
-        first = self.reason.split("; ", 1)[0]
-        for kind in ("coverage", "map error", "position error"):
-            if first.startswith(kind):
-                ending = first.rpartition(": ")[2] if kind == "coverage" and ": " in first else ""
-                return f"{kind}: {ending}" if ending else kind
-        return "unreadable"
+        return fault_kind(self.reason.split("; ", 1)[0]) or "unreadable"
 
 
 def write_verdicts(root: Path, verdicts: Iterable[Verdict], summary: Mapping[str, Any]) -> None:
