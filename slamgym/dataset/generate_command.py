@@ -60,7 +60,8 @@ class GenerateArguments:
     odometry: Literal["ideal", "low", "medium", "high"] = "medium"
     """Errors of the wheel odometry; ``ideal`` is what stock Gazebo has, as in the paper."""
     recipe: str | None = None
-    """Vary the settings from one exploration to the next: a YAML or JSON file, or ``reference``."""
+    """Vary the settings from one exploration to the next: a YAML or JSON file, ``reference`` or
+    ``quick``."""
     trajectories: int = 1
     """Explorations of each plan that come one after the other: several SLAM maps of one CAD map."""
     seed: int = 0

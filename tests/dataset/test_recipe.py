@@ -118,6 +118,15 @@ def test_the_reference_recipe_varies_what_it_promises():
     assert Counter(drawn).most_common(1)[0][0] == 30
 
 
+def test_the_quick_recipe_varies_the_same_with_fewer_particles():
+    quick, reference = open_recipe("quick"), open_recipe("reference")
+    assert reference.settings - quick.settings == {"clutter.people"}
+    for key in ("odometry", "lidar.range_max", "slam.max_usable_range"):
+        assert set(quick.values(key)) == set(reference.values(key))
+    particles = [[r.draw(seed)["slam.particles"] for seed in range(200)] for r in (quick, reference)]
+    assert sum(particles[0]) < 0.6 * sum(particles[1])
+
+
 @pytest.mark.parametrize(
     ("name", "content", "words"),
     [
