@@ -14,8 +14,9 @@ import numpy as np
 from agents.explorer import Exploration, Observation
 from slamgym.planning.context import ExplorerContext
 from slamgym.planning.costmap import NO_INFORMATION
-from slamgym.planning.frontiers import Frontier, Point, cut_off_views, find_frontiers
+from slamgym.planning.frontiers import Frontier, Point, find_frontiers
 from slamgym.planning.grid_path import COST_FACTOR, path_costs, place_near
+from slamgym.planning.last_resorts import LastResorts, Resort
 from slamgym.planning.navigator import Goal, GoalStatus, Navigator, NavigatorConfig
 from slamgym.types import ByteArray, FloatArray, OccupancyGrid, Pose2D, Twist2D
 
@@ -87,12 +88,14 @@ class FrontierExploration(Exploration):
         self._progress_from: Point = (math.inf, math.inf)  # the goal that progress is measured to
         self._progress_distance, self._progress_at = math.inf, 0.0
         self._known_cells, self._futile = 0, 0
-        self._began_at, self._judge_at = math.inf, -math.inf
-        self._last_rounds = 0
-        self._looked_from: list[Point] = []  # places from which closed rooms were looked at
-        self._turn_left = 0.0  # what is left of a look around [rad]
-        self._has_looked_around = False
-        self._last_theta = 0.0
+        self._judge_at = -math.inf
+        self._last_resorts = LastResorts(
+            context,
+            self._navigator,
+            config.look_around_before,
+            config.last_radius_shares,
+            config.closed_room_looks,
+        )
 
     @abstractmethod
     def _rank(self, candidates: list[Candidate]) -> list[Candidate]:
@@ -103,11 +106,11 @@ class FrontierExploration(Exploration):
         pose = Pose2D(*(float(value) for value in observation["pose"]))
         time = float(observation["time"][0])
         self._pose = pose
-        self._began_at = min(self._began_at, time)
+        self._last_resorts.note_time(time)
         self._take_map(observation["map"], pose, time)
         self._mind_result(time)
-        if self._turn_left > 0.0:
-            return self._look_around(pose)
+        if self._last_resorts.is_turning:
+            return self._last_resorts.turn(pose)
         if time - self._tick_at >= self._interval - 1e-6:
             self._tick(pose, time)
         if self.finished:
@@ -185,7 +188,7 @@ class FrontierExploration(Exploration):
         costmap, space = self._navigator.costmap, self._navigator.reachable
         if costmap is None or space is None or self._futile >= self.config.futile_goals:
             return []
-        size = self.config.last_frontier_size if self._last_rounds else self._min_frontier_size
+        size = self.config.last_frontier_size if self._last_resorts.round else self._min_frontier_size
         frontiers = find_frontiers(costmap, pose, min(size, self._min_frontier_size), reachable=space)
         candidates = []
         for frontier in frontiers:
@@ -275,54 +278,20 @@ class FrontierExploration(Exploration):
         costs = path_costs(navigator.costmap, navigator.reachable, factor, until)
         return np.array([math.inf if place is None else costs[place] for place in places])
 
-    # The end
-
     def _nothing_left(self, pose: Pose2D, time: float) -> None:
-        """What is tried before the end: look around, gentler rules, rooms that the map has closed."""
+        """Begin what is to be tried before the end, or end."""
         if self._navigator.is_active or time < self._judge_at:
             return  # on the way to a closed room, or the map doesn't show yet what the last goal brought
-        config = self.config
         self._tick_at = -math.inf
         self._futile = 0
-        if time - self._began_at < config.look_around_before and not self._has_looked_around:
-            self._has_looked_around = True
-            self._turn_left, self._last_theta = 2.0 * math.pi, pose.theta
-        elif self._last_rounds < len(config.last_radius_shares):
-            if self._last_rounds == 0:
-                # What was given up may have become possible: people walk on and maps get better.
-                self._blacklist.clear()
-                self._progress_from = (math.inf, math.inf)
-            radius = config.last_radius_shares[self._last_rounds] * self.context.robot_radius
-            self._last_rounds += 1
-            self._navigator.set_inscribed_radius(radius, pose, time)
-        else:
-            self.finished = not self._visit_closed_room(pose, time)
-
-    def _visit_closed_room(self, pose: Pose2D, time: float) -> bool:
-        """Go and look at a room that the map cuts off, from each side once; False if there is none left."""
-        costmap, space = self._navigator.costmap, self._navigator.reachable
-        if costmap is None or space is None:
-            return False
-        views = [
-            view
-            for view in cut_off_views(costmap, space)
-            if all(math.dist(view[0], seen) > 0.7 for seen in self._looked_from)
-        ]
-        if not views or len(self._looked_from) >= self.config.closed_room_looks:
-            return False
-        place, looked_at = min(views, key=lambda view: math.dist(view[0], pose[:2]))
-        self._looked_from.append(place)
-        self._navigator.set_goal(Goal(*place, look_at=looked_at), pose, time)
-        self._tick_at = time
-        return True
-
-    def _look_around(self, pose: Pose2D) -> Twist2D:
-        """Turn once round on the spot."""
-        turned = abs(math.remainder(pose.theta - self._last_theta, 2.0 * math.pi))
-        self._last_theta = pose.theta
-        self._turn_left -= turned
-        rate = min(self.config.navigator.follower.turn_rate, self.context.max_angular)
-        return Twist2D(0.0, rate)
+        resort = self._last_resorts.attempt(pose, time)
+        if resort is Resort.GENTLER_RULES and self._last_resorts.round == 1:
+            # What was given up may have become possible: people walk on and maps get better.
+            self._blacklist.clear()
+            self._progress_from = (math.inf, math.inf)
+        elif resort is Resort.CLOSED_ROOM:
+            self._tick_at = time
+        self.finished = resort is Resort.NOTHING
 
 
 def _same(a: ByteArray, b: ByteArray) -> bool:

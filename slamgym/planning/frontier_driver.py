@@ -18,7 +18,8 @@ from slamgym.errors import ConfigError
 from slamgym.planning.context import ExplorerContext
 from slamgym.planning.costmap import NO_INFORMATION
 from slamgym.planning.frontier_candidates import Candidate, RoadMap, make_candidates
-from slamgym.planning.frontiers import Point, cut_off_views
+from slamgym.planning.frontiers import Point
+from slamgym.planning.last_resorts import LastResorts, Resort
 from slamgym.planning.navigator import Goal, GoalStatus, Navigator, NavigatorConfig
 from slamgym.types import ByteArray, OccupancyGrid, Pose2D, Twist2D
 
@@ -81,7 +82,6 @@ class FrontierDriver:
         pose: The newest believed pose.
         time: The newest time [s].
         known_area: Area of the map's known cells [m2].
-        round: 0 at first; counts the gentler rules tried at the end.
     """
 
     def __init__(self, context: ExplorerContext, config: DriverConfig | None = None) -> None:
@@ -96,7 +96,6 @@ class FrontierDriver:
         self.pose = Pose2D(0.0, 0.0, 0.0)
         self.time = 0.0
         self.known_area = 0.0
-        self.round = 0
         self._scan: NDArray[np.float32] = np.zeros(0, np.float32)
         self._map: ByteArray | None = None
         self._is_new_map = False  # since the last search of candidates
@@ -107,10 +106,19 @@ class FrontierDriver:
         self._progress_from: Point = (math.inf, math.inf)
         self._progress_distance, self._progress_at = math.inf, 0.0
         self._grown_to, self._grown_at, self._futile = 0.0, 0.0, 0
-        self._began_at, self._judge_at = math.inf, -math.inf
-        self._looked_from: list[Point] = []
-        self._turn_left, self._last_theta = 0.0, 0.0
-        self._has_looked_around = False
+        self._judge_at = -math.inf
+        self._last_resorts = LastResorts(
+            context,
+            self.navigator,
+            self.config.look_around_before,
+            self.config.last_radius_shares,
+            self.config.closed_room_looks,
+        )
+
+    @property
+    def round(self) -> int:
+        """0 at first; counts the gentler rules tried at the end."""
+        return self._last_resorts.round
 
     # The three steps of the protocol.
 
@@ -124,10 +132,10 @@ class FrontierDriver:
         self.pose = Pose2D(*(float(value) for value in observation["pose"]))
         self.time = float(observation["time"][0])
         self._scan = observation["scan"]
-        self._began_at = min(self._began_at, self.time)
+        self._last_resorts.note_time(self.time)
         self._take_map(observation["map"])
         self._mind_result()
-        if self._turn_left > 0.0 or self.finished:
+        if self._last_resorts.is_turning or self.finished:
             return False
         if self._wants_choice():
             self._offer()
@@ -162,8 +170,8 @@ class FrontierDriver:
 
     def command(self) -> Twist2D:
         """Velocity for the next control step."""
-        if self._turn_left > 0.0:
-            return self._look_around()
+        if self._last_resorts.is_turning:
+            return self._last_resorts.turn(self.pose)
         if self.finished:
             return _STOP
         command = self.navigator.step(self.pose, self._scan, self.time)
@@ -295,44 +303,13 @@ class FrontierDriver:
     # The end.
 
     def _nothing_left(self) -> None:
-        """What is tried before the end: look around, gentler rules, rooms that the map has closed."""
+        """Begin what is to be tried before the end, or end."""
         if self.navigator.is_active or self.time < self._judge_at:
             return  # on the way to a closed room, or the map doesn't show yet what the last goal brought
-        config = self.config
         self._futile = 0
         self._is_stale = True
-        if self.time - self._began_at < config.look_around_before and not self._has_looked_around:
-            self._has_looked_around = True
-            self._turn_left, self._last_theta = 2.0 * math.pi, self.pose.theta
-        elif self.round < len(config.last_radius_shares):
-            if self.round == 0:
-                # What was given up may have become possible: people walk on and maps get better.
-                self._blacklist.clear()
-            radius = config.last_radius_shares[self.round] * self.context.robot_radius
-            self.round += 1
-            self.navigator.set_inscribed_radius(radius, self.pose, self.time)
-        else:
-            self.finished = not self._visit_closed_room()
-
-    def _visit_closed_room(self) -> bool:
-        """Go and look at a room that the map cuts off, from each side once; False if there is none left."""
-        costmap, space = self.navigator.costmap, self.navigator.reachable
-        if costmap is None or space is None or len(self._looked_from) >= self.config.closed_room_looks:
-            return False
-        views = [
-            view
-            for view in cut_off_views(costmap, space)
-            if all(math.dist(view[0], seen) > 0.7 for seen in self._looked_from)
-        ]
-        if not views:
-            return False
-        place, looked_at = min(views, key=lambda view: math.dist(view[0], self.pose[:2]))
-        self._looked_from.append(place)
-        self.navigator.set_goal(Goal(*place, look_at=looked_at), self.pose, self.time)
-        return True
-
-    def _look_around(self) -> Twist2D:
-        """Turn once round on the spot."""
-        self._turn_left -= abs(math.remainder(self.pose.theta - self._last_theta, 2.0 * math.pi))
-        self._last_theta = self.pose.theta
-        return Twist2D(0.0, min(self.config.navigator.follower.turn_rate, self.context.max_angular))
+        resort = self._last_resorts.attempt(self.pose, self.time)
+        if resort is Resort.GENTLER_RULES and self.round == 1:
+            # What was given up may have become possible: people walk on and maps get better.
+            self._blacklist.clear()
+        self.finished = resort is Resort.NOTHING
