@@ -75,6 +75,11 @@ PRESETS: dict[str, Preset] = {
         "(Stachniss, Grisetti and Burgard 2005)",
         needs_filter=True,
     ),
+    "coastal": Preset(
+        replace(_NOTHING, coverage_gain=2.0, time=0.02, blind=0.1),
+        "as time, less the time spent where the scanner meets no walls and poses drift: coastal navigation "
+        "(Roy, Burgard, Fox and Thrun 1999)",
+    ),
     "careful_mapping": Preset(
         replace(_NOTHING, coverage_gain=2.0, time=0.02),
         "as time, less the true pose error under which each new part of the map is drawn",

@@ -36,9 +36,12 @@ def augment(
     Returns:
         The pair; the inputs are left as they are.
     """
-    both = _joint_motion(cad.shape[0], config, rng)
+    is_resampled = config.resampled >= 1.0 or rng.random() < config.resampled
+    both = (
+        _joint_motion(cad.shape[0], config, rng) if is_resampled else _whole_shift(cad.shape[0], config, rng)
+    )
     own = both
-    if damage and config.turn_deg > 0.0:
+    if damage and is_resampled and config.turn_deg > 0.0:
         own = _about_centre(cad.shape[0], rng.normal(0.0, config.turn_deg), 1.0, (0.0, 0.0)) @ both
     cad = _moved(cad, both, cv2.INTER_LINEAR, OCCUPIED)
     if damage and config.wobble_px > 0.0 and rng.random() < DAMAGE_PROBABILITY:
@@ -72,6 +75,13 @@ def _joint_motion(side: int, config: AugmentConfig, rng: np.random.Generator) ->
     zoom = math.exp(rng.uniform(-1.0, 1.0) * math.log1p(config.zoom))
     shift = rng.uniform(-config.shift, config.shift, 2) * side
     return _about_centre(side, 0.0, zoom, (float(shift[0]), float(shift[1])))
+
+
+def _whole_shift(side: int, config: AugmentConfig, rng: np.random.Generator) -> np.ndarray:
+    """A shift by whole pixels as a 3 x 3 matrix on (col, row)."""
+    motion = np.eye(3)
+    motion[:2, 2] = np.rint(rng.uniform(-config.shift, config.shift, 2) * side)
+    return motion
 
 
 def _about_centre(side: int, angle_deg: float, zoom: float, shift: tuple[float, float]) -> np.ndarray:

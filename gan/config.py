@@ -144,6 +144,9 @@ class AugmentConfig:
     """Enlarge both images by up to this share, or shrink by it."""
     shift: float = 0.0
     """Shift both images by up to this share of the side."""
+    resampled: float = 1.0
+    """Share of the samples that are zoomed, turned and shifted by fractions of a pixel, which moves walls by half a
+    pixel at random; the others are shifted by whole pixels, as maps in use lie on their own grid."""
     turn_deg: float = 0.0
     """Standard deviation of a turn of the SLAM map [deg]; the published code turns it by up to 3."""
     specks: float = 0.0
@@ -162,6 +165,8 @@ class AugmentConfig:
             value = getattr(self, name)
             if not 0.0 <= value < 1.0:
                 raise ConfigError(f"augment.{name} must lie in [0, 1), not {value}")
+        if not 0.0 <= self.resampled <= 1.0:
+            raise ConfigError(f"augment.resampled must lie in [0, 1], not {self.resampled}")
         if not 0.0 <= self.turn_deg <= 45.0 or not 0.0 <= self.wobble_px <= 32.0:
             raise ConfigError("augment.turn_deg must lie in [0, 45] and augment.wobble_px in [0, 32]")
 

@@ -22,6 +22,7 @@ from slamgym.errors import ConfigError
 REAL_MAPS = AugmentConfig(
     zoom=0.15,
     shift=0.06,
+    resampled=0.5,
     turn_deg=0.5,
     specks=0.004,
     broken_walls=0.2,

@@ -60,6 +60,19 @@ def test_without_damage_the_slam_map_moves_as_the_cad_map_does():
         assert np.mean((cad > 230) != (slam > 230)) < 0.08  # interpolated against nearest cell: borders only
 
 
+@given(seed=st.integers(0, 10_000))
+@settings(max_examples=20, deadline=None)
+def test_what_is_not_resampled_moves_by_whole_pixels(seed):
+    cad = np.full((48, 48), OCCUPIED, np.uint8)
+    cad[8:40, 8:40] = FREE
+    cad[20, 8:30] = OCCUPIED  # a wall of one pixel
+    config = AugmentConfig(flips=False, zoom=0.2, shift=0.1, turn_deg=2.0, resampled=0.0)
+    new_cad, new_slam = augment(cad, cad, config, np.random.default_rng(seed))
+    assert np.array_equal(new_cad[5:-5, 5:-5], new_slam[5:-5, 5:-5])  # filled unlike each other beyond
+    shifts = [np.roll(cad, (r, c), (0, 1)) for r in range(-5, 6) for c in range(-5, 6)]
+    assert any(np.array_equal(new_cad, shifted) for shifted in shifts)
+
+
 @pytest.mark.parametrize(
     ("setting", "value"), [("unknown", 0.4), ("broken_walls", 0.9), ("specks", 0.1), ("cut_off", 0.99)]
 )
@@ -75,7 +88,14 @@ def test_each_kind_of_damage_does_something(setting, value):
 
 @pytest.mark.parametrize(
     "values",
-    [{"specks": 1.0}, {"zoom": -0.1}, {"turn_deg": 90.0}, {"wobble_px": -1.0}, {"cut_off": float("nan")}],
+    [
+        {"specks": 1.0},
+        {"zoom": -0.1},
+        {"turn_deg": 90.0},
+        {"wobble_px": -1.0},
+        {"cut_off": float("nan")},
+        {"resampled": 1.1},
+    ],
 )
 def test_impossible_augmentation_is_refused(values):
     with pytest.raises(ConfigError, match="augment"):
