@@ -54,7 +54,7 @@ def explored_env(minutes: Literal["auto"] | float, env: ExploreConfig) -> Explor
 class EpisodeConfig:
     """How a floor plan is explored."""
 
-    explorer: str = "explore_lite"
+    explorer: str = "rl"
     """Name of the explorer."""
     minutes: Literal["auto"] | float = "auto"
     """Limit of robot time [min]; ``auto`` grows with the floor area (:func:`time_limit`). The paper has 7."""

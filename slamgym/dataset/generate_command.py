@@ -50,8 +50,8 @@ class GenerateArguments:
     1,500 vertices. Generated plans always pass."""
     pairs: int = 8
     """How many pairs the folder shall hold. A larger number later adds to the same folder."""
-    explorer: str = "explore_lite"
-    """Who drives: ``explore_lite``, ``nearest``, ..."""
+    explorer: str = "rl"
+    """Who drives: ``rl``, the trained one; ``explore_lite``, ``nearest``, ... (docs/explorers.md compares them)."""
     minutes: Literal["auto"] | float = "auto"
     """``auto``: until nothing is left to explore, with a limit that grows with the floor area; or a fixed
     limit of robot time [min], 7 in the paper."""

@@ -35,8 +35,8 @@ class WatchArguments:
     """Floor plans, as `slamgym generate` takes them."""
     plan: str | None = None
     """Id of the plan; by default one that follows from the seed."""
-    explorer: str = "explore_lite"
-    """Who drives: ``explore_lite``, ``nearest``, ..."""
+    explorer: str = "rl"
+    """Who drives: ``rl``, ``explore_lite``, ``nearest``, ..."""
     out: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None
     """Film to write, .mp4 or .gif; without it a window opens."""
     minutes: Literal["auto"] | float = "auto"

@@ -61,7 +61,7 @@ def test_what_is_drawn_reaches_the_settings_and_the_record():
     assert conditions["odometry"] == "medium"
     assert conditions["clutter.people"] == 0
     _, plain = episode_conditions(Recipe(), EpisodeConfig(), 7)
-    assert plain["explorer"] == "explore_lite"
+    assert plain["explorer"] == "rl"
     assert plain["slam.particles"] == 30
 
 
