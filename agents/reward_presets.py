@@ -76,9 +76,9 @@ PRESETS: dict[str, Preset] = {
         needs_filter=True,
     ),
     "coastal": Preset(
-        replace(_NOTHING, coverage_gain=2.0, time=0.02, blind=0.1),
-        "as time, less the time spent where the scanner meets no walls and poses drift: coastal navigation "
-        "(Roy, Burgard, Fox and Thrun 1999)",
+        replace(_NOTHING, coverage_gain=2.0, time=0.02, exposure=0.03),
+        "as time, less the distance from walls of the ways chosen: coastal navigation (Roy, Burgard, Fox and "
+        "Thrun 1999)",
     ),
     "careful_mapping": Preset(
         replace(_NOTHING, coverage_gain=2.0, time=0.02),

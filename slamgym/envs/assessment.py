@@ -27,6 +27,7 @@ class Assessment:
 
     Attributes:
         coverage: What was truly seen.
+        exposure: Mean distance from walls of the way that was chosen, for the records to come [m].
         latest: The record of the last step.
     """
 
@@ -39,10 +40,10 @@ class Assessment:
         reward: Reward,
     ) -> None:
         start = simulation.start
+        self.exposure = 0.0
         self._site = site
         self._simulation = simulation
         self._reward = reward
-        self._usable_range = usable_range
         floor = site.floor
         self.coverage = Coverage(floor.mask(start.x, start.y), floor.frame, geometry, usable_range)
         self.coverage.add(start, simulation.true_ranges)
@@ -119,12 +120,8 @@ class Assessment:
             map_error=self._measured[1],
             previous_map_error=before[1],
             position_sigma=_position_sigma(mapper) if self._reward.needs_covariance else math.nan,
-            blind_share=self._blind_share() if self._reward.needs_sight else math.nan,
+            exposure=self.exposure,
         )
-
-    def _blind_share(self) -> float:
-        """Share of the newest scan's beams that met nothing within the usable range."""
-        return 1.0 - float(np.mean(self._simulation.scan.ranges < self._usable_range))
 
     def _measure(self, before: tuple[float, float] | None) -> tuple[float, float]:
         """Known area [m2] and map error [m], nan where no reward looks at them."""

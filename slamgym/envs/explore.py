@@ -284,6 +284,10 @@ class ExploreEnv(gym.Env[Observation, Any]):
         """Mean distance of the map's occupied cells from the nearest true obstacle [m]. Privileged."""
         return self._assessment.map_error()
 
+    def note_exposure(self, exposure: float) -> None:
+        """Tell rewards how far from walls the way leads that was chosen [m]; it holds until the next call."""
+        self._assessment.exposure = exposure
+
     def explorer_context(self) -> ExplorerContext:
         """What an explorer may know in advance: the robot, the scanner and the frame of the map.
 

@@ -11,7 +11,12 @@ from gymnasium import spaces
 from slamgym.config import from_dict
 from slamgym.envs.config import ExploreConfig, resolve_config
 from slamgym.envs.explore import RENDER_MODES, ExploreEnv
-from slamgym.envs.frontier_features import FrontierFeatures, action_mask, frontier_observation_space
+from slamgym.envs.frontier_features import (
+    FrontierFeatures,
+    action_mask,
+    exposures,
+    frontier_observation_space,
+)
 from slamgym.envs.rewards import RewardConfig, RewardFunction
 from slamgym.envs.sites import PlansArgument
 from slamgym.errors import ConfigError
@@ -171,7 +176,9 @@ class ExploreFrontiersEnv(gym.Env[Observation, np.int64]):
             index = int(action)
             if not 0 <= index < self.driver_config.max_candidates:
                 raise gym.error.InvalidAction(f"action {action} is not in {self.action_space}")
-            chosen = driver.choose(index if index < len(driver.candidates) else 0)
+            index = index if index < len(driver.candidates) else 0
+            self.inner.note_exposure(float(self._exposures[index]))
+            chosen = driver.choose(index)
             reward, truncated, info = self._drive(not chosen and bool(driver.candidates), info)
         terminated = (driver.finished or bool(info.get("is_success"))) and not (
             truncated and not driver.finished
@@ -215,6 +222,7 @@ class ExploreFrontiersEnv(gym.Env[Observation, np.int64]):
     def _observe(self, info: dict[str, Any], duration: float) -> tuple[Observation, dict[str, Any]]:
         observation = self._features.observe(self.driver)
         self._mask = action_mask(observation)
+        self._exposures = exposures(observation)
         self._info = {
             **info, "duration": duration, "time": self.driver.time, "action_mask": self._mask.copy()
         }  # fmt: skip

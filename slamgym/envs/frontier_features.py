@@ -31,6 +31,7 @@ NEAR_POCKET = 1.5
 FAR_POCKET = 4.0
 """... and to this one [m]."""
 
+_EXPOSURE_UNIT = 1.5  # [m]
 _STRETCH = 0.7  # the direction of a path is taken over so much of it [m]
 
 LIMIT = 10.0
@@ -169,6 +170,11 @@ def action_mask(observation: Observation) -> BoolArray:
     return mask
 
 
+def exposures(observation: Observation) -> FloatArray:
+    """Mean distance from walls of the way to each candidate, shape (K,) [m]."""
+    return observation["candidates"][:, CANDIDATE_FEATURES.index("exposure")] * float(_EXPOSURE_UNIT)
+
+
 def _candidate_rows(driver: FrontierDriver, costmap: Costmap, crops: Float32Array) -> FloatArray:
     """Features of the candidates, shape (N, F); fills their crops."""
     candidates, pose = driver.candidates, driver.pose
@@ -282,7 +288,7 @@ def _surroundings(candidate: Candidate, costmap: Costmap) -> list[float]:
     return [
         clearance / 1.5,
         float(extent < 1.3 and clearance < 0.7),
-        float(distance(candidate.path).mean()) / 1.5,
+        float(distance(candidate.path).mean()) / _EXPOSURE_UNIT,
     ]
 
 

@@ -20,7 +20,7 @@ from slamgym.errors import ConfigError, InputFileError
 STEP = StepRecord(
     duration=0.2, time=10.0, distance=0.05, contact=True, coverage=0.5, previous_coverage=0.4, pose_error=0.2,
     n_eff=20.0, terminated=True, known_area=30.0, previous_known_area=29.0, map_error=0.05, previous_map_error=0.04,
-    position_sigma=0.1, blind_share=0.5,
+    position_sigma=0.1, exposure=0.5,
 )  # fmt: skip
 
 
@@ -55,7 +55,7 @@ def test_the_presets_differ_in_what_they_pay_for():
     assert active["path_cost"] == {"coverage_gain", "path_length"}
     assert active["map_error"] - active["time"] == {"map_error"}
     assert active["pose_uncertainty"] - active["time"] == {"pose_uncertainty"}
-    assert active["coastal"] - active["time"] == {"blind"}
+    assert active["coastal"] - active["time"] == {"exposure"}
     assert active["careful_mapping"] - active["time"] == {"error_of_new_map"}
     assert active["certain_mapping"] - active["time"] == {"uncertainty_of_new_map"}
     assert active["potential"] == {"time", "shaping"}

@@ -1,6 +1,7 @@
 """The environment at the level of decisions."""
 
 import dataclasses
+from itertools import pairwise
 
 import gymnasium as gym
 import numpy as np
@@ -9,7 +10,7 @@ from gymnasium.utils.env_checker import check_env
 
 from slamgym.envs import DiscountByTermination, ExploreFrontiersEnv
 from slamgym.envs.frontier_actions import DEFAULT_REWARD
-from slamgym.envs.frontier_features import CANDIDATE_FEATURES, GLOBAL_FEATURES, action_mask
+from slamgym.envs.frontier_features import CANDIDATE_FEATURES, GLOBAL_FEATURES, action_mask, exposures
 from slamgym.errors import ConfigError
 
 SMALL = {"observation": {"map_size": 24.0}, "localization": "ground_truth"}
@@ -103,6 +104,19 @@ def test_undiscounted_shaping_and_time_make_up_the_reward(env):
     contacts = sum(info["reward_terms"].get("collision", 0.0) for _, _, info in steps[1:])
     expected = DEFAULT_REWARD.shaping * seen - DEFAULT_REWARD.time * duration + contacts
     assert sum(reward for _, reward, _ in steps) == pytest.approx(expected, abs=1e-6)
+
+
+def test_the_way_that_was_chosen_is_charged_for_its_distance_from_walls(two_room_plan):
+    env = ExploreFrontiersEnv(two_room_plan, **SMALL, reward={"exposure": 1.0})
+    steps, _ = play(env)
+    charged = 0
+    for (before, _, _), (_, _, info) in pairwise(steps[:-1]):
+        exposure = exposures(before)[0]
+        if before["mask"][0] > 0.5:
+            assert 0.0 < exposure <= 3.0
+            assert info["reward_terms"]["exposure"] == pytest.approx(-exposure * info["duration"], rel=1e-5)
+            charged += 1
+    assert charged > 2
 
 
 def test_rewards_within_a_step_are_discounted_by_seconds(two_room_plan):

@@ -31,7 +31,7 @@ records = st.builds(
     map_error=share,
     previous_map_error=share,
     position_sigma=share,
-    blind_share=share,
+    exposure=share,
 )
 configs = st.builds(
     RewardConfig,
@@ -87,7 +87,7 @@ def test_costs_are_negative_and_gains_positive():
         map_error=0.05,
         previous_map_error=0.03,
         position_sigma=0.5,
-        blind_share=0.5,
+        exposure=0.5,
     )
     values = {name: function(step) for name, function in FUNCTIONS.items()}
     assert values == pytest.approx(
@@ -99,7 +99,7 @@ def test_costs_are_negative_and_gains_positive():
             "collision": -1.0,
             "map_error": -0.02,
             "pose_uncertainty": -0.1,
-            "blind": -0.05,
+            "exposure": -0.1,
             "completion": 1.0,
         }
     )
@@ -117,25 +117,12 @@ def test_what_no_term_needs_is_not_measured_and_own_terms_get_everything(flat: F
     info = env.step((0.5, 0.0))[4]
     assert info["reward_terms"]["spy"] == 1.0
     assert info["map_error"] == seen[0].map_error
-    measured = (seen[0].known_area, seen[0].map_error, seen[0].position_sigma, seen[0].blind_share)
+    measured = (seen[0].known_area, seen[0].map_error, seen[0].position_sigma)
     assert all(math.isfinite(value) for value in measured)
 
     plain = ExploreEnv(flat)
     plain.reset(seed=0)
     assert "map_error" not in plain.step((0.5, 0.0))[4]
-
-
-def test_a_robot_is_blind_where_its_range_ends_before_the_walls(flat: FloorPlan):
-    shares = []
-    for usable_range in (3.0, 0.15):
-        env = ExploreEnv(
-            flat, reward={"blind": 1.0}, localization="ground_truth", slam={"max_usable_range": usable_range}
-        )
-        env.reset(seed=0)
-        info = env.step((0.0, 0.0))[4]
-        shares.append(math.sqrt(-info["reward_terms"]["blind"] / 0.2))
-    assert shares[0] < 0.9
-    assert shares[1] > 0.9
 
 
 @pytest.mark.parametrize("mode", ["rbpf", "ground_truth"])
