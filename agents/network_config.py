@@ -21,6 +21,9 @@ class NetworkConfig:
     next best view, and learning goes on from there (residual policy learning, Silver et al. 2018)."""
     prior_weight: float = 16.0
     """0 begins from scratch."""
+    exposure_prior: float = 0.0
+    """Added to the score for each 1.5 m that the way lies from walls, also on top of weights to start from: a
+    negative one begins as a rule that keeps to the walls (coastal navigation, Roy et al. 1999)."""
 
     def __post_init__(self) -> None:
         if self.width % self.heads:

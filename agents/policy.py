@@ -49,6 +49,12 @@ class FrontierNetwork(nn.Module):
         nn.init.zeros_(self.prior.weight)
         with torch.no_grad():
             self.prior.weight[0, CANDIDATE_FEATURES.index(config.prior_feature)] = config.prior_weight
+        self.prefer_walls()
+
+    def prefer_walls(self) -> None:
+        """Add the preference for ways along walls to the weights as they are."""
+        with torch.no_grad():
+            self.prior.weight[0, CANDIDATE_FEATURES.index("exposure")] += self.config.exposure_prior
 
     def forward(self, observation: dict[str, Tensor]) -> tuple[Tensor, Tensor]:
         """Scores (B, K) and values (B,) of a batch of observations."""

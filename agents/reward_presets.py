@@ -26,6 +26,9 @@ class Preset:
     """Whether the reward only makes sense with a particle filter: with true poses there is no error to pay."""
     terms: Mapping[str, tuple[float, RewardFunction]] = field(default_factory=dict)
     """Further terms: name to (weight, function)."""
+    exposure_prior: float = 0.0
+    """What the scores of its policies begin with beside what they begin with anyway; see
+    :class:`~agents.network_config.NetworkConfig`."""
 
 
 def error_of_new_map(step: StepRecord) -> float:
@@ -78,7 +81,8 @@ PRESETS: dict[str, Preset] = {
     "coastal": Preset(
         replace(_NOTHING, coverage_gain=2.0, time=0.02, exposure=0.03),
         "as time, less the distance from walls of the ways chosen: coastal navigation (Roy, Burgard, Fox and "
-        "Thrun 1999)",
+        "Thrun 1999); begins with a preference for ways along walls, which the charge alone is too weak to teach",
+        exposure_prior=-8.0,
     ),
     "careful_mapping": Preset(
         replace(_NOTHING, coverage_gain=2.0, time=0.02),

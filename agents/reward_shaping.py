@@ -144,7 +144,13 @@ def settings_of(config: ShapingConfig, name: str, seed: int) -> TrainConfig:
     needs_filter = any(preset(other).needs_filter for other in config.presets if other != OWN)
     localization = "rbpf" if needs_filter else config.train.localization
     base = dataclasses.replace(config.train, seed=seed, localization=localization)
-    return base if name == OWN else dataclasses.replace(base, reward=preset(name).reward)
+    if name == OWN:
+        return base
+    chosen = preset(name)
+    network = dataclasses.replace(
+        base.network, exposure_prior=base.network.exposure_prior + chosen.exposure_prior
+    )
+    return dataclasses.replace(base, reward=chosen.reward, network=network)
 
 
 def _terms(name: str, term: Term | None) -> dict[str, tuple[float, RewardFunction]] | None:

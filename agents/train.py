@@ -181,6 +181,7 @@ def _begin_with(start_from: str, model: BaseAlgorithm) -> None:
         raise ConfigError(
             f"start_from {start_from}: its network is {found.network}, not {network.config}; give the same sizes"
         ) from None
+    network.prefer_walls()
 
 
 def _callbacks(config: TrainConfig, out: Path, model: BaseAlgorithm) -> list[BaseCallback]:

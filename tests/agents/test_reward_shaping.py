@@ -88,6 +88,7 @@ def test_with_a_preset_about_errors_all_train_with_the_filter():
     without = ShapingConfig(presets=("time", "path_cost", OWN))
     assert settings_of(without, "time", 1).localization == "ground_truth"
     assert settings_of(without, "time", 1).reward == PRESETS["time"].reward
+    assert settings_of(without, "coastal", 1).network.exposure_prior == PRESETS["coastal"].exposure_prior
     assert settings_of(without, OWN, 2) == dataclasses.replace(without.train, seed=2)
 
 

@@ -10,6 +10,7 @@ from agents.network_config import NetworkConfig
 from agents.splits import split_of
 from agents.train_config import PPOConfig, TrainConfig
 from slamgym.cad import open_plans
+from slamgym.envs.frontier_features import CANDIDATE_FEATURES
 from slamgym.errors import ConfigError, InputFileError
 
 torch = pytest.importorskip("torch")
@@ -163,6 +164,12 @@ def test_a_run_can_begin_with_other_weights(tmp_path):
     learned, shipped = (read_policy(p).weights for p in (tmp_path / "run" / "policy.safetensors", SHIPPED))
     for name, value in shipped.items():
         np.testing.assert_allclose(learned[name], value, atol=1e-6)
+    coastal = dataclasses.replace(slow, start_from="shipped", network=NetworkConfig(exposure_prior=-8.0))
+    train(coastal, tmp_path / "coastal")
+    leaning = read_policy(tmp_path / "coastal" / "policy.safetensors").weights["prior.weight"]
+    moved = (leaning - shipped["prior.weight"])[0]
+    assert moved[CANDIDATE_FEATURES.index("exposure")] == pytest.approx(-8.0, abs=1e-5)
+    assert np.count_nonzero(np.abs(moved) > 1e-5) == 1
     wide = dataclasses.replace(slow, start_from="shipped", network=NetworkConfig(width=32))
     with pytest.raises(ConfigError, match="same sizes"):
         train(wide, tmp_path / "wide")
