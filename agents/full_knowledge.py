@@ -32,6 +32,7 @@ from slamgym.planning import (
     reachable_space,
 )
 from slamgym.planning.coarse_paths import CoarsePaths
+from slamgym.planning.last_resorts import LastResorts, Resort
 from slamgym.types import (
     FREE,
     OCCUPIED,
@@ -61,6 +62,10 @@ class FullKnowledgeConfig:
     """A stop is looked round from in so many directions."""
     enough: float = 0.06
     """A stop is done when less than this is left of what it is for [m2]."""
+    last_radius_shares: tuple[float, ...] = (0.85, 0.6)
+    """At the end also doors that a robot of these shares of the radius could pass: maps draw walls too thick."""
+    worth_squeezing: float = 1.0
+    """That is tried for the sake of so much unseen floor [m2]."""
     navigator: NavigatorConfig = field(default_factory=NavigatorConfig)
     """Navigation stack."""
 
@@ -113,6 +118,13 @@ class FullKnowledge:
         self._banned: frozenset[int] = frozenset()
         self._visits: Counter[int] = Counter()
         self._is_last_round = False
+        self._last_resorts = LastResorts(
+            context,
+            self._navigator,
+            look_around_before=0.0,
+            radius_shares=self.config.last_radius_shares,
+            closed_room_looks=0,  # the plan is known: no room is closed
+        )
         self._map: ByteArray | None = None
         self._planned_at = -math.inf
         self.tour: list[Stop] = []
@@ -217,8 +229,11 @@ class FullKnowledge:
             self._banned |= {stop.place}
             self.tour = self.tour[1:]
         self._navigator.cancel()
-        # What was given up may be possible now: maps get better.
-        self.finished = self._is_last_round or not (self._banned or self._hopeless.any())
+        # What was given up may be possible now: maps get better. Else doors may be drawn too narrow.
+        again = not self._is_last_round and bool(self._banned or self._hopeless.any())
+        if not again and np.count_nonzero(self.unseen) * self._cell_area >= self.config.worth_squeezing:
+            again = self._last_resorts.attempt(pose, time) is Resort.GENTLER_RULES
+        self.finished = not again
         self._is_last_round = True
         self._banned, self._visits = frozenset(), Counter()
         self._hopeless[:] = False
