@@ -1,10 +1,11 @@
 import math
+from functools import partial
 
 import numpy as np
 import pytest
 import shapely
 
-from agents.full_knowledge import FullKnowledge
+from agents.full_knowledge import FullKnowledge, FullKnowledgeConfig
 from agents.trial import TrialConfig, run_trial
 from slamgym.cad import FloorPlan
 from slamgym.envs import ExploreConfig, ExploreEnv
@@ -82,6 +83,16 @@ def test_full_knowledge_sees_the_building_in_less_time_than_the_nearest_frontier
     assert ours.coverage > 0.985
     assert ours.collisions == 0
     assert ours.time < nearest.time
+
+
+def test_a_door_that_the_map_draws_too_narrow_is_squeezed_through_at_the_end():
+    rooms = [shapely.box(0.0, 0.0, 5.0, 5.0), shapely.box(5.1, 0.0, 10.0, 5.0)]
+    door = shapely.box(4.9, 2.02, 5.2, 2.49)  # the robot is 0.44 m wide, cells are of 0.05 m
+    plan = FloorPlan("narrow", shapely.union_all([*rooms, door]))
+    for shares, low, high in (((), 0.5, 0.9), ((0.85, 0.6), 0.98, 1.0)):
+        make = partial(FullKnowledge.of, config=FullKnowledgeConfig(last_radius_shares=shares))
+        trial = run_trial(plan, 1, "full_knowledge", TrialConfig(env=ENV), make)
+        assert low <= trial.coverage <= high
 
 
 def test_its_frame_is_the_robots_map_wherever_it_starts():
