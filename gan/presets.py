@@ -115,7 +115,8 @@ PRESETS: dict[str, TrainConfig] = {
         ),
         discriminator=DiscriminatorConfig(width=64, patch_width=32),
         optimiser=OptimiserConfig(learning_rate=5e-4, average=0.98),
-        stages=(Stage(32, 40.0, 16),),
+        # Small batches: in half an hour steps are what is scarce.
+        stages=(Stage(32, 40.0, 4),),
         register=True,
         minutes=30.0,
     ),
@@ -124,7 +125,7 @@ PRESETS: dict[str, TrainConfig] = {
         translator=TranslatorConfig(
             direction="cad2slam",
             input_size=128,
-            output_size=128,
+            output_size=64,
             input_encoding="grey",
             output_encoding="free_occupied",
             generator=GeneratorConfig("progressive", width=16),
@@ -133,10 +134,9 @@ PRESETS: dict[str, TrainConfig] = {
         discriminator=DiscriminatorConfig(width=64, patch_width=16),
         optimiser=OptimiserConfig(learning_rate=5e-4, average=0.98),
         stages=(
-            # Steps cost 1 : 4 : 10, so the finer ones get fewer images and still most of the time.
-            Stage(32, 10.0, 32),
-            Stage(64, 6.0, 16, 1.0, 16),
-            Stage(128, 3.0, 8, 0.5, 8),
+            # A third stage, at 128 px, was tried in a quarter of an hour: too few steps, everything became wall.
+            Stage(32, 10.0, 8),
+            Stage(64, 5.0, 8, 1.0),
         ),
         register=True,
         minutes=60.0,
