@@ -170,7 +170,6 @@ class FullKnowledge:
         pose = Pose2D(*(float(value) for value in observation["pose"]))
         time = float(observation["time"][0])
         self._take_map(observation["map"], pose, time)
-        self._last_resorts.note_time(time)
         if not self.finished and self._is_plan_due(time):
             self._plan(pose, time)
         if self.finished:

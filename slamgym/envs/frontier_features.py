@@ -172,7 +172,7 @@ def action_mask(observation: Observation) -> BoolArray:
 
 def exposures(observation: Observation) -> FloatArray:
     """Mean distance from walls of the way to each candidate, shape (K,) [m]."""
-    return observation["candidates"][:, CANDIDATE_FEATURES.index("exposure")] * float(_EXPOSURE_UNIT)
+    return observation["candidates"][:, CANDIDATE_FEATURES.index("exposure")] * _EXPOSURE_UNIT
 
 
 def _candidate_rows(driver: FrontierDriver, costmap: Costmap, crops: Float32Array) -> FloatArray:

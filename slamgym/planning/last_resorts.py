@@ -36,7 +36,7 @@ class LastResorts:
     Args:
         context: What the environment tells about the robot and its map.
         navigator: Navigation stack of the exploration.
-        look_around_before: Only so soon after the beginning a look around is worth its time [s].
+        look_around_before: Only so soon after the beginning a look around is worth its time [s]; 0 for never.
         radius_shares: Shares of the robot's radius to try one after the other, in ``round`` 1, 2, ...
         closed_room_looks: Closed rooms are looked at from so many places at most.
 
@@ -59,7 +59,7 @@ class LastResorts:
         self._radius_shares = radius_shares
         self._closed_room_looks = closed_room_looks
         self._began_at = math.inf
-        self._has_looked_around = False
+        self._has_looked_around = look_around_before <= 0.0  # a look that is never worth it counts as done
         self._turn_left, self._last_theta = 0.0, 0.0  # of a look around [rad]
         self._looked_from: list[Point] = []
 
@@ -69,7 +69,7 @@ class LastResorts:
         return self._turn_left > 0.0
 
     def note_time(self, time: float) -> None:
-        """Tell the clock of every control step: the first one is the beginning."""
+        """Tell the clock of every control step, if looks around are wanted: the first one is the beginning."""
         self._began_at = min(self._began_at, time)
 
     def turn(self, pose: Pose2D) -> Twist2D:
