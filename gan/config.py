@@ -264,6 +264,8 @@ class TrainConfig:
     register: bool = False
     """Move each SLAM map onto its CAD map by the best similarity before anything is learnt
     (:mod:`gan.registration`)."""
+    start_from: str = ""
+    """Weights that the generator starts with instead of random ones: a shipped name, a file, or a run's folder."""
     seed: int = 0
     minutes: float | None = None
     """Wall-clock time of a training that isn't told epochs or minutes; None goes by the stages' epochs."""

@@ -8,6 +8,7 @@ import copy
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+import numpy as np
 import torch
 from torch import Tensor, nn
 from torch.optim import Adam, AdamW, Optimizer
@@ -21,6 +22,7 @@ from gan.drawing import Drawing
 from gan.encoding import encode
 from gan.layers import shrink_to
 from gan.networks import Generator, build_discriminators, build_generator
+from gan.resample import resample_slam
 from gan.sampler import Batch
 from gan.schedule import Moment
 from slamgym.errors import ConfigError
@@ -65,6 +67,12 @@ class Learner:
         if self.average is not None:
             named["average"] = self.average
         return named
+
+    def adopt(self, generator: Generator) -> None:
+        """Start with the weights of a trained generator of the same settings; the judges start anew."""
+        for network in (self.generator, self.average):
+            if network is not None:
+                network.load_state_dict(generator.state_dict())
 
     def compile(self, backend: str = "inductor") -> None:
         """Let torch compile the networks in training; names and state stay as they are.
@@ -126,6 +134,10 @@ class Learner:
         return seen, self._target(y, resolution), unassociated
 
     def _target(self, cells: ByteArray, resolution: int) -> Tensor:
+        if self.config.translator.direction == "cad2slam":
+            # Cells have one of three values at any resolution. The mean of a thin wall would be a pale grey, and a
+            # generator that draws such a grey draws no wall at all once its values are told apart.
+            cells = np.stack([resample_slam(image, (resolution, resolution)) for image in cells])
         return shrink_to(self._on_device(cells, self.config.translator.output_encoding), resolution)
 
     def _on_device(self, cells: ByteArray, encoding: str) -> Tensor:

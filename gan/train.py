@@ -30,12 +30,13 @@ from gan.data import PairSet, load_pairs, require_pairs
 from gan.device import Compute, make_deterministic
 from gan.interruption import Interruption, deferred_interrupt
 from gan.learner import Learner
+from gan.networks import Generator
 from gan.registration import registered
 from gan.sampler import BatchSampler, derotated
 from gan.schedule import Span, plan_schedule
 from gan.training_log import TrainingLog, training_bar
 from gan.validation import judge
-from gan.weights import ModelCard, save_translator
+from gan.weights import ModelCard, load_weights, save_translator
 from slamgym import __version__
 from slamgym.config import to_dict
 from slamgym.dataset.progress import duration, say
@@ -220,7 +221,9 @@ class _Training:
             file.write(json.dumps(line | {k: round(v, 5) for k, v in judged.figures.items()}) + "\n")
 
     def _begin(self, images: Path) -> None:
-        """A new run: fit the schedule to the time, write the settings."""
+        """A new run: take up weights, fit the schedule to the time, write the settings."""
+        if self.config.start_from:
+            self.learner.adopt(_starting_generator(self.config))
         if self.options.minutes is not None:
             seconds = measure_seconds(self.schedule, self.pairs, self.config, self.compute)
             self.budget = Budget(60.0 * self.options.minutes, seconds)
@@ -297,6 +300,24 @@ def _training_pairs(images: Path, run: Path, config: TrainConfig) -> tuple[PairS
     rest, held_out = pairs.split(config.validation)
     require_pairs(rest, MIN_PAIRS, f"the preset {config.preset!r}")
     return rest, held_out.subset(range(min(len(held_out), MAX_VALIDATION_PAIRS)))
+
+
+def _starting_generator(config: TrainConfig) -> Generator:
+    """The trained generator to start with.
+
+    Raises:
+        InputFileError: If the file can't be used.
+        ConfigError: If it holds a generator of other settings.
+    """
+    weights = load_weights(config.start_from, config.translator.direction)
+    for name in ("input_size", "output_size", "input_encoding", "output_encoding", "generator"):
+        theirs, ours = getattr(weights.config, name), getattr(config.translator, name)
+        if theirs != ours:
+            raise ConfigError(
+                f"{config.start_from} can't be trained on with the preset {config.preset!r}: its {name} is "
+                f"{theirs}, not {ours}; choose the preset it was trained with ({weights.card.preset})"
+            )
+    return weights.generator
 
 
 def _checksum(pairs: PairSet) -> str:

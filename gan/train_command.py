@@ -45,6 +45,9 @@ class TrainArguments:
     """Pairs a step, in all stages, instead of the preset's."""
     learning_rate: float | None = None
     """Instead of the preset's."""
+    start_from: str = ""
+    """Train on from these weights instead of random ones: a shipped name (slam2cad, ...), a .safetensors file, or a
+    run's folder. For maps of your own, or for more hours."""
     seed: int = 0
     """Of weights, order and augmentation."""
     device: DeviceName = "auto"
@@ -93,7 +96,9 @@ def train_config(arguments: TrainArguments) -> TrainConfig:
     Raises:
         ConfigError: If a setting is unknown or impossible.
     """
-    config = dataclasses.replace(find_preset(arguments.preset), seed=arguments.seed)
+    config = dataclasses.replace(
+        find_preset(arguments.preset), seed=arguments.seed, start_from=arguments.start_from
+    )
     if arguments.learning_rate is not None:
         optimiser = dataclasses.replace(config.optimiser, learning_rate=arguments.learning_rate)
         config = dataclasses.replace(config, optimiser=optimiser)

@@ -200,6 +200,47 @@ def test_the_residual_network_learns(tmp_path, make_images):
     assert load_translator(tmp_path / "run").translate(cells).shape == (32, 32)
 
 
+def test_a_training_goes_on_from_finished_weights(tmp_path, images):
+    train(images, tmp_path / "first", RESIDUAL, CPU, QUIET)
+    config = dataclasses.replace(RESIDUAL, start_from=str(tmp_path / "first"))
+    # No rate, no movement: what comes out is what went in, to half precision, but for batch norms' statistics.
+    config = dataclasses.replace(config, optimiser=dataclasses.replace(config.optimiser, learning_rate=1e-12))
+    train(images, tmp_path / "second", config, CPU, QUIET)
+    before, after = (load_file(tmp_path / run / "weights.safetensors") for run in ("first", "second"))
+    for key, value in before.items():
+        if "running_" not in key and "num_batches" not in key:
+            assert torch.equal(value, after[key]), key
+
+
+def test_weights_of_another_preset_are_no_start(tmp_path, images):
+    train(images, tmp_path / "first", RESIDUAL, CPU, QUIET)
+    config = dataclasses.replace(PROGRESSIVE, start_from=str(tmp_path / "first"))
+    with pytest.raises(
+        ConfigError, match=r"its generator is .*choose the preset it was trained with \(tiny\)"
+    ):
+        train(images, tmp_path / "second", config, CPU, QUIET)
+
+
+def test_the_command_names_missing_starting_weights(tmp_path, images):
+    with pytest.raises(ConfigError, match="no weights are called 'slam2cat'"):
+        main([str(images), "-o", str(tmp_path / "run"), "--start-from", "slam2cat", "--device", "cpu"])
+
+
+@pytest.mark.parametrize("resolution", [16, 32])
+def test_slam_maps_as_targets_have_three_values_and_keep_thin_walls(resolution):
+    translator = dataclasses.replace(
+        PROGRESSIVE.translator, direction="cad2slam", output_encoding="free_occupied"
+    )
+    learner = Learner(dataclasses.replace(PROGRESSIVE, translator=translator), CPU)
+    slam = np.full((1, 32, 32), 205, np.uint8)
+    slam[0, 4:28, 4:28] = 254
+    slam[0, 4:28, 15] = 0  # a wall one cell thick
+    target = learner._target(slam, resolution)
+    assert set(target.unique().tolist()) == {-1.0, 1.0}
+    middle = resolution // 2
+    assert (target[0, 1, middle, :] > 0.0).sum() == 1
+
+
 @pytest.mark.parametrize("kind", ["lsgan", "bce"])
 @pytest.mark.parametrize("reference", ["x", "y", "none"])
 def test_all_terms_are_told_and_every_network_moves(images, kind, reference):
