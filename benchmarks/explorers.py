@@ -37,7 +37,7 @@ class Arguments:
     plans: tyro.conf.Positional[str]
     """HouseExpo plans: a folder or a .tar.gz."""
     count: int = 200
-    """How many of them."""
+    """How many of them; 0 for none."""
     offices: int = 20
     """How many generated offices; 0 for none."""
     explorers: str = ",".join(name for name in EXPLORERS if name != "random")
@@ -73,12 +73,13 @@ def evaluate_all(arguments: Arguments) -> None:
         seed=arguments.seed,
         full_knowledge=True,
     )
-    houses = run("houseexpo", "HouseExpo", open_source(arguments.plans), config, arguments)
-    plot = arguments.out / "houseexpo" / PLOT.name
-    number = len({trial.plan for trial in houses.trials})
-    draw_coverage(houses.trials, plot, f"{number} HouseExpo plans: mean, with its 95 % interval")
-    if arguments.page:
-        shutil.copy(plot, PLOT)
+    if arguments.count:
+        houses = run("houseexpo", "HouseExpo", open_source(arguments.plans), config, arguments)
+        plot = arguments.out / "houseexpo" / PLOT.name
+        number = len({trial.plan for trial in houses.trials})
+        draw_coverage(houses.trials, plot, f"{number} HouseExpo plans: mean, with its 95 % interval")
+        if arguments.page:
+            shutil.copy(plot, PLOT)
     if arguments.offices:
         # Learning drew from seed 0 of the generator; the split by id holds for generated plans too.
         offices = dataclasses.replace(config, count=arguments.offices, plans_filter="none")
