@@ -14,6 +14,7 @@ import numpy as np
 
 from gan.data import PairSet
 from gan.elastic import bend
+from gan.resample import resample_slam
 from slamgym.metrics import displacement_statistics, map_statistics, two_sample_test
 from slamgym.metrics.kernel_distance import kernel_distance, statistic_distances
 from slamgym.metrics.two_sample import LEARNERS
@@ -118,15 +119,13 @@ def translated_maps(
         By name the pairs at that resolution and the maps (N, S, S).
     """
     side = min(pairs.cad.shape[1], translator.config.output_size)
-    seen = pairs.resampled(side)
+    judged, seen = pairs.resampled(side), pairs.resampled(translator.config.input_size)
     title = name if side == pairs.cad.shape[1] else f"{name} at {side} px"
-    scales = [float(scale) for scale in seen.metres_per_px]
-    straight = [translator.translate_cells(cad, scale) for cad, scale in zip(seen.cad, scales, strict=True)]
-    bent = [
-        translator.translate_cells(cad, scale, drift=np.random.default_rng([seed, i]))
-        for i, (cad, scale) in enumerate(zip(seen.cad, scales, strict=True))
-    ]
-    return {title: (seen, np.stack(straight)), f"{title}, bent": (seen, np.stack(bent))}
+    maps: dict[str, list[ByteArray]] = {title: [], f"{title}, bent": []}
+    for i, (cad, scale) in enumerate(zip(seen.cad, seen.metres_per_px.tolist(), strict=True)):
+        for drift, drawn in zip((None, np.random.default_rng([seed, i])), maps.values(), strict=True):
+            drawn.append(resample_slam(translator.draw_slam(cad, scale, drift), (side, side)))
+    return {kind: (judged, np.stack(drawn)) for kind, drawn in maps.items()}
 
 
 def judge(

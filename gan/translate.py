@@ -10,7 +10,6 @@ import dataclasses
 import math
 from pathlib import Path
 
-import cv2
 import numpy as np
 
 from gan.augmentation import flipped, unflipped
@@ -21,7 +20,7 @@ from gan.elastic import drifted
 from gan.encoding import decode_slam, free_probability
 from gan.explored import explored_floor
 from gan.networks import Generator
-from gan.resample import resample_grey, resample_probability, resample_slam
+from gan.resample import enlarge_means, resample_grey, resample_probability, resample_slam
 from gan.sampler import MAX_DRIFT_DEG
 from gan.tiling import translate_tiled
 from gan.validation import draw_all
@@ -118,6 +117,25 @@ class LearnedTranslator:
         drawn = self._fitted(cells, OCCUPIED, metres_per_px)
         return decode_slam(drawn, self.config.output_encoding)
 
+    def draw_slam(
+        self, cad: ByteArray, metres_per_px: float | None = None, drift: np.random.Generator | None = None
+    ) -> ByteArray:
+        """Draw the SLAM map of a CAD map as the training saw such: nothing is resampled.
+
+        Args:
+            cad: (S, S), S the network's input size.
+            metres_per_px: Scale, if it is known; bending needs it.
+            drift: As in :meth:`translate_cells`.
+
+        Returns:
+            (R, R), R the network's output size: 0, 205, 254.
+        """
+        if drift is not None:
+            cad = drifted(cad, metres_per_px or self.config.metres_per_px[1], drift)
+        size = self.config.output_size
+        image = draw_all(self._generator, cad[np.newaxis], self.config, self._compute, size)[0]
+        return decode_slam(image, self.config.output_encoding)
+
     def _free_space(self, slam: ByteArray, metres_per_px: float | None) -> Float32Array:
         return free_probability(self._fitted(slam, UNKNOWN, metres_per_px), self.config.output_encoding)
 
@@ -177,7 +195,8 @@ class LearnedTranslator:
         mean: Float32Array = np.stack(drawn).mean(axis=0).astype(np.float32)
         if mean.shape[-1] == size:
             return mean
-        return np.stack([np.stack([_enlarged(c, size) for c in image]) for image in mean])
+        shares = [[enlarge_means(0.5 * (c + 1.0), (size, size)) for c in image] for image in mean]
+        return 2.0 * np.array(shares, dtype=np.float32) - 1.0
 
 
 def load_translator(
@@ -221,7 +240,3 @@ def _content(cells: ByteArray, empty: int) -> tuple[slice, slice]:
         slice(max(0, int(rows[0]) - margin), min(cells.shape[0], int(rows[-1]) + margin + 1)),
         slice(max(0, int(cols[0]) - margin), min(cells.shape[1], int(cols[-1]) + margin + 1)),
     )
-
-
-def _enlarged(image: Float32Array, size: int) -> Float32Array:
-    return np.asarray(cv2.resize(image, (size, size), interpolation=cv2.INTER_LINEAR), dtype=np.float32)

@@ -13,7 +13,7 @@ from gan.data import PairSet
 from gan.device import Compute
 from gan.encoding import decode_slam, encode, free_probability
 from gan.networks import Generator
-from gan.resample import resample_probability
+from gan.resample import enlarge_means
 from slamgym.metrics import wall_score
 from slamgym.types import FREE, BoolArray, ByteArray, Float32Array
 
@@ -87,7 +87,7 @@ def _judge_cad(
     rows: list[tuple[float, float, float, float]] = []
     shown = np.empty_like(pairs.cad)
     for index, image in enumerate(drawn):
-        free = resample_probability(free_probability(image, config.output_encoding), (shape[0], shape[1]))
+        free = enlarge_means(free_probability(image, config.output_encoding), (shape[0], shape[1]))
         shown[index] = np.rint(free * FREE)
         truth = pairs.cad[index] > FREE // 2
         slam = pairs.slam[index] == FREE

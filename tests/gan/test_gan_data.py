@@ -6,11 +6,13 @@ import cv2
 import numpy as np
 import pytest
 import torch
+from hypothesis import given
+from hypothesis import strategies as st
 
 from gan.config import AugmentConfig
 from gan.data import load_pairs, read_grey
 from gan.encoding import decode_slam, encode, free_probability
-from gan.resample import resample_slam
+from gan.resample import enlarge_means, resample_slam
 from gan.sampler import BatchSampler, derotated
 from slamgym.errors import InputFileError
 from slamgym.types import FREE, OCCUPIED, UNKNOWN
@@ -224,3 +226,26 @@ def test_derotating_leaves_cad_maps_alone(pairs):
     turned = derotated(pairs)
     assert np.array_equal(turned.cad, pairs.cad)
     assert turned.slam.shape == pairs.slam.shape
+
+
+@given(st.integers(0, 2**32 - 1), st.sampled_from([2, 4, 8]))
+def test_an_enlarged_map_has_the_means_that_it_was_enlarged_from(seed, factor):
+    floor = np.random.default_rng(seed).random((16, 16)) < 0.7
+    small = cv2.GaussianBlur(floor.astype(np.float32), (3, 3), 0.0)
+    large = enlarge_means(small, (16 * factor, 16 * factor))
+    assert large.min() >= 0.0
+    assert large.max() <= 1.0
+    means = cv2.resize(large, (16, 16), interpolation=cv2.INTER_AREA)
+    # Ten rounds leave a little at pixels that would have to pass 0 or 1.
+    assert np.abs(means - small).mean() < 0.01
+
+
+def test_a_thin_wall_survives_enlarging_where_interpolation_blurs_it_away():
+    cad = np.ones((64, 64), np.float32)
+    cad[:, 33:35] = 0.0  # half of a column of cells
+    small = cv2.resize(cad, (16, 16), interpolation=cv2.INTER_AREA)
+    assert (cv2.resize(small, (64, 64), interpolation=cv2.INTER_LINEAR) >= 0.5).mean() > 0.99
+    wall = enlarge_means(small, (64, 64))[32] < 0.5
+    assert wall.any()
+    assert np.flatnonzero(wall).min() >= 29
+    assert np.flatnonzero(wall).max() <= 34
