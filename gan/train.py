@@ -176,7 +176,8 @@ class _Training:
                     log.scalars("loss", told, step)
                     log.scalars("schedule", {"rate": moment.rate, "fade": moment.fade}, step)
                 done = self.schedule.images_before(step + 1)
-                bar.advance(done, self.schedule.images, told["total"])
+                left = None if self.budget is None else self._predicted()
+                bar.advance(done, self.schedule.images, told["total"], left)
                 now = time.monotonic()
                 self.seconds_used = used_before + now - began
                 if now - last_save >= 60.0 * options.checkpoint_minutes:

@@ -70,25 +70,34 @@ class Bar:
         self._progress: Progress | None = None
         self._task: Any = None
 
-    def advance(self, images: int, total: int, loss: float) -> None:
-        """Note how many images of how many are done, and the loss of the last step."""
+    def advance(self, images: int, total: int, loss: float, left: float | None = None) -> None:
+        """Note how far the training is.
+
+        Args:
+            images: How many are done.
+            total: How many there shall be.
+            loss: Of the last step.
+            left: Seconds to go, where the cost of the coming steps is known; None goes by the rate so far, which
+                is wrong as soon as the stages differ.
+        """
         if self._first is None:
             self._first, self._began = images, time.monotonic()
         self._loss = loss if self._loss is None else SMOOTHING * self._loss + (1.0 - SMOOTHING) * loss
-        text = self._describe(images, total)
+        text = self._describe(images, total, left)
         if self._progress is not None:
             self._progress.update(self._task, completed=images, total=total, outlook=text)
         elif time.monotonic() - self._last >= LINE_INTERVAL or images >= total:
             self._last = time.monotonic()
             say(f"{100.0 * images / total:.1f} % of {total:,} images, {text}")
 
-    def _describe(self, images: int, total: int) -> str:
+    def _describe(self, images: int, total: int, left: float | None) -> str:
         assert self._first is not None
         fresh, seconds = images - self._first, time.monotonic() - self._began
         if fresh <= 0 or seconds <= 0.0:
             return f"loss {self._loss:.4g}"
         rate = fresh / seconds
-        return f"loss {self._loss:.4g}, {rate:.3g} images/s, {duration((total - images) / rate)} left"
+        to_go = (total - images) / rate if left is None else left
+        return f"loss {self._loss:.4g}, {rate:.3g} images/s, {duration(to_go)} left"
 
 
 @contextmanager

@@ -28,6 +28,7 @@ from gan.sampler import BatchSampler
 from gan.schedule import Moment
 from gan.train import RunOptions, TrainingDivergedError, train
 from gan.train_command import main
+from gan.training_log import Bar
 from gan.translate import load_translator
 from slamgym.errors import ConfigError, InputFileError
 
@@ -367,3 +368,11 @@ def test_the_command_trains_from_options(tmp_path, images, capsys):
     assert "2 steps, 6 images" in capsys.readouterr().out
     assert (tmp_path / "run" / "weights.safetensors").exists()
     assert list((tmp_path / "run" / "tensorboard").iterdir())
+
+
+def test_the_time_left_is_that_of_the_coming_steps_where_it_is_known(capsys, monkeypatch):
+    monkeypatch.setattr("gan.training_log.LINE_INTERVAL", 0.0)
+    bar = Bar()
+    bar.advance(0, 100, 1.0)
+    bar.advance(90, 100, 1.0, left=3600.0)  # nine tenths in no time, but the last tenth is of a slower stage
+    assert "1 h 00 min left" in capsys.readouterr().err
