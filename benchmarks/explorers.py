@@ -69,12 +69,12 @@ def main() -> None:
 def evaluate_all(arguments: Arguments) -> None:
     config = EvaluationConfig(
         explorers=tuple(name.strip() for name in arguments.explorers.split(",") if name.strip()),
-        count=arguments.count,
         seed=arguments.seed,
         full_knowledge=True,
     )
     if arguments.count:
-        houses = run("houseexpo", "HouseExpo", open_source(arguments.plans), config, arguments)
+        homes = dataclasses.replace(config, count=arguments.count)
+        houses = run("houseexpo", "HouseExpo", open_source(arguments.plans), homes, arguments)
         plot = arguments.out / "houseexpo" / PLOT.name
         number = len({trial.plan for trial in houses.trials})
         draw_coverage(houses.trials, plot, f"{number} HouseExpo plans: mean, with its 95 % interval")
