@@ -119,7 +119,9 @@ def translated_maps(
         By name the pairs at that resolution and the maps (N, S, S).
     """
     side = min(pairs.cad.shape[1], translator.config.output_size)
-    judged, seen = pairs.resampled(side), pairs.resampled(translator.config.input_size)
+    seen = pairs.resampled(translator.config.input_size)
+    # In the same two steps as the targets of the training: each keeps walls that a single one would drop.
+    judged = seen.resampled(side)
     title = name if side == pairs.cad.shape[1] else f"{name} at {side} px"
     maps: dict[str, list[ByteArray]] = {title: [], f"{title}, bent": []}
     for i, (cad, scale) in enumerate(zip(seen.cad, seen.metres_per_px.tolist(), strict=True)):
