@@ -206,19 +206,23 @@ def _judge_realism(
     made = {ELASTIC: (pairs, elastic_maps(pairs, arguments.seed))} | generated
     for name, translator in translators.items():
         made |= translated_maps(name, translator, pairs, arguments.seed)
-    references: dict[int, Sample] = {}
-    for side in {some.cad.shape[1] for some, _ in made.values()}:
-        simulated = pairs.resampled(side)
-        references[side] = Sample.of(simulated.slam, simulated)
+    reference = Sample.of(pairs.slam, pairs)
+    coarse: dict[
+        int, Sample
+    ] = {}  # simulated maps of all pairs as a translator brought them to its resolution
     entries, drawn = [], {}
     with show_progress("two-sample tests", 0, 1 + len(made)) as advance:
-        reference = references[pairs.cad.shape[1]]
         first, second = (reference.subset(half) for half in null_halves(reference.plans, arguments.seed))
         entries.append(_judge(arguments, NULL, first, second))
         advance()
         for name, (some, maps) in made.items():
             chosen = [pairs.names.index(n) for n in some.names]
-            same = references[some.cad.shape[1]].subset(chosen)
+            if some.cad.shape[1] == pairs.cad.shape[1]:
+                same = reference.subset(chosen)
+            else:
+                if id(some) not in coarse:
+                    coarse[id(some)] = Sample.of(some.slam, some)
+                same = coarse[id(some)]
             entries.append(_judge(arguments, name, same, Sample.of(maps, some)))
             drawn[name] = _spread(maps, chosen, len(pairs))
             advance()
