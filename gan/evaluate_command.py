@@ -207,9 +207,8 @@ def _judge_realism(
     for name, translator in translators.items():
         made |= translated_maps(name, translator, pairs, arguments.seed)
     reference = Sample.of(pairs.slam, pairs)
-    coarse: dict[
-        int, Sample
-    ] = {}  # simulated maps of all pairs as a translator brought them to its resolution
+    # Simulated maps of all pairs, as each translator that draws fewer pixels brought them to its own resolution.
+    coarse: dict[int, Sample] = {}
     entries, drawn = [], {}
     with show_progress("two-sample tests", 0, 1 + len(made)) as advance:
         first, second = (reference.subset(half) for half in null_halves(reference.plans, arguments.seed))
