@@ -20,6 +20,7 @@ from report import print_and_save
 from gan.data import PairSet, load_pairs
 from gan.evaluate import MapScore, baselines, evaluate_method, learned
 from gan.presets import find_preset
+from gan.train import MAX_VALIDATION_PAIRS
 from gan.train_command import main as train
 from gan.translate import LearnedTranslator, load_translator
 from slamgym.metrics import improvement
@@ -34,7 +35,6 @@ VARIANTS: dict[str, tuple[str, tuple[str, ...]]] = {
 }
 """Preset and settings by what the variant changes."""
 FLIPS = (1, 2, 4, 8)
-MAX_PAIRS = 64
 
 
 def main() -> None:
@@ -58,7 +58,7 @@ def main() -> None:
     if arguments.only is not None:
         return
     _, pairs = load_pairs(arguments.images, "train", 256).split(find_preset("slam2cad").validation)
-    pairs = pairs.subset(range(min(len(pairs), MAX_PAIRS)))
+    pairs = pairs.subset(range(min(len(pairs), MAX_VALIDATION_PAIRS)))
     raw = np.array([score.mse for score in evaluate_method(baselines()[0], pairs)])
     rows = [row(name, load_translator(folder), pairs, raw) for name, folder in folders.items()]
     for flips in FLIPS:

@@ -116,6 +116,8 @@ class _Training:
     ) -> None:
         self.folder, self.options, self.compute = run, options, compute
         self.checkpoint = run / "checkpoint.safetensors"
+        # Weights that don't fit are told before minutes go into reading and registering the pairs.
+        start = _starting_generator(config) if config.start_from and not self.checkpoint.exists() else None
         self.pairs, self.held_out = _training_pairs(images, run, config)
         scales = self.pairs.scale_percentiles()
         if scales is not None:
@@ -124,6 +126,8 @@ class _Training:
             )
         self.config = config
         self.learner = Learner(config, compute)
+        if start is not None:
+            self.learner.adopt(start)
         if options.compile:
             self.learner.compile()
         # Nothing here draws from torch's own generator; whatever ever does shall start from the seed.
@@ -222,9 +226,7 @@ class _Training:
             file.write(json.dumps(line | {k: round(v, 5) for k, v in judged.figures.items()}) + "\n")
 
     def _begin(self, images: Path) -> None:
-        """A new run: take up weights, fit the schedule to the time, write the settings."""
-        if self.config.start_from:
-            self.learner.adopt(_starting_generator(self.config))
+        """A new run: fit the schedule to the time, write the settings."""
         if self.options.minutes is not None:
             seconds = measure_seconds(self.schedule, self.pairs, self.config, self.compute)
             self.budget = Budget(60.0 * self.options.minutes, seconds)

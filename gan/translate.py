@@ -112,9 +112,7 @@ class LearnedTranslator:
             free = self.translate(cells, metres_per_px, straighten)
             return np.where(free >= 0.5, FREE, OCCUPIED).astype(np.uint8)
         _require_image(cells)
-        if drift is not None:
-            cells = drifted(cells, metres_per_px or self.config.metres_per_px[1], drift)
-        drawn = self._fitted(cells, OCCUPIED, metres_per_px)
+        drawn = self._fitted(self._bent(cells, metres_per_px, drift), OCCUPIED, metres_per_px)
         return decode_slam(drawn, self.config.output_encoding)
 
     def draw_slam(
@@ -130,11 +128,15 @@ class LearnedTranslator:
         Returns:
             (R, R), R the network's output size: 0, 205, 254.
         """
-        if drift is not None:
-            cad = drifted(cad, metres_per_px or self.config.metres_per_px[1], drift)
-        size = self.config.output_size
-        image = draw_all(self._generator, cad[np.newaxis], self.config, self._compute, size)[0]
+        seen = self._bent(cad, metres_per_px, drift)[np.newaxis]
+        image = draw_all(self._generator, seen, self.config, self._compute, self.config.output_size)[0]
         return decode_slam(image, self.config.output_encoding)
+
+    def _bent(
+        self, cad: ByteArray, metres_per_px: float | None, drift: np.random.Generator | None
+    ) -> ByteArray:
+        """A CAD map bent as drift would, if there is any."""
+        return cad if drift is None else drifted(cad, metres_per_px or self.config.metres_per_px[1], drift)
 
     def _free_space(self, slam: ByteArray, metres_per_px: float | None) -> Float32Array:
         return free_probability(self._fitted(slam, UNKNOWN, metres_per_px), self.config.output_encoding)
