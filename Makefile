@@ -34,7 +34,7 @@ demo: $(VENV)/.base
 	$(BIN)/slamgym generate --plans bundled --pairs 8 --workers 2 --seed 1 --out $(DEMO)
 
 test: $(VENV)/.dev
-	$(BIN)/python -m slamgym.warmup
+	$(BIN)/python -m slamgym.commands.warmup
 	$(BIN)/python -m pytest -n 2 --import-mode=importlib
 
 check: $(VENV)/.dev

@@ -3,6 +3,6 @@
 All of them satisfy Stable-Baselines3's ``PolicyPredictor``.
 """
 
-from agents.registry import EXPLORERS, make_explorer
+from slamgym.agents.registry import EXPLORERS, make_explorer
 
 __all__ = ["EXPLORERS", "make_explorer"]

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from slamgym.core.types import BoolArray, Float32Array, Twist2D
 from slamgym.planning.context import ExplorerContext
-from slamgym.types import BoolArray, Float32Array, Twist2D
 
 Observation = Mapping[str, NDArray[Any]]
 

@@ -11,11 +11,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from agents.explorer import BatchedExplorer, Exploration
-from agents.frontier_exploration import Candidate, ExplorationConfig, FrontierExploration
+from slamgym.agents.explorer import BatchedExplorer, Exploration
+from slamgym.agents.frontier_exploration import Candidate, ExplorationConfig, FrontierExploration
+from slamgym.core.types import Pose2D
 from slamgym.planning.context import ExplorerContext
 from slamgym.planning.frontiers import expected_gain
-from slamgym.types import Pose2D
 
 
 @dataclass(frozen=True)

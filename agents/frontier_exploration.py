@@ -11,14 +11,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agents.explorer import Exploration, Observation
+from slamgym.agents.explorer import Exploration, Observation
+from slamgym.core.types import ByteArray, FloatArray, OccupancyGrid, Pose2D, Twist2D
 from slamgym.planning.context import ExplorerContext
 from slamgym.planning.costmap import NO_INFORMATION
 from slamgym.planning.frontiers import Frontier, Point, find_frontiers
 from slamgym.planning.grid_path import COST_FACTOR, path_costs, place_near
-from slamgym.planning.last_resorts import LastResorts, Resort
 from slamgym.planning.navigator import Goal, GoalStatus, Navigator, NavigatorConfig
-from slamgym.types import ByteArray, FloatArray, OccupancyGrid, Pose2D, Twist2D
+from slamgym.planning.recovery import LastResorts, Resort
 
 _STOP = Twist2D(0.0, 0.0)
 

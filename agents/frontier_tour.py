@@ -12,13 +12,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from agents.explorer import BatchedExplorer, Exploration
-from agents.open_tour import EXACT_PLACES, open_tour, repairman_tour
-from agents.view_exploration import Option, ViewConfig, ViewExploration
-from slamgym.errors import ConfigError
+from slamgym.agents.explorer import BatchedExplorer, Exploration
+from slamgym.agents.open_tour import EXACT_PLACES, open_tour, repairman_tour
+from slamgym.agents.view_exploration import Option, ViewConfig, ViewExploration
+from slamgym.core.errors import ConfigError
+from slamgym.core.types import FloatArray, IntArray
 from slamgym.planning import ExplorerContext
 from slamgym.planning.coarse_paths import CoarsePaths
-from slamgym.types import FloatArray, IntArray
 
 
 @dataclass(frozen=True)

@@ -2,13 +2,13 @@
 
 from pathlib import Path
 
-from agents.explorer import BatchedExplorer, Exploration, Observation
-from agents.pretrained_policy import SHIPPED, read_policy
-from agents.scoring import FrontierScorer
+from slamgym.agents.explorer import BatchedExplorer, Exploration, Observation
+from slamgym.agents.pretrained_policy import SHIPPED, read_policy
+from slamgym.agents.scoring import FrontierScorer
+from slamgym.core.types import Twist2D
 from slamgym.envs.frontier_features import FrontierFeatures
 from slamgym.planning.context import ExplorerContext
 from slamgym.planning.frontier_driver import DriverConfig, FrontierDriver
-from slamgym.types import Twist2D
 
 
 class _Learned(Exploration):

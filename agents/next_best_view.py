@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from agents.explorer import BatchedExplorer, Exploration
-from agents.view_exploration import Option, ViewConfig, ViewExploration
+from slamgym.agents.explorer import BatchedExplorer, Exploration
+from slamgym.agents.view_exploration import Option, ViewConfig, ViewExploration
 from slamgym.planning import ExplorerContext
 from slamgym.planning.coarse_paths import CoarsePaths
 

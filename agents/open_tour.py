@@ -10,8 +10,8 @@ travelling repairman's (Afrati et al., "The complexity of the travelling repairm
 
 import numpy as np
 
-from slamgym.jit import kernel
-from slamgym.types import FloatArray, IntArray
+from slamgym.core.jit import kernel
+from slamgym.core.types import FloatArray, IntArray
 
 EXACT_PLACES = 9
 """Most places that are ordered exactly: 2^9 * 9 states take some tens of microseconds."""

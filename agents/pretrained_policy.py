@@ -14,18 +14,18 @@ from typing import Any
 
 import numpy as np
 
-from agents.network_config import NetworkConfig
-from agents.scoring import FrontierScorer
-from slamgym.config import from_dict, to_dict
+from slamgym.agents.rl.network_config import NetworkConfig
+from slamgym.agents.scoring import FrontierScorer
+from slamgym.core.config import from_dict, to_dict
+from slamgym.core.errors import ConfigError, InputFileError
+from slamgym.core.staged import write_bytes, write_text
+from slamgym.core.types import Float32Array
 from slamgym.envs.frontier_features import (
     CANDIDATE_FEATURES,
     CROP_PX,
     FEATURE_VERSION,
     GLOBAL_FEATURES,
 )
-from slamgym.errors import ConfigError, InputFileError
-from slamgym.interop.atomic import write_bytes, write_text
-from slamgym.types import Float32Array
 
 SHIPPED = Path(__file__).parent / "pretrained" / "frontier_policy.safetensors"
 """The policy that comes with the package."""

@@ -2,12 +2,12 @@
 
 import numpy as np
 
-from agents.explorer import BatchedExplorer, Exploration, Observation
-from slamgym.geometry import wrap_angle
+from slamgym.agents.explorer import BatchedExplorer, Exploration, Observation
+from slamgym.core.geometry import wrap_angle
+from slamgym.core.types import Twist2D
 from slamgym.planning.context import ExplorerContext
 from slamgym.planning.path_follower import PathFollower
 from slamgym.planning.path_follower_kernels import free_travel
-from slamgym.types import Twist2D
 
 
 class _Walk(Exploration):

@@ -2,14 +2,14 @@
 
 from collections.abc import Callable
 
-from agents.explorer import BatchedExplorer
-from agents.frontier import CostUtility, ExploreLite, NearestFrontier
-from agents.frontier_tour import FrontierTour, Repairman
-from agents.learned import LearnedExplorer
-from agents.next_best_view import NextBestView
-from agents.random_walk import RandomWalk
-from slamgym.config import suggest
-from slamgym.errors import ConfigError
+from slamgym.agents.explorer import BatchedExplorer
+from slamgym.agents.frontier import CostUtility, ExploreLite, NearestFrontier
+from slamgym.agents.frontier_tour import FrontierTour, Repairman
+from slamgym.agents.learned import LearnedExplorer
+from slamgym.agents.next_best_view import NextBestView
+from slamgym.agents.random_walk import RandomWalk
+from slamgym.core.config import suggest
+from slamgym.core.errors import ConfigError
 from slamgym.planning.context import ExplorerContext
 
 EXPLORERS: dict[str, Callable[[ExplorerContext, int], BatchedExplorer]] = {

@@ -1,11 +1,11 @@
-"""The network of :mod:`agents.policy`, run with numpy alone: choosing needs neither torch nor its start-up."""
+"""The network of :mod:`slamgym.agents.rl.policy` with numpy alone: choosing needs neither torch nor its start-up."""
 
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
-from slamgym.types import Float32Array
+from slamgym.core.types import Float32Array
 
 _FAR_BELOW = np.float32(-1e8)
 
@@ -14,7 +14,7 @@ class FrontierScorer:
     """Scores the candidates of one observation.
 
     Args:
-        weights: Arrays by the names of :class:`agents.policy.FrontierNetwork`'s parameters.
+        weights: Arrays by the names of :class:`slamgym.agents.rl.policy.FrontierNetwork`'s parameters.
         heads: Heads of the attention.
     """
 

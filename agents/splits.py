@@ -9,8 +9,8 @@ from collections.abc import Iterable
 from typing import Literal
 
 from slamgym.cad.sources import PlanSource, Subset
-from slamgym.config import suggest
-from slamgym.errors import ConfigError
+from slamgym.core.config import suggest
+from slamgym.core.errors import ConfigError
 
 Split = Literal["train", "validation", "test"]
 SPLITS: tuple[Split, ...] = ("train", "validation", "test")

@@ -13,15 +13,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agents.frontier_exploration import Candidate, ExplorationConfig, FrontierExploration
-from slamgym.errors import ConfigError
+from slamgym.agents.frontier_exploration import Candidate, ExplorationConfig, FrontierExploration
+from slamgym.core.errors import ConfigError
+from slamgym.core.types import Float32Array, Pose2D
 from slamgym.planning import ExplorerContext, Reachable
 from slamgym.planning.coarse_paths import CoarsePaths
 from slamgym.planning.costmap import Costmap
 from slamgym.planning.frontiers import Frontier, Point
 from slamgym.planning.grid_path import place_near
 from slamgym.planning.views import best_view, viewing_places
-from slamgym.types import Float32Array, Pose2D
 
 
 @dataclass(frozen=True)

@@ -24,23 +24,22 @@ import numpy as np
 import tyro
 from report import print_and_save
 
-from agents.registry import make_explorer
+from slamgym.agents.registry import make_explorer
 from slamgym.cad import open_plans
-from slamgym.dataset.build import DatasetConfig, build_dataset
-from slamgym.dataset.completeness import FEATURES, completeness_features
-from slamgym.dataset.completeness_model import SHIPPED_MODEL, TreesConfig, cross_fit
-from slamgym.dataset.criteria import Criteria, StuckFilter
-from slamgym.dataset.episode import EpisodeConfig
+from slamgym.core.errors import SlamgymError
+from slamgym.core.types import BoolArray, FloatArray
+from slamgym.dataset.curate.completeness import FEATURES, completeness_features
+from slamgym.dataset.curate.completeness_model import SHIPPED_MODEL, TreesConfig, cross_fit
+from slamgym.dataset.curate.criteria import Criteria, StuckFilter
+from slamgym.dataset.curate.labelled_maps import LabelledMaps, label_maps
+from slamgym.dataset.curate.probability_score import ProbabilityScore, roc_auc, score_probabilities
 from slamgym.dataset.format import load_pair, read_manifest
-from slamgym.dataset.labelled_maps import LabelledMaps, label_maps
-from slamgym.dataset.probability_score import ProbabilityScore, roc_auc, score_probabilities
+from slamgym.dataset.generate.build import DatasetConfig, build_dataset
 from slamgym.envs import ExploreConfig
-from slamgym.errors import SlamgymError
+from slamgym.envs.episode import EpisodeConfig
 from slamgym.metrics import wilson_interval
-from slamgym.sensors import odometry_level
+from slamgym.sim import ClutterConfig, odometry_level
 from slamgym.slam import SlamConfig
-from slamgym.types import BoolArray, FloatArray
-from slamgym.world import ClutterConfig
 
 BAND = (0.4, 0.8)
 RESAMPLES = 200

@@ -21,16 +21,16 @@ import numpy as np
 import tyro
 from report import print_and_save
 
-from agents.registry import make_explorer
+from slamgym.agents.registry import make_explorer
 from slamgym.cad import open_plans
+from slamgym.commands.warmup import warm_up
+from slamgym.core.parallel.engine import Lost, open_engine
 from slamgym.dataset import DatasetConfig, EpisodeConfig
-from slamgym.dataset.engine import Lost, open_engine
-from slamgym.dataset.exploration import explore
 from slamgym.dataset.folder import open_dataset
+from slamgym.dataset.generate.exploration import explore
+from slamgym.dataset.generate.settings import dataset_settings
+from slamgym.dataset.generate.slot_queue import SlotQueue
 from slamgym.dataset.schedule import Slot, schedule
-from slamgym.dataset.settings import dataset_settings
-from slamgym.dataset.slot_queue import SlotQueue
-from slamgym.warmup import warm_up
 
 IN_MEMORY = "/dev/shm" if Path("/dev/shm").is_dir() else None
 """Where the datasets are made, as the disk is not what is measured."""

@@ -22,16 +22,17 @@ import tyro
 from explorations import Profile
 from report import print_and_save
 
-from agents.registry import make_explorer
+from slamgym.agents.registry import make_explorer
 from slamgym.cad import PlanSource, open_plans
-from slamgym.dataset import DatasetConfig, EpisodeConfig, Layout, episode_files, exploration, read_manifest
-from slamgym.dataset.engine import Engine, Lost, open_engine
-from slamgym.dataset.exploration import explore
+from slamgym.cad.plan_filter import PlanFilter
+from slamgym.commands.warmup import warm_up
+from slamgym.core.parallel.engine import Engine, Lost, open_engine
+from slamgym.dataset import DatasetConfig, EpisodeConfig, Layout, episode_files, read_manifest
 from slamgym.dataset.folder import DatasetFolder, open_dataset
-from slamgym.dataset.plan_filter import PlanFilter
-from slamgym.dataset.settings import dataset_settings
-from slamgym.dataset.slot_queue import SlotQueue
-from slamgym.warmup import warm_up
+from slamgym.dataset.generate import exploration
+from slamgym.dataset.generate.exploration import explore
+from slamgym.dataset.generate.settings import dataset_settings
+from slamgym.dataset.generate.slot_queue import SlotQueue
 
 GOAL_RATE = 2000.0
 """Seven-minute explorations an hour on two cores."""

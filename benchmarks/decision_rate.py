@@ -10,8 +10,8 @@ import cv2
 import numpy as np
 from report import print_and_save
 
-from agents.learning_plans import draw_plans
-from agents.pretrained_policy import read_policy
+from slamgym.agents.pretrained_policy import read_policy
+from slamgym.agents.rl.learning_plans import draw_plans
 from slamgym.envs import ExploreFrontiersEnv
 from slamgym.envs.frontier_features import FrontierFeatures
 from slamgym.planning.frontier_driver import FrontierDriver

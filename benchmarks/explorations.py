@@ -22,18 +22,17 @@ import cv2
 import tyro
 from report import print_and_save
 
-from agents.explorer import BatchedExplorer
-from agents.registry import make_explorer
+from slamgym.agents.explorer import BatchedExplorer
+from slamgym.agents.registry import make_explorer
 from slamgym.cad import FloorPlan, open_plans
+from slamgym.commands.warmup import warm_up
 from slamgym.dataset import Episode, EpisodeConfig, PairConfig, make_pair, run_episode
 from slamgym.dataset.episode_files import write_episode
 from slamgym.dataset.schedule import schedule
 from slamgym.envs import ExploreConfig, ExploreEnv
-from slamgym.sensors import Lidar, WheelOdometry
+from slamgym.sim import Lidar, WheelOdometry, World
 from slamgym.slam import SlamConfig
 from slamgym.slam.particle_filter import ParticleFilter
-from slamgym.warmup import warm_up
-from slamgym.world import World
 
 GOAL = 4.0
 """CPU seconds of a 7-minute exploration with 30 particles and 180 beams, all told."""

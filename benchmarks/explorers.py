@@ -17,14 +17,14 @@ from pathlib import Path
 import tyro
 from report import RESULTS, environment
 
-from agents.coverage_plot import draw_coverage
-from agents.evaluate import FULL_KNOWLEDGE, Evaluation, EvaluationConfig, evaluate
-from agents.evaluate_command import open_source
-from agents.evaluation_report import write_report
-from agents.evaluation_summary import summarise
-from agents.registry import EXPLORERS
+from slamgym.agents.evaluation.coverage_plot import draw_coverage
+from slamgym.agents.evaluation.evaluate import FULL_KNOWLEDGE, Evaluation, EvaluationConfig, evaluate
+from slamgym.agents.evaluation.report import write_report
+from slamgym.agents.evaluation.summary import summarise
+from slamgym.agents.registry import EXPLORERS
 from slamgym.cad.sources import PlanSource
-from slamgym.errors import SlamgymError
+from slamgym.commands.agents.evaluate import open_source
+from slamgym.core.errors import SlamgymError
 
 PAGE = Path(__file__).parents[1] / "docs" / "explorers.md"
 PLOT = PAGE.parent / "images" / "coverage_over_time.png"

@@ -13,8 +13,8 @@ import numpy as np
 from planning import half_explored, milliseconds
 from report import print_and_save
 
+from slamgym.core.types import FREE, UNKNOWN, OccupancyGrid
 from slamgym.planning import crop_known, wavefront_frontiers
-from slamgym.types import FREE, UNKNOWN, OccupancyGrid
 
 _CROSS = np.array([[0, 1, 0], [1, 1, 1], [0, 1, 0]], np.uint8)
 

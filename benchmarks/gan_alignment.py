@@ -20,11 +20,11 @@ import cv2
 import numpy as np
 from report import print_and_save
 
-from gan.data import load_pairs
-from gan.evaluate import evenly_spaced
+from slamgym.core.types import FREE, FloatArray
+from slamgym.gan.data import load_pairs
+from slamgym.gan.evaluation.evaluate import evenly_spaced
 from slamgym.metrics import Similarity, aligned_error, apply_similarity, squared_error
 from slamgym.metrics.alignment import search_similarities
-from slamgym.types import FREE, FloatArray
 
 SIZE = 128
 NEAR = 0.005  # of the best mean squared error

@@ -18,14 +18,14 @@ import torch
 from report import print_and_save
 from torch.utils.flop_counter import FlopCounterMode
 
-from gan.config import DiscriminatorConfig, TrainConfig
-from gan.device import Compute
-from gan.learner import Learner
-from gan.presets import PRESETS
-from gan.sampler import Batch
-from gan.schedule import Moment
-from gan.translate import LearnedTranslator
-from gan.weights import ModelCard
+from slamgym.gan.config import DiscriminatorConfig, TrainConfig
+from slamgym.gan.device import Compute
+from slamgym.gan.presets import PRESETS
+from slamgym.gan.training.learner import Learner
+from slamgym.gan.training.sampler import Batch
+from slamgym.gan.training.schedule import Moment
+from slamgym.gan.translation.translate import LearnedTranslator
+from slamgym.gan.weights import ModelCard
 
 PUBLISHED_SECONDS = {32: 0.616, 64: 1.75, 128: 5.72, 256: 18.9}
 PUBLISHED_GFLOP = {32: 40.7, 64: 142.7, 128: 397.0, 256: 1159.0}

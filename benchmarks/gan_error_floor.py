@@ -17,12 +17,12 @@ import cv2
 import numpy as np
 from report import print_and_save
 
-from gan.classical import outline_only
-from gan.data import PairSet, load_pairs
-from gan.evaluate import evenly_spaced, score_map
-from gan.resample import enlarge_means
+from slamgym.core.types import FREE, BoolArray, ByteArray, FloatArray
+from slamgym.gan.data import PairSet, load_pairs
+from slamgym.gan.evaluation.evaluate import evenly_spaced, score_map
+from slamgym.gan.resample import enlarge_means
+from slamgym.gan.translation.classical import outline_only
 from slamgym.metrics import mean_interval
-from slamgym.types import FREE, BoolArray, ByteArray, FloatArray
 
 SIZES = (16, 32, 64, 128)
 WAYS_BACK = ("interpolated", "with its means kept", "binary")

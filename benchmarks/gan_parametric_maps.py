@@ -16,13 +16,13 @@ import cv2
 import numpy as np
 
 from slamgym.cad import read_houseexpo
+from slamgym.core.progress import show_progress
+from slamgym.core.types import GridFrame, OccupancyGrid, Trajectory
 from slamgym.dataset.format import Layout, read_manifest
-from slamgym.dataset.images import read_images
-from slamgym.dataset.progress import show_progress
-from slamgym.dataset.square_images import resample_map
+from slamgym.dataset.images.format import read_images
+from slamgym.dataset.images.square_images import resample_map
 from slamgym.interop import read_tum
 from slamgym.parametric import deform, from_recorded, preset
-from slamgym.types import GridFrame, OccupancyGrid, Trajectory
 
 RESOLUTION, MARGIN = 0.05, 1.5
 

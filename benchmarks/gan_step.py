@@ -13,13 +13,13 @@ import numpy as np
 import torch
 from report import print_and_save
 
-from gan.config import TrainConfig
-from gan.device import Layout, choose_compute
-from gan.layers import count_parameters
-from gan.learner import Learner
-from gan.presets import PRESETS
-from gan.sampler import Batch
-from gan.schedule import Moment
+from slamgym.gan.config import TrainConfig
+from slamgym.gan.device import Layout, choose_compute
+from slamgym.gan.networks.layers import count_parameters
+from slamgym.gan.presets import PRESETS
+from slamgym.gan.training.learner import Learner
+from slamgym.gan.training.sampler import Batch
+from slamgym.gan.training.schedule import Moment
 
 COLUMNS = ("preset", "options", "weights", "CPU s per image", "of the first row", "CPU s of the first step")
 

@@ -15,8 +15,8 @@ from typing import Any
 
 from report import RESULTS
 
-from gan.realism import medians_table, realism_table
-from gan.summary import main_table, markdown
+from slamgym.gan.evaluation.realism import medians_table, realism_table
+from slamgym.gan.evaluation.summary import main_table, markdown
 
 PAGE = Path(__file__).parents[1] / "docs" / "gan.md"
 PLACE = re.compile(r"<!-- table: (?P<name>\w+) -->\n.*?<!-- end -->", re.DOTALL)

@@ -17,12 +17,12 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")  # before numpy and torch start th
 import numpy as np
 from report import print_and_save
 
-from gan.data import PairSet, load_pairs
-from gan.evaluate import MapScore, baselines, evaluate_method, learned
-from gan.presets import find_preset
-from gan.train import MAX_VALIDATION_PAIRS
-from gan.train_command import main as train
-from gan.translate import LearnedTranslator, load_translator
+from slamgym.commands.gan.train import main as train
+from slamgym.gan.data import PairSet, load_pairs
+from slamgym.gan.evaluation.evaluate import MapScore, baselines, evaluate_method, learned
+from slamgym.gan.presets import find_preset
+from slamgym.gan.training.train import MAX_VALIDATION_PAIRS
+from slamgym.gan.translation.translate import LearnedTranslator, load_translator
 from slamgym.metrics import improvement
 
 VARIANTS: dict[str, tuple[str, tuple[str, ...]]] = {

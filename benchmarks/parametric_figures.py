@@ -17,11 +17,11 @@ import cv2
 import numpy as np
 from parametric_realism import Exploration, explore, useful_plans
 
+from slamgym.core.types import UNKNOWN, ByteArray, Float32Array, GridFrame
 from slamgym.parametric import Deformation, ParametricConfig, deform, from_recorded, preset
 from slamgym.parametric.config import EkfConfig
-from slamgym.parametric.picture import TRUE_COLOUR, panel, side_by_side, with_path
 from slamgym.parametric.warp import warp
-from slamgym.types import UNKNOWN, ByteArray, Float32Array, GridFrame
+from slamgym.viz.deformation_pictures import TRUE_COLOUR, panel, side_by_side, with_path
 
 COARSE_PX = 64
 CAPTION_PX = 30

@@ -19,15 +19,15 @@ import cv2
 import numpy as np
 from report import print_and_save
 
-from agents.registry import make_explorer
+from slamgym.agents.registry import make_explorer
 from slamgym.cad import FloorPlan, check_plan, open_plans
-from slamgym.dataset.episode import EpisodeConfig, run_episode
-from slamgym.errors import SlamgymError
+from slamgym.core.errors import SlamgymError
+from slamgym.core.types import FREE, UNKNOWN, ByteArray, FloatArray, GridFrame, Trajectory
+from slamgym.envs.episode import EpisodeConfig, run_episode
 from slamgym.interop import read_ros_map
 from slamgym.metrics.map_statistics import displacement_statistics, map_statistics
 from slamgym.metrics.two_sample import LEARNERS, two_sample_test
 from slamgym.parametric import ParametricConfig, deform, from_recorded, preset
-from slamgym.types import FREE, UNKNOWN, ByteArray, FloatArray, GridFrame, Trajectory
 
 RESOLUTION = 0.05
 SHOWN = (

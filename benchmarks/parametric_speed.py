@@ -19,9 +19,9 @@ import shapely
 from report import print_and_save
 
 from slamgym.cad import FloorPlan
+from slamgym.core.types import GridFrame
 from slamgym.parametric import ParametricConfig, TimedTrajectory, Waypoints, deform, drive
 from slamgym.parametric.config import EkfConfig, MotionConfig
-from slamgym.types import GridFrame
 
 ROOM = 6.4  # [m]
 MARGIN = 0.5  # [m] of wall round the building

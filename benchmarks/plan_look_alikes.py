@@ -12,9 +12,9 @@ import tyro
 from report import print_and_save
 
 from slamgym.cad import open_plans
-from slamgym.dataset.near_duplicates import RADIUS, near_duplicates, plan_print
-from slamgym.dataset.plan_filter import passes
-from slamgym.errors import PlanError
+from slamgym.cad.plan_filter import passes
+from slamgym.core.errors import PlanError
+from slamgym.dataset.curate.near_duplicates import RADIUS, near_duplicates, plan_print
 
 
 @dataclass(frozen=True)

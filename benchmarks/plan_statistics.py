@@ -15,9 +15,9 @@ import tyro
 from report import print_and_save
 
 from slamgym.cad import FloorPlan, GeneratorConfig, PlanSource, open_plans
+from slamgym.cad.plan_statistics import PlanStatistics, measure_plan
 from slamgym.cad.sources import ProceduralSource
-from slamgym.cad.statistics import PlanStatistics, measure_plan
-from slamgym.errors import PlanError
+from slamgym.core.errors import PlanError
 
 FIGURES: dict[str, Callable[[PlanStatistics], float]] = {
     "rooms": lambda plan: plan.rooms,

@@ -11,7 +11,8 @@ from collections.abc import Callable
 import numpy as np
 from report import print_and_save
 
-from agents.registry import make_explorer
+from slamgym.agents.registry import make_explorer
+from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, GridFrame, LaserGeometry, OccupancyGrid, Pose2D
 from slamgym.planning import (
     ExplorerContext,
     Goal,
@@ -23,7 +24,6 @@ from slamgym.planning import (
     reachable_space,
     wavefront_frontiers,
 )
-from slamgym.types import FREE, OCCUPIED, UNKNOWN, GridFrame, LaserGeometry, OccupancyGrid, Pose2D
 
 RESOLUTION = 0.05  # [m]
 CANVAS = 1280  # [cells]

@@ -16,11 +16,11 @@ from typing import Any
 import numpy as np
 from report import print_and_save
 
-from slamgym.geometry import between, compose
+from slamgym.core.geometry import between, compose
+from slamgym.core.types import Pose2D
 from slamgym.interop import Log, LogRecord, open_log, read_relations, read_truth
 from slamgym.metrics import absolute_trajectory_error, end_points, relation_error, revisit_disagreement
 from slamgym.slam.replay import ReplayResult, replay, settings_for
-from slamgym.types import Pose2D
 
 REVISIT_GAP = 60
 """Scans further apart than this belong to different passes."""

@@ -12,9 +12,9 @@ import numpy as np
 import pymunk
 from report import print_and_save
 
-from slamgym.jit import kernel
-from slamgym.sensors import cast_rays
-from slamgym.types import FloatArray
+from slamgym.core.jit import kernel
+from slamgym.core.types import FloatArray
+from slamgym.sim import cast_rays
 
 RANGE_MAX = 3.5  # [m]
 ROOM = 4.0  # [m]

@@ -17,8 +17,9 @@ from typing import Any
 import numpy as np
 from report import print_and_save
 
-from agents.registry import make_explorer
+from slamgym.agents.registry import make_explorer
 from slamgym.cad import GeneratorConfig, generate_plan
+from slamgym.core.types import Pose2D, Trajectory
 from slamgym.dataset import EpisodeConfig, run_episode
 from slamgym.envs import ExploreConfig
 from slamgym.interop import Log, open_log, read_relations
@@ -30,10 +31,9 @@ from slamgym.metrics import (
     poses_at,
     relation_error,
 )
-from slamgym.sensors import odometry_level
+from slamgym.sim import odometry_level
 from slamgym.slam import SlamConfig, make_mapper
 from slamgym.slam.replay import replay, settings_for
-from slamgym.types import Pose2D, Trajectory
 
 REAL_COLUMNS = (
     "log", "search", "particles", "at scans [m]", "worst [m]", "rotation [deg]", "interpolated [m]", "ms per scan",

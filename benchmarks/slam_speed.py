@@ -15,13 +15,13 @@ from typing import Any
 import numpy as np
 from report import print_and_save
 
-from agents.registry import make_explorer
+from slamgym.agents.registry import make_explorer
 from slamgym.cad import GeneratorConfig, generate_plan
+from slamgym.core.types import LaserGeometry, LaserScan, Pose2D
 from slamgym.dataset import EpisodeConfig, run_episode
 from slamgym.envs import ExploreConfig
 from slamgym.interop import LogRecord
 from slamgym.slam import SlamConfig, make_mapper
-from slamgym.types import LaserGeometry, LaserScan, Pose2D
 
 GMAPPING_MS = {8: 10.6, 30: 40.0, 100: 128.0}
 """CPU time of GMapping per processed scan with 180 beams, by particles [ms]."""

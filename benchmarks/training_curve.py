@@ -13,7 +13,7 @@ import matplotlib as mpl
 mpl.use("Agg")
 from matplotlib import pyplot as plt
 
-from agents.reward_shaping import read_curve
+from slamgym.agents.rl.reward_shaping import read_curve
 
 
 def main() -> None:

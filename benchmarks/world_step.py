@@ -11,9 +11,18 @@ from raycast import cpu_microseconds
 from report import print_and_save
 
 from slamgym.cad.floorplan import FloorPlan, Room
-from slamgym.sensors import Lidar, LidarConfig, OdometryConfig, WheelOdometry
-from slamgym.types import Pose2D, Twist2D
-from slamgym.world import ClutterConfig, RobotConfig, World, make_clutter, sample_start
+from slamgym.core.types import Pose2D, Twist2D
+from slamgym.sim import (
+    ClutterConfig,
+    Lidar,
+    LidarConfig,
+    OdometryConfig,
+    RobotConfig,
+    WheelOdometry,
+    World,
+    make_clutter,
+    sample_start,
+)
 
 DT = 0.2  # [s]
 ROOM = 4.0  # [m]

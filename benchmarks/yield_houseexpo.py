@@ -16,7 +16,7 @@ import numpy as np
 import tyro
 from report import print_and_save
 
-from agents.registry import make_explorer
+from slamgym.agents.registry import make_explorer
 from slamgym.cad import open_plans
 from slamgym.dataset import (
     DatasetConfig,
@@ -26,7 +26,7 @@ from slamgym.dataset import (
     read_manifest,
     write_contact_sheet,
 )
-from slamgym.dataset.criteria import Criteria, fault_kind, record_faults
+from slamgym.dataset.curate.criteria import Criteria, fault_kind, record_faults
 from slamgym.metrics.improvement import wilson_interval
 
 GOOD_COVERAGE = 0.95

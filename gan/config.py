@@ -2,14 +2,14 @@
 
 Defaults are the paper's (Daher, Chakhachiro, Asmar, *From SLAM to CAD Maps and Back Using Generative Models*), whose
 networks are those of anime2clothing (Tango et al., arXiv 2008.11479); where paper and published code differ the
-field's docstring says which one is taken. Ready combinations are in :mod:`gan.presets`.
+field's docstring says which one is taken. Ready combinations are in :mod:`slamgym.gan.presets`.
 """
 
 import math
 from dataclasses import dataclass, field
 from typing import Literal, NamedTuple
 
-from slamgym.errors import ConfigError
+from slamgym.core.errors import ConfigError
 
 Direction = Literal["slam2cad", "cad2slam"]
 Encoding = Literal["grey", "free_occupied", "rgb"]
@@ -263,7 +263,7 @@ class TrainConfig:
     """From coarse to fine."""
     register: bool = False
     """Move each SLAM map onto its CAD map by the best similarity before anything is learnt
-    (:mod:`gan.registration`)."""
+    (:mod:`slamgym.gan.registration`)."""
     start_from: str = ""
     """Weights that the generator starts with instead of random ones: a shipped name, a file, or a run's folder."""
     seed: int = 0

@@ -20,9 +20,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from gan.resample import resample_grey, resample_slam
-from slamgym.errors import ConfigError, InputFileError
-from slamgym.types import ByteArray, FloatArray
+from slamgym.core.errors import ConfigError, InputFileError
+from slamgym.core.types import ByteArray, FloatArray
+from slamgym.gan.resample import resample_grey, resample_slam
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".pgm", ".tif", ".tiff")
 

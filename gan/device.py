@@ -6,8 +6,8 @@ from typing import Literal, TypeVar
 
 import torch
 
-from gan.config import Precision
-from slamgym.errors import ConfigError
+from slamgym.core.errors import ConfigError
+from slamgym.gan.config import Precision
 
 NetworkT = TypeVar("NetworkT", bound=torch.nn.Module)
 DeviceName = Literal["auto", "cpu", "cuda", "mps"]

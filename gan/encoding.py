@@ -15,8 +15,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from gan.config import CHANNELS, Encoding
-from slamgym.types import FREE, OCCUPIED, UNKNOWN, ByteArray, Float32Array
+from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, ByteArray, Float32Array
+from slamgym.gan.config import CHANNELS, Encoding
 
 HALF_FREE = 127.0
 """Grey that is encoded as 0."""

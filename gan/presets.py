@@ -6,7 +6,9 @@ losses, judges and schedule but have narrower networks and smaller images, and a
 
 from dataclasses import replace
 
-from gan.config import (
+from slamgym.core.config import suggest
+from slamgym.core.errors import ConfigError
+from slamgym.gan.config import (
     AugmentConfig,
     DiscriminatorConfig,
     GeneratorConfig,
@@ -16,8 +18,6 @@ from gan.config import (
     TrainConfig,
     TranslatorConfig,
 )
-from slamgym.config import suggest
-from slamgym.errors import ConfigError
 
 REAL_MAPS = AugmentConfig(
     zoom=0.15,

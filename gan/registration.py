@@ -13,12 +13,12 @@ import numpy as np
 from safetensors import SafetensorError
 from safetensors.numpy import load, save
 
-from gan.data import PairSet
-from slamgym.dataset.progress import show_progress
-from slamgym.interop.atomic import write_bytes
+from slamgym.core.progress import show_progress
+from slamgym.core.staged import write_bytes
+from slamgym.core.types import FREE, UNKNOWN, ByteArray, FloatArray
+from slamgym.gan.data import PairSet
 from slamgym.metrics.alignment import IDENTITY, Similarity, apply_similarity, search_similarities
 from slamgym.metrics.maps import squared_error
-from slamgym.types import FREE, UNKNOWN, ByteArray, FloatArray
 
 MAX_SCALING = 0.04
 """Logarithm of the largest scaling that is believed. A laser measures metres, so drift hardly scales a map; what asks

@@ -3,7 +3,7 @@
 import cv2
 import numpy as np
 
-from slamgym.types import FREE, OCCUPIED, UNKNOWN, ByteArray, Float32Array
+from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, ByteArray, Float32Array
 
 MIN_OCCUPIED_SHARE = 0.3
 """A shrunk cell is occupied if this share of it was: a wall one cell thick survives shrinking to a third."""

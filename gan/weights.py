@@ -14,14 +14,14 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save
 from torch import Tensor
 
-from gan.config import Direction, TranslatorConfig
-from gan.layers import count_parameters
-from gan.networks import Generator, build_generator
 from slamgym import __version__
-from slamgym.config import from_dict, suggest, to_dict
-from slamgym.dataset.progress import duration
-from slamgym.errors import ConfigError, InputFileError
-from slamgym.interop.atomic import write_bytes, write_text
+from slamgym.core.config import from_dict, suggest, to_dict
+from slamgym.core.errors import ConfigError, InputFileError
+from slamgym.core.progress import duration
+from slamgym.core.staged import write_bytes, write_text
+from slamgym.gan.config import Direction, TranslatorConfig
+from slamgym.gan.networks.factory import Generator, build_generator
+from slamgym.gan.networks.layers import count_parameters
 
 FORMAT = "slamgym-translator-1"
 PRETRAINED = Path(__file__).parent / "pretrained"

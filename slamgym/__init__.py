@@ -13,10 +13,12 @@ __all__ = ["__version__"]
 
 # Names rather than classes, so that nothing heavy is imported before an environment is made. The environment
 # ends its episodes itself (time_limit), so Gymnasium's own limit stays off.
-register(id="slamgym/Explore-v0", entry_point="slamgym.envs.explore:ExploreEnv")
+register(id="slamgym/Explore-v0", entry_point="slamgym.envs.explore_env:ExploreEnv")
 register(
     id="slamgym/ExploreDiscrete-v0",
-    entry_point="slamgym.envs.explore:ExploreEnv",
+    entry_point="slamgym.envs.explore_env:ExploreEnv",
     kwargs={"actions": "discrete"},
 )
-register(id="slamgym/ExploreFrontiers-v0", entry_point="slamgym.envs.frontier_actions:ExploreFrontiersEnv")
+register(
+    id="slamgym/ExploreFrontiers-v0", entry_point="slamgym.envs.explore_frontiers_env:ExploreFrontiersEnv"
+)

@@ -5,8 +5,17 @@ import math
 import numpy as np
 import pytest
 
+from slamgym.core.types import (
+    FREE,
+    OCCUPIED,
+    UNKNOWN,
+    GridFrame,
+    LaserGeometry,
+    OccupancyGrid,
+    Pose2D,
+    Twist2D,
+)
 from slamgym.planning import ExplorerContext
-from slamgym.types import FREE, OCCUPIED, UNKNOWN, GridFrame, LaserGeometry, OccupancyGrid, Pose2D, Twist2D
 
 RESOLUTION = 0.05
 

@@ -6,9 +6,10 @@ import sys
 
 import pytest
 
-from slamgym import __version__, cli
-from slamgym.command_table import load_target
-from slamgym.errors import InputFileError
+from slamgym import __version__
+from slamgym.commands import cli
+from slamgym.commands.table import load_target
+from slamgym.core.errors import InputFileError
 
 
 def _raise(error):
@@ -113,7 +114,7 @@ def test_a_reader_that_leaves_early_is_no_error():
     read, write = os.pipe()
     os.close(read)
     process = subprocess.Popen(
-        [sys.executable, "-m", "slamgym.cli", "--help"], stdout=write, stderr=subprocess.PIPE
+        [sys.executable, "-m", "slamgym.commands.cli", "--help"], stdout=write, stderr=subprocess.PIPE
     )
     os.close(write)
     _, error = process.communicate(timeout=60)

@@ -4,14 +4,19 @@ import sys
 
 import pytest
 
-import agents.commands
-import gan.commands
-import slamgym.dataset.commands
-from slamgym import cli
-from slamgym.command_table import load_target
-from slamgym.errors import SlamgymError
+import slamgym.commands.agents.table
+import slamgym.commands.dataset.table
+import slamgym.commands.gan.table
+from slamgym.commands import cli
+from slamgym.commands.table import load_target
+from slamgym.core.errors import SlamgymError
 
-TABLES = [cli.TABLE, slamgym.dataset.commands.TABLE, agents.commands.TABLE, gan.commands.TABLE]
+TABLES = [
+    cli.TABLE,
+    slamgym.commands.dataset.table.TABLE,
+    slamgym.commands.agents.table.TABLE,
+    slamgym.commands.gan.table.TABLE,
+]
 
 
 @pytest.mark.parametrize("table", TABLES, ids=lambda table: table.program)
@@ -45,13 +50,13 @@ def test_every_command_of_every_table_exists(table):
 def test_a_missing_package_of_the_extra_names_the_extra(monkeypatch):
     monkeypatch.setitem(sys.modules, "torch", None)
     for name in [name for name in sys.modules if name.startswith("gan.")]:
-        if name != "gan.commands":
+        if name != "slamgym.commands.gan.table":
             monkeypatch.delitem(sys.modules, name)
     with pytest.raises(SlamgymError, match=r"the package 'torch' is missing; .*slamgym\[gan\]"):
-        gan.commands.main(["train", "--help"])
+        slamgym.commands.gan.table.main(["train", "--help"])
 
 
 def test_another_missing_package_is_no_error_of_the_users(monkeypatch):
-    monkeypatch.setitem(sys.modules, "gan.train_command", None)
+    monkeypatch.setitem(sys.modules, "slamgym.commands.gan.train", None)
     with pytest.raises(ModuleNotFoundError):
-        gan.commands.main(["train"])
+        slamgym.commands.gan.table.main(["train"])

@@ -3,9 +3,9 @@ from dataclasses import dataclass, field
 
 import pytest
 
-from slamgym.config import config_hash, from_dict, replace_setting, setting_names, to_dict
-from slamgym.errors import ConfigError
-from slamgym.types import Pose2D
+from slamgym.core.config import config_hash, from_dict, replace_setting, setting_names, to_dict
+from slamgym.core.errors import ConfigError
+from slamgym.core.types import Pose2D
 
 
 @dataclass(frozen=True)

@@ -4,8 +4,8 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from slamgym.geometry import between, compose, inverse, transform_poses, wrap_angle
-from slamgym.types import Pose2D
+from slamgym.core.geometry import between, compose, inverse, transform_poses, wrap_angle
+from slamgym.core.types import Pose2D
 
 coordinates = st.floats(-1e3, 1e3)
 angles = st.floats(-50.0, 50.0)

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from slamgym.types import FREE, GridFrame, LaserGeometry, OccupancyGrid, Trajectory
+from slamgym.core.types import FREE, GridFrame, LaserGeometry, OccupancyGrid, Trajectory
 
 frames = st.builds(
     GridFrame,

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from slamgym import warmup
+from slamgym.commands import warmup
 
 
 @pytest.fixture

@@ -14,8 +14,8 @@ from shapely import Polygon
 from shapely.geometry.base import BaseGeometry
 
 from slamgym.cad.raster import fill_segments, map_values
-from slamgym.errors import PlanError
-from slamgym.types import OCCUPIED, FloatArray, GridFrame, OccupancyGrid
+from slamgym.core.errors import PlanError
+from slamgym.core.types import OCCUPIED, FloatArray, GridFrame, OccupancyGrid
 
 MIN_REACHED_SHARE = 0.8
 """The robot must be able to drive over this share of the floor, its own width counted."""

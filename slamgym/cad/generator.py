@@ -22,8 +22,8 @@ from slamgym.cad.doors import Opening, join_rooms
 from slamgym.cad.floorplan import Door, FloorPlan, Room, check_plan
 from slamgym.cad.homes import lay_out_home, rooms_for_area
 from slamgym.cad.offices import lay_out_office
-from slamgym.errors import ConfigError, PlanError
-from slamgym.types import FloatArray
+from slamgym.core.errors import ConfigError, PlanError
+from slamgym.core.types import FloatArray
 
 MIN_PASSAGE = 0.6
 """Every part of a plan can be reached through gaps at least this wide [m]."""

@@ -24,9 +24,9 @@ import shapely
 from shapely import Polygon
 
 from slamgym.cad.floorplan import Door, FloorPlan, Room
-from slamgym.errors import PlanError
-from slamgym.interop.atomic import write_text
-from slamgym.types import FloatArray
+from slamgym.core.errors import PlanError
+from slamgym.core.staged import write_text
+from slamgym.core.types import FloatArray
 
 MAX_COORDINATE = 10_000.0
 """Coordinates beyond this [m] are taken for another unit than metres."""

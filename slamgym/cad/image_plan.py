@@ -13,9 +13,9 @@ import shapely
 from shapely import Polygon
 
 from slamgym.cad.floorplan import FloorPlan
-from slamgym.errors import PlanError
+from slamgym.core.errors import PlanError
+from slamgym.core.types import FREE, BoolArray, GridFrame
 from slamgym.interop.ros_map import read_ros_map
-from slamgym.types import FREE, BoolArray, GridFrame
 
 IMAGE_SUFFIXES = (".png", ".pgm", ".bmp", ".jpg", ".jpeg", ".tif", ".tiff")
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from slamgym.cad.floorplan import FloorPlan
 from slamgym.cad.sources import PlanSource, open_plans
-from slamgym.errors import ConfigError
+from slamgym.core.errors import ConfigError
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ cell on either side; here a scanline per row of cell centres collects the crossi
 import cv2
 import numpy as np
 
-from slamgym.types import FREE, OCCUPIED, BoolArray, ByteArray, FloatArray, GridFrame
+from slamgym.core.types import FREE, OCCUPIED, BoolArray, ByteArray, FloatArray, GridFrame
 
 
 def fill_segments(segments: FloatArray, frame: GridFrame) -> BoolArray:

@@ -8,8 +8,8 @@ from pathlib import Path
 
 from slamgym.cad.floorplan import FloorPlan, check_plan
 from slamgym.cad.sources import PlanSource
-from slamgym.errors import PlanError
-from slamgym.interop.atomic import write_text
+from slamgym.core.errors import PlanError
+from slamgym.core.staged import write_text
 
 
 @dataclass(frozen=True)

@@ -20,8 +20,8 @@ from shapely import Polygon
 from shapely.geometry.base import BaseGeometry
 
 from slamgym.cad.floorplan import Door, FloorPlan, Room
-from slamgym.errors import InputFileError, PlanError
-from slamgym.types import FloatArray
+from slamgym.core.errors import InputFileError, PlanError
+from slamgym.core.types import FloatArray
 
 WALL_THICKNESS = 0.15
 """Between two rooms [m]."""

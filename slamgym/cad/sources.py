@@ -12,8 +12,8 @@ from slamgym.cad.generator import GeneratorConfig, Kind, generate_plan
 from slamgym.cad.houseexpo import parse_houseexpo, read_houseexpo
 from slamgym.cad.image_plan import IMAGE_SUFFIXES, read_image_plan, read_ros_plan
 from slamgym.cad.room_lines import RoomLinesSource
-from slamgym.config import suggest
-from slamgym.errors import ConfigError, InputFileError, PlanError
+from slamgym.core.config import suggest
+from slamgym.core.errors import ConfigError, InputFileError, PlanError
 
 BUNDLED = Path(__file__).parent / "bundled"
 """The plans that come with the package."""

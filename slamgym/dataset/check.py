@@ -9,13 +9,13 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+from slamgym.core.errors import InputFileError, SlamgymError
 from slamgym.dataset.episode_files import SUMS
 from slamgym.dataset.faults import VALUES, Fault, check_image, doubled, read_records
 from slamgym.dataset.folder import is_whole, pair_names
 from slamgym.dataset.format import FORMAT_VERSION, Layout, PairRecord, require_manifest
 from slamgym.dataset.schedule import Slot, exploration_seed
 from slamgym.dataset.shard import shard_folders
-from slamgym.errors import InputFileError, SlamgymError
 
 EPISODE_FILES = (
     "plan.json", "map.pgm", "map.yaml", "truth.tum", "odometry.tum", "estimate.tum", "scans.log.gz",
@@ -199,8 +199,8 @@ def _check_lines(path: Path) -> Iterator[Fault]:
 def _check_side_files(root: Path, records: list[PairRecord]) -> Iterator[Fault]:
     """Whether the split and the verdicts, where there are any, know the pairs."""
     # Imported here, as reading a dataset needs neither.
-    from slamgym.dataset.split import read_split, split_path
-    from slamgym.dataset.verdicts import VERDICTS_FILE, read_verdicts
+    from slamgym.dataset.curate.split import read_split, split_path
+    from slamgym.dataset.curate.verdicts import VERDICTS_FILE, read_verdicts
 
     if split_path(root).exists():
         try:

@@ -4,9 +4,9 @@ import hashlib
 from pathlib import Path
 
 from slamgym.cad import write_houseexpo
-from slamgym.dataset.episode import Episode
+from slamgym.core.staged import write_bytes
+from slamgym.envs.episode import Episode
 from slamgym.interop import write_carmen, write_ros_map, write_tum
-from slamgym.interop.atomic import write_bytes
 
 SUMS = "SHA256SUMS"
 """File of the digests of an episode's other files."""

@@ -8,9 +8,9 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from slamgym.dataset.png import read_png
-from slamgym.errors import InputFileError, SlamgymError
-from slamgym.types import FREE, OCCUPIED, UNKNOWN
+from slamgym.core.errors import InputFileError, SlamgymError
+from slamgym.core.png import read_png
+from slamgym.core.types import FREE, OCCUPIED, UNKNOWN
 
 VALUES: Mapping[str, frozenset[int]] = {
     "A": frozenset({OCCUPIED, FREE}),

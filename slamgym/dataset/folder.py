@@ -19,20 +19,20 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from slamgym.dataset.format import SIDES, Layout
-from slamgym.dataset.manifest_file import ManifestFile
-from slamgym.dataset.schedule import Slot
-from slamgym.dataset.settings_file import claim_folder
-from slamgym.dataset.shard import is_shard_name
-from slamgym.dataset.slot_set import SlotSet
-from slamgym.dataset.storage import (
+from slamgym.core.errors import InputFileError
+from slamgym.core.files import (
     drop_torn_line,
     exclusive_lock,
     replace_if_changed,
     storage_errors,
     sync_folder,
 )
-from slamgym.errors import InputFileError
+from slamgym.dataset.format import SIDES, Layout
+from slamgym.dataset.manifest_file import ManifestFile
+from slamgym.dataset.schedule import Slot
+from slamgym.dataset.settings_file import claim_folder
+from slamgym.dataset.shard import is_shard_name
+from slamgym.dataset.slot_set import SlotSet
 
 _OUR_NAME = re.compile(r"(\d{6,})_[A-Za-z0-9_.-]+")
 _INDEX_SHARE_OF_TIME = 0.02

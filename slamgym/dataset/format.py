@@ -31,11 +31,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, TypeVar
 
-from slamgym.config import from_dict, to_dict
-from slamgym.dataset.png import read_png
+from slamgym.core.config import from_dict, to_dict
+from slamgym.core.errors import InputFileError
+from slamgym.core.png import read_png
+from slamgym.core.types import ByteArray, GridFrame
 from slamgym.dataset.shard import shard_folders
-from slamgym.errors import InputFileError
-from slamgym.types import ByteArray, GridFrame
 
 FORMAT_VERSION = 2
 SIDES: tuple[Literal["A"], Literal["B"]] = ("A", "B")
@@ -64,7 +64,7 @@ class PairRecord:
     """Version of slamgym that made the pair."""
     explorer: str
     conditions: dict[str, Any]
-    """Settings of the exploration by name (:mod:`slamgym.dataset.conditions`): the usual ones and all that
+    """Settings of the exploration by name (:mod:`slamgym.dataset.generate.conditions`): the usual ones and all that
     vary within the dataset."""
     finished: str
     """Why the exploration ended: ``explored``, ``coverage``, ``time_limit``, ..."""

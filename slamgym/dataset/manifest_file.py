@@ -11,8 +11,8 @@ from collections.abc import Callable, Iterator
 from operator import itemgetter
 from pathlib import Path
 
+from slamgym.core.files import replace_file_by
 from slamgym.dataset.slot_set import SlotSet
-from slamgym.dataset.storage import replace_file_by
 
 MOST_FRESH_LINES = 20_000
 """Fresh lines that are kept in memory, 2 kB each."""

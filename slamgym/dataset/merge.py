@@ -8,14 +8,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from slamgym.core.errors import ConfigError
+from slamgym.core.files import exclusive_lock, storage_errors, sync_tree
+from slamgym.core.progress import Advance, show_progress
 from slamgym.dataset.folder import DatasetFolder, is_whole, open_dataset, pair_names, read_rejected
 from slamgym.dataset.format import SIDES, Layout, PairRecord, read_config
-from slamgym.dataset.progress import Advance, show_progress
 from slamgym.dataset.schedule import Slot
 from slamgym.dataset.settings_file import differences
 from slamgym.dataset.shard import FOLDER, shard_folders
-from slamgym.dataset.storage import exclusive_lock, storage_errors, sync_tree
-from slamgym.errors import ConfigError
 
 
 @dataclass(frozen=True)

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from slamgym.cad import FloorPlan
-from slamgym.errors import ConfigError
-from slamgym.types import UNKNOWN, ByteArray, GridFrame, OccupancyGrid, Pose2D
+from slamgym.core.errors import ConfigError
+from slamgym.core.types import UNKNOWN, ByteArray, GridFrame, OccupancyGrid, Pose2D
 
 
 @dataclass(frozen=True)

@@ -5,11 +5,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from slamgym.config import to_dict
+from slamgym.core.config import to_dict
+from slamgym.core.errors import ConfigError
+from slamgym.core.staged import staged
 from slamgym.dataset.format import PairRecord
-from slamgym.dataset.images import ImageRecord
-from slamgym.errors import ConfigError
-from slamgym.interop.atomic import staged
+from slamgym.dataset.images.format import ImageRecord
 
 
 def rows_of(records: Sequence[PairRecord] | Sequence[ImageRecord]) -> list[dict[str, Any]]:

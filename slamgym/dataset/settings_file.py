@@ -5,9 +5,9 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+from slamgym.core.errors import ConfigError, InputFileError
+from slamgym.core.files import replace_file, storage_errors, temporary_name
 from slamgym.dataset.format import FolderLayout
-from slamgym.dataset.storage import replace_file, storage_errors, temporary_name
-from slamgym.errors import ConfigError, InputFileError
 
 _SHOWN = 3
 """So many differences are named in an error."""

@@ -4,7 +4,7 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 
-from slamgym.errors import ConfigError
+from slamgym.core.errors import ConfigError
 
 FOLDER = re.compile(r"shard-(\d{5,})-of-(\d{5,})")
 """Names of the shards' folders."""

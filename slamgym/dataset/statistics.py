@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
+from slamgym.core.types import FloatArray
+from slamgym.dataset.curate.verdicts import VERDICTS_FILE, read_verdicts
 from slamgym.dataset.folder import read_rejected
 from slamgym.dataset.format import Layout, PairRecord, read_manifest
 from slamgym.dataset.summary import GOOD_COVERAGE
-from slamgym.dataset.verdicts import VERDICTS_FILE, read_verdicts
-from slamgym.types import FloatArray
 
 MAX_VALUES = 6
 """A condition with more different numbers is told in ranges."""

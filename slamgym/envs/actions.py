@@ -5,8 +5,8 @@ from typing import Any
 import numpy as np
 from gymnasium import spaces
 
+from slamgym.core.types import Twist2D
 from slamgym.envs.config import ExploreConfig
-from slamgym.types import Twist2D
 
 
 class Actions:

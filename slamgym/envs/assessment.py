@@ -5,14 +5,14 @@ from typing import Any
 
 import numpy as np
 
+from slamgym.core.geometry import wrap_angle
+from slamgym.core.types import UNKNOWN, LaserGeometry
 from slamgym.envs.coverage import Coverage
+from slamgym.envs.plan_cache import Site
 from slamgym.envs.rewards import Reward, StepRecord
 from slamgym.envs.simulation import Simulation
-from slamgym.envs.sites import Site
-from slamgym.geometry import wrap_angle
+from slamgym.sim import Motion
 from slamgym.slam import Mapper
-from slamgym.types import UNKNOWN, LaserGeometry
-from slamgym.world import Motion
 
 
 class Assessment:

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from slamgym.core.types import FREE, UNKNOWN, FloatArray, OccupancyGrid, Pose2D
 from slamgym.planning import (
     CostmapConfig,
     Frontier,
@@ -10,7 +11,6 @@ from slamgym.planning import (
     make_costmap,
     reachable_space,
 )
-from slamgym.types import FREE, UNKNOWN, FloatArray, OccupancyGrid, Pose2D
 
 
 class FrontierWatch:

@@ -6,13 +6,12 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
-from slamgym.config import from_dict, suggest
+from slamgym.core.config import from_dict, suggest
+from slamgym.core.errors import ConfigError
+from slamgym.core.types import GridFrame
 from slamgym.envs.rewards import RewardConfig
-from slamgym.errors import ConfigError
-from slamgym.sensors import LidarConfig, OdometryConfig, lidar_level, odometry_level
+from slamgym.sim import ClutterConfig, LidarConfig, OdometryConfig, RobotConfig, lidar_level, odometry_level
 from slamgym.slam import SlamConfig
-from slamgym.types import GridFrame
-from slamgym.world import ClutterConfig, RobotConfig
 
 
 @dataclass(frozen=True)
@@ -109,7 +108,7 @@ class ExploreConfig:
     worth a visit, the pinholes that noise leaves in walls are not [m]."""
 
     record: bool = False
-    """Whether the environment keeps an :class:`~slamgym.envs.recording.EpisodeLog` of every scan."""
+    """Whether the environment keeps an :class:`~slamgym.envs.episode_log.EpisodeLog` of every scan."""
 
     def __post_init__(self) -> None:
         if self.actions not in ("normalized", "physical", "discrete"):

@@ -18,10 +18,10 @@ from shapely.geometry.base import BaseGeometry
 
 from slamgym.cad.floorplan import FloorPlan, ring_segments
 from slamgym.cad.raster import fill_segments
+from slamgym.core.geometry import compose
+from slamgym.core.types import BoolArray, FloatArray, GridFrame, LaserGeometry, Pose2D
 from slamgym.envs.coverage_kernels import sweep, unit_vectors
-from slamgym.geometry import compose
-from slamgym.types import BoolArray, FloatArray, GridFrame, LaserGeometry, Pose2D
-from slamgym.world.clutter import fitting_area
+from slamgym.sim.clutter import fitting_area
 
 CELL = 0.1
 """Cell size of the floor [m]: the beams of one scan are at most 5 cm apart within the usable range."""

@@ -4,8 +4,8 @@ import math
 
 import numpy as np
 
-from slamgym.jit import kernel
-from slamgym.types import BoolArray, FloatArray
+from slamgym.core.jit import kernel
+from slamgym.core.types import BoolArray, FloatArray
 
 _FRACTION = 32
 _HALF = 1 << (_FRACTION - 1)

@@ -4,7 +4,7 @@ from typing import Any
 
 import gymnasium as gym
 
-from slamgym.errors import ConfigError
+from slamgym.core.errors import ConfigError
 
 
 class DiscountByTermination(gym.Wrapper[Any, Any, Any, Any]):

@@ -3,8 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from slamgym.jit import kernel
-from slamgym.types import BoolArray, ByteArray, Float32Array, FloatArray, Int32Array
+from slamgym.core.jit import kernel
+from slamgym.core.types import BoolArray, ByteArray, Float32Array, FloatArray, Int32Array
 
 Int16Array = NDArray[np.int16]
 

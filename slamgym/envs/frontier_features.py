@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 from gymnasium import spaces
 
+from slamgym.core.types import BoolArray, ByteArray, Float32Array, FloatArray, Pose2D
 from slamgym.envs.frontier_feature_kernels import classify, cut_frontier_crop, explore_pocket
 from slamgym.planning.costmap import Costmap
 from slamgym.planning.frontier_candidates import COARSENING, Candidate
 from slamgym.planning.frontier_driver import FrontierDriver
 from slamgym.planning.frontiers import expected_gain
-from slamgym.types import BoolArray, ByteArray, Float32Array, FloatArray, Pose2D
 
 FEATURE_VERSION = 1
 """Raised whenever a feature changes its meaning: weights trained on another version are refused."""

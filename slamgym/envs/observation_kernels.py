@@ -2,8 +2,8 @@
 
 import math
 
-from slamgym.jit import kernel
-from slamgym.types import FREE, OCCUPIED, UNKNOWN, ByteArray
+from slamgym.core.jit import kernel
+from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, ByteArray
 
 _FRACTION = 32
 _ONE = float(1 << _FRACTION)

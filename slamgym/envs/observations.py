@@ -9,10 +9,10 @@ from typing import Any, Protocol
 import numpy as np
 from gymnasium import spaces
 
+from slamgym.core.types import ByteArray, Float32Array, GridFrame, LaserScan, Pose2D, Twist2D
 from slamgym.envs.config import ExploreConfig, ObservationConfig
 from slamgym.envs.observation_kernels import cut_crop
 from slamgym.slam import Mapper
-from slamgym.types import ByteArray, Float32Array, GridFrame, LaserScan, Pose2D, Twist2D
 
 Observation = dict[str, Any]
 

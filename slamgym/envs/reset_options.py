@@ -4,9 +4,9 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from slamgym.cad import FloorPlan
-from slamgym.config import suggest
-from slamgym.errors import ConfigError
-from slamgym.types import Pose2D
+from slamgym.core.config import suggest
+from slamgym.core.errors import ConfigError
+from slamgym.core.types import Pose2D
 
 
 class ResetOptions(NamedTuple):

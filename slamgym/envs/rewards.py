@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from functools import partial
 from typing import NamedTuple
 
-from slamgym.config import suggest
-from slamgym.errors import ConfigError
+from slamgym.core.config import suggest
+from slamgym.core.errors import ConfigError
 
 
 @dataclass(frozen=True, slots=True)

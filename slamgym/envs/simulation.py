@@ -4,13 +4,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from slamgym.core.geometry import between
+from slamgym.core.types import FloatArray, LaserScan, Pose2D, Twist2D
 from slamgym.envs.config import ExploreConfig
-from slamgym.envs.sites import Site
-from slamgym.geometry import between
-from slamgym.sensors import Lidar, WheelOdometry
+from slamgym.envs.plan_cache import Site
+from slamgym.sim import Lidar, Motion, WheelOdometry
 from slamgym.slam import make_mapper
-from slamgym.types import FloatArray, LaserScan, Pose2D, Twist2D
-from slamgym.world import Motion
 
 
 class Streams(NamedTuple):

@@ -16,12 +16,12 @@ from pathlib import Path
 
 import numpy as np
 
-from slamgym.errors import InputFileError
-from slamgym.geometry import between, compose, wrap_angle
-from slamgym.interop.atomic import write_bytes
+from slamgym.core.errors import InputFileError
+from slamgym.core.geometry import between, compose, wrap_angle
+from slamgym.core.staged import write_bytes
+from slamgym.core.types import Float32Array, LaserGeometry, LaserScan, Pose2D
 from slamgym.interop.carmen_messages import LaserHints, MalformedMessageError, ScanMessage, parse_scan
 from slamgym.interop.records import Log, LogRecord, LogWarnings, longest_ordered
-from slamgym.types import Float32Array, LaserGeometry, LaserScan, Pose2D
 
 SCAN_MESSAGES = ("FLASER", "ROBOTLASER1")
 IGNORED_MESSAGES = re.compile(

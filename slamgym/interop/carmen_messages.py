@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from slamgym.types import Float32Array, Pose2D
+from slamgym.core.types import Float32Array, Pose2D
 
 MAX_BEAMS = 100_000
 MAX_COORDINATE = 1e6  # [m]; a pose further away is a broken number

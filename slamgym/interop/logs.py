@@ -2,12 +2,12 @@
 
 from pathlib import Path
 
-from slamgym.errors import InputFileError
+from slamgym.core.errors import InputFileError
+from slamgym.core.types import Trajectory
 from slamgym.interop.carmen import read_carmen
 from slamgym.interop.records import Log
 from slamgym.interop.rosbag import read_rosbag
 from slamgym.interop.tum import read_tum
-from slamgym.types import Trajectory
 
 EPISODE_LOGS = ("scans.log", "scans.log.gz")
 BAG_SUFFIXES = (".bag", ".mcap", ".db3")

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from slamgym.types import LaserGeometry, LaserScan, Pose2D
+from slamgym.core.types import LaserGeometry, LaserScan, Pose2D
 
 
 class LogRecord(NamedTuple):

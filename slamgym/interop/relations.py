@@ -6,9 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from slamgym.errors import InputFileError
-from slamgym.geometry import wrap_angle
-from slamgym.types import FloatArray
+from slamgym.core.errors import InputFileError
+from slamgym.core.geometry import wrap_angle
+from slamgym.core.types import FloatArray
 
 
 class Relations(NamedTuple):

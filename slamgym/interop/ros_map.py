@@ -15,9 +15,9 @@ import cv2
 import numpy as np
 import yaml
 
-from slamgym.errors import InputFileError
-from slamgym.interop.atomic import write_bytes, write_text
-from slamgym.types import FREE, OCCUPIED, UNKNOWN, ByteArray, GridFrame, OccupancyGrid
+from slamgym.core.errors import InputFileError
+from slamgym.core.staged import write_bytes, write_text
+from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, ByteArray, GridFrame, OccupancyGrid
 
 OCCUPIED_THRESHOLD = 0.65
 FREE_THRESHOLD = 0.196

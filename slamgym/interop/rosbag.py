@@ -13,10 +13,10 @@ from typing import Any
 
 import numpy as np
 
-from slamgym.errors import ConfigError, InputFileError
+from slamgym.core.errors import ConfigError, InputFileError
+from slamgym.core.types import Float32Array, FloatArray, LaserGeometry, LaserScan, Pose2D, Trajectory
 from slamgym.interop.records import Log, LogRecord, LogWarnings, longest_ordered
 from slamgym.interop.transform_tree import TransformTree, clean_frame, planar, rigid_transform
-from slamgym.types import Float32Array, FloatArray, LaserGeometry, LaserScan, Pose2D, Trajectory
 
 SCAN_TYPE = "sensor_msgs/msg/LaserScan"
 ODOMETRY_TYPE = "nav_msgs/msg/Odometry"

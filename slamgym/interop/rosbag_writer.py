@@ -9,10 +9,10 @@ from typing import Any, Literal
 
 import numpy as np
 
-from slamgym.errors import InputFileError
+from slamgym.core.errors import InputFileError
+from slamgym.core.types import FREE, OCCUPIED, LaserGeometry, OccupancyGrid, Pose2D
 from slamgym.interop.records import LogRecord
 from slamgym.interop.rosbag import import_rosbags
-from slamgym.types import FREE, OCCUPIED, LaserGeometry, OccupancyGrid, Pose2D
 
 ODOMETRY_FRAME, BASE_FRAME, LASER_FRAME, MAP_FRAME = "odom", "base_footprint", "base_scan", "map"
 """Frame names of a TurtleBot3."""

@@ -4,7 +4,7 @@ from collections import defaultdict
 
 import numpy as np
 
-from slamgym.types import FloatArray, Pose2D, Trajectory
+from slamgym.core.types import FloatArray, Pose2D, Trajectory
 
 MAX_DEPTH = 50
 

@@ -5,10 +5,10 @@ from pathlib import Path
 
 import numpy as np
 
-from slamgym.errors import InputFileError
-from slamgym.geometry import wrap_angle
-from slamgym.interop.atomic import write_text
-from slamgym.types import Trajectory
+from slamgym.core.errors import InputFileError
+from slamgym.core.geometry import wrap_angle
+from slamgym.core.staged import write_text
+from slamgym.core.types import Trajectory
 
 
 def write_tum(path: Path | str, trajectory: Trajectory) -> None:

@@ -15,10 +15,10 @@ import cv2
 import numpy as np
 from scipy.optimize import minimize
 
-from slamgym.geometry import wrap_angle
+from slamgym.core.geometry import wrap_angle
+from slamgym.core.types import Float32Array, FloatArray
 from slamgym.metrics.alignment_kernel import moved_error
 from slamgym.metrics.maps import squared_error
-from slamgym.types import Float32Array, FloatArray
 
 START_ANGLES = 24
 COARSE_STARTS = 3

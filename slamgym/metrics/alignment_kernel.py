@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from slamgym.jit import kernel
-from slamgym.types import Float32Array
+from slamgym.core.jit import kernel
+from slamgym.core.types import Float32Array
 
 
 @kernel

@@ -3,8 +3,8 @@
 import numpy as np
 from scipy.stats import chi2
 
-from slamgym.geometry import wrap_angle
-from slamgym.types import FloatArray
+from slamgym.core.geometry import wrap_angle
+from slamgym.core.types import FloatArray
 
 
 def normalised_estimation_error_squared(

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import binomtest, wilcoxon
 
-from slamgym.types import FloatArray
+from slamgym.core.types import FloatArray
 
 BOOTSTRAP_SAMPLES = 2000
 

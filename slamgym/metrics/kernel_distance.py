@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial.distance import cdist
 from scipy.stats import wasserstein_distance
 
-from slamgym.types import FloatArray
+from slamgym.core.types import FloatArray
 
 
 @dataclass(frozen=True)

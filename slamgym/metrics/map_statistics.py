@@ -6,7 +6,7 @@ All take maps with the values of ROS map_server (0, 205, 254), row 0 at the top.
 import cv2
 import numpy as np
 
-from slamgym.types import FREE, OCCUPIED, UNKNOWN, BoolArray, ByteArray, FloatArray, IntArray
+from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, BoolArray, ByteArray, FloatArray, IntArray
 
 _PATTERN_VALUES = (OCCUPIED, UNKNOWN, FREE)
 _NEAR_WALL = 0.6  # [m] occupied cells farther from every CAD wall are stray, not displaced

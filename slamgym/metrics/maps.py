@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from slamgym.types import FREE, OCCUPIED, UNKNOWN, BoolArray, ByteArray, FloatArray
+from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, BoolArray, ByteArray, FloatArray
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from slamgym.core.types import FloatArray, Trajectory
 from slamgym.metrics.trajectory import ErrorStatistics, poses_at, relative_poses
-from slamgym.types import FloatArray, Trajectory
 
 TIME_MARGIN = 0.5
 """A moment this far outside the trajectory's time gets the end pose [s]."""

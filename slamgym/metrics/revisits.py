@@ -8,8 +8,8 @@ the local error of the path, and can be had for every log that visits a place ag
 import numpy as np
 from scipy.spatial import cKDTree
 
+from slamgym.core.types import BoolArray, FloatArray, IntArray
 from slamgym.metrics.trajectory import ErrorStatistics
-from slamgym.types import BoolArray, FloatArray, IntArray
 
 
 def revisit_disagreement(

@@ -13,8 +13,8 @@ from typing import Any
 import cv2
 import numpy as np
 
-from slamgym.jit import kernel
-from slamgym.types import BoolArray, FloatArray, IntArray
+from slamgym.core.jit import kernel
+from slamgym.core.types import BoolArray, FloatArray, IntArray
 
 
 @dataclass(frozen=True)

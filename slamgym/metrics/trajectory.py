@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from slamgym.geometry import transform_poses, wrap_angle
-from slamgym.types import BoolArray, FloatArray, Pose2D, Trajectory
+from slamgym.core.geometry import transform_poses, wrap_angle
+from slamgym.core.types import BoolArray, FloatArray, Pose2D, Trajectory
 
 
 @dataclass(frozen=True)

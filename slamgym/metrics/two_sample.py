@@ -11,8 +11,8 @@ from typing import Any, Literal
 import numpy as np
 from scipy.stats import ks_2samp
 
-from slamgym.errors import ConfigError
-from slamgym.types import FloatArray, IntArray
+from slamgym.core.errors import ConfigError
+from slamgym.core.types import FloatArray, IntArray
 
 Learner = Literal["gradient_boosting", "extra_trees"]
 LEARNERS: tuple[Learner, ...] = ("gradient_boosting", "extra_trees")

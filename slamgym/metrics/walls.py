@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from slamgym.core.types import BoolArray, FloatArray
 from slamgym.metrics.maps import WallScore, wall_score
-from slamgym.types import BoolArray, FloatArray
 
 _CROSS = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
 

@@ -4,8 +4,8 @@ import math
 
 import numpy as np
 
-from slamgym.jit import kernel
-from slamgym.types import BoolArray, FloatArray, Int32Array
+from slamgym.core.jit import kernel
+from slamgym.core.types import BoolArray, FloatArray, Int32Array
 
 # Weight of odometry in the fit, in beams: what keeps a pose in place along a corridor that shows nothing.
 _PRIOR_BEAMS = 2.0

@@ -12,11 +12,11 @@ from pathlib import Path
 
 import numpy as np
 
-from slamgym.config import suggest
-from slamgym.errors import ConfigError, InputFileError
-from slamgym.interop.atomic import write_text
+from slamgym.core.config import suggest
+from slamgym.core.errors import ConfigError, InputFileError
+from slamgym.core.staged import write_text
+from slamgym.core.types import FloatArray
 from slamgym.parametric.config import TwoPhaseConfig
-from slamgym.types import FloatArray
 
 
 @dataclass(frozen=True)

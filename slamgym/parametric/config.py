@@ -10,8 +10,8 @@ import math
 from dataclasses import dataclass, field
 from typing import Literal
 
-from slamgym.config import suggest
-from slamgym.errors import ConfigError
+from slamgym.core.config import suggest
+from slamgym.core.errors import ConfigError
 
 Method = Literal["two_phase", "ekf", "ekf_schur"]
 PRESET_NAMES = ("faithful", "realistic")

@@ -9,10 +9,10 @@ stays symmetric and positive semi-definite by construction.
 import numpy as np
 from scipy.linalg import cholesky, solve_triangular
 
-from slamgym.errors import ConfigError
-from slamgym.geometry import wrap_angle
+from slamgym.core.errors import ConfigError
+from slamgym.core.geometry import wrap_angle
+from slamgym.core.types import FloatArray, IntArray
 from slamgym.parametric.landmarks import LandmarkEstimate, LandmarkProblem, observation_model
-from slamgym.types import FloatArray, IntArray
 
 
 class BatchedEkf:

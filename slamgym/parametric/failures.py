@@ -10,9 +10,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from slamgym.core.types import BoolArray, FloatArray, IntArray
 from slamgym.parametric.config import FailureConfig
 from slamgym.parametric.odometry_error import Increments
-from slamgym.types import BoolArray, FloatArray, IntArray
 
 
 @dataclass(frozen=True)

@@ -5,12 +5,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from slamgym.geometry import wrap_angle
+from slamgym.core.geometry import wrap_angle
+from slamgym.core.types import BoolArray, FloatArray, Int32Array, IntArray
 from slamgym.parametric.config import EkfConfig
 from slamgym.parametric.lidar_error import LidarErrors
 from slamgym.parametric.odometry_error import Increments
 from slamgym.parametric.visibility import Visibility
-from slamgym.types import BoolArray, FloatArray, Int32Array, IntArray
 
 
 @dataclass(frozen=True)

@@ -11,10 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from slamgym.geometry import wrap_angle
+from slamgym.core.geometry import wrap_angle
+from slamgym.core.types import ByteArray, Float32Array, FloatArray, IntArray
 from slamgym.parametric.config import LidarErrorConfig, ScannerConfig
 from slamgym.parametric.visibility import Visibility
-from slamgym.types import ByteArray, Float32Array, FloatArray, IntArray
 
 HIT, SHORT, MAX, RAND = 0, 1, 2, 3
 """Components of the beam mixture."""

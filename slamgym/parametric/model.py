@@ -11,8 +11,18 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from slamgym.config import to_dict
-from slamgym.errors import PlanError
+from slamgym.core.config import to_dict
+from slamgym.core.errors import PlanError
+from slamgym.core.types import (
+    FREE,
+    UNKNOWN,
+    BoolArray,
+    Float32Array,
+    FloatArray,
+    GridFrame,
+    OccupancyGrid,
+    Trajectory,
+)
 from slamgym.parametric.config import ParametricConfig, scaled
 from slamgym.parametric.ekf_slam import run_ekf
 from slamgym.parametric.failures import Failures, draw_failures
@@ -42,16 +52,6 @@ from slamgym.parametric.two_phase import (
 )
 from slamgym.parametric.visibility import Visibility, beam_angles, observe
 from slamgym.parametric.warp import densify, invert, warp
-from slamgym.types import (
-    FREE,
-    UNKNOWN,
-    BoolArray,
-    Float32Array,
-    FloatArray,
-    GridFrame,
-    OccupancyGrid,
-    Trajectory,
-)
 
 if TYPE_CHECKING:
     from slamgym.cad.floorplan import FloorPlan

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from slamgym.geometry import wrap_angle
+from slamgym.core.geometry import wrap_angle
+from slamgym.core.types import FloatArray
 from slamgym.parametric.config import OdometryErrorConfig
-from slamgym.types import FloatArray
 
 
 @dataclass(frozen=True)

@@ -11,12 +11,12 @@ import cv2
 import numpy as np
 
 from slamgym import __version__
-from slamgym.config import to_dict
-from slamgym.errors import InputFileError
+from slamgym.core.config import to_dict
+from slamgym.core.errors import InputFileError
 from slamgym.interop.ros_map import write_ros_map
 from slamgym.interop.tum import write_tum
 from slamgym.parametric.model import Deformation
-from slamgym.parametric.picture import overview
+from slamgym.viz.deformation_pictures import overview
 
 
 @contextmanager

@@ -3,8 +3,8 @@
 import numpy as np
 import shapely
 
-from slamgym.errors import ConfigError
-from slamgym.types import FloatArray
+from slamgym.core.errors import ConfigError
+from slamgym.core.types import FloatArray
 
 
 def check_path_is_free(

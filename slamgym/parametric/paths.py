@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 import shapely
 
-from slamgym.errors import InputFileError, PlanError, SlamgymError
+from slamgym.core.errors import InputFileError, PlanError, SlamgymError
+from slamgym.core.types import FREE, FloatArray
 from slamgym.interop.tum import read_tum
 from slamgym.parametric.config import MotionConfig
 from slamgym.parametric.path_check import check_path_is_free
 from slamgym.parametric.trajectory import TimedTrajectory, Waypoints, drive, from_recorded
 from slamgym.planning.prm import PrmConfig, Roadmap, build_roadmap, random_path, spread_stops, tour
-from slamgym.types import FREE, FloatArray
 
 if TYPE_CHECKING:
     from slamgym.cad.floorplan import FloorPlan

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, BoolArray, ByteArray, FloatArray, GridFrame
 from slamgym.parametric.config import LidarErrorConfig, RenderConfig, ScannerConfig
 from slamgym.parametric.lidar_error import (
     HIT,
@@ -17,8 +18,7 @@ from slamgym.parametric.lidar_error import (
 )
 from slamgym.parametric.scan_kernel import draw_scans
 from slamgym.parametric.visibility import Visibility, poses_in_cells, sensor_poses
-from slamgym.sensors.raycast import cast_rays
-from slamgym.types import FREE, OCCUPIED, UNKNOWN, BoolArray, ByteArray, FloatArray, GridFrame
+from slamgym.sim.raycast import cast_rays
 
 
 def observed_cad(

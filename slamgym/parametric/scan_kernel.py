@@ -2,8 +2,8 @@
 
 import math
 
-from slamgym.jit import kernel
-from slamgym.types import FloatArray, Int32Array
+from slamgym.core.jit import kernel
+from slamgym.core.types import FloatArray, Int32Array
 
 
 @kernel

@@ -10,11 +10,11 @@ from scipy.linalg import cho_factor, cho_solve
 from scipy.sparse import bsr_array, csc_array
 from scipy.sparse.linalg import splu
 
-from slamgym.errors import ConfigError
-from slamgym.geometry import wrap_angle
+from slamgym.core.errors import ConfigError
+from slamgym.core.geometry import wrap_angle
+from slamgym.core.types import FloatArray, IntArray
 from slamgym.parametric.landmarks import LandmarkEstimate, LandmarkProblem, observation_model
 from slamgym.parametric.odometry_error import increments_of
-from slamgym.types import FloatArray, IntArray
 
 _MAX_SCANS = 4000  # beyond this the factors of a long winding path fill gigabytes
 _DENSE_UNKNOWNS = 1500  # above this the pose system is sparse enough for a sparse factorisation to win

@@ -11,10 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from slamgym.errors import ConfigError
-from slamgym.geometry import wrap_angle
+from slamgym.core.errors import ConfigError
+from slamgym.core.geometry import wrap_angle
+from slamgym.core.types import FloatArray, Trajectory
 from slamgym.parametric.config import MotionConfig
-from slamgym.types import FloatArray, Trajectory
 
 _SAMPLE_INTERVAL = 0.05  # [s] of the fine trajectory that scans are picked from
 

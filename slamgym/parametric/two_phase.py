@@ -12,12 +12,12 @@ from typing import Literal
 import cv2
 import numpy as np
 
-from slamgym.geometry import wrap_angle
+from slamgym.core.geometry import wrap_angle
+from slamgym.core.types import BoolArray, Float32Array, FloatArray, GridFrame
 from slamgym.parametric.anchor_kernel import anchor_poses
 from slamgym.parametric.config import TwoPhaseConfig
 from slamgym.parametric.odometry_error import Increments, integrate
 from slamgym.parametric.visibility import Visibility
-from slamgym.types import BoolArray, Float32Array, FloatArray, GridFrame
 
 
 @dataclass(frozen=True)

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from slamgym.core.types import BoolArray, Float32Array, FloatArray, GridFrame, Int32Array
 from slamgym.parametric.config import ScannerConfig
 from slamgym.parametric.visibility_kernel import observe_cells
-from slamgym.types import BoolArray, Float32Array, FloatArray, GridFrame, Int32Array
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ a constant d of +3 cells in x moves a wall 3 cells to the left.
 import cv2
 import numpy as np
 
-from slamgym.types import BoolArray, ByteArray, Float32Array
+from slamgym.core.types import BoolArray, ByteArray, Float32Array
 
 
 def densify(field: Float32Array, known: BoolArray, sigma_px: float) -> Float32Array:

@@ -8,11 +8,11 @@ import math
 
 import numpy as np
 
+from slamgym.core.types import BoolArray, Float32Array, FloatArray, Int32Array, Pose2D
 from slamgym.planning.costmap import INSCRIBED_COST, LETHAL_COST, Costmap
 from slamgym.planning.frontier_kernels import nearest_open_cell
 from slamgym.planning.frontiers import Point, Reachable
 from slamgym.planning.grid_path_kernels import search_path, trace_path
-from slamgym.types import BoolArray, Float32Array, FloatArray, Int32Array, Pose2D
 
 SHRINK = 3
 """Cells of the costmap along the side of a coarse one."""

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from slamgym.errors import ConfigError
-from slamgym.types import Float32Array, GridFrame, LaserGeometry, Twist2D
+from slamgym.core.errors import ConfigError
+from slamgym.core.types import Float32Array, GridFrame, LaserGeometry, Twist2D
 
 
 @dataclass(frozen=True)

@@ -12,10 +12,9 @@ from functools import lru_cache
 import cv2
 import numpy as np
 
-from slamgym.errors import ConfigError
-from slamgym.geometry import compose
-from slamgym.planning.costmap_kernels import clear_beams, clear_body, cost_cells, distance_to_occupied
-from slamgym.types import (
+from slamgym.core.errors import ConfigError
+from slamgym.core.geometry import compose
+from slamgym.core.types import (
     OCCUPIED,
     UNKNOWN,
     ByteArray,
@@ -26,6 +25,7 @@ from slamgym.types import (
     OccupancyGrid,
     Pose2D,
 )
+from slamgym.planning.costmap_kernels import clear_beams, clear_body, cost_cells, distance_to_occupied
 
 FREE_COST = 0
 INSCRIBED_COST = 253

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from slamgym.jit import kernel
-from slamgym.types import ByteArray, Float32Array, FloatArray, Int32Array
+from slamgym.core.jit import kernel
+from slamgym.core.types import ByteArray, Float32Array, FloatArray, Int32Array
 
 _OCCUPIED = np.uint8(0)
 _FREE = np.uint8(254)

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from slamgym.core.types import ByteArray, Float32Array, FloatArray, GridFrame, Int32Array, IntArray, Pose2D
 from slamgym.planning.costmap import INSCRIBED_COST, Costmap
 from slamgym.planning.frontiers import Frontier, Point, Reachable, find_frontiers
 from slamgym.planning.grid_path import COST_FACTOR, place_near
 from slamgym.planning.grid_path_kernels import search_path, trace_path
-from slamgym.types import ByteArray, Float32Array, FloatArray, GridFrame, Int32Array, IntArray, Pose2D
 
 _NONE: Int32Array = np.zeros(0, dtype=np.int32)
 

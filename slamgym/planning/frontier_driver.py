@@ -14,14 +14,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from slamgym.errors import ConfigError
+from slamgym.core.errors import ConfigError
+from slamgym.core.types import ByteArray, OccupancyGrid, Pose2D, Twist2D
 from slamgym.planning.context import ExplorerContext
 from slamgym.planning.costmap import NO_INFORMATION
 from slamgym.planning.frontier_candidates import Candidate, RoadMap, make_candidates
 from slamgym.planning.frontiers import Point
-from slamgym.planning.last_resorts import LastResorts, Resort
 from slamgym.planning.navigator import Goal, GoalStatus, Navigator, NavigatorConfig
-from slamgym.types import ByteArray, OccupancyGrid, Pose2D, Twist2D
+from slamgym.planning.recovery import LastResorts, Resort
 
 _STOP = Twist2D(0.0, 0.0)
 _GROWTH = 0.5  # less than this is no growth of the map [m2]: noise opens pinholes for ever

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from slamgym.jit import kernel
-from slamgym.types import BoolArray, ByteArray, FloatArray, Int32Array, IntArray
+from slamgym.core.jit import kernel
+from slamgym.core.types import BoolArray, ByteArray, FloatArray, Int32Array, IntArray
 
 _LETHAL = np.uint8(254)
 _NO_INFORMATION = np.uint8(255)

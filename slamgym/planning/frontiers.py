@@ -13,6 +13,16 @@ from typing import Literal, NamedTuple
 import cv2
 import numpy as np
 
+from slamgym.core.types import (
+    FREE,
+    OCCUPIED,
+    BoolArray,
+    ByteArray,
+    GridFrame,
+    Int32Array,
+    OccupancyGrid,
+    Pose2D,
+)
 from slamgym.planning.costmap import (
     FREE_COST,
     INSCRIBED_COST,
@@ -27,7 +37,6 @@ from slamgym.planning.frontier_kernels import (
     nearest_open_cell,
 )
 from slamgym.planning.sight_kernels import visible_unknown
-from slamgym.types import FREE, OCCUPIED, BoolArray, ByteArray, GridFrame, Int32Array, OccupancyGrid, Pose2D
 
 Point = tuple[float, float]
 _CROSS = np.array([[0, 1, 0], [1, 1, 1], [0, 1, 0]], np.uint8)

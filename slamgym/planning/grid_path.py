@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from slamgym.core.types import Float32Array, FloatArray, Int32Array, Pose2D
 from slamgym.planning.costmap import INSCRIBED_COST, Costmap
 from slamgym.planning.frontier_kernels import nearest_open_cell
 from slamgym.planning.frontiers import Point, Reachable, reachable_space
 from slamgym.planning.grid_path_kernels import line_cost, search_path, shortcut, trace_path
-from slamgym.types import Float32Array, FloatArray, Int32Array, Pose2D
 
 _NONE: Int32Array = np.zeros(0, dtype=np.int32)
 

@@ -4,8 +4,8 @@ from typing import Any
 
 import numpy as np
 
-from slamgym.jit import kernel
-from slamgym.types import BoolArray, ByteArray, Float32Array, FloatArray, Int32Array, IntArray
+from slamgym.core.jit import kernel
+from slamgym.core.types import BoolArray, ByteArray, Float32Array, FloatArray, Int32Array, IntArray
 
 _SQRT2 = np.float32(1.4142135)
 

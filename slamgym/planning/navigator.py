@@ -11,7 +11,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from slamgym.geometry import transform_points, wrap_angle
+from slamgym.core.geometry import transform_points, wrap_angle
+from slamgym.core.types import Float32Array, FloatArray, OccupancyGrid, Pose2D, Twist2D
 from slamgym.planning.context import ExplorerContext
 from slamgym.planning.costmap import (
     LETHAL_COST,
@@ -26,7 +27,6 @@ from slamgym.planning.costmap import (
 from slamgym.planning.frontiers import Point, Reachable, reachable_space
 from slamgym.planning.grid_path import path_is_free, plan_path
 from slamgym.planning.path_follower import FollowerConfig, PathFollower
-from slamgym.types import Float32Array, FloatArray, OccupancyGrid, Pose2D, Twist2D
 
 _STOP = Twist2D(0.0, 0.0)
 

@@ -10,7 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from slamgym.geometry import wrap_angle
+from slamgym.core.geometry import wrap_angle
+from slamgym.core.types import Float32Array, FloatArray, Pose2D, Twist2D
 from slamgym.planning.context import ExplorerContext
 from slamgym.planning.costmap import INSCRIBED_COST, Costmap
 from slamgym.planning.path_follower_kernels import (
@@ -20,7 +21,6 @@ from slamgym.planning.path_follower_kernels import (
     nearest_on_path,
     scan_points,
 )
-from slamgym.types import Float32Array, FloatArray, Pose2D, Twist2D
 
 
 @dataclass(frozen=True)

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from slamgym.jit import kernel
-from slamgym.types import ByteArray, Float32Array, FloatArray
+from slamgym.core.jit import kernel
+from slamgym.core.types import ByteArray, Float32Array, FloatArray
 
 
 @kernel

@@ -15,8 +15,8 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components, dijkstra
 from scipy.spatial import cKDTree
 
-from slamgym.errors import SlamgymError
-from slamgym.types import FREE, Float32Array, FloatArray, IntArray, OccupancyGrid
+from slamgym.core.errors import SlamgymError
+from slamgym.core.types import FREE, Float32Array, FloatArray, IntArray, OccupancyGrid
 
 
 @dataclass(frozen=True)

@@ -10,10 +10,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from slamgym.core.types import IntArray, LaserGeometry
 from slamgym.planning.costmap import Costmap
 from slamgym.planning.frontiers import Point, Reachable
 from slamgym.planning.sight_kernels import seen_from, unknown_by_ray
-from slamgym.types import IntArray, LaserGeometry
 
 NUM_RAYS = 72
 """Rays of a full turn that stand for a scan."""

@@ -3,8 +3,8 @@
 from dataclasses import dataclass, field
 from typing import Literal
 
-from slamgym.errors import ConfigError
-from slamgym.slam.pose_graph_config import PoseGraphConfig
+from slamgym.core.errors import ConfigError
+from slamgym.slam.graph.config import PoseGraphConfig
 
 Mode = Literal["rbpf", "pose_graph", "scan_matching", "dead_reckoning", "ground_truth"]
 Matcher = Literal["coarse_to_fine", "hill_climbing"]

@@ -2,8 +2,8 @@
 
 import math
 
-from slamgym.jit import kernel
-from slamgym.types import Float32Array, FloatArray
+from slamgym.core.jit import kernel
+from slamgym.core.types import Float32Array, FloatArray
 
 NORMAL_REACH = 3
 NORMAL_GAP = 0.2

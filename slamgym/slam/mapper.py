@@ -6,10 +6,9 @@ from typing import Protocol
 
 import numpy as np
 
-from slamgym.config import suggest
-from slamgym.errors import ConfigError
-from slamgym.slam.config import SlamConfig
-from slamgym.types import (
+from slamgym.core.config import suggest
+from slamgym.core.errors import ConfigError
+from slamgym.core.types import (
     ByteArray,
     FloatArray,
     GridFrame,
@@ -19,6 +18,7 @@ from slamgym.types import (
     Pose2D,
     Trajectory,
 )
+from slamgym.slam.config import SlamConfig
 
 
 @dataclass
@@ -55,7 +55,7 @@ class SlamStats:
 class Mapper(Protocol):
     """A SLAM method that is fed scan by scan.
 
-    Poses and maps are in the ``map`` frame (see :mod:`slamgym.types`), in which the robot starts at the
+    Poses and maps are in the ``map`` frame (see :mod:`slamgym.core.types`), in which the robot starts at the
     initial pose. Odometry may be in any frame: only its increments count.
     """
 
@@ -113,8 +113,8 @@ MapperFactory = Callable[[SlamConfig, LaserGeometry, Pose2D, np.random.Generator
 
 
 def _factories() -> dict[str, MapperFactory]:
+    from slamgym.slam.graph.mapper import PoseGraphMapper
     from slamgym.slam.particle_filter import ParticleFilter
-    from slamgym.slam.pose_graph import PoseGraphMapper
     from slamgym.slam.pose_tracking import PoseTracker
 
     return {

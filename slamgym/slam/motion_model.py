@@ -4,9 +4,9 @@ import math
 
 import numpy as np
 
-from slamgym.jit import kernel
+from slamgym.core.jit import kernel
+from slamgym.core.types import FloatArray
 from slamgym.slam.config import MotionNoise
-from slamgym.types import FloatArray
 
 LATERAL_SHARE = 0.3
 """Share of srr that goes from one axis into the other (GMapping's ``sxy``)."""

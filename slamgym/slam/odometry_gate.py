@@ -4,9 +4,9 @@ import math
 
 import numpy as np
 
-from slamgym.geometry import between
+from slamgym.core.geometry import between
+from slamgym.core.types import FloatArray, Pose2D
 from slamgym.slam.config import SlamConfig
-from slamgym.types import FloatArray, Pose2D
 
 
 class OdometryGate:

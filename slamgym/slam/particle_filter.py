@@ -9,18 +9,8 @@ import time
 
 import numpy as np
 
-from slamgym.geometry import compose
-from slamgym.slam.config import SlamConfig
-from slamgym.slam.drawn_map import BeamTable, DrawnMap
-from slamgym.slam.end_points import usable_end_points
-from slamgym.slam.mapper import SlamStats
-from slamgym.slam.motion_model import noise_array, sample_motion
-from slamgym.slam.odometry_gate import OdometryGate
-from slamgym.slam.particle_maps import ParticleMaps
-from slamgym.slam.resampling import effective_sample_size, normalized_weights, systematic_resample
-from slamgym.slam.scan_match import MatchSettings, match_particles
-from slamgym.slam.trajectory_tree import TrajectoryTree, trace_lineage
-from slamgym.types import (
+from slamgym.core.geometry import compose
+from slamgym.core.types import (
     ByteArray,
     FloatArray,
     GridFrame,
@@ -31,6 +21,16 @@ from slamgym.types import (
     Pose2D,
     Trajectory,
 )
+from slamgym.slam.config import SlamConfig
+from slamgym.slam.end_points import usable_end_points
+from slamgym.slam.hit_counts import BeamTable, DrawnMap
+from slamgym.slam.mapper import SlamStats
+from slamgym.slam.motion_model import noise_array, sample_motion
+from slamgym.slam.odometry_gate import OdometryGate
+from slamgym.slam.particle_maps import ParticleMaps
+from slamgym.slam.resampling import effective_sample_size, normalized_weights, systematic_resample
+from slamgym.slam.scan_match import MatchSettings, match_particles
+from slamgym.slam.trajectory_tree import TrajectoryTree, trace_lineage
 
 POSITION_FLOOR = 0.005
 HEADING_FLOOR = 0.003

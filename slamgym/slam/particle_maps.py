@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from slamgym.errors import SlamgymError
+from slamgym.core.errors import SlamgymError
+from slamgym.core.types import FloatArray, IntArray
 from slamgym.slam.tiles import BYTES_PER_TILE, TILE, TilePool, copy_maps, register_scan
-from slamgym.types import FloatArray, IntArray
 
 FIRST_TILES = 1024
 GROWTH_TILES = 8

@@ -4,12 +4,8 @@ import time
 
 import numpy as np
 
-from slamgym.geometry import compose
-from slamgym.slam.config import SlamConfig
-from slamgym.slam.drawn_map import BeamTable, DrawnMap
-from slamgym.slam.mapper import SlamStats
-from slamgym.slam.odometry_gate import OdometryGate
-from slamgym.types import (
+from slamgym.core.geometry import compose
+from slamgym.core.types import (
     ByteArray,
     FloatArray,
     GridFrame,
@@ -19,6 +15,10 @@ from slamgym.types import (
     Pose2D,
     Trajectory,
 )
+from slamgym.slam.config import SlamConfig
+from slamgym.slam.hit_counts import BeamTable, DrawnMap
+from slamgym.slam.mapper import SlamStats
+from slamgym.slam.odometry_gate import OdometryGate
 
 
 class PoseTracker:

@@ -12,14 +12,14 @@ from typing import Any
 
 import numpy as np
 
-from slamgym.config import from_dict
-from slamgym.errors import ConfigError
-from slamgym.geometry import wrap_angle
+from slamgym.core.config import from_dict
+from slamgym.core.errors import ConfigError
+from slamgym.core.geometry import wrap_angle
+from slamgym.core.types import FloatArray, IntArray, LaserGeometry, OccupancyGrid, Pose2D, Trajectory
 from slamgym.interop.records import Log
 from slamgym.metrics import relative_poses
 from slamgym.slam.config import SlamConfig
 from slamgym.slam.mapper import Mapper, SlamStats, make_mapper
-from slamgym.types import FloatArray, IntArray, LaserGeometry, OccupancyGrid, Pose2D, Trajectory
 
 SHORT_RANGE = 4.0
 """Scanners up to this range [m] get the TurtleBot3 settings, others those for long ranges."""

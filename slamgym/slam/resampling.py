@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from slamgym.types import FloatArray, IntArray
+from slamgym.core.types import FloatArray, IntArray
 
 
 def normalized_weights(log_weights: FloatArray, gain: float) -> FloatArray:

@@ -15,7 +15,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from slamgym.jit import kernel
+from slamgym.core.jit import kernel
+from slamgym.core.types import FloatArray
 from slamgym.slam.end_points import surface_normals
 from slamgym.slam.tiles import (
     COUNT,
@@ -28,7 +29,6 @@ from slamgym.slam.tiles import (
     TILE_MASK,
     TilePool,
 )
-from slamgym.types import FloatArray
 
 MAX_CLIMB_STEPS = 50
 """Bound on the moves of one climb, so that a climb across a featureless map ends."""

@@ -16,8 +16,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from slamgym.jit import kernel
-from slamgym.types import FloatArray, IntArray
+from slamgym.core.jit import kernel
+from slamgym.core.types import FloatArray, IntArray
 
 TILE_BITS = 5
 TILE = 1 << TILE_BITS

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from slamgym.jit import kernel
-from slamgym.types import FloatArray, IntArray
+from slamgym.core.jit import kernel
+from slamgym.core.types import FloatArray, IntArray
 
 
 @kernel

@@ -4,8 +4,8 @@ import dataclasses
 
 import pytest
 
-from agents.coverage_curve import LEVELS
-from agents.trial import Trial, level_name
+from slamgym.agents.evaluation.coverage_curve import LEVELS
+from slamgym.agents.evaluation.trial import Trial, level_name
 
 
 def _trial(explorer="ours", plan="p0", seconds=100.0, reached=0.99, seed=1, **changes):

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from agents.bootstrap import (
+from slamgym.core.intervals import (
     crossed_mean,
     crossed_ratio,
     mean_band,

@@ -4,11 +4,11 @@ from types import SimpleNamespace
 
 import pytest
 
-from slamgym.errors import InputFileError
+from slamgym.core.errors import InputFileError
 
 torch = pytest.importorskip("torch")
 
-from agents.checkpoint import load_checkpoint, save_checkpoint  # noqa: E402
+from slamgym.agents.rl.checkpoint import load_checkpoint, save_checkpoint  # noqa: E402
 
 
 def learner(value):

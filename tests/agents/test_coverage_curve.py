@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from agents.coverage_curve import CoverageCurve, CurveRecorder, horizon, mean_coverage
+from slamgym.agents.evaluation.coverage_curve import CoverageCurve, CurveRecorder, horizon, mean_coverage
 
 
 def linear(seconds=100, speed=0.2):

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 import shapely
 
-from agents.coverage_plot import draw_coverage
-from agents.duel_film import choose_trial, film_duel
-from agents.trial import TrialConfig
+from slamgym.agents.evaluation.coverage_plot import draw_coverage
+from slamgym.agents.evaluation.side_by_side_video import choose_trial, film_duel
+from slamgym.agents.evaluation.trial import TrialConfig
 from slamgym.cad import FloorPlan
+from slamgym.core.errors import ConfigError
 from slamgym.envs import ExploreConfig
-from slamgym.envs.sites import ListedPlans
-from slamgym.errors import ConfigError
+from slamgym.envs.plan_cache import ListedPlans
 from slamgym.slam import SlamConfig
 
 PAIR = ("nearest", "explore_lite")
@@ -66,7 +66,7 @@ def test_the_plan_to_film_is_where_the_left_one_gains_most_or_the_one_named(
         filmed.append(plan.id)
         yield np.zeros((4, 4, 3), np.uint8)
 
-    monkeypatch.setattr("agents.duel_film._frames", no_frames)
+    monkeypatch.setattr("slamgym.agents.evaluation.side_by_side_video._frames", no_frames)
     film_duel(plans, trials, PAIR, CONFIG, tmp_path / "film.mp4")
     film_duel(plans, trials, PAIR, CONFIG, tmp_path / "film.mp4", "a")
     assert filmed == ["b", "b", "a", "a"]

@@ -5,16 +5,16 @@ import numpy as np
 import pytest
 import shapely
 
-import agents.evaluate as evaluation_module
-from agents.evaluate import FULL_KNOWLEDGE, EvaluationConfig, choose_plans, evaluate
-from agents.evaluate_command import main, open_source
-from agents.splits import split_of
-from agents.trial import TrialConfig, run_trial
-from agents.trial_log import TrialLog
+import slamgym.agents.evaluation.evaluate as evaluation_module
+from slamgym.agents.evaluation.evaluate import FULL_KNOWLEDGE, EvaluationConfig, choose_plans, evaluate
+from slamgym.agents.evaluation.trial import TrialConfig, run_trial
+from slamgym.agents.evaluation.trial_log import TrialLog
+from slamgym.agents.splits import split_of
 from slamgym.cad import FloorPlan
+from slamgym.commands.agents.evaluate import main, open_source
+from slamgym.core.errors import ConfigError
 from slamgym.envs import ExploreConfig
-from slamgym.envs.sites import ListedPlans
-from slamgym.errors import ConfigError
+from slamgym.envs.plan_cache import ListedPlans
 from slamgym.slam import SlamConfig
 
 # 6 s of robot time: long enough to begin, short enough for a test.

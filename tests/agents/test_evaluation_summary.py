@@ -3,9 +3,9 @@ import dataclasses
 import numpy as np
 import pytest
 
-from agents.evaluation_summary import censored, compare, succeeded, summarise
-from agents.evaluation_tables import describe, level_of, markdown_table
-from slamgym.errors import ConfigError
+from slamgym.agents.evaluation.summary import censored, compare, succeeded, summarise
+from slamgym.agents.evaluation.tables import describe, level_of, markdown_table
+from slamgym.core.errors import ConfigError
 
 
 @pytest.fixture

@@ -1,11 +1,11 @@
 import numpy as np
 import pytest
 
-from agents import EXPLORERS, make_explorer
-from agents.frontier import ExploreLite, ExploreLiteConfig
-from slamgym.errors import ConfigError
+from slamgym.agents import EXPLORERS, make_explorer
+from slamgym.agents.frontier import ExploreLite, ExploreLiteConfig
+from slamgym.core.errors import ConfigError
+from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, Pose2D, Twist2D
 from slamgym.planning import find_frontiers, make_costmap
-from slamgym.types import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, Pose2D, Twist2D
 
 FRONTIER_EXPLORERS = ["explore_lite", "nearest", "cost_utility", "next_best_view", "tour", "repairman"]
 

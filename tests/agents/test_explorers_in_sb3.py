@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from agents.registry import make_explorer
+from slamgym.agents.registry import make_explorer
 from slamgym.cad import open_plans
 from slamgym.envs import ExploreConfig, ExploreEnv
 from slamgym.slam import SlamConfig

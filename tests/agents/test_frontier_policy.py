@@ -9,14 +9,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from agents.network_config import NetworkConfig
-from agents.pretrained_policy import read_policy, write_policy
-from agents.scoring import FrontierScorer
+from slamgym.agents.pretrained_policy import read_policy, write_policy
+from slamgym.agents.rl.network_config import NetworkConfig
+from slamgym.agents.scoring import FrontierScorer
+from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.envs.frontier_features import CANDIDATE_FEATURES, CROP_PX, GLOBAL_FEATURES
-from slamgym.errors import ConfigError, InputFileError
 
 torch = pytest.importorskip("torch")
-from agents.policy import FrontierNetwork  # noqa: E402 - needs torch
+from slamgym.agents.rl.policy import FrontierNetwork  # noqa: E402 - needs torch
 
 SIZES = NetworkConfig(crop=8, width=16, heads=2)
 

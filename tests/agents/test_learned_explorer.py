@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 import shapely
 
-from agents.learned import LearnedExplorer
-from agents.pretrained_policy import SHIPPED, read_policy
-from agents.registry import make_explorer
+from slamgym.agents.learned import LearnedExplorer
+from slamgym.agents.pretrained_policy import SHIPPED, read_policy
+from slamgym.agents.registry import make_explorer
 from slamgym.cad import FloorPlan
+from slamgym.core.errors import InputFileError
 from slamgym.envs import ExploreConfig, ExploreEnv, ExploreFrontiersEnv
-from slamgym.errors import InputFileError
 
 SMALL = {"observation": {"map_size": 24.0}, "localization": "ground_truth"}
 
@@ -82,7 +82,7 @@ def test_the_shipped_weights_are_small():
 
 def test_exploring_needs_no_torch():
     code = (
-        "import sys; from agents.pretrained_policy import read_policy; import agents.learned; "
+        "import sys; from slamgym.agents.pretrained_policy import read_policy; import slamgym.agents.learned; "
         "read_policy().scorer(); sys.exit('torch' in sys.modules)"
     )
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

@@ -5,17 +5,24 @@ import dataclasses
 import numpy as np
 import pytest
 
-import agents.reward_shaping as shaping_module
-from agents.network_config import NetworkConfig
-from agents.pretrained_policy import SHIPPED, read_policy, write_policy
-from agents.reward_presets import PRESETS, error_of_new_map, preset, uncertainty_of_new_map
-from agents.reward_shaping import OWN, ShapingConfig, ShapingRun, own_term, run_shaping, settings_of
-from agents.shape_command import main
-from agents.shaping_report import table, write_shaping_report
-from agents.train_config import TrainConfig
-from agents.validation import Outcome
+import slamgym.agents.rl.reward_shaping as shaping_module
+from slamgym.agents.pretrained_policy import SHIPPED, read_policy, write_policy
+from slamgym.agents.rl.network_config import NetworkConfig
+from slamgym.agents.rl.reward_presets import PRESETS, error_of_new_map, preset, uncertainty_of_new_map
+from slamgym.agents.rl.reward_shaping import (
+    OWN,
+    ShapingConfig,
+    ShapingRun,
+    own_term,
+    run_shaping,
+    settings_of,
+)
+from slamgym.agents.rl.shaping_report import table, write_shaping_report
+from slamgym.agents.rl.train_config import TrainConfig
+from slamgym.agents.rl.validation import Outcome
+from slamgym.commands.agents.shape import main
+from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.envs.rewards import Reward, StepRecord
-from slamgym.errors import ConfigError, InputFileError
 
 STEP = StepRecord(
     duration=0.2, time=10.0, distance=0.05, contact=True, coverage=0.5, previous_coverage=0.4, pose_error=0.2,

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 import shapely
 
-from agents.full_knowledge import FullKnowledge, FullKnowledgeConfig
-from agents.trial import TrialConfig, run_trial
+from slamgym.agents.evaluation.trial import TrialConfig, run_trial
+from slamgym.agents.oracle import FullKnowledge, FullKnowledgeConfig
 from slamgym.cad import FloorPlan
 from slamgym.envs import ExploreConfig, ExploreEnv
 from slamgym.slam import SlamConfig
@@ -72,7 +72,7 @@ def test_an_open_room_within_range_needs_one_stop():
 
 
 def test_full_knowledge_sees_the_building_in_less_time_than_the_nearest_frontier():
-    from agents.registry import make_explorer
+    from slamgym.agents.registry import make_explorer
 
     plan, config = corridor_with_rooms(), TrialConfig(env=ENV)
     ours = run_trial(plan, 3, "full_knowledge", config, FullKnowledge.of)

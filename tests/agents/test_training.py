@@ -5,26 +5,26 @@ import dataclasses
 import numpy as np
 import pytest
 
-from agents.learning_plans import Curriculum, StagedPlans, draw_plans
-from agents.network_config import NetworkConfig
-from agents.splits import split_of
-from agents.train_config import PPOConfig, TrainConfig
+from slamgym.agents.rl.learning_plans import Curriculum, StagedPlans, draw_plans
+from slamgym.agents.rl.network_config import NetworkConfig
+from slamgym.agents.rl.train_config import PPOConfig, TrainConfig
+from slamgym.agents.splits import split_of
 from slamgym.cad import open_plans
+from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.envs.frontier_features import CANDIDATE_FEATURES
-from slamgym.errors import ConfigError, InputFileError
 
 torch = pytest.importorskip("torch")
 pytest.importorskip("sb3_contrib")
 
 from stable_baselines3.common.buffers import DictRolloutBuffer  # noqa: E402
 
-from agents import train as train_module  # noqa: E402
-from agents.imitation import EXPERTS  # noqa: E402
-from agents.learning_envs import make_env  # noqa: E402
-from agents.pretrained_policy import read_policy  # noqa: E402
-from agents.semi_markov import SemiMarkovBuffer  # noqa: E402
-from agents.train import train  # noqa: E402
-from slamgym.envs.frontier_actions import ExploreFrontiersEnv  # noqa: E402
+from slamgym.agents.pretrained_policy import read_policy  # noqa: E402
+from slamgym.agents.rl import train as train_module  # noqa: E402
+from slamgym.agents.rl.imitation import EXPERTS  # noqa: E402
+from slamgym.agents.rl.learning_envs import make_env  # noqa: E402
+from slamgym.agents.rl.semi_markov import SemiMarkovBuffer  # noqa: E402
+from slamgym.agents.rl.train import train  # noqa: E402
+from slamgym.envs.explore_frontiers_env import ExploreFrontiersEnv  # noqa: E402
 from slamgym.envs.frontier_features import frontier_observation_space  # noqa: E402
 
 TINY = TrainConfig(
@@ -157,7 +157,7 @@ def test_a_run_is_saved_and_goes_on_where_it_stopped(tmp_path):
 
 
 def test_a_run_can_begin_with_other_weights(tmp_path):
-    from agents.pretrained_policy import SHIPPED
+    from slamgym.agents.pretrained_policy import SHIPPED
 
     slow = dataclasses.replace(TINY, steps=12, ppo=dataclasses.replace(TINY.ppo, learning_rate=1e-12))
     train(dataclasses.replace(slow, start_from="shipped"), tmp_path / "run")

@@ -3,9 +3,9 @@ import json
 
 import pytest
 
-from agents.trial_log import TrialLog
-from slamgym.dataset.storage import StorageError
-from slamgym.errors import InputFileError
+from slamgym.agents.evaluation.trial_log import TrialLog
+from slamgym.core.errors import InputFileError
+from slamgym.core.files import StorageError
 
 
 def test_what_was_appended_is_read_again(tmp_path, make_trial):

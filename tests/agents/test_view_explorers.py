@@ -5,14 +5,14 @@ import math
 import numpy as np
 import pytest
 
-from agents.frontier_exploration import Candidate
-from agents.frontier_tour import FrontierTour, FrontierTourConfig, Repairman, RepairmanConfig
-from agents.next_best_view import NextBestView, NextBestViewConfig
-from agents.registry import make_explorer
-from slamgym.errors import ConfigError
+from slamgym.agents.frontier_exploration import Candidate
+from slamgym.agents.frontier_tour import FrontierTour, FrontierTourConfig, Repairman, RepairmanConfig
+from slamgym.agents.next_best_view import NextBestView, NextBestViewConfig
+from slamgym.agents.registry import make_explorer
+from slamgym.core.errors import ConfigError
+from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, Pose2D
 from slamgym.planning import Goal
 from slamgym.planning.navigator import GoalStatus
-from slamgym.types import FREE, OCCUPIED, UNKNOWN, Pose2D
 
 
 def corridor(make_world, left, right):

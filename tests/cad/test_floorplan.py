@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from shapely import MultiPolygon, Polygon
 
 from slamgym.cad import Door, FloorPlan, Room, check_plan, generate_plan, robot_space
-from slamgym.errors import PlanError
-from slamgym.types import FREE, OCCUPIED, UNKNOWN, GridFrame
+from slamgym.core.errors import PlanError
+from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, GridFrame
 
 SQUARE = shapely.box(0, 0, 6, 4)
 PILLAR = shapely.box(2, 1, 3, 2)

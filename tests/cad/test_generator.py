@@ -7,8 +7,8 @@ from shapely import Polygon
 
 from slamgym.cad import GeneratorConfig, generate_plan
 from slamgym.cad.cells import Box, Space, shared_walls, subdivide
-from slamgym.cad.statistics import find_openings, measure_plan
-from slamgym.errors import ConfigError
+from slamgym.cad.plan_statistics import find_openings, measure_plan
+from slamgym.core.errors import ConfigError
 
 seeds = st.integers(0, 2**32)
 kinds = st.sampled_from(["home", "office"])

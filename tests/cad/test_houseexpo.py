@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from slamgym.cad import generate_plan, parse_houseexpo, read_houseexpo, write_houseexpo
 from slamgym.cad.houseexpo import format_houseexpo
-from slamgym.errors import InputFileError, PlanError
+from slamgym.core.errors import InputFileError, PlanError
 
 SQUARE = [[0, 0], [4, 0], [4, 3], [0, 3]]
 

@@ -6,9 +6,9 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from slamgym.cad import generate_plan, read_image_plan, read_ros_plan, trace_plan
-from slamgym.errors import InputFileError, PlanError
+from slamgym.core.errors import InputFileError, PlanError
+from slamgym.core.types import FREE, GridFrame
 from slamgym.interop.ros_map import write_ros_map
-from slamgym.types import FREE, GridFrame
 
 
 @given(

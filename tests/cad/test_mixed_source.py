@@ -7,7 +7,7 @@ from shapely import box
 
 from slamgym.cad import FloorPlan, check_plan, open_plan_mix, open_plans, plan_groups, write_houseexpo
 from slamgym.cad.mixed_source import MixedSource
-from slamgym.errors import ConfigError, InputFileError
+from slamgym.core.errors import ConfigError, InputFileError
 
 
 @pytest.fixture

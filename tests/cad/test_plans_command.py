@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 
 from slamgym.cad import generate_plan, open_plans, write_houseexpo
-from slamgym.cad.drawing import draw_plan, draw_sheet
-from slamgym.cad.plans_command import main
-from slamgym.errors import ConfigError, InputFileError
+from slamgym.commands.plans import main
+from slamgym.core.errors import ConfigError, InputFileError
+from slamgym.viz.plan_pictures import draw_plan, draw_sheet
 
 FAULTS = {
     "malformed": "{",

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from slamgym.cad import check_plan, open_plans
-from slamgym.errors import InputFileError, PlanError
+from slamgym.core.errors import InputFileError, PlanError
 
 POLIMI = Path(__file__).parents[3] / "shared/data/floorplans/polimi_schools_offices/polimi.jsonl.xz"
 

@@ -10,7 +10,7 @@ import pytest
 
 from slamgym.cad import FloorPlan, check_plan, open_plans, write_houseexpo
 from slamgym.cad.sources import ProceduralSource
-from slamgym.errors import ConfigError, InputFileError, PlanError, SlamgymError
+from slamgym.core.errors import ConfigError, InputFileError, PlanError, SlamgymError
 from slamgym.interop.ros_map import write_ros_map
 
 HOUSEEXPO = Path(__file__).parents[3] / "shared" / "data" / "houseexpo"

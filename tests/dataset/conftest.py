@@ -6,10 +6,10 @@ import shutil
 import pytest
 from shapely import Polygon, box
 
-from agents.registry import make_explorer
+from slamgym.agents.registry import make_explorer
 from slamgym.cad import FloorPlan
 from slamgym.dataset import DatasetConfig, EpisodeConfig, build_dataset
-from slamgym.dataset.recipe import parse_recipe
+from slamgym.dataset.generate.recipe import parse_recipe
 from slamgym.envs import ExploreConfig
 from slamgym.slam import SlamConfig
 

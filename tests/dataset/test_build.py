@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 from shapely import Polygon, box
 
-from agents.registry import make_explorer
+from slamgym.agents.registry import make_explorer
 from slamgym.cad import FloorPlan, read_houseexpo
+from slamgym.core.errors import ConfigError, PlanError, SlamgymError
+from slamgym.core.files import StorageError
+from slamgym.core.parallel.engine import Lost
 from slamgym.dataset import DatasetConfig, EpisodeConfig, Layout, build_dataset, load_pair, read_manifest
-from slamgym.dataset.engine import Lost
-from slamgym.dataset.storage import StorageError
 from slamgym.envs import ExploreConfig
-from slamgym.errors import ConfigError, PlanError, SlamgymError
 from slamgym.interop import read_carmen, read_ros_map, read_tum
 from slamgym.metrics import absolute_trajectory_error
 from slamgym.slam import SlamConfig
@@ -178,7 +178,7 @@ def test_plans_of_which_none_can_be_explored_are_one_clear_error(tmp_path):
 
 
 def test_a_bug_in_one_exploration_is_recorded_and_the_run_goes_on(tmp_path, monkeypatch):
-    from slamgym.dataset import exploration as module
+    from slamgym.dataset.generate import exploration as module
 
     def explore(plan, *args):
         if plan.id == "corner":
@@ -202,7 +202,7 @@ def test_an_unknown_explorer_is_one_clear_error_and_nothing_is_left(tmp_path):
 
 
 def test_a_full_disk_is_one_clear_error_and_keeps_what_is_there(tmp_path, monkeypatch):
-    from slamgym.dataset import exploration as module
+    from slamgym.dataset.generate import exploration as module
 
     build(tmp_path, pairs=1)
     before = content(tmp_path)
@@ -237,14 +237,18 @@ class Elsewhere:
 
 
 def test_files_that_come_back_as_bytes_are_the_same(dataset, tmp_path, monkeypatch):
-    monkeypatch.setattr("slamgym.dataset.build.open_engine", lambda *_: contextlib.nullcontext(Elsewhere()))
+    monkeypatch.setattr(
+        "slamgym.dataset.generate.build.open_engine", lambda *_: contextlib.nullcontext(Elsewhere())
+    )
     build(tmp_path)
     assert content(tmp_path) == content(dataset)
 
 
 def test_a_plan_that_kills_its_workers_is_skipped_and_listed(tmp_path, monkeypatch):
     engine = Elsewhere(deadly="corner")
-    monkeypatch.setattr("slamgym.dataset.build.open_engine", lambda *_: contextlib.nullcontext(engine))
+    monkeypatch.setattr(
+        "slamgym.dataset.generate.build.open_engine", lambda *_: contextlib.nullcontext(engine)
+    )
     assert build(tmp_path, pairs=2).rejected == {"WorkerLostError": 1}
     assert {record.plan_id for record in read_manifest(tmp_path)} == {"rooms"}
     assert "was killed" in Layout(tmp_path).rejected.read_text()

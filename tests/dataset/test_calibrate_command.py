@@ -6,12 +6,11 @@ import math
 import numpy as np
 import pytest
 
-from slamgym.dataset.calibrate_command import main, measure_odometry
-from slamgym.errors import ConfigError
+from slamgym.commands.calibrate_odometry import main, measure_odometry
+from slamgym.core.errors import ConfigError
 from slamgym.parametric.calibration import fit_phases, read_calibration
 from slamgym.parametric.config import TwoPhaseConfig
-from slamgym.sensors import OdometryConfig, odometry_level
-from slamgym.world import RobotConfig
+from slamgym.sim import OdometryConfig, RobotConfig, odometry_level
 
 ROBOT = RobotConfig()
 

@@ -8,16 +8,16 @@ import cv2
 import numpy as np
 import pytest
 
-from slamgym import cli
+from slamgym.commands import cli
+from slamgym.core.errors import InputFileError
 from slamgym.dataset.check import check_dataset
-from slamgym.dataset.check_images import check_image_folder
+from slamgym.dataset.curate.split import make_split
 from slamgym.dataset.format import Layout, read_manifest
-from slamgym.dataset.images import ImageLayout, read_images
-from slamgym.dataset.render import render_images
-from slamgym.dataset.selection import select_pairs
-from slamgym.dataset.split import make_split
-from slamgym.dataset.square_images import ImageConfig
-from slamgym.errors import InputFileError
+from slamgym.dataset.images.check import check_image_folder
+from slamgym.dataset.images.format import ImageLayout, read_images
+from slamgym.dataset.images.render import render_images
+from slamgym.dataset.images.selection import select_pairs
+from slamgym.dataset.images.square_images import ImageConfig
 
 
 @pytest.fixture(scope="module")

@@ -8,18 +8,18 @@ import numpy as np
 import pytest
 from shapely import box
 
-from agents.registry import make_explorer
-from slamgym import cli
+from slamgym.agents.registry import make_explorer
 from slamgym.cad import FloorPlan
+from slamgym.commands import cli
+from slamgym.core.errors import ConfigError, InputFileError
+from slamgym.core.types import GridFrame, OccupancyGrid
 from slamgym.dataset import DatasetConfig, EpisodeConfig, Layout, build_dataset, read_manifest
-from slamgym.dataset.cleaning import CleanConfig, CleanReport, clean_maps
-from slamgym.dataset.map_items import open_items
-from slamgym.dataset.verdicts import Verdict, read_verdicts
+from slamgym.dataset.curate.cleaning import CleanConfig, CleanReport, clean_maps
+from slamgym.dataset.curate.map_items import open_items
+from slamgym.dataset.curate.verdicts import Verdict, read_verdicts
 from slamgym.envs import ExploreConfig
-from slamgym.errors import ConfigError, InputFileError
 from slamgym.interop import write_ros_map
 from slamgym.slam import SlamConfig
-from slamgym.types import GridFrame, OccupancyGrid
 
 QUICK = EpisodeConfig(minutes=0.2, env=ExploreConfig(slam=SlamConfig(particles=4)))
 
@@ -149,7 +149,7 @@ def test_the_classifier_decides_if_asked_and_the_band_waits_for_a_person(dataset
         return np.array(list(told.values()))[: len(features)]
 
     generous = {"stuck": {"way_on": 99.0, "min_ratio": 0.0, "max_ratio": 9.0}}
-    from slamgym.config import from_dict
+    from slamgym.core.config import from_dict
 
     for doubtful in ("drop", "keep"):
         config = from_dict(CleanConfig, {"by": "classifier", "doubtful": doubtful, **generous})

@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from slamgym.dataset.completeness import (
+from slamgym.dataset.curate.completeness import (
     FEATURES,
     completeness_features,
     count_holes,

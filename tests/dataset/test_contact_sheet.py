@@ -2,7 +2,8 @@ import cv2
 import numpy as np
 import pytest
 
-from slamgym.dataset.contact_sheet import (
+from slamgym.core.types import GridFrame
+from slamgym.viz.contact_sheet import (
     ERROR_SCALE,
     SheetEntry,
     distance_to,
@@ -11,7 +12,6 @@ from slamgym.dataset.contact_sheet import (
     error_colour,
     wall_faces,
 )
-from slamgym.types import GridFrame
 
 
 def entry(slam_shift_px=0):

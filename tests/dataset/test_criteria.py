@@ -3,9 +3,9 @@ import math
 import numpy as np
 import pytest
 
-from slamgym.dataset.completeness import FEATURES, completeness_features
-from slamgym.dataset.criteria import Criteria, StuckFilter
-from slamgym.errors import ConfigError
+from slamgym.core.errors import ConfigError
+from slamgym.dataset.curate.completeness import FEATURES, completeness_features
+from slamgym.dataset.curate.criteria import Criteria, StuckFilter
 
 
 def test_a_good_map_has_no_fault():

@@ -4,7 +4,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from slamgym.dataset.decisions import (
+from slamgym.core.errors import ConfigError, InputFileError
+from slamgym.dataset.curate.decisions import (
     Decision,
     check_decisions,
     combine,
@@ -13,7 +14,6 @@ from slamgym.dataset.decisions import (
     store_decisions,
     stored_decisions,
 )
-from slamgym.errors import ConfigError, InputFileError
 
 KEEP = Decision("a", True, "1")
 DROP = Decision("a", False, "1")

@@ -10,8 +10,9 @@ import time
 
 import pytest
 
-from slamgym.dataset import engine as module
-from slamgym.dataset.engine import (
+from slamgym.core.errors import ConfigError
+from slamgym.core.parallel import engine as module
+from slamgym.core.parallel.engine import (
     MAX_ATTEMPTS,
     MAX_LOST_IN_A_ROW,
     Attempt,
@@ -21,7 +22,6 @@ from slamgym.dataset.engine import (
     open_engine,
     run_tasks,
 )
-from slamgym.errors import ConfigError
 
 # loky's own thread may stumble over a task that was taken back while its process was being ended.
 pytestmark = pytest.mark.filterwarnings(
@@ -199,7 +199,7 @@ def _kill_one(folder, rng):
 @pytest.mark.skipif(os.name != "posix", reason="looks at parent processes")
 def test_workers_end_when_their_parent_is_killed(tmp_path):
     code = (
-        "import os\nfrom slamgym.dataset.engine import run_tasks\n"
+        "import os\nfrom slamgym.core.parallel.engine import run_tasks\n"
         "def pid(_):\n    import os, time\n    time.sleep(0.2)\n    return os.getpid()\n"
         "for found in run_tasks(pid, range(1000), 2):\n    print(found, flush=True)\n"
     )

@@ -17,16 +17,16 @@ pytest.importorskip("ray")
 
 from shapely import box
 
-from agents.registry import make_explorer
-from slamgym import cli
+from slamgym.agents.registry import make_explorer
 from slamgym.cad import FloorPlan, write_houseexpo
+from slamgym.commands import cli
+from slamgym.core.errors import ConfigError
+from slamgym.core.parallel.engine import MAX_ATTEMPTS, Lost, open_engine
+from slamgym.core.parallel.ray import IN_FLIGHT_PER_CPU
+from slamgym.core.parallel.ray_cluster import check_address
 from slamgym.dataset import DatasetConfig, EpisodeConfig, Layout, build_dataset, read_manifest
-from slamgym.dataset.build import Execution
-from slamgym.dataset.engine import MAX_ATTEMPTS, Lost, open_engine
-from slamgym.dataset.engine_ray import IN_FLIGHT_PER_CPU
-from slamgym.dataset.ray_cluster import check_address
+from slamgym.dataset.generate.build import Execution
 from slamgym.envs import ExploreConfig
-from slamgym.errors import ConfigError
 from slamgym.slam import SlamConfig
 
 CPUS = 2
@@ -122,7 +122,7 @@ def test_a_killed_worker_s_task_is_tried_again_and_at_last_given_up(cluster, tmp
 
 
 def test_nodes_with_another_version_are_refused(cluster, monkeypatch):
-    monkeypatch.setattr("slamgym.dataset.engine_ray.__version__", "0.0.0")
+    monkeypatch.setattr("slamgym.core.parallel.ray.__version__", "0.0.0")
     with open_engine("ray", CPUS) as engine, pytest.raises(ConfigError, match=r"the driver has 0\.0\.0"):
         list(engine.run(square, range(2)))
 
@@ -176,7 +176,9 @@ def test_a_killed_driver_s_run_is_completed_by_the_next(cluster, tmp_path):
     assert cli.main([*options, "--out", str(local), "--pairs", "16", "--workers", "1"]) == 0
     command = [*options, "--out", str(out), "--pairs", "16", "--engine", "ray", "--address", cluster]
     driver = subprocess.Popen(
-        [sys.executable, "-m", "slamgym.cli", *command], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+        [sys.executable, "-m", "slamgym.commands.cli", *command],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
     )
     while driver.poll() is None and _committed(out) < 2:
         time.sleep(0.01)
@@ -196,7 +198,7 @@ def test_an_address_where_nothing_answers_is_one_clear_error(monkeypatch):
 
     monkeypatch.setattr(ray, "is_initialized", lambda: False)
     monkeypatch.setattr(ray, "init", fail)
-    monkeypatch.setattr("slamgym.dataset.ray_cluster.check_address", lambda _: None)
+    monkeypatch.setattr("slamgym.core.parallel.ray_cluster.check_address", lambda _: None)
     with pytest.raises(
         ConfigError,
         match=r"no Ray cluster answers at 10\.0\.0\.1:6379 \(Could not.*More about it.*ray status",

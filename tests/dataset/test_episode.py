@@ -2,13 +2,13 @@ import numpy as np
 import pytest
 from shapely import box
 
-from agents.registry import make_explorer
+from slamgym.agents.registry import make_explorer
 from slamgym.cad import FloorPlan
+from slamgym.core.errors import ConfigError, PlanError
 from slamgym.dataset import EpisodeConfig, run_episode
-from slamgym.dataset.episode import time_limit
 from slamgym.envs import ExploreConfig
-from slamgym.errors import ConfigError, PlanError
-from slamgym.sensors import odometry_level
+from slamgym.envs.episode import time_limit
+from slamgym.sim import odometry_level
 from slamgym.slam import SlamConfig
 
 FLAT = FloorPlan("flat", box(0, 0, 3.0, 2.4).difference(box(1.4, 0.0, 1.6, 1.4)))

@@ -5,14 +5,14 @@ import errno
 import pytest
 from shapely import box
 
-from agents.registry import make_explorer
+from slamgym.agents.registry import make_explorer
 from slamgym.cad import FloorPlan
+from slamgym.core.errors import SlamgymError
+from slamgym.core.files import StorageError
 from slamgym.dataset import DatasetConfig
-from slamgym.dataset import exploration as module
-from slamgym.dataset.exploration import Exploration, explore
+from slamgym.dataset.generate import exploration as module
+from slamgym.dataset.generate.exploration import Exploration, explore
 from slamgym.dataset.schedule import Slot
-from slamgym.dataset.storage import StorageError
-from slamgym.errors import SlamgymError
 
 ROOM = FloorPlan("room", box(0, 0, 2.4, 2.0))
 

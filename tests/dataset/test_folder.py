@@ -4,11 +4,11 @@ import json
 
 import pytest
 
+from slamgym.core.errors import ConfigError, InputFileError
+from slamgym.core.files import StorageError
 from slamgym.dataset.folder import open_dataset
 from slamgym.dataset.format import Layout
 from slamgym.dataset.schedule import Slot
-from slamgym.dataset.storage import StorageError
-from slamgym.errors import ConfigError, InputFileError
 
 SETTINGS = {"seed": 1, "episode": {"minutes": "auto", "particles": 30}}
 

@@ -6,15 +6,15 @@ import json
 import numpy as np
 import pytest
 
-from slamgym.dataset.completeness import FEATURES
-from slamgym.dataset.completeness_model import (
+from slamgym.core.errors import ConfigError, InputFileError, SlamgymError
+from slamgym.dataset.curate.completeness import FEATURES
+from slamgym.dataset.curate.completeness_model import (
     CompletenessModel,
     TreesConfig,
     cross_fit,
     train_completeness,
 )
-from slamgym.dataset.forest import Forest, read_forest, write_forest
-from slamgym.errors import ConfigError, InputFileError, SlamgymError
+from slamgym.dataset.curate.forest import Forest, read_forest, write_forest
 
 SMALL = TreesConfig(trees=12, min_leaf=2)
 
@@ -64,7 +64,7 @@ def test_no_samples_give_no_probabilities(model):
 
 
 def test_the_shipped_model_reads_and_prefers_a_closed_room_to_an_open_one():
-    from slamgym.dataset.completeness import completeness_features
+    from slamgym.dataset.curate.completeness import completeness_features
 
     closed = np.full((140, 180), 205, np.uint8)
     closed[20:120, 20:160] = 0

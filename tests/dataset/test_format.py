@@ -5,8 +5,8 @@ import cv2
 import numpy as np
 import pytest
 
+from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.dataset import Layout, PairRecord, load_pair, read_config, read_images, read_manifest
-from slamgym.errors import ConfigError, InputFileError
 
 RECORD = PairRecord(
     name="000003_flat",

@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 from shapely import box
 
-from slamgym import cli
 from slamgym.cad import FloorPlan, write_houseexpo
+from slamgym.commands import cli
 from slamgym.dataset import Layout, read_manifest
 
 OPTIONS = ["--seed", "3", "--minutes", "0.2", "--particles", "5", "--contact-sheet", "0"]
@@ -140,7 +140,7 @@ def test_ctrl_c_keeps_what_is_done(plans, tmp_path):
     command = [
         sys.executable,
         "-m",
-        "slamgym.cli",
+        "slamgym.commands.cli",
         *arguments(plans, out, "--pairs", "500", "--workers", "2"),
     ]
     # Where the tests run in the background of a shell, they and their children are born deaf to Ctrl-C.

@@ -8,15 +8,15 @@ import sys
 import numpy as np
 import pytest
 
-from slamgym import cli
+from slamgym.commands import cli
+from slamgym.core.errors import ConfigError
+from slamgym.dataset.curate.split import make_split
 from slamgym.dataset.format import read_manifest
-from slamgym.dataset.images import load_images, read_images
+from slamgym.dataset.images.format import load_images, read_images
+from slamgym.dataset.images.render import render_images
+from slamgym.dataset.images.selection import select_pairs
+from slamgym.dataset.images.square_images import ImageConfig
 from slamgym.dataset.record_table import rows_of, write_parquet
-from slamgym.dataset.render import render_images
-from slamgym.dataset.selection import select_pairs
-from slamgym.dataset.split import make_split
-from slamgym.dataset.square_images import ImageConfig
-from slamgym.errors import ConfigError
 
 LOAD = """
 import json, sys

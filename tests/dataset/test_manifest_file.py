@@ -14,7 +14,7 @@ from slamgym.dataset.slot_set import SlotSet
 @pytest.fixture(autouse=True, scope="module")
 def no_waiting_for_the_disk():
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("slamgym.dataset.storage.os.fsync", lambda _: None)
+        patch.setattr("slamgym.core.files.os.fsync", lambda _: None)
         yield
 
 

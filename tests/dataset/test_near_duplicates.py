@@ -6,7 +6,7 @@ from shapely import box
 from shapely.affinity import affine_transform, scale, translate
 
 from slamgym.cad import FloorPlan, open_plans
-from slamgym.dataset.near_duplicates import RADIUS, _candidates, distances, near_duplicates, plan_print
+from slamgym.dataset.curate.near_duplicates import RADIUS, _candidates, distances, near_duplicates, plan_print
 
 SYMMETRIES = [
     [1, 0, 0, 1], [-1, 0, 0, 1], [1, 0, 0, -1], [-1, 0, 0, -1],

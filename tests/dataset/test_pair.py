@@ -5,9 +5,9 @@ from hypothesis import strategies as st
 from shapely import Polygon, box
 
 from slamgym.cad import FloorPlan
+from slamgym.core.errors import ConfigError
+from slamgym.core.types import FREE, UNKNOWN, GridFrame, OccupancyGrid, Pose2D
 from slamgym.dataset.pair import PairConfig, common_frame, make_pair, place
-from slamgym.errors import ConfigError
-from slamgym.types import FREE, UNKNOWN, GridFrame, OccupancyGrid, Pose2D
 
 RESOLUTION = 0.05
 

@@ -4,8 +4,8 @@ import pytest
 from shapely import Polygon, box
 
 from slamgym.cad import FloorPlan, Room
-from slamgym.dataset.plan_filter import passes
-from slamgym.dataset.progress import duration, show_progress
+from slamgym.cad.plan_filter import passes
+from slamgym.core.progress import duration, show_progress
 
 
 def test_without_a_terminal_the_end_is_a_line(capsys):

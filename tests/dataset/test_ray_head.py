@@ -17,14 +17,14 @@ pytest.importorskip("ray")
 import ray
 from shapely import box
 
-from slamgym import cli
 from slamgym.cad import FloorPlan, write_houseexpo
+from slamgym.commands import cli
+from slamgym.core.errors import SlamgymError
+from slamgym.core.parallel import ray_cluster as module
+from slamgym.core.parallel.ray import IN_FLIGHT_PER_CPU, RayEngine
+from slamgym.core.parallel.ray_cluster import ClusterLostError, RayCluster
 from slamgym.dataset import Layout, read_manifest
-from slamgym.dataset import ray_cluster as module
 from slamgym.dataset.check import check_dataset
-from slamgym.dataset.engine_ray import IN_FLIGHT_PER_CPU, RayEngine
-from slamgym.dataset.ray_cluster import ClusterLostError, RayCluster
-from slamgym.errors import SlamgymError
 
 PAIRS = 30
 TIMEOUT = 90.0

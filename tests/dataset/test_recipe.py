@@ -7,12 +7,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from slamgym.dataset.build import DatasetConfig
-from slamgym.dataset.conditions import apply_conditions, known_settings, setting_value
-from slamgym.dataset.episode import EpisodeConfig
-from slamgym.dataset.recipe import Choice, Recipe, episode_conditions, open_recipe, parse_recipe
-from slamgym.errors import ConfigError, InputFileError
-from slamgym.sensors import odometry_level
+from slamgym.core.errors import ConfigError, InputFileError
+from slamgym.dataset.generate.build import DatasetConfig
+from slamgym.dataset.generate.conditions import apply_conditions, known_settings, setting_value
+from slamgym.dataset.generate.recipe import Choice, Recipe, episode_conditions, open_recipe, parse_recipe
+from slamgym.envs.episode import EpisodeConfig
+from slamgym.sim import odometry_level
 
 PLAIN = {
     "explorer": ["explore_lite", {"value": "nearest", "weight": 3}],

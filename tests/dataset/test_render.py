@@ -13,16 +13,16 @@ import numpy as np
 import pytest
 from shapely import box
 
-from slamgym import cli
 from slamgym.cad import FloorPlan, write_houseexpo
+from slamgym.commands import cli
+from slamgym.core.errors import ConfigError, InputFileError
+from slamgym.core.files import temporary_name
+from slamgym.dataset.curate.split import make_split, read_split
 from slamgym.dataset.format import Layout, load_pair, read_manifest
-from slamgym.dataset.images import ImageLayout, ImageRecord, load_images, read_images
-from slamgym.dataset.render import JOURNAL, render_images
-from slamgym.dataset.selection import select_pairs
-from slamgym.dataset.split import make_split, read_split
-from slamgym.dataset.square_images import ImageConfig
-from slamgym.dataset.storage import temporary_name
-from slamgym.errors import ConfigError, InputFileError
+from slamgym.dataset.images.format import ImageLayout, ImageRecord, load_images, read_images
+from slamgym.dataset.images.render import JOURNAL, render_images
+from slamgym.dataset.images.selection import select_pairs
+from slamgym.dataset.images.square_images import ImageConfig
 
 CONFIG = ImageConfig(size=64)
 
@@ -236,7 +236,7 @@ def test_killed_while_it_draws_a_run_goes_on(dataset, tmp_path):
     command = [
         sys.executable,
         "-m",
-        "slamgym.cli",
+        "slamgym.commands.cli",
         "dataset",
         "render",
         str(dataset),

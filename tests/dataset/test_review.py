@@ -11,13 +11,13 @@ import cv2
 import numpy as np
 import pytest
 
-from slamgym import cli
-from slamgym.dataset.decisions import Decision, read_decisions
-from slamgym.dataset.map_items import MapItem
-from slamgym.dataset.review import ReviewEntry, choose_entries, make_review_page
-from slamgym.dataset.verdicts import Verdict, read_verdicts
+from slamgym.commands import cli
+from slamgym.core.types import GridFrame, OccupancyGrid
+from slamgym.dataset.curate.decisions import Decision, read_decisions
+from slamgym.dataset.curate.map_items import MapItem
+from slamgym.dataset.curate.review import ReviewEntry, choose_entries, make_review_page
+from slamgym.dataset.curate.verdicts import Verdict, read_verdicts
 from slamgym.interop import write_ros_map
-from slamgym.types import GridFrame, OccupancyGrid
 
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 BAND = (0.4, 0.8)

@@ -10,8 +10,8 @@ import pytest
 import tyro
 import yaml
 
-from slamgym.dataset.generate_command import GenerateArguments
-from slamgym.dataset.merge_command import MergeArguments
+from slamgym.commands.dataset.merge import MergeArguments
+from slamgym.commands.generate import GenerateArguments
 from slamgym.dataset.shard import Shard
 
 TEXT = (Path(__file__).parents[2] / "docs" / "scale.md").read_text()

@@ -9,17 +9,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 from shapely import box
 
-from agents.registry import make_explorer
-from slamgym import cli
+from slamgym.agents.registry import make_explorer
 from slamgym.cad import FloorPlan
-from slamgym.dataset import DatasetConfig, EpisodeConfig, Layout, build_dataset, merge_command, read_manifest
-from slamgym.dataset.build import Execution
+from slamgym.commands import cli
+from slamgym.commands.dataset import merge as merge_command
+from slamgym.core.errors import ConfigError, PlanError
+from slamgym.core.files import StorageError, exclusive_lock
+from slamgym.dataset import DatasetConfig, EpisodeConfig, Layout, build_dataset, read_manifest
 from slamgym.dataset.check import check_dataset
+from slamgym.dataset.generate.build import Execution
 from slamgym.dataset.merge import merge_shards
 from slamgym.dataset.shard import WHOLE, Shard, shard_folders
-from slamgym.dataset.storage import StorageError, exclusive_lock
 from slamgym.envs import ExploreConfig
-from slamgym.errors import ConfigError, PlanError
 from slamgym.slam import SlamConfig
 
 PAIRS, COUNT = 9, 3
@@ -143,7 +144,7 @@ def test_without_links_the_files_are_copied(whole, shards, monkeypatch):
 
 
 def test_what_a_failed_exploration_leaves_open_a_run_without_shards_adds(tmp_path, monkeypatch):
-    from slamgym.dataset import exploration as module
+    from slamgym.dataset.generate import exploration as module
 
     def explore(plan, seed, *args):
         if plan.id == "room1":

@@ -4,15 +4,15 @@ import numpy as np
 import pytest
 from shapely import box
 
-from agents.registry import make_explorer
+from slamgym.agents.registry import make_explorer
 from slamgym.cad import FloorPlan
+from slamgym.core.errors import InputFileError
 from slamgym.dataset import DatasetConfig, EpisodeConfig, Layout, build_dataset, load_pair, read_manifest
-from slamgym.dataset.criteria import Criteria, StuckFilter
-from slamgym.dataset.episode import run_episode
-from slamgym.dataset.labelled_maps import label_maps
-from slamgym.dataset.snapshots import take_snapshots
+from slamgym.dataset.curate.criteria import Criteria, StuckFilter
+from slamgym.dataset.curate.labelled_maps import label_maps
+from slamgym.dataset.curate.snapshots import take_snapshots
 from slamgym.envs import ExploreConfig
-from slamgym.errors import InputFileError
+from slamgym.envs.episode import run_episode
 from slamgym.slam import SlamConfig
 
 PLAN = FloorPlan("rooms", box(0, 0, 9.0, 5.0).difference(box(4.4, 0.0, 4.6, 3.8)))

@@ -6,10 +6,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from slamgym import cli
+from slamgym.commands import cli
+from slamgym.core.errors import ConfigError, InputFileError
+from slamgym.dataset.curate.split import assign_sides, make_split, read_split, split_path
 from slamgym.dataset.format import Layout, read_manifest
-from slamgym.dataset.split import assign_sides, make_split, read_split, split_path
-from slamgym.errors import ConfigError, InputFileError
 
 
 def alone(count):

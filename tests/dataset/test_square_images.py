@@ -9,7 +9,9 @@ from shapely import box
 from shapely.affinity import scale
 
 from slamgym.cad import FloorPlan
-from slamgym.dataset.square_images import (
+from slamgym.core.errors import ConfigError
+from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, GridFrame, OccupancyGrid
+from slamgym.dataset.images.square_images import (
     DoesNotFitError,
     ImageConfig,
     draw_pair,
@@ -18,8 +20,6 @@ from slamgym.dataset.square_images import (
     resample_map,
     square_frame,
 )
-from slamgym.errors import ConfigError
-from slamgym.types import FREE, OCCUPIED, UNKNOWN, GridFrame, OccupancyGrid
 
 PLAN = FloorPlan("two rooms", box(0, 0, 8, 5).difference(box(3.95, 0, 4.05, 3.8)))
 

@@ -4,14 +4,14 @@ import os
 
 import pytest
 
-from slamgym.dataset.storage import (
+from slamgym.core.errors import InputFileError
+from slamgym.core.files import (
     StorageError,
     drop_torn_line,
     exclusive_lock,
     replace_file,
     storage_errors,
 )
-from slamgym.errors import InputFileError
 
 
 def test_replace_file_leaves_nothing_else(tmp_path):

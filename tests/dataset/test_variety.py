@@ -6,14 +6,14 @@ import json
 import pytest
 from shapely import box
 
-from agents.registry import make_explorer
-from slamgym import cli
+from slamgym.agents.registry import make_explorer
 from slamgym.cad import FloorPlan, write_houseexpo
-from slamgym.config import from_dict
+from slamgym.commands import cli
+from slamgym.core.config import from_dict
+from slamgym.core.errors import ConfigError
 from slamgym.dataset import DatasetConfig, EpisodeConfig, Layout, build_dataset, read_manifest
-from slamgym.dataset.recipe import Recipe, parse_recipe
+from slamgym.dataset.generate.recipe import Recipe, parse_recipe
 from slamgym.envs import ExploreConfig
-from slamgym.errors import ConfigError
 from slamgym.slam import SlamConfig
 
 BASE = EpisodeConfig(minutes=0.2, env=ExploreConfig(slam=SlamConfig(particles=3)))

@@ -2,8 +2,8 @@ import imageio
 import pytest
 from shapely import box
 
-from slamgym import cli
 from slamgym.cad import FloorPlan, write_houseexpo
+from slamgym.commands import cli
 
 
 @pytest.fixture(scope="module")

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, GridFrame, OccupancyGrid, Pose2D
 from slamgym.envs import completion
 from slamgym.envs.completion import FrontierWatch
-from slamgym.types import FREE, OCCUPIED, UNKNOWN, GridFrame, OccupancyGrid, Pose2D
 
 RESOLUTION = 0.05
 POSE = Pose2D(1.5, 1.5, 0.0)

@@ -7,9 +7,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from slamgym.cad import FloorPlan
+from slamgym.core.types import Pose2D
 from slamgym.envs.coverage import CELL, Coverage, ReachableFloor
-from slamgym.sensors import Lidar, LidarConfig
-from slamgym.types import Pose2D
+from slamgym.sim import Lidar, LidarConfig
 
 LIDAR = Lidar(LidarConfig())
 RADIUS = 0.22

@@ -4,11 +4,11 @@ import gymnasium as gym
 import pytest
 
 from slamgym.cad import FloorPlan
-from slamgym.config import from_dict, to_dict
+from slamgym.core.config import from_dict, to_dict
+from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.envs import ExploreConfig, ExploreEnv, ObservationConfig
 from slamgym.envs.config import resolve_config
-from slamgym.errors import ConfigError, InputFileError
-from slamgym.sensors import lidar_level, odometry_level
+from slamgym.sim import lidar_level, odometry_level
 from slamgym.slam import SlamConfig
 
 

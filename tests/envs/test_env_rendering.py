@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from slamgym.cad import FloorPlan
+from slamgym.core.errors import SlamgymError
 from slamgym.envs import ExploreEnv
-from slamgym.envs import rendering as r
-from slamgym.errors import SlamgymError
+from slamgym.viz import exploration as r
 
 
 def test_a_frame_has_its_size_and_both_worlds(flat: FloorPlan):

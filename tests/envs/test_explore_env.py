@@ -10,12 +10,11 @@ from gymnasium.utils.env_checker import check_env, data_equivalence
 
 import slamgym  # noqa: F401 - registers the environments
 from slamgym.cad import FloorPlan
+from slamgym.core.errors import ConfigError, PlanError
+from slamgym.core.geometry import between
+from slamgym.core.types import UNKNOWN, Pose2D
 from slamgym.envs import ExploreConfig, ExploreEnv
-from slamgym.errors import ConfigError, PlanError
-from slamgym.geometry import between
-from slamgym.sensors import lidar_level
-from slamgym.types import UNKNOWN, Pose2D
-from slamgym.world import ClutterConfig
+from slamgym.sim import ClutterConfig, lidar_level
 
 IDS = ["slamgym/Explore-v0", "slamgym/ExploreDiscrete-v0"]
 SETTINGS = [

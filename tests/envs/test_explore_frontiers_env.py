@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
+from slamgym.core.errors import ConfigError
 from slamgym.envs import DiscountByTermination, ExploreFrontiersEnv
-from slamgym.envs.frontier_actions import DEFAULT_REWARD
+from slamgym.envs.explore_frontiers_env import DEFAULT_REWARD
 from slamgym.envs.frontier_features import CANDIDATE_FEATURES, GLOBAL_FEATURES, action_mask, exposures
-from slamgym.errors import ConfigError
 
 SMALL = {"observation": {"map_size": 24.0}, "localization": "ground_truth"}
 

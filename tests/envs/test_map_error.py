@@ -5,9 +5,9 @@ import pytest
 import shapely
 
 from slamgym.cad import FloorPlan
+from slamgym.core.types import FREE, OCCUPIED, GridFrame, OccupancyGrid, Pose2D
 from slamgym.envs import ExploreEnv
-from slamgym.envs.map_error import WallDistance
-from slamgym.types import FREE, OCCUPIED, GridFrame, OccupancyGrid, Pose2D
+from slamgym.metrics.map_error import WallDistance
 
 SQUARE = FloorPlan("square", shapely.box(0, 0, 4, 3))
 

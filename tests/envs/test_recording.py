@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from slamgym.core.types import LaserScan, Pose2D
 from slamgym.envs import EpisodeLog
-from slamgym.sensors import LidarConfig
-from slamgym.types import LaserScan, Pose2D
+from slamgym.sim import LidarConfig
 
 
 def fill(log: EpisodeLog, count: int) -> None:

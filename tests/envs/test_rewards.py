@@ -9,9 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from slamgym.cad import FloorPlan
+from slamgym.core.errors import ConfigError
 from slamgym.envs import ExploreEnv, RewardConfig, StepRecord
 from slamgym.envs.rewards import FUNCTIONS, Reward, potential_shaping
-from slamgym.errors import ConfigError
 
 number = st.floats(-100.0, 100.0)
 share = st.floats(0.0, 1.0)

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from slamgym.types import FREE, OCCUPIED, UNKNOWN
+from slamgym.core.types import FREE, OCCUPIED, UNKNOWN
 
 
 def draw_pair(seed, side=32):

@@ -6,11 +6,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gan.augmentation import augment, flipped, unflipped
-from gan.config import AugmentConfig
-from gan.derotation import dominant_angle_deg, padded_for_turning, turned
-from slamgym.errors import ConfigError
-from slamgym.types import FREE, OCCUPIED, UNKNOWN
+from slamgym.core.errors import ConfigError
+from slamgym.core.types import FREE, OCCUPIED, UNKNOWN
+from slamgym.gan.config import AugmentConfig
+from slamgym.gan.training.augmentation import augment, flipped, unflipped
+from slamgym.gan.translation.derotation import dominant_angle_deg, padded_for_turning, turned
 
 EVERYTHING = AugmentConfig(
     zoom=0.2, shift=0.1, turn_deg=2.0, specks=0.05, broken_walls=0.5, unknown=0.3, cut_off=0.5, wobble_px=2.0

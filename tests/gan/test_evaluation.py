@@ -7,11 +7,13 @@ import cv2
 import numpy as np
 import pytest
 
-from gan import evaluate_command, realism
-from gan.classical import ClassicalTranslator, CleaningConfig, clean_map, outline_only
-from gan.data import PairSet
-from gan.elastic import bend
-from gan.evaluate import (
+from slamgym.commands.gan import evaluate as evaluate_command
+from slamgym.commands.gan.evaluate import EvaluateArguments, main
+from slamgym.core.errors import ConfigError, InputFileError
+from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, GridFrame, OccupancyGrid
+from slamgym.gan.data import PairSet
+from slamgym.gan.evaluation import realism
+from slamgym.gan.evaluation.evaluate import (
     BLURRED,
     CLEANED,
     OUTLINE,
@@ -23,17 +25,16 @@ from gan.evaluate import (
     learned,
     score_map,
 )
-from gan.evaluate_command import EvaluateArguments, main
-from gan.figures import draw_grid, draw_overlay, write_box_plot
-from gan.generated_maps import load_generated, parse_named_folders, shifted
-from gan.real_maps import find_ros_maps, translate_real, working_map
-from gan.realism import Sample, elastic_maps, judge, null_halves, translated_maps
-from gan.summary import main_table, scores_csv, summarise, table_one
-from gan.translator import Translator
-from slamgym.errors import ConfigError, InputFileError
+from slamgym.gan.evaluation.generated_maps import load_generated, parse_named_folders, shifted
+from slamgym.gan.evaluation.real_maps import find_ros_maps, translate_real, working_map
+from slamgym.gan.evaluation.realism import Sample, elastic_maps, judge, null_halves, translated_maps
+from slamgym.gan.evaluation.summary import main_table, scores_csv, summarise, table_one
+from slamgym.gan.translation.classical import ClassicalTranslator, CleaningConfig, clean_map, outline_only
+from slamgym.gan.translation.elastic import bend
+from slamgym.gan.translation.translator import Translator
 from slamgym.interop import write_ros_map
 from slamgym.metrics import label_rooms
-from slamgym.types import FREE, OCCUPIED, UNKNOWN, GridFrame, OccupancyGrid
+from slamgym.viz.figures import draw_grid, draw_overlay, write_box_plot
 
 SCALE = 0.08
 SIZE = 128
@@ -90,11 +91,11 @@ def write_pairs(root, pairs: PairSet) -> None:
 def copying_translator(side: int):
     """A CAD-to-SLAM translator that draws floor and walls where the CAD map has them."""
     torch = pytest.importorskip("torch")
-    from gan.config import GeneratorConfig, TranslatorConfig
-    from gan.device import choose_compute
-    from gan.networks import build_generator
-    from gan.translate import LearnedTranslator
-    from gan.weights import ModelCard
+    from slamgym.gan.config import GeneratorConfig, TranslatorConfig
+    from slamgym.gan.device import choose_compute
+    from slamgym.gan.networks.factory import build_generator
+    from slamgym.gan.translation.translate import LearnedTranslator
+    from slamgym.gan.weights import ModelCard
 
     config = TranslatorConfig(
         direction="cad2slam", input_size=side, output_size=side, input_encoding="free_occupied",
@@ -263,7 +264,7 @@ class TestRealism:
 
     def test_the_network_on_pictures_tells_elastic_maps(self):
         pytest.importorskip("torch")
-        from gan.map_classifier import ClassifierConfig, picture_test
+        from slamgym.gan.evaluation.map_classifier import ClassifierConfig, picture_test
 
         pairs = make_pairs(24)
         config = ClassifierConfig(size=32, width=8, epochs=16, folds=2, batch=8)

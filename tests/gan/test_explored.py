@@ -5,16 +5,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gan.config import AugmentConfig, GeneratorConfig, TranslatorConfig
-from gan.data import PairSet
-from gan.device import choose_compute
-from gan.explored import explored_floor, limited_to_explored
-from gan.networks import build_generator
-from gan.sampler import BatchSampler
-from gan.translate import LearnedTranslator
-from gan.weights import ModelCard
-from slamgym.errors import ConfigError
-from slamgym.types import FREE, OCCUPIED, UNKNOWN
+from slamgym.core.errors import ConfigError
+from slamgym.core.types import FREE, OCCUPIED, UNKNOWN
+from slamgym.gan.config import AugmentConfig, GeneratorConfig, TranslatorConfig
+from slamgym.gan.data import PairSet
+from slamgym.gan.device import choose_compute
+from slamgym.gan.networks.factory import build_generator
+from slamgym.gan.training.sampler import BatchSampler
+from slamgym.gan.translation.explored import explored_floor, limited_to_explored
+from slamgym.gan.translation.translate import LearnedTranslator
+from slamgym.gan.weights import ModelCard
 
 SCALE = 0.1
 

@@ -9,13 +9,13 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gan.config import AugmentConfig
-from gan.data import load_pairs, read_grey
-from gan.encoding import decode_slam, encode, free_probability
-from gan.resample import enlarge_means, resample_slam
-from gan.sampler import BatchSampler, derotated
-from slamgym.errors import InputFileError
-from slamgym.types import FREE, OCCUPIED, UNKNOWN
+from slamgym.core.errors import InputFileError
+from slamgym.core.types import FREE, OCCUPIED, UNKNOWN
+from slamgym.gan.config import AugmentConfig
+from slamgym.gan.data import load_pairs, read_grey
+from slamgym.gan.encoding import decode_slam, encode, free_probability
+from slamgym.gan.resample import enlarge_means, resample_slam
+from slamgym.gan.training.sampler import BatchSampler, derotated
 
 
 def test_rendered_folders_and_plain_ones_read_alike(tmp_path, make_images):

@@ -9,8 +9,9 @@ import pytest
 import torch
 from safetensors.torch import load_file
 
-from gan.checkpoint import load_checkpoint
-from gan.config import (
+from slamgym.commands.gan.train import main
+from slamgym.core.errors import ConfigError, InputFileError
+from slamgym.gan.config import (
     AugmentConfig,
     DiscriminatorConfig,
     GeneratorConfig,
@@ -20,17 +21,16 @@ from gan.config import (
     TrainConfig,
     TranslatorConfig,
 )
-from gan.data import load_pairs
-from gan.device import choose_compute
-from gan.interruption import deferred_interrupt
-from gan.learner import Learner
-from gan.sampler import BatchSampler
-from gan.schedule import Moment
-from gan.train import RunOptions, TrainingDivergedError, train
-from gan.train_command import main
-from gan.training_log import Bar
-from gan.translate import load_translator
-from slamgym.errors import ConfigError, InputFileError
+from slamgym.gan.data import load_pairs
+from slamgym.gan.device import choose_compute
+from slamgym.gan.training.checkpoint import load_checkpoint
+from slamgym.gan.training.interruption import deferred_interrupt
+from slamgym.gan.training.learner import Learner
+from slamgym.gan.training.sampler import BatchSampler
+from slamgym.gan.training.schedule import Moment
+from slamgym.gan.training.train import RunOptions, TrainingDivergedError, train
+from slamgym.gan.training.training_log import Bar
+from slamgym.gan.translation.translate import load_translator
 
 CPU = choose_compute("cpu", "float32")
 PROGRESSIVE = TrainConfig(
@@ -371,7 +371,7 @@ def test_the_command_trains_from_options(tmp_path, images, capsys):
 
 
 def test_the_time_left_is_that_of_the_coming_steps_where_it_is_known(capsys, monkeypatch):
-    monkeypatch.setattr("gan.training_log.LINE_INTERVAL", 0.0)
+    monkeypatch.setattr("slamgym.gan.training.training_log.LINE_INTERVAL", 0.0)
     bar = Bar()
     bar.advance(0, 100, 1.0)
     bar.advance(90, 100, 1.0, left=3600.0)  # nine tenths in no time, but the last tenth is of a slower stage

@@ -8,12 +8,12 @@ import pytest
 import torch
 from safetensors.torch import save_file
 
-from gan.config import GeneratorConfig, TranslatorConfig
-from gan.networks import build_generator
-from gan.ship import main as ship_command
-from gan.weights import MAX_BYTES, ModelCard, load_weights, save_translator, shipped
-from slamgym.config import from_dict, to_dict
-from slamgym.errors import ConfigError, InputFileError
+from slamgym.commands.gan.publish import main as ship_command
+from slamgym.core.config import from_dict, to_dict
+from slamgym.core.errors import ConfigError, InputFileError
+from slamgym.gan.config import GeneratorConfig, TranslatorConfig
+from slamgym.gan.networks.factory import build_generator
+from slamgym.gan.weights import MAX_BYTES, ModelCard, load_weights, save_translator, shipped
 
 TINY = TranslatorConfig(
     input_size=16,
@@ -158,7 +158,7 @@ def test_shipping_keeps_the_weights_and_completes_the_card(saved, tmp_path):
 
 @pytest.mark.parametrize("name", shipped())
 def test_shipped_weights_load_and_are_small(name):
-    from gan.weights import PRETRAINED
+    from slamgym.gan.weights import PRETRAINED
 
     assert (PRETRAINED / f"{name}.safetensors").stat().st_size <= MAX_BYTES
     weights = load_weights(name)

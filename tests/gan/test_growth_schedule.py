@@ -6,12 +6,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gan.budget import Budget
-from gan.config import OptimiserConfig, Stage
-from gan.presets import PRESETS, find_preset
-from gan.schedule import Schedule, Span, plan_schedule
-from gan.train_command import TrainArguments, apply_settings, scaled_stages, train_config
-from slamgym.errors import ConfigError
+from slamgym.commands.gan.train import TrainArguments, apply_settings, scaled_stages, train_config
+from slamgym.core.errors import ConfigError
+from slamgym.gan.config import OptimiserConfig, Stage
+from slamgym.gan.presets import PRESETS, find_preset
+from slamgym.gan.training.budget import Budget
+from slamgym.gan.training.schedule import Schedule, Span, plan_schedule
 
 PAPER_PAIRS = 4224
 GROWING = (Stage(32, 2.0, 4), Stage(64, 3.0, 2, 1.0, 1))

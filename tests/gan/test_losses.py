@@ -5,8 +5,8 @@ import math
 import pytest
 import torch
 
-from gan import losses
-from gan.displacement import resize_field, roughness, warp
+from slamgym.gan.networks.displacement import resize_field, roughness, warp
+from slamgym.gan.training import losses
 
 
 def judged(*copies):

@@ -4,15 +4,15 @@ import pytest
 import torch
 from torch import nn
 
-from gan.config import DiscriminatorConfig, GeneratorConfig, LossConfig, TranslatorConfig
-from gan.discriminator_body import DiscriminatorBody, channels_at, copy_depths
-from gan.discriminator_domain import DomainDiscriminator
-from gan.discriminator_real import RealFakeDiscriminator
-from gan.generator import ProgressiveGenerator
-from gan.layers import SpectralConv2d, blend, count_parameters, initialise, minibatch_stddev
-from gan.networks import build_discriminators, build_generator
-from gan.residual_unet import ResidualUNet
-from slamgym.errors import ConfigError
+from slamgym.core.errors import ConfigError
+from slamgym.gan.config import DiscriminatorConfig, GeneratorConfig, LossConfig, TranslatorConfig
+from slamgym.gan.networks.discriminator_body import DiscriminatorBody, channels_at, copy_depths
+from slamgym.gan.networks.discriminator_domain import DomainDiscriminator
+from slamgym.gan.networks.discriminator_real import RealFakeDiscriminator
+from slamgym.gan.networks.factory import build_discriminators, build_generator
+from slamgym.gan.networks.generator import ProgressiveGenerator
+from slamgym.gan.networks.layers import SpectralConv2d, blend, count_parameters, initialise, minibatch_stddev
+from slamgym.gan.networks.residual_unet import ResidualUNet
 
 
 def test_counts_are_those_of_the_published_code():

@@ -4,11 +4,11 @@ import cv2
 import numpy as np
 import pytest
 
-from gan import registration
-from gan.data import PairSet
-from gan.registration import moved, nearest_similarity, registered
+from slamgym.core.types import FREE, OCCUPIED, UNKNOWN
+from slamgym.gan import registration
+from slamgym.gan.data import PairSet
+from slamgym.gan.registration import moved, nearest_similarity, registered
 from slamgym.metrics.alignment import IDENTITY, Similarity
-from slamgym.types import FREE, OCCUPIED, UNKNOWN
 
 SIDE = 64
 

@@ -9,19 +9,19 @@ import pytest
 import torch
 from torch import nn
 
-from gan.config import GeneratorConfig, TranslatorConfig
-from gan.device import choose_compute
-from gan.drawing import Drawing
-from gan.networks import build_generator
-from gan.tiling import tile_starts, translate_tiled
-from gan.translate import LearnedTranslator, load_translator
-from gan.translate_command import main
-from gan.translator import Translator
-from gan.weights import ModelCard, save_translator
-from slamgym import cli
-from slamgym.errors import ConfigError, InputFileError
+from slamgym.commands import cli
+from slamgym.commands.gan.translate import main
+from slamgym.core.errors import ConfigError, InputFileError
+from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, GridFrame, OccupancyGrid
+from slamgym.gan.config import GeneratorConfig, TranslatorConfig
+from slamgym.gan.device import choose_compute
+from slamgym.gan.networks.factory import build_generator
+from slamgym.gan.networks.generator_output import Drawing
+from slamgym.gan.translation.tiling import tile_starts, translate_tiled
+from slamgym.gan.translation.translate import LearnedTranslator, load_translator
+from slamgym.gan.translation.translator import Translator
+from slamgym.gan.weights import ModelCard, save_translator
 from slamgym.interop.ros_map import read_ros_map, write_ros_map
-from slamgym.types import FREE, OCCUPIED, UNKNOWN, GridFrame, OccupancyGrid
 
 CPU = choose_compute("cpu", "float32")
 CONFIG = TranslatorConfig(

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
+from slamgym.core.types import LaserGeometry, LaserScan, Pose2D
 from slamgym.interop import LogRecord
-from slamgym.types import LaserGeometry, LaserScan, Pose2D
 
 
 @pytest.fixture

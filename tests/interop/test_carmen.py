@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from slamgym.errors import InputFileError
+from slamgym.core.errors import InputFileError
+from slamgym.core.types import LaserGeometry, LaserScan, Pose2D
 from slamgym.interop import LogRecord, read_carmen, write_carmen
-from slamgym.types import LaserGeometry, LaserScan, Pose2D
 
 
 def flaser(ranges=(1.0, 2.0, 3.0), pose=(0.0, 0.0, 0.0), stamp=1.0, laser=None):

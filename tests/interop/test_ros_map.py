@@ -4,10 +4,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from slamgym.errors import InputFileError
+from slamgym.core.errors import InputFileError
+from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, GridFrame, OccupancyGrid
 from slamgym.interop import read_ros_map, write_ros_map
 from slamgym.interop.ros_map import classify
-from slamgym.types import FREE, OCCUPIED, UNKNOWN, GridFrame, OccupancyGrid
 
 YAML = (
     "image: map.pgm\nresolution: 0.05\norigin: [0, 0, 0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: {}\n"

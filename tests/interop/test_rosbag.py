@@ -3,11 +3,11 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from slamgym.errors import ConfigError, InputFileError
+from slamgym.commands.export_log import main as export_log
+from slamgym.core.errors import ConfigError, InputFileError
+from slamgym.core.types import GridFrame, OccupancyGrid
 from slamgym.interop import open_log, read_rosbag, write_rosbag2
-from slamgym.interop.export_command import main as export_log
 from slamgym.interop.transform_tree import TransformTree, planar, rigid_transform
-from slamgym.types import GridFrame, OccupancyGrid
 
 pytest.importorskip("rosbags")
 

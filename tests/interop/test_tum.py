@@ -3,10 +3,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from slamgym.errors import InputFileError
-from slamgym.geometry import wrap_angle
+from slamgym.core.errors import InputFileError
+from slamgym.core.geometry import wrap_angle
+from slamgym.core.types import Trajectory
 from slamgym.interop import read_tum, write_tum
-from slamgym.types import Trajectory
 
 numbers = st.floats(-1e4, 1e4)
 

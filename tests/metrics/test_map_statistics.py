@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from slamgym.errors import ConfigError
+from slamgym.core.errors import ConfigError
+from slamgym.core.types import FREE, OCCUPIED, UNKNOWN
 from slamgym.metrics.map_statistics import (
     displacement_statistics,
     map_statistics,
@@ -12,7 +13,6 @@ from slamgym.metrics.map_statistics import (
     wall_tilt,
 )
 from slamgym.metrics.two_sample import two_sample_test
-from slamgym.types import FREE, OCCUPIED, UNKNOWN
 
 
 def room(thickness: int = 1, size: int = 60):

@@ -3,7 +3,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from slamgym.geometry import transform_poses
+from slamgym.core.geometry import transform_poses
+from slamgym.core.types import Pose2D, Trajectory
 from slamgym.metrics import (
     absolute_trajectory_error,
     align_se2,
@@ -16,7 +17,6 @@ from slamgym.metrics import (
     relative_poses,
     revisit_disagreement,
 )  # fmt: skip
-from slamgym.types import Pose2D, Trajectory
 
 moves = st.builds(Pose2D, st.floats(-50, 50), st.floats(-50, 50), st.floats(-3.1, 3.1))
 

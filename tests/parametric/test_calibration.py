@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from slamgym.errors import ConfigError, InputFileError
+from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.parametric.calibration import Runs, fit_phases, read_calibration, write_calibration
 from slamgym.parametric.config import TwoPhaseConfig
 

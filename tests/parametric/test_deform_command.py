@@ -8,11 +8,11 @@ import shapely
 
 from slamgym.cad.floorplan import FloorPlan
 from slamgym.cad.houseexpo import write_houseexpo
-from slamgym.errors import ConfigError, InputFileError, PlanError, SlamgymError
+from slamgym.commands.deform import main
+from slamgym.core.errors import ConfigError, InputFileError, PlanError, SlamgymError
+from slamgym.core.types import Trajectory
 from slamgym.interop import read_ros_map, read_tum, write_tum
-from slamgym.parametric.deform_command import main
 from slamgym.parametric.paths import plan_trajectory, read_waypoints
-from slamgym.types import Trajectory
 
 
 @pytest.fixture

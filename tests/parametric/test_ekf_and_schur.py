@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from slamgym.errors import ConfigError
+from slamgym.core.errors import ConfigError
+from slamgym.core.types import FREE, GridFrame
 from slamgym.parametric.config import EkfConfig, MotionConfig, ScannerConfig
 from slamgym.parametric.ekf_slam import BatchedEkf, run_ekf
 from slamgym.parametric.landmarks import landmark_problem, observation_model
@@ -12,7 +13,6 @@ from slamgym.parametric.odometry_error import WheelErrors, believed_increments, 
 from slamgym.parametric.schur_slam import solve_schur
 from slamgym.parametric.trajectory import pick_scans
 from slamgym.parametric.visibility import observe
-from slamgym.types import FREE, GridFrame
 
 ERRORS = WheelErrors(kappa=0.002, alpha_eb=0.01, scale=1.001)
 

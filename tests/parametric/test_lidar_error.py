@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from slamgym.core.types import GridFrame
 from slamgym.parametric.config import LidarErrorConfig, ScannerConfig
 from slamgym.parametric.lidar_error import (
     HIT,
@@ -22,7 +23,6 @@ from slamgym.parametric.lidar_error import (
     wall_beams,
 )
 from slamgym.parametric.visibility import observe
-from slamgym.types import GridFrame
 
 NO_NOISE = LidarErrorConfig(
     sigma_range=0.0,

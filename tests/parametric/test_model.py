@@ -5,7 +5,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from slamgym.errors import ConfigError
+from slamgym.core.errors import ConfigError
+from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, GridFrame
 from slamgym.parametric.config import (
     FailureConfig,
     ParametricConfig,
@@ -16,7 +17,6 @@ from slamgym.parametric.config import (
 )
 from slamgym.parametric.model import deform
 from slamgym.parametric.trajectory import TimedTrajectory
-from slamgym.types import FREE, OCCUPIED, UNKNOWN, GridFrame
 
 METHODS = ("two_phase", "ekf_schur", "ekf")
 

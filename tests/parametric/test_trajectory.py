@@ -8,11 +8,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from slamgym.errors import ConfigError
-from slamgym.geometry import wrap_angle
+from slamgym.core.errors import ConfigError
+from slamgym.core.geometry import wrap_angle
+from slamgym.core.types import Trajectory
 from slamgym.parametric.config import MotionConfig
 from slamgym.parametric.trajectory import Waypoints, drive, from_recorded, pick_scans
-from slamgym.types import Trajectory
 
 CONFIG = MotionConfig()
 SQUARE = np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 2.0], [0.0, 2.0], [0.0, 0.0]])

@@ -4,8 +4,8 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from slamgym.core.types import FREE, OCCUPIED
 from slamgym.parametric.warp import densify, invert, warp
-from slamgym.types import FREE, OCCUPIED
 
 R = 0.05  # [m/cell]
 

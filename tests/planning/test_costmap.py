@@ -5,7 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from slamgym.errors import ConfigError
+from slamgym.core.errors import ConfigError
+from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, GridFrame, LaserGeometry, OccupancyGrid, Pose2D
 from slamgym.planning import (
     CostmapConfig,
     clear_seen,
@@ -16,7 +17,6 @@ from slamgym.planning import (
     mark_obstacles,
 )
 from slamgym.planning.costmap import FREE_COST, INSCRIBED_COST, LETHAL_COST, NO_INFORMATION
-from slamgym.types import FREE, OCCUPIED, UNKNOWN, GridFrame, LaserGeometry, OccupancyGrid, Pose2D
 
 RESOLUTION = 0.05
 

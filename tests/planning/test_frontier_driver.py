@@ -5,11 +5,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from slamgym.errors import ConfigError
+from slamgym.core.errors import ConfigError
+from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, GridFrame, LaserGeometry, OccupancyGrid, Pose2D
 from slamgym.planning import CostmapConfig, ExplorerContext, find_frontiers, make_costmap, reachable_space
 from slamgym.planning.frontier_candidates import RoadMap, coarsen, make_candidates, split
 from slamgym.planning.frontier_driver import DriverConfig, FrontierDriver
-from slamgym.types import FREE, OCCUPIED, UNKNOWN, GridFrame, LaserGeometry, OccupancyGrid, Pose2D
 
 FRAME = GridFrame(0.05, -4.0, -4.0, 160, 160)
 HERE = Pose2D(0.0, 0.0, 0.0)

@@ -3,6 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, GridFrame, OccupancyGrid, Pose2D
 from slamgym.planning import (
     CostmapConfig,
     cut_off_views,
@@ -13,7 +14,6 @@ from slamgym.planning import (
     wavefront_frontiers,
 )
 from slamgym.planning.costmap import LETHAL_COST, NO_INFORMATION
-from slamgym.types import FREE, OCCUPIED, UNKNOWN, GridFrame, OccupancyGrid, Pose2D
 
 RESOLUTION = 0.05
 

@@ -4,6 +4,7 @@ import numpy as np
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
+from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, GridFrame, OccupancyGrid, Pose2D
 from slamgym.planning import (
     CostmapConfig,
     make_costmap,
@@ -16,7 +17,6 @@ from slamgym.planning import (
 from slamgym.planning.costmap import INSCRIBED_COST
 from slamgym.planning.grid_path import COST_FACTOR
 from slamgym.planning.grid_path_kernels import line_cost
-from slamgym.types import FREE, OCCUPIED, UNKNOWN, GridFrame, OccupancyGrid, Pose2D
 
 RESOLUTION = 0.05
 

@@ -6,11 +6,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from slamgym.geometry import wrap_angle
+from slamgym.core.geometry import wrap_angle
+from slamgym.core.types import FREE, OCCUPIED, GridFrame, LaserGeometry, OccupancyGrid, Pose2D, Twist2D
 from slamgym.planning import Goal, GoalStatus, Navigator, PathFollower, make_costmap
 from slamgym.planning.context import ExplorerContext
 from slamgym.planning.path_follower_kernels import free_travel, scan_points
-from slamgym.types import FREE, OCCUPIED, GridFrame, LaserGeometry, OccupancyGrid, Pose2D, Twist2D
 
 
 def room(rows=80, cols=120):

@@ -5,7 +5,7 @@ import pytest
 import shapely
 
 from slamgym.cad.floorplan import FloorPlan
-from slamgym.errors import SlamgymError
+from slamgym.core.errors import SlamgymError
 from slamgym.planning.prm import PrmConfig, build_roadmap, random_path, shorten, spread_stops, tour
 
 CLEARANCE = 0.25

@@ -3,10 +3,10 @@ import math
 import numpy as np
 import pytest
 
+from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, GridFrame, LaserGeometry, OccupancyGrid, Pose2D
 from slamgym.planning import expected_gain, make_costmap, reachable_space
 from slamgym.planning.coarse_paths import CoarsePaths
 from slamgym.planning.views import best_view, viewing_places
-from slamgym.types import FREE, OCCUPIED, UNKNOWN, GridFrame, LaserGeometry, OccupancyGrid, Pose2D
 
 RESOLUTION = 0.05
 HALF_TURN = LaserGeometry(180, -math.pi / 2, math.pi / 179, 0.12, 3.5)

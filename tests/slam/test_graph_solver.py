@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from slamgym.metrics import relative_poses
-from slamgym.slam.graph_solver import Edges, chi_squared, edge_errors, optimise
+from slamgym.slam.graph.solver import Edges, chi_squared, edge_errors, optimise
 
 
 def ring(number=40, radius=5.0):
@@ -46,7 +46,7 @@ def test_the_gradient_is_that_of_the_cost():
     truth = ring(6)
     edges = edges_between(truth, [0, 1, 2, 3, 4, 0], [1, 2, 3, 4, 5, 5])
     poses = truth + rng.normal(0, 0.1, truth.shape)
-    from slamgym.slam.graph_solver import _normal_equations
+    from slamgym.slam.graph.solver import _normal_equations
 
     _, gradient = _normal_equations(poses, edges, 1e9)
     for k in range(3, 18):

@@ -6,12 +6,12 @@ import math
 import numpy as np
 import pytest
 
-from slamgym.errors import ConfigError, SlamgymError
-from slamgym.geometry import between, compose
-from slamgym.sensors.raycast import cast_rays
+from slamgym.core.errors import ConfigError, SlamgymError
+from slamgym.core.geometry import between, compose
+from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, GridFrame, LaserGeometry, LaserScan, Pose2D
+from slamgym.sim.raycast import cast_rays
 from slamgym.slam import ParticleFilter, SlamConfig, make_mapper
-from slamgym.slam.drawn_map import BeamTable, DrawnMap
-from slamgym.types import FREE, OCCUPIED, UNKNOWN, GridFrame, LaserGeometry, LaserScan, Pose2D
+from slamgym.slam.hit_counts import BeamTable, DrawnMap
 
 # Two rooms and a door between them.
 WALLS = np.array(

@@ -1,15 +1,15 @@
 import numpy as np
 import pytest
 
-from slamgym.errors import ConfigError
-from slamgym.geometry import between, compose
+from slamgym.core.errors import ConfigError
+from slamgym.core.geometry import between, compose
+from slamgym.core.types import LaserGeometry, LaserScan, Pose2D, Trajectory
 from slamgym.interop import Log, LogRecord
 from slamgym.metrics import absolute_trajectory_error
-from slamgym.sensors.raycast import cast_rays
+from slamgym.sim.raycast import cast_rays
 from slamgym.slam import SlamConfig
-from slamgym.slam.pose_graph_config import PoseGraphConfig
+from slamgym.slam.graph.config import PoseGraphConfig
 from slamgym.slam.replay import replay
-from slamgym.types import LaserGeometry, LaserScan, Pose2D, Trajectory
 
 
 def box(x0, y0, x1, y1):

@@ -4,13 +4,13 @@ import cv2
 import numpy as np
 import pytest
 
-from slamgym.errors import ConfigError, InputFileError
+from slamgym.commands.slam import main
+from slamgym.core.errors import ConfigError, InputFileError
+from slamgym.core.types import GridFrame, LaserGeometry, LaserScan, OccupancyGrid, Pose2D, Trajectory
 from slamgym.interop import LogRecord, read_ros_map, read_tum, write_carmen, write_tum
-from slamgym.sensors.raycast import cast_rays
-from slamgym.slam.map_picture import map_picture
+from slamgym.sim.raycast import cast_rays
 from slamgym.slam.replay import poses_between, settings_for
-from slamgym.slam.replay_command import main
-from slamgym.types import GridFrame, LaserGeometry, LaserScan, OccupancyGrid, Pose2D, Trajectory
+from slamgym.viz.map_pictures import map_picture
 
 ROOM = np.array([(0, 0, 6, 0), (6, 0, 6, 4), (6, 4, 0, 4), (0, 4, 0, 0), (2, 0, 2, 1.5)], dtype=np.float64)
 GEOMETRY = LaserGeometry(180, -np.pi / 2, np.pi / 180, 0.1, 10.0, Pose2D(0.0, 0.0, 0.0))

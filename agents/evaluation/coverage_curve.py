@@ -1,0 +1,121 @@
+"""How much of a building had been seen when, and after how much driving: what explorers are judged by."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from slamgym.core.types import FloatArray
+
+LEVELS = (0.5, 0.8, 0.9, 0.95, 0.99)
+"""Shares of the reachable floor whose first reaching is timed."""
+
+HORIZON_PER_AREA = 3.0
+"""Horizon of the area under the curve [s/m2]: Explore Lite is done after 2.4 s/m2 in the median."""
+HORIZON_BASE = 60.0
+"""What the horizon of every plan has besides [s]."""
+
+_STEP = 0.0005
+"""Smallest gain of coverage that a thinned curve keeps a point for."""
+
+
+def horizon(area: float) -> float:
+    """Time over which the area under the coverage curve is taken, for a plan of some free area [m2]; [s]."""
+    return HORIZON_BASE + HORIZON_PER_AREA * area
+
+
+@dataclass(frozen=True)
+class CoverageCurve:
+    """Coverage over time and over path length: a step function, known where it changes."""
+
+    time: FloatArray  # (N,) [s], not decreasing
+    path: FloatArray  # (N,) [m], not decreasing
+    coverage: FloatArray  # (N,) share of the reachable floor in [0, 1], not decreasing
+
+    def __post_init__(self) -> None:
+        if not len(self.time) == len(self.path) == len(self.coverage) > 0:
+            raise ValueError("a coverage curve needs as many times as paths and coverages, and at least one")
+
+    @property
+    def final(self) -> float:
+        """Coverage at the end."""
+        return float(self.coverage[-1])
+
+    def time_to(self, level: float) -> float | None:
+        """When a coverage was first reached [s]; None if it never was."""
+        return self._first(self.time, level)
+
+    def path_to(self, level: float) -> float | None:
+        """How far the robot had driven by then [m]; None if the coverage was never reached."""
+        return self._first(self.path, level)
+
+    def at(self, times: FloatArray) -> FloatArray:
+        """Coverage at some times [s]; 0 before the first point, the final coverage after the last."""
+        index = np.searchsorted(self.time, np.asarray(times, dtype=np.float64), side="right") - 1
+        return np.where(index >= 0, self.coverage[np.maximum(index, 0)], 0.0)
+
+    def mean_until(self, end: float) -> float:
+        """Mean coverage from time 0 to ``end`` [s]: the area under the curve, as a share of the most possible.
+
+        After its last point a curve goes on level, so an explorer that is done isn't punished for it.
+        """
+        if not end > 0.0:
+            raise ValueError(f"the area under the curve needs a horizon above 0 s, not {end}")
+        inside = self.time < end
+        edges = np.append(self.time[inside], end)
+        return float((np.diff(edges) * self.coverage[inside]).sum() / end) if inside.any() else 0.0
+
+    def thinned(self) -> "CoverageCurve":
+        """The same curve with the points only where coverage changed, and the last one."""
+        step = np.floor(self.coverage / _STEP)
+        kept = np.append(True, np.diff(step) > 0.0)
+        kept[-1] = True
+        return CoverageCurve(self.time[kept], self.path[kept], self.coverage[kept])
+
+    def to_dict(self) -> dict[str, list[float]]:
+        """JSON form: seconds and metres to the centimetre, shares to four decimals."""
+        return {
+            "time": np.round(self.time, 2).tolist(),
+            "path": np.round(self.path, 2).tolist(),
+            "coverage": np.round(self.coverage, 4).tolist(),
+        }
+
+    @staticmethod
+    def from_dict(values: Mapping[str, Any]) -> "CoverageCurve":
+        """Read :meth:`to_dict`'s form."""
+        return CoverageCurve(*(np.array(values[name], dtype=np.float64) for name in _FIELDS))
+
+    def _first(self, values: FloatArray, level: float) -> float | None:
+        reached = np.flatnonzero(self.coverage >= level - 1e-12)
+        return float(values[reached[0]]) if len(reached) else None
+
+
+_FIELDS = ("time", "path", "coverage")
+
+
+class CurveRecorder:
+    """Collects a curve step by step."""
+
+    def __init__(self) -> None:
+        self._points: list[tuple[float, float, float]] = []
+
+    def add(self, time: float, path: float, coverage: float) -> None:
+        """Note the state after a step.
+
+        Args:
+            time: Robot time [s].
+            path: Way so far [m].
+            coverage: Share of the reachable floor that was seen.
+        """
+        self._points.append((time, path, coverage))
+
+    def curve(self) -> CoverageCurve:
+        """The curve so far."""
+        points = np.array(self._points, dtype=np.float64).reshape(-1, 3)
+        return CoverageCurve(points[:, 0], points[:, 1], points[:, 2])
+
+
+def mean_coverage(curves: Sequence[CoverageCurve], times: FloatArray) -> FloatArray:
+    """Coverage of each curve at some times [s], shape (curves, times)."""
+    return np.vstack([curve.at(times) for curve in curves])

@@ -1,0 +1,210 @@
+"""Explorers on the same plans, starts and seeds; what is done already is not done again."""
+
+import functools
+import json
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import NamedTuple
+
+from slamgym.agents.evaluation.trial import Key, MakeForEpisode, Trial, TrialConfig, run_trial, settings_hash
+from slamgym.agents.evaluation.trial_log import TrialLog
+from slamgym.agents.registry import make_explorer
+from slamgym.agents.splits import Split, split_of
+from slamgym.cad import FloorPlan, PlanSource, check_plan
+from slamgym.cad.plan_filter import PlanFilter, passes
+from slamgym.core.config import to_dict
+from slamgym.core.errors import ConfigError, PlanError
+from slamgym.core.files import exclusive_lock, replace_file, storage_errors
+from slamgym.core.parallel.engine import run_tasks
+from slamgym.core.progress import show_progress
+from slamgym.dataset.schedule import exploration_seed, schedule
+from slamgym.envs import ExploreEnv
+
+FULL_KNOWLEDGE = "full_knowledge"
+"""Name of the explorer that is told the floor plan."""
+
+
+@dataclass(frozen=True)
+class EvaluationConfig:
+    """What is evaluated on what."""
+
+    explorers: tuple[str, ...]
+    """Names of explorers."""
+    count: int = 200
+    """Number of plans."""
+    split: Split | None = "test"
+    """Split of the plans; None takes all."""
+    plans_filter: PlanFilter = "useful"
+    """Which plans are worth exploring."""
+    repetitions: int = 1
+    """Explorations per plan and explorer, each from another start."""
+    seed: int = 0
+    """Decides which plans, starts and noise."""
+    full_knowledge: bool = False
+    """Privileged: also run the explorer that is told the floor plan, as a yardstick."""
+    trial: TrialConfig = field(default_factory=TrialConfig)
+    """How one exploration is run."""
+
+    def __post_init__(self) -> None:
+        if self.count < 1 or self.repetitions < 1:
+            raise ConfigError("count and repetitions must be at least 1")
+        if not self.names:
+            raise ConfigError("name at least one explorer")
+        if FULL_KNOWLEDGE in self.explorers:
+            raise ConfigError(
+                f"{FULL_KNOWLEDGE} is told the floor plan, so it isn't called by name; set full_knowledge"
+            )
+        if len(set(self.explorers)) < len(self.explorers):
+            raise ConfigError(f"an explorer is named twice in {', '.join(self.explorers)}")
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """All explorers, the privileged one too."""
+        return (*self.explorers, FULL_KNOWLEDGE) if self.full_knowledge else self.explorers
+
+
+class Task(NamedTuple):
+    """One exploration to do."""
+
+    explorer: str
+    plan: FloorPlan
+    seed: int
+
+
+class Skipped(NamedTuple):
+    """A plan that was left out."""
+
+    plan: str
+    reason: str
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """What came out."""
+
+    trials: list[Trial]
+    """Those of the plans and explorers asked for, by explorer in the order asked for, then by plan."""
+    skipped: list[Skipped]
+    """Plans that can't be explored."""
+    fresh: int
+    """How many trials were done just now; the others had been done before."""
+
+
+def evaluate(
+    source: PlanSource, config: EvaluationConfig, out: Path, workers: int = 1, only_done: bool = False
+) -> Evaluation:
+    """Run every explorer on every plan, or what is left of that from an earlier run.
+
+    Args:
+        source: Floor plans.
+        config: What to evaluate.
+        out: Folder of the results: ``trials.jsonl``, ``config.json``.
+        workers: Processes.
+        only_done: Do nothing, and return what an earlier run has done.
+
+    Raises:
+        ConfigError: If there is no explorer of a name, or no plan passes split and filter, or nothing is done.
+        StorageError: If the folder can't be written, or another run is at work in it.
+    """
+    plans, skipped = choose_plans(source, config)
+    hashes = {name: _hash(name, plans[0], config) for name in config.names}
+    with storage_errors(out):
+        out.mkdir(parents=True, exist_ok=True)
+    with exclusive_lock(out / ".lock"):
+        log = TrialLog(out / "trials.jsonl")
+        wanted = [
+            Task(name, plan, seed) for plan in plans for seed in _seeds(plan, config) for name in config.names
+        ]
+        tasks = [task for task in wanted if _key(task, hashes) not in log.trials]
+        if only_done:
+            wanted, tasks = [task for task in wanted if _key(task, hashes) in log.trials], []
+            if not wanted:
+                raise ConfigError(f"{out}: none of these explorations is done yet")
+        with storage_errors(out):
+            replace_file(out / "config.json", json.dumps(to_dict(config), indent=1).encode() + b"\n")
+        _run(tasks, config, log, workers, done=len(wanted) - len(tasks), total=len(wanted))
+    order = sorted(wanted, key=lambda task: config.names.index(task.explorer))
+    return Evaluation([log.trials[_key(task, hashes)] for task in order], skipped, len(tasks))
+
+
+def choose_plans(source: PlanSource, config: EvaluationConfig) -> tuple[list[FloorPlan], list[Skipped]]:
+    """The first plans in the seed's order that belong to the split, pass the filter and can be explored.
+
+    Returns:
+        The plans, and those that were skipped on the way because the robot can't explore them.
+
+    Raises:
+        ConfigError: If there is none.
+    """
+    ids = [i for i in source.ids if config.split is None or split_of(i) == config.split]
+    if not ids:
+        raise ConfigError(
+            f"none of the {len(source)} plans belongs to the split {config.split!r}; give more plans, or take all"
+        )
+    robot, side = config.trial.env.robot, config.trial.env.observation.map_size
+    plans: list[FloorPlan] = []
+    skipped: list[Skipped] = []
+    slots = schedule(ids, config.seed)
+    for _ in ids:
+        slot = next(slots)
+        try:
+            plan = source.load(slot.plan_id)
+            if not passes(plan, config.plans_filter):
+                continue
+            check_plan(plan, robot.circumscribed_radius, 0.5 * side)
+        except PlanError as error:
+            skipped.append(Skipped(slot.plan_id, error.reason))
+            continue
+        plans.append(plan)
+        if len(plans) == config.count:
+            break
+    if not plans:
+        raise ConfigError(
+            f"none of the {len(ids)} plans can be used: {len(skipped)} can't be explored by this robot, the "
+            f"filter {config.plans_filter!r} left out the others"
+        )
+    return plans, skipped
+
+
+def make_for_episode(name: str) -> MakeForEpisode:
+    """The constructor of an explorer for an environment that was just reset."""
+    if name == FULL_KNOWLEDGE:
+        from slamgym.agents.oracle import FullKnowledge
+
+        return FullKnowledge.of
+    return lambda env, seed: make_explorer(name, env.explorer_context(), seed)
+
+
+def _seeds(plan: FloorPlan, config: EvaluationConfig) -> Iterator[int]:
+    return (exploration_seed(config.seed, plan.id, k) for k in range(config.repetitions))
+
+
+def _key(task: Task, hashes: dict[str, str]) -> Key:
+    return task.explorer, task.plan.id, task.seed, hashes[task.explorer]
+
+
+def _hash(name: str, plan: FloorPlan, config: EvaluationConfig) -> str:
+    """Settings hash of an explorer; finds a wrong name or unfit weights before any work is done."""
+    env = ExploreEnv(plan, config.trial.env)
+    if name == FULL_KNOWLEDGE:
+        env.reset(seed=0, options={"plan": plan})
+    return settings_hash(config.trial, make_for_episode(name)(env, 0))
+
+
+def _run(
+    tasks: Sequence[Task], config: EvaluationConfig, log: TrialLog, workers: int, done: int, total: int
+) -> None:
+    """Do the tasks and keep each result at once."""
+    if not tasks:
+        return
+    task = functools.partial(_explore, config.trial)
+    with show_progress("explorations", done, total) as advance:
+        for trial in run_tasks(task, tasks, min(workers, len(tasks))):
+            log.append(trial)
+            advance()
+
+
+def _explore(config: TrialConfig, task: Task) -> Trial:
+    """One task; runs in a worker."""
+    return run_trial(task.plan, task.seed, task.explorer, config, make_for_episode(task.explorer))

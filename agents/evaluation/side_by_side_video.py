@@ -1,0 +1,111 @@
+"""Two explorers side by side on the same plan, start and noise, as a film."""
+
+import dataclasses
+import math
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import cv2
+import imageio
+import numpy as np
+
+from slamgym.agents.evaluation.evaluate import make_for_episode
+from slamgym.agents.evaluation.summary import censored
+from slamgym.agents.evaluation.trial import Trial, TrialConfig
+from slamgym.cad import FloorPlan, PlanSource
+from slamgym.core.config import suggest
+from slamgym.core.errors import ConfigError
+from slamgym.core.staged import staged
+from slamgym.core.types import ByteArray
+from slamgym.envs import ExploreEnv
+from slamgym.envs.episode import time_limit
+
+FPS = 20.0
+SPEED = 16.0
+"""How much faster than the robot."""
+_HEADING = 40  # [px]
+_LEVEL = "0.95"
+
+
+def film_duel(
+    source: PlanSource,
+    trials: Sequence[Trial],
+    explorers: tuple[str, str],
+    config: TrialConfig,
+    path: Path,
+    plan_id: str | None = None,
+) -> None:
+    """Film two explorations side by side; the one that is done first waits for the other.
+
+    Args:
+        source: Floor plans.
+        trials: An evaluation of both explorers.
+        explorers: Left and right.
+        config: Settings of the trials.
+        path: MP4 to write.
+        plan_id: Which plan; by default the one on which the left one gains the most, as a share, on its way to
+            95 % of the floor.
+
+    Raises:
+        ConfigError: If neither explored the plan.
+        InputFileError: If the film can't be written.
+    """
+    chosen = choose_trial(trials, explorers, plan_id)
+    plan = source.load(chosen.plan)
+    stride = max(1, round(SPEED / FPS / config.env.control_step))
+    halves = [_frames(plan, chosen.seed, name, config, stride) for name in explorers]
+    latest: list[ByteArray] = [next(half) for half in halves]
+    with staged(path) as part, imageio.get_writer(part, format="FFMPEG", fps=FPS, macro_block_size=2) as film:
+        while True:
+            film.append_data(np.hstack(latest))
+            following = [next(half, None) for half in halves]
+            if all(frame is None for frame in following):
+                break
+            latest = [old if new is None else new for old, new in zip(latest, following, strict=True)]
+        for _ in range(round(2.0 * FPS)):  # time to read the last figures
+            film.append_data(np.hstack(latest))
+
+
+def choose_trial(trials: Sequence[Trial], explorers: tuple[str, str], plan_id: str | None) -> Trial:
+    """The left explorer's trial on the plan to film; arguments as :func:`film_duel` takes them."""
+    left, right = ({(t.plan, t.seed): t for t in trials if t.explorer == name} for name in explorers)
+    both = [pair for pair in left if pair in right]
+    if plan_id is not None:
+        both = [pair for pair in both if pair[0] == plan_id]
+        if not both:
+            plans = sorted({trial.plan for trial in trials})
+            raise ConfigError(f"plan {plan_id!r} was not explored; {suggest(plan_id, plans[:1000])}")
+
+    def share(pair: tuple[str, int]) -> float:
+        ours, theirs = (censored(side[pair], "time", _LEVEL) for side in (left, right))
+        return ours / theirs if theirs > 0.0 else math.inf  # the very first scan showed all
+
+    return left[min(both, key=share)]
+
+
+def _frames(plan: FloorPlan, seed: int, name: str, config: TrialConfig, stride: int) -> Iterator[ByteArray]:
+    """Every n-th step of an exploration as a picture of half the size, with the explorer's name."""
+    env_config = dataclasses.replace(config.env, time_limit=time_limit(plan, config.minutes))
+    env = ExploreEnv(plan, env_config, render_mode="rgb_array")
+    observation, _ = env.reset(seed=seed, options={"plan": plan})
+    explorer = make_for_episode(name)(env, seed)
+    yield _titled(env.render(), name)
+    truncated, step = False, 0
+    while not truncated:
+        action, _ = explorer.predict(observation)
+        if explorer.finished:
+            break
+        observation, _, _, truncated, _ = env.step(action)
+        step += 1
+        if step % stride == 0:
+            yield _titled(env.render(), name)
+    yield _titled(env.render(), f"{name}: done" if explorer.finished else f"{name}: time is up")
+
+
+def _titled(frame: ByteArray, title: str) -> ByteArray:
+    """A frame shrunk to a half-width picture with a heading."""
+    half = cv2.resize(frame, (frame.shape[1] * 3 // 4, frame.shape[0] * 3 // 4), interpolation=cv2.INTER_AREA)
+    titled: ByteArray = np.full((half.shape[0] + _HEADING, half.shape[1], 3), 255, dtype=np.uint8)
+    titled[_HEADING:] = half
+    cv2.putText(titled, title, (16, 28), cv2.FONT_HERSHEY_DUPLEX, 0.8, (33, 37, 41), 1, cv2.LINE_AA)
+    return titled

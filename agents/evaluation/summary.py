@@ -1,0 +1,299 @@
+"""The figures of an evaluation: every explorer on its own, and paired against a reference.
+
+Times and paths to a coverage level are compared in two ways, because either alone can mislead:
+
+* *both reach*: only explorations in which both explorers reached the level; says how fast, not how surely;
+* *censored*: all explorations; where a level wasn't reached, the time is the plan's time limit, and the path
+  what the robot would have driven until then at its mean speed. It punishes giving up.
+
+With each stands in how many explorations the level was reached.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from slamgym.agents.evaluation.coverage_curve import LEVELS
+from slamgym.agents.evaluation.trial import Trial, level_name
+from slamgym.agents.registry import CLASSICAL
+from slamgym.core.config import suggest
+from slamgym.core.errors import ConfigError
+from slamgym.core.intervals import Interval, mean_difference, mean_interval, mean_of_ratios, ratio_of_means
+from slamgym.core.types import FloatArray
+
+SUCCESS_COVERAGE = 0.95
+"""An exploration succeeds if the explorer ends it by itself, in time, with so much seen."""
+
+COMPARED_LEVELS = (0.5, 0.8, 0.9, 0.95, 0.99)
+
+Pair = tuple[str, int]
+"""Plan and seed: what two trials must share to be compared."""
+
+
+@dataclass(frozen=True)
+class ExplorerSummary:
+    """One explorer on all plans."""
+
+    explorer: str
+    trials: int
+    reached: dict[str, float]
+    """Level to the share of explorations that reached it."""
+    time_to: dict[str, Interval]
+    """Level to the censored time [s]."""
+    path_to: dict[str, Interval]
+    """Level to the censored path [m]."""
+    mean_coverage: Interval
+    """Area under the coverage curve, as a share of the most possible."""
+    coverage: Interval
+    """At the end."""
+    success: Interval
+    """Share of explorations that succeeded."""
+    collisions: Interval
+    """Contacts per exploration."""
+    map_error: Interval
+    """[m]"""
+    ate: Interval
+    """[m]"""
+    time: Interval
+    """Until the explorer was done or the time up [s]."""
+    path: Interval
+    """[m]"""
+    decision_ms: float
+    """Mean CPU time of a control step with a decision [ms]."""
+    decision_ms_max: float
+    """The longest [ms]."""
+    step_ms: float
+    """Mean CPU time of explorer and navigation per control step [ms]."""
+
+
+@dataclass(frozen=True)
+class LevelComparison:
+    """An explorer against the reference, time or path to one level."""
+
+    quantity: str
+    """``time`` or ``path``."""
+    level: str
+    both: int
+    """Pairs in which both reached the level."""
+    pairs: int
+    ratio_of_means: Interval | None
+    """Over the pairs in which both reached it; None if there are none."""
+    mean_of_ratios: Interval | None
+    """Over the same."""
+    censored_ratio_of_means: Interval
+    """Over all pairs."""
+    censored_mean_of_ratios: Interval
+    """Over all pairs."""
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """An explorer against the reference."""
+
+    explorer: str
+    reference: str
+    levels: tuple[LevelComparison, ...]
+    differences: dict[str, Interval]
+    """Mean paired differences: mean_coverage, success, collisions, map_error [m], ate [m], time [s]."""
+    ratios: dict[str, Interval]
+    """Ratios of means of map_error and ate."""
+
+
+@dataclass(frozen=True)
+class Summary:
+    """All of it."""
+
+    explorers: tuple[ExplorerSummary, ...]
+    comparisons: tuple[Comparison, ...]
+    """With the reference."""
+    plans: int
+    others: tuple[Comparison, ...] = ()
+    """With further references, one after the other."""
+
+
+def summarise(trials: Sequence[Trial], against: str, yardstick: str | None = None) -> Summary:
+    """Judge explorers and compare them with one of them, and with the best rule by hand.
+
+    Args:
+        trials: Of all explorers on the same plans and seeds.
+        against: Name of the reference explorer.
+        yardstick: Name of an explorer that all are compared with too, if there are trials of it.
+
+    Raises:
+        ConfigError: If the reference is not among the explorers, or there are no trials.
+    """
+    names = list(dict.fromkeys(trial.explorer for trial in trials))
+    if against not in names:
+        raise ConfigError(f"no trials of the reference {against!r}; {suggest(against, names)}")
+    by_name = {name: {_pair(t): t for t in trials if t.explorer == name} for name in names}
+    shared = [pair for pair in by_name[against] if all(pair in found for found in by_name.values())]
+    if not shared:
+        raise ConfigError("the explorers share no exploration")
+    aligned = {name: [found[pair] for pair in shared] for name, found in by_name.items()}
+    explorers = tuple(_summary(name, aligned[name]) for name in names)
+
+    def against_all(reference: str) -> tuple[Comparison, ...]:
+        return tuple(compare(aligned[name], aligned[reference]) for name in names if name != reference)
+
+    further = [name for name in (best_classical(explorers), yardstick) if name in names and name != against]
+    return Summary(
+        explorers,
+        against_all(against),
+        len({plan for plan, _ in shared}),
+        tuple(comparison for reference in further for comparison in against_all(str(reference))),
+    )
+
+
+def best_classical(explorers: Sequence[ExplorerSummary]) -> str | None:
+    """The rule by hand with the least censored time to 99 %; None if there is none.
+
+    It is the best on the plans that it is then compared on, which flatters it, not who is compared with it.
+    """
+    classical = [explorer for explorer in explorers if explorer.explorer in CLASSICAL]
+    return min(classical, key=lambda e: e.time_to["0.99"].value).explorer if classical else None
+
+
+def compare(trials: Sequence[Trial], reference: Sequence[Trial]) -> Comparison:
+    """Compare two explorers on the same explorations.
+
+    Args:
+        trials: One of each pair of plan and seed.
+        reference: The same pairs in the same order.
+
+    Raises:
+        ValueError: If the explorations differ.
+    """
+    if [_pair(t) for t in trials] != [_pair(t) for t in reference]:
+        raise ValueError("the explorations to compare must be of the same plans and seeds")
+    levels = [
+        _compare_level(trials, reference, quantity, level_name(level))
+        for quantity in ("time", "path")
+        for level in COMPARED_LEVELS
+    ]
+    figures: Mapping[str, Callable[[Trial], float]] = {
+        "mean_coverage": lambda t: t.mean_coverage,
+        "success": lambda t: float(succeeded(t)),
+        "collisions": lambda t: float(t.collisions),
+        "map_error": lambda t: t.map_error,
+        "ate": lambda t: t.ate,
+        "time": lambda t: t.time,
+    }
+    groups = _groups(trials)
+    values = {
+        name: (_by_plan(trials, f, groups), _by_plan(reference, f, groups)) for name, f in figures.items()
+    }
+    return Comparison(
+        trials[0].explorer,
+        reference[0].explorer,
+        tuple(levels),
+        {name: mean_difference(*pair) for name, pair in values.items()},
+        {
+            name: ratio_of_means(*values[name])
+            for name in ("map_error", "ate")
+            if values[name][1].mean() > 0.0
+        },
+    )
+
+
+def succeeded(trial: Trial) -> bool:
+    """Whether the explorer ended by itself with :data:`SUCCESS_COVERAGE` seen."""
+    return trial.finished and trial.coverage >= SUCCESS_COVERAGE
+
+
+def censored(trial: Trial, quantity: str, level: str) -> float:
+    """Time [s] or path [m] to a level; where it wasn't reached, what the time limit makes of it."""
+    value = getattr(trial, f"{quantity}_to")[level]
+    if value is not None:
+        return float(value)
+    if quantity == "time":
+        return trial.time_limit
+    speed = trial.path / trial.time if trial.time > 0.0 else 0.0
+    return trial.path + speed * max(0.0, trial.time_limit - trial.time)
+
+
+def _pair(trial: Trial) -> Pair:
+    return trial.plan, trial.seed
+
+
+def _groups(trials: Sequence[Trial]) -> list[list[int]]:
+    """Indices of the trials of each plan: repetitions on one plan are no independent draws."""
+    groups: dict[str, list[int]] = {}
+    for index, trial in enumerate(trials):
+        groups.setdefault(trial.plan, []).append(index)
+    return list(groups.values())
+
+
+def _by_plan(
+    trials: Sequence[Trial], figure: Callable[[Trial], float], groups: Sequence[Sequence[int]]
+) -> FloatArray:
+    """Mean of a figure over the repetitions of each plan, shape (plans,)."""
+    return np.array([np.mean([figure(trials[i]) for i in group]) for group in groups])
+
+
+def _compare_level(
+    trials: Sequence[Trial], reference: Sequence[Trial], quantity: str, level: str
+) -> LevelComparison:
+    field = f"{quantity}_to"
+    reached = [
+        i
+        for i, (one, other) in enumerate(zip(trials, reference, strict=True))
+        if getattr(one, field)[level] is not None
+        and getattr(other, field)[level] is not None
+        # A level that the very first scan shows takes no time, which has no ratio.
+        and getattr(other, field)[level] > 0.0
+    ]
+
+    def figure(trial: Trial) -> float:
+        return censored(trial, quantity, level)
+
+    def table(indices: Sequence[int]) -> tuple[FloatArray, FloatArray]:
+        ours, theirs = [trials[i] for i in indices], [reference[i] for i in indices]
+        groups = _groups(ours)
+        return _by_plan(ours, figure, groups), _by_plan(theirs, figure, groups)
+
+    timed = [i for i, trial in enumerate(reference) if figure(trial) > 0.0]
+    both, everything = table(reached), table(timed)
+    return LevelComparison(
+        quantity,
+        level,
+        len(reached),
+        len(trials),
+        ratio_of_means(*both) if reached else None,
+        mean_of_ratios(*both) if reached else None,
+        ratio_of_means(*everything),
+        mean_of_ratios(*everything),
+    )
+
+
+def _summary(name: str, trials: Sequence[Trial]) -> ExplorerSummary:
+    groups = _groups(trials)
+
+    def mean(figure: Callable[[Trial], float]) -> Interval:
+        return mean_interval(_by_plan(trials, figure, groups))
+
+    def to_levels(quantity: str) -> dict[str, Interval]:
+        names = [level_name(level) for level in LEVELS]
+        return {level: mean(lambda t, at=level: censored(t, quantity, at)) for level in names}  # type: ignore[misc]
+
+    reached = {
+        key: float(np.mean([t.time_to[key] is not None for t in trials])) for key in map(level_name, LEVELS)
+    }
+    return ExplorerSummary(
+        explorer=name,
+        trials=len(trials),
+        reached=reached,
+        time_to=to_levels("time"),
+        path_to=to_levels("path"),
+        mean_coverage=mean(lambda t: t.mean_coverage),
+        coverage=mean(lambda t: t.coverage),
+        success=mean(lambda t: float(succeeded(t))),
+        collisions=mean(lambda t: float(t.collisions)),
+        map_error=mean(lambda t: t.map_error),
+        ate=mean(lambda t: t.ate),
+        time=mean(lambda t: t.time),
+        path=mean(lambda t: t.path),
+        decision_ms=1e3 * float(np.mean([t.decision_cpu for t in trials])),
+        decision_ms_max=1e3 * float(np.max([t.decision_cpu_max for t in trials])),
+        step_ms=1e3 * float(np.mean([t.step_cpu for t in trials])),
+    )

@@ -1,0 +1,239 @@
+"""One exploration by one explorer, run to its end and judged against the truth."""
+
+import dataclasses
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+
+from slamgym.agents.evaluation.coverage_curve import LEVELS, CoverageCurve, CurveRecorder, horizon
+from slamgym.cad import FloorPlan
+from slamgym.core.config import config_hash, from_dict
+from slamgym.envs import ExploreConfig, ExploreEnv
+from slamgym.envs.episode import FinishingExplorer, explored_env, time_limit
+from slamgym.metrics import absolute_trajectory_error
+from slamgym.metrics.map_error import WallDistance
+
+MakeForEpisode = Callable[[ExploreEnv, int], FinishingExplorer]
+"""Makes an explorer for an environment that was just reset, and a seed.
+
+It gets the environment rather than its context because a privileged explorer is made from the floor plan.
+"""
+
+Key = tuple[str, str, int, str]
+"""What makes two trials the same: explorer, plan, seed, hash of the settings."""
+
+
+@dataclass(frozen=True)
+class TrialConfig:
+    """How explorers are put to the test."""
+
+    minutes: Literal["auto"] | float = "auto"
+    """Limit of robot time [min]; ``auto`` is 5 min and 8 s/m2, more than three times what Explore Lite takes
+    in the median, so that hardly an exploration is cut off."""
+    env: ExploreConfig = field(default_factory=ExploreConfig)
+    """Robot, sensors, SLAM, clutter."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "env", explored_env(self.minutes, self.env))
+
+
+@dataclass(frozen=True)
+class Trial:
+    """The outcome of an exploration. Keys of ``time_to`` and ``path_to`` are levels such as ``"0.95"``."""
+
+    explorer: str
+    plan: str
+    seed: int
+    settings: str
+    """Hash of the settings of trial and explorer."""
+    area: float
+    """Free area of the plan [m2]."""
+    rooms: int
+    time_limit: float
+    """[s]"""
+    finished: bool
+    """Whether the explorer itself said that nothing is left; else the time was up."""
+    time: float
+    """Robot time at the end [s]."""
+    path: float
+    """True way driven [m]."""
+    coverage: float
+    """Share of the reachable floor truly seen at the end."""
+    time_to: dict[str, float | None]
+    """Level to the time when it was reached [s]; None if it never was."""
+    path_to: dict[str, float | None]
+    """Level to the way driven by then [m]."""
+    mean_coverage: float
+    """Area under the coverage curve as a share of the most possible, up to
+    :func:`~slamgym.agents.evaluation.coverage_curve.horizon`."""
+    collisions: int
+    """Contacts begun."""
+    map_error: float
+    """Mean distance of the final map's occupied cells from the nearest wall [m]."""
+    ate: float
+    """Root mean square error of the final trajectory's positions, unaligned [m]."""
+    decisions: int
+    """How often the explorer chose where to go."""
+    decision_cpu: float
+    """CPU time of a control step in which it chose [s]."""
+    decision_cpu_max: float
+    """The longest of these [s]."""
+    step_cpu: float
+    """CPU time of the explorer and its navigation per control step, all steps [s]."""
+    cpu: float
+    """CPU time of the whole exploration: explorer, physics, sensors and SLAM [s]."""
+    curve: dict[str, list[float]]
+    """Coverage over time and path."""
+
+    @property
+    def key(self) -> Key:
+        """What makes two trials the same."""
+        return self.explorer, self.plan, self.seed, self.settings
+
+    @property
+    def coverage_curve(self) -> CoverageCurve:
+        """:attr:`curve` as an object."""
+        return CoverageCurve.from_dict(self.curve)
+
+    @staticmethod
+    def from_dict(values: Mapping[str, Any]) -> "Trial":
+        """Read the JSON form.
+
+        Raises:
+            ConfigError: If a name is unknown.
+            TypeError: If a field is missing.
+        """
+        return from_dict(Trial, values)
+
+
+def level_name(level: float) -> str:
+    """The key of a coverage level."""
+    return f"{level:g}"
+
+
+def settings_hash(config: TrialConfig, explorer: FinishingExplorer) -> str:
+    """Hash of the settings of a trial and of its explorer.
+
+    An explorer says what it is by a dataclass ``config`` or a text ``fingerprint`` (a policy's weights).
+    """
+    own = getattr(explorer, "config", None)
+    parts = _Settings(
+        config,
+        dataclasses.asdict(own) if dataclasses.is_dataclass(own) and not isinstance(own, type) else {},
+        str(getattr(explorer, "fingerprint", "")),
+    )
+    return config_hash(parts)
+
+
+@dataclass(frozen=True)
+class _Settings:
+    trial: TrialConfig
+    explorer: dict[str, Any]
+    fingerprint: str
+
+
+class _Stopwatch:
+    """CPU time of an explorer's steps, those with a decision apart."""
+
+    def __init__(self, explorer: FinishingExplorer) -> None:
+        self._explorer = explorer
+        self.all: list[float] = []
+        self.deciding: list[float] = []
+        self._counted = 0
+
+    def predict(self, observation: Any) -> Any:
+        """The explorer's action."""
+        begin = time.thread_time()
+        action, _ = self._explorer.predict(observation)
+        spent = time.thread_time() - begin
+        self.all.append(spent)
+        # A policy that doesn't count its decisions makes one in every step.
+        count = getattr(self._explorer, "decisions", self._counted + 1)
+        if count > self._counted:
+            self._counted = count
+            self.deciding.append(spent)
+        return action
+
+
+def run_trial(plan: FloorPlan, seed: int, name: str, config: TrialConfig, make: MakeForEpisode) -> Trial:
+    """Let an explorer explore a building until it is done or the time is up, and judge it.
+
+    Args:
+        plan: The building.
+        seed: Of start, noise and explorer. The same for every explorer gives all the same start and streams
+            of noise.
+        name: Of the explorer, for the record.
+        config: The settings.
+        make: Makes the explorer.
+
+    Raises:
+        PlanError: If the robot fits nowhere in the plan, or the plan is larger than the map.
+    """
+    limit = time_limit(plan, config.minutes)
+    env = ExploreEnv(plan, dataclasses.replace(config.env, time_limit=limit))
+    began = time.process_time()
+    observation, info = env.reset(seed=seed, options={"plan": plan})
+    explorer = make(env, seed)
+    watch, recorder = _Stopwatch(explorer), CurveRecorder()
+    recorder.add(0.0, 0.0, info["coverage"])
+    finished = truncated = False
+    while not truncated:
+        action = watch.predict(observation)
+        if explorer.finished:
+            finished = True
+            break
+        observation, _, _, truncated, info = env.step(action)
+        recorder.add(env.simulation.time, info["path_length"], info["coverage"])
+    cpu = time.process_time() - began
+    return _judge(env, seed, name, settings_hash(config, explorer), recorder.curve(), finished, watch, cpu)
+
+
+def _judge(
+    env: ExploreEnv,
+    seed: int,
+    name: str,
+    settings: str,
+    curve: CoverageCurve,
+    finished: bool,
+    watch: _Stopwatch,
+    cpu: float,
+) -> Trial:
+    """Make the record of an exploration that has ended."""
+    plan, log = env.plan, env.log
+    assert log is not None, "for_explorer() has the environment keep a log"
+    assert env.config.time_limit is not None
+    estimate, truth = env.mapper.trajectory(), log.true_trajectory(env.start)
+    walls = WallDistance(np.vstack([plan.segments(), env.clutter.segments()]))
+    deciding = watch.deciding or watch.all
+    return Trial(
+        explorer=name,
+        plan=plan.id,
+        seed=seed,
+        settings=settings,
+        area=round(plan.area, 3),
+        rooms=len(plan.rooms),
+        time_limit=round(env.config.time_limit, 3),
+        finished=finished,
+        time=round(float(curve.time[-1]), 3),
+        path=round(float(curve.path[-1]), 4),
+        coverage=round(curve.final, 6),
+        time_to={level_name(level): _rounded(curve.time_to(level)) for level in LEVELS},
+        path_to={level_name(level): _rounded(curve.path_to(level)) for level in LEVELS},
+        mean_coverage=round(curve.mean_until(horizon(plan.area)), 6),
+        collisions=env.simulation.collisions,
+        map_error=round(walls.mean_error(env.mapper.occupancy_grid(), env.world_from_map), 6),
+        ate=round(absolute_trajectory_error(estimate, truth, align=False).translation.rmse, 6),
+        decisions=len(watch.deciding),
+        decision_cpu=round(float(np.mean(deciding)), 7),
+        decision_cpu_max=round(float(np.max(deciding)), 7),
+        step_cpu=round(float(np.mean(watch.all)), 7),
+        cpu=round(cpu, 4),
+        curve=curve.thinned().to_dict(),
+    )
+
+
+def _rounded(value: float | None) -> float | None:
+    return None if value is None else round(value, 4)

@@ -1,0 +1,102 @@
+"""The floor plans that a policy learns on, in the order of a curriculum, and those that validate it."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from slamgym.agents.splits import Split, split_plans
+from slamgym.cad import FloorPlan, check_plan, open_plans
+from slamgym.cad.plan_filter import AREA, LONG_SIDE, passes
+from slamgym.core.errors import ConfigError, PlanError
+from slamgym.sim import RobotConfig
+
+
+@dataclass(frozen=True)
+class Curriculum:
+    """Small buildings first (Bengio et al., "Curriculum learning", ICML 2009)."""
+
+    areas: tuple[float, ...] = (90.0, 160.0)
+    """Largest free area in each stage but the last, which has all plans [m2]."""
+    shares: tuple[float, ...] = (0.15, 0.4)
+    """Share of the training after which each stage ends."""
+
+    def __post_init__(self) -> None:
+        if len(self.areas) != len(self.shares):
+            raise ConfigError("curriculum.areas and curriculum.shares must have the same length")
+        if sorted(self.areas) != list(self.areas) or sorted(self.shares) != list(self.shares):
+            raise ConfigError("curriculum.areas and curriculum.shares must ascend")
+
+    def stage(self, share: float) -> int:
+        """The stage at a share of the training, in [0, 1]."""
+        return sum(share >= end for end in self.shares)
+
+
+class StagedPlans:
+    """Plans as a source that grows with the stages of a curriculum.
+
+    Args:
+        plans: The plans.
+        curriculum: Which are offered when.
+    """
+
+    def __init__(self, plans: Sequence[FloorPlan], curriculum: Curriculum) -> None:
+        self._plans = {plan.id: plan for plan in sorted(plans, key=lambda plan: plan.area)}
+        self._all = list(self._plans)
+        areas = np.array([self._plans[plan_id].area for plan_id in self._all])
+        self._counts = [max(1, int(np.count_nonzero(areas <= limit))) for limit in curriculum.areas]
+        self._counts.append(len(self._all))
+        self.ids: Sequence[str] = []
+        self.set_stage(0)
+
+    def set_stage(self, stage: int) -> None:
+        """Offer the plans of a stage."""
+        self.ids = self._all[: self._counts[min(stage, len(self._counts) - 1)]]
+
+    def __len__(self) -> int:
+        return len(self.ids)
+
+    def load(self, plan_id: str) -> FloorPlan:
+        """The plan of an id."""
+        return self._plans[plan_id]
+
+
+def draw_plans(specs: Sequence[str], split: Split, count: int, seed: int = 0) -> list[FloorPlan]:
+    """Draw plans that are worth exploring from a split of some sources, as many from each.
+
+    Generated plans have to be of the size of homes too, which :func:`slamgym.cad.plan_filter.passes` asks of
+    HouseExpo's alone.
+
+    Args:
+        specs: What :func:`slamgym.cad.open_plans` takes.
+        split: Of which split.
+        count: How many in all; fewer if the sources have no more.
+        seed: Of the draw.
+
+    Raises:
+        ConfigError: If none is left.
+    """
+    plans: dict[str, FloorPlan] = {}
+    for number, spec in enumerate(specs):
+        source = split_plans(open_plans(spec), split)
+        wanted = (count * (number + 1)) // len(specs)
+        for index in np.random.default_rng(seed).permutation(len(source)):
+            if len(plans) >= wanted:
+                break
+            plan = _load(source, source.ids[int(index)])
+            if plan is not None:
+                plans[plan.id] = plan
+    if not plans:
+        raise ConfigError(f"{', '.join(specs)}: no plan of the split {split!r} is worth exploring")
+    return list(plans.values())
+
+
+def _load(source: object, plan_id: str) -> FloorPlan | None:
+    try:
+        plan: FloorPlan = source.load(plan_id)  # type: ignore[attr-defined]
+        check_plan(plan, RobotConfig().radius)
+    except PlanError:
+        return None
+    min_x, min_y, max_x, max_y = plan.bounds
+    is_large = max(max_x - min_x, max_y - min_y) > LONG_SIDE or not AREA[0] <= plan.area <= AREA[1]
+    return None if is_large or not passes(plan, "useful") else plan

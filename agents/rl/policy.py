@@ -1,0 +1,147 @@
+"""Networks that choose among frontiers, as Stable-Baselines3 policies.
+
+Every candidate is scored by the same weights, so their number K may vary: features and crop of a candidate
+pass a small perceptron, candidates attend to one another (Vaswani et al. 2017; masked rows are left out), and
+the score is made of a candidate's own vector and the mean and the largest of all. The value is made of the
+pooled vectors. :mod:`slamgym.agents.scoring` runs the same network with numpy alone.
+"""
+
+from typing import Any
+
+import torch
+from gymnasium import spaces
+from sb3_contrib.common.maskable.policies import MaskableActorCriticPolicy
+from stable_baselines3.common.policies import ActorCriticPolicy
+from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
+from torch import Tensor, nn
+
+from slamgym.agents.rl.network_config import NetworkConfig
+from slamgym.envs.frontier_features import CANDIDATE_FEATURES, CROP_PX, GLOBAL_FEATURES
+
+MASKED = -1e8
+"""Score of a row without candidate; finite, so that a row of nothing but these has a softmax."""
+
+
+class FrontierNetwork(nn.Module):
+    """Scores candidates and values the situation.
+
+    Args:
+        config: Sizes.
+    """
+
+    def __init__(self, config: NetworkConfig) -> None:
+        super().__init__()
+        self.config = config
+        num_features, num_globals, width = len(CANDIDATE_FEATURES), len(GLOBAL_FEATURES), config.width
+        self.crop = nn.Linear(2 * CROP_PX * CROP_PX, config.crop)
+        self.embed_in = nn.Linear(num_features + config.crop + num_globals, width)
+        self.embed_out = nn.Linear(width, width)
+        self.query_key_value = nn.Linear(width, 3 * width)
+        self.attended = nn.Linear(width, width)
+        self.norm = nn.LayerNorm(width)
+        self.score_in = nn.Linear(3 * width, width)
+        self.score_out = nn.Linear(width, 1)
+        self.prior = nn.Linear(num_features, 1, bias=False)
+        self.value_in = nn.Linear(2 * width + num_globals, width)
+        self.value_out = nn.Linear(width, 1)
+        nn.init.zeros_(self.score_out.weight)
+        nn.init.zeros_(self.score_out.bias)
+        nn.init.zeros_(self.prior.weight)
+        with torch.no_grad():
+            self.prior.weight[0, CANDIDATE_FEATURES.index(config.prior_feature)] = config.prior_weight
+        self.prefer_walls()
+
+    def prefer_walls(self) -> None:
+        """Add the preference for ways along walls to the weights as they are."""
+        with torch.no_grad():
+            self.prior.weight[0, CANDIDATE_FEATURES.index("exposure")] += self.config.exposure_prior
+
+    def forward(self, observation: dict[str, Tensor]) -> tuple[Tensor, Tensor]:
+        """Scores (B, K) and values (B,) of a batch of observations."""
+        features, mask = observation["candidates"], observation["mask"] > 0.5
+        count = features.shape[1]
+        crops = torch.relu(self.crop(observation["crops"].flatten(2)))
+        overall = observation["globals"]
+        joined = torch.cat([features, crops, overall[:, None].expand(-1, count, -1)], dim=2)
+        vectors = torch.relu(self.embed_out(torch.relu(self.embed_in(joined))))
+        vectors = self.norm(vectors + self._attend(vectors, mask))
+        there = mask[:, :, None]
+        total = there.sum(dim=1).clamp(min=1)
+        mean = (vectors * there).sum(dim=1) / total
+        largest = torch.where(there, vectors, torch.full_like(vectors, -1e3)).amax(dim=1).clamp(min=-1e2)
+        pooled = torch.cat([mean, largest], dim=1)
+        own = torch.cat([vectors, pooled[:, None].expand(-1, count, -1)], dim=2)
+        scores = self.score_out(torch.relu(self.score_in(own))) + self.prior(features)
+        values = self.value_out(torch.relu(self.value_in(torch.cat([pooled, overall], dim=1))))
+        return scores[:, :, 0].masked_fill(~mask, MASKED), values[:, 0]
+
+    def _attend(self, vectors: Tensor, mask: Tensor) -> Tensor:
+        batch, count, width = vectors.shape
+        heads = self.config.heads
+        parts = self.query_key_value(vectors).view(batch, count, 3, heads, width // heads)
+        query, key, value = parts.permute(2, 0, 3, 1, 4)  # each (B, heads, K, width / heads)
+        weights = query @ key.transpose(2, 3) / (width // heads) ** 0.5
+        weights = weights.masked_fill(~mask[:, None, None], MASKED).softmax(dim=3)
+        return self.attended((weights @ value).transpose(1, 2).reshape(batch, count, width))
+
+
+class _NetworkExtractor(BaseFeaturesExtractor):
+    """The whole network in the place of a features extractor: scores and value in one vector (B, K + 1)."""
+
+    def __init__(self, observation_space: spaces.Dict, network: NetworkConfig) -> None:
+        count = int(observation_space["candidates"].shape[0])  # type: ignore[index]
+        super().__init__(observation_space, count + 1)
+        self.network = FrontierNetwork(network)
+
+    def forward(self, observation: dict[str, Tensor]) -> Tensor:
+        scores, values = self.network(observation)
+        return torch.cat([scores, values[:, None]], dim=1)
+
+
+class _Split(nn.Module):
+    """Takes the place of the perceptrons that Stable-Baselines3 puts between extractor and heads."""
+
+    def __init__(self, count: int) -> None:
+        super().__init__()
+        self.latent_dim_pi, self.latent_dim_vf = count, 1
+
+    def forward(self, features: Tensor) -> tuple[Tensor, Tensor]:
+        return self.forward_actor(features), self.forward_critic(features)
+
+    def forward_actor(self, features: Tensor) -> Tensor:
+        return features[:, :-1]
+
+    def forward_critic(self, features: Tensor) -> Tensor:
+        return features[:, -1:]
+
+
+class _FrontierHeads:
+    """Makes the network's outputs those of the policy."""
+
+    def __init__(self, *args: Any, network: NetworkConfig | None = None, **kwargs: Any) -> None:
+        kwargs |= {
+            "features_extractor_class": _NetworkExtractor,
+            "features_extractor_kwargs": {"network": network or NetworkConfig()},
+            "ortho_init": False,
+        }
+        super().__init__(*args, **kwargs)
+
+    def _build_mlp_extractor(self) -> None:
+        self.mlp_extractor = _Split(self.features_dim - 1)  # type: ignore[attr-defined]
+
+    def _build(self, lr_schedule: Any) -> None:
+        super()._build(lr_schedule)  # type: ignore[misc]
+        self.action_net, self.value_net = nn.Identity(), nn.Identity()
+        self.optimizer = self.optimizer_class(  # type: ignore[attr-defined]
+            self.parameters(),  # type: ignore[attr-defined]
+            lr=lr_schedule(1),
+            **self.optimizer_kwargs,  # type: ignore[attr-defined]
+        )
+
+
+class MaskableFrontierPolicy(_FrontierHeads, MaskableActorCriticPolicy):
+    """For ``MaskablePPO`` on ``slamgym/ExploreFrontiers-v0``."""
+
+
+class FrontierPolicy(_FrontierHeads, ActorCriticPolicy):
+    """For ``PPO`` on the same: the network masks its scores itself."""

@@ -1,0 +1,119 @@
+"""Reward presets for ``slamgym agents shape``: all of them, with their weights, in this one file.
+
+Every preset is a :class:`~slamgym.envs.rewards.RewardConfig`, and two have a term of their own besides. All but
+``coverage_only`` and ``information_gain`` pay for time, for a policy that may take for ever learns nothing else.
+A term of your own needs no preset: ``slamgym agents shape --term my_module:my_function`` adds it to one.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+from slamgym.core.config import suggest
+from slamgym.core.errors import ConfigError
+from slamgym.envs import RewardConfig, RewardFunction
+from slamgym.envs.rewards import StepRecord
+
+_NOTHING = RewardConfig(coverage_gain=0.0, time=0.0, collision=0.0, completion=0.0)
+
+
+@dataclass(frozen=True)
+class Preset:
+    """A reward and what it is for."""
+
+    reward: RewardConfig
+    about: str
+    needs_filter: bool = False
+    """Whether the reward only makes sense with a particle filter: with true poses there is no error to pay."""
+    terms: Mapping[str, tuple[float, RewardFunction]] = field(default_factory=dict)
+    """Further terms: name to (weight, function)."""
+    exposure_prior: float = 0.0
+    """What the scores of its policies begin with beside what they begin with anyway; see
+    :class:`~slamgym.agents.rl.network_config.NetworkConfig`."""
+
+
+def error_of_new_map(step: StepRecord) -> float:
+    """Minus the new map's area times the error of the pose that it is drawn from [m3].
+
+    A wall is drawn as wrongly as the robot is wrong about where it stands, so over an exploration this adds up
+    to about the map's mean error times its area, but each part is due when the decision that causes it is paid:
+    the growth of the mean error (:func:`~slamgym.envs.rewards.map_error_cost`) is spread over all later steps.
+    """
+    return -step.pose_error * _new_area(step)
+
+
+def uncertainty_of_new_map(step: StepRecord) -> float:
+    """The same by what a robot can know: the filter's position uncertainty instead of the true error [m3].
+
+    Nothing is due in known space, where the robot may be as unsure as it likes; exploring is worth more once
+    a loop is closed than before (active SLAM; Stachniss, Grisetti and Burgard 2005).
+    """
+    return -step.position_sigma * _new_area(step)
+
+
+def _new_area(step: StepRecord) -> float:
+    # The map of another particle may know less than that of the last step's best one.
+    return max(0.0, step.known_area - step.previous_known_area)
+
+
+PRESETS: dict[str, Preset] = {
+    "coverage_only": Preset(replace(_NOTHING, coverage_gain=2.0), "floor truly seen, and nothing else"),
+    "information_gain": Preset(
+        replace(_NOTHING, information_gain=0.02), "growth of the robot's own map: needs no truth"
+    ),
+    "path_cost": Preset(
+        replace(_NOTHING, coverage_gain=2.0, path_length=0.08), "coverage, less the way driven"
+    ),
+    "time": Preset(replace(_NOTHING, coverage_gain=2.0, time=0.02), "coverage, less the time taken"),
+    "collision": Preset(
+        replace(_NOTHING, coverage_gain=2.0, time=0.02, collision=0.1), "as time, less contacts"
+    ),
+    "map_error": Preset(
+        replace(_NOTHING, coverage_gain=2.0, time=0.02, map_error=40.0),
+        "as time, less the growth of the map's true error (Daher et al.'s maps are judged by it)",
+        needs_filter=True,
+    ),
+    "pose_uncertainty": Preset(
+        replace(_NOTHING, coverage_gain=2.0, time=0.02, pose_uncertainty=0.2),
+        "as time, less the filter's position uncertainty over time: active SLAM, pays for closing loops "
+        "(Stachniss, Grisetti and Burgard 2005)",
+        needs_filter=True,
+    ),
+    "coastal": Preset(
+        replace(_NOTHING, coverage_gain=2.0, time=0.02, exposure=0.03),
+        "as time, less the distance from walls of the ways chosen: coastal navigation (Roy, Burgard, Fox and "
+        "Thrun 1999); begins with a preference for ways along walls, which the charge alone is too weak to teach",
+        exposure_prior=-8.0,
+    ),
+    "careful_mapping": Preset(
+        replace(_NOTHING, coverage_gain=2.0, time=0.02),
+        "as time, less the true pose error under which each new part of the map is drawn",
+        needs_filter=True,
+        terms={"error_of_new_map": (0.4, error_of_new_map)},
+    ),
+    "certain_mapping": Preset(
+        replace(_NOTHING, coverage_gain=2.0, time=0.02),
+        "the same with the filter's position uncertainty in the error's place: needs no truth but coverage",
+        needs_filter=True,
+        terms={"uncertainty_of_new_map": (0.8, uncertainty_of_new_map)},
+    ),
+    "potential": Preset(
+        replace(_NOTHING, time=0.02, shaping=2.0),
+        "time, and potential-based coverage (Ng, Harada and Russell 1999): the optimal policies are those of "
+        "time alone",
+    ),
+    "completion": Preset(
+        replace(_NOTHING, time=0.02, completion=5.0), "time, and a bonus at the end: sparse"
+    ),
+}
+"""The presets by name."""
+
+
+def preset(name: str) -> Preset:
+    """A preset by its name.
+
+    Raises:
+        ConfigError: If there is none; the error suggests the nearest.
+    """
+    if name not in PRESETS:
+        raise ConfigError(f"no reward preset {name!r}; {suggest(name, PRESETS)}")
+    return PRESETS[name]

@@ -1,0 +1,199 @@
+"""Train a policy by reinforcement learning: plans, environments, learner, and what is kept of the run.
+
+Main path: :func:`train` draws the plans, makes the environments and the learner (or takes up a checkpoint),
+lets it imitate an expert first where that is asked for, and learns to the end.
+"""
+
+import dataclasses
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import torch
+from sb3_contrib import MaskablePPO
+from stable_baselines3 import PPO, SAC
+from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.logger import configure
+from stable_baselines3.common.vec_env import VecEnv
+
+from slamgym import __version__
+from slamgym.agents.pretrained_policy import SHIPPED, read_policy, write_policy
+from slamgym.agents.rl.checkpoint import has_checkpoint, load_checkpoint, save_checkpoint
+from slamgym.agents.rl.imitation import imitate
+from slamgym.agents.rl.learning_envs import make_env, make_learning_envs
+from slamgym.agents.rl.learning_plans import draw_plans
+from slamgym.agents.rl.policy import FrontierPolicy, MaskableFrontierPolicy
+from slamgym.agents.rl.semi_markov import MaskableSemiMarkovBuffer, SemiMarkovBuffer, SemiMarkovDiscounting
+from slamgym.agents.rl.train_config import TrainConfig
+from slamgym.agents.rl.training_callbacks import (
+    Checkpoint,
+    FollowCurriculum,
+    LogEpisodes,
+    ShowProgress,
+    Validate,
+    write_json,
+)
+from slamgym.core.config import from_dict, to_dict
+from slamgym.core.errors import ConfigError, InputFileError
+from slamgym.core.progress import say, show_progress
+from slamgym.envs import RewardFunction
+from slamgym.envs.explore_frontiers_env import ExploreFrontiersEnv
+
+CONFIG = "config.json"
+POLICY = "policy.safetensors"
+
+
+def train(
+    config: TrainConfig, out: Path, reward_terms: Mapping[str, tuple[float, RewardFunction]] | None = None
+) -> BaseAlgorithm:
+    """Train a policy; the same command again goes on where the run was interrupted.
+
+    Args:
+        config: The run.
+        out: Its folder: ``config.json``, ``progress.csv`` and TensorBoard events, ``validation.csv``,
+            ``checkpoint.pt``, ``policy.safetensors`` and, by validation, ``best.safetensors``.
+        reward_terms: Terms of the reward of the user's own, name to (weight, function).
+
+    Returns:
+        The learner.
+
+    Raises:
+        ConfigError: If the folder holds a run with other settings, or a setting makes no sense.
+        InputFileError: If plans or the checkpoint can't be read.
+    """
+    torch.set_num_threads(1)
+    _refuse_other_run(config, out)
+    plans = draw_plans(config.plans, "train", config.plan_count, config.seed)
+    write_json(out / CONFIG, {"version": __version__, **to_dict(config)})
+    say(f"{len(plans)} floor plans, {sum(plan.area for plan in plans) / len(plans):.0f} m2 on average")
+    envs = make_learning_envs(config, plans, reward_terms)
+    model = _make_model(config, envs)
+    is_resumed = has_checkpoint(out)
+    if is_resumed:
+        load_checkpoint(out, model)
+        # Not the plans and the noise of the beginning once more.
+        model.set_random_seed(config.seed + model.num_timesteps)
+        say(f"going on at step {model.num_timesteps}")
+    elif config.start_from:
+        _begin_with(config.start_from, model)
+    model.set_logger(configure(str(out / "log" / str(model.num_timesteps)), ["csv", "tensorboard"]))
+    if config.imitation_decisions and not is_resumed:
+        imitate(model, config, plans)
+        save_checkpoint(out, model)
+    left = max(0, config.steps - model.num_timesteps)
+    try:
+        with show_progress("steps", model.num_timesteps, config.steps) as advance:
+            callbacks = [*_callbacks(config, out, model), ShowProgress(advance)]
+            if left:
+                model.learn(left, callback=callbacks, reset_num_timesteps=False)
+    except KeyboardInterrupt:
+        save_checkpoint(out, model)
+        say(f"interrupted at step {model.num_timesteps}; the same command goes on from there")
+        raise
+    finally:
+        envs.close()
+        model.logger.close()
+    if config.env == "explore_frontiers":
+        export_policy(config, model, out / POLICY)
+    else:
+        model.save(out / "model.zip")
+    return model
+
+
+def export_policy(config: TrainConfig, model: BaseAlgorithm, path: Path) -> None:
+    """Write a frontier policy's weights without the optimiser, as ``slamgym generate --explorer rl`` reads them."""
+    network: Any = model.policy.features_extractor.network
+    weights = {name: value.detach().cpu().numpy() for name, value in network.state_dict().items()}
+    about = {"version": __version__, "steps": model.num_timesteps, "training": to_dict(config)}
+    write_policy(path, network.config, weights, about)
+
+
+def read_config(folder: Path) -> TrainConfig:
+    """The settings of a run.
+
+    Raises:
+        InputFileError: If the folder holds none.
+    """
+    path = folder / CONFIG
+    try:
+        values = json.loads(path.read_text(encoding="utf-8"))
+        values.pop("version", None)
+        return from_dict(TrainConfig, values, str(path))
+    except (OSError, ValueError) as error:
+        raise InputFileError(path, f"holds no settings of a training run ({error})") from None
+
+
+def _refuse_other_run(config: TrainConfig, out: Path) -> None:
+    """Refuse a folder that holds a run with other settings."""
+    if not (out / CONFIG).exists():
+        return
+    old = read_config(out)
+    for entry in dataclasses.fields(TrainConfig):
+        mine, theirs = getattr(config, entry.name), getattr(old, entry.name)
+        if mine != theirs and entry.name != "workers":
+            raise ConfigError(
+                f"{out} holds a run with {entry.name} = {theirs}, not {mine}; choose another folder"
+            )
+
+
+def _make_model(config: TrainConfig, envs: VecEnv) -> BaseAlgorithm:
+    """The learner on its environments."""
+    if config.algo == "sac":
+        return SAC(
+            "MultiInputPolicy",
+            envs,
+            buffer_size=20_000,
+            learning_starts=1_000,
+            gamma=config.discount,
+            seed=config.seed,
+        )
+    settings: dict[str, Any] = {
+        **dataclasses.asdict(config.ppo),
+        "gamma": config.discount,
+        "seed": config.seed,
+        "device": "cpu",
+    }
+    rate = config.ppo.learning_rate
+    settings["learning_rate"] = lambda left: rate * left
+    if config.env == "explore":
+        return PPO("MultiInputPolicy", envs, **settings)
+    kwargs = {"policy_kwargs": {"network": config.network}, **settings}
+    if config.algo == "ppo":
+        return PPO(FrontierPolicy, envs, rollout_buffer_class=SemiMarkovBuffer, **kwargs)
+    return MaskablePPO(MaskableFrontierPolicy, envs, rollout_buffer_class=MaskableSemiMarkovBuffer, **kwargs)
+
+
+def _begin_with(start_from: str, model: BaseAlgorithm) -> None:
+    """Replace the weights of a fresh frontier policy by those of an earlier run.
+
+    Raises:
+        ConfigError: If that run's network has other sizes.
+        InputFileError: If the file is no frontier policy of this version.
+    """
+    found = read_policy(SHIPPED if start_from == "shipped" else start_from)
+    network: Any = model.policy.features_extractor.network
+    weights = {name: torch.from_numpy(value.copy()) for name, value in found.weights.items()}
+    try:
+        network.load_state_dict(weights)
+    except RuntimeError:
+        raise ConfigError(
+            f"start_from {start_from}: its network is {found.network}, not {network.config}; give the same sizes"
+        ) from None
+    network.prefer_walls()
+
+
+def _callbacks(config: TrainConfig, out: Path, model: BaseAlgorithm) -> list[BaseCallback]:
+    callbacks: list[BaseCallback] = [FollowCurriculum(config), Checkpoint(out, config.checkpoint_every)]
+    if config.env != "explore_frontiers":
+        return callbacks
+    callbacks += [SemiMarkovDiscounting(), LogEpisodes()]
+    if config.evaluate_every:
+        plans = draw_plans(config.plans, "validation", config.evaluate_plans)
+        env = make_env(config, plans, coverage_goal=None)
+        assert isinstance(env, ExploreFrontiersEnv)
+        callbacks.append(
+            Validate(env, plans, config.evaluate_every, out, lambda path: export_policy(config, model, path))
+        )
+    return callbacks

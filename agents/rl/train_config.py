@@ -1,0 +1,122 @@
+"""Everything that decides a training run; saved beside it as JSON."""
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+from slamgym.agents.rl.learning_plans import Curriculum
+from slamgym.agents.rl.network_config import NetworkConfig
+from slamgym.core.errors import ConfigError
+from slamgym.envs import RewardConfig
+from slamgym.envs.explore_frontiers_env import DEFAULT_REWARD
+
+Algorithm = Literal["maskable_ppo", "ppo", "sac"]
+EnvName = Literal["explore_frontiers", "explore"]
+
+
+@dataclass(frozen=True)
+class PPOConfig:
+    """Proximal policy optimisation (Schulman et al. 2017)."""
+
+    n_steps: int = 128
+    """Steps of each environment between two updates."""
+    batch_size: int = 256
+    """Steps in a minibatch."""
+    n_epochs: int = 6
+    """Passes over a rollout."""
+    learning_rate: float = 3e-4
+    """Of Adam; falls linearly to 0."""
+    gae_lambda: float = 0.95
+    """Lambda of the advantages."""
+    clip_range: float = 0.2
+    """How far the probability of an action may change in an update."""
+    ent_coef: float = 0.003
+    """Weight of the entropy."""
+    vf_coef: float = 0.5
+    """Weight of the value's error."""
+    target_kl: float = 0.03
+    """An update ends where the policy has moved so far."""
+
+
+@dataclass(frozen=True)
+class TrainConfig:
+    """A training run."""
+
+    algo: Algorithm = "maskable_ppo"
+    """``maskable_ppo``, ``ppo`` or, for ``--env explore``, ``sac``."""
+    env: EnvName = "explore_frontiers"
+    """``explore_frontiers``: choose frontiers; ``explore``: drive the wheels."""
+    plans: tuple[str, ...] = ("procedural",)
+    """Floor plans: ``procedural``, or a HouseExpo archive, ...; as many are drawn from each. Only those of the
+    split ``train`` are learned on (:mod:`slamgym.agents.splits`)."""
+    plan_count: int = 1500
+    """So many plans are learned on."""
+    steps: int = 100_000
+    """Steps of all environments together; on ``explore_frontiers`` these are decisions."""
+    seed: int = 0
+    """Seed of everything random."""
+    num_envs: int = 8
+    """Environments."""
+    workers: int = 1
+    """1 runs them in this process; more gives each environment a process of its own."""
+    localization: Literal["ground_truth", "rbpf", "scan_matching", "dead_reckoning"] = "ground_truth"
+    """SLAM while training; the true pose is several times faster than the particle filter."""
+    odometry: Literal["ideal", "low", "medium", "high"] = "medium"
+    """Errors of the wheel odometry, which matter where poses are estimated."""
+    particles: int = 10
+    """Particles, where there is a filter."""
+    resolution: float = 0.1
+    """Cell size of the robot's map while training [m]: twice that of exploration halves the time, and the
+    features are in metres. On ``explore_frontiers`` only."""
+    coverage_goal: float | None = 0.995
+    """An episode of training ends at this true coverage; privileged, never observed."""
+    time_limit: float = 1000.0
+    """Robot time of an episode of training [s]."""
+    discount: float = 0.998
+    """Per second on ``explore_frontiers``; per step on ``explore``."""
+    curriculum: Curriculum = field(default_factory=Curriculum)
+    """Order of the plans."""
+    reward: RewardConfig = DEFAULT_REWARD
+    """Weights of the reward terms."""
+    ppo: PPOConfig = field(default_factory=PPOConfig)
+    """The learner."""
+    network: NetworkConfig = field(default_factory=NetworkConfig)
+    """The network."""
+    start_from: str = ""
+    """Weights to begin with: ``shipped``, or a file that an earlier run wrote; by default those of an untrained
+    network. On ``explore_frontiers`` only."""
+    imitation_decisions: int = 0
+    """So many decisions of an expert are imitated first; 0 for none."""
+    imitation_rounds: int = 1
+    """In how many rounds; the expert drives in the first and answers to the policy in the others (DAgger)."""
+    imitation_value_weight: float = 0.05
+    """Weight of the value's squared error beside the cross-entropy: the value shares its trunk with the
+    scores, which matter more then."""
+    imitation_expert: str = "full_knowledge"
+    """Whom to imitate; see :mod:`slamgym.agents.rl.imitation`."""
+    evaluate_every: int = 12_000
+    """Steps between two evaluations on validation plans; 0 for none."""
+    evaluate_plans: int = 16
+    """Plans of an evaluation."""
+    checkpoint_every: int = 4_000
+    """Steps between two checkpoints."""
+
+    def __post_init__(self) -> None:
+        if self.algo == "sac" and self.env != "explore":
+            raise ConfigError(
+                "algo 'sac' needs continuous actions; give --env explore, or --algo maskable_ppo"
+            )
+        if self.algo == "maskable_ppo" and self.env != "explore_frontiers":
+            raise ConfigError(
+                "algo 'maskable_ppo' needs masked actions; give --algo ppo or sac for --env explore"
+            )
+        if self.start_from and self.env != "explore_frontiers":
+            raise ConfigError(
+                "start_from names weights of a frontier policy; it needs --env explore_frontiers"
+            )
+        for name in ("plan_count", "steps", "num_envs", "workers", "checkpoint_every"):
+            if getattr(self, name) < 1:
+                raise ConfigError(f"{name} must be at least 1, not {getattr(self, name)}")
+        if self.evaluate_every < 0 or self.imitation_decisions < 0:
+            raise ConfigError("evaluate_every and imitation_decisions must not be negative")
+        if not 0.0 < self.discount <= 1.0:
+            raise ConfigError(f"discount must lie in (0, 1], not {self.discount}")

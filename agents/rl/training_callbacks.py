@@ -1,0 +1,159 @@
+"""What happens beside the learning: curriculum, validation, checkpoints, progress."""
+
+import csv
+import json
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from stable_baselines3.common.callbacks import BaseCallback
+
+from slamgym.agents.rl.checkpoint import save_checkpoint
+from slamgym.agents.rl.train_config import TrainConfig
+from slamgym.agents.rl.validation import judge
+from slamgym.cad import FloorPlan
+from slamgym.core.progress import Advance
+from slamgym.core.staged import write_text
+from slamgym.envs.explore_frontiers_env import ExploreFrontiersEnv
+
+VALIDATION = "validation.csv"
+
+
+class FollowCurriculum(BaseCallback):
+    """Moves the environments on to the next stage when it is time."""
+
+    def __init__(self, config: TrainConfig) -> None:
+        super().__init__()
+        self._config = config
+        self._stage = -1
+
+    def _on_step(self) -> bool:
+        stage = self._config.curriculum.stage(self.model.num_timesteps / self._config.steps)
+        if stage != self._stage:
+            self._stage = stage
+            self.training_env.env_method("set_stage", stage)
+            self.logger.record("curriculum/stage", stage)
+        return True
+
+
+class Validate(BaseCallback):
+    """Explores validation plans now and then, and keeps the weights of the best result.
+
+    Args:
+        env: Where to explore.
+        plans: What.
+        every: Steps between two evaluations.
+        folder: Of the run.
+        export: Writes the policy to a file.
+    """
+
+    def __init__(
+        self,
+        env: ExploreFrontiersEnv,
+        plans: Sequence[FloorPlan],
+        every: int,
+        folder: Path,
+        export: Callable[[Path], None],
+    ) -> None:
+        super().__init__()
+        self._env, self._plans, self._every, self._folder, self._export = env, plans, every, folder, export
+        rows = read_validation(folder)
+        self._next = int(rows[-1]["steps"]) + every if rows else 0
+        self._best = min((row["time_99"] + row["time_95"] for row in rows), default=float("inf"))
+
+    def _on_step(self) -> bool:
+        if self.model.num_timesteps >= self._next:
+            self._next += self._every
+            self._validate()
+        return True
+
+    def _on_training_end(self) -> None:
+        rows = read_validation(self._folder)
+        if not rows or rows[-1]["steps"] < self.model.num_timesteps:
+            self._validate()
+
+    def _validate(self) -> None:
+        def choose(observation: dict[str, Any]) -> int:
+            keywords = {"action_masks": self._env.action_masks()} if _is_maskable(self.model) else {}
+            action, _ = self.model.predict(observation, deterministic=True, **keywords)
+            return int(action)
+
+        means = judge(self._env, choose, self._plans)
+        for name, value in means.items():
+            self.logger.record(f"validation/{name}", value)
+        path = self._folder / VALIDATION
+        fresh = not path.exists()
+        with path.open("a", newline="") as file:
+            writer = csv.DictWriter(file, ["steps", *means])
+            if fresh:
+                writer.writeheader()
+            writer.writerow({"steps": self.model.num_timesteps, **means})
+        score = means["time_99"] + means["time_95"]
+        if score < self._best:
+            self._best = score
+            self._export(self._folder / "best.safetensors")
+
+
+class Checkpoint(BaseCallback):
+    """Saves what the run needs to go on, between two updates."""
+
+    def __init__(self, folder: Path, every: int) -> None:
+        super().__init__()
+        self._folder, self._every = folder, every
+        self._next = 0
+
+    def _on_step(self) -> bool:
+        return True
+
+    def _on_rollout_start(self) -> None:
+        if self.model.num_timesteps >= self._next:
+            self._next = self.model.num_timesteps + self._every
+            save_checkpoint(self._folder, self.model)
+
+    def _on_training_end(self) -> None:
+        save_checkpoint(self._folder, self.model)
+
+
+class LogEpisodes(BaseCallback):
+    """Logs what the latest episodes of training took, whatever the reward."""
+
+    def _on_step(self) -> bool:
+        return True
+
+    def _on_rollout_end(self) -> None:
+        episodes = list(self.model.ep_info_buffer or [])
+        for name, key in (("seconds", "time"), ("metres", "path_length"), ("coverage", "coverage")):
+            if episodes:
+                mean = sum(episode[key] for episode in episodes) / len(episodes)
+                self.logger.record(f"rollout/episode_{name}", mean)
+
+
+class ShowProgress(BaseCallback):
+    """Advances a bar by the steps that were made."""
+
+    def __init__(self, advance: Advance) -> None:
+        super().__init__()
+        self._advance = advance
+
+    def _on_step(self) -> bool:
+        for _ in range(self.training_env.num_envs):
+            self._advance()
+        return True
+
+
+def read_validation(folder: Path) -> list[dict[str, float]]:
+    """The evaluations of a run so far."""
+    path = folder / VALIDATION
+    if not path.exists():
+        return []
+    with path.open(newline="") as file:
+        return [{name: float(value) for name, value in row.items()} for row in csv.DictReader(file)]
+
+
+def write_json(path: Path, values: Any) -> None:
+    """Write JSON so that the file is whole or not there."""
+    write_text(path, json.dumps(values, indent=2) + "\n")
+
+
+def _is_maskable(model: Any) -> bool:
+    return type(model).__name__ == "MaskablePPO"

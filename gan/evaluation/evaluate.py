@@ -1,0 +1,247 @@
+"""Measure translated maps against CAD drawings: the paper's aligned error, and what it can't see.
+
+Every method, the SLAM map itself included, goes through the same steps: threshold, the same alignment search on its
+own, keep the better of aligned and unaligned, then all measures in that position.
+"""
+
+import math
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from slamgym.core.errors import ConfigError
+from slamgym.core.types import FREE, BoolArray, ByteArray, Float32Array
+from slamgym.gan.data import PairSet
+from slamgym.gan.translation.classical import clean_map, outline_only
+from slamgym.gan.translation.translator import Translator
+from slamgym.metrics import (
+    Similarity,
+    aligned_error,
+    apply_similarity,
+    boundary_distance,
+    boundary_score,
+    intersection_over_union,
+    room_score,
+    squared_error,
+)
+from slamgym.metrics.alignment import IDENTITY
+
+TOLERANCES = (0.1, 0.2)
+"""Of the wall F1 [m]."""
+THRESHOLD = 0.5
+"""Probability from which a pixel counts as free."""
+
+RAW, CLEANED, OUTLINE = "raw SLAM map", "classical cleaning", "outline only (oracle)"
+BLURRED = "raw SLAM map, blurred"
+BLUR = 0.07
+"""Standard deviation of that blur, about the displacement of walls by drift [m]."""
+
+
+@dataclass(frozen=True)
+class MapScore:
+    """What one method makes of one map."""
+
+    name: str
+    plan_id: str
+    metres_per_px: float
+    mse: float
+    """Mean squared error of the free-space masks, aligned: MSE1 of a translation, MSE2 of the SLAM map."""
+    mse_grey: float
+    """The same of the image as it was drawn, in the same position: probabilities instead of a mask."""
+    mse_unaligned: float
+    wall_f1_10cm: float
+    wall_f1_20cm: float
+    wall_precision_10cm: float
+    wall_recall_10cm: float
+    wall_f1_10cm_unaligned: float
+    """As the method placed it: includes the drift of the map as a whole."""
+    free_iou: float
+    chamfer: float
+    """[m]"""
+    hausdorff_95: float
+    """[m]"""
+    rooms: int
+    true_rooms: int
+    room_f1: float
+    rotation_deg: float
+    """Of the alignment, counter-clockwise."""
+    scale: float
+    """Of the alignment."""
+    seconds: float
+    """CPU time of the translation."""
+
+    @property
+    def room_error(self) -> int:
+        """Absolute difference of the numbers of rooms."""
+        return abs(self.rooms - self.true_rooms)
+
+
+@dataclass(frozen=True)
+class Method:
+    """A way from a SLAM map to a CAD map, under the name that tables show."""
+
+    name: str
+    predict: Callable[[PairSet, int], Float32Array]
+    """The probability of free space (H, W) for one pair of a set."""
+    learned: bool = False
+
+
+def baselines() -> list[Method]:
+    """What every translator is compared with.
+
+    The blurred map shows what greys alone do to the error, and the last one, which has seen the answer, what the error
+    misses.
+    """
+    return [
+        Method(RAW, lambda pairs, i: (pairs.slam[i] == FREE).astype(np.float32)),
+        Method(BLURRED, lambda pairs, i: _blurred(pairs.slam[i] == FREE, float(pairs.metres_per_px[i]))),
+        Method(
+            CLEANED,
+            lambda pairs, i: clean_map(pairs.slam[i], float(pairs.metres_per_px[i])).astype(np.float32),
+        ),
+        Method(
+            OUTLINE,
+            lambda pairs, i: outline_only(pairs.cad[i], float(pairs.metres_per_px[i])).astype(np.float32),
+        ),
+    ]
+
+
+def _blurred(free: BoolArray, metres_per_px: float) -> Float32Array:
+    blurred = cv2.GaussianBlur(free.astype(np.float32), (0, 0), BLUR / metres_per_px)
+    return np.asarray(blurred, dtype=np.float32)
+
+
+def learned(name: str, translator: Translator) -> Method:
+    """A method that asks a translator."""
+    return Method(
+        name,
+        lambda pairs, i: translator.translate(pairs.slam[i], _scale(pairs, i)),
+        learned=True,
+    )
+
+
+def _scale(pairs: PairSet, index: int) -> float | None:
+    scale = float(pairs.metres_per_px[index])
+    return scale if math.isfinite(scale) else None
+
+
+def evaluate_method(
+    method: Method, pairs: PairSet, advance: Callable[[], None] | None = None
+) -> list[MapScore]:
+    """Score a method on every pair.
+
+    Args:
+        method: What to measure.
+        pairs: Held-out pairs; their scale must be known.
+        advance: Called after each map.
+
+    Raises:
+        ConfigError: If the scale of a pair isn't known, or the method returns a malformed image.
+    """
+    if not np.isfinite(pairs.metres_per_px).all():
+        raise ConfigError(
+            "the images have no scale: the evaluation in metres needs the manifest.jsonl that "
+            "`slamgym dataset render` writes beside them"
+        )
+    scores = []
+    for i in range(len(pairs)):
+        begun = time.process_time()
+        probability = np.asarray(method.predict(pairs, i))
+        seconds = time.process_time() - begun
+        _check(method.name, probability, pairs.slam[i].shape)
+        scores.append(
+            score_map(
+                probability,
+                pairs.cad[i],
+                float(pairs.metres_per_px[i]),
+                name=pairs.names[i],
+                plan_id=pairs.plan_ids[i],
+                seconds=seconds,
+            )
+        )
+        if advance is not None:
+            advance()
+    return scores
+
+
+def score_map(
+    drawn: BoolArray | Float32Array,
+    cad: ByteArray,
+    metres_per_px: float,
+    name: str = "",
+    plan_id: str = "",
+    seconds: float = 0.0,
+) -> MapScore:
+    """Score one map.
+
+    Args:
+        drawn: Free cells, or the probability of being free, shape (H, W).
+        cad: CAD map of the same shape and frame: 0 walls and outside, 254 inside.
+        metres_per_px: Scale [m].
+        name: Of the pair.
+        plan_id: Of the pair.
+        seconds: What the translation took.
+    """
+    truth: BoolArray = cad > 127
+    free: BoolArray = drawn >= THRESHOLD
+    found = aligned_error(free.astype(np.float64), truth.astype(np.float64))
+    placed = aligned_mask(free, found.similarity)
+    near = boundary_score(placed, truth, metres_per_px, TOLERANCES[0])
+    distance = boundary_distance(placed, truth, metres_per_px)
+    rooms = room_score(placed, truth, metres_per_px)
+    return MapScore(
+        name=name,
+        plan_id=plan_id,
+        metres_per_px=metres_per_px,
+        mse=found.mse,
+        mse_grey=_grey_error(drawn, truth, found.similarity),
+        mse_unaligned=found.unaligned,
+        wall_f1_10cm=near.f1,
+        wall_f1_20cm=boundary_score(placed, truth, metres_per_px, TOLERANCES[1]).f1,
+        wall_precision_10cm=near.precision,
+        wall_recall_10cm=near.recall,
+        wall_f1_10cm_unaligned=boundary_score(free, truth, metres_per_px, TOLERANCES[0]).f1,
+        free_iou=intersection_over_union(placed, truth),
+        chamfer=_capped(distance.chamfer, truth.shape, metres_per_px),
+        hausdorff_95=_capped(distance.hausdorff_95, truth.shape, metres_per_px),
+        rooms=rooms.count,
+        true_rooms=rooms.true_count,
+        room_f1=rooms.f1,
+        rotation_deg=math.degrees(found.similarity.angle),
+        scale=math.exp(found.similarity.log_scale),
+        seconds=seconds,
+    )
+
+
+def _grey_error(drawn: BoolArray | Float32Array, truth: BoolArray, similarity: Similarity) -> float:
+    values = drawn.astype(np.float64)
+    placed = values if similarity == IDENTITY else apply_similarity(values, similarity)
+    return squared_error(placed, truth.astype(np.float64))
+
+
+def aligned_mask(free: BoolArray, similarity: Similarity) -> BoolArray:
+    """A mask after a similarity; untouched by resampling if that does nothing."""
+    if similarity == IDENTITY:
+        return free
+    moved: BoolArray = apply_similarity(free.astype(np.float64), similarity) >= THRESHOLD
+    return moved
+
+
+def evenly_spaced(count: int, wanted: int) -> Sequence[int]:
+    """At most ``wanted`` indices below ``count``, evenly spaced: a choice that nobody made by the results."""
+    return [int(i) for i in np.unique(np.linspace(0, count - 1, min(wanted, count)).round())] if count else []
+
+
+def _check(name: str, probability: np.ndarray, shape: tuple[int, ...]) -> None:
+    if probability.shape != shape:
+        raise ConfigError(f"{name} returned an image of shape {probability.shape} for a map of shape {shape}")
+    if not np.isfinite(probability).all():
+        raise ConfigError(f"{name} returned values that are not finite; its weights may be damaged")
+
+
+def _capped(distance: float, shape: tuple[int, ...], metres_per_px: float) -> float:
+    """A map without any wall is as far off as the image is wide, so that means stay finite."""
+    return min(distance, metres_per_px * math.hypot(*shape))

@@ -1,0 +1,113 @@
+"""Which pictures an evaluation draws: chosen by the order of names or by the worst results, never by the best."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from slamgym.core.types import FREE, OCCUPIED, BoolArray, ByteArray
+from slamgym.gan.data import PairSet
+from slamgym.gan.evaluation.evaluate import RAW, THRESHOLD, MapScore, Method, aligned_mask, evenly_spaced
+from slamgym.metrics import aligned_error
+from slamgym.viz.figures import draw_grid, draw_overlay, write_box_plot, write_picture
+
+WORST = 10
+
+
+@dataclass(frozen=True)
+class Results:
+    """What was measured of which pairs."""
+
+    pairs: PairSet
+    methods: Sequence[Method]
+    """Those to be shown; the raw SLAM map is among them."""
+    scores: dict[str, list[MapScore]]
+    """By method, in the order of the pairs."""
+
+    def caption(self, index: int, measure: str, title: str) -> str:
+        """Name and scale of a pair, and what the methods reached on it."""
+        values = (f"{m.name} {getattr(self.scores[m.name][index], measure):.3g}" for m in self.methods)
+        return f"{_caption(self.pairs, index)}; {title}: {', '.join(values)}"
+
+
+def write_pictures(folder: Path, results: Results, count: int) -> None:
+    """Write the pictures of an evaluation.
+
+    ``maps.png`` (as the paper's Fig. 4) shows SLAM map, every method and the CAD map; ``overlays.png`` (Fig. 5) each
+    method laid over the CAD map; ``differences.png`` (Fig. 6) the box plot; ``worst_<method>.png`` the maps at which
+    a translator gained least.
+
+    Args:
+        folder: Where to.
+        results: What to show.
+        count: Rows of the first two.
+    """
+    chosen = evenly_spaced(len(results.pairs), count)
+    _write_grid(folder / "maps.png", results, chosen)
+    _write_overlays(folder / "overlays.png", results, chosen)
+    raw = np.array([score.mse for score in results.scores[RAW]])
+    gains = {
+        method.name: raw - np.array([score.mse for score in results.scores[method.name]])
+        for method in results.methods
+        if method.name != RAW
+    }
+    write_box_plot(folder / "differences.png", gains)
+    for method in results.methods:
+        if method.learned:
+            worst = [int(i) for i in np.argsort(gains[method.name], kind="stable")[:WORST]]
+            _write_grid(folder / f"worst_{_file_name(method.name)}.png", results, worst)
+
+
+def write_generated_grid(path: Path, pairs: PairSet, maps: dict[str, ByteArray], count: int) -> None:
+    """CAD map, every kind of generated map, simulated map (as the paper's Fig. 7 and 9).
+
+    Args:
+        path: PNG file.
+        pairs: The pairs.
+        maps: By kind (N, S, S), black where there is none.
+        count: Rows.
+    """
+    chosen = evenly_spaced(len(pairs), count)
+    rows = [[pairs.cad[i], *(kind[i] for kind in maps.values()), pairs.slam[i]] for i in chosen]
+    captions = [_caption(pairs, i) for i in chosen]
+    write_picture(path, draw_grid(["CAD map", *maps, "simulated SLAM map"], rows, captions))
+
+
+def _write_grid(path: Path, results: Results, chosen: Sequence[int]) -> None:
+    pairs = results.pairs
+    shown = [method for method in results.methods if method.name != RAW]
+    rows = []
+    for i in chosen:
+        masks = [_mask(method, pairs, i) for method in shown]
+        drawn = [np.where(mask, FREE, OCCUPIED).astype(np.uint8) for mask in masks]
+        rows.append([pairs.slam[i], *drawn, pairs.cad[i]])
+    captions = [results.caption(i, "mse", "aligned MSE") for i in chosen]
+    write_picture(path, draw_grid([RAW, *(m.name for m in shown), "CAD map"], rows, captions))
+
+
+def _write_overlays(path: Path, results: Results, chosen: Sequence[int]) -> None:
+    rows = []
+    for i in chosen:
+        truth: BoolArray = results.pairs.cad[i] > 127
+        row = []
+        for method in results.methods:
+            mask = _mask(method, results.pairs, i)
+            found = aligned_error(mask.astype(np.float64), truth.astype(np.float64))
+            row.append(draw_overlay(aligned_mask(mask, found.similarity), truth))
+        rows.append(row)
+    captions = [results.caption(i, "wall_f1_10cm", "wall F1 10 cm") for i in chosen]
+    write_picture(path, draw_grid([method.name for method in results.methods], rows, captions))
+
+
+def _mask(method: Method, pairs: PairSet, index: int) -> BoolArray:
+    mask: BoolArray = np.asarray(method.predict(pairs, index)) >= THRESHOLD
+    return mask
+
+
+def _caption(pairs: PairSet, index: int) -> str:
+    return f"{pairs.names[index][:14]}, {pairs.metres_per_px[index]:.3f} m/px"
+
+
+def _file_name(name: str) -> str:
+    return "".join(c if c.isalnum() or c in "-_" else "_" for c in name)

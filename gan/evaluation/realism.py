@@ -1,0 +1,238 @@
+"""Do generated SLAM maps look like simulated ones? For the way from CAD to SLAM, which has no one right answer.
+
+Each map becomes a list of statistics of its own and of where its walls lie against the CAD map it was made from (so
+that a realistic map of another building is found out), and a classifier learns to tell generated from simulated maps,
+cross-validated over plans: an accuracy of 0.5 is perfect. The same test between two sets of simulated maps shows what
+the test makes of no difference.
+"""
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from slamgym.core.types import ByteArray
+from slamgym.gan.data import PairSet
+from slamgym.gan.resample import resample_slam
+from slamgym.gan.translation.elastic import bend
+from slamgym.metrics import displacement_statistics, map_statistics, two_sample_test
+from slamgym.metrics.kernel_distance import kernel_distance, statistic_distances
+from slamgym.metrics.two_sample import LEARNERS
+
+if TYPE_CHECKING:
+    from slamgym.gan.translation.translate import LearnedTranslator
+
+NULL, ELASTIC = "simulated, other maps", "elastic deformation"
+SHOWN = (
+    "share_unknown",
+    "share_occupied",
+    "wall_thickness_px",
+    "open_border",
+    "blobs_per_100m2",
+    "holes_per_100m2",
+    "displacement_p50_m",
+    "displacement_p95_m",
+    "missed_share",
+    "displacement_correlation_1m",
+)
+"""Statistics whose medians are printed."""
+
+REPEATS = 4
+"""Of the cross-validation; its accuracies are averaged."""
+
+PICTURES = "network_on_pictures"
+
+Statistics = list[dict[str, float]]
+
+
+@dataclass(frozen=True)
+class Sample:
+    """SLAM-like maps of one kind, and what they were made from."""
+
+    maps: ByteArray  # (N, S, S): 0, 205, 254
+    cad: ByteArray  # (N, S, S)
+    plans: list[str]
+    statistics: Statistics
+
+    @staticmethod
+    def of(maps: ByteArray, pairs: PairSet) -> "Sample":
+        """Describe maps that were made from the CAD maps of a set of pairs.
+
+        Args:
+            maps: (N, S, S): 0, 205, 254.
+            pairs: Their CAD maps, plans and scales.
+        """
+        return Sample(maps, pairs.cad, list(pairs.plan_ids), describe_maps(maps, pairs))
+
+    def subset(self, indices: Sequence[int]) -> "Sample":
+        """The maps with these indices."""
+        chosen = list(indices)
+        return Sample(
+            self.maps[chosen],
+            self.cad[chosen],
+            [self.plans[i] for i in chosen],
+            [self.statistics[i] for i in chosen],
+        )
+
+
+def describe_maps(maps: ByteArray, pairs: PairSet) -> Statistics:
+    """Statistics of each map against its CAD map.
+
+    Args:
+        maps: SLAM-like maps (N, S, S): 0, 205, 254.
+        pairs: Their CAD maps and scales.
+    """
+    described = []
+    for i in range(len(pairs)):
+        scale = float(pairs.metres_per_px[i])
+        rng = np.random.default_rng(i)  # picks pairs of wall cells, the same for every kind of map
+        described.append(
+            map_statistics(maps[i], scale) | displacement_statistics(maps[i], pairs.cad[i] <= 127, scale, rng)
+        )
+    return described
+
+
+def elastic_maps(pairs: PairSet, seed: int) -> ByteArray:
+    """The baseline: CAD maps bent by random fields, (N, S, S)."""
+    scales = pairs.metres_per_px
+    return np.stack(
+        [bend(pairs.cad[i], float(scales[i]), np.random.default_rng([seed, i])) for i in range(len(pairs))]
+    )
+
+
+def translated_maps(
+    name: str, translator: "LearnedTranslator", pairs: PairSet, seed: int
+) -> dict[str, tuple[PairSet, ByteArray]]:
+    """What a translator makes of the CAD maps: as it draws, and of CAD maps that were bent as drift would.
+
+    A network that draws at less than the images' resolution is judged at its own, with the simulated maps brought to
+    it, too: else the enlarged pixels alone would give it away.
+
+    Args:
+        name: Of the translator.
+        translator: From CAD to SLAM.
+        pairs: What to translate.
+        seed: Of the bending.
+
+    Returns:
+        By name the pairs at that resolution and the maps (N, S, S).
+    """
+    side = min(pairs.cad.shape[1], translator.config.output_size)
+    seen = pairs.resampled(translator.config.input_size)
+    # In the same two steps as the targets of the training: each keeps walls that a single one would drop.
+    judged = seen.resampled(side)
+    title = name if side == pairs.cad.shape[1] else f"{name} at {side} px"
+    maps: dict[str, list[ByteArray]] = {title: [], f"{title}, bent": []}
+    for i, (cad, scale) in enumerate(zip(seen.cad, seen.metres_per_px.tolist(), strict=True)):
+        for drift, drawn in zip((None, np.random.default_rng([seed, i])), maps.values(), strict=True):
+            drawn.append(resample_slam(translator.draw_slam(cad, scale, drift), (side, side)))
+    return {kind: (judged, np.stack(drawn)) for kind, drawn in maps.items()}
+
+
+def judge(
+    name: str,
+    reference: Sample,
+    generated: Sample,
+    seed: int = 0,
+    repeats: int = REPEATS,
+    pictures: bool = False,
+) -> dict[str, Any]:
+    """Test one kind of maps against the simulated ones.
+
+    Args:
+        name: Of the kind.
+        reference: Simulated maps.
+        generated: The maps to judge.
+        seed: Of the tests.
+        repeats: How often plans are dealt to folds anew.
+        pictures: Let a convolutional network judge the pictures, too; needs torch.
+
+    Returns:
+        JSON form: ``name``, ``maps`` of each kind, for each learner its accuracy with its interval and the most
+        telling statistics, the kernel distance, medians, and the distances of all statistics.
+    """
+    values, others = reference.statistics, generated.statistics
+    entry: dict[str, Any] = {"name": name, "maps": len(others), "reference_maps": len(values)}
+    for learner in LEARNERS:
+        result = two_sample_test(
+            values, others, reference.plans, generated.plans, learner, repeats=repeats, seed=seed
+        )
+        entry[learner] = {
+            "accuracy": result.accuracy,
+            "low": result.low,
+            "high": result.high,
+            "telling": result.telling[:5],
+        }
+    if pictures:
+        from slamgym.gan.evaluation.map_classifier import picture_test
+
+        found = picture_test(
+            reference.maps,
+            reference.cad,
+            reference.plans,
+            generated.maps,
+            generated.cad,
+            generated.plans,
+            seed,
+        )
+        entry[PICTURES] = {"accuracy": found.value, "low": found.low, "high": found.high}
+    entry["kernel_distance"] = asdict(kernel_distance(values, others, seed=seed))
+    entry["medians"] = medians(others)
+    entry["wasserstein"] = statistic_distances(values, others)
+    return entry
+
+
+def null_halves(plan_ids: Sequence[str], seed: int) -> tuple[list[int], list[int]]:
+    """Two sets of simulated maps between which there is nothing to find.
+
+    Where plans were explored several times, one exploration and another; else half of the plans and the others.
+
+    Returns:
+        Their indices.
+    """
+    of_plan: dict[str, list[int]] = {}
+    for index, plan in enumerate(plan_ids):
+        of_plan.setdefault(plan, []).append(index)
+    repeated = [indices for indices in of_plan.values() if len(indices) > 1]
+    if len(repeated) * 2 >= len(of_plan):
+        return [indices[0] for indices in repeated], [indices[1] for indices in repeated]
+    dealt = np.random.default_rng(seed).permutation(sorted(of_plan))
+    half = set(dealt[: len(dealt) // 2].tolist())
+    first = [index for index, plan in enumerate(plan_ids) if plan in half]
+    return first, [index for index, plan in enumerate(plan_ids) if plan not in half]
+
+
+def medians(statistics: Statistics) -> dict[str, float]:
+    """Medians of the statistics that are printed."""
+    return {name: float(np.median([row[name] for row in statistics])) for name in SHOWN}
+
+
+def realism_table(entries: list[dict[str, Any]]) -> tuple[list[str], list[list[str]]]:
+    """Headings and rows: how well each kind can be told from simulated maps."""
+    learners = [learner for learner in (*LEARNERS, PICTURES) if learner in entries[0]]
+    headings = ["maps", "number", *(f"accuracy, {learner.replace('_', ' ')}" for learner in learners)]
+    headings += ["kernel distance p", "most telling statistics (KS distance)"]
+    rows = []
+    for entry in entries:
+        row = [entry["name"], str(entry["maps"])]
+        for learner in learners:
+            found = entry[learner]
+            row.append(f"{found['accuracy']:.2f} [{found['low']:.2f}, {found['high']:.2f}]")
+        row.append(f"{entry['kernel_distance']['p']:.3f}")
+        telling = entry["extra_trees"]["telling"][:3]
+        row.append(", ".join(f"{statistic} {distance:.2f}" for statistic, distance in telling))
+        rows.append(row)
+    return headings, rows
+
+
+def medians_table(
+    reference: dict[str, float], entries: list[dict[str, Any]]
+) -> tuple[list[str], list[list[str]]]:
+    """Headings and rows: the medians of each kind beside those of simulated maps."""
+    kinds = [entry for entry in entries if entry["name"] != NULL]
+    rows = [
+        [name, f"{reference[name]:.3g}", *(f"{entry['medians'][name]:.3g}" for entry in kinds)]
+        for name in SHOWN
+    ]
+    return ["statistic", "simulated", *(entry["name"] for entry in kinds)], rows

@@ -1,0 +1,93 @@
+"""The growing discriminator that both judges are made of (anime2clothing, after Karras et al. 2018)."""
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from slamgym.gan.networks.layers import LEAK, SpectralConv2d, blend, halve, minibatch_stddev
+
+SMALLEST = 4
+"""Side at which a judgement is made [px]."""
+
+
+class DiscriminatorBody(nn.Module):
+    """One copy: an entrance and a block per resolution, then the judgement; fully convolutional.
+
+    A body of depth ``d`` (a power of two, 4 or more) halves ``log2(d / 4)`` times. On an image of side ``d`` it makes
+    one judgement, on larger ones a map of them. With ``width`` 128 the channels at a depth of 256, 128, 64 and 32 or
+    less are 16, 32, 64 and 128.
+    """
+
+    def __init__(self, in_channels: int, max_depth: int, width: int = 128) -> None:
+        super().__init__()
+        self.max_depth = max_depth
+        levels = (max_depth // SMALLEST).bit_length()  # depths 4, 8, ... max_depth
+        channels = [channels_at(SMALLEST << level, width) for level in range(levels)]
+        self.entrances = nn.ModuleList(SpectralConv2d(in_channels, count, 1) for count in channels)
+        self.blocks = nn.ModuleList(
+            nn.Sequential(
+                SpectralConv2d(channels[level], channels[level - 1], 3, padding=1),
+                nn.LeakyReLU(LEAK),
+                SpectralConv2d(channels[level - 1], channels[level - 1], 3, padding=1),
+                nn.LeakyReLU(LEAK),
+                nn.AvgPool2d(2),
+            )
+            for level in range(1, levels)
+        )
+        deepest = channels[0]
+        self.gather = SpectralConv2d(deepest + 1, deepest, 3, padding=1)
+        self.condense = SpectralConv2d(deepest, deepest, SMALLEST)
+        self.judge = nn.Conv2d(deepest, 1, 1, bias=False)
+
+    def forward(self, images: Tensor, depth: int, fade: float = 1.0) -> list[Tensor]:
+        """Judge images.
+
+        Args:
+            images: (B, in, S, S), S at least ``depth``.
+            depth: Where to enter: a power of two from 4 to ``max_depth``.
+            fade: Share of the entrance of this depth while it fades in; the rest enters one level further in.
+
+        Returns:
+            The features from the entrance on, (B, C, S', S') each, and last the judgements
+            (B, 1, 4 S / depth - 3, 4 S / depth - 3).
+        """
+        level = (depth // SMALLEST).bit_length() - 1
+        features = [self._enter(images, level)]
+        for inner in range(level - 1, -1, -1):
+            passed = self.blocks[inner](features[-1])
+            if inner == level - 1 and fade < 1.0:
+                passed = blend(passed, self._enter(halve(images), inner), fade)
+            features.append(passed)
+        features.append(functional.leaky_relu(self.gather(minibatch_stddev(features[-1])), LEAK))
+        features.append(functional.leaky_relu(self.condense(features[-1]), LEAK))
+        features.append(self.judge(features[-1]))
+        return features
+
+    def _enter(self, images: Tensor, level: int) -> Tensor:
+        entered: Tensor = functional.leaky_relu(self.entrances[level](images), LEAK)
+        return entered
+
+
+def channels_at(depth: int, width: int) -> int:
+    """Channels of the level of this depth: ``min(16 * 256 / depth, 128)``, scaled by ``width / 128``."""
+    return max(1, min(16 * 256 * width // (128 * depth), width))
+
+
+def copy_depths(resolution: int, fade: float = 1.0) -> list[int]:
+    """Depths of the copies that judge at this resolution: 1, 1/4 and 1/16 of it.
+
+    A copy joins where its depth is 4 or more; while a resolution fades in, those of the resolution before judge
+    (so the third joins at 64 px, once that has faded in).
+    """
+    settled = resolution if fade >= 1.0 else resolution // 2
+    return [resolution // share for share in (1, 4, 16) if settled // share >= SMALLEST]
+
+
+def detached(features: list[Tensor]) -> list[Tensor]:
+    """The same features as constants."""
+    return [feature.detach() for feature in features]
+
+
+def pair_with(x: Tensor, y: Tensor) -> Tensor:
+    """Input and output beside each other in the channels: (B, in + out, S, S)."""
+    return torch.cat([x, y], dim=1)

@@ -1,0 +1,117 @@
+"""What happens at which step: resolution, fade-in, batch and learning rate.
+
+The resolution grows from coarse to fine. Each new one is faded in linearly over its own passes, from one step's
+share to exactly 1 at the last (the published code's fade hardly moves before it jumps). The learning rate is
+constant and then falls linearly to 0, by the share of images seen: 70 % and 30 % in the paper.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from slamgym.gan.config import OptimiserConfig, Stage
+
+
+class Span(NamedTuple):
+    """Steps that are alike."""
+
+    resolution: int
+    batch: int
+    steps: int
+    fading: bool
+
+
+class Moment(NamedTuple):
+    """What holds for one step."""
+
+    resolution: int
+    batch: int
+    fade: float
+    """Share of the newest head and entrances, in (0, 1]."""
+    rate: float
+    """Share of the full learning rate, in [0, 1]."""
+
+
+@dataclass(frozen=True)
+class Schedule:
+    """The spans of a training, in order."""
+
+    spans: tuple[Span, ...]
+    warm_up: float = 0.0
+    decay: float = 0.3
+
+    @property
+    def steps(self) -> int:
+        """Of the whole training."""
+        return sum(span.steps for span in self.spans)
+
+    @property
+    def images(self) -> int:
+        """Pairs drawn in the whole training."""
+        return sum(span.batch * span.steps for span in self.spans)
+
+    def images_before(self, step: int) -> int:
+        """Pairs drawn before this step."""
+        seen = 0
+        for span in self.spans:
+            taken = min(step, span.steps)
+            seen += taken * span.batch
+            step -= taken
+        return seen
+
+    def moment(self, step: int) -> Moment:
+        """What holds at a step, counted from 0.
+
+        Raises:
+            IndexError: If the training has no such step.
+        """
+        if step < 0:
+            raise IndexError(f"step {step} is negative")
+        rate = self._rate(self.images_before(step) / max(1, self.images))
+        for span in self.spans:
+            if step < span.steps:
+                fade = (step + 1) / span.steps if span.fading else 1.0
+                return Moment(span.resolution, span.batch, fade, rate)
+            step -= span.steps
+        raise IndexError(f"the training has {self.steps} steps only")
+
+    def stretched(self, step: int, factor: float) -> "Schedule":
+        """The schedule with everything after ``step`` made longer or shorter; every open span keeps a step."""
+        spans = []
+        for span in self.spans:
+            done = min(step, span.steps)
+            step -= done
+            rest = span.steps - done
+            spans.append(span._replace(steps=done + (max(1, round(rest * factor)) if rest else 0)))
+        return Schedule(tuple(spans), self.warm_up, self.decay)
+
+    def _rate(self, share: float) -> float:
+        if share < self.warm_up:
+            # The first step must already move.
+            return max(share / self.warm_up, 0.01)
+        if self.decay > 0.0 and share > 1.0 - self.decay:
+            return (1.0 - share) / self.decay
+        return 1.0
+
+
+def plan_schedule(stages: Sequence[Stage], pairs: int, optimiser: OptimiserConfig) -> Schedule:
+    """The schedule of a training by epochs.
+
+    Args:
+        stages: From coarse to fine.
+        pairs: Training pairs: what one epoch is.
+        optimiser: Warm-up and decay of the learning rate.
+    """
+    spans = []
+    for stage in stages:
+        if stage.fade_epochs > 0.0:
+            batch = stage.fade_batch or stage.batch
+            spans.append(Span(stage.resolution, batch, _steps(stage.fade_epochs, pairs, batch), True))
+        stable = stage.epochs - stage.fade_epochs
+        if stable > 0.0:
+            spans.append(Span(stage.resolution, stage.batch, _steps(stable, pairs, stage.batch), False))
+    return Schedule(tuple(spans), optimiser.warm_up, optimiser.decay)
+
+
+def _steps(epochs: float, pairs: int, batch: int) -> int:
+    return max(1, round(epochs * pairs / batch))

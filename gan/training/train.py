@@ -1,0 +1,339 @@
+"""Train a translator: the main path.
+
+A run is a folder::
+
+    RUN/
+      config.json             settings and where the images came from
+      checkpoint.safetensors  the state, from which the same command goes on bit for bit
+      weights.safetensors     the translator, written at the end (and weights.md, its model card)
+      registration.safetensors  how each SLAM map was moved onto its CAD map (presets that do so)
+      figures.jsonl           one line of validation figures per checkpoint
+      samples/, tensorboard/  input, translation and target of held-out pairs; curves
+"""
+
+import dataclasses
+import json
+import math
+import time
+import zlib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from slamgym import __version__
+from slamgym.core.config import to_dict
+from slamgym.core.errors import ConfigError, SlamgymError
+from slamgym.core.progress import duration, say
+from slamgym.core.staged import write_text
+from slamgym.gan.config import TrainConfig
+from slamgym.gan.data import PairSet, load_pairs, require_pairs
+from slamgym.gan.device import Compute, make_deterministic
+from slamgym.gan.networks.factory import Generator
+from slamgym.gan.registration import registered
+from slamgym.gan.training.budget import Budget, measure_seconds
+from slamgym.gan.training.checkpoint import load_checkpoint, restore, save_checkpoint
+from slamgym.gan.training.interruption import Interruption, deferred_interrupt
+from slamgym.gan.training.learner import Learner
+from slamgym.gan.training.sampler import BatchSampler, derotated
+from slamgym.gan.training.schedule import Span, plan_schedule
+from slamgym.gan.training.training_log import TrainingLog, training_bar
+from slamgym.gan.training.validation import judge
+from slamgym.gan.weights import ModelCard, load_weights, save_translator
+
+MAX_VALIDATION_PAIRS = 64
+MIN_PAIRS = 2
+SCALAR_INTERVAL = 20
+"""Steps between two points of the loss curves."""
+
+
+class TrainingDivergedError(SlamgymError):
+    """The loss is not a number any more; the last good checkpoint is kept."""
+
+
+@dataclass(frozen=True)
+class RunOptions:
+    """How a run is carried out, which doesn't change what is learned (but for ``minutes``)."""
+
+    minutes: float | None = None
+    """Wall-clock time for the whole training; the schedule is stretched to it."""
+    checkpoint_minutes: float = 2.0
+    """Time between two checkpoints; 0 writes one after every step."""
+    stop_after_steps: int | None = None
+    """Stop there, with a checkpoint, as an interruption would."""
+    tensorboard: bool = True
+    compile: bool = False
+    """Let torch compile the networks."""
+    command: str = ""
+    """For the model card."""
+
+
+@dataclass(frozen=True)
+class TrainingReport:
+    """What a run came to."""
+
+    finished: bool
+    steps: int
+    images: int
+    seconds: float
+    figures: dict[str, float]
+    weights: Path | None
+
+
+def train(
+    images: Path | str,
+    run: Path | str,
+    config: TrainConfig,
+    compute: Compute,
+    options: RunOptions = RunOptions(),
+) -> TrainingReport:
+    """Train a translator, or go on with a training that was interrupted.
+
+    Args:
+        images: Folder of rendered pairs (:mod:`slamgym.gan.data`).
+        run: Folder of the run; if it holds a checkpoint of the same settings the training goes on from there.
+        config: What to learn and how.
+        compute: Device and precision.
+        options: Time, checkpoints, logs.
+
+    Raises:
+        InputFileError: If the images or a checkpoint can't be used.
+        ConfigError: If the folder holds another training, or there are too few pairs.
+        TrainingDivergedError: If the loss becomes NaN or infinite.
+    """
+    make_deterministic()
+    training = _Training(Path(images), Path(run), config, compute, options)
+    return training.run()
+
+
+class _Training:
+    """A run in progress: data, networks, schedule and clock."""
+
+    def __init__(
+        self, images: Path, run: Path, config: TrainConfig, compute: Compute, options: RunOptions
+    ) -> None:
+        self.folder, self.options, self.compute = run, options, compute
+        self.checkpoint = run / "checkpoint.safetensors"
+        # Weights that don't fit are told before minutes go into reading and registering the pairs.
+        start = _starting_generator(config) if config.start_from and not self.checkpoint.exists() else None
+        self.pairs, self.held_out = _training_pairs(images, run, config)
+        scales = self.pairs.scale_percentiles()
+        if scales is not None:
+            config = dataclasses.replace(
+                config, translator=dataclasses.replace(config.translator, metres_per_px=scales)
+            )
+        self.config = config
+        self.learner = Learner(config, compute)
+        if start is not None:
+            self.learner.adopt(start)
+        if options.compile:
+            self.learner.compile()
+        # Nothing here draws from torch's own generator; whatever ever does shall start from the seed.
+        torch.manual_seed(config.seed)
+        rng = np.random.default_rng(config.seed)
+        self.sampler = BatchSampler.of(self.pairs, config, rng)
+        self.schedule = plan_schedule(config.stages, len(self.pairs), config.optimiser)
+        self.seconds_used = 0.0
+        self.budget: Budget | None = None
+        self.identity = _identity(config, compute, self.pairs, options)
+        self.figures: dict[str, float] = {}
+        if self.checkpoint.exists():
+            self._resume()
+        else:
+            self._begin(images)
+
+    def run(self) -> TrainingReport:
+        """Train to the end of the schedule, to the step to stop at, or to an interruption."""
+        finished = self.learner.steps_done >= self.schedule.steps
+        if not finished:
+            with deferred_interrupt() as interruption:
+                self._loop(interruption)
+            if interruption.requested:
+                say(f"interrupted; the same command goes on at step {self.learner.steps_done:,}")
+                raise KeyboardInterrupt
+            finished = self.learner.steps_done >= self.schedule.steps
+        weights = self._finish() if finished else None
+        return TrainingReport(
+            finished,
+            self.learner.steps_done,
+            self.schedule.images_before(self.learner.steps_done),
+            self.seconds_used,
+            self.figures,
+            weights,
+        )
+
+    def _loop(self, interruption: Interruption) -> None:
+        learner, options = self.learner, self.options
+        began, used_before = time.monotonic(), self.seconds_used
+        last_save, predicted_at_save = began, self._predicted()
+        with TrainingLog(self.folder, learner.steps_done, options.tensorboard) as log, training_bar() as bar:
+            while learner.steps_done < self.schedule.steps:
+                step = learner.steps_done
+                if interruption.requested or step == options.stop_after_steps:
+                    break
+                moment = self.schedule.moment(step)
+                told = learner.step(self.sampler.draw(moment.batch), moment)
+                self._require_finite(told)
+                if step % SCALAR_INTERVAL == 0:
+                    log.scalars("loss", told, step)
+                    log.scalars("schedule", {"rate": moment.rate, "fade": moment.fade}, step)
+                done = self.schedule.images_before(step + 1)
+                left = None if self.budget is None else self._predicted()
+                bar.advance(done, self.schedule.images, told["total"], left)
+                now = time.monotonic()
+                self.seconds_used = used_before + now - began
+                if now - last_save >= 60.0 * options.checkpoint_minutes:
+                    self._validate(log, moment.resolution)
+                    self.seconds_used = used_before + time.monotonic() - began
+                    if self.budget is not None:
+                        self.budget.observe(predicted_at_save - self._predicted(), now - last_save)
+                        self.schedule = self.budget.fitted(
+                            self.schedule, learner.steps_done, self.seconds_used
+                        )
+                    self._save()
+                    last_save, predicted_at_save = time.monotonic(), self._predicted()
+            if learner.steps_done >= self.schedule.steps:
+                self._validate(log, self.config.translator.output_size)
+        self._save()
+
+    def _predicted(self) -> float:
+        return 0.0 if self.budget is None else self.budget.predicted(self.schedule, self.learner.steps_done)
+
+    def _require_finite(self, told: dict[str, float]) -> None:
+        broken = [name for name, value in told.items() if not math.isfinite(value)]
+        if broken:
+            raise TrainingDivergedError(
+                f"the loss became {told[broken[0]]} at step {self.learner.steps_done} "
+                f"(term {broken[0]!r}); {self._kept()}; train anew with a smaller --learning-rate or in float32"
+            )
+
+    def _kept(self) -> str:
+        return f"the last good state is {self.checkpoint}" if self.checkpoint.exists() else "nothing was kept"
+
+    def _validate(self, log: TrainingLog, resolution: int) -> None:
+        if len(self.held_out) == 0:
+            return
+        generator = self.learner.best_generator
+        judged = judge(generator, self.held_out, self.config.translator, self.compute, resolution)
+        step = self.learner.steps_done
+        self.figures = judged.figures
+        log.scalars("validation", judged.figures, step)
+        log.pictures(judged.pictures, step)
+        line = {"step": step, "seconds": round(self.seconds_used, 1), "resolution": resolution}
+        with (self.folder / "figures.jsonl").open("a", encoding="utf-8") as file:
+            file.write(json.dumps(line | {k: round(v, 5) for k, v in judged.figures.items()}) + "\n")
+
+    def _begin(self, images: Path) -> None:
+        """A new run: fit the schedule to the time, write the settings."""
+        if self.options.minutes is not None:
+            seconds = measure_seconds(self.schedule, self.pairs, self.config, self.compute)
+            self.budget = Budget(60.0 * self.options.minutes, seconds)
+            self.schedule = self.budget.fitted(self.schedule, 0, 0.0)
+        say(
+            f"{len(self.pairs)} training pairs, {len(self.held_out)} held out; {self.schedule.steps:,} steps "
+            f"({self.schedule.images / len(self.pairs):.1f} passes) on {self.compute.device} in "
+            f"{self.compute.precision}"
+        )
+        facts = {"version": __version__, "images": images.name, "config": to_dict(self.config)}
+        write_text(self.folder / "config.json", json.dumps(facts, indent=1) + "\n")
+
+    def _resume(self) -> None:
+        saved = load_checkpoint(self.checkpoint)
+        for name, value in self.identity.items():
+            if saved.facts.get("identity", {}).get(name) != value:
+                raise ConfigError(
+                    f"{self.folder} holds a training with another {name}; repeat its own command, "
+                    "or choose another folder with -o"
+                )
+        restore(saved, self.learner)
+        facts = saved.facts
+        self.sampler.restore(facts["sampler"])
+        self.schedule = dataclasses.replace(
+            self.schedule, spans=tuple(Span(*span) for span in facts["spans"])
+        )
+        self.seconds_used, self.figures = facts["seconds_used"], facts["figures"]
+        if facts["step_seconds"] is not None and self.options.minutes is not None:
+            self.budget = Budget(60.0 * self.options.minutes, facts["step_seconds"])
+        say(f"going on at step {self.learner.steps_done:,} of {self.schedule.steps:,}")
+
+    def _save(self) -> None:
+        for name, network in self.learner.networks().items():
+            if not all(bool(torch.isfinite(value).all()) for value in network.parameters()):
+                raise TrainingDivergedError(
+                    f"the weights of the {name} are not finite after step {self.learner.steps_done}; "
+                    f"{self._kept()}; train anew with a smaller --learning-rate or in float32"
+                )
+        facts: dict[str, Any] = {
+            "identity": self.identity,
+            "sampler": self.sampler.state(),
+            "spans": [list(span) for span in self.schedule.spans],
+            "seconds_used": self.seconds_used,
+            "step_seconds": None if self.budget is None else self.budget.step_seconds,
+            "figures": self.figures,
+        }
+        save_checkpoint(self.checkpoint, self.learner, facts)
+
+    def _finish(self) -> Path:
+        path = self.folder / "weights.safetensors"
+        card = ModelCard(
+            preset=self.config.preset,
+            pairs=len(self.pairs),
+            images=self.schedule.images_before(self.learner.steps_done),
+            seconds=round(self.seconds_used, 1),
+            seed=self.config.seed,
+            command=self.options.command,
+            figures=self.figures,
+            device=f"{self.compute.device.type}, {self.compute.precision}",
+        )
+        save_translator(path, self.learner.best_generator, self.config.translator, card)
+        say(f"trained for {duration(self.seconds_used)}; weights: {path}")
+        return path
+
+
+def _training_pairs(images: Path, run: Path, config: TrainConfig) -> tuple[PairSet, PairSet]:
+    """(pairs to train on, pairs of held-out plans)."""
+    say(f"reading the pairs of {images}")
+    pairs = load_pairs(images, "train", config.translator.input_size)
+    if config.register:
+        pairs = registered(pairs, run / "registration.safetensors", _checksum(pairs))
+    elif config.translator.derotate and config.translator.direction == "slam2cad":
+        pairs = derotated(pairs)
+    rest, held_out = pairs.split(config.validation)
+    require_pairs(rest, MIN_PAIRS, f"the preset {config.preset!r}")
+    return rest, held_out.subset(range(min(len(held_out), MAX_VALIDATION_PAIRS)))
+
+
+def _starting_generator(config: TrainConfig) -> Generator:
+    """The trained generator to start with.
+
+    Raises:
+        InputFileError: If the file can't be used.
+        ConfigError: If it holds a generator of other settings.
+    """
+    weights = load_weights(config.start_from, config.translator.direction)
+    for name in ("input_size", "output_size", "input_encoding", "output_encoding", "generator"):
+        theirs, ours = getattr(weights.config, name), getattr(config.translator, name)
+        if theirs != ours:
+            raise ConfigError(
+                f"{config.start_from} can't be trained on with the preset {config.preset!r}: its {name} is "
+                f"{theirs}, not {ours}; choose the preset it was trained with ({weights.card.preset})"
+            )
+    return weights.generator
+
+
+def _checksum(pairs: PairSet) -> str:
+    return f"{zlib.crc32(pairs.slam.data, zlib.crc32(pairs.cad.data)):08x}"
+
+
+def _identity(config: TrainConfig, compute: Compute, pairs: PairSet, options: RunOptions) -> dict[str, Any]:
+    """What must be the same for a training to go on."""
+    return {
+        "preset": config.preset,
+        "set of images": f"{len(pairs)} pairs, checksum {_checksum(pairs)}",
+        "configuration": to_dict(config),
+        "device": compute.device.type,
+        "precision": compute.precision,
+        "span of minutes": options.minutes,
+    }

@@ -1,0 +1,72 @@
+"""The cheapest way from a CAD map to something like a SLAM map: bend it by a smooth random field."""
+
+import cv2
+import numpy as np
+
+from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, ByteArray, Float32Array
+
+CORRELATION_LENGTH = 1.0
+"""Standard deviation of the smoothing of the field [m]."""
+DISPLACEMENT = 0.15
+"""Standard deviation of each component of the field [m]: about that of walls in simulated maps."""
+
+
+def bend(
+    cad: ByteArray,
+    metres_per_px: float,
+    rng: np.random.Generator,
+    displacement: float = DISPLACEMENT,
+    correlation_length: float = CORRELATION_LENGTH,
+) -> ByteArray:
+    """Deform a CAD map elastically (Simard, Steinkraus, Platt 2003) and draw it with the values of a SLAM map.
+
+    Args:
+        cad: CAD map, shape (H, W): 0 walls and outside, 254 inside.
+        metres_per_px: Scale [m].
+        rng: Draws the field.
+        displacement: Standard deviation of each component [m].
+        correlation_length: Of the Gaussian that smooths the field [m].
+
+    Returns:
+        Shape (H, W): 0 on the faces of walls, 205 behind them, 254 free.
+    """
+    free = (cad > 127).astype(np.uint8)
+    faces = cv2.dilate(free, np.ones((3, 3), np.uint8)) > free
+    cells = np.where(faces, OCCUPIED, np.where(free > 0, FREE, UNKNOWN)).astype(np.uint8)
+    field = _random_field(cells.shape, metres_per_px, rng, displacement, correlation_length)
+    return _pulled(cells, field, UNKNOWN)
+
+
+def drifted(cad: ByteArray, metres_per_px: float, rng: np.random.Generator) -> ByteArray:
+    """A CAD map as drift would bend it: what a translator without a noise input is given to draw many maps of one.
+
+    Args:
+        cad: CAD map, shape (H, W): 0 walls and outside, 254 inside.
+        metres_per_px: Scale [m].
+        rng: Draws the field.
+
+    Returns:
+        Shape (H, W), the same values.
+    """
+    field = _random_field(cad.shape, metres_per_px, rng, DISPLACEMENT, CORRELATION_LENGTH)
+    return _pulled(cad, field, OCCUPIED)
+
+
+def _random_field(
+    shape: tuple[int, ...],
+    metres_per_px: float,
+    rng: np.random.Generator,
+    displacement: float,
+    correlation_length: float,
+) -> Float32Array:
+    """Smoothed noise (2, H, W) [px]: columns, rows."""
+    noise = rng.standard_normal((2, *shape)).astype(np.float32)
+    field = np.stack([cv2.GaussianBlur(n, (0, 0), correlation_length / metres_per_px) for n in noise])
+    scale = np.float32(displacement / metres_per_px) / max(float(field.std()), 1e-9)
+    return np.asarray(field * scale, dtype=np.float32)
+
+
+def _pulled(cells: ByteArray, field: Float32Array, fill: int) -> ByteArray:
+    rows, cols = np.indices(cells.shape, dtype=np.float32)
+    bent = cv2.remap(cells, cols + field[0], rows + field[1], cv2.INTER_NEAREST, borderValue=float(fill))
+    return np.asarray(bent, dtype=np.uint8)

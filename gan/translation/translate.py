@@ -1,0 +1,249 @@
+"""Use a trained translator: maps of any size and scale in, maps of the same frame out.
+
+How an image reaches the network: a SLAM map is turned so that most walls lie along the axes, cut to what is known
+of it, and resampled to a scale that the network was trained at (told by the ROS map's resolution; without it the
+map is fitted into the network's image). What is larger than the network's image goes through in overlapping tiles.
+The translation takes the same way back, so that it lies over the input.
+"""
+
+import dataclasses
+import math
+from pathlib import Path
+
+import numpy as np
+
+from slamgym.core.errors import ConfigError
+from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, ByteArray, Float32Array
+from slamgym.gan.config import Direction, TranslatorConfig
+from slamgym.gan.device import Compute, DeviceName, choose_compute
+from slamgym.gan.encoding import decode_slam, free_probability
+from slamgym.gan.networks.factory import Generator
+from slamgym.gan.resample import enlarge_means, resample_grey, resample_probability, resample_slam
+from slamgym.gan.training.augmentation import flipped, unflipped
+from slamgym.gan.training.sampler import MAX_DRIFT_DEG
+from slamgym.gan.training.validation import draw_all
+from slamgym.gan.translation.derotation import (
+    angle_to_undo_deg,
+    padded_for_turning,
+    turned,
+    turned_probability,
+)
+from slamgym.gan.translation.elastic import drifted
+from slamgym.gan.translation.explored import explored_floor
+from slamgym.gan.translation.tiling import translate_tiled
+from slamgym.gan.weights import ModelCard, load_weights
+
+MARGIN = 0.06
+"""Border around what is known of a map, in shares of its larger side."""
+MAX_SHRINK = 4.0
+"""A map of unknown scale is shrunk at most by this to fit into the network's image; a larger one is tiled."""
+MAX_COARSENING = 1.3
+"""A map is shrunk by so much beyond the coarsest trained scale (the 95th percentile) before it is tiled."""
+SYMMETRIES = {1: (0,), 2: (0, 4), 4: (0, 2, 4, 6), 8: tuple(range(8))}
+"""Which flips and quarter turns are averaged, by their number."""
+
+
+class LearnedTranslator:
+    """A trained generator; satisfies :class:`slamgym.gan.translation.translator.Translator` if it draws CAD maps."""
+
+    def __init__(
+        self, generator: Generator, config: TranslatorConfig, card: ModelCard, compute: Compute
+    ) -> None:
+        """Put the generator on a device.
+
+        Args:
+            generator: In evaluation mode.
+            config: What it is.
+            card: Where it comes from.
+            compute: Device and precision.
+        """
+        self.config = config
+        self.card = card
+        self._compute = compute
+        self._generator = compute.put(generator)
+
+    def translate(
+        self, slam: ByteArray, metres_per_px: float | None = None, straighten: bool = False
+    ) -> Float32Array:
+        """Tell for each pixel of a SLAM map how likely it is free space of the building.
+
+        Args:
+            slam: (H, W): 0 occupied, 205 unknown, 254 free, row 0 at the top.
+            metres_per_px: Scale of the map, if it is known.
+            straighten: Leave the drawing turned about the image's centre so that most walls lie along the axes,
+                instead of turning it back into the map's frame.
+
+        Returns:
+            (H, W) in [0, 1]: 1 inside of rooms, 0 in walls and outside.
+
+        Raises:
+            ConfigError: If these weights draw SLAM maps, or the map is empty.
+        """
+        if self.config.direction != "slam2cad":
+            raise ConfigError("these weights draw SLAM maps from CAD maps; choose others with --weights")
+        _require_image(slam)
+        angle = angle_to_undo_deg(slam) if self.config.derotate else 0.0
+        # A small turn cuts nothing off but a sliver of the corners; the training's maps are turned like this, too.
+        padded = slam if abs(angle) <= MAX_DRIFT_DEG else padded_for_turning(slam, angle)
+        upright = turned(padded, -angle)
+        free = self._free_space(upright, metres_per_px)
+        if self.config.reach > 0.0:
+            scale = metres_per_px or self.config.metres_per_px[1]
+            free[~explored_floor(upright, scale, self.config.reach)] = 0.0
+        above, beside = ((a - b) // 2 for a, b in zip(padded.shape, slam.shape, strict=True))
+        back = free if straighten else turned_probability(free, angle)
+        return back[above : above + slam.shape[0], beside : beside + slam.shape[1]]
+
+    def translate_cells(
+        self,
+        cells: ByteArray,
+        metres_per_px: float | None = None,
+        straighten: bool = False,
+        drift: np.random.Generator | None = None,
+    ) -> ByteArray:
+        """Translate a map into the other kind of map, in either direction.
+
+        Args:
+            cells: (H, W): a SLAM map (0, 205, 254) or a CAD map (0, 254), row 0 at the top.
+            metres_per_px: Scale of the map, if it is known.
+            straighten: As in :meth:`translate`; without effect on CAD maps.
+            drift: Bend a CAD map by a random field first, as drift would: one CAD map then gives many SLAM maps.
+                Without effect on SLAM maps.
+
+        Returns:
+            (H, W): a CAD map (0, 254) or a SLAM map (0, 205, 254), in the same frame.
+        """
+        if self.config.direction == "slam2cad":
+            free = self.translate(cells, metres_per_px, straighten)
+            return np.where(free >= 0.5, FREE, OCCUPIED).astype(np.uint8)
+        _require_image(cells)
+        drawn = self._fitted(self._bent(cells, metres_per_px, drift), OCCUPIED, metres_per_px)
+        return decode_slam(drawn, self.config.output_encoding)
+
+    def draw_slam(
+        self, cad: ByteArray, metres_per_px: float | None = None, drift: np.random.Generator | None = None
+    ) -> ByteArray:
+        """Draw the SLAM map of a CAD map as the training saw such: nothing is resampled.
+
+        Args:
+            cad: (S, S), S the network's input size.
+            metres_per_px: Scale, if it is known; bending needs it.
+            drift: As in :meth:`translate_cells`.
+
+        Returns:
+            (R, R), R the network's output size: 0, 205, 254.
+        """
+        seen = self._bent(cad, metres_per_px, drift)[np.newaxis]
+        image = draw_all(self._generator, seen, self.config, self._compute, self.config.output_size)[0]
+        return decode_slam(image, self.config.output_encoding)
+
+    def _bent(
+        self, cad: ByteArray, metres_per_px: float | None, drift: np.random.Generator | None
+    ) -> ByteArray:
+        """A CAD map bent as drift would, if there is any."""
+        return cad if drift is None else drifted(cad, metres_per_px or self.config.metres_per_px[1], drift)
+
+    def _free_space(self, slam: ByteArray, metres_per_px: float | None) -> Float32Array:
+        return free_probability(self._fitted(slam, UNKNOWN, metres_per_px), self.config.output_encoding)
+
+    def _fitted(self, cells: ByteArray, empty: int, metres_per_px: float | None) -> Float32Array:
+        """Draw at the network's scale: (C, H, W) of the input's size in [-1, 1].
+
+        Args:
+            cells: (H, W).
+            empty: Value of what isn't known (SLAM) or outside (CAD).
+            metres_per_px: Scale, if it is known.
+        """
+        size = self.config.input_size
+        if cells.shape == (size, size) and self._is_usual(metres_per_px):
+            return self._draw(cells[np.newaxis])[0]
+        channels = 1 if self.config.output_encoding == "grey" else 2
+        result = np.full((channels, *cells.shape), -1.0, np.float32)
+        rows, cols = _content(cells, empty)
+        part = cells[rows, cols]
+        if part.size == 0:
+            return result
+        shape = self._working_shape((part.shape[0], part.shape[1]), metres_per_px)
+        resampled = resample_slam(part, shape) if empty == UNKNOWN else resample_grey(part, shape)
+        drawn = translate_tiled(resampled, size, empty, self._draw)
+        if drawn.shape[0] == 3:
+            drawn = drawn.mean(axis=0, keepdims=True)
+        for channel in range(channels):
+            share = resample_probability(0.5 * (drawn[channel] + 1.0), (part.shape[0], part.shape[1]))
+            result[channel, rows, cols] = 2.0 * share - 1.0
+        return result
+
+    def _is_usual(self, metres_per_px: float | None) -> bool:
+        """Whether an image of the network's size may go in as it is: its scale is near those of the training."""
+        low, _, high = self.config.metres_per_px
+        return metres_per_px is None or 0.5 * low <= metres_per_px <= 2.0 * high
+
+    def _working_shape(self, shape: tuple[int, int], metres_per_px: float | None) -> tuple[int, int]:
+        """Rows and columns at which a map goes through the network."""
+        size, longest = self.config.input_size, max(shape)
+        if metres_per_px is None:
+            factor = max(size / longest, 1.0 / MAX_SHRINK)
+        else:
+            low, middle, high = self.config.metres_per_px
+            # The map's own scale if it was trained; a coarser one if that makes a single tile; else tiles.
+            nearest, to_fit = min(max(metres_per_px, low), high), longest * metres_per_px / size
+            factor = metres_per_px / (max(nearest, to_fit) if to_fit <= MAX_COARSENING * high else middle)
+        rows, cols = (max(1, min(math.ceil(side * factor), side * size)) for side in shape)
+        return (min(rows, size), min(cols, size)) if factor * longest <= size + 1 else (rows, cols)
+
+    def _draw(self, tiles: ByteArray) -> Float32Array:
+        """Draw tiles (N, S, S) as (N, C, S, S), the mean over the symmetries."""
+        size = self.config.input_size
+        drawn: list[np.ndarray] = []
+        for symmetry in SYMMETRIES[self.config.flips]:
+            seen = np.stack([flipped(tile, symmetry) for tile in tiles])
+            images = draw_all(self._generator, seen, self.config, self._compute, self.config.output_size)
+            drawn.append(np.stack([np.stack([unflipped(c, symmetry) for c in image]) for image in images]))
+        mean: Float32Array = np.stack(drawn).mean(axis=0).astype(np.float32)
+        if mean.shape[-1] == size:
+            return mean
+        shares = [[enlarge_means(0.5 * (c + 1.0), (size, size)) for c in image] for image in mean]
+        return 2.0 * np.array(shares, dtype=np.float32) - 1.0
+
+
+def load_translator(
+    name_or_path: str | Path = "slam2cad",
+    direction: Direction | None = None,
+    device: DeviceName = "cpu",
+    flips: int | None = None,
+) -> LearnedTranslator:
+    """Load a translator, ready to use; no network is needed.
+
+    Args:
+        name_or_path: Shipped weights (``slam2cad``, ...), a ``.safetensors`` file, or the folder of a finished run.
+        direction: What it must translate; None takes any.
+        device: Where to compute.
+        flips: Average over 1, 2, 4 or 8 flips and quarter turns instead of what the weights' settings say.
+
+    Raises:
+        InputFileError: If the file can't be used.
+        ConfigError: If no such weights exist or they translate the other way.
+    """
+    weights = load_weights(name_or_path, direction)
+    config = weights.config if flips is None else dataclasses.replace(weights.config, flips=flips)
+    return LearnedTranslator(weights.generator, config, weights.card, choose_compute(device, "float32"))
+
+
+def _require_image(cells: ByteArray) -> None:
+    if cells.ndim != 2 or cells.dtype != np.uint8 or cells.size == 0:
+        raise ConfigError(
+            f"a map is an array (H, W) of uint8 that isn't empty, not {cells.dtype} of shape {cells.shape}"
+        )
+
+
+def _content(cells: ByteArray, empty: int) -> tuple[slice, slice]:
+    """Rows and columns of what isn't empty, with a margin."""
+    told = cells != empty
+    rows, cols = np.flatnonzero(told.any(axis=1)), np.flatnonzero(told.any(axis=0))
+    if rows.size == 0:
+        return slice(0, 0), slice(0, 0)
+    margin = math.ceil(MARGIN * max(rows[-1] - rows[0], cols[-1] - cols[0]) + 1)
+    return (
+        slice(max(0, int(rows[0]) - margin), min(cells.shape[0], int(rows[-1]) + margin + 1)),
+        slice(max(0, int(cols[0]) - margin), min(cells.shape[1], int(cols[-1]) + margin + 1)),
+    )

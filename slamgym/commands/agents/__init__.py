@@ -1,0 +1,3 @@
+"""``slamgym agents <command>``: train, evaluate and compare explorers."""
+
+__all__: list[str] = []

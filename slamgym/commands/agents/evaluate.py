@@ -1,0 +1,165 @@
+"""``slamgym agents evaluate``: explorers on the same plans, starts and seeds."""
+
+import dataclasses
+import os
+import sys
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Literal
+
+import tyro
+
+from slamgym.agents.evaluation.evaluate import EvaluationConfig, evaluate
+from slamgym.agents.evaluation.report import write_report
+from slamgym.agents.evaluation.trial import TrialConfig
+from slamgym.agents.registry import EXPLORERS
+from slamgym.agents.splits import Split
+from slamgym.cad import open_plans
+from slamgym.cad.generator import GeneratorConfig
+from slamgym.cad.plan_filter import PlanFilter
+from slamgym.cad.sources import PlanSource, ProceduralSource
+from slamgym.core.errors import ConfigError
+from slamgym.core.progress import say
+from slamgym.envs import ExploreConfig
+from slamgym.sim import ClutterConfig, LidarConfig, RobotConfig, odometry_level
+from slamgym.slam import SlamConfig
+
+OFFICES = "offices"
+
+
+@dataclass(frozen=True)
+class EvaluateArguments:
+    """Compare explorers on the same floor plans, starts and noise.
+
+    Every exploration runs until the explorer is done or the time limit is over. What is done is kept in
+    ``trials.jsonl``: after Ctrl-C or a kill the same command goes on, and with more plans or explorers it does
+    only what is new. Tables are printed and written to ``results.md`` and ``results.json``.
+    """
+
+    out: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
+    """Folder of the results; made if it is missing, continued if it is there."""
+    plans: str = "bundled"
+    """Floor plans, as `slamgym generate` takes them; also ``offices`` or ``offices:SEED``, generated offices
+    with loops."""
+    count: int = 200
+    """Number of plans, drawn by the seed."""
+    split: Literal["test", "validation", "train", "all"] = "test"
+    """Plans by their ids: ``test`` plans were never trained on."""
+    plans_filter: PlanFilter = "useful"
+    """``useful`` takes plans that are worth exploring; ``none`` all."""
+    explorers: str = ",".join(EXPLORERS)
+    """Names of explorers, with commas between them."""
+    against: str = "explore_lite"
+    """The reference explorer, one of them."""
+    full_knowledge: bool = False
+    """Privileged: also run an explorer that is told the floor plan, as the yardstick."""
+    repetitions: int = 1
+    """Explorations of each plan by every explorer, each from another start."""
+    minutes: Literal["auto"] | float = "auto"
+    """Limit of robot time [min]; ``auto`` grows with the floor area."""
+    particles: int = 30
+    """Particles of the SLAM filter."""
+    odometry: Literal["ideal", "low", "medium", "high"] = "medium"
+    """Errors of the wheel odometry."""
+    seed: int = 0
+    """Decides plans, starts and noise."""
+    workers: int = 0
+    """Processes; 0 takes one per core."""
+    plot: bool = True
+    """Draw ``coverage_over_time.png`` (needs matplotlib, which the extra ``agents`` has)."""
+    film: str = ""
+    """Two explorers with a comma between them: film them side by side on the plan on which the first gains
+    most over the second, as ``film.mp4``."""
+    film_plan: str = ""
+    """Id of the plan to film instead."""
+    robot: RobotConfig = field(default_factory=RobotConfig)
+    """Measures and limits of the robot."""
+    lidar: LidarConfig = field(default_factory=LidarConfig)
+    """The scanner and its errors."""
+    slam: SlamConfig = field(default_factory=SlamConfig)
+    """Localisation and mapping."""
+    clutter: ClutterConfig = field(default_factory=ClutterConfig)
+    """Furniture and people."""
+
+
+def main(argv: list[str]) -> int:
+    """Run the command; returns the exit code."""
+    arguments = tyro.cli(EvaluateArguments, args=argv, prog="slamgym agents evaluate")
+    config = evaluation_config(arguments)
+    if arguments.workers < 0:
+        raise ConfigError(f"--workers must be 0 (one per core) or more, not {arguments.workers}")
+    filmed = _filmed(arguments, config)
+    source = open_source(arguments.plans)
+    evaluation = evaluate(source, config, arguments.out, arguments.workers or os.cpu_count() or 1)
+    if evaluation.skipped:
+        say(f"{len(evaluation.skipped)} plans were skipped, the first: {evaluation.skipped[0].reason}")
+    sys.stdout.write(write_report(arguments.out, evaluation, config, arguments.against))
+    if arguments.plot:
+        from slamgym.agents.evaluation.coverage_plot import draw_coverage
+
+        path = arguments.out / "coverage_over_time.png"
+        draw_coverage(evaluation.trials, path)
+        sys.stdout.write(f"plot: {path}\n")
+    if filmed:
+        from slamgym.agents.evaluation.side_by_side_video import film_duel
+
+        path = arguments.out / "film.mp4"
+        film_duel(source, evaluation.trials, filmed, config.trial, path, arguments.film_plan or None)
+        sys.stdout.write(f"film: {path}\n")
+    return 0
+
+
+def evaluation_config(arguments: EvaluateArguments) -> EvaluationConfig:
+    """The settings, with the short options put in their places.
+
+    Raises:
+        ConfigError: If a setting makes no sense, or the reference is not among the explorers.
+    """
+    explorers = tuple(name.strip() for name in arguments.explorers.split(",") if name.strip())
+    split: Split | None = None if arguments.split == "all" else arguments.split
+    env = ExploreConfig(
+        robot=arguments.robot,
+        lidar=arguments.lidar,
+        odometry=odometry_level(arguments.odometry),
+        slam=dataclasses.replace(arguments.slam, particles=arguments.particles),
+        clutter=arguments.clutter,
+    )
+    config = EvaluationConfig(
+        explorers=explorers,
+        count=arguments.count,
+        split=split,
+        plans_filter=arguments.plans_filter,
+        repetitions=arguments.repetitions,
+        seed=arguments.seed,
+        full_knowledge=arguments.full_knowledge,
+        trial=TrialConfig(minutes=arguments.minutes, env=env),
+    )
+    if arguments.against not in config.names:
+        raise ConfigError(
+            f"--against {arguments.against} is not among the explorers {', '.join(config.names)}; add it"
+        )
+    return config
+
+
+def open_source(spec: str) -> PlanSource:
+    """Plans as :func:`slamgym.cad.open_plans` opens them, or generated offices."""
+    name, _, seed = spec.partition(":")
+    if name != OFFICES:
+        return open_plans(spec)
+    if seed and not (seed.isascii() and seed.isdigit()):
+        raise ConfigError(f"the seed in {spec!r} must be a whole number, as in 'offices:7'")
+    return ProceduralSource(int(seed or 0), GeneratorConfig(kind="office"), name="office")
+
+
+def _filmed(arguments: EvaluateArguments, config: EvaluationConfig) -> tuple[str, str] | None:
+    """The two explorers to film, checked before any work is done."""
+    if not arguments.film:
+        if arguments.film_plan:
+            raise ConfigError("--film-plan needs --film with two explorers")
+        return None
+    names = [name.strip() for name in arguments.film.split(",")]
+    if len(names) != 2 or names[0] == names[1] or any(name not in config.names for name in names):
+        raise ConfigError(
+            f"--film {arguments.film} must name two of the explorers {', '.join(config.names)}, with a comma"
+        )
+    return names[0], names[1]

@@ -1,0 +1,65 @@
+"""``slamgym agents shape``: compare reward presets over several seeds."""
+
+import dataclasses
+import sys
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from slamgym.agents.rl.reward_presets import PRESETS
+from slamgym.agents.rl.reward_shaping import OWN, ShapingConfig, own_term, run_shaping
+from slamgym.agents.rl.shaping_report import write_shaping_report
+from slamgym.commands.agents.extra import require_torch
+from slamgym.core.errors import ConfigError
+from slamgym.core.progress import say
+
+
+@dataclass(frozen=True)
+class ShapeArguments:
+    """Train the same policy with different rewards over several seeds and compare what comes of it.
+
+    A run that is done is not done again: the same command goes on after Ctrl-C, and more presets or seeds add
+    to what is there.
+    """
+
+    out: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None
+    """Folder of the experiment."""
+    list: bool = False
+    """Only list the presets."""
+    term: str = ""
+    """A function of your own, as ``module:function``: it takes a StepRecord and returns a number. It is added
+    to ``--train.reward`` as the preset ``own``."""
+    term_weight: float = 1.0
+    """Its weight."""
+    config: Annotated[ShapingConfig, tyro.conf.arg(name="")] = field(default_factory=ShapingConfig)
+    """The experiment."""
+
+
+def main(argv: list[str]) -> int:
+    """Run the command; returns the exit code."""
+    arguments = tyro.cli(ShapeArguments, args=argv, prog="slamgym agents shape")
+    if arguments.list:
+        width = max(map(len, PRESETS))
+        for name, preset in PRESETS.items():
+            sys.stdout.write(f"{name:<{width}}  {preset.about}\n")
+        return 0
+    if arguments.out is None:
+        raise ConfigError("give the folder of the experiment: -o FOLDER (or --list to see the presets)")
+    require_torch("slamgym agents shape")
+    from slamgym.agents.rl.train import train
+
+    config, term = arguments.config, None
+    if arguments.term:
+        # The current folder holds the user's module; an installed command doesn't look there.
+        sys.path.insert(0, str(Path.cwd()))
+        term = own_term(arguments.term, arguments.term_weight)
+        if OWN not in config.presets:
+            config = dataclasses.replace(config, presets=(*config.presets, OWN))
+    elif OWN in config.presets:
+        raise ConfigError(f"the preset {OWN!r} needs --term module:function")
+    runs = run_shaping(config, arguments.out, train, term)
+    sys.stdout.write(write_shaping_report(runs, arguments.out))
+    say(f"table and pictures: {arguments.out}")
+    return 0

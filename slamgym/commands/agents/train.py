@@ -1,0 +1,39 @@
+"""``slamgym agents train``: train a policy by reinforcement learning."""
+
+import dataclasses
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from slamgym.agents.rl.train_config import TrainConfig
+from slamgym.commands.agents.extra import require_torch
+from slamgym.core.progress import say
+
+
+@dataclass(frozen=True)
+class TrainArguments:
+    """Train a policy by reinforcement learning.
+
+    ``--plans procedural`` needs no files; give a HouseExpo archive (``--plans procedural json.tar.gz``) for
+    policies that shall explore real homes. Only plans of the training split are learned on. The same command
+    again goes on where a run was interrupted.
+    """
+
+    out: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
+    """Folder of the run."""
+    config: Annotated[TrainConfig, tyro.conf.arg(name="")] = dataclasses.field(default_factory=TrainConfig)
+    """The run."""
+
+
+def main(argv: list[str]) -> int:
+    """Run the command; returns the exit code."""
+    arguments = tyro.cli(TrainArguments, args=argv, prog="slamgym agents train")
+    require_torch("slamgym agents train")
+    from slamgym.agents.rl.train import POLICY, train
+
+    train(arguments.config, arguments.out)
+    if arguments.config.env == "explore_frontiers":
+        say(f"policy: {arguments.out / POLICY}")
+    return 0

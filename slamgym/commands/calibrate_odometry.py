@@ -1,0 +1,134 @@
+"""``slamgym calibrate-odometry``: measure the simulated robot's odometry as one measures a real one's.
+
+The robot drives straight lines and turns in place in an empty hall; true and believed motion give the
+coefficients of the two-phase model (Souza et al. 2008), which ``slamgym deform --calibration`` takes.
+"""
+
+import math
+import sys
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+import shapely
+import tyro
+
+from slamgym.cad import FloorPlan
+from slamgym.core.errors import ConfigError
+from slamgym.core.geometry import between
+from slamgym.core.types import Pose2D, Twist2D
+from slamgym.parametric.calibration import Runs, fit_phases, write_calibration
+from slamgym.sim import OdometryConfig, RobotConfig, WheelOdometry, World, odometry_level
+
+_STEP = 0.05  # [s]
+_HALL = 20.0  # [m]
+
+
+@dataclass(frozen=True)
+class CalibrateArguments:
+    """Measure the odometry errors of straight lines and turns in place, and write their coefficients."""
+
+    out: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
+    """JSON file to write."""
+    odometry: Literal["ideal", "low", "medium", "high"] = "medium"
+    """Level of the odometry errors."""
+    robots: int = 60
+    """Robots; each draws its own systematic errors."""
+    repeats: int = 8
+    """Lines and turns per robot."""
+    length: float = 3.0
+    """Longest straight line [m]; the shortest is a third of it."""
+    turns: float = 1.0
+    """Largest turn, in whole turns either way; the smallest is a quarter of it."""
+    seed: int = 0
+    """Seed of everything random."""
+
+
+def main(argv: list[str]) -> int:
+    """Run the command; returns the exit code."""
+    arguments = tyro.cli(CalibrateArguments, args=argv, prog="slamgym calibrate-odometry")
+    for name in ("robots", "repeats"):
+        if getattr(arguments, name) < 2:
+            raise ConfigError(f"--{name} must be 2 or more, not {getattr(arguments, name)}")
+    if not 0.0 < arguments.length <= 0.5 * _HALL:
+        raise ConfigError(f"--length must lie in (0, {0.5 * _HALL:g}] m, not {arguments.length:g}")
+    if not 0.0 < arguments.turns <= 20.0:
+        raise ConfigError(f"--turns must lie in (0, 20], not {arguments.turns:g}")
+    runs = measure_odometry(
+        odometry_level(arguments.odometry),
+        RobotConfig(),
+        arguments.robots,
+        arguments.repeats,
+        arguments.length,
+        2.0 * math.pi * arguments.turns,
+        np.random.default_rng(arguments.seed),
+    )
+    coefficients = fit_phases(runs)
+    about = {name: value for name, value in asdict(arguments).items() if name != "out"}
+    write_calibration(arguments.out, coefficients, about)
+    rows = "\n".join(f"  {name:<5}{value:.5f}" for name, value in asdict(coefficients).items())
+    sys.stdout.write(
+        f"{arguments.robots} robots x {arguments.repeats} lines and turns, odometry {arguments.odometry}:\n"
+        f"{rows}\n{arguments.out}\n"
+    )
+    return 0
+
+
+def measure_odometry(
+    odometry: OdometryConfig,
+    robot: RobotConfig,
+    num_robots: int,
+    repeats: int,
+    length: float,
+    angle: float,
+    rng: np.random.Generator,
+) -> Runs:
+    """Drive the calibration runs of several robots.
+
+    Args:
+        odometry: Sizes of the errors.
+        robot: The robot's measures and limits.
+        num_robots: Robots, each with its own systematic errors.
+        repeats: Lines and turns per robot.
+        length: Longest line [m].
+        angle: Largest turn [rad]; every other one goes the other way.
+        rng: Source of all randomness.
+    """
+    hall = FloorPlan("calibration hall", shapely.box(0.0, 0.0, _HALL, _HALL))
+    world = World(hall, robot)
+    shape = (num_robots, repeats)
+    way, way_error, drift, turn, turn_error = (np.empty(shape) for _ in range(5))
+    for i in range(num_robots):
+        wheels = WheelOdometry(odometry, robot, rng)
+        for j in range(repeats):
+            reach = length * (1.0 - 2.0 / 3.0 * j / (repeats - 1))
+            forward = Twist2D(0.8 * robot.max_linear, 0.0)
+            (true_way, true_heading), (way_seen, heading_seen) = _run(world, wheels, forward, reach, rng)
+            way[i, j], way_error[i, j] = true_way, way_seen - true_way
+            drift[i, j] = heading_seen - true_heading
+            span = angle * (1.0 - 0.75 * j / (repeats - 1))
+            spin = Twist2D(0.0, (1.0 if j % 2 else -1.0) * 0.5 * robot.max_angular)
+            (_, true_turn), (_, turn_seen) = _run(world, wheels, spin, span, rng)
+            turn[i, j], turn_error[i, j] = true_turn, turn_seen - true_turn
+    return Runs(way=way, way_error=way_error, drift=drift, turn=turn, turn_error=turn_error)
+
+
+def _run(
+    world: World, wheels: WheelOdometry, command: Twist2D, amount: float, rng: np.random.Generator
+) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Follow a command until the body has moved ``amount`` [m or rad].
+
+    Returns:
+        True (way [m], turn [rad]) and believed (way [m], turn [rad]), turns not wrapped.
+    """
+    world.reset(Pose2D(0.25 * _HALL, 0.5 * _HALL, 0.0))
+    wheels.reset(world.pose)
+    way, turn, way_seen, turn_seen = 0.0, 0.0, 0.0, 0.0
+    while max(abs(way), abs(turn) if command.linear == 0.0 else 0.0) < amount:
+        motion = world.step(command, _STEP)
+        before = wheels.pose
+        seen = between(before, wheels.update(motion, rng))
+        way, turn = way + motion.increment.x, turn + motion.increment.theta
+        way_seen, turn_seen = way_seen + seen.x, turn_seen + seen.theta
+    return (way, turn), (way_seen, turn_seen)

@@ -1,0 +1,41 @@
+"""``slamgym dataset check``: verify every file and name every fault."""
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import tyro
+
+from slamgym.core.progress import show_progress
+from slamgym.dataset.check import check_dataset
+from slamgym.dataset.format import require_manifest
+from slamgym.dataset.images.check import check_image_folder, is_image_folder
+
+EXIT_FAULTS = 1
+
+
+@dataclass(frozen=True)
+class CheckArguments:
+    """Verify a dataset, or a folder of rendered images: files, digests, shapes, pixel values, lists.
+
+    Every fault is one line. The exit code is 0 if there is none, else 1.
+    """
+
+    folder: tyro.conf.Positional[Path]
+    """A folder that `slamgym generate` or `slamgym dataset render` has written."""
+
+
+def main(argv: list[str]) -> int:
+    """Run the command; returns the exit code."""
+    arguments = tyro.cli(CheckArguments, args=argv, prog="slamgym dataset check")
+    manifest = arguments.folder / "manifest.jsonl"
+    require_manifest(manifest, "slamgym generate` or `slamgym dataset render")
+    total = manifest.read_bytes().count(b"\n")
+    check = check_image_folder if is_image_folder(arguments.folder) else check_dataset
+    with show_progress("pairs checked", 0, total) as advance:
+        faults = check(arguments.folder, advance)
+    for fault in faults:
+        sys.stdout.write(f"{fault}\n")
+    verdict = f"{len(faults)} faults" if faults else "no fault"
+    sys.stdout.write(f"{arguments.folder}: {total} pairs, {verdict}\n")
+    return EXIT_FAULTS if faults else 0

@@ -1,0 +1,89 @@
+"""``slamgym dataset render``: make uniform square images for training."""
+
+import sys
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from slamgym.core.errors import ConfigError
+from slamgym.core.parallel.engine import available_cores
+from slamgym.core.progress import say
+from slamgym.dataset.curate.split import current_split, split_path
+from slamgym.dataset.images.format import SPLITS, read_images
+from slamgym.dataset.images.render import render_images
+from slamgym.dataset.images.selection import Selection, select_pairs
+from slamgym.dataset.images.square_images import ImageConfig
+from slamgym.dataset.record_table import require_parquet, write_parquet
+
+
+@dataclass(frozen=True)
+class RenderArguments:
+    """Make square images of one size from the explorations of a dataset: train/A, train/B, test/A, test/B.
+
+    A is the CAD map, B the SLAM map, in one frame. Pairs that `slamgym dataset clean` dropped are left out.
+    The sides follow split.json, which is made if it is missing. Nothing is simulated again, and the same
+    command goes on where an interrupted one stopped.
+    """
+
+    dataset: tyro.conf.Positional[Path]
+    """Folder of the dataset."""
+    out: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
+    """Folder of the images; made if it is missing, continued if it holds images made alike."""
+    images: Annotated[ImageConfig, tyro.conf.arg(name="")] = field(default_factory=ImageConfig)
+    """How the images are made."""
+    min_coverage: float | None = None
+    """Take all pairs of at least this true coverage instead of what `clean` has decided; 0 takes all."""
+    parquet: bool = False
+    """Write the manifest as manifest.parquet, too; needs pyarrow (extra `hub`)."""
+    workers: int = 0
+    """Processes; 0 takes one per core."""
+
+
+def main(argv: list[str]) -> int:
+    """Run the command; returns the exit code."""
+    arguments = tyro.cli(RenderArguments, args=argv, prog="slamgym dataset render")
+    if arguments.workers < 0:
+        raise ConfigError(f"--workers must be 0 (one per core) or more, not {arguments.workers}")
+    if arguments.parquet:
+        require_parquet()
+    workers = arguments.workers or available_cores()
+    render_and_report(arguments.dataset, arguments.out, arguments.images, arguments.min_coverage, workers)
+    if arguments.parquet:
+        write_parquet(arguments.out / "manifest.parquet", read_images(arguments.out))
+    return 0
+
+
+def render_and_report(
+    dataset: Path, out: Path, config: ImageConfig, min_coverage: float | None, workers: int
+) -> None:
+    """Render what is good enough, on the sides that the split gives, and say what came of it.
+
+    Raises:
+        ConfigError: If no pair is good enough, or the folder holds something else.
+        InputFileError: If a file of the dataset is missing or malformed.
+        StorageError: If the folder can't be written.
+    """
+    selection = _select(dataset, min_coverage)
+    if not split_path(dataset).is_file():
+        say("The dataset has no split.json yet; making one (`slamgym dataset split` sets its options).")
+    split = current_split(dataset, workers)
+    report = render_images(dataset, out, config, split, selection=selection, workers=workers)
+    sides = ", ".join(f"{report.sides.get(side, 0)} {side}" for side in SPLITS)
+    sys.stdout.write(f"{out}: {report.images} pairs of images ({sides}), {report.fresh} of them new\n")
+    for reason, count in report.left_out.items():
+        sys.stdout.write(f"  left out: {count} pairs, {reason}; see skipped.jsonl\n")
+
+
+def _select(dataset: Path, min_coverage: float | None) -> Selection:
+    selection = select_pairs(dataset, min_coverage)
+    total = len(selection.kept) + len(selection.left_out)
+    if "by" not in selection.rule and min_coverage is None:
+        say(
+            f"The dataset was not cleaned: taking {len(selection.kept)} of {total} pairs, those that saw "
+            f"{100 * selection.rule['min_coverage']:g} % of the floor (`slamgym dataset clean` decides better)."
+        )
+    if not selection.kept:
+        raise ConfigError(f"{dataset}: none of the {total} pairs is good enough; try --min-coverage 0")
+    return selection

@@ -1,0 +1,87 @@
+"""``slamgym dataset review``: a page on which a person judges doubtful maps."""
+
+import json
+import shlex
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import tyro
+
+from slamgym.core.errors import ConfigError, InputFileError
+from slamgym.core.progress import say
+from slamgym.core.staged import write_text
+from slamgym.dataset.curate.cleaning import CleanConfig
+from slamgym.dataset.curate.decisions import stored_decisions
+from slamgym.dataset.curate.map_items import open_items
+from slamgym.dataset.curate.review import Which, choose_entries, make_review_page
+from slamgym.dataset.curate.verdicts import SUMMARY_FILE, VERDICTS_FILE, read_verdicts
+
+
+@dataclass(frozen=True)
+class ReviewArguments:
+    """Write one HTML file in which a person keeps or drops maps by a key each.
+
+    The file holds everything: send it, open it from a disk, come back to it later. What it saves as
+    decisions.json is applied by `slamgym dataset clean DATASET --apply decisions.json`.
+    """
+
+    dataset: tyro.conf.Positional[Path]
+    """A dataset or a folder of maps that `slamgym dataset clean` has judged."""
+    out: Annotated[Path, tyro.conf.arg(aliases=["-o"])] = Path("review.html")
+    """The page."""
+    which: Which = "doubtful"
+    """``doubtful``: in the classifier's band; ``disagreements``: the classifier and the truth differ;
+    ``dropped``, ``kept`` or ``all``."""
+    limit: int = 500
+    """Maps on the page at most; each takes some 10 kB."""
+
+
+def main(argv: list[str]) -> int:
+    """Run the command; returns the exit code."""
+    arguments = tyro.cli(ReviewArguments, args=argv, prog="slamgym dataset review")
+    if arguments.limit < 1:
+        raise ConfigError(f"--limit must be at least 1, not {arguments.limit}")
+    root = arguments.dataset
+    items = open_items(root)
+    verdicts = read_verdicts(root)
+    missing = sum(item.name not in verdicts for item in items)
+    if missing:
+        say(f"{missing} maps came after {root / VERDICTS_FILE}; run `slamgym dataset clean {root}` for them.")
+    entries = choose_entries(items, verdicts, arguments.which)
+    if not entries:
+        sys.stdout.write(f"{root}: no map is {_words(arguments.which)}; there is nothing to review.\n")
+        return 0
+    if len(entries) > arguments.limit:
+        say(f"The first {arguments.limit} of {len(entries)} maps; raise --limit to see more.")
+    entries = entries[: arguments.limit]
+    page = make_review_page(
+        f"Review of {root.resolve().name}",
+        f"slamgym dataset clean {shlex.quote(str(root))} --apply decisions.json",
+        entries,
+        _band(root),
+        stored_decisions(root),
+    )
+    write_text(arguments.out, page)
+    sys.stdout.write(f"{arguments.out}: {len(entries)} maps, {len(page) / 1e6:.1f} MB\n")
+    return 0
+
+
+def _band(root: Path) -> tuple[float, float]:
+    """The band that the last cleaning used."""
+    path = root / SUMMARY_FILE
+    try:
+        summary: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+        low, high = (float(value) for value in summary["settings"]["band"])
+    except FileNotFoundError:
+        return CleanConfig().band
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise InputFileError(
+            path, f"is malformed ({error}); run `slamgym dataset clean {root}` again"
+        ) from error
+    return low, high
+
+
+def _words(which: Which) -> str:
+    return {"disagreements": "judged differently by truth and classifier", "all": "there"}.get(which, which)

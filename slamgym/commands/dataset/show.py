@@ -1,0 +1,130 @@
+"""``slamgym dataset show``: draw pairs for people to look at."""
+
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import cv2
+import numpy as np
+import tyro
+
+from slamgym.core.config import suggest
+from slamgym.core.errors import ConfigError
+from slamgym.core.staged import write_bytes
+from slamgym.core.types import ByteArray
+from slamgym.dataset.format import PairRecord, read_manifest
+from slamgym.dataset.images.check import is_image_folder
+from slamgym.dataset.images.format import ImageRecord, read_images
+from slamgym.dataset.summary import sheet_entries
+from slamgym.viz.contact_sheet import draw_contact_sheet
+from slamgym.viz.image_sheet import draw_image_sheet
+
+Order = Literal["index", "ate", "map_error", "coverage", "robot_seconds", "area", "collisions"]
+LOWEST_FIRST = ("index", "coverage")
+"""What is listed from the lowest value up; of all else the highest values come first."""
+
+
+@dataclass(frozen=True)
+class ShowArguments:
+    """Draw pairs of a dataset, or of a folder of rendered images, on one sheet.
+
+    Without names and order, the pairs are spread evenly over the dataset.
+    """
+
+    folder: tyro.conf.Positional[Path]
+    """A folder that `slamgym generate` or `slamgym dataset render` has written."""
+    names: tyro.conf.Positional[tuple[str, ...]] = ()
+    """Pairs to draw, by name, by index or by plan."""
+    out: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None
+    """Picture to write, .png or .jpg; contact_sheet.png in the folder without it."""
+    sort: Order | None = None
+    """Draw the first pairs in this order, the worst first: ``ate``, ``map_error``, ``coverage``, ..."""
+    reverse: bool = False
+    """The best first."""
+    limit: int = 12
+    """Pairs on the sheet."""
+    columns: int = 2
+    """Pairs beside each other."""
+
+
+def main(argv: list[str]) -> int:
+    """Run the command; returns the exit code."""
+    arguments = tyro.cli(ShowArguments, args=argv, prog="slamgym dataset show")
+    _check(arguments)
+    output = arguments.out or arguments.folder / "contact_sheet.png"
+    if is_image_folder(arguments.folder):
+        images = read_images(arguments.folder)
+        chosen_images = choose(images, arguments)
+        picture = draw_image_sheet(arguments.folder, chosen_images, arguments.columns)
+        _write(output, picture)
+        _list(chosen_images)
+    else:
+        records = list(read_manifest(arguments.folder))
+        chosen = choose(records, arguments)
+        heading = f"slamgym: {len(chosen)} of {len(records)} pairs"
+        picture = draw_contact_sheet(heading, sheet_entries(arguments.folder, chosen), arguments.columns)
+        _write(output, picture)
+        _list(chosen)
+    sys.stdout.write(f"{output}\n")
+    return 0
+
+
+def choose(records: Sequence[Any], arguments: ShowArguments) -> list[Any]:
+    """The records to draw, in the order in which they are drawn.
+
+    Raises:
+        ConfigError: If there is none, or a name, an index or an order is unknown.
+    """
+    if not records:
+        raise ConfigError(f"{arguments.folder}: holds no pairs yet")
+    chosen = list(records)
+    if arguments.names:
+        chosen = [record for name in arguments.names for record in _named(records, name)]
+    order = arguments.sort
+    if order is not None:
+        if not hasattr(records[0], order) and order != "index":
+            raise ConfigError(f"rendered images don't know {order!r}; order the dataset by it instead")
+        down = (order not in LOWEST_FIRST) != arguments.reverse
+        chosen.sort(key=lambda record: _value(record, order), reverse=down)
+        return chosen[: arguments.limit]
+    if arguments.names:
+        return chosen[: arguments.limit]
+    places = np.unique(np.linspace(0, len(chosen) - 1, min(arguments.limit, len(chosen))).astype(int))
+    return [chosen[place] for place in places]
+
+
+def _value(record: PairRecord | ImageRecord, order: str) -> Any:
+    return record.name if order == "index" else getattr(record, order)
+
+
+def _named(records: Sequence[Any], name: str) -> list[Any]:
+    """The pairs that a word means: one by its name or index, or all of a plan."""
+    found = [record for record in records if name in (record.name, record.plan_id)]
+    if not found and name.isdigit():
+        found = [record for record in records if int(record.name.partition("_")[0]) == int(name)]
+    if not found:
+        known = [record.name for record in records[:1000]]
+        raise ConfigError(f"there is no pair {name!r}; {suggest(name, known)}")
+    return found
+
+
+def _check(arguments: ShowArguments) -> None:
+    for option in ("limit", "columns"):
+        if getattr(arguments, option) < 1:
+            raise ConfigError(f"--{option} must be at least 1, not {getattr(arguments, option)}")
+    if arguments.out is not None and arguments.out.suffix.lower() not in (".png", ".jpg", ".jpeg"):
+        raise ConfigError(f"--out {arguments.out}: a picture is a .png or a .jpg")
+
+
+def _write(path: Path, picture: ByteArray) -> None:
+    write_bytes(path, bytes(cv2.imencode(path.suffix.lower(), picture[:, :, ::-1])[1]))
+
+
+def _list(records: Sequence[PairRecord] | Sequence[ImageRecord]) -> None:
+    for record in records:
+        sys.stdout.write(
+            f"{record.name}  {100 * record.coverage:5.1f} % covered, position error {record.ate:.3f} m, "
+            f"walls {record.map_error:.3f} m, {record.explorer}\n"
+        )

@@ -1,0 +1,51 @@
+"""``slamgym dataset split``: put plans on the training or the test side."""
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import tyro
+
+from slamgym.cad.sources import read_ids
+from slamgym.core.errors import ConfigError
+from slamgym.core.parallel.engine import available_cores
+from slamgym.dataset.curate.split import make_split, split_path
+
+
+@dataclass(frozen=True)
+class SplitArguments:
+    """Split a dataset by plan into training and test side and write its split.json.
+
+    Plans that look alike (copies, mirror images, the same home with a wall moved) stay on one side. The same
+    dataset and seed give the same split; plans keep their sides when a dataset grows.
+    """
+
+    dataset: tyro.conf.Positional[Path]
+    """Folder of the dataset."""
+    test: float = 0.1
+    """Share of the groups of plans that are for testing."""
+    seed: int = 0
+    """Another seed gives another split."""
+    test_plans: Path | None = None
+    """A file with one plan id a line: these plans, and those that look like them, are for testing."""
+    workers: int = 1
+    """Processes; 0 takes one per core."""
+
+
+def main(argv: list[str]) -> int:
+    """Run the command; returns the exit code."""
+    arguments = tyro.cli(SplitArguments, args=argv, prog="slamgym dataset split")
+    if arguments.workers < 0:
+        raise ConfigError(f"--workers must be 0 (one per core) or more, not {arguments.workers}")
+    forced = read_ids(arguments.test_plans) if arguments.test_plans is not None else []
+    workers = arguments.workers or available_cores()
+    table = make_split(
+        arguments.dataset, test=arguments.test, seed=arguments.seed, forced=forced, workers=workers
+    )
+    train, test = len(table.of_side("train")), len(table.of_side("test"))
+    alike = len(table.plans) - table.groups
+    sys.stdout.write(
+        f"{split_path(arguments.dataset)}: {train} plans for training, {test} for testing "
+        f"({alike} of them look like another one)\n"
+    )
+    return 0

@@ -1,0 +1,196 @@
+"""``slamgym deform``: from a floor plan to the maps that SLAM would have drawn of it."""
+
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+import tyro
+
+from slamgym.cad.floorplan import FloorPlan
+from slamgym.cad.sources import open_plans
+from slamgym.core.config import suggest
+from slamgym.core.errors import ConfigError
+from slamgym.core.types import GridFrame, Trajectory
+from slamgym.parametric.config import Method, ParametricConfig, preset
+from slamgym.parametric.model import deform
+from slamgym.parametric.output import displacement_summary, staged_folder, write_deformation
+from slamgym.parametric.paths import plan_trajectory, trajectory_from_file
+from slamgym.parametric.trajectory import TimedTrajectory, from_recorded
+
+RecordPath = Callable[[FloorPlan, str, int, Any], Trajectory]
+"""(plan, explorer's name, seed, explorer factory) -> the true path that the explorer drove, world frame."""
+
+
+@dataclass(frozen=True)
+class DeformArguments:
+    """Turn a floor plan and a trajectory into SLAM-like maps with their displacement fields.
+
+    Without --trajectory or --explorer, a path through all rooms is planned over a probabilistic roadmap.
+    """
+
+    plan: tyro.conf.Positional[str]
+    """A floor plan (HouseExpo JSON, ROS map, image), a folder or archive of plans, bundled or procedural."""
+
+    out: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
+    """Folder to make; one subfolder per sample."""
+
+    plan_id: str | None = None
+    """Which plan of a folder or archive; the first by default."""
+
+    trajectory: Path | None = None
+    """The true path: a .csv of waypoints x,y[,t] or a .tum of poses, in the world frame of the plan."""
+
+    prm: bool = False
+    """Plan a path over a probabilistic roadmap (the default)."""
+
+    prm_kind: Literal["tour", "pair"] = "tour"
+    """Through all rooms, or between two random points as in the paper."""
+
+    explorer: str | None = None
+    """Let this explorer drive the simulated robot, and take its path."""
+
+    method: Method = "two_phase"
+    """How odometry errors become map errors."""
+
+    preset: Literal["faithful", "realistic"] = "faithful"
+    """faithful: the paper's model, corrected; realistic: tuned to look like simulated SLAM maps."""
+
+    severity: float = 1.0
+    """Multiplies every error magnitude; 0 gives the CAD map back where the robot looked."""
+
+    samples: Annotated[int, tyro.conf.arg(aliases=["-n"])] = 1
+    """Number of hypotheses; each draws its own robot and, unless a file gives it, its own path."""
+
+    seed: int = 0
+    """Equal seeds give equal bytes."""
+
+    resolution: float = 0.05
+    """[m/px]"""
+
+    size: int = 0
+    """Side of the square map [px]; the resolution follows from the plan. 0 leaves the resolution as given."""
+
+    calibration: Path | None = None
+    """Coefficients of the two phases that `slamgym calibrate-odometry` measured."""
+
+    overwrite: bool = False
+    """Replace the folder if it exists."""
+
+
+def main(argv: list[str], make_explorer: Any = None, record_path: RecordPath | None = None) -> int:
+    """Run the command.
+
+    Args:
+        argv: Arguments after the command's name.
+        make_explorer: Factory of explorers, handed to ``record_path``; from the command line's table.
+        record_path: Drives an explorer; from the command line's table.
+
+    Returns:
+        The exit code.
+
+    Raises:
+        SlamgymError: If something is wrong that the user can mend; nothing is left half written.
+    """
+    arguments = tyro.cli(DeformArguments, args=argv, prog="slamgym deform")
+    _check(arguments)
+    plan = _load_plan(arguments)
+    config = _config(arguments)
+    frame = _square_frame(plan, config, arguments.size) if arguments.size else None
+    if frame is not None:
+        config = replace(config, resolution=frame.resolution)
+    fixed = trajectory_from_file(arguments.trajectory, plan, config.motion) if arguments.trajectory else None
+    begun = time.perf_counter()
+    with staged_folder(arguments.out, arguments.overwrite) as folder:
+        for i in range(arguments.samples):
+            rng = np.random.default_rng([arguments.seed, i])
+            path = fixed
+            if path is None:
+                path = _path(arguments, plan, config, rng, i, make_explorer, record_path)
+            result = deform(plan, path, config, rng, frame)
+            write_deformation(folder / f"{i:03d}", result, plan.id, (arguments.seed, i))
+            moved = displacement_summary(result)
+            sys.stdout.write(
+                f"{i:03d}: {result.true.length:.1f} m driven, {len(result.true)} scans, walls displaced "
+                f"{moved['rms']:.3f} m rms, {moved['max']:.3f} m at most, "
+                f"{sum(result.seconds.values()):.2f} s\n"
+            )
+    sys.stdout.write(
+        f"{arguments.samples} map(s) of {plan.id} in {time.perf_counter() - begun:.1f} s: {arguments.out}\n"
+    )
+    return 0
+
+
+def _check(arguments: DeformArguments) -> None:
+    given = [
+        name
+        for name, value in (
+            ("--trajectory", arguments.trajectory),
+            ("--prm", arguments.prm),
+            ("--explorer", arguments.explorer),
+        )
+        if value
+    ]
+    if len(given) > 1:
+        raise ConfigError(f"{' and '.join(given)} exclude each other; give one")
+    if arguments.samples < 1:
+        raise ConfigError(f"--samples must be 1 or more, not {arguments.samples}")
+    if arguments.seed < 0:
+        raise ConfigError(f"--seed must be 0 or more, not {arguments.seed}")
+    if arguments.size and arguments.size < 16:
+        raise ConfigError(f"--size must be 16 px or more, not {arguments.size}")
+
+
+def _load_plan(arguments: DeformArguments) -> FloorPlan:
+    source = open_plans(arguments.plan)
+    plan_id = arguments.plan_id if arguments.plan_id is not None else source.ids[0]
+    if plan_id not in source.ids:
+        raise ConfigError(f"{arguments.plan} has no plan {plan_id!r}; {suggest(plan_id, source.ids)}")
+    return source.load(plan_id)
+
+
+def _config(arguments: DeformArguments) -> ParametricConfig:
+    config = replace(
+        preset(arguments.preset),
+        method=arguments.method,
+        severity=arguments.severity,
+        resolution=arguments.resolution,
+    )
+    if arguments.calibration is not None:
+        from slamgym.parametric.calibration import read_calibration
+
+        config = replace(config, two_phase=read_calibration(arguments.calibration, config.two_phase))
+    return config
+
+
+def _square_frame(plan: FloorPlan, config: ParametricConfig, size_px: int) -> GridFrame:
+    """A square grid of ``size_px`` that holds the plan and its margin, the plan in the middle."""
+    min_x, min_y, max_x, max_y = plan.bounds
+    side = max(max_x - min_x, max_y - min_y) + 2.0 * config.margin
+    return GridFrame(
+        resolution=side / size_px,
+        origin_x=0.5 * (min_x + max_x - side),
+        origin_y=0.5 * (min_y + max_y - side),
+        height_px=size_px,
+        width_px=size_px,
+    )
+
+
+def _path(
+    arguments: DeformArguments,
+    plan: FloorPlan,
+    config: ParametricConfig,
+    rng: np.random.Generator,
+    index: int,
+    make_explorer: Any,
+    record_path: RecordPath | None,
+) -> TimedTrajectory:
+    if arguments.explorer is None:
+        return plan_trajectory(plan, config.motion, rng, arguments.prm_kind)
+    if record_path is None:
+        raise ConfigError("--explorer needs the agents package; call the command as `slamgym deform`")
+    recorded = record_path(plan, arguments.explorer, arguments.seed + index, make_explorer)
+    return from_recorded(recorded, f"the path of {arguments.explorer}")

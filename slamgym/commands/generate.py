@@ -1,0 +1,152 @@
+"""``slamgym generate``: explore floor plans and write map pairs."""
+
+import dataclasses
+import sys
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Literal
+
+import tyro
+
+from slamgym.cad import open_plan_mix
+from slamgym.cad.plan_filter import PlanFilter
+from slamgym.commands.dataset.render import render_and_report
+from slamgym.core.errors import ConfigError
+from slamgym.core.parallel.engine import EngineName, available_cores
+from slamgym.core.progress import duration, say
+from slamgym.dataset.format import Layout
+from slamgym.dataset.generate.build import BuildReport, Execution, build_dataset
+from slamgym.dataset.generate.recipe import Recipe, open_recipe
+from slamgym.dataset.generate.settings import DatasetConfig
+from slamgym.dataset.images.square_images import ImageConfig
+from slamgym.dataset.pair import PairConfig
+from slamgym.dataset.shard import WHOLE, Shard
+from slamgym.dataset.summary import describe_pairs, write_contact_sheet
+from slamgym.envs import ExploreConfig
+from slamgym.envs.episode import EpisodeConfig, MakeExplorer
+from slamgym.sim import ClutterConfig, LidarConfig, RobotConfig, odometry_level
+from slamgym.slam import SlamConfig
+
+
+@dataclass(frozen=True)
+class GenerateArguments:
+    """Explore floor plans with a simulated robot and write SLAM/CAD map pairs.
+
+    The same seed gives the same files with any number of workers. Ctrl-C and even kill -9 lose at most the
+    explorations in flight: the same command again makes the rest.
+    """
+
+    out: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
+    """Folder of the dataset; made if it is missing, continued if it holds one made with the same settings."""
+    plans: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
+    """Floor plans: a file, a folder or a .tar.gz of HouseExpo plans, a ROS map's yaml, ``bundled`` (the
+    default), or ``procedural``, also ``procedural:home`` or ``procedural:office:loops``. May be given several
+    times or with commas; ``=WEIGHT`` behind a source makes it come more often, as in ``json.tar.gz=8``."""
+    ids: Path | None = None
+    """A file with one plan id a line: take only these plans."""
+    plans_filter: PlanFilter = "none"
+    """``useful`` takes homes that are worth exploring: 2-20 rooms, 20-300 m2, at most 30 m long, at most
+    1,500 vertices. Generated plans always pass."""
+    pairs: int = 8
+    """How many pairs the folder shall hold. A larger number later adds to the same folder."""
+    explorer: str = "rl"
+    """Who drives: ``rl``, the trained one; ``explore_lite``, ``nearest``, ... (docs/explorers.md compares them)."""
+    minutes: Literal["auto"] | float = "auto"
+    """``auto``: until nothing is left to explore, with a limit that grows with the floor area; or a fixed
+    limit of robot time [min], 7 in the paper."""
+    particles: int = 30
+    """Particles of the SLAM filter."""
+    odometry: Literal["ideal", "low", "medium", "high"] = "medium"
+    """Errors of the wheel odometry; ``ideal`` is what stock Gazebo has, as in the paper."""
+    recipe: str | None = None
+    """Vary the settings from one exploration to the next: a YAML or JSON file, ``reference`` or
+    ``quick``."""
+    trajectories: int = 1
+    """Explorations of each plan that come one after the other: several SLAM maps of one CAD map."""
+    seed: int = 0
+    """Seed of everything random."""
+    workers: int = 0
+    """Processes; 0 takes one per core."""
+    engine: EngineName = "local"
+    """``local``: the processes of this machine. ``ray``: a Ray cluster (``pip install 'slamgym[ray]'``)."""
+    address: str | None = None
+    """Address of a Ray cluster that runs already, e.g. ``auto``; without it, one is started here."""
+    shard: str | None = None
+    """``i/n``, e.g. 3/10: make only the fourth tenth of the dataset, in a folder of its own below OUT. When
+    all shards are done, ``slamgym dataset merge OUT`` puts them together."""
+    images: Path | None = None
+    """Also render uniform square images of the complete pairs into this folder, by the defaults of
+    ``slamgym dataset render``."""
+    contact_sheet: int = 12
+    """Pairs on the contact sheet; 0 draws none."""
+    pair: PairConfig = field(default_factory=PairConfig)
+    """The images."""
+    robot: RobotConfig = field(default_factory=RobotConfig)
+    """Measures and limits of the robot."""
+    lidar: LidarConfig = field(default_factory=LidarConfig)
+    """The scanner and its errors."""
+    slam: SlamConfig = field(default_factory=SlamConfig)
+    """Localisation and mapping."""
+    clutter: ClutterConfig = field(default_factory=ClutterConfig)
+    """Furniture and people, which no CAD map shows."""
+
+
+def main(argv: list[str], make_explorer: MakeExplorer) -> int:
+    """Run the command; returns the exit code."""
+    arguments = tyro.cli(GenerateArguments, args=argv, prog="slamgym generate")
+    if arguments.pairs < 1:
+        raise ConfigError(f"--pairs must be at least 1, not {arguments.pairs}")
+    if arguments.workers < 0:
+        raise ConfigError(f"--workers must be 0 (one per core) or more, not {arguments.workers}")
+    if arguments.shard is not None and arguments.images is not None:
+        raise ConfigError("a shard alone is not rendered; leave --images out and render after the merge")
+    shard = WHOLE if arguments.shard is None else Shard.parse(arguments.shard)
+    # Without an address too Ray finds its own way: a cluster named by the environment, or one per core here.
+    workers = arguments.workers or (available_cores() if arguments.engine == "local" else 0)
+    report = build_dataset(
+        arguments.out,
+        open_plan_mix(arguments.plans or ("bundled",), ids_file=arguments.ids),
+        dataset_config(arguments),
+        make_explorer,
+        pairs=arguments.pairs,
+        execution=Execution(workers, arguments.engine, arguments.address, shard),
+    )
+    _report(report, arguments.contact_sheet)
+    if arguments.images is not None:
+        render_and_report(arguments.out, arguments.images, ImageConfig(), None, max(workers, 1))
+    return 0
+
+
+def dataset_config(arguments: GenerateArguments) -> DatasetConfig:
+    """The settings that decide the content, with the short options put in their places."""
+    env = ExploreConfig(
+        robot=arguments.robot,
+        lidar=arguments.lidar,
+        odometry=odometry_level(arguments.odometry),
+        slam=dataclasses.replace(arguments.slam, particles=arguments.particles),
+        clutter=arguments.clutter,
+    )
+    return DatasetConfig(
+        seed=arguments.seed,
+        plans_filter=arguments.plans_filter,
+        episode=EpisodeConfig(explorer=arguments.explorer, minutes=arguments.minutes, env=env),
+        pair=arguments.pair,
+        trajectories=arguments.trajectories,
+        recipe=open_recipe(arguments.recipe) if arguments.recipe else Recipe(),
+    )
+
+
+def _report(report: BuildReport, sheet_pairs: int) -> None:
+    """Say what is there now, what was left out, and where to look."""
+    layout = Layout(report.root)
+    if report.fresh:
+        say(f"{report.fresh} new pairs in {duration(report.seconds)}.")
+    else:
+        say(f"Nothing to do: {report.root} holds {report.pairs} pairs already.")
+    if report.rejected:
+        kinds = ", ".join(f"{count} {kind}" for kind, count in sorted(report.rejected.items()))
+        say(f"{sum(report.rejected.values())} plans were skipped ({kinds}); {layout.rejected} says why.")
+    sys.stdout.write(describe_pairs(report.root) + "\n")
+    if sheet_pairs > 0 and report.pairs > 0:
+        path = write_contact_sheet(report.root, sheet_pairs)
+        sys.stdout.write(f"contact sheet: {path}\n")

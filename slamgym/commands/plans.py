@@ -1,0 +1,183 @@
+"""``slamgym plans``: list, check, draw and write floor plans."""
+
+import math
+import sys
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import cv2
+import tyro
+from rich.console import Console
+from rich.progress import track
+
+from slamgym.cad.floorplan import FloorPlan
+from slamgym.cad.houseexpo import write_houseexpo
+from slamgym.cad.rejections import Rejections, usable_plans
+from slamgym.cad.sources import PlanSource, open_plans
+from slamgym.core.errors import ConfigError, InputFileError
+from slamgym.core.staged import write_bytes
+from slamgym.viz.plan_pictures import draw_sheet
+
+MAX_NAMED = 10
+"""So many rejected plans are named on the terminal; the file names them all."""
+
+
+@dataclass(frozen=True)
+class _Selection:
+    """Which plans."""
+
+    plans: tyro.conf.Positional[str] = "bundled"
+    """``bundled``; ``procedural`` or ``procedural:SEED``; a HouseExpo file, a folder or a .tar.gz of them; a
+    ROS map's yaml; a picture and its metres per pixel, as in plan.png@0.05."""
+    ids: Path | None = None
+    """A file with one plan id a line: take only these plans."""
+    count: int | None = None
+    """Take only the first so many plans."""
+    robot_radius: float = 0.22
+    """The robot must be able to enter the rooms; the default holds a TurtleBot3 Waffle Pi [m]."""
+    max_extent: float = math.inf
+    """Longest side that a plan may have [m]."""
+
+
+@dataclass(frozen=True)
+class ListPlans(_Selection):
+    """Print id, area, rooms, size, corners, holes and doors of every usable plan."""
+
+
+@dataclass(frozen=True)
+class CheckPlans(_Selection):
+    """Tell which plans can be explored, and what is wrong with the others."""
+
+    rejected: Path = Path("rejected.jsonl")
+    """Where the plans that can't be explored are written, one JSON object a line."""
+
+
+@dataclass(frozen=True)
+class DrawPlans(_Selection):
+    """Draw plans on one picture: rooms coloured by use, doors marked, a scale bar each."""
+
+    out: Path = Path("plans.png")
+    """The picture."""
+    columns: int = 6
+    """Plans in a row."""
+    size: int = 360
+    """Width of one plan [pixels]."""
+
+
+@dataclass(frozen=True)
+class WritePlans(_Selection):
+    """Write usable plans as HouseExpo files, e.g. to keep generated ones or to convert a map."""
+
+    out: Path = Path("plans")
+    """The folder; made if it is missing. The plans left out are listed in its ``rejected.jsonl``."""
+
+
+_Arguments = (
+    Annotated[ListPlans, tyro.conf.subcommand("list")]
+    | Annotated[CheckPlans, tyro.conf.subcommand("check")]
+    | Annotated[DrawPlans, tyro.conf.subcommand("draw")]
+    | Annotated[WritePlans, tyro.conf.subcommand("write")]
+)
+
+MAX_DRAWN = 60
+"""A sheet of more plans needs an explicit ``--count``."""
+
+
+def main(argv: list[str]) -> int:
+    """Run the command.
+
+    Returns:
+        The exit code: 1 if ``check`` found unusable plans, else 0.
+
+    Raises:
+        SlamgymError: If the plans or the output can't be opened.
+    """
+    arguments = tyro.cli(
+        _Arguments,
+        args=argv,
+        prog="slamgym plans",
+        description="List, check, draw and write floor plans.",
+    )
+    if arguments.count is not None and arguments.count < 1:
+        raise ConfigError(f"--count must be at least 1, not {arguments.count}")
+    source = open_plans(arguments.plans, ids_file=arguments.ids)
+    rejections = Rejections()
+    if isinstance(arguments, ListPlans):
+        _list(_usable(arguments, source, rejections))
+        _report(rejections)
+    elif isinstance(arguments, CheckPlans):
+        return _check(arguments, source, rejections)
+    elif isinstance(arguments, DrawPlans):
+        _draw(arguments, source, rejections)
+    else:
+        _write(arguments, source, rejections)
+    return 0
+
+
+def _usable(arguments: _Selection, source: PlanSource, rejections: Rejections) -> Iterator[FloorPlan]:
+    """The chosen plans that pass the check, with a progress bar on a terminal."""
+    ids: Sequence[str] = source.ids[: arguments.count]
+    console = Console(stderr=True)
+    shown = track(ids, "plans", console=console, transient=True, disable=not console.is_terminal)
+    return usable_plans(source, shown, rejections, arguments.robot_radius, arguments.max_extent)
+
+
+def _list(plans: Iterator[FloorPlan]) -> None:
+    sys.stdout.write(
+        f"{'id':32} {'area m2':>8} {'rooms':>5} {'size m':>13} {'corners':>7} {'holes':>5} {'doors':>5}\n"
+    )
+    for plan in plans:
+        min_x, min_y, max_x, max_y = plan.bounds
+        size = f"{max_x - min_x:.1f} x {max_y - min_y:.1f}"
+        sys.stdout.write(
+            f"{plan.id:32} {plan.area:8.1f} {len(plan.rooms):5d} {size:>13} {plan.num_vertices:7d} "
+            f"{len(plan.free_space.interiors):5d} {len(plan.doors):5d}\n"
+        )
+
+
+def _check(arguments: CheckPlans, source: PlanSource, rejections: Rejections) -> int:
+    usable = sum(1 for _ in _usable(arguments, source, rejections))
+    sys.stdout.write(f"{usable} of {usable + len(rejections)} plans can be explored.\n")
+    rejections.write(arguments.rejected)
+    _report(rejections, arguments.rejected)
+    return 1 if len(rejections) else 0
+
+
+def _draw(arguments: DrawPlans, source: PlanSource, rejections: Rejections) -> None:
+    if arguments.count is None and len(source) > MAX_DRAWN:
+        raise ConfigError(f"{len(source)} plans are too many for one picture; add --count 24, for example")
+    if arguments.columns < 1 or arguments.size < 64:
+        raise ConfigError("--columns must be at least 1 and --size at least 64 pixels")
+    plans = list(_usable(arguments, source, rejections))
+    if plans:
+        encoded, data = cv2.imencode(".png", draw_sheet(plans, arguments.columns, arguments.size))
+        if not encoded:
+            raise InputFileError(arguments.out, "the picture can't be encoded; draw fewer or smaller plans")
+        write_bytes(arguments.out, data.tobytes())
+        sys.stdout.write(f"{len(plans)} plans drawn: {arguments.out}\n")
+    rejections.write(arguments.out.with_name("rejected.jsonl"))
+    _report(rejections, arguments.out.with_name("rejected.jsonl"))
+
+
+def _write(arguments: WritePlans, source: PlanSource, rejections: Rejections) -> None:
+    written = 0
+    for plan in _usable(arguments, source, rejections):
+        write_houseexpo(arguments.out / f"{plan.id}.json", plan)
+        written += 1
+    sys.stdout.write(f"{written} plans written: {arguments.out}\n")
+    rejections.write(arguments.out / "rejected.jsonl")
+    _report(rejections, arguments.out / "rejected.jsonl")
+
+
+def _report(rejections: Rejections, path: Path | None = None) -> None:
+    """Say which plans were left out and why."""
+    if not len(rejections):
+        return
+    sys.stderr.write(f"{len(rejections)} plans were left out" + (f", see {path}:\n" if path else ":\n"))
+    for index, entry in enumerate(rejections):
+        if index == MAX_NAMED:
+            sys.stderr.write(f"  and {len(rejections) - MAX_NAMED} more\n")
+            break
+        sys.stderr.write(f"  {entry.source}: {entry.reason}\n")

@@ -1,0 +1,277 @@
+"""``slamgym slam``: a recorded log in, a ROS map, a trajectory and a picture out."""
+
+import json
+import math
+import sys
+from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import cv2
+import numpy as np
+import tyro
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+from slamgym import __version__
+from slamgym.core.config import to_dict
+from slamgym.core.errors import ConfigError, InputFileError
+from slamgym.core.staged import write_bytes, write_text
+from slamgym.core.types import Trajectory
+from slamgym.interop.logs import open_log, read_truth
+from slamgym.interop.records import Log
+from slamgym.interop.relations import Relations, read_relations
+from slamgym.interop.ros_map import write_ros_map
+from slamgym.interop.tum import write_tum
+from slamgym.metrics import RelationError, absolute_trajectory_error, relation_error, relative_pose_error
+from slamgym.slam.config import Matcher, Mode, SlamConfig
+from slamgym.slam.mapper import Mapper
+from slamgym.slam.replay import ReplayResult, read_overrides, replay, settings_for
+from slamgym.viz.growing_map import MAX_FRAMES, GrowingView, ShowFrame, film_writer, window
+from slamgym.viz.map_pictures import map_picture
+
+
+@dataclass(frozen=True)
+class SlamArguments:
+    """Make a map from a recorded log."""
+
+    log: tyro.conf.Positional[Path]
+    """CARMEN log (.log, .clf, also .gz), ROS bag (.bag, .mcap, .db3 or a rosbag2 folder), or the folder of an
+    episode that `slamgym generate` wrote."""
+
+    out: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
+    """Folder for map.pgm, map.yaml, map.png, trajectory.tum and summary.json."""
+
+    mode: Mode = "rbpf"
+    """rbpf: GMapping's particle filter; pose_graph: global loop closure; scan_matching, dead_reckoning: what
+    these would be without."""
+
+    particles: int | None = None
+    """Number of particles (rbpf); 30 by default."""
+
+    seed: int = 0
+    """The same seed gives the same map."""
+
+    relations: Path | None = None
+    """File of reference relations (t1 t2 x y z roll pitch yaw): prints the errors over them."""
+
+    watch: bool = False
+    """Show the map growing in a window (needs slamgym[human])."""
+
+    video: Path | None = None
+    """Write a film of the map growing: a name that ends in .mp4 or .gif."""
+
+    scan_topic: str | None = None
+    """ROS bags: the LaserScan topic. By default /scan or the one with most messages."""
+
+    odometry_topic: str | None = None
+    """ROS bags: the Odometry topic. By default /odom or the one with most messages, else tf."""
+
+    settings: Path | None = None
+    """JSON file with any settings of the mapper, e.g. {"sigma": 0.05}."""
+
+    resolution: float | None = None
+    """Cell size of the map [m]."""
+
+    max_usable_range: float | None = None
+    """Longer returns are not matched [m]. By default from the laser's range."""
+
+    linear_update: float | None = None
+    """Process a scan after this distance [m]."""
+
+    angular_update: float | None = None
+    """Process a scan after this turn [rad]."""
+
+    matcher: Matcher | None = None
+    """Scan matcher; hill_climbing is GMapping's own, slower."""
+
+
+SAME_MOMENT = 0.001
+"""A relation whose stamps are those of scans up to this needs no interpolation [s]."""
+
+OVERRIDES = ("particles", "resolution", "max_usable_range", "linear_update", "angular_update", "matcher")
+
+
+def main(argv: list[str]) -> int:
+    """Run the command; returns the exit code."""
+    arguments = tyro.cli(SlamArguments, args=argv, prog="slamgym slam")
+    if arguments.out.exists() and not arguments.out.is_dir():
+        raise InputFileError(arguments.out, "is a file; name a folder for the results")
+    relations = read_relations(arguments.relations) if arguments.relations is not None else None
+    log = open_log(arguments.log, scan_topic=arguments.scan_topic, odometry_topic=arguments.odometry_topic)
+    truth = read_truth(arguments.log)
+    for sentence in log.warnings.sentences():
+        sys.stderr.write(f"slamgym: warning: {sentence}\n")
+    config = _config(arguments, log)
+    result = _replay(arguments, log, config)
+    accuracy = _accuracy(result.trajectory, relations, truth)
+    summary = _summary(arguments, log, config, result, accuracy)
+    _write(arguments.out, result, summary)
+    sys.stdout.write(_report(arguments.out, summary))
+    return 0
+
+
+def _config(arguments: SlamArguments, log: Log) -> SlamConfig:
+    overrides: dict[str, Any] = read_overrides(arguments.settings) if arguments.settings is not None else {}
+    overrides["mode"] = arguments.mode
+    for name in OVERRIDES:
+        if getattr(arguments, name) is not None:
+            overrides[name] = getattr(arguments, name)
+    if arguments.mode == "ground_truth":
+        raise ConfigError(
+            "--mode ground_truth is for simulation; a log holds no true poses (try dead_reckoning)"
+        )
+    return settings_for(log.geometry, overrides)
+
+
+def _replay(arguments: SlamArguments, log: Log, config: SlamConfig) -> ReplayResult:
+    """Replay with a progress bar and whatever view was asked for."""
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with ExitStack() as stack:
+        screens: list[ShowFrame] = []
+        if arguments.video is not None:
+            screens.append(stack.enter_context(film_writer(arguments.video)))
+        if arguments.watch:
+            screens.append(stack.enter_context(window(f"slamgym slam {arguments.log.name}")))
+        console = Console(stderr=True)
+        progress = stack.enter_context(Progress(*columns, console=console, disable=not console.is_terminal))
+        task = progress.add_task(f"{config.mode} {arguments.log.name}", total=len(log))
+        show = _viewer(screens, len(log))
+
+        def on_scan(index: int, mapper: Mapper, is_processed: bool) -> None:
+            progress.update(task, completed=index + 1)
+            show(index, mapper, is_processed)
+
+        return replay(log, config, np.random.default_rng(arguments.seed), on_scan)
+
+
+def _viewer(screens: list[ShowFrame], total: int) -> Callable[[int, Mapper, bool], None]:
+    """What to call after each scan; it draws a frame now and then, and the last one for a while."""
+    view = GrowingView()
+    every = math.ceil(total / MAX_FRAMES)
+
+    def show(index: int, mapper: Mapper, is_processed: bool) -> None:
+        del is_processed
+        last = index == total - 1
+        if not screens or (index % every != 0 and not last):
+            return
+        picture = view.draw(mapper, f"scan {index + 1} of {total}   N_eff {mapper.n_eff:.1f}")
+        for screen in screens:
+            for _ in range(40 if last else 1):
+                screen(picture)
+
+    return show
+
+
+def _accuracy(
+    trajectory: Trajectory, relations: Relations | None, truth: Trajectory | None
+) -> dict[str, Any]:
+    accuracy: dict[str, Any] = {}
+    if relations is not None:
+        try:
+            accuracy["relations"] = _relation_summary(relation_error(trajectory, *relations))
+            accuracy["relations_at_scans"] = _relation_summary(
+                relation_error(trajectory, *relations, max_gap=SAME_MOMENT)
+            )
+        except ValueError as problem:
+            if "relations" not in accuracy:
+                raise ConfigError(f"--relations: {problem}") from problem
+    if truth is not None:
+        aligned = absolute_trajectory_error(trajectory, truth)
+        plain = absolute_trajectory_error(trajectory, truth, align=False)
+        accuracy["truth"] = {
+            "ate_rmse_m": aligned.translation.rmse,
+            "ate_unaligned_rmse_m": plain.translation.rmse,
+            "ate_rotation_rmse_deg": float(np.degrees(aligned.rotation.rmse)),
+        }
+        if truth.length > 2.0:
+            relative = relative_pose_error(trajectory, truth, delta=1.0)
+            accuracy["truth"]["rpe_per_metre_rmse_m"] = relative.translation.rmse
+    return accuracy
+
+
+def _relation_summary(error: RelationError) -> dict[str, float]:
+    return {
+        "translation_mean_m": error.translation.mean,
+        "translation_deviation_m": error.translation.deviation,
+        "rotation_mean_deg": float(np.degrees(error.rotation.mean)),
+        "rotation_deviation_deg": float(np.degrees(error.rotation.deviation)),
+        "count": error.translation.count,
+        "missing": error.missing,
+    }
+
+
+def _summary(
+    arguments: SlamArguments, log: Log, config: SlamConfig, result: ReplayResult, accuracy: dict[str, Any]
+) -> dict[str, Any]:
+    stats = result.stats
+    frame = result.grid.frame
+    return {
+        "version": __version__,
+        "log": str(arguments.log),
+        "seed": arguments.seed,
+        "scans": len(log),
+        "processed_scans": stats.processed,
+        "log_seconds": log.duration,
+        "path_length_m": result.trajectory.length,
+        "map_size_m": [frame.width_px * frame.resolution, frame.height_px * frame.resolution],
+        "cpu_seconds": stats.cpu_seconds,
+        "cpu_ms_per_processed_scan": stats.cpu_ms_per_processed_scan,
+        "wall_seconds": result.wall_seconds,
+        "map_memory_bytes": stats.memory_bytes,
+        "peak_memory_bytes": result.peak_memory_bytes,
+        "resamplings": stats.resamplings,
+        "refused_matches": stats.refused_matches,
+        **accuracy,
+        **result.extra,
+        "warnings": dict(sorted(log.warnings.counts.items())),
+        "config": to_dict(config),
+        "n_eff": [round(value, 3) for value in stats.n_eff],
+    }
+
+
+def _write(folder: Path, result: ReplayResult, summary: dict[str, Any]) -> None:
+    """Write the results; the summary goes last, so where it exists everything else is complete."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / "summary.json").unlink(missing_ok=True)
+    except OSError as error:
+        raise InputFileError(folder, f"can't be written ({error.strerror or error})") from error
+    write_ros_map(folder, result.grid)
+    write_tum(folder / "trajectory.tum", result.trajectory)
+    caption = f"{Path(summary['log']).name}   {summary['config']['mode']}   {summary['path_length_m']:.0f} m"
+    picture = map_picture(result.grid, result.trajectory.poses, caption)
+    _, encoded = cv2.imencode(".png", cv2.cvtColor(picture, cv2.COLOR_RGB2BGR))
+    write_bytes(folder / "map.png", encoded.tobytes())
+    write_text(folder / "summary.json", json.dumps(summary, indent=1) + "\n")
+
+
+def _report(folder: Path, summary: dict[str, Any]) -> str:
+    lines = [
+        f"{summary['log']}: {summary['scans']} scans, {summary['path_length_m']:.0f} m, "
+        f"map {summary['map_size_m'][0]:.0f} x {summary['map_size_m'][1]:.0f} m",
+        f"  {summary['config']['mode']}: {summary['processed_scans']} scans processed in "
+        f"{summary['cpu_seconds']:.1f} CPU s, {summary['cpu_ms_per_processed_scan']:.2f} ms each; "
+        f"{summary['resamplings']} resamplings; maps {summary['map_memory_bytes'] / 1e6:.0f} MB",
+    ]
+    if "loop_closures" in summary:
+        lines.append(f"  loop closures: {summary['loop_closures']}")
+    for key, moments in (("relations", "interpolated"), ("relations_at_scans", "at the scans")):
+        if key in summary:
+            r = summary[key]
+            lines.append(
+                f"  relations, {moments}: "
+                f"{r['translation_mean_m']:.4f} +- {r['translation_deviation_m']:.4f} m, "
+                f"{r['rotation_mean_deg']:.2f} +- {r['rotation_deviation_deg']:.2f} deg "
+                f"(mean +- deviation of {r['count']} of {r['count'] + r['missing']})"
+            )
+    if "truth" in summary:
+        t = summary["truth"]
+        lines.append(
+            f"  against the truth: ATE {t['ate_rmse_m']:.3f} m after alignment, "
+            f"{t['ate_unaligned_rmse_m']:.3f} m without"
+        )
+    lines.append(f"  {folder / 'map.png'}")
+    return "\n".join(lines) + "\n"

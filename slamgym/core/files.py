@@ -1,0 +1,148 @@
+"""Writing that survives kill -9 and power cuts, and says plainly what is wrong with a disk."""
+
+import contextlib
+import errno
+import os
+from collections.abc import Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+from slamgym.core.errors import InputFileError, SlamgymError
+
+try:
+    import fcntl
+except ImportError:  # not a POSIX system: no lock between two runs there
+    fcntl = None  # type: ignore[assignment]
+
+_MENDS = {
+    errno.ENOSPC: "the disk is full; free some space",
+    errno.EDQUOT: "the disk quota is used up; free some space",
+    errno.EFBIG: "the file would be larger than allowed; raise the limit",
+    errno.EACCES: "permission denied; choose a folder that you may write to",
+    errno.EPERM: "permission denied; choose a folder that you may write to",
+    errno.EROFS: "the file system is read-only; choose another folder",
+    errno.ENOTDIR: "a part of the path is a file, not a folder; choose another folder",
+    errno.EEXIST: "exists and is not a folder; choose another one",
+}
+
+
+_SYNC_THREADS = 16
+
+
+class StorageError(SlamgymError):
+    """The dataset can't be written: a full disk, a folder without permission, another run at work in it."""
+
+
+@contextlib.contextmanager
+def storage_errors(path: Path) -> Iterator[None]:
+    """Turn a failure to write inside the block into an error that names the folder and the mend.
+
+    Args:
+        path: What is being written, as the user knows it.
+    """
+    try:
+        yield
+    except OSError as error:
+        raise _storage_error(path, error) from error
+    except InputFileError as error:
+        if not isinstance(error.__cause__, OSError):
+            raise
+        raise _storage_error(path, error.__cause__) from error
+
+
+def _storage_error(path: Path, error: OSError) -> StorageError:
+    reason = _MENDS.get(error.errno or 0, error.strerror or str(error))
+    return StorageError(f"{path}: can't be written ({reason}, then run the same command again)")
+
+
+def replace_file(path: Path, data: bytes) -> None:
+    """Write a file so that whoever reads it, whenever a run is killed, sees the old bytes or the new."""
+    replace_file_by(path, [data])
+
+
+def replace_file_by(path: Path, chunks: Iterable[bytes]) -> None:
+    """The same as :func:`replace_file`, of data that need not fit in memory.
+
+    Args:
+        path: The file; what the chunks are made from may be its old content.
+        chunks: The new content.
+    """
+    temporary = temporary_name(path)
+    with temporary.open("wb") as file:
+        file.writelines(chunks)
+        file.flush()
+        os.fsync(file.fileno())
+    temporary.replace(path)
+    sync_folder(path.parent)
+
+
+def replace_if_changed(path: Path, data: bytes) -> None:
+    """The same as :func:`replace_file`, but a file that has the content already stays as it is."""
+    if not path.exists() or path.read_bytes() != data:
+        replace_file(path, data)
+
+
+def drop_torn_line(path: Path) -> None:
+    """Cut a log of lines, if there is one, after its last whole line: a run that was killed may have torn it."""
+    if path.exists():
+        data = path.read_bytes()
+        whole = data.rfind(b"\n") + 1
+        if whole < len(data):
+            os.truncate(path, whole)
+
+
+def temporary_name(path: Path) -> Path:
+    """Where the new content of a file is written before it takes the file's place."""
+    return path.with_name(f".{path.name}.tmp")
+
+
+def sync_folder(folder: Path) -> None:
+    """Wait until the disk has the folder's entries (new names, renames)."""
+    if os.name != "posix":
+        return
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def sync_tree(folder: Path) -> None:
+    """Wait until the disk has every file below the folder and their names.
+
+    All files are waited for at once: a journal takes them together, in a third of the time of one after the
+    other.
+    """
+    paths = list(folder.rglob("*"))
+    if paths:
+        with ThreadPoolExecutor(min(len(paths), _SYNC_THREADS)) as threads:
+            list(threads.map(_sync, paths))
+    sync_folder(folder)
+
+
+def _sync(path: Path) -> None:
+    if path.is_dir():
+        sync_folder(path)
+    else:
+        with path.open("rb+") as file:
+            os.fsync(file.fileno())
+
+
+@contextlib.contextmanager
+def exclusive_lock(path: Path) -> Iterator[None]:
+    """Hold a lock file; the system releases it when the process ends, however it ends.
+
+    Raises:
+        StorageError: If another process holds it.
+    """
+    with storage_errors(path):
+        file = path.open("a")
+    with file:
+        if fcntl is not None:
+            try:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                raise StorageError(
+                    f"{path.parent}: another run is writing to this folder; wait for it or choose another one"
+                ) from None
+        yield

@@ -1,0 +1,57 @@
+"""SE(2) arithmetic and angles.
+
+Convention: ``compose(a, b)`` is the pose of frame b's child seen from a's parent, i.e. the matrix product
+``T_a @ T_b``; ``between(a, b)`` is ``inverse(a) * b``, the pose of b seen from a.
+"""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from slamgym.core.types import FloatArray, Pose2D
+
+
+def wrap_angle(angle: Any) -> Any:
+    """Wrap an angle or an array of angles [rad] to (-pi, pi]."""
+    if isinstance(angle, float | int):
+        return math.pi - (math.pi - angle) % (2.0 * math.pi)
+    return np.pi - np.mod(np.pi - np.asarray(angle, dtype=np.float64), 2.0 * np.pi)
+
+
+def compose(a: Pose2D, b: Pose2D) -> Pose2D:
+    """Pose of b, given in frame a, expressed in the parent frame of a."""
+    cos, sin = math.cos(a[2]), math.sin(a[2])
+    return Pose2D(
+        a[0] + cos * b[0] - sin * b[1],
+        a[1] + sin * b[0] + cos * b[1],
+        wrap_angle(float(a[2] + b[2])),
+    )
+
+
+def inverse(a: Pose2D) -> Pose2D:
+    """Undo a pose: a composed with its inverse is the identity."""
+    cos, sin = math.cos(a[2]), math.sin(a[2])
+    return Pose2D(-cos * a[0] - sin * a[1], sin * a[0] - cos * a[1], wrap_angle(float(-a[2])))
+
+
+def between(a: Pose2D, b: Pose2D) -> Pose2D:
+    """Pose of b seen from a (both given in one parent frame)."""
+    cos, sin = math.cos(a[2]), math.sin(a[2])
+    dx, dy = b[0] - a[0], b[1] - a[1]
+    return Pose2D(cos * dx + sin * dy, -sin * dx + cos * dy, wrap_angle(float(b[2] - a[2])))
+
+
+def transform_points(pose: Pose2D, points: FloatArray) -> FloatArray:
+    """Express points, shape (N, 2) [m] in the frame of ``pose``, in the parent frame of ``pose``."""
+    cos, sin = math.cos(pose[2]), math.sin(pose[2])
+    rotation = np.array([[cos, -sin], [sin, cos]])
+    return points @ rotation.T + np.array([pose[0], pose[1]])
+
+
+def transform_poses(pose: Pose2D, poses: FloatArray) -> FloatArray:
+    """Compose ``pose`` with each row of ``poses``, shape (N, 3)."""
+    moved = np.empty_like(poses, dtype=np.float64)
+    moved[:, :2] = transform_points(pose, poses[:, :2])
+    moved[:, 2] = wrap_angle(poses[:, 2] + pose[2])
+    return moved

@@ -1,0 +1,159 @@
+"""The processes of one machine.
+
+Every worker is a loky executor of its own with a single process: when one dies, it is known which task it had
+in hand, and the others go on undisturbed. A common pool would lose every task in flight with it.
+"""
+
+import contextlib
+import os
+import signal
+import threading
+import time
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import FIRST_COMPLETED, Future, wait
+from concurrent.futures.process import BrokenProcessPool
+from typing import Any, Self, TypeVar
+
+import cv2
+from joblib.externals import loky
+
+from slamgym.core.errors import ConfigError
+from slamgym.core.parallel.engine import Attempt, Backlog, Lost
+
+_Item = TypeVar("_Item")
+_Result = TypeVar("_Result")
+
+SINGLE_THREADED = {
+    "OMP_NUM_THREADS": "1",
+    "OPENBLAS_NUM_THREADS": "1",
+    "MKL_NUM_THREADS": "1",
+    "NUMBA_NUM_THREADS": "1",
+}
+"""Every worker computes on one thread: the tasks themselves are the parallelism."""
+
+PARENT_CHECK_INTERVAL = 0.5
+"""How often a worker looks whether its parent lives [s]."""
+
+
+class LocalEngine:
+    """Processes of this machine, one thread each; with one worker everything runs in this process.
+
+    Args:
+        workers: Number of processes.
+
+    Raises:
+        ConfigError: If the number is not positive.
+    """
+
+    shares_files = True
+
+    def __init__(self, workers: int) -> None:
+        if workers < 1:
+            raise ConfigError(f"the number of workers must be at least 1, not {workers}")
+        self._workers = [_Worker() for _ in range(workers)] if workers > 1 else []
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        for worker in self._workers:
+            worker.close()
+
+    def run(
+        self, task: Callable[[_Item], _Result], items: Iterable[_Item]
+    ) -> Iterator[_Result | Lost[_Item]]:
+        """See :class:`~slamgym.core.parallel.engine.Engine`."""
+        if not self._workers:
+            with _one_opencv_thread():
+                yield from map(task, items)
+            return
+        backlog = Backlog(items)
+        running: dict[Future[_Result], tuple[_Worker, Attempt[_Item]]] = {}
+
+        def start(worker: _Worker) -> None:
+            if (attempt := backlog.pop()) is not None:
+                running[worker.submit(task, attempt.item)] = (worker, attempt)
+
+        try:
+            for worker in self._workers:
+                start(worker)
+            while running:
+                # Loading a plan takes a moment: the next ones are made ready while the workers are busy.
+                backlog.prefetch(len(self._workers))
+                results: list[_Result | Lost[_Item]] = []
+                for future in wait(running, return_when=FIRST_COMPLETED).done:
+                    worker, attempt = running.pop(future)
+                    result = _result_of(future, attempt, backlog)
+                    if result is not None:
+                        results.append(result)
+                    # The worker goes on before the caller takes its time over the result.
+                    start(worker)
+                yield from results
+        finally:
+            for worker, _ in running.values():
+                worker.close()
+
+
+def _result_of(
+    future: Future[_Result], attempt: Attempt[_Item], backlog: Backlog[_Item]
+) -> _Result | Lost[_Item] | None:
+    """What a task gave; None if its worker died and it will be tried again."""
+    try:
+        result = future.result()
+    except BrokenProcessPool:
+        return backlog.worker_died(attempt, "a worker process was killed")
+    backlog.succeeded()
+    return result
+
+
+class _Worker:
+    """One process, started again when it died."""
+
+    def __init__(self) -> None:
+        self._executor: Any = None
+
+    def submit(self, task: Callable[[_Item], _Result], item: _Item) -> Future[_Result]:
+        """Hand a task to the process, which is started if it does not run."""
+        if self._executor is not None:
+            try:
+                future: Future[_Result] = self._executor.submit(task, item)
+            except BrokenProcessPool:  # it was killed, with this task's forerunner or while it was idle
+                self.close()
+            else:
+                return future
+        self._executor = loky.ProcessPoolExecutor(
+            1, initializer=_start_worker, initargs=(os.getpid(),), env=SINGLE_THREADED
+        )
+        return self._executor.submit(task, item)
+
+    def close(self) -> None:
+        """End the process at once: after Ctrl-C or an error, the task in its hands is of no use."""
+        if self._executor is not None:
+            self._executor.shutdown(wait=True, kill_workers=True)
+            self._executor = None
+
+
+def _start_worker(parent: int) -> None:
+    """Prepare a worker: one thread, Ctrl-C is the parent's to handle, and no life after the parent."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    cv2.setNumThreads(1)
+    if os.name == "posix":
+        threading.Thread(target=_end_with_parent, args=(parent,), daemon=True).start()
+
+
+def _end_with_parent(parent: int) -> None:
+    """End this process when its parent was killed: loky's workers would wait for tasks for ever."""
+    while os.getppid() == parent:
+        time.sleep(PARENT_CHECK_INTERVAL)
+    os._exit(1)
+
+
+@contextlib.contextmanager
+def _one_opencv_thread() -> Iterator[None]:
+    """Compute on one OpenCV thread inside the block, as in a worker."""
+    before = cv2.getNumThreads()
+    cv2.setNumThreads(1)
+    try:
+        yield
+    finally:
+        cv2.setNumThreads(before)

@@ -1,0 +1,131 @@
+"""The processes of a Ray cluster: of machines that somebody has started, or of this machine.
+
+The driver alone writes. Tasks give their files back as bytes through Ray's object store, so the nodes need no
+common file system; a bounded number of tasks is under way, so the store does not fill up.
+"""
+
+from collections.abc import Callable, Iterable, Iterator
+from typing import Any, Self, TypeVar
+
+import cv2
+
+from slamgym import __version__
+from slamgym.core.errors import ConfigError, SlamgymError
+from slamgym.core.parallel.engine import Attempt, Backlog, Lost
+from slamgym.core.parallel.ray_cluster import RayCluster, one_line
+
+_Item = TypeVar("_Item")
+_Result = TypeVar("_Result")
+
+IN_FLIGHT_PER_CPU = 2
+"""Tasks handed to Ray per core of the cluster: one to run, and one that waits, by which a cluster that can
+grow sees that there is work."""
+
+FETCH_TIMEOUT = 60.0
+"""How long the few MB of a result that is ready may take to arrive [s]."""
+
+
+class RayEngine:
+    """A Ray cluster.
+
+    Args:
+        workers: Size of a cluster that is started here; of one that runs already, the most tasks at a time, 0
+            for all it has.
+        address: Where a cluster runs; None takes the ``RAY_ADDRESS`` of the environment, or starts one here.
+
+    Raises:
+        ConfigError: If Ray is not installed, or no cluster answers.
+    """
+
+    shares_files = False
+
+    def __init__(self, workers: int, address: str | None = None) -> None:
+        self._cluster = RayCluster(workers, address)
+        self._ray = self._cluster.ray
+        self._most = workers
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self._cluster.close()
+
+    def run(
+        self, task: Callable[[_Item], _Result], items: Iterable[_Item]
+    ) -> Iterator[_Result | Lost[_Item]]:
+        """See :class:`~slamgym.core.parallel.engine.Engine`.
+
+        Raises:
+            ClusterLostError: If the head of the cluster, or Ray on this machine, has gone.
+        """
+        # Ray's own retries are off: the count is kept here, the same for crashes, lost nodes and lost results.
+        remote = self._ray.remote(num_cpus=1, max_retries=0)(_run_on_node)
+        backlog = Backlog(items)
+        pending: dict[Any, Attempt[_Item]] = {}
+        try:
+            while True:
+                limit = self._in_flight_limit()
+                while len(pending) < limit and (attempt := backlog.pop()) is not None:
+                    pending[remote.remote(task, attempt.item, __version__)] = attempt
+                if not pending:
+                    return
+                reference = self._cluster.wait(pending)
+                if reference is None:
+                    continue
+                result = self._result_of(reference, pending.pop(reference), backlog)
+                del reference  # it keeps the result in the object store
+                if result is not None:
+                    yield result
+        except ConnectionError as error:  # what a client of a cluster elsewhere (ray://) is told
+            raise self._cluster.lost(f"the connection to the Ray cluster has broken ({error})") from error
+        finally:
+            self._cluster.cancel(pending)
+
+    def _result_of(
+        self, reference: Any, attempt: Attempt[_Item], backlog: Backlog[_Item]
+    ) -> _Result | Lost[_Item] | None:
+        """What a task gave; None if it was lost and will be tried again."""
+        errors = self._ray.exceptions
+        try:
+            result: _Result = self._ray.get(reference, timeout=FETCH_TIMEOUT)
+        except errors.RayTaskError as error:
+            raise error.cause from None
+        except errors.LocalRayletDiedError as error:
+            raise self._cluster.lost("Ray on this machine has died (its raylet.out may say why)") from error
+        except errors.RayError as error:
+            self._cluster.check()  # a head that is gone is not the task's fault
+            cause = self._cause_of(error)
+            if cause is None:
+                raise SlamgymError(
+                    f"Ray failed: {one_line(error)}; run the same command again to go on"
+                ) from error
+            return backlog.worker_died(attempt, cause)
+        backlog.succeeded()
+        return result
+
+    def _cause_of(self, error: Exception) -> str | None:
+        """Why a task was lost; None for an error of which trying again is no cure."""
+        errors = self._ray.exceptions
+        causes = {
+            errors.OutOfMemoryError: "a worker ran out of memory",
+            errors.NodeDiedError: "a node was lost",
+            errors.ObjectLostError: "a node with a result was lost",
+            errors.GetTimeoutError: "a result could not be fetched",
+            errors.WorkerCrashedError: "a worker process was killed",
+        }
+        return next((cause for kind, cause in causes.items() if isinstance(error, kind)), None)
+
+    def _in_flight_limit(self) -> int:
+        """How many tasks may be under way, by the present size of the cluster."""
+        limit = max(1, IN_FLIGHT_PER_CPU * self._cluster.cpus())
+        return min(limit, self._most) if self._most and not self._cluster.is_ours else limit
+
+
+def _run_on_node(task: Callable[[_Item], _Result], item: _Item, version: str) -> _Result:
+    """Run a task in a worker of the cluster."""
+    if version != __version__:
+        raise ConfigError(
+            f"a node of the Ray cluster has slamgym {__version__}, the driver has {version}; install the same"
+        )
+    cv2.setNumThreads(1)
+    return task(item)

@@ -1,0 +1,33 @@
+"""PNG pictures in memory and on the disk."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from slamgym.core.errors import InputFileError
+from slamgym.core.types import ByteArray
+
+
+def encode_png(image: ByteArray) -> bytes:
+    """The content of a PNG file, of shape (rows, cols) or (rows, cols, 3) in OpenCV's order of channels."""
+    return bytes(cv2.imencode(".png", image)[1])
+
+
+def read_png(path: Path) -> ByteArray:
+    """Read a picture as it is, shape (rows, cols) or (rows, cols, channels).
+
+    Raises:
+        InputFileError: If it is missing or no picture.
+    """
+    try:
+        data = np.frombuffer(path.read_bytes(), dtype=np.uint8)
+    except OSError as error:
+        raise InputFileError(path, f"can't be read ({error.strerror or error})") from error
+    try:
+        image = cv2.imdecode(data, cv2.IMREAD_UNCHANGED) if data.size else None
+    except cv2.error:
+        image = None
+    if image is None:
+        raise InputFileError(path, "is not a PNG picture")
+    return image

@@ -1,0 +1,3 @@
+"""Which pairs are fit for use: completeness, cleaning, review by people, splits."""
+
+__all__: list[str] = []

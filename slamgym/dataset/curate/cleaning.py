@@ -1,0 +1,217 @@
+"""The main path of ``slamgym dataset clean``: a verdict about every map, and nothing deleted."""
+
+import dataclasses
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal, Protocol
+
+import numpy as np
+
+from slamgym import __version__
+from slamgym.core.errors import ConfigError, InputFileError
+from slamgym.core.progress import show_progress
+from slamgym.core.types import FloatArray
+from slamgym.dataset.curate.completeness import FEATURES, completeness_features
+from slamgym.dataset.curate.criteria import Criteria, StuckFilter, record_faults
+from slamgym.dataset.curate.decisions import Decision
+from slamgym.dataset.curate.map_items import MapItem
+from slamgym.dataset.curate.probability_score import ProbabilityScore, score_probabilities
+from slamgym.dataset.curate.verdicts import Verdict, write_verdicts
+
+
+class Classifier(Protocol):
+    """Tells how probable it is that maps are complete."""
+
+    def __call__(self, features: FloatArray, plan_ids: Sequence[str]) -> FloatArray:
+        """Probabilities, shape (N,), for features of shape (N, 15)."""
+        ...
+
+
+@dataclass(frozen=True)
+class CleanConfig:
+    """How a verdict comes about."""
+
+    by: Literal["truth", "classifier"] = "truth"
+    """Who decides where the truth is known; without it, the classifier always does."""
+    band: tuple[float, float] = (0.4, 0.8)
+    """Probabilities from the first up to the second are doubtful and go to a person, as in the paper."""
+    doubtful: Literal["drop", "keep"] = "drop"
+    """What becomes of doubtful maps until a person has decided, where the classifier decides."""
+    criteria: Criteria = field(default_factory=Criteria)
+    """When a map is good by the truth."""
+    stuck: StuckFilter = field(default_factory=StuckFilter)
+    """When a map looks like that of a robot that got stuck."""
+
+    def __post_init__(self) -> None:
+        low, high = self.band
+        if not 0.0 <= low <= high <= 1.0:
+            raise ConfigError(f"the band must be two probabilities in ascending order, not {low} {high}")
+
+
+@dataclass(frozen=True)
+class CleanReport:
+    """What came out."""
+
+    verdicts: tuple[Verdict, ...]
+    agreement: ProbabilityScore | None
+    """The classifier's probabilities beside the truth, where that is known."""
+
+    @property
+    def kept(self) -> int:
+        """Number of maps that are kept."""
+        return sum(verdict.keep for verdict in self.verdicts)
+
+    @property
+    def undecided(self) -> int:
+        """Number of doubtful maps that no person has decided about."""
+        return sum(verdict.is_doubtful and verdict.by != "person" for verdict in self.verdicts)
+
+    def reasons(self) -> dict[str, int]:
+        """How many maps were dropped, by the kind of reason; the numbers in the reasons are left out."""
+        kinds = (verdict.kind for verdict in self.verdicts if not verdict.keep)
+        return dict(Counter(kinds).most_common())
+
+
+def clean_maps(
+    root: Path,
+    items: Sequence[MapItem],
+    classifier: Classifier,
+    about_classifier: Mapping[str, Any],
+    config: CleanConfig,
+    decisions: Mapping[str, Decision],
+) -> CleanReport:
+    """Judge every map and write the verdicts into the folder.
+
+    The same maps, settings and decisions give the same files; a run that is killed leaves the old ones.
+
+    Args:
+        root: Where ``clean.jsonl`` and ``clean.json`` go.
+        items: The maps.
+        classifier: Tells how probable it is that they are complete.
+        about_classifier: What to note about it.
+        config: The settings.
+        decisions: What people decided, by the maps' names.
+
+    Raises:
+        StorageError: If the folder can't be written.
+    """
+    features, faults = _measure(items, config.stuck)
+    readable = [number for number, fault in enumerate(faults) if fault.kind != "file"]
+    probabilities = np.full(len(items), np.nan)
+    probabilities[readable] = classifier(features[readable], [items[i].plan_id for i in readable])
+    verdicts = tuple(
+        _judge(item, None if np.isnan(probability) else float(probability), fault, config, decisions)
+        for item, probability, fault in zip(items, probabilities.tolist(), faults, strict=True)
+    )
+    report = CleanReport(verdicts, _agreement(verdicts, config.band))
+    write_verdicts(root, verdicts, _summary(report, config, about_classifier))
+    return report
+
+
+@dataclass(frozen=True)
+class _Fault:
+    """What the map alone shows to be wrong."""
+
+    kind: Literal["none", "stuck", "file"]
+    reason: str = ""
+
+
+def _measure(items: Sequence[MapItem], stuck: StuckFilter) -> tuple[FloatArray, list[_Fault]]:
+    """Features of every map, shape (N, 15), and what is wrong with it at first sight."""
+    features = np.zeros((len(items), len(FEATURES)))
+    faults = []
+    with show_progress("maps", 0, len(items)) as advance:
+        for number, item in enumerate(items):
+            try:
+                grid = item.load()
+            except InputFileError as error:
+                faults.append(_Fault("file", str(error)))
+            else:
+                resolution = grid.frame.resolution
+                features[number] = completeness_features(grid.cells, resolution)
+                why = stuck.why_stuck(features[number], resolution)
+                faults.append(_Fault("stuck", why) if why else _Fault("none"))
+            advance()
+    return features, faults
+
+
+def _judge(
+    item: MapItem,
+    probability: float | None,
+    fault: _Fault,
+    config: CleanConfig,
+    decisions: Mapping[str, Decision],
+) -> Verdict:
+    record = item.record
+    true_faults = record_faults(record, config.criteria) if record else []
+    decision = decisions.get(item.name)
+    if fault.kind == "file" or probability is None:
+        keep, reason, by = False, fault.reason, "file"
+    elif decision is not None:
+        keep, reason, by = decision.keep, f"{'kept' if decision.keep else 'dropped'} by a person", "person"
+    elif record and config.by == "truth":
+        keep, reason, by = not true_faults, "; ".join(true_faults) or "complete", "truth"
+    elif fault.kind == "stuck":
+        keep, reason, by = False, fault.reason, "stuck filter"
+    else:
+        keep, reason = _by_probability(probability, config)
+        by = "classifier"
+    return Verdict(
+        name=item.name,
+        keep=keep,
+        reason=reason,
+        by=by,
+        probability=None if probability is None else round(probability, 4),
+        is_doubtful=fault.kind == "none"
+        and probability is not None
+        and config.band[0] <= probability < config.band[1],
+        looks_stuck=fault.kind == "stuck",
+        is_complete=not true_faults if record else None,
+        coverage=record.coverage if record else None,
+        ate=record.ate if record else None,
+        map_error=record.map_error if record else None,
+    )
+
+
+def _by_probability(probability: float, config: CleanConfig) -> tuple[bool, str]:
+    low, high = config.band
+    if probability < low:
+        return False, f"incomplete: probability {probability:.2f} of being complete < {low:.2f}"
+    if probability >= high:
+        return True, "complete"
+    words = f"doubtful: probability {probability:.2f} of being complete is between {low:.2f} and {high:.2f}"
+    return config.doubtful == "keep", words
+
+
+def _agreement(verdicts: Sequence[Verdict], band: tuple[float, float]) -> ProbabilityScore | None:
+    """The pipeline's probabilities beside the truth; a map caught by the stuck filter counts as improbable."""
+    known = [v for v in verdicts if v.is_complete is not None and v.probability is not None]
+    if not known:
+        return None
+    probabilities = np.array([0.0 if v.looks_stuck else v.probability for v in known], dtype=np.float64)
+    return score_probabilities(probabilities, np.array([bool(v.is_complete) for v in known]), band)
+
+
+def _summary(report: CleanReport, config: CleanConfig, about_classifier: Mapping[str, Any]) -> dict[str, Any]:
+    agreement = dataclasses.asdict(report.agreement) if report.agreement else None
+    return {
+        "version": __version__,
+        "settings": dataclasses.asdict(config),
+        "classifier": dict(about_classifier),
+        "maps": len(report.verdicts),
+        "kept": report.kept,
+        "undecided": report.undecided,
+        "dropped": report.reasons(),
+        "agreement": _without_nan(agreement),
+    }
+
+
+def _without_nan(value: Any) -> Any:
+    """JSON knows no nan: null stands for a figure that doesn't exist."""
+    if isinstance(value, dict):
+        return {key: _without_nan(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_without_nan(item) for item in value]
+    return None if isinstance(value, float) and np.isnan(value) else value

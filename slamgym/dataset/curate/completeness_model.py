@@ -1,0 +1,215 @@
+"""A classifier of completeness: Extra Trees on the fifteen features, as in the paper.
+
+Training needs scikit-learn (the extra ``clean``); using a trained model doesn't. The shipped model was
+trained by ``benchmarks/completeness.py``.
+"""
+
+import dataclasses
+import importlib
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+
+from slamgym import __version__
+from slamgym.core.errors import ConfigError, InputFileError, SlamgymError
+from slamgym.core.types import BoolArray, FloatArray
+from slamgym.dataset.curate.completeness import FEATURES
+from slamgym.dataset.curate.forest import LEAF, Forest, read_forest, write_forest
+
+SHIPPED_MODEL = Path(__file__).parent / "pretrained" / "completeness.npz"
+
+
+@dataclass(frozen=True)
+class TreesConfig:
+    """How the trees are grown (Geurts, Ernst and Wehenkel, Extremely randomized trees, Machine Learning 2006)."""
+
+    trees: int = 100
+    """Their number."""
+    min_leaf: int = 4
+    """A leaf holds at least so many samples: fewer give bolder probabilities, which are worse calibrated."""
+    max_features: int = 8
+    """Features tried for a split."""
+    seed: int = 0
+    """Of the random thresholds."""
+
+    def __post_init__(self) -> None:
+        if self.trees < 1 or self.min_leaf < 1:
+            raise ConfigError(f"trees and min_leaf must be at least 1, not {self.trees} and {self.min_leaf}")
+        if not 1 <= self.max_features <= len(FEATURES):
+            raise ConfigError(f"max_features must be 1 to {len(FEATURES)}, not {self.max_features}")
+
+
+@dataclass(frozen=True)
+class CompletenessModel:
+    """Tells from the features of a map how probable it is that the map is complete."""
+
+    forest: Forest
+    about: dict[str, Any] = field(default_factory=dict)
+    """Where it comes from: criteria, number of maps, version."""
+
+    def probabilities(self, features: FloatArray) -> FloatArray:
+        """Probability of being complete, shape (N,), for features of shape (N, 15)."""
+        return self.forest.predict(features.reshape(-1, len(FEATURES)))
+
+    def write(self, path: Path | str) -> None:
+        """Write the model as an npz file.
+
+        Raises:
+            InputFileError: If the file can't be written.
+        """
+        write_forest(path, self.forest, {**self.about, "features": list(FEATURES)})
+
+    @classmethod
+    def read(cls, path: Path | str = SHIPPED_MODEL) -> "CompletenessModel":
+        """Read a model; nothing in the file is executed.
+
+        Raises:
+            InputFileError: If the file is no model, or one of other features.
+        """
+        forest, about = read_forest(path)
+        if about.get("features") != list(FEATURES) or forest.feature.max() >= len(FEATURES):
+            raise InputFileError(path, "was trained on other features; train it again with this version")
+        return cls(forest, about)
+
+
+def train_completeness(
+    features: FloatArray, complete: BoolArray, config: TreesConfig, about: dict[str, Any] | None = None
+) -> CompletenessModel:
+    """Grow trees on maps of which the truth is known.
+
+    Args:
+        features: (N, 15).
+        complete: (N,) whether each map is complete; both kinds must occur.
+        config: The settings.
+        about: What to note with the model.
+
+    Raises:
+        SlamgymError: If scikit-learn is missing, or all maps are of one kind.
+    """
+    _refuse_one_kind(complete)
+    ensemble = _require_sklearn("ensemble").ExtraTreesClassifier(
+        n_estimators=config.trees,
+        min_samples_leaf=config.min_leaf,
+        max_features=config.max_features,
+        random_state=config.seed,
+        n_jobs=1,
+    )
+    ensemble.fit(features.astype(np.float32), complete)
+    notes = {"version": __version__, "maps": len(complete), "complete": int(complete.sum())}
+    trees = [estimator.tree_ for estimator in ensemble.estimators_]
+    return CompletenessModel(
+        _to_forest(trees), {**notes, "trees": dataclasses.asdict(config), **(about or {})}
+    )
+
+
+@dataclass(frozen=True)
+class CrossFittedModel:
+    """Models of which at least one has seen no map of a given plan.
+
+    The plans are split into parts; each part's model learned from all the others, and ``whole`` from all.
+    """
+
+    whole: CompletenessModel
+    parts: tuple[CompletenessModel, ...]
+    part_of: dict[str, int]
+    """Plan id to its part; other plans are left to ``whole``, which hasn't seen them either."""
+
+    def probabilities(self, features: FloatArray, plan_ids: Sequence[str]) -> FloatArray:
+        """Probability of being complete by a model that has seen no map of the same plan.
+
+        Args:
+            features: (N, 15).
+            plan_ids: (N,).
+
+        Returns:
+            (N,).
+        """
+        part = np.array([self.part_of.get(plan_id, -1) for plan_id in plan_ids], dtype=np.int64)
+        probabilities = np.zeros(len(part))
+        for number in np.unique(part):
+            chosen = part == number
+            model = self.whole if number < 0 else self.parts[number]
+            probabilities[chosen] = model.probabilities(features[chosen])
+        return probabilities
+
+
+def cross_fit(
+    features: FloatArray,
+    complete: BoolArray,
+    plan_ids: Sequence[str],
+    config: TreesConfig,
+    folds: int = 5,
+) -> CrossFittedModel:
+    """Train models for predictions on held-out plans.
+
+    Args:
+        features: (N, 15).
+        complete: (N,).
+        plan_ids: (N,) maps of one plan stay together.
+        config: The settings.
+        folds: Parts into which the plans are split; fewer where there are fewer plans.
+
+    Raises:
+        SlamgymError: If scikit-learn is missing, there are less than two plans, or one kind of maps alone
+            is there, in all plans or outside some part.
+    """
+    plans = sorted(set(plan_ids))
+    if len(plans) < 2:
+        raise SlamgymError("held-out plans need at least two plans; add pairs of other plans")
+    count = min(folds, len(plans))
+    order = np.random.default_rng(config.seed).permutation(len(plans))
+    part_of = {plans[place]: number % count for number, place in enumerate(order)}
+    part = np.array([part_of[plan_id] for plan_id in plan_ids])
+    whole = train_completeness(features, complete, config)
+    parts = [
+        train_completeness(features[part != number], complete[part != number], config)
+        for number in range(count)
+    ]
+    return CrossFittedModel(whole, tuple(parts), part_of)
+
+
+def _to_forest(trees: Sequence[Any]) -> Forest:
+    """Put scikit-learn's trees into one list of nodes."""
+    sizes = [tree.node_count for tree in trees]
+    roots = np.concatenate([[0], np.cumsum(sizes)[:-1]]).astype(np.int64)
+    is_leaf = np.concatenate([tree.children_left == -1 for tree in trees])
+    offset = np.repeat(roots, sizes)
+
+    def child(name: str) -> np.ndarray:
+        return np.where(is_leaf, 0, np.concatenate([getattr(tree, name) for tree in trees]) + offset)
+
+    counts = np.concatenate([tree.value[:, 0, :] for tree in trees])  # (nodes, classes), false before true
+    shares = counts[:, 1] / counts.sum(axis=1)
+    return Forest(
+        feature=np.where(is_leaf, LEAF, np.concatenate([tree.feature for tree in trees])),
+        threshold=np.where(is_leaf, 0.0, np.concatenate([tree.threshold for tree in trees])),
+        left=child("children_left"),
+        right=child("children_right"),
+        # As stored: a model answers the same before and after it was written.
+        value=np.where(is_leaf, shares, 0.0).astype(np.float32).astype(np.float64),
+        roots=roots,
+    )
+
+
+def _refuse_one_kind(complete: BoolArray) -> None:
+    if complete.all() or not complete.any():
+        kind = "complete" if len(complete) and complete.all() else "incomplete"
+        raise SlamgymError(
+            f"all {len(complete)} maps are {kind}; a classifier needs both kinds to learn from, "
+            "e.g. explorations that were cut off early (slamgym generate --minutes 2)"
+        )
+
+
+def _require_sklearn(module: str) -> ModuleType:
+    """A module of scikit-learn, or an error that says how to get it."""
+    try:
+        return importlib.import_module(f"sklearn.{module}")
+    except ImportError as error:
+        raise SlamgymError(
+            "training the completeness classifier needs scikit-learn: pip install 'slamgym[clean]' "
+            "(using a trained model doesn't)"
+        ) from error

@@ -1,0 +1,101 @@
+"""What there is to clean: the pairs of a dataset, or a folder of maps from elsewhere, of which no truth is known."""
+
+import hashlib
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from slamgym.core.errors import InputFileError
+from slamgym.core.png import read_png
+from slamgym.core.types import ByteArray, OccupancyGrid
+from slamgym.dataset.format import Layout, PairRecord, load_pair, read_manifest, require_manifest
+from slamgym.dataset.shard import shard_folders
+from slamgym.interop import read_ros_map
+
+IMAGE_SUFFIXES = (".png", ".pgm")
+
+
+@dataclass(frozen=True)
+class MapItem:
+    """A map to judge."""
+
+    name: str
+    """Of the pair, or the file's path in the folder without its suffix."""
+    load: Callable[[], OccupancyGrid]
+    """Reads the map; raises InputFileError."""
+    load_cad: Callable[[], ByteArray] | None
+    """Reads the CAD image beside it, if there is one."""
+    record: PairRecord | None
+    """The truth, if it is known."""
+    digest: str
+    """SHA-256 of the map's file, so that a decision about it doesn't outlive it."""
+
+    @property
+    def plan_id(self) -> str:
+        """What the map shows; maps from elsewhere show each something else."""
+        return self.record.plan_id if self.record else self.name
+
+
+def open_items(root: Path | str) -> list[MapItem]:
+    """List what is to be judged in a folder.
+
+    Args:
+        root: A dataset that ``slamgym generate`` has written, or a folder (with subfolders) of ROS maps
+            (``.yaml``).
+
+    Returns:
+        The items, in the order of the manifest or by name.
+
+    Raises:
+        InputFileError: If the folder holds neither, or the manifest is malformed.
+    """
+    root = Path(root)
+    if not root.is_dir():
+        raise InputFileError(root, "is not a folder; name a dataset or a folder of ROS maps (.yaml)")
+    if Layout(root).manifest.is_file():
+        return [_pair_item(root, record) for record in read_manifest(root)]
+    if shard_folders(root):
+        require_manifest(Layout(root).manifest, "slamgym generate")
+    items = [_map_item(root, path) for path in sorted(root.rglob("*.yaml")) if _describes_a_map(path)]
+    if not items:
+        raise InputFileError(
+            root, "holds neither a manifest.jsonl nor ROS maps (.yaml with an image beside it)"
+        )
+    return items
+
+
+def _pair_item(root: Path, record: PairRecord) -> MapItem:
+    def load() -> OccupancyGrid:
+        path = Layout(root).image("B", record.name)
+        cells = read_png(path)
+        if cells.shape != record.shape:
+            raise InputFileError(path, f"has shape {cells.shape}, the manifest says {record.shape}")
+        return OccupancyGrid(cells, record.frame)
+
+    return MapItem(
+        name=record.name,
+        load=load,
+        load_cad=lambda: load_pair(root, record.name)[0],
+        record=record,
+        digest=record.sha256["B"],
+    )
+
+
+def _map_item(root: Path, path: Path) -> MapItem:
+    name = path.relative_to(root).with_suffix("").as_posix()
+    content = path.read_bytes()
+    for suffix in IMAGE_SUFFIXES:
+        image = path.with_suffix(suffix)
+        if image.is_file():
+            content += image.read_bytes()
+    digest = hashlib.sha256(content).hexdigest()
+    return MapItem(name, lambda: read_ros_map(path), None, None, digest)
+
+
+def _describes_a_map(path: Path) -> bool:
+    """Whether a yaml file is a map's: other yaml files may lie about."""
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError):
+        return False
+    return any(line.startswith("image:") for line in text.splitlines())

@@ -1,0 +1,198 @@
+"""Which plans are for training and which for testing: by plan, with near-duplicates on one side.
+
+A group's side follows from the dataset's split seed and the first plan of the group in the order of the
+schedule. So the same dataset always splits the same way, and when a dataset grows, plans that were there keep
+their sides (unless a new plan joins two groups into one).
+"""
+
+import hashlib
+import json
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from slamgym.cad import read_houseexpo
+from slamgym.core.config import from_dict, suggest, to_dict
+from slamgym.core.errors import ConfigError, InputFileError
+from slamgym.core.files import replace_file, storage_errors
+from slamgym.core.parallel.engine import run_tasks
+from slamgym.core.progress import show_progress
+from slamgym.core.types import Float32Array
+from slamgym.dataset.curate.near_duplicates import near_duplicates, plan_print
+from slamgym.dataset.format import Layout, PairRecord, read_manifest
+from slamgym.dataset.images.format import Split
+
+SPLIT_VERSION = 1
+_CHUNK = 64
+
+
+@dataclass(frozen=True)
+class PlanSide:
+    """Where a plan belongs."""
+
+    side: Split
+    group: str
+    """The first of the plans that look like this one; itself if there is no other."""
+
+
+@dataclass(frozen=True)
+class SplitTable:
+    """The content of ``split.json``."""
+
+    seed: int
+    test: float
+    """Share of the groups that are for testing."""
+    plans: Mapping[str, PlanSide] = field(default_factory=dict)
+    forced: tuple[str, ...] = ()
+    """Plans that were asked for on the test side; their groups went with them."""
+    split_version: int = SPLIT_VERSION
+
+    def of_side(self, side: Split) -> list[str]:
+        """The plans of one side."""
+        return [plan_id for plan_id, place in self.plans.items() if place.side == side]
+
+    @property
+    def groups(self) -> int:
+        """Number of groups."""
+        return len({place.group for place in self.plans.values()})
+
+
+def split_path(root: Path | str) -> Path:
+    """Where a dataset's split lies."""
+    return Path(root) / "split.json"
+
+
+def make_split(
+    root: Path | str, *, test: float = 0.1, seed: int = 0, forced: Collection[str] = (), workers: int = 1
+) -> SplitTable:
+    """Split the plans of a dataset and write its ``split.json``.
+
+    Args:
+        root: The dataset.
+        test: Share of the groups of plans that are for testing.
+        seed: Another seed gives another split.
+        forced: Plans that shall be on the test side.
+        workers: Number of processes that read plans.
+
+    Raises:
+        ConfigError: If the share is none, or a forced plan is not in the dataset.
+        InputFileError: If a file of the dataset is missing or malformed.
+    """
+    if not 0.0 <= test <= 1.0:
+        raise ConfigError(f"the share of test plans must lie in [0, 1], not {test}")
+    first = first_records(read_manifest(root))
+    if not first:
+        raise ConfigError(f"{root}: holds no pairs yet")
+    strangers = [plan_id for plan_id in forced if plan_id not in first]
+    if strangers:
+        raise ConfigError(
+            f"{root} has no pair of the plan {strangers[0]!r}; {suggest(strangers[0], list(first)[:1000])}"
+        )
+    prints, sides = read_prints(Path(root), list(first.values()), workers)
+    ids = list(first)
+    groups = dict(zip(ids, (ids[index] for index in near_duplicates(prints, sides)), strict=True))
+    table = assign_sides(groups, test=test, seed=seed, forced=forced)
+    with storage_errors(split_path(root)):
+        replace_file(split_path(root), (json.dumps(to_dict(table), indent=1) + "\n").encode())
+    return table
+
+
+def read_split(root: Path | str) -> SplitTable:
+    """Read a dataset's ``split.json``.
+
+    Raises:
+        InputFileError: If it is missing or malformed.
+    """
+    path = split_path(root)
+    try:
+        values: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+        plans = {plan_id: from_dict(PlanSide, place) for plan_id, place in values.pop("plans").items()}
+        table = from_dict(SplitTable, {**values, "plans": plans}, str(path))
+    except OSError as error:
+        raise InputFileError(path, f"can't be read ({error.strerror or error})") from error
+    except (ValueError, TypeError, KeyError, AttributeError) as error:
+        raise InputFileError(path, f"is malformed ({error}); run `slamgym dataset split` again") from error
+    return table
+
+
+def current_split(root: Path | str, workers: int = 1) -> SplitTable:
+    """The split of a dataset as it is now: made if there is none, made again by the same rule if plans were added.
+
+    Raises:
+        InputFileError: If a file of the dataset is missing or malformed.
+    """
+    if not split_path(root).is_file():
+        return make_split(root, workers=workers)
+    split = read_split(root)
+    if all(record.plan_id in split.plans for record in read_manifest(root)):
+        return split
+    return make_split(root, test=split.test, seed=split.seed, forced=split.forced, workers=workers)
+
+
+def assign_sides(
+    groups: Mapping[str, str], *, test: float, seed: int, forced: Collection[str] = ()
+) -> SplitTable:
+    """Choose a side for each group.
+
+    Args:
+        groups: Plan to the plan that stands for its group.
+        test: Share of the groups that are for testing. Where that leaves one side empty, the group that came
+            nearest goes there, if there are two groups at all.
+        seed: Of the choice.
+        forced: Plans whose groups are for testing in any case.
+    """
+    must = {groups[plan_id] for plan_id in forced}
+    shares = {group: -1.0 if group in must else _share(seed, group) for group in set(groups.values())}
+    chosen = {group for group, share in shares.items() if share < test}
+    order = sorted(shares, key=lambda group: (shares[group], group))
+    if len(order) > 1 and 0.0 < test < 1.0:
+        chosen |= {order[0]}
+        if len(chosen) == len(order) and order[-1] not in must:
+            chosen -= {order[-1]}
+    plans = {
+        plan_id: PlanSide("test" if group in chosen else "train", group) for plan_id, group in groups.items()
+    }
+    return SplitTable(seed, test, plans, tuple(sorted(forced)))
+
+
+def first_records(records: Iterator[PairRecord]) -> dict[str, PairRecord]:
+    """The first pair of each plan, in the order of the schedule."""
+    first: dict[str, PairRecord] = {}
+    for record in records:
+        first.setdefault(record.plan_id, record)
+    return first
+
+
+def read_prints(root: Path, records: Sequence[PairRecord], workers: int) -> tuple[Float32Array, Any]:
+    """Prints (N, SIDE, SIDE) and longer sides (N,) [m] of the plans of some pairs."""
+    layout = Layout(root)
+    paths = [layout.episode(record.name) / "plan.json" for record in records]
+    chunks = [(start, paths[start : start + _CHUNK]) for start in range(0, len(paths), _CHUNK)]
+    found: dict[int, list[tuple[Float32Array, float]]] = {}
+    with show_progress("plans compared", 0, len(paths)) as advance:
+        for start, prints in run_tasks(_read_chunk, chunks, min(workers, max(1, len(chunks)))):
+            found[start] = prints
+            for _ in prints:
+                advance()
+    entries = [entry for start in sorted(found) for entry in found[start]]
+    pictures = np.stack([picture for picture, _ in entries]) if entries else np.empty((0, 1, 1), np.float32)
+    return pictures, np.array([side for _, side in entries])
+
+
+def _read_chunk(chunk: tuple[int, list[Path]]) -> tuple[int, list[tuple[Float32Array, float]]]:
+    start, paths = chunk
+    found = []
+    for path in paths:
+        plan = read_houseexpo(path)
+        min_x, min_y, max_x, max_y = plan.bounds
+        found.append((plan_print(plan), max(max_x - min_x, max_y - min_y)))
+    return start, found
+
+
+def _share(seed: int, group: str) -> float:
+    """A number in [0, 1) that follows from the seed and the group."""
+    digest = hashlib.sha256(f"split/{seed}/{group}".encode()).digest()
+    return int.from_bytes(digest[:8], "big") / 2.0**64

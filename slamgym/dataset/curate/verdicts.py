@@ -1,0 +1,82 @@
+"""What cleaning says about each map: ``clean.jsonl`` in the folder that was cleaned."""
+
+import dataclasses
+import json
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from slamgym.core.config import from_dict
+from slamgym.core.errors import ConfigError, InputFileError
+from slamgym.core.files import replace_if_changed, storage_errors
+from slamgym.dataset.curate.criteria import fault_kind
+
+VERDICTS_FILE = "clean.jsonl"
+SUMMARY_FILE = "clean.json"
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """One line of ``clean.jsonl``."""
+
+    name: str
+    keep: bool
+    """Whether the map belongs into a clean dataset."""
+    reason: str
+    """Why: ``complete``, ``coverage 0.81 < 0.95: time limit``, ``dropped by a person``, ..."""
+    by: str
+    """Who decided: ``truth``, ``classifier``, ``stuck filter``, ``person``, ``file`` (it can't be read)."""
+    probability: float | None
+    """Of being complete, by the classifier; none if the map can't be read."""
+    is_doubtful: bool
+    """Whether the probability lies in the band that goes to a person."""
+    looks_stuck: bool
+    """Whether the stuck filter caught it."""
+    is_complete: bool | None
+    """By the truth, if it is known."""
+    coverage: float | None
+    ate: float | None
+    """[m]"""
+    map_error: float | None
+    """[m]"""
+
+    @property
+    def kind(self) -> str:
+        """The kind of the reason's first fault: what stands before its number, and how the exploration ended."""
+        if self.reason.startswith(("doubtful", "incomplete")):
+            return self.reason.split(":", 1)[0]
+        if self.reason.endswith("by a person"):
+            return self.reason
+        return fault_kind(self.reason.split("; ", 1)[0]) or "unreadable"
+
+
+def write_verdicts(root: Path, verdicts: Iterable[Verdict], summary: Mapping[str, Any]) -> None:
+    """Write ``clean.json`` and ``clean.jsonl``; files that would not change are left as they are.
+
+    Raises:
+        StorageError: If the folder can't be written.
+    """
+    lines = "".join(json.dumps(dataclasses.asdict(verdict)) + "\n" for verdict in verdicts)
+    with storage_errors(root):
+        replace_if_changed(root / SUMMARY_FILE, (json.dumps(summary, indent=1) + "\n").encode())
+        replace_if_changed(root / VERDICTS_FILE, lines.encode())
+
+
+def read_verdicts(root: Path | str) -> dict[str, Verdict]:
+    """Read what the last cleaning said, by the maps' names, in the order of the file.
+
+    Raises:
+        InputFileError: If the folder wasn't cleaned or a line is malformed.
+    """
+    path = Path(root) / VERDICTS_FILE
+    if not path.is_file():
+        raise InputFileError(root, f"holds no {VERDICTS_FILE}; run `slamgym dataset clean {root}` first")
+    verdicts = {}
+    for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), start=1):
+        try:
+            verdict = from_dict(Verdict, json.loads(line))
+        except (ValueError, TypeError, AttributeError, ConfigError) as error:
+            raise InputFileError(f"{path}:{number}", f"is not a verdict ({error})") from error
+        verdicts[verdict.name] = verdict
+    return verdicts

@@ -1,0 +1,134 @@
+"""The task of a worker: one exploration, from the floor plan to the files of its pair.
+
+Nothing here knows which engine runs it. Where the worker sees the dataset's folder it writes into the staging
+place there; on another machine it gives the files back as bytes.
+"""
+
+import os
+import shutil
+import time
+import traceback
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from slamgym.cad import FloorPlan
+from slamgym.core.config import config_hash
+from slamgym.core.errors import PlanError, SlamgymError
+from slamgym.core.files import storage_errors, sync_tree
+from slamgym.core.png import encode_png
+from slamgym.dataset.episode_files import write_episode
+from slamgym.dataset.format import SIDES
+from slamgym.dataset.generate.recipe import episode_conditions
+from slamgym.dataset.generate.record import make_record
+from slamgym.dataset.generate.settings import DatasetConfig
+from slamgym.dataset.pair import make_pair
+from slamgym.dataset.schedule import Slot
+from slamgym.envs.episode import MakeExplorer, run_episode
+
+
+@dataclass(frozen=True)
+class Exploration:
+    """What a worker needs to know."""
+
+    slot: Slot
+    plan: FloorPlan
+    staged: Path | None
+    """Where to write the files; None to give them back."""
+    config: DatasetConfig
+    make_explorer: MakeExplorer
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a worker reports: files, or ``error`` says why there are none."""
+
+    slot: Slot
+    timing: dict[str, Any] = field(default_factory=dict)
+    files: Mapping[str, bytes] | None = None
+    """Content by path below the staging place, unless the worker has written there itself."""
+    error: str = ""
+    reason: str = ""
+
+
+def explore(exploration: Exploration) -> Outcome:
+    """Run one exploration and write its pair.
+
+    Raises:
+        SlamgymError: If a setting is wrong or the disk can't be written; a plan that can't be explored is an
+            outcome instead, and so is an error of the program.
+    """
+    slot = exploration.slot
+    wall, cpu = time.perf_counter(), time.process_time()
+    try:
+        files = _write_or_pack(exploration)
+    except PlanError as error:
+        return Outcome(slot, error="PlanError", reason=error.reason)
+    except MemoryError as error:
+        raise SlamgymError(
+            f"memory ran out while {slot.plan_id} was explored; run the same command again with fewer --workers"
+        ) from error
+    except (SlamgymError, OSError):
+        raise
+    except Exception as error:  # noqa: BLE001 - one odd plan must not end a night's run; the record names the place
+        return Outcome(slot, error=type(error).__name__, reason=_place_of(error))
+    timing = {"cpu_seconds": time.process_time() - cpu, "wall_seconds": time.perf_counter() - wall}
+    return Outcome(slot, timing, files)
+
+
+def write_files(folder: Path, files: Mapping[str, bytes]) -> None:
+    """Write what :func:`explore` gave back into a new staging place, and wait until the disk has it."""
+    with storage_errors(folder):
+        _make_staging_place(folder)
+        for name, data in files.items():
+            (folder / name).write_bytes(data)
+        sync_tree(folder)
+
+
+def _write_or_pack(exploration: Exploration) -> dict[str, bytes] | None:
+    if exploration.staged is not None:
+        _write_pair(exploration, exploration.staged)
+        with storage_errors(exploration.staged):
+            sync_tree(exploration.staged)
+        return None
+    folder = Path(os.environ.get("TMPDIR", "/tmp"))
+    with storage_errors(folder), TemporaryDirectory(prefix="slamgym-") as temporary:
+        staged = Path(temporary) / exploration.slot.name
+        _write_pair(exploration, staged)
+        return {
+            path.relative_to(staged).as_posix(): path.read_bytes()
+            for path in sorted(staged.rglob("*"))
+            if path.is_file()
+        }
+
+
+def _write_pair(exploration: Exploration, staged: Path) -> None:
+    slot, config = exploration.slot, exploration.config
+    settings, conditions = episode_conditions(config.recipe, config.episode, slot.seed)
+    episode = run_episode(exploration.plan, slot.seed, settings, exploration.make_explorer)
+    pair = make_pair(episode.plan, episode.start, episode.slam_map, config.pair)
+    images = {side: encode_png(image) for side, image in zip(SIDES, (pair.cad, pair.slam), strict=True)}
+    with storage_errors(staged):
+        _make_staging_place(staged)
+        sums = write_episode(staged / "episode", episode)
+        hashed = {**images, "episode": sums}
+        record = make_record(slot, episode, pair, hashed, conditions, config_hash(config))
+        (staged / "episode" / "episode.json").write_bytes(record.to_line().encode())
+        for side, data in images.items():
+            (staged / f"{side}.png").write_bytes(data)
+
+
+def _make_staging_place(staged: Path) -> None:
+    """Make the folders; not their parent, which is gone when the run that asked for the pair has ended."""
+    if staged.exists():  # a worker died here before
+        shutil.rmtree(staged)
+    staged.mkdir()
+    (staged / "episode").mkdir()
+
+
+def _place_of(error: Exception) -> str:
+    """The error's message and the innermost line that raised it."""
+    frame = traceback.extract_tb(error.__traceback__)[-1]
+    return f"{error} (in {Path(frame.filename).name}:{frame.lineno}, {frame.name})"

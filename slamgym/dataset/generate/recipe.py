@@ -1,0 +1,228 @@
+"""Variety by configuration: settings that are drawn anew for every exploration.
+
+A recipe is a YAML or JSON file. Its keys are settings of an exploration (``explorer``, ``minutes``,
+``odometry``, ``lidar``, or, with dots, those of the robot, its sensors, SLAM and clutter); under each stands a
+list of what may be drawn::
+
+    explorer:
+      - {value: explore_lite, weight: 3}
+      - {value: nearest, weight: 1}
+    clutter.furniture:
+      - 0.0                                  # the weight is 1
+      - {between: [0.2, 1.0], weight: 2}     # uniform
+    scanner:                                 # settings that go together, under a name of one's own
+      - set: {lidar.range_max: 3.5, slam.max_usable_range: 3.0}
+      - set: {lidar.range_max: 8.0, slam.max_usable_range: 7.0}
+
+What an exploration draws follows from its seed and the name of the key alone: not from other keys, the number
+of workers, the order, or from where a run was resumed.
+"""
+
+import hashlib
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from slamgym.core.config import suggest
+from slamgym.core.errors import ConfigError, InputFileError
+from slamgym.dataset.generate.conditions import apply_conditions, setting_value, standard_conditions
+from slamgym.envs.episode import EpisodeConfig
+
+RECIPES = Path(__file__).parent / "recipes"
+"""The recipes that come with the package."""
+DIGITS = 3
+"""Decimals of a number that is drawn from a range."""
+
+
+@dataclass(frozen=True)
+class Choice:
+    """One thing that may be drawn."""
+
+    settings: Mapping[str, Any]
+    """Values of settings; ``{"between": [low, high]}`` stands for a number that is drawn from a range."""
+    weight: float = 1.0
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """Which settings vary, and how. The empty recipe varies nothing."""
+
+    factors: Mapping[str, tuple[Choice, ...]] = field(default_factory=dict)
+    """Choices by the name of the factor."""
+
+    def __post_init__(self) -> None:
+        owners: dict[str, str] = {}
+        for factor, choices in self.factors.items():
+            for name in {name for choice in choices for name in choice.settings}:
+                if owners.setdefault(name, factor) != factor:
+                    raise ConfigError(f"{owners[name]!r} and {factor!r} both set {name!r}; let one of them")
+
+    @property
+    def settings(self) -> frozenset[str]:
+        """Names of the settings that the recipe varies."""
+        return frozenset(
+            name for choices in self.factors.values() for choice in choices for name in choice.settings
+        )
+
+    def values(self, name: str) -> list[Any]:
+        """What may be drawn for a setting; the ends of ranges."""
+        values = []
+        for choice in (choice for choices in self.factors.values() for choice in choices):
+            if name in choice.settings:
+                values.extend(_ends(choice.settings[name]))
+        return values
+
+    def draw(self, seed: int) -> dict[str, Any]:
+        """Draw the settings of the exploration that has this seed."""
+        drawn: dict[str, Any] = {}
+        for factor, choices in self.factors.items():
+            choice = _pick(choices, _uniform(seed, factor))
+            for name, value in choice.settings.items():
+                drawn[name] = _number_between(value, _uniform(seed, f"{factor}/{name}"))
+        return drawn
+
+
+def episode_conditions(
+    recipe: Recipe, base: EpisodeConfig, seed: int
+) -> tuple[EpisodeConfig, dict[str, Any]]:
+    """The settings of one exploration, and the conditions to record: the usual ones and all that vary."""
+    drawn = recipe.draw(seed)
+    config = apply_conditions(base, drawn)
+    return config, {**standard_conditions(config), **drawn}
+
+
+def check_recipe(recipe: Recipe, base: EpisodeConfig) -> None:
+    """Refuse settings that the user has chosen and the recipe would draw over.
+
+    Raises:
+        ConfigError: Naming the setting.
+    """
+    default = EpisodeConfig()
+    for name in sorted(recipe.settings):
+        if setting_value(base, name) != setting_value(default, name):
+            raise ConfigError(f"{name} is set, but the recipe varies it; leave one of the two out")
+
+
+def open_recipe(spec: str) -> Recipe:
+    """Read a recipe.
+
+    Args:
+        spec: A YAML or JSON file, or the name of one that comes with the package, such as ``reference``.
+
+    Raises:
+        InputFileError: If the file can't be read or is no recipe.
+        ConfigError: If there is no recipe of that name, or it varies an unknown setting or has a senseless
+            value.
+    """
+    path = Path(spec)
+    if not path.suffix and not path.exists():
+        names = [known.stem for known in RECIPES.glob("*.yaml")]
+        if spec not in names:
+            raise ConfigError(f"no recipe {spec!r}; {suggest(spec, names)} (or give a .yaml or .json file)")
+        path = RECIPES / f"{spec}.yaml"
+    try:
+        content = yaml.safe_load(path.read_text(encoding="utf-8"))  # JSON is YAML
+    except OSError as error:
+        raise InputFileError(path, f"can't be read ({error.strerror or error})") from error
+    except UnicodeDecodeError:
+        raise InputFileError(path, "is not a text file; a recipe is YAML or JSON") from None
+    except (yaml.YAMLError, RecursionError) as error:
+        raise InputFileError(path, f"is neither YAML nor JSON ({error})".replace("\n", " ")) from None
+    if not isinstance(content, Mapping) or not content:
+        raise InputFileError(path, "is no recipe; give settings, and under each a list of what may be drawn")
+    return parse_recipe(content, str(path))
+
+
+def parse_recipe(content: Mapping[Any, Any], where: str) -> Recipe:
+    """Build a recipe from its plain form and try every value in turn.
+
+    Raises:
+        ConfigError: Naming ``where``, the key and the mend.
+    """
+    factors = {}
+    for factor, entries in content.items():
+        place = f"{where}: {factor}"
+        if not isinstance(entries, Sequence) or isinstance(entries, str) or not entries:
+            raise ConfigError(f"{place}: give a list of what may be drawn")
+        factors[str(factor)] = tuple(_choice(str(factor), entry, place) for entry in entries)
+    try:
+        return Recipe(factors)
+    except ConfigError as error:
+        raise ConfigError(f"{where}: {error}") from None
+
+
+def _choice(factor: str, entry: Any, place: str) -> Choice:
+    """Read one entry of a list and try it out."""
+    if not isinstance(entry, Mapping):
+        entry = {"value": entry}
+    kinds = {"value", "between", "set"} & entry.keys()
+    for key in entry:
+        if key not in ("value", "between", "set", "weight"):
+            raise ConfigError(
+                f"{place}: unknown word {key!r}; {suggest(str(key), ['value', 'between', 'set', 'weight'])}"
+            )
+    if len(kinds) != 1:
+        raise ConfigError(
+            f"{place}: an entry has either a 'value', a range 'between', or a 'set' of settings"
+        )
+    weight = entry.get("weight", 1.0)
+    if isinstance(weight, bool) or not isinstance(weight, (int, float)) or not 0.0 < weight < math.inf:
+        raise ConfigError(f"{place}: the weight must be a number above 0, not {weight!r}")
+    settings = _settings(factor, entry, place)
+    try:
+        for end in (0, -1):
+            apply_conditions(EpisodeConfig(), {name: _ends(value)[end] for name, value in settings.items()})
+    except ConfigError as error:
+        raise ConfigError(f"{place}: {error}") from None
+    return Choice(settings, float(weight))
+
+
+def _settings(factor: str, entry: Mapping[Any, Any], place: str) -> dict[str, Any]:
+    if "value" in entry:
+        return {factor: entry["value"]}
+    if "between" in entry:
+        values: Any = entry["between"]
+        numbers = isinstance(values, Sequence) and all(
+            isinstance(value, (int, float)) and not isinstance(value, bool) for value in values
+        )
+        if not numbers or len(values) != 2 or not values[0] < values[1]:
+            raise ConfigError(f"{place}: 'between' takes two numbers, the smaller first, not {values!r}")
+        return {factor: {"between": list(values)}}
+    if not isinstance(entry["set"], Mapping) or not entry["set"]:
+        raise ConfigError(f"{place}: 'set' takes settings and their values")
+    return {str(name): value for name, value in entry["set"].items()}
+
+
+def _ends(value: Any) -> list[Any]:
+    """The value, or both ends of a range."""
+    return list(value["between"]) if isinstance(value, Mapping) else [value]
+
+
+def _number_between(value: Any, share: float) -> Any:
+    """The value, or a number within its range; a whole number if both ends are."""
+    if not isinstance(value, Mapping):
+        return value
+    low, high = value["between"]
+    if isinstance(low, int) and isinstance(high, int):
+        return min(high, low + int(share * (high - low + 1)))
+    return round(low + share * (high - low), DIGITS)
+
+
+def _pick(choices: Sequence[Choice], share: float) -> Choice:
+    """The choice in which the share falls when they are laid out by weight."""
+    left = share * sum(choice.weight for choice in choices)
+    for choice in choices:
+        left -= choice.weight
+        if left < 0.0:
+            return choice
+    return choices[-1]
+
+
+def _uniform(seed: int, name: str) -> float:
+    """A number in [0, 1) that follows from a seed and a name, the same on every machine and version."""
+    digest = hashlib.sha256(f"{seed}/{name}".encode()).digest()
+    return int.from_bytes(digest[:8], "big") / 2.0**64

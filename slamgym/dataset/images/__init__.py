@@ -1,0 +1,3 @@
+"""Uniform square images made of a dataset, for training translators."""
+
+__all__: list[str] = []

@@ -1,0 +1,135 @@
+"""What makes a folder of images a dataset of the Hugging Face hub: its card and the metadata of each side.
+
+``datasets.load_dataset(IMAGES)`` finds the image-folder builder by the files, the two sides by the head of
+``README.md``, and the two pictures of a row by the ``*_file_name`` columns of each side's ``metadata.jsonl``.
+"""
+
+import json
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import yaml
+
+from slamgym import __version__
+from slamgym.core.files import replace_file
+from slamgym.dataset.format import SIDES
+from slamgym.dataset.images.format import SPLITS, ImageLayout, ImageRecord
+from slamgym.dataset.record_table import rows_of
+
+METADATA = "metadata.jsonl"
+"""In the folder of each side: one line per pair, for the image-folder builder."""
+
+
+def write_card(
+    layout: ImageLayout,
+    records: Sequence[ImageRecord],
+    left_out: Mapping[str, str],
+    settings: Mapping[str, Any],
+    source: str,
+) -> None:
+    """Write ``README.md`` and both ``metadata.jsonl``.
+
+    Args:
+        layout: The folder.
+        records: Its pairs.
+        left_out: Pairs of the dataset that have no images, and why.
+        settings: The content of ``config.json``.
+        source: SHA-256 of the manifest of the dataset that the images were made from.
+    """
+    rows = rows_of(records)
+    for split in SPLITS:
+        lines = [
+            json.dumps({**{f"{side}_file_name": f"{side}/{row['name']}.png" for side in SIDES}, **row}) + "\n"
+            for row in rows
+            if row["split"] == split
+        ]
+        replace_file(layout.root / split / METADATA, "".join(lines).encode())
+    replace_file(layout.card, _card(records, left_out, settings, source).encode())
+
+
+def _card(
+    records: Sequence[ImageRecord], left_out: Mapping[str, str], settings: Mapping[str, Any], source: str
+) -> str:
+    present = [split for split in SPLITS if any(record.split == split for record in records)]
+    head = {
+        "pretty_name": "SLAM/CAD map pairs",
+        "task_categories": ["image-to-image"],
+        "tags": ["slam", "floor-plans", "occupancy-grids"],
+        "size_categories": [_size_category(len(records))],
+        "configs": [
+            {
+                "config_name": "default",
+                "drop_labels": True,
+                "data_files": [{"split": split, "path": f"{split}/**"} for split in present],
+            }
+        ],
+    }
+    counts = Counter(record.split for record in records)
+    plans = {split: {r.plan_id for r in records if r.split == split} for split in SPLITS}
+    table = "\n".join(
+        f"| {split} | {counts[split]} | {len(plans[split])} | {_percent(records, split)} | {_metres(records, split)} |"
+        for split in SPLITS
+    )
+    images = settings["images"]
+    reasons = Counter(reason.split(":")[0] for reason in left_out.values())
+    missing = ", ".join(f"{count} {reason}" for reason, count in reasons.most_common()) or "none"
+    scale = (
+        "each pair has a scale of its own, so that both maps together fill the image"
+        if images["scaling"] == "fit"
+        else f"all pairs have {images['metres_per_px']:g} m per pixel"
+    )
+    return f"""---
+{yaml.safe_dump(head, sort_keys=False).strip()}
+---
+
+# SLAM/CAD map pairs
+
+Pairs of images of one place in one frame: `A` is the CAD map (0 walls and outside, 254 inside), `B` the map that a
+simulated robot made by SLAM while it explored the building (0 occupied, 205 unknown, 254 free). Made by
+slamgym {__version__} from a dataset whose manifest has the SHA-256 `{source}`.
+
+All images are {images["size"]} x {images["size"]} pixels, one channel of 8 bits; {scale} (`metres_per_px`).
+
+| side | pairs | plans | coverage, median | position error, median |
+|---|---|---|---|---|
+{table}
+
+The sides are split by floor plan, and plans that look alike are on one side. Pairs left out: {missing}.
+
+## Files
+
+| file | content |
+|---|---|
+| `{{train,test}}/{{A,B}}/<name>.png` | the images; the two of a pair have the same name |
+| `manifest.jsonl` | one line per pair: plan, seed, conditions, scale, errors, SHA-256 of both images |
+| `{{train,test}}/metadata.jsonl` | the same for `datasets` |
+| `config.json` | how the images were made |
+| `skipped.jsonl` | pairs of the dataset that have no images, and why |
+
+```python
+from datasets import load_dataset
+
+pairs = load_dataset("IMAGES")          # this folder
+pairs["train"][0]["A"], pairs["train"][0]["B"]
+```
+
+Plan ids name floor plans of the sources the dataset was made from, whose licences apply to what is drawn from them.
+"""
+
+
+def _percent(records: Sequence[ImageRecord], split: str) -> str:
+    values = [record.coverage for record in records if record.split == split]
+    return f"{100.0 * np.median(values):.1f} %" if values else "-"
+
+
+def _metres(records: Sequence[ImageRecord], split: str) -> str:
+    values = [record.ate for record in records if record.split == split]
+    return f"{np.median(values):.3f} m" if values else "-"
+
+
+def _size_category(count: int) -> str:
+    """The hub's name for a number of rows."""
+    bounds = [(1_000, "n<1K"), (10_000, "1K<n<10K"), (100_000, "10K<n<100K"), (1_000_000, "100K<n<1M")]
+    return next((name for bound, name in bounds if count < bound), "1M<n<10M")

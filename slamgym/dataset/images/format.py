@@ -1,0 +1,141 @@
+"""The layout of a folder of rendered images: all that a reader needs to know.
+
+::
+
+    IMAGES/
+      config.json                  how the images were made, from which dataset
+      README.md                    dataset card
+      manifest.jsonl               one line per pair, in the order of the dataset
+      train/A/<name>.png           CAD map: 0 walls and outside, 254 inside
+      train/B/<name>.png           SLAM map: 0 occupied, 205 unknown, 254 free
+      test/A/<name>.png            the same for plans that no training image shows
+      test/B/<name>.png
+
+All images are square, of one size, with one channel of uint8. The two of a pair have the same name and show
+the same place at the same scale.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from slamgym.core.errors import InputFileError
+from slamgym.core.png import read_png
+from slamgym.core.types import ByteArray, GridFrame
+from slamgym.dataset.format import SIDES, FolderLayout, manifest_lines, read_line, write_line
+
+IMAGES_VERSION = 1
+Split = Literal["train", "test"]
+SPLITS: tuple[Split, Split] = ("train", "test")
+
+
+@dataclass(frozen=True)
+class ImageRecord:
+    """One line of the manifest: what a pair of images shows, and where it comes from."""
+
+    name: str
+    """Stem of both files, and name of the exploration in the dataset."""
+    split: Split
+    plan_id: str
+    group: str
+    """The plan that stands for all near-duplicates of this one; a group is never on both sides."""
+    repetition: int
+    """How many explorations of the same plan come before this one."""
+    seed: int
+    """Seed of the exploration."""
+    size: int
+    """Rows and columns [px]."""
+    metres_per_px: float
+    origin: tuple[float, float]
+    """Outer corner of the bottom-left pixel, map frame [m]."""
+    coverage: float
+    """Share of the reachable floor that was truly seen, 0 to 1."""
+    ate: float
+    """Absolute trajectory error of the SLAM estimate: RMSE of the position, not aligned [m]."""
+    map_error: float
+    """Mean distance of the SLAM map's occupied cells to the nearest face of a CAD wall [m]."""
+    explorer: str
+    conditions: dict[str, Any]
+    """Settings of the exploration by name."""
+    sha256: dict[str, str]
+    """Digests of the files ``A`` and ``B``."""
+
+    @property
+    def frame(self) -> GridFrame:
+        """Where the pixels lie, map frame."""
+        return GridFrame(self.metres_per_px, *self.origin, self.size, self.size)
+
+    def to_line(self) -> str:
+        """The record as one line of JSON, with its newline."""
+        return write_line(self)
+
+    @classmethod
+    def from_line(cls, line: str, where: str = "") -> "ImageRecord":
+        """Read a line of the manifest.
+
+        Raises:
+            InputFileError: If the line is no record.
+        """
+        record = read_line(cls, line, where, "a record of images")
+        if record.split not in SPLITS:
+            raise InputFileError(
+                where or "manifest line", f"has the split {record.split!r}; known: train, test"
+            )
+        return record
+
+
+@dataclass(frozen=True)
+class ImageLayout(FolderLayout):
+    """Names of the files of one folder of images."""
+
+    @property
+    def card(self) -> Path:
+        """Dataset card."""
+        return self.root / "README.md"
+
+    @property
+    def skipped(self) -> Path:
+        """Pairs of the dataset that have no images, and why."""
+        return self.root / "skipped.jsonl"
+
+    def image(self, split: str, side: str, name: str) -> Path:
+        """PNG of one side, ``"A"`` or ``"B"``, of a pair."""
+        return self.root / split / side / f"{name}.png"
+
+
+def iterate_images(root: Path | str) -> Iterator[ImageRecord]:
+    """Read the records of a folder one by one.
+
+    Raises:
+        InputFileError: If the folder holds no rendered images, or a line is malformed.
+    """
+    layout = ImageLayout(Path(root))
+    if (layout.root / "episodes").is_dir():
+        raise InputFileError(root, "holds explorations; make images of them by `slamgym dataset render`")
+    for line, where in manifest_lines(layout.manifest, "slamgym dataset render"):
+        yield ImageRecord.from_line(line, where)
+
+
+def read_images(root: Path | str, split: Split | None = None) -> list[ImageRecord]:
+    """Read the records of one side of the split, or of both.
+
+    Raises:
+        InputFileError: If the folder holds no rendered images, or a line is malformed.
+    """
+    return [record for record in iterate_images(root) if split is None or record.split == split]
+
+
+def load_images(root: Path | str, record: ImageRecord) -> tuple[ByteArray, ByteArray]:
+    """Read the two images of a pair: A (CAD) and B (SLAM), each (size, size) uint8.
+
+    Raises:
+        InputFileError: If one is missing, no PNG picture, or of another size than the manifest says.
+    """
+    layout = ImageLayout(Path(root))
+    cad, slam = (read_png(layout.image(record.split, side, record.name)) for side in SIDES)
+    for side, image in zip(SIDES, (cad, slam), strict=True):
+        if image.shape != (record.size, record.size):
+            path = layout.image(record.split, side, record.name)
+            raise InputFileError(path, f"has shape {image.shape} but the manifest says {record.size}")
+    return cad, slam

@@ -1,0 +1,267 @@
+"""The main path of ``slamgym dataset render``: explorations in, a folder of uniform images out.
+
+Every pair of images is written by a worker (each file atomically) and then noted in a journal by the one
+process that holds the lock; the manifest is made from the journal at the end. So an interrupted run goes on
+where it stopped, and what it left half done is done again with the same result.
+"""
+
+import hashlib
+import json
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from slamgym import __version__
+from slamgym.cad import read_houseexpo
+from slamgym.core.config import to_dict
+from slamgym.core.errors import ConfigError
+from slamgym.core.files import drop_torn_line, exclusive_lock, replace_file, storage_errors
+from slamgym.core.parallel.engine import run_tasks
+from slamgym.core.png import encode_png
+from slamgym.core.progress import show_progress
+from slamgym.core.staged import write_bytes
+from slamgym.dataset.curate.split import SplitTable
+from slamgym.dataset.format import SIDES, Layout, PairRecord, read_config, read_manifest
+from slamgym.dataset.images.dataset_card import write_card
+from slamgym.dataset.images.format import IMAGES_VERSION, SPLITS, ImageLayout, ImageRecord
+from slamgym.dataset.images.selection import Selection, select_pairs
+from slamgym.dataset.images.square_images import DoesNotFitError, ImageConfig, draw_pair
+from slamgym.dataset.settings_file import claim_folder
+from slamgym.interop import read_ros_map
+
+_CHUNK = 8
+JOURNAL = ".rendered.jsonl"
+
+
+@dataclass(frozen=True)
+class RenderReport:
+    """What a run of :func:`render_images` did."""
+
+    images: int
+    """Pairs of images in the folder."""
+    fresh: int
+    """Pairs that this run drew."""
+    left_out: dict[str, int]
+    """Pairs of the dataset without images, by reason; see ``skipped.jsonl``."""
+    sides: dict[str, int]
+    """Pairs of images on each side of the split."""
+
+
+@dataclass(frozen=True)
+class _Drawing:
+    """A task for a worker: some pairs to draw."""
+
+    dataset: Path
+    out: Path
+    records: tuple[PairRecord, ...]
+    split: SplitTable
+    config: ImageConfig
+
+
+@dataclass(frozen=True)
+class _Drawn:
+    """What a worker reports of one pair: its record, or why there is none."""
+
+    name: str
+    record: ImageRecord | None
+    reason: str = ""
+
+
+def render_images(
+    dataset: Path | str,
+    out: Path | str,
+    config: ImageConfig,
+    split: SplitTable,
+    *,
+    selection: Selection | None = None,
+    workers: int = 1,
+) -> RenderReport:
+    """Draw the images of all pairs that cleaning keeps.
+
+    Args:
+        dataset: A folder that ``slamgym generate`` has written.
+        out: The folder of images; made if it is missing, continued if it holds images made alike.
+        config: How the images are made.
+        split: The side of every plan.
+        selection: Which pairs to take; by default what ``clean`` decided (:func:`select_pairs`).
+        workers: Number of processes.
+
+    Raises:
+        ConfigError: If the folder holds something else, or the split doesn't know a plan.
+        InputFileError: If a file of the dataset is missing or malformed.
+        StorageError: If the folder can't be written, or another run is writing to it.
+    """
+    dataset, layout = Path(dataset), ImageLayout(Path(out))
+    chosen = selection or select_pairs(dataset)
+    records = [record for record in read_manifest(dataset) if record.name in chosen.kept]
+    _check_split(split, records)
+    with storage_errors(layout.root):
+        layout.root.mkdir(parents=True, exist_ok=True)
+    with exclusive_lock(layout.lock):
+        settings = image_settings(dataset, config, split, chosen)
+        claim_folder(layout, settings, "images")
+        done = _read_journal(layout)
+        todo = [record for record in records if not _is_done(layout, done.get(record.name), split, record)]
+        for record in todo:
+            done.pop(record.name, None)
+        fresh, misfits = _draw_all(dataset, layout, todo, split, config, workers, done)
+        finished = [done[record.name] for record in records if record.name in done]
+        left_out = {**chosen.left_out, **misfits}
+        source = hashlib.sha256(Layout(dataset).manifest.read_bytes()).hexdigest()
+        _finish(layout, finished, left_out, settings, source)
+    return RenderReport(
+        images=len(finished),
+        fresh=fresh,
+        left_out=dict(Counter(reason.split(":")[0] for reason in left_out.values()).most_common()),
+        sides=dict(Counter(record.split for record in finished)),
+    )
+
+
+def image_settings(
+    dataset: Path, config: ImageConfig, split: SplitTable, selection: Selection
+) -> dict[str, Any]:
+    """The content of the images' ``config.json``."""
+    text = json.dumps(read_config(dataset), sort_keys=True)
+    return {
+        "images_version": IMAGES_VERSION,
+        "version": __version__,
+        "dataset": {"config_sha256": hashlib.sha256(text.encode()).hexdigest()},
+        "images": to_dict(config),
+        "split": {"seed": split.seed, "test": split.test, "forced": list(split.forced)},
+        "selection": selection.rule,
+    }
+
+
+def _draw_all(
+    dataset: Path,
+    layout: ImageLayout,
+    todo: Sequence[PairRecord],
+    split: SplitTable,
+    config: ImageConfig,
+    workers: int,
+    done: dict[str, ImageRecord],
+) -> tuple[int, dict[str, str]]:
+    """Draw what is missing; adds to ``done``. Returns how many were drawn, and why others were not."""
+    with storage_errors(layout.root):
+        for side in SPLITS:
+            for image in SIDES:
+                layout.image(side, image, "x").parent.mkdir(parents=True, exist_ok=True)
+    chunks = (
+        _Drawing(dataset, layout.root, tuple(todo[i : i + _CHUNK]), split, config)
+        for i in range(0, len(todo), _CHUNK)
+    )
+    fresh, misfits = 0, {}
+    journal = layout.root / JOURNAL
+    with show_progress("pairs drawn", 0, len(todo)) as advance:
+        for drawn in run_tasks(_draw_chunk, chunks, max(1, min(workers, -(-len(todo) // _CHUNK)))):
+            with storage_errors(layout.root), journal.open("a", encoding="utf-8") as file:
+                for entry in drawn:
+                    if entry.record is None:
+                        misfits[entry.name] = entry.reason
+                    else:
+                        file.write(entry.record.to_line())
+                        done[entry.name] = entry.record
+                        fresh += 1
+                    advance()
+    return fresh, misfits
+
+
+def _draw_chunk(task: _Drawing) -> list[_Drawn]:
+    return [_draw(task, record) for record in task.records]
+
+
+def _draw(task: _Drawing, record: PairRecord) -> _Drawn:
+    """Draw one pair and write its two files (in a worker)."""
+    episode = Layout(task.dataset).episode(record.name)
+    plan, slam_map = read_houseexpo(episode / "plan.json"), read_ros_map(episode / "map.yaml")
+    try:
+        cad, slam, frame = draw_pair(plan, record.start[:2], slam_map, task.config)
+    except DoesNotFitError as error:
+        return _Drawn(record.name, None, f"too large: {error}")
+    place = task.split.plans[record.plan_id]
+    images = {side: encode_png(image) for side, image in zip(SIDES, (cad, slam), strict=True)}
+    with storage_errors(task.out):
+        for side, data in images.items():
+            write_bytes(ImageLayout(task.out).image(place.side, side, record.name), data)
+    return _Drawn(
+        record.name,
+        ImageRecord(
+            name=record.name,
+            split=place.side,
+            plan_id=record.plan_id,
+            group=place.group,
+            repetition=record.repetition,
+            seed=record.seed,
+            size=task.config.size,
+            metres_per_px=frame.resolution,
+            origin=(frame.origin_x, frame.origin_y),
+            coverage=record.coverage,
+            ate=record.ate,
+            map_error=record.map_error,
+            explorer=record.explorer,
+            conditions=record.conditions,
+            sha256={side: hashlib.sha256(data).hexdigest() for side, data in images.items()},
+        ),
+    )
+
+
+def _finish(
+    layout: ImageLayout,
+    records: Sequence[ImageRecord],
+    left_out: Mapping[str, str],
+    settings: Mapping[str, Any],
+    source: str,
+) -> None:
+    """Write manifest, list of what is missing and card; remove images that are no part of the result."""
+    with storage_errors(layout.root):
+        wanted = {layout.image(record.split, side, record.name) for record in records for side in SIDES}
+        for path in _images(layout):
+            if path not in wanted:
+                path.unlink()
+        replace_file(layout.manifest, "".join(record.to_line() for record in records).encode())
+        skipped = (json.dumps({"name": name, "reason": why}) + "\n" for name, why in sorted(left_out.items()))
+        replace_file(layout.skipped, "".join(skipped).encode())
+        write_card(layout, records, left_out, settings, source)
+
+
+def _images(layout: ImageLayout) -> Iterator[Path]:
+    """The images in the folder, finished or not; what a user put there is left alone."""
+    for side in SPLITS:
+        for image in SIDES:
+            folder = layout.image(side, image, "x").parent
+            yield from (path for path in folder.iterdir() if path.suffix == ".png")
+
+
+def _is_done(layout: ImageLayout, drawn: ImageRecord | None, split: SplitTable, record: PairRecord) -> bool:
+    """Whether a pair of images was drawn, lies on its side of the split and is whole."""
+    if drawn is None or drawn.split != split.plans[record.plan_id].side or drawn.seed != record.seed:
+        return False
+    if drawn.group != split.plans[record.plan_id].group:
+        return False
+    for side in SIDES:
+        path = layout.image(drawn.split, side, drawn.name)
+        if not path.is_file() or hashlib.sha256(path.read_bytes()).hexdigest() != drawn.sha256[side]:
+            return False
+    return True
+
+
+def _read_journal(layout: ImageLayout) -> dict[str, ImageRecord]:
+    """What earlier runs have drawn; a line that a killed run left torn is cut off."""
+    path = layout.root / JOURNAL
+    if not path.exists():
+        return {}
+    drop_torn_line(path)
+    lines = path.read_text(encoding="utf-8").splitlines()
+    records = (ImageRecord.from_line(line, str(path)) for line in lines)
+    return {record.name: record for record in records}
+
+
+def _check_split(split: SplitTable, records: Sequence[PairRecord]) -> None:
+    unknown = [record.plan_id for record in records if record.plan_id not in split.plans]
+    if unknown:
+        raise ConfigError(
+            f"the split doesn't know the plan {unknown[0]!r}, perhaps since the dataset has grown; "
+            "run `slamgym dataset split` again"
+        )

@@ -1,0 +1,215 @@
+"""From an exploration to a pair of uniform images: square, of one size, in one frame.
+
+The CAD side is drawn anew from the vector plan at the images' own resolution. The SLAM side is resampled so
+that no occupied cell is lost: where pixels are larger than cells, a pixel is occupied if the centre of an
+occupied cell lies in it, which leaves walls as thin as pixels allow and never breaks one; where pixels are
+smaller, each shows the cell at its centre. Between unknown and free the larger share of the area decides.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from slamgym.cad import FloorPlan
+from slamgym.cad.raster import fill_segments
+from slamgym.core.errors import ConfigError, SlamgymError
+from slamgym.core.types import (
+    FREE,
+    OCCUPIED,
+    UNKNOWN,
+    ByteArray,
+    FloatArray,
+    GridFrame,
+    IntArray,
+    OccupancyGrid,
+)
+
+Bounds = tuple[float, float, float, float]
+_SUB = 3  # the plan is drawn so many times finer to measure distances from its faces
+SPIKE_WIDTH = 0.2
+"""Free space narrower than this is no floor [m]."""
+WALL = 0.15
+"""Thickness of wall that an image shows around the floor, if the margin is 0 [m]: SLAM draws 1 to 3 cells."""
+_DIGITS = 6  # micrometres, as manifests hold them
+
+
+class DoesNotFitError(SlamgymError):
+    """A pair is larger than an image of a fixed scale."""
+
+
+@dataclass(frozen=True)
+class ImageConfig:
+    """How the images are made."""
+
+    size: int = 256
+    """Rows and columns [px]; the paper's 256."""
+    scaling: Literal["fit", "fixed"] = "fit"
+    """``fit``: both maps together fill the image, so every pair has a scale of its own, as in the paper;
+    ``fixed``: all pairs have one scale, and what is larger than the image is left out."""
+    metres_per_px: float = 0.1
+    """The scale, if it is fixed."""
+    margin_px: int = 4
+    """Free border around the plan and the floor of the SLAM map."""
+    edge_px: float = 1.0
+    """Thickness of the line that is drawn along every face of a wall, half of it on the floor. 1 keeps walls
+    that are thinner than a pixel, more makes all walls thicker, 0 draws them as they are."""
+
+    def __post_init__(self) -> None:
+        if not 16 <= self.size <= 8192:
+            raise ConfigError(f"size must be between 16 and 8192 pixels, not {self.size}")
+        if self.scaling not in ("fit", "fixed"):
+            raise ConfigError(f"scaling must be 'fit' or 'fixed', not {self.scaling!r}")
+        if not 0.0 < self.metres_per_px < 100.0:
+            raise ConfigError(f"metres_per_px must be a number above 0, not {self.metres_per_px}")
+        if not 0 <= 2 * self.margin_px < self.size:
+            raise ConfigError(f"margin_px must be 0 or more and leave room, not {self.margin_px}")
+        if not 0.0 <= self.edge_px < self.size:
+            raise ConfigError(f"edge_px must be 0 or more, not {self.edge_px}")
+
+
+def draw_pair(
+    plan: FloorPlan, start: tuple[float, float], slam_map: OccupancyGrid, config: ImageConfig
+) -> tuple[ByteArray, ByteArray, GridFrame]:
+    """Draw the two images of a pair.
+
+    Args:
+        plan: The floor plan, world frame.
+        start: Where the robot began, world frame [m]: the origin of the map frame.
+        slam_map: The robot's map, map frame.
+        config: The settings.
+
+    Returns:
+        A and B, each (size, size), and where their pixels lie in the map frame.
+
+    Raises:
+        DoesNotFitError: If the scale is fixed and the image too small for what the maps show.
+
+    Convention: row 0 is at the top (largest y) in both.
+    """
+    min_x, min_y, max_x, max_y = plan.bounds
+    in_map = (min_x - start[0], min_y - start[1], max_x - start[0], max_y - start[1])
+    frame = square_frame(union(in_map, mapped_bounds(slam_map)), config)
+    return draw_plan(plan, start, frame, config.edge_px), resample_map(slam_map, frame), frame
+
+
+def square_frame(bounds: Bounds, config: ImageConfig) -> GridFrame:
+    """The frame of images that show these bounds [m] in their middle.
+
+    Raises:
+        DoesNotFitError: If the scale is fixed and the bounds are larger than the image.
+    """
+    min_x, min_y, max_x, max_y = bounds
+    side, room = max(max_x - min_x, max_y - min_y), config.size - 2 * config.margin_px
+    if config.scaling == "fit":
+        scale = math.ceil(side / room * 10**_DIGITS) / 10**_DIGITS
+    else:
+        scale = config.metres_per_px
+        if side > room * scale + 1e-9:
+            raise DoesNotFitError(f"{side:.1f} m long but the image shows {room * scale:.1f} m")
+    half = 0.5 * config.size * scale
+    origin_x, origin_y = 0.5 * (min_x + max_x) - half, 0.5 * (min_y + max_y) - half
+    return GridFrame(scale, round(origin_x, _DIGITS), round(origin_y, _DIGITS), config.size, config.size)
+
+
+def mapped_bounds(grid: OccupancyGrid) -> Bounds | None:
+    """Extent of the floor that a map shows, with its walls [m]; None if it shows none.
+
+    The spikes of beams that went astray reach far beyond the building and don't count.
+    """
+    frame, step = grid.frame, grid.frame.resolution
+    width = max(1, math.ceil(SPIKE_WIDTH / step))
+    free = np.pad((grid.cells == FREE).astype(np.uint8), width)
+    floor = cv2.morphologyEx(free, cv2.MORPH_OPEN, np.ones((width, width), np.uint8))
+    floor = floor[width:-width, width:-width]
+    rows, cols = np.flatnonzero(floor.any(axis=1)), np.flatnonzero(floor.any(axis=0))
+    if len(rows) == 0:
+        return None
+    top = frame.origin_y + frame.height_px * step
+    return (
+        frame.origin_x + float(cols[0]) * step - WALL,
+        top - float(rows[-1] + 1) * step - WALL,
+        frame.origin_x + float(cols[-1] + 1) * step + WALL,
+        top - float(rows[0]) * step + WALL,
+    )
+
+
+def union(first: Bounds, second: Bounds | None) -> Bounds:
+    """The smallest bounds around two."""
+    if second is None:
+        return first
+    return (
+        min(first[0], second[0]),
+        min(first[1], second[1]),
+        max(first[2], second[2]),
+        max(first[3], second[3]),
+    )
+
+
+def draw_plan(plan: FloorPlan, start: tuple[float, float], frame: GridFrame, edge_px: float) -> ByteArray:
+    """Draw the CAD side: 254 inside, 0 walls and outside, with a line of ``edge_px`` along the faces.
+
+    Args:
+        plan: World frame.
+        start: Origin of the map frame in the world [m].
+        frame: Where the pixels lie, map frame.
+        edge_px: Thickness of the line.
+
+    Returns:
+        Shape ``frame.shape``.
+    """
+    rows, cols = frame.shape
+    fine = GridFrame(frame.resolution / _SUB, frame.origin_x, frame.origin_y, rows * _SUB, cols * _SUB)
+    inside = fill_segments(plan.segments() - np.array([*start, *start]), fine)
+    # From a floor cell's centre to that of the nearest wall cell; the face lies half a cell before it.
+    from_face = cv2.distanceTransform(inside.astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE) - 0.5
+    middle = from_face[_SUB // 2 :: _SUB, _SUB // 2 :: _SUB]  # at the pixels' centres
+    cells: ByteArray = np.where(middle > 0.5 * edge_px * _SUB, FREE, OCCUPIED).astype(np.uint8)
+    return cells
+
+
+def resample_map(grid: OccupancyGrid, frame: GridFrame) -> ByteArray:
+    """Bring a map to another frame and cell size without losing an occupied cell in it.
+
+    Returns:
+        Shape ``frame.shape``: 0 occupied, 205 unknown, 254 free; unknown where the map says nothing.
+    """
+    source, ratio = grid.frame, frame.resolution / grid.frame.resolution
+    # Where the new frame's first row and column begin, in cells of the map, from its top left corner.
+    top = (source.bounds[3] - frame.bounds[3]) / source.resolution
+    left = (frame.origin_x - source.origin_x) / source.resolution
+    rows = _overlaps(frame.height_px, source.height_px, top, ratio)
+    cols = _overlaps(frame.width_px, source.width_px, left, ratio)
+    free = rows @ (grid.cells == FREE).astype(np.float64) @ cols.T
+    occupied = grid.cells == OCCUPIED
+    known = free + rows @ occupied.astype(np.float64) @ cols.T
+    cells: ByteArray = np.where(free >= 1.0 - known, FREE, UNKNOWN).astype(np.uint8)
+    if ratio >= 1.0:
+        row, col = (axis.astype(np.float64) for axis in np.nonzero(occupied))
+        new_row, new_col = _cells((row + 0.5 - top) / ratio), _cells((col + 0.5 - left) / ratio)
+        there = (new_row >= 0) & (new_row < frame.height_px) & (new_col >= 0) & (new_col < frame.width_px)
+        cells[new_row[there], new_col[there]] = OCCUPIED
+        return cells
+    old_row = _cells(top + (np.arange(frame.height_px) + 0.5) * ratio)
+    old_col = _cells(left + (np.arange(frame.width_px) + 0.5) * ratio)
+    in_rows = (old_row >= 0) & (old_row < source.height_px)
+    in_cols = (old_col >= 0) & (old_col < source.width_px)
+    cells[np.ix_(in_rows, in_cols)] = grid.cells[np.ix_(old_row[in_rows], old_col[in_cols])]
+    return cells
+
+
+def _overlaps(count: int, source_count: int, first: float, ratio: float) -> FloatArray:
+    """Share of each new pixel, along one axis, that each cell of the map covers, (count, source_count)."""
+    low = first + np.arange(count)[:, None] * ratio
+    cell = np.arange(source_count)[None, :]
+    shares: FloatArray = np.clip(np.minimum(low + ratio, cell + 1) - np.maximum(low, cell), 0.0, None) / ratio
+    return shares
+
+
+def _cells(places: NDArray[np.floating[Any]]) -> IntArray:
+    # The small number keeps a centre that lies on a border, but for rounding, on the same side everywhere.
+    cells: IntArray = np.floor(places + 1e-9).astype(np.int64)
+    return cells

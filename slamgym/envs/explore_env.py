@@ -1,0 +1,385 @@
+"""The environment: a robot explores a floor plan and maps it with SLAM."""
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import gymnasium as gym
+
+from slamgym.cad import FloorPlan
+from slamgym.commands.warmup import announce_compilation
+from slamgym.core.config import suggest
+from slamgym.core.errors import ConfigError, PlanError
+from slamgym.core.types import ByteArray, LaserScan, Pose2D
+from slamgym.envs.actions import Actions
+from slamgym.envs.assessment import Assessment
+from slamgym.envs.completion import FrontierWatch
+from slamgym.envs.config import ExploreConfig, resolve_config
+from slamgym.envs.coverage import Coverage
+from slamgym.envs.episode_log import EpisodeLog
+from slamgym.envs.observations import MapView, Observation, Observer, make_view, observation_space
+from slamgym.envs.plan_cache import PlansArgument, Site, Sites
+from slamgym.envs.reset_options import ResetOptions
+from slamgym.envs.rewards import Reward, RewardFunction
+from slamgym.envs.simulation import Simulation, Streams
+from slamgym.planning import ExplorerContext
+from slamgym.sim import Clutter, Lidar, make_clutter
+from slamgym.slam import Mapper
+
+RENDER_MODES = ("rgb_array", "human")
+
+
+class ExploreEnv(gym.Env[Observation, Any]):
+    """A TurtleBot3-class robot explores an unknown building and maps it with a particle filter.
+
+    ## Description
+
+    A differential-drive robot with a 2D laser scanner is put down somewhere in a floor plan. It drives, its
+    scanner and its wheel odometry measure with noise, and a Rao-Blackwellised particle filter (as GMapping)
+    makes a map of it all. The task is to see the whole building: quickly, without collisions, and with a good
+    map. Robot, scanner and SLAM have the values of a TurtleBot3 Waffle Pi and its launch files; a step lasts
+    one scan, 0.2 s.
+
+    Observations hold what the robot believes and measures, never the truth. Rewards and ``info`` do hold the
+    truth (coverage, pose error): they are a privileged training signal.
+
+    ## Action Space
+
+    | Num | ``Box(-1, 1, (2,), float32)``, the default | Min | Max | Full scale |
+    |-----|---------------------------------------------|-----|-----|------------|
+    | 0   | speed, astern to ahead                      | -1  | 1   | 0.26 m/s   |
+    | 1   | turning rate, clockwise to counter-clockwise | -1  | 1   | 1.82 rad/s |
+
+    With ``actions="physical"`` the same in m/s and rad/s. What exceeds the limits is cut off; acceleration is
+    limited too (2.5 m/s2, 3.2 rad/s2). With ``actions="discrete"``, as in ``slamgym/ExploreDiscrete-v0``,
+    ``Discrete(3)``: 0 ahead at full speed, 1 turn left on the spot, 2 turn right, both at 1.82 rad/s.
+
+    ## Observation Space
+
+    ``Dict`` of:
+
+    | Key        | Shape, type         | Min | Max   | Unit | Meaning |
+    |------------|---------------------|-----|-------|------|---------|
+    | "map"      | (1, 84, 84) uint8   | 0   | 255   | -    | SLAM map: 0 occupied, 205 unknown, 254 free |
+    | "scan"     | (180,) float32      | 0   | 3.5   | m    | right to left; 3.5 no return, 0 too near |
+    | "pose"     | (3,) float32        | -1000, -1000, -pi | 1000, 1000, pi | m, m, rad | believed |
+    | "velocity" | (2,) float32        | -0.52, -3.64 | 0.52, 3.64 | m/s, rad/s | by wheel odometry |
+    | "time"     | (1,) float32        | 0   | 420   | s    | since the start |
+
+    The pose is in the map frame, whose origin is the start and whose axes are the building's. By default the
+    map is an egocentric crop of 8.4 x 8.4 m at 0.1 m a cell: the believed pose in the middle, ahead up. With
+    ``observation={"map": "global"}`` it is the whole map on a fixed canvas centred on the start, shape
+    (1, 1280, 1280) for 64 m at 0.05 m, published anew every 2 s; with ``shared_map`` it is the same read-only
+    array in between.
+
+    With ``localization="ground_truth"`` the believed pose *is* the true pose, by that setting.
+
+    ## Rewards
+
+    The sum of weighted terms, which ``info["reward_terms"]`` shows one by one. By default 10 per share of the
+    reachable floor seen for the first time, -0.01 per second, -0.1 per step in contact, 1 on completion.
+    :class:`~slamgym.envs.rewards.RewardConfig` has all weights; ``reward_terms={"name": (weight, function)}``
+    adds functions of a :class:`~slamgym.envs.rewards.StepRecord`.
+
+    ## Starting State
+
+    A plan drawn evenly from ``plans`` and a pose drawn evenly from where the robot fits, at rest. The first
+    scan is taken. ``reset(options={"plan": ..., "start": (x, y, theta)})`` sets a plan (an id, or a
+    :class:`~slamgym.cad.FloorPlan`) and a start in the plan's frame.
+
+    ## Episode End
+
+    1. Termination: the published map shows no frontier of 0.35 m or more that the robot could reach. It is
+       checked whenever the map is published (``terminate_when_explored=False`` turns it off).
+    2. Termination: the true coverage reaches ``coverage_goal`` (off by default; privileged).
+    3. Truncation: ``time_limit`` is over, by default 420 s or 2,100 steps.
+
+    ## Info
+
+    ``coverage`` (share of the reachable floor truly seen, see :mod:`slamgym.envs.coverage`), ``path_length``
+    [m], ``collisions`` (contacts begun), ``pose_error`` [m], ``heading_error`` [rad], ``n_eff``,
+    ``true_pose`` (3,) in the world, ``reward_terms``; with the map error measured, or at the end of the
+    episode, ``map_error`` [m]; at the end ``is_success`` (terminated). ``reset`` adds ``plan``, the id.
+
+    ## Arguments
+
+    Args:
+        plans: Floor plans: what :func:`slamgym.cad.open_plans` takes (``"bundled"``, a file, a folder, an
+            archive), a source of plans, or floor plans.
+        config: Settings; the defaults where None.
+        render_mode: ``"rgb_array"``, ``"human"`` or None.
+        reward_terms: More terms of the reward: name to (weight, function).
+        **settings: Fields of :class:`~slamgym.envs.config.ExploreConfig` by name, on top of ``config``: parts
+            as dataclasses or as mappings of what differs, ``lidar`` and ``odometry`` also as the name of an
+            error level, and ``localization`` (``"rbpf"``, ``"scan_matching"``, ``"dead_reckoning"``,
+            ``"ground_truth"``).
+
+    Raises:
+        ConfigError: If a setting is unknown or makes no sense.
+        InputFileError: If the plans can't be read.
+
+    ## Reproducibility
+
+    A seed decides everything. Plan, clutter, start, odometry, scanner and SLAM draw from generators of their
+    own, derived from ``np_random`` at reset: with more particles the sensors' noise stays the same.
+
+    ## Version History
+
+    * v0: first version.
+    """
+
+    metadata: dict[str, Any] = {"render_modes": list(RENDER_MODES), "render_fps": 5}  # noqa: RUF012 - Gymnasium declares it so
+
+    def __init__(
+        self,
+        plans: PlansArgument = "bundled",
+        config: ExploreConfig | None = None,
+        *,
+        render_mode: str | None = None,
+        reward_terms: Mapping[str, tuple[float, RewardFunction]] | None = None,
+        **settings: Any,
+    ) -> None:
+        if render_mode is not None and render_mode not in RENDER_MODES:
+            raise ConfigError(f"unknown render_mode {render_mode!r}; {suggest(render_mode, RENDER_MODES)}")
+        announce_compilation()
+        self.config = resolve_config(config, settings)
+        self.render_mode = render_mode
+        self.metadata = {**self.metadata, "render_fps": round(self.config.lidar.rate)}
+        self.observation_space = observation_space(self.config)
+        self._actions = Actions(self.config)
+        self.action_space = self._actions.space
+        self._lidar = Lidar(self.config.lidar)
+        self._sites = Sites(plans, self.config.robot)
+        self._observer = Observer(self.config)
+        self._reward = Reward(self.config.reward, reward_terms)
+        self._renderer: Any = None
+        self._window: Any = None
+        self._simulation: Simulation | None = None
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Begin an episode.
+
+        Args:
+            seed: Seeds ``np_random``; without it the episodes go on from it.
+            options: ``"plan"`` and ``"start"``, see the class.
+
+        Raises:
+            ConfigError: If an option is unknown, or the start leaves no room for the robot.
+            PlanError: If the plan can't be explored or doesn't fit on the canvas.
+        """
+        super().reset(seed=seed)
+        config, wanted = self.config, ResetOptions.read(options)
+        streams = Streams.spawn(self.np_random)
+        self._site = site = self._choose_site(wanted, streams)
+        start = wanted.start or site.sample_start(streams.start)
+        self._refuse_too_large(site.plan, start)
+
+        self._simulation = simulation = Simulation(site, start, config, self._lidar, streams)
+        self._assessment = Assessment(
+            site, simulation, self._lidar.geometry, config.usable_range, self._reward
+        )
+        self._view: MapView = make_view(config)
+        self._frontiers = FrontierWatch(config.robot.radius, config.min_frontier_size)
+        self.log = EpisodeLog(config.lidar.num_beams) if config.record or self.render_mode else None
+        self._record()
+        observation = self._observe(is_publication_due=True)
+        self._show()
+        return observation, {**self._assessment.info(), "plan": site.plan.id}
+
+    def step(self, action: Any) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+        """Drive for one control step; see :class:`gymnasium.Env`."""
+        config, simulation, assessment = self.config, self.simulation, self._assessment
+        motion = simulation.step(self._actions.to_command(action))
+        assessment.look()
+        self._record()
+
+        is_publication_due = simulation.steps % config.publication_steps == 0
+        terminated = self._is_complete(is_publication_due)
+        truncated = config.max_steps is not None and simulation.steps >= config.max_steps
+        reward, terms = self._reward(assessment.judge(motion, config.control_step, terminated))
+
+        observation = self._observe(is_publication_due)
+        info = {**assessment.info(), "reward_terms": terms}
+        if terminated or truncated:
+            info |= {"is_success": terminated, "map_error": assessment.map_error()}
+        self._show()
+        return observation, reward, terminated, truncated, info
+
+    def render(self) -> Any:
+        """The frame, shape (720, 1280, 3) uint8, in mode ``"rgb_array"``; else None."""
+        if self.render_mode == "rgb_array":
+            return self._draw()
+        if self.render_mode is None:
+            gym.logger.warn('render() needs a render_mode: make the environment with render_mode="rgb_array"')
+        return None
+
+    def close(self) -> None:
+        """Close the window, if there is one."""
+        if self._window is not None:
+            self._window.close()
+            self._window = None
+
+    # What recorders, explorers and viewers may look at.
+
+    @property
+    def simulation(self) -> Simulation:
+        """The running episode.
+
+        Raises:
+            gymnasium.error.ResetNeeded: Before the first reset.
+        """
+        if self._simulation is None:
+            raise gym.error.ResetNeeded("call reset() before step() or render()")
+        return self._simulation
+
+    @property
+    def plan(self) -> FloorPlan:
+        """The building. Privileged."""
+        return self._site.plan
+
+    @property
+    def clutter(self) -> Clutter:
+        """Furniture and people in it. Privileged."""
+        return self._site.clutter
+
+    @property
+    def start(self) -> Pose2D:
+        """Where the robot began, world frame. Privileged."""
+        return self.simulation.start
+
+    @property
+    def true_pose(self) -> Pose2D:
+        """Where the robot is, world frame. Privileged."""
+        return self.simulation.true_pose
+
+    @property
+    def world_from_map(self) -> Pose2D:
+        """The map frame in the world, a translation. Privileged."""
+        return self.simulation.world_from_map
+
+    @property
+    def odometry_pose(self) -> Pose2D:
+        """Integrated wheel odometry; it starts in the map frame and drifts off."""
+        return self.simulation.odometry_pose
+
+    @property
+    def scan(self) -> LaserScan:
+        """The newest scan."""
+        return self.simulation.scan
+
+    @property
+    def mapper(self) -> Mapper:
+        """SLAM, with its map and its estimate."""
+        return self.simulation.mapper
+
+    @property
+    def coverage(self) -> Coverage:
+        """What was truly seen. Privileged."""
+        return self._assessment.coverage
+
+    def map_error(self) -> float:
+        """Mean distance of the map's occupied cells from the nearest true obstacle [m]. Privileged."""
+        return self._assessment.map_error()
+
+    def note_exposure(self, exposure: float) -> None:
+        """Tell rewards how far from walls the way leads that was chosen [m]; it holds until the next call."""
+        self._assessment.exposure = exposure
+
+    def explorer_context(self) -> ExplorerContext:
+        """What an explorer may know in advance: the robot, the scanner and the frame of the map.
+
+        Raises:
+            ConfigError: If the observation's map is not the global one, on which explorers plan, or the
+                actions are not velocities.
+        """
+        config = self.config
+        if config.observation.map != "global" or config.actions == "discrete":
+            raise ConfigError(
+                'explorers need observation={"map": "global"} and velocities as actions; '
+                "ExploreConfig.for_explorer() sets both"
+            )
+        robot = config.robot
+        return ExplorerContext(
+            frame=config.observation.frame(),
+            geometry=self._lidar.geometry,
+            robot_radius=robot.circumscribed_radius,
+            max_linear=robot.max_linear,
+            max_angular=robot.max_angular,
+            linear_acceleration=robot.linear_acceleration,
+            angular_acceleration=robot.angular_acceleration,
+            control_step=config.control_step,
+            map_update_interval=config.map_update_interval,
+            normalized_actions=config.actions == "normalized",
+        )
+
+    # The parts of reset and step.
+
+    def _choose_site(self, wanted: ResetOptions, streams: Streams) -> Site:
+        """The building, furnished and populated where the settings want it."""
+        if wanted.plan is None:
+            site = self._sites.draw(streams.plan)
+        elif isinstance(wanted.plan, FloorPlan):
+            site = self._sites.of(wanted.plan)
+        else:
+            site = self._sites.named(wanted.plan)
+        clutter = self.config.clutter
+        if clutter.furniture == 0.0 and clutter.people == 0:
+            return site
+        robot = self.config.robot
+        return Site(site.plan, robot, make_clutter(site.plan, streams.clutter, clutter, robot))
+
+    def _refuse_too_large(self, plan: FloorPlan, start: Pose2D) -> None:
+        """Refuse a plan that reaches out of the canvas, because its map would be cut off."""
+        observation = self.config.observation
+        if observation.map != "global":
+            return
+        min_x, min_y, max_x, max_y = plan.bounds
+        reach = max(start.x - min_x, max_x - start.x, start.y - min_y, max_y - start.y)
+        if reach > 0.5 * observation.map_size:
+            raise PlanError(
+                plan.where,
+                f"the plan reaches {reach:.1f} m from the start at ({start.x:.1f}, {start.y:.1f}) but the "
+                f"map only {0.5 * observation.map_size:.1f} m; set observation.map_size to "
+                f"{math.ceil(2.0 * reach)} or more",
+            )
+
+    def _is_complete(self, is_publication_due: bool) -> bool:
+        """Whether the exploration is complete by one of the rules in force."""
+        config, simulation = self.config, self.simulation
+        if config.coverage_goal is not None and self.coverage.share >= config.coverage_goal:
+            return True
+        if not (config.terminate_when_explored and is_publication_due):
+            return False
+        return self._frontiers.is_explored(simulation.mapper.occupancy_grid(), simulation.believed_pose)
+
+    def _observe(self, is_publication_due: bool) -> Observation:
+        simulation = self.simulation
+        pose = simulation.believed_pose
+        cells = self._view.view(simulation.mapper, pose, simulation.is_new_scan_processed, is_publication_due)
+        return self._observer.observe(cells, simulation.scan, pose, simulation.velocity)
+
+    def _record(self) -> None:
+        if self.log is not None:
+            simulation = self.simulation
+            self.log.append(
+                simulation.scan, simulation.true_pose, simulation.odometry_pose, simulation.believed_pose
+            )
+
+    def _show(self) -> None:
+        if self.render_mode == "human":
+            if self._window is None:
+                from slamgym.viz.window import Window
+
+                self._window = Window(self.metadata["render_fps"])
+            self._window.show(self._draw())
+
+    def _draw(self) -> ByteArray:
+        """A picture of the episode; what draws it is imported when it is needed."""
+        simulation = self.simulation
+        if self._renderer is None:
+            from slamgym.viz.exploration import Renderer
+
+            self._renderer = Renderer()
+        return self._renderer.draw(self._site, simulation, self._assessment, self.log)

@@ -1,0 +1,229 @@
+"""The environment at the level of decisions: each step chooses a frontier, and the robot drives there."""
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from gymnasium import spaces
+
+from slamgym.core.config import from_dict
+from slamgym.core.errors import ConfigError
+from slamgym.core.types import BoolArray
+from slamgym.envs.config import ExploreConfig, resolve_config
+from slamgym.envs.explore_env import RENDER_MODES, ExploreEnv
+from slamgym.envs.frontier_features import (
+    FrontierFeatures,
+    action_mask,
+    exposures,
+    frontier_observation_space,
+)
+from slamgym.envs.plan_cache import PlansArgument
+from slamgym.envs.rewards import RewardConfig, RewardFunction
+from slamgym.planning.frontier_driver import DriverConfig, FrontierDriver
+
+Observation = dict[str, Any]
+
+DEFAULT_REWARD = RewardConfig(
+    coverage_gain=0.0, time=0.02, collision=0.01, completion=0.0, shaping=2.0, discount=1.0
+)
+"""A fiftieth per second, and potential-based coverage so that progress shows at once."""
+
+DEFAULT_TIME_LIMIT = 1200.0
+"""Most homes are explored within 600 s; the limit is there for those that go round in circles [s]."""
+
+
+class ExploreFrontiersEnv(gym.Env[Observation, np.int64]):
+    """Choose a frontier; the navigation stack drives there with full physics and SLAM.
+
+    ## Description
+
+    The exploration of :class:`~slamgym.envs.explore_env.ExploreEnv` as a semi-Markov decision process (Sutton,
+    Precup and Singh 1999). At each step up to K frontiers of the robot's map are offered, the shortest path
+    first. The chosen one is driven to by the same navigation stack that the classical explorers use. The step
+    ends when the frontier has gone or was reached or given up, or after ``horizon`` seconds; then the map has
+    grown and the next choice is due. What comes when no frontier is left (a look around, gentler rules, rooms
+    that the map has closed) happens by itself.
+
+    ## Action Space
+
+    ``Discrete(K)``, K = 16 by default: the candidate of that row. Rows without a candidate are masked:
+    ``action_masks()`` and ``info["action_mask"]`` say which count, as ``MaskablePPO`` of sb3-contrib wants it.
+    A masked action chooses the first candidate.
+
+    ## Observation Space
+
+    ``Dict`` of float32 arrays, all from the robot's belief:
+
+    | Key          | Shape          | Meaning |
+    |--------------|----------------|---------|
+    | "candidates" | (K, 28)        | features of each candidate (:mod:`slamgym.envs.frontier_features`) |
+    | "crops"      | (K, 2, 13, 13) | free and occupied shares of the map about each, ahead up, 0.35 m a cell |
+    | "globals"    | (12,)          | features of the whole exploration |
+    | "mask"       | (K,)           | 1 for rows that hold a candidate |
+
+    ## Rewards
+
+    The sum of the rewards of the control steps within the option, each discounted by
+    ``discount ** seconds since the decision``. The terms are those of
+    :class:`~slamgym.envs.rewards.RewardConfig`; by default -0.02 per second, -0.01 per step in contact and 2
+    of potential-based coverage.
+
+    ## Discounting
+
+    Time passes in seconds, so the value of what follows counts ``discount ** info["duration"]``, not a
+    constant gamma. A learner that reads ``info["duration"]`` (:mod:`slamgym.agents.rl.semi_markov`) is exact for any
+    discount. With the default discount of 1 the task is to minimise time, and a standard learner with
+    gamma = 1 is exact. For gamma < 1 and a standard learner wrap the environment in
+    :class:`~slamgym.envs.frontier_discount.DiscountByTermination`.
+
+    ## Starting State, Episode End, Info
+
+    As :class:`~slamgym.envs.explore_env.ExploreEnv`, with these differences: the episode terminates when the
+    robot has tried all that it can reach, or the true coverage reaches ``coverage_goal`` (privileged, off by
+    default); ``time_limit`` is 1200 s. ``info`` adds ``duration`` [s] of the step, ``action_mask``, and
+    ``time`` [s]; ``reward_terms`` are summed over the step.
+
+    ## Arguments
+
+    Args:
+        plans: As in ExploreEnv.
+        config: As in ExploreEnv.
+        driver: How frontiers are offered and driven to, or a mapping of the fields that differ.
+        discount: Per second.
+        render_mode: As in ExploreEnv.
+        reward_terms: As in ExploreEnv.
+        **settings: As in ExploreEnv. ``localization="ground_truth"`` is the fast mode for training.
+
+    Raises:
+        ConfigError: If a setting is unknown or makes no sense.
+    """
+
+    metadata: dict[str, Any] = {"render_modes": list(RENDER_MODES), "render_fps": 5}  # noqa: RUF012 - Gymnasium declares it so
+
+    def __init__(
+        self,
+        plans: PlansArgument = "bundled",
+        config: ExploreConfig | None = None,
+        *,
+        driver: DriverConfig | Mapping[str, Any] | None = None,
+        discount: float = 1.0,
+        render_mode: str | None = None,
+        reward_terms: Mapping[str, tuple[float, RewardFunction]] | None = None,
+        **settings: Any,
+    ) -> None:
+        if not 0.0 < discount <= 1.0:
+            raise ConfigError(f"discount must lie in (0, 1], not {discount}")
+        config = config or ExploreConfig(reward=DEFAULT_REWARD, time_limit=DEFAULT_TIME_LIMIT)
+        asked = resolve_config(config, settings)
+        self.driver_config = (
+            from_dict(DriverConfig, driver, "driver")
+            if isinstance(driver, Mapping)
+            else driver or DriverConfig()
+        )
+        self.discount = discount
+        self.inner = ExploreEnv(
+            plans,
+            dataclasses.replace(
+                asked.for_explorer(),
+                coverage_goal=asked.coverage_goal,
+                record=asked.record or render_mode is not None,
+            ),
+            render_mode=render_mode,
+            reward_terms=reward_terms,
+        )
+        self.config = self.inner.config
+        self.render_mode = render_mode
+        k = self.driver_config.max_candidates
+        self.observation_space = frontier_observation_space(k)
+        self.action_space = spaces.Discrete(k)
+        self._context = self.inner.explorer_context()
+        self._driver: FrontierDriver | None = None
+
+    @property
+    def driver(self) -> FrontierDriver:
+        """The running exploration.
+
+        Raises:
+            gymnasium.error.ResetNeeded: Before the first reset.
+        """
+        if self._driver is None:
+            raise gym.error.ResetNeeded("call reset() before step()")
+        return self._driver
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Begin an episode, up to the first decision; see :meth:`ExploreEnv.reset`."""
+        super().reset(seed=seed)
+        inner, info = self.inner.reset(seed=seed, options=options)
+        self._driver = FrontierDriver(self._context, self.driver_config)
+        self._features = FrontierFeatures(self.driver_config.max_candidates)
+        self._is_over = False
+        is_due = self._driver.observe(inner)
+        _, is_truncated, info = self._drive(is_due, info)
+        self._is_over = is_truncated or self._driver.finished or bool(info.get("is_success"))
+        return self._observe(info, duration=0.0)
+
+    def step(self, action: Any) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+        """Drive to a frontier until the next decision; see :class:`gymnasium.Env`."""
+        driver = self.driver
+        begin, info = driver.time, dict(self._info)
+        info["reward_terms"] = {}
+        reward, truncated = 0.0, False
+        if not self._is_over and driver.candidates:
+            index = int(action)
+            if not 0 <= index < self.driver_config.max_candidates:
+                raise gym.error.InvalidAction(f"action {action} is not in {self.action_space}")
+            index = index if index < len(driver.candidates) else 0
+            self.inner.note_exposure(float(self._exposures[index]))
+            chosen = driver.choose(index)
+            reward, truncated, info = self._drive(not chosen and bool(driver.candidates), info)
+        terminated = (driver.finished or bool(info.get("is_success"))) and not (
+            truncated and not driver.finished
+        )
+        if terminated or truncated:
+            self._is_over = True
+            if "map_error" not in info:
+                info["map_error"] = self.inner.map_error()
+            info["is_success"] = terminated
+        observation, info = self._observe(info, driver.time - begin)
+        return observation, reward, terminated, truncated and not terminated, info
+
+    def action_masks(self) -> BoolArray:
+        """Which actions choose a candidate, shape (K,); sb3-contrib asks for it by this name."""
+        return self._mask.copy()
+
+    def render(self) -> Any:
+        """The frame of the running exploration; see :meth:`ExploreEnv.render`."""
+        return self.inner.render()
+
+    def close(self) -> None:
+        """Close the window, if there is one."""
+        self.inner.close()
+
+    def _drive(self, is_due: bool, info: dict[str, Any]) -> tuple[float, bool, dict[str, Any]]:
+        """Drive until the next decision or the end: (discounted reward, truncated, info)."""
+        driver, begin = self.driver, self.driver.time
+        total = 0.0
+        terms: dict[str, float] = {}
+        terminated = truncated = False
+        while not (is_due or driver.finished or terminated or truncated):
+            weight = self.discount ** (driver.time - begin)
+            command = self._context.to_action(driver.command())
+            observation, reward, terminated, truncated, info = self.inner.step(command)
+            total += weight * reward
+            for name, value in info["reward_terms"].items():
+                terms[name] = terms.get(name, 0.0) + weight * value
+            is_due = driver.observe(observation)
+        return total, truncated and not terminated, {**info, "reward_terms": terms}
+
+    def _observe(self, info: dict[str, Any], duration: float) -> tuple[Observation, dict[str, Any]]:
+        observation = self._features.observe(self.driver)
+        self._mask = action_mask(observation)
+        self._exposures = exposures(observation)
+        self._info = {
+            **info, "duration": duration, "time": self.driver.time, "action_mask": self._mask.copy()
+        }  # fmt: skip
+        return observation, self._info

@@ -1,0 +1,174 @@
+"""Floor plans made ready for exploration, and where the next one comes from."""
+
+import logging
+from collections import OrderedDict
+from collections.abc import Sequence
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+import shapely
+
+from slamgym.cad import FloorPlan, PlanSource, check_plan, open_plans
+from slamgym.core.config import suggest
+from slamgym.core.errors import ConfigError, PlanError
+from slamgym.core.types import Pose2D
+from slamgym.envs.coverage import ReachableFloor
+from slamgym.metrics.map_error import WallDistance
+from slamgym.sim import Clutter, RobotConfig, World
+from slamgym.sim.start import sample_pose, start_area
+
+_logger = logging.getLogger(__name__)
+
+PlansArgument = str | Path | FloorPlan | Sequence[FloorPlan] | PlanSource
+"""What ``plans`` may be: what :func:`slamgym.cad.open_plans` takes, a source of plans, or plans."""
+
+# Sites kept ready. One takes some hundred kilobytes; a training run on more plans rebuilds them, at some
+# milliseconds each.
+_KEPT_SITES = 64
+
+# Plans tried in a row before a source counts as useless.
+_TRIES = 100
+
+
+class Site:
+    """A building with what is computed once for it.
+
+    Args:
+        plan: The building.
+        robot: The robot that will explore it.
+        clutter: Furniture and people.
+    """
+
+    def __init__(self, plan: FloorPlan, robot: RobotConfig, clutter: Clutter | None = None) -> None:
+        self.plan = plan
+        self.clutter = clutter or Clutter()
+        self.world = World(plan, robot, clutter=self.clutter)
+        self._robot = robot
+
+    @cached_property
+    def _start_area(self) -> shapely.Polygon:
+        return start_area(self.plan, self._robot, self.clutter)
+
+    @cached_property
+    def floor(self) -> ReachableFloor:
+        """What there is to see."""
+        return ReachableFloor(self.plan, self._robot.radius, self.clutter.furniture)
+
+    @cached_property
+    def wall_distance(self) -> WallDistance:
+        """Distance to the nearest wall or piece of furniture."""
+        return WallDistance(np.vstack([self.plan.segments(), self.clutter.segments()]))
+
+    def sample_start(self, rng: np.random.Generator) -> Pose2D:
+        """Draw a start as :func:`slamgym.sim.sample_start` does."""
+        return sample_pose(self._start_area, rng)
+
+
+class Sites:
+    """Draws floor plans and keeps the latest ones ready.
+
+    A plan that was checked once is not checked again.
+
+    Args:
+        plans: Where the plans come from.
+        robot: The robot that will explore them.
+    """
+
+    def __init__(self, plans: PlansArgument, robot: RobotConfig) -> None:
+        self._source = _open(plans)
+        self._robot = robot
+        self._sites: OrderedDict[str, Site] = OrderedDict()
+        self._refused: dict[str, PlanError] = {}
+
+    def draw(self, rng: np.random.Generator) -> Site:
+        """A plan drawn evenly from the source; one that can't be explored is logged and drawn again.
+
+        Raises:
+            PlanError: If a hundred plans in a row can't be explored.
+        """
+        error: PlanError | None = None
+        for _ in range(_TRIES):
+            plan_id = self._source.ids[int(rng.integers(len(self._source)))]
+            if plan_id in self._refused:
+                error = self._refused[plan_id]
+                continue
+            try:
+                return self.named(plan_id)
+            except PlanError as refusal:
+                _logger.warning("left out: %s", refusal)
+                self._refused[plan_id] = error = refusal
+        assert error is not None
+        raise PlanError(
+            error.path, f"{error.reason} (and {_TRIES} plans drawn in a row can't be explored either)"
+        )
+
+    def named(self, plan_id: str) -> Site:
+        """A plan by its id.
+
+        Raises:
+            ConfigError: If the source has no such plan.
+            PlanError: If it can't be explored.
+        """
+        if plan_id in self._sites:
+            self._sites.move_to_end(plan_id)
+            return self._sites[plan_id]
+        try:
+            plan = self._source.load(plan_id)
+        except KeyError:
+            raise ConfigError(
+                f"there is no plan {plan_id!r}; {_nearest(plan_id, self._source.ids)}"
+            ) from None
+        return self._keep(plan_id, plan)
+
+    def of(self, plan: FloorPlan) -> Site:
+        """A plan that the caller has.
+
+        Raises:
+            PlanError: If it can't be explored.
+        """
+        site = self._sites.get(plan.id)
+        return site if site is not None and site.plan is plan else self._keep(plan.id, plan)
+
+    def _keep(self, key: str, plan: FloorPlan) -> Site:
+        check_plan(plan, self._robot.radius)
+        site = Site(plan, self._robot)
+        self._sites[key] = site
+        self._sites.move_to_end(key)
+        if len(self._sites) > _KEPT_SITES:
+            self._sites.popitem(last=False)
+        return site
+
+
+class ListedPlans:
+    """Plans at hand as a source."""
+
+    def __init__(self, plans: Sequence[FloorPlan]) -> None:
+        self._plans = {plan.id: plan for plan in plans}
+        if not plans or len(self._plans) < len(plans):
+            raise ConfigError("plans must hold at least one plan, and their ids must differ")
+        self.ids: Sequence[str] = list(self._plans)
+
+    def __len__(self) -> int:
+        return len(self.ids)
+
+    def load(self, plan_id: str) -> FloorPlan:
+        """The plan of this id."""
+        return self._plans[plan_id]
+
+
+def _open(plans: PlansArgument) -> PlanSource:
+    if isinstance(plans, FloorPlan):
+        return ListedPlans([plans])
+    if isinstance(plans, str | Path):
+        return open_plans(plans)
+    if isinstance(plans, list | tuple):
+        return ListedPlans(plans)
+    if hasattr(plans, "load") and hasattr(plans, "ids"):
+        return plans
+    raise ConfigError(f"plans must name, hold or be floor plans, not {plans!r}; see slamgym.cad.open_plans")
+
+
+def _nearest(plan_id: str, ids: Sequence[str]) -> str:
+    """The nearest id where there are few enough to search and to show."""
+    return suggest(plan_id, ids) if len(ids) <= 1000 else f"the source has {len(ids)} plans, as {ids[0]!r}"

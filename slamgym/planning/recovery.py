@@ -1,0 +1,110 @@
+"""What is tried before an exploration ends, because nothing is left that the rules would go to.
+
+In this order, one thing at a time: a look around at the very beginning, gentler rules for passages that the map
+draws too narrow, and a look at rooms that the map has closed.
+"""
+
+import math
+from collections.abc import Sequence
+from enum import Enum
+
+from slamgym.core.types import Pose2D, Twist2D
+from slamgym.planning.context import ExplorerContext
+from slamgym.planning.frontiers import Point, cut_off_views
+from slamgym.planning.navigator import Goal, Navigator
+
+_SAME_PLACE = 0.7
+"""Places nearer to one another than this show the same of a closed room [m]."""
+
+
+class Resort(Enum):
+    """What :meth:`LastResorts.attempt` chose."""
+
+    LOOK_AROUND = "look_around"
+    """The robot turns once round on the spot; :meth:`LastResorts.turn` drives."""
+    GENTLER_RULES = "gentler_rules"
+    """The navigation stack takes the robot for narrower than it is from now on."""
+    CLOSED_ROOM = "closed_room"
+    """The navigation stack drives to a place from which a closed room can be looked at."""
+    NOTHING = "nothing"
+    """All was tried."""
+
+
+class LastResorts:
+    """One exploration's last resorts.
+
+    Args:
+        context: What the environment tells about the robot and its map.
+        navigator: Navigation stack of the exploration.
+        look_around_before: Only so soon after the beginning a look around is worth its time [s]; 0 for never.
+        radius_shares: Shares of the robot's radius to try one after the other, in ``round`` 1, 2, ...
+        closed_room_looks: Closed rooms are looked at from so many places at most.
+
+    Attributes:
+        round: 0 at first; counts the gentler rules tried.
+    """
+
+    def __init__(
+        self,
+        context: ExplorerContext,
+        navigator: Navigator,
+        look_around_before: float,
+        radius_shares: Sequence[float],
+        closed_room_looks: int,
+    ) -> None:
+        self.round = 0
+        self._context = context
+        self._navigator = navigator
+        self._look_around_before = look_around_before
+        self._radius_shares = radius_shares
+        self._closed_room_looks = closed_room_looks
+        self._began_at = math.inf
+        self._has_looked_around = look_around_before <= 0.0  # a look that is never worth it counts as done
+        self._turn_left, self._last_theta = 0.0, 0.0  # of a look around [rad]
+        self._looked_from: list[Point] = []
+
+    @property
+    def is_turning(self) -> bool:
+        """Whether a look around is under way."""
+        return self._turn_left > 0.0
+
+    def note_time(self, time: float) -> None:
+        """Tell the clock of every control step, if looks around are wanted: the first one is the beginning."""
+        self._began_at = min(self._began_at, time)
+
+    def turn(self, pose: Pose2D) -> Twist2D:
+        """Velocity for the next control step of a look around."""
+        self._turn_left -= abs(math.remainder(pose.theta - self._last_theta, 2.0 * math.pi))
+        self._last_theta = pose.theta
+        rate = self._navigator.config.follower.turn_rate
+        return Twist2D(0.0, min(rate, self._context.max_angular))
+
+    def attempt(self, pose: Pose2D, time: float) -> Resort:
+        """Begin what is to be tried next."""
+        if time - self._began_at < self._look_around_before and not self._has_looked_around:
+            self._has_looked_around = True
+            self._turn_left, self._last_theta = 2.0 * math.pi, pose.theta
+            return Resort.LOOK_AROUND
+        if self.round < len(self._radius_shares):
+            radius = self._radius_shares[self.round] * self._context.robot_radius
+            self.round += 1
+            self._navigator.set_inscribed_radius(radius, pose, time)
+            return Resort.GENTLER_RULES
+        return Resort.CLOSED_ROOM if self._visit_closed_room(pose, time) else Resort.NOTHING
+
+    def _visit_closed_room(self, pose: Pose2D, time: float) -> bool:
+        """Go and look at a room that the map cuts off, from each side once; False if there is none left."""
+        costmap, space = self._navigator.costmap, self._navigator.reachable
+        if costmap is None or space is None or len(self._looked_from) >= self._closed_room_looks:
+            return False
+        views = [
+            view
+            for view in cut_off_views(costmap, space)
+            if all(math.dist(view[0], seen) > _SAME_PLACE for seen in self._looked_from)
+        ]
+        if not views:
+            return False
+        place, looked_at = min(views, key=lambda view: math.dist(view[0], pose[:2]))
+        self._looked_from.append(place)
+        self._navigator.set_goal(Goal(*place, look_at=looked_at), pose, time)
+        return True

@@ -1,0 +1,94 @@
+"""Contact between the robot and the world, solved by pymunk."""
+
+import pymunk
+
+from slamgym.core.types import FloatArray, Pose2D
+from slamgym.sim.robot import RobotConfig
+
+SKIN = 0.01
+"""Contact begins this far outside the body [m]. The solver needs some overlap to work with; the skin takes
+it, so that the body itself never enters an obstacle."""
+
+SUBSTEP_WAY = 0.008
+"""Furthest that a point of the body may move between two looks at the contacts [m]: less than the skin, so
+that no obstacle is passed unseen."""
+
+# Overlap of skin and obstacle that is left standing, so that resting contacts persist [m].
+_SLOP = 0.001
+
+# Sequential-impulse iterations; two walls of a corner converge to 1e-6 m/s in about ten.
+_ITERATIONS = 30
+
+# Nominal duration of a solver step [s]. It is the same for every substep, however long: the solver starts
+# from the impulses of its last step, scaled by the ratio of the durations, but here an impulse takes away a
+# velocity, not a force.
+_SOLVER_STEP = 0.01
+
+Velocity = tuple[float, float, float]
+"""Of a rigid body in the world's axes: x [m/s], y [m/s], turning [rad/s]."""
+
+
+class ContactSolver:
+    """A pymunk space with the walls as static segments, people as discs and the robot as a rigid body.
+
+    Each call answers: with this wish of a velocity at this pose, what velocity do the contacts leave? The
+    wish enters as the force that would bring the body from rest to it, because the solver applies contact
+    impulses after forces.
+    """
+
+    def __init__(self, segments: FloatArray, discs: FloatArray, robot: RobotConfig) -> None:
+        self._space = pymunk.Space()
+        self._space.iterations = _ITERATIONS
+        self._space.collision_slop = _SLOP
+        self._body, shape = _robot_body(robot)
+        self._people = [pymunk.Body(body_type=pymunk.Body.KINEMATIC) for _ in discs]
+        people = [pymunk.Circle(body, float(disc[2])) for body, disc in zip(self._people, discs, strict=True)]
+        walls = [
+            pymunk.Segment(self._space.static_body, (float(x0), float(y0)), (float(x1), float(y1)), 0.0)
+            for x0, y0, x1, y1 in segments
+        ]
+        self._space.add(self._body, shape, *self._people, *walls, *people)
+
+    def place_people(self, discs: FloatArray) -> None:
+        """Move the people, shape (P, 3)."""
+        for body, disc in zip(self._people, discs, strict=True):
+            body.position = float(disc[0]), float(disc[1])
+
+    def solve(self, pose: Pose2D, wish: Velocity) -> tuple[Velocity, Velocity]:
+        """Take from a velocity what contact forbids.
+
+        Args:
+            pose: Where the robot stands.
+            wish: Velocity that the drive asks for.
+
+        Returns:
+            The velocity that contact leaves of the wish, and the slow push that ends an overlap of the skin.
+            The body moves by the sum of both.
+        """
+        body = self._body
+        body.position = pose.x, pose.y
+        body.angle = pose.theta
+        body.velocity = 0.0, 0.0
+        body.angular_velocity = 0.0
+        body.force = wish[0] * body.mass / _SOLVER_STEP, wish[1] * body.mass / _SOLVER_STEP
+        body.torque = wish[2] * body.moment / _SOLVER_STEP
+        self._space.step(_SOLVER_STEP)
+        velocity, position = body.velocity, body.position
+        # The step moved the body before it solved, from rest: that is the push which the last overlap asked
+        # for.
+        push_x, push_y, push_turn = position.x - pose.x, position.y - pose.y, body.angle - pose.theta
+        push = push_x / _SOLVER_STEP, push_y / _SOLVER_STEP, push_turn / _SOLVER_STEP
+        return (velocity.x, velocity.y, body.angular_velocity), push
+
+
+def _robot_body(robot: RobotConfig) -> tuple[pymunk.Body, pymunk.Shape]:
+    """The robot with its skin; the base frame's origin is the body's."""
+    if robot.shape == "circle":
+        moment = pymunk.moment_for_circle(robot.mass, 0.0, robot.radius)
+        body = pymunk.Body(robot.mass, moment)
+        return body, pymunk.Circle(body, robot.radius + SKIN)
+    rear, right, front, left = robot.footprint
+    corners = [(rear, right), (front, right), (front, left), (rear, left)]
+    moment = pymunk.moment_for_poly(robot.mass, corners)
+    body = pymunk.Body(robot.mass, moment)
+    return body, pymunk.Poly(body, corners, radius=SKIN)

@@ -1,0 +1,143 @@
+"""People who walk from place to place, keep off walls and furniture, and stop for the robot."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+
+from slamgym.core.types import FloatArray
+
+PERSON_RADIUS = 0.25
+"""A standing or walking person seen from above [m]: half the shoulder width of 0.46 m and some clothes."""
+
+# What a scanner near the floor sees: two legs, apart by the width of the hips and swinging with the stride
+# [m].
+_LEG_RADIUS = 0.06
+_LEG_APART = 0.1
+_LEG_SWING = 0.14
+_STRIDE = 1.4
+_LEG_CORNERS = 6
+
+SEGMENTS_PER_PERSON = 2 * _LEG_CORNERS
+
+# People keep this much more than touching distance from the robot and from each other [m].
+_POLITE_DISTANCE = 0.1
+
+# Walking is simulated in pieces of this duration [s]: 12 cm at a brisk pace.
+_STEP_TIME = 0.1
+
+# Who had to wait this long goes elsewhere [s].
+_PATIENCE = 1.5
+
+# Directions tried for a new way, and the longest straight way [m].
+_TRIES = 16
+_LONGEST_WAY = 8.0
+
+
+@dataclass(frozen=True)
+class Person:
+    """One who walks about."""
+
+    start: tuple[float, float]  # [m], world frame
+    speed: float  # [m/s]
+    seed: int  # of the ways that the person chooses
+
+
+class Crowd:
+    """The people of a world while they walk.
+
+    Args:
+        people: Who they are.
+        walkable: Where the middle of a person may be.
+    """
+
+    def __init__(self, people: tuple[Person, ...], walkable: shapely.Polygon) -> None:
+        self._people = people
+        self._walkable = walkable
+        shapely.prepare(walkable)
+        self.discs = np.empty((len(people), 3))
+        """What can be touched, shape (P, 3) as x, y, radius [m]."""
+        self.reset()
+
+    def reset(self) -> None:
+        """Back to the start, to walk the same ways again."""
+        number = len(self._people)
+        self._rngs = [np.random.default_rng(person.seed) for person in self._people]
+        self.discs[:, :2] = np.reshape([person.start for person in self._people], (number, 2))
+        self.discs[:, 2] = PERSON_RADIUS
+        self._targets = self.discs[:, :2].copy()
+        self._headings = [float(rng.uniform(-math.pi, math.pi)) for rng in self._rngs]
+        self._walked = [0.0] * number
+        self._waited = [0.0] * number
+
+    def advance(self, span: float, robot_x: float, robot_y: float, robot_radius: float) -> None:
+        """Let everybody walk for a time while the robot stands at a place."""
+        pieces = max(1, math.ceil(span / _STEP_TIME))
+        for _ in range(pieces):
+            for index in range(len(self._people)):
+                self._walk(index, span / pieces, (robot_x, robot_y, robot_radius))
+
+    def legs(self) -> FloatArray:
+        """What the LIDAR sees, shape (P * SEGMENTS_PER_PERSON, 4) as x0, y0, x1, y1 [m]."""
+        angles = np.arange(_LEG_CORNERS + 1) * (2.0 * math.pi / _LEG_CORNERS)
+        ring = _LEG_RADIUS * np.column_stack([np.cos(angles), np.sin(angles)])
+        outlines = []
+        for index, heading in enumerate(self._headings):
+            swing = _LEG_SWING * math.sin(2.0 * math.pi * self._walked[index] / _STRIDE)
+            cos, sin = math.cos(heading), math.sin(heading)
+            for side in (-1.0, 1.0):
+                ahead, left = side * swing, side * _LEG_APART
+                middle = self.discs[index, :2] + (ahead * cos - left * sin, ahead * sin + left * cos)
+                corners = ring + middle
+                outlines.append(np.hstack([corners[:-1], corners[1:]]))
+        return np.vstack(outlines) if outlines else np.empty((0, 4))
+
+    def _walk(self, index: int, span: float, robot: tuple[float, float, float]) -> None:
+        """Move one person, unless that would come too near to the robot or to somebody else."""
+        x, y = self.discs[index, :2].tolist()
+        dx, dy = (self._targets[index] - (x, y)).tolist()
+        left = math.hypot(dx, dy)
+        way = self._people[index].speed * span
+        if left < 1e-6 or self._waited[index] > _PATIENCE:
+            self._choose_way(index)
+            return
+        share = min(1.0, way / left)
+        there = x + share * dx, y + share * dy
+        self._headings[index] = math.atan2(dy, dx)
+        if self._is_free(index, (x, y), there, robot):
+            self.discs[index, :2] = there
+            self._walked[index] += share * left
+            self._waited[index] = 0.0
+        else:
+            self._waited[index] += span
+
+    def _is_free(
+        self,
+        index: int,
+        here: tuple[float, float],
+        there: tuple[float, float],
+        robot: tuple[float, float, float],
+    ) -> bool:
+        """Whether nobody is too near to a place; stepping back from somebody near is always free."""
+        others = [tuple(disc) for other, disc in enumerate(self.discs.tolist()) if other != index]
+        for x, y, radius in (robot, *others):
+            distance = math.hypot(x - there[0], y - there[1])
+            polite = radius + PERSON_RADIUS + _POLITE_DISTANCE
+            if distance < polite and distance < math.hypot(x - here[0], y - here[1]):
+                return False
+        return True
+
+    def _choose_way(self, index: int) -> None:
+        """Pick somewhere to go in a straight line, the furthest of some free directions."""
+        self._waited[index] = 0.0
+        rng = self._rngs[index]
+        here = self.discs[index, :2]
+        best = 0.0
+        for angle, way in zip(
+            rng.uniform(-math.pi, math.pi, _TRIES), rng.uniform(0.5, _LONGEST_WAY, _TRIES), strict=True
+        ):
+            there = here + way * np.array([math.cos(angle), math.sin(angle)])
+            if way > best and self._walkable.covers(shapely.LineString([here, there])):
+                best = way
+                self._targets[index] = there

@@ -1,0 +1,130 @@
+"""Exact ray casting against wall segments.
+
+Instead of testing every beam against every wall, each wall is asked which beams can meet it: its two end
+points span an interval of bearings, and a scanner's beams are evenly spaced, so the beams inside come from
+one division. A beam is then tested against a handful of walls whatever the number of walls, and each test is
+one exact ray/line intersection. Walls beyond the sensor's range are dropped before their bearings are
+computed.
+"""
+
+import math
+
+import numpy as np
+
+from slamgym.core.jit import kernel
+from slamgym.core.types import FloatArray
+
+# Share of a beam spacing by which a wall's interval of beams is widened, so that rounding never lets a beam
+# slip through the corner that two walls share. At 3.5 m and 1 degree it widens a wall by less than 0.1 nm.
+_WIDENING = 1e-9
+
+# Sine of the angle between beam and wall below which the wall counts as seen edge-on.
+_EDGE_ON = 1e-12
+
+
+@kernel
+def cast_rays(
+    x: float,
+    y: float,
+    theta: float,
+    angle_min: float,
+    angle_increment: float,
+    num_beams: int,
+    segments: FloatArray,
+    range_max: float,
+    out: FloatArray,
+) -> None:
+    """Write the distance to the nearest segment along each beam.
+
+    Convention: ``x, y, theta`` is the pose of the *sensor* in the frame of the segments; beam ``i`` points to
+    ``theta + angle_min + i * angle_increment``, counter-clockwise.
+
+    Args:
+        x: Sensor position [m].
+        y: Sensor position [m].
+        theta: Sensor heading [rad].
+        angle_min: Direction of beam 0 in the sensor frame [rad].
+        angle_increment: Angle between neighbouring beams, positive [rad].
+        num_beams: Number of beams; together they span at most one turn.
+        segments: Walls, shape (S, 4) as x0, y0, x1, y1 [m].
+        range_max: Longest distance that is reported [m].
+        out: Receives the ranges, shape (num_beams,) [m]; ``inf`` where nothing is met within ``range_max``.
+    """
+    turn = 2.0 * math.pi
+    beams_per_turn = turn / angle_increment
+    directions = np.empty((num_beams, 2))
+    _fill_directions(angle_min, angle_increment, directions)
+    for i in range(num_beams):
+        out[i] = np.inf
+    cos, sin = math.cos(theta), math.sin(theta)
+
+    for s in range(segments.shape[0]):
+        # End points in the sensor frame.
+        gx, gy = segments[s, 0] - x, segments[s, 1] - y
+        ax, ay = cos * gx + sin * gy, cos * gy - sin * gx
+        gx, gy = segments[s, 2] - x, segments[s, 3] - y
+        bx, by = cos * gx + sin * gy, cos * gy - sin * gx
+        ex, ey = bx - ax, by - ay
+        nearest = _distance_to_origin(ax, ay, ex, ey)
+        if nearest > range_max:
+            continue
+        if nearest == 0.0:
+            # The sensor stands on the wall: it blocks every beam at once.
+            for i in range(num_beams):
+                out[i] = 0.0
+            return
+
+        first = math.atan2(ay, ax)
+        width = math.atan2(by, bx) - first
+        if width > math.pi:
+            width -= turn
+        elif width < -math.pi:
+            width += turn
+        if width < 0.0:
+            first += width
+            width = -width
+
+        # The interval in beam numbers; it may start before beam 0 and reappear a whole turn later.
+        low = (first - angle_min) / angle_increment
+        low -= math.floor(low / beams_per_turn) * beams_per_turn
+        high = low + width / angle_increment
+        offset = ax * ey - ay * ex
+        edge_on = _EDGE_ON * math.sqrt(ex * ex + ey * ey)
+        for _ in range(2):
+            start = max(0, math.ceil(low - _WIDENING))
+            stop = min(num_beams - 1, math.floor(high + _WIDENING))
+            for i in range(start, stop + 1):
+                slant = directions[i, 0] * ey - directions[i, 1] * ex
+                distance = offset / slant if abs(slant) > edge_on else nearest
+                if nearest <= distance < out[i] and distance <= range_max:
+                    out[i] = distance
+                elif distance < nearest < out[i]:
+                    # A wall seen nearly edge-on, where the quotient loses its digits.
+                    out[i] = nearest
+            low -= beams_per_turn
+            high -= beams_per_turn
+
+
+@kernel
+def _fill_directions(angle_min: float, angle_increment: float, directions: FloatArray) -> None:
+    """Unit vectors of the beams by repeated rotation: two multiplications instead of a sine each.
+
+    The rounding grows by about 1e-16 a beam, a thousandth of a nanometre over a thousand beams at 3.5 m.
+    """
+    ux, uy = math.cos(angle_min), math.sin(angle_min)
+    cos, sin = math.cos(angle_increment), math.sin(angle_increment)
+    for i in range(directions.shape[0]):
+        directions[i, 0] = ux
+        directions[i, 1] = uy
+        ux, uy = cos * ux - sin * uy, sin * ux + cos * uy
+
+
+@kernel
+def _distance_to_origin(ax: float, ay: float, ex: float, ey: float) -> float:
+    """Distance of the origin from the segment that starts at a and runs along e."""
+    squared = ex * ex + ey * ey
+    along = 0.0
+    if squared > 0.0:
+        along = min(1.0, max(0.0, -(ax * ex + ay * ey) / squared))
+    px, py = ax + along * ex, ay + along * ey
+    return math.sqrt(px * px + py * py)

@@ -1,0 +1,284 @@
+"""The physical world: a floor plan, what stands and walks in it, and the robot that drives through it.
+
+A step has two regimes that share one motion model (:mod:`slamgym.sim.motion`). Away from everything the
+robot follows the exact arc, which costs a microsecond. Within a centimetre of touching something, pymunk
+takes over in substeps of a few millimetres and decides what contact leaves of the commanded motion. Where
+there is no contact, both give the same motion. Last, every substep is checked against the obstacles, and one
+that would put the body into an obstacle is not carried out: no speed, time step or corner lets the robot
+through a wall.
+"""
+
+import math
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from slamgym.core.errors import ConfigError
+from slamgym.core.geometry import between, wrap_angle
+from slamgym.core.types import FloatArray, Pose2D, Twist2D
+from slamgym.sim import motion
+from slamgym.sim.clutter import Clutter
+from slamgym.sim.contact import SKIN, SUBSTEP_WAY, ContactSolver, Velocity
+from slamgym.sim.people import Crowd
+from slamgym.sim.robot import RobotConfig
+
+if TYPE_CHECKING:
+    from slamgym.cad.floorplan import FloorPlan
+
+# A velocity changed by less than this was not changed by contact [m/s, rad/s]: what the
+# iterative solver leaves.
+_CONTACT_TOLERANCE = 1e-4
+
+# A rest of time too short to move in [s].
+_NO_TIME = 1e-9
+
+# Longest contact substep [s]: resolves the acceleration ramp as the free motion does.
+_SUBSTEP_TIME = 0.03
+
+
+class Motion(NamedTuple):
+    """What happened to the robot during one step."""
+
+    pose: Pose2D
+    """True pose after the step, world frame."""
+
+    increment: Pose2D
+    """True motion of the body, in the frame of the pose before the step."""
+
+    wheels: tuple[float, float]
+    """How far the left and the right wheel rolled [m]; more or less than the body moved where contact made
+    them slip."""
+
+    contact: bool
+    """Whether contact stopped or deflected the body at any time during the step."""
+
+    distance: float
+    """Way of the axle's middle, ahead or astern [m]."""
+
+
+class World:
+    """A robot in a floor plan.
+
+    Args:
+        plan: The building. Its walls are obstacles from both sides.
+        robot: The robot's measures and limits.
+        clutter: Furniture and people; none where left out.
+    """
+
+    def __init__(self, plan: "FloorPlan", robot: RobotConfig, *, clutter: Clutter | None = None) -> None:
+        self.plan = plan
+        self.robot = robot
+        walls = np.asarray(plan.segments(), dtype=np.float64)
+        clutter = clutter or Clutter()
+        self._num_walls = len(walls)
+        self._crowd = Crowd(clutter.people, clutter.walkable) if clutter.people else None
+        self._discs = self._crowd.discs if self._crowd else np.empty((0, 3))
+        # One array: obstacles that stand, then the legs of those who walk.
+        standing = np.vstack([walls, clutter.segments()])
+        legs = self._crowd.legs() if self._crowd else np.empty((0, 4))
+        self._segments = np.vstack([standing, legs])
+        self._obstacles = self._segments[: len(standing)]
+        self._legs = self._segments[len(standing) :]
+        self._visible = self._segments.view()
+        self._visible.flags.writeable = False
+        self._limits = np.array(
+            [robot.linear_acceleration, robot.angular_acceleration, robot.wheel_separation]
+        )
+        self._rectangle = np.array(robot.footprint)
+        self._reach = robot.circumscribed_radius + SKIN
+        # How far from the axle turning moves the outline: a disc turns within itself.
+        self._lever = 0.0 if robot.shape == "circle" else robot.circumscribed_radius
+        self._state = np.zeros(8)
+        self._velocity = Twist2D(0.0, 0.0)
+        self._solver: ContactSolver | None = None
+
+    @property
+    def pose(self) -> Pose2D:
+        """True pose of the robot's base frame, world frame."""
+        x, y, theta = self._state[:3].tolist()
+        return Pose2D(x, y, wrap_angle(theta))
+
+    @property
+    def velocity(self) -> Twist2D:
+        """True velocity of the body."""
+        return self._velocity
+
+    def segments(self) -> FloatArray:
+        """All that the LIDAR sees now, shape (S, 4) as x0, y0, x1, y1 [m], world frame.
+
+        The array is read-only for the caller, and its last rows follow the people as they walk.
+        """
+        return self._visible
+
+    def reset(self, pose: Pose2D) -> None:
+        """Put the robot at rest at a pose.
+
+        Raises:
+            ConfigError: If the pose is outside the plan's free space or the body would overlap something.
+        """
+        self._state[:] = 0.0
+        self._state[:3] = pose
+        self._velocity = Twist2D(0.0, 0.0)
+        # The solver remembers earlier contacts; without it the next episode can't depend on the last one.
+        self._solver = None
+        if self._crowd:
+            self._crowd.reset()
+            self._legs[:] = self._crowd.legs()
+        where = f"start pose ({pose.x:.2f}, {pose.y:.2f}) in plan {self.plan.id}"
+        if not np.isfinite(self._state).all():
+            raise ConfigError(f"{where} must be finite")
+        if not motion.inside(pose.x, pose.y, self._obstacles[: self._num_walls]):
+            raise ConfigError(
+                f"{where} is outside the free space; choose another or let the start be sampled"
+            )
+        if self._overlaps(self._state):
+            raise ConfigError(
+                f"{where} leaves no room for the robot's body; choose another or let the start be sampled"
+            )
+
+    def step(self, command: Twist2D, dt: float) -> Motion:
+        """Drive for ``dt`` seconds towards a commanded velocity.
+
+        Args:
+            command: Wished velocity; what exceeds the robot's limits is cut off.
+            dt: Duration [s]; any length.
+
+        Returns:
+            What happened.
+
+        Raises:
+            ValueError: If the command or the duration is not a number, or the duration is not positive.
+        """
+        target = self._within_limits(command, dt)
+        before = self.pose
+        self._state[motion.LEFT :] = 0.0
+        if self._crowd:
+            self._let_people_walk(self._crowd, dt)
+        contact = self._drive(target, dt)
+        pose = self.pose
+        left, right, distance = self._state[motion.LEFT :].tolist()
+        return Motion(pose, between(before, pose), (left, right), contact, distance)
+
+    def _within_limits(self, command: Twist2D, dt: float) -> Twist2D:
+        linear, angular = float(command[0]), float(command[1])
+        if math.isnan(linear) or math.isnan(angular):
+            raise ValueError(f"command {command} is not a number")
+        if not 0.0 < dt < math.inf:
+            raise ValueError(f"dt must be positive and finite, not {dt}")
+        robot = self.robot
+        return Twist2D(
+            min(max(linear, -robot.max_linear), robot.max_linear),
+            min(max(angular, -robot.max_angular), robot.max_angular),
+        )
+
+    def _let_people_walk(self, crowd: Crowd, dt: float) -> None:
+        """People move first, about a robot that stands; then the robot moves among people who stand."""
+        x, y = self._state[:2].tolist()
+        crowd.advance(dt, x, y, self._reach)
+        self._legs[:] = crowd.legs()
+        if self._solver is not None:
+            self._solver.place_people(crowd.discs)
+
+    def _drive(self, target: Twist2D, dt: float) -> bool:
+        """Drive freely where possible, else in contact substeps; whether contact changed the motion."""
+        state, contact, left = self._state, False, dt
+        while left > _NO_TIME:
+            before = left
+            left = motion.drive_freely(
+                state,
+                target.linear,
+                target.angular,
+                self._limits,
+                left,
+                self._reach,
+                self._obstacles,
+                self._discs,
+            )
+            if left < before:
+                self._velocity = Twist2D(float(state[motion.LINEAR]), float(state[motion.ANGULAR]))
+            if left > _NO_TIME:
+                span = min(left, self._contact_span(target))
+                contact |= self._contact_substep(target, span)
+                left -= span
+        return contact
+
+    def _contact_span(self, target: Twist2D) -> float:
+        """A time in which no point of the body can move further than the contact skin bears."""
+        linear = max(abs(self._state[motion.LINEAR]), abs(target.linear))
+        angular = max(abs(self._state[motion.ANGULAR]), abs(target.angular))
+        speed = float(linear + self._lever * angular)
+        return min(_SUBSTEP_TIME, SUBSTEP_WAY / speed) if speed > 0.0 else _SUBSTEP_TIME
+
+    def _contact_substep(self, target: Twist2D, span: float) -> bool:
+        """Move for a short time with pymunk's say on contacts; whether they changed the motion."""
+        x, y, theta, linear, angular = self._state[: motion.LEFT].tolist()
+        mean_linear, linear = motion.ramp(linear, target.linear, self.robot.linear_acceleration, span)
+        mean_angular, angular = motion.ramp(angular, target.angular, self.robot.angular_acceleration, span)
+        dx, dy = motion.chord(theta, mean_linear * span, mean_angular * span)
+        wish = (dx / span, dy / span, mean_angular)
+        velocity, contact = self._solve_contact(Pose2D(x, y, theta), wish)
+
+        trial = self._state.copy()
+        trial[:3] += self._bounded(velocity, span)
+        if self._overlaps(trial):
+            contact = True
+            trial[:2] = x, y
+            if self._overlaps(trial):
+                trial[motion.THETA] = theta
+        self._account(
+            trial, (mean_linear * span, mean_angular * span), Twist2D(linear, angular), contact, span
+        )
+        return contact
+
+    def _bounded(self, velocity: Velocity, span: float) -> FloatArray:
+        """The displacement of a substep, cut to what the skin bears, whatever the solver says."""
+        displacement = np.multiply(velocity, span)
+        way = math.hypot(displacement[0], displacement[1]) + self._lever * abs(displacement[2])
+        return displacement if way <= SKIN else displacement * (SKIN / way)
+
+    def _solve_contact(self, pose: Pose2D, wish: Velocity) -> tuple[Velocity, bool]:
+        """The velocity that contact leaves of a wish, and whether it took something away."""
+        if self._solver is None:
+            self._solver = ContactSolver(self._obstacles, self._discs, self.robot)
+            self._solver.place_people(self._discs)
+        left, push = self._solver.solve(pose, wish)
+        contact = max(abs(a - b) for a, b in zip(left, wish, strict=True)) > _CONTACT_TOLERANCE
+        if contact and self.robot.contact == "stop":
+            return (0.0, 0.0, wish[2] if self.robot.shape == "circle" else 0.0), True
+        return (left[0] + push[0], left[1] + push[1], left[2] + push[2]), contact
+
+    def _account(
+        self, after: FloatArray, driven: tuple[float, float], drive: Twist2D, contact: bool, span: float
+    ) -> None:
+        """Take over the state after a contact substep, and book what body, wheels and drive did.
+
+        Args:
+            after: State with the new pose.
+            driven: Way [m] and turn [rad] that the drive asked for.
+            drive: Drive velocity at the end, had nothing been in the way.
+            contact: Whether something was.
+            span: Duration [s].
+        """
+        dx, dy, turn = (after[:3] - self._state[:3]).tolist()
+        middle = float(self._state[motion.THETA]) + 0.5 * turn
+        way = dx * math.cos(middle) + dy * math.sin(middle)
+        self._velocity = Twist2D(way / span, turn / span)
+        slip = self.robot.contact_slip if contact else 1.0
+        rolled = way + slip * (driven[0] - way)
+        rolled_turn = turn + slip * (driven[1] - turn)
+        half = 0.5 * self.robot.wheel_separation
+        after[motion.LEFT] += rolled - half * rolled_turn
+        after[motion.RIGHT] += rolled + half * rolled_turn
+        after[motion.DISTANCE] += math.hypot(dx, dy)
+        after[motion.LINEAR] = self._velocity.linear + slip * (drive.linear - self._velocity.linear)
+        after[motion.ANGULAR] = self._velocity.angular + slip * (drive.angular - self._velocity.angular)
+        self._state[:] = after
+
+    def _overlaps(self, state: FloatArray) -> bool:
+        """Whether the body, without its skin, would be in an obstacle."""
+        if self.robot.shape == "footprint":
+            return motion.rectangle_overlaps(state, self._rectangle, self._obstacles, self._discs)
+        return (
+            motion.clearance(state[motion.X], state[motion.Y], self._obstacles, self._discs)
+            < self.robot.radius
+        )
