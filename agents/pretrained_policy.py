@@ -14,8 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from slamgym.agents.rl.network_config import NetworkConfig
-from slamgym.agents.scoring import FrontierScorer
+from slamgym.agents.scoring import FrontierScorer, NetworkConfig
 from slamgym.core.config import from_dict, to_dict
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.staged import write_bytes, write_text

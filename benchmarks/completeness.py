@@ -31,8 +31,8 @@ from slamgym.core.types import BoolArray, FloatArray
 from slamgym.dataset.curate.completeness import FEATURES, completeness_features
 from slamgym.dataset.curate.completeness_model import SHIPPED_MODEL, TreesConfig, cross_fit
 from slamgym.dataset.curate.criteria import Criteria, StuckFilter
-from slamgym.dataset.curate.labelled_maps import LabelledMaps, label_maps
 from slamgym.dataset.curate.probability_score import ProbabilityScore, roc_auc, score_probabilities
+from slamgym.dataset.curate.snapshots import LabelledMaps, label_maps
 from slamgym.dataset.format import load_pair, read_manifest
 from slamgym.dataset.generate.build import DatasetConfig, build_dataset
 from slamgym.envs import ExploreConfig

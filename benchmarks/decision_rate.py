@@ -11,7 +11,7 @@ import numpy as np
 from report import print_and_save
 
 from slamgym.agents.pretrained_policy import read_policy
-from slamgym.agents.rl.learning_plans import draw_plans
+from slamgym.agents.rl.training_envs import draw_plans
 from slamgym.envs import ExploreFrontiersEnv
 from slamgym.envs.frontier_features import FrontierFeatures
 from slamgym.planning.frontier_driver import FrontierDriver

@@ -27,7 +27,7 @@ from slamgym.agents.registry import make_explorer
 from slamgym.cad import FloorPlan, open_plans
 from slamgym.commands.warmup import warm_up
 from slamgym.dataset import Episode, EpisodeConfig, PairConfig, make_pair, run_episode
-from slamgym.dataset.episode_files import write_episode
+from slamgym.dataset.format import write_episode
 from slamgym.dataset.schedule import schedule
 from slamgym.envs import ExploreConfig, ExploreEnv
 from slamgym.sim import Lidar, WheelOdometry, World

@@ -19,8 +19,8 @@ from report import print_and_save
 
 from slamgym.core.types import FREE, BoolArray, ByteArray, FloatArray
 from slamgym.gan.data import PairSet, load_pairs
+from slamgym.gan.encoding import enlarge_means
 from slamgym.gan.evaluation.evaluate import evenly_spaced, score_map
-from slamgym.gan.resample import enlarge_means
 from slamgym.gan.translation.classical import outline_only
 from slamgym.metrics import mean_interval
 

@@ -22,7 +22,7 @@ import numpy as np
 
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.types import ByteArray, FloatArray
-from slamgym.gan.resample import resample_grey, resample_slam
+from slamgym.gan.encoding import resample_grey, resample_slam
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".pgm", ".tif", ".tiff")
 

@@ -11,12 +11,76 @@ values lie in [-1, 1].
 
 from typing import assert_never
 
+import cv2
 import numpy as np
 import torch
 from torch import Tensor
 
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, ByteArray, Float32Array
 from slamgym.gan.config import CHANNELS, Encoding
+
+MIN_OCCUPIED_SHARE = 0.3
+"""A shrunk cell is occupied if this share of it was: a wall one cell thick survives shrinking to a third."""
+
+_BACK_PROJECTIONS = 10
+"""After these the means are right to a few thousandths."""
+
+
+def resample_slam(cells: ByteArray, shape: tuple[int, int]) -> ByteArray:
+    """Resample a SLAM map to (rows, cols); values stay 0, 205, 254."""
+    if cells.shape == shape:
+        return cells
+    size = (shape[1], shape[0])
+    if shape[0] >= cells.shape[0] and shape[1] >= cells.shape[1]:
+        return np.asarray(cv2.resize(cells, size, interpolation=cv2.INTER_NEAREST_EXACT), dtype=np.uint8)
+    occupied = cv2.resize((cells == OCCUPIED).astype(np.float32), size, interpolation=cv2.INTER_AREA)
+    free = cv2.resize((cells == FREE).astype(np.float32), size, interpolation=cv2.INTER_AREA)
+    result = np.where(free >= 0.5 * (1.0 - occupied), FREE, UNKNOWN)
+    # Nothing of it known: neither share may decide.
+    result[(free == 0.0) & (occupied < MIN_OCCUPIED_SHARE)] = UNKNOWN
+    return np.where(occupied >= MIN_OCCUPIED_SHARE, OCCUPIED, result).astype(np.uint8)
+
+
+def resample_grey(image: ByteArray, shape: tuple[int, int]) -> ByteArray:
+    """Resample a CAD map to (rows, cols), borders in shades of grey."""
+    if image.shape == shape:
+        return image
+    return np.asarray(_resize(image, shape), dtype=np.uint8)
+
+
+def resample_probability(image: Float32Array, shape: tuple[int, int]) -> Float32Array:
+    """Resample values in [0, 1] to (rows, cols)."""
+    if image.shape == shape:
+        return image
+    return np.clip(_resize(image, shape), 0.0, 1.0).astype(np.float32)
+
+
+def enlarge_means(image: Float32Array, shape: tuple[int, int]) -> Float32Array:
+    """Enlarge values in [0, 1] that are means over their pixels, so that they stay the means.
+
+    A generator that draws 32 x 32 pixels learns the share of floor in each. Plain interpolation would blur that share
+    once more and lose thin walls; what it takes away is put back (iterative back projection, Irani and Peleg 1991).
+
+    Args:
+        image: (h, w).
+        shape: (rows, cols), no smaller.
+    """
+    if image.shape == shape:
+        return image
+    rows, cols = image.shape
+    large = np.zeros(shape, np.float32)
+    missing = image
+    for _ in range(_BACK_PROJECTIONS):
+        large = np.clip(large + cv2.resize(missing, shape[::-1], interpolation=cv2.INTER_CUBIC), 0.0, 1.0)
+        missing = image - cv2.resize(large, (cols, rows), interpolation=cv2.INTER_AREA)
+    return np.asarray(large, dtype=np.float32)
+
+
+def _resize(image: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
+    shrinks = shape[0] < image.shape[0] or shape[1] < image.shape[1]
+    method = cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR
+    return np.asarray(cv2.resize(image, (shape[1], shape[0]), interpolation=method))
+
 
 HALF_FREE = 127.0
 """Grey that is encoded as 0."""

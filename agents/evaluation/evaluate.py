@@ -1,25 +1,79 @@
-"""Explorers on the same plans, starts and seeds; what is done already is not done again."""
+"""Explorers on the same plans, starts and seeds; what is done already is not done again.
 
+Trials are kept as one JSON object a line. A line is written with one call and synced, so a kill loses at most the
+explorations in flight; a line that was cut short is dropped when the file is opened again.
+"""
+
+import dataclasses
 import functools
 import json
+import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
 
 from slamgym.agents.evaluation.trial import Key, MakeForEpisode, Trial, TrialConfig, run_trial, settings_hash
-from slamgym.agents.evaluation.trial_log import TrialLog
+from slamgym.agents.plan_splits import Split, split_of
 from slamgym.agents.registry import make_explorer
-from slamgym.agents.splits import Split, split_of
 from slamgym.cad import FloorPlan, PlanSource, check_plan
 from slamgym.cad.plan_filter import PlanFilter, passes
 from slamgym.core.config import to_dict
-from slamgym.core.errors import ConfigError, PlanError
+from slamgym.core.errors import ConfigError, InputFileError, PlanError
 from slamgym.core.files import exclusive_lock, replace_file, storage_errors
 from slamgym.core.parallel.engine import run_tasks
 from slamgym.core.progress import show_progress
 from slamgym.dataset.schedule import exploration_seed, schedule
 from slamgym.envs import ExploreEnv
+
+
+class TrialLog:
+    """The trials in a file.
+
+    Args:
+        path: The file; made with the first trial.
+
+    Raises:
+        InputFileError: If the file holds something else than trials.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.trials: dict[Key, Trial] = {}
+        if path.exists():
+            self._read()
+
+    def append(self, trial: Trial) -> None:
+        """Add a trial and wait until the disk has it.
+
+        Raises:
+            StorageError: If it can't be written.
+        """
+        line = json.dumps(dataclasses.asdict(trial), separators=(",", ":")) + "\n"
+        with storage_errors(self.path):
+            descriptor = os.open(self.path, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o644)
+            try:
+                os.write(descriptor, line.encode())
+                os.fsync(descriptor)
+            finally:
+                os.close(descriptor)
+        self.trials[trial.key] = trial
+
+    def _read(self) -> None:
+        content = self.path.read_bytes()
+        whole, end, torn = content.rpartition(b"\n")
+        if torn:
+            with storage_errors(self.path):
+                replace_file(self.path, whole + end)
+        for number, line in enumerate(whole.split(b"\n") if whole else [], start=1):
+            try:
+                trial = Trial.from_dict(json.loads(line))
+            except (ValueError, TypeError, ConfigError) as error:
+                raise InputFileError(
+                    f"{self.path}:{number}", f"is no trial of this version ({error}); move the file away"
+                ) from error
+            self.trials[trial.key] = trial
+
 
 FULL_KNOWLEDGE = "full_knowledge"
 """Name of the explorer that is told the floor plan."""

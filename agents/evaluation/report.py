@@ -1,4 +1,4 @@
-"""What an evaluation leaves in its folder beside the trials: tables, figures as JSON, a plot."""
+"""An evaluation as Markdown tables, figures as JSON and a plot, in its folder beside the trials."""
 
 import dataclasses
 import json
@@ -7,10 +7,178 @@ from pathlib import Path
 
 from slamgym import __version__
 from slamgym.agents.evaluation.evaluate import FULL_KNOWLEDGE, Evaluation, EvaluationConfig, Skipped
-from slamgym.agents.evaluation.summary import Summary, summarise
-from slamgym.agents.evaluation.tables import describe
+from slamgym.agents.evaluation.summary import Comparison, ExplorerSummary, LevelComparison, Summary, summarise
+from slamgym.agents.registry import CLASSICAL
 from slamgym.core.config import to_dict
 from slamgym.core.files import replace_file, storage_errors
+from slamgym.core.intervals import Interval
+
+_SHOWN = ("0.5", "0.8", "0.9", "0.95", "0.99")
+_RATIO_LEVELS = ("0.95", "0.99")
+
+
+def describe(summary: Summary) -> str:
+    """All tables of an evaluation, as Markdown."""
+    parts = [
+        "Time to a share of the floor, mean over explorations [s]; in brackets how many reached it [%]:\n",
+        _levels_table(summary.explorers, "time"),
+        "\nWay driven by then [m]:\n",
+        _levels_table(summary.explorers, "path"),
+        "\nThe whole exploration:\n",
+        _whole_table(summary.explorers),
+    ]
+    if summary.comparisons:
+        reference = summary.comparisons[0].reference
+        for quantity in ("time", "path"):
+            parts += [
+                f"\n{quantity.capitalize()} against `{reference}`, ratio of means with 95 % interval; "
+                "below 1 is better:\n",
+                _ratio_table(summary.comparisons, quantity),
+            ]
+        parts += [f"\nOther differences from `{reference}`:\n", _difference_table(summary.comparisons)]
+    for reference in dict.fromkeys(comparison.reference for comparison in summary.others):
+        own = [comparison for comparison in summary.others if comparison.reference == reference]
+        what = ", the quickest rule by hand to 99 %" if reference in CLASSICAL else ""
+        parts += [
+            f"\nAgainst `{reference}`{what}; ratio of means where both reach the level, with 95 % interval:\n",
+            _further_table(own),
+        ]
+    return "\n".join(parts) + "\n"
+
+
+def markdown_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """A Markdown table whose columns line up; the first column is flush left, the others right."""
+    widths = [max(len(row[i]) for row in (header, *rows)) for i in range(len(header))]
+
+    def line(cells: Sequence[str]) -> str:
+        padded = [
+            cell.ljust(width) if i == 0 else cell.rjust(width)
+            for i, (cell, width) in enumerate(zip(cells, widths, strict=True))
+        ]
+        return "| " + " | ".join(padded) + " |"
+
+    rule = (
+        "|" + "|".join("-" * (w + 2) if i == 0 else "-" * (w + 1) + ":" for i, w in enumerate(widths)) + "|"
+    )
+    return "\n".join([line(header), rule, *map(line, rows)])
+
+
+def _levels_table(explorers: Sequence[ExplorerSummary], quantity: str) -> str:
+    header = ["explorer", *(f"{100 * float(level):g} %" for level in _SHOWN)]
+    digits = 0 if quantity == "time" else 1
+    rows = []
+    for explorer in explorers:
+        values = explorer.time_to if quantity == "time" else explorer.path_to
+        cells = [f"`{explorer.explorer}`"]
+        for level in _SHOWN:
+            share = f" ({100 * explorer.reached[level]:.0f})" if quantity == "time" else ""
+            cells.append(f"{values[level].value:.{digits}f}{share}")
+        rows.append(cells)
+    return markdown_table(header, rows)
+
+
+def _whole_table(explorers: Sequence[ExplorerSummary]) -> str:
+    header = [
+        "explorer", "area under curve", "success [%]", "coverage [%]", "time [s]", "path [m]", "contacts",
+        "map error [cm]", "ATE [cm]", "CPU a decision [ms]",
+    ]  # fmt: skip
+    rows = [
+        [
+            f"`{e.explorer}`",
+            with_margin(e.mean_coverage, 3),
+            f"{100 * e.success.value:.0f}",
+            f"{100 * e.coverage.value:.1f}",
+            f"{e.time.value:.0f}",
+            f"{e.path.value:.1f}",
+            f"{e.collisions.value:.2f}",
+            with_margin(e.map_error, 1, 100.0),
+            with_margin(e.ate, 1, 100.0),
+            f"{e.decision_ms:.1f}",
+        ]
+        for e in explorers
+    ]
+    return markdown_table(header, rows)
+
+
+def _ratio_table(comparisons: Sequence[Comparison], quantity: str) -> str:
+    header = ["explorer"]
+    for level in _RATIO_LEVELS:
+        name = f"{100 * float(level):g} %"
+        header += [f"{name}, both reach", f"{name}, mean of ratios", f"{name}, censored"]
+    rows = []
+    for comparison in comparisons:
+        cells = [f"`{comparison.explorer}`"]
+        for level in _RATIO_LEVELS:
+            found = level_of(comparison, quantity, level)
+            both = (
+                "-" if found.ratio_of_means is None else f"{with_bounds(found.ratio_of_means)} n={found.both}"
+            )
+            ratios = "-" if found.mean_of_ratios is None else with_bounds(found.mean_of_ratios)
+            cells += [both, ratios, with_bounds(found.censored_ratio_of_means)]
+        rows.append(cells)
+    return markdown_table(header, rows)
+
+
+def _further_table(comparisons: Sequence[Comparison]) -> str:
+    header = ["explorer"]
+    header += [f"{q} to {100 * float(level):g} %" for q in ("time", "path") for level in _RATIO_LEVELS]
+    rows = []
+    for comparison in comparisons:
+        cells = [f"`{comparison.explorer}`"]
+        for quantity in ("time", "path"):
+            for level in _RATIO_LEVELS:
+                found = level_of(comparison, quantity, level)
+                ratio = found.ratio_of_means
+                cells.append("-" if ratio is None else f"{with_bounds(ratio)} n={found.both}")
+        error = comparison.ratios.get("map_error")
+        rows.append([*cells, "-" if error is None else with_bounds(error)])
+    return markdown_table([*header, "map error"], rows)
+
+
+def _difference_table(comparisons: Sequence[Comparison]) -> str:
+    header = [
+        "explorer",
+        "area under curve",
+        "success [%]",
+        "contacts",
+        "map error [cm]",
+        "map error, ratio",
+        "ATE [cm]",
+    ]
+    rows = []
+    for c in comparisons:
+        d = c.differences
+        ratio = c.ratios.get("map_error")
+        rows.append(
+            [
+                f"`{c.explorer}`",
+                with_bounds(d["mean_coverage"], 3, signed=True),
+                with_bounds(d["success"], 0, 100.0, signed=True),
+                with_bounds(d["collisions"], 2, signed=True),
+                with_bounds(d["map_error"], 2, 100.0, signed=True),
+                "-" if ratio is None else with_bounds(ratio),
+                with_bounds(d["ate"], 1, 100.0, signed=True),
+            ]
+        )
+    return markdown_table(header, rows)
+
+
+def level_of(comparison: Comparison, quantity: str, level: str) -> LevelComparison:
+    """A comparison's figures for the time or path to a level."""
+    return next(x for x in comparison.levels if x.quantity == quantity and x.level == level)
+
+
+def with_bounds(interval: Interval, digits: int = 2, factor: float = 1.0, signed: bool = False) -> str:
+    """``0.85 [0.80, 0.91]``."""
+    sign = "+" if signed else ""
+    value, low, high = (factor * x for x in (interval.value, interval.low, interval.high))
+    return f"{value:{sign}.{digits}f} [{low:{sign}.{digits}f}, {high:{sign}.{digits}f}]"
+
+
+def with_margin(interval: Interval, digits: int, factor: float = 1.0) -> str:
+    """``2.3 ± 0.1``: half of the interval's width."""
+    margin = 0.5 * factor * (interval.high - interval.low)
+    return f"{factor * interval.value:.{digits}f} ± {margin:.{digits}f}"
 
 
 def write_report(out: Path, evaluation: Evaluation, config: EvaluationConfig, against: str) -> str:

@@ -15,7 +15,7 @@ from stable_baselines3.common.policies import ActorCriticPolicy
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from torch import Tensor, nn
 
-from slamgym.agents.rl.network_config import NetworkConfig
+from slamgym.agents.scoring import NetworkConfig
 from slamgym.envs.frontier_features import CANDIDATE_FEATURES, CROP_PX, GLOBAL_FEATURES
 
 MASKED = -1e8

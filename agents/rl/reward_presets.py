@@ -28,7 +28,7 @@ class Preset:
     """Further terms: name to (weight, function)."""
     exposure_prior: float = 0.0
     """What the scores of its policies begin with beside what they begin with anyway; see
-    :class:`~slamgym.agents.rl.network_config.NetworkConfig`."""
+    :class:`~slamgym.agents.scoring.NetworkConfig`."""
 
 
 def error_of_new_map(step: StepRecord) -> float:

@@ -14,11 +14,10 @@ from pathlib import Path
 from typing import Any
 
 from slamgym.agents.pretrained_policy import read_policy
-from slamgym.agents.rl.learning_envs import make_env
-from slamgym.agents.rl.learning_plans import Curriculum, draw_plans
 from slamgym.agents.rl.reward_presets import PRESETS, preset
 from slamgym.agents.rl.train_config import TrainConfig
-from slamgym.agents.rl.validation import Outcome, explore
+from slamgym.agents.rl.training_callbacks import Outcome, explore
+from slamgym.agents.rl.training_envs import Curriculum, draw_plans, make_env
 from slamgym.cad import FloorPlan
 from slamgym.commands.table import load_target
 from slamgym.core.config import config_hash, from_dict, suggest, to_dict

@@ -19,7 +19,7 @@ COLUMNS = (
     ("coverage", "coverage", "{:.3f}"),
     ("map_error", "map error [m]", "{:.4f}"),
 )
-"""Field of :class:`slamgym.agents.rl.validation.Outcome`, heading, format."""
+"""Field of :class:`slamgym.agents.rl.training_callbacks.Outcome`, heading, format."""
 
 _POINTS = 60
 _COLOURS = (

@@ -22,8 +22,6 @@ from slamgym import __version__
 from slamgym.agents.pretrained_policy import SHIPPED, read_policy, write_policy
 from slamgym.agents.rl.checkpoint import has_checkpoint, load_checkpoint, save_checkpoint
 from slamgym.agents.rl.imitation import imitate
-from slamgym.agents.rl.learning_envs import make_env, make_learning_envs
-from slamgym.agents.rl.learning_plans import draw_plans
 from slamgym.agents.rl.policy import FrontierPolicy, MaskableFrontierPolicy
 from slamgym.agents.rl.semi_markov import MaskableSemiMarkovBuffer, SemiMarkovBuffer, SemiMarkovDiscounting
 from slamgym.agents.rl.train_config import TrainConfig
@@ -35,6 +33,7 @@ from slamgym.agents.rl.training_callbacks import (
     Validate,
     write_json,
 )
+from slamgym.agents.rl.training_envs import draw_plans, make_env, make_learning_envs
 from slamgym.core.config import from_dict, to_dict
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.progress import say, show_progress

@@ -3,8 +3,8 @@
 from dataclasses import dataclass, field
 from typing import Literal
 
-from slamgym.agents.rl.learning_plans import Curriculum
-from slamgym.agents.rl.network_config import NetworkConfig
+from slamgym.agents.rl.training_envs import Curriculum
+from slamgym.agents.scoring import NetworkConfig
 from slamgym.core.errors import ConfigError
 from slamgym.envs import RewardConfig
 from slamgym.envs.explore_frontiers_env import DEFAULT_REWARD
@@ -47,7 +47,7 @@ class TrainConfig:
     """``explore_frontiers``: choose frontiers; ``explore``: drive the wheels."""
     plans: tuple[str, ...] = ("procedural",)
     """Floor plans: ``procedural``, or a HouseExpo archive, ...; as many are drawn from each. Only those of the
-    split ``train`` are learned on (:mod:`slamgym.agents.splits`)."""
+    split ``train`` are learned on (:mod:`slamgym.agents.plan_splits`)."""
     plan_count: int = 1500
     """So many plans are learned on."""
     steps: int = 100_000

@@ -16,7 +16,7 @@ from slamgym.core.errors import ConfigError
 from slamgym.core.types import FREE, BoolArray, ByteArray, Float32Array
 from slamgym.gan.data import PairSet
 from slamgym.gan.translation.classical import clean_map, outline_only
-from slamgym.gan.translation.translator import Translator
+from slamgym.gan.translation.translate import Translator
 from slamgym.metrics import (
     Similarity,
     aligned_error,

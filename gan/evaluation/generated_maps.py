@@ -15,7 +15,7 @@ import numpy as np
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.types import UNKNOWN, BoolArray, ByteArray
 from slamgym.gan.data import SUFFIXES, PairSet, read_grey
-from slamgym.gan.resample import resample_grey, resample_slam
+from slamgym.gan.encoding import resample_grey, resample_slam
 from slamgym.interop import read_ros_map
 from slamgym.interop.ros_map import classify
 

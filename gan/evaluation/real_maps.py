@@ -7,9 +7,9 @@ import numpy as np
 
 from slamgym.core.errors import InputFileError, SlamgymError
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, ByteArray, OccupancyGrid
-from slamgym.gan.resample import resample_slam
+from slamgym.gan.encoding import resample_slam
 from slamgym.gan.translation.classical import clean_map
-from slamgym.gan.translation.translator import Translator
+from slamgym.gan.translation.translate import Translator
 from slamgym.interop import read_ros_map
 
 MARGIN_PX = 8

@@ -14,11 +14,10 @@ import numpy as np
 
 from slamgym.core.types import ByteArray
 from slamgym.gan.data import PairSet
-from slamgym.gan.resample import resample_slam
+from slamgym.gan.encoding import resample_slam
 from slamgym.gan.translation.elastic import bend
 from slamgym.metrics import displacement_statistics, map_statistics, two_sample_test
-from slamgym.metrics.kernel_distance import kernel_distance, statistic_distances
-from slamgym.metrics.two_sample import LEARNERS
+from slamgym.metrics.two_sample import LEARNERS, kernel_distance, statistic_distances
 
 if TYPE_CHECKING:
     from slamgym.gan.translation.translate import LearnedTranslator

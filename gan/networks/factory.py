@@ -4,8 +4,7 @@ import torch
 from torch import nn
 
 from slamgym.gan.config import CHANNELS, DiscriminatorConfig, LossConfig, TranslatorConfig
-from slamgym.gan.networks.discriminator_domain import DomainDiscriminator
-from slamgym.gan.networks.discriminator_real import RealFakeDiscriminator
+from slamgym.gan.networks.discriminators import DomainDiscriminator, RealFakeDiscriminator
 from slamgym.gan.networks.generator import ProgressiveGenerator
 from slamgym.gan.networks.layers import initialise
 from slamgym.gan.networks.residual_unet import ResidualUNet

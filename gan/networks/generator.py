@@ -22,8 +22,7 @@ feature is never a skip. The network is deterministic: no dropout, no noise inpu
 import torch
 from torch import Tensor, nn
 
-from slamgym.gan.networks.generator_output import Drawing
-from slamgym.gan.networks.layers import DoubleConv, blend, double, halve
+from slamgym.gan.networks.layers import DoubleConv, Drawing, blend, double, halve
 
 SMALLEST = 2
 """Side of the innermost feature [px]."""

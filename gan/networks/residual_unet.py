@@ -12,7 +12,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from slamgym.gan.networks.displacement import resize_field, warp
-from slamgym.gan.networks.generator_output import Drawing
+from slamgym.gan.networks.layers import Drawing
 
 FINE_CHANNELS = 8
 """Channels at full resolution: few, since every one costs four of the level below."""

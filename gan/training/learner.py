@@ -17,13 +17,11 @@ from slamgym.core.errors import ConfigError
 from slamgym.core.types import ByteArray
 from slamgym.gan.config import TrainConfig
 from slamgym.gan.device import Compute
-from slamgym.gan.encoding import encode
-from slamgym.gan.networks.discriminator_body import detached
+from slamgym.gan.encoding import encode, resample_slam
+from slamgym.gan.networks.discriminators import detached
 from slamgym.gan.networks.displacement import roughness
 from slamgym.gan.networks.factory import Generator, build_discriminators, build_generator
-from slamgym.gan.networks.generator_output import Drawing
-from slamgym.gan.networks.layers import shrink_to
-from slamgym.gan.resample import resample_slam
+from slamgym.gan.networks.layers import Drawing, shrink_to
 from slamgym.gan.training import losses
 from slamgym.gan.training.sampler import Batch
 from slamgym.gan.training.schedule import Moment

@@ -26,6 +26,7 @@ import torch
 from slamgym import __version__
 from slamgym.core.config import to_dict
 from slamgym.core.errors import ConfigError, SlamgymError
+from slamgym.core.interruption import Interruption, deferred_interrupt
 from slamgym.core.progress import duration, say
 from slamgym.core.staged import write_text
 from slamgym.gan.config import TrainConfig
@@ -35,7 +36,6 @@ from slamgym.gan.networks.factory import Generator
 from slamgym.gan.registration import registered
 from slamgym.gan.training.budget import Budget, measure_seconds
 from slamgym.gan.training.checkpoint import load_checkpoint, restore, save_checkpoint
-from slamgym.gan.training.interruption import Interruption, deferred_interrupt
 from slamgym.gan.training.learner import Learner
 from slamgym.gan.training.sampler import BatchSampler, derotated
 from slamgym.gan.training.schedule import Span, plan_schedule

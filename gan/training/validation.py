@@ -12,9 +12,8 @@ from slamgym.core.types import FREE, BoolArray, ByteArray, Float32Array
 from slamgym.gan.config import TranslatorConfig
 from slamgym.gan.data import PairSet
 from slamgym.gan.device import Compute
-from slamgym.gan.encoding import decode_slam, encode, free_probability
+from slamgym.gan.encoding import decode_slam, encode, enlarge_means, free_probability
 from slamgym.gan.networks.factory import Generator
-from slamgym.gan.resample import enlarge_means
 from slamgym.metrics import wall_score
 
 WALL_TOLERANCE_M = 0.1

@@ -58,7 +58,7 @@ def clean_map(slam: ByteArray, metres_per_px: float, config: CleaningConfig = DE
 
 
 class ClassicalTranslator:
-    """The cleaning as a :class:`slamgym.gan.translation.translator.Translator`."""
+    """The cleaning as a :class:`slamgym.gan.translation.translate.Translator`."""
 
     def __init__(self, config: CleaningConfig = DEFAULT_CLEANING, metres_per_px: float = 0.05) -> None:
         """Keep the settings.
@@ -76,7 +76,7 @@ class ClassicalTranslator:
         self.metres_per_px = metres_per_px
 
     def translate(self, slam: ByteArray, metres_per_px: float | None = None) -> Float32Array:
-        """See :class:`slamgym.gan.translation.translator.Translator`; the values are 0 and 1."""
+        """See :class:`slamgym.gan.translation.translate.Translator`; the values are 0 and 1."""
         return clean_map(slam, metres_per_px or self.metres_per_px, self.config).astype(np.float32)
 
 

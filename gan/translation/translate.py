@@ -8,7 +8,9 @@ The translation takes the same way back, so that it lies over the input.
 
 import dataclasses
 import math
+from collections.abc import Callable
 from pathlib import Path
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
@@ -16,9 +18,15 @@ from slamgym.core.errors import ConfigError
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, ByteArray, Float32Array
 from slamgym.gan.config import Direction, TranslatorConfig
 from slamgym.gan.device import Compute, DeviceName, choose_compute
-from slamgym.gan.encoding import decode_slam, free_probability
+from slamgym.gan.encoding import (
+    decode_slam,
+    enlarge_means,
+    free_probability,
+    resample_grey,
+    resample_probability,
+    resample_slam,
+)
 from slamgym.gan.networks.factory import Generator
-from slamgym.gan.resample import enlarge_means, resample_grey, resample_probability, resample_slam
 from slamgym.gan.training.augmentation import flipped, unflipped
 from slamgym.gan.training.sampler import MAX_DRIFT_DEG
 from slamgym.gan.training.validation import draw_all
@@ -30,8 +38,74 @@ from slamgym.gan.translation.derotation import (
 )
 from slamgym.gan.translation.elastic import drifted
 from slamgym.gan.translation.explored import explored_floor
-from slamgym.gan.translation.tiling import translate_tiled
 from slamgym.gan.weights import ModelCard, load_weights
+
+OVERLAP = 0.25
+"""Least share of a tile that its neighbour sees too."""
+
+
+def tile_starts(length: int, tile: int) -> list[int]:
+    """Where tiles begin along one axis so that they cover it evenly, the last one ending at its end."""
+    if length <= tile:
+        return [0]
+    count = int(np.ceil((length - tile * OVERLAP) / (tile * (1.0 - OVERLAP))))
+    return [round(start) for start in np.linspace(0, length - tile, count)]
+
+
+def translate_tiled(
+    cells: ByteArray, tile: int, fill: int, draw: Callable[[ByteArray], Float32Array]
+) -> Float32Array:
+    """Translate tile by tile.
+
+    Args:
+        cells: (H, W), any size; smaller sides are padded in the middle.
+        tile: Side of a tile.
+        fill: Value of the padding.
+        draw: Turns tiles (N, tile, tile) into (N, C, tile, tile).
+
+    Returns:
+        (C, H, W): the mean of the tiles, weighted less towards their borders.
+    """
+    rows, cols = cells.shape
+    above, beside = max(0, tile - rows) // 2, max(0, tile - cols) // 2
+    below, behind = max(0, tile - rows) - above, max(0, tile - cols) - beside
+    padded = np.pad(cells, ((above, below), (beside, behind)), constant_values=fill)
+    corners = [(r, c) for r in tile_starts(padded.shape[0], tile) for c in tile_starts(padded.shape[1], tile)]
+    drawn = draw(np.stack([padded[r : r + tile, c : c + tile] for r, c in corners]))
+    window = _window(tile)
+    total = np.zeros((drawn.shape[1], *padded.shape), np.float32)
+    weight = np.zeros(padded.shape, np.float32)
+    for (r, c), part in zip(corners, drawn, strict=True):
+        total[:, r : r + tile, c : c + tile] += part * window
+        weight[r : r + tile, c : c + tile] += window
+    blended: Float32Array = (total / weight).astype(np.float32)
+    return blended[:, above : above + rows, beside : beside + cols]
+
+
+def _window(tile: int) -> Float32Array:
+    """Weights that fall towards the borders but stay positive."""
+    ramp = np.minimum(np.arange(tile), np.arange(tile)[::-1]) + 1.0
+    ramp = np.minimum(1.0, ramp / (OVERLAP * tile))
+    return np.asarray(np.outer(ramp, ramp), dtype=np.float32)
+
+
+@runtime_checkable
+class Translator(Protocol):
+    """Something that turns a SLAM map into a map of where the floor is."""
+
+    def translate(self, slam: ByteArray, metres_per_px: float | None = None) -> Float32Array:
+        """Tell for each pixel how likely it is free space of the building.
+
+        Args:
+            slam: SLAM map, shape (H, W): 0 occupied, 205 unknown, 254 free, row 0 at the top. Any size.
+            metres_per_px: Scale of the map [m], if it is known.
+
+        Returns:
+            Shape (H, W), values in [0, 1], in the frame and scale of ``slam``: 1 inside of rooms, 0 in walls
+            and outside. A threshold of 0.5 gives the CAD map.
+        """
+        ...
+
 
 MARGIN = 0.06
 """Border around what is known of a map, in shares of its larger side."""
@@ -44,7 +118,7 @@ SYMMETRIES = {1: (0,), 2: (0, 4), 4: (0, 2, 4, 6), 8: tuple(range(8))}
 
 
 class LearnedTranslator:
-    """A trained generator; satisfies :class:`slamgym.gan.translation.translator.Translator` if it draws CAD maps."""
+    """A trained generator; satisfies :class:`slamgym.gan.translation.translate.Translator` if it draws CAD maps."""
 
     def __init__(
         self, generator: Generator, config: TranslatorConfig, card: ModelCard, compute: Compute

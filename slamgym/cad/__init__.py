@@ -5,7 +5,7 @@ from slamgym.cad.generator import GeneratorConfig, generate_plan
 from slamgym.cad.houseexpo import format_houseexpo, parse_houseexpo, read_houseexpo, write_houseexpo
 from slamgym.cad.image_plan import read_image_plan, read_ros_plan, trace_plan
 from slamgym.cad.mixed_source import PlanGroup, open_plan_mix, plan_groups
-from slamgym.cad.rejections import Rejection, Rejections, usable_plans
+from slamgym.cad.plan_filter import Rejection, Rejections, usable_plans
 from slamgym.cad.sources import PlanSource, open_plans
 
 __all__ = [

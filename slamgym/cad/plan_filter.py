@@ -1,8 +1,16 @@
-"""Which floor plans are worth exploring."""
+"""Which floor plans are worth exploring, and which a batch leaves out and why."""
 
+import json
+import math
+from collections.abc import Iterable, Iterator
+from dataclasses import asdict, dataclass
+from pathlib import Path
 from typing import Literal
 
-from slamgym.cad import FloorPlan
+from slamgym.cad.floorplan import FloorPlan, check_plan
+from slamgym.cad.sources import PlanSource
+from slamgym.core.errors import PlanError
+from slamgym.core.staged import write_text
 
 PlanFilter = Literal["none", "useful"]
 
@@ -28,3 +36,64 @@ def passes(plan: FloorPlan, plan_filter: PlanFilter) -> bool:
         and max(max_x - min_x, max_y - min_y) <= LONG_SIDE
         and len(plan.segments()) <= MAX_VERTICES
     )
+
+
+@dataclass(frozen=True)
+class Rejection:
+    """One plan that was left out."""
+
+    plan: str
+    source: str
+    reason: str
+
+
+class Rejections:
+    """Collects the plans that a batch leaves out, and writes them to ``rejected.jsonl``."""
+
+    def __init__(self) -> None:
+        self._rejections: list[Rejection] = []
+
+    def __len__(self) -> int:
+        return len(self._rejections)
+
+    def __iter__(self) -> Iterator[Rejection]:
+        return iter(self._rejections)
+
+    def add(self, plan_id: str, error: PlanError) -> None:
+        """Note that a plan was left out."""
+        self._rejections.append(Rejection(plan_id, error.path, error.reason))
+
+    def write(self, path: Path | str) -> None:
+        """Write one JSON object a line, ``{plan, source, reason}``; nothing if no plan was left out.
+
+        Raises:
+            InputFileError: If the file can't be written.
+        """
+        if self._rejections:
+            write_text(path, "".join(json.dumps(asdict(entry)) + "\n" for entry in self._rejections))
+
+
+def usable_plans(
+    source: PlanSource,
+    ids: Iterable[str],
+    rejections: Rejections,
+    robot_radius: float = 0.22,
+    max_extent: float = math.inf,
+) -> Iterator[FloorPlan]:
+    """Load and check plans; those that fail go to ``rejections`` instead.
+
+    Args:
+        source: Where the plans are.
+        ids: Which of them.
+        rejections: Collects the others.
+        robot_radius: See :func:`slamgym.cad.check_plan` [m].
+        max_extent: See :func:`slamgym.cad.check_plan` [m].
+    """
+    for plan_id in ids:
+        try:
+            plan = source.load(plan_id)
+            check_plan(plan, robot_radius, max_extent)
+        except PlanError as error:
+            rejections.add(plan_id, error)
+        else:
+            yield plan

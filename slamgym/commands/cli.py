@@ -39,7 +39,7 @@ COMMANDS: dict[str, Command] = {
     "deform": Command(
         "slamgym.commands.deform:main",
         "deform a floor plan into SLAM-like maps by the parametric model",
-        {**_EXPLORERS, "record_path": "slamgym.envs.recorded_path:record_path"},
+        {**_EXPLORERS, "record_path": "slamgym.envs.episode:record_path"},
     ),
     "calibrate-odometry": Command(
         "slamgym.commands.calibrate_odometry:main", "measure the simulated robot's odometry errors"

@@ -14,7 +14,7 @@ from rich.progress import track
 
 from slamgym.cad.floorplan import FloorPlan
 from slamgym.cad.houseexpo import write_houseexpo
-from slamgym.cad.rejections import Rejections, usable_plans
+from slamgym.cad.plan_filter import Rejections, usable_plans
 from slamgym.cad.sources import PlanSource, open_plans
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.staged import write_bytes

@@ -10,10 +10,9 @@ from pathlib import Path
 from typing import Any
 
 from slamgym.core.errors import InputFileError, SlamgymError
-from slamgym.dataset.episode_files import SUMS
 from slamgym.dataset.faults import VALUES, Fault, check_image, doubled, read_records
 from slamgym.dataset.folder import is_whole, pair_names
-from slamgym.dataset.format import FORMAT_VERSION, Layout, PairRecord, require_manifest
+from slamgym.dataset.format import FORMAT_VERSION, SUMS, Layout, PairRecord, require_manifest
 from slamgym.dataset.schedule import Slot, exploration_seed
 from slamgym.dataset.shard import shard_folders
 

@@ -28,11 +28,10 @@ from slamgym.core.files import (
     sync_folder,
 )
 from slamgym.dataset.format import SIDES, Layout
-from slamgym.dataset.manifest_file import ManifestFile
+from slamgym.dataset.manifest_file import ManifestFile, SlotSet
 from slamgym.dataset.schedule import Slot
 from slamgym.dataset.settings_file import claim_folder
 from slamgym.dataset.shard import is_shard_name
-from slamgym.dataset.slot_set import SlotSet
 
 _OUR_NAME = re.compile(r"(\d{6,})_[A-Za-z0-9_.-]+")
 _INDEX_SHARE_OF_TIME = 0.02

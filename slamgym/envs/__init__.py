@@ -4,8 +4,7 @@ from slamgym.envs.config import ExploreConfig, ObservationConfig
 from slamgym.envs.coverage import Coverage, ReachableFloor
 from slamgym.envs.episode_log import EpisodeLog
 from slamgym.envs.explore_env import ExploreEnv
-from slamgym.envs.explore_frontiers_env import ExploreFrontiersEnv
-from slamgym.envs.frontier_discount import DiscountByTermination
+from slamgym.envs.explore_frontiers_env import DiscountByTermination, ExploreFrontiersEnv
 from slamgym.envs.rewards import RewardConfig, RewardFunction, StepRecord
 
 __all__ = [

@@ -7,6 +7,7 @@ from typing import Literal, Protocol
 
 from slamgym.cad import FloorPlan, PlanSource
 from slamgym.core.errors import ConfigError
+from slamgym.core.geometry import transform_poses
 from slamgym.core.types import Explorer, LaserGeometry, LaserScan, OccupancyGrid, Pose2D, Trajectory
 from slamgym.envs import EpisodeLog, ExploreConfig, ExploreEnv
 from slamgym.interop import LogRecord
@@ -157,3 +158,23 @@ def run_episode(plan: FloorPlan, seed: int, config: EpisodeConfig, make_explorer
         coverage=info["coverage"],
         collisions=info["collisions"],
     )
+
+
+def record_path(plan: FloorPlan, explorer: str, seed: int, make_explorer: MakeExplorer) -> Trajectory:
+    """Let an explorer map a building with the simulated robot and take the path that it truly drove.
+
+    Convention: the result is in the world frame of the plan.
+
+    Args:
+        plan: The building.
+        explorer: The explorer's name.
+        seed: Of the start, the noise and the explorer.
+        make_explorer: Makes explorers by name.
+
+    Raises:
+        PlanError: If the robot fits nowhere in the plan.
+        ConfigError: If there is no explorer of that name.
+    """
+    episode = run_episode(plan, seed, EpisodeConfig(explorer=explorer), make_explorer)
+    world_from_map = Pose2D(episode.start.x, episode.start.y, 0.0)
+    return Trajectory(episode.truth.stamps, transform_poses(world_from_map, episode.truth.poses))

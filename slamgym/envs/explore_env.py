@@ -11,17 +11,15 @@ from slamgym.commands.warmup import announce_compilation
 from slamgym.core.config import suggest
 from slamgym.core.errors import ConfigError, PlanError
 from slamgym.core.types import ByteArray, LaserScan, Pose2D
-from slamgym.envs.actions import Actions
 from slamgym.envs.assessment import Assessment
 from slamgym.envs.completion import FrontierWatch
 from slamgym.envs.config import ExploreConfig, resolve_config
 from slamgym.envs.coverage import Coverage
 from slamgym.envs.episode_log import EpisodeLog
 from slamgym.envs.observations import MapView, Observation, Observer, make_view, observation_space
-from slamgym.envs.plan_cache import PlansArgument, Site, Sites
-from slamgym.envs.reset_options import ResetOptions
+from slamgym.envs.plan_cache import PlansArgument, ResetOptions, Site, Sites
 from slamgym.envs.rewards import Reward, RewardFunction
-from slamgym.envs.simulation import Simulation, Streams
+from slamgym.envs.simulation import Actions, Simulation, Streams
 from slamgym.planning import ExplorerContext
 from slamgym.sim import Clutter, Lidar, make_clutter
 from slamgym.slam import Mapper

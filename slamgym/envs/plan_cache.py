@@ -1,10 +1,11 @@
-"""Floor plans made ready for exploration, and where the next one comes from."""
+"""Floor plans made ready for exploration, where the next one comes from, and what ``reset(options=...)`` may ask for."""
 
 import logging
 from collections import OrderedDict
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 import shapely
@@ -172,3 +173,32 @@ def _open(plans: PlansArgument) -> PlanSource:
 def _nearest(plan_id: str, ids: Sequence[str]) -> str:
     """The nearest id where there are few enough to search and to show."""
     return suggest(plan_id, ids) if len(ids) <= 1000 else f"the source has {len(ids)} plans, as {ids[0]!r}"
+
+
+class ResetOptions(NamedTuple):
+    """Wishes for an episode; what is None is drawn."""
+
+    plan: str | FloorPlan | None = None
+    start: Pose2D | None = None
+
+    @classmethod
+    def read(cls, options: Mapping[str, Any] | None) -> "ResetOptions":
+        """Check the options of a reset.
+
+        Raises:
+            ConfigError: If one is unknown or of a wrong kind.
+        """
+        options = options or {}
+        for name in options:
+            if name not in cls._fields:
+                raise ConfigError(f"unknown reset option {name!r}; {suggest(name, cls._fields)}")
+        plan, start = options.get("plan"), options.get("start")
+        if plan is not None and not isinstance(plan, str | FloorPlan):
+            raise ConfigError(f"the reset option 'plan' must be an id or a FloorPlan, not {plan!r}")
+        if start is None:
+            return cls(plan)
+        try:
+            x, y, theta = (float(value) for value in start)
+        except (TypeError, ValueError):
+            raise ConfigError(f"the reset option 'start' must be (x, y, theta), not {start!r}") from None
+        return cls(plan, Pose2D(x, y, theta))

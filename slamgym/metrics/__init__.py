@@ -1,7 +1,6 @@
 """What the results are judged by: trajectories, relations, consistency, maps."""
 
 from slamgym.metrics.alignment import AlignedError, Similarity, aligned_error, apply_similarity
-from slamgym.metrics.consistency import nees_interval, normalised_estimation_error_squared
 from slamgym.metrics.improvement import Improvement, Interval, improvement, mean_interval, wilson_interval
 from slamgym.metrics.map_statistics import displacement_statistics, map_statistics
 from slamgym.metrics.maps import (
@@ -13,14 +12,15 @@ from slamgym.metrics.maps import (
     wall_cells,
     wall_score,
 )
-from slamgym.metrics.relations import RelationError, relation_error
-from slamgym.metrics.revisits import end_points, revisit_disagreement
+from slamgym.metrics.relations import RelationError, end_points, relation_error, revisit_disagreement
 from slamgym.metrics.rooms import RoomRule, RoomScore, label_rooms, room_score
 from slamgym.metrics.trajectory import (
     ErrorStatistics,
     PoseError,
     absolute_trajectory_error,
     align_se2,
+    nees_interval,
+    normalised_estimation_error_squared,
     poses_at,
     relative_pose_error,
     relative_poses,

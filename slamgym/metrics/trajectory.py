@@ -1,8 +1,12 @@
-"""Errors of an estimated trajectory against the true one: ATE and RPE (Sturm et al. 2012, in the plane)."""
+"""Errors of an estimated trajectory against the true one, and whether the reported covariance is honest.
+
+ATE and RPE after Sturm et al. (2012), in the plane; consistency after Bar-Shalom, Li and Kirubarajan (2001), section 5.4.
+"""
 
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.stats import chi2
 
 from slamgym.core.geometry import transform_poses, wrap_angle
 from slamgym.core.types import BoolArray, FloatArray, Pose2D, Trajectory
@@ -140,3 +144,38 @@ def relative_poses(a: FloatArray, b: FloatArray) -> FloatArray:
     cos, sin = np.cos(a[:, 2]), np.sin(a[:, 2])
     dx, dy = b[:, 0] - a[:, 0], b[:, 1] - a[:, 1]
     return np.column_stack([cos * dx + sin * dy, -sin * dx + cos * dy, wrap_angle(b[:, 2] - a[:, 2])])
+
+
+def normalised_estimation_error_squared(
+    poses: FloatArray, truth: FloatArray, covariances: FloatArray, floor: float = 1e-6
+) -> FloatArray:
+    """NEES of each pose: ``e^T P^-1 e`` (eq. 5.4.2-1).
+
+    Args:
+        poses: Estimates, shape (N, 3).
+        truth: True poses in the same frame, shape (N, 3).
+        covariances: Reported covariances, shape (N, 3, 3).
+        floor: Variance added to each axis, so that a filter whose particles agree to the last digit (a
+            covariance of zero) gets a large but finite value [m^2, rad^2].
+
+    Returns:
+        Shape (N,). A consistent filter has a mean of 3, the number of dimensions; more means overconfident.
+    """
+    error: FloatArray = np.asarray(poses, dtype=np.float64) - truth
+    error[:, 2] = wrap_angle(error[:, 2])
+    inflated = np.asarray(covariances, dtype=np.float64) + floor * np.eye(3)
+    solved = np.linalg.solve(inflated, error[:, :, None])[:, :, 0]
+    return np.asarray(np.einsum("ni,ni->n", error, solved), dtype=np.float64)
+
+
+def nees_interval(num_runs: int, dimensions: int = 3, probability: float = 0.95) -> tuple[float, float]:
+    """Where the NEES of a consistent filter, averaged over independent runs, lies (eq. 5.4.2-10).
+
+    Args:
+        num_runs: Number of independent runs that are averaged.
+        dimensions: Of the error.
+        probability: Of a consistent filter lying inside.
+    """
+    tail = 0.5 * (1.0 - probability)
+    degrees = num_runs * dimensions
+    return float(chi2.ppf(tail, degrees)) / num_runs, float(chi2.ppf(1.0 - tail, degrees)) / num_runs

@@ -25,21 +25,21 @@ from slamgym.core.types import (
 )
 from slamgym.parametric.config import ParametricConfig, scaled
 from slamgym.parametric.ekf_slam import run_ekf
-from slamgym.parametric.failures import Failures, draw_failures
 from slamgym.parametric.landmarks import landmark_problem
 from slamgym.parametric.lidar_error import HIT, LidarErrors, draw_lidar_errors, wall_beams
 from slamgym.parametric.odometry_error import (
+    Failures,
     Increments,
     WheelErrors,
     believed_increments,
+    draw_failures,
     draw_wheel_errors,
     increments_of,
     integrate,
 )
-from slamgym.parametric.path_check import check_path_is_free
 from slamgym.parametric.render import drawn_map, measured_scans, observed_cad, true_ranges
 from slamgym.parametric.schur_slam import solve_schur
-from slamgym.parametric.trajectory import TimedTrajectory, pick_scans
+from slamgym.parametric.trajectory import TimedTrajectory, check_path_is_free, pick_scans
 from slamgym.parametric.two_phase import (
     PhaseErrors,
     anchored_path,

@@ -12,8 +12,7 @@ from slamgym.core.errors import InputFileError, PlanError, SlamgymError
 from slamgym.core.types import FREE, FloatArray
 from slamgym.interop.tum import read_tum
 from slamgym.parametric.config import MotionConfig
-from slamgym.parametric.path_check import check_path_is_free
-from slamgym.parametric.trajectory import TimedTrajectory, Waypoints, drive, from_recorded
+from slamgym.parametric.trajectory import TimedTrajectory, Waypoints, check_path_is_free, drive, from_recorded
 from slamgym.planning.prm import PrmConfig, Roadmap, build_roadmap, random_path, spread_stops, tour
 
 if TYPE_CHECKING:

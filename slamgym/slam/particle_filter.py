@@ -25,12 +25,47 @@ from slamgym.slam.config import SlamConfig
 from slamgym.slam.end_points import usable_end_points
 from slamgym.slam.hit_counts import BeamTable, DrawnMap
 from slamgym.slam.mapper import SlamStats
-from slamgym.slam.motion_model import noise_array, sample_motion
-from slamgym.slam.odometry_gate import OdometryGate
-from slamgym.slam.particle_maps import ParticleMaps
-from slamgym.slam.resampling import effective_sample_size, normalized_weights, systematic_resample
+from slamgym.slam.motion_model import OdometryGate, noise_array, sample_motion
+from slamgym.slam.particles import ParticleMaps, TrajectoryTree, trace_lineage
 from slamgym.slam.scan_match import MatchSettings, match_particles
-from slamgym.slam.trajectory_tree import TrajectoryTree, trace_lineage
+
+
+def normalized_weights(log_weights: FloatArray, gain: float) -> FloatArray:
+    """Weights that sum to 1, flattened as GMapping does: exp(l / (gain x particles)).
+
+    Args:
+        log_weights: (particles,) log-likelihood since the last resampling.
+        gain: GMapping's ``ogain``.
+    """
+    weights = np.exp((log_weights - log_weights.max()) / (gain * len(log_weights)))
+    normalized: FloatArray = weights / weights.sum()
+    return normalized
+
+
+def effective_sample_size(weights: FloatArray) -> float:
+    """N_eff = 1 / sum of squares, from 1 (one particle has all the weight) to the number of particles."""
+    return float(1.0 / np.dot(weights, weights))
+
+
+def systematic_resample(weights: FloatArray, uniform: float) -> IntArray:
+    """Draw as many ancestors as there are particles, particle i about ``N x weights[i]`` times.
+
+    Args:
+        weights: (particles,) that sum to 1.
+        uniform: One draw from [0, 1).
+
+    Returns:
+        (particles,) ancestor of each place. Every survivor keeps its own place, so that only the maps of
+        those who die are replaced.
+    """
+    count = len(weights)
+    ticks = (np.arange(count) + uniform) / count
+    drawn = np.searchsorted(np.cumsum(weights), ticks, side="right").clip(max=count - 1)
+    copies = np.bincount(drawn, minlength=count)
+    ancestors = np.arange(count)
+    ancestors[copies == 0] = np.repeat(np.arange(count), np.maximum(copies - 1, 0))
+    return ancestors
+
 
 POSITION_FLOOR = 0.005
 HEADING_FLOOR = 0.003

@@ -18,7 +18,7 @@ from slamgym.core.types import (
 from slamgym.slam.config import SlamConfig
 from slamgym.slam.hit_counts import BeamTable, DrawnMap
 from slamgym.slam.mapper import SlamStats
-from slamgym.slam.odometry_gate import OdometryGate
+from slamgym.slam.motion_model import OdometryGate
 
 
 class PoseTracker:

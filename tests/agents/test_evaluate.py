@@ -6,10 +6,15 @@ import pytest
 import shapely
 
 import slamgym.agents.evaluation.evaluate as evaluation_module
-from slamgym.agents.evaluation.evaluate import FULL_KNOWLEDGE, EvaluationConfig, choose_plans, evaluate
+from slamgym.agents.evaluation.evaluate import (
+    FULL_KNOWLEDGE,
+    EvaluationConfig,
+    TrialLog,
+    choose_plans,
+    evaluate,
+)
 from slamgym.agents.evaluation.trial import TrialConfig, run_trial
-from slamgym.agents.evaluation.trial_log import TrialLog
-from slamgym.agents.splits import split_of
+from slamgym.agents.plan_splits import split_of
 from slamgym.cad import FloorPlan
 from slamgym.commands.agents.evaluate import main, open_source
 from slamgym.core.errors import ConfigError

@@ -3,8 +3,8 @@ import dataclasses
 import numpy as np
 import pytest
 
+from slamgym.agents.evaluation.report import describe, level_of, markdown_table
 from slamgym.agents.evaluation.summary import censored, compare, succeeded, summarise
-from slamgym.agents.evaluation.tables import describe, level_of, markdown_table
 from slamgym.core.errors import ConfigError
 
 

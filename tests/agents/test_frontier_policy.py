@@ -10,8 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from slamgym.agents.pretrained_policy import read_policy, write_policy
-from slamgym.agents.rl.network_config import NetworkConfig
-from slamgym.agents.scoring import FrontierScorer
+from slamgym.agents.scoring import FrontierScorer, NetworkConfig
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.envs.frontier_features import CANDIDATE_FEATURES, CROP_PX, GLOBAL_FEATURES
 

@@ -7,7 +7,6 @@ import pytest
 
 import slamgym.agents.rl.reward_shaping as shaping_module
 from slamgym.agents.pretrained_policy import SHIPPED, read_policy, write_policy
-from slamgym.agents.rl.network_config import NetworkConfig
 from slamgym.agents.rl.reward_presets import PRESETS, error_of_new_map, preset, uncertainty_of_new_map
 from slamgym.agents.rl.reward_shaping import (
     OWN,
@@ -19,7 +18,8 @@ from slamgym.agents.rl.reward_shaping import (
 )
 from slamgym.agents.rl.shaping_report import table, write_shaping_report
 from slamgym.agents.rl.train_config import TrainConfig
-from slamgym.agents.rl.validation import Outcome
+from slamgym.agents.rl.training_callbacks import Outcome
+from slamgym.agents.scoring import NetworkConfig
 from slamgym.commands.agents.shape import main
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.envs.rewards import Reward, StepRecord

@@ -5,10 +5,10 @@ import dataclasses
 import numpy as np
 import pytest
 
-from slamgym.agents.rl.learning_plans import Curriculum, StagedPlans, draw_plans
-from slamgym.agents.rl.network_config import NetworkConfig
+from slamgym.agents.plan_splits import split_of
 from slamgym.agents.rl.train_config import PPOConfig, TrainConfig
-from slamgym.agents.splits import split_of
+from slamgym.agents.rl.training_envs import Curriculum, StagedPlans, draw_plans
+from slamgym.agents.scoring import NetworkConfig
 from slamgym.cad import open_plans
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.envs.frontier_features import CANDIDATE_FEATURES
@@ -21,9 +21,9 @@ from stable_baselines3.common.buffers import DictRolloutBuffer  # noqa: E402
 from slamgym.agents.pretrained_policy import read_policy  # noqa: E402
 from slamgym.agents.rl import train as train_module  # noqa: E402
 from slamgym.agents.rl.imitation import EXPERTS  # noqa: E402
-from slamgym.agents.rl.learning_envs import make_env  # noqa: E402
 from slamgym.agents.rl.semi_markov import SemiMarkovBuffer  # noqa: E402
 from slamgym.agents.rl.train import train  # noqa: E402
+from slamgym.agents.rl.training_envs import make_env  # noqa: E402
 from slamgym.envs.explore_frontiers_env import ExploreFrontiersEnv  # noqa: E402
 from slamgym.envs.frontier_features import frontier_observation_space  # noqa: E402
 

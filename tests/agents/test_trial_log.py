@@ -3,7 +3,7 @@ import json
 
 import pytest
 
-from slamgym.agents.evaluation.trial_log import TrialLog
+from slamgym.agents.evaluation.evaluate import TrialLog
 from slamgym.core.errors import InputFileError
 from slamgym.core.files import StorageError
 

@@ -16,7 +16,7 @@ from slamgym.dataset.images.format import load_images, read_images
 from slamgym.dataset.images.render import render_images
 from slamgym.dataset.images.selection import select_pairs
 from slamgym.dataset.images.square_images import ImageConfig
-from slamgym.dataset.record_table import rows_of, write_parquet
+from slamgym.dataset.parquet import rows_of, write_parquet
 
 LOAD = """
 import json, sys

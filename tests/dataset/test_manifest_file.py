@@ -7,8 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from slamgym.dataset import manifest_file
-from slamgym.dataset.manifest_file import ManifestFile
-from slamgym.dataset.slot_set import SlotSet
+from slamgym.dataset.manifest_file import ManifestFile, SlotSet
 
 
 @pytest.fixture(autouse=True, scope="module")

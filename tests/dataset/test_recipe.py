@@ -9,8 +9,16 @@ from hypothesis import strategies as st
 
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.dataset.generate.build import DatasetConfig
-from slamgym.dataset.generate.conditions import apply_conditions, known_settings, setting_value
-from slamgym.dataset.generate.recipe import Choice, Recipe, episode_conditions, open_recipe, parse_recipe
+from slamgym.dataset.generate.recipe import (
+    Choice,
+    Recipe,
+    apply_conditions,
+    episode_conditions,
+    known_settings,
+    open_recipe,
+    parse_recipe,
+    setting_value,
+)
 from slamgym.envs.episode import EpisodeConfig
 from slamgym.sim import odometry_level
 

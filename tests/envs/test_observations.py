@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from slamgym.cad import FloorPlan
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN
 from slamgym.envs import ExploreEnv
-from slamgym.envs.observation_kernels import cut_crop
+from slamgym.envs.observations import cut_crop
 
 SIZE, RESOLUTION = 121, 0.05
 HALF = 0.5 * SIZE * RESOLUTION

@@ -31,7 +31,7 @@ from slamgym.gan.evaluation.realism import Sample, elastic_maps, judge, null_hal
 from slamgym.gan.evaluation.summary import main_table, scores_csv, summarise, table_one
 from slamgym.gan.translation.classical import ClassicalTranslator, CleaningConfig, clean_map, outline_only
 from slamgym.gan.translation.elastic import bend
-from slamgym.gan.translation.translator import Translator
+from slamgym.gan.translation.translate import Translator
 from slamgym.interop import write_ros_map
 from slamgym.metrics import label_rooms
 from slamgym.viz.figures import draw_grid, draw_overlay, write_box_plot

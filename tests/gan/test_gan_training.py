@@ -11,6 +11,7 @@ from safetensors.torch import load_file
 
 from slamgym.commands.gan.train import main
 from slamgym.core.errors import ConfigError, InputFileError
+from slamgym.core.interruption import deferred_interrupt
 from slamgym.gan.config import (
     AugmentConfig,
     DiscriminatorConfig,
@@ -24,7 +25,6 @@ from slamgym.gan.config import (
 from slamgym.gan.data import load_pairs
 from slamgym.gan.device import choose_compute
 from slamgym.gan.training.checkpoint import load_checkpoint
-from slamgym.gan.training.interruption import deferred_interrupt
 from slamgym.gan.training.learner import Learner
 from slamgym.gan.training.sampler import BatchSampler
 from slamgym.gan.training.schedule import Moment

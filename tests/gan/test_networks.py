@@ -6,9 +6,13 @@ from torch import nn
 
 from slamgym.core.errors import ConfigError
 from slamgym.gan.config import DiscriminatorConfig, GeneratorConfig, LossConfig, TranslatorConfig
-from slamgym.gan.networks.discriminator_body import DiscriminatorBody, channels_at, copy_depths
-from slamgym.gan.networks.discriminator_domain import DomainDiscriminator
-from slamgym.gan.networks.discriminator_real import RealFakeDiscriminator
+from slamgym.gan.networks.discriminators import (
+    DiscriminatorBody,
+    DomainDiscriminator,
+    RealFakeDiscriminator,
+    channels_at,
+    copy_depths,
+)
 from slamgym.gan.networks.factory import build_discriminators, build_generator
 from slamgym.gan.networks.generator import ProgressiveGenerator
 from slamgym.gan.networks.layers import SpectralConv2d, blend, count_parameters, initialise, minibatch_stddev

@@ -16,10 +16,14 @@ from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, GridFrame, OccupancyGrid
 from slamgym.gan.config import GeneratorConfig, TranslatorConfig
 from slamgym.gan.device import choose_compute
 from slamgym.gan.networks.factory import build_generator
-from slamgym.gan.networks.generator_output import Drawing
-from slamgym.gan.translation.tiling import tile_starts, translate_tiled
-from slamgym.gan.translation.translate import LearnedTranslator, load_translator
-from slamgym.gan.translation.translator import Translator
+from slamgym.gan.networks.layers import Drawing
+from slamgym.gan.translation.translate import (
+    LearnedTranslator,
+    Translator,
+    load_translator,
+    tile_starts,
+    translate_tiled,
+)
 from slamgym.gan.weights import ModelCard, save_translator
 from slamgym.interop.ros_map import read_ros_map, write_ros_map
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from slamgym.metrics.kernel_distance import kernel_distance, statistic_distances
+from slamgym.metrics.two_sample import kernel_distance, statistic_distances
 
 
 def samples(shift: float, seed: int, n: int = 40) -> list[dict[str, float]]:

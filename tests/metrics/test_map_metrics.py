@@ -13,7 +13,7 @@ from slamgym.metrics import (
     squared_error,
     wall_score,
 )  # fmt: skip
-from slamgym.metrics.alignment_kernel import moved_error
+from slamgym.metrics.alignment import moved_error
 
 
 def flat(size=96):

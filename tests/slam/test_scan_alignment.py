@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 
 from slamgym.sim.raycast import cast_rays
 from slamgym.slam.graph.config import PoseGraphConfig
-from slamgym.slam.graph.node_matcher import NodeMatcher
+from slamgym.slam.graph.matching import NodeMatcher
 
 ROOM = np.array(
     [(-4, -3, 5, -3), (5, -3, 5, 2), (5, 2, 1, 2), (1, 2, 1, 4), (1, 4, -4, 4), (-4, 4, -4, -3),
@@ -68,7 +68,7 @@ def test_a_corridor_leaves_the_scan_free_to_slide():
 
 
 def test_branch_and_bound_finds_what_brute_force_finds():
-    from slamgym.slam.graph.correlative_match import block_score, paint_levels, search_window
+    from slamgym.slam.graph.matching import block_score, paint_levels, search_window
 
     rng = np.random.default_rng(0)
     for _ in range(5):

@@ -12,8 +12,8 @@ import tyro
 from slamgym.agents.evaluation.evaluate import EvaluationConfig, evaluate
 from slamgym.agents.evaluation.report import write_report
 from slamgym.agents.evaluation.trial import TrialConfig
+from slamgym.agents.plan_splits import Split
 from slamgym.agents.registry import EXPLORERS
-from slamgym.agents.splits import Split
 from slamgym.cad import open_plans
 from slamgym.cad.generator import GeneratorConfig
 from slamgym.cad.plan_filter import PlanFilter

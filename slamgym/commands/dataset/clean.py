@@ -33,9 +33,9 @@ from slamgym.dataset.curate.decisions import (
     store_decisions,
     stored_decisions,
 )
-from slamgym.dataset.curate.labelled_maps import label_maps
 from slamgym.dataset.curate.map_items import MapItem, open_items
 from slamgym.dataset.curate.probability_score import ProbabilityScore
+from slamgym.dataset.curate.snapshots import label_maps
 from slamgym.dataset.curate.verdicts import VERDICTS_FILE
 from slamgym.dataset.format import Layout
 

@@ -15,7 +15,7 @@ from slamgym.dataset.images.format import SPLITS, read_images
 from slamgym.dataset.images.render import render_images
 from slamgym.dataset.images.selection import Selection, select_pairs
 from slamgym.dataset.images.square_images import ImageConfig
-from slamgym.dataset.record_table import require_parquet, write_parquet
+from slamgym.dataset.parquet import require_parquet, write_parquet
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from rich.table import Table
 
 from slamgym.core.config import to_dict
 from slamgym.dataset.format import read_manifest
-from slamgym.dataset.record_table import require_parquet, write_parquet
+from slamgym.dataset.parquet import require_parquet, write_parquet
 from slamgym.dataset.statistics import DatasetStatistics, GroupStatistics, dataset_statistics
 
 COLUMNS = (

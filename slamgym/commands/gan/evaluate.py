@@ -45,7 +45,7 @@ from slamgym.gan.evaluation.realism import (
     translated_maps,
 )
 from slamgym.gan.evaluation.summary import main_table, markdown, scores_csv, summarise, table_one
-from slamgym.gan.translation.translator import Translator
+from slamgym.gan.translation.translate import Translator
 from slamgym.viz.figures import draw_grid, write_picture
 
 if TYPE_CHECKING:

@@ -19,8 +19,7 @@ from slamgym.core.config import config_hash
 from slamgym.core.errors import PlanError, SlamgymError
 from slamgym.core.files import storage_errors, sync_tree
 from slamgym.core.png import encode_png
-from slamgym.dataset.episode_files import write_episode
-from slamgym.dataset.format import SIDES
+from slamgym.dataset.format import SIDES, write_episode
 from slamgym.dataset.generate.recipe import episode_conditions
 from slamgym.dataset.generate.record import make_record
 from slamgym.dataset.generate.settings import DatasetConfig

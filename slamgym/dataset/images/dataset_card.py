@@ -16,7 +16,7 @@ from slamgym import __version__
 from slamgym.core.files import replace_file
 from slamgym.dataset.format import SIDES
 from slamgym.dataset.images.format import SPLITS, ImageLayout, ImageRecord
-from slamgym.dataset.record_table import rows_of
+from slamgym.dataset.parquet import rows_of
 
 METADATA = "metadata.jsonl"
 """In the folder of each side: one line per pair, for the image-folder builder."""

@@ -34,13 +34,12 @@ from slamgym.slam.graph.loop_closure import (
     find_candidates,
     graph_distances,
 )
-from slamgym.slam.graph.node_matcher import Match, NodeMatcher
+from slamgym.slam.graph.matching import Match, NodeMatcher
 from slamgym.slam.graph.nodes import GraphNodes
 from slamgym.slam.graph.solver import Edges, chi_squared, optimise
 from slamgym.slam.hit_counts import BeamTable, DrawnMap
 from slamgym.slam.mapper import SlamStats
-from slamgym.slam.motion_model import noise_array
-from slamgym.slam.odometry_gate import OdometryGate
+from slamgym.slam.motion_model import OdometryGate, noise_array
 
 MIN_POINTS = 20
 """A scan with fewer end points isn't matched."""

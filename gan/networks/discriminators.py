@@ -1,4 +1,8 @@
-"""The growing discriminator that both judges are made of (anime2clothing, after Karras et al. 2018)."""
+"""The growing discriminators (anime2clothing, after Karras et al. 2018).
+
+The domain discriminator asks whether an output belongs to its input, globally and on several scales; the
+real/fake discriminator asks whether the patches of an image look like a target's, in several patch sizes.
+"""
 
 import torch
 from torch import Tensor, nn
@@ -91,3 +95,69 @@ def detached(features: list[Tensor]) -> list[Tensor]:
 def pair_with(x: Tensor, y: Tensor) -> Tensor:
     """Input and output beside each other in the channels: (B, in + out, S, S)."""
     return torch.cat([x, y], dim=1)
+
+
+class DomainDiscriminator(nn.Module):
+    """Three copies that see the pair in full, at a quarter and at a sixteenth of the resolution.
+
+    Each makes one judgement of the whole pair (anime2clothing's ``PG_MultiScale``): 4,112,928 weights for two RGB
+    images at 256 px.
+    """
+
+    def __init__(self, in_channels: int, out_channels: int, resolution: int = 256, width: int = 128) -> None:
+        super().__init__()
+        self.copies = nn.ModuleList(
+            DiscriminatorBody(in_channels + out_channels, depth, width) for depth in copy_depths(resolution)
+        )
+
+    def forward(self, x: Tensor, y: Tensor, fade: float = 1.0) -> list[list[Tensor]]:
+        """Judge pairs.
+
+        Args:
+            x: Inputs at the output's size, (B, in, R, R).
+            y: Outputs or targets, (B, out, R, R).
+            fade: As in :meth:`DiscriminatorBody.forward`.
+
+        Returns:
+            For each copy its features, the last one the judgements (B, 1, 1, 1).
+        """
+        pair = pair_with(x, y)
+        resolution = y.shape[-1]
+        depths = copy_depths(resolution, fade)
+        return [
+            copy(functional.avg_pool2d(pair, resolution // depth), depth, fade)
+            for copy, depth in zip(self.copies, depths, strict=False)
+        ]
+
+
+class RealFakeDiscriminator(nn.Module):
+    """Three copies of different depth, all on the full image: 1 x 1, 13 x 13 and 61 x 61 judgements at 256 px.
+
+    anime2clothing's ``PG_MultiPatch``: 4,108,176 weights for RGB at 256 px. The second and third copy run at full
+    resolution with the channels of a deeper level, so nearly all of the cost is theirs; ``patch_width`` narrows them.
+    """
+
+    def __init__(
+        self, channels: int, resolution: int = 256, width: int = 128, patch_width: int = 128
+    ) -> None:
+        super().__init__()
+        first, *patches = copy_depths(resolution)
+        self.copies = nn.ModuleList(
+            [
+                DiscriminatorBody(channels, first, width),
+                *(DiscriminatorBody(channels, depth, patch_width) for depth in patches),
+            ]
+        )
+
+    def forward(self, y: Tensor, fade: float = 1.0) -> list[list[Tensor]]:
+        """Judge images.
+
+        Args:
+            y: Outputs or targets, (B, C, R, R).
+            fade: As in :meth:`DiscriminatorBody.forward`.
+
+        Returns:
+            For each copy its features, the last one the judgements (B, 1, P, P).
+        """
+        depths = copy_depths(y.shape[-1], fade)
+        return [copy(y, depth, fade) for copy, depth in zip(self.copies, depths, strict=False)]
