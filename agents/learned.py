@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from slamgym.agents.explorer import BatchedExplorer, Exploration, Observation
-from slamgym.agents.pretrained_policy import SHIPPED, read_policy
+from slamgym.agents.pretrained_policy import PRETRAINED, read_policy
 from slamgym.agents.scoring import FrontierScorer
 from slamgym.core.types import Twist2D
 from slamgym.envs.frontier_features import FrontierFeatures
@@ -50,7 +50,7 @@ class LearnedExplorer(BatchedExplorer):
     def __init__(
         self,
         context: ExplorerContext,
-        policy: Path | str = SHIPPED,
+        policy: Path | str = PRETRAINED,
         config: DriverConfig | None = None,
         seed: int = 0,
     ) -> None:

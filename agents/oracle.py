@@ -3,7 +3,7 @@
 Nobody explores so: it is the yardstick, the "optimum with full knowledge", and an expert to imitate. It
 drives by the same navigation stack, with the same SLAM, as every other explorer; only where to go, and what
 lies behind the border of the map, it takes from the plan, and what is left to see from the true coverage. It is
-made from an environment (:meth:`FullKnowledge.of`), never by a name and a context, so that no explorer gets the
+made from an environment (:meth:`Oracle.of`), never by a name and a context, so that no explorer gets the
 truth unasked.
 """
 
@@ -70,7 +70,7 @@ class FullKnowledgeConfig:
     """Navigation stack."""
 
 
-class FullKnowledge:
+class Oracle:
     """One exploration with full knowledge of the plan; satisfies ``PolicyPredictor`` for one environment.
 
     Args:
@@ -131,7 +131,7 @@ class FullKnowledge:
         self.decisions = 0
 
     @staticmethod
-    def of(env: ExploreEnv, seed: int = 0, config: FullKnowledgeConfig | None = None) -> "FullKnowledge":
+    def of(env: ExploreEnv, seed: int = 0, config: FullKnowledgeConfig | None = None) -> "Oracle":
         """The explorer of the episode that an environment has just begun. Privileged.
 
         Args:
@@ -149,7 +149,7 @@ class FullKnowledge:
         segments = np.vstack([plan.segments(), env.clutter.segments()])
         mask = floor.mask(start.x, start.y)
         reach = env.config.usable_range
-        return FullKnowledge(context, drawing, segments, mask, env.coverage, start, reach, config)
+        return Oracle(context, drawing, segments, mask, env.coverage, start, reach, config)
 
     def reset(self) -> None:
         """Refuse: another episode needs another floor plan.

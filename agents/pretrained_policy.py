@@ -26,7 +26,7 @@ from slamgym.envs.frontier_features import (
     GLOBAL_FEATURES,
 )
 
-SHIPPED = Path(__file__).parent / "pretrained" / "frontier_policy.safetensors"
+PRETRAINED = Path(__file__).parent / "pretrained" / "frontier_policy.safetensors"
 """The policy that comes with the package."""
 
 MAX_HEADER = 1 << 20
@@ -82,7 +82,7 @@ def write_policy(
     write_text(path.with_suffix(".json"), json.dumps(configuration, indent=2, sort_keys=True) + "\n")
 
 
-def read_policy(path: Path | str = SHIPPED) -> PolicyFile:
+def read_policy(path: Path | str = PRETRAINED) -> PolicyFile:
     """Read weights and check that they fit this version's observations.
 
     Raises:

@@ -29,7 +29,7 @@ from slamgym.cad import open_plans
 from slamgym.core.errors import SlamgymError
 from slamgym.core.types import BoolArray, FloatArray
 from slamgym.dataset.curate.completeness import FEATURES, completeness_features
-from slamgym.dataset.curate.completeness_model import SHIPPED_MODEL, TreesConfig, cross_fit
+from slamgym.dataset.curate.completeness_model import PRETRAINED_MODEL, TreesConfig, cross_fit
 from slamgym.dataset.curate.criteria import Criteria, StuckFilter
 from slamgym.dataset.curate.probability_score import ProbabilityScore, roc_auc, score_probabilities
 from slamgym.dataset.curate.snapshots import LabelledMaps, label_maps
@@ -107,8 +107,8 @@ def main() -> None:
             "explorations": len(pairs),
             "plans": len(set(maps.plan_ids)),
         }
-        dataclasses.replace(models.whole, about=models.whole.about | about).write(SHIPPED_MODEL)
-        print(f"model: {SHIPPED_MODEL}, {SHIPPED_MODEL.stat().st_size / 1e3:.0f} kB")
+        dataclasses.replace(models.whole, about=models.whole.about | about).write(PRETRAINED_MODEL)
+        print(f"model: {PRETRAINED_MODEL}, {PRETRAINED_MODEL.stat().st_size / 1e3:.0f} kB")
 
 
 def make_datasets(arguments: Arguments) -> list[Path]:

@@ -24,7 +24,8 @@ from report import print_and_save
 from slamgym.agents.registry import make_explorer
 from slamgym.cad import open_plans
 from slamgym.commands.warmup import warm_up
-from slamgym.core.parallel.engine import Lost, open_engine
+from slamgym.core.parallel.backlog import Lost
+from slamgym.core.parallel.engine import open_engine
 from slamgym.dataset import DatasetConfig, EpisodeConfig
 from slamgym.dataset.folder import open_dataset
 from slamgym.dataset.generate.exploration import explore

@@ -26,7 +26,8 @@ from slamgym.agents.registry import make_explorer
 from slamgym.cad import PlanSource, open_plans
 from slamgym.cad.plan_filter import PlanFilter
 from slamgym.commands.warmup import warm_up
-from slamgym.core.parallel.engine import Engine, Lost, open_engine
+from slamgym.core.parallel.backlog import Lost
+from slamgym.core.parallel.engine import Engine, open_engine
 from slamgym.dataset import DatasetConfig, EpisodeConfig, Layout, episode_files, read_manifest
 from slamgym.dataset.folder import DatasetFolder, open_dataset
 from slamgym.dataset.generate import exploration

@@ -18,7 +18,7 @@ import tyro
 from report import RESULTS, environment
 
 from slamgym.agents.evaluation.coverage_plot import draw_coverage
-from slamgym.agents.evaluation.evaluate import FULL_KNOWLEDGE, Evaluation, EvaluationConfig, evaluate
+from slamgym.agents.evaluation.evaluate import ORACLE, Evaluation, EvaluationConfig, evaluate
 from slamgym.agents.evaluation.report import write_report
 from slamgym.agents.evaluation.summary import summarise
 from slamgym.agents.registry import EXPLORERS
@@ -70,7 +70,7 @@ def evaluate_all(arguments: Arguments) -> None:
     config = EvaluationConfig(
         explorers=tuple(name.strip() for name in arguments.explorers.split(",") if name.strip()),
         seed=arguments.seed,
-        full_knowledge=True,
+        oracle=True,
     )
     if arguments.count:
         homes = dataclasses.replace(config, count=arguments.count)
@@ -97,7 +97,7 @@ def run(
     if not arguments.page:
         return evaluation
     replace_part(PAGE, name, f"### {heading}\n\n{text}")
-    summary = dataclasses.asdict(summarise(evaluation.trials, arguments.against, FULL_KNOWLEDGE))
+    summary = dataclasses.asdict(summarise(evaluation.trials, arguments.against, ORACLE))
     document = {"name": f"explorers_{name}", **environment(), "seed": config.seed, "summary": summary}
     # The path of the plans is the machine's own.
     document["command"] = (

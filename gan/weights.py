@@ -109,7 +109,7 @@ def load_weights(name_or_path: str | Path, direction: Direction | None = None) -
     return Weights(_fill(path, config, tensors), config, card)
 
 
-def shipped() -> list[str]:
+def pretrained_names() -> list[str]:
     """Names of the weights that come with the package."""
     return sorted(path.stem for path in PRETRAINED.glob("*.safetensors"))
 
@@ -130,7 +130,7 @@ def find_weights(name_or_path: str | Path) -> Path:
         file = PRETRAINED / f"{path.name}.safetensors"
         if file.is_file():
             return file
-        known = shipped()
+        known = pretrained_names()
         hint = suggest(path.name, known) if known else "none are shipped; train some with `slamgym gan train`"
         raise ConfigError(f"no weights are called {path.name!r}; {hint}")
     raise InputFileError(path, "doesn't exist; name shipped weights, a .safetensors file or a finished run")

@@ -51,9 +51,9 @@ def test_slamgym_module_imports_only_layers_below_it(path: Path) -> None:
     layer = relative.parts[0].removesuffix(".py")
     names = set(imported_names(path))
     if layer != "cli":
-        strangers = {name for name in names if name.split(".")[0] in {"agents", "gan"}}
-        assert not strangers, (
-            f"only slamgym/commands/cli.py may name agents or gan, not {relative}: {strangers}"
+        unexpected = {name for name in names if name.split(".")[0] in {"agents", "gan"}}
+        assert not unexpected, (
+            f"only slamgym/commands/cli.py may name agents or gan, not {relative}: {unexpected}"
         )
     if layer == "cli" or layer in FOUNDATION:
         return

@@ -75,7 +75,7 @@ class TrialLog:
             self.trials[trial.key] = trial
 
 
-FULL_KNOWLEDGE = "full_knowledge"
+ORACLE = "oracle"
 """Name of the explorer that is told the floor plan."""
 
 
@@ -95,7 +95,7 @@ class EvaluationConfig:
     """Explorations per plan and explorer, each from another start."""
     seed: int = 0
     """Decides which plans, starts and noise."""
-    full_knowledge: bool = False
+    oracle: bool = False
     """Privileged: also run the explorer that is told the floor plan, as a yardstick."""
     trial: TrialConfig = field(default_factory=TrialConfig)
     """How one exploration is run."""
@@ -105,17 +105,15 @@ class EvaluationConfig:
             raise ConfigError("count and repetitions must be at least 1")
         if not self.names:
             raise ConfigError("name at least one explorer")
-        if FULL_KNOWLEDGE in self.explorers:
-            raise ConfigError(
-                f"{FULL_KNOWLEDGE} is told the floor plan, so it isn't called by name; set full_knowledge"
-            )
+        if ORACLE in self.explorers:
+            raise ConfigError(f"{ORACLE} is told the floor plan, so it isn't called by name; set oracle")
         if len(set(self.explorers)) < len(self.explorers):
             raise ConfigError(f"an explorer is named twice in {', '.join(self.explorers)}")
 
     @property
     def names(self) -> tuple[str, ...]:
         """All explorers, the privileged one too."""
-        return (*self.explorers, FULL_KNOWLEDGE) if self.full_knowledge else self.explorers
+        return (*self.explorers, ORACLE) if self.oracle else self.explorers
 
 
 class Task(NamedTuple):
@@ -223,10 +221,10 @@ def choose_plans(source: PlanSource, config: EvaluationConfig) -> tuple[list[Flo
 
 def make_for_episode(name: str) -> MakeForEpisode:
     """The constructor of an explorer for an environment that was just reset."""
-    if name == FULL_KNOWLEDGE:
-        from slamgym.agents.oracle import FullKnowledge
+    if name == ORACLE:
+        from slamgym.agents.oracle import Oracle
 
-        return FullKnowledge.of
+        return Oracle.of
     return lambda env, seed: make_explorer(name, env.explorer_context(), seed)
 
 
@@ -241,7 +239,7 @@ def _key(task: Task, hashes: dict[str, str]) -> Key:
 def _hash(name: str, plan: FloorPlan, config: EvaluationConfig) -> str:
     """Settings hash of an explorer; finds a wrong name or unfit weights before any work is done."""
     env = ExploreEnv(plan, config.trial.env)
-    if name == FULL_KNOWLEDGE:
+    if name == ORACLE:
         env.reset(seed=0, options={"plan": plan})
     return settings_hash(config.trial, make_for_episode(name)(env, 0))
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from slamgym import __version__
-from slamgym.agents.evaluation.evaluate import FULL_KNOWLEDGE, Evaluation, EvaluationConfig, Skipped
+from slamgym.agents.evaluation.evaluate import ORACLE, Evaluation, EvaluationConfig, Skipped
 from slamgym.agents.evaluation.summary import Comparison, ExplorerSummary, LevelComparison, Summary, summarise
 from slamgym.agents.registry import CLASSICAL
 from slamgym.core.config import to_dict
@@ -194,7 +194,7 @@ def write_report(out: Path, evaluation: Evaluation, config: EvaluationConfig, ag
         ConfigError: If the reference is not among the explorers.
         StorageError: If the folder can't be written.
     """
-    summary = summarise(evaluation.trials, against, yardstick=FULL_KNOWLEDGE)
+    summary = summarise(evaluation.trials, against, yardstick=ORACLE)
     text = _heading(summary, config, evaluation.skipped) + describe(summary)
     with storage_errors(out):
         replace_file(out / "results.json", _as_json(summary, config, evaluation.skipped))

@@ -27,7 +27,7 @@ _HEADING = 40  # [px]
 _LEVEL = "0.95"
 
 
-def film_duel(
+def film_side_by_side(
     source: PlanSource,
     trials: Sequence[Trial],
     explorers: tuple[str, str],
@@ -67,7 +67,7 @@ def film_duel(
 
 
 def choose_trial(trials: Sequence[Trial], explorers: tuple[str, str], plan_id: str | None) -> Trial:
-    """The left explorer's trial on the plan to film; arguments as :func:`film_duel` takes them."""
+    """The left explorer's trial on the plan to film; arguments as :func:`film_side_by_side` takes them."""
     left, right = ({(t.plan, t.seed): t for t in trials if t.explorer == name} for name in explorers)
     both = [pair for pair in left if pair in right]
     if plan_id is not None:

@@ -110,14 +110,14 @@ def gain_per_way(env: ExploreFrontiersEnv) -> Answer:
     return answer
 
 
-def full_knowledge(env: ExploreFrontiersEnv) -> Answer:
+def oracle(env: ExploreFrontiersEnv) -> Answer:
     """The short tour of one who knows the building. Privileged."""
     expert = TourExpert(env)
     return lambda _: expert.choose()
 
 
 EXPERTS: dict[str, Callable[[ExploreFrontiersEnv], Answer]] = {
-    "full_knowledge": full_knowledge,
+    "oracle": oracle,
     "gain_per_way": gain_per_way,
 }
 """Whom to imitate, by name; an expert is made anew when an episode has begun."""
@@ -145,17 +145,17 @@ def imitate(model: Any, config: TrainConfig, plans: Sequence[FloorPlan]) -> None
     env = make_env(config, list(plans))
     assert isinstance(env, ExploreFrontiersEnv)
     network = model.policy.features_extractor.network
-    lessons = _Lessons()
+    demonstrations = _Demonstrations()
     rounds = max(1, config.imitation_rounds)
     for number in range(rounds):
         wanted = (config.imitation_decisions * (number + 1)) // rounds
         choose = None if number == 0 else _student(network)
-        _collect(env, EXPERTS[config.imitation_expert], choose, lessons, wanted, config, seed=number)
-        _fit(network, lessons, config.imitation_value_weight, config.seed)
+        _collect(env, EXPERTS[config.imitation_expert], choose, demonstrations, wanted, config, seed=number)
+        _fit(network, demonstrations, config.imitation_value_weight, config.seed)
 
 
 @dataclass
-class _Lessons:
+class _Demonstrations:
     """What the expert was asked, what it answered, and what the rest of the episode brought."""
 
     observations: list[dict[str, Any]] = field(default_factory=list)
@@ -187,7 +187,7 @@ def _collect(
     env: ExploreFrontiersEnv,
     expert: Callable[[ExploreFrontiersEnv], Answer],
     choose: Answer | None,
-    lessons: _Lessons,
+    demonstrations: _Demonstrations,
     wanted: int,
     config: TrainConfig,
     seed: int,
@@ -196,11 +196,11 @@ def _collect(
     rng = np.random.default_rng([config.seed, seed])
     observation, _ = env.reset(seed=int(rng.integers(2**31)))
     ask, steps = expert(env), []
-    with show_progress("decisions of the expert", len(lessons), wanted) as advance:
-        while len(lessons) < wanted:
+    with show_progress("decisions of the expert", len(demonstrations), wanted) as advance:
+        while len(demonstrations) < wanted:
             answer = ask(observation)
-            lessons.observations.append(observation)
-            lessons.answers.append(answer)
+            demonstrations.observations.append(observation)
+            demonstrations.answers.append(answer)
             advance()
             action = choose(observation) if choose else answer
             if choose is None and rng.random() < 0.1:
@@ -208,20 +208,20 @@ def _collect(
             observation, reward, terminated, truncated, info = env.step(action)
             steps.append((float(reward), float(info["duration"])))
             if terminated or truncated:
-                lessons.end_episode(steps, config.discount, is_whole=terminated)
+                demonstrations.end_episode(steps, config.discount, is_whole=terminated)
                 observation, _ = env.reset()
                 ask, steps = expert(env), []
-    lessons.end_episode(steps, config.discount, is_whole=False)
+    demonstrations.end_episode(steps, config.discount, is_whole=False)
 
 
-def _fit(network: Any, lessons: _Lessons, value_weight: float, seed: int) -> None:
+def _fit(network: Any, demonstrations: _Demonstrations, value_weight: float, seed: int) -> None:
     """Minimise cross-entropy and the value's squared error while the former falls on a tenth held out."""
     tensors = {
-        key: torch.as_tensor(np.stack([o[key] for o in lessons.observations]))
-        for key in lessons.observations[0]
+        key: torch.as_tensor(np.stack([o[key] for o in demonstrations.observations]))
+        for key in demonstrations.observations[0]
     }
-    answers = torch.as_tensor(lessons.answers)
-    returns = torch.as_tensor(lessons.returns, dtype=torch.float32)
+    answers = torch.as_tensor(demonstrations.answers)
+    returns = torch.as_tensor(demonstrations.returns, dtype=torch.float32)
     # The last tenth is held out rather than a random one: neighbouring decisions are much alike.
     order = torch.arange(len(answers))
     held, rest = order[-max(1, len(order) // 10) :], order[: -max(1, len(order) // 10)]
@@ -247,14 +247,14 @@ def _fit(network: Any, lessons: _Lessons, value_weight: float, seed: int) -> Non
             break
     network.load_state_dict(best_state)
     say(
-        f"imitation: {len(lessons)} decisions, cross-entropy {best:.3f}, the expert's choice in "
+        f"imitation: {len(demonstrations)} decisions, cross-entropy {best:.3f}, the expert's choice in "
         f"{accuracy:.0%} of held-out decisions"
     )
 
 
-def _batches(lessons: Tensor, mask: Tensor, rng: np.random.Generator) -> list[Tensor]:
+def _batches(demonstrations: Tensor, mask: Tensor, rng: np.random.Generator) -> list[Tensor]:
     """Random minibatches of lessons with about as many candidates each, which spares computing empty rows."""
-    shuffled = lessons[torch.as_tensor(rng.permutation(len(lessons)))]
+    shuffled = demonstrations[torch.as_tensor(rng.permutation(len(demonstrations)))]
     counts = mask[shuffled].sum(dim=1)
     batches = list(shuffled[torch.argsort(counts, stable=True)].split(_BATCH))
     return [batches[index] for index in rng.permutation(len(batches))]

@@ -19,7 +19,7 @@ from stable_baselines3.common.logger import configure
 from stable_baselines3.common.vec_env import VecEnv
 
 from slamgym import __version__
-from slamgym.agents.pretrained_policy import SHIPPED, read_policy, write_policy
+from slamgym.agents.pretrained_policy import PRETRAINED, read_policy, write_policy
 from slamgym.agents.rl.checkpoint import has_checkpoint, load_checkpoint, save_checkpoint
 from slamgym.agents.rl.imitation import imitate
 from slamgym.agents.rl.policy import FrontierPolicy, MaskableFrontierPolicy
@@ -171,7 +171,7 @@ def _begin_with(start_from: str, model: BaseAlgorithm) -> None:
         ConfigError: If that run's network has other sizes.
         InputFileError: If the file is no frontier policy of this version.
     """
-    found = read_policy(SHIPPED if start_from == "shipped" else start_from)
+    found = read_policy(PRETRAINED if start_from == "pretrained" else start_from)
     network: Any = model.policy.features_extractor.network
     weights = {name: torch.from_numpy(value.copy()) for name, value in found.weights.items()}
     try:

@@ -82,7 +82,7 @@ class TrainConfig:
     network: NetworkConfig = field(default_factory=NetworkConfig)
     """The network."""
     start_from: str = ""
-    """Weights to begin with: ``shipped``, or a file that an earlier run wrote; by default those of an untrained
+    """Weights to begin with: ``pretrained``, or a file that an earlier run wrote; by default those of an untrained
     network. On ``explore_frontiers`` only."""
     imitation_decisions: int = 0
     """So many decisions of an expert are imitated first; 0 for none."""
@@ -91,7 +91,7 @@ class TrainConfig:
     imitation_value_weight: float = 0.05
     """Weight of the value's squared error beside the cross-entropy: the value shares its trunk with the
     scores, which matter more then."""
-    imitation_expert: str = "full_knowledge"
+    imitation_expert: str = "oracle"
     """Whom to imitate; see :mod:`slamgym.agents.rl.imitation`."""
     evaluate_every: int = 12_000
     """Steps between two evaluations on validation plans; 0 for none."""

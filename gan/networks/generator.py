@@ -22,7 +22,7 @@ feature is never a skip. The network is deterministic: no dropout, no noise inpu
 import torch
 from torch import Tensor, nn
 
-from slamgym.gan.networks.layers import DoubleConv, Drawing, blend, double, halve
+from slamgym.gan.networks.layers import DoubleConv, GeneratorOutput, blend, double, halve
 
 SMALLEST = 2
 """Side of the innermost feature [px]."""
@@ -55,7 +55,7 @@ class ProgressiveGenerator(nn.Module):
             return fine
         return coarse if side < self.input_size // 8 else middle
 
-    def forward(self, x: Tensor, resolution: int | None = None, fade: float = 1.0) -> Drawing:
+    def forward(self, x: Tensor, resolution: int | None = None, fade: float = 1.0) -> GeneratorOutput:
         """Draw.
 
         Args:
@@ -74,9 +74,9 @@ class ProgressiveGenerator(nn.Module):
             coarser, drawn = drawn, self.grow[step](double(joined))
         scores: Tensor = self.heads[last](drawn).float()  # (B, out, resolution, resolution)
         if fade >= 1.0 or last == 0:
-            return Drawing(torch.tanh(scores), logits=2.0 * scores)
+            return GeneratorOutput(torch.tanh(scores), logits=2.0 * scores)
         old = torch.tanh(self.heads[last - 1](coarser).float())
-        return Drawing(blend(torch.tanh(scores), double(old), fade))
+        return GeneratorOutput(blend(torch.tanh(scores), double(old), fade))
 
     def _step_of(self, resolution: int) -> int:
         step = (resolution // SMALLEST).bit_length() - 2

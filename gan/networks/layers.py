@@ -7,7 +7,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 
-class Drawing(NamedTuple):
+class GeneratorOutput(NamedTuple):
     """The output of a generator."""
 
     image: Tensor  # (B, out, R, R) in [-1, 1]

@@ -12,7 +12,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from slamgym.gan.networks.displacement import resize_field, warp
-from slamgym.gan.networks.layers import Drawing
+from slamgym.gan.networks.layers import GeneratorOutput
 
 FINE_CHANNELS = 8
 """Channels at full resolution: few, since every one costs four of the level below."""
@@ -120,7 +120,7 @@ class ResidualUNet(nn.Module):
             assert self.field_head.bias is not None
             nn.init.zeros_(self.field_head.bias)
 
-    def forward(self, x: Tensor, resolution: int | None = None, fade: float = 1.0) -> Drawing:
+    def forward(self, x: Tensor, resolution: int | None = None, fade: float = 1.0) -> GeneratorOutput:
         """Draw.
 
         Args:
@@ -148,7 +148,7 @@ class ResidualUNet(nn.Module):
         fine = self.unfold(drawn)  # (B, FINE_CHANNELS, S, S)
         correction = self.refine(torch.cat([fine, seen.to(fine.dtype)], dim=1))
         logits = correction.float() + self.copy(seen).float()
-        return Drawing(torch.tanh(0.5 * logits), logits, field)
+        return GeneratorOutput(torch.tanh(0.5 * logits), logits, field)
 
     def _predict_field(self, features: Tensor) -> Tensor | None:
         if self.field_head is None:

@@ -21,7 +21,7 @@ from slamgym.gan.encoding import encode, resample_slam
 from slamgym.gan.networks.discriminators import detached
 from slamgym.gan.networks.displacement import roughness
 from slamgym.gan.networks.factory import Generator, build_discriminators, build_generator
-from slamgym.gan.networks.layers import Drawing, shrink_to
+from slamgym.gan.networks.layers import GeneratorOutput, shrink_to
 from slamgym.gan.training import losses
 from slamgym.gan.training.sampler import Batch
 from slamgym.gan.training.schedule import Moment
@@ -152,7 +152,12 @@ class Learner:
         return judged
 
     def _generator_terms(
-        self, drawing: Drawing, x_small: Tensor, y: Tensor, real: dict[str, losses.Judged], fade: float
+        self,
+        drawing: GeneratorOutput,
+        x_small: Tensor,
+        y: Tensor,
+        real: dict[str, losses.Judged],
+        fade: float,
     ) -> dict[str, Tensor]:
         loss = self.config.loss
         fake = self._judge(x_small, drawing.image, fade)

@@ -36,7 +36,7 @@ def explored_floor(slam: ByteArray, metres_per_px: float, reach: float) -> BoolA
     scale = metres_per_px if np.isfinite(metres_per_px) else USUAL_SCALE
     half_gap, half_ray = 0.5 * WIDEST_GAP / scale, 0.5 * RAY_WIDTH / scale
     border = int(np.ceil(half_gap)) + 2  # closing needs room around what touches the image's border
-    seen = np.pad(_without_specks(slam == FREE, SMALLEST_FREE / scale**2), border)
+    seen = np.pad(_without_salt_noise(slam == FREE, SMALLEST_FREE / scale**2), border)
     # Opening and closing by a disc are thresholds on distances, at any radius for one price.
     wide = _distance_to(_distance_to(seen == 0) > half_ray) <= half_ray
     closed = _distance_to(_distance_to(wide) > half_gap) > half_gap
@@ -57,7 +57,7 @@ def limited_to_explored(cad: ByteArray, slam: ByteArray, metres_per_px: float, r
     return np.where(explored_floor(slam, metres_per_px, reach), cad, 0).astype(np.uint8)
 
 
-def _without_specks(free: BoolArray, min_px: float) -> ByteArray:
+def _without_salt_noise(free: BoolArray, min_px: float) -> ByteArray:
     """1 in the connected free space of at least so many cells."""
     _, labels, stats, _ = cv2.connectedComponentsWithStats(free.astype(np.uint8), connectivity=4)
     large = stats[:, cv2.CC_STAT_AREA] >= min_px

@@ -32,7 +32,7 @@ MAX_COORDINATE = 10_000.0
 """Coordinates beyond this [m] are taken for another unit than metres."""
 MIN_AREA = 0.01
 """Less floor than this [m2] is none."""
-MAX_MENDED_SHARE = 0.005
+MAX_REPAIRED_SHARE = 0.005
 """Mending may change the area, and cut off crumbs, by at most this share of it."""
 
 _DECIMALS = 6  # a micrometre: below the files' resolution, above the noise of mirroring
@@ -68,7 +68,7 @@ def parse_houseexpo(text: str | bytes, source: str, plan_id: str | None = None) 
     outline = _points(data["verts"], source, "'verts'", at_least=3)
     holes = [_points(ring, source, "'holes'", at_least=3) for ring in _list(data, "holes", source)]
     # Before mirroring, so that errors give places as they stand in the file.
-    space = mend_outline(outline, holes, source)
+    space = repair_outline(outline, holes, source)
     mirror = float(outline[:, 1].min() + outline[:, 1].max())
     return FloorPlan(
         id=str(data.get("id", source)) if plan_id is None else plan_id,
@@ -117,7 +117,7 @@ def format_houseexpo(plan: FloorPlan) -> str:
     return json.dumps(data) + "\n"
 
 
-def mend_outline(outline: FloatArray, holes: list[FloatArray], source: str) -> Polygon:
+def repair_outline(outline: FloatArray, holes: list[FloatArray], source: str) -> Polygon:
     """Make a valid polygon of an outline, if there is only one way to read it.
 
     An outline that touches or retraces itself encloses one area however it is read. An outline that crosses
@@ -138,16 +138,16 @@ def mend_outline(outline: FloatArray, holes: list[FloatArray], source: str) -> P
         return polygon
     x, y = outline.T
     signed_area = abs(float(np.dot(x, np.roll(y, -1)) - np.dot(np.roll(x, -1), y))) / 2.0
-    mended = shapely.make_valid(polygon)
-    parts = [part for part in _polygons(mended) if part.area > 0.0]
+    repaired = shapely.make_valid(polygon)
+    parts = [part for part in _polygons(repaired) if part.area > 0.0]
     area = sum(part.area for part in parts)
     if area < MIN_AREA:
         raise PlanError(source, "the outline encloses no area; give at least a closed room in metres")
-    if holes or abs(area - signed_area) > MAX_MENDED_SHARE * area:
+    if holes or abs(area - signed_area) > MAX_REPAIRED_SHARE * area:
         reason = shapely.is_valid_reason(polygon)
         raise PlanError(source, f"the outline crosses itself ({reason}); make it a simple polygon")
     largest = max(parts, key=lambda part: float(part.area))
-    if area - largest.area > MAX_MENDED_SHARE * area:
+    if area - largest.area > MAX_REPAIRED_SHARE * area:
         raise PlanError(
             source,
             f"the free space falls into {len(parts)} disjoint parts, the largest {largest.area:.1f} of "

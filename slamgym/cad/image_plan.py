@@ -21,7 +21,7 @@ IMAGE_SUFFIXES = (".png", ".pgm", ".bmp", ".jpg", ".jpeg", ".tif", ".tiff")
 
 SMOOTHING = 0.75
 """Default tolerance of smoothing [cells]: just above the 0.71 cells by which a diagonal staircase strays."""
-SPECK_AREA = 0.5
+SALT_NOISE_AREA = 0.5
 """Free patches smaller than this [m2] are dropped."""
 MAX_GREY = 220
 """The lightest grey that isn't white; ROS maps mark the unknown as 205."""
@@ -94,9 +94,11 @@ def trace_plan(
     Raises:
         PlanError: If there is no floor, or the largest patch is less than 80 % of it.
     """
-    patches = [patch for patch in _patches(inside, frame) if patch.area >= SPECK_AREA]
+    patches = [patch for patch in _patches(inside, frame) if patch.area >= SALT_NOISE_AREA]
     if not patches:
-        raise PlanError(source, f"has no free patch of {SPECK_AREA} m2 or more; check colours and resolution")
+        raise PlanError(
+            source, f"has no free patch of {SALT_NOISE_AREA} m2 or more; check colours and resolution"
+        )
     largest = max(patches, key=lambda patch: float(patch.area))
     total = sum(patch.area for patch in patches)
     if largest.area < MIN_MAIN_SHARE * total:

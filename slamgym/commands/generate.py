@@ -12,7 +12,8 @@ from slamgym.cad import open_plan_mix
 from slamgym.cad.plan_filter import PlanFilter
 from slamgym.commands.dataset.render import render_and_report
 from slamgym.core.errors import ConfigError
-from slamgym.core.parallel.engine import EngineName, available_cores
+from slamgym.core.parallel.backlog import available_cores
+from slamgym.core.parallel.engine import EngineName
 from slamgym.core.progress import duration, say
 from slamgym.dataset.format import Layout
 from slamgym.dataset.generate.build import BuildReport, Execution, build_dataset

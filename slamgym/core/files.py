@@ -14,7 +14,7 @@ try:
 except ImportError:  # not a POSIX system: no lock between two runs there
     fcntl = None  # type: ignore[assignment]
 
-_MENDS = {
+_FIXES = {
     errno.ENOSPC: "the disk is full; free some space",
     errno.EDQUOT: "the disk quota is used up; free some space",
     errno.EFBIG: "the file would be larger than allowed; raise the limit",
@@ -51,7 +51,7 @@ def storage_errors(path: Path) -> Iterator[None]:
 
 
 def _storage_error(path: Path, error: OSError) -> StorageError:
-    reason = _MENDS.get(error.errno or 0, error.strerror or str(error))
+    reason = _FIXES.get(error.errno or 0, error.strerror or str(error))
     return StorageError(f"{path}: can't be written ({reason}, then run the same command again)")
 
 

@@ -46,7 +46,7 @@ def check_dataset(root: Path | str, advance: Callable[[], None] = lambda: None) 
         faults += check_episode(layout.episode(record.name), record)
         advance()
     names = {record.name for record in records}
-    faults += _strangers(layout, names)
+    faults += _unexpected_files(layout, names)
     faults += _unmerged(layout, names)
     faults += _same_images((layout.image("B", r.name), r.sha256.get("B", ""), r.name) for r in records)
     for path in (layout.rejected, layout.timing):
@@ -143,7 +143,7 @@ def _check_sums(folder: Path, sha256: str) -> Iterator[Fault]:
             yield Fault(path, "is no file of an exploration")
 
 
-def _strangers(layout: Layout, names: set[str]) -> Iterator[Fault]:
+def _unexpected_files(layout: Layout, names: set[str]) -> Iterator[Fault]:
     """Files and folders that no record speaks of."""
     for side in VALUES:
         folder = layout.root / side

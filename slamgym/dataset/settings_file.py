@@ -39,9 +39,9 @@ def claim_folder(
         return
     # A run that was killed here may have left the settings' temporary file.
     ours = (layout.lock.name, temporary_name(layout.config).name)
-    strangers = [name for name in names if name not in ours and not may_hold(name)]
-    if strangers:
-        raise ConfigError(f"{layout.root}: holds {strangers[0]} and no {content}; choose a new folder")
+    unexpected = [name for name in names if name not in ours and not may_hold(name)]
+    if unexpected:
+        raise ConfigError(f"{layout.root}: holds {unexpected[0]} and no {content}; choose a new folder")
     with storage_errors(layout.root):
         replace_file(layout.config, (json.dumps(settings, indent=2) + "\n").encode())
 

@@ -8,7 +8,7 @@ import numpy as np
 from slamgym.core.geometry import wrap_angle
 from slamgym.core.types import UNKNOWN, LaserGeometry
 from slamgym.envs.coverage import Coverage
-from slamgym.envs.plan_cache import Site
+from slamgym.envs.plan_cache import PreparedPlan
 from slamgym.envs.rewards import Reward, StepRecord
 from slamgym.envs.simulation import Simulation
 from slamgym.sim import Motion
@@ -19,7 +19,7 @@ class Assessment:
     """Keeps the accounts of one episode.
 
     Args:
-        site: The building.
+        prepared: The building.
         simulation: The episode, at its start.
         geometry: The scanner.
         usable_range: How far the robot sees for the purpose of mapping [m].
@@ -33,7 +33,7 @@ class Assessment:
 
     def __init__(
         self,
-        site: Site,
+        prepared: PreparedPlan,
         simulation: Simulation,
         geometry: LaserGeometry,
         usable_range: float,
@@ -41,10 +41,10 @@ class Assessment:
     ) -> None:
         start = simulation.start
         self.exposure = 0.0
-        self._site = site
+        self._prepared = prepared
         self._simulation = simulation
         self._reward = reward
-        floor = site.floor
+        floor = prepared.floor
         self.coverage = Coverage(floor.mask(start.x, start.y), floor.frame, geometry, usable_range)
         self.coverage.add(start, simulation.true_ranges)
         self._measured = self._measure(None)
@@ -73,7 +73,7 @@ class Assessment:
     def map_error(self) -> float:
         """Mean distance of the map's occupied cells from the nearest true obstacle [m]."""
         simulation = self._simulation
-        return self._site.wall_distance.mean_error(
+        return self._prepared.wall_distance.mean_error(
             simulation.mapper.occupancy_grid(), simulation.world_from_map
         )
 

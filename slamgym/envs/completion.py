@@ -13,7 +13,7 @@ from slamgym.planning import (
 )
 
 
-class FrontierWatch:
+class CompletionDetector:
     """Looks for reachable frontiers, and spares itself the search while the last one found is still there.
 
     A full search costs about a millisecond. Its furthest frontier is remembered; as long as most of that

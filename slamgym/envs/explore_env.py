@@ -12,12 +12,12 @@ from slamgym.core.config import suggest
 from slamgym.core.errors import ConfigError, PlanError
 from slamgym.core.types import ByteArray, LaserScan, Pose2D
 from slamgym.envs.assessment import Assessment
-from slamgym.envs.completion import FrontierWatch
+from slamgym.envs.completion import CompletionDetector
 from slamgym.envs.config import ExploreConfig, resolve_config
 from slamgym.envs.coverage import Coverage
 from slamgym.envs.episode_log import EpisodeLog
 from slamgym.envs.observations import MapView, Observation, Observer, make_view, observation_space
-from slamgym.envs.plan_cache import PlansArgument, ResetOptions, Site, Sites
+from slamgym.envs.plan_cache import PlanCache, PlansArgument, PreparedPlan, ResetOptions
 from slamgym.envs.rewards import Reward, RewardFunction
 from slamgym.envs.simulation import Actions, Simulation, Streams
 from slamgym.planning import ExplorerContext
@@ -147,7 +147,7 @@ class ExploreEnv(gym.Env[Observation, Any]):
         self._actions = Actions(self.config)
         self.action_space = self._actions.space
         self._lidar = Lidar(self.config.lidar)
-        self._sites = Sites(plans, self.config.robot)
+        self._plan_cache = PlanCache(plans, self.config.robot)
         self._observer = Observer(self.config)
         self._reward = Reward(self.config.reward, reward_terms)
         self._renderer: Any = None
@@ -170,21 +170,21 @@ class ExploreEnv(gym.Env[Observation, Any]):
         super().reset(seed=seed)
         config, wanted = self.config, ResetOptions.read(options)
         streams = Streams.spawn(self.np_random)
-        self._site = site = self._choose_site(wanted, streams)
-        start = wanted.start or site.sample_start(streams.start)
-        self._refuse_too_large(site.plan, start)
+        self._prepared = prepared = self._choose_site(wanted, streams)
+        start = wanted.start or prepared.sample_start(streams.start)
+        self._refuse_too_large(prepared.plan, start)
 
-        self._simulation = simulation = Simulation(site, start, config, self._lidar, streams)
+        self._simulation = simulation = Simulation(prepared, start, config, self._lidar, streams)
         self._assessment = Assessment(
-            site, simulation, self._lidar.geometry, config.usable_range, self._reward
+            prepared, simulation, self._lidar.geometry, config.usable_range, self._reward
         )
         self._view: MapView = make_view(config)
-        self._frontiers = FrontierWatch(config.robot.radius, config.min_frontier_size)
+        self._frontiers = CompletionDetector(config.robot.radius, config.min_frontier_size)
         self.log = EpisodeLog(config.lidar.num_beams) if config.record or self.render_mode else None
         self._record()
         observation = self._observe(is_publication_due=True)
         self._show()
-        return observation, {**self._assessment.info(), "plan": site.plan.id}
+        return observation, {**self._assessment.info(), "plan": prepared.plan.id}
 
     def step(self, action: Any) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Drive for one control step; see :class:`gymnasium.Env`."""
@@ -235,12 +235,12 @@ class ExploreEnv(gym.Env[Observation, Any]):
     @property
     def plan(self) -> FloorPlan:
         """The building. Privileged."""
-        return self._site.plan
+        return self._prepared.plan
 
     @property
     def clutter(self) -> Clutter:
         """Furniture and people in it. Privileged."""
-        return self._site.clutter
+        return self._prepared.clutter
 
     @property
     def start(self) -> Pose2D:
@@ -314,19 +314,21 @@ class ExploreEnv(gym.Env[Observation, Any]):
 
     # The parts of reset and step.
 
-    def _choose_site(self, wanted: ResetOptions, streams: Streams) -> Site:
+    def _choose_site(self, wanted: ResetOptions, streams: Streams) -> PreparedPlan:
         """The building, furnished and populated where the settings want it."""
         if wanted.plan is None:
-            site = self._sites.draw(streams.plan)
+            prepared = self._plan_cache.draw(streams.plan)
         elif isinstance(wanted.plan, FloorPlan):
-            site = self._sites.of(wanted.plan)
+            prepared = self._plan_cache.of(wanted.plan)
         else:
-            site = self._sites.named(wanted.plan)
+            prepared = self._plan_cache.named(wanted.plan)
         clutter = self.config.clutter
         if clutter.furniture == 0.0 and clutter.people == 0:
-            return site
+            return prepared
         robot = self.config.robot
-        return Site(site.plan, robot, make_clutter(site.plan, streams.clutter, clutter, robot))
+        return PreparedPlan(
+            prepared.plan, robot, make_clutter(prepared.plan, streams.clutter, clutter, robot)
+        )
 
     def _refuse_too_large(self, plan: FloorPlan, start: Pose2D) -> None:
         """Refuse a plan that reaches out of the canvas, because its map would be cut off."""
@@ -380,4 +382,4 @@ class ExploreEnv(gym.Env[Observation, Any]):
             from slamgym.viz.exploration import Renderer
 
             self._renderer = Renderer()
-        return self._renderer.draw(self._site, simulation, self._assessment, self.log)
+        return self._renderer.draw(self._prepared, simulation, self._assessment, self.log)

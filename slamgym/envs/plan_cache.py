@@ -1,4 +1,4 @@
-"""Floor plans made ready for exploration, where the next one comes from, and what ``reset(options=...)`` may ask for."""
+"""Floor plans made ready for exploration, and where the next one comes from (``reset(options=...)`` may name it)."""
 
 import logging
 from collections import OrderedDict
@@ -32,7 +32,7 @@ _KEPT_SITES = 64
 _TRIES = 100
 
 
-class Site:
+class PreparedPlan:
     """A building with what is computed once for it.
 
     Args:
@@ -66,7 +66,7 @@ class Site:
         return sample_pose(self._start_area, rng)
 
 
-class Sites:
+class PlanCache:
     """Draws floor plans and keeps the latest ones ready.
 
     A plan that was checked once is not checked again.
@@ -79,10 +79,10 @@ class Sites:
     def __init__(self, plans: PlansArgument, robot: RobotConfig) -> None:
         self._source = _open(plans)
         self._robot = robot
-        self._sites: OrderedDict[str, Site] = OrderedDict()
+        self._plan_cache: OrderedDict[str, PreparedPlan] = OrderedDict()
         self._refused: dict[str, PlanError] = {}
 
-    def draw(self, rng: np.random.Generator) -> Site:
+    def draw(self, rng: np.random.Generator) -> PreparedPlan:
         """A plan drawn evenly from the source; one that can't be explored is logged and drawn again.
 
         Raises:
@@ -104,16 +104,16 @@ class Sites:
             error.path, f"{error.reason} (and {_TRIES} plans drawn in a row can't be explored either)"
         )
 
-    def named(self, plan_id: str) -> Site:
+    def named(self, plan_id: str) -> PreparedPlan:
         """A plan by its id.
 
         Raises:
             ConfigError: If the source has no such plan.
             PlanError: If it can't be explored.
         """
-        if plan_id in self._sites:
-            self._sites.move_to_end(plan_id)
-            return self._sites[plan_id]
+        if plan_id in self._plan_cache:
+            self._plan_cache.move_to_end(plan_id)
+            return self._plan_cache[plan_id]
         try:
             plan = self._source.load(plan_id)
         except KeyError:
@@ -122,23 +122,23 @@ class Sites:
             ) from None
         return self._keep(plan_id, plan)
 
-    def of(self, plan: FloorPlan) -> Site:
+    def of(self, plan: FloorPlan) -> PreparedPlan:
         """A plan that the caller has.
 
         Raises:
             PlanError: If it can't be explored.
         """
-        site = self._sites.get(plan.id)
-        return site if site is not None and site.plan is plan else self._keep(plan.id, plan)
+        prepared = self._plan_cache.get(plan.id)
+        return prepared if prepared is not None and prepared.plan is plan else self._keep(plan.id, plan)
 
-    def _keep(self, key: str, plan: FloorPlan) -> Site:
+    def _keep(self, key: str, plan: FloorPlan) -> PreparedPlan:
         check_plan(plan, self._robot.radius)
-        site = Site(plan, self._robot)
-        self._sites[key] = site
-        self._sites.move_to_end(key)
-        if len(self._sites) > _KEPT_SITES:
-            self._sites.popitem(last=False)
-        return site
+        prepared = PreparedPlan(plan, self._robot)
+        self._plan_cache[key] = prepared
+        self._plan_cache.move_to_end(key)
+        if len(self._plan_cache) > _KEPT_SITES:
+            self._plan_cache.popitem(last=False)
+        return prepared
 
 
 class ListedPlans:

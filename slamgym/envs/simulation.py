@@ -8,7 +8,7 @@ from gymnasium import spaces
 from slamgym.core.geometry import between
 from slamgym.core.types import FloatArray, LaserScan, Pose2D, Twist2D
 from slamgym.envs.config import ExploreConfig
-from slamgym.envs.plan_cache import Site
+from slamgym.envs.plan_cache import PreparedPlan
 from slamgym.sim import Lidar, Motion, WheelOdometry
 from slamgym.slam import make_mapper
 
@@ -67,7 +67,7 @@ class Simulation:
     there with its true heading, as if a compass had told it.
 
     Args:
-        site: The building.
+        prepared: The building.
         start: Where the robot stands at first, world frame.
         config: The settings.
         lidar: The scanner.
@@ -92,9 +92,9 @@ class Simulation:
     """
 
     def __init__(
-        self, site: Site, start: Pose2D, config: ExploreConfig, lidar: Lidar, streams: Streams
+        self, prepared: PreparedPlan, start: Pose2D, config: ExploreConfig, lidar: Lidar, streams: Streams
     ) -> None:
-        self._world = site.world
+        self._world = prepared.world
         self._world.reset(start)
         self._lidar = lidar
         self._rng = streams.lidar

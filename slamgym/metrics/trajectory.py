@@ -1,6 +1,7 @@
 """Errors of an estimated trajectory against the true one, and whether the reported covariance is honest.
 
-ATE and RPE after Sturm et al. (2012), in the plane; consistency after Bar-Shalom, Li and Kirubarajan (2001), section 5.4.
+ATE and RPE after Sturm et al. (2012), in the plane; consistency after Bar-Shalom, Li and Kirubarajan (2001),
+section 5.4.
 """
 
 from dataclasses import dataclass

@@ -37,7 +37,7 @@ from slamgym.parametric.odometry_error import (
     increments_of,
     integrate,
 )
-from slamgym.parametric.render import drawn_map, measured_scans, observed_cad, true_ranges
+from slamgym.parametric.render import hit_count_map, measured_scans, observed_cad, true_ranges
 from slamgym.parametric.schur_slam import solve_schur
 from slamgym.parametric.trajectory import TimedTrajectory, check_path_is_free, pick_scans
 from slamgym.parametric.two_phase import (
@@ -197,7 +197,7 @@ def deform(
         measured, bearings = measured_scans(
             exact, angles, robot.lidar, model.lidar, model.scanner, streams.noise
         )
-        cells = drawn_map(conversion.believed, measured, bearings, frame, model.scanner, model.render)
+        cells = hit_count_map(conversion.believed, measured, bearings, frame, model.scanner, model.render)
     clock.lap("map")
 
     return Deformation(

@@ -161,7 +161,7 @@ def measured_scans(
     return measured, bearings
 
 
-def drawn_map(
+def hit_count_map(
     believed_poses: FloatArray,
     ranges: FloatArray,
     bearings: FloatArray,

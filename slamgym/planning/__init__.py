@@ -17,9 +17,9 @@ from slamgym.planning.costmap import (
 from slamgym.planning.frontiers import (
     Frontier,
     Reachable,
-    cut_off_views,
     expected_gain,
     find_frontiers,
+    occluded_views,
     reachable_space,
     wavefront_frontiers,
 )
@@ -42,7 +42,7 @@ __all__ = [
     "Reachable",
     "clear_seen",
     "crop_known",
-    "cut_off_views",
+    "occluded_views",
     "expected_gain",
     "find_frontiers",
     "footprint_radii",

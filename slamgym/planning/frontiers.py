@@ -146,7 +146,7 @@ def wavefront_frontiers(grid: OccupancyGrid, pose: Pose2D, min_size: float = 0.0
     return _frontiers(costs, grid.frame, pose, order, mask, min_size)
 
 
-def cut_off_views(
+def occluded_views(
     costmap: Costmap,
     reachable: Reachable,
     min_area: float = 1.0,

@@ -10,7 +10,7 @@ from enum import Enum
 
 from slamgym.core.types import Pose2D, Twist2D
 from slamgym.planning.context import ExplorerContext
-from slamgym.planning.frontiers import Point, cut_off_views
+from slamgym.planning.frontiers import Point, occluded_views
 from slamgym.planning.navigator import Goal, Navigator
 
 _SAME_PLACE = 0.7
@@ -99,7 +99,7 @@ class LastResorts:
             return False
         views = [
             view
-            for view in cut_off_views(costmap, space)
+            for view in occluded_views(costmap, space)
             if all(math.dist(view[0], seen) > _SAME_PLACE for seen in self._looked_from)
         ]
         if not views:

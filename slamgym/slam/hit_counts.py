@@ -34,7 +34,7 @@ class BeamTable:
         self.no_return_clears = bool(config.no_return_clears)
 
 
-class DrawnMap:
+class HitCountMap:
     """A grid of hit and visit counts on the map's lattice that grows with what is drawn.
 
     The lattice is anchored at the map's origin: cell borders lie at multiples of the resolution.

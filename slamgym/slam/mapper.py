@@ -1,24 +1,17 @@
-"""What a SLAM mode offers, whatever its method, and the factory of the modes."""
+"""What a SLAM mode offers, whatever its method."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Protocol
 
-import numpy as np
-
-from slamgym.core.config import suggest
-from slamgym.core.errors import ConfigError
 from slamgym.core.types import (
     ByteArray,
     FloatArray,
     GridFrame,
-    LaserGeometry,
     LaserScan,
     OccupancyGrid,
     Pose2D,
     Trajectory,
 )
-from slamgym.slam.config import SlamConfig
 
 
 @dataclass
@@ -107,40 +100,3 @@ class Mapper(Protocol):
     def trajectory(self) -> Trajectory:
         """The path: poses at the processed scans, corrected by what was learned since."""
         ...
-
-
-MapperFactory = Callable[[SlamConfig, LaserGeometry, Pose2D, np.random.Generator], Mapper]
-
-
-def _factories() -> dict[str, MapperFactory]:
-    from slamgym.slam.graph.mapper import PoseGraphMapper
-    from slamgym.slam.particle_filter import ParticleFilter
-    from slamgym.slam.pose_tracking import PoseTracker
-
-    return {
-        "rbpf": ParticleFilter,
-        "pose_graph": PoseGraphMapper,
-        "scan_matching": ParticleFilter,
-        "dead_reckoning": PoseTracker,
-        "ground_truth": PoseTracker,
-    }
-
-
-def make_mapper(
-    config: SlamConfig, geometry: LaserGeometry, initial_pose: Pose2D, rng: np.random.Generator
-) -> Mapper:
-    """Make the mapper that ``config.mode`` names.
-
-    Args:
-        config: Settings.
-        geometry: The scanner.
-        initial_pose: Where the robot starts in the map frame.
-        rng: Source of all randomness; equal seeds and scans give equal maps.
-
-    Raises:
-        ConfigError: If the mode is unknown.
-    """
-    factories = _factories()
-    if config.mode not in factories:
-        raise ConfigError(f"slam.mode: unknown mode {config.mode!r}; {suggest(config.mode, factories)}")
-    return factories[config.mode](config, geometry, initial_pose, rng)

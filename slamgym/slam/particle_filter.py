@@ -23,7 +23,7 @@ from slamgym.core.types import (
 )
 from slamgym.slam.config import SlamConfig
 from slamgym.slam.end_points import usable_end_points
-from slamgym.slam.hit_counts import BeamTable, DrawnMap
+from slamgym.slam.hit_counts import BeamTable, HitCountMap
 from slamgym.slam.mapper import SlamStats
 from slamgym.slam.motion_model import OdometryGate, noise_array, sample_motion
 from slamgym.slam.particles import ParticleMaps, TrajectoryTree, trace_lineage
@@ -111,7 +111,7 @@ class ParticleFilter:
         self._tree = TrajectoryTree(count, geometry.num_beams)
         self._lineage: IntArray = np.zeros(0, dtype=np.int64)  # of the path drawn
         self._drawn_poses: FloatArray = np.zeros((0, 3))
-        self._drawn = DrawnMap(
+        self._drawn = HitCountMap(
             self._beams, config.resolution, config.occupied_threshold, config.memory_limit_mb
         )
         self._grid: OccupancyGrid | None = None

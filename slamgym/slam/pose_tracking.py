@@ -16,7 +16,7 @@ from slamgym.core.types import (
     Trajectory,
 )
 from slamgym.slam.config import SlamConfig
-from slamgym.slam.hit_counts import BeamTable, DrawnMap
+from slamgym.slam.hit_counts import BeamTable, HitCountMap
 from slamgym.slam.mapper import SlamStats
 from slamgym.slam.motion_model import OdometryGate
 
@@ -32,7 +32,7 @@ class PoseTracker:
     ) -> None:
         del rng  # nothing is random here
         self._gate = OdometryGate(config)
-        self._map = DrawnMap(
+        self._map = HitCountMap(
             BeamTable(geometry, config), config.resolution, config.occupied_threshold, config.memory_limit_mb
         )
         self._last_pose = initial_pose

@@ -19,7 +19,8 @@ from slamgym.core.types import FloatArray, IntArray, LaserGeometry, OccupancyGri
 from slamgym.interop.records import Log
 from slamgym.metrics import relative_poses
 from slamgym.slam.config import SlamConfig
-from slamgym.slam.mapper import Mapper, SlamStats, make_mapper
+from slamgym.slam.mapper import Mapper, SlamStats
+from slamgym.slam.modes import make_mapper
 
 SHORT_RANGE = 4.0
 """Scanners up to this range [m] get the TurtleBot3 settings, others those for long ranges."""

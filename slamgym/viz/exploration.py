@@ -9,7 +9,7 @@ from slamgym.core.geometry import compose, transform_points
 from slamgym.core.types import FREE, OCCUPIED, ByteArray, FloatArray, GridFrame, Pose2D
 from slamgym.envs.assessment import Assessment
 from slamgym.envs.episode_log import EpisodeLog
-from slamgym.envs.plan_cache import Site
+from slamgym.envs.plan_cache import PreparedPlan
 from slamgym.envs.simulation import Simulation
 
 WIDTH, HEIGHT = 1280, 720
@@ -49,15 +49,15 @@ class Renderer:
     """
 
     def __init__(self) -> None:
-        self._site: Site | None = None
+        self._prepared: PreparedPlan | None = None
 
     def draw(
-        self, site: Site, simulation: Simulation, assessment: Assessment, log: EpisodeLog | None
+        self, prepared: PreparedPlan, simulation: Simulation, assessment: Assessment, log: EpisodeLog | None
     ) -> ByteArray:
         """Draw one frame.
 
         Args:
-            site: The building.
+            prepared: The building.
             simulation: The episode.
             assessment: Its figures.
             log: Its paths, if they are recorded.
@@ -65,24 +65,24 @@ class Renderer:
         Returns:
             RGB, shape (HEIGHT, WIDTH, 3).
         """
-        if site is not self._site:
-            self._site, self._view = site, _View(site)
-            self._plan_layer = _draw_plan(site, self._view)
+        if prepared is not self._prepared:
+            self._prepared, self._view = prepared, _View(prepared)
+            self._plan_layer = _draw_plan(prepared, self._view)
         image: ByteArray = np.full((HEIGHT, WIDTH, 3), PAPER, dtype=np.uint8)
         world = _panel(image, 0)
         world[:] = self._plan_layer
-        self._draw_world(world, site, simulation, assessment, log)
+        self._draw_world(world, prepared, simulation, assessment, log)
         belief = _panel(image, 1)
         self._draw_belief(belief, simulation, log)
         _frame_panels(image)
         _draw_scale(image, self._view.scale)
-        _draw_figures(image, site, simulation, assessment)
+        _draw_figures(image, prepared, simulation, assessment)
         return image
 
     def _draw_world(
         self,
         panel: ByteArray,
-        site: Site,
+        prepared: PreparedPlan,
         simulation: Simulation,
         assessment: Assessment,
         log: EpisodeLog | None,
@@ -90,7 +90,7 @@ class Renderer:
         """What is: seen floor, furniture, people, beams, the true path."""
         view = self._view
         _tint_seen(panel, view, assessment)
-        for piece in site.clutter.furniture:
+        for piece in prepared.clutter.furniture:
             cv2.fillPoly(
                 panel, [view.pixels(np.asarray(piece.exterior.coords))], FURNITURE, cv2.LINE_AA, _SHIFT
             )
@@ -98,8 +98,8 @@ class Renderer:
         ends = _end_points(simulation, pose, simulation.true_ranges)
         mount = compose(pose, simulation.scan.geometry.mount)
         _draw_beams(panel, view, mount, ends)
-        _draw_walls(panel, site, view)
-        moving = simulation.segments[len(site.plan.segments()) + len(site.clutter.segments()) :]
+        _draw_walls(panel, prepared, view)
+        moving = simulation.segments[len(prepared.plan.segments()) + len(prepared.clutter.segments()) :]
         if len(moving):
             lines = view.pixels(moving.reshape(-1, 2)).reshape(-1, 2, 2)
             cv2.polylines(panel, list(lines), False, PERSON, 2, cv2.LINE_AA, _SHIFT)
@@ -128,8 +128,8 @@ class Renderer:
 class _View:
     """The part of the world that the panels show."""
 
-    def __init__(self, site: Site) -> None:
-        min_x, min_y, max_x, max_y = site.plan.bounds
+    def __init__(self, prepared: PreparedPlan) -> None:
+        min_x, min_y, max_x, max_y = prepared.plan.bounds
         width, height = max_x - min_x + 2 * _BORDER, max_y - min_y + 2 * _BORDER
         self.scale = min(_PANEL_WIDTH / width, _PANEL_HEIGHT / height)  # [px/m]
         self.left = 0.5 * (min_x + max_x) - 0.5 * _PANEL_WIDTH / self.scale
@@ -182,18 +182,18 @@ def _panel(image: ByteArray, index: int) -> ByteArray:
     return image[_HEAD : _HEAD + _PANEL_HEIGHT, left : left + _PANEL_WIDTH]
 
 
-def _draw_plan(site: Site, view: _View) -> ByteArray:
+def _draw_plan(prepared: PreparedPlan, view: _View) -> ByteArray:
     """The building: what never changes during an episode."""
     layer: ByteArray = np.full((_PANEL_HEIGHT, _PANEL_WIDTH, 3), UNKNOWN_TINT, dtype=np.uint8)
-    space = site.plan.free_space
+    space = prepared.plan.free_space
     cv2.fillPoly(layer, [view.pixels(np.asarray(space.exterior.coords))], FLOOR, cv2.LINE_AA, _SHIFT)
     for ring in space.interiors:
         cv2.fillPoly(layer, [view.pixels(np.asarray(ring.coords))], UNKNOWN_TINT, cv2.LINE_AA, _SHIFT)
     return layer
 
 
-def _draw_walls(panel: ByteArray, site: Site, view: _View) -> None:
-    lines = view.pixels(site.plan.segments().reshape(-1, 2)).reshape(-1, 2, 2)
+def _draw_walls(panel: ByteArray, prepared: PreparedPlan, view: _View) -> None:
+    lines = view.pixels(prepared.plan.segments().reshape(-1, 2)).reshape(-1, 2, 2)
     thickness = 2 if view.scale > 15 else 1
     cv2.polylines(panel, list(lines), False, WALL, thickness, cv2.LINE_AA, _SHIFT)
 
@@ -276,7 +276,9 @@ def _draw_scale(image: ByteArray, scale: float) -> None:
     _text(image, label, left + width + 8, bottom + 5, 0.45, INK)
 
 
-def _draw_figures(image: ByteArray, site: Site, simulation: Simulation, assessment: Assessment) -> None:
+def _draw_figures(
+    image: ByteArray, prepared: PreparedPlan, simulation: Simulation, assessment: Assessment
+) -> None:
     """Time, coverage and errors in the foot of the picture."""
     latest, top = assessment.latest, _HEAD + _PANEL_HEIGHT
     minutes, seconds = divmod(int(latest.time), 60)
@@ -287,7 +289,7 @@ def _draw_figures(image: ByteArray, site: Site, simulation: Simulation, assessme
         ("pose error", f"{100.0 * latest.pose_error:.1f} cm"),
         ("N_eff", f"{latest.n_eff:.1f}"),
         ("contacts", f"{simulation.collisions}"),
-        ("plan", site.plan.id if len(site.plan.id) <= 15 else site.plan.id[:13] + ".."),
+        ("plan", prepared.plan.id if len(prepared.plan.id) <= 15 else prepared.plan.id[:13] + ".."),
     ]
     step = (WIDTH - 2 * _MARGIN - 40) // len(figures)
     for index, (name, value) in enumerate(figures):

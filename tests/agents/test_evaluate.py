@@ -7,7 +7,7 @@ import shapely
 
 import slamgym.agents.evaluation.evaluate as evaluation_module
 from slamgym.agents.evaluation.evaluate import (
-    FULL_KNOWLEDGE,
+    ORACLE,
     EvaluationConfig,
     TrialLog,
     choose_plans,
@@ -122,9 +122,9 @@ def test_only_plans_of_the_split_are_explored():
 
 def test_the_privileged_explorer_needs_its_setting(tmp_path):
     with pytest.raises(ConfigError, match="told the floor plan"):
-        config(explorers=("nearest", FULL_KNOWLEDGE))
-    result = evaluate(source(1), config(explorers=("nearest",), full_knowledge=True), tmp_path)
-    assert [t.explorer for t in result.trials] == ["nearest", FULL_KNOWLEDGE]
+        config(explorers=("nearest", ORACLE))
+    result = evaluate(source(1), config(explorers=("nearest",), oracle=True), tmp_path)
+    assert [t.explorer for t in result.trials] == ["nearest", ORACLE]
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ import pytest
 import shapely
 
 from slamgym.agents.learned import LearnedExplorer
-from slamgym.agents.pretrained_policy import SHIPPED, read_policy
+from slamgym.agents.pretrained_policy import PRETRAINED, read_policy
 from slamgym.agents.registry import make_explorer
 from slamgym.cad import FloorPlan
 from slamgym.core.errors import InputFileError
@@ -70,14 +70,14 @@ def test_it_does_what_the_policy_does_in_the_decision_environment(plan):
 
 def test_weights_of_ones_own_are_named_by_their_file(plan, tmp_path):
     context = explorer_env(plan).explorer_context()
-    assert isinstance(make_explorer(f"rl:{SHIPPED}", context), LearnedExplorer)
+    assert isinstance(make_explorer(f"rl:{PRETRAINED}", context), LearnedExplorer)
     with pytest.raises(InputFileError, match="nowhere"):
         make_explorer(f"rl:{tmp_path / 'nowhere.safetensors'}", context)
 
 
 def test_the_shipped_weights_are_small():
-    assert SHIPPED.stat().st_size < 5_000_000
-    assert (SHIPPED.parent / "README.md").is_file()
+    assert PRETRAINED.stat().st_size < 5_000_000
+    assert (PRETRAINED.parent / "README.md").is_file()
 
 
 def test_exploring_needs_no_torch():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import slamgym.agents.rl.reward_shaping as shaping_module
-from slamgym.agents.pretrained_policy import SHIPPED, read_policy, write_policy
+from slamgym.agents.pretrained_policy import PRETRAINED, read_policy, write_policy
 from slamgym.agents.rl.reward_presets import PRESETS, error_of_new_map, preset, uncertainty_of_new_map
 from slamgym.agents.rl.reward_shaping import (
     OWN,
@@ -102,7 +102,7 @@ def test_with_a_preset_about_errors_all_train_with_the_filter():
 def learn_nothing(calls):
     def learn(settings, folder, reward_terms=None):
         calls.append((settings.seed, settings.reward, reward_terms))
-        write_policy(folder / "policy.safetensors", NetworkConfig(), read_policy(SHIPPED).weights, {})
+        write_policy(folder / "policy.safetensors", NetworkConfig(), read_policy(PRETRAINED).weights, {})
         (folder / "log" / "0").mkdir(parents=True, exist_ok=True)
         (folder / "log" / "0" / "progress.csv").write_text(
             "time/total_timesteps,rollout/episode_seconds\n10,400\n20,300\n30,\n"

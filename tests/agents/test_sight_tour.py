@@ -6,7 +6,7 @@ import pytest
 import shapely
 
 from slamgym.agents.evaluation.trial import TrialConfig, run_trial
-from slamgym.agents.oracle import FullKnowledge, FullKnowledgeConfig
+from slamgym.agents.oracle import FullKnowledgeConfig, Oracle
 from slamgym.cad import FloorPlan
 from slamgym.envs import ExploreConfig, ExploreEnv
 from slamgym.slam import SlamConfig
@@ -25,7 +25,7 @@ def corridor_with_rooms():
 def begin(plan, start):
     env = ExploreEnv(plan, ENV)
     env.reset(seed=0, options={"plan": plan, "start": start})
-    return env, FullKnowledge.of(env)
+    return env, Oracle.of(env)
 
 
 def test_the_tour_sees_what_was_asked_for_and_each_cell_belongs_to_one_stop():
@@ -75,7 +75,7 @@ def test_full_knowledge_sees_the_building_in_less_time_than_the_nearest_frontier
     from slamgym.agents.registry import make_explorer
 
     plan, config = corridor_with_rooms(), TrialConfig(env=ENV)
-    ours = run_trial(plan, 3, "full_knowledge", config, FullKnowledge.of)
+    ours = run_trial(plan, 3, "oracle", config, Oracle.of)
     nearest = run_trial(
         plan, 3, "nearest", config, lambda env, seed: make_explorer("nearest", env.explorer_context(), seed)
     )
@@ -90,8 +90,8 @@ def test_a_door_that_the_map_draws_too_narrow_is_squeezed_through_at_the_end():
     door = shapely.box(4.9, 2.02, 5.2, 2.49)  # the robot is 0.44 m wide, cells are of 0.05 m
     plan = FloorPlan("narrow", shapely.union_all([*rooms, door]))
     for shares, low, high in (((), 0.5, 0.9), ((0.85, 0.6), 0.98, 1.0)):
-        make = partial(FullKnowledge.of, config=FullKnowledgeConfig(last_radius_shares=shares))
-        trial = run_trial(plan, 1, "full_knowledge", TrialConfig(env=ENV), make)
+        make = partial(Oracle.of, config=FullKnowledgeConfig(last_radius_shares=shares))
+        trial = run_trial(plan, 1, "oracle", TrialConfig(env=ENV), make)
         assert low <= trial.coverage <= high
 
 

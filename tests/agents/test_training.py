@@ -115,7 +115,7 @@ def test_plans_are_drawn_from_the_split_only():
         {"steps": 0},
         {"discount": 1.5},
         {"evaluate_every": -1},
-        {"algo": "ppo", "env": "explore", "start_from": "shipped"},
+        {"algo": "ppo", "env": "explore", "start_from": "pretrained"},
     ],
 )
 def test_senseless_runs_are_refused(changes):
@@ -157,20 +157,20 @@ def test_a_run_is_saved_and_goes_on_where_it_stopped(tmp_path):
 
 
 def test_a_run_can_begin_with_other_weights(tmp_path):
-    from slamgym.agents.pretrained_policy import SHIPPED
+    from slamgym.agents.pretrained_policy import PRETRAINED
 
     slow = dataclasses.replace(TINY, steps=12, ppo=dataclasses.replace(TINY.ppo, learning_rate=1e-12))
-    train(dataclasses.replace(slow, start_from="shipped"), tmp_path / "run")
-    learned, shipped = (read_policy(p).weights for p in (tmp_path / "run" / "policy.safetensors", SHIPPED))
+    train(dataclasses.replace(slow, start_from="pretrained"), tmp_path / "run")
+    learned, shipped = (read_policy(p).weights for p in (tmp_path / "run" / "policy.safetensors", PRETRAINED))
     for name, value in shipped.items():
         np.testing.assert_allclose(learned[name], value, atol=1e-6)
-    coastal = dataclasses.replace(slow, start_from="shipped", network=NetworkConfig(exposure_prior=-8.0))
+    coastal = dataclasses.replace(slow, start_from="pretrained", network=NetworkConfig(exposure_prior=-8.0))
     train(coastal, tmp_path / "coastal")
     leaning = read_policy(tmp_path / "coastal" / "policy.safetensors").weights["prior.weight"]
     moved = (leaning - shipped["prior.weight"])[0]
     assert moved[CANDIDATE_FEATURES.index("exposure")] == pytest.approx(-8.0, abs=1e-5)
     assert np.count_nonzero(np.abs(moved) > 1e-5) == 1
-    wide = dataclasses.replace(slow, start_from="shipped", network=NetworkConfig(width=32))
+    wide = dataclasses.replace(slow, start_from="pretrained", network=NetworkConfig(width=32))
     with pytest.raises(ConfigError, match="same sizes"):
         train(wide, tmp_path / "wide")
     with pytest.raises(InputFileError, match="can't be read"):

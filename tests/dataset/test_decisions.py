@@ -81,9 +81,9 @@ def test_people_who_agree_are_combined_and_those_who_do_not_are_named():
 
 
 def test_names_that_do_not_exist_are_refused_and_the_first_few_named():
-    strangers = [Decision(f"x{i}", True, "") for i in range(8)]
+    unexpected = [Decision(f"x{i}", True, "") for i in range(8)]
     with pytest.raises(ConfigError, match=r"no such maps: x0, x1, x2, x3, x4 and 3 more"):
-        check_decisions(strangers, {"a": "1"}, "d.json")
+        check_decisions(unexpected, {"a": "1"}, "d.json")
 
 
 def test_a_decision_about_another_map_of_the_same_name_is_refused():

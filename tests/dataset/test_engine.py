@@ -12,16 +12,15 @@ import pytest
 
 from slamgym.core.errors import ConfigError
 from slamgym.core.parallel import engine as module
-from slamgym.core.parallel.engine import (
+from slamgym.core.parallel.backlog import (
     MAX_ATTEMPTS,
     MAX_LOST_IN_A_ROW,
     Attempt,
     Backlog,
     Lost,
     WorkerLostError,
-    open_engine,
-    run_tasks,
 )
+from slamgym.core.parallel.engine import open_engine, run_tasks
 
 # loky's own thread may stumble over a task that was taken back while its process was being ended.
 pytestmark = pytest.mark.filterwarnings(

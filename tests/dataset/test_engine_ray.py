@@ -21,7 +21,8 @@ from slamgym.agents.registry import make_explorer
 from slamgym.cad import FloorPlan, write_houseexpo
 from slamgym.commands import cli
 from slamgym.core.errors import ConfigError
-from slamgym.core.parallel.engine import MAX_ATTEMPTS, Lost, open_engine
+from slamgym.core.parallel.backlog import MAX_ATTEMPTS, Lost
+from slamgym.core.parallel.engine import open_engine
 from slamgym.core.parallel.ray import IN_FLIGHT_PER_CPU
 from slamgym.core.parallel.ray_cluster import check_address
 from slamgym.dataset import DatasetConfig, EpisodeConfig, Layout, build_dataset, read_manifest

@@ -5,7 +5,7 @@ import pytest
 
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, GridFrame, OccupancyGrid, Pose2D
 from slamgym.envs import completion
-from slamgym.envs.completion import FrontierWatch
+from slamgym.envs.completion import CompletionDetector
 
 RESOLUTION = 0.05
 POSE = Pose2D(1.5, 1.5, 0.0)
@@ -22,28 +22,28 @@ def room(opening: float = 0.0, wall: int = OCCUPIED) -> OccupancyGrid:
 
 
 def test_a_closed_room_is_explored():
-    assert FrontierWatch(0.22, 0.35).is_explored(room(), POSE)
+    assert CompletionDetector(0.22, 0.35).is_explored(room(), POSE)
 
 
 def test_a_tight_map_that_ends_in_free_cells_is_not():
     cells = np.full((40, 40), FREE, dtype=np.uint8)
     grid = OccupancyGrid(cells, GridFrame(RESOLUTION, 0.5, 0.5, 40, 40))
-    assert not FrontierWatch(0.22, 0.35).is_explored(grid, POSE)
+    assert not CompletionDetector(0.22, 0.35).is_explored(grid, POSE)
 
 
 @pytest.mark.parametrize(("opening", "explored"), [(0.9, False), (0.3, True), (0.1, True)])
 def test_only_frontiers_of_some_size_count(opening: float, explored: bool):
-    assert FrontierWatch(0.22, 0.35).is_explored(room(opening), POSE) is explored
+    assert CompletionDetector(0.22, 0.35).is_explored(room(opening), POSE) is explored
 
 
 def test_a_frontier_out_of_reach_does_not_count():
     grid = room()
     grid.cells[5:15, 40:70] = FREE  # known through a window, but no way leads there
-    assert FrontierWatch(0.22, 0.35).is_explored(grid, POSE)
+    assert CompletionDetector(0.22, 0.35).is_explored(grid, POSE)
 
 
 def test_a_robot_off_the_map_has_not_explored():
-    assert not FrontierWatch(0.22, 0.35).is_explored(room(), Pose2D(50.0, 50.0, 0.0))
+    assert not CompletionDetector(0.22, 0.35).is_explored(room(), Pose2D(50.0, 50.0, 0.0))
 
 
 def test_no_search_while_the_last_frontier_stands(monkeypatch: pytest.MonkeyPatch):
@@ -55,7 +55,7 @@ def test_no_search_while_the_last_frontier_stands(monkeypatch: pytest.MonkeyPatc
         return search(*args, **kwargs)
 
     monkeypatch.setattr(completion, "find_frontiers", counted)
-    watch = FrontierWatch(0.22, 0.35)
+    watch = CompletionDetector(0.22, 0.35)
     for _ in range(5):
         assert not watch.is_explored(room(0.9), POSE)
     assert len(searches) == 1

@@ -13,7 +13,7 @@ from slamgym.core.config import from_dict, to_dict
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.gan.config import GeneratorConfig, TranslatorConfig
 from slamgym.gan.networks.factory import build_generator
-from slamgym.gan.weights import MAX_BYTES, ModelCard, load_weights, save_translator, shipped
+from slamgym.gan.weights import MAX_BYTES, ModelCard, load_weights, pretrained_names, save_translator
 
 TINY = TranslatorConfig(
     input_size=16,
@@ -156,7 +156,7 @@ def test_shipping_keeps_the_weights_and_completes_the_card(saved, tmp_path):
     assert (tmp_path / "out" / "mine.md").read_text().startswith("# mine\n")
 
 
-@pytest.mark.parametrize("name", shipped())
+@pytest.mark.parametrize("name", pretrained_names())
 def test_shipped_weights_load_and_are_small(name):
     from slamgym.gan.weights import PRETRAINED
 

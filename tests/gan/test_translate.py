@@ -16,7 +16,7 @@ from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, GridFrame, OccupancyGrid
 from slamgym.gan.config import GeneratorConfig, TranslatorConfig
 from slamgym.gan.device import choose_compute
 from slamgym.gan.networks.factory import build_generator
-from slamgym.gan.networks.layers import Drawing
+from slamgym.gan.networks.layers import GeneratorOutput
 from slamgym.gan.translation.translate import (
     LearnedTranslator,
     Translator,
@@ -48,7 +48,7 @@ class Copy(nn.Module):
 
     def forward(self, x, resolution=None, fade=1.0):
         small = nn.functional.avg_pool2d(x, self.shrink) if self.shrink > 1 else x
-        return Drawing(small[:, : self.channels])
+        return GeneratorOutput(small[:, : self.channels])
 
 
 def copying(config=CONFIG, **kwargs):
@@ -152,7 +152,7 @@ def test_cad_to_slam_draws_the_three_values():
 
     class Inverse(nn.Module):
         def forward(self, x, resolution=None, fade=1.0):
-            return Drawing(torch.cat([x, -torch.ones_like(x)], dim=1))
+            return GeneratorOutput(torch.cat([x, -torch.ones_like(x)], dim=1))
 
     translator = LearnedTranslator(Inverse(), config, ModelCard(), CPU)
     cad = building(90, 64, fill=OCCUPIED)

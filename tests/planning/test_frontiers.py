@@ -6,10 +6,10 @@ from hypothesis import strategies as st
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, GridFrame, OccupancyGrid, Pose2D
 from slamgym.planning import (
     CostmapConfig,
-    cut_off_views,
     expected_gain,
     find_frontiers,
     make_costmap,
+    occluded_views,
     reachable_space,
     wavefront_frontiers,
 )
@@ -157,7 +157,7 @@ def test_a_room_behind_a_drawn_wall_is_worth_a_look_and_a_ray_through_a_wall_is_
     grid = two_rooms(door_cells=0)
     costmap = make_costmap(grid)
     pose = pose_at(grid, 30, 30)
-    views = cut_off_views(costmap, reachable_space(costmap, pose))
+    views = occluded_views(costmap, reachable_space(costmap, pose))
     places = np.array([place for place, _ in views])
     assert len(views) > 1
     assert np.hypot(*(places[:, None] - places[None]).T)[~np.eye(len(views), dtype=bool)].min() >= 1.0
@@ -167,7 +167,7 @@ def test_a_room_behind_a_drawn_wall_is_worth_a_look_and_a_ray_through_a_wall_is_
     thin = two_rooms(door_cells=0, far_known=0)
     thin.cells[64:84, 30] = FREE
     costmap = make_costmap(thin)
-    assert cut_off_views(costmap, reachable_space(costmap, pose)) == []
+    assert occluded_views(costmap, reachable_space(costmap, pose)) == []
 
 
 def test_expected_gain_stops_at_walls_and_is_a_disc_in_the_unknown():

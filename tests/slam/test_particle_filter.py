@@ -11,7 +11,7 @@ from slamgym.core.geometry import between, compose
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, GridFrame, LaserGeometry, LaserScan, Pose2D
 from slamgym.sim.raycast import cast_rays
 from slamgym.slam import ParticleFilter, SlamConfig, make_mapper
-from slamgym.slam.hit_counts import BeamTable, DrawnMap
+from slamgym.slam.hit_counts import BeamTable, HitCountMap
 
 # Two rooms and a door between them.
 WALLS = np.array(
@@ -96,7 +96,7 @@ def test_the_published_map_equals_a_full_redraw_of_the_best_path():
         config, sigma=0.02, odometry_noise=0.5, visit=lambda mapper, _: grids.append(mapper.occupancy_grid())
     )
     assert mapper.stats.resamplings > 3  # so that the drawn lineage did change on the way
-    redrawn = DrawnMap(BeamTable(GEOMETRY, config), config.resolution, config.occupied_threshold, 100.0)
+    redrawn = HitCountMap(BeamTable(GEOMETRY, config), config.resolution, config.occupied_threshold, 100.0)
     redrawn.draw(mapper.trajectory().poses, mapper._tree.ranges)
     expected = redrawn.occupancy_grid()
     assert grids[-1].frame == expected.frame

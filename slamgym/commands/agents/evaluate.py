@@ -51,7 +51,7 @@ class EvaluateArguments:
     """Names of explorers, with commas between them."""
     against: str = "explore_lite"
     """The reference explorer, one of them."""
-    full_knowledge: bool = False
+    oracle: bool = False
     """Privileged: also run an explorer that is told the floor plan, as the yardstick."""
     repetitions: int = 1
     """Explorations of each plan by every explorer, each from another start."""
@@ -101,10 +101,10 @@ def main(argv: list[str]) -> int:
         draw_coverage(evaluation.trials, path)
         sys.stdout.write(f"plot: {path}\n")
     if filmed:
-        from slamgym.agents.evaluation.side_by_side_video import film_duel
+        from slamgym.agents.evaluation.side_by_side_video import film_side_by_side
 
         path = arguments.out / "film.mp4"
-        film_duel(source, evaluation.trials, filmed, config.trial, path, arguments.film_plan or None)
+        film_side_by_side(source, evaluation.trials, filmed, config.trial, path, arguments.film_plan or None)
         sys.stdout.write(f"film: {path}\n")
     return 0
 
@@ -131,7 +131,7 @@ def evaluation_config(arguments: EvaluateArguments) -> EvaluationConfig:
         plans_filter=arguments.plans_filter,
         repetitions=arguments.repetitions,
         seed=arguments.seed,
-        full_knowledge=arguments.full_knowledge,
+        oracle=arguments.oracle,
         trial=TrialConfig(minutes=arguments.minutes, env=env),
     )
     if arguments.against not in config.names:

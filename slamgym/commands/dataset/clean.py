@@ -18,7 +18,7 @@ from slamgym.core.progress import say
 from slamgym.core.types import FloatArray
 from slamgym.dataset.curate.cleaning import Classifier, CleanConfig, CleanReport, clean_maps
 from slamgym.dataset.curate.completeness_model import (
-    SHIPPED_MODEL,
+    PRETRAINED_MODEL,
     CompletenessModel,
     TreesConfig,
     cross_fit,
@@ -148,7 +148,7 @@ def _classifier(arguments: CleanArguments, items: Sequence[MapItem]) -> tuple[Cl
     """What tells the probabilities, and what to note about it."""
     if arguments.train:
         return _train(arguments, items)
-    path = arguments.model or SHIPPED_MODEL
+    path = arguments.model or PRETRAINED_MODEL
     model = CompletenessModel.read(path)
 
     def probabilities(features: FloatArray, plan_ids: Sequence[str]) -> FloatArray:  # noqa: ARG001 - of a protocol

@@ -8,7 +8,7 @@ from typing import Annotated
 import tyro
 
 from slamgym.core.errors import ConfigError
-from slamgym.core.parallel.engine import available_cores
+from slamgym.core.parallel.backlog import available_cores
 from slamgym.core.progress import say
 from slamgym.dataset.curate.split import current_split, split_path
 from slamgym.dataset.images.format import SPLITS, read_images

@@ -8,7 +8,7 @@ import tyro
 
 from slamgym.cad.sources import read_ids
 from slamgym.core.errors import ConfigError
-from slamgym.core.parallel.engine import available_cores
+from slamgym.core.parallel.backlog import available_cores
 from slamgym.dataset.curate.split import make_split, split_path
 
 

@@ -19,7 +19,7 @@ from slamgym.gan.weights import MAX_BYTES, PRETRAINED, load_weights, save_transl
 
 
 @dataclass(frozen=True)
-class ShipArguments:
+class PublishArguments:
     """Put the weights of a finished run among the pretrained ones."""
 
     run: Annotated[Path, tyro.conf.Positional]
@@ -36,12 +36,12 @@ class ShipArguments:
 
 def main(argv: list[str]) -> int:
     """Run the command; returns the exit code."""
-    arguments = tyro.cli(ShipArguments, args=argv, prog="python -m slamgym.commands.gan.publish")
-    sys.stdout.write(f"{ship(arguments)}\n")
+    arguments = tyro.cli(PublishArguments, args=argv, prog="python -m slamgym.commands.gan.publish")
+    sys.stdout.write(f"{publish(arguments)}\n")
     return 0
 
 
-def ship(arguments: ShipArguments) -> Path:
+def publish(arguments: PublishArguments) -> Path:
     """Write the files; returns the path of the weights.
 
     Raises:

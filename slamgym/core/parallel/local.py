@@ -18,7 +18,7 @@ import cv2
 from joblib.externals import loky
 
 from slamgym.core.errors import ConfigError
-from slamgym.core.parallel.engine import Attempt, Backlog, Lost
+from slamgym.core.parallel.backlog import Attempt, Backlog, Lost
 
 _Item = TypeVar("_Item")
 _Result = TypeVar("_Result")

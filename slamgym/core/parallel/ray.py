@@ -11,7 +11,7 @@ import cv2
 
 from slamgym import __version__
 from slamgym.core.errors import ConfigError, SlamgymError
-from slamgym.core.parallel.engine import Attempt, Backlog, Lost
+from slamgym.core.parallel.backlog import Attempt, Backlog, Lost
 from slamgym.core.parallel.ray_cluster import RayCluster, one_line
 
 _Item = TypeVar("_Item")

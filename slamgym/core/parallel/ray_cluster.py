@@ -16,7 +16,7 @@ from types import ModuleType
 from typing import Any
 
 from slamgym.core.errors import ConfigError, SlamgymError
-from slamgym.core.parallel.engine import available_cores
+from slamgym.core.parallel.backlog import available_cores
 
 LOCAL_STORE_PER_WORKER = 64 << 20
 """Object store of a cluster on this machine, per worker: an exploration's files take a few MB."""

@@ -20,7 +20,7 @@ from slamgym.core.types import BoolArray, FloatArray
 from slamgym.dataset.curate.completeness import FEATURES
 from slamgym.dataset.curate.forest import LEAF, Forest, read_forest, write_forest
 
-SHIPPED_MODEL = Path(__file__).parent / "pretrained" / "completeness.npz"
+PRETRAINED_MODEL = Path(__file__).parent / "pretrained" / "completeness.npz"
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,7 @@ class CompletenessModel:
         write_forest(path, self.forest, {**self.about, "features": list(FEATURES)})
 
     @classmethod
-    def read(cls, path: Path | str = SHIPPED_MODEL) -> "CompletenessModel":
+    def read(cls, path: Path | str = PRETRAINED_MODEL) -> "CompletenessModel":
         """Read a model; nothing in the file is executed.
 
         Raises:

@@ -86,10 +86,10 @@ def make_split(
     first = first_records(read_manifest(root))
     if not first:
         raise ConfigError(f"{root}: holds no pairs yet")
-    strangers = [plan_id for plan_id in forced if plan_id not in first]
-    if strangers:
+    unexpected = [plan_id for plan_id in forced if plan_id not in first]
+    if unexpected:
         raise ConfigError(
-            f"{root} has no pair of the plan {strangers[0]!r}; {suggest(strangers[0], list(first)[:1000])}"
+            f"{root} has no pair of the plan {unexpected[0]!r}; {suggest(unexpected[0], list(first)[:1000])}"
         )
     prints, sides = read_prints(Path(root), list(first.values()), workers)
     ids = list(first)

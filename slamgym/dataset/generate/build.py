@@ -8,7 +8,8 @@ from pathlib import Path
 
 from slamgym.cad import PlanSource
 from slamgym.commands.warmup import kernels_are_compiled, warm_up
-from slamgym.core.parallel.engine import EngineName, Lost, open_engine
+from slamgym.core.parallel.backlog import Lost
+from slamgym.core.parallel.engine import EngineName, open_engine
 from slamgym.core.progress import show_progress
 from slamgym.dataset.folder import DatasetFolder, open_dataset
 from slamgym.dataset.generate.exploration import Exploration, Outcome, explore, write_files

@@ -43,7 +43,7 @@ def check_image_folder(root: Path | str, advance: Callable[[], None] = lambda: N
         advance()
     faults += _on_both_sides(layout, records)
     faults += _same_pictures(layout, records)
-    faults += _strangers(layout, records)
+    faults += _unexpected_files(layout, records)
     faults += _check_metadata(layout, records)
     if not layout.card.is_file():
         faults.append(Fault(layout.card, "is missing"))
@@ -86,7 +86,7 @@ def _same_pictures(layout: ImageLayout, records: list[ImageRecord]) -> Iterator[
         owners.setdefault(digest, record.name)
 
 
-def _strangers(layout: ImageLayout, records: list[ImageRecord]) -> Iterator[Fault]:
+def _unexpected_files(layout: ImageLayout, records: list[ImageRecord]) -> Iterator[Fault]:
     known = {layout.image(record.split, side, record.name) for record in records for side in SIDES}
     for split in SPLITS:
         for side in SIDES:

@@ -36,10 +36,10 @@ def select_pairs(root: Path | str, min_coverage: float | None = None) -> Selecti
     records = list(read_manifest(root))
     if min_coverage is None and (Path(root) / VERDICTS_FILE).is_file():
         verdicts = read_verdicts(root)
-        strangers = [record.name for record in records if record.name not in verdicts]
-        if strangers:
+        unexpected = [record.name for record in records if record.name not in verdicts]
+        if unexpected:
             raise ConfigError(
-                f"{Path(root) / VERDICTS_FILE} says nothing of {strangers[0]} and {len(strangers) - 1} more; "
+                f"{Path(root) / VERDICTS_FILE} says nothing of {unexpected[0]} and {len(unexpected) - 1} more; "
                 "run `slamgym dataset clean` again"
             )
         kept = frozenset(record.name for record in records if verdicts[record.name].keep)

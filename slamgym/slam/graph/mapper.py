@@ -37,7 +37,7 @@ from slamgym.slam.graph.loop_closure import (
 from slamgym.slam.graph.matching import Match, NodeMatcher
 from slamgym.slam.graph.nodes import GraphNodes
 from slamgym.slam.graph.solver import Edges, chi_squared, optimise
-from slamgym.slam.hit_counts import BeamTable, DrawnMap
+from slamgym.slam.hit_counts import BeamTable, HitCountMap
 from slamgym.slam.mapper import SlamStats
 from slamgym.slam.motion_model import OdometryGate, noise_array
 
@@ -311,9 +311,9 @@ class PoseGraphMapper:
 
     # --- the map ---
 
-    def _new_map(self) -> DrawnMap:
+    def _new_map(self) -> HitCountMap:
         c = self._config
-        return DrawnMap(self._beams, c.resolution, c.occupied_threshold, c.memory_limit_mb)
+        return HitCountMap(self._beams, c.resolution, c.occupied_threshold, c.memory_limit_mb)
 
     def _follow_path(self) -> None:
         """Draw what is new; redraw everything if the path has moved."""

@@ -7,7 +7,7 @@ import pytest
 import shapely
 
 from slamgym.agents.evaluation.coverage_plot import draw_coverage
-from slamgym.agents.evaluation.side_by_side_video import choose_trial, film_duel
+from slamgym.agents.evaluation.side_by_side_video import choose_trial, film_side_by_side
 from slamgym.agents.evaluation.trial import TrialConfig
 from slamgym.cad import FloorPlan
 from slamgym.core.errors import ConfigError
@@ -45,7 +45,7 @@ def frames_of(path):
 
 
 def test_a_film_shows_both_explorations_side_by_side(tmp_path, plans, trials):
-    film_duel(plans, trials, PAIR, CONFIG, tmp_path / "film.mp4")
+    film_side_by_side(plans, trials, PAIR, CONFIG, tmp_path / "film.mp4")
     frames = frames_of(tmp_path / "film.mp4")
     assert len(frames) > 40  # 2 s of film at the end
     rows, cols, _ = frames[0].shape
@@ -67,11 +67,11 @@ def test_the_plan_to_film_is_where_the_left_one_gains_most_or_the_one_named(
         yield np.zeros((4, 4, 3), np.uint8)
 
     monkeypatch.setattr("slamgym.agents.evaluation.side_by_side_video._frames", no_frames)
-    film_duel(plans, trials, PAIR, CONFIG, tmp_path / "film.mp4")
-    film_duel(plans, trials, PAIR, CONFIG, tmp_path / "film.mp4", "a")
+    film_side_by_side(plans, trials, PAIR, CONFIG, tmp_path / "film.mp4")
+    film_side_by_side(plans, trials, PAIR, CONFIG, tmp_path / "film.mp4", "a")
     assert filmed == ["b", "b", "a", "a"]
     with pytest.raises(ConfigError, match="was not explored"):
-        film_duel(plans, trials, PAIR, CONFIG, tmp_path / "film.mp4", "c")
+        film_side_by_side(plans, trials, PAIR, CONFIG, tmp_path / "film.mp4", "c")
 
 
 def test_a_plan_that_the_first_scan_shows_is_no_gain(trials, make_trial):

@@ -1,0 +1,44 @@
+"""The SLAM modes by their names in the settings."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from slamgym.core.config import suggest
+from slamgym.core.errors import ConfigError
+from slamgym.core.types import LaserGeometry, Pose2D
+from slamgym.slam.config import SlamConfig
+from slamgym.slam.graph.mapper import PoseGraphMapper
+from slamgym.slam.mapper import Mapper
+from slamgym.slam.particle_filter import ParticleFilter
+from slamgym.slam.pose_tracking import PoseTracker
+
+MapperFactory = Callable[[SlamConfig, LaserGeometry, Pose2D, np.random.Generator], Mapper]
+
+
+MODES: dict[str, MapperFactory] = {
+    "rbpf": ParticleFilter,
+    "pose_graph": PoseGraphMapper,
+    "scan_matching": ParticleFilter,
+    "dead_reckoning": PoseTracker,
+    "ground_truth": PoseTracker,
+}
+
+
+def make_mapper(
+    config: SlamConfig, geometry: LaserGeometry, initial_pose: Pose2D, rng: np.random.Generator
+) -> Mapper:
+    """Make the mapper that ``config.mode`` names.
+
+    Args:
+        config: Settings.
+        geometry: The scanner.
+        initial_pose: Where the robot starts in the map frame.
+        rng: Source of all randomness; equal seeds and scans give equal maps.
+
+    Raises:
+        ConfigError: If the mode is unknown.
+    """
+    if config.mode not in MODES:
+        raise ConfigError(f"slam.mode: unknown mode {config.mode!r}; {suggest(config.mode, MODES)}")
+    return MODES[config.mode](config, geometry, initial_pose, rng)
