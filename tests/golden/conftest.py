@@ -1,7 +1,8 @@
 """Golden tests: what the programs made when the expected values were stored, they must make again.
 
 ``golden.json`` holds, case by case, digests and a few figures that a person can read: when a digest differs, the
-figures say how far off the result is. ``python -m pytest tests/golden`` compares;
+figures say how far off the result is. What the networks draw is kept as PNG files, of which a few pixels may
+differ. ``python -m pytest tests/golden`` compares;
 
     python -m pytest tests/golden --renew-golden
 
@@ -17,6 +18,7 @@ import hashlib
 import json
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -75,6 +77,7 @@ class Golden:
         }
         self.is_renewing = is_renewing
         self.measured = {}
+        self.pictures = {}
 
     def check(self, case, measured):
         """Compare a case, or keep it to be stored."""
@@ -86,9 +89,24 @@ class Golden:
         found = differences(self.expected[case], measured)
         assert not found, f"{case} is not what it was:\n  " + "\n  ".join(found)
 
+    def check_picture(self, name, cells, most_different):
+        """Compare a small map with the PNG file of that name: the share of pixels that may differ."""
+        path = STORE.with_name(f"{name}.png")
+        stored = cv2.imread(str(path), cv2.IMREAD_UNCHANGED) if path.is_file() else None
+        share = 1.0 if stored is None or stored.shape != cells.shape else float((stored != cells).mean())
+        if self.is_renewing:
+            self.pictures[path] = (cells, share)
+            return
+        assert stored is not None, f"there is no {path.name}; run with --renew-golden"
+        assert share <= most_different, f"{share:.2%} of the pixels differ from {path.name}"
+
     def store(self):
         """Write what was measured; returns a line for each case that is new or changed."""
         lines = []
+        for path, (cells, share) in self.pictures.items():
+            if share > 0.0:
+                lines.append(f"changed  {path.name}: {share:.2%} of the pixels")
+                cv2.imwrite(str(path), cells)
         for case, values in sorted(self.measured.items()):
             if case not in self.expected:
                 lines.append(f"new      {case}")
