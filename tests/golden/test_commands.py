@@ -22,7 +22,7 @@ def dataset(tmp_path_factory):
     root = tmp_path_factory.mktemp("golden") / "dataset"
     slamgym(
         *("generate", "--plans", "bundled", "--recipe", "quick", "--pairs", 6, "--minutes", 0.6),
-        *("--particles", 5, "--seed", 3, "--workers", 1, "--contact-sheet", 0, "-o", root),
+        *("--seed", 3, "--workers", 1, "--contact-sheet", 0, "-o", root),
     )
     return root
 
