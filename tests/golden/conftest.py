@@ -166,7 +166,7 @@ def golden(pytestconfig):
     """The store; with --renew-golden it takes everything and is written at the end."""
     is_renewing = pytestconfig.getoption("--renew-golden")
     if is_renewing and hasattr(pytestconfig, "workerinput"):
-        pytest.exit("--renew-golden writes one file; run it without -n")
+        pytest.fail("--renew-golden writes one file; run it without -n")
     return pytestconfig.stash.setdefault(STASH, Golden(is_renewing))
 
 
