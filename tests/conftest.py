@@ -20,6 +20,15 @@ from slamgym.planning import ExplorerContext
 RESOLUTION = 0.05
 
 
+def pytest_addoption(parser):
+    """Options must stand here: pytest reads no conftest.py below ``testpaths`` before the command line."""
+    parser.addoption(
+        "--renew-golden",
+        action="store_true",
+        help="store what the golden tests measure as the expected values",
+    )
+
+
 class GridWorld:
     """A round robot in a grid; it stops at obstacles."""
 

@@ -1,0 +1,86 @@
+"""Observations, rewards and ends of both environments under fixed actions."""
+
+import numpy as np
+import pytest
+
+from slamgym.cad import open_plans
+from slamgym.envs import ExploreEnv, ExploreFrontiersEnv
+
+HARD = {
+    "odometry": "high",
+    "lidar": "lds01",
+    "clutter": {"furniture": 0.5, "people": 2},
+    "slam": {"particles": 4},
+}
+REWARDS = {"coverage_gain": 10.0, "map_error": 1.0, "shaping": 2.0}
+SETTINGS = {
+    "defaults": {"slam": {"particles": 4}},
+    "hard": HARD,
+    "pose graph": {"localization": "pose_graph"},
+    "global map": {"observation": {"map": "global"}, "localization": "scan_matching"},
+    "discrete": {"actions": "discrete", "localization": "ground_truth", "reward": REWARDS},
+}
+
+
+def digest(golden, observations):
+    """One digest for each key over all observations."""
+    digests = {}
+    for key, first in observations[0].items():
+        of = golden.digest if first.dtype == np.uint8 else golden.rounded_digest
+        digests[key] = golden.digest(" ".join(of(item[key]) for item in observations).encode())
+    return digests
+
+
+@pytest.mark.parametrize("name", SETTINGS)
+def test_explore_env(golden, name):
+    env = ExploreEnv(open_plans("bundled"), **SETTINGS[name])
+    observation, info = env.reset(seed=21)
+    env.action_space.seed(3)
+    plan, observations, rewards, terms = info["plan"], [observation], [], []
+    action = env.action_space.sample()
+    for step in range(100):
+        action = env.action_space.sample() if step % 5 == 0 else action  # 1 s each
+        observation, reward, terminated, truncated, info = env.step(action)
+        observations.append(observation)
+        rewards.append(reward)
+        terms.append(info["reward_terms"])
+        if terminated or truncated:
+            break
+    measured = {
+        "plan": plan,
+        "steps": len(rewards),
+        "reward": round(float(np.sum(rewards)), 4),
+        "rewards": golden.rounded_digest(rewards),
+        "terms": {key: round(float(sum(term[key] for term in terms)), 4) for key in terms[0]},
+        "observations": digest(golden, observations[::4]),
+        "coverage": round(info["coverage"], 4),
+        "pose error": round(info["pose_error"], 4),
+        "map error": round(env.map_error(), 4),
+        "collisions": info["collisions"],
+        "last": [round(float(value), 4) for value in info["true_pose"]],
+    }
+    golden.check(f"environment/{name}", measured)
+
+
+@pytest.mark.parametrize("localization", ["ground_truth", "rbpf"])
+def test_explore_frontiers_env(golden, localization):
+    settings = {"localization": localization, "slam": {"particles": 4}, "time_limit": 200.0}
+    env = ExploreFrontiersEnv(open_plans("procedural:home:8"), discount=0.99, **settings)
+    observation, info = env.reset(seed=4, options={"plan": "home_8_00004"})
+    rng = np.random.default_rng(9)
+    observations, steps, over = [observation], [], False
+    while not over and len(steps) < 14:
+        choice = int(rng.choice(np.flatnonzero(env.action_masks())))
+        observation, reward, terminated, truncated, info = env.step(choice)
+        observations.append(observation)
+        steps.append([choice, round(reward, 4), round(info["duration"], 4)])
+        over = terminated or truncated
+    measured = {
+        "choice, reward, duration": steps,
+        "observations": digest(golden, observations),
+        "coverage": round(info["coverage"], 4),
+        "terminated": terminated,
+        "truncated": truncated,
+        "last": [round(float(value), 4) for value in info["true_pose"]],
+    }
+    golden.check(f"environment/frontiers/{localization}", measured)

@@ -1,0 +1,44 @@
+"""A parametric map of each method and preset, and a map bent by a random field."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from gan.elastic import bend, drifted
+from slamgym.cad import open_plans
+from slamgym.parametric.config import preset
+from slamgym.parametric.model import deform
+from slamgym.parametric.paths import plan_trajectory
+
+METHODS = ("two_phase", "ekf", "ekf_schur")
+
+
+@pytest.fixture(scope="module")
+def plan():
+    return open_plans("bundled").load("home_000012")
+
+
+@pytest.mark.parametrize("name", ["faithful", "realistic"])
+@pytest.mark.parametrize("method", METHODS)
+def test_deform(golden, plan, method, name):
+    config = dataclasses.replace(preset(name), method=method)
+    rng = np.random.default_rng(2)
+    path = plan_trajectory(plan, config.motion, rng, "pair")
+    result = deform(plan, path, config, rng)
+    measured = {
+        "map": golden.of_cells(result.grid.cells),
+        "cad": golden.of_cells(result.cad.cells),
+        "field": golden.rounded_digest(result.field),
+        "moved": round(float(np.hypot(*result.field)[result.seen].mean()), 4),
+        "true": golden.of_path(result.true.poses),
+        "odometry": golden.of_path(result.odometry.poses),
+        "believed": golden.of_path(result.believed.poses),
+    }
+    golden.check(f"parametric/{method}/{name}", measured)
+
+
+def test_elastic_bending(golden, plan):
+    cad = plan.raster(0.1).cells
+    golden.check("elastic/slam", golden.of_cells(bend(cad, 0.1, np.random.default_rng(4))))
+    golden.check("elastic/cad", golden.of_cells(drifted(cad, 0.1, np.random.default_rng(4))))
