@@ -23,7 +23,7 @@ import cv2
 import numpy as np
 import pytest
 
-from slamgym.types import FREE, OCCUPIED
+from slamgym.core.types import FREE, OCCUPIED
 
 STORE = Path(__file__).with_name("golden.json")
 RENAMED = Path(__file__).with_name("renamed.json")

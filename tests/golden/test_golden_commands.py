@@ -6,7 +6,7 @@ import cv2
 import pytest
 
 from slamgym.cad import open_plans
-from slamgym.cli import main
+from slamgym.commands.cli import main
 from slamgym.interop import read_ros_map, read_tum
 
 PLANS = ("procedural:3", "procedural:home:3", "procedural:office:3", "procedural:loops:3", "bundled")

@@ -6,7 +6,7 @@ import json
 
 import pytest
 
-from agents.registry import make_explorer
+from slamgym.agents.registry import make_explorer
 from slamgym.cad import open_plans
 from slamgym.cad.sources import Subset
 from slamgym.dataset import DatasetConfig, EpisodeConfig, Layout, build_dataset, load_pair, read_manifest

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from agents.registry import EXPLORERS, make_explorer
+from slamgym.agents.registry import EXPLORERS, make_explorer
 from slamgym.cad import open_plans
 from slamgym.envs import ExploreConfig, ExploreEnv
 from slamgym.slam import SlamConfig

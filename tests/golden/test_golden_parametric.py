@@ -5,8 +5,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from gan.elastic import bend, drifted
 from slamgym.cad import open_plans
+from slamgym.gan.translation.elastic import bend, drifted
 from slamgym.parametric.config import preset
 from slamgym.parametric.model import deform
 from slamgym.parametric.paths import plan_trajectory

@@ -5,11 +5,11 @@ import dataclasses
 import numpy as np
 import pytest
 
-from agents.registry import make_explorer
+from slamgym.agents.registry import make_explorer
 from slamgym.cad import open_plans
 from slamgym.dataset import EpisodeConfig
-from slamgym.dataset.episode import run_episode
 from slamgym.envs import ExploreConfig
+from slamgym.envs.episode import run_episode
 from slamgym.interop.records import Log
 from slamgym.slam import SlamConfig
 from slamgym.slam.replay import replay

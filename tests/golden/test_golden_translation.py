@@ -4,8 +4,8 @@ import cv2
 import numpy as np
 import pytest
 
-from gan.classical import ClassicalTranslator
-from slamgym.types import FREE, OCCUPIED, UNKNOWN
+from slamgym.core.types import FREE, OCCUPIED, UNKNOWN
+from slamgym.gan.translation.classical import ClassicalTranslator
 
 SCALE = 0.08  # [m/px]
 # Kinds of processors sum in different orders, so that a pixel near the threshold may fall on either side.
@@ -43,7 +43,7 @@ def test_the_maps_themselves(golden):
 @pytest.mark.parametrize("weights", ["slam2cad", "model32", "modelprog"])
 def test_shipped_weights(golden, weights):
     pytest.importorskip("torch")
-    from gan.translate import load_translator
+    from slamgym.gan.translation.translate import load_translator
 
     translator = load_translator(weights)
     cells = cad_map() if translator.config.direction == "cad2slam" else slam_map()
