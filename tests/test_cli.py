@@ -103,7 +103,7 @@ def _python(code, **kwargs):
 
 def test_help_needs_no_heavy_import():
     shown = _python(
-        "import sys; from slamgym import cli; cli.main(['--help'])\n"
+        "import sys; from slamgym.commands import cli; cli.main(['--help'])\n"
         "heavy = ('numba', 'cv2', 'pymunk', 'shapely', 'torch', 'tyro', 'agents')\n"
         "print([m for m in heavy if m in sys.modules])"
     ).stdout

@@ -43,7 +43,7 @@ sys.stdin.read()
 # With less patience than users have.
 DRIVER = """
 import sys
-from slamgym import cli
+from slamgym.commands import cli
 from slamgym.dataset import ray_cluster
 ray_cluster.CHECK_INTERVAL, ray_cluster.HEAD_PATIENCE = 0.5, 1.0
 sys.exit(cli.main(sys.argv[1:]))

@@ -3,7 +3,7 @@
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from shapely import box
 from shapely.affinity import scale
@@ -38,6 +38,7 @@ def components(mask):
 
 
 @settings(deadline=None, max_examples=60)
+@example(seed=0, ratio=1.5, shift=(0.0, 0.0))
 @given(
     seed=st.integers(0, 999),
     ratio=st.floats(0.3, 4.0),
@@ -57,7 +58,9 @@ def test_no_occupied_cell_gets_lost_and_no_wall_breaks(seed, ratio, shift):
     x, y = grid.frame.to_point(*np.nonzero(cells == OCCUPIED))
     row, col = frame.to_cell(x, y)
     if ratio >= 1.0:
-        assert (drawn[row, col] == OCCUPIED).all()
+        # A centre on the border of two pixels may go to either: rounding decides.
+        near = [frame.to_cell(x + dx, y + dy) for dx in (-1e-9, 1e-9) for dy in (-1e-9, 1e-9)]
+        assert np.any([drawn[r, c] == OCCUPIED for r, c in near], axis=0).all()
         assert (drawn == OCCUPIED).sum() <= (cells == OCCUPIED).sum()
     else:  # the pixel whose centre is nearest to the cell's lies within the cell
         assert all(

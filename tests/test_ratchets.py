@@ -1,0 +1,145 @@
+"""Sizes that may only shrink: a limit for everybody, and the exceptions that stand today, each with its figure.
+
+An exception that has shrunk must be lowered here, and one that is within the limit deleted, so that it can't grow
+again.
+"""
+
+import ast
+import collections
+import io
+import tokenize
+from collections.abc import Iterator
+
+from source_tree import ROOT, modules, room_of, tree_of
+
+MAX_FILES_IN_A_FOLDER = 25
+MAX_LINES = 400
+MAX_PARAMETERS = 8
+MAX_ATTRIBUTES = 15
+MAX_CODE_LINES = 24_400
+"""Of all modules together; without docstrings, comments, blank lines and imports."""
+
+MORE_LINES: dict[str, int] = {}
+MORE_PARAMETERS: dict[str, int] = {}
+MORE_ATTRIBUTES: dict[str, int] = {}
+NAMES_IN_TWO_MODULES: dict[str, int] = {}
+"""Public names that are defined more than once, and how often."""
+
+
+def definitions(kind: type) -> Iterator[tuple[str, ast.AST]]:
+    """Every function or class of the package by ``module.name``."""
+    for module in modules():
+        for node in ast.walk(tree_of(module)):
+            if isinstance(node, kind):
+                yield f"{module}.{node.name}", node
+
+
+def is_kernel(function: ast.FunctionDef) -> bool:
+    """Whether numba compiles the function."""
+    return any("kernel" in ast.unparse(decorator) for decorator in function.decorator_list)
+
+
+def count_parameters(function: ast.FunctionDef) -> int:
+    """Parameters that a caller may give, ``self`` and ``cls`` not counted."""
+    given = [*function.args.posonlyargs, *function.args.args, *function.args.kwonlyargs]
+    return len([argument for argument in given if argument.arg not in {"self", "cls"}])
+
+
+def attributes(definition: ast.ClassDef) -> set[str]:
+    """Fields of a class, and what its methods assign to ``self``."""
+    fields = {node.target.id for node in definition.body if isinstance(node, ast.AnnAssign)}
+    assigned = {
+        node.attr
+        for node in ast.walk(definition)
+        if isinstance(node, ast.Attribute)
+        and isinstance(node.ctx, ast.Store)
+        and isinstance(node.value, ast.Name)
+        and node.value.id == "self"
+    }
+    return fields | assigned
+
+
+def count_code_lines(module: str) -> int:
+    """Lines that hold code: no docstring, comment, blank line or import."""
+    passed_over: set[int] = set()
+    for node in ast.walk(tree_of(module)):
+        is_import = isinstance(node, ast.Import | ast.ImportFrom)
+        is_text = isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
+        if is_import or (is_text and isinstance(node.value.value, str)):
+            passed_over.update(range(node.lineno, node.end_lineno + 1))
+    thin = {
+        tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT, tokenize.ENDMARKER,
+    }  # fmt: skip
+    source = io.StringIO(modules()[module].read_text())
+    held = set()
+    for token in tokenize.generate_tokens(source.readline):
+        if token.type not in thin:
+            held.update(range(token.start[0], token.end[0] + 1))
+    return len(held - passed_over)
+
+
+def public_names(module: str) -> set[str]:
+    """Names that the body of a module binds and that don't begin with an underscore."""
+    names = set()
+    for node in tree_of(module).body:
+        if isinstance(node, ast.FunctionDef | ast.ClassDef):
+            names.add(node.name)
+        elif isinstance(node, ast.Assign | ast.AnnAssign):
+            targets = node.targets if isinstance(node, ast.Assign) else [node.target]
+            names.update(target.id for target in targets if isinstance(target, ast.Name))
+    return {name for name in names if not name.startswith("_")}
+
+
+def check(found: dict[str, int], exceptions: dict[str, int], limit: int) -> None:
+    """Compare what is over the limit with the exceptions that stand."""
+    over = {name: count for name, count in found.items() if count > limit}
+    assert over == exceptions, (
+        f"over {limit}: {sorted(over.items() - exceptions.items())}; "
+        f"lower or delete the exceptions {sorted(exceptions.items() - over.items())}"
+    )
+
+
+def test_folders_are_small():
+    files = collections.Counter(path.parent for path in modules().values())
+    files.update(path.parent for path in (ROOT / "tests").rglob("*.py"))
+    check(
+        {str(folder.relative_to(ROOT)): count for folder, count in files.items()}, {}, MAX_FILES_IN_A_FOLDER
+    )
+
+
+def test_files_are_short():
+    check(
+        {name: len(path.read_text().splitlines()) for name, path in modules().items()}, MORE_LINES, MAX_LINES
+    )
+
+
+def test_functions_take_few_parameters():
+    found = {
+        name: count_parameters(node)
+        for name, node in definitions(ast.FunctionDef)
+        if isinstance(node, ast.FunctionDef) and not is_kernel(node)
+    }
+    check(found, MORE_PARAMETERS, MAX_PARAMETERS)
+
+
+def test_classes_have_few_attributes():
+    found = {
+        name: len(attributes(node))
+        for name, node in definitions(ast.ClassDef)
+        if isinstance(node, ast.ClassDef)
+    }
+    check(found, MORE_ATTRIBUTES, MAX_ATTRIBUTES)
+
+
+def test_public_names_are_unique():
+    names = collections.Counter(
+        name
+        for module in modules()
+        for name in public_names(module)
+        if not (name == "main" and room_of(f"{module}.") == "commands")
+    )
+    check(dict(names), NAMES_IN_TWO_MODULES, 1)
+
+
+def test_the_code_does_not_grow_unnoticed():
+    assert sum(map(count_code_lines, modules())) <= MAX_CODE_LINES
