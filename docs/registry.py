@@ -1,0 +1,118 @@
+"""The registry of terms and measures, from which docs/glossary.md and docs/metrics.md are made.
+
+``python docs/registry.py`` writes both pages; ``tests/test_docs.py`` holds them to this file and each home to the code.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+HERE = Path(__file__).parent
+
+
+@dataclass(frozen=True)
+class Term:
+    """A word of the field as slamgym uses it."""
+
+    name: str
+    meaning: str
+    home: str
+    """Where it lives in the code: ``module:name``."""
+
+
+@dataclass(frozen=True)
+class Measure:
+    """A number that results are judged by."""
+
+    name: str
+    formula: str
+    unit: str
+    better: str
+    """``lower`` or ``higher``; empty where neither is."""
+    home: str
+    """The function or the field that holds it: ``module:name``."""
+    source: str = ""
+
+
+TERMS = [
+    Term("adversarial loss", "what a generator pays for outputs that a discriminator recognises", "slamgym.gan.training.losses"),
+    Term("CAD map", "the true map: black walls and outside, white floor; image A of a pair", "slamgym.dataset.pair:MapPair"),
+    Term("completion detector", "says that nothing reachable is left to explore, from the robot's own map", "slamgym.envs.completion:CompletionDetector"),
+    Term("costmap", "an occupancy grid with obstacles inflated by the robot's body", "slamgym.planning.costmap:Costmap"),
+    Term("coverage", "share of the reachable floor that the scanner has truly seen", "slamgym.envs.coverage:Coverage"),
+    Term("coverage tour", "a short tour of places from which a whole building is seen, planned with the truth", "slamgym.agents.coverage_tour"),
+    Term("demonstration", "a decision of an expert that a policy learns to imitate", "slamgym.agents.rl.imitation"),
+    Term("discriminator", "a network that tells real outputs from generated ones, or outputs that belong to an input from others", "slamgym.gan.networks.discriminators"),
+    Term("episode", "one exploration from start to end, and all that is worth keeping of it", "slamgym.envs.episode:Episode"),
+    Term("explorer", "a policy that drives a robot through an unknown building: the exploration loop and a rule that scores candidates", "slamgym.agents.registry:make_explorer"),
+    Term("fault", "why a pair is not fit for use, as a record: its kind, the value found and the limit", "slamgym.dataset.curate.criteria"),
+    Term("frontier", "where the space that the robot can reach meets the unknown (Yamauchi 1997)", "slamgym.planning.frontiers:find_frontiers"),
+    Term("frontier candidate", "a part of a frontier with the path that leads to it, offered for a choice", "slamgym.planning.frontier_candidates"),
+    Term("generator output", "what a generator draws: image, log odds and displacement field", "slamgym.gan.networks.layers:GeneratorOutput"),
+    Term("hit-count map", "per cell, how many beams ended in it and how many crossed it: the map that is published", "slamgym.slam.hit_counts:HitCountMap"),
+    Term("map frame", "the frame of the robot's belief: its origin is the start, its axes are parallel to the world's", "slamgym.core.types:GridFrame"),
+    Term("map pair", "a CAD map (A) and the SLAM map that a robot made of the same building (B), on one frame", "slamgym.dataset.pair:MapPair"),
+    Term("mapper", "a SLAM method that is fed scan by scan", "slamgym.slam.mapper:Mapper"),
+    Term("odometry level", "a named size of the errors of wheel odometry", "slamgym.sim.wheel_odometry:odometry_level"),
+    Term("oracle", "the privileged explorer: it is told the floor plan", "slamgym.agents.oracle:Oracle"),
+    Term("parametric model", "deforms a CAD map as SLAM would, without simulating", "slamgym.parametric.model:deform"),
+    Term("plan cache", "floor plans made ready for exploration, and where the next one comes from", "slamgym.envs.plan_cache:PlanCache"),
+    Term("pose graph", "scans as nodes, matches as edges, solved by least squares; closes loops globally", "slamgym.slam.graph.mapper:PoseGraphMapper"),
+    Term("RBPF", "Rao-Blackwellised particle filter: each particle has a path and a map of its own, as in GMapping", "slamgym.slam.particle_filter:ParticleFilter"),
+    Term("recipe", "which settings of an exploration are drawn again for every one", "slamgym.dataset.generate.recipe:Recipe"),
+    Term("recovery behaviour", "what is tried before an exploration ends because nothing is left that its rule would go to", "slamgym.planning.recovery"),
+    Term("SLAM map", "the map that the robot made: 0 occupied, 205 unknown, 254 free; image B of a pair", "slamgym.core.types:OccupancyGrid"),
+    Term("unknown region", "the connected unknown cells behind a frontier", "slamgym.envs.frontier_features"),
+]  # fmt: skip
+
+MEASURES = [
+    Measure("absolute trajectory error (ATE)", "rmse of |x_i - T y_i| over the moments i, T the best rigid motion", "m, rad", "lower", "slamgym.metrics.trajectory:absolute_trajectory_error", "Sturm et al. 2012"),
+    Measure("relative pose error (RPE)", "rmse of the motions over a fixed time, estimated against true", "m, rad", "lower", "slamgym.metrics.trajectory:relative_pose_error", "Sturm et al. 2012"),
+    Measure("NEES", "e^T P^-1 e of the pose error e and the reported covariance P; 3 on average if P is honest", "", "", "slamgym.metrics.trajectory:normalised_estimation_error_squared", "Bar-Shalom, Li and Kirubarajan 2001, section 5.4"),
+    Measure("relation error", "mean of |(x_j - x_i) - d_ij| over the given relations", "m, rad", "lower", "slamgym.metrics.relations:relation_error", "Kuemmerle et al. 2009"),
+    Measure("revisit disagreement", "distance from an end point to the nearest one that another pass saw", "m", "lower", "slamgym.metrics.relations:revisit_disagreement"),
+    Measure("mean squared error", "mean (a - b)^2 over the pixels of the free space, 1 where free", "", "lower", "slamgym.metrics.maps:squared_error", "the paper's Table I"),
+    Measure("aligned error (MSE1, MSE2)", "the mean squared error after the best similarity transform", "", "lower", "slamgym.metrics.alignment:aligned_error", "the paper's Table I"),
+    Measure("improvement", "MSE2 - MSE1: how much nearer the translated map lies to the CAD map than the SLAM map", "", "higher", "slamgym.metrics.improvement:improvement", "the paper's Fig. 6"),
+    Measure("wall F1", "harmonic mean of the shares of the map's walls near a true wall and of the true walls near one of the map's", "", "higher", "slamgym.metrics.maps:wall_score"),
+    Measure("boundary F1 at 5, 10 cm", "wall F1 of the boundaries of the free space", "", "higher", "slamgym.metrics.walls:boundary_score"),
+    Measure("chamfer, Hausdorff 95", "mean, and 95th percentile, of the distances between two sets of walls", "m", "lower", "slamgym.metrics.walls:boundary_distance"),
+    Measure("intersection over union", "free in both / free in either", "", "higher", "slamgym.metrics.walls:intersection_over_union"),
+    Measure("room F1", "F1 of the rooms that have a counterpart with an intersection over union above 0.5", "", "higher", "slamgym.metrics.rooms:room_score", "Zheng et al. 2020 (Structured3D)"),
+    Measure("coverage of a map", "share of the reachable cells that the map shows as free", "", "higher", "slamgym.metrics.maps:coverage"),
+    Measure("known area", "area of the cells that are not unknown", "m^2", "higher", "slamgym.metrics.maps:known_area"),
+    Measure("open border", "share of the cells bordering free space (4-neighbours) that are unknown", "", "", "slamgym.metrics.map_statistics:open_border"),
+    Measure("map statistics", "shares of free, occupied and unknown; blobs and holes per 100 m2; wall thickness and tilt; 2 x 2 patterns", "", "", "slamgym.metrics.map_statistics:map_statistics"),
+    Measure("displacement statistics", "quantiles of the distance from a map's wall cell to the nearest face of a true wall; stray and missed shares", "m", "lower", "slamgym.metrics.map_statistics:displacement_statistics"),
+    Measure("two-sample accuracy", "how often a learner tells two kinds of maps apart, held out; 0.5 if it can't", "", "", "slamgym.metrics.two_sample:two_sample_test", "Lopez-Paz and Oquab 2017"),
+    Measure("maximum mean discrepancy", "distance of the mean embeddings of two samples", "", "lower", "slamgym.metrics.two_sample:kernel_distance", "Gretton et al. 2012"),
+]  # fmt: skip
+
+
+def glossary() -> str:
+    """docs/glossary.md."""
+    rows = "\n".join(
+        f"| **{term.name}** | {term.meaning} | `{term.home.replace(':', '.')}` |" for term in TERMS
+    )
+    return (
+        "# Glossary\n\nThe field's words as slamgym uses them, and where each lives. Measures: [metrics.md](metrics.md).\n"
+        f"Made by `python docs/registry.py`.\n\n| word | what it means | where |\n|---|---|---|\n{rows}\n"
+    )
+
+
+def metrics() -> str:
+    """docs/metrics.md."""
+    rows = "\n".join(
+        f"| **{m.name}** | {m.formula} | {m.unit or '-'} | {m.better or '-'} | `{m.home.replace(':', '.')}` | {m.source} |"
+        for m in MEASURES
+    )
+    return (
+        "# Measures\n\nWhat results are judged by: each measure once. Made by `python docs/registry.py`.\n\n"
+        f"| measure | formula | unit | better | function | source |\n|---|---|---|---|---|---|\n{rows}\n"
+    )
+
+
+PAGES = {"glossary.md": glossary, "metrics.md": metrics}
+
+if __name__ == "__main__":
+    for name, page in PAGES.items():
+        (HERE / name).write_text(page())
