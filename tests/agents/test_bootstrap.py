@@ -14,7 +14,7 @@ from agents.bootstrap import (
 )
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(seed=st.integers(0, 10**6), factor=st.floats(0.5, 2.0))
 def test_an_explorer_that_is_always_faster_by_a_factor_has_no_uncertainty(seed, factor):
     reference = np.random.default_rng(seed).uniform(50.0, 500.0, size=20)

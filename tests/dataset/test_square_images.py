@@ -37,7 +37,7 @@ def components(mask):
     return cv2.connectedComponents(mask.astype(np.uint8), connectivity=8)[0] - 1
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(
     seed=st.integers(0, 999),
     ratio=st.floats(0.3, 4.0),

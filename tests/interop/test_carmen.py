@@ -192,7 +192,7 @@ LINES = st.one_of(
 )
 
 
-@settings(deadline=None, max_examples=150)
+@settings(max_examples=150)
 @given(st.lists(LINES, max_size=8), st.binary(max_size=60), st.booleans())
 def test_no_content_raises_anything_but_the_projects_error(tmp_path_factory, lines, junk, compressed):
     content = "\n".join(lines).encode("utf-8", "surrogatepass") + junk

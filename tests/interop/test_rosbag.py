@@ -3,7 +3,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, example, given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from slamgym.errors import ConfigError, InputFileError
@@ -135,7 +135,7 @@ class TestErrors:
         with pytest.raises(InputFileError, match="without a ROS bag"):
             open_log(tmp_path)
 
-    @settings(deadline=None, max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture])
+    @settings(max_examples=25)
     @given(st.sampled_from([".bag", ".mcap", ".db3"]), st.binary(max_size=300))
     def test_junk_is_one_error(self, tmp_path, suffix, content):
         path = tmp_path / f"a{suffix}"
@@ -171,7 +171,7 @@ class TestErrors:
         before, after = records[3].odometry, records[5].odometry
         assert log.records[4].odometry.x == pytest.approx(0.5 * (before.x + after.x))
 
-    @settings(deadline=None, max_examples=15, suppress_health_check=[HealthCheck.function_scoped_fixture])
+    @settings(max_examples=15)
     @given(st.sampled_from(["sqlite3", "mcap"]), st.floats(0.0, 1.0), st.binary(min_size=1, max_size=40))
     @example("mcap", 0.536, b"\x00\x00\x00\x00\x01")
     @example("mcap", 0.4, struct.pack("<4f", 1e-30, 1e-30, 1e-30, 1e-30))

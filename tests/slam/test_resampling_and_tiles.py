@@ -74,7 +74,7 @@ class DenseMaps:
 
 
 @given(st.integers(0, 2**32 - 1))
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 def test_shared_tiles_behave_as_copied_maps(seed):
     rng = np.random.default_rng(seed)
     particles, resolution = 4, 0.05

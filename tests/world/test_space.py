@@ -79,7 +79,7 @@ class TestDifferentialDrive:
             assert 0.5 * (left + right) == pytest.approx(motion.distance, abs=1e-12)
 
     @given(st.integers(0, 1000))
-    @settings(max_examples=10, deadline=None)
+    @settings(max_examples=10)
     def test_increments_compose_to_the_pose(self, seed):
         rng = np.random.default_rng(seed)
         world = World(FloorPlan("box", shapely.box(0, 0, 2, 2)), RobotConfig())
