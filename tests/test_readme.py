@@ -38,7 +38,7 @@ def slamgym_commands() -> list[tuple[str, str]]:
 def test_python_blocks_run(page, code, tmp_path):
     done = subprocess.run(
         [sys.executable, "-W", "error", "-c", code],
-        cwd=tmp_path, capture_output=True, text=True, timeout=300, check=False,
+        cwd=tmp_path, capture_output=True, text=True, timeout=600, check=False,
     )  # fmt: skip
     assert done.returncode == 0, f"{page}:\n{code}\n{done.stderr}"
 
