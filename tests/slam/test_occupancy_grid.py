@@ -82,6 +82,21 @@ def test_a_lone_beam_clears_its_way_and_hits_its_end():
     assert cells[HALF, HALF] == FREE
 
 
+@given(st.floats(0.3, 2.9), st.floats(-np.pi, np.pi))
+def test_the_cells_of_a_ray_are_those_nearest_to_it(length, heading):
+    ranges = np.full((1, 90), np.nan, np.float32)
+    ranges[0, 45] = length
+    counts = draw(np.array([[0.4, -0.3, heading]]), ranges)
+    (end,) = np.argwhere(counts[..., 0])
+    cells = np.argwhere(counts[..., 1])
+    start = cells[np.argmax(np.abs(cells - end).max(axis=1))]
+    major = int(np.argmax(np.abs(end - start)))
+    way = end[major] - start[major]
+    assert len(cells) == abs(way) + 1  # one cell in each row or column
+    exact = start[1 - major] + (cells[:, major] - start[major]) * (end - start)[1 - major] / way
+    assert np.abs(cells[:, 1 - major] - exact).max() <= 0.5 + 1e-6
+
+
 @settings(max_examples=30)
 @given(seeds, st.integers(1, 4))
 def test_of_the_cells_in_a_coarse_one_occupied_wins_then_free(seed, ratio):

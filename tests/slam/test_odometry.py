@@ -62,6 +62,7 @@ def test_the_particles_spread_as_far_as_the_model_says():
     normals = rng.standard_normal((10, 20_000, 3))
     variance, turn_variance = sample_motion(poses, path, normals, noise_array(MotionNoise()))
     assert variance == pytest.approx(10 * (0.1 * 0.1) ** 2)
+    assert turn_variance == pytest.approx(10 * (0.2 * 0.1) ** 2)
     # 20,000 draws give a variance to 1 %; three standard deviations are allowed.
     assert poses[:, 2].var() == pytest.approx(turn_variance, rel=0.03)
     assert poses[:, 0].mean() == pytest.approx(1.0, abs=0.01)
@@ -85,7 +86,7 @@ def test_every_particles_path_is_its_ancestors(seed, length):
         first = trace_lineage(tree.parents, step, best, lineage)
         assert (lineage[:first] == before[:first]).all()
         assert [tuple(pose) for pose in tree.poses_along(lineage)] == histories[best]
-        if rng.random() < 0.5:
+        for _ in range(int(rng.integers(3))):
             ancestors = rng.integers(particles, size=particles)
             tree.resample(ancestors)
             histories = [histories[ancestor] for ancestor in ancestors]
