@@ -6,11 +6,12 @@ DEMO ?= out/demo
 # One thread per process: the programs run one process per core.
 export OMP_NUM_THREADS ?= 1
 
-.PHONY: help setup demo test check format clean
+.PHONY: help setup demo test fuzz check format clean
 
 help:
 	@echo "make demo    explore the bundled plans, write map pairs and a contact sheet to $(DEMO)"
-	@echo "make test    run the tests"
+	@echo "make test    run the tests, the same examples each time"
+	@echo "make fuzz    search for examples that fail, until one is found or Ctrl-C is pressed"
 	@echo "make check   format, lint and type checks"
 	@echo "make format  fix what the formatter and the linter can"
 	@echo "make clean   remove the virtual environment and the caches"
@@ -36,6 +37,10 @@ demo: $(VENV)/.base
 test: $(VENV)/.dev
 	$(BIN)/python -m slamgym.commands.warmup
 	$(BIN)/python -m pytest -n 2 --import-mode=importlib
+
+# What was found is kept in .hypothesis and tried first in the next search.
+fuzz: $(VENV)/.dev
+	while HYPOTHESIS_PROFILE=fuzz $(BIN)/python -m pytest -m hypothesis -n 2 --import-mode=importlib; do :; done; false
 
 check: $(VENV)/.dev
 	$(BIN)/ruff format --check .

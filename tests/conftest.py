@@ -1,9 +1,11 @@
-"""Fixtures for the tests of planning and explorers: a grid of truth, a scanner that steps along its beams."""
+"""How hypothesis searches, and fixtures for the tests of planning and explorers: a grid of truth and a scanner."""
 
 import math
+import os
 
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, settings
 
 from slamgym.core.types import (
     FREE,
@@ -16,6 +18,16 @@ from slamgym.core.types import (
     Twist2D,
 )
 from slamgym.planning import ExplorerContext
+
+# No test fails because the machine is busy.
+_CALM = {
+    "deadline": None,
+    "print_blob": True,
+    "suppress_health_check": [HealthCheck.too_slow, HealthCheck.function_scoped_fixture],
+}
+settings.register_profile("fixed", derandomize=True, database=None, **_CALM)
+settings.register_profile("fuzz", **_CALM)
+settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "fixed"))
 
 RESOLUTION = 0.05
 

@@ -117,6 +117,6 @@ def test_a_reader_that_leaves_early_is_no_error():
         [sys.executable, "-m", "slamgym.commands.cli", "--help"], stdout=write, stderr=subprocess.PIPE
     )
     os.close(write)
-    _, error = process.communicate(timeout=60)
+    _, error = process.communicate(timeout=300)
     assert process.returncode == cli.EXIT_BROKEN_PIPE
     assert error == b""

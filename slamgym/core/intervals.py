@@ -4,6 +4,7 @@ The plans are what is drawn again: every explorer saw the same plans, starts and
 between plans, which are large, cancel out.
 """
 
+import functools
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -114,7 +115,7 @@ def mean_band(rows: FloatArray, seed: int = 0) -> tuple[FloatArray, FloatArray]:
     Returns:
         Lower and upper bound, shape (places,) each.
     """
-    drawn = _draws(len(rows), np.random.default_rng(seed), _BAND_RESAMPLES) @ rows / len(rows)
+    drawn = _fresh_draws(len(rows), seed, _BAND_RESAMPLES) @ rows / len(rows)
     low, high = _percentiles(drawn)
     return low, high
 
@@ -122,6 +123,14 @@ def mean_band(rows: FloatArray, seed: int = 0) -> tuple[FloatArray, FloatArray]:
 def _draws(count: int, rng: np.random.Generator, resamples: int = RESAMPLES) -> FloatArray:
     """How often each of N is drawn: the same as picking N with replacement, in much less memory; (R, N)."""
     drawn: FloatArray = rng.multinomial(count, np.full(count, 1.0 / count), size=resamples).astype(np.float64)
+    return drawn
+
+
+@functools.lru_cache(maxsize=2)
+def _fresh_draws(count: int, seed: int, resamples: int = RESAMPLES) -> FloatArray:
+    """The draws of a new generator, kept: all figures of a comparison are of the same plans and seed."""
+    drawn = _draws(count, np.random.default_rng(seed), resamples)
+    drawn.flags.writeable = False
     return drawn
 
 
@@ -140,7 +149,7 @@ def _bootstrap(table: FloatArray, statistic: Statistic, seed: int) -> Interval:
     """
     if len(table) == 0:
         raise ValueError("there are no plans to compare on")
-    figures = statistic(_draws(len(table), np.random.default_rng(seed)) @ table / len(table))
+    figures = statistic(_fresh_draws(len(table), seed) @ table / len(table))
     low, high = _percentiles(figures)
     value = float(statistic(table.mean(axis=0, keepdims=True))[0])
     return Interval(value, float(low), float(high))

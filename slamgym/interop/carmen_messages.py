@@ -18,9 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from slamgym.core.types import Float32Array, Pose2D
-
-MAX_BEAMS = 100_000
-MAX_COORDINATE = 1e6  # [m]; a pose further away is a broken number
+from slamgym.interop.records import MAX_ANGLE, MAX_ANGLE_STEP, MAX_BEAMS, MAX_COORDINATE, MAX_STAMP
 
 _NUMBER = r"([-+]?[0-9.]+(?:[eE][-+]?[0-9]+)?)"
 _BEAMS_COMMENT = re.compile(rf"beams from {_NUMBER} rad in steps of {_NUMBER} rad")
@@ -58,7 +56,7 @@ class LaserHints:
 
     def read_parameter(self, fields: Sequence[str]) -> None:
         """Take what a PARAM line says, if it is about the front laser."""
-        value = _finite(fields[2]) if len(fields) > 2 else None
+        value = _number(fields[2], MAX_COORDINATE) if len(fields) > 2 else None
         if value is None:
             return
         if fields[1] == "robot_frontlaser_offset":
@@ -72,13 +70,13 @@ class LaserHints:
     def read_comment(self, text: str) -> None:
         """Take the angles and range limits that a comment names in words, as the writer here puts them."""
         if match := _BEAMS_COMMENT.search(text):
-            start, step = _finite(match[1]), _finite(match[2])
+            start, step = _number(match[1], MAX_ANGLE), _number(match[2], MAX_ANGLE_STEP)
             if start is not None and step is not None and step > 0.0:
                 self.angle_min, self.angle_increment = start, step
         if match := _RANGE_COMMENT.search(text):
-            self.range_max = _finite(match[1]) or self.range_max
+            self.range_max = _number(match[1], MAX_COORDINATE) or self.range_max
         if match := _MINIMUM_COMMENT.search(text):
-            self.range_min = _finite(match[1])
+            self.range_min = _number(match[1], MAX_COORDINATE)
 
 
 def parse_scan(fields: Sequence[str], line: int) -> ScanMessage:
@@ -113,9 +111,7 @@ def _parse_flaser(fields: Sequence[str], line: int) -> ScanMessage:
 
 def _parse_robotlaser(fields: Sequence[str], line: int) -> ScanMessage:
     start, resolution, range_max = float(fields[2]), float(fields[4]), float(fields[5])
-    if not (
-        math.isfinite(start) and math.isfinite(resolution) and abs(start) <= 7.0 and 0.0 < resolution <= 1.0
-    ):
+    if not (abs(start) <= MAX_ANGLE and 0.0 < resolution <= MAX_ANGLE_STEP):
         raise MalformedMessageError(f"{fields[0]} line with impossible beam angles")
     count = _count(fields[8], fields[0])
     after = 9 + count
@@ -124,7 +120,7 @@ def _parse_robotlaser(fields: Sequence[str], line: int) -> ScanMessage:
     laser_pose = _pose(fields, after)
     robot_pose = _pose(fields, after + 3)
     stamp = _stamp(fields[after + 11])
-    limit = range_max if math.isfinite(range_max) and range_max > 0.0 else None
+    limit = range_max if 0.0 < range_max <= MAX_COORDINATE else None
     return ScanMessage(line, fields[0], stamp, ranges, laser_pose, robot_pose, start, resolution, limit)
 
 
@@ -144,21 +140,22 @@ def _ranges(fields: Sequence[str], count: int, kind: str) -> Float32Array:
 
 def _pose(fields: Sequence[str], start: int) -> Pose2D:
     x, y, theta = float(fields[start]), float(fields[start + 1]), float(fields[start + 2])
-    if not all(math.isfinite(value) and abs(value) < MAX_COORDINATE for value in (x, y, theta)):
+    if not all(abs(value) < MAX_COORDINATE for value in (x, y, theta)):  # false for nan
         raise MalformedMessageError("pose that is not finite")
     return Pose2D(x, y, theta)
 
 
 def _stamp(text: str) -> float:
     stamp = float(text)
-    if not math.isfinite(stamp):
-        raise MalformedMessageError("stamp that is not finite")
+    if not abs(stamp) <= MAX_STAMP:  # false for nan
+        raise MalformedMessageError("stamp that is not a time")
     return stamp
 
 
-def _finite(text: str) -> float | None:
+def _number(text: str, most: float) -> float | None:
+    """A number of a size up to ``most``; None for anything else."""
     try:
         value = float(text)
     except ValueError:
         return None
-    return value if math.isfinite(value) else None
+    return value if abs(value) <= most else None

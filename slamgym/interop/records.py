@@ -8,6 +8,16 @@ from typing import NamedTuple
 
 from slamgym.core.types import LaserGeometry, LaserScan, Pose2D
 
+MAX_BEAMS = 100_000
+MAX_COORDINATE = 1e6
+"""A pose or a range further away is a broken number [m]."""
+MAX_ANGLE = 7.0
+"""A beam that starts beyond this is a broken number [rad]; a full turn is 6.28."""
+MAX_ANGLE_STEP = 1.0
+"""Beams further apart than this are a broken number [rad]."""
+MAX_STAMP = 1e12
+"""A stamp beyond this is a broken number [s]; today's are below 2e9."""
+
 
 class LogRecord(NamedTuple):
     """A scan and the odometry pose of the robot at the same moment."""

@@ -15,7 +15,16 @@ import numpy as np
 
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.types import Float32Array, FloatArray, LaserGeometry, LaserScan, Pose2D, Trajectory
-from slamgym.interop.records import Log, LogRecord, LogWarnings, longest_ordered
+from slamgym.interop.records import (
+    MAX_ANGLE,
+    MAX_ANGLE_STEP,
+    MAX_BEAMS,
+    MAX_COORDINATE,
+    Log,
+    LogRecord,
+    LogWarnings,
+    longest_ordered,
+)
 from slamgym.interop.transform_tree import TransformTree, clean_frame, planar, rigid_transform
 
 SCAN_TYPE = "sensor_msgs/msg/LaserScan"
@@ -27,6 +36,9 @@ USUAL_ODOMETRY_TOPICS = ("/odom", "/odometry", "/wheel/odometry")
 ODOMETRY_GAP = 0.5
 """A scan further from the nearest odometry message than this is left out [s]."""
 
+FINEST_ANGLE_STEP = 1e-6
+"""Beams closer together than this are a broken number [rad]."""
+
 
 @dataclass
 class _Contents:
@@ -36,6 +48,10 @@ class _Contents:
     odometry: list[tuple[float, Pose2D]] = field(default_factory=list)
     base_frame: str = ""
     transforms: TransformTree = field(default_factory=TransformTree)
+
+
+class _ImpossibleScanError(ValueError):
+    """A scan that can be decoded but not used; the text says why."""
 
 
 def import_rosbags() -> Any:
@@ -83,7 +99,7 @@ def read_rosbag(
     contents = _read_contents(path, scan_topic, odometry_topic, warnings)
     odometry, base_frame = _odometry(path, contents, odometry_frame)
     mount, flipped = _mount(path, contents, base_frame, warnings)
-    geometry = _geometry(path, contents, mount, flipped)
+    geometry = _geometry(contents, mount, flipped)
     kept = set(longest_ordered([stamp for stamp, _ in contents.scans]))
     records: list[LogRecord] = []
     for index, (stamp, message) in enumerate(contents.scans):
@@ -94,11 +110,8 @@ def read_rosbag(
         elif gap > ODOMETRY_GAP:
             warnings.add("scan left out because no odometry is near in time", where)
         else:
-            ranges = _ranges(message, geometry, flipped, warnings, where)
-            if ranges is not None:
-                records.append(
-                    LogRecord(stamp, _interpolate(odometry, stamp), LaserScan(stamp, ranges, geometry))
-                )
+            scan = LaserScan(stamp, _ranges(message, geometry, flipped), geometry)
+            records.append(LogRecord(stamp, _interpolate(odometry, stamp), scan))
     if not records:
         faults = "; ".join(warnings.sentences()[:3])
         raise InputFileError(path, f"holds no usable scan: {faults}")
@@ -131,6 +144,8 @@ def _read_contents(
                 try:
                     message = reader.deserialize(raw, connection.msgtype)
                     _take(contents, connection, message, stamp_ns)
+                except _ImpossibleScanError as error:
+                    warnings.add(str(error), f"{path} at {stamp_ns} ns")
                 except Exception:  # noqa: BLE001 - a damaged message makes the decoder stumble anywhere
                     warnings.add(
                         f"message on {connection.topic} that can't be decoded", f"{path} at {stamp_ns} ns"
@@ -142,6 +157,9 @@ def _read_contents(
             reason = " ".join(str(error).split()) or type(error).__name__
             raise InputFileError(path, f"is not a readable ROS bag ({reason[:200]})") from error
         warnings.add("damage in the bag, the rest of which is lost", path)
+    if not contents.scans:
+        faults = "; ".join(warnings.sentences()[:3])
+        raise InputFileError(path, f"holds no usable scan: {faults}")
     return contents
 
 
@@ -174,6 +192,7 @@ def _choose_topic(
 
 def _take(contents: _Contents, connection: Any, message: Any, stamp_ns: int) -> None:
     if connection.msgtype == SCAN_TYPE:
+        _check_scan(message)
         contents.scans.append((_stamp(message.header, stamp_ns), message))
     elif connection.msgtype == ODOMETRY_TYPE:
         pose = message.pose.pose
@@ -192,6 +211,19 @@ def _take(contents: _Contents, connection: Any, message: Any, stamp_ns: int) -> 
                 _matrix(transform.translation, transform.rotation),
                 static=static,
             )
+
+
+def _check_scan(message: Any) -> None:
+    """Refuse a scan whose numbers can't be those of a laser; ROS itself checks none of them."""
+    angle_min, step = float(message.angle_min), float(message.angle_increment)
+    range_min, range_max = float(message.range_min), float(message.range_max)
+    # A comparison with nan is False.
+    if not (abs(angle_min) <= MAX_ANGLE and FINEST_ANGLE_STEP <= abs(step) <= MAX_ANGLE_STEP):
+        raise _ImpossibleScanError("scan left out because of impossible beam angles")
+    if not (abs(range_min) <= MAX_COORDINATE and abs(range_max) <= MAX_COORDINATE):
+        raise _ImpossibleScanError("scan left out because of impossible range limits")
+    if not 1 <= len(message.ranges) <= MAX_BEAMS:
+        raise _ImpossibleScanError("scan left out because of an impossible number of readings")
 
 
 def _stamp(header: Any, stamp_ns: int) -> float:
@@ -240,16 +272,13 @@ def _mount(path: Path, contents: _Contents, base_frame: str, warnings: LogWarnin
     return planar(matrix), bool(matrix[2, 2] < 0.0)
 
 
-def _geometry(path: Path, contents: _Contents, mount: Pose2D, flipped: bool) -> LaserGeometry:
+def _geometry(contents: _Contents, mount: Pose2D, flipped: bool) -> LaserGeometry:
     """The geometry of the most frequent kind of scan."""
     usual = Counter(_kind(message) for _, message in contents.scans).most_common(1)[0][0]
     message = next(message for _, message in contents.scans if _kind(message) == usual)
     num_beams = len(message.ranges)
     angle_min, increment = float(message.angle_min), float(message.angle_increment)
     range_min, range_max = float(message.range_min), float(message.range_max)
-    values = (angle_min, increment, range_min, range_max)
-    if num_beams < 1 or not all(math.isfinite(value) for value in values) or increment == 0.0:
-        raise InputFileError(path, "its scans have broken angles or range limits")
     if flipped:
         angle_min, increment = -angle_min, -increment
     if increment < 0.0:  # stored clockwise: counted from the other end
@@ -268,15 +297,10 @@ def _kind(message: Any) -> tuple[int, float, float, float, float]:
     )
 
 
-def _ranges(
-    message: Any, geometry: LaserGeometry, flipped: bool, warnings: LogWarnings, where: str
-) -> Float32Array | None:
+def _ranges(message: Any, geometry: LaserGeometry, flipped: bool) -> Float32Array:
     """Ranges on the log's geometry; a scan with other angles (rotating scanners vary) is resampled."""
     ranges = np.array(message.ranges, dtype=np.float32)
     angle_min, increment = float(message.angle_min), float(message.angle_increment)
-    if ranges.size == 0 or not (math.isfinite(angle_min) and math.isfinite(increment)) or increment == 0.0:
-        warnings.add("scan left out because it is empty or has broken angles", where)
-        return None
     if flipped:
         angle_min, increment = -angle_min, -increment
     if increment < 0.0:

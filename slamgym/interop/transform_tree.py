@@ -5,6 +5,7 @@ from collections import defaultdict
 import numpy as np
 
 from slamgym.core.types import FloatArray, Pose2D, Trajectory
+from slamgym.interop.records import MAX_COORDINATE
 
 MAX_DEPTH = 50
 
@@ -18,10 +19,13 @@ def rigid_transform(translation: FloatArray, quaternion: FloatArray) -> FloatArr
     """The 4 x 4 matrix of a translation [m] and a quaternion (x, y, z, w).
 
     Raises:
-        ValueError: If a value is not finite or the quaternion is zero.
+        ValueError: If a value is no number, absurdly large, or the quaternion is zero.
     """
+    # A comparison with nan is False.
+    if not ((np.abs(translation) < MAX_COORDINATE).all() and (np.abs(quaternion) < MAX_COORDINATE).all()):
+        raise ValueError("transform with broken numbers")
     norm = float(np.linalg.norm(quaternion))
-    if not (np.isfinite(translation).all() and np.isfinite(norm) and norm > 1e-6):
+    if norm <= 1e-6:
         raise ValueError("transform with broken numbers")
     x, y, z, w = quaternion / norm
     matrix = np.eye(4)

@@ -36,7 +36,7 @@ def test_the_area_under_a_linear_curve_is_a_half_and_goes_on_level_after_the_end
         instant.mean_until(0.0)
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(st.lists(st.floats(0.0, 0.2), min_size=1, max_size=200), st.integers(0, 100))
 def test_thinning_changes_no_reading_by_more_than_its_step(gains, second):
     coverage = np.minimum(1.0, np.cumsum(gains))

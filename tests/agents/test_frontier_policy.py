@@ -52,7 +52,7 @@ def torch_scores(network, observation):
     return scores[0].numpy(), float(values[0])
 
 
-@settings(deadline=None, max_examples=25)
+@settings(max_examples=25)
 @given(seed=st.integers(0, 1000), count=st.integers(1, 16))
 def test_numpy_and_torch_agree(seed, count):
     network = make_network()
@@ -132,7 +132,7 @@ def test_a_truncated_file_gives_one_error_that_names_it(policy_path, share):
         read_policy(policy_path)
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(position=st.integers(0, 3000), value=st.integers(0, 255))
 def test_a_flipped_byte_is_read_or_refused_but_never_crashes(tmp_path_factory, position, value):
     path = tmp_path_factory.getbasetemp() / "flipped.safetensors"

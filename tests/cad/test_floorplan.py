@@ -25,7 +25,6 @@ def plan_of(space, **fields):
     radii=st.lists(st.floats(0.5, 3.0), min_size=3, max_size=14),
     resolution=st.sampled_from([0.02, 0.05, 0.1]),
 )
-@settings(deadline=None)
 def test_the_raster_has_the_area_of_the_polygon(centre, radii, resolution):
     # A star-shaped polygon of any corners. A cell can only be wrong if the outline crosses it, by its area at
     # most, and a line of length L crosses no more than 2 L / resolution + 2 cells.
@@ -44,7 +43,7 @@ def test_the_raster_has_the_area_of_the_polygon(centre, radii, resolution):
 
 
 @given(seed=st.integers(0, 50), column=st.integers(0, 10**6), row=st.integers(0, 10**6))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_a_cell_is_free_exactly_if_its_centre_is_in_the_free_space(seed, column, row):
     plan = generate_plan(seed)
     grid = plan.raster(0.07)

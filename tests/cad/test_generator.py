@@ -15,7 +15,7 @@ kinds = st.sampled_from(["home", "office"])
 
 
 @given(seeds, kinds)
-@settings(max_examples=120, deadline=None)
+@settings(max_examples=120)
 def test_every_plan_is_valid_and_connected_for_the_robot(seed, kind):
     plan = generate_plan(seed, GeneratorConfig(kind=kind))
     assert isinstance(plan.free_space, Polygon)
@@ -27,7 +27,7 @@ def test_every_plan_is_valid_and_connected_for_the_robot(seed, kind):
 
 
 @given(seeds, kinds)
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_doors_are_passages_of_their_width(seed, kind):
     plan = generate_plan(seed, GeneratorConfig(kind=kind))
     wall = shapely.Polygon()
@@ -42,7 +42,7 @@ def test_doors_are_passages_of_their_width(seed, kind):
 
 
 @given(seeds, kinds)
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_rooms_lie_in_the_plan_and_apart(seed, kind):
     plan = generate_plan(seed, GeneratorConfig(kind=kind))
     rooms = shapely.union_all([room.polygon for room in plan.rooms])
@@ -53,7 +53,7 @@ def test_rooms_lie_in_the_plan_and_apart(seed, kind):
 
 
 @given(seeds)
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 def test_the_same_seed_gives_the_same_plan(seed):
     first = generate_plan(seed)
     assert generate_plan(seed) == first
@@ -62,7 +62,7 @@ def test_the_same_seed_gives_the_same_plan(seed):
 
 
 @given(seeds)
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 def test_corners_lie_on_whole_centimetres_in_the_positive_quadrant(seed):
     plan = generate_plan(seed)
     points = 100 * plan.segments()
@@ -106,7 +106,6 @@ def test_settings_that_make_no_sense_are_refused():
     sizes=st.lists(st.floats(2, 30), min_size=1, max_size=12),
     seed=seeds,
 )
-@settings(deadline=None)
 def test_subdivision_tiles_the_box_in_proportion(sizes, seed):
     side = np.sqrt(sum(sizes))
     box = Box(0.0, 0.0, round(1.3 * side, 2), round(side / 1.3, 2))

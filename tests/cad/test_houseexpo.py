@@ -34,7 +34,7 @@ def test_y_points_down_in_the_file_and_up_in_the_plan():
 
 
 @given(st.integers(0, 10**6))
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_writing_and_reading_gives_the_same_plan(tmp_path_factory, seed):
     plan = generate_plan(seed)
     path = tmp_path_factory.mktemp("plans") / f"{plan.id}.json"
@@ -159,7 +159,7 @@ keys = {
 
 
 @given(st.fixed_dictionaries({"verts": keys["verts"]}, optional={key: keys[key] for key in list(keys)[1:]}))
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 def test_any_json_is_a_valid_plan_or_one_error(data):
     plan = None
     with contextlib.suppress(PlanError):

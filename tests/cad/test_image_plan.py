@@ -1,7 +1,7 @@
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
@@ -16,7 +16,6 @@ from slamgym.interop.ros_map import write_ros_map
     resolution=st.sampled_from([0.05, 0.5, 1.0]),
     origin=st.tuples(st.integers(-40, 40), st.integers(-40, 40)),
 )
-@settings(deadline=None)
 def test_tracing_and_drawing_gives_the_largest_patch_back(cells, resolution, origin):
     frame = GridFrame(resolution, origin[0] * resolution, origin[1] * resolution, *cells.shape)
     try:

@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
@@ -36,7 +36,6 @@ def features(cells, resolution=RESOLUTION):
 
 
 @given(noise, st.integers(0, 3), st.booleans(), st.integers(0, 5))
-@settings(deadline=None)
 def test_flips_quarter_turns_and_margins_change_nothing(cells, turns, flip, margin):
     turned = np.rot90(cells[:, ::-1] if flip else cells, turns)
     moved = np.ascontiguousarray(np.pad(turned, margin, constant_values=205))
@@ -44,7 +43,6 @@ def test_flips_quarter_turns_and_margins_change_nothing(cells, turns, flip, marg
 
 
 @given(noise)
-@settings(deadline=None)
 def test_shares_add_up_and_every_value_is_finite_and_not_negative(cells):
     values = completeness_features(cells, RESOLUTION)
     assert np.isfinite(values).all()
@@ -129,7 +127,6 @@ def test_a_map_of_one_cell_is_measured(value):
 
 
 @given(masks)
-@settings(deadline=None)
 def test_holes_are_the_closed_parts_of_the_background(mask):
     """A hole of an 8-connected figure is a 4-connected part of the rest that doesn't reach the border."""
     background = np.pad(~mask, 1, constant_values=True)
@@ -153,7 +150,6 @@ def test_holes_are_the_closed_parts_of_the_background(mask):
 
 
 @given(masks.filter(lambda mask: mask.any()), st.integers(0, 2))
-@settings(deadline=None)
 def test_the_hull_is_the_set_of_lattice_points_in_it(mask, margin):
     from shapely import MultiPoint, Point
 

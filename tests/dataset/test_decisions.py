@@ -24,7 +24,7 @@ def document(*entries, **changes):
 
 
 @given(st.dictionaries(st.text(min_size=1), st.tuples(st.booleans(), st.text())))
-@settings(deadline=None, max_examples=20)
+@settings(max_examples=20)
 def test_what_is_stored_comes_back_sorted_by_name(tmp_path_factory, decided):
     folder = tmp_path_factory.mktemp("decisions")
     decisions = [Decision(name, keep, digest) for name, (keep, digest) in decided.items()]

@@ -71,8 +71,7 @@ def thread_settings(_):
     return cv2.getNumThreads(), os.environ.get("NUMBA_NUM_THREADS"), os.environ.get("OMP_NUM_THREADS")
 
 
-def pid_after_a_moment(_):
-    time.sleep(0.1)
+def pid_of(_):
     return os.getpid()
 
 
@@ -117,8 +116,8 @@ def test_an_engine_runs_again_after_a_run_that_was_given_up(engine):
     # Every worker computes on one thread.
     assert set(engine.run(thread_settings, range(4))) == {(1, "1", "1")}
     # The processes live as long as the engine.
-    first = set(engine.run(pid_after_a_moment, range(4)))
-    assert set(engine.run(pid_after_a_moment, range(4))) == first
+    first = set(engine.run(pid_of, range(4)))
+    assert set(engine.run(pid_of, range(4))) == first
     assert len(first) == 2
 
 
@@ -207,7 +206,7 @@ def test_workers_end_when_their_parent_is_killed(tmp_path):
         workers = {int(lines.readline()) for _ in range(6)}
         parent.kill()
     assert workers
-    deadline = time.monotonic() + 20.0
+    deadline = time.monotonic() + 120.0
     while any(map(_is_alive, workers)) and time.monotonic() < deadline:
         time.sleep(0.1)
     assert not any(map(_is_alive, workers))

@@ -1,6 +1,7 @@
 """A Ray cluster on this machine, whose processes are killed on purpose."""
 
 import contextlib
+import math
 import os
 import random
 import signal
@@ -9,7 +10,9 @@ import subprocess
 import sys
 import threading
 import time
+from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -20,7 +23,7 @@ from shapely import box
 from slamgym.agents.registry import make_explorer
 from slamgym.cad import FloorPlan, write_houseexpo
 from slamgym.commands import cli
-from slamgym.core.errors import ConfigError
+from slamgym.core.errors import ConfigError, SlamgymError
 from slamgym.core.parallel.backlog import MAX_ATTEMPTS, Lost
 from slamgym.core.parallel.engine import open_engine
 from slamgym.core.parallel.ray import IN_FLIGHT_PER_CPU
@@ -189,6 +192,78 @@ def test_a_killed_driver_s_run_is_completed_by_the_next(cluster, tmp_path):
     assert cli.main(command) == 0
     assert content(out) == content(local)
     assert len(list(read_manifest(out))) == 16
+
+
+class FakeRay:
+    """What the engine asks of Ray, done in this process."""
+
+    def __init__(self, *errors):
+        import ray
+
+        self.exceptions = ray.exceptions
+        self.errors = [*errors]
+        """What is wrong with the next results."""
+        self.cancelled = 0
+
+    def remote(self, **_):
+        return lambda function: SimpleNamespace(remote=lambda *arguments: partial(function, *arguments))
+
+    def wait(self, references, num_returns):
+        return references[:num_returns], references[num_returns:]
+
+    def get(self, reference, timeout):
+        assert 0.0 < timeout < math.inf
+        if self.errors:
+            raise self.errors.pop(0)
+        return reference()
+
+    def cancel(self, reference, force):
+        self.cancelled += 1
+
+    def is_initialized(self):
+        return True
+
+    def cluster_resources(self):
+        return {"CPU": 3.0}
+
+
+def run_on(fake, monkeypatch):
+    monkeypatch.setattr("slamgym.core.parallel.ray.import_ray", lambda: fake)
+    with open_engine("ray", 0) as engine:
+        return sorted(engine.run(square, range(20)))
+
+
+def test_a_result_that_does_not_arrive_is_made_again(monkeypatch):
+    from ray.exceptions import GetTimeoutError, WorkerCrashedError
+
+    fake = FakeRay(GetTimeoutError("late"), WorkerCrashedError())
+    assert run_on(fake, monkeypatch) == [value * value for value in range(20)]
+    assert fake.cancelled == 0
+
+
+@pytest.mark.parametrize("error", ["OutOfDiskError", "LocalRayletDiedError", "ConnectionError"])
+def test_what_trying_again_can_not_cure_ends_the_run_in_one_sentence(monkeypatch, error):
+    import ray
+
+    fake = FakeRay(getattr(ray.exceptions, error, ConnectionError)("full"))
+    with pytest.raises(SlamgymError, match=r"^Ray failed: .*run the same command again to go on$"):
+        run_on(fake, monkeypatch)
+    assert fake.cancelled == 3 * IN_FLIGHT_PER_CPU - 1
+
+
+def test_a_worker_lost_with_the_head_is_not_the_tasks_fault(monkeypatch):
+    from ray.exceptions import RaySystemError, WorkerCrashedError
+
+    fake = FakeRay(WorkerCrashedError())
+
+    def fail_after_the_loss():
+        if not fake.errors:
+            raise RaySystemError("no head")
+        return {"CPU": 3.0}
+
+    monkeypatch.setattr(fake, "cluster_resources", fail_after_the_loss)
+    with pytest.raises(SlamgymError, match=r"^Ray failed: .*no head"):
+        run_on(fake, monkeypatch)
 
 
 def test_an_address_where_nothing_answers_is_one_clear_error(monkeypatch):

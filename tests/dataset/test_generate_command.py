@@ -150,7 +150,7 @@ def test_ctrl_c_keeps_what_is_done(plans, tmp_path):
     while process.poll() is None and _committed(out) < 2:
         time.sleep(0.01)
     process.send_signal(signal.SIGINT)
-    _, error = process.communicate(timeout=60)
+    _, error = process.communicate(timeout=300)
     assert process.returncode == cli.EXIT_INTERRUPTED
     assert error.endswith("slamgym: error: interrupted\n")
     assert "Traceback" not in error

@@ -49,7 +49,7 @@ def test_datasets_loads_the_folder_as_it_lies(images, tmp_path):
     done = subprocess.run(
         [sys.executable, "-c", LOAD, str(images)],
         env=os.environ | {"HF_HOME": str(tmp_path / "home"), "HF_HUB_OFFLINE": "1", "HF_DATASETS_OFFLINE": "1"},
-        capture_output=True, text=True, timeout=120, check=False,
+        capture_output=True, text=True, timeout=300, check=False,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     rows = json.loads(done.stdout)

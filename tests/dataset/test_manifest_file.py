@@ -25,7 +25,7 @@ def listed(path):
     return [json.loads(text)["index"] for text in path.read_bytes().splitlines()]
 
 
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 @given(batches=st.lists(st.lists(st.integers(0, 60), max_size=12), max_size=5), limit=st.integers(1, 8))
 def test_lines_are_merged_in_order(tmp_path_factory, batches, limit):
     path = tmp_path_factory.mktemp("manifest") / "manifest.jsonl"
@@ -42,7 +42,7 @@ def test_lines_are_merged_in_order(tmp_path_factory, batches, limit):
             assert path.read_bytes() == b"".join(line(index) for index in sorted(whole))
 
 
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 @given(before=st.sets(st.integers(0, 40)), now=st.sets(st.integers(0, 40)))
 def test_it_agrees_with_the_folder_whatever_was_lost_or_removed(tmp_path_factory, before, now):
     path = tmp_path_factory.mktemp("manifest") / "manifest.jsonl"

@@ -2,11 +2,10 @@
 
 import dataclasses
 import json
-import random
 import shutil
+import signal
 import subprocess
 import sys
-import time
 
 import cv2
 import numpy as np
@@ -228,35 +227,36 @@ def test_generate_renders_too_and_goes_on_when_more_pairs_are_asked_for(tmp_path
     assert "render after the merge" in capsys.readouterr().err
 
 
+DIES = """
+import os, signal, sys
+from slamgym import cli
+left = int(sys.argv[1])
+
+def count_down(event, _):
+    global left
+    if event == "os.rename":
+        left -= 1
+        if left < 0:
+            os.kill(os.getpid(), signal.SIGKILL)
+
+sys.addaudithook(count_down)
+sys.exit(cli.main(sys.argv[2:]))
+"""
+
+
 def test_killed_while_it_draws_a_run_goes_on(dataset, tmp_path):
-    """Kill -9 rendering at random moments; the end result is that of a run in peace."""
+    """Kill -9 rendering between two files; the end result is that of a run in peace."""
     peace, killed = tmp_path / "peace", tmp_path / "killed"
-    size = ["--size", "768", "--min-coverage", "0", "--workers", "1"]
+    size = ["--size", "64", "--min-coverage", "0", "--workers", "1"]
     assert cli.main(["dataset", "render", str(dataset), "--out", str(peace), *size]) == 0
-    command = [
-        sys.executable,
-        "-m",
-        "slamgym.commands.cli",
-        "dataset",
-        "render",
-        str(dataset),
-        "--out",
-        str(killed),
-        *size,
-    ]
-    rng, kills = random.Random(0), 0
-    for _ in range(2):
-        process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-        before = len(list(killed.rglob("*.png")))
-        while process.poll() is None and len(list(killed.rglob("*.png"))) <= before:
-            time.sleep(0.002)
-        time.sleep(rng.uniform(0.0, 0.15))
-        if process.poll() is None:
-            process.kill()
-            kills += 1
-        process.wait()
-    assert kills >= 1
-    assert cli.main(["dataset", "render", str(dataset), "--out", str(killed), *size]) == 0
+    command = ["dataset", "render", str(dataset), "--out", str(killed), *size]
+    images = []
+    for renames in (3, 6):
+        finished = subprocess.run([sys.executable, "-c", DIES, str(renames), *command], check=False)
+        assert finished.returncode == -signal.SIGKILL
+        images.append(len(list(killed.rglob("*.png"))))
+    assert 0 < images[0] < images[1] < 16
+    assert cli.main(command) == 0
     assert content(killed) == content(peace)
 
 

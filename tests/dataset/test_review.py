@@ -251,7 +251,7 @@ def test_keys_decide_and_the_saved_file_is_read_back(tmp_path):
         f"--user-data-dir={tmp_path / 'profile'}", "--virtual-time-budget=15000", "--dump-dom",
         driven.as_uri(),
     ]  # fmt: skip
-    finished = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)
+    finished = subprocess.run(command, capture_output=True, text=True, timeout=300, check=True)
     found = re.search(r'<output id="result">(.*?)</output>', finished.stdout, re.DOTALL)
     assert found, finished.stdout[-2000:] + finished.stderr[-2000:]
     from html import unescape

@@ -37,13 +37,13 @@ def components(mask):
     return cv2.connectedComponents(mask.astype(np.uint8), connectivity=8)[0] - 1
 
 
-@settings(deadline=None, max_examples=60)
-@example(seed=0, ratio=1.5, shift=(0.0, 0.0))
+@settings(max_examples=60)
 @given(
     seed=st.integers(0, 999),
     ratio=st.floats(0.3, 4.0),
     shift=st.tuples(st.floats(-0.2, 0.2), st.floats(-0.2, 0.2)),
 )
+@example(seed=0, ratio=1.5, shift=(0.0, 0.0))
 def test_no_occupied_cell_gets_lost_and_no_wall_breaks(seed, ratio, shift):
     rng = np.random.default_rng(seed)
     cells = np.full((40, 50), UNKNOWN, np.uint8)
@@ -56,13 +56,13 @@ def test_no_occupied_cell_gets_lost_and_no_wall_breaks(seed, ratio, shift):
     drawn = resample_map(grid, frame)
     assert set(np.unique(drawn)) <= {OCCUPIED, UNKNOWN, FREE}
     x, y = grid.frame.to_point(*np.nonzero(cells == OCCUPIED))
-    row, col = frame.to_cell(x, y)
     if ratio >= 1.0:
-        # A centre on the border of two pixels may go to either: rounding decides.
-        near = [frame.to_cell(x + dx, y + dy) for dx in (-1e-9, 1e-9) for dy in (-1e-9, 1e-9)]
-        assert np.any([drawn[r, c] == OCCUPIED for r, c in near], axis=0).all()
+        # A centre on the border of pixels is drawn in one of them.
+        shown = [drawn[frame.to_cell(x + dx, y + dy)] for dx in (-1e-6, 1e-6) for dy in (-1e-6, 1e-6)]
+        assert (np.array(shown) == OCCUPIED).any(axis=0).all()
         assert (drawn == OCCUPIED).sum() <= (cells == OCCUPIED).sum()
     else:  # the pixel whose centre is nearest to the cell's lies within the cell
+        row, col = frame.to_cell(x, y)
         assert all(
             (drawn[r - 1 : r + 2, c - 1 : c + 2] == OCCUPIED).any() for r, c in zip(row, col, strict=True)
         )

@@ -62,7 +62,7 @@ def test_everything_swept_is_one(flat: FloorPlan):
     assert np.array_equal(coverage.seen[::-1], ReachableFloor(flat, RADIUS).mask(1.0, 1.0))
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(
     st.lists(st.tuples(st.floats(0.3, 3.7), st.floats(0.3, 3.7), st.floats(-3, 3)), min_size=1, max_size=8)
 )

@@ -41,7 +41,7 @@ def test_ahead_is_up_in_the_crop(quarter_turns, theta):
     st.floats(0.2, 0.9),
     st.floats(-1, 1),
 )
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_a_landmark_appears_where_it_is_seen(x, y, theta, ahead, left):
     cells = np.full((SIZE, SIZE), UNKNOWN, dtype=np.uint8)
     mark_x = x + ahead * math.cos(theta) - left * math.sin(theta)

@@ -36,7 +36,7 @@ def test_flips_are_the_same_for_both_images():
 
 
 @given(seed=st.integers(0, 10_000))
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_damaged_maps_keep_their_three_values_and_targets_are_not_damaged(seed):
     cad = np.full((48, 48), OCCUPIED, np.uint8)
     cad[8:40, 8:40] = FREE
@@ -61,7 +61,7 @@ def test_without_damage_the_slam_map_moves_as_the_cad_map_does():
 
 
 @given(seed=st.integers(0, 10_000))
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 def test_what_is_not_resampled_moves_by_whole_pixels(seed):
     cad = np.full((48, 48), OCCUPIED, np.uint8)
     cad[8:40, 8:40] = FREE

@@ -47,7 +47,7 @@ def test_sizes_are_in_metres_and_an_unknown_scale_is_taken_as_usual():
 
 
 @given(seed=st.integers(0, 1000), reach=st.floats(0.0, 1.0))
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 def test_what_was_seen_is_explored_and_a_longer_reach_explores_more(seed, reach):
     rng = np.random.default_rng(seed)
     slam = np.full((40, 40), UNKNOWN, np.uint8)

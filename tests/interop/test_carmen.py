@@ -125,6 +125,26 @@ class TestFaults:
         assert np.isnan(log.records[0].scan.ranges).tolist() == [False, True, True, False]
         assert "NaN or negative" in log.warnings.sentences()[0]
 
+    @pytest.mark.parametrize("stamp", ["nan", "inf", "1e39", "-1e308"])
+    def test_a_stamp_that_is_no_time_costs_one_scan(self, tmp_path, stamp):
+        log = read_lines(tmp_path, flaser(stamp=1), flaser(stamp=stamp), flaser(stamp=3))
+        assert [record.stamp for record in log] == [1, 3]
+        assert log.warnings.counts["stamp that is not a time"] == 1
+
+    @pytest.mark.parametrize("number", ["1e39", "1e308", "nan", "-inf"])
+    @pytest.mark.parametrize("kind", ["ROBOTLASER1", "FLASER"])
+    def test_impossible_numbers_about_the_laser_are_not_used(self, tmp_path, records, geometry, kind, number):
+        path = tmp_path / "a.log"
+        write_carmen(path, records, geometry, message=kind)
+        text = path.read_text().replace(" 3.5 0", f" {number} 0").replace("from 3.5 m", f"from {number} m")
+        path.write_text(
+            text.replace("offset -0.064", f"offset {number}").replace(" 3.5 0.01", f" {number} 0.01")
+        )
+        log = read_carmen(path)
+        assert len(log) == len(records)
+        assert log.geometry.range_max == 80.0
+        assert log.geometry.mount == pytest.approx(geometry.mount, abs=1e-5)
+
     def test_one_stamp_far_ahead_costs_one_scan(self, tmp_path):
         stamps = [1, 2, 99, 3, 4, 5]
         log = read_lines(tmp_path, *(flaser(stamp=s) for s in stamps))
@@ -167,12 +187,12 @@ LINES = st.one_of(
     ),
     st.text(max_size=40),
     st.lists(
-        st.sampled_from(["FLASER", "ROBOTLASER1", "3", "-1", "nan", "1e999", "x", "0.5"]), max_size=25
+        st.sampled_from(["FLASER", "ROBOTLASER1", "3", "-1", "nan", "1e999", "1e39", "x", "0.5"]), max_size=25
     ).map(" ".join),
 )
 
 
-@settings(deadline=None, max_examples=150)
+@settings(max_examples=150)
 @given(st.lists(LINES, max_size=8), st.binary(max_size=60), st.booleans())
 def test_no_content_raises_anything_but_the_projects_error(tmp_path_factory, lines, junk, compressed):
     content = "\n".join(lines).encode("utf-8", "surrogatepass") + junk

@@ -21,7 +21,7 @@ def write_image(folder, pixels, free_thresh=0.196):
     return folder / "map.yaml"
 
 
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 @given(
     arrays(
         np.uint8, st.tuples(st.integers(1, 9), st.integers(1, 9)), elements=st.sampled_from([0, 205, 254])
@@ -78,7 +78,7 @@ def test_a_broken_description_gives_one_error_that_names_the_file(tmp_path, text
         read_ros_map(tmp_path / "map.yaml")
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(st.binary(max_size=200), st.binary(max_size=200))
 def test_junk_never_raises_anything_but_the_projects_error(tmp_path_factory, text, image):
     folder = tmp_path_factory.mktemp("junk")

@@ -1,11 +1,14 @@
+import struct
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from slamgym.commands.export_log import main as export_log
 from slamgym.core.errors import ConfigError, InputFileError
-from slamgym.core.types import GridFrame, OccupancyGrid
+from slamgym.core.types import GridFrame, OccupancyGrid, Pose2D
 from slamgym.interop import open_log, read_rosbag, write_rosbag2
 from slamgym.interop.transform_tree import TransformTree, planar, rigid_transform
 
@@ -132,7 +135,7 @@ class TestErrors:
         with pytest.raises(InputFileError, match="without a ROS bag"):
             open_log(tmp_path)
 
-    @settings(deadline=None, max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture])
+    @settings(max_examples=25)
     @given(st.sampled_from([".bag", ".mcap", ".db3"]), st.binary(max_size=300))
     def test_junk_is_one_error(self, tmp_path, suffix, content):
         path = tmp_path / f"a{suffix}"
@@ -140,8 +143,38 @@ class TestErrors:
         with pytest.raises(InputFileError, match=r"a\.(bag|mcap|db3)"):
             open_log(path)
 
-    @settings(deadline=None, max_examples=15, suppress_health_check=[HealthCheck.function_scoped_fixture])
+    @pytest.mark.parametrize("storage", ["sqlite3", "mcap"])
+    @pytest.mark.parametrize(
+        ("broken", "fault"),
+        [
+            ({"angle_increment": 1e-30}, "impossible beam angles"),
+            ({"angle_increment": np.nan}, "impossible beam angles"),
+            ({"angle_min": -1e30}, "impossible beam angles"),
+            ({"range_max": np.inf}, "impossible range limits"),
+            ({"range_min": -1e30}, "impossible range limits"),
+        ],
+    )
+    def test_scans_with_impossible_numbers_are_counted(
+        self, tmp_path, records, geometry, storage, broken, fault
+    ):
+        write_rosbag2(tmp_path / "bag", records, replace(geometry, **broken), storage=storage)
+        with pytest.raises(InputFileError, match=f"no usable scan: 10 x scan left out because of {fault}"):
+            open_log(tmp_path / "bag")
+
+    @pytest.mark.parametrize("x", [np.nan, np.inf, 1e7, -1e300])
+    def test_a_pose_that_is_no_place_costs_one_message(self, tmp_path, records, geometry, x):
+        records[4] = records[4]._replace(odometry=Pose2D(x, 0.0, 0.0))
+        write_rosbag2(tmp_path / "bag", records, geometry)
+        log = open_log(tmp_path / "bag")
+        assert log.warnings.counts["message on /odom that can't be decoded"] == 1
+        assert len(log) == 10
+        before, after = records[3].odometry, records[5].odometry
+        assert log.records[4].odometry.x == pytest.approx(0.5 * (before.x + after.x))
+
+    @settings(max_examples=15)
     @given(st.sampled_from(["sqlite3", "mcap"]), st.floats(0.0, 1.0), st.binary(min_size=1, max_size=40))
+    @example("mcap", 0.536, b"\x00\x00\x00\x00\x01")
+    @example("mcap", 0.4, struct.pack("<4f", 1e-30, 1e-30, 1e-30, 1e-30))
     def test_a_damaged_bag_is_an_error_or_a_counted_warning(
         self, tmp_path_factory, records, geometry, storage, place, junk
     ):
@@ -157,6 +190,10 @@ class TestErrors:
         except InputFileError:
             return
         assert len(log) > 0
+        geometry = log.geometry
+        assert np.isfinite([*geometry.mount, geometry.range_min, geometry.range_max]).all()
+        assert np.abs(geometry.angles).max() < 100.0
+        assert all(np.isfinite(record.odometry).all() for record in log)
 
 
 def test_transforms_chain_and_invert():

@@ -11,7 +11,7 @@ from slamgym.interop import read_tum, write_tum
 numbers = st.floats(-1e4, 1e4)
 
 
-@settings(deadline=None, max_examples=40)
+@settings(max_examples=40)
 @given(st.lists(st.tuples(st.floats(0, 1e9), numbers, numbers, st.floats(-3.14, 3.14)), max_size=8))
 def test_what_is_written_is_read_back(tmp_path_factory, rows):
     path = tmp_path_factory.mktemp("tum") / "path.tum"
@@ -37,7 +37,7 @@ def test_a_faulty_line_is_named(tmp_path, text, line):
         read_tum(tmp_path / "path.tum")
 
 
-@settings(deadline=None, max_examples=40)
+@settings(max_examples=40)
 @given(st.binary(max_size=300))
 def test_junk_never_raises_anything_but_the_projects_error(tmp_path_factory, content):
     path = tmp_path_factory.mktemp("tum") / "path.tum"

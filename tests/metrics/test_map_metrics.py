@@ -25,7 +25,7 @@ def flat(size=96):
     return image
 
 
-@settings(deadline=None, max_examples=8)
+@settings(max_examples=8)
 @given(st.floats(-0.08, 0.08), st.floats(-0.08, 0.08), st.floats(-3.1, 3.1), st.floats(-0.15, 0.15))
 def test_alignment_undoes_a_similarity(dx, dy, angle, log_scale):
     target = flat()
@@ -82,7 +82,7 @@ def test_coverage_counts_free_cells_of_the_reachable_space_only():
     assert free_space(cells).sum() == 3.0
 
 
-@settings(deadline=None, max_examples=40)
+@settings(max_examples=40)
 @given(
     st.tuples(st.integers(3, 40), st.integers(3, 40)),
     st.floats(-1.2, 1.2),

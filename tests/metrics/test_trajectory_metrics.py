@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from slamgym.core.geometry import transform_poses
@@ -26,7 +26,6 @@ def wiggle(number=60):
     return Trajectory(t, np.column_stack([t, np.sin(t), 0.3 * np.cos(t)]))
 
 
-@settings(deadline=None)
 @given(moves)
 def test_ate_ignores_a_rigid_motion_and_unaligned_ate_sees_it(motion):
     truth = wiggle()
@@ -39,7 +38,6 @@ def test_ate_ignores_a_rigid_motion_and_unaligned_ate_sees_it(motion):
     assert plain == pytest.approx(np.sqrt(np.mean(np.sum((moved.poses - truth.poses)[:, :2] ** 2, axis=1))))
 
 
-@settings(deadline=None)
 @given(moves, st.integers(0, 99))
 def test_alignment_is_the_least_squares_motion(motion, seed):
     rng = np.random.default_rng(seed)

@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from slamgym.core.types import GridFrame
@@ -45,7 +45,6 @@ def one_wall():
     return frame, occupied, scanner, visibility
 
 
-@settings(deadline=None)  # the first call may wait for the machine
 @given(rate=st.floats(0.1, 3.0), reach=st.floats(0.3, 5.0))
 def test_short_beams_stay_in_front_of_the_wall_and_have_the_analytic_mean(rate, reach) -> None:
     n = 20_000

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from slamgym.parametric.odometry_error import (
@@ -30,7 +30,6 @@ def believed_heading_after_square(errors: WheelErrors, side: float, sign: float)
     return float(np.sum(believed.turn - true.turn))
 
 
-@settings(deadline=None)  # the first call may wait for the machine
 @given(
     alpha_deg=st.floats(0.2, 1.5) | st.floats(-1.5, -0.2),
     kappa_deg=st.floats(0.05, 0.5) | st.floats(-0.5, -0.05),
@@ -49,7 +48,6 @@ def test_umbmark_square_recovers_wheel_parameters_within_two_percent(alpha_deg, 
     assert e_d - 1.0 == pytest.approx(errors.diameter_ratio(BASE) - 1.0, rel=0.02)
 
 
-@settings(deadline=None)  # the first call may wait for the machine
 @given(kappa=st.floats(-0.03, 0.03), turn=st.floats(-3.0, 3.0))
 def test_turn_in_place_has_the_same_heading_whatever_the_wheels_diameters(kappa, turn) -> None:
     errors = WheelErrors(kappa=kappa, alpha_eb=0.01)
@@ -58,7 +56,6 @@ def test_turn_in_place_has_the_same_heading_whatever_the_wheels_diameters(kappa,
     assert believed.turn[0] == pytest.approx(turn / ratio, abs=1e-12)
 
 
-@settings(deadline=None)  # the first call may wait for the machine
 @given(kappa=st.floats(-0.02, 0.02), way=st.floats(0.1, 5.0))
 def test_straight_line_bends_by_the_diameter_ratio_over_the_base(kappa, way) -> None:
     errors = WheelErrors(kappa=kappa)
@@ -79,7 +76,6 @@ def test_perfect_wheels_believe_the_truth_and_scale_stretches_the_way() -> None:
     np.testing.assert_allclose(stretched.distance, 1.01 * true.distance, atol=1e-15)
 
 
-@settings(deadline=None)  # the first call may wait for the machine
 @given(st.integers(0, 2**32 - 1))
 def test_increments_and_integration_undo_each_other(seed) -> None:
     rng = np.random.default_rng(seed)

@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from slamgym.core.errors import ConfigError
@@ -18,7 +18,6 @@ CONFIG = MotionConfig()
 SQUARE = np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 2.0], [0.0, 2.0], [0.0, 0.0]])
 
 
-@settings(deadline=None)  # the first call may wait for the machine
 @given(st.lists(st.tuples(st.floats(-5, 5), st.floats(-5, 5)), min_size=2, max_size=6, unique=True))
 def test_turn_and_go_passes_all_waypoints_within_the_robots_limits(points) -> None:
     points = np.round(np.array(points), 2)

@@ -1,7 +1,7 @@
 """Signs and the fixed point of the warp."""
 
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from slamgym.core.types import FREE, OCCUPIED
@@ -34,7 +34,6 @@ def test_three_cells_in_y_move_a_wall_three_rows_down() -> None:
     assert wall_of(warp(with_wall(20, 25), constant(0.0, 3 * R), R, FREE)) == [(23, 25)]
 
 
-@settings(deadline=None)  # the first call may wait for the machine
 @given(dx=st.integers(-6, 6), dy=st.integers(-6, 6))
 def test_flipping_y_flips_the_rows(dx, dy) -> None:
     cells = with_wall(18, 25)
@@ -48,7 +47,6 @@ def test_no_displacement_is_the_identity() -> None:
     np.testing.assert_array_equal(warp(cells, constant(0.0, 0.0), R, 205), cells)
 
 
-@settings(deadline=None)  # the first call may wait for the machine
 @given(
     turn=st.floats(-0.12, 0.12),
     shift_x=st.floats(-0.4, 0.4),

@@ -31,7 +31,7 @@ def random_cells(seed, shape=(40, 55)):
     return rng.choice([FREE, UNKNOWN, OCCUPIED], size=shape, p=[0.7, 0.27, 0.03]).astype(np.uint8)
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(seed=st.integers(0, 10_000))
 def test_cost_falls_with_the_distance_to_the_nearest_obstacle(seed):
     cells = random_cells(seed)
@@ -88,7 +88,7 @@ def test_a_door_of_70_cm_is_passable_even_with_walls_one_cell_too_thick():
         assert (make_costmap(grid_of(cells)).costs[18:22] < INSCRIBED_COST).any(axis=1).all()
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(top=st.integers(0, 60), left=st.integers(0, 60), height=st.integers(1, 30), width=st.integers(1, 30))
 def test_crop_keeps_every_known_cell_where_it_was(top, left, height, width):
     cells = np.full((100, 100), UNKNOWN, dtype=np.uint8)
@@ -164,7 +164,7 @@ def test_a_scan_takes_out_the_wall_that_it_sees_through_and_keeps_the_one_it_end
     assert (seen[:, 60] == OCCUPIED).all()
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(
     seed=st.integers(0, 10_000),
     rows=st.integers(1, 40),

@@ -66,7 +66,7 @@ def test_the_place_the_robot_goes_to_is_kept():
     assert fresh.target != wanted
 
 
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 @given(extent=st.floats(0.2, 4.0))
 def test_parts_of_a_frontier_make_up_the_whole_and_reach_no_farther(extent):
     grid = room(openings=[EAST, NORTH, (-2.2, -2.2, 2.2, -1.9)])

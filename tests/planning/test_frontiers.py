@@ -52,7 +52,7 @@ def two_rooms(door_cells, far_known=30):
     return grid_of(cells)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(seed=st.integers(0, 10_000), rule=st.sampled_from(["passable", "descending"]))
 def test_frontiers_border_free_and_unknown_and_share_no_cell(seed, rule):
     grid = blobs(seed)
@@ -67,7 +67,7 @@ def test_frontiers_border_free_and_unknown_and_share_no_cell(seed, rule):
         assert free[row, col + 1] or free[row + 2, col + 1] or free[row + 1, col] or free[row + 1, col + 2]
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(seed=st.integers(0, 10_000))
 def test_wavefront_detector_finds_every_frontier_cell_of_the_connected_space(seed):
     grid = blobs(seed)

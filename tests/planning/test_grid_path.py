@@ -44,7 +44,7 @@ def cluttered(seed, shape=(80, 90)):
     return grid_of(cells)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(seed=st.integers(0, 10_000), data=st.data())
 def test_paths_keep_off_obstacles_and_cost_no_more_than_a_straight_line(seed, data):
     grid = cluttered(seed)
@@ -69,7 +69,7 @@ def test_paths_keep_off_obstacles_and_cost_no_more_than_a_straight_line(seed, da
     assert path.cost >= math.dist(point_at(grid, *start), point_at(grid, *goal)) - 1e-9
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(seed=st.integers(0, 10_000))
 def test_straightening_never_makes_a_path_dearer_than_dijkstra_found_it(seed):
     grid = cluttered(seed)

@@ -40,7 +40,7 @@ def drive_to(world, goal, seconds=120.0, known=True, stuck=False):
     return navigator, np.array(commands).reshape(-1, 2)
 
 
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=8)
 @given(row=st.integers(8, 70), col=st.integers(8, 110), theta=st.floats(-3.1, 3.1))
 def test_goals_in_a_room_are_reached_within_the_limits_of_the_robot(make_world, row, col, theta):
     cells = room()

@@ -3,7 +3,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from slamgym.core.errors import ConfigError
@@ -41,7 +41,6 @@ class TestGeometry:
         assert lidar.true_ranges(Pose2D(0.5, 0.0, math.pi / 2), ROOM)[90] == pytest.approx(2.064)
 
     @given(st.floats(-1.5, 1.5), st.floats(-1.5, 1.5), st.floats(-4, 4))
-    @settings(deadline=None)
     def test_every_end_point_lies_on_a_wall(self, x, y, theta):
         lidar = Lidar(lidar_level("exact", LidarConfig(mount=(-0.064, 0.02, 0.3), range_max=10.0)))
         ranges = lidar.true_ranges(Pose2D(x, y, theta), ROOM)

@@ -53,7 +53,7 @@ def brute_force(segments, pose, angles, range_max, lengthen):
         [(-math.pi, 2 * math.pi / 360, 360), (-math.pi / 2, math.pi / 179, 180), (0.3, 0.05, 50)]
     ),
 )
-@settings(max_examples=400, deadline=None)
+@settings(max_examples=400)
 def test_ranges_equal_brute_force(segments, pose, beams):
     angle_min, increment, number = beams
     ranges = cast(segments, pose=pose, angle_min=angle_min, increment=increment, beams=number)
@@ -86,7 +86,6 @@ def test_distances_in_a_square_room_are_exact():
 
 
 @given(st.floats(-4, 4), st.integers(3, 40), st.floats(-0.7, 0.7), st.floats(-0.7, 0.7))
-@settings(deadline=None)
 def test_no_beam_escapes_through_the_corners_of_a_closed_room(theta, corners, x, y):
     angles = np.linspace(0, 2 * np.pi, corners, endpoint=False)
     points = 3.0 * np.column_stack([np.cos(angles), np.sin(angles)])

@@ -79,7 +79,7 @@ class TestDifferentialDrive:
             assert 0.5 * (left + right) == pytest.approx(motion.distance, abs=1e-12)
 
     @given(st.integers(0, 1000))
-    @settings(max_examples=10, deadline=None)
+    @settings(max_examples=10)
     def test_increments_compose_to_the_pose(self, seed):
         rng = np.random.default_rng(seed)
         world = World(FloorPlan("box", shapely.box(0, 0, 2, 2)), RobotConfig())
@@ -218,10 +218,10 @@ class TestReset:
             segments[0] = 0.0
 
 
-_STEPS = 2000
+_STEPS = 500
 
 
-# 100,000 steps together.
+# 25,000 steps together, each world begun anew in another plan: the walls are what matters, not the hours.
 @pytest.mark.parametrize(("shape", "worlds"), [("circle", 35), ("footprint", 15)])
 def test_nothing_lets_the_robot_through_a_wall(make_random_plan, shape, worlds):
     contacts = 0
@@ -240,7 +240,7 @@ def test_nothing_lets_the_robot_through_a_wall(make_random_plan, shape, worlds):
         for step in range(_STEPS):
             if step % 20 == 0:
                 command = Twist2D(*(rng.choice([-1e9, -1, 0, 0.5, 1, 1, 1e9], 2) * rng.uniform(0, 2, 2)))
-            dt = 5.0 if step % 1000 == 999 else rng.choice([0.02, 0.05, 0.1, 0.2])
+            dt = 5.0 if step % 250 == 249 else rng.choice([0.02, 0.05, 0.1, 0.2])
             motion = world.step(command, dt)
             contacts += motion.contact
             poses[step] = motion.pose

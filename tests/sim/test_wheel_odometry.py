@@ -4,7 +4,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import shapely
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from slamgym.cad.floorplan import FloorPlan
@@ -66,7 +66,6 @@ class TestSystematicErrors:
         assert pose != ORIGIN
 
     @given(st.floats(0.97, 1.03), st.floats(-6, 6))
-    @settings(deadline=None)
     def test_turning_on_the_spot_does_not_depend_on_unequal_wheels(self, ratio, angle):
         pose = follow(replace(FLAWLESS, diameter_ratio=ratio), [turn(angle)])
         # The mean of (E + 1) / 2 and (1 / E + 1) / 2 differs from 1 in second order only.
@@ -74,7 +73,6 @@ class TestSystematicErrors:
         assert error <= 0.26 * (ratio - 1) ** 2 * abs(angle) + 1e-9
 
     @given(st.floats(0.95, 1.05), st.floats(-3, 3))
-    @settings(deadline=None)
     def test_driving_straight_does_not_depend_on_the_wheel_base(self, ratio, way):
         assert follow(replace(FLAWLESS, wheelbase_ratio=ratio), [straight(way)]) == pytest.approx((way, 0, 0))
 

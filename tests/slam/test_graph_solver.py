@@ -29,7 +29,7 @@ def dead_reckoned(truth, rng):
     return poses
 
 
-@settings(deadline=None, max_examples=20)
+@settings(max_examples=20)
 @given(st.integers(0, 1000))
 def test_exact_measurements_are_met_exactly_from_a_drifted_start(seed):
     truth = ring()

@@ -16,19 +16,22 @@ ROOM = np.array([(0, 0, 6, 0), (6, 0, 6, 4), (6, 4, 0, 4), (0, 4, 0, 0), (2, 0, 
 GEOMETRY = LaserGeometry(180, -np.pi / 2, np.pi / 180, 0.1, 10.0, Pose2D(0.0, 0.0, 0.0))
 
 
-@pytest.fixture(scope="module")
-def episode(tmp_path_factory):
-    """A folder as an exploration leaves it: a log and the truth."""
-    folder = tmp_path_factory.mktemp("episode")
-    poses = [Pose2D(1.0 + 0.1 * k, 2.5, 0.02 * k) for k in range(40)]
+def write_episode(folder, scans):
+    poses = [Pose2D(1.0 + 0.1 * k, 2.5, 0.02 * k) for k in range(scans)]
     records = []
     for k, pose in enumerate(poses):
         ranges = np.empty(180)
         cast_rays(*pose, GEOMETRY.angle_min, GEOMETRY.angle_increment, 180, ROOM, 10.0, ranges)
         records.append(LogRecord(0.2 * k, pose, LaserScan(0.2 * k, ranges.astype(np.float32), GEOMETRY)))
     write_carmen(folder / "scans.log", records, GEOMETRY)
-    write_tum(folder / "truth.tum", Trajectory(0.2 * np.arange(40), np.array(poses)))
+    write_tum(folder / "truth.tum", Trajectory(0.2 * np.arange(scans), np.array(poses)))
     return folder
+
+
+@pytest.fixture(scope="module")
+def episode(tmp_path_factory):
+    """A folder as an exploration leaves it: a log and the truth."""
+    return write_episode(tmp_path_factory.mktemp("episode"), 40)
 
 
 @pytest.mark.parametrize("mode", ["rbpf", "pose_graph", "scan_matching", "dead_reckoning"])
@@ -72,8 +75,8 @@ def test_relations_are_judged(tmp_path, episode, capsys):
 
 
 @pytest.mark.parametrize("name", ["film.mp4", "film.gif"])
-def test_a_film_of_the_growing_map(tmp_path, episode, name):
-    film = tmp_path / name
+def test_a_film_of_the_growing_map(tmp_path, name):
+    film, episode = tmp_path / name, write_episode(tmp_path, 8)
     main([str(episode), "-o", str(tmp_path / "out"), "--particles", "3", "--video", str(film)])
     assert film.stat().st_size > 10_000
     assert list(tmp_path.glob(".*part*")) == []

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from slamgym.slam.particle_filter import effective_sample_size, normalized_weights, systematic_resample
 from slamgym.slam.particles import ParticleMaps
 from slamgym.slam.scan_match import surface_near
+from slamgym.slam.tiles import EMPTY, register_scan
 
 log_weights = st.lists(st.floats(-1e4, 0.0), min_size=1, max_size=40).map(np.array)
 
@@ -74,7 +75,7 @@ class DenseMaps:
 
 
 @given(st.integers(0, 2**32 - 1))
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 def test_shared_tiles_behave_as_copied_maps(seed):
     rng = np.random.default_rng(seed)
     particles, resolution = 4, 0.05
@@ -102,6 +103,61 @@ def test_shared_tiles_behave_as_copied_maps(seed):
             expected = dense.nearest(particle, u, v)
             # Means are kept in 16 bits: a few hundred-thousandths of a cell.
             assert math.isclose(math.sqrt(found), math.sqrt(expected), abs_tol=1e-3)
+
+
+def cells_of(maps, particle):
+    """All that a particle's map holds, copied."""
+    return maps.pool.cells[maps.tables[particle]].copy()
+
+
+def check_accounts(maps):
+    """Every tile is counted by those who name it; what nobody names is free, once."""
+    named = np.bincount(maps.tables.ravel(), minlength=len(maps.pool.references))
+    named[EMPTY] = 0
+    np.testing.assert_array_equal(maps.pool.references, named)
+    free = maps.pool.free[: int(maps.pool.num_free[0])]
+    assert sorted(free) == [tile for tile in range(1, len(named)) if named[tile] == 0]
+    assert not maps.pool.cells[EMPTY].any()
+
+
+@given(st.integers(0, 2**32 - 1))
+@settings(max_examples=20)
+def test_a_write_to_one_map_never_changes_another(seed):
+    rng = np.random.default_rng(seed)
+    maps, particles = ParticleMaps(4, 0.05, 100.0), 4
+    maps.cover(np.zeros((particles, 3)), 4.0)
+    for _ in range(5):
+        writer = int(rng.integers(particles))
+        before = [cells_of(maps, particle) for particle in range(particles)]
+        pose, points = rng.uniform([-2, -2, -3], [2, 2, 3], (1, 3)), rng.uniform(-1.5, 1.5, (20, 2))
+        register_scan(maps.pool, maps.tables[writer : writer + 1], pose, points, maps.origin, 0.05, 0)
+        check_accounts(maps)
+        for particle in range(particles):
+            unchanged = np.array_equal(cells_of(maps, particle), before[particle])
+            assert unchanged == (particle != writer)
+        ancestors = systematic_resample(rng.dirichlet(np.ones(particles)), float(rng.random()))
+        before = [cells_of(maps, particle) for particle in range(particles)]
+        maps.resample(ancestors)
+        check_accounts(maps)
+        for particle, ancestor in enumerate(ancestors):
+            assert np.array_equal(cells_of(maps, particle), before[ancestor])
+
+
+def test_a_grown_pool_and_a_grown_table_hold_what_they_held():
+    maps = ParticleMaps(3, 0.05, 100.0)
+    rng = np.random.default_rng(0)
+    poses, points = rng.uniform(-1, 1, (3, 3)), rng.uniform(-2, 2, (60, 2))
+    maps.cover(poses, 4.0)
+    maps.register(poses, points)
+    before = [maps.pool.cells[table[table != EMPTY]].copy() for table in maps.tables]
+    origin = maps.origin
+    maps.cover(poses + np.array([-20.0, 30.0, 0.0]), 4.0)
+    maps.pool = maps.pool.grown(5000)
+    check_accounts(maps)
+    assert (maps.origin <= origin).all()
+    assert (maps.origin < origin).any()
+    for table, cells in zip(maps.tables, before, strict=True):
+        np.testing.assert_array_equal(maps.pool.cells[table[table != EMPTY]], cells)
 
 
 def test_resampling_shares_tiles_instead_of_copying_them():

@@ -1,7 +1,8 @@
 """The processes of a Ray cluster: of machines that somebody has started, or of this machine.
 
 The driver alone writes. Tasks give their files back as bytes through Ray's object store, so the nodes need no
-common file system; a bounded number of tasks is under way, so the store does not fill up.
+common file system; a bounded number of tasks is under way, so the store does not fill up. A driver whose cluster
+has lost its head is ended by Ray, which says so, after a minute; what was committed stays.
 """
 
 from collections.abc import Callable, Iterable, Iterator
@@ -12,7 +13,7 @@ import cv2
 from slamgym import __version__
 from slamgym.core.errors import ConfigError, SlamgymError
 from slamgym.core.parallel.backlog import Attempt, Backlog, Lost
-from slamgym.core.parallel.ray_cluster import RayCluster, one_line
+from slamgym.core.parallel.ray_cluster import connect, import_ray, one_line
 
 _Item = TypeVar("_Item")
 _Result = TypeVar("_Result")
@@ -31,7 +32,8 @@ class RayEngine:
     Args:
         workers: Size of a cluster that is started here; of one that runs already, the most tasks at a time, 0
             for all it has.
-        address: Where a cluster runs; None takes the ``RAY_ADDRESS`` of the environment, or starts one here.
+        address: Where a cluster runs; None takes the ``RAY_ADDRESS`` of the environment, or starts one here. A
+            connection that this process has already is used as it is.
 
     Raises:
         ConfigError: If Ray is not installed, or no cluster answers.
@@ -40,15 +42,19 @@ class RayEngine:
     shares_files = False
 
     def __init__(self, workers: int, address: str | None = None) -> None:
-        self._cluster = RayCluster(workers, address)
-        self._ray = self._cluster.ray
+        self._ray = import_ray()
+        self._is_ours = not self._ray.is_initialized()
+        """Whether the connection was made here, and ends here."""
+        if self._is_ours:
+            connect(self._ray, workers, address)
         self._most = workers
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *exception: object) -> None:
-        self._cluster.close()
+        if self._is_ours:
+            self._ray.shutdown()
 
     def run(
         self, task: Callable[[_Item], _Result], items: Iterable[_Item]
@@ -56,7 +62,7 @@ class RayEngine:
         """See :class:`~slamgym.core.parallel.engine.Engine`.
 
         Raises:
-            ClusterLostError: If the head of the cluster, or Ray on this machine, has gone.
+            SlamgymError: If Ray fails.
         """
         # Ray's own retries are off: the count is kept here, the same for crashes, lost nodes and lost results.
         remote = self._ray.remote(num_cpus=1, max_retries=0)(_run_on_node)
@@ -69,17 +75,18 @@ class RayEngine:
                     pending[remote.remote(task, attempt.item, __version__)] = attempt
                 if not pending:
                     return
-                reference = self._cluster.wait(pending)
-                if reference is None:
-                    continue
+                (reference,), _ = self._ray.wait(list(pending), num_returns=1)
                 result = self._result_of(reference, pending.pop(reference), backlog)
                 del reference  # it keeps the result in the object store
                 if result is not None:
                     yield result
-        except ConnectionError as error:  # what a client of a cluster elsewhere (ray://) is told
-            raise self._cluster.lost(f"the connection to the Ray cluster has broken ({error})") from error
+        except (ConnectionError, self._ray.exceptions.RayError) as error:
+            raise SlamgymError(
+                f"Ray failed: {one_line(error)}; run the same command again to go on"
+            ) from error
         finally:
-            self._cluster.cancel(pending)
+            for reference in pending:
+                self._ray.cancel(reference, force=True)
 
     def _result_of(
         self, reference: Any, attempt: Attempt[_Item], backlog: Backlog[_Item]
@@ -90,15 +97,11 @@ class RayEngine:
             result: _Result = self._ray.get(reference, timeout=FETCH_TIMEOUT)
         except errors.RayTaskError as error:
             raise error.cause from None
-        except errors.LocalRayletDiedError as error:
-            raise self._cluster.lost("Ray on this machine has died (its raylet.out may say why)") from error
         except errors.RayError as error:
-            self._cluster.check()  # a head that is gone is not the task's fault
             cause = self._cause_of(error)
             if cause is None:
-                raise SlamgymError(
-                    f"Ray failed: {one_line(error)}; run the same command again to go on"
-                ) from error
+                raise
+            self._cpus()  # without a head Ray ends the run here: the end of the cluster is not the task's fault
             return backlog.worker_died(attempt, cause)
         backlog.succeeded()
         return result
@@ -117,8 +120,12 @@ class RayEngine:
 
     def _in_flight_limit(self) -> int:
         """How many tasks may be under way, by the present size of the cluster."""
-        limit = max(1, IN_FLIGHT_PER_CPU * self._cluster.cpus())
-        return min(limit, self._most) if self._most and not self._cluster.is_ours else limit
+        limit = max(1, IN_FLIGHT_PER_CPU * self._cpus())
+        return min(limit, self._most) if self._most and not self._is_ours else limit
+
+    def _cpus(self) -> int:
+        """Cores that the head of the cluster knows of."""
+        return int(self._ray.cluster_resources().get("CPU", 0))
 
 
 def _run_on_node(task: Callable[[_Item], _Result], item: _Item, version: str) -> _Result:
