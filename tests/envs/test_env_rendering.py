@@ -9,6 +9,7 @@ from slamgym.cad import FloorPlan
 from slamgym.core.errors import SlamgymError
 from slamgym.envs import ExploreEnv
 from slamgym.viz import exploration as r
+from slamgym.viz.canvas import BELIEVED_COLOUR, TRUE_COLOUR, UNKNOWN_TINT, WALL_TINT
 
 
 def test_a_frame_has_its_size_and_both_worlds(flat: FloorPlan):
@@ -22,10 +23,10 @@ def test_a_frame_has_its_size_and_both_worlds(flat: FloorPlan):
     assert frame.dtype == np.uint8
     assert not np.array_equal(first, frame)
     left, right = frame[:, : r.WIDTH // 2], frame[:, r.WIDTH // 2 :]
-    for panel, colours in ((left, (r.TRUTH, r.WALL, r.SEEN)), (right, (r.BELIEF, r.WALL, r.UNKNOWN_TINT))):
+    for panel, colours in ((left, (TRUE_COLOUR, WALL_TINT, r.SEEN_TINT)), (right, (BELIEVED_COLOUR, WALL_TINT, UNKNOWN_TINT))):
         for colour in colours:
             assert (panel == colour).all(axis=2).any()
-    assert not (left == r.BELIEF).all(axis=2).any()
+    assert not (left == BELIEVED_COLOUR).all(axis=2).any()
 
 
 def test_the_plan_and_the_map_are_drawn_at_one_scale(flat: FloorPlan):
@@ -36,8 +37,8 @@ def test_the_plan_and_the_map_are_drawn_at_one_scale(flat: FloorPlan):
         env.step((0.0, 1.0))
     frame = env.render()
     # Lines are smoothed, so a wall is what is dark.
-    plan, belief = (r._panel(frame, i).mean(axis=2) < 140 for i in (0, 1))
-    belief &= (r._panel(frame, 1) == r.WALL).all(axis=2)
+    plan, belief = (r.panel_of(frame, i).mean(axis=2) < 140 for i in (0, 1))
+    belief &= (r.panel_of(frame, 1) == WALL_TINT).all(axis=2)
     rows, cols = np.nonzero(belief)
     assert len(rows) > 500
     near = [
