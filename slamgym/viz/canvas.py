@@ -32,9 +32,9 @@ _FONT = cv2.FONT_HERSHEY_DUPLEX
 _SMALLEST = 0.3
 
 
-def blank(height: int, width: int, colour: Colour = WHITE) -> ByteArray:
-    """An empty picture."""
-    picture: ByteArray = np.full((height, width, 3), colour, dtype=np.uint8)
+def blank(shape: tuple[int, ...], colour: Colour = WHITE) -> ByteArray:
+    """An empty picture of so many rows and columns."""
+    picture: ByteArray = np.full((*shape, 3), colour, dtype=np.uint8)
     return picture
 
 
@@ -59,7 +59,7 @@ def fitting_size(text: str, size: float, width: int) -> float:
 
 def with_heading(picture: ByteArray, heading: str, height: int = 40) -> ByteArray:
     """A picture below a line of text."""
-    strip = blank(height, picture.shape[1])
+    strip = blank((height, picture.shape[1]))
     draw_text(strip, heading, 16, height - 12, fitting_size(heading, 0.8, picture.shape[1] - 32))
     return np.vstack([strip, picture])
 
@@ -97,8 +97,7 @@ def fixed_point(pixels: FloatArray) -> np.ndarray[tuple[int, int], np.dtype[np.i
 def frame_pixels(points: FloatArray, frame: GridFrame, scale: float) -> FloatArray:
     """Points or poses (N, 2 or more) [m] as pixels of a picture in which a cell of the frame has ``scale`` pixels."""
     left, _, _, top = frame.bounds
-    pixels = np.column_stack([points[:, 0] - left, top - points[:, 1]]) * (scale / frame.resolution)
-    return pixels
+    return np.column_stack([points[:, 0] - left, top - points[:, 1]]) * (scale / frame.resolution)
 
 
 def draw_path(picture: ByteArray, pixels: np.ndarray, colour: Colour, thickness: int = 2) -> None:
@@ -110,7 +109,7 @@ def draw_path(picture: ByteArray, pixels: np.ndarray, colour: Colour, thickness:
 
 def colour_cells(cells: ByteArray) -> ByteArray:
     """A map's cells as a picture of the same size."""
-    picture = blank(*cells.shape, UNKNOWN_TINT)
+    picture = blank(cells.shape, UNKNOWN_TINT)
     picture[cells == FREE] = FLOOR_TINT
     picture[cells == OCCUPIED] = WALL_TINT
     return picture

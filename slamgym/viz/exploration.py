@@ -93,7 +93,7 @@ class Renderer:
         if scene.plan is not self._plan:
             self._plan, self._view = scene.plan, _View(scene.plan)
             self._floor_layer = _draw_floor(scene.plan, self._view)
-        picture = blank(HEIGHT, WIDTH, PAPER)
+        picture = blank((HEIGHT, WIDTH), PAPER)
         world = panel_of(picture, 0)
         world[:] = self._floor_layer
         _draw_world(world, scene, self._view)
@@ -145,7 +145,7 @@ class _View:
         shrink = max(1, math.ceil(1.0 / (frame.resolution * self.scale)))
         if shrink > 1:
             rows, cols = (math.ceil(side / shrink) * shrink for side in grid.cells.shape)
-            padded = blank(rows, cols, UNKNOWN_TINT)
+            padded = blank((rows, cols), UNKNOWN_TINT)
             padded[rows - colours.shape[0] :, : colours.shape[1]] = colours
             colours = cv2.resize(padded, (cols // shrink, rows // shrink), interpolation=cv2.INTER_AREA)
         height, width = colours.shape[:2]
@@ -161,7 +161,7 @@ def panel_of(picture: ByteArray, index: int) -> ByteArray:
 
 def _draw_floor(plan: FloorPlan, view: _View) -> ByteArray:
     """The building: what never changes during an episode."""
-    layer = blank(_PANEL_HEIGHT, _PANEL_WIDTH, UNKNOWN_TINT)
+    layer = blank((_PANEL_HEIGHT, _PANEL_WIDTH), UNKNOWN_TINT)
     _fill(layer, view, np.asarray(plan.free_space.exterior.coords), FLOOR_TINT)
     for ring in plan.free_space.interiors:
         _fill(layer, view, np.asarray(ring.coords), UNKNOWN_TINT)

@@ -3,15 +3,8 @@ import numpy as np
 import pytest
 
 from slamgym.core.types import GridFrame
-from slamgym.viz.contact_sheet import (
-    ERROR_SCALE,
-    SheetEntry,
-    distance_to,
-    draw_contact_sheet,
-    draw_overlay,
-    error_colour,
-    wall_faces,
-)
+from slamgym.viz.overlays import ERROR_SCALE, distance_to, draw_wall_errors, error_colour, wall_faces
+from slamgym.viz.sheets import SheetEntry, draw_contact_sheet
 
 
 def entry(slam_shift_px=0):
@@ -23,6 +16,10 @@ def entry(slam_shift_px=0):
     slam[20:100, 120 + slam_shift_px] = 0
     path = np.array([[2.0, 2.0], [3.0, 2.0], [3.0, 3.0]])
     return SheetEntry("room", "details", cad, slam, GridFrame(0.05, 0.0, 0.0, 120, 140), path)
+
+
+def wall_errors(pair):
+    return draw_wall_errors(pair.cad, pair.slam, pair.frame, pair.path)
 
 
 def test_wall_faces_are_the_wall_cells_beside_free_space():
@@ -48,8 +45,8 @@ def test_error_colours_go_from_green_to_red_and_stop_there():
 
 def test_a_wall_in_its_place_is_green_and_a_moved_one_red():
     column = 2 * 120 + 1
-    good = draw_overlay(entry(0))[120, column]
-    bad = draw_overlay(entry(8))[120, column + 16]
+    good = wall_errors(entry(0))[120, column]
+    bad = wall_errors(entry(8))[120, column + 16]
     assert (good == error_colour(np.zeros(1))[0]).all()
     assert (bad == error_colour(np.full(1, 8 * 0.05))[0]).all()
 

@@ -23,7 +23,10 @@ def test_a_frame_has_its_size_and_both_worlds(flat: FloorPlan):
     assert frame.dtype == np.uint8
     assert not np.array_equal(first, frame)
     left, right = frame[:, : r.WIDTH // 2], frame[:, r.WIDTH // 2 :]
-    for panel, colours in ((left, (TRUE_COLOUR, WALL_TINT, r.SEEN_TINT)), (right, (BELIEVED_COLOUR, WALL_TINT, UNKNOWN_TINT))):
+    for panel, colours in (
+        (left, (TRUE_COLOUR, WALL_TINT, r.SEEN_TINT)),
+        (right, (BELIEVED_COLOUR, WALL_TINT, UNKNOWN_TINT)),
+    ):
         for colour in colours:
             assert (panel == colour).all(axis=2).any()
     assert not (left == BELIEVED_COLOUR).all(axis=2).any()
