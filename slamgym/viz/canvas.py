@@ -60,22 +60,33 @@ def fitting_size(text: str, size: float, width: int) -> float:
 def with_heading(picture: ByteArray, heading: str, height: int = 40) -> ByteArray:
     """A picture below a line of text."""
     strip = blank((height, picture.shape[1]))
-    draw_text(strip, heading, 16, height - 12, fitting_size(heading, 0.8, picture.shape[1] - 32))
+    draw_text(strip, heading, 12, height - 12, fitting_size(heading, 0.8, picture.shape[1] - 24))
     return np.vstack([strip, picture])
 
 
-def draw_scale_bar(picture: ByteArray, left: int, bottom: int, metres_per_px: float, most_px: float) -> int:
-    """Draw a bar of a round length, at most so many pixels wide, with its length beside it.
+def draw_scale_bar(
+    picture: ByteArray, place: tuple[int, int], metres_per_px: float, most_px: float, backed: bool = False
+) -> int:
+    """Draw a bar of a round length with its length beside it.
+
+    Args:
+        picture: Changed in place.
+        place: Left end of the bar (column, row).
+        metres_per_px: Scale of the picture.
+        most_px: Longest bar.
+        backed: Whether to lighten what lies behind.
 
     Returns:
         The column where the text ends.
     """
+    left, bottom = place
     length = _round_length(metres_per_px * most_px)
     width = round(length / metres_per_px)
     label = f"{length:g} m"
     right = left + width + 8 + text_width(label, 0.45)
-    box = picture[bottom - 12 : bottom + 10, left - 6 : right + 6]
-    cv2.addWeighted(box, 0.2, np.full_like(box, 255), 0.8, 0.0, dst=box)
+    if backed:
+        box = picture[bottom - 12 : bottom + 10, left - 6 : right + 6]
+        cv2.addWeighted(box, 0.2, np.full_like(box, 255), 0.8, 0.0, dst=box)
     cv2.line(picture, (left, bottom), (left + width, bottom), INK, 2)
     for end in (left, left + width):
         cv2.line(picture, (end, bottom - 5), (end, bottom + 5), INK, 2)

@@ -99,8 +99,8 @@ class Renderer:
         _draw_world(world, scene, self._view)
         _draw_belief(panel_of(picture, 1), scene, self._view)
         _frame_panels(picture)
-        # A bar in the corner of the left panel.
-        draw_scale_bar(picture, _MARGIN + 12, _HEAD + _PANEL_HEIGHT - 14, 1.0 / self._view.scale, 130)
+        corner = _MARGIN + 12, _HEAD + _PANEL_HEIGHT - 14  # of the left panel
+        draw_scale_bar(picture, corner, 1.0 / self._view.scale, 130, backed=True)
         _draw_figures(picture, scene)
         return picture
 

@@ -130,7 +130,7 @@ def _paste(picture: ByteArray, patch: ByteArray, top: int, left: int) -> None:
 def _draw_footer(page: ByteArray, metres_per_px: float, caption: str) -> None:
     """Scale bar at the left, caption at the right."""
     height, width = page.shape[:2]
-    end = draw_scale_bar(page, MARGIN_PX, height - FOOTER_PX // 2, metres_per_px, width / 6.0)
+    end = draw_scale_bar(page, (MARGIN_PX, height - FOOTER_PX // 2), metres_per_px, width / 6.0)
     size = fitting_size(caption, 0.55, width - MARGIN_PX - end - 24)
     left = width - MARGIN_PX - text_width(caption, size)
     draw_text(page, caption, left, height - FOOTER_PX // 2 + 6, size)

@@ -67,7 +67,7 @@ def draw_floor_plan(plan: FloorPlan, size_px: int = 420) -> ByteArray:
     _paint_rooms(picture, plan, inside, frame)
     _mark_doors(picture, plan, frame)
     small = np.asarray(cv2.resize(picture, (size_px, size_px), interpolation=cv2.INTER_AREA), dtype=np.uint8)
-    draw_scale_bar(small, 10, size_px - 14, frame.resolution * _OVERSAMPLING, 0.2 * size_px)
+    draw_scale_bar(small, (10, size_px - 12), frame.resolution * _OVERSAMPLING, 0.2 * size_px)
     return small
 
 
@@ -86,10 +86,10 @@ def draw_plan_sheet(plans: Sequence[FloorPlan], columns: int = 6, size_px: int =
 
 
 def _square_frame(plan: FloorPlan, size_px: int) -> GridFrame:
-    """A square grid that holds the plan with a margin, the plan in its middle."""
+    """A square grid that holds the plan with a margin, the wider one below for the scale bar."""
     min_x, min_y, max_x, max_y = plan.bounds
     side = 1.12 * max(max_x - min_x, max_y - min_y) + 2 * WALL_THICKNESS
-    x, y = 0.5 * (min_x + max_x - side), 0.5 * (min_y + max_y - side)
+    x, y = 0.5 * (min_x + max_x - side), 0.5 * (min_y + max_y - side) - 0.03 * side
     return GridFrame(side / size_px, x, y, size_px, size_px)
 
 

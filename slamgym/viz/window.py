@@ -14,7 +14,7 @@ class Window:
         frames_per_second: Rate at which :meth:`show` returns; 0 doesn't wait.
 
     Raises:
-        SlamgymError: If pygame isn't installed.
+        SlamgymError: If pygame isn't installed, or there is no display.
     """
 
     def __init__(self, title: str, frames_per_second: float = 0.0) -> None:
@@ -28,8 +28,11 @@ class Window:
         self._title = title
         self._rate = frames_per_second
         self._screen: Any = None
-        pygame.display.init()
         self._clock = pygame.time.Clock()
+        try:
+            pygame.display.init()
+        except pygame.error as error:
+            raise _no_display(error) from None
 
     def show(self, picture: ByteArray) -> None:
         """Show an RGB picture, shape (height, width, 3), and wait for the time of the next one.
@@ -42,10 +45,7 @@ class Window:
             try:
                 self._screen = pygame.display.set_mode((picture.shape[1], picture.shape[0]))
             except pygame.error as error:
-                raise SlamgymError(
-                    f"can't open a window ({error}); without a display, write a film "
-                    'or use render_mode="rgb_array"'
-                ) from None
+                raise _no_display(error) from None
             pygame.display.set_caption(self._title)
         if any(event.type == pygame.QUIT for event in pygame.event.get()):
             raise SlamgymError("the window was closed before the end")
@@ -56,3 +56,9 @@ class Window:
     def close(self) -> None:
         """Close the window."""
         self._pygame.display.quit()
+
+
+def _no_display(error: Exception) -> SlamgymError:
+    return SlamgymError(
+        f'can\'t open a window ({error}); without a display, write a film or use render_mode="rgb_array"'
+    )

@@ -10,6 +10,7 @@ from slamgym.core.errors import SlamgymError
 from slamgym.envs import ExploreEnv
 from slamgym.viz import exploration as r
 from slamgym.viz.canvas import BELIEVED_COLOUR, TRUE_COLOUR, UNKNOWN_TINT, WALL_TINT
+from slamgym.viz.window import Window
 
 
 def test_a_frame_has_its_size_and_both_worlds(flat: FloorPlan):
@@ -87,3 +88,20 @@ def test_human_mode_without_pygame_says_what_to_install(flat: FloorPlan, monkeyp
     env = ExploreEnv(flat, render_mode="human")
     with pytest.raises(SlamgymError, match=r"pip install .*slamgym\[human\]"):
         env.reset(seed=0)
+
+
+def test_a_window_without_a_display_and_one_that_is_closed_are_one_clear_error(
+    monkeypatch: pytest.MonkeyPatch,
+):
+    pygame = pytest.importorskip("pygame")
+    picture = np.zeros((20, 30, 3), np.uint8)
+    monkeypatch.setenv("SDL_VIDEODRIVER", "no_such_driver")
+    with pytest.raises(SlamgymError, match="without a display, write a film"):
+        Window("title").show(picture)
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    window = Window("title")
+    window.show(picture)
+    pygame.event.post(pygame.event.Event(pygame.QUIT))
+    with pytest.raises(SlamgymError, match="was closed"):
+        window.show(picture)
+    window.close()
