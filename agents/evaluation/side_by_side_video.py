@@ -16,7 +16,7 @@ from slamgym.core.errors import ConfigError
 from slamgym.core.types import ByteArray
 from slamgym.envs import ExploreEnv
 from slamgym.envs.episode import time_limit
-from slamgym.viz.canvas import scaled, with_heading
+from slamgym.viz.canvas import rescaled, with_heading
 from slamgym.viz.films import open_film
 
 FPS = 20.0
@@ -102,4 +102,4 @@ def _frames(plan: FloorPlan, seed: int, name: str, config: TrialConfig, stride: 
 
 def _titled(frame: ByteArray, title: str) -> ByteArray:
     """A frame shrunk to a half of the film, with a heading."""
-    return with_heading(scaled(frame, 0.75), title)
+    return with_heading(rescaled(frame, 0.75), title)

@@ -14,7 +14,7 @@ from slamgym.viz.plots import Curve, CurvePanel, Spread, plot_curves, plot_sprea
 COLUMNS = (
     ("time_95", "time to 95 % [s]", "{:.0f}"),
     ("time_99", "time to 99 % [s]", "{:.0f}"),
-    ("path_99", "way to 99 % [m]", "{:.1f}"),
+    ("path_99", "path to 99 % [m]", "{:.1f}"),
     ("coverage", "coverage", "{:.3f}"),
     ("map_error", "map error [m]", "{:.4f}"),
 )

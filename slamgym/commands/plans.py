@@ -47,7 +47,7 @@ class ListPlans(_Selection):
 
 @dataclass(frozen=True)
 class CheckPlans(_Selection):
-    """Tell which plans can be explored, and what is wrong with the others."""
+    """Report which plans can be explored, and what is wrong with the others."""
 
     rejected: Path = Path("rejected.jsonl")
     """Where the plans that can't be explored are written, one JSON object a line."""

@@ -126,7 +126,7 @@ def colour_cells(cells: ByteArray) -> ByteArray:
     return picture
 
 
-def scaled(picture: ByteArray, factor: float) -> ByteArray:
+def rescaled(picture: ByteArray, factor: float) -> ByteArray:
     """A grey or RGB picture, sharp when it grows, averaged when it shrinks."""
     rows, cols = picture.shape[:2]
     size = (max(1, round(cols * factor)), max(1, round(rows * factor)))
@@ -137,7 +137,7 @@ def scaled(picture: ByteArray, factor: float) -> ByteArray:
 def fitted(picture: ByteArray, side: int) -> ByteArray:
     """A grey or RGB picture, scaled to fit a square of so many pixels; RGB."""
     rgb = np.repeat(picture[:, :, None], 3, axis=2) if picture.ndim == 2 else picture
-    return scaled(rgb, side / max(rgb.shape[:2]))
+    return rescaled(rgb, side / max(rgb.shape[:2]))
 
 
 def write_picture(path: Path, picture: ByteArray) -> None:

@@ -19,7 +19,7 @@ from slamgym.viz.canvas import (
     fitting_size,
     fixed_point,
     frame_pixels,
-    scaled,
+    rescaled,
     text_width,
 )
 
@@ -28,7 +28,7 @@ PATH_END: Colour = (234, 67, 53)
 PARTICLE: Colour = (0, 150, 136)
 
 MIN_SIDE_PX, MAX_SIDE_PX = 1000, 2400
-MARGIN_PX = 36
+PAGE_MARGIN_PX = 36
 FOOTER_PX = 64
 VIEW_WIDTH, VIEW_HEIGHT = 1024, 768
 """Size of the pictures of a growing map [px]; even, as video encoders want it."""
@@ -48,12 +48,12 @@ def draw_map(grid: OccupancyGrid, path: FloatArray, caption: str = "") -> ByteAr
     longest = max(grid.cells.shape)
     # Whole factors keep the cells sharp where the map is small; larger maps are averaged down.
     factor: float = max(1, MIN_SIDE_PX // longest) if longest < MAX_SIDE_PX else MAX_SIDE_PX / longest
-    picture = scaled(colour_cells(grid.cells), factor)
+    picture = rescaled(colour_cells(grid.cells), factor)
     rows, cols = picture.shape[:2]
     _draw_gradient_path(picture, frame_pixels(path, grid.frame, factor), max(1, round(cols / 800)))
-    page = blank((MARGIN_PX + rows + FOOTER_PX, max(cols + 2 * MARGIN_PX, 640)), PAPER)
+    page = blank((PAGE_MARGIN_PX + rows + FOOTER_PX, max(cols + 2 * PAGE_MARGIN_PX, 640)), PAPER)
     left = (page.shape[1] - cols) // 2
-    page[MARGIN_PX : MARGIN_PX + rows, left : left + cols] = picture
+    page[PAGE_MARGIN_PX : PAGE_MARGIN_PX + rows, left : left + cols] = picture
     _draw_footer(page, grid.frame.resolution / factor, caption)
     return page
 
@@ -82,7 +82,9 @@ class GrowingView:
         view = page[: VIEW_HEIGHT - FOOTER_PX]
         view[:] = UNKNOWN_TINT
         left, top = (grid.frame.bounds[0] - min_x) * scale, (max_y - grid.frame.bounds[3]) * scale
-        _paste(view, scaled(colour_cells(grid.cells), scale * grid.frame.resolution), round(top), round(left))
+        _paste(
+            view, rescaled(colour_cells(grid.cells), scale * grid.frame.resolution), round(top), round(left)
+        )
         best, *others = (frame_pixels(path, frame, scale * frame.resolution) for path in paths)
         for pixels in others:
             cv2.polylines(view, [fixed_point(pixels)], False, PARTICLE, 1, cv2.LINE_AA, SHIFT)
@@ -130,7 +132,7 @@ def _paste(picture: ByteArray, patch: ByteArray, top: int, left: int) -> None:
 def _draw_footer(page: ByteArray, metres_per_px: float, caption: str) -> None:
     """Scale bar at the left, caption at the right."""
     height, width = page.shape[:2]
-    end = draw_scale_bar(page, (MARGIN_PX, height - FOOTER_PX // 2), metres_per_px, width / 6.0)
-    size = fitting_size(caption, 0.55, width - MARGIN_PX - end - 24)
-    left = width - MARGIN_PX - text_width(caption, size)
+    end = draw_scale_bar(page, (PAGE_MARGIN_PX, height - FOOTER_PX // 2), metres_per_px, width / 6.0)
+    size = fitting_size(caption, 0.55, width - PAGE_MARGIN_PX - end - 24)
+    left = width - PAGE_MARGIN_PX - text_width(caption, size)
     draw_text(page, caption, left, height - FOOTER_PX // 2 + 6, size)

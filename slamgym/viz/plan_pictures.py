@@ -13,8 +13,7 @@ from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, BoolArray, ByteArray, Fl
 from slamgym.viz.canvas import INK, WALL_TINT, Colour, blank, draw_scale_bar, draw_text, frame_pixels
 from slamgym.viz.sheets import Card, draw_sheet
 
-WALL_THICKNESS = 0.25
-"""Of the walls, drawn outside the outline [m]."""
+_WALL_THICKNESS = 0.25  # drawn outside the outline [m]
 _DOOR: Colour = (208, 84, 38)
 _PLAIN_FLOOR: Colour = (238, 236, 232)
 
@@ -61,7 +60,7 @@ def draw_floor_plan(plan: FloorPlan, size_px: int = 420) -> ByteArray:
     frame = _square_frame(plan, fine)
     picture = blank((fine, fine))
     inside = fill_segments(plan.segments(), frame)
-    values = map_values(inside, frame.resolution, UNKNOWN, WALL_THICKNESS)
+    values = map_values(inside, frame.resolution, UNKNOWN, _WALL_THICKNESS)
     picture[(values == OCCUPIED) | _enclosed(values == UNKNOWN)] = WALL_TINT
     picture[values == FREE] = _PLAIN_FLOOR
     _paint_rooms(picture, plan, inside, frame)
@@ -88,7 +87,7 @@ def draw_plan_sheet(plans: Sequence[FloorPlan], columns: int = 6, size_px: int =
 def _square_frame(plan: FloorPlan, size_px: int) -> GridFrame:
     """A square grid that holds the plan with a margin, the wider one below for the scale bar."""
     min_x, min_y, max_x, max_y = plan.bounds
-    side = 1.12 * max(max_x - min_x, max_y - min_y) + 2 * WALL_THICKNESS
+    side = 1.12 * max(max_x - min_x, max_y - min_y) + 2 * _WALL_THICKNESS
     x, y = 0.5 * (min_x + max_x - side), 0.5 * (min_y + max_y - side) - 0.03 * side
     return GridFrame(side / size_px, x, y, size_px, size_px)
 
