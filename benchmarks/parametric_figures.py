@@ -21,10 +21,20 @@ from slamgym.core.types import UNKNOWN, ByteArray, Float32Array, GridFrame
 from slamgym.parametric import Deformation, ParametricConfig, deform, from_recorded, preset
 from slamgym.parametric.config import EkfConfig
 from slamgym.parametric.warp import warp
-from slamgym.viz.deformation_pictures import TRUE_COLOUR, panel, side_by_side, with_path
+from slamgym.viz.canvas import TRUE_COLOUR, write_picture
+from slamgym.viz.overlays import draw_paths
+from slamgym.viz.sheets import DEFORMATION_PX, draw_grid
 
 COARSE_PX = 64
-CAPTION_PX = 30
+TITLES = (
+    "CAD map and true path",
+    "simulated SLAM",
+    f"EKF at {COARSE_PX} px",
+    "EKF field, upsized",
+    "EKF (Schur), full size",
+    "two-phase, faithful",
+    "two-phase, realistic",
+)
 
 
 def coarse_frame(frame: GridFrame) -> GridFrame:
@@ -47,7 +57,7 @@ def enlarged_ekf(exploration: Exploration, coarse: Float32Array, frame: GridFram
     return warp(cad, field, full.resolution, UNKNOWN)
 
 
-def row(exploration: Exploration, seed: int) -> ByteArray:
+def row(exploration: Exploration, seed: int) -> list[ByteArray]:
     """One plan: path, simulated SLAM, EKF, EKF upsized, Schur, two-phase, realistic."""
     path = from_recorded(exploration.path)
     frame = exploration.frame
@@ -61,21 +71,16 @@ def row(exploration: Exploration, seed: int) -> ByteArray:
     ekf = run(
         dataclasses.replace(faithful, method="ekf", resolution=coarse.resolution, ekf=EkfConfig()), coarse
     )
-    cad = panel(exploration.plan.raster(frame.resolution, frame).cells, "CAD map and true path")
-    body = with_path(cad[CAPTION_PX:].copy(), exploration.path.poses, frame, TRUE_COLOUR)
-    return side_by_side(
-        [
-            np.vstack([cad[:CAPTION_PX], body]),
-            panel(exploration.slam, "simulated SLAM"),
-            panel(ekf.grid.cells, f"EKF at {max(coarse.shape)} px"),
-            panel(enlarged_ekf(exploration, ekf.field, coarse), "EKF field, upsized"),
-            panel(
-                run(dataclasses.replace(faithful, method="ekf_schur")).grid.cells, "EKF (Schur), full size"
-            ),
-            panel(run(faithful).grid.cells, "two-phase, faithful"),
-            panel(run(preset("realistic")).grid.cells, "two-phase, realistic"),
-        ]
-    )
+    cad = exploration.plan.raster(frame.resolution, frame)
+    return [
+        draw_paths(cad, {TRUE_COLOUR: exploration.path.poses}, DEFORMATION_PX),
+        exploration.slam,
+        ekf.grid.cells,
+        enlarged_ekf(exploration, ekf.field, coarse),
+        run(dataclasses.replace(faithful, method="ekf_schur")).grid.cells,
+        run(faithful).grid.cells,
+        run(preset("realistic")).grid.cells,
+    ]
 
 
 def main() -> None:
@@ -89,12 +94,7 @@ def main() -> None:
     arguments.episodes.mkdir(parents=True, exist_ok=True)
     plans = useful_plans(arguments.plans, arguments.count)
     rows = [row(explore(plan, arguments.episodes), arguments.seed) for plan in plans]
-    width = max(image.shape[1] for image in rows)
-    page = np.vstack(
-        [np.pad(image, ((0, 10), (0, width - image.shape[1]), (0, 0)), constant_values=255) for image in rows]
-    )
-    arguments.out.parent.mkdir(parents=True, exist_ok=True)
-    cv2.imwrite(str(arguments.out), page)
+    write_picture(arguments.out, draw_grid(TITLES, rows, panel_px=DEFORMATION_PX))
     print(f"{len(rows)} plans: {arguments.out}")
 
 

@@ -2,21 +2,16 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from slamgym.agents.evaluation.coverage_curve import mean_coverage
 from slamgym.agents.evaluation.trial import Trial
-from slamgym.core.errors import ConfigError
 from slamgym.core.intervals import mean_band
-from slamgym.core.staged import staged
+from slamgym.viz.plots import Curve, CurvePanel, plot_curves
 
 _POINTS = 200
 _LEVELS = ("0.95", "0.99")
-_COLOURS = (
-    "#1971c2", "#e03131", "#2f9e44", "#f08c00", "#9c36b5", "#0c8599", "#6741d9", "#e8590c", "#66a80f", "#868e96",
-)  # fmt: skip
 
 
 def draw_coverage(trials: Sequence[Trial], path: Path, title: str = "") -> None:
@@ -31,49 +26,27 @@ def draw_coverage(trials: Sequence[Trial], path: Path, title: str = "") -> None:
         title: Heading of the picture.
 
     Raises:
-        ConfigError: If matplotlib is not installed.
+        SlamgymError: If matplotlib is not installed.
         InputFileError: If the picture can't be written.
     """
-    figure, axes = _figure()
-    left, *rights = axes
-    names = list(dict.fromkeys(trial.explorer for trial in trials))
     end = _end(trials)
     times = np.linspace(0.0, end, _POINTS)  # [s/m2]
-    for number, name in enumerate(names):
+    means: list[Curve] = []
+    reached: dict[str, list[Curve]] = {level: [] for level in _LEVELS}
+    for name in dict.fromkeys(trial.explorer for trial in trials):
         own = [trial for trial in trials if trial.explorer == name]
-        colour, label = _COLOURS[number % len(_COLOURS)], f"{name} ({len(own)})"
         curves = np.vstack([mean_coverage([t.coverage_curve], times * t.area)[0] for t in own])
-        low, high = mean_band(curves)
-        left.plot(times, curves.mean(axis=0), color=colour, label=label, linewidth=1.6)
-        left.fill_between(times, low, high, color=colour, alpha=0.15, linewidth=0.0)
-        for axis, level in zip(rights, _LEVELS, strict=True):
-            reached = np.array([_per_area(t, level) for t in own])
-            axis.plot(times, (reached[:, None] <= times).mean(axis=0), color=colour, linewidth=1.4)
-    left.set_title(title or "mean, with its 95 % interval", fontsize=10)
-    left.set_ylabel("share of the reachable floor seen")
-    left.legend(loc="lower right", fontsize=8, frameon=False)
-    for axis, level in zip(rights, _LEVELS, strict=True):
-        axis.set_title(f"explorations that have seen {100 * float(level):g} %", fontsize=10)
-        axis.set_ylabel("share of explorations")
-    for axis in axes:
-        axis.set(xlabel="robot time per floor area [s/m²]", xlim=(0, end), ylim=(0, 1.01))
-        axis.grid(alpha=0.25)
-    with staged(path) as part:
-        figure.savefig(part, dpi=120)
-
-
-def _figure() -> tuple[Any, Any]:
-    """An empty figure with three axes, drawn without a window."""
-    try:
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
-    except ImportError as error:
-        raise ConfigError(
-            "the plot needs matplotlib; pip install 'slamgym[agents]', or leave it out with --no-plot"
-        ) from error
-    figure = Figure(figsize=(14.0, 4.4), layout="constrained")
-    FigureCanvasAgg(figure)
-    return figure, figure.subplots(1, 3)
+        means.append(Curve(f"{name} ({len(own)})", times, curves.mean(axis=0), mean_band(curves)))
+        for level, shares in reached.items():
+            share = (np.array([_per_area(t, level) for t in own])[:, None] <= times).mean(axis=0)
+            shares.append(Curve(name, times, share))
+    axis = "robot time per floor area [s/m²]"
+    title = title or "mean, with its 95 % interval"
+    panels = [CurvePanel(means, axis, "share of the reachable floor seen", title, is_share=True)]
+    for level, shares in reached.items():
+        title = f"explorations that have seen {100 * float(level):g} %"
+        panels.append(CurvePanel(shares, axis, "share of explorations", title, is_share=True))
+    plot_curves(path, panels)
 
 
 def _per_area(trial: Trial, level: str) -> float:

@@ -5,8 +5,6 @@ import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-import cv2
-import imageio
 import numpy as np
 
 from slamgym.agents.evaluation.evaluate import make_for_episode
@@ -15,15 +13,15 @@ from slamgym.agents.evaluation.trial import Trial, TrialConfig
 from slamgym.cad import FloorPlan, PlanSource
 from slamgym.core.config import suggest
 from slamgym.core.errors import ConfigError
-from slamgym.core.staged import staged
 from slamgym.core.types import ByteArray
 from slamgym.envs import ExploreEnv
 from slamgym.envs.episode import time_limit
+from slamgym.viz.canvas import rescaled, with_heading
+from slamgym.viz.films import open_film
 
 FPS = 20.0
 SPEED = 16.0
 """How much faster than the robot."""
-_HEADING = 40  # [px]
 _LEVEL = "0.95"
 
 
@@ -55,15 +53,15 @@ def film_side_by_side(
     stride = max(1, round(SPEED / FPS / config.env.control_step))
     halves = [_frames(plan, chosen.seed, name, config, stride) for name in explorers]
     latest: list[ByteArray] = [next(half) for half in halves]
-    with staged(path) as part, imageio.get_writer(part, format="FFMPEG", fps=FPS, macro_block_size=2) as film:
+    with open_film(path, FPS) as show:
         while True:
-            film.append_data(np.hstack(latest))
+            show(np.hstack(latest))
             following = [next(half, None) for half in halves]
             if all(frame is None for frame in following):
                 break
             latest = [old if new is None else new for old, new in zip(latest, following, strict=True)]
         for _ in range(round(2.0 * FPS)):  # time to read the last figures
-            film.append_data(np.hstack(latest))
+            show(np.hstack(latest))
 
 
 def choose_trial(trials: Sequence[Trial], explorers: tuple[str, str], plan_id: str | None) -> Trial:
@@ -103,9 +101,5 @@ def _frames(plan: FloorPlan, seed: int, name: str, config: TrialConfig, stride: 
 
 
 def _titled(frame: ByteArray, title: str) -> ByteArray:
-    """A frame shrunk to a half-width picture with a heading."""
-    half = cv2.resize(frame, (frame.shape[1] * 3 // 4, frame.shape[0] * 3 // 4), interpolation=cv2.INTER_AREA)
-    titled: ByteArray = np.full((half.shape[0] + _HEADING, half.shape[1], 3), 255, dtype=np.uint8)
-    titled[_HEADING:] = half
-    cv2.putText(titled, title, (16, 28), cv2.FONT_HERSHEY_DUPLEX, 0.8, (33, 37, 41), 1, cv2.LINE_AA)
-    return titled
+    """A frame shrunk to a half of the film, with a heading."""
+    return with_heading(rescaled(frame, 0.75), title)

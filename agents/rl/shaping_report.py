@@ -2,38 +2,25 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from slamgym.agents.rl.reward_shaping import ShapingRun
-from slamgym.core.errors import SlamgymError
 from slamgym.core.intervals import Interval, crossed_mean, crossed_ratio, mean_band
-from slamgym.core.staged import staged, write_text
+from slamgym.core.staged import write_text
 from slamgym.core.types import FloatArray
+from slamgym.viz.plots import Curve, CurvePanel, Spread, plot_curves, plot_spreads
 
 COLUMNS = (
     ("time_95", "time to 95 % [s]", "{:.0f}"),
     ("time_99", "time to 99 % [s]", "{:.0f}"),
-    ("path_99", "way to 99 % [m]", "{:.1f}"),
+    ("path_99", "path to 99 % [m]", "{:.1f}"),
     ("coverage", "coverage", "{:.3f}"),
     ("map_error", "map error [m]", "{:.4f}"),
 )
 """Field of :class:`slamgym.agents.rl.training_callbacks.Outcome`, heading, format."""
 
 _POINTS = 60
-_COLOURS = (
-    "#1971c2",
-    "#e03131",
-    "#2f9e44",
-    "#f08c00",
-    "#9c36b5",
-    "#0c8599",
-    "#6741d9",
-    "#66a80f",
-    "#868e96",
-    "#000000",
-)
 
 
 def write_shaping_report(runs: Sequence[ShapingRun], out: Path) -> str:
@@ -86,46 +73,28 @@ def table(runs: Sequence[ShapingRun]) -> str:
 
 def draw_curves(runs: Sequence[ShapingRun], path: Path) -> None:
     """Learning curves: duration of the episodes of training over steps, mean of the seeds with its interval."""
-    plot = _pyplot()
-    figure, axis = plot.subplots(figsize=(8, 5), layout="constrained")
-    for number, name in enumerate(dict.fromkeys(run.preset for run in runs)):
+    shown = []
+    for name in dict.fromkeys(run.preset for run in runs):
         curves = [run.curve for run in runs if run.preset == name and len(run.curve) > 1]
-        if not curves:
+        if not curves:  # runs too short to have one
             continue
         begin, end = max(c[0][0] for c in curves), min(c[-1][0] for c in curves)
         steps = np.linspace(begin, end, _POINTS)
         values = np.vstack([np.interp(steps, *np.array(curve).T) for curve in curves])
-        low, high = mean_band(values)
-        colour = _COLOURS[number % len(_COLOURS)]
-        axis.plot(steps, values.mean(axis=0), color=colour, label=f"{name} ({len(curves)})", linewidth=1.6)
-        axis.fill_between(steps, low, high, color=colour, alpha=0.15, linewidth=0.0)
-    axis.set(xlabel="decisions", ylabel="mean duration of the latest 100 episodes [s]")
-    axis.grid(alpha=0.25)
-    if axis.lines:  # runs too short to have a curve leave none
-        axis.legend(fontsize=8, frameon=False)
-    _save(figure, path)
+        shown.append(Curve(f"{name} ({len(curves)})", steps, values.mean(axis=0), mean_band(values)))
+    plot_curves(path, [CurvePanel(shown, "decisions", "mean duration of the latest 100 episodes [s]")])
 
 
 def draw_outcomes(runs: Sequence[ShapingRun], path: Path) -> None:
     """A page of pictures: every outcome of every preset, a dot for each seed and the interval of the mean."""
-    plot = _pyplot()
     names = list(dict.fromkeys(run.preset for run in runs))
-    figure, axes = plot.subplots(
-        1, len(COLUMNS), figsize=(3 * len(COLUMNS), 0.45 * len(names) + 1.6), layout="constrained"
-    )
-    for axis, (field, heading, _) in zip(axes, COLUMNS, strict=True):
-        for row, name in enumerate(names):
-            own = [run for run in runs if run.preset == name]
-            values = _outcomes(own, field)
+    columns: dict[str, list[Spread]] = {heading: [] for _, heading, _ in COLUMNS}
+    for field, heading, _ in COLUMNS:
+        for name in names:
+            values = _outcomes([run for run in runs if run.preset == name], field)
             interval = crossed_mean(values)
-            colour = _COLOURS[row % len(_COLOURS)]
-            axis.plot([interval.low, interval.high], [row, row], color=colour, linewidth=3, alpha=0.4)
-            axis.plot(values.mean(axis=1), [row] * len(own), "o", color=colour, markersize=4)
-        axis.set_yticks(range(len(names)), names if axis is axes[0] else [""] * len(names))
-        axis.set_title(heading, fontsize=9)
-        axis.invert_yaxis()
-        axis.grid(alpha=0.25)
-    _save(figure, path)
+            columns[heading].append(Spread(values.mean(axis=1), interval.low, interval.high))
+    plot_spreads(path, names, columns)
 
 
 def _outcomes(runs: Sequence[ShapingRun], field: str) -> FloatArray:
@@ -135,22 +104,3 @@ def _outcomes(runs: Sequence[ShapingRun], field: str) -> FloatArray:
 
 def _cell(interval: Interval, form: str) -> str:
     return f"{form.format(interval.value)} [{form.format(interval.low)}, {form.format(interval.high)}]"
-
-
-def _pyplot() -> Any:
-    try:
-        import matplotlib as mpl
-    except ImportError:
-        raise SlamgymError(
-            'the pictures need matplotlib; install it with: pip install "slamgym[agents]"'
-        ) from None
-    mpl.use("Agg")
-    from matplotlib import pyplot as plt
-
-    return plt
-
-
-def _save(figure: Any, path: Path) -> None:
-    with staged(path) as part:
-        figure.savefig(part, dpi=130)
-    _pyplot().close(figure)

@@ -10,7 +10,10 @@ from slamgym.core.types import FREE, OCCUPIED, BoolArray, ByteArray
 from slamgym.gan.data import PairSet
 from slamgym.gan.evaluation.evaluate import RAW, THRESHOLD, MapScore, Method, aligned_mask, evenly_spaced
 from slamgym.metrics import aligned_error
-from slamgym.viz.figures import draw_grid, draw_overlay, write_box_plot, write_picture
+from slamgym.viz.canvas import write_picture
+from slamgym.viz.overlays import draw_agreement
+from slamgym.viz.plots import plot_boxes
+from slamgym.viz.sheets import draw_grid
 
 WORST = 10
 
@@ -52,7 +55,8 @@ def write_pictures(folder: Path, results: Results, count: int) -> None:
         for method in results.methods
         if method.name != RAW
     }
-    write_box_plot(folder / "differences.png", gains)
+    label = "MSE2 - MSE1 (positive: nearer to the CAD map than the SLAM map is)"
+    plot_boxes(folder / "differences.png", gains, label)
     for method in results.methods:
         if method.learned:
             worst = [int(i) for i in np.argsort(gains[method.name], kind="stable")[:WORST]]
@@ -94,7 +98,7 @@ def _write_overlays(path: Path, results: Results, chosen: Sequence[int]) -> None
         for method in results.methods:
             mask = _mask(method, results.pairs, i)
             found = aligned_error(mask.astype(np.float64), truth.astype(np.float64))
-            row.append(draw_overlay(aligned_mask(mask, found.similarity), truth))
+            row.append(draw_agreement(aligned_mask(mask, found.similarity), truth))
         rows.append(row)
     captions = [results.caption(i, "wall_f1_10cm", "wall F1 10 cm") for i in chosen]
     write_picture(path, draw_grid([method.name for method in results.methods], rows, captions))

@@ -27,7 +27,8 @@ from slamgym.parametric.config import Method, ParametricConfig, preset
 from slamgym.parametric.model import Deformation, deform
 from slamgym.parametric.paths import plan_trajectory, trajectory_from_file
 from slamgym.parametric.trajectory import TimedTrajectory, from_recorded
-from slamgym.viz.deformation_pictures import overview
+from slamgym.viz.canvas import write_picture
+from slamgym.viz.sheets import draw_deformation
 
 RecordPath = Callable[[FloorPlan, str, int, Any], Trajectory]
 """(plan, explorer's name, seed, explorer factory) -> the true path that the explorer drove, world frame."""
@@ -238,7 +239,10 @@ def write_deformation(folder: Path, result: Deformation, plan_id: str, seed: tup
     folder.mkdir(parents=True, exist_ok=True)
     write_ros_map(folder, result.grid)
     cv2.imwrite(str(folder / "cad.png"), result.cad.cells)
-    cv2.imwrite(str(folder / "overview.png"), overview(result))
+    overview = draw_deformation(
+        result.cad, result.grid, result.field, result.true.poses, result.believed.poses
+    )
+    write_picture(folder / "overview.png", overview)
     np.savez_compressed(folder / "field.npz", field=result.field)
     for name in ("true", "odometry", "believed"):
         write_tum(folder / f"{name}.tum", getattr(result, name))

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-import cv2
 import tyro
 from rich.console import Console
 from rich.progress import track
@@ -16,9 +15,9 @@ from slamgym.cad.floorplan import FloorPlan
 from slamgym.cad.houseexpo import write_houseexpo
 from slamgym.cad.plan_filter import Rejections, usable_plans
 from slamgym.cad.sources import PlanSource, open_plans
-from slamgym.core.errors import ConfigError, InputFileError
-from slamgym.core.staged import write_bytes
-from slamgym.viz.plan_pictures import draw_sheet
+from slamgym.core.errors import ConfigError
+from slamgym.viz.canvas import write_picture
+from slamgym.viz.plan_pictures import draw_plan_sheet
 
 MAX_NAMED = 10
 """So many rejected plans are named on the terminal; the file names them all."""
@@ -48,7 +47,7 @@ class ListPlans(_Selection):
 
 @dataclass(frozen=True)
 class CheckPlans(_Selection):
-    """Tell which plans can be explored, and what is wrong with the others."""
+    """Report which plans can be explored, and what is wrong with the others."""
 
     rejected: Path = Path("rejected.jsonl")
     """Where the plans that can't be explored are written, one JSON object a line."""
@@ -152,10 +151,7 @@ def _draw(arguments: DrawPlans, source: PlanSource, rejections: Rejections) -> N
         raise ConfigError("--columns must be at least 1 and --size at least 64 pixels")
     plans = list(_usable(arguments, source, rejections))
     if plans:
-        encoded, data = cv2.imencode(".png", draw_sheet(plans, arguments.columns, arguments.size))
-        if not encoded:
-            raise InputFileError(arguments.out, "the picture can't be encoded; draw fewer or smaller plans")
-        write_bytes(arguments.out, data.tobytes())
+        write_picture(arguments.out, draw_plan_sheet(plans, arguments.columns, arguments.size))
         sys.stdout.write(f"{len(plans)} plans drawn: {arguments.out}\n")
     rejections.write(arguments.out.with_name("rejected.jsonl"))
     _report(rejections, arguments.out.with_name("rejected.jsonl"))

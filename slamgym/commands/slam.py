@@ -4,12 +4,11 @@ import json
 import math
 import sys
 from collections.abc import Callable
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
-import cv2
 import numpy as np
 import tyro
 from rich.console import Console
@@ -18,7 +17,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from slamgym import __version__
 from slamgym.core.config import to_dict
 from slamgym.core.errors import ConfigError, InputFileError
-from slamgym.core.staged import write_bytes, write_text
+from slamgym.core.staged import write_text
 from slamgym.core.types import Trajectory
 from slamgym.interop.logs import open_log, read_truth
 from slamgym.interop.records import Log
@@ -28,9 +27,12 @@ from slamgym.interop.tum import write_tum
 from slamgym.metrics import RelationError, absolute_trajectory_error, relation_error, relative_pose_error
 from slamgym.slam.config import Matcher, Mode, SlamConfig
 from slamgym.slam.mapper import Mapper
+from slamgym.slam.particle_filter import ParticleFilter
 from slamgym.slam.replay import ReplayResult, read_overrides, replay, settings_for
-from slamgym.viz.growing_map import MAX_FRAMES, GrowingView, ShowFrame, film_writer, window
-from slamgym.viz.map_pictures import map_picture
+from slamgym.viz.canvas import write_picture
+from slamgym.viz.films import ShowPicture, open_film
+from slamgym.viz.map_pictures import GrowingView, draw_map
+from slamgym.viz.window import Window
 
 
 @dataclass(frozen=True)
@@ -91,6 +93,10 @@ class SlamArguments:
 SAME_MOMENT = 0.001
 """A relation whose stamps are those of scans up to this needs no interpolation [s]."""
 
+MAX_FRAMES, MAX_PATHS = 600, 30
+FRAMES_PER_SECOND = 20.0
+"""Of the film; paths are those of particles that a picture shows."""
+
 OVERRIDES = ("particles", "resolution", "max_usable_range", "linear_update", "angular_update", "matcher")
 
 
@@ -130,11 +136,12 @@ def _replay(arguments: SlamArguments, log: Log, config: SlamConfig) -> ReplayRes
     """Replay with a progress bar and whatever view was asked for."""
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with ExitStack() as stack:
-        screens: list[ShowFrame] = []
+        screens: list[ShowPicture] = []
         if arguments.video is not None:
-            screens.append(stack.enter_context(film_writer(arguments.video)))
+            screens.append(stack.enter_context(open_film(arguments.video, FRAMES_PER_SECOND)))
         if arguments.watch:
-            screens.append(stack.enter_context(window(f"slamgym slam {arguments.log.name}")))
+            window = stack.enter_context(closing(Window(f"slamgym slam {arguments.log.name}")))
+            screens.append(window.show)
         console = Console(stderr=True)
         progress = stack.enter_context(Progress(*columns, console=console, disable=not console.is_terminal))
         task = progress.add_task(f"{config.mode} {arguments.log.name}", total=len(log))
@@ -147,7 +154,7 @@ def _replay(arguments: SlamArguments, log: Log, config: SlamConfig) -> ReplayRes
         return replay(log, config, np.random.default_rng(arguments.seed), on_scan)
 
 
-def _viewer(screens: list[ShowFrame], total: int) -> Callable[[int, Mapper, bool], None]:
+def _viewer(screens: list[ShowPicture], total: int) -> Callable[[int, Mapper, bool], None]:
     """What to call after each scan; it draws a frame now and then, and the last one for a while."""
     view = GrowingView()
     every = math.ceil(total / MAX_FRAMES)
@@ -157,7 +164,11 @@ def _viewer(screens: list[ShowFrame], total: int) -> Callable[[int, Mapper, bool
         last = index == total - 1
         if not screens or (index % every != 0 and not last):
             return
-        picture = view.draw(mapper, f"scan {index + 1} of {total}   N_eff {mapper.n_eff:.1f}")
+        paths = [mapper.trajectory().poses]
+        if isinstance(mapper, ParticleFilter):
+            paths += mapper.particle_paths(MAX_PATHS)
+        caption = f"scan {index + 1} of {total}   N_eff {mapper.n_eff:.1f}"
+        picture = view.draw(mapper.occupancy_grid(), paths, caption)
         for screen in screens:
             for _ in range(40 if last else 1):
                 screen(picture)
@@ -242,9 +253,7 @@ def _write(folder: Path, result: ReplayResult, summary: dict[str, Any]) -> None:
     write_ros_map(folder, result.grid)
     write_tum(folder / "trajectory.tum", result.trajectory)
     caption = f"{Path(summary['log']).name}   {summary['config']['mode']}   {summary['path_length_m']:.0f} m"
-    picture = map_picture(result.grid, result.trajectory.poses, caption)
-    _, encoded = cv2.imencode(".png", cv2.cvtColor(picture, cv2.COLOR_RGB2BGR))
-    write_bytes(folder / "map.png", encoded.tobytes())
+    write_picture(folder / "map.png", draw_map(result.grid, result.trajectory.poses, caption))
     write_text(folder / "summary.json", json.dumps(summary, indent=1) + "\n")
 
 

@@ -7,23 +7,18 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-import imageio
-import numpy as np
 import tyro
 
 from slamgym.cad import FloorPlan, open_plans
 from slamgym.core.config import suggest
 from slamgym.core.errors import ConfigError
 from slamgym.core.progress import say
-from slamgym.core.staged import staged
-from slamgym.core.types import ByteArray
 from slamgym.dataset.schedule import schedule
 from slamgym.envs import ExploreConfig, ExploreEnv
 from slamgym.envs.episode import MakeExplorer, time_limit
 from slamgym.sim import ClutterConfig, LidarConfig, RobotConfig, odometry_level
 from slamgym.slam import SlamConfig
-
-FILM_FORMATS = (".mp4", ".gif")
+from slamgym.viz.films import check_film_name, open_film
 
 
 @dataclass(frozen=True)
@@ -80,9 +75,8 @@ def main(argv: list[str], make_explorer: MakeExplorer) -> int:
 
 
 def _check(arguments: WatchArguments) -> None:
-    output = arguments.out
-    if output is not None and output.suffix.lower() not in FILM_FORMATS:
-        raise ConfigError(f"--out {output}: a film is an .mp4 or a .gif")
+    if arguments.out is not None:
+        check_film_name(arguments.out)
     for name in ("speed", "fps"):
         if not 0.0 < getattr(arguments, name) < 1000.0:
             raise ConfigError(f"--{name} must be positive, not {getattr(arguments, name)}")
@@ -138,21 +132,8 @@ def _write_film(arguments: WatchArguments, env: ExploreEnv, steps: Iterator[dict
     """Write every n-th step as a frame; the file appears when it is complete."""
     assert arguments.out is not None
     stride = max(1, round(arguments.speed / arguments.fps / env.config.control_step))
-    with staged(arguments.out) as part, _open_film(part, arguments.fps) as film:
+    with open_film(arguments.out, arguments.fps) as show:
         for number, _ in enumerate(steps):
             if number % stride == 0:
-                film.append_data(_even(env.render()))
-        film.append_data(_even(env.render()))
-
-
-def _open_film(path: Path, fps: float) -> Any:
-    if path.suffix.lower() == ".gif":
-        return imageio.get_writer(path, format="GIF", duration=1000.0 / fps, loop=0)
-    # The default block size of 16 would scale the picture.
-    return imageio.get_writer(path, format="FFMPEG", fps=fps, macro_block_size=2)
-
-
-def _even(frame: ByteArray) -> ByteArray:
-    """H.264 wants even numbers of rows and columns."""
-    rows, cols = frame.shape[:2]
-    return np.pad(frame, ((0, rows % 2), (0, cols % 2), (0, 0)), mode="edge")
+                show(env.render())
+        show(env.render())

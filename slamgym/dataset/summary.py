@@ -11,7 +11,7 @@ from slamgym.core.files import replace_file, storage_errors
 from slamgym.core.png import encode_png
 from slamgym.dataset.format import Layout, PairRecord, load_pair, read_manifest
 from slamgym.interop import read_tum
-from slamgym.viz.contact_sheet import SheetEntry, draw_contact_sheet
+from slamgym.viz.sheets import SheetEntry, draw_contact_sheet
 
 GOOD_COVERAGE = 0.95
 """Share of the reachable area from which an exploration counts as complete."""

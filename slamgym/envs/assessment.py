@@ -1,18 +1,21 @@
 """How an exploration goes, judged with knowledge of the truth: for rewards and ``info``."""
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from slamgym.core.geometry import wrap_angle
-from slamgym.core.types import UNKNOWN, LaserGeometry
+from slamgym.core.types import UNKNOWN, LaserGeometry, OccupancyGrid, Pose2D
 from slamgym.envs.coverage import Coverage
+from slamgym.envs.episode_log import EpisodeLog
 from slamgym.envs.plan_cache import PreparedPlan
 from slamgym.envs.rewards import Reward, StepRecord
 from slamgym.envs.simulation import Simulation
 from slamgym.sim import Motion
 from slamgym.slam import Mapper
+from slamgym.viz.exploration import Scene, SceneFigures
 
 
 class Assessment:
@@ -93,6 +96,42 @@ class Assessment:
         if self._reward.needs_map_error:
             info["map_error"] = latest.map_error
         return info
+
+    def scene(self, log: EpisodeLog) -> Scene:
+        """What a picture of the episode shows, all in the world frame.
+
+        Args:
+            log: The paths so far.
+        """
+        plan, clutter, simulation = self._prepared.plan, self._prepared.clutter, self._simulation
+        start, belief, latest = simulation.start, simulation.believed_pose, self.latest
+        grid = simulation.mapper.occupancy_grid()
+        frame = replace(
+            grid.frame, origin_x=grid.frame.origin_x + start.x, origin_y=grid.frame.origin_y + start.y
+        )
+        return Scene(
+            plan=plan,
+            furniture=clutter.furniture,
+            moving=simulation.segments[len(plan.segments()) + len(clutter.segments()) :],
+            robot_radius=simulation.radius,
+            true_pose=simulation.true_pose,
+            believed_pose=Pose2D(belief.x + start.x, belief.y + start.y, belief.theta),
+            scan=simulation.scan,
+            true_ranges=simulation.true_ranges,
+            grid=OccupancyGrid(grid.cells, frame),
+            seen=self.coverage.seen,
+            seen_frame=self.coverage.frame,
+            true_path=log.true_poses[:, :2],
+            believed_path=log.estimates[:, :2] + [start.x, start.y],
+            figures=SceneFigures(
+                time=latest.time,
+                coverage=latest.coverage,
+                path_length=simulation.path_length,
+                pose_error=latest.pose_error,
+                n_eff=latest.n_eff,
+                contacts=simulation.collisions,
+            ),
+        )
 
     def _record(
         self,

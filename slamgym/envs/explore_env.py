@@ -23,6 +23,8 @@ from slamgym.envs.simulation import Actions, Simulation, Streams
 from slamgym.planning import ExplorerContext
 from slamgym.sim import Clutter, Lidar, make_clutter
 from slamgym.slam import Mapper
+from slamgym.viz.exploration import Renderer
+from slamgym.viz.window import Window
 
 RENDER_MODES = ("rgb_array", "human")
 
@@ -150,8 +152,8 @@ class ExploreEnv(gym.Env[Observation, Any]):
         self._plan_cache = PlanCache(plans, self.config.robot)
         self._observer = Observer(self.config)
         self._reward = Reward(self.config.reward, reward_terms)
-        self._renderer: Any = None
-        self._window: Any = None
+        self._renderer = Renderer()
+        self._window: Window | None = None
         self._simulation: Simulation | None = None
 
     def reset(
@@ -370,16 +372,11 @@ class ExploreEnv(gym.Env[Observation, Any]):
     def _show(self) -> None:
         if self.render_mode == "human":
             if self._window is None:
-                from slamgym.viz.window import Window
-
-                self._window = Window(self.metadata["render_fps"])
+                self._window = Window("slamgym", self.metadata["render_fps"])
             self._window.show(self._draw())
 
     def _draw(self) -> ByteArray:
-        """A picture of the episode; what draws it is imported when it is needed."""
-        simulation = self.simulation
-        if self._renderer is None:
-            from slamgym.viz.exploration import Renderer
-
-            self._renderer = Renderer()
-        return self._renderer.draw(self._prepared, simulation, self._assessment, self.log)
+        """A picture of the episode."""
+        _ = self.simulation  # raises before the first reset
+        assert self.log is not None
+        return self._renderer.draw(self._assessment.scene(self.log))

@@ -1,4 +1,4 @@
-"""A window for ``render_mode="human"``."""
+"""A window that shows pictures as they come."""
 
 from typing import Any
 
@@ -7,45 +7,58 @@ from slamgym.core.types import ByteArray
 
 
 class Window:
-    """Shows pictures at a steady rate.
+    """Shows pictures, at a steady rate if one is given.
 
     Args:
-        frames_per_second: Rate at which :meth:`show` returns.
+        title: Of the window.
+        frames_per_second: Rate at which :meth:`show` returns; 0 doesn't wait.
 
     Raises:
         SlamgymError: If pygame isn't installed, or there is no display.
     """
 
-    def __init__(self, frames_per_second: float) -> None:
+    def __init__(self, title: str, frames_per_second: float = 0.0) -> None:
         try:
             import pygame
         except ImportError:
             raise SlamgymError(
-                'render_mode="human" needs pygame; install it with: pip install "slamgym[human]"'
+                'a window needs pygame; install it with: pip install "slamgym[human]"'
             ) from None
         self._pygame: Any = pygame
+        self._title = title
         self._rate = frames_per_second
         self._screen: Any = None
-        pygame.display.init()
         self._clock = pygame.time.Clock()
+        try:
+            pygame.display.init()
+        except pygame.error as error:
+            raise _no_display(error) from None
 
-    def show(self, image: ByteArray) -> None:
-        """Show an RGB image, shape (height, width, 3), and wait for the time of the next one."""
+    def show(self, picture: ByteArray) -> None:
+        """Show an RGB picture, shape (height, width, 3), and wait for the time of the next one.
+
+        Raises:
+            SlamgymError: If there is no display, or the window was closed.
+        """
         pygame = self._pygame
         if self._screen is None:
             try:
-                self._screen = pygame.display.set_mode((image.shape[1], image.shape[0]))
+                self._screen = pygame.display.set_mode((picture.shape[1], picture.shape[0]))
             except pygame.error as error:
-                raise SlamgymError(
-                    f'render_mode="human" can\'t open a window ({error}); '
-                    'use render_mode="rgb_array" without a display'
-                ) from None
-            pygame.display.set_caption("slamgym")
-        pygame.event.pump()
-        self._screen.blit(pygame.surfarray.make_surface(image.swapaxes(0, 1)), (0, 0))
+                raise _no_display(error) from None
+            pygame.display.set_caption(self._title)
+        if any(event.type == pygame.QUIT for event in pygame.event.get()):
+            raise SlamgymError("the window was closed before the end")
+        self._screen.blit(pygame.surfarray.make_surface(picture.swapaxes(0, 1)), (0, 0))
         pygame.display.flip()
         self._clock.tick(self._rate)
 
     def close(self) -> None:
         """Close the window."""
         self._pygame.display.quit()
+
+
+def _no_display(error: Exception) -> SlamgymError:
+    return SlamgymError(
+        f'can\'t open a window ({error}); without a display, write a film or use render_mode="rgb_array"'
+    )

@@ -37,7 +37,7 @@ def test_a_film_has_the_frames_that_speed_and_rate_ask_for(plan, tmp_path, capsy
 @pytest.mark.parametrize(
     ("more", "words"),
     [
-        (["-o", "film.avi"], "a film is an .mp4 or a .gif"),
+        (["-o", "film.avi"], "must end in .mp4 or .gif"),
         (["--speed", "0", "-o", "film.gif"], "--speed must be positive"),
         (["--plan", "flatt", "-o", "film.gif"], "did you mean 'flat'"),
         (["--explorer", "nearst", "-o", "film.gif"], "did you mean 'nearest'"),

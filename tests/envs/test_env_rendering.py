@@ -9,6 +9,8 @@ from slamgym.cad import FloorPlan
 from slamgym.core.errors import SlamgymError
 from slamgym.envs import ExploreEnv
 from slamgym.viz import exploration as r
+from slamgym.viz.canvas import BELIEVED_COLOUR, TRUE_COLOUR, UNKNOWN_TINT, WALL_TINT
+from slamgym.viz.window import Window
 
 
 def test_a_frame_has_its_size_and_both_worlds(flat: FloorPlan):
@@ -22,10 +24,13 @@ def test_a_frame_has_its_size_and_both_worlds(flat: FloorPlan):
     assert frame.dtype == np.uint8
     assert not np.array_equal(first, frame)
     left, right = frame[:, : r.WIDTH // 2], frame[:, r.WIDTH // 2 :]
-    for panel, colours in ((left, (r.TRUTH, r.WALL, r.SEEN)), (right, (r.BELIEF, r.WALL, r.UNKNOWN_TINT))):
+    for panel, colours in (
+        (left, (TRUE_COLOUR, WALL_TINT, r.SEEN_TINT)),
+        (right, (BELIEVED_COLOUR, WALL_TINT, UNKNOWN_TINT)),
+    ):
         for colour in colours:
             assert (panel == colour).all(axis=2).any()
-    assert not (left == r.BELIEF).all(axis=2).any()
+    assert not (left == BELIEVED_COLOUR).all(axis=2).any()
 
 
 def test_the_plan_and_the_map_are_drawn_at_one_scale(flat: FloorPlan):
@@ -36,8 +41,8 @@ def test_the_plan_and_the_map_are_drawn_at_one_scale(flat: FloorPlan):
         env.step((0.0, 1.0))
     frame = env.render()
     # Lines are smoothed, so a wall is what is dark.
-    plan, belief = (r._panel(frame, i).mean(axis=2) < 140 for i in (0, 1))
-    belief &= (r._panel(frame, 1) == r.WALL).all(axis=2)
+    plan, belief = (r.panel_of(frame, i).mean(axis=2) < 140 for i in (0, 1))
+    belief &= (r.panel_of(frame, 1) == WALL_TINT).all(axis=2)
     rows, cols = np.nonzero(belief)
     assert len(rows) > 500
     near = [
@@ -83,3 +88,20 @@ def test_human_mode_without_pygame_says_what_to_install(flat: FloorPlan, monkeyp
     env = ExploreEnv(flat, render_mode="human")
     with pytest.raises(SlamgymError, match=r"pip install .*slamgym\[human\]"):
         env.reset(seed=0)
+
+
+def test_a_window_without_a_display_and_one_that_is_closed_are_one_clear_error(
+    monkeypatch: pytest.MonkeyPatch,
+):
+    pygame = pytest.importorskip("pygame")
+    picture = np.zeros((20, 30, 3), np.uint8)
+    monkeypatch.setenv("SDL_VIDEODRIVER", "no_such_driver")
+    with pytest.raises(SlamgymError, match="without a display, write a film"):
+        Window("title").show(picture)
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    window = Window("title")
+    window.show(picture)
+    pygame.event.post(pygame.event.Event(pygame.QUIT))
+    with pytest.raises(SlamgymError, match="was closed"):
+        window.show(picture)
+    window.close()

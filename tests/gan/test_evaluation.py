@@ -34,7 +34,9 @@ from slamgym.gan.translation.elastic import bend
 from slamgym.gan.translation.translate import Translator
 from slamgym.interop import write_ros_map
 from slamgym.metrics import label_rooms
-from slamgym.viz.figures import draw_grid, draw_overlay, write_box_plot
+from slamgym.viz.overlays import draw_agreement
+from slamgym.viz.plots import plot_boxes
+from slamgym.viz.sheets import draw_grid
 
 SCALE = 0.08
 SIZE = 128
@@ -386,12 +388,14 @@ class TestPictures:
         many = draw_grid(["a", "b"], rows * 4)
         assert one.dtype == np.uint8
         assert many.shape[1] > 1.9 * one.shape[1]  # two blocks
-        overlay = draw_overlay(np.array([[True, True, False, False]]), np.array([[True, False, True, False]]))
+        overlay = draw_agreement(
+            np.array([[True, True, False, False]]), np.array([[True, False, True, False]])
+        )
         assert len({tuple(pixel) for pixel in overlay[0]}) == 4
 
     def test_the_box_plot_is_a_picture(self, tmp_path):
         pytest.importorskip("matplotlib")
-        write_box_plot(tmp_path / "box.png", {"a": np.random.default_rng(0).normal(size=30)})
+        plot_boxes(tmp_path / "box.png", {"a": np.random.default_rng(0).normal(size=30)}, "label")
         assert cv2.imread(str(tmp_path / "box.png")).shape[2] == 3
 
 

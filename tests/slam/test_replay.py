@@ -10,7 +10,7 @@ from slamgym.core.types import GridFrame, LaserGeometry, LaserScan, OccupancyGri
 from slamgym.interop import LogRecord, read_ros_map, read_tum, write_carmen, write_tum
 from slamgym.sim.raycast import cast_rays
 from slamgym.slam.replay import poses_between, settings_for
-from slamgym.viz.map_pictures import map_picture
+from slamgym.viz.map_pictures import draw_map
 
 ROOM = np.array([(0, 0, 6, 0), (6, 0, 6, 4), (6, 4, 0, 4), (0, 4, 0, 0), (2, 0, 2, 1.5)], dtype=np.float64)
 GEOMETRY = LaserGeometry(180, -np.pi / 2, np.pi / 180, 0.1, 10.0, Pose2D(0.0, 0.0, 0.0))
@@ -128,7 +128,7 @@ def test_settings_follow_the_scanner():
 @pytest.mark.parametrize("shape", [(1, 1), (5, 4000), (300, 200)])
 def test_pictures_of_any_map_have_a_sensible_size(shape):
     cells = np.random.default_rng(0).choice(np.array([0, 205, 254], np.uint8), shape)
-    picture = map_picture(
+    picture = draw_map(
         OccupancyGrid(cells, GridFrame(0.05, 0.0, 0.0, *shape)), np.array([[0.0, 0.0, 0.0]]), "name"
     )
     assert picture.ndim == 3

@@ -6,20 +6,18 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-import cv2
 import numpy as np
 import tyro
 
 from slamgym.core.config import suggest
 from slamgym.core.errors import ConfigError
-from slamgym.core.staged import write_bytes
 from slamgym.core.types import ByteArray
 from slamgym.dataset.format import PairRecord, read_manifest
 from slamgym.dataset.images.check import is_image_folder
-from slamgym.dataset.images.format import ImageRecord, read_images
+from slamgym.dataset.images.format import ImageRecord, load_images, read_images
 from slamgym.dataset.summary import sheet_entries
-from slamgym.viz.contact_sheet import draw_contact_sheet
-from slamgym.viz.image_sheet import draw_image_sheet
+from slamgym.viz.canvas import write_picture
+from slamgym.viz.sheets import Card, draw_contact_sheet, draw_sheet
 
 Order = Literal["index", "ate", "map_error", "coverage", "robot_seconds", "area", "collisions"]
 LOWEST_FIRST = ("index", "coverage")
@@ -57,15 +55,15 @@ def main(argv: list[str]) -> int:
     if is_image_folder(arguments.folder):
         images = read_images(arguments.folder)
         chosen_images = choose(images, arguments)
-        picture = draw_image_sheet(arguments.folder, chosen_images, arguments.columns)
-        _write(output, picture)
+        picture = _draw_images(arguments, chosen_images)
+        write_picture(output, picture)
         _list(chosen_images)
     else:
         records = list(read_manifest(arguments.folder))
         chosen = choose(records, arguments)
         heading = f"slamgym: {len(chosen)} of {len(records)} pairs"
         picture = draw_contact_sheet(heading, sheet_entries(arguments.folder, chosen), arguments.columns)
-        _write(output, picture)
+        write_picture(output, picture)
         _list(chosen)
     sys.stdout.write(f"{output}\n")
     return 0
@@ -118,8 +116,16 @@ def _check(arguments: ShowArguments) -> None:
         raise ConfigError(f"--out {arguments.out}: a picture is a .png or a .jpg")
 
 
-def _write(path: Path, picture: ByteArray) -> None:
-    write_bytes(path, bytes(cv2.imencode(path.suffix.lower(), picture[:, :, ::-1])[1]))
+def _draw_images(arguments: ShowArguments, records: Sequence[ImageRecord]) -> ByteArray:
+    """A sheet of rendered pairs as they are, with their names."""
+    cards = [
+        Card(
+            load_images(arguments.folder, record),
+            [f"{record.split}  {record.name[:40]}  {record.metres_per_px:.3f} m/px"],
+        )
+        for record in records
+    ]
+    return draw_sheet(cards, arguments.columns, max(record.size for record in records))
 
 
 def _list(records: Sequence[PairRecord] | Sequence[ImageRecord]) -> None:

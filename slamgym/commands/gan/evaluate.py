@@ -46,7 +46,8 @@ from slamgym.gan.evaluation.realism import (
 )
 from slamgym.gan.evaluation.summary import main_table, markdown, scores_csv, summarise, table_one
 from slamgym.gan.translation.translate import Translator
-from slamgym.viz.figures import draw_grid, write_picture
+from slamgym.viz.canvas import write_picture
+from slamgym.viz.sheets import draw_grid
 
 if TYPE_CHECKING:
     from slamgym.gan.translation.translate import LearnedTranslator

@@ -13,7 +13,7 @@ from slamgym.dataset.pair import MapPair
 from slamgym.dataset.schedule import Slot
 from slamgym.envs.episode import Episode
 from slamgym.metrics import absolute_trajectory_error, free_space, squared_error
-from slamgym.viz.contact_sheet import distance_to, wall_faces
+from slamgym.viz.overlays import distance_to, wall_faces
 
 DIGITS = 6
 """Decimals of the figures: more than any of them means, fewer than a float has."""

@@ -3,15 +3,9 @@ import numpy as np
 import pytest
 
 from slamgym.core.types import GridFrame
-from slamgym.viz.contact_sheet import (
-    ERROR_SCALE,
-    SheetEntry,
-    distance_to,
-    draw_contact_sheet,
-    draw_overlay,
-    error_colour,
-    wall_faces,
-)
+from slamgym.viz.canvas import write_picture
+from slamgym.viz.overlays import ERROR_SCALE, distance_to, draw_wall_errors, error_colour, wall_faces
+from slamgym.viz.sheets import Card, SheetEntry, draw_contact_sheet, draw_sheet
 
 
 def entry(slam_shift_px=0):
@@ -23,6 +17,10 @@ def entry(slam_shift_px=0):
     slam[20:100, 120 + slam_shift_px] = 0
     path = np.array([[2.0, 2.0], [3.0, 2.0], [3.0, 3.0]])
     return SheetEntry("room", "details", cad, slam, GridFrame(0.05, 0.0, 0.0, 120, 140), path)
+
+
+def wall_errors(pair):
+    return draw_wall_errors(pair.cad, pair.slam, pair.frame, pair.path)
 
 
 def test_wall_faces_are_the_wall_cells_beside_free_space():
@@ -48,8 +46,8 @@ def test_error_colours_go_from_green_to_red_and_stop_there():
 
 def test_a_wall_in_its_place_is_green_and_a_moved_one_red():
     column = 2 * 120 + 1
-    good = draw_overlay(entry(0))[120, column]
-    bad = draw_overlay(entry(8))[120, column + 16]
+    good = wall_errors(entry(0))[120, column]
+    bad = wall_errors(entry(8))[120, column + 16]
     assert (good == error_colour(np.zeros(1))[0]).all()
     assert (bad == error_colour(np.full(1, 8 * 0.05))[0]).all()
 
@@ -61,3 +59,26 @@ def test_a_sheet_holds_every_entry():
     assert five.shape[1] > one.shape[1]  # two cards beside each other
     card = cv2.countNonZero(255 - one.min(axis=2))
     assert cv2.countNonZero(255 - five.min(axis=2)) > 4.5 * card
+
+
+def test_panels_of_any_size_and_shape_fill_equal_squares():
+    wide, small = np.full((10, 40), 80, np.uint8), np.full((8, 8, 3), (10, 20, 30), np.uint8)
+    sheet = draw_sheet([Card([wide, small], ["caption"])], columns=3, panel_px=64)
+    assert (sheet == 80).all(axis=2).sum() == (sheet == (10, 20, 30)).all(axis=2).sum() == 64 * 64
+
+
+def test_captions_that_are_too_long_shrink():
+    short, long = (draw_sheet([Card([entry().cad], ["x" * n])], 1, 128) for n in (4, 20))
+    ink = [np.flatnonzero((sheet[-24:] < 128).any(axis=(0, 2))) for sheet in (short, long)]
+    assert ink[0].max() < ink[1].max() < short.shape[1] - 4
+
+
+@pytest.mark.parametrize("name", ["picture.png", "picture.JPG", "picture"])
+def test_a_picture_is_written_in_rgb_by_its_name(tmp_path, name):
+    write_picture(tmp_path / name, np.full((16, 16, 3), (200, 100, 10), np.uint8))
+    content = (tmp_path / name).read_bytes()
+    assert content.startswith(b"\xff\xd8" if name.endswith("JPG") else b"\x89PNG")
+    read = (
+        cv2.imread(str(tmp_path / name)) if "." in name else cv2.imdecode(np.frombuffer(content, np.uint8), 1)
+    )
+    assert np.abs(read[8, 8].astype(int) - (10, 100, 200)).max() < 4

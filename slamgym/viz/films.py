@@ -1,0 +1,52 @@
+"""Films: pictures written as an MP4 or a GIF."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import imageio.v2 as imageio
+import numpy as np
+
+from slamgym.core.errors import ConfigError
+from slamgym.core.staged import staged
+from slamgym.core.types import ByteArray
+
+FILM_SUFFIXES = (".mp4", ".gif")
+
+ShowPicture = Callable[[ByteArray], None]
+
+
+def check_film_name(path: Path) -> None:
+    """Refuse a name that no film can have.
+
+    Raises:
+        ConfigError: If it ends neither in .mp4 nor in .gif.
+    """
+    if path.suffix.lower() not in FILM_SUFFIXES:
+        raise ConfigError(f"{path}: a film's name must end in {' or '.join(FILM_SUFFIXES)}")
+
+
+@contextmanager
+def open_film(path: Path, frames_per_second: float) -> Iterator[ShowPicture]:
+    """Give a function that appends an RGB picture; the film appears when the block ends well.
+
+    Raises:
+        ConfigError: If the film's name ends neither in .mp4 nor in .gif.
+        InputFileError: If it can't be written.
+    """
+    check_film_name(path)
+    with staged(path) as part:
+        if path.suffix.lower() == ".gif":
+            writer: Any = imageio.get_writer(part, format="GIF", duration=1000.0 / frames_per_second, loop=0)
+        else:
+            # The default block size of 16 would scale the picture.
+            writer = imageio.get_writer(part, format="FFMPEG", fps=frames_per_second, macro_block_size=2)
+        with writer:
+            yield lambda picture: writer.append_data(_even(picture))
+
+
+def _even(picture: ByteArray) -> ByteArray:
+    """H.264 wants even numbers of rows and columns."""
+    rows, cols = picture.shape[:2]
+    return np.pad(picture, ((0, rows % 2), (0, cols % 2), (0, 0)), mode="edge")

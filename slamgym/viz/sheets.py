@@ -1,0 +1,183 @@
+"""Sheets: cards of panels over lines of text, in rows and columns."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+
+from slamgym.core.types import UNKNOWN, ByteArray, Float32Array, FloatArray, GridFrame, OccupancyGrid
+from slamgym.viz.canvas import (
+    BELIEVED_COLOUR,
+    FAINT,
+    INK,
+    OUTLINE,
+    TRUE_COLOUR,
+    blank,
+    draw_text,
+    fitted,
+    fitting_size,
+    text_width,
+    with_heading,
+)
+from slamgym.viz.overlays import ERROR_SCALE, draw_displacements, draw_paths, draw_wall_errors, error_colour
+
+GAP_PX = 12
+LINE_PX = 22
+"""Height of a line of text below a card."""
+PAIR_PX = 340
+"""Panels of a contact sheet."""
+GRID_PX = 256
+"""Panels of a grid."""
+DEFORMATION_PX = 420
+ROWS_IN_A_BLOCK = 8
+MAX_COLUMNS_OF_TWO_BLOCKS = 6
+
+
+class Card(NamedTuple):
+    """Pictures beside each other over lines of text."""
+
+    panels: Sequence[ByteArray]
+    """(H, W) grey or (H, W, 3) RGB, any size."""
+    lines: Sequence[str] = ()
+
+
+def draw_sheet(cards: Sequence[Card], columns: int, panel_px: int, titles: Sequence[str] = ()) -> ByteArray:
+    """Draw cards row by row.
+
+    Args:
+        cards: At least one, all with as many panels.
+        columns: Cards beside each other, if there are so many.
+        panel_px: Side of the squares that panels are scaled to.
+        titles: What stands over the panels of every column of cards.
+
+    Returns:
+        RGB, shape (rows, cols, 3).
+    """
+    columns = max(1, min(columns, len(cards)))
+    width = len(cards[0].panels) * (panel_px + GAP_PX) + GAP_PX
+    height = GAP_PX + panel_px + LINE_PX * max(len(card.lines) for card in cards) + GAP_PX // 2
+    top = LINE_PX + 4 if titles else 0
+    sheet = blank((top + height * -(-len(cards) // columns), width * columns))
+    for column in range(columns):
+        for number, title in enumerate(titles):
+            left = column * width + GAP_PX + number * (panel_px + GAP_PX)
+            draw_text(sheet, title, left, top - 2, fitting_size(title, 0.5, panel_px))
+    for number, card in enumerate(cards):
+        row, column = divmod(number, columns)
+        y, x = top + row * height, column * width
+        _draw_card(sheet[y : y + height, x : x + width], card, panel_px)
+    return sheet
+
+
+def _draw_card(area: ByteArray, card: Card, panel_px: int) -> None:
+    for number, panel in enumerate(card.panels):
+        left = GAP_PX + number * (panel_px + GAP_PX)
+        picture = fitted(panel, panel_px)
+        rows, cols = picture.shape[:2]
+        y, x = (panel_px - rows) // 2, (panel_px - cols) // 2
+        square = area[GAP_PX : GAP_PX + panel_px, left : left + panel_px]
+        square[:] = picture[0, 0]
+        square[y : y + rows, x : x + cols] = picture
+        cv2.rectangle(area, (left - 1, GAP_PX - 1), (left + panel_px, GAP_PX + panel_px), OUTLINE, 1)
+    room = area.shape[1] - 2 * GAP_PX
+    for number, line in enumerate(card.lines):
+        baseline = GAP_PX + panel_px + LINE_PX * (number + 1) - 5
+        size = fitting_size(line, 0.45 if number else 0.5, room)
+        draw_text(area, line, GAP_PX, baseline, size, FAINT if number else INK)
+
+
+def draw_grid(
+    titles: Sequence[str],
+    rows: Sequence[Sequence[ByteArray]],
+    captions: Sequence[str] = (),
+    panel_px: int = GRID_PX,
+) -> ByteArray:
+    """Draw pictures in a grid with a title over each column; many rows of few columns stand in two blocks.
+
+    Args:
+        titles: Over the columns.
+        rows: At least one; each with one picture per column: (H, W) grey or (H, W, 3) RGB, any size.
+        captions: A line under each row.
+        panel_px: Side of a picture.
+
+    Returns:
+        RGB, shape (rows, cols, 3).
+    """
+    in_two = len(rows) > ROWS_IN_A_BLOCK and len(titles) <= MAX_COLUMNS_OF_TWO_BLOCKS
+    cards = [Card(row, captions[i : i + 1]) for i, row in enumerate(rows)]
+    return draw_sheet(cards, 2 if in_two else 1, panel_px, titles)
+
+
+@dataclass(frozen=True)
+class SheetEntry:
+    """One pair on a contact sheet."""
+
+    title: str
+    details: str
+    cad: ByteArray  # (rows, cols)
+    slam: ByteArray  # (rows, cols)
+    frame: GridFrame
+    path: FloatArray  # (N, 2) estimated path [m], the frame's coordinates
+
+
+def draw_contact_sheet(heading: str, entries: Sequence[SheetEntry], columns: int = 2) -> ByteArray:
+    """Draw pairs as cards of three panels: CAD map, SLAM map, and where the SLAM map's walls are wrong.
+
+    Args:
+        heading: The sheet's title.
+        entries: The pairs, at least one, drawn row by row.
+        columns: Cards beside each other.
+
+    Returns:
+        RGB, shape (rows, cols, 3).
+    """
+    cards = [
+        Card((e.cad, e.slam, draw_wall_errors(e.cad, e.slam, e.frame, e.path)), (e.title, e.details))
+        for e in entries
+    ]
+    sheet = draw_sheet(
+        cards, columns, PAIR_PX, ("CAD map", "SLAM map", "SLAM walls by their distance to CAD walls")
+    )
+    sheet = with_heading(sheet, heading)
+    _draw_error_scale(sheet)
+    return sheet
+
+
+def _draw_error_scale(sheet: ByteArray) -> None:
+    """What the colours of errors mean, in the upper right corner."""
+    label = f"{ERROR_SCALE:g} m"
+    right = sheet.shape[1] - GAP_PX - text_width(label, 0.45)
+    draw_text(sheet, label, right, 28, 0.45, FAINT)
+    bar = sheet[15:29, right - 188 : right - 8]
+    bar[:] = error_colour(np.linspace(0.0, ERROR_SCALE, bar.shape[1]))
+    draw_text(sheet, "0", right - 204, 28, 0.45, FAINT)
+
+
+def draw_deformation(
+    cad: OccupancyGrid,
+    deformed: OccupancyGrid,
+    field: Float32Array,
+    true_poses: FloatArray,
+    believed_poses: FloatArray,
+) -> ByteArray:
+    """Draw a CAD map with the true (blue) and the believed (red) path, the deformed map, and the displacements.
+
+    Args:
+        cad: The CAD map.
+        deformed: The SLAM-like map on the same frame.
+        field: The displacements (2, H, W) [m].
+        true_poses: (N, 3), in the frame's coordinates.
+        believed_poses: (N, 3).
+    """
+    known = deformed.cells != UNKNOWN
+    largest = float(np.hypot(*field)[known].max(initial=0.0))
+    paths = {TRUE_COLOUR: true_poses, BELIEVED_COLOUR: believed_poses}
+    panels = (
+        draw_paths(cad, paths, DEFORMATION_PX),
+        deformed.cells,
+        draw_displacements(field, known, largest),
+    )
+    titles = ("CAD map; true path blue, believed red", "SLAM-like map", f"displacement, 0 to {largest:.2f} m")
+    return draw_grid(titles, [panels], panel_px=DEFORMATION_PX)
