@@ -180,18 +180,17 @@ def from_dict(cls: type[_T], values: Mapping[str, Any], where: str = "") -> _T:
     Raises:
         ConfigError: If a name is unknown; the error suggests the nearest known one.
     """
-    hints = typing.get_type_hints(cls)
-    fields = {field.name for field in dataclasses.fields(cls)}  # type: ignore[arg-type]
+    hints = _hints(cls)
     prefix = f"{where}: " if where else ""
-    for name in values:
-        if name not in fields:
-            raise ConfigError(f"{prefix}unknown setting {name!r} of {cls.__name__}; {suggest(name, fields)}")
-    return cls(
-        **{
-            name: _convert(hints[name], value, f"{where}.{name}" if where else name)
-            for name, value in values.items()
-        }
-    )
+    converted = {}
+    for name, value in values.items():
+        if name not in hints:
+            raise ConfigError(f"{prefix}unknown setting {name!r} of {cls.__name__}; {suggest(name, hints)}")
+        path = f"{where}.{name}" if where else name
+        converted[name] = _convert(hints[name], value, path)
+        if issubclass(cls, Settings):
+            _require(hints[name], converted[name], path)
+    return cls(**converted)
 
 
 def replace_setting(config: _T, name: str, value: Any) -> _T:
@@ -212,7 +211,7 @@ def replace_setting(config: _T, name: str, value: Any) -> _T:
 def _replace(config: _T, path: str, value: Any, name: str, root: Any) -> _T:
     """Replace what lies at ``path``; ``name`` is the whole path from ``root``, for errors."""
     first, _, rest = path.partition(".")
-    hints = typing.get_type_hints(type(config))
+    hints = _hints(type(config))
     current = getattr(config, first) if first in hints else None
     if first not in hints or (rest and not dataclasses.is_dataclass(current)):
         raise ConfigError(f"unknown setting {name!r}; {suggest(name, setting_names(root))}")
@@ -220,7 +219,7 @@ def _replace(config: _T, path: str, value: Any, name: str, root: Any) -> _T:
         value = _replace(current, rest, value, name, root)
     else:
         value = _convert(hints[first], value, name)
-        _require(_hints(type(config))[first], value, name)
+        _require(hints[first], value, name)
     return dataclasses.replace(config, **{first: value})  # type: ignore[type-var]
 
 
@@ -238,6 +237,8 @@ def setting_names(config: Any) -> list[str]:
 
 def _convert(hint: Any, value: Any, where: str) -> Any:
     """Give a JSON value the type that the field declares."""
+    if typing.get_origin(hint) is Annotated:
+        return _convert(hint.__origin__, value, where)
     if typing.get_origin(hint) in (types.UnionType, typing.Union):
         dataclass_options = [option for option in typing.get_args(hint) if dataclasses.is_dataclass(option)]
         if isinstance(value, Mapping) and dataclass_options:
