@@ -15,7 +15,7 @@ import numpy as np
 from slamgym.agents.explorer import BatchedExplorer, Exploration
 from slamgym.agents.open_tour import EXACT_PLACES, open_tour, repairman_tour
 from slamgym.agents.view_exploration import Option, ViewConfig, ViewExploration
-from slamgym.core.config import Bounds, Count, NonNegative, Positive
+from slamgym.core.config import Count, NonNegative, Positive, Within
 from slamgym.core.types import FloatArray, IntArray
 from slamgym.planning import ExplorerContext
 from slamgym.planning.coarse_paths import CoarsePaths
@@ -38,7 +38,7 @@ class RepairmanConfig(FrontierTourConfig):
     wait_weight: Positive = 0.5
     """What any frontier weighs while it waits, however little it hides."""
 
-    max_places: Annotated[int, Bounds(ge=1, le=EXACT_PLACES)] = EXACT_PLACES
+    max_places: Annotated[int, Within(ge=1, le=EXACT_PLACES)] = EXACT_PLACES
     """Its tours are exact, so that there can be no more places."""
 
 

@@ -1,7 +1,6 @@
 """The environments of a training run: its floor plans in the order of a curriculum, and those that validate it."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import gymnasium as gym
@@ -13,14 +12,14 @@ from slamgym.agents.plan_splits import Split, split_plans
 from slamgym.agents.rl.train_config import TrainConfig
 from slamgym.cad import FloorPlan, check_plan, open_plans
 from slamgym.cad.plan_filter import AREA, LONG_SIDE, passes
+from slamgym.core.config import Settings
 from slamgym.core.errors import ConfigError, PlanError
 from slamgym.envs import ExploreEnv, RewardFunction
 from slamgym.envs.explore_frontiers_env import ExploreFrontiersEnv
 from slamgym.sim import RobotConfig
 
 
-@dataclass(frozen=True)
-class Curriculum:
+class Curriculum(Settings, section="curriculum"):
     """Small buildings first (Bengio et al., "Curriculum learning", ICML 2009)."""
 
     areas: tuple[float, ...] = (90.0, 160.0)
@@ -28,7 +27,7 @@ class Curriculum:
     shares: tuple[float, ...] = (0.15, 0.4)
     """Share of the training after which each stage ends."""
 
-    def __post_init__(self) -> None:
+    def _check(self) -> None:
         if len(self.areas) != len(self.shares):
             raise ConfigError("curriculum.areas and curriculum.shares must have the same length")
         if sorted(self.areas) != list(self.areas) or sorted(self.shares) != list(self.shares):

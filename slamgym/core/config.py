@@ -16,8 +16,8 @@ from slamgym.core.errors import ConfigError
 _T = TypeVar("_T")
 
 
-class Bounds(NamedTuple):
-    """Which numbers a setting may be, as in ``Annotated[float, Bounds(gt=0.0, le=0.5)]``.
+class Within(NamedTuple):
+    """Which numbers a setting may be, as in ``Annotated[float, Within(gt=0.0, le=0.5)]``.
 
     Of a tuple they bound each number. Without bounds a number must be finite.
     """
@@ -26,38 +26,43 @@ class Bounds(NamedTuple):
     gt: float = -math.inf
     le: float = math.inf
     lt: float = math.inf
+    power_of_two: bool = False
     infinite: bool = False
     """Whether infinity is allowed, too."""
 
     def allow(self, number: float) -> bool:
         """Whether the setting may be this number."""
         inside = self.ge <= number <= self.le and self.gt < number < self.lt
+        if self.power_of_two:
+            return inside and int(number).bit_count() == 1
         return inside or (self.infinite and number == math.inf)
 
     def __str__(self) -> str:
         low, high = max(self.ge, self.gt), min(self.le, self.lt)
-        if not math.isfinite(low + high):
-            if math.isfinite(low):
-                return f"{'above' if low == self.gt else 'at least'} {low:g}"
-            return (
-                f"{'below' if high == self.lt else 'at most'} {high:g}" if math.isfinite(high) else "finite"
-            )
-        return f"in {'(' if low == self.gt else '['}{low:g}, {high:g}{')' if high == self.lt else ']'}"
+        if math.isinf(low) and math.isinf(high):
+            return "finite"
+        if math.isinf(high):
+            return f"{'above' if low == self.gt else 'at least'} {low:g}"
+        if math.isinf(low):
+            return f"{'below' if high == self.lt else 'at most'} {high:g}"
+        kind = "a power of two " if self.power_of_two else ""
+        return f"{kind}in {'(' if low == self.gt else '['}{low:g}, {high:g}{')' if high == self.lt else ']'}"
 
 
-Positive = Annotated[float, Bounds(gt=0.0)]
-NonNegative = Annotated[float, Bounds(ge=0.0)]
-Share = Annotated[float, Bounds(ge=0.0, le=1.0)]
-ShareBelowOne = Annotated[float, Bounds(ge=0.0, lt=1.0)]
-Count = Annotated[int, Bounds(ge=1)]
-CountOrZero = Annotated[int, Bounds(ge=0)]
+Positive = Annotated[float, Within(gt=0.0)]
+NonNegative = Annotated[float, Within(ge=0.0)]
+Share = Annotated[float, Within(ge=0.0, le=1.0)]
+PositiveShare = Annotated[float, Within(gt=0.0, le=1.0)]
+ShareBelowOne = Annotated[float, Within(ge=0.0, lt=1.0)]
+Count = Annotated[int, Within(ge=1)]
+CountOrZero = Annotated[int, Within(ge=0)]
 
 
 @typing.dataclass_transform(frozen_default=True, field_specifiers=(dataclasses.field,))
 class Settings:
     """Base of the classes of settings: each subclass is a frozen dataclass that refuses wrong values.
 
-    A value must be of its field's type, one of its choices (``Literal``) and within its :class:`Bounds`.
+    A value must be of its field's type, one of its choices (``Literal``) and within its :class:`Within`.
 
     Args of a subclass:
         section: What names its settings in errors, as in ``slam.particles``.
@@ -96,7 +101,7 @@ class _Fault(NamedTuple):
 
 def _require(hint: Any, value: Any, name: str) -> None:
     """Refuse a value that doesn't fit what its field declares."""
-    for fault in _faults(hint, value, name, Bounds()):
+    for fault in _faults(hint, value, name, Within()):
         choices = [str(choice) for choice in _choices(hint)]
         close = difflib.get_close_matches(str(fault.value), choices, n=1)
         advice = f"; did you mean {close[0]!r}?" if close else ""
@@ -110,11 +115,11 @@ def _choices(hint: Any) -> list[Any]:
     return [choice for option in typing.get_args(hint) for choice in _choices(option)]
 
 
-def _faults(hint: Any, value: Any, name: str, bounds: Bounds) -> Iterator[_Fault]:
+def _faults(hint: Any, value: Any, name: str, bounds: Within) -> Iterator[_Fault]:
     """What is wrong with a value; nothing if it fits the type."""
     origin, options = typing.get_origin(hint), typing.get_args(hint)
     if origin is Annotated:
-        rules = [rule for rule in hint.__metadata__ if isinstance(rule, Bounds)]
+        rules = [rule for rule in hint.__metadata__ if isinstance(rule, Within)]
         yield from _faults(hint.__origin__, value, name, rules[0] if rules else bounds)
     elif origin in (types.UnionType, typing.Union):
         faults = [next(_faults(option, value, name, bounds), None) for option in options]
@@ -139,7 +144,7 @@ def _faults(hint: Any, value: Any, name: str, bounds: Bounds) -> Iterator[_Fault
         yield from _faults_inside(hint, value, name, bounds)
 
 
-def _faults_inside(hint: Any, value: Any, name: str, bounds: Bounds) -> Iterator[_Fault]:
+def _faults_inside(hint: Any, value: Any, name: str, bounds: Within) -> Iterator[_Fault]:
     """What is wrong with the items of a tuple, a named tuple or a mapping."""
     options = typing.get_args(hint)
     if typing.get_origin(hint) is tuple:

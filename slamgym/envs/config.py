@@ -4,9 +4,9 @@ import dataclasses
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import field
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
-from slamgym.core.config import Bounds, Count, NonNegative, Positive, Settings, from_dict, suggest
+from slamgym.core.config import Count, NonNegative, Positive, PositiveShare, Settings, from_dict, suggest
 from slamgym.core.errors import ConfigError
 from slamgym.core.types import GridFrame
 from slamgym.envs.rewards import RewardConfig
@@ -85,7 +85,7 @@ class ExploreConfig(Settings):
     map_update_interval: NonNegative = 2.0
     """Time between two publications of the map (``map_update_interval`` of TurtleBot3's GMapping) [s]."""
 
-    coverage_goal: Annotated[float, Bounds(gt=0.0, le=1.0)] | None = None
+    coverage_goal: PositiveShare | None = None
     """An episode terminates once this share of the reachable floor has truly been seen. The truth decides
     that, so it is a privileged training signal, which no robot has; None turns it off."""
 

@@ -13,7 +13,7 @@ from typing import Annotated
 import cv2
 import numpy as np
 
-from slamgym.core.config import Bounds, NonNegative, Positive, Settings
+from slamgym.core.config import NonNegative, Positive, Settings, Within
 from slamgym.core.errors import ConfigError
 from slamgym.core.geometry import compose
 from slamgym.core.types import (
@@ -45,10 +45,10 @@ class CostmapConfig(Settings):
     """Obstacles cost something up to this distance [m] (TurtleBot3 navigation default)."""
     cost_scaling: NonNegative = 3.0
     """Exponential decay of the cost with the distance beyond the inscribed radius [1/m] (same source)."""
-    coastal_distance: Annotated[float, Bounds(ge=0.0, infinite=True)] = math.inf
+    coastal_distance: Annotated[float, Within(ge=0.0, infinite=True)] = math.inf
     """Cells farther than this from every obstacle cost again [m]: a scanner that sees nothing can't localise
     the robot (Roy et al., "Coastal navigation", ICRA 1999)."""
-    coastal_cost: Annotated[int, Bounds(ge=1, le=252)] = 100
+    coastal_cost: Annotated[int, Within(ge=1, le=252)] = 100
     """What they cost, 1 to 252."""
 
     def _check(self) -> None:

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import numpy as np
 
-from slamgym.core.config import Bounds, NonNegative, Positive, Settings, Share, suggest
+from slamgym.core.config import NonNegative, Positive, Settings, Share, Within, suggest
 from slamgym.core.errors import ConfigError
 from slamgym.core.geometry import compose
 from slamgym.core.types import Float32Array, FloatArray, LaserGeometry, LaserScan, Pose2D
@@ -25,10 +25,10 @@ class LidarConfig(Settings, section="lidar"):
     range noise of ROBOTIS's Gazebo model, and 2 % of all beams failing.
     """
 
-    num_beams: Annotated[int, Bounds(ge=2)] = 180
+    num_beams: Annotated[int, Within(ge=2)] = 180
     """Beams in a scan; the LDS-01 has one a degree."""
 
-    field_of_view_deg: Annotated[float, Bounds(gt=0.0, le=360.0)] = 180.0
+    field_of_view_deg: Annotated[float, Within(gt=0.0, le=360.0)] = 180.0
     """Angle that the beams share evenly, centred ahead; 360 for the full turn of the LDS-01 [deg]."""
 
     range_min: NonNegative = 0.12

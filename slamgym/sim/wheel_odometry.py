@@ -9,14 +9,14 @@ from typing import Annotated, Literal
 
 import numpy as np
 
-from slamgym.core.config import Bounds, CountOrZero, NonNegative, Settings, suggest
+from slamgym.core.config import CountOrZero, NonNegative, Settings, Within, suggest
 from slamgym.core.errors import ConfigError
 from slamgym.core.geometry import compose
 from slamgym.core.types import Pose2D
 from slamgym.sim.robot import RobotConfig
 from slamgym.sim.space import Motion
 
-_Ratio = Annotated[float, Bounds(ge=0.5, le=2.0)]
+_Ratio = Annotated[float, Within(ge=0.5, le=2.0)]
 
 
 class OdometryConfig(Settings, section="odometry"):

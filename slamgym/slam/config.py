@@ -3,7 +3,7 @@
 from dataclasses import field
 from typing import Annotated, Literal
 
-from slamgym.core.config import Bounds, Count, CountOrZero, NonNegative, Positive, Settings
+from slamgym.core.config import Count, CountOrZero, NonNegative, Positive, Settings, Within
 from slamgym.slam.graph.config import PoseGraphConfig
 
 Mode = Literal["rbpf", "pose_graph", "scan_matching", "dead_reckoning", "ground_truth"]
@@ -107,7 +107,7 @@ class SlamConfig(Settings, section="slam"):
     resample_threshold: float = 0.5
     """Resample when N_eff falls below this share of the particles (``resampleThreshold``)."""
 
-    occupied_threshold: Annotated[float, Bounds(gt=0.0, lt=1.0)] = 0.25
+    occupied_threshold: Annotated[float, Within(gt=0.0, lt=1.0)] = 0.25
     """A cell is occupied when more than this share of its observations are hits (``occ_thresh``)."""
 
     no_return_clears: bool = True
