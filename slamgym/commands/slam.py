@@ -5,7 +5,6 @@ import math
 import sys
 from collections.abc import Callable
 from contextlib import ExitStack
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -16,7 +15,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from slamgym import __version__
-from slamgym.core.config import to_dict
+from slamgym.core.config import Arguments, to_dict
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.staged import write_bytes, write_text
 from slamgym.core.types import Trajectory
@@ -33,8 +32,7 @@ from slamgym.viz.growing_map import MAX_FRAMES, GrowingView, ShowFrame, film_wri
 from slamgym.viz.map_pictures import map_picture
 
 
-@dataclass(frozen=True)
-class SlamArguments:
+class SlamArguments(Arguments):
     """Make a map from a recorded log."""
 
     log: tyro.conf.Positional[Path]

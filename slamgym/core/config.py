@@ -77,13 +77,23 @@ class Settings:
         dataclasses.dataclass(frozen=True)(cls)
 
     def __post_init__(self) -> None:
-        prefix = f"{self._section}." if self._section else ""
         for name, hint in _hints(type(self)).items():
-            _require(hint, getattr(self, name), prefix + name)
+            _require(hint, getattr(self, name), self._called(name))
         self._check()
+
+    def _called(self, name: str) -> str:
+        """What errors call a setting."""
+        return f"{self._section}.{name}" if self._section else name
 
     def _check(self) -> None:
         """Refuse what single bounds can't say: rules between settings."""
+
+
+class Arguments(Settings):
+    """Base of the arguments of commands, which errors call as they are typed: ``--map-size``."""
+
+    def _called(self, name: str) -> str:
+        return f"--{name.replace('_', '-')}"
 
 
 def _hints(cls: type) -> dict[str, Any]:
