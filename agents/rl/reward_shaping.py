@@ -15,9 +15,9 @@ from typing import Any
 
 from slamgym.agents.pretrained_policy import read_policy
 from slamgym.agents.rl.reward_presets import PRESETS, preset
-from slamgym.agents.rl.train_config import TrainConfig
+from slamgym.agents.rl.train_config import Curriculum, TrainConfig
 from slamgym.agents.rl.training_callbacks import Outcome, explore
-from slamgym.agents.rl.training_envs import Curriculum, draw_plans, make_env
+from slamgym.agents.rl.training_envs import draw_plans, make_env
 from slamgym.cad import FloorPlan
 from slamgym.commands.table import load_target
 from slamgym.core.config import Count, Settings, config_hash, from_dict, suggest, to_dict

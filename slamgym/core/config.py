@@ -139,17 +139,14 @@ def _faults(hint: Any, value: Any, name: str, bounds: Within) -> Iterator[_Fault
         if not any(value == choice and type(value) is type(choice) for choice in options):
             yield _Fault(name, " or ".join(map(repr, options)), value)
     elif hint in (int, float):
-        if isinstance(value, bool) or not isinstance(
-            value, numbers.Integral if hint is int else numbers.Real
-        ):
+        kind: Any = numbers.Integral if hint is int else numbers.Real  # numpy's scalars are numbers, too
+        if isinstance(value, bool) or not isinstance(value, kind):
             yield _Fault(name, f"of type {hint.__name__}", value)
-        elif not bounds.allow(float(value)):
+        elif not bounds.allow(value):
             yield _Fault(name, str(bounds), value)
-    elif hint is None or hint is type(None):
-        if value is not None:
-            yield _Fault(name, "None", value)
     elif hint is not Any and not isinstance(value, origin or hint):
-        yield _Fault(name, f"of type {getattr(hint, '__name__', hint)}", value)
+        expected = "None" if hint is types.NoneType else f"of type {getattr(hint, '__name__', hint)}"
+        yield _Fault(name, expected, value)
     else:
         yield from _faults_inside(hint, value, name, bounds)
 
