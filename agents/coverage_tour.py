@@ -10,12 +10,12 @@ sees but lies less out of the way, and places are left out whose part is seen on
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
 from slamgym.agents.open_tour import open_tour
+from slamgym.core.config import Settings
 from slamgym.core.types import BoolArray, FloatArray, GridFrame, IntArray
 from slamgym.envs.coverage import sweep, unit_vectors
 from slamgym.planning import Costmap, Reachable
@@ -28,8 +28,7 @@ _ON_WAY = 0.6
 """Distance between the points of a way from which something is seen [m]."""
 
 
-@dataclass(frozen=True)
-class SightConfig:
+class SightConfig(Settings):
     """How the tour is planned."""
 
     spacing: float = 0.75

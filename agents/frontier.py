@@ -7,19 +7,19 @@ exploration", T-RO 2005) for one robot.
 """
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import field
 
 import numpy as np
 
 from slamgym.agents.explorer import BatchedExplorer, Exploration
 from slamgym.agents.frontier_exploration import Candidate, ExplorationConfig, FrontierExploration
+from slamgym.core.config import Settings
 from slamgym.core.types import Pose2D
 from slamgym.planning.context import ExplorerContext
 from slamgym.planning.frontiers import expected_gain
 
 
-@dataclass(frozen=True)
-class ExploreLiteConfig:
+class ExploreLiteConfig(Settings):
     """Settings of Explore Lite; defaults are those of its launch file."""
 
     planner_frequency: float = 0.33
@@ -87,8 +87,7 @@ class ExploreLite(BatchedExplorer):
         return _ExploreLite(self.context, self.config)
 
 
-@dataclass(frozen=True)
-class NearestFrontierConfig:
+class NearestFrontierConfig(Settings):
     """Settings of the nearest-frontier rule."""
 
     min_frontier_size: float = 0.4
@@ -136,8 +135,7 @@ class NearestFrontier(BatchedExplorer):
         return _Nearest(self.context, self.config)
 
 
-@dataclass(frozen=True)
-class CostUtilityConfig:
+class CostUtilityConfig(Settings):
     """Settings of the cost-utility rule."""
 
     cost_weight: float = 0.06

@@ -6,12 +6,13 @@ the frontiers, rank them, and send the best one to the navigation stack; let the
 
 import math
 from abc import abstractmethod
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import NamedTuple
 
 import numpy as np
 
 from slamgym.agents.explorer import Exploration, Observation
+from slamgym.core.config import Settings
 from slamgym.core.types import ByteArray, FloatArray, OccupancyGrid, Pose2D, Twist2D
 from slamgym.planning.context import ExplorerContext
 from slamgym.planning.costmap import NO_INFORMATION
@@ -23,8 +24,7 @@ from slamgym.planning.recovery import LastResorts, Resort
 _STOP = Twist2D(0.0, 0.0)
 
 
-@dataclass(frozen=True)
-class ExplorationConfig:
+class ExplorationConfig(Settings):
     """What all frontier explorers share."""
 
     blacklist_cells: int = 5

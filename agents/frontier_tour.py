@@ -8,49 +8,38 @@ the way are taken along, and those that hide little and lie aside are left for t
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
 from slamgym.agents.explorer import BatchedExplorer, Exploration
 from slamgym.agents.open_tour import EXACT_PLACES, open_tour, repairman_tour
 from slamgym.agents.view_exploration import Option, ViewConfig, ViewExploration
-from slamgym.core.errors import ConfigError
+from slamgym.core.config import Count, NonNegative, Positive, Within
 from slamgym.core.types import FloatArray, IntArray
 from slamgym.planning import ExplorerContext
 from slamgym.planning.coarse_paths import CoarsePaths
 
 
-@dataclass(frozen=True)
 class FrontierTourConfig(ViewConfig):
     """Settings of the tour."""
 
     turn_weight: float = 0.2
     """What a radian of turning before the first leg counts [m/rad]: the speed of 0.26 m/s over 1.2 rad/s."""
-    max_places: int = EXACT_PLACES
+    max_places: Count = EXACT_PLACES
     """Only so many frontiers, the nearest, are ordered by the tour; the others come after."""
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.max_places < 1:
-            raise ConfigError(f"max_places must be at least 1, not {self.max_places}")
 
-
-@dataclass(frozen=True)
 class RepairmanConfig(FrontierTourConfig):
     """Settings of the repairman's tour."""
 
-    area_weight: float = 1.0
+    area_weight: NonNegative = 1.0
     """What a square metre of unknown in sight weighs while it waits [1/m2]."""
-    wait_weight: float = 0.5
+    wait_weight: Positive = 0.5
     """What any frontier weighs while it waits, however little it hides."""
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.max_places > EXACT_PLACES:
-            raise ConfigError(f"max_places must be at most {EXACT_PLACES}, not {self.max_places}")
-        if self.area_weight < 0.0 or self.wait_weight <= 0.0:
-            raise ConfigError("area_weight must not be negative, and wait_weight must be positive")
+    max_places: Annotated[int, Within(ge=1, le=EXACT_PLACES)] = EXACT_PLACES
+    """Its tours are exact, so that there can be no more places."""
 
 
 class _Tour(ViewExploration):

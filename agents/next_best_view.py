@@ -6,7 +6,6 @@ the borders of the known free space, L the length of the path there.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -16,7 +15,6 @@ from slamgym.planning import ExplorerContext
 from slamgym.planning.coarse_paths import CoarsePaths
 
 
-@dataclass(frozen=True)
 class NextBestViewConfig(ViewConfig):
     """Settings of the next best view."""
 

@@ -9,7 +9,7 @@ truth unasked.
 
 import math
 from collections import Counter
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any
 
 import cv2
@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from slamgym.agents.coverage_tour import SightConfig, SightPlanner, Stop
 from slamgym.agents.explorer import Observation
+from slamgym.core.config import Settings
 from slamgym.core.types import (
     FREE,
     OCCUPIED,
@@ -47,8 +48,7 @@ from slamgym.planning.recovery import LastResorts, Resort
 from slamgym.sim import Clutter
 
 
-@dataclass(frozen=True)
-class FullKnowledgeConfig:
+class FullKnowledgeConfig(Settings):
     """Settings of the privileged explorer."""
 
     sight: SightConfig = field(default_factory=SightConfig)

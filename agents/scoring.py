@@ -1,25 +1,24 @@
 """The network of :mod:`slamgym.agents.rl.policy` with numpy alone: choosing needs neither torch nor its start-up."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from slamgym.core.config import Count, Settings
 from slamgym.core.errors import ConfigError
 from slamgym.core.types import Float32Array
 from slamgym.envs.frontier_features import CANDIDATE_FEATURES
 
 
-@dataclass(frozen=True)
-class NetworkConfig:
+class NetworkConfig(Settings, section="network"):
     """Size of the network."""
 
     crop: int = 32
     """Units that the crop about a candidate is reduced to."""
-    width: int = 64
+    width: Count = 64
     """Units of the vector of a candidate."""
-    heads: int = 4
+    heads: Count = 4
     """Heads of the attention."""
     prior_feature: str = "gain_per_way"
     """The score begins as this feature times ``prior_weight``: an untrained network is the greedy rule of
@@ -30,7 +29,7 @@ class NetworkConfig:
     """Added to the score for each 1.5 m that the way lies from walls, also on top of weights to start from: a
     negative one begins as a rule that keeps to the walls (coastal navigation, Roy et al. 1999)."""
 
-    def __post_init__(self) -> None:
+    def _check(self) -> None:
         if self.width % self.heads:
             raise ConfigError(f"network.width {self.width} must be a multiple of network.heads {self.heads}")
         if self.prior_feature not in CANDIDATE_FEATURES:

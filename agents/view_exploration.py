@@ -8,13 +8,13 @@ frontier's middle over free cells. A frontier that is still there after such a l
 import math
 from abc import abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import NamedTuple
 
 import numpy as np
 
 from slamgym.agents.frontier_exploration import Candidate, ExplorationConfig, FrontierExploration
-from slamgym.core.errors import ConfigError
+from slamgym.core.config import Positive, Settings
 from slamgym.core.types import Float32Array, Pose2D
 from slamgym.planning import ExplorerContext, Reachable
 from slamgym.planning.coarse_paths import CoarsePaths
@@ -24,28 +24,22 @@ from slamgym.planning.grid_path import place_near
 from slamgym.planning.views import best_view, viewing_places
 
 
-@dataclass(frozen=True)
-class ViewConfig:
+class ViewConfig(Settings):
     """What all explorers by views share."""
 
-    view_distance: float = 0.5
+    view_distance: Positive = 0.5
     """A frontier is looked at from no farther than this [m]. From 1.5 m the ways are a little shorter, but the
     robot stops to look where it would have driven on anyway: 12 % more time to 95 % of the floor."""
-    scan_range: float = 3.0
+    scan_range: Positive = 3.0
     """How far the scanner is trusted when a gain is foretold [m]; the usable range of the mapper."""
     min_frontier_size: float = 0.4
     """Frontiers shorter than this are left for the end [m]."""
-    progress_timeout: float = 30.0
+    progress_timeout: Positive = 30.0
     """A goal that the robot doesn't come nearer to for so long is given up [s]."""
     keeps_goal: bool = True
     """Whether a goal is kept for as long as its frontier exists."""
     exploration: ExplorationConfig = field(default_factory=ExplorationConfig)
     """What all frontier explorers share."""
-
-    def __post_init__(self) -> None:
-        for name in ("view_distance", "scan_range", "progress_timeout"):
-            if not getattr(self, name) > 0.0:
-                raise ConfigError(f"{name} must be positive, not {getattr(self, name)}")
 
 
 class Option(NamedTuple):

@@ -18,7 +18,7 @@ from slamgym.agents.plan_splits import Split, split_of
 from slamgym.agents.registry import make_explorer
 from slamgym.cad import FloorPlan, PlanSource, check_plan
 from slamgym.cad.plan_filter import PlanFilter, passes
-from slamgym.core.config import to_dict
+from slamgym.core.config import Count, Settings, to_dict
 from slamgym.core.errors import ConfigError, InputFileError, PlanError
 from slamgym.core.files import exclusive_lock, replace_file, storage_errors
 from slamgym.core.parallel.engine import run_tasks
@@ -79,19 +79,18 @@ ORACLE = "oracle"
 """Name of the explorer that is told the floor plan."""
 
 
-@dataclass(frozen=True)
-class EvaluationConfig:
+class EvaluationConfig(Settings):
     """What is evaluated on what."""
 
     explorers: tuple[str, ...]
     """Names of explorers."""
-    count: int = 200
+    count: Count = 200
     """Number of plans."""
     split: Split | None = "test"
     """Split of the plans; None takes all."""
     plans_filter: PlanFilter = "useful"
     """Which plans are worth exploring."""
-    repetitions: int = 1
+    repetitions: Count = 1
     """Explorations per plan and explorer, each from another start."""
     seed: int = 0
     """Decides which plans, starts and noise."""
@@ -100,9 +99,7 @@ class EvaluationConfig:
     trial: TrialConfig = field(default_factory=TrialConfig)
     """How one exploration is run."""
 
-    def __post_init__(self) -> None:
-        if self.count < 1 or self.repetitions < 1:
-            raise ConfigError("count and repetitions must be at least 1")
+    def _check(self) -> None:
         if not self.names:
             raise ConfigError("name at least one explorer")
         if ORACLE in self.explorers:

@@ -10,7 +10,7 @@ import numpy as np
 
 from slamgym.agents.evaluation.coverage_curve import LEVELS, CoverageCurve, CurveRecorder, horizon
 from slamgym.cad import FloorPlan
-from slamgym.core.config import config_hash, from_dict
+from slamgym.core.config import Positive, Settings, config_hash, from_dict
 from slamgym.envs import ExploreConfig, ExploreEnv
 from slamgym.envs.episode import FinishingExplorer, explored_env, time_limit
 from slamgym.metrics import absolute_trajectory_error
@@ -26,18 +26,18 @@ Key = tuple[str, str, int, str]
 """What makes two trials the same: explorer, plan, seed, hash of the settings."""
 
 
-@dataclass(frozen=True)
-class TrialConfig:
+class TrialConfig(Settings):
     """How explorers are put to the test."""
 
-    minutes: Literal["auto"] | float = "auto"
+    minutes: Literal["auto"] | Positive = "auto"
     """Limit of robot time [min]; ``auto`` is 5 min and 8 s/m2, more than three times what Explore Lite takes
     in the median, so that hardly an exploration is cut off."""
     env: ExploreConfig = field(default_factory=ExploreConfig)
     """Robot, sensors, SLAM, clutter."""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "env", explored_env(self.minutes, self.env))
+        super().__post_init__()
+        object.__setattr__(self, "env", explored_env(self.env))
 
 
 @dataclass(frozen=True)

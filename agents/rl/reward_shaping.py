@@ -20,7 +20,7 @@ from slamgym.agents.rl.training_callbacks import Outcome, explore
 from slamgym.agents.rl.training_envs import draw_plans, make_env
 from slamgym.cad import FloorPlan
 from slamgym.commands.table import load_target
-from slamgym.core.config import config_hash, from_dict, suggest, to_dict
+from slamgym.core.config import Count, Settings, config_hash, from_dict, suggest, to_dict
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.progress import say, show_progress
 from slamgym.core.staged import write_text
@@ -38,18 +38,17 @@ POLICY = "policy.safetensors"
 RESULTS = "shaping.json"
 
 
-@dataclass(frozen=True)
-class ShapingConfig:
+class ShapingConfig(Settings):
     """An experiment."""
 
     presets: tuple[str, ...] = tuple(PRESETS)
     """Names of presets; ``slamgym agents shape --list`` explains them. If one of them needs the particle filter
     all are trained with it, so that they differ in the reward alone."""
-    seeds: int = 3
+    seeds: Count = 3
     """Runs of each preset."""
-    test_plans: int = 20
+    test_plans: Count = 20
     """Held-out plans that every policy explores at the end."""
-    particles: int = 30
+    particles: Count = 30
     """Particles of the filter in that test."""
     train: TrainConfig = field(
         default_factory=lambda: TrainConfig(
@@ -58,12 +57,10 @@ class ShapingConfig:
     )
     """Each run, but for its reward and seed. Without a curriculum, lest the curves show its stages."""
 
-    def __post_init__(self) -> None:
+    def _check(self) -> None:
         for name in self.presets:
             if name != OWN:
                 preset(name)
-        if self.seeds < 1 or self.test_plans < 1:
-            raise ConfigError("seeds and test_plans must be at least 1")
         if self.train.env != "explore_frontiers":
             raise ConfigError("reward presets are compared on --train.env explore_frontiers")
 

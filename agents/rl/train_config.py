@@ -1,9 +1,10 @@
 """Everything that decides a training run; saved beside it as JSON."""
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Literal
 
 from slamgym.agents.scoring import NetworkConfig
+from slamgym.core.config import Count, CountOrZero, Positive, PositiveShare, Settings
 from slamgym.core.errors import ConfigError
 from slamgym.envs import RewardConfig
 from slamgym.envs.explore_frontiers_env import DEFAULT_REWARD
@@ -12,8 +13,7 @@ Algorithm = Literal["maskable_ppo", "ppo", "sac"]
 EnvName = Literal["explore_frontiers", "explore"]
 
 
-@dataclass(frozen=True)
-class Curriculum:
+class Curriculum(Settings, section="curriculum"):
     """Small buildings first (Bengio et al., "Curriculum learning", ICML 2009)."""
 
     areas: tuple[float, ...] = (90.0, 160.0)
@@ -21,7 +21,7 @@ class Curriculum:
     shares: tuple[float, ...] = (0.15, 0.4)
     """Share of the training after which each stage ends."""
 
-    def __post_init__(self) -> None:
+    def _check(self) -> None:
         if len(self.areas) != len(self.shares):
             raise ConfigError("curriculum.areas and curriculum.shares must have the same length")
         if sorted(self.areas) != list(self.areas) or sorted(self.shares) != list(self.shares):
@@ -32,8 +32,7 @@ class Curriculum:
         return sum(share >= end for end in self.shares)
 
 
-@dataclass(frozen=True)
-class PPOConfig:
+class PPOConfig(Settings, section="ppo"):
     """Proximal policy optimisation (Schulman et al. 2017)."""
 
     n_steps: int = 128
@@ -56,8 +55,7 @@ class PPOConfig:
     """An update ends where the policy has moved so far."""
 
 
-@dataclass(frozen=True)
-class TrainConfig:
+class TrainConfig(Settings):
     """A training run."""
 
     algo: Algorithm = "maskable_ppo"
@@ -67,30 +65,30 @@ class TrainConfig:
     plans: tuple[str, ...] = ("procedural",)
     """Floor plans: ``procedural``, or a HouseExpo archive, ...; as many are drawn from each. Only those of the
     split ``train`` are learned on (:mod:`slamgym.agents.plan_splits`)."""
-    plan_count: int = 1500
+    plan_count: Count = 1500
     """So many plans are learned on."""
-    steps: int = 100_000
+    steps: Count = 100_000
     """Steps of all environments together; on ``explore_frontiers`` these are decisions."""
     seed: int = 0
     """Seed of everything random."""
-    num_envs: int = 8
+    num_envs: Count = 8
     """Environments."""
-    workers: int = 1
+    workers: Count = 1
     """1 runs them in this process; more gives each environment a process of its own."""
     localization: Literal["ground_truth", "rbpf", "scan_matching", "dead_reckoning"] = "ground_truth"
     """SLAM while training; the true pose is several times faster than the particle filter."""
     odometry: Literal["ideal", "low", "medium", "high"] = "medium"
     """Errors of the wheel odometry, which matter where poses are estimated."""
-    particles: int = 10
+    particles: Count = 10
     """Particles, where there is a filter."""
-    resolution: float = 0.1
+    resolution: Positive = 0.1
     """Cell size of the robot's map while training [m]: twice that of exploration halves the time, and the
     features are in metres. On ``explore_frontiers`` only."""
-    coverage_goal: float | None = 0.995
+    coverage_goal: PositiveShare | None = 0.995
     """An episode of training ends at this true coverage; privileged, never observed."""
-    time_limit: float = 1000.0
+    time_limit: Positive = 1000.0
     """Robot time of an episode of training [s]."""
-    discount: float = 0.998
+    discount: PositiveShare = 0.998
     """Per second on ``explore_frontiers``; per step on ``explore``."""
     curriculum: Curriculum = field(default_factory=Curriculum)
     """Order of the plans."""
@@ -103,7 +101,7 @@ class TrainConfig:
     start_from: str = ""
     """Weights to begin with: ``pretrained``, or a file that an earlier run wrote; by default those of an untrained
     network. On ``explore_frontiers`` only."""
-    imitation_decisions: int = 0
+    imitation_decisions: CountOrZero = 0
     """So many decisions of an expert are imitated first; 0 for none."""
     imitation_rounds: int = 1
     """In how many rounds; the expert drives in the first and answers to the policy in the others (DAgger)."""
@@ -112,14 +110,14 @@ class TrainConfig:
     scores, which matter more then."""
     imitation_expert: str = "oracle"
     """Whom to imitate; see :mod:`slamgym.agents.rl.imitation`."""
-    evaluate_every: int = 12_000
+    evaluate_every: CountOrZero = 12_000
     """Steps between two evaluations on validation plans; 0 for none."""
     evaluate_plans: int = 16
     """Plans of an evaluation."""
-    checkpoint_every: int = 4_000
+    checkpoint_every: Count = 4_000
     """Steps between two checkpoints."""
 
-    def __post_init__(self) -> None:
+    def _check(self) -> None:
         if self.algo == "sac" and self.env != "explore":
             raise ConfigError(
                 "algo 'sac' needs continuous actions; give --env explore, or --algo maskable_ppo"
@@ -132,10 +130,3 @@ class TrainConfig:
             raise ConfigError(
                 "start_from names weights of a frontier policy; it needs --env explore_frontiers"
             )
-        for name in ("plan_count", "steps", "num_envs", "workers", "checkpoint_every"):
-            if getattr(self, name) < 1:
-                raise ConfigError(f"{name} must be at least 1, not {getattr(self, name)}")
-        if self.evaluate_every < 0 or self.imitation_decisions < 0:
-            raise ConfigError("evaluate_every and imitation_decisions must not be negative")
-        if not 0.0 < self.discount <= 1.0:
-            raise ConfigError(f"discount must lie in (0, 1], not {self.discount}")

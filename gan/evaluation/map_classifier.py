@@ -4,21 +4,19 @@ Trees on map statistics are the stricter judge of small samples; the network nee
 sees the SLAM map and the CAD map that it was made from, so that a realistic map of another building is found out.
 """
 
-from dataclasses import dataclass
-
 import cv2
 import numpy as np
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from slamgym.core.config import Settings
 from slamgym.core.errors import ConfigError
 from slamgym.core.types import FREE, OCCUPIED, ByteArray, FloatArray
 from slamgym.metrics import Interval, mean_interval
 
 
-@dataclass(frozen=True)
-class ClassifierConfig:
+class ClassifierConfig(Settings):
     """How the network is trained in each fold."""
 
     size: int = 64

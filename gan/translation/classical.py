@@ -7,32 +7,29 @@ wall direction, which only the straightening of outlines would need, and straigh
 (docs/gan.md).
 """
 
-from dataclasses import dataclass
+from typing import Annotated
 
 import cv2
 import numpy as np
 
+from slamgym.core.config import Settings, Within
 from slamgym.core.errors import ConfigError
 from slamgym.core.types import FREE, BoolArray, ByteArray, Float32Array
 
+_Size = Annotated[float, Within(ge=0.0, lt=10.0)]
 
-@dataclass(frozen=True)
-class CleaningConfig:
+
+class CleaningConfig(Settings, section="cleaning"):
     """Sizes of what is dropped and filled."""
 
-    ray_width: float = 0.25
+    ray_width: _Size = 0.25
     """Free space narrower than this is a ray that left through a window or between two walls [m]."""
-    furniture: float = 0.6
+    furniture: _Size = 0.6
     """Things in a room of at most this length and width are furniture, people or noise, not walls [m]."""
-    wall_gap: float = 0.2
+    wall_gap: _Size = 0.2
     """Gaps in a wall narrower than this are closed [m]."""
-    min_area: float = 1.0
+    min_area: _Size = 1.0
     """Separate free space smaller than this is dropped [m2]."""
-
-    def __post_init__(self) -> None:
-        for name in ("ray_width", "furniture", "wall_gap", "min_area"):
-            if not 0.0 <= getattr(self, name) < 10.0:
-                raise ConfigError(f"cleaning.{name} must be between 0 and 10, not {getattr(self, name)}")
 
 
 DEFAULT_CLEANING = CleaningConfig()

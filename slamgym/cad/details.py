@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 import shapely
@@ -10,6 +9,7 @@ from shapely import Polygon
 
 from slamgym.cad.cells import Box, Cell, snap
 from slamgym.cad.doors import Opening
+from slamgym.core.config import Settings, Share
 
 CLEARANCE = 0.9
 """Free width kept round pillars and islands, and before doors [m]."""
@@ -18,17 +18,16 @@ _CHIMNEY_ROOMS = {"Living_Room", "Kitchen", "Bedroom", "Bathroom", "Dining_Room"
 _BAY_ROOMS = {"Living_Room", "Bedroom", "Dining_Room", "Kitchen"}
 
 
-@dataclass(frozen=True)
-class Details:
+class Details(Settings, section="details"):
     """How often details occur."""
 
-    pillars: float = 0.35
+    pillars: Share = 0.35
     """Probability that a room of more than 40 m2 has pillars."""
-    islands: float = 0.3
+    islands: Share = 0.3
     """Probability that a kitchen of more than 15 m2 has an island."""
-    chimneys: float = 0.05
+    chimneys: Share = 0.05
     """Probability that a wall of a room has a chimney breast or a shaft."""
-    bays: float = 0.1
+    bays: Share = 0.1
     """Probability that a room has a bay window, if it has an outer wall."""
 
 

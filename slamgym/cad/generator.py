@@ -8,7 +8,7 @@ round: second doors, rings of corridor, cores, pillars and islands.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Literal, TypeGuard
 
 import numpy as np
@@ -22,6 +22,7 @@ from slamgym.cad.doors import Opening, join_rooms
 from slamgym.cad.floorplan import Door, FloorPlan, Room, check_plan
 from slamgym.cad.homes import lay_out_home, rooms_for_area
 from slamgym.cad.offices import lay_out_office
+from slamgym.core.config import NonNegative, Positive, Settings, Share
 from slamgym.core.errors import ConfigError, PlanError
 from slamgym.core.types import FloatArray
 
@@ -34,36 +35,33 @@ MAX_ATTEMPTS = 100
 Kind = Literal["mixed", "home", "office"]
 
 
-@dataclass(frozen=True)
-class GeneratorConfig:
+class GeneratorConfig(Settings):
     """What kind of plans the generator makes; the defaults resemble HouseExpo, offices apart."""
 
     kind: Kind = "mixed"
     """Homes, offices, or both."""
-    office_share: float = 0.15
+    office_share: Share = 0.15
     """Share of offices among mixed plans."""
-    home_area: float = 112.0
+    home_area: Positive = 112.0
     """Median free area of homes [m2]; HouseExpo's."""
-    home_area_sigma: float = 0.74
+    home_area_sigma: NonNegative = 0.74
     """Spread of the logarithm of a home's area; HouseExpo's 5th and 95th percentiles are 30 and 373 m2."""
-    home_area_range: tuple[float, float] = (20.0, 600.0)
+    home_area_range: tuple[Positive, Positive] = (20.0, 600.0)
     """Smallest and largest home [m2]."""
-    office_area: tuple[float, float] = (150.0, 700.0)
+    office_area: tuple[Positive, Positive] = (150.0, 700.0)
     """Smallest and largest office floor [m2]."""
-    wall_thickness: tuple[float, ...] = (0.1, 0.12, 0.14)
+    wall_thickness: tuple[Positive, ...] = (0.1, 0.12, 0.14)
     """Thickness of interior walls [m], even whole centimetres; HouseExpo's are 0.10-0.12 m."""
-    open_plan: float = 0.8
+    open_plan: Share = 0.8
     """Probability that two living areas are joined by a wide opening or none of the wall is left."""
-    office_open_plan: float = 0.2
+    office_open_plan: Share = 0.2
     """The same for the rooms of an office."""
-    loops: float = 0.35
+    loops: Share = 0.35
     """Probability that a plan has doors that make ways round; cores, pillars and islands make others."""
     details: Details = field(default_factory=Details)
     """Pillars, islands, chimneys, bay windows."""
 
-    def __post_init__(self) -> None:
-        if self.kind not in ("mixed", "home", "office"):
-            raise ConfigError(f"kind must be 'mixed', 'home' or 'office', not {self.kind!r}")
+    def _check(self) -> None:
         if any(round(100 * thickness) % 2 for thickness in self.wall_thickness):
             raise ConfigError(f"wall_thickness must be even whole centimetres, not {self.wall_thickness}")
 

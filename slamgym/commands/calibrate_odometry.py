@@ -6,7 +6,7 @@ coefficients of the two-phase model (Souza et al. 2008), which ``slamgym deform 
 
 import math
 import sys
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -15,7 +15,7 @@ import shapely
 import tyro
 
 from slamgym.cad import FloorPlan
-from slamgym.core.errors import ConfigError
+from slamgym.core.config import Arguments, Within
 from slamgym.core.geometry import between
 from slamgym.core.types import Pose2D, Twist2D
 from slamgym.parametric.calibration import Runs, fit_phases, write_calibration
@@ -25,21 +25,20 @@ _STEP = 0.05  # [s]
 _HALL = 20.0  # [m]
 
 
-@dataclass(frozen=True)
-class CalibrateArguments:
+class CalibrateArguments(Arguments):
     """Measure the odometry errors of straight lines and turns in place, and write their coefficients."""
 
     out: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
     """JSON file to write."""
     odometry: Literal["ideal", "low", "medium", "high"] = "medium"
     """Level of the odometry errors."""
-    robots: int = 60
+    robots: Annotated[int, Within(ge=2)] = 60
     """Robots; each draws its own systematic errors."""
-    repeats: int = 8
+    repeats: Annotated[int, Within(ge=2)] = 8
     """Lines and turns per robot."""
-    length: float = 3.0
+    length: Annotated[float, Within(gt=0.0, le=0.5 * _HALL)] = 3.0
     """Longest straight line [m]; the shortest is a third of it."""
-    turns: float = 1.0
+    turns: Annotated[float, Within(gt=0.0, le=20.0)] = 1.0
     """Largest turn, in whole turns either way; the smallest is a quarter of it."""
     seed: int = 0
     """Seed of everything random."""
@@ -48,13 +47,6 @@ class CalibrateArguments:
 def main(argv: list[str]) -> int:
     """Run the command; returns the exit code."""
     arguments = tyro.cli(CalibrateArguments, args=argv, prog="slamgym calibrate-odometry")
-    for name in ("robots", "repeats"):
-        if getattr(arguments, name) < 2:
-            raise ConfigError(f"--{name} must be 2 or more, not {getattr(arguments, name)}")
-    if not 0.0 < arguments.length <= 0.5 * _HALL:
-        raise ConfigError(f"--length must lie in (0, {0.5 * _HALL:g}] m, not {arguments.length:g}")
-    if not 0.0 < arguments.turns <= 20.0:
-        raise ConfigError(f"--turns must lie in (0, 20], not {arguments.turns:g}")
     runs = measure_odometry(
         odometry_level(arguments.odometry),
         RobotConfig(),

@@ -7,7 +7,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -18,7 +18,7 @@ import tyro
 from slamgym import __version__
 from slamgym.cad.floorplan import FloorPlan
 from slamgym.cad.sources import open_plans
-from slamgym.core.config import suggest, to_dict
+from slamgym.core.config import Arguments, Count, CountOrZero, Within, suggest, to_dict
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.types import GridFrame, Trajectory
 from slamgym.interop.ros_map import write_ros_map
@@ -34,8 +34,7 @@ RecordPath = Callable[[FloorPlan, str, int, Any], Trajectory]
 """(plan, explorer's name, seed, explorer factory) -> the true path that the explorer drove, world frame."""
 
 
-@dataclass(frozen=True)
-class DeformArguments:
+class DeformArguments(Arguments):
     """Turn a floor plan and a trajectory into SLAM-like maps with their displacement fields.
 
     Without --trajectory or --explorer, a path through all rooms is planned over a probabilistic roadmap.
@@ -71,16 +70,16 @@ class DeformArguments:
     severity: float = 1.0
     """Multiplies every error magnitude; 0 gives the CAD map back where the robot looked."""
 
-    samples: Annotated[int, tyro.conf.arg(aliases=["-n"])] = 1
+    samples: Annotated[Count, tyro.conf.arg(aliases=["-n"])] = 1
     """Number of hypotheses; each draws its own robot and, unless a file gives it, its own path."""
 
-    seed: int = 0
+    seed: CountOrZero = 0
     """Equal seeds give equal bytes."""
 
     resolution: float = 0.05
     """[m/px]"""
 
-    size: int = 0
+    size: Literal[0] | Annotated[int, Within(ge=16)] = 0
     """Side of the square map [px]; the resolution follows from the plan. 0 leaves the resolution as given."""
 
     calibration: Path | None = None
@@ -88,6 +87,11 @@ class DeformArguments:
 
     overwrite: bool = False
     """Replace the folder if it exists."""
+
+    def _check(self) -> None:
+        given = [f"--{name}" for name in ("trajectory", "prm", "explorer") if getattr(self, name)]
+        if len(given) > 1:
+            raise ConfigError(f"{' and '.join(given)} exclude each other; give one")
 
 
 def main(argv: list[str], make_explorer: Any = None, record_path: RecordPath | None = None) -> int:
@@ -105,7 +109,6 @@ def main(argv: list[str], make_explorer: Any = None, record_path: RecordPath | N
         SlamgymError: If something is wrong that the user can mend; nothing is left half written.
     """
     arguments = tyro.cli(DeformArguments, args=argv, prog="slamgym deform")
-    _check(arguments)
     plan = _load_plan(arguments)
     config = _config(arguments)
     frame = _square_frame(plan, config, arguments.size) if arguments.size else None
@@ -131,26 +134,6 @@ def main(argv: list[str], make_explorer: Any = None, record_path: RecordPath | N
         f"{arguments.samples} map(s) of {plan.id} in {time.perf_counter() - begun:.1f} s: {arguments.out}\n"
     )
     return 0
-
-
-def _check(arguments: DeformArguments) -> None:
-    given = [
-        name
-        for name, value in (
-            ("--trajectory", arguments.trajectory),
-            ("--prm", arguments.prm),
-            ("--explorer", arguments.explorer),
-        )
-        if value
-    ]
-    if len(given) > 1:
-        raise ConfigError(f"{' and '.join(given)} exclude each other; give one")
-    if arguments.samples < 1:
-        raise ConfigError(f"--samples must be 1 or more, not {arguments.samples}")
-    if arguments.seed < 0:
-        raise ConfigError(f"--seed must be 0 or more, not {arguments.seed}")
-    if arguments.size and arguments.size < 16:
-        raise ConfigError(f"--size must be 16 px or more, not {arguments.size}")
 
 
 def _load_plan(arguments: DeformArguments) -> FloorPlan:

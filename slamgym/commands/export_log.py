@@ -1,12 +1,12 @@
 """``slamgym export-log``: a log in the form that other SLAM programs replay."""
 
 import sys
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
 
 import tyro
 
+from slamgym.core.config import Arguments
 from slamgym.core.errors import InputFileError
 from slamgym.core.types import OccupancyGrid
 from slamgym.interop.carmen import write_carmen
@@ -15,8 +15,7 @@ from slamgym.interop.ros_map import read_ros_map
 from slamgym.interop.rosbag_writer import Storage, write_rosbag2
 
 
-@dataclass(frozen=True)
-class ExportArguments:
+class ExportArguments(Arguments):
     """Write an episode (or any other log) as a CARMEN log or as a rosbag2."""
 
     log: tyro.conf.Positional[Path]

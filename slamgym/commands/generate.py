@@ -2,7 +2,7 @@
 
 import dataclasses
 import sys
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -11,6 +11,7 @@ import tyro
 from slamgym.cad import open_plan_mix
 from slamgym.cad.plan_filter import PlanFilter
 from slamgym.commands.dataset.render import render_and_report
+from slamgym.core.config import Arguments, Count, CountOrZero, Positive
 from slamgym.core.errors import ConfigError
 from slamgym.core.parallel.backlog import available_cores
 from slamgym.core.parallel.engine import EngineName
@@ -29,8 +30,7 @@ from slamgym.sim import ClutterConfig, LidarConfig, RobotConfig, odometry_level
 from slamgym.slam import SlamConfig
 
 
-@dataclass(frozen=True)
-class GenerateArguments:
+class GenerateArguments(Arguments):
     """Explore floor plans with a simulated robot and write SLAM/CAD map pairs.
 
     The same seed gives the same files with any number of workers. Ctrl-C and even kill -9 lose at most the
@@ -48,14 +48,14 @@ class GenerateArguments:
     plans_filter: PlanFilter = "none"
     """``useful`` takes homes that are worth exploring: 2-20 rooms, 20-300 m2, at most 30 m long, at most
     1,500 vertices. Generated plans always pass."""
-    pairs: int = 8
+    pairs: Count = 8
     """How many pairs the folder shall hold. A larger number later adds to the same folder."""
     explorer: str = "rl"
     """Who drives: ``rl``, the trained one; ``explore_lite``, ``nearest``, ... (docs/explorers.md compares them)."""
-    minutes: Literal["auto"] | float = "auto"
+    minutes: Literal["auto"] | Positive = "auto"
     """``auto``: until nothing is left to explore, with a limit that grows with the floor area; or a fixed
     limit of robot time [min], 7 in the paper."""
-    particles: int = 30
+    particles: Count = 30
     """Particles of the SLAM filter."""
     odometry: Literal["ideal", "low", "medium", "high"] = "medium"
     """Errors of the wheel odometry; ``ideal`` is what stock Gazebo has, as in the paper."""
@@ -66,7 +66,7 @@ class GenerateArguments:
     """Explorations of each plan that come one after the other: several SLAM maps of one CAD map."""
     seed: int = 0
     """Seed of everything random."""
-    workers: int = 0
+    workers: CountOrZero = 0
     """Processes; 0 takes one per core."""
     engine: EngineName = "local"
     """``local``: the processes of this machine. ``ray``: a Ray cluster (``pip install 'slamgym[ray]'``)."""
@@ -95,10 +95,6 @@ class GenerateArguments:
 def main(argv: list[str], make_explorer: MakeExplorer) -> int:
     """Run the command; returns the exit code."""
     arguments = tyro.cli(GenerateArguments, args=argv, prog="slamgym generate")
-    if arguments.pairs < 1:
-        raise ConfigError(f"--pairs must be at least 1, not {arguments.pairs}")
-    if arguments.workers < 0:
-        raise ConfigError(f"--workers must be 0 (one per core) or more, not {arguments.workers}")
     if arguments.shard is not None and arguments.images is not None:
         raise ConfigError("a shard alone is not rendered; leave --images out and render after the merge")
     shard = WHOLE if arguments.shard is None else Shard.parse(arguments.shard)

@@ -3,7 +3,6 @@
 import math
 import sys
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -15,6 +14,7 @@ from slamgym.cad.floorplan import FloorPlan
 from slamgym.cad.houseexpo import write_houseexpo
 from slamgym.cad.plan_filter import Rejections, usable_plans
 from slamgym.cad.sources import PlanSource, open_plans
+from slamgym.core.config import Arguments, Count, Within
 from slamgym.core.errors import ConfigError
 from slamgym.viz.canvas import write_picture
 from slamgym.viz.plan_pictures import draw_plan_sheet
@@ -23,8 +23,7 @@ MAX_NAMED = 10
 """So many rejected plans are named on the terminal; the file names them all."""
 
 
-@dataclass(frozen=True)
-class _Selection:
+class _Selection(Arguments):
     """Which plans."""
 
     plans: tyro.conf.Positional[str] = "bundled"
@@ -32,20 +31,18 @@ class _Selection:
     ROS map's yaml; a picture and its metres per pixel, as in plan.png@0.05."""
     ids: Path | None = None
     """A file with one plan id a line: take only these plans."""
-    count: int | None = None
+    count: Count | None = None
     """Take only the first so many plans."""
     robot_radius: float = 0.22
     """The robot must be able to enter the rooms; the default holds a TurtleBot3 Waffle Pi [m]."""
-    max_extent: float = math.inf
+    max_extent: Annotated[float, Within(gt=0.0, infinite=True)] = math.inf
     """Longest side that a plan may have [m]."""
 
 
-@dataclass(frozen=True)
 class ListPlans(_Selection):
     """Print id, area, rooms, size, corners, holes and doors of every usable plan."""
 
 
-@dataclass(frozen=True)
 class CheckPlans(_Selection):
     """Report which plans can be explored, and what is wrong with the others."""
 
@@ -53,19 +50,17 @@ class CheckPlans(_Selection):
     """Where the plans that can't be explored are written, one JSON object a line."""
 
 
-@dataclass(frozen=True)
 class DrawPlans(_Selection):
     """Draw plans on one picture: rooms coloured by use, doors marked, a scale bar each."""
 
     out: Path = Path("plans.png")
     """The picture."""
-    columns: int = 6
+    columns: Count = 6
     """Plans in a row."""
-    size: int = 360
+    size: Annotated[int, Within(ge=64)] = 360
     """Width of one plan [pixels]."""
 
 
-@dataclass(frozen=True)
 class WritePlans(_Selection):
     """Write usable plans as HouseExpo files, e.g. to keep generated ones or to convert a map."""
 
@@ -99,8 +94,6 @@ def main(argv: list[str]) -> int:
         prog="slamgym plans",
         description="List, check, draw and write floor plans.",
     )
-    if arguments.count is not None and arguments.count < 1:
-        raise ConfigError(f"--count must be at least 1, not {arguments.count}")
     source = open_plans(arguments.plans, ids_file=arguments.ids)
     rejections = Rejections()
     if isinstance(arguments, ListPlans):
@@ -147,8 +140,6 @@ def _check(arguments: CheckPlans, source: PlanSource, rejections: Rejections) ->
 def _draw(arguments: DrawPlans, source: PlanSource, rejections: Rejections) -> None:
     if arguments.count is None and len(source) > MAX_DRAWN:
         raise ConfigError(f"{len(source)} plans are too many for one picture; add --count 24, for example")
-    if arguments.columns < 1 or arguments.size < 64:
-        raise ConfigError("--columns must be at least 1 and --size at least 64 pixels")
     plans = list(_usable(arguments, source, rejections))
     if plans:
         write_picture(arguments.out, draw_plan_sheet(plans, arguments.columns, arguments.size))

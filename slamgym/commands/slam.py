@@ -5,7 +5,6 @@ import math
 import sys
 from collections.abc import Callable
 from contextlib import ExitStack, closing
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -15,7 +14,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from slamgym import __version__
-from slamgym.core.config import to_dict
+from slamgym.core.config import Arguments, to_dict
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.staged import write_text
 from slamgym.core.types import Trajectory
@@ -35,8 +34,7 @@ from slamgym.viz.map_pictures import GrowingView, draw_map
 from slamgym.viz.window import Window
 
 
-@dataclass(frozen=True)
-class SlamArguments:
+class SlamArguments(Arguments):
     """Make a map from a recorded log."""
 
     log: tyro.conf.Positional[Path]

@@ -3,14 +3,14 @@
 import dataclasses
 import sys
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import tyro
 
 from slamgym.cad import FloorPlan, open_plans
-from slamgym.core.config import suggest
+from slamgym.core.config import Arguments, Count, Positive, Within, suggest
 from slamgym.core.errors import ConfigError
 from slamgym.core.progress import say
 from slamgym.dataset.schedule import schedule
@@ -20,9 +20,10 @@ from slamgym.sim import ClutterConfig, LidarConfig, RobotConfig, odometry_level
 from slamgym.slam import SlamConfig
 from slamgym.viz.films import check_film_name, open_film
 
+_Rate = Annotated[float, Within(gt=0.0, lt=1000.0)]
 
-@dataclass(frozen=True)
-class WatchArguments:
+
+class WatchArguments(Arguments):
     """Watch a robot explore a floor plan, in a window or in a film."""
 
     plans: str = "bundled"
@@ -33,13 +34,13 @@ class WatchArguments:
     """Who drives: ``rl``, ``explore_lite``, ``nearest``, ..."""
     out: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None
     """Film to write, .mp4 or .gif; without it a window opens."""
-    minutes: Literal["auto"] | float = "auto"
+    minutes: Literal["auto"] | Positive = "auto"
     """Limit of robot time [min]."""
-    speed: float = 16.0
+    speed: _Rate = 16.0
     """Film: how much faster than the robot."""
-    fps: float = 20.0
+    fps: _Rate = 20.0
     """Film: frames per second; a .gif can have 50 at most."""
-    particles: int = 30
+    particles: Count = 30
     """Particles of the SLAM filter."""
     odometry: Literal["ideal", "low", "medium", "high"] = "medium"
     """Errors of the wheel odometry."""
@@ -54,11 +55,14 @@ class WatchArguments:
     clutter: ClutterConfig = field(default_factory=ClutterConfig)
     """Furniture and people, which no CAD map shows."""
 
+    def _check(self) -> None:
+        if self.out is not None:
+            check_film_name(self.out)
+
 
 def main(argv: list[str], make_explorer: MakeExplorer) -> int:
     """Run the command; returns the exit code."""
     arguments = tyro.cli(WatchArguments, args=argv, prog="slamgym watch")
-    _check(arguments)
     plan = _choose_plan(arguments)
     env = _make_env(arguments, plan)
     try:
@@ -72,14 +76,6 @@ def main(argv: list[str], make_explorer: MakeExplorer) -> int:
     finally:
         env.close()
     return 0
-
-
-def _check(arguments: WatchArguments) -> None:
-    if arguments.out is not None:
-        check_film_name(arguments.out)
-    for name in ("speed", "fps"):
-        if not 0.0 < getattr(arguments, name) < 1000.0:
-            raise ConfigError(f"--{name} must be positive, not {getattr(arguments, name)}")
 
 
 def _choose_plan(arguments: WatchArguments) -> FloorPlan:

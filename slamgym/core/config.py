@@ -1,17 +1,171 @@
-"""Settings as dataclasses: read from and written to JSON, unknown names refused with a suggestion."""
+"""Settings as dataclasses: bounds that hold from construction on, and a JSON form that refuses unknown names."""
 
 import dataclasses
 import difflib
 import hashlib
 import json
+import math
+import numbers
 import types
 import typing
-from collections.abc import Mapping
-from typing import Any, TypeVar
+from collections.abc import Iterator, Mapping
+from typing import Annotated, Any, ClassVar, NamedTuple, TypeVar
 
 from slamgym.core.errors import ConfigError
 
 _T = TypeVar("_T")
+
+
+class Within(NamedTuple):
+    """Which numbers a setting may be, as in ``Annotated[float, Within(gt=0.0, le=0.5)]``.
+
+    Of a tuple they bound each number. Without bounds a number must be finite.
+    """
+
+    ge: float = -math.inf
+    gt: float = -math.inf
+    le: float = math.inf
+    lt: float = math.inf
+    power_of_two: bool = False
+    infinite: bool = False
+    """Whether infinity is allowed, too."""
+
+    def allow(self, number: float) -> bool:
+        """Whether the setting may be this number."""
+        inside = self.ge <= number <= self.le and self.gt < number < self.lt
+        if self.power_of_two:
+            return inside and int(number).bit_count() == 1
+        return inside or (self.infinite and number == math.inf)
+
+    def __str__(self) -> str:
+        low, high = max(self.ge, self.gt), min(self.le, self.lt)
+        if math.isinf(low) and math.isinf(high):
+            return "finite"
+        if math.isinf(high):
+            return f"{'above' if low == self.gt else 'at least'} {low:g}"
+        if math.isinf(low):
+            return f"{'below' if high == self.lt else 'at most'} {high:g}"
+        kind = "a power of two " if self.power_of_two else ""
+        return f"{kind}in {'(' if low == self.gt else '['}{low:g}, {high:g}{')' if high == self.lt else ']'}"
+
+
+Positive = Annotated[float, Within(gt=0.0)]
+NonNegative = Annotated[float, Within(ge=0.0)]
+Share = Annotated[float, Within(ge=0.0, le=1.0)]
+PositiveShare = Annotated[float, Within(gt=0.0, le=1.0)]
+ShareBelowOne = Annotated[float, Within(ge=0.0, lt=1.0)]
+Count = Annotated[int, Within(ge=1)]
+CountOrZero = Annotated[int, Within(ge=0)]
+
+
+@typing.dataclass_transform(frozen_default=True, field_specifiers=(dataclasses.field,))
+class Settings:
+    """Base of the classes of settings: each subclass is a frozen dataclass that refuses wrong values.
+
+    A value must be of its field's type, one of its choices (``Literal``) and within its :class:`Within`.
+
+    Args of a subclass:
+        section: What names its settings in errors, as in ``slam.particles``.
+    """
+
+    __dataclass_fields__: ClassVar[dict[str, dataclasses.Field[Any]]]
+    _section: ClassVar[str]
+
+    def __init_subclass__(cls, section: str = "") -> None:
+        super().__init_subclass__()
+        cls._section = section
+        dataclasses.dataclass(frozen=True)(cls)
+
+    def __post_init__(self) -> None:
+        for name, hint in _hints(type(self)).items():
+            _require(hint, getattr(self, name), self._called(name))
+        self._check()
+
+    def _called(self, name: str) -> str:
+        """What errors call a setting."""
+        return f"{self._section}.{name}" if self._section else name
+
+    def _check(self) -> None:
+        """Refuse what single bounds can't say: rules between settings."""
+
+
+class Arguments(Settings):
+    """Base of the arguments of commands, which errors call as they are typed: ``--map-size``."""
+
+    def _called(self, name: str) -> str:
+        return f"--{name.replace('_', '-')}"
+
+
+def _hints(cls: type) -> dict[str, Any]:
+    """Types of the fields of a dataclass or named tuple, with their bounds."""
+    names = getattr(cls, "_fields", None) or [entry.name for entry in dataclasses.fields(cls)]
+    hints = typing.get_type_hints(cls, include_extras=True)
+    return {name: hints[name] for name in names}
+
+
+class _Fault(NamedTuple):
+    name: str
+    must_be: str
+    value: Any
+
+
+def _require(hint: Any, value: Any, name: str) -> None:
+    """Refuse a value that doesn't fit what its field declares."""
+    for fault in _faults(hint, value, name, Within()):
+        choices = [str(choice) for choice in _choices(hint)]
+        close = difflib.get_close_matches(str(fault.value), choices, n=1)
+        advice = f"; did you mean {close[0]!r}?" if close else ""
+        raise ConfigError(f"{fault.name} must be {fault.must_be}, not {fault.value!r}{advice}")
+
+
+def _choices(hint: Any) -> list[Any]:
+    """All values that the literals in a type name."""
+    if typing.get_origin(hint) is typing.Literal:
+        return list(typing.get_args(hint))
+    return [choice for option in typing.get_args(hint) for choice in _choices(option)]
+
+
+def _faults(hint: Any, value: Any, name: str, bounds: Within) -> Iterator[_Fault]:
+    """What is wrong with a value; nothing if it fits the type."""
+    origin, options = typing.get_origin(hint), typing.get_args(hint)
+    if origin is Annotated:
+        rules = [rule for rule in hint.__metadata__ if isinstance(rule, Within)]
+        yield from _faults(hint.__origin__, value, name, rules[0] if rules else bounds)
+    elif origin in (types.UnionType, typing.Union):
+        faults = [next(_faults(option, value, name, bounds), None) for option in options]
+        if None not in faults:
+            yield _Fault(name, " or ".join(fault.must_be for fault in faults if fault), value)
+    elif origin is typing.Literal:
+        if not any(value == choice and type(value) is type(choice) for choice in options):
+            yield _Fault(name, " or ".join(map(repr, options)), value)
+    elif hint in (int, float):
+        kind: Any = numbers.Integral if hint is int else numbers.Real  # numpy's scalars are numbers, too
+        if isinstance(value, bool) or not isinstance(value, kind):
+            yield _Fault(name, f"of type {hint.__name__}", value)
+        elif not bounds.allow(value):
+            yield _Fault(name, str(bounds), value)
+    elif hint is not Any and not isinstance(value, origin or hint):
+        expected = "None" if hint is types.NoneType else f"of type {getattr(hint, '__name__', hint)}"
+        yield _Fault(name, expected, value)
+    else:
+        yield from _faults_inside(hint, value, name, bounds)
+
+
+def _faults_inside(hint: Any, value: Any, name: str, bounds: Within) -> Iterator[_Fault]:
+    """What is wrong with the items of a tuple, a named tuple or a mapping."""
+    options = typing.get_args(hint)
+    if typing.get_origin(hint) is tuple:
+        inner = [options[0]] * len(value) if options[1:] == (Ellipsis,) else options
+        if len(inner) != len(value):
+            yield _Fault(name, f"{len(inner)} values", value)
+        for index, (option, item) in enumerate(zip(inner, value, strict=False)):
+            yield from _faults(option, item, f"{name}[{index}]", bounds)
+    elif isinstance(value, tuple) and hasattr(hint, "_fields"):
+        for inner_name, option in _hints(hint).items():
+            yield from _faults(option, getattr(value, inner_name), f"{name}.{inner_name}", bounds)
+    elif isinstance(value, Mapping) and options:
+        for key, item in value.items():
+            yield from _faults(options[1], item, f"{name}[{key!r}]", bounds)
 
 
 def suggest(name: str, known: typing.Iterable[str]) -> str:
@@ -38,18 +192,17 @@ def from_dict(cls: type[_T], values: Mapping[str, Any], where: str = "") -> _T:
     Raises:
         ConfigError: If a name is unknown; the error suggests the nearest known one.
     """
-    hints = typing.get_type_hints(cls)
-    fields = {field.name for field in dataclasses.fields(cls)}  # type: ignore[arg-type]
+    hints = _hints(cls)
     prefix = f"{where}: " if where else ""
-    for name in values:
-        if name not in fields:
-            raise ConfigError(f"{prefix}unknown setting {name!r} of {cls.__name__}; {suggest(name, fields)}")
-    return cls(
-        **{
-            name: _convert(hints[name], value, f"{where}.{name}" if where else name)
-            for name, value in values.items()
-        }
-    )
+    converted = {}
+    for name, value in values.items():
+        if name not in hints:
+            raise ConfigError(f"{prefix}unknown setting {name!r} of {cls.__name__}; {suggest(name, hints)}")
+        path = f"{where}.{name}" if where else name
+        converted[name] = _convert(hints[name], value, path)
+        if issubclass(cls, Settings):
+            _require(hints[name], converted[name], path)
+    return cls(**converted)
 
 
 def replace_setting(config: _T, name: str, value: Any) -> _T:
@@ -70,7 +223,7 @@ def replace_setting(config: _T, name: str, value: Any) -> _T:
 def _replace(config: _T, path: str, value: Any, name: str, root: Any) -> _T:
     """Replace what lies at ``path``; ``name`` is the whole path from ``root``, for errors."""
     first, _, rest = path.partition(".")
-    hints = typing.get_type_hints(type(config))
+    hints = _hints(type(config))
     current = getattr(config, first) if first in hints else None
     if first not in hints or (rest and not dataclasses.is_dataclass(current)):
         raise ConfigError(f"unknown setting {name!r}; {suggest(name, setting_names(root))}")
@@ -78,8 +231,7 @@ def _replace(config: _T, path: str, value: Any, name: str, root: Any) -> _T:
         value = _replace(current, rest, value, name, root)
     else:
         value = _convert(hints[first], value, name)
-        if not _fits(hints[first], value):
-            raise ConfigError(f"{name} can't be {value!r}; {_expectation(hints[first])}")
+        _require(hints[first], value, name)
     return dataclasses.replace(config, **{first: value})  # type: ignore[type-var]
 
 
@@ -95,35 +247,10 @@ def setting_names(config: Any) -> list[str]:
     return names
 
 
-def _fits(hint: Any, value: Any) -> bool:
-    """Whether a value is of the declared type; a whole number is a float, too."""
-    origin, options = typing.get_origin(hint), typing.get_args(hint)
-    if origin in (types.UnionType, typing.Union):
-        return any(_fits(option, value) for option in options)
-    if origin is typing.Literal:
-        return any(value == option and type(value) is type(option) for option in options)
-    if origin is tuple:
-        variadic = len(options) == 2 and options[1] is Ellipsis
-        if not isinstance(value, tuple) or not (variadic or len(value) == len(options)):
-            return False
-        inner = [options[0]] * len(value) if variadic else options
-        return all(_fits(option, item) for option, item in zip(inner, value, strict=True))
-    if hint is float:
-        return isinstance(value, (int, float)) and not isinstance(value, bool)
-    if hint is int:
-        return isinstance(value, int) and not isinstance(value, bool)
-    return value is None if hint in (None, type(None)) else isinstance(value, origin or hint)
-
-
-def _expectation(hint: Any) -> str:
-    options = typing.get_args(hint)
-    if typing.get_origin(hint) is typing.Literal:
-        return f"known: {', '.join(map(str, options))}"
-    return f"it must be of type {getattr(hint, '__name__', hint)}"
-
-
 def _convert(hint: Any, value: Any, where: str) -> Any:
     """Give a JSON value the type that the field declares."""
+    if typing.get_origin(hint) is Annotated:
+        return _convert(hint.__origin__, value, where)
     if typing.get_origin(hint) in (types.UnionType, typing.Union):
         dataclass_options = [option for option in typing.get_args(hint) if dataclasses.is_dataclass(option)]
         if isinstance(value, Mapping) and dataclass_options:

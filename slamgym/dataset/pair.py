@@ -1,24 +1,20 @@
 """From an exploration to a pair of images: A, what an architect drew, and B, what the robot believes."""
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
 from slamgym.cad import FloorPlan
-from slamgym.core.errors import ConfigError
+from slamgym.core.config import Settings, Within
 from slamgym.core.types import UNKNOWN, ByteArray, GridFrame, OccupancyGrid, Pose2D
 
 
-@dataclass(frozen=True)
-class PairConfig:
+class PairConfig(Settings, section="pair"):
     """How the images are made."""
 
-    margin: float = 0.5
+    margin: Annotated[float, Within(ge=0.0, lt=100.0)] = 0.5
     """Free border around plan and SLAM map [m]."""
-
-    def __post_init__(self) -> None:
-        if not 0.0 <= self.margin < 100.0:
-            raise ConfigError(f"pair.margin must be between 0 and 100 m, not {self.margin}")
 
 
 @dataclass(frozen=True)

@@ -3,10 +3,10 @@
 import dataclasses
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any, Literal
 
-from slamgym.core.config import from_dict, suggest
+from slamgym.core.config import Count, NonNegative, Positive, PositiveShare, Settings, from_dict, suggest
 from slamgym.core.errors import ConfigError
 from slamgym.core.types import GridFrame
 from slamgym.envs.rewards import RewardConfig
@@ -14,38 +14,28 @@ from slamgym.sim import ClutterConfig, LidarConfig, OdometryConfig, RobotConfig,
 from slamgym.slam import SlamConfig
 
 
-@dataclass(frozen=True)
-class ObservationConfig:
+class ObservationConfig(Settings, section="observation"):
     """What the observation's ``"map"`` shows."""
 
     map: Literal["egocentric", "global"] = "egocentric"
     """``egocentric``: a crop of the newest map about the believed pose, turned so that ahead is up;
     ``global``: the whole map as it was last published, on a canvas centred on the start."""
 
-    crop_px: int = 84
+    crop_px: Count = 84
     """Side of the egocentric crop [cells]; 84 is what convolutional policies are used to."""
 
-    crop_resolution: float = 0.1
+    crop_resolution: Positive = 0.1
     """Cell size of the egocentric crop [m]; 84 cells show 4.2 m to every side, more than the LDS-01 sees."""
 
-    map_size: float = 64.0
+    map_size: Positive = 64.0
     """Side of the global canvas [m]; no plan may reach out of it, wherever the robot starts."""
 
-    map_resolution: float = 0.05
+    map_resolution: Positive = 0.05
     """Cell size of the global canvas [m]."""
 
     shared_map: bool = False
     """Observations between two publications hold the very same read-only global map. That spares copies of
     some megabytes a second, but Gymnasium's checks want observations that share nothing."""
-
-    def __post_init__(self) -> None:
-        if self.map not in ("egocentric", "global"):
-            raise ConfigError(f"observation.map must be 'egocentric' or 'global', not {self.map!r}")
-        if self.crop_px < 1:
-            raise ConfigError(f"observation.crop_px must be at least 1, not {self.crop_px}")
-        for name in ("crop_resolution", "map_size", "map_resolution"):
-            if not 0.0 < getattr(self, name) < math.inf:
-                raise ConfigError(f"observation.{name} must be positive, not {getattr(self, name)}")
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -61,8 +51,7 @@ class ObservationConfig:
         return GridFrame(self.map_resolution, origin, origin, 2 * half, 2 * half)
 
 
-@dataclass(frozen=True)
-class ExploreConfig:
+class ExploreConfig(Settings):
     """Everything about an exploration but the floor plan."""
 
     robot: RobotConfig = field(default_factory=RobotConfig)
@@ -90,39 +79,25 @@ class ExploreConfig:
     """``normalized``: shares of the highest speeds in [-1, 1]; ``physical``: m/s and rad/s; ``discrete``:
     forward, left, right."""
 
-    time_limit: float | None = 420.0
+    time_limit: Positive | None = 420.0
     """Robot time after which an episode is truncated: the 7 minutes of Daher et al.; None for none [s]."""
 
-    map_update_interval: float = 2.0
+    map_update_interval: NonNegative = 2.0
     """Time between two publications of the map (``map_update_interval`` of TurtleBot3's GMapping) [s]."""
 
-    coverage_goal: float | None = None
+    coverage_goal: PositiveShare | None = None
     """An episode terminates once this share of the reachable floor has truly been seen. The truth decides
     that, so it is a privileged training signal, which no robot has; None turns it off."""
 
     terminate_when_explored: bool = True
     """An episode terminates once the published map shows no frontier that the robot could reach."""
 
-    min_frontier_size: float = 0.35
+    min_frontier_size: NonNegative = 0.35
     """Shorter frontiers don't keep an episode going: half a frontier of Explore Lite's launch file is still
     worth a visit, the pinholes that noise leaves in walls are not [m]."""
 
     record: bool = False
     """Whether the environment keeps an :class:`~slamgym.envs.episode_log.EpisodeLog` of every scan."""
-
-    def __post_init__(self) -> None:
-        if self.actions not in ("normalized", "physical", "discrete"):
-            raise ConfigError(
-                f"actions must be 'normalized', 'physical' or 'discrete', not {self.actions!r}; "
-                f"{suggest(str(self.actions), ('normalized', 'physical', 'discrete'))}"
-            )
-        if self.time_limit is not None and not self.time_limit > 0.0:
-            raise ConfigError(f"time_limit must be positive or None, not {self.time_limit}")
-        if self.coverage_goal is not None and not 0.0 < self.coverage_goal <= 1.0:
-            raise ConfigError(f"coverage_goal must be a share in (0, 1] or None, not {self.coverage_goal}")
-        for name in ("map_update_interval", "min_frontier_size"):
-            if not 0.0 <= getattr(self, name) < math.inf:
-                raise ConfigError(f"{name} must not be negative, but is {getattr(self, name)}")
 
     @property
     def control_step(self) -> float:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import Literal, Protocol
 
 from slamgym.cad import FloorPlan, PlanSource
-from slamgym.core.errors import ConfigError
+from slamgym.core.config import Positive, Settings
 from slamgym.core.geometry import transform_poses
 from slamgym.core.types import Explorer, LaserGeometry, LaserScan, OccupancyGrid, Pose2D, Trajectory
 from slamgym.envs import EpisodeLog, ExploreConfig, ExploreEnv
@@ -36,34 +36,27 @@ class MakeExplorer(Protocol):
         ...
 
 
-def explored_env(minutes: Literal["auto"] | float, env: ExploreConfig) -> ExploreConfig:
+def explored_env(env: ExploreConfig) -> ExploreConfig:
     """What the environment of an exploration will be told, so that the saved settings say what was done.
 
-    Args:
-        minutes: Limit of robot time [min]; it takes the place of the environment's own.
-        env: What the user chose.
-
-    Raises:
-        ConfigError: If the limit is neither ``auto`` nor a positive number.
+    The limit of robot time is the exploration's; it takes the place of the environment's own.
     """
-    if minutes != "auto" and not 0.0 < float(minutes) < float("inf"):
-        raise ConfigError(f"minutes must be 'auto' or a positive number, not {minutes}")
     return dataclasses.replace(env.for_explorer(), time_limit=None)
 
 
-@dataclass(frozen=True)
-class EpisodeConfig:
+class EpisodeConfig(Settings):
     """How a floor plan is explored."""
 
     explorer: str = "rl"
     """Name of the explorer."""
-    minutes: Literal["auto"] | float = "auto"
+    minutes: Literal["auto"] | Positive = "auto"
     """Limit of robot time [min]; ``auto`` grows with the floor area (:func:`time_limit`). The paper has 7."""
     env: ExploreConfig = field(default_factory=ExploreConfig)
     """Robot, sensors, SLAM, clutter. What concerns learning, such as rewards, has no effect."""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "env", explored_env(self.minutes, self.env))
+        super().__post_init__()
+        object.__setattr__(self, "env", explored_env(self.env))
 
 
 @dataclass(frozen=True)

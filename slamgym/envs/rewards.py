@@ -5,14 +5,13 @@ negative. Coverage and map error come from the truth, which is legitimate for a 
 reaches an observation; information gain and pose uncertainty are what a robot can know itself.
 """
 
-import dataclasses
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from typing import NamedTuple
 
-from slamgym.core.config import suggest
+from slamgym.core.config import Settings, Share, suggest
 from slamgym.core.errors import ConfigError
 
 
@@ -121,8 +120,7 @@ def potential_shaping(step: StepRecord, discount: float) -> float:
     return discount * after - (step.previous_coverage - 1.0)
 
 
-@dataclass(frozen=True)
-class RewardConfig:
+class RewardConfig(Settings, section="reward"):
     """Weights of the reward terms; a term of weight 0 is neither computed nor reported."""
 
     coverage_gain: float = 10.0
@@ -155,15 +153,8 @@ class RewardConfig:
     shaping: float = 0.0
     """Of the potential (:func:`potential_shaping`)."""
 
-    discount: float = 0.995
+    discount: Share = 0.995
     """Gamma in the shaping; must be the learner's."""
-
-    def __post_init__(self) -> None:
-        for entry in dataclasses.fields(self):
-            if not math.isfinite(getattr(self, entry.name)):
-                raise ConfigError(f"reward.{entry.name} must be a number, not {getattr(self, entry.name)}")
-        if not 0.0 <= self.discount <= 1.0:
-            raise ConfigError(f"reward.discount must lie in [0, 1], not {self.discount}")
 
 
 FUNCTIONS: dict[str, RewardFunction] = {

@@ -7,18 +7,17 @@ cameras; MIT licence), from which the odometry magnitudes were computed.
 
 import dataclasses
 import math
-from dataclasses import dataclass, field
-from typing import Literal
+from dataclasses import field
+from typing import Annotated, Literal
 
-from slamgym.core.config import suggest
+from slamgym.core.config import NonNegative, Positive, Settings, Share, Within, suggest
 from slamgym.core.errors import ConfigError
 
 Method = Literal["two_phase", "ekf", "ekf_schur"]
 PRESET_NAMES = ("faithful", "realistic")
 
 
-@dataclass(frozen=True)
-class MotionConfig:
+class MotionConfig(Settings, section="motion"):
     """How the robot drives along its waypoints, and where it takes a scan."""
 
     profile: Literal["turn_go", "smooth"] = "turn_go"
@@ -36,15 +35,14 @@ class MotionConfig:
     """[m] of driving between two scans that enter the map."""
     scan_angle: float = 0.2
     """[rad] of turning between two scans that enter the map; GMapping's angularUpdate on a TurtleBot3."""
-    scan_interval: float = math.inf
+    scan_interval: Annotated[float, Within(gt=0.0, infinite=True)] = math.inf
     """[s] between two scans that enter the map at the latest; GMapping's temporalUpdate is 0.5 s on a
     TurtleBot3."""
     clearance: float = 0.25
     """[m] that a planned path keeps from walls: the Waffle Pi's radius of 0.22 m and a margin."""
 
 
-@dataclass(frozen=True)
-class ScannerConfig:
+class ScannerConfig(Settings, section="scanner"):
     """What the LIDAR can see (LDS-01, ROBOTIS xacro)."""
 
     field_of_view: float = 2.0 * math.pi
@@ -59,8 +57,7 @@ class ScannerConfig:
     """[m] of the scanner ahead of the axle (TurtleBot3 Waffle Pi xacro)."""
 
 
-@dataclass(frozen=True)
-class LidarErrorConfig:
+class LidarErrorConfig(Settings, section="lidar"):
     """Exteroceptive model: systematic range and bearing errors, noise, and Thrun's beam mixture.
 
     The systematic coefficients are drawn once per robot from zero-mean normals with these standard
@@ -89,13 +86,13 @@ class LidarErrorConfig:
     """[m] noise of a range; the Gazebo model of the LDS-01."""
     sigma_bearing: float = math.radians(0.2)
     """[rad] noise of a bearing."""
-    weight_hit: float = 0.95
+    weight_hit: Share = 0.95
     """[-] share of beams that measure the wall."""
-    weight_short: float = 0.03
+    weight_short: Share = 0.03
     """[-] share of beams that meet something in front of it."""
-    weight_max: float = 0.01
+    weight_max: Share = 0.01
     """[-] share of beams without return."""
-    weight_rand: float = 0.01
+    weight_rand: Share = 0.01
     """[-] share of beams with any range."""
     lambda_short: float = 0.5
     """[1/m] rate of the short beams' exponential."""
@@ -109,8 +106,7 @@ class LidarErrorConfig:
     """[px] window of the median filter over the hits; 0 leaves it out."""
 
 
-@dataclass(frozen=True)
-class OdometryErrorConfig:
+class OdometryErrorConfig(Settings, section="odometry"):
     """Proprioceptive model: the wheel errors of UMBmark, drawn once per robot (standard deviations)."""
 
     wheel_base: float = 0.287
@@ -125,8 +121,7 @@ class OdometryErrorConfig:
     """[-] error of the mean wheel diameter."""
 
 
-@dataclass(frozen=True)
-class TwoPhaseConfig:
+class TwoPhaseConfig(Settings, section="two_phase"):
     """Empirical method after Souza et al. 2008: errors of straight lines and of turns in place.
 
     k: systematic, drawn once per robot; s: random, per square root of the way. Defaults: OptiOdom.
@@ -147,7 +142,7 @@ class TwoPhaseConfig:
     """[rad/sqrt(rad)] random heading error of turning."""
     observe: Literal["first", "mean", "last"] = "first"
     """Which pose places a cell that several poses saw; first anchors it like a landmark."""
-    anchoring: float = 0.0
+    anchoring: Share = 0.0
     """[0-1] share of the pose error against the map drawn so far that one scan removes, as a scan matcher
     does; 0 is plain odometry, which is what the paper's method places the cells with."""
     matched_beams: int = 50
@@ -166,8 +161,7 @@ class TwoPhaseConfig:
     """[deg] white error of a matched heading."""
 
 
-@dataclass(frozen=True)
-class EkfConfig:
+class EkfConfig(Settings, section="ekf"):
     """EKF-SLAM with wall cells as landmarks and known association.
 
     With fine measurements EKF-SLAM removes nearly all of the odometry's error; few landmarks per scan with
@@ -194,8 +188,7 @@ class EkfConfig:
     """Linearisations of the Schur solution; the first is about the true path."""
 
 
-@dataclass(frozen=True)
-class FailureConfig:
+class FailureConfig(Settings, section="failures"):
     """What the paper lists as missing: data association that fails, so that a room jumps or a wall breaks.
 
     Events come as a Poisson process along the path. During an event nothing corrects the robot's pose.
@@ -211,8 +204,7 @@ class FailureConfig:
     """[deg] standard deviation of the wrong match's heading."""
 
 
-@dataclass(frozen=True)
-class RenderConfig:
+class RenderConfig(Settings, section="render"):
     """How the displaced map is drawn."""
 
     renderer: Literal["warp", "scans"] = "warp"
@@ -230,17 +222,16 @@ class RenderConfig:
     """[-] hits per visit above which a cell is a wall; GMapping's default (renderer scans)."""
 
 
-@dataclass(frozen=True)
-class ParametricConfig:
+class ParametricConfig(Settings):
     """The whole model."""
 
     method: Method = "two_phase"
     """Conversion of odometry errors to map errors: two_phase, ekf (batched) or ekf_schur."""
-    resolution: float = 0.05
+    resolution: Positive = 0.05
     """[m/px]"""
     margin: float = 0.5
     """[m] of unknown round the plan, room for the drift."""
-    severity: float = 1.0
+    severity: NonNegative = 1.0
     """[-] multiplies every magnitude; 0 gives the CAD map back where the robot looked."""
     motion: MotionConfig = field(default_factory=MotionConfig)
     scanner: ScannerConfig = field(default_factory=ScannerConfig)
@@ -251,22 +242,11 @@ class ParametricConfig:
     failures: FailureConfig = field(default_factory=FailureConfig)
     render: RenderConfig = field(default_factory=RenderConfig)
 
-    def __post_init__(self) -> None:
-        if not (math.isfinite(self.severity) and self.severity >= 0.0):
-            raise ConfigError(f"severity must be 0 or more, not {self.severity:g}")
-        if not (math.isfinite(self.resolution) and self.resolution > 0.0):
-            raise ConfigError(f"resolution must be more than 0 m per pixel, not {self.resolution:g}")
-        if self.method not in ("two_phase", "ekf", "ekf_schur"):
-            known = suggest(self.method, ("two_phase", "ekf", "ekf_schur"))
-            raise ConfigError(f"unknown method {self.method!r}; {known}")
-        weights = (
-            self.lidar.weight_hit,
-            self.lidar.weight_short,
-            self.lidar.weight_max,
-            self.lidar.weight_rand,
-        )
-        if min(weights) < 0.0 or not math.isclose(sum(weights), 1.0, abs_tol=1e-6):
-            raise ConfigError(f"the four beam weights must be 0 or more and sum to 1, not {weights}")
+    def _check(self) -> None:
+        lidar = self.lidar
+        weights = (lidar.weight_hit, lidar.weight_short, lidar.weight_max, lidar.weight_rand)
+        if not math.isclose(sum(weights), 1.0, abs_tol=1e-6):
+            raise ConfigError(f"the four beam weights must sum to 1, not {weights}")
 
 
 def preset(name: str) -> ParametricConfig:

@@ -8,10 +8,12 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Annotated
 
 import cv2
 import numpy as np
 
+from slamgym.core.config import NonNegative, Positive, Settings, Within
 from slamgym.core.errors import ConfigError
 from slamgym.core.geometry import compose
 from slamgym.core.types import (
@@ -34,32 +36,27 @@ NO_INFORMATION = 255
 """Costs as costmap_2d defines them: the robot's centre may stand on a cell below ``INSCRIBED_COST``."""
 
 
-@dataclass(frozen=True)
-class CostmapConfig:
+class CostmapConfig(Settings):
     """How obstacles are inflated."""
 
-    inscribed_radius: float = 0.22
+    inscribed_radius: Positive = 0.22
     """A robot's centre closer than this to an obstacle is a collision [m]; its radius if it is round."""
     inflation_radius: float = 1.0
     """Obstacles cost something up to this distance [m] (TurtleBot3 navigation default)."""
-    cost_scaling: float = 3.0
+    cost_scaling: NonNegative = 3.0
     """Exponential decay of the cost with the distance beyond the inscribed radius [1/m] (same source)."""
-    coastal_distance: float = math.inf
+    coastal_distance: Annotated[float, Within(ge=0.0, infinite=True)] = math.inf
     """Cells farther than this from every obstacle cost again [m]: a scanner that sees nothing can't localise
     the robot (Roy et al., "Coastal navigation", ICRA 1999)."""
-    coastal_cost: int = 100
+    coastal_cost: Annotated[int, Within(ge=1, le=252)] = 100
     """What they cost, 1 to 252."""
 
-    def __post_init__(self) -> None:
-        if not self.inscribed_radius > 0.0:
-            raise ConfigError(f"inscribed_radius must be positive, not {self.inscribed_radius}")
+    def _check(self) -> None:
         if self.inflation_radius < self.inscribed_radius:
             raise ConfigError(
                 f"inflation_radius {self.inflation_radius} m must not be less than "
                 f"inscribed_radius {self.inscribed_radius} m"
             )
-        if not self.cost_scaling >= 0.0:
-            raise ConfigError(f"cost_scaling must not be negative, but is {self.cost_scaling}")
 
 
 @dataclass(frozen=True)

@@ -8,13 +8,13 @@ the map and the clock; while it says that a choice is due, :meth:`FrontierDriver
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from slamgym.core.errors import ConfigError
+from slamgym.core.config import Count, Positive, Settings
 from slamgym.core.types import ByteArray, OccupancyGrid, Pose2D, Twist2D
 from slamgym.planning.context import ExplorerContext
 from slamgym.planning.costmap import NO_INFORMATION
@@ -27,23 +27,22 @@ _STOP = Twist2D(0.0, 0.0)
 _GROWTH = 0.5  # less than this is no growth of the map [m2]: noise opens pinholes for ever
 
 
-@dataclass(frozen=True)
-class DriverConfig:
+class DriverConfig(Settings):
     """How frontiers are offered and driven to."""
 
-    max_candidates: int = 16
+    max_candidates: Count = 16
     """K: so many frontiers are offered at most, those with the shortest paths."""
-    horizon: float = 6.0
+    horizon: Positive = 6.0
     """A choice is reconsidered after so long, even if its frontier is still there [s]."""
-    min_frontier_size: float = 0.5
+    min_frontier_size: Positive = 0.5
     """Frontiers shorter than this are left for the end [m]."""
-    split_extent: float = 3.0
+    split_extent: Positive = 3.0
     """A frontier that reaches farther than this is offered in parts [m]."""
     blacklist_distance: float = 0.25
     """A frontier is blacklisted if both coordinates of its centroid are this near to an entry [m]."""
-    progress_timeout: float = 30.0
+    progress_timeout: Positive = 30.0
     """A frontier that the robot doesn't come nearer to for so long is given up [s]."""
-    stall_time: float = 40.0
+    stall_time: Positive = 40.0
     """If the map hasn't grown for so long, choices are no longer reconsidered on the way: a policy that
     changes its mind for ever would never arrive [s]."""
     last_frontier_size: float = 0.25
@@ -58,13 +57,6 @@ class DriverConfig:
     """So many frontiers in a row that added nothing to the map end the exploration."""
     navigator: NavigatorConfig = field(default_factory=NavigatorConfig)
     """Navigation stack."""
-
-    def __post_init__(self) -> None:
-        if self.max_candidates < 1:
-            raise ConfigError(f"max_candidates must be at least 1, not {self.max_candidates}")
-        for name in ("horizon", "min_frontier_size", "split_extent", "progress_timeout", "stall_time"):
-            if not getattr(self, name) > 0.0:
-                raise ConfigError(f"{name} must be positive, not {getattr(self, name)}")
 
 
 class FrontierDriver:

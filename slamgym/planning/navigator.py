@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from slamgym.core.config import Settings
 from slamgym.core.geometry import transform_points, wrap_angle
 from slamgym.core.types import Float32Array, FloatArray, OccupancyGrid, Pose2D, Twist2D
 from slamgym.planning.context import ExplorerContext
@@ -49,8 +50,7 @@ class Goal:
     look_at: Point | None = None  # once there, turn towards this point
 
 
-@dataclass(frozen=True)
-class NavigatorConfig:
+class NavigatorConfig(Settings):
     """How the navigation stack behaves."""
 
     goal_tolerance: float = 0.15

@@ -6,10 +6,10 @@ Fox, Burgard, Thrun 1997).
 """
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
+from slamgym.core.config import Settings
 from slamgym.core.geometry import wrap_angle
 from slamgym.core.types import Float32Array, FloatArray, Pose2D, Twist2D
 from slamgym.planning.context import ExplorerContext
@@ -23,8 +23,7 @@ from slamgym.planning.path_follower_kernels import (
 )
 
 
-@dataclass(frozen=True)
-class FollowerConfig:
+class FollowerConfig(Settings):
     """How a path is followed."""
 
     lookahead: float = 0.5

@@ -15,12 +15,12 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components, dijkstra
 from scipy.spatial import cKDTree
 
+from slamgym.core.config import Settings
 from slamgym.core.errors import SlamgymError
 from slamgym.core.types import FREE, Float32Array, FloatArray, IntArray, OccupancyGrid
 
 
-@dataclass(frozen=True)
-class PrmConfig:
+class PrmConfig(Settings):
     """Settings of a roadmap."""
 
     clearance: float = 0.25

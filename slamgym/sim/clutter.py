@@ -1,6 +1,5 @@
 """What is in a building but not in its drawing: furniture and people."""
 
-import math
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
@@ -9,6 +8,7 @@ import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
+from slamgym.core.config import CountOrZero, NonNegative, Positive, Settings, Share
 from slamgym.core.errors import ConfigError
 from slamgym.core.types import FloatArray
 from slamgym.sim.furniture import PlacedPiece, pieces_for, propose_places, room_walls
@@ -28,28 +28,23 @@ _WALKING_GAP = 0.05
 _SIMPLIFICATION = 0.01
 
 
-@dataclass(frozen=True)
-class ClutterConfig:
+class ClutterConfig(Settings, section="clutter"):
     """How much there is of it. The default is an empty building."""
 
-    furniture: float = 0.0
+    furniture: Share = 0.0
     """Share of the usual furniture that is there: 0 an empty building, 1 a furnished one."""
 
-    people: int = 0
+    people: CountOrZero = 0
     """Number of people who walk about."""
 
-    passage: float = 0.1
+    passage: NonNegative = 0.1
     """Furniture leaves the robot's ways this much wider than the robot on either side [m]."""
 
-    walking_speed: tuple[float, float] = (0.4, 1.2)
+    walking_speed: tuple[Positive, Positive] = (0.4, 1.2)
     """Range of the people's speeds; unhurried indoors to brisk [m/s]."""
 
-    def __post_init__(self) -> None:
-        if not 0.0 <= self.furniture <= 1.0:
-            raise ConfigError(f"clutter.furniture must be a share in [0, 1], not {self.furniture}")
-        if self.people < 0 or self.passage < 0.0:
-            raise ConfigError("clutter.people and clutter.passage must not be negative")
-        if not 0.0 < self.walking_speed[0] <= self.walking_speed[1] < math.inf:
+    def _check(self) -> None:
+        if self.walking_speed[0] > self.walking_speed[1]:
             raise ConfigError(f"clutter.walking_speed must be (slowest, fastest), not {self.walking_speed}")
 
 

@@ -2,20 +2,20 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
+from typing import Annotated
 
 import numpy as np
 
-from slamgym.core.config import suggest
+from slamgym.core.config import NonNegative, Positive, Settings, Share, Within, suggest
 from slamgym.core.errors import ConfigError
 from slamgym.core.geometry import compose
 from slamgym.core.types import Float32Array, FloatArray, LaserGeometry, LaserScan, Pose2D
 from slamgym.sim.raycast import cast_rays
 
 
-@dataclass(frozen=True)
-class LidarConfig:
+class LidarConfig(Settings, section="lidar"):
     """A scanner's beams and its errors.
 
     The geometry is the LDS-01's of a TurtleBot3 Waffle Pi, with the 180 degrees of view ahead that Daher et
@@ -25,65 +25,53 @@ class LidarConfig:
     range noise of ROBOTIS's Gazebo model, and 2 % of all beams failing.
     """
 
-    num_beams: int = 180
+    num_beams: Annotated[int, Within(ge=2)] = 180
     """Beams in a scan; the LDS-01 has one a degree."""
 
-    field_of_view_deg: float = 180.0
+    field_of_view_deg: Annotated[float, Within(gt=0.0, le=360.0)] = 180.0
     """Angle that the beams share evenly, centred ahead; 360 for the full turn of the LDS-01 [deg]."""
 
-    range_min: float = 0.12
+    range_min: NonNegative = 0.12
     """Nearest distance that is measured (LDS-01 data sheet) [m]."""
 
     range_max: float = 3.5
     """Furthest distance that is measured (LDS-01 data sheet) [m]."""
 
-    rate: float = 5.0
+    rate: Positive = 5.0
     """Scans per second (LDS-01 data sheet: 300 rpm) [Hz]."""
 
     mount: tuple[float, float, float] = (-0.064, 0.0, 0.0)
     """Sensor in the robot's base frame (x, y, theta), from the Waffle Pi's ``base_scan`` joint [m, m,
     rad]."""
 
-    sigma: float = 0.01
+    sigma: NonNegative = 0.01
     """Least standard deviation of a range (``turtlebot3_waffle_pi.gazebo.xacro``: 0.01) [m]."""
 
-    sigma_relative: float = 0.0
+    sigma_relative: NonNegative = 0.0
     """Standard deviation as a share of the range, where that is more than ``sigma``."""
 
-    z_hit: float = 0.98
+    z_hit: Share = 0.98
     """Share of beams that measure what is there, with Gaussian noise along the beam (eq. 6.4)."""
 
-    z_short: float = 0.005
+    z_short: Share = 0.005
     """Share of beams stopped before it: dust, a fly, a cable; exponential (eq. 6.7)."""
 
-    z_max: float = 0.01
+    z_max: Share = 0.01
     """Share of beams without a return: black, glass, mirrors (eq. 6.10)."""
 
-    z_rand: float = 0.005
+    z_rand: Share = 0.005
     """Share of beams that read anything: cross-talk, phantom echoes; uniform (eq. 6.11)."""
 
-    lambda_short: float = 1.0
+    lambda_short: Positive = 1.0
     """Decay of the short readings; their mean distance in open space is 1 / lambda_short [1/m]."""
 
-    def __post_init__(self) -> None:
-        if self.num_beams < 2:
-            raise ConfigError(f"lidar.num_beams must be at least 2, not {self.num_beams}")
-        if not 0.0 < self.field_of_view_deg <= 360.0:
-            raise ConfigError(f"lidar.field_of_view_deg must lie in (0, 360], not {self.field_of_view_deg}")
-        if not 0.0 <= self.range_min < self.range_max < math.inf:
+    def _check(self) -> None:
+        if self.range_min >= self.range_max:
             raise ConfigError(
-                f"lidar ranges must have 0 <= range_min < range_max, not {self.range_min}, {self.range_max}"
+                f"lidar.range_min must be less than lidar.range_max, not {self.range_min} and {self.range_max}"
             )
-        if not self.rate > 0.0:
-            raise ConfigError(f"lidar.rate must be positive, not {self.rate}")
-        if not (self.sigma >= 0.0 and self.sigma_relative >= 0.0 and self.lambda_short > 0.0):
-            raise ConfigError(
-                "lidar.sigma and sigma_relative must not be negative and lambda_short must be positive"
-            )
-        if min(self.mixture) < 0.0 or abs(sum(self.mixture) - 1.0) > 1e-6:
-            raise ConfigError(
-                f"lidar z_hit, z_short, z_max, z_rand must be shares that sum to 1, not {self.mixture}"
-            )
+        if abs(sum(self.mixture) - 1.0) > 1e-6:
+            raise ConfigError(f"lidar z_hit, z_short, z_max, z_rand must sum to 1, not {self.mixture}")
 
     @property
     def mixture(self) -> tuple[float, float, float, float]:

@@ -1,49 +1,48 @@
 """The robot: a differential drive with the measures of a TurtleBot3 Waffle Pi."""
 
 import math
-from dataclasses import dataclass
 from typing import Literal
 
+from slamgym.core.config import Positive, Settings, Share
 from slamgym.core.errors import ConfigError
 
 
-@dataclass(frozen=True)
-class RobotConfig:
+class RobotConfig(Settings, section="robot"):
     """Measures and limits of a differential-drive robot. Its base frame stands on the axle's middle, x ahead.
 
     The defaults are those of the TurtleBot3 Waffle Pi in ROBOTIS's e-manual and ``turtlebot3_description``,
     with the acceleration limits and outlines of ``turtlebot3_navigation``.
     """
 
-    wheel_separation: float = 0.287
+    wheel_separation: Positive = 0.287
     """Distance between the wheels' contact points [m]."""
 
-    wheel_radius: float = 0.033
+    wheel_radius: Positive = 0.033
     """[m]"""
 
-    max_linear: float = 0.26
+    max_linear: Positive = 0.26
     """Highest speed ahead and astern [m/s]."""
 
-    max_angular: float = 1.82
+    max_angular: Positive = 1.82
     """Highest turning rate [rad/s]."""
 
-    linear_acceleration: float = 2.5
+    linear_acceleration: Positive = 2.5
     """[m/s^2]"""
 
-    angular_acceleration: float = 3.2
+    angular_acceleration: Positive = 3.2
     """[rad/s^2]"""
 
     shape: Literal["circle", "footprint"] = "circle"
     """What collides: a disc about the axle, which can always turn on the spot, or the real rectangle."""
 
-    radius: float = 0.22
+    radius: Positive = 0.22
     """Radius of the disc, and the clearance that planners keep; ``robot_radius`` of TurtleBot3's navigation
     [m]."""
 
     footprint: tuple[float, float, float, float] = (-0.205, -0.155, 0.077, 0.155)
     """Rectangle (rear, right, front, left) about the axle, which is not in its middle [m]."""
 
-    mass: float = 1.8
+    mass: Positive = 1.8
     """[kg]; matters only for how contact turns the body."""
 
     contact: Literal["slide", "stop"] = "slide"
@@ -53,7 +52,7 @@ class RobotConfig:
     it neither stops the body nor turns it.
     """
 
-    contact_slip: float = 1.0
+    contact_slip: Share = 1.0
     """What the wheels do while contact blocks the body: 1 they roll on as driven, 0 they stall, or any share.
 
     The default follows from the motors: the XM430-W210's stall torque of 2.7 N m is 82 N at a wheel of 0.033
@@ -61,21 +60,7 @@ class RobotConfig:
     wall, and its odometry counts a way that it didn't go.
     """
 
-    def __post_init__(self) -> None:
-        positive = (
-            "wheel_separation", "wheel_radius", "max_linear", "max_angular", "linear_acceleration",
-            "angular_acceleration", "radius", "mass",
-        )  # fmt: skip
-        for name in positive:
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value > 0.0):
-                raise ConfigError(f"robot.{name} must be positive and finite, not {value}")
-        if not 0.0 <= self.contact_slip <= 1.0:
-            raise ConfigError(f"robot.contact_slip must lie in [0, 1], not {self.contact_slip}")
-        if self.shape not in ("circle", "footprint"):
-            raise ConfigError(f"robot.shape must be 'circle' or 'footprint', not {self.shape!r}")
-        if self.contact not in ("slide", "stop"):
-            raise ConfigError(f"robot.contact must be 'slide' or 'stop', not {self.contact!r}")
+    def _check(self) -> None:
         rear, right, front, left = self.footprint
         if not (rear < 0.0 < front and right < 0.0 < left):
             raise ConfigError(

@@ -5,21 +5,21 @@ the body and the wheels spin, odometry errs as a real one does.
 """
 
 import math
-from dataclasses import dataclass
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 
-from slamgym.core.config import suggest
+from slamgym.core.config import CountOrZero, NonNegative, Settings, Within, suggest
 from slamgym.core.errors import ConfigError
 from slamgym.core.geometry import compose
 from slamgym.core.types import Pose2D
 from slamgym.sim.robot import RobotConfig
 from slamgym.sim.space import Motion
 
+_Ratio = Annotated[float, Within(ge=0.5, le=2.0)]
 
-@dataclass(frozen=True)
-class OdometryConfig:
+
+class OdometryConfig(Settings, section="odometry"):
     """Errors of wheel odometry; the defaults are the level ``medium`` of :func:`odometry_level`.
 
     Systematic errors are drawn once per robot, i.e. per episode: E_d and E_b as Borenstein and Feng define
@@ -31,57 +31,36 @@ class OdometryConfig:
     model: Literal["wheel", "ideal"] = "wheel"
     """``ideal`` reports the body's true motion, as TurtleBot3's stock Gazebo plugin does."""
 
-    ticks_per_revolution: int = 4096
+    ticks_per_revolution: CountOrZero = 4096
     """Encoder resolution (Dynamixel XM430-W210 e-manual: 4,096 a turn); 0 for a continuous
     encoder."""
 
-    diameter_ratio: float = 1.0
+    diameter_ratio: _Ratio = 1.0
     """Mean of E_d, the right wheel's diameter over the left's; 1 for equal wheels."""
 
-    diameter_ratio_std: float = 0.0017
+    diameter_ratio_std: NonNegative = 0.0017
     """Spread of E_d over robots."""
 
-    wheelbase_ratio: float = 1.0
+    wheelbase_ratio: _Ratio = 1.0
     """Mean of E_b, the effective wheel base over the nominal one that the odometry believes in."""
 
-    wheelbase_ratio_std: float = 0.018
+    wheelbase_ratio_std: NonNegative = 0.018
     """Spread of E_b over robots and floors."""
 
-    scale: float = 1.0
+    scale: _Ratio = 1.0
     """Mean ratio of measured to true way, both wheels alike."""
 
-    scale_std: float = 0.006
+    scale_std: NonNegative = 0.006
     """Spread of the scale."""
 
-    slip_way: float = 0.0045
+    slip_way: NonNegative = 0.0045
     """Random error of the way, per square root of a metre [m/sqrt(m)]."""
 
-    slip_drift: float = 0.009
+    slip_drift: NonNegative = 0.009
     """Random error of the heading, per square root of a metre of way [rad/sqrt(m)]."""
 
-    slip_turn: float = 0.017
+    slip_turn: NonNegative = 0.017
     """Random error of the heading, per square root of a turned radian [rad/sqrt(rad)]."""
-
-    def __post_init__(self) -> None:
-        if self.model not in ("wheel", "ideal"):
-            raise ConfigError(f"odometry.model must be 'wheel' or 'ideal', not {self.model!r}")
-        if self.ticks_per_revolution < 0:
-            raise ConfigError(
-                f"odometry.ticks_per_revolution must not be negative, not {self.ticks_per_revolution}"
-            )
-        for name in ("diameter_ratio", "wheelbase_ratio", "scale"):
-            if not 0.5 <= getattr(self, name) <= 2.0:
-                raise ConfigError(f"odometry.{name} must lie in [0.5, 2], not {getattr(self, name)}")
-        for name in (
-            "diameter_ratio_std",
-            "wheelbase_ratio_std",
-            "scale_std",
-            "slip_way",
-            "slip_drift",
-            "slip_turn",
-        ):
-            if not 0.0 <= getattr(self, name) < math.inf:
-                raise ConfigError(f"odometry.{name} must not be negative, not {getattr(self, name)}")
 
 
 _LEVELS = {

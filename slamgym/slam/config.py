@@ -1,37 +1,35 @@
 """Settings of the mapper, named after GMapping's parameters where they have one."""
 
-from dataclasses import dataclass, field
-from typing import Literal
+from dataclasses import field
+from typing import Annotated, Literal
 
-from slamgym.core.errors import ConfigError
+from slamgym.core.config import Count, CountOrZero, NonNegative, Positive, Settings, Within
 from slamgym.slam.graph.config import PoseGraphConfig
 
 Mode = Literal["rbpf", "pose_graph", "scan_matching", "dead_reckoning", "ground_truth"]
 Matcher = Literal["coarse_to_fine", "hill_climbing"]
 
 
-@dataclass(frozen=True)
-class MotionNoise:
+class MotionNoise(Settings, section="slam.motion"):
     """How far odometry is trusted: standard deviations per odometry increment, as GMapping's motion model.
 
     The defaults are the launch values of TurtleBot3's GMapping, which are GMapping's own.
     """
 
-    srr: float = 0.1
+    srr: NonNegative = 0.1
     """Translation error per metre of translation [m/m]."""
 
-    srt: float = 0.2
+    srt: NonNegative = 0.2
     """Rotation error per metre of translation [rad/m]."""
 
-    str: float = 0.1
+    str: NonNegative = 0.1
     """Translation error per radian of rotation [m/rad]."""
 
-    stt: float = 0.2
+    stt: NonNegative = 0.2
     """Rotation error per radian of rotation [rad/rad]."""
 
 
-@dataclass(frozen=True)
-class SlamConfig:
+class SlamConfig(Settings, section="slam"):
     """How the map is made.
 
     The defaults are TurtleBot3's GMapping launch file (``turtlebot3_slam/config/gmapping_params.yaml``),
@@ -45,13 +43,13 @@ class SlamConfig:
     particle, no motion noise; ``dead_reckoning``: believes the odometry; ``ground_truth``: the same, for a
     caller who hands it true poses."""
 
-    particles: int = 30
+    particles: Count = 30
     """Number of particles (``particles``)."""
 
-    resolution: float = 0.05
+    resolution: Positive = 0.05
     """Cell size of the maps [m] (``delta``)."""
 
-    max_usable_range: float = 3.0
+    max_usable_range: Positive = 3.0
     """Longer returns are not matched; their rays are cut here and clear free space only [m]
     (``maxUrange``)."""
 
@@ -59,25 +57,25 @@ class SlamConfig:
     """``coarse_to_fine``: ICP from the predicted pose, first on a part of the beams, with a short climb where
     it fits poorly; ``hill_climbing``: GMapping's own search, ten times slower and less accurate."""
 
-    sigma: float = 0.05
+    sigma: Positive = 0.05
     """Width of the matching score exp(-d^2 / sigma) [m^2] (``sigma``)."""
 
-    linear_step: float = 0.05
+    linear_step: Positive = 0.05
     """First step of the search in x and y [m] (``lstep``)."""
 
-    angular_step: float = 0.05
+    angular_step: Positive = 0.05
     """First step of the search in heading [rad] (``astep``)."""
 
-    iterations: int = 5
+    iterations: CountOrZero = 5
     """How often GMapping's search halves its steps (``iterations``); ``hill_climbing`` only."""
 
-    likelihood_sigma: float = 0.075
+    likelihood_sigma: Positive = 0.075
     """Width of the log-likelihood -d^2 / sigma that weighs the particles [m^2] (``lsigma``)."""
 
-    likelihood_gain: float = 3.0
+    likelihood_gain: Positive = 3.0
     """Flattens the weights: they are exp(l / (gain x particles)) (``ogain``)."""
 
-    beam_skip: int = 0
+    beam_skip: CountOrZero = 0
     """Beams left out between two that are matched (``lskip``); all are drawn into the map."""
 
     minimum_score: float = 0.0
@@ -87,12 +85,12 @@ class SlamConfig:
     motion: MotionNoise = field(default_factory=MotionNoise)
     """Noise of the motion model."""
 
-    odometry_weight: float = 0.3
+    odometry_weight: NonNegative = 0.3
     """Pull of the predicted pose on the match: a pose n standard deviations of the motion model away from it
     costs n^2 / 2 times this many beams of score. It keeps a scan from sliding along a corridor. 0 is
     GMapping."""
 
-    drawn_noise: float = 0.3
+    drawn_noise: NonNegative = 0.3
     """Share of the motion noise that is drawn for each particle; the pull of the predicted pose counts with
     all of it. The launch values of the noise are several times a wheel robot's real error, so that drawing
     all of it scatters particles that see little. GMapping's: 1."""
@@ -109,7 +107,7 @@ class SlamConfig:
     resample_threshold: float = 0.5
     """Resample when N_eff falls below this share of the particles (``resampleThreshold``)."""
 
-    occupied_threshold: float = 0.25
+    occupied_threshold: Annotated[float, Within(gt=0.0, lt=1.0)] = 0.25
     """A cell is occupied when more than this share of its observations are hits (``occ_thresh``)."""
 
     no_return_clears: bool = True
@@ -117,36 +115,11 @@ class SlamConfig:
     beams; then the middle of a room larger than the range stays unknown for ever and exploration never ends
     there. Turn it off for logs whose missing returns may be glass or errors instead of space."""
 
-    memory_limit_mb: float = 4096.0
+    memory_limit_mb: Positive = 4096.0
     """The maps may take this much memory [MB]; beyond it the mapper stops with a clear error."""
 
     pose_graph: PoseGraphConfig = field(default_factory=PoseGraphConfig)
     """Settings of the mode ``pose_graph``."""
-
-    def __post_init__(self) -> None:
-        positive = (
-            "particles",
-            "resolution",
-            "max_usable_range",
-            "sigma",
-            "linear_step",
-            "angular_step",
-            "likelihood_sigma",
-            "likelihood_gain",
-            "memory_limit_mb",
-        )
-        for name in ("odometry_weight", "drawn_noise"):
-            if not getattr(self, name) >= 0.0:
-                raise ConfigError(f"slam.{name} is {getattr(self, name)!r}; give 0 or more")
-        for name in positive:
-            if not getattr(self, name) > 0:
-                raise ConfigError(f"slam.{name} is {getattr(self, name)!r}; give a value above 0")
-        if self.iterations < 0 or self.beam_skip < 0:
-            raise ConfigError("slam.iterations and slam.beam_skip count things; give 0 or more")
-        if not 0.0 < self.occupied_threshold < 1.0:
-            raise ConfigError(
-                f"slam.occupied_threshold is {self.occupied_threshold!r}; give a share between 0 and 1"
-            )
 
     @staticmethod
     def gmapping(particles: int = 30) -> "SlamConfig":

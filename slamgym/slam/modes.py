@@ -4,8 +4,6 @@ from collections.abc import Callable
 
 import numpy as np
 
-from slamgym.core.config import suggest
-from slamgym.core.errors import ConfigError
 from slamgym.core.types import LaserGeometry, Pose2D
 from slamgym.slam.config import SlamConfig
 from slamgym.slam.graph.mapper import PoseGraphMapper
@@ -35,10 +33,5 @@ def make_mapper(
         geometry: The scanner.
         initial_pose: Where the robot starts in the map frame.
         rng: Source of all randomness; equal seeds and scans give equal maps.
-
-    Raises:
-        ConfigError: If the mode is unknown.
     """
-    if config.mode not in MODES:
-        raise ConfigError(f"slam.mode: unknown mode {config.mode!r}; {suggest(config.mode, MODES)}")
     return MODES[config.mode](config, geometry, initial_pose, rng)

@@ -3,7 +3,7 @@
 import dataclasses
 import os
 import sys
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -18,6 +18,7 @@ from slamgym.cad import open_plans
 from slamgym.cad.generator import GeneratorConfig
 from slamgym.cad.plan_filter import PlanFilter
 from slamgym.cad.sources import PlanSource, ProceduralSource
+from slamgym.core.config import Arguments, Count, CountOrZero, Positive
 from slamgym.core.errors import ConfigError
 from slamgym.core.progress import say
 from slamgym.envs import ExploreConfig
@@ -27,8 +28,7 @@ from slamgym.slam import SlamConfig
 OFFICES = "offices"
 
 
-@dataclass(frozen=True)
-class EvaluateArguments:
+class EvaluateArguments(Arguments):
     """Compare explorers on the same floor plans, starts and noise.
 
     Every exploration runs until the explorer is done or the time limit is over. What is done is kept in
@@ -41,7 +41,7 @@ class EvaluateArguments:
     plans: str = "bundled"
     """Floor plans, as `slamgym generate` takes them; also ``offices`` or ``offices:SEED``, generated offices
     with loops."""
-    count: int = 200
+    count: Count = 200
     """Number of plans, drawn by the seed."""
     split: Literal["test", "validation", "train", "all"] = "test"
     """Plans by their ids: ``test`` plans were never trained on."""
@@ -53,17 +53,17 @@ class EvaluateArguments:
     """The reference explorer, one of them."""
     oracle: bool = False
     """Privileged: also run an explorer that is told the floor plan, as the yardstick."""
-    repetitions: int = 1
+    repetitions: Count = 1
     """Explorations of each plan by every explorer, each from another start."""
-    minutes: Literal["auto"] | float = "auto"
+    minutes: Literal["auto"] | Positive = "auto"
     """Limit of robot time [min]; ``auto`` grows with the floor area."""
-    particles: int = 30
+    particles: Count = 30
     """Particles of the SLAM filter."""
     odometry: Literal["ideal", "low", "medium", "high"] = "medium"
     """Errors of the wheel odometry."""
     seed: int = 0
     """Decides plans, starts and noise."""
-    workers: int = 0
+    workers: CountOrZero = 0
     """Processes; 0 takes one per core."""
     plot: bool = True
     """Draw ``coverage_over_time.png`` (needs matplotlib, which the extra ``agents`` has)."""
@@ -86,8 +86,6 @@ def main(argv: list[str]) -> int:
     """Run the command; returns the exit code."""
     arguments = tyro.cli(EvaluateArguments, args=argv, prog="slamgym agents evaluate")
     config = evaluation_config(arguments)
-    if arguments.workers < 0:
-        raise ConfigError(f"--workers must be 0 (one per core) or more, not {arguments.workers}")
     filmed = _filmed(arguments, config)
     source = open_source(arguments.plans)
     evaluation = evaluate(source, config, arguments.out, arguments.workers or os.cpu_count() or 1)

@@ -2,7 +2,7 @@
 
 import dataclasses
 import sys
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from typing import Annotated
 
@@ -12,12 +12,12 @@ from slamgym.agents.rl.reward_presets import PRESETS
 from slamgym.agents.rl.reward_shaping import OWN, ShapingConfig, own_term, run_shaping
 from slamgym.agents.rl.shaping_report import write_shaping_report
 from slamgym.commands.agents.extra import require_torch
+from slamgym.core.config import Arguments
 from slamgym.core.errors import ConfigError
 from slamgym.core.progress import say
 
 
-@dataclass(frozen=True)
-class ShapeArguments:
+class ShapeArguments(Arguments):
     """Train the same policy with different rewards over several seeds and compare what comes of it.
 
     A run that is done is not done again: the same command goes on after Ctrl-C, and more presets or seeds add

@@ -1,7 +1,6 @@
 """``slamgym agents train``: train a policy by reinforcement learning."""
 
 import dataclasses
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -9,11 +8,11 @@ import tyro
 
 from slamgym.agents.rl.train_config import TrainConfig
 from slamgym.commands.agents.extra import require_torch
+from slamgym.core.config import Arguments
 from slamgym.core.progress import say
 
 
-@dataclass(frozen=True)
-class TrainArguments:
+class TrainArguments(Arguments):
     """Train a policy by reinforcement learning.
 
     ``--plans procedural`` needs no files; give a HouseExpo archive (``--plans procedural json.tar.gz``) for

@@ -1,11 +1,11 @@
 """``slamgym dataset check``: verify every file and name every fault."""
 
 import sys
-from dataclasses import dataclass
 from pathlib import Path
 
 import tyro
 
+from slamgym.core.config import Arguments
 from slamgym.core.progress import show_progress
 from slamgym.dataset.check import check_dataset
 from slamgym.dataset.format import require_manifest
@@ -14,8 +14,7 @@ from slamgym.dataset.images.check import check_image_folder, is_image_folder
 EXIT_FAULTS = 1
 
 
-@dataclass(frozen=True)
-class CheckArguments:
+class CheckArguments(Arguments):
     """Verify a dataset, or a folder of rendered images: files, digests, shapes, pixel values, lists.
 
     Every fault is one line. The exit code is 0 if there is none, else 1.

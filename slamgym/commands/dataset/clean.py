@@ -5,13 +5,14 @@ import dataclasses
 import hashlib
 import sys
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import tyro
 
+from slamgym.core.config import Arguments, Within
 from slamgym.core.errors import ConfigError
 from slamgym.core.files import exclusive_lock
 from slamgym.core.progress import say
@@ -40,8 +41,7 @@ from slamgym.dataset.curate.verdicts import VERDICTS_FILE
 from slamgym.dataset.format import Layout
 
 
-@dataclass(frozen=True)
-class CleanArguments:
+class CleanArguments(Arguments):
     """Judge every map and write the verdicts to DATASET/clean.jsonl. Nothing is deleted.
 
     Where the truth is known (pairs that `slamgym generate` made), it decides; on maps from elsewhere, a stuck
@@ -66,7 +66,7 @@ class CleanArguments:
     train: bool = False
     """Train on this dataset instead (needs scikit-learn): every pair is judged by a model that has seen no
     map of the same plan."""
-    train_pairs: int = 300
+    train_pairs: Annotated[int, Within(ge=2)] = 300
     """Explorations to train on at most, each at several moments."""
     save_model: Path | None = None
     """Where to write the model that --train made."""
@@ -77,11 +77,18 @@ class CleanArguments:
     trees: TreesConfig = field(default_factory=TreesConfig)
     """How --train grows its trees."""
 
+    def _check(self) -> None:
+        if self.train and self.model:
+            raise ConfigError("--train makes a model of its own; leave --model out")
+        if self.save_model and not self.train:
+            raise ConfigError("--save-model needs --train: there is no new model to save")
+        if self.save_model and self.save_model.suffix != ".npz":
+            raise ConfigError(f"--save-model {self.save_model}: a model is an .npz file")
+
 
 def main(argv: list[str]) -> int:
     """Run the command; returns the exit code."""
     arguments = tyro.cli(CleanArguments, args=argv, prog="slamgym dataset clean")
-    _check(arguments)
     config = CleanConfig(
         by=arguments.by,
         band=arguments.keep_band,
@@ -97,17 +104,6 @@ def main(argv: list[str]) -> int:
         report = clean_maps(root, items, classifier, about, config, decisions)
     _print(root, report, config)
     return 0
-
-
-def _check(arguments: CleanArguments) -> None:
-    if arguments.train and arguments.model:
-        raise ConfigError("--train makes a model of its own; leave --model out")
-    if arguments.save_model and not arguments.train:
-        raise ConfigError("--save-model needs --train: there is no new model to save")
-    if arguments.save_model and arguments.save_model.suffix != ".npz":
-        raise ConfigError(f"--save-model {arguments.save_model}: a model is an .npz file")
-    if arguments.train_pairs < 2:
-        raise ConfigError(f"--train-pairs must be at least 2, not {arguments.train_pairs}")
 
 
 @contextlib.contextmanager

@@ -1,19 +1,18 @@
 """``slamgym dataset merge``: put the shards of a dataset together."""
 
 import sys
-from dataclasses import dataclass
 from pathlib import Path
 
 import tyro
 
+from slamgym.core.config import Arguments
 from slamgym.dataset.merge import MergeReport, merge_shards
 from slamgym.dataset.summary import describe_pairs
 
 _SHOWN = 5
 
 
-@dataclass(frozen=True)
-class MergeArguments:
+class MergeArguments(Arguments):
     """Put the shards that ``slamgym generate --shard`` has made below a folder together, in that folder.
 
     Files are linked, not copied, where the file system can; the shards stay and may be removed afterwards.

@@ -1,12 +1,13 @@
 """``slamgym dataset render``: make uniform square images for training."""
 
 import sys
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from typing import Annotated
 
 import tyro
 
+from slamgym.core.config import Arguments, CountOrZero
 from slamgym.core.errors import ConfigError
 from slamgym.core.parallel.backlog import available_cores
 from slamgym.core.progress import say
@@ -18,8 +19,7 @@ from slamgym.dataset.images.square_images import ImageConfig
 from slamgym.dataset.parquet import require_parquet, write_parquet
 
 
-@dataclass(frozen=True)
-class RenderArguments:
+class RenderArguments(Arguments):
     """Make square images of one size from the explorations of a dataset: train/A, train/B, test/A, test/B.
 
     A is the CAD map, B the SLAM map, in one frame. Pairs that `slamgym dataset clean` dropped are left out.
@@ -37,15 +37,13 @@ class RenderArguments:
     """Take all pairs of at least this true coverage instead of what `clean` has decided; 0 takes all."""
     parquet: bool = False
     """Write the manifest as manifest.parquet, too; needs pyarrow (extra `hub`)."""
-    workers: int = 0
+    workers: CountOrZero = 0
     """Processes; 0 takes one per core."""
 
 
 def main(argv: list[str]) -> int:
     """Run the command; returns the exit code."""
     arguments = tyro.cli(RenderArguments, args=argv, prog="slamgym dataset render")
-    if arguments.workers < 0:
-        raise ConfigError(f"--workers must be 0 (one per core) or more, not {arguments.workers}")
     if arguments.parquet:
         require_parquet()
     workers = arguments.workers or available_cores()

@@ -3,13 +3,13 @@
 import json
 import shlex
 import sys
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
 import tyro
 
-from slamgym.core.errors import ConfigError, InputFileError
+from slamgym.core.config import Arguments, Count
+from slamgym.core.errors import InputFileError
 from slamgym.core.progress import say
 from slamgym.core.staged import write_text
 from slamgym.dataset.curate.cleaning import CleanConfig
@@ -19,8 +19,7 @@ from slamgym.dataset.curate.review import Which, choose_entries, make_review_pag
 from slamgym.dataset.curate.verdicts import SUMMARY_FILE, VERDICTS_FILE, read_verdicts
 
 
-@dataclass(frozen=True)
-class ReviewArguments:
+class ReviewArguments(Arguments):
     """Write one HTML file in which a person keeps or drops maps by a key each.
 
     The file holds everything: send it, open it from a disk, come back to it later. What it saves as
@@ -34,15 +33,13 @@ class ReviewArguments:
     which: Which = "doubtful"
     """``doubtful``: in the classifier's band; ``disagreements``: the classifier and the truth differ;
     ``dropped``, ``kept`` or ``all``."""
-    limit: int = 500
+    limit: Count = 500
     """Maps on the page at most; each takes some 10 kB."""
 
 
 def main(argv: list[str]) -> int:
     """Run the command; returns the exit code."""
     arguments = tyro.cli(ReviewArguments, args=argv, prog="slamgym dataset review")
-    if arguments.limit < 1:
-        raise ConfigError(f"--limit must be at least 1, not {arguments.limit}")
     root = arguments.dataset
     items = open_items(root)
     verdicts = read_verdicts(root)

@@ -2,14 +2,13 @@
 
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
 import tyro
 
-from slamgym.core.config import suggest
+from slamgym.core.config import Arguments, Count, suggest
 from slamgym.core.errors import ConfigError
 from slamgym.core.types import ByteArray
 from slamgym.dataset.format import PairRecord, read_manifest
@@ -24,8 +23,7 @@ LOWEST_FIRST = ("index", "coverage")
 """What is listed from the lowest value up; of all else the highest values come first."""
 
 
-@dataclass(frozen=True)
-class ShowArguments:
+class ShowArguments(Arguments):
     """Draw pairs of a dataset, or of a folder of rendered images, on one sheet.
 
     Without names and order, the pairs are spread evenly over the dataset.
@@ -41,16 +39,19 @@ class ShowArguments:
     """Draw the first pairs in this order, the worst first: ``ate``, ``map_error``, ``coverage``, ..."""
     reverse: bool = False
     """The best first."""
-    limit: int = 12
+    limit: Count = 12
     """Pairs on the sheet."""
-    columns: int = 2
+    columns: Count = 2
     """Pairs beside each other."""
+
+    def _check(self) -> None:
+        if self.out is not None and self.out.suffix.lower() not in (".png", ".jpg", ".jpeg"):
+            raise ConfigError(f"--out {self.out}: a picture is a .png or a .jpg")
 
 
 def main(argv: list[str]) -> int:
     """Run the command; returns the exit code."""
     arguments = tyro.cli(ShowArguments, args=argv, prog="slamgym dataset show")
-    _check(arguments)
     output = arguments.out or arguments.folder / "contact_sheet.png"
     if is_image_folder(arguments.folder):
         images = read_images(arguments.folder)
@@ -106,14 +107,6 @@ def _named(records: Sequence[Any], name: str) -> list[Any]:
         known = [record.name for record in records[:1000]]
         raise ConfigError(f"there is no pair {name!r}; {suggest(name, known)}")
     return found
-
-
-def _check(arguments: ShowArguments) -> None:
-    for option in ("limit", "columns"):
-        if getattr(arguments, option) < 1:
-            raise ConfigError(f"--{option} must be at least 1, not {getattr(arguments, option)}")
-    if arguments.out is not None and arguments.out.suffix.lower() not in (".png", ".jpg", ".jpeg"):
-        raise ConfigError(f"--out {arguments.out}: a picture is a .png or a .jpg")
 
 
 def _draw_images(arguments: ShowArguments, records: Sequence[ImageRecord]) -> ByteArray:

@@ -1,19 +1,17 @@
 """``slamgym dataset split``: put plans on the training or the test side."""
 
 import sys
-from dataclasses import dataclass
 from pathlib import Path
 
 import tyro
 
 from slamgym.cad.sources import read_ids
-from slamgym.core.errors import ConfigError
+from slamgym.core.config import Arguments, CountOrZero
 from slamgym.core.parallel.backlog import available_cores
 from slamgym.dataset.curate.split import make_split, split_path
 
 
-@dataclass(frozen=True)
-class SplitArguments:
+class SplitArguments(Arguments):
     """Split a dataset by plan into training and test side and write its split.json.
 
     Plans that look alike (copies, mirror images, the same home with a wall moved) stay on one side. The same
@@ -28,15 +26,13 @@ class SplitArguments:
     """Another seed gives another split."""
     test_plans: Path | None = None
     """A file with one plan id a line: these plans, and those that look like them, are for testing."""
-    workers: int = 1
+    workers: CountOrZero = 1
     """Processes; 0 takes one per core."""
 
 
 def main(argv: list[str]) -> int:
     """Run the command; returns the exit code."""
     arguments = tyro.cli(SplitArguments, args=argv, prog="slamgym dataset split")
-    if arguments.workers < 0:
-        raise ConfigError(f"--workers must be 0 (one per core) or more, not {arguments.workers}")
     forced = read_ids(arguments.test_plans) if arguments.test_plans is not None else []
     workers = arguments.workers or available_cores()
     table = make_split(

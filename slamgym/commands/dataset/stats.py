@@ -2,14 +2,13 @@
 
 import json
 import sys
-from dataclasses import dataclass
 from pathlib import Path
 
 import tyro
 from rich.console import Console
 from rich.table import Table
 
-from slamgym.core.config import to_dict
+from slamgym.core.config import Arguments, to_dict
 from slamgym.dataset.format import read_manifest
 from slamgym.dataset.parquet import require_parquet, write_parquet
 from slamgym.dataset.statistics import DatasetStatistics, GroupStatistics, dataset_statistics
@@ -21,8 +20,7 @@ COLUMNS = (
 TABLE_WIDTH = 160
 
 
-@dataclass(frozen=True)
-class StatsArguments:
+class StatsArguments(Arguments):
     """Tell what lies in a dataset: pairs, coverage, errors, endings and bytes, also by condition.
 
     `complete` is the share of pairs that saw 95 % of the reachable floor; `kept` is what cleaning keeps; ATE is

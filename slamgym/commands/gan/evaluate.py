@@ -4,7 +4,7 @@ import dataclasses
 import json
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -14,6 +14,7 @@ from rich.console import Console
 from rich.table import Table
 
 from slamgym import __version__
+from slamgym.core.config import Arguments, Count, CountOrZero, Within
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.progress import say, show_progress
 from slamgym.core.staged import write_text
@@ -53,8 +54,7 @@ if TYPE_CHECKING:
     from slamgym.gan.translation.translate import LearnedTranslator
 
 
-@dataclass(frozen=True)
-class EvaluateArguments:
+class EvaluateArguments(Arguments):
     """Measure translators on held-out pairs, beside the raw SLAM map, a cleaning without learning, and an oracle that
     erases all inner walls.
 
@@ -73,17 +73,17 @@ class EvaluateArguments:
     """Average CAD maps over so many flips and quarter turns instead of what the weights' settings say."""
     split: str = "test"
     """Which pairs."""
-    count: int = 0
+    count: CountOrZero = 0
     """Take so many pairs, evenly spaced over their names; 0 takes all."""
-    size: int = 0
+    size: Literal[0] | Annotated[int, Within(ge=32)] = 0
     """Side to which the images are resampled [px]; 0 leaves them as they are, 256 is the protocol's."""
-    pictures: int = 20
+    pictures: CountOrZero = 20
     """Maps on the picture grids, evenly spaced; 0 draws none."""
     generated: list[str] = field(default_factory=list)
     """SLAM-like maps made from the test pairs' CAD maps, as NAME=FOLDER: judged against the simulated maps."""
     realism: bool = False
     """Judge elastic deformation against the simulated maps even if nothing else is given to be judged."""
-    repeats: int = REPEATS
+    repeats: Count = REPEATS
     """How often the two-sample tests deal plans to folds anew; fewer are faster and vary more."""
     cnn: bool = False
     """Let a convolutional network judge the pictures, too; takes minutes."""
@@ -91,8 +91,14 @@ class EvaluateArguments:
     """A folder of ROS maps of real robots: draws their translations, for looking at."""
     device: Literal["auto", "cpu", "cuda", "mps"] = "cpu"
     """Where translators compute."""
-    seed: int = 0
+    seed: CountOrZero = 0
     """Of the two-sample tests and the elastic deformation."""
+
+    def _check(self) -> None:
+        if self.real is not None and not self.real.is_dir():
+            raise InputFileError(self.real, "is not a folder of ROS maps")
+        if self.out.exists() and not self.out.is_dir():
+            raise InputFileError(self.out, "is a file; --out names a folder")
 
 
 def main(argv: list[str]) -> int:
@@ -102,7 +108,6 @@ def main(argv: list[str]) -> int:
         SlamgymError: If something is wrong that the user can mend.
     """
     arguments = tyro.cli(EvaluateArguments, args=argv, prog="slamgym gan evaluate")
-    _check(arguments)
     folders = parse_named_folders(arguments.generated)
     translators = _load_translators(arguments)
     pairs = _load(arguments)
@@ -125,20 +130,6 @@ def main(argv: list[str]) -> int:
         _write(arguments, pairs, scores, summary, realism)
     sys.stdout.write(f"results: {arguments.out}\n")
     return 0
-
-
-def _check(arguments: EvaluateArguments) -> None:
-    for name in ("count", "size", "pictures", "seed"):
-        if getattr(arguments, name) < 0:
-            raise ConfigError(f"--{name} must be 0 or more, not {getattr(arguments, name)}")
-    if arguments.repeats < 1:
-        raise ConfigError(f"--repeats must be 1 or more, not {arguments.repeats}")
-    if 0 < arguments.size < 32:
-        raise ConfigError(f"--size must be 32 px or more, not {arguments.size}")
-    if arguments.real is not None and not arguments.real.is_dir():
-        raise InputFileError(arguments.real, "is not a folder of ROS maps")
-    if arguments.out.exists() and not arguments.out.is_dir():
-        raise InputFileError(arguments.out, "is a file; --out names a folder")
 
 
 def _load_translators(arguments: EvaluateArguments) -> "dict[str, LearnedTranslator]":

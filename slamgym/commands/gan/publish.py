@@ -8,18 +8,17 @@ the card what the run can't know: what the pairs were made from, and the command
 
 import dataclasses
 import sys
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
 import tyro
 
+from slamgym.core.config import Arguments
 from slamgym.core.errors import ConfigError, SlamgymError
 from slamgym.gan.weights import MAX_BYTES, PRETRAINED, load_weights, save_translator
 
 
-@dataclass(frozen=True)
-class PublishArguments:
+class PublishArguments(Arguments):
     """Put the weights of a finished run among the pretrained ones."""
 
     run: Annotated[Path, tyro.conf.Positional]

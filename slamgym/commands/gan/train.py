@@ -5,13 +5,12 @@ import json
 import shlex
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
 import tyro
 
-from slamgym.core.config import from_dict, to_dict
+from slamgym.core.config import Arguments, Count, NonNegative, Positive, Within, from_dict, to_dict
 from slamgym.core.errors import ConfigError
 from slamgym.core.progress import duration
 from slamgym.gan.config import Precision, Stage, TrainConfig
@@ -20,8 +19,7 @@ from slamgym.gan.presets import PRESETS, find_preset
 from slamgym.gan.training.train import RunOptions, TrainingReport, train
 
 
-@dataclass(frozen=True)
-class TrainArguments:
+class TrainArguments(Arguments):
     """Train a translator between SLAM maps and CAD maps on rendered pairs.
 
     Ctrl-C and kill -9 lose at most the minutes since the last checkpoint: the same command goes on from there, bit for
@@ -36,12 +34,12 @@ class TrainArguments:
     preset: str = "slam2cad"
     """model32 and modelprog (the paper's), slam2cad (the default translator), slam2cad-fold4, slam2cad-gan,
     slam2cad-cpu, model32-cpu, modelprog-cpu."""
-    minutes: float | None = None
+    minutes: Annotated[float, Within(gt=0.0, le=1e5)] | None = None
     """Wall-clock time for the whole training: the schedule is stretched so that it ends then. The CPU presets have
     some by default."""
-    epochs: float | None = None
+    epochs: Positive | None = None
     """Passes over the data instead of the preset's; several stages are scaled alike."""
-    batch_size: int | None = None
+    batch_size: Count | None = None
     """Pairs a step, in all stages, instead of the preset's."""
     learning_rate: float | None = None
     """Instead of the preset's."""
@@ -60,7 +58,7 @@ class TrainArguments:
     """CPU threads of torch; 0 leaves torch's choice (OMP_NUM_THREADS)."""
     compile: bool = False
     """Let torch compile the networks: minutes at the start, faster steps on CUDA. Long trainings gain."""
-    checkpoint_minutes: float = 2.0
+    checkpoint_minutes: NonNegative = 2.0
     """Time between two checkpoints."""
     set: tuple[str, ...] = ()
     """Any other setting as ``path=value``, e.g. ``--set loss.l1=20 translator.generator.width=16``."""
@@ -69,10 +67,6 @@ class TrainArguments:
 def main(argv: list[str]) -> int:
     """Run the command; returns the exit code."""
     arguments = tyro.cli(TrainArguments, args=argv, prog="slamgym gan train")
-    if arguments.minutes is not None and not 0.0 < arguments.minutes <= 1e5:
-        raise ConfigError(f"--minutes must be positive, not {arguments.minutes}")
-    if arguments.checkpoint_minutes < 0.0:
-        raise ConfigError(f"--checkpoint-minutes must be 0 or more, not {arguments.checkpoint_minutes}")
     if arguments.threads > 0:
         import torch
 
@@ -105,12 +99,8 @@ def train_config(arguments: TrainArguments) -> TrainConfig:
     config = apply_settings(config, arguments.set)
     stages = config.stages
     if arguments.epochs is not None:
-        if not arguments.epochs > 0.0:
-            raise ConfigError(f"--epochs must be positive, not {arguments.epochs}")
         stages = scaled_stages(stages, arguments.epochs)
     if arguments.batch_size is not None:
-        if arguments.batch_size < 1:
-            raise ConfigError(f"--batch-size must be 1 or more, not {arguments.batch_size}")
         stages = tuple(stage._replace(batch=arguments.batch_size, fade_batch=0) for stage in stages)
     minutes = arguments.minutes
     if minutes is None and arguments.epochs is None:

@@ -1,7 +1,6 @@
 """``slamgym gan translate``: an image, a ROS map or a folder in; the same in the other kind of map out."""
 
 import sys
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -9,6 +8,7 @@ import cv2
 import numpy as np
 import tyro
 
+from slamgym.core.config import Arguments, Within
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.progress import say, show_progress
 from slamgym.core.staged import write_bytes
@@ -21,8 +21,7 @@ from slamgym.interop.ros_map import classify, read_ros_map, write_ros_map
 YAML = (".yaml", ".yml")
 
 
-@dataclass(frozen=True)
-class TranslateArguments:
+class TranslateArguments(Arguments):
     """Translate maps with trained weights. The output lies over the input: same size, frame and scale."""
 
     input: Annotated[Path, tyro.conf.Positional]
@@ -31,7 +30,7 @@ class TranslateArguments:
     """An image for an image; a folder or the stem of .pgm and .yaml for a ROS map; a folder for a folder."""
     weights: str = "slam2cad"
     """Shipped weights by name, a .safetensors file, or the folder of a finished run."""
-    metres_per_px: float | None = None
+    metres_per_px: Annotated[float, Within(gt=0.0, lt=100.0)] | None = None
     """Scale of images [m/px]; ROS maps tell theirs. Without it an image is fitted into the network's image."""
     flips: int | None = None
     """Average over 1, 2, 4 or 8 flips and quarter turns: somewhat better, and as many times slower."""
@@ -48,9 +47,6 @@ class TranslateArguments:
 def main(argv: list[str]) -> int:
     """Run the command; returns the exit code."""
     arguments = tyro.cli(TranslateArguments, args=argv, prog="slamgym gan translate")
-    scale = arguments.metres_per_px
-    if scale is not None and not 0.0 < scale < 100.0:
-        raise ConfigError(f"--metres-per-px must be positive, not {scale}")
     if not arguments.input.exists():
         raise InputFileError(arguments.input, "doesn't exist; give an image, a ROS map's yaml or a folder")
     translator = load_translator(arguments.weights, device=arguments.device, flips=arguments.flips)

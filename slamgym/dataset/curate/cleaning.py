@@ -10,6 +10,7 @@ from typing import Any, Literal, Protocol
 import numpy as np
 
 from slamgym import __version__
+from slamgym.core.config import Settings, Share
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.progress import show_progress
 from slamgym.core.types import FloatArray
@@ -29,13 +30,12 @@ class Classifier(Protocol):
         ...
 
 
-@dataclass(frozen=True)
-class CleanConfig:
+class CleanConfig(Settings):
     """How a verdict comes about."""
 
     by: Literal["truth", "classifier"] = "truth"
     """Who decides where the truth is known; without it, the classifier always does."""
-    band: tuple[float, float] = (0.4, 0.8)
+    band: tuple[Share, Share] = (0.4, 0.8)
     """Probabilities from the first up to the second are doubtful and go to a person, as in the paper."""
     doubtful: Literal["drop", "keep"] = "drop"
     """What becomes of doubtful maps until a person has decided, where the classifier decides."""
@@ -44,10 +44,9 @@ class CleanConfig:
     stuck: StuckFilter = field(default_factory=StuckFilter)
     """When a map looks like that of a robot that got stuck."""
 
-    def __post_init__(self) -> None:
-        low, high = self.band
-        if not 0.0 <= low <= high <= 1.0:
-            raise ConfigError(f"the band must be two probabilities in ascending order, not {low} {high}")
+    def _check(self) -> None:
+        if self.band[0] > self.band[1]:
+            raise ConfigError(f"the band must be two probabilities in ascending order, not {self.band}")
 
 
 @dataclass(frozen=True)

@@ -10,12 +10,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
 from slamgym import __version__
-from slamgym.core.errors import ConfigError, InputFileError, SlamgymError
+from slamgym.core.config import Count, Settings, Within
+from slamgym.core.errors import InputFileError, SlamgymError
 from slamgym.core.types import BoolArray, FloatArray
 from slamgym.dataset.curate.completeness import FEATURES
 from slamgym.dataset.curate.forest import LEAF, Forest, read_forest, write_forest
@@ -23,24 +24,17 @@ from slamgym.dataset.curate.forest import LEAF, Forest, read_forest, write_fores
 PRETRAINED_MODEL = Path(__file__).parent / "pretrained" / "completeness.npz"
 
 
-@dataclass(frozen=True)
-class TreesConfig:
+class TreesConfig(Settings):
     """How the trees are grown (Geurts, Ernst and Wehenkel, Extremely randomized trees, Machine Learning 2006)."""
 
-    trees: int = 100
+    trees: Count = 100
     """Their number."""
-    min_leaf: int = 4
+    min_leaf: Count = 4
     """A leaf holds at least so many samples: fewer give bolder probabilities, which are worse calibrated."""
-    max_features: int = 8
+    max_features: Annotated[int, Within(ge=1, le=len(FEATURES))] = 8
     """Features tried for a split."""
     seed: int = 0
     """Of the random thresholds."""
-
-    def __post_init__(self) -> None:
-        if self.trees < 1 or self.min_leaf < 1:
-            raise ConfigError(f"trees and min_leaf must be at least 1, not {self.trees} and {self.min_leaf}")
-        if not 1 <= self.max_features <= len(FEATURES):
-            raise ConfigError(f"max_features must be 1 to {len(FEATURES)}, not {self.max_features}")
 
 
 @dataclass(frozen=True)

@@ -1,8 +1,8 @@
 """What makes a map fit for a dataset: coverage, error, and that the robot didn't get stuck."""
 
 import math
-from dataclasses import dataclass
 
+from slamgym.core.config import NonNegative, Positive, Settings, Share
 from slamgym.core.errors import ConfigError
 from slamgym.core.types import FloatArray
 from slamgym.dataset.curate.completeness import FEATURES
@@ -18,25 +18,17 @@ _ENDINGS = {
 }
 
 
-@dataclass(frozen=True)
-class Criteria:
+class Criteria(Settings):
     """When a map counts as good, where the truth is known."""
 
-    min_coverage: float = 0.95
+    min_coverage: Share = 0.95
     """Share of the reachable floor that was truly seen."""
-    max_map_error: float = 0.30
+    max_map_error: Positive = 0.30
     """Mean distance of the SLAM map's walls to the CAD walls [m]. An honest map of medium odometry has 0.1 m;
     beyond 0.3 m, three times the thickness of an inner wall, rooms overlap. Not asked for with furniture or
     people, which no CAD map shows."""
-    max_ate: float = 0.60
+    max_ate: Positive = 0.60
     """Position error of the estimate [m]: about twice the map error that it causes."""
-
-    def __post_init__(self) -> None:
-        if not 0.0 <= self.min_coverage <= 1.0:
-            raise ConfigError(f"min_coverage must be a share in [0, 1], not {self.min_coverage}")
-        for name in ("max_map_error", "max_ate"):
-            if not getattr(self, name) > 0.0:
-                raise ConfigError(f"{name} must be positive, not {getattr(self, name)}")
 
     def faults(self, coverage: float, map_error: float, ate: float, *, has_clutter: bool) -> list[str]:
         """What is wrong with a map, each fault in words; nothing if it is good.
@@ -57,8 +49,7 @@ class Criteria:
         return found
 
 
-@dataclass(frozen=True)
-class StuckFilter:
+class StuckFilter(Settings):
     """Tells from the map alone that a robot got stuck, by its ratio of occupied to free cells.
 
     The ratio alone can't do it: standing in a corner and having mapped a home give the same. So beside its
@@ -66,23 +57,21 @@ class StuckFilter:
     than what is seen from one place, with a way on, is that of a robot that never took it.
     """
 
-    min_ratio: float = 0.015
+    min_ratio: NonNegative = 0.015
     """Occupied to free cells: complete maps of homes at 5 cm have 0.03 to 0.09. The ratio falls in
     proportion to the cell size, which is allowed for."""
     max_ratio: float = 0.25
     """Upper bound of the same."""
-    view: float = 3.0
+    view: Positive = 3.0
     """How far the robot maps [m]: from one place it sees a disc of that radius at most."""
-    way_on: float = 0.35
+    way_on: Positive = 0.35
     """Width of an open frontier that counts as a way on [m], as the environment's frontiers."""
 
-    def __post_init__(self) -> None:
-        if not 0.0 <= self.min_ratio < self.max_ratio:
+    def _check(self) -> None:
+        if self.min_ratio >= self.max_ratio:
             raise ConfigError(
-                f"min_ratio must be less than max_ratio and not negative, not {self.min_ratio} and {self.max_ratio}"
+                f"min_ratio must be less than max_ratio, not {self.min_ratio} and {self.max_ratio}"
             )
-        if not (self.view > 0.0 and self.way_on > 0.0):
-            raise ConfigError(f"view and way_on must be positive, not {self.view} and {self.way_on}")
 
     def why_stuck(self, features: FloatArray, resolution: float) -> str:
         """Why a map looks like that of a robot that got stuck; nothing if it doesn't.

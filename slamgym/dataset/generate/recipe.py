@@ -28,7 +28,7 @@ from typing import Any
 
 import yaml
 
-from slamgym.core.config import replace_setting, setting_names, suggest
+from slamgym.core.config import Settings, replace_setting, setting_names, suggest
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.envs import ExploreConfig
 from slamgym.envs.episode import EpisodeConfig
@@ -127,14 +127,13 @@ class Choice:
     weight: float = 1.0
 
 
-@dataclass(frozen=True)
-class Recipe:
+class Recipe(Settings):
     """Which settings vary, and how. The empty recipe varies nothing."""
 
     factors: Mapping[str, tuple[Choice, ...]] = field(default_factory=dict)
     """Choices by the name of the factor."""
 
-    def __post_init__(self) -> None:
+    def _check(self) -> None:
         owners: dict[str, str] = {}
         for factor, choices in self.factors.items():
             for name in {name for choice in choices for name in choice.settings}:

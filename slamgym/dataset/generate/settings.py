@@ -1,13 +1,12 @@
 """What decides the content of a dataset."""
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any
 
 from slamgym import __version__
 from slamgym.cad import PlanSource, plan_groups
 from slamgym.cad.plan_filter import PlanFilter
-from slamgym.core.config import to_dict
-from slamgym.core.errors import ConfigError
+from slamgym.core.config import Count, Settings, to_dict
 from slamgym.dataset.format import FORMAT_VERSION
 from slamgym.dataset.generate.recipe import Recipe, check_recipe
 from slamgym.dataset.pair import PairConfig
@@ -15,8 +14,7 @@ from slamgym.dataset.schedule import ids_digest
 from slamgym.envs.episode import EpisodeConfig
 
 
-@dataclass(frozen=True)
-class DatasetConfig:
+class DatasetConfig(Settings):
     """Everything that decides the content of a dataset, apart from the plans."""
 
     seed: int = 0
@@ -28,14 +26,12 @@ class DatasetConfig:
     """The exploration."""
     pair: PairConfig = field(default_factory=PairConfig)
     """The images."""
-    trajectories: int = 1
+    trajectories: Count = 1
     """Explorations of a plan that come one after the other: several SLAM maps of one CAD map."""
     recipe: Recipe = field(default_factory=Recipe)
     """What varies from one exploration to the next."""
 
-    def __post_init__(self) -> None:
-        if self.trajectories < 1:
-            raise ConfigError(f"trajectories must be at least 1, not {self.trajectories}")
+    def _check(self) -> None:
         check_recipe(self.recipe, self.episode)
 
 

@@ -7,8 +7,7 @@ smaller, each shows the cell at its centre. Between unknown and free the larger 
 """
 
 import math
-from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import cv2
 import numpy as np
@@ -16,6 +15,7 @@ from numpy.typing import NDArray
 
 from slamgym.cad import FloorPlan
 from slamgym.cad.raster import fill_segments
+from slamgym.core.config import CountOrZero, NonNegative, Settings, Within
 from slamgym.core.errors import ConfigError, SlamgymError
 from slamgym.core.types import (
     FREE,
@@ -41,34 +41,27 @@ class DoesNotFitError(SlamgymError):
     """A pair is larger than an image of a fixed scale."""
 
 
-@dataclass(frozen=True)
-class ImageConfig:
+class ImageConfig(Settings):
     """How the images are made."""
 
-    size: int = 256
+    size: Annotated[int, Within(ge=16, le=8192)] = 256
     """Rows and columns [px]; the paper's 256."""
     scaling: Literal["fit", "fixed"] = "fit"
     """``fit``: both maps together fill the image, so every pair has a scale of its own, as in the paper;
     ``fixed``: all pairs have one scale, and what is larger than the image is left out."""
-    metres_per_px: float = 0.1
+    metres_per_px: Annotated[float, Within(gt=0.0, lt=100.0)] = 0.1
     """The scale, if it is fixed."""
-    margin_px: int = 4
+    margin_px: CountOrZero = 4
     """Free border around the plan and the floor of the SLAM map."""
-    edge_px: float = 1.0
+    edge_px: NonNegative = 1.0
     """Thickness of the line that is drawn along every face of a wall, half of it on the floor. 1 keeps walls
     that are thinner than a pixel, more makes all walls thicker, 0 draws them as they are."""
 
-    def __post_init__(self) -> None:
-        if not 16 <= self.size <= 8192:
-            raise ConfigError(f"size must be between 16 and 8192 pixels, not {self.size}")
-        if self.scaling not in ("fit", "fixed"):
-            raise ConfigError(f"scaling must be 'fit' or 'fixed', not {self.scaling!r}")
-        if not 0.0 < self.metres_per_px < 100.0:
-            raise ConfigError(f"metres_per_px must be a number above 0, not {self.metres_per_px}")
-        if not 0 <= 2 * self.margin_px < self.size:
-            raise ConfigError(f"margin_px must be 0 or more and leave room, not {self.margin_px}")
-        if not 0.0 <= self.edge_px < self.size:
-            raise ConfigError(f"edge_px must be 0 or more, not {self.edge_px}")
+    def _check(self) -> None:
+        if max(2 * self.margin_px, self.edge_px) >= self.size:
+            raise ConfigError(
+                f"margin_px and edge_px must leave room in {self.size} px, not {self.margin_px} and {self.edge_px}"
+            )
 
 
 def draw_pair(

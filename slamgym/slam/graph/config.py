@@ -1,39 +1,36 @@
 """Settings of the mode ``pose_graph``."""
 
-from dataclasses import dataclass
-
-from slamgym.core.errors import ConfigError
+from slamgym.core.config import Count, Positive, Settings
 
 
-@dataclass(frozen=True)
-class PoseGraphConfig:
+class PoseGraphConfig(Settings, section="slam.pose_graph"):
     """How scans are matched and loops are closed. The defaults serve indoor scanners of 3 to 80 m range."""
 
-    keyframe_distance: float = 0.5
+    keyframe_distance: Positive = 0.5
     """A scan becomes a node after this distance [m]; the mapper's own update thresholds don't count ..."""
 
-    keyframe_turn: float = 0.2
+    keyframe_turn: Positive = 0.2
     """... or after this turn [rad]."""
 
-    match_range: float = 25.0
+    match_range: Positive = 25.0
     """Longer returns are not matched (but drawn) [m]."""
 
-    cell: float = 0.1
+    cell: Positive = 0.1
     """Cell size of the local maps that scans are matched with [m]."""
 
-    surface_sigma: float = 0.02
+    surface_sigma: Positive = 0.02
     """Standard deviation of end points across a wall [m]."""
 
-    point_share: float = 0.05
+    point_share: Positive = 0.05
     """What a point counts in the information of a match: neighbouring points err together."""
 
-    local_nodes: int = 30
+    local_nodes: Count = 30
     """A new scan is matched with this many nodes before it."""
 
     minimum_fit: float = 0.45
     """A match with its predecessors counts if this share of the points fits; else odometry stands."""
 
-    loop_interval: int = 2
+    loop_interval: Count = 2
     """A loop is sought at every so many nodes."""
 
     loop_length: float = 5.0
@@ -68,18 +65,3 @@ class PoseGraphConfig:
 
     final_passes: int = 2
     """How often, at the end, all nodes are matched with their neighbours once more."""
-
-    def __post_init__(self) -> None:
-        for name in (
-            "keyframe_distance",
-            "keyframe_turn",
-            "match_range",
-            "cell",
-            "surface_sigma",
-            "point_share",
-        ):
-            if not getattr(self, name) > 0:
-                raise ConfigError(f"slam.pose_graph.{name} is {getattr(self, name)!r}; give a value above 0")
-        for name in ("local_nodes", "loop_interval"):
-            if getattr(self, name) < 1:
-                raise ConfigError(f"slam.pose_graph.{name} is {getattr(self, name)!r}; give 1 or more")
