@@ -58,6 +58,7 @@ ALLOWED = {
     ("agents", "envs"): "explorers act in environments",
     ("agents", "metrics"): "trials are measured",
     ("agents", "planning"): "rules choose, the exploration loop drives",
+    ("agents", "viz"): "coverage curves and side-by-side videos are drawn",
     ("agents", "sim"): "the oracle casts rays into the plan",
     ("gan", "interop"): "ROS maps are translated",
     ("gan", "metrics"): "translations are measured",
