@@ -14,6 +14,8 @@ from slamgym.core.errors import ConfigError
 Direction = Literal["slam2cad", "cad2slam"]
 Encoding = Literal["grey", "free_occupied", "rgb"]
 Precision = Literal["auto", "float32", "bfloat16"]
+DeviceName = Literal["auto", "cpu", "cuda", "mps"]
+MemoryLayout = Literal["auto", "channels_last", "contiguous"]
 
 CHANNELS: dict[Encoding, int] = {"grey": 1, "free_occupied": 2, "rgb": 3}
 """Channels of a map in each encoding; all values lie in [-1, 1]."""
@@ -37,7 +39,7 @@ class Stage(NamedTuple):
 
 @dataclass(frozen=True)
 class GeneratorConfig:
-    """The network that draws the translation."""
+    """The network that computes the translation."""
 
     kind: Literal["progressive", "residual"] = "progressive"
     """``progressive``: U-Net with a head per resolution (anime2clothing); ``residual``: one resolution,
@@ -69,19 +71,19 @@ class GeneratorConfig:
 
 @dataclass(frozen=True)
 class DiscriminatorConfig:
-    """The two judges: of the pair (domain) and of the image alone (real/fake)."""
+    """The two discriminators: of the pair (domain) and of the image alone (real/fake)."""
 
     domain: bool = True
-    """Judge whether the output belongs to the input."""
+    """Use the domain discriminator: does the output belong to the input?"""
     real_fake: bool = True
-    """Judge patches of the output alone."""
+    """Use the real/fake discriminator, which sees patches of the output alone."""
     width: int = 128
     """Channels of the deepest levels; a level of side s has min(16 * 256 / s * width / 128, width)."""
     patch_width: int = 128
-    """The same for the second and third copy of the real/fake judge, which work at full resolution and
+    """The same for the second and third copy of the real/fake discriminator, which work at full resolution and
     make up nine tenths of its cost."""
     unassociated: bool = True
-    """Show the domain judge targets of other places as wrong answers."""
+    """Show the domain discriminator targets of other places as negatives."""
 
     def __post_init__(self) -> None:
         if self.width < 8 or self.patch_width < 8 or self.width % 8 or self.patch_width % 8:
@@ -127,12 +129,6 @@ class LossConfig:
         if not self.layer_weights:
             raise ConfigError("loss.layer_weights is empty; give at least one weight")
 
-    @property
-    def adversarial(self) -> bool:
-        """Whether any term needs a discriminator."""
-        consistency = self.input_consistency if self.input_consistency_reference != "none" else 0.0
-        return max(self.domain, self.real_fake, self.feature_matching, consistency) > 0.0
-
 
 @dataclass(frozen=True)
 class AugmentConfig:
@@ -149,19 +145,19 @@ class AugmentConfig:
     pixel at random; the others are shifted by whole pixels, as maps in use lie on their own grid."""
     turn_deg: float = 0.0
     """Standard deviation of a turn of the SLAM map [deg]; the published code turns it by up to 3."""
-    specks: float = 0.0
+    salt_noise: float = 0.0
     """Largest share of pixels that become occupied or free at random."""
-    broken_walls: float = 0.0
+    wall_dropout: float = 0.0
     """Largest share of the walls that is erased in blobs."""
     unknown: float = 0.0
     """Largest share of the image that becomes unknown in blobs."""
-    cut_off: float = 0.0
+    occlusion: float = 0.0
     """Probability that a half-plane of the SLAM map was never seen."""
     wobble_px: float = 0.0
     """Amplitude of a smooth random distortion of the SLAM map [px]: more drift than the data has."""
 
     def __post_init__(self) -> None:
-        for name in ("zoom", "shift", "specks", "broken_walls", "unknown", "cut_off"):
+        for name in ("zoom", "shift", "salt_noise", "wall_dropout", "unknown", "occlusion"):
             value = getattr(self, name)
             if not 0.0 <= value < 1.0:
                 raise ConfigError(f"augment.{name} must lie in [0, 1), not {value}")
@@ -185,7 +181,7 @@ class OptimiserConfig:
     decay: float = 0.3
     """Share of the training, at its end, over which the rate falls linearly to 0 (225 of 750 epochs)."""
     average: float = 0.0
-    """Decay of a moving average of the generator's weights, which is then what is shipped; 0 keeps none."""
+    """Decay of a moving average of the generator's weights, which then become the weights of the run; 0 keeps none."""
     clip_norm: float = 0.0
     """Largest norm of the generator's gradient; 0 doesn't clip."""
 
@@ -207,15 +203,15 @@ class TranslatorConfig:
     input_size: int = 256
     """Side of the image that the network sees [px]."""
     output_size: int = 256
-    """Side of the image that it draws [px]."""
+    """Side of the image that it gives [px]."""
     input_encoding: Encoding = "rgb"
     output_encoding: Encoding = "rgb"
     derotate: bool = False
     """Turn SLAM maps so that most walls lie along the axes before they are translated."""
     flips: int = 1
     """Of how many flips and quarter turns the translation is the mean: 1, 2, 4 or 8."""
-    reach: float = 0.5
-    """Floor is drawn at most so far beyond what the robot saw [m], and targets end there (slam2cad); 0 draws it
+    explored_margin: float = 0.5
+    """Floor is predicted at most so far beyond what the robot saw [m], and targets end there (slam2cad); 0 allows it
     anywhere."""
     metres_per_px: tuple[float, float, float] = (0.04, 0.06, 0.1)
     """Smallest, middle and largest scale of the training images (5th, 50th and 95th percentile) [m/px of
@@ -235,22 +231,22 @@ class TranslatorConfig:
             )
         if self.generator.kind == "residual":
             if self.output_size != self.input_size:
-                raise ConfigError("the residual generator draws at the input's size: set output_size to it")
+                raise ConfigError("the residual generator works at the input's size: set output_size to it")
             if self.input_size // self.generator.fold >> self.generator.depth < 2:
                 raise ConfigError(
                     f"generator.depth {self.generator.depth} is too much for {self.input_size} px"
                 )
         if self.flips not in (1, 2, 4, 8):
             raise ConfigError(f"flips must be 1, 2, 4 or 8, not {self.flips}")
-        if not (math.isfinite(self.reach) and self.reach >= 0.0):
-            raise ConfigError(f"reach must be 0 or more, not {self.reach}")
+        if not (math.isfinite(self.explored_margin) and self.explored_margin >= 0.0):
+            raise ConfigError(f"explored_margin must be 0 or more, not {self.explored_margin}")
         scales = self.metres_per_px
         if len(scales) != 3 or not all(math.isfinite(s) and s > 0.0 for s in scales):
             raise ConfigError(f"metres_per_px must be three positive numbers, not {scales}")
 
 
 @dataclass(frozen=True)
-class TrainConfig:
+class TranslatorTrainingConfig:
     """Everything that decides what a training run makes, apart from the images."""
 
     preset: str = "model32"
@@ -265,10 +261,10 @@ class TrainConfig:
     """Move each SLAM map onto its CAD map by the best similarity before anything is learnt
     (:mod:`slamgym.gan.registration`)."""
     start_from: str = ""
-    """Weights that the generator starts with instead of random ones: a shipped name, a file, or a run's folder."""
+    """Weights that the generator starts with instead of random ones: a pretrained name, a file, or a run's folder."""
     seed: int = 0
     minutes: float | None = None
-    """Wall-clock time of a training that isn't told epochs or minutes; None goes by the stages' epochs."""
+    """Wall-clock time of a training that is given neither epochs nor minutes; None goes by the stages' epochs."""
     validation: float = 0.04
     """Share of the training plans that is held out to watch the training (at most 64 pairs are looked at)."""
 
@@ -293,9 +289,9 @@ class TrainConfig:
 
     @property
     def needs_unassociated(self) -> bool:
-        """Whether a judge is shown targets of other places."""
-        judged = self.discriminator.domain and max(self.loss.domain, self.loss.feature_matching) > 0.0
-        return judged and self.discriminator.unassociated
+        """Whether the domain discriminator is shown targets of other places."""
+        used = self.discriminator.domain and max(self.loss.domain, self.loss.feature_matching) > 0.0
+        return used and self.discriminator.unassociated
 
     def _check_stage(self, stage: Stage) -> None:
         _require_power_of_two("stages.resolution", stage.resolution)

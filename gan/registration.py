@@ -6,6 +6,7 @@ pairs only teach it to blur walls over all the places where they might be. Of th
 are of this kind (docs/gan_training.md).
 """
 
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -44,8 +45,7 @@ def registered(pairs: PairSet, cache: Path | None = None, checksum: str = "") ->
         if cache is not None:
             write_bytes(cache, save({checksum: found}))
     slam = [moved(cells, Similarity(*row)) for cells, row in zip(pairs.slam, found.tolist(), strict=True)]
-    stacked = np.stack(slam) if slam else pairs.slam
-    return PairSet(pairs.cad, stacked, pairs.names, pairs.plan_ids, pairs.metres_per_px)
+    return replace(pairs, slam=np.stack(slam)) if slam else pairs
 
 
 def nearest_similarity(slam: ByteArray, cad: ByteArray) -> Similarity:
@@ -64,9 +64,9 @@ def nearest_similarity(slam: ByteArray, cad: ByteArray) -> Similarity:
         for similarity in search_similarities(free, inside, start_angles=1, coarse_starts=0, fine_starts=1):
             if abs(similarity.log_scale) > MAX_SCALING:
                 continue
-            reached = squared_error(apply_similarity(free, similarity), inside)
-            if reached < error:
-                best, error = similarity, reached
+            candidate = squared_error(apply_similarity(free, similarity), inside)
+            if candidate < error:
+                best, error = similarity, candidate
     return best
 
 
@@ -93,5 +93,5 @@ def _cached(cache: Path | None, checksum: str, count: int) -> FloatArray | None:
     try:
         found = load(cache.read_bytes()).get(checksum)
     except (SafetensorError, OSError):
-        return None  # whatever it is, finding them anew is right
+        return None  # whatever it is, finding them again is right
     return found if found is not None and found.shape == (count, 4) else None

@@ -1,4 +1,4 @@
-"""Find the SLAM-like maps that a generator made of a set of CAD maps, one file per pair.
+"""Find the SLAM-like maps that were generated from a set of CAD maps, one file per pair.
 
 Three layouts of a folder are taken, by the names of the pairs::
 

@@ -1,7 +1,7 @@
 """The default generator for SLAM -> CAD: a residual U-Net that does its work at half resolution and below.
 
 The input is folded 2 x 2 (or 4 x 4) into channels at once, so the finest convolutions run at half the side, and the
-output is unfolded again and refined by a thin pair of convolutions that sees the input's own pixels; what it draws is a
+output is unfolded again and refined by a thin pair of convolutions that sees the input's own pixels; its output is a
 correction of the input. Skips are added, not concatenated. With ``displacement`` the decoder first predicts, at an
 eighth of the side, how far each place drifted, and the finer skips (and the input) are warped back by it before they
 are used.
@@ -11,7 +11,6 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from slamgym.gan.networks.displacement import resize_field, warp
 from slamgym.gan.networks.layers import GeneratorOutput
 
 FINE_CHANNELS = 8
@@ -45,7 +44,7 @@ class ResidualBlock(nn.Module):
 
 
 class ResidualUNet(nn.Module):
-    """(B, in, S, S) to a drawing of the same size; S a multiple of fold * 2 ** depth."""
+    """(B, in, S, S) to an output of the same size; S a multiple of fold * 2 ** depth."""
 
     def __init__(
         self,
@@ -108,7 +107,7 @@ class ResidualUNet(nn.Module):
                 last = block.body[-1]
                 assert isinstance(last, nn.BatchNorm2d)
                 nn.init.zeros_(last.weight)
-        # The first drawing is the input: only what is wrong with it has to be learnt.
+        # The first output is the input: only what is wrong with it has to be learnt.
         nn.init.zeros_(self.copy.weight)
         with torch.no_grad():
             self.copy.weight[0, 0] = COPIED_LOG_ODDS
@@ -121,7 +120,7 @@ class ResidualUNet(nn.Module):
             nn.init.zeros_(self.field_head.bias)
 
     def forward(self, x: Tensor, resolution: int | None = None, fade: float = 1.0) -> GeneratorOutput:
-        """Draw.
+        """Translate.
 
         Args:
             x: (B, in, S, S) in [-1, 1].
@@ -130,22 +129,22 @@ class ResidualUNet(nn.Module):
         """
         side = x.shape[-1]
         if resolution not in (None, side) or fade < 1.0:
-            raise ValueError(f"this generator draws at the input's size {side} only, not at {resolution}")
+            raise ValueError(f"this generator works at the input's size {side} only, not at {resolution}")
         skips = [self.encode[0](self.enter(x))]  # (B, w, S / fold, S / fold)
         for level in range(self.depth):
             skips.append(self.encode[level + 1](self.shrink[level](skips[-1])))
-        drawn = self.bottom(skips[-1])
+        decoded = self.bottom(skips[-1])
         field: Tensor | None = None
         if self.field_level == self.depth:
-            field = self._predict_field(drawn)
+            field = self._predict_field(decoded)
         for level in range(self.depth - 1, -1, -1):
             skip = skips[level] if field is None else self._undo(skips[level], field, side)
-            below = functional.interpolate(self.widen[level](drawn), scale_factor=2.0, mode="nearest")
-            drawn = self.decode[level](below + skip)
+            below = functional.interpolate(self.widen[level](decoded), scale_factor=2.0, mode="nearest")
+            decoded = self.decode[level](below + skip)
             if level == self.field_level:
-                field = self._predict_field(drawn)
+                field = self._predict_field(decoded)
         seen = x if field is None else self._undo(x, field, side)
-        fine = self.unfold(drawn)  # (B, FINE_CHANNELS, S, S)
+        fine = self.unfold(decoded)  # (B, FINE_CHANNELS, S, S)
         correction = self.refine(torch.cat([fine, seen.to(fine.dtype)], dim=1))
         logits = correction.float() + self.copy(seen).float()
         return GeneratorOutput(torch.tanh(0.5 * logits), logits, field)
@@ -157,4 +156,48 @@ class ResidualUNet(nn.Module):
 
     @staticmethod
     def _undo(features: Tensor, field: Tensor, input_size: int) -> Tensor:
-        return warp(features, resize_field(field, features.shape[-1], input_size))
+        return warp_features(features, resize_field(field, features.shape[-1], input_size))
+
+
+def warp_features(features: Tensor, field: Tensor) -> Tensor:
+    """Pull features through a displacement field, bilinearly; what comes from beyond the border repeats it.
+
+    The field's component 0 points to the right, 1 upwards, and ``out(q) = in(q + d(q))``: a constant d of +3 in
+    component 0 moves the image 3 pixels to the left, and +3 in component 1 moves it down (as in
+    :mod:`slamgym.parametric.warp`, but in pixels).
+
+    Args:
+        features: (B, C, H, W).
+        field: (B, 2, H, W) [px of ``features``].
+
+    Returns:
+        (B, C, H, W) of the features' type.
+    """
+    rows, cols = features.shape[-2:]
+    field = field.float()
+    step_x = torch.linspace(-1.0 + 1.0 / cols, 1.0 - 1.0 / cols, cols, device=field.device)
+    step_y = torch.linspace(-1.0 + 1.0 / rows, 1.0 - 1.0 / rows, rows, device=field.device)
+    # grid_sample's axes: x to the right, y downwards, -1 and 1 on the outer borders of the image.
+    grid = torch.stack(
+        [step_x + field[:, 0] * (2.0 / cols), step_y[:, None] - field[:, 1] * (2.0 / rows)], dim=-1
+    )
+    return functional.grid_sample(
+        features, grid.to(features.dtype), mode="bilinear", padding_mode="border", align_corners=False
+    )
+
+
+def resize_field(field: Tensor, side: int, input_size: int) -> Tensor:
+    """Give a field in input pixels the size and the pixels of a feature level.
+
+    Args:
+        field: (B, 2, h, w) [px of the input].
+        side: Side of the level [px].
+        input_size: Side of the input [px].
+
+    Returns:
+        (B, 2, side, side) [px of the level].
+    """
+    scaled = field.float() * (side / input_size)
+    if field.shape[-1] == side:
+        return scaled
+    return functional.interpolate(scaled, size=(side, side), mode="bilinear", align_corners=False)

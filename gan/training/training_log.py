@@ -1,4 +1,4 @@
-"""What a training tells: a progress line, TensorBoard scalars, and sample images."""
+"""What a training reports: a progress line, TensorBoard scalars, and sample images."""
 
 import time
 from collections.abc import Iterator, Mapping
@@ -15,7 +15,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from slamgym.core.progress import LINE_INTERVAL, duration, say
 from slamgym.core.types import ByteArray
 
-SMOOTHING = 0.98
+LOSS_SMOOTHING = 0.98
 """Of the loss that is shown beside the bar."""
 
 
@@ -82,7 +82,9 @@ class Bar:
         """
         if self._first is None:
             self._first, self._began = images, time.monotonic()
-        self._loss = loss if self._loss is None else SMOOTHING * self._loss + (1.0 - SMOOTHING) * loss
+        self._loss = (
+            loss if self._loss is None else LOSS_SMOOTHING * self._loss + (1.0 - LOSS_SMOOTHING) * loss
+        )
         text = self._describe(images, total, left)
         if self._progress is not None:
             self._progress.update(self._task, completed=images, total=total, outlook=text)
