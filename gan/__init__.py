@@ -1,3 +1,1 @@
 """Generative models between SLAM maps and CAD maps."""
-
-__all__: list[str] = []

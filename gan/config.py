@@ -264,7 +264,7 @@ class TranslatorTrainingConfig:
     """Weights that the generator starts with instead of random ones: a pretrained name, a file, or a run's folder."""
     seed: int = 0
     minutes: float | None = None
-    """Wall-clock time of a training that is given neither epochs nor minutes; None goes by the stages' epochs."""
+    """Wall-clock time of the whole training, to which the schedule is stretched; None goes by the stages' epochs."""
     validation: float = 0.04
     """Share of the training plans that is held out to watch the training (at most 64 pairs are looked at)."""
 

@@ -9,15 +9,15 @@ are of this kind (docs/gan_training.md).
 from dataclasses import replace
 from pathlib import Path
 
-import cv2
 import numpy as np
 from safetensors import SafetensorError
 from safetensors.numpy import load, save
 
 from slamgym.core.progress import show_progress
 from slamgym.core.staged import write_bytes
-from slamgym.core.types import FREE, UNKNOWN, ByteArray, FloatArray
+from slamgym.core.types import FREE, ByteArray, FloatArray
 from slamgym.gan.data import PairSet
+from slamgym.gan.translation.derotation import transformed
 from slamgym.metrics.alignment import IDENTITY, Similarity, apply_similarity, search_similarities
 from slamgym.metrics.maps import squared_error
 
@@ -74,16 +74,7 @@ def moved(slam: ByteArray, similarity: Similarity) -> ByteArray:
     """A SLAM map after a similarity: nearest cells, unknown from beyond the border."""
     if similarity == IDENTITY:
         return slam
-    rows, cols = slam.shape
-    warped = cv2.warpAffine(
-        slam,
-        similarity.matrix(rows, cols),
-        (cols, rows),
-        flags=cv2.INTER_NEAREST,
-        borderMode=cv2.BORDER_CONSTANT,
-        borderValue=UNKNOWN,
-    )
-    return np.asarray(warped, dtype=np.uint8)
+    return np.asarray(transformed(slam, similarity.matrix(*slam.shape)), dtype=np.uint8)
 
 
 def _cached(cache: Path | None, checksum: str, count: int) -> FloatArray | None:

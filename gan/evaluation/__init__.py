@@ -1,3 +1,1 @@
 """Translators measured: scores, tables, realism, pictures."""
-
-__all__: list[str] = []

@@ -48,7 +48,7 @@ class MapScore:
     plan_id: str
     metres_per_px: float
     measures: dict[str, float]
-    """By name: those of :data:`slamgym.gan.evaluation.summary.MEASURES`; the numbers ``rooms`` and ``true_rooms``; of the
+    """By name: those of :data:`slamgym.gan.evaluation.summary.MEASURES`; the numbers ``rooms``, ``true_rooms``; of the
     alignment ``rotation_deg`` (counter-clockwise) and ``scale``."""
 
     def __getitem__(self, measure: str) -> float:

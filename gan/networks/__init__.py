@@ -1,3 +1,1 @@
 """The networks: generators, discriminators and their layers."""
-
-__all__: list[str] = []

@@ -136,12 +136,9 @@ class RealFakeDiscriminator(nn.Module):
         self, channels: int, resolution: int = 256, width: int = 128, patch_width: int = 128
     ) -> None:
         super().__init__()
-        first, *patches = copy_depths(resolution)
         self.copies = nn.ModuleList(
-            [
-                DiscriminatorBody(channels, first, width),
-                *(DiscriminatorBody(channels, depth, patch_width) for depth in patches),
-            ]
+            DiscriminatorBody(channels, depth, patch_width if number else width)
+            for number, depth in enumerate(copy_depths(resolution))
         )
 
     def forward(self, y: Tensor, fade: float = 1.0) -> list[list[Tensor]]:

@@ -29,15 +29,7 @@ def build_generator(config: TranslatorConfig, seed: int | None = 0) -> Generator
     inputs, outputs = CHANNELS[config.input_encoding], CHANNELS[config.output_encoding]
     parts = config.generator
     if parts.kind == "residual":
-        unet = ResidualUNet(
-            inputs,
-            outputs,
-            parts.width,
-            parts.depth,
-            parts.displacement,
-            parts.max_displacement_px,
-            parts.fold,
-        )
+        unet = ResidualUNet(inputs, outputs, parts)
         if seed is not None:
             unet.start(torch.Generator().manual_seed(seed))
         return unet

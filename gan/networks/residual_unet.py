@@ -11,6 +11,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from slamgym.gan.config import GeneratorConfig
 from slamgym.gan.networks.layers import GeneratorOutput
 
 FINE_CHANNELS = 8
@@ -46,20 +47,11 @@ class ResidualBlock(nn.Module):
 class ResidualUNet(nn.Module):
     """(B, in, S, S) to an output of the same size; S a multiple of fold * 2 ** depth."""
 
-    def __init__(
-        self,
-        in_channels: int,
-        out_channels: int,
-        width: int = 24,
-        depth: int = 4,
-        displacement: bool = False,
-        max_displacement_px: float = 8.0,
-        fold: int = 2,
-    ) -> None:
+    def __init__(self, in_channels: int, out_channels: int, config: GeneratorConfig) -> None:
         super().__init__()
-        self.depth = depth
-        self.max_displacement_px = max_displacement_px
-        channels = [round(width * WIDENING[level] / 8.0) * 8 or 8 for level in range(depth + 1)]
+        self.depth, fold = config.depth, config.fold
+        self.max_displacement_px = config.max_displacement_px
+        channels = [round(config.width * times / 8.0) * 8 or 8 for times in WIDENING[: self.depth + 1]]
         self.enter = nn.Sequential(
             nn.PixelUnshuffle(fold),
             nn.Conv2d(fold**2 * in_channels, channels[0], 3, padding=1, bias=False),
@@ -68,14 +60,14 @@ class ResidualUNet(nn.Module):
         )
         self.encode = nn.ModuleList(ResidualBlock(count, count) for count in channels)
         self.shrink = nn.ModuleList(
-            nn.Conv2d(channels[level], channels[level + 1], 2, stride=2) for level in range(depth)
+            nn.Conv2d(channels[level], channels[level + 1], 2, stride=2) for level in range(self.depth)
         )
         self.bottom = nn.Sequential(
             ResidualBlock(channels[-1], channels[-1], dilation=2),
             ResidualBlock(channels[-1], channels[-1], dilation=4),
         )
         self.widen = nn.ModuleList(
-            nn.Conv2d(channels[level + 1], channels[level], 1, bias=False) for level in range(depth)
+            nn.Conv2d(channels[level + 1], channels[level], 1, bias=False) for level in range(self.depth)
         )
         self.decode = nn.ModuleList(ResidualBlock(count, count) for count in channels[:-1])
         self.unfold = nn.Sequential(
@@ -87,9 +79,10 @@ class ResidualUNet(nn.Module):
             nn.Conv2d(FINE_CHANNELS, out_channels, 3, padding=1),
         )
         self.copy = nn.Conv2d(in_channels, out_channels, 1, bias=False)
-        field_level = min(FIELD_LEVEL, depth)
-        self.field_head = nn.Conv2d(channels[field_level], 2, 3, padding=1) if displacement else None
-        self.field_level = field_level
+        self.field_level = min(FIELD_LEVEL, self.depth)
+        self.field_head = (
+            nn.Conv2d(channels[self.field_level], 2, 3, padding=1) if config.displacement else None
+        )
 
     def start(self, generator: torch.Generator) -> None:
         """Draw the weights anew: He's normal (2015); blocks start as the identity (their last gain is 0).
@@ -102,22 +95,13 @@ class ResidualUNet(nn.Module):
                 nn.init.kaiming_normal_(module.weight, nonlinearity="relu", generator=generator)
                 if module.bias is not None:
                     nn.init.zeros_(module.bias)
-        for block in self.modules():
-            if isinstance(block, ResidualBlock):
-                last = block.body[-1]
-                assert isinstance(last, nn.BatchNorm2d)
-                nn.init.zeros_(last.weight)
         # The first output is the input: only what is wrong with it has to be learnt.
-        nn.init.zeros_(self.copy.weight)
+        zero = ("copy.", "refine.2.weight", "field_head.")
         with torch.no_grad():
+            for name, values in self.named_parameters():
+                if name.startswith(zero) or name.endswith("body.4.weight"):
+                    values.zero_()
             self.copy.weight[0, 0] = COPIED_LOG_ODDS
-        last_conv = self.refine[-1]
-        assert isinstance(last_conv, nn.Conv2d)
-        nn.init.zeros_(last_conv.weight)
-        if self.field_head is not None:
-            nn.init.zeros_(self.field_head.weight)
-            assert self.field_head.bias is not None
-            nn.init.zeros_(self.field_head.bias)
 
     def forward(self, x: Tensor, resolution: int | None = None, fade: float = 1.0) -> GeneratorOutput:
         """Translate.

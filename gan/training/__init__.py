@@ -1,3 +1,1 @@
 """Training a translator: data stream, losses, schedule, validation, checkpoints."""
-
-__all__: list[str] = []

@@ -11,7 +11,7 @@ import numpy as np
 
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, BoolArray, ByteArray, Float32Array
 from slamgym.gan.config import AugmentConfig
-from slamgym.gan.translation.derotation import flipped
+from slamgym.gan.translation.derotation import flipped, transformed
 
 DAMAGE_PROBABILITY = 0.35
 """Of each kind of damage: clean maps shall stay common."""
@@ -83,11 +83,7 @@ def _about_centre(side: int, angle_deg: float, zoom: float, shift: tuple[float, 
 def _moved(image: ByteArray, motion: np.ndarray, method: int, fill: int) -> ByteArray:
     if np.array_equal(motion, np.eye(3)):
         return image
-    size = (image.shape[1], image.shape[0])
-    moved = cv2.warpAffine(
-        image, motion[:2], size, flags=method, borderMode=cv2.BORDER_CONSTANT, borderValue=fill
-    )
-    return np.asarray(moved, dtype=np.uint8)
+    return np.asarray(transformed(image, motion[:2], fill, method), dtype=np.uint8)
 
 
 def _wobbled(
@@ -101,14 +97,7 @@ def _wobbled(
     cols, rows = np.meshgrid(np.arange(side, dtype=np.float32), np.arange(side, dtype=np.float32))
     from_cols = (back[0, 0] * cols + back[0, 1] * rows + back[0, 2] + field[..., 0]).astype(np.float32)
     from_rows = (back[1, 0] * cols + back[1, 1] * rows + back[1, 2] + field[..., 1]).astype(np.float32)
-    warped = cv2.remap(
-        image,
-        from_cols,
-        from_rows,
-        cv2.INTER_NEAREST,
-        borderMode=cv2.BORDER_CONSTANT,
-        borderValue=UNKNOWN,
-    )
+    warped = cv2.remap(image, from_cols, from_rows, cv2.INTER_NEAREST, borderValue=UNKNOWN)
     return np.asarray(warped, dtype=np.uint8)
 
 

@@ -144,9 +144,9 @@ class Learner:
         images = encode(torch.from_numpy(cells).to(self.compute.device), encoding)
         return images.contiguous(memory_format=self.compute.memory_format)
 
-    def _features(self, x_small: Tensor, y: Tensor, fade: float) -> dict[str, losses.Features]:
+    def _features(self, x_small: Tensor, y: Tensor, fade: float) -> losses.FeaturesByName:
         """Of pairs, by each discriminator."""
-        features: dict[str, losses.Features] = {}
+        features: losses.FeaturesByName = {}
         if "domain" in self.discriminators:
             features["domain"] = self.discriminators["domain"](x_small, y, fade)
         if "real_fake" in self.discriminators:
@@ -154,12 +154,7 @@ class Learner:
         return features
 
     def _generator_terms(
-        self,
-        output: GeneratorOutput,
-        x_small: Tensor,
-        y: Tensor,
-        real: dict[str, losses.Features],
-        fade: float,
+        self, output: GeneratorOutput, x_small: Tensor, y: Tensor, real: losses.FeaturesByName, fade: float
     ) -> dict[str, Tensor]:
         loss = self.config.loss
         fake = self._features(x_small, output.image, fade)
@@ -194,7 +189,7 @@ class Learner:
         return terms
 
     def _consistency_reference(
-        self, x_small: Tensor, real: dict[str, losses.Features], fade: float
+        self, x_small: Tensor, real: losses.FeaturesByName, fade: float
     ) -> losses.Features:
         if self.config.loss.input_consistency_reference == "y":
             return real["real_fake"]
@@ -208,12 +203,7 @@ class Learner:
         return torch.stack([getattr(weights, name) * term for name, term in terms.items()]).sum()
 
     def _discriminator_terms(
-        self,
-        image: Tensor,
-        x_small: Tensor,
-        other: Tensor | None,
-        real: dict[str, losses.Features],
-        fade: float,
+        self, image: Tensor, x_small: Tensor, other: Tensor | None, real: losses.FeaturesByName, fade: float
     ) -> dict[str, Tensor]:
         """Losses of the discriminators, of eqs. (2) and (3)."""
         kind = self.config.loss.gan
@@ -278,7 +268,7 @@ def measure_seconds(
     The networks in training, their optimisers and the order of the data are not touched.
     """
     learner = Learner(config, compute)
-    sampler = BatchSampler.of(pairs, config, np.random.default_rng(0))
+    sampler = BatchSampler(pairs, config, np.random.default_rng(0))
     measured: dict[tuple[int, int], float] = {}
     for span in schedule.spans:
         key = (span.resolution, span.batch)

@@ -14,6 +14,8 @@ from torch.nn import functional
 GanKind = Literal["lsgan", "bce"]
 Features = Sequence[Sequence[Tensor]]
 """Features per copy, the last one the scores."""
+FeaturesByName = dict[str, Features]
+"""By discriminator."""
 
 
 def adversarial_loss(scores: Tensor, real: bool, kind: GanKind) -> Tensor:

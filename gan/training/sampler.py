@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from slamgym.core.types import ByteArray, IntArray
-from slamgym.gan.config import AugmentConfig, TranslatorTrainingConfig
+from slamgym.gan.config import TranslatorTrainingConfig
 from slamgym.gan.data import PairSet
 from slamgym.gan.training.augmentation import augment
 from slamgym.gan.translation.derotation import MAX_DRIFT_DEG, angle_to_undo_deg, turned
@@ -30,41 +30,21 @@ class Batch:
 class BatchSampler:
     """Draws batches: every pair once per pass, in an order that changes from pass to pass."""
 
-    def __init__(
-        self,
-        pairs: PairSet,
-        config: AugmentConfig,
-        rng: np.random.Generator,
-        damage: bool,
-        margin: float = 0.0,
-        others: bool = True,
-    ) -> None:
-        """Prepare a stream.
+    def __init__(self, pairs: PairSet, config: TranslatorTrainingConfig, rng: np.random.Generator) -> None:
+        """Prepare the stream that a training draws from.
 
         Args:
             pairs: What to draw from.
-            config: How samples are changed.
+            config: Of the training.
             rng: Source of the order and of all changes.
-            damage: Whether SLAM maps are the input and may be damaged.
-            margin: Targets end so far beyond what the robot saw [m], see
-                :func:`slamgym.gan.translation.explored.explored_floor`; 0 leaves them whole.
-            others: Whether unassociated targets are drawn, too.
         """
-        self._pairs = pairs
-        self._config = config
-        self._rng = rng
-        self._damage = damage
-        self._margin = margin
-        self._others = others
+        self._pairs, self._config, self._rng = pairs, config.augment, rng
+        # A SLAM map that is the input may be damaged, and its target ends where it does; as a target it stays.
+        self._damage = config.translator.direction == "slam2cad"
+        self._margin = config.translator.explored_margin if self._damage else 0.0
+        self._others = config.needs_unassociated
         self._order: IntArray = rng.permutation(len(pairs)).astype(np.int64)
         self._position = 0
-
-    @staticmethod
-    def of(pairs: PairSet, config: TranslatorTrainingConfig, rng: np.random.Generator) -> "BatchSampler":
-        """The stream that a training draws from."""
-        to_cad = config.translator.direction == "slam2cad"
-        margin = config.translator.explored_margin if to_cad else 0.0
-        return BatchSampler(pairs, config.augment, rng, to_cad, margin, config.needs_unassociated)
 
     def draw(self, count: int) -> Batch:
         """The next batch of this many pairs."""

@@ -54,10 +54,8 @@ class TrainingDivergedError(SlamgymError):
 
 @dataclass(frozen=True)
 class RunOptions:
-    """How a run is carried out, which doesn't change what is learned (but for ``minutes``)."""
+    """How a run is carried out, which doesn't change what is learned."""
 
-    minutes: float | None = None
-    """Wall-clock time for the whole training; the schedule is stretched to it."""
     checkpoint_minutes: float = 2.0
     """Time between two checkpoints; 0 writes one after every step."""
     stop_after_steps: int | None = None
@@ -132,11 +130,11 @@ class _Training:
         # Nothing here draws from torch's own generator; whatever ever does shall start from the seed.
         torch.manual_seed(config.seed)
         rng = np.random.default_rng(config.seed)
-        self.sampler = BatchSampler.of(self.pairs, config, rng)
+        self.sampler = BatchSampler(self.pairs, config, rng)
         self.schedule = plan_schedule(config.stages, len(self.pairs), config.optimiser)
         self.seconds_used = 0.0
         self.budget: Budget | None = None
-        self.identity = _identity(config, compute, self.pairs, options)
+        self.identity = _identity(config, compute, self.pairs)
         self.figures: dict[str, float] = {}
         if self.checkpoint.exists():
             self._resume()
@@ -226,9 +224,9 @@ class _Training:
 
     def _begin(self, images: Path) -> None:
         """A new run: fit the schedule to the time, write the settings."""
-        if self.options.minutes is not None:
+        if self.config.minutes is not None:
             seconds = measure_seconds(self.schedule, self.pairs, self.config, self.compute)
-            self.budget = Budget(60.0 * self.options.minutes, seconds)
+            self.budget = Budget(60.0 * self.config.minutes, seconds)
             self.schedule = self.budget.fitted(self.schedule, 0, 0.0)
         say(
             f"{len(self.pairs)} training pairs, {len(self.held_out)} held out; {self.schedule.steps:,} steps "
@@ -253,8 +251,8 @@ class _Training:
             self.schedule, spans=tuple(Span(*span) for span in facts["spans"])
         )
         self.seconds_used, self.figures = facts["seconds_used"], facts["figures"]
-        if facts["step_seconds"] is not None and self.options.minutes is not None:
-            self.budget = Budget(60.0 * self.options.minutes, facts["step_seconds"])
+        if facts["step_seconds"] is not None and self.config.minutes is not None:
+            self.budget = Budget(60.0 * self.config.minutes, facts["step_seconds"])
         say(f"going on at step {self.learner.steps_done:,} of {self.schedule.steps:,}")
 
     def _save(self) -> None:
@@ -329,9 +327,7 @@ def _checksum(pairs: PairSet) -> str:
     return f"{zlib.crc32(pairs.slam.data, zlib.crc32(pairs.cad.data)):08x}"
 
 
-def _identity(
-    config: TranslatorTrainingConfig, compute: Compute, pairs: PairSet, options: RunOptions
-) -> dict[str, Any]:
+def _identity(config: TranslatorTrainingConfig, compute: Compute, pairs: PairSet) -> dict[str, Any]:
     """What must be the same for a training to go on."""
     return {
         "preset": config.preset,
@@ -339,5 +335,4 @@ def _identity(
         "configuration": to_dict(config),
         "device": compute.device.type,
         "precision": compute.precision,
-        "span of minutes": options.minutes,
     }

@@ -125,6 +125,19 @@ def padded_for_turning(cells: ByteArray, angle_deg: float, fill: int = UNKNOWN) 
 def _turn(image: np.ndarray, angle_deg: float, method: int, fill: float) -> np.ndarray:
     rows, cols = image.shape
     matrix = cv2.getRotationMatrix2D((0.5 * (cols - 1), 0.5 * (rows - 1)), angle_deg, 1.0)
-    return cv2.warpAffine(
-        image, matrix, (cols, rows), flags=method, borderMode=cv2.BORDER_CONSTANT, borderValue=fill
-    )
+    return transformed(image, matrix, fill, method)
+
+
+def transformed(
+    image: np.ndarray, matrix: np.ndarray, fill: float = UNKNOWN, method: int = cv2.INTER_NEAREST
+) -> np.ndarray:
+    """An image after a motion, same shape.
+
+    Args:
+        image: (H, W).
+        matrix: (2, 3), of (col, row).
+        fill: Value of what comes from beyond the border.
+        method: OpenCV's interpolation.
+    """
+    size = (image.shape[1], image.shape[0])
+    return cv2.warpAffine(image, matrix, size, flags=method, borderMode=cv2.BORDER_CONSTANT, borderValue=fill)

@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 
 from slamgym.core.types import FREE, BoolArray, ByteArray, Float32Array
+from slamgym.gan.translation.classical import without_small
 
 WIDEST_GAP = 2.0
 """Unseen places between free cells at most so far apart count as explored [m]: under a bed, behind a wardrobe."""
@@ -36,12 +37,12 @@ def explored_floor(slam: ByteArray, metres_per_px: float, margin: float) -> Bool
     scale = metres_per_px if np.isfinite(metres_per_px) else USUAL_SCALE
     half_gap, half_ray = 0.5 * WIDEST_GAP / scale, 0.5 * RAY_WIDTH / scale
     border = int(np.ceil(half_gap)) + 2  # closing needs room around what touches the image's border
-    seen = np.pad(_without_salt_noise(slam == FREE, SMALLEST_FREE / scale**2), border)
+    seen = np.pad(without_small(slam == FREE, SMALLEST_FREE / scale**2), border)
     # Opening and closing by a disc are thresholds on distances, at any radius for one price.
-    wide = _distance_to(_distance_to(seen == 0) > half_ray) <= half_ray
+    wide = _distance_to(_distance_to(~seen) > half_ray) <= half_ray
     closed = _distance_to(_distance_to(wide) > half_gap) > half_gap
     # It grows through walls, too: drift displaces them, and what lies behind one by a hand may be in front of it.
-    explored: BoolArray = (_distance_to(closed) <= margin / scale) | (seen > 0)
+    explored: BoolArray = (_distance_to(closed) <= margin / scale) | seen
     return explored[border:-border, border:-border]
 
 
@@ -55,15 +56,6 @@ def limited_to_explored(cad: ByteArray, slam: ByteArray, metres_per_px: float, m
         margin: See :func:`explored_floor`.
     """
     return np.where(explored_floor(slam, metres_per_px, margin), cad, 0).astype(np.uint8)
-
-
-def _without_salt_noise(free: BoolArray, min_px: float) -> ByteArray:
-    """1 in the connected free space of at least so many cells."""
-    _, labels, stats, _ = cv2.connectedComponentsWithStats(free.astype(np.uint8), connectivity=4)
-    large = stats[:, cv2.CC_STAT_AREA] >= min_px
-    large[0] = False
-    kept: BoolArray = large[labels]
-    return kept.astype(np.uint8)
 
 
 def _distance_to(mask: BoolArray) -> Float32Array:

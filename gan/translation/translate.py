@@ -160,7 +160,7 @@ class LearnedTranslator:
         # A small turn cuts nothing off but a sliver of the corners; the training's maps are turned like this, too.
         padded = slam if abs(angle) <= MAX_DRIFT_DEG else padded_for_turning(slam, angle)
         upright = turned(padded, -angle)
-        free = self._free_space(upright, metres_per_px)
+        free = free_probability(self._fitted(upright, UNKNOWN, metres_per_px), self.config.output_encoding)
         if self.config.explored_margin > 0.0:
             scale = metres_per_px or self.config.metres_per_px[1]
             free[~explored_floor(upright, scale, self.config.explored_margin)] = 0.0
@@ -216,9 +216,6 @@ class LearnedTranslator:
     ) -> ByteArray:
         """A CAD map bent as drift would, if there is any."""
         return cad if drift is None else drifted(cad, metres_per_px or self.config.metres_per_px[1], drift)
-
-    def _free_space(self, slam: ByteArray, metres_per_px: float | None) -> Float32Array:
-        return free_probability(self._fitted(slam, UNKNOWN, metres_per_px), self.config.output_encoding)
 
     def _fitted(self, cells: ByteArray, empty: int, metres_per_px: float | None) -> Float32Array:
         """Translate at the network's scale: (C, H, W) of the input's size in [-1, 1].

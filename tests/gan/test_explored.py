@@ -1,5 +1,7 @@
 """Where a SLAM map is evidence of floor, and that targets and translations end there."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -11,6 +13,7 @@ from slamgym.gan.config import AugmentConfig, GeneratorConfig, TranslatorConfig
 from slamgym.gan.data import PairSet
 from slamgym.gan.device import choose_compute
 from slamgym.gan.networks.factory import build_generator
+from slamgym.gan.presets import find_preset
 from slamgym.gan.training.sampler import BatchSampler
 from slamgym.gan.translation.explored import explored_floor, limited_to_explored
 from slamgym.gan.translation.translate import LearnedTranslator
@@ -69,14 +72,19 @@ def test_without_free_space_or_with_single_cells_nothing_is_explored(value):
     assert explored_floor(np.full((30, 40), FREE, np.uint8), SCALE, 0.5).all()
 
 
+def training(margin):
+    config = find_preset("slam2cad")
+    translator = dataclasses.replace(config.translator, explored_margin=margin)
+    return dataclasses.replace(config, translator=translator, augment=AugmentConfig(flips=False))
+
+
 def test_training_targets_end_where_the_map_does():
     cad, slam = (np.stack([image[:60, :60]]) for image in half_explored())
     slam[0, 30:] = UNKNOWN
     pairs = PairSet(cad, slam, ("a",), ("a",), np.array([SCALE]))
-    config = AugmentConfig(flips=False)
-    arguments = (pairs, config, np.random.default_rng(0), True)
-    whole = BatchSampler(*arguments, others=False).draw(1)
-    limited = BatchSampler(*arguments, margin=0.5, others=False).draw(1)
+    whole, limited = (
+        BatchSampler(pairs, training(margin), np.random.default_rng(0)).draw(1) for margin in (0.0, 0.5)
+    )
     assert np.array_equal(whole.cad, cad)
     assert np.array_equal(limited.cad[0], limited_to_explored(cad[0], slam[0], SCALE, 0.5))
     assert (limited.cad != whole.cad).any()

@@ -44,7 +44,7 @@ PROGRESSIVE = TranslatorTrainingConfig(
         generator=GeneratorConfig(width=2),
     ),
     discriminator=DiscriminatorConfig(width=8, patch_width=8),
-    augment=AugmentConfig(turn_deg=1.0, specks=0.02),
+    augment=AugmentConfig(turn_deg=1.0, salt_noise=0.02),
     optimiser=OptimiserConfig(average=0.9),
     stages=(Stage(16, 1.0, 2), Stage(32, 2.0, 2, 1.0, 1)),
     register=True,
@@ -175,13 +175,13 @@ def test_a_rate_far_too_large_diverges_with_an_error(tmp_path, images):
 
 
 def test_too_few_pairs_are_refused(tmp_path, make_images):
-    with pytest.raises(ConfigError, match="at least 2 training pairs, but there are 1"):
+    with pytest.raises(ConfigError, match="at least 2 pairs beside the held-out ones, not 1"):
         train_translator(make_images(tmp_path / "one", count=1), tmp_path / "run", PROGRESSIVE, CPU, QUIET)
 
 
 def test_a_budget_of_time_ends_the_schedule_early(tmp_path, images):
-    config = dataclasses.replace(RESIDUAL, stages=(Stage(32, 1e6, 2),))
-    options = dataclasses.replace(QUIET, minutes=1 / 60, checkpoint_minutes=0.1 / 60)
+    config = dataclasses.replace(RESIDUAL, stages=(Stage(32, 1e6, 2),), minutes=1 / 60)
+    options = dataclasses.replace(QUIET, checkpoint_minutes=0.1 / 60)
     report = train_translator(images, tmp_path / "run", config, CPU, options)
     assert report.finished
     assert report.steps < 1e5  # of three million
@@ -250,7 +250,7 @@ def test_all_terms_are_reported_and_every_network_moves(images, kind, reference)
     loss = LossConfig(gan=kind, input_consistency_reference=reference, cross_entropy=1.0, dice=1.0)
     learner = Learner(dataclasses.replace(PROGRESSIVE, loss=loss), CPU)
     before = {name: [p.clone() for p in n.parameters()] for name, n in learner.networks().items()}
-    sampler = BatchSampler(load_pairs(images, "train", 32), AugmentConfig(), np.random.default_rng(0), True)
+    sampler = BatchSampler(load_pairs(images, "train", 32), learner.config, np.random.default_rng(0))
     terms = learner.step(sampler.draw(2), Moment(32, 2, 0.5, 1.0))
     names = {"domain", "real_fake", "feature_matching", "l1", "cross_entropy", "dice", "total"}
     names |= {"discriminator_domain", "discriminator_real_fake"} | (
@@ -276,7 +276,7 @@ def test_a_step_is_the_same_in_both_memory_layouts(images, layout):
     terms = []
     for chosen in ("auto", layout):
         learner = Learner(RESIDUAL, choose_compute("cpu", "float32", chosen))
-        sampler = BatchSampler.of(load_pairs(images, "train", 32), RESIDUAL, np.random.default_rng(0))
+        sampler = BatchSampler(load_pairs(images, "train", 32), RESIDUAL, np.random.default_rng(0))
         terms.append([learner.step(sampler.draw(2), Moment(32, 2, 1.0, 1.0)) for _ in range(2)])
     for plain, other in zip(*terms, strict=True):
         assert other == pytest.approx(plain, rel=1e-3)  # sums in another order
@@ -288,7 +288,7 @@ def test_compiled_networks_learn_the_same_under_the_same_names(images):
         learner = Learner(RESIDUAL, CPU)
         if compiled:
             learner.compile("eager")  # traced, but not translated to machine code, which takes minutes
-        sampler = BatchSampler.of(load_pairs(images, "train", 32), RESIDUAL, np.random.default_rng(0))
+        sampler = BatchSampler(load_pairs(images, "train", 32), RESIDUAL, np.random.default_rng(0))
         terms.append([learner.step(sampler.draw(2), Moment(32, 2, 1.0, 1.0)) for _ in range(2)])
         names.append([list(network.state_dict()) for network in learner.networks().values()])
     for plain, traced in zip(*terms, strict=True):
@@ -298,8 +298,8 @@ def test_compiled_networks_learn_the_same_under_the_same_names(images):
 
 def test_unassociated_targets_are_drawn_for_discriminators_alone(images):
     pairs = load_pairs(images, "train", 32)
-    with_discriminators = BatchSampler.of(pairs, PROGRESSIVE, np.random.default_rng(0)).draw(2)
-    without = BatchSampler.of(pairs, RESIDUAL, np.random.default_rng(0)).draw(2)
+    with_discriminators = BatchSampler(pairs, PROGRESSIVE, np.random.default_rng(0)).draw(2)
+    without = BatchSampler(pairs, RESIDUAL, np.random.default_rng(0)).draw(2)
     assert with_discriminators.other_cad is not None
     assert without.other_cad is None
 
@@ -325,7 +325,7 @@ def test_the_generators_step_leaves_the_discriminators_alone(images):
             seen.extend(p.grad for p in self.discriminators.parameters())
 
     learner._descend = watched.__get__(learner)
-    sampler = BatchSampler(load_pairs(images, "train", 32), AugmentConfig(), np.random.default_rng(0), True)
+    sampler = BatchSampler(load_pairs(images, "train", 32), learner.config, np.random.default_rng(0))
     learner.step(sampler.draw(2), Moment(32, 2, 1.0, 1.0))
     assert seen
     assert all(grad is None for grad in seen)

@@ -80,7 +80,7 @@ def test_the_generator_refuses_other_resolutions(resolution):
 @pytest.mark.parametrize("channels", [1, 2, 3])
 @pytest.mark.parametrize("displacement", [False, True])
 def test_the_residual_network_draws_at_its_inputs_size(channels, displacement):
-    network = ResidualUNet(channels, 1, width=8, depth=3, displacement=displacement)
+    network = ResidualUNet(channels, 1, GeneratorConfig("residual", 8, 3, displacement=displacement))
     drawing = network(torch.randn(2, channels, 32, 32))
     assert drawing.image.shape == (2, 1, 32, 32)
     assert (drawing.field is not None) == displacement
@@ -91,7 +91,7 @@ def test_the_residual_network_draws_at_its_inputs_size(channels, displacement):
 
 @pytest.mark.parametrize(("fold", "depth"), [(2, 3), (4, 2)])
 def test_the_residual_network_starts_by_copying_its_input(fold, depth):
-    network = ResidualUNet(2, 1, width=8, depth=depth, fold=fold)
+    network = ResidualUNet(2, 1, GeneratorConfig("residual", 8, depth, fold))
     network.start(torch.Generator().manual_seed(0))
     x = torch.randn(2, 2, 32, 32).sign()
     with torch.no_grad():
@@ -107,7 +107,7 @@ def test_a_fold_that_does_not_fit_is_refused(generator, message):
 
 
 def test_the_residual_networks_field_starts_at_zero_and_learns():
-    network = ResidualUNet(2, 1, width=8, depth=3, displacement=True)
+    network = ResidualUNet(2, 1, GeneratorConfig("residual", 8, 3, displacement=True))
     network.start(torch.Generator().manual_seed(0))
     drawing = network(torch.randn(2, 2, 32, 32))
     assert not drawing.field.any()

@@ -1,3 +1,1 @@
 """``slamgym gan <command>``: train, translate, evaluate, publish."""
-
-__all__: list[str] = []

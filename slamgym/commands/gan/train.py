@@ -38,7 +38,6 @@ def run_training(arguments: TrainTranslatorArguments, argv: Sequence[str]) -> in
         torch.set_num_threads(chosen.threads)
     config = training_config(arguments)
     options = RunOptions(
-        minutes=config.minutes,
         compile=chosen.compile,
         checkpoint_minutes=arguments.checkpoint_minutes,
         command=shlex.join(["slamgym", "gan", "train", *argv]),

@@ -57,7 +57,8 @@ def translate_ros_map(
         arguments: Seed of a drift.
     """
     grid = read_ros_map(source)
-    seen = _as_input_cells(grid.cells, translator)
+    to_cad = translator.config.direction == "slam2cad"
+    seen = grid.cells if to_cad else np.where(grid.cells == FREE, FREE, OCCUPIED).astype(np.uint8)
     cells = translator.translate_cells(seen, grid.frame.resolution, drift=_drift(arguments))
     stem = out / source.stem if out.is_dir() else out.with_suffix("") if out.suffix in YAML else out
     return write_ros_map(stem, OccupancyGrid(cells, grid.frame))
@@ -98,12 +99,6 @@ def _as_input(grey: ByteArray, translator: LearnedTranslator) -> ByteArray:
         return classify(grey)
     # In a CAD map all that isn't white is wall or outside.
     return np.where(grey > FREE // 2, FREE, OCCUPIED).astype(np.uint8)
-
-
-def _as_input_cells(cells: ByteArray, translator: LearnedTranslator) -> ByteArray:
-    if translator.config.direction == "slam2cad":
-        return cells
-    return np.where(cells == FREE, FREE, OCCUPIED).astype(np.uint8)
 
 
 def _image_destination(out: Path, source: Path) -> Path:
