@@ -66,7 +66,7 @@ def main() -> None:
         for way_back in WAYS_BACK:
             answers[f"CAD map at {size} x {size}, {way_back}"] = (coarse(size, way_back), 0)
     answers["CAD map without its inner walls"] = (
-        lambda p, i: outline_only(p.cad[i], float(p.metres_per_px[i])),
+        lambda p, i: outline_only(p.cad[i], p.scale(i)),
         0,
     )
     answers["raw SLAM map, walls of both thicker by 1 px"] = (
@@ -109,7 +109,7 @@ def _score(free: BoolArray, pairs: PairSet, i: int, thicker: int) -> tuple[float
     cad: ByteArray = pairs.cad[i]
     if thicker:
         cad = np.where(thickened(cad > 127, thicker), FREE, 0).astype(np.uint8)
-    score = score_map(free, cad, float(pairs.metres_per_px[i]))
+    score = score_map(free, cad, pairs.scale(i))
     return score.mse, score["wall_f1_10cm"], score["room_error"]
 
 

@@ -41,6 +41,10 @@ class PairSet:
     def __len__(self) -> int:
         return len(self.names)
 
+    def scale(self, index: int) -> float:
+        """Metres per pixel of one pair; nan if they aren't known."""
+        return float(self.metres_per_px[index])
+
     def subset(self, indices: Sequence[int]) -> "PairSet":
         """The pairs with these indices."""
         chosen = np.asarray(indices, dtype=np.int64)

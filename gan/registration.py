@@ -1,6 +1,6 @@
 """Lay SLAM maps over their CAD maps before a translator learns from them.
 
-A SLAM map starts where the robot starts, and drift shifts, turns and scales it as a whole. No network can tell from
+A SLAM map starts where the robot starts, and drift shifts, turns and scales it as a whole. No network can know from
 the map how far it is off, and the evaluation doesn't ask (it aligns every translation by a similarity); unaligned
 pairs only teach it to blur walls over all the places where they might be. Of the error of simulated pairs two fifths
 are of this kind (docs/gan_training.md).

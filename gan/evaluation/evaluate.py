@@ -77,33 +77,25 @@ def baselines() -> list[TranslationMethod]:
     misses.
     """
     return [
-        TranslationMethod(RAW, lambda pairs, i: (pairs.slam[i] == FREE).astype(np.float32)),
-        TranslationMethod(
-            BLURRED, lambda pairs, i: _blurred(pairs.slam[i] == FREE, float(pairs.metres_per_px[i]))
-        ),
-        TranslationMethod(
-            CLEANED,
-            lambda pairs, i: clean_map(pairs.slam[i], float(pairs.metres_per_px[i])).astype(np.float32),
-        ),
-        TranslationMethod(
-            OUTLINE,
-            lambda pairs, i: outline_only(pairs.cad[i], float(pairs.metres_per_px[i])).astype(np.float32),
-        ),
+        TranslationMethod(RAW, lambda pairs, i: _probability(pairs.slam[i] == FREE)),
+        TranslationMethod(BLURRED, lambda pairs, i: _blurred(pairs.slam[i] == FREE, pairs.scale(i))),
+        TranslationMethod(CLEANED, lambda pairs, i: _probability(clean_map(pairs.slam[i], pairs.scale(i)))),
+        TranslationMethod(OUTLINE, lambda pairs, i: _probability(outline_only(pairs.cad[i], pairs.scale(i)))),
     ]
 
 
+def _probability(free: BoolArray) -> Float32Array:
+    return free.astype(np.float32)
+
+
 def _blurred(free: BoolArray, metres_per_px: float) -> Float32Array:
-    blurred = cv2.GaussianBlur(free.astype(np.float32), (0, 0), BLUR / metres_per_px)
+    blurred = cv2.GaussianBlur(_probability(free), (0, 0), BLUR / metres_per_px)
     return np.asarray(blurred, dtype=np.float32)
 
 
 def learned(name: str, translator: Translator) -> TranslationMethod:
-    """A method that asks a translator."""
-    return TranslationMethod(
-        name,
-        lambda pairs, i: translator.translate(pairs.slam[i], float(pairs.metres_per_px[i])),
-        learned=True,
-    )
+    """A method that runs a translator."""
+    return TranslationMethod(name, lambda pairs, i: translator.translate(pairs.slam[i], pairs.scale(i)), True)
 
 
 def evaluate_method(
@@ -130,7 +122,7 @@ def evaluate_method(
         probability = np.asarray(method.predict(pairs, i))
         seconds = time.process_time() - begun
         _check(method.name, probability, pairs.slam[i].shape)
-        scale, name, plan = float(pairs.metres_per_px[i]), pairs.names[i], pairs.plan_ids[i]
+        scale, name, plan = pairs.scale(i), pairs.names[i], pairs.plan_ids[i]
         scores.append(score_map(probability, pairs.cad[i], scale, name, plan, seconds))
         if advance is not None:
             advance()

@@ -63,7 +63,7 @@ def load_generated(folder: Path, pairs: PairSet) -> tuple[PairSet, ByteArray]:
             f"holds maps of {len(found)} of the {len(pairs)} test pairs, but {MINIMUM} are needed; name them "
             f"like the pairs, e.g. {pairs.names[0]}.png",
         )
-    maps = [_load(path, pairs.cad[index], float(pairs.metres_per_px[index])) for index, path in found]
+    maps = [_load(path, pairs.cad[index], pairs.scale(index)) for index, path in found]
     return pairs.subset([index for index, _ in found]), np.stack(maps)
 
 

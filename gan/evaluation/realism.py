@@ -81,7 +81,7 @@ def describe_maps(maps: ByteArray, pairs: PairSet) -> Statistics:
     """
     described = []
     for i in range(len(pairs)):
-        scale = float(pairs.metres_per_px[i])
+        scale = pairs.scale(i)
         rng = np.random.default_rng(i)  # picks pairs of wall cells, the same for every kind of map
         described.append(
             map_statistics(maps[i], scale) | displacement_statistics(maps[i], pairs.cad[i] <= 127, scale, rng)

@@ -85,7 +85,7 @@ class ResidualUNet(nn.Module):
         )
 
     def start(self, generator: torch.Generator) -> None:
-        """Draw the weights anew: He's normal (2015); blocks start as the identity (their last gain is 0).
+        """Initialise the weights: He's normal (2015); blocks start as the identity (their last gain is 0).
 
         Args:
             generator: Source of the draws.

@@ -79,7 +79,7 @@ class BatchSampler:
             return self._changed(index, np.random.default_rng(self._rng.integers(0, 2**63)))
         other = self._other(index)
         own, others = (np.random.default_rng(seed) for seed in self._rng.integers(0, 2**63, 2))
-        # Unassociated targets go through the same transform, lest the discriminator tell them by it.
+        # Unassociated targets go through the same transform, lest the discriminator recognise them by it.
         return *self._changed(index, own), *self._changed(other, others)
 
     def _changed(self, index: int, rng: np.random.Generator) -> tuple[ByteArray, ByteArray]:
@@ -87,7 +87,7 @@ class BatchSampler:
         cad, slam = augment(pairs.cad[index], pairs.slam[index], self._config, rng, self._damage)
         if self._margin > 0.0:
             # The zoom changes the scale by a few per cent, which the margin needn't know.
-            cad = limited_to_explored(cad, slam, float(pairs.metres_per_px[index]), self._margin)
+            cad = limited_to_explored(cad, slam, pairs.scale(index), self._margin)
         return cad, slam
 
     def _other(self, index: int) -> int:

@@ -63,7 +63,7 @@ def _validate_cad(
         shown[index] = np.rint(free * FREE)
         truth = pairs.cad[index] > FREE // 2
         slam = pairs.slam[index] == FREE
-        tolerance = _tolerance_px(float(pairs.metres_per_px[index]))
+        tolerance = _tolerance_px(pairs.scale(index))
         walls = outline(truth)
         rows.append(
             (

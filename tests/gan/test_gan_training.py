@@ -7,7 +7,7 @@ import signal
 import numpy as np
 import pytest
 import torch
-from safetensors.torch import load_file
+from safetensors.torch import load_file, save_file
 
 from slamgym.commands.gan.arguments import train_command as main
 from slamgym.core.errors import ConfigError, InputFileError
@@ -137,6 +137,14 @@ def test_other_images_in_the_same_folder_are_refused(tmp_path, images, make_imag
     others = make_images(tmp_path / "others", count=6, first=30)
     with pytest.raises(ConfigError, match="another set of images"):
         train_translator(others, tmp_path / "run", PROGRESSIVE, CPU, QUIET)
+
+
+def test_a_checkpoint_of_another_version_is_one_clear_error(tmp_path):
+    save_file(
+        {"x": torch.zeros(1)}, tmp_path / "old.safetensors", metadata={"format": "slamgym-gan-checkpoint-1"}
+    )
+    with pytest.raises(InputFileError, match=r"not a checkpoint of this version .*another folder"):
+        load_training_state(tmp_path / "old.safetensors")
 
 
 def test_a_damaged_checkpoint_is_one_clear_error(tmp_path, images):
