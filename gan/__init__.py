@@ -1,1 +1,3 @@
 """Generative models between SLAM maps and CAD maps."""
+
+__all__: list[str] = []

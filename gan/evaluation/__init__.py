@@ -1,1 +1,3 @@
 """Translators measured: scores, tables, realism, pictures."""
+
+__all__: list[str] = []

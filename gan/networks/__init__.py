@@ -1,1 +1,3 @@
 """The networks: generators, discriminators and their layers."""
+
+__all__: list[str] = []

@@ -1,1 +1,3 @@
 """``slamgym gan <command>``: train, translate, evaluate, publish."""
+
+__all__: list[str] = []
