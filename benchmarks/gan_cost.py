@@ -1,9 +1,9 @@
 """What training the translators costs: GFLOP and CPU seconds per image, beside the published code's.
 
-One thread, batch 4, a whole step (generator, both judges, three optimisers, augmentation left out). The
+One thread, batch 4, a whole step (generator, both discriminators, three optimisers, augmentation left out). The
 published code (anime2clothing, which the paper uses) took 0.616, 1.75, 5.72 and 18.9 CPU seconds per image at
 32, 64, 128 and 256 px on a machine of the same kind; FLOPs don't depend on the machine. ``identical`` is the
-same graph in single precision with unneeded gradients left out, ``halved`` has the patch judges' channels
+same graph in single precision with unneeded gradients left out, ``halved`` has the patch discriminators' channels
 halved, ``bfloat16`` mixes precisions.
 
     python benchmarks/gan_cost.py [--resolutions 32 64] [--steps 2]
@@ -18,9 +18,9 @@ import torch
 from report import print_and_save
 from torch.utils.flop_counter import FlopCounterMode
 
-from slamgym.gan.config import DiscriminatorConfig, TrainConfig
+from slamgym.gan.config import DiscriminatorConfig, TranslatorTrainingConfig
 from slamgym.gan.device import Compute
-from slamgym.gan.presets import PRESETS
+from slamgym.gan.presets import TRANSLATOR_PRESETS
 from slamgym.gan.training.learner import Learner
 from slamgym.gan.training.sampler import Batch
 from slamgym.gan.training.schedule import Moment
@@ -43,20 +43,26 @@ def main() -> None:
     parser.add_argument("--steps", type=int, default=2, help="measured steps after one to warm up")
     arguments = parser.parse_args()
     torch.set_num_threads(1)
-    paper = PRESETS["modelprog"]
+    paper = TRANSLATOR_PRESETS["modelprog"]
     halved = dataclasses.replace(paper, discriminator=DiscriminatorConfig(patch_width=64))
     rows = []
     for side in arguments.resolutions:
         rows.append(measure("identical", paper, side, 4, "float32", arguments.steps))
-        rows.append(measure("halved patch judges", halved, side, 4, "float32", arguments.steps))
+        rows.append(measure("halved patch discriminators", halved, side, 4, "float32", arguments.steps))
         rows.append(measure("halved, bfloat16", halved, side, 4, "bfloat16", arguments.steps))
-    rows.append(measure("slam2cad (default)", PRESETS["slam2cad"], 256, 8, "float32", arguments.steps))
-    rows.append(measure("slam2cad (default)", PRESETS["slam2cad"], 256, 8, "bfloat16", arguments.steps))
+    rows.append(
+        measure("slam2cad (default)", TRANSLATOR_PRESETS["slam2cad"], 256, 8, "float32", arguments.steps)
+    )
+    rows.append(
+        measure("slam2cad (default)", TRANSLATOR_PRESETS["slam2cad"], 256, 8, "bfloat16", arguments.steps)
+    )
     rows.append(inference())
     print_and_save("gan_cost", "Cost of one image (training step; last row: a translation)", rows, COLUMNS)
 
 
-def measure(name: str, config: TrainConfig, side: int, batch_size: int, precision: str, steps: int) -> list:
+def measure(
+    name: str, config: TranslatorTrainingConfig, side: int, batch_size: int, precision: str, steps: int
+) -> list:
     compute = Compute(torch.device("cpu"), precision)  # type: ignore[arg-type]
     learner = Learner(config, compute)
     batch = random_batch(batch_size, config.translator.input_size)
@@ -74,8 +80,8 @@ def measure(name: str, config: TrainConfig, side: int, batch_size: int, precisio
 
 def inference() -> list:
     """One map of 256 px through the default translator, derotation and resampling included."""
-    config = PRESETS["slam2cad"].translator
-    learner = Learner(PRESETS["slam2cad"], Compute(torch.device("cpu"), "float32"))
+    config = TRANSLATOR_PRESETS["slam2cad"].translator
+    learner = Learner(TRANSLATOR_PRESETS["slam2cad"], Compute(torch.device("cpu"), "float32"))
     translator = LearnedTranslator(learner.generator.eval(), config, ModelCard(), learner.compute)
     slam = random_batch(1, 256).slam[0]
     with FlopCounterMode(display=False) as counter:

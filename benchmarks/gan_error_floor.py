@@ -1,7 +1,7 @@
 """What the mean squared error of a perfect answer would be at a coarse resolution, and of answers that game it.
 
 The CAD map itself is reduced to the resolution of a network's output, brought back (interpolated, or binary pixel by
-pixel), and judged like any translation. Walls of both maps are also thickened, to see how much that decides.
+pixel), and measured like any translation. Walls of both maps are also thickened, to see how much that decides.
 
 Run: ``python benchmarks/gan_error_floor.py IMAGES [--count 150]``.
 """
@@ -66,7 +66,7 @@ def main() -> None:
         for way_back in WAYS_BACK:
             answers[f"CAD map at {size} x {size}, {way_back}"] = (coarse(size, way_back), 0)
     answers["CAD map without its inner walls"] = (
-        lambda p, i: outline_only(p.cad[i], float(p.metres_per_px[i])),
+        lambda p, i: outline_only(p.cad[i], p.scale(i)),
         0,
     )
     answers["raw SLAM map, walls of both thicker by 1 px"] = (
@@ -109,8 +109,8 @@ def _score(free: BoolArray, pairs: PairSet, i: int, thicker: int) -> tuple[float
     cad: ByteArray = pairs.cad[i]
     if thicker:
         cad = np.where(thickened(cad > 127, thicker), FREE, 0).astype(np.uint8)
-    score = score_map(free, cad, float(pairs.metres_per_px[i]))
-    return score.mse, score.wall_f1_10cm, score.room_error
+    score = score_map(free, cad, pairs.scale(i))
+    return score.mse, score["wall_f1_10cm"], score["room_error"]
 
 
 if __name__ == "__main__":

@@ -13,10 +13,10 @@ import numpy as np
 import torch
 from report import print_and_save
 
-from slamgym.gan.config import TrainConfig
-from slamgym.gan.device import Layout, choose_compute
+from slamgym.gan.config import MemoryLayout, TranslatorTrainingConfig
+from slamgym.gan.device import choose_compute
 from slamgym.gan.networks.layers import count_parameters
-from slamgym.gan.presets import PRESETS
+from slamgym.gan.presets import TRANSLATOR_PRESETS
 from slamgym.gan.training.learner import Learner
 from slamgym.gan.training.sampler import Batch
 from slamgym.gan.training.schedule import Moment
@@ -34,17 +34,22 @@ def main() -> None:
     arguments = parser.parse_args()
     torch.set_num_threads(arguments.threads)
     rows: list[list] = []
-    ways: list[tuple[Layout, bool]] = [("contiguous", False), ("channels_last", False)]
+    ways: list[tuple[MemoryLayout, bool]] = [("contiguous", False), ("channels_last", False)]
     if arguments.compile:
         ways.append(("auto", True))
     for name in ("slam2cad", "slam2cad-fold4"):
-        rows += [measure(name, PRESETS[name], layout, compiled, arguments.steps) for layout, compiled in ways]
+        rows += [
+            measure(name, TRANSLATOR_PRESETS[name], layout, compiled, arguments.steps)
+            for layout, compiled in ways
+        ]
     first = rows[0][3]
     rows = [[*row[:4], round(row[3] / first, 3), row[4]] for row in rows]
     print_and_save("gan_step", "A training step of the default translator, batch 8, 256 px", rows, COLUMNS)
 
 
-def measure(name: str, config: TrainConfig, layout: Layout, compiled: bool, steps: int) -> list:
+def measure(
+    name: str, config: TranslatorTrainingConfig, layout: MemoryLayout, compiled: bool, steps: int
+) -> list:
     learner = Learner(config, choose_compute("cpu", "auto", layout))
     if compiled:
         learner.compile()
@@ -57,7 +62,7 @@ def measure(name: str, config: TrainConfig, layout: Layout, compiled: bool, step
     return [name, options, count_parameters(learner.generator), round(seconds, 4), round(warm_up, 1)]
 
 
-def random_batch(config: TrainConfig) -> Batch:
+def random_batch(config: TranslatorTrainingConfig) -> Batch:
     rng = np.random.default_rng(0)
     shape = (config.stages[-1].batch, config.translator.input_size, config.translator.input_size)
     slam = rng.choice(np.array([0, 205, 254], np.uint8), shape)

@@ -1,4 +1,4 @@
-"""Write the measured tables of docs/gan.md anew from the results in benchmarks/results.
+"""Write the measured tables of docs/gan.md again from the results in benchmarks/results.
 
 A table stands in the page between ``<!-- table: NAME -->`` and ``<!-- end -->``; NAME is ``evaluation``,
 ``realism``, ``medians`` or the stem of a benchmark's JSON file. A place whose results don't exist stays as it is.

@@ -1,8 +1,8 @@
-"""What each choice in the default translator is worth: variants trained for equal time, judged on validation plans.
+"""What each choice in the default translator is worth: variants trained for equal time, measured on validation plans.
 
 The validation plans are those that every training holds out; the test plans aren't looked at. Errors are aligned as in
-``slamgym gan evaluate``. Finished trainings are kept, an interrupted one goes on; with the shipped weights behind them
-the table ends with what averaging over flips is worth.
+``slamgym gan evaluate``. Finished trainings are kept, an interrupted one goes on; the table ends with the pretrained
+weights, averaged over more and more flips.
 
 Run: ``python benchmarks/gan_variants.py IMAGES -o OUT [--minutes 6]``. Trainings run one after the other, each on one
 thread; run two with halves of ``--only`` beside each other on two cores.
@@ -17,7 +17,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")  # before numpy and torch start th
 import numpy as np
 from report import print_and_save
 
-from slamgym.commands.gan.train import main as train
+from slamgym.commands.gan.arguments import train_command
 from slamgym.gan.data import PairSet, load_pairs
 from slamgym.gan.evaluation.evaluate import MapScore, baselines, evaluate_method, learned
 from slamgym.gan.presets import find_preset
@@ -29,7 +29,7 @@ VARIANTS: dict[str, tuple[str, tuple[str, ...]]] = {
     "slam2cad": ("slam2cad", ()),
     "4 x 4 pixels folded": ("slam2cad-fold4", ()),
     "with a displacement field": ("slam2cad", ("translator.generator.displacement=true",)),
-    "with both judges": ("slam2cad-gan", ()),
+    "with both discriminators": ("slam2cad-gan", ()),
     "all pairs resampled": ("slam2cad", ("augment.resampled=1.0",)),
     "pairs not registered": ("slam2cad", ("register=false",)),
 }
@@ -62,7 +62,7 @@ def main() -> None:
     raw = np.array([score.mse for score in evaluate_method(baselines()[0], pairs)])
     rows = [row(name, load_translator(folder), pairs, raw) for name, folder in folders.items()]
     for flips in FLIPS:
-        name = "shipped weights" if flips == 1 else f"shipped weights, mean over {flips} flips"
+        name = "pretrained weights" if flips == 1 else f"pretrained weights, mean over {flips} flips"
         rows.append(row(name, load_translator("slam2cad", flips=flips), pairs, raw))
     title = f"Variants of slam2cad, {arguments.minutes:g} minutes each; {len(pairs)} maps of validation plans"
     columns = (
@@ -74,7 +74,7 @@ def main() -> None:
 def train_variant(images: Path, run: Path, name: str, minutes: float) -> None:
     preset, settings = VARIANTS[name]
     arguments = [str(images), "-o", str(run), "--preset", preset, "--minutes", str(minutes), "--threads", "1"]
-    train([*arguments, "--set", *settings] if settings else arguments)
+    train_command([*arguments, "--set", *settings] if settings else arguments)
 
 
 def row(name: str, translator: LearnedTranslator, pairs: PairSet, raw: np.ndarray) -> tuple[object, ...]:
@@ -94,7 +94,7 @@ def row(name: str, translator: LearnedTranslator, pairs: PairSet, raw: np.ndarra
 
 
 def _column(scores: list[MapScore], name: str) -> np.ndarray:
-    return np.array([getattr(score, name) for score in scores], dtype=np.float64)
+    return np.array([score[name] for score in scores], dtype=np.float64)
 
 
 if __name__ == "__main__":

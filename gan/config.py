@@ -23,6 +23,8 @@ from slamgym.core.errors import ConfigError
 Direction = Literal["slam2cad", "cad2slam"]
 Encoding = Literal["grey", "free_occupied", "rgb"]
 Precision = Literal["auto", "float32", "bfloat16"]
+DeviceName = Literal["auto", "cpu", "cuda", "mps"]
+MemoryLayout = Literal["auto", "channels_last", "contiguous"]
 
 CHANNELS: dict[Encoding, int] = {"grey": 1, "free_occupied": 2, "rgb": 3}
 """Channels of a map in each encoding; all values lie in [-1, 1]."""
@@ -46,7 +48,7 @@ class Stage(NamedTuple):
 
 
 class GeneratorConfig(Settings, section="generator"):
-    """The network that draws the translation."""
+    """The network that computes the translation."""
 
     kind: Literal["progressive", "residual"] = "progressive"
     """``progressive``: U-Net with a head per resolution (anime2clothing); ``residual``: one resolution,
@@ -65,19 +67,19 @@ class GeneratorConfig(Settings, section="generator"):
 
 
 class DiscriminatorConfig(Settings, section="discriminator"):
-    """The two judges: of the pair (domain) and of the image alone (real/fake)."""
+    """The two discriminators: of the pair (domain) and of the image alone (real/fake)."""
 
     domain: bool = True
-    """Judge whether the output belongs to the input."""
+    """Use the domain discriminator: does the output belong to the input?"""
     real_fake: bool = True
-    """Judge patches of the output alone."""
+    """Use the real/fake discriminator, which sees patches of the output alone."""
     width: int = 128
     """Channels of the deepest levels; a level of side s has min(16 * 256 / s * width / 128, width)."""
     patch_width: int = 128
-    """The same for the second and third copy of the real/fake judge, which work at full resolution and
+    """The same for the second and third copy of the real/fake discriminator, which work at full resolution and
     make up nine tenths of its cost."""
     unassociated: bool = True
-    """Show the domain judge targets of other places as wrong answers."""
+    """Show the domain discriminator targets of other places as negatives."""
 
     def _check(self) -> None:
         if self.width < 8 or self.patch_width < 8 or self.width % 8 or self.patch_width % 8:
@@ -118,12 +120,6 @@ class LossConfig(Settings, section="loss"):
         if not self.layer_weights:
             raise ConfigError("loss.layer_weights is empty; give at least one weight")
 
-    @property
-    def adversarial(self) -> bool:
-        """Whether any term needs a discriminator."""
-        consistency = self.input_consistency if self.input_consistency_reference != "none" else 0.0
-        return max(self.domain, self.real_fake, self.feature_matching, consistency) > 0.0
-
 
 class AugmentConfig(Settings, section="augment"):
     """Changes to the training pairs; those from ``turn_deg`` on touch the SLAM map alone (slam2cad)."""
@@ -139,13 +135,13 @@ class AugmentConfig(Settings, section="augment"):
     pixel at random; the others are shifted by whole pixels, as maps in use lie on their own grid."""
     turn_deg: Annotated[float, Within(ge=0.0, le=45.0)] = 0.0
     """Standard deviation of a turn of the SLAM map [deg]; the published code turns it by up to 3."""
-    specks: ShareBelowOne = 0.0
+    salt_noise: ShareBelowOne = 0.0
     """Largest share of pixels that become occupied or free at random."""
-    broken_walls: ShareBelowOne = 0.0
+    wall_dropout: ShareBelowOne = 0.0
     """Largest share of the walls that is erased in blobs."""
     unknown: ShareBelowOne = 0.0
     """Largest share of the image that becomes unknown in blobs."""
-    cut_off: ShareBelowOne = 0.0
+    occlusion: ShareBelowOne = 0.0
     """Probability that a half-plane of the SLAM map was never seen."""
     wobble_px: Annotated[float, Within(ge=0.0, le=32.0)] = 0.0
     """Amplitude of a smooth random distortion of the SLAM map [px]: more drift than the data has."""
@@ -164,7 +160,7 @@ class OptimiserConfig(Settings, section="optimiser"):
     decay: Share = 0.3
     """Share of the training, at its end, over which the rate falls linearly to 0 (225 of 750 epochs)."""
     average: ShareBelowOne = 0.0
-    """Decay of a moving average of the generator's weights, which is then what is shipped; 0 keeps none."""
+    """Decay of a moving average of the generator's weights, which then become the weights of the run; 0 keeps none."""
     clip_norm: float = 0.0
     """Largest norm of the generator's gradient; 0 doesn't clip."""
 
@@ -180,15 +176,15 @@ class TranslatorConfig(Settings, section="translator"):
     input_size: Side = 256
     """Side of the image that the network sees [px]."""
     output_size: Side = 256
-    """Side of the image that it draws [px]."""
+    """Side of the image that it gives [px]."""
     input_encoding: Encoding = "rgb"
     output_encoding: Encoding = "rgb"
     derotate: bool = False
     """Turn SLAM maps so that most walls lie along the axes before they are translated."""
     flips: Annotated[int, Within(ge=1, le=8, power_of_two=True)] = 1
     """Of how many flips and quarter turns the translation is the mean: 1, 2, 4 or 8."""
-    reach: NonNegative = 0.5
-    """Floor is drawn at most so far beyond what the robot saw [m], and targets end there (slam2cad); 0 draws it
+    explored_margin: NonNegative = 0.5
+    """Floor is predicted at most so far beyond what the robot saw [m], and targets end there (slam2cad); 0 allows it
     anywhere."""
     metres_per_px: tuple[Positive, Positive, Positive] = (0.04, 0.06, 0.1)
     """Smallest, middle and largest scale of the training images (5th, 50th and 95th percentile) [m/px of
@@ -203,14 +199,14 @@ class TranslatorConfig(Settings, section="translator"):
             )
         if self.generator.kind == "residual":
             if self.output_size != self.input_size:
-                raise ConfigError("the residual generator draws at the input's size: set output_size to it")
+                raise ConfigError("the residual generator works at the input's size: set output_size to it")
             if self.input_size // self.generator.fold >> self.generator.depth < 2:
                 raise ConfigError(
                     f"generator.depth {self.generator.depth} is too much for {self.input_size} px"
                 )
 
 
-class TrainConfig(Settings):
+class TranslatorTrainingConfig(Settings):
     """Everything that decides what a training run makes, apart from the images."""
 
     preset: str = "model32"
@@ -225,10 +221,10 @@ class TrainConfig(Settings):
     """Move each SLAM map onto its CAD map by the best similarity before anything is learnt
     (:mod:`slamgym.gan.registration`)."""
     start_from: str = ""
-    """Weights that the generator starts with instead of random ones: a shipped name, a file, or a run's folder."""
+    """Weights that the generator starts with instead of random ones: a pretrained name, a file, or a run's folder."""
     seed: int = 0
     minutes: Positive | None = None
-    """Wall-clock time of a training that isn't told epochs or minutes; None goes by the stages' epochs."""
+    """Wall-clock time of the whole training, to which the schedule is stretched; None goes by the stages' epochs."""
     validation: Annotated[float, Within(ge=0.0, le=0.5)] = 0.04
     """Share of the training plans that is held out to watch the training (at most 64 pairs are looked at)."""
 
@@ -252,6 +248,6 @@ class TrainConfig(Settings):
 
     @property
     def needs_unassociated(self) -> bool:
-        """Whether a judge is shown targets of other places."""
-        judged = self.discriminator.domain and max(self.loss.domain, self.loss.feature_matching) > 0.0
-        return judged and self.discriminator.unassociated
+        """Whether the domain discriminator is shown targets of other places."""
+        used = self.discriminator.domain and max(self.loss.domain, self.loss.feature_matching) > 0.0
+        return used and self.discriminator.unassociated

@@ -3,7 +3,7 @@
 Two layouts are taken:
 
 * ``IMAGES/{train,test}/{A,B}/<name>.png``, as `slamgym dataset render` writes them, with ``manifest.jsonl`` beside,
-  which tells plans and scales;
+  with plans and scales;
 * ``IMAGES/{A,B}/<name>.png``: any folder of pairs, without splits.
 
 A is the CAD map (0 walls and outside, 254 inside), B the SLAM map (0 occupied, 205 unknown, 254 free). All
@@ -14,13 +14,13 @@ is a plan of its own.
 import hashlib
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
 import numpy as np
 
-from slamgym.core.errors import ConfigError, InputFileError
+from slamgym.core.errors import InputFileError
 from slamgym.core.types import ByteArray, FloatArray
 from slamgym.gan.encoding import resample_grey, resample_slam
 
@@ -35,11 +35,15 @@ class PairSet:
     slam: ByteArray  # (N, S, S)
     names: tuple[str, ...]
     plan_ids: tuple[str, ...]
-    """Pairs of one plan must not be torn apart by a split."""
-    metres_per_px: FloatArray  # (N,) of these images; nan where the manifest doesn't tell
+    """Pairs of one plan must not be separated by a split."""
+    metres_per_px: FloatArray  # (N,) of these images; nan where the manifest has none
 
     def __len__(self) -> int:
         return len(self.names)
+
+    def scale(self, index: int) -> float:
+        """Metres per pixel of one pair; nan if they aren't known."""
+        return float(self.metres_per_px[index])
 
     def subset(self, indices: Sequence[int]) -> "PairSet":
         """The pairs with these indices."""
@@ -57,12 +61,11 @@ class PairSet:
         if self.cad.shape[1:] == (size, size):
             return self
         factor = self.cad.shape[1] / size
-        return PairSet(
-            np.stack([resample_grey(image, (size, size)) for image in self.cad]),
-            np.stack([resample_slam(image, (size, size)) for image in self.slam]),
-            self.names,
-            self.plan_ids,
-            self.metres_per_px * factor,
+        return replace(
+            self,
+            cad=np.stack([resample_grey(image, (size, size)) for image in self.cad]),
+            slam=np.stack([resample_slam(image, (size, size)) for image in self.slam]),
+            metres_per_px=self.metres_per_px * factor,
         )
 
     def split(self, share: float) -> tuple["PairSet", "PairSet"]:
@@ -100,7 +103,7 @@ def load_pairs(root: Path | str, split: str, size: int, limit: int | None = None
     folder = _split_folder(root, split)
     files = _matched(folder)
     names = sorted(files)[:limit]
-    told = _manifest(root)
+    recorded = _manifest(root)
     cad = np.empty((len(names), size, size), dtype=np.uint8)
     slam = np.empty_like(cad)
     scales = np.full(len(names), np.nan)
@@ -109,14 +112,9 @@ def load_pairs(root: Path | str, split: str, size: int, limit: int | None = None
         a, b = (read_grey(path) for path in files[name])
         side = _check_shapes(files[name], a, b, side)
         cad[index], slam[index] = resample_grey(a, (size, size)), resample_slam(b, (size, size))
-        scales[index] = told.get(name, ("", np.nan))[1] * side / size
-    plans = tuple(told.get(name, (name, np.nan))[0] for name in names)
+        scales[index] = recorded.get(name, ("", np.nan))[1] * side / size
+    plans = tuple(recorded.get(name, (name, np.nan))[0] for name in names)
     return PairSet(cad, slam, tuple(names), plans, scales)
-
-
-def has_split(root: Path | str, split: str) -> bool:
-    """Whether a folder of images has this split."""
-    return (Path(root) / split / "A").is_dir()
 
 
 def read_grey(path: Path) -> ByteArray:
@@ -198,29 +196,19 @@ def _manifest(root: Path) -> dict[str, tuple[str, float]]:
     path = root / "manifest.jsonl"
     if not path.is_file():
         return {}
-    told: dict[str, tuple[str, float]] = {}
+    recorded: dict[str, tuple[str, float]] = {}
     for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), start=1):
         try:
             values = json.loads(line)
-            # Near-duplicates of a plan form a group; they must not be torn apart either.
+            # Near-duplicates of a plan form a group; they must not be separated either.
             plan = values.get("group") or values["plan_id"]
-            told[str(values["name"])] = (str(plan), float(values["metres_per_px"]))
+            recorded[str(values["name"])] = (str(plan), float(values["metres_per_px"]))
         except (ValueError, TypeError, KeyError) as error:
             raise InputFileError(f"{path}:{number}", f"is not a record of an image pair ({error})") from error
-    return told
+    return recorded
 
 
 def _place(plan_id: str) -> float:
     """A fixed number in [0, 1) for a plan."""
     digest = hashlib.sha256(plan_id.encode()).digest()
     return int.from_bytes(digest[:8], "big") / 2.0**64
-
-
-def require_pairs(pairs: PairSet, minimum: int, what: str) -> None:
-    """Refuse a set that is too small to train with.
-
-    Raises:
-        ConfigError: If it has fewer than ``minimum`` pairs.
-    """
-    if len(pairs) < minimum:
-        raise ConfigError(f"{what} needs at least {minimum} training pairs, but there are {len(pairs)}")

@@ -7,11 +7,9 @@ from typing import Literal, TypeVar
 import torch
 
 from slamgym.core.errors import ConfigError
-from slamgym.gan.config import Precision
+from slamgym.gan.config import DeviceName, MemoryLayout, Precision
 
 NetworkT = TypeVar("NetworkT", bound=torch.nn.Module)
-DeviceName = Literal["auto", "cpu", "cuda", "mps"]
-Layout = Literal["auto", "channels_last", "contiguous"]
 
 
 @dataclass(frozen=True)
@@ -48,7 +46,7 @@ class Compute:
 
 
 def choose_compute(
-    device: DeviceName = "auto", precision: Precision = "auto", layout: Layout = "auto"
+    device: DeviceName = "auto", precision: Precision = "auto", layout: MemoryLayout = "auto"
 ) -> Compute:
     """Pick the device, the precision and the memory layout.
 

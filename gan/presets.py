@@ -1,7 +1,7 @@
 """Ready settings: the paper's two translators, the default one, and a size of each for a CPU.
 
 ``model32`` and ``modelprog`` follow Daher et al. and the schedules of its code (750 and 200 epochs). The CPU sizes keep
-losses, judges and schedule but have narrower networks and smaller images, and a span of minutes.
+losses, discriminators and schedule but have narrower networks and smaller images, and a span of minutes.
 """
 
 from dataclasses import replace
@@ -15,8 +15,8 @@ from slamgym.gan.config import (
     LossConfig,
     OptimiserConfig,
     Stage,
-    TrainConfig,
     TranslatorConfig,
+    TranslatorTrainingConfig,
 )
 
 REAL_MAPS = AugmentConfig(
@@ -24,10 +24,10 @@ REAL_MAPS = AugmentConfig(
     shift=0.06,
     resampled=0.5,
     turn_deg=0.5,
-    specks=0.004,
-    broken_walls=0.2,
+    salt_noise=0.004,
+    wall_dropout=0.2,
     unknown=0.08,
-    cut_off=0.1,
+    occlusion=0.1,
     wobble_px=1.0,
 )
 """What real maps have and clean simulation lacks."""
@@ -42,9 +42,9 @@ _OVERLAP = LossConfig(
     dice=1.0,
     edge_weight=3.0,
 )
-"""No judges: the floor is a region, and what counts is its overlap and its borders."""
+"""No discriminators: the floor is a region, and what counts is its overlap and its borders."""
 
-_SLAM2CAD = TrainConfig(
+_SLAM2CAD = TranslatorTrainingConfig(
     preset="slam2cad",
     translator=TranslatorConfig(
         direction="slam2cad",
@@ -65,13 +65,20 @@ _SLAM2CAD = TrainConfig(
     register=True,
 )
 
-PRESETS: dict[str, TrainConfig] = {
-    "model32": TrainConfig(
+# A quarter of the width and batches of 8 take two fifths of the time per image. The discriminators at full resolution
+# cost most of a step: thin ones leave time for twice the steps.
+_THIN = DiscriminatorConfig(width=32, patch_width=16)
+_FAST = OptimiserConfig(learning_rate=5e-4, average=0.99)
+
+TRANSLATOR_PRESETS: dict[str, TranslatorTrainingConfig] = {
+    "model32": TranslatorTrainingConfig(
         preset="model32",
-        translator=TranslatorConfig(direction="slam2cad", input_size=256, output_size=32, reach=0.0),
+        translator=TranslatorConfig(
+            direction="slam2cad", input_size=256, output_size=32, explored_margin=0.0
+        ),
         stages=(Stage(32, 750.0, 64),),
     ),
-    "modelprog": TrainConfig(
+    "modelprog": TranslatorTrainingConfig(
         preset="modelprog",
         translator=TranslatorConfig(direction="cad2slam", input_size=256, output_size=256),
         stages=(
@@ -98,11 +105,11 @@ PRESETS: dict[str, TrainConfig] = {
     "slam2cad-gan": replace(
         _SLAM2CAD,
         preset="slam2cad-gan",
-        discriminator=DiscriminatorConfig(domain=True, real_fake=True, width=32, patch_width=16),
+        discriminator=_THIN,
         loss=replace(_OVERLAP, domain=0.02, real_fake=0.02, feature_matching=0.02, input_consistency=0.02),
         optimiser=replace(_SLAM2CAD.optimiser, learning_rate=1e-3, beta1=0.55),
     ),
-    "model32-cpu": TrainConfig(
+    "model32-cpu": TranslatorTrainingConfig(
         preset="model32-cpu",
         translator=TranslatorConfig(
             direction="slam2cad",
@@ -110,17 +117,16 @@ PRESETS: dict[str, TrainConfig] = {
             output_size=32,
             input_encoding="free_occupied",
             output_encoding="grey",
-            reach=0.0,
+            explored_margin=0.0,
             generator=GeneratorConfig("progressive", width=16),
         ),
-        # Judges of a quarter of the width and batches of 8 take two fifths of the time per image.
-        discriminator=DiscriminatorConfig(width=32, patch_width=16),
-        optimiser=OptimiserConfig(learning_rate=5e-4, average=0.99),
+        discriminator=_THIN,
+        optimiser=_FAST,
         stages=(Stage(32, 40.0, 8),),
         register=True,
         minutes=30.0,
     ),
-    "modelprog-cpu": TrainConfig(
+    "modelprog-cpu": TranslatorTrainingConfig(
         preset="modelprog-cpu",
         translator=TranslatorConfig(
             direction="cad2slam",
@@ -130,9 +136,8 @@ PRESETS: dict[str, TrainConfig] = {
             output_encoding="free_occupied",
             generator=GeneratorConfig("progressive", width=16),
         ),
-        # The judges at full resolution cost most of a step: thin ones leave time for twice the steps.
-        discriminator=DiscriminatorConfig(width=32, patch_width=16),
-        optimiser=OptimiserConfig(learning_rate=5e-4, average=0.99),
+        discriminator=_THIN,
+        optimiser=_FAST,
         stages=(
             # A third stage, at 128 px, was tried in a quarter of an hour: too few steps, everything became wall.
             Stage(32, 10.0, 8),
@@ -144,12 +149,12 @@ PRESETS: dict[str, TrainConfig] = {
 }
 
 
-def find_preset(name: str) -> TrainConfig:
+def find_preset(name: str) -> TranslatorTrainingConfig:
     """Look up a preset.
 
     Raises:
         ConfigError: If there is none of this name; the error suggests the nearest.
     """
-    if name not in PRESETS:
-        raise ConfigError(f"unknown preset {name!r}; {suggest(name, PRESETS)}")
-    return PRESETS[name]
+    if name not in TRANSLATOR_PRESETS:
+        raise ConfigError(f"unknown preset {name!r}; {suggest(name, TRANSLATOR_PRESETS)}")
+    return TRANSLATOR_PRESETS[name]

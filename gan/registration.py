@@ -1,22 +1,23 @@
 """Lay SLAM maps over their CAD maps before a translator learns from them.
 
-A SLAM map starts where the robot starts, and drift shifts, turns and scales it as a whole. No network can tell from
+A SLAM map starts where the robot starts, and drift shifts, turns and scales it as a whole. No network can know from
 the map how far it is off, and the evaluation doesn't ask (it aligns every translation by a similarity); unaligned
 pairs only teach it to blur walls over all the places where they might be. Of the error of simulated pairs two fifths
 are of this kind (docs/gan_training.md).
 """
 
+from dataclasses import replace
 from pathlib import Path
 
-import cv2
 import numpy as np
 from safetensors import SafetensorError
 from safetensors.numpy import load, save
 
 from slamgym.core.progress import show_progress
 from slamgym.core.staged import write_bytes
-from slamgym.core.types import FREE, UNKNOWN, ByteArray, FloatArray
+from slamgym.core.types import FREE, ByteArray, FloatArray
 from slamgym.gan.data import PairSet
+from slamgym.gan.translation.derotation import transformed
 from slamgym.metrics.alignment import IDENTITY, Similarity, apply_similarity, search_similarities
 from slamgym.metrics.maps import squared_error
 
@@ -44,8 +45,7 @@ def registered(pairs: PairSet, cache: Path | None = None, checksum: str = "") ->
         if cache is not None:
             write_bytes(cache, save({checksum: found}))
     slam = [moved(cells, Similarity(*row)) for cells, row in zip(pairs.slam, found.tolist(), strict=True)]
-    stacked = np.stack(slam) if slam else pairs.slam
-    return PairSet(pairs.cad, stacked, pairs.names, pairs.plan_ids, pairs.metres_per_px)
+    return replace(pairs, slam=np.stack(slam)) if slam else pairs
 
 
 def nearest_similarity(slam: ByteArray, cad: ByteArray) -> Similarity:
@@ -64,9 +64,9 @@ def nearest_similarity(slam: ByteArray, cad: ByteArray) -> Similarity:
         for similarity in search_similarities(free, inside, start_angles=1, coarse_starts=0, fine_starts=1):
             if abs(similarity.log_scale) > MAX_SCALING:
                 continue
-            reached = squared_error(apply_similarity(free, similarity), inside)
-            if reached < error:
-                best, error = similarity, reached
+            candidate = squared_error(apply_similarity(free, similarity), inside)
+            if candidate < error:
+                best, error = similarity, candidate
     return best
 
 
@@ -74,16 +74,7 @@ def moved(slam: ByteArray, similarity: Similarity) -> ByteArray:
     """A SLAM map after a similarity: nearest cells, unknown from beyond the border."""
     if similarity == IDENTITY:
         return slam
-    rows, cols = slam.shape
-    warped = cv2.warpAffine(
-        slam,
-        similarity.matrix(rows, cols),
-        (cols, rows),
-        flags=cv2.INTER_NEAREST,
-        borderMode=cv2.BORDER_CONSTANT,
-        borderValue=UNKNOWN,
-    )
-    return np.asarray(warped, dtype=np.uint8)
+    return np.asarray(transformed(slam, similarity.matrix(*slam.shape)), dtype=np.uint8)
 
 
 def _cached(cache: Path | None, checksum: str, count: int) -> FloatArray | None:
@@ -93,5 +84,5 @@ def _cached(cache: Path | None, checksum: str, count: int) -> FloatArray | None:
     try:
         found = load(cache.read_bytes()).get(checksum)
     except (SafetensorError, OSError):
-        return None  # whatever it is, finding them anew is right
+        return None  # whatever it is, finding them again is right
     return found if found is not None and found.shape == (count, 4) else None

@@ -5,7 +5,7 @@ people); only the first is needed. Nothing in the file can run code, and loading
 """
 
 import json
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -23,12 +23,12 @@ from slamgym.gan.config import Direction, TranslatorConfig
 from slamgym.gan.networks.factory import Generator, build_generator
 from slamgym.gan.networks.layers import count_parameters
 
-FORMAT = "slamgym-translator-1"
-PRETRAINED = Path(__file__).parent / "pretrained"
+WEIGHTS_FORMAT = "slamgym-translator-2"
+PRETRAINED_FOLDER = Path(__file__).parent / "pretrained"
 MAX_BYTES = 15_000_000
-"""A file that is shipped is no larger."""
+"""Pretrained weights that come with the package are no larger."""
 MAX_PARAMETERS = 200_000_000
-"""Settings in a file from a stranger may ask for any size; beyond this they are refused before memory is taken."""
+"""Settings in a file of unknown origin may ask for any size; beyond this they are refused before memory is taken."""
 
 
 @dataclass(frozen=True)
@@ -75,15 +75,15 @@ def save_translator(path: Path, generator: Generator, config: TranslatorConfig, 
     """
     tensors = {name: _halved(name, value) for name, value in generator.state_dict().items()}
     facts = {"config": to_dict(config), "card": to_dict(card)}
-    header = {"format": FORMAT} | {name: json.dumps(value) for name, value in facts.items()}
+    header = {"format": WEIGHTS_FORMAT} | {name: json.dumps(value) for name, value in facts.items()}
     # As bytes: safetensors' own file would be readable by its writer alone.
     write_bytes(path, save(tensors, metadata=header))
     write_text(path.with_suffix(".json"), json.dumps(facts, indent=1) + "\n")
-    write_text(path.with_suffix(".md"), describe(path.stem, generator, config, card))
+    write_text(path.with_suffix(".md"), model_card(path.stem, generator, config, card))
 
 
 def load_weights(name_or_path: str | Path, direction: Direction | None = None) -> Weights:
-    """Read weights: the name of shipped ones, or a file.
+    """Read weights: the name of pretrained ones, or a file.
 
     Args:
         name_or_path: E.g. ``slam2cad``, or the path of a ``.safetensors`` file or of a run's folder.
@@ -91,7 +91,7 @@ def load_weights(name_or_path: str | Path, direction: Direction | None = None) -
 
     Raises:
         InputFileError: If the file is missing, damaged, unsafe, or no translator.
-        ConfigError: If no weights of this name are shipped, or they translate the other way.
+        ConfigError: If no pretrained weights have this name, or they translate the other way.
     """
     path = find_weights(name_or_path)
     try:
@@ -109,16 +109,47 @@ def load_weights(name_or_path: str | Path, direction: Direction | None = None) -
     return Weights(_fill(path, config, tensors), config, card)
 
 
+def publish(
+    run: Path, name: str, data: str = "", command: str = "", folder: Path = PRETRAINED_FOLDER
+) -> Path:
+    """Put the weights of a run among the pretrained ones; returns their path.
+
+    Args:
+        run: Folder of the run, or its weights.
+        name: What they shall be found by.
+        data: For the card: what the pairs were made from, which the run can't know.
+        command: For the card: the command as a user would type it.
+        folder: Where to.
+
+    Raises:
+        InputFileError: If the weights can't be read or written.
+        ConfigError: If they are too large, or the name is no plain name.
+    """
+    if not name or Path(name).name != name:
+        raise ConfigError(f"{name!r} is no plain name")
+    weights = load_weights(run)
+    card = replace(weights.card, data=data or weights.card.data, command=command or weights.card.command)
+    path = folder / f"{name}.safetensors"
+    save_translator(path, weights.generator, weights.config, card)
+    size = path.stat().st_size
+    if size > MAX_BYTES:
+        path.unlink()
+        raise ConfigError(
+            f"{run}: the weights have {size / 1e6:.1f} MB; pretrained ones at most {MAX_BYTES / 1e6:.0f}"
+        )
+    return path
+
+
 def pretrained_names() -> list[str]:
     """Names of the weights that come with the package."""
-    return sorted(path.stem for path in PRETRAINED.glob("*.safetensors"))
+    return sorted(path.stem for path in PRETRAINED_FOLDER.glob("*.safetensors"))
 
 
 def find_weights(name_or_path: str | Path) -> Path:
-    """The file of shipped weights, of a path, or of a run's folder.
+    """The file of pretrained weights, of a path, or of a run's folder.
 
     Raises:
-        ConfigError: If it is a plain name and none of that name are shipped.
+        ConfigError: If it is a plain name and no pretrained weights have it.
         InputFileError: If the path doesn't exist.
     """
     path = Path(name_or_path)
@@ -127,16 +158,18 @@ def find_weights(name_or_path: str | Path) -> Path:
     if path.is_file():
         return path
     if path.name == str(name_or_path) and not path.suffix:
-        file = PRETRAINED / f"{path.name}.safetensors"
+        file = PRETRAINED_FOLDER / f"{path.name}.safetensors"
         if file.is_file():
             return file
         known = pretrained_names()
-        hint = suggest(path.name, known) if known else "none are shipped; train some with `slamgym gan train`"
+        hint = suggest(path.name, known) if known else "there are none; train some with `slamgym gan train`"
         raise ConfigError(f"no weights are called {path.name!r}; {hint}")
-    raise InputFileError(path, "doesn't exist; name shipped weights, a .safetensors file or a finished run")
+    raise InputFileError(
+        path, "doesn't exist; name pretrained weights, a .safetensors file or a finished run"
+    )
 
 
-def describe(name: str, generator: Generator, config: TranslatorConfig, card: ModelCard) -> str:
+def model_card(name: str, generator: Generator, config: TranslatorConfig, card: ModelCard) -> str:
     """The model card in Markdown."""
     figures = "\n".join(f"| {key} | {value:.4g} |" for key, value in card.figures.items())
     low, middle, high = config.metres_per_px
@@ -164,8 +197,8 @@ def _limits(config: TranslatorConfig) -> str:
     if config.direction == "cad2slam":
         return "One CAD map gives one SLAM map: there is no noise input (bend the CAD map to get another)."
     unseen = (
-        f"Floor ends {config.reach:g} m beyond what the robot saw"
-        if config.reach > 0.0
+        f"Floor ends {config.explored_margin:g} m beyond what the robot saw"
+        if config.explored_margin > 0.0
         else "Rooms that the robot never saw are guessed or missing"
     )
     return f"{unseen}; buildings with curved walls or with directions that aren't at right angles are squared off."
@@ -177,7 +210,12 @@ def _halved(name: str, value: Tensor) -> Tensor:
 
 
 def _read_header(path: Path, header: dict[str, str]) -> tuple[TranslatorConfig, ModelCard]:
-    if header.get("format") != FORMAT:
+    found = header.get("format", "")
+    if found != WEIGHTS_FORMAT:
+        if found.startswith(WEIGHTS_FORMAT.rstrip("0123456789")):
+            raise InputFileError(
+                path, f"holds weights of another version of slamgym ({found}); train them again with this one"
+            )
         raise InputFileError(path, "is a safetensors file, but not of a slamgym translator")
     try:
         config = from_dict(TranslatorConfig, json.loads(header["config"]), str(path))

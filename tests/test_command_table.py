@@ -1,5 +1,7 @@
 """Every table of commands: its help, its errors, and that what it names exists."""
 
+import importlib.util
+import subprocess
 import sys
 
 import pytest
@@ -48,15 +50,23 @@ def test_every_command_of_every_table_exists(table):
 
 
 def test_a_missing_package_of_the_extra_names_the_extra(monkeypatch):
-    monkeypatch.setitem(sys.modules, "torch", None)
-    for name in [name for name in sys.modules if name.startswith("gan.")]:
-        if name != "slamgym.commands.gan.table":
-            monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
     with pytest.raises(SlamgymError, match=r"the package 'torch' is missing; .*slamgym\[gan\]"):
-        slamgym.commands.gan.table.main(["train", "--help"])
+        slamgym.commands.gan.table.main(["train", "images", "--out", "run"])
+
+
+@pytest.mark.parametrize("command", ["train", "translate", "evaluate", "publish"])
+def test_help_of_the_translators_imports_nothing_heavy(command):
+    script = (
+        "import sys\nfrom slamgym.commands import cli\n"
+        "try:\n    cli.main(['gan', sys.argv[1], '--help'])\nexcept SystemExit:\n    pass\n"
+        "heavy = {'torch', 'sklearn', 'scipy', 'numba', 'cv2'} & set(sys.modules)\n"
+        "assert not heavy, heavy\n"
+    )
+    subprocess.run([sys.executable, "-c", script, command], check=True, capture_output=True)
 
 
 def test_another_missing_package_is_no_error_of_the_users(monkeypatch):
     monkeypatch.setitem(sys.modules, "slamgym.commands.gan.train", None)
     with pytest.raises(ModuleNotFoundError):
-        slamgym.commands.gan.table.main(["train"])
+        slamgym.commands.gan.table.main(["train", "images", "--out", "run"])

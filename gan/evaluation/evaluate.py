@@ -47,40 +47,21 @@ class MapScore:
     name: str
     plan_id: str
     metres_per_px: float
-    mse: float
-    """Mean squared error of the free-space masks, aligned: MSE1 of a translation, MSE2 of the SLAM map."""
-    mse_grey: float
-    """The same of the image as it was drawn, in the same position: probabilities instead of a mask."""
-    mse_unaligned: float
-    wall_f1_10cm: float
-    wall_f1_20cm: float
-    wall_precision_10cm: float
-    wall_recall_10cm: float
-    wall_f1_10cm_unaligned: float
-    """As the method placed it: includes the drift of the map as a whole."""
-    free_iou: float
-    chamfer: float
-    """[m]"""
-    hausdorff_95: float
-    """[m]"""
-    rooms: int
-    true_rooms: int
-    room_f1: float
-    rotation_deg: float
-    """Of the alignment, counter-clockwise."""
-    scale: float
-    """Of the alignment."""
-    seconds: float
-    """CPU time of the translation."""
+    measures: dict[str, float]
+    """By name: those of :data:`slamgym.gan.evaluation.summary.MEASURES`; the numbers ``rooms``, ``true_rooms``; of the
+    alignment ``rotation_deg`` (counter-clockwise) and ``scale``."""
+
+    def __getitem__(self, measure: str) -> float:
+        return self.measures[measure]
 
     @property
-    def room_error(self) -> int:
-        """Absolute difference of the numbers of rooms."""
-        return abs(self.rooms - self.true_rooms)
+    def mse(self) -> float:
+        """Aligned mean squared error of the free-space masks: MSE1 of a translation, MSE2 of the SLAM map."""
+        return self.measures["mse"]
 
 
 @dataclass(frozen=True)
-class Method:
+class TranslationMethod:
     """A way from a SLAM map to a CAD map, under the name that tables show."""
 
     name: str
@@ -89,47 +70,36 @@ class Method:
     learned: bool = False
 
 
-def baselines() -> list[Method]:
+def baselines() -> list[TranslationMethod]:
     """What every translator is compared with.
 
     The blurred map shows what greys alone do to the error, and the last one, which has seen the answer, what the error
     misses.
     """
     return [
-        Method(RAW, lambda pairs, i: (pairs.slam[i] == FREE).astype(np.float32)),
-        Method(BLURRED, lambda pairs, i: _blurred(pairs.slam[i] == FREE, float(pairs.metres_per_px[i]))),
-        Method(
-            CLEANED,
-            lambda pairs, i: clean_map(pairs.slam[i], float(pairs.metres_per_px[i])).astype(np.float32),
-        ),
-        Method(
-            OUTLINE,
-            lambda pairs, i: outline_only(pairs.cad[i], float(pairs.metres_per_px[i])).astype(np.float32),
-        ),
+        TranslationMethod(RAW, lambda pairs, i: _probability(pairs.slam[i] == FREE)),
+        TranslationMethod(BLURRED, lambda pairs, i: _blurred(pairs.slam[i] == FREE, pairs.scale(i))),
+        TranslationMethod(CLEANED, lambda pairs, i: _probability(clean_map(pairs.slam[i], pairs.scale(i)))),
+        TranslationMethod(OUTLINE, lambda pairs, i: _probability(outline_only(pairs.cad[i], pairs.scale(i)))),
     ]
 
 
+def _probability(free: BoolArray) -> Float32Array:
+    return free.astype(np.float32)
+
+
 def _blurred(free: BoolArray, metres_per_px: float) -> Float32Array:
-    blurred = cv2.GaussianBlur(free.astype(np.float32), (0, 0), BLUR / metres_per_px)
+    blurred = cv2.GaussianBlur(_probability(free), (0, 0), BLUR / metres_per_px)
     return np.asarray(blurred, dtype=np.float32)
 
 
-def learned(name: str, translator: Translator) -> Method:
-    """A method that asks a translator."""
-    return Method(
-        name,
-        lambda pairs, i: translator.translate(pairs.slam[i], _scale(pairs, i)),
-        learned=True,
-    )
-
-
-def _scale(pairs: PairSet, index: int) -> float | None:
-    scale = float(pairs.metres_per_px[index])
-    return scale if math.isfinite(scale) else None
+def learned(name: str, translator: Translator) -> TranslationMethod:
+    """A method that runs a translator."""
+    return TranslationMethod(name, lambda pairs, i: translator.translate(pairs.slam[i], pairs.scale(i)), True)
 
 
 def evaluate_method(
-    method: Method, pairs: PairSet, advance: Callable[[], None] | None = None
+    method: TranslationMethod, pairs: PairSet, advance: Callable[[], None] | None = None
 ) -> list[MapScore]:
     """Score a method on every pair.
 
@@ -152,23 +122,15 @@ def evaluate_method(
         probability = np.asarray(method.predict(pairs, i))
         seconds = time.process_time() - begun
         _check(method.name, probability, pairs.slam[i].shape)
-        scores.append(
-            score_map(
-                probability,
-                pairs.cad[i],
-                float(pairs.metres_per_px[i]),
-                name=pairs.names[i],
-                plan_id=pairs.plan_ids[i],
-                seconds=seconds,
-            )
-        )
+        scale, name, plan = pairs.scale(i), pairs.names[i], pairs.plan_ids[i]
+        scores.append(score_map(probability, pairs.cad[i], scale, name, plan, seconds))
         if advance is not None:
             advance()
     return scores
 
 
 def score_map(
-    drawn: BoolArray | Float32Array,
+    predicted: BoolArray | Float32Array,
     cad: ByteArray,
     metres_per_px: float,
     name: str = "",
@@ -178,46 +140,45 @@ def score_map(
     """Score one map.
 
     Args:
-        drawn: Free cells, or the probability of being free, shape (H, W).
+        predicted: Free cells, or the probability of being free, shape (H, W).
         cad: CAD map of the same shape and frame: 0 walls and outside, 254 inside.
         metres_per_px: Scale [m].
         name: Of the pair.
         plan_id: Of the pair.
-        seconds: What the translation took.
+        seconds: CPU time of the translation.
     """
     truth: BoolArray = cad > 127
-    free: BoolArray = drawn >= THRESHOLD
+    free: BoolArray = predicted >= THRESHOLD
     found = aligned_error(free.astype(np.float64), truth.astype(np.float64))
     placed = aligned_mask(free, found.similarity)
     near = boundary_score(placed, truth, metres_per_px, TOLERANCES[0])
     distance = boundary_distance(placed, truth, metres_per_px)
     rooms = room_score(placed, truth, metres_per_px)
-    return MapScore(
-        name=name,
-        plan_id=plan_id,
-        metres_per_px=metres_per_px,
-        mse=found.mse,
-        mse_grey=_grey_error(drawn, truth, found.similarity),
-        mse_unaligned=found.unaligned,
-        wall_f1_10cm=near.f1,
-        wall_f1_20cm=boundary_score(placed, truth, metres_per_px, TOLERANCES[1]).f1,
-        wall_precision_10cm=near.precision,
-        wall_recall_10cm=near.recall,
-        wall_f1_10cm_unaligned=boundary_score(free, truth, metres_per_px, TOLERANCES[0]).f1,
-        free_iou=intersection_over_union(placed, truth),
-        chamfer=_capped(distance.chamfer, truth.shape, metres_per_px),
-        hausdorff_95=_capped(distance.hausdorff_95, truth.shape, metres_per_px),
-        rooms=rooms.count,
-        true_rooms=rooms.true_count,
-        room_f1=rooms.f1,
-        rotation_deg=math.degrees(found.similarity.angle),
-        scale=math.exp(found.similarity.log_scale),
-        seconds=seconds,
-    )
+    measures = {
+        "mse": found.mse,
+        "mse_grey": _grey_error(predicted, truth, found.similarity),
+        "mse_unaligned": found.unaligned,
+        "wall_f1_10cm": near.f1,
+        "wall_f1_20cm": boundary_score(placed, truth, metres_per_px, TOLERANCES[1]).f1,
+        "wall_precision_10cm": near.precision,
+        "wall_recall_10cm": near.recall,
+        "wall_f1_10cm_unaligned": boundary_score(free, truth, metres_per_px, TOLERANCES[0]).f1,
+        "free_iou": intersection_over_union(placed, truth),
+        "chamfer": _capped(distance.chamfer, truth.shape, metres_per_px),
+        "hausdorff_95": _capped(distance.hausdorff_95, truth.shape, metres_per_px),
+        "rooms": rooms.count,
+        "true_rooms": rooms.true_count,
+        "room_error": abs(rooms.count - rooms.true_count),
+        "room_f1": rooms.f1,
+        "rotation_deg": math.degrees(found.similarity.angle),
+        "scale": math.exp(found.similarity.log_scale),
+        "seconds": seconds,
+    }
+    return MapScore(name, plan_id, metres_per_px, measures)
 
 
-def _grey_error(drawn: BoolArray | Float32Array, truth: BoolArray, similarity: Similarity) -> float:
-    values = drawn.astype(np.float64)
+def _grey_error(predicted: BoolArray | Float32Array, truth: BoolArray, similarity: Similarity) -> float:
+    values = predicted.astype(np.float64)
     placed = values if similarity == IDENTITY else apply_similarity(values, similarity)
     return squared_error(placed, truth.astype(np.float64))
 

@@ -1,4 +1,4 @@
-"""Find the SLAM-like maps that a generator made of a set of CAD maps, one file per pair.
+"""Find the SLAM-like maps that were generated from a set of CAD maps, one file per pair.
 
 Three layouts of a folder are taken, by the names of the pairs::
 
@@ -63,7 +63,7 @@ def load_generated(folder: Path, pairs: PairSet) -> tuple[PairSet, ByteArray]:
             f"holds maps of {len(found)} of the {len(pairs)} test pairs, but {MINIMUM} are needed; name them "
             f"like the pairs, e.g. {pairs.names[0]}.png",
         )
-    maps = [_load(path, pairs.cad[index], float(pairs.metres_per_px[index])) for index, path in found]
+    maps = [_load(path, pairs.cad[index], pairs.scale(index)) for index, path in found]
     return pairs.subset([index for index, _ in found]), np.stack(maps)
 
 

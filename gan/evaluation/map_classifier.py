@@ -1,6 +1,6 @@
 """A small convolutional network as the learner of the two-sample test: it sees pictures instead of statistics.
 
-Trees on map statistics are the stricter judge of small samples; the network needs no statistics to be thought of. It
+Trees on map statistics are the stricter test of small samples; the network needs no statistics to be thought of. It
 sees the SLAM map and the CAD map that it was made from, so that a realistic map of another building is found out.
 """
 
@@ -13,6 +13,7 @@ from torch.nn import functional
 from slamgym.core.config import Settings
 from slamgym.core.errors import ConfigError
 from slamgym.core.types import FREE, OCCUPIED, ByteArray, FloatArray
+from slamgym.gan.evaluation.realism import Sample
 from slamgym.metrics import Interval, mean_interval
 
 
@@ -32,24 +33,13 @@ DEFAULT_CLASSIFIER = ClassifierConfig()
 
 
 def picture_test(
-    simulated: ByteArray,
-    simulated_cad: ByteArray,
-    simulated_plans: list[str],
-    generated: ByteArray,
-    generated_cad: ByteArray,
-    generated_plans: list[str],
-    seed: int = 0,
-    config: ClassifierConfig = DEFAULT_CLASSIFIER,
+    simulated: Sample, generated: Sample, seed: int = 0, config: ClassifierConfig = DEFAULT_CLASSIFIER
 ) -> Interval:
     """Cross-validated accuracy of telling generated from simulated maps by their pictures.
 
     Args:
-        simulated: SLAM maps (N, S, S): 0, 205, 254.
-        simulated_cad: The CAD map of each (N, S, S).
-        simulated_plans: The plan of each; maps of one plan stay in one fold.
-        generated: (M, S, S).
-        generated_cad: (M, S, S).
-        generated_plans: As above.
+        simulated: SLAM maps with their CAD maps; maps of one plan stay in one fold.
+        generated: The maps to tell from them.
         seed: Of the folds and the networks.
         config: How the networks are trained.
 
@@ -59,11 +49,9 @@ def picture_test(
     Raises:
         ConfigError: If there are fewer plans than folds.
     """
-    pictures = torch.cat(
-        [_channels(simulated, simulated_cad, config), _channels(generated, generated_cad, config)]
-    )
-    labels = torch.cat([torch.zeros(len(simulated)), torch.ones(len(generated))])
-    plans = [*simulated_plans, *generated_plans]
+    pictures = torch.cat([_channels(sample.maps, sample.cad, config) for sample in (simulated, generated)])
+    labels = torch.cat([torch.zeros(len(simulated.maps)), torch.ones(len(generated.maps))])
+    plans = [*simulated.plans, *generated.plans]
     group = np.unique(np.array(plans), return_inverse=True)[1]
     if group.max() + 1 < config.folds:
         raise ConfigError(f"a test with {config.folds} folds needs as many plans, not {group.max() + 1}")

@@ -8,7 +8,14 @@ import numpy as np
 
 from slamgym.core.types import FREE, OCCUPIED, BoolArray, ByteArray
 from slamgym.gan.data import PairSet
-from slamgym.gan.evaluation.evaluate import RAW, THRESHOLD, MapScore, Method, aligned_mask, evenly_spaced
+from slamgym.gan.evaluation.evaluate import (
+    RAW,
+    THRESHOLD,
+    MapScore,
+    TranslationMethod,
+    aligned_mask,
+    evenly_spaced,
+)
 from slamgym.metrics import aligned_error
 from slamgym.viz.canvas import write_picture
 from slamgym.viz.overlays import draw_agreement
@@ -23,14 +30,14 @@ class Results:
     """What was measured of which pairs."""
 
     pairs: PairSet
-    methods: Sequence[Method]
+    methods: Sequence[TranslationMethod]
     """Those to be shown; the raw SLAM map is among them."""
     scores: dict[str, list[MapScore]]
     """By method, in the order of the pairs."""
 
     def caption(self, index: int, measure: str, title: str) -> str:
         """Name and scale of a pair, and what the methods reached on it."""
-        values = (f"{m.name} {getattr(self.scores[m.name][index], measure):.3g}" for m in self.methods)
+        values = (f"{m.name} {self.scores[m.name][index][measure]:.3g}" for m in self.methods)
         return f"{_caption(self.pairs, index)}; {title}: {', '.join(values)}"
 
 
@@ -104,7 +111,7 @@ def _write_overlays(path: Path, results: Results, chosen: Sequence[int]) -> None
     write_picture(path, draw_grid([method.name for method in results.methods], rows, captions))
 
 
-def _mask(method: Method, pairs: PairSet, index: int) -> BoolArray:
+def _mask(method: TranslationMethod, pairs: PairSet, index: int) -> BoolArray:
     mask: BoolArray = np.asarray(method.predict(pairs, index)) >= THRESHOLD
     return mask
 

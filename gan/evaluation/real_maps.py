@@ -12,7 +12,7 @@ from slamgym.gan.translation.classical import clean_map
 from slamgym.gan.translation.translate import Translator
 from slamgym.interop import read_ros_map
 
-MARGIN_PX = 8
+UNKNOWN_BORDER_PX = 8
 FINEST = 0.04
 """Maps with smaller cells are brought to this scale: networks and sizes in pixels are made for 5 cm [m]."""
 LARGEST_PX = 1600
@@ -48,7 +48,7 @@ def working_map(grid: OccupancyGrid) -> tuple[ByteArray, float]:
     scale = grid.frame.resolution
     factor = min(1.0, scale / FINEST, LARGEST_PX / max(cells.shape))
     shape = (max(1, round(cells.shape[0] * factor)), max(1, round(cells.shape[1] * factor)))
-    return np.pad(resample_slam(cells, shape), MARGIN_PX, constant_values=UNKNOWN), scale / factor
+    return np.pad(resample_slam(cells, shape), UNKNOWN_BORDER_PX, constant_values=UNKNOWN), scale / factor
 
 
 def translate_real(

@@ -37,9 +37,6 @@ SHOWN = (
 )
 """Statistics whose medians are printed."""
 
-REPEATS = 4
-"""Of the cross-validation; its accuracies are averaged."""
-
 PICTURES = "network_on_pictures"
 
 Statistics = list[dict[str, float]]
@@ -84,7 +81,7 @@ def describe_maps(maps: ByteArray, pairs: PairSet) -> Statistics:
     """
     described = []
     for i in range(len(pairs)):
-        scale = float(pairs.metres_per_px[i])
+        scale = pairs.scale(i)
         rng = np.random.default_rng(i)  # picks pairs of wall cells, the same for every kind of map
         described.append(
             map_statistics(maps[i], scale) | displacement_statistics(maps[i], pairs.cad[i] <= 127, scale, rng)
@@ -103,9 +100,9 @@ def elastic_maps(pairs: PairSet, seed: int) -> ByteArray:
 def translated_maps(
     name: str, translator: "LearnedTranslator", pairs: PairSet, seed: int
 ) -> dict[str, tuple[PairSet, ByteArray]]:
-    """What a translator makes of the CAD maps: as it draws, and of CAD maps that were bent as drift would.
+    """What a translator makes of the CAD maps as they are, and of CAD maps bent as drift would.
 
-    A network that draws at less than the images' resolution is judged at its own, with the simulated maps brought to
+    A network that works at less than the images' resolution is compared at its own, with the simulated maps brought to
     it, too: else the enlarged pixels alone would give it away.
 
     Args:
@@ -120,21 +117,21 @@ def translated_maps(
     side = min(pairs.cad.shape[1], translator.config.output_size)
     seen = pairs.resampled(translator.config.input_size)
     # In the same two steps as the targets of the training: each keeps walls that a single one would drop.
-    judged = seen.resampled(side)
+    coarse = seen.resampled(side)
     title = name if side == pairs.cad.shape[1] else f"{name} at {side} px"
     maps: dict[str, list[ByteArray]] = {title: [], f"{title}, bent": []}
     for i, (cad, scale) in enumerate(zip(seen.cad, seen.metres_per_px.tolist(), strict=True)):
         for drift, drawn in zip((None, np.random.default_rng([seed, i])), maps.values(), strict=True):
-            drawn.append(resample_slam(translator.draw_slam(cad, scale, drift), (side, side)))
-    return {kind: (judged, np.stack(drawn)) for kind, drawn in maps.items()}
+            drawn.append(resample_slam(translator.native_slam_map(cad, scale, drift), (side, side)))
+    return {kind: (coarse, np.stack(drawn)) for kind, drawn in maps.items()}
 
 
-def judge(
+def compare_with_simulated(
     name: str,
     reference: Sample,
     generated: Sample,
     seed: int = 0,
-    repeats: int = REPEATS,
+    repeats: int = 4,
     pictures: bool = False,
 ) -> dict[str, Any]:
     """Test one kind of maps against the simulated ones.
@@ -142,10 +139,10 @@ def judge(
     Args:
         name: Of the kind.
         reference: Simulated maps.
-        generated: The maps to judge.
+        generated: The maps to compare with them.
         seed: Of the tests.
-        repeats: How often plans are dealt to folds anew.
-        pictures: Let a convolutional network judge the pictures, too; needs torch.
+        repeats: How often plans are dealt to folds again; the accuracies are averaged.
+        pictures: Test the pictures by a convolutional network, too; needs torch.
 
     Returns:
         JSON form: ``name``, ``maps`` of each kind, for each learner its accuracy with its interval and the most
@@ -166,15 +163,7 @@ def judge(
     if pictures:
         from slamgym.gan.evaluation.map_classifier import picture_test
 
-        found = picture_test(
-            reference.maps,
-            reference.cad,
-            reference.plans,
-            generated.maps,
-            generated.cad,
-            generated.plans,
-            seed,
-        )
+        found = picture_test(reference, generated, seed)
         entry[PICTURES] = {"accuracy": found.value, "low": found.low, "high": found.high}
     entry["kernel_distance"] = asdict(kernel_distance(values, others, seed=seed))
     entry["medians"] = medians(others)
@@ -208,7 +197,7 @@ def medians(statistics: Statistics) -> dict[str, float]:
 
 
 def realism_table(entries: list[dict[str, Any]]) -> tuple[list[str], list[list[str]]]:
-    """Headings and rows: how well each kind can be told from simulated maps."""
+    """Headings and rows: how well each kind can be distinguished from simulated maps."""
     learners = [learner for learner in (*LEARNERS, PICTURES) if learner in entries[0]]
     headings = ["maps", "number", *(f"accuracy, {learner.replace('_', ' ')}" for learner in learners)]
     headings += ["kernel distance p", "most telling statistics (KS distance)"]

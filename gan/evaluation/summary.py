@@ -3,13 +3,13 @@
 import csv
 import io
 from collections.abc import Sequence
-from dataclasses import asdict, fields
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 
 from slamgym.gan.evaluation.evaluate import RAW, MapScore, evenly_spaced
-from slamgym.metrics import Interval, improvement, mean_interval
+from slamgym.metrics import improvement, mean_interval
 
 MEASURES: dict[str, str] = {
     "mse": "aligned MSE",
@@ -27,12 +27,12 @@ MEASURES: dict[str, str] = {
     "room_f1": "room F1",
     "seconds": "CPU seconds per map",
 }
-"""Attribute of a score to the heading of its column."""
+"""Name of a measure to the heading of its column."""
 
 TABLE_I_MAPS = 21
 
 
-def summarise(scores: dict[str, list[MapScore]]) -> dict[str, dict[str, Any]]:
+def summarise_scores(scores: dict[str, list[MapScore]]) -> dict[str, dict[str, Any]]:
     """Means with intervals for each method, and its errors against those of the SLAM maps.
 
     Args:
@@ -48,12 +48,12 @@ def summarise(scores: dict[str, list[MapScore]]) -> dict[str, dict[str, Any]]:
         plans = [row.plan_id for row in rows]
         entry: dict[str, Any] = {"maps": len(rows), "plans": len(set(plans))}
         for measure in MEASURES:
-            values = np.array([getattr(row, measure) for row in rows], dtype=np.float64)
+            values = np.array([row[measure] for row in rows], dtype=np.float64)
             entry[measure] = asdict(mean_interval(values, plans))
-        entry["rooms_right"] = float(np.mean([row.room_error == 0 for row in rows]))
+        entry["rooms_right"] = float(np.mean([row["room_error"] == 0 for row in rows]))
         if method != RAW:
             entry["improvement"] = asdict(improvement(np.array([row.mse for row in rows]), raw, plans))
-            grey = np.array([row.mse_grey for row in rows])
+            grey = np.array([row["mse_grey"] for row in rows])
             entry["improvement_grey"] = asdict(improvement(grey, raw, plans))
         summary[method] = entry
     return summary
@@ -66,7 +66,7 @@ def main_table(summary: dict[str, dict[str, Any]]) -> tuple[list[str], list[list
     shown = ["wall_f1_10cm", "wall_f1_20cm", "free_iou", "hausdorff_95", "room_error", "room_f1"]
     rows = []
     for method, entry in summary.items():
-        row = [method, _mean(entry["mse"], 4)]
+        row = [method, f"{entry['mse']['value']:.4f}"]
         if method == RAW:
             row += ["1", "-", "-", "-", "1", "-"]
         else:
@@ -93,13 +93,13 @@ def table_one(scores: dict[str, list[MapScore]]) -> tuple[list[str], list[list[s
 
 def scores_csv(scores: dict[str, list[MapScore]]) -> str:
     """All scores, one line per method and map."""
-    names = [field.name for field in fields(MapScore)]
+    names = list(scores[RAW][0].measures)
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(["method", *names])
+    writer.writerow(["method", "name", "plan_id", "metres_per_px", *names])
     for method, rows in scores.items():
         for row in rows:
-            values = [getattr(row, name) for name in names]
+            values = [row.name, row.plan_id, row.metres_per_px, *row.measures.values()]
             writer.writerow([method, *(f"{v:.6g}" if isinstance(v, float) else v for v in values)])
     return text.getvalue()
 
@@ -108,11 +108,6 @@ def markdown(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """A table in Markdown."""
     lines = ["| " + " | ".join(headings) + " |", "|" + "---|" * len(headings)]
     return "\n".join([*lines, *("| " + " | ".join(row) + " |" for row in rows)]) + "\n"
-
-
-def _mean(interval: dict[str, float] | Interval, digits: int) -> str:
-    values = asdict(interval) if isinstance(interval, Interval) else interval
-    return f"{values['value']:.{digits}f}"
 
 
 def _interval(interval: dict[str, float], digits: int) -> str:

@@ -10,23 +10,23 @@ from torch.nn import functional
 
 from slamgym.gan.networks.layers import LEAK, SpectralConv2d, blend, halve, minibatch_stddev
 
-SMALLEST = 4
-"""Side at which a judgement is made [px]."""
+SCORE_SIDE = 4
+"""Side of the features that become one score [px]."""
 
 
 class DiscriminatorBody(nn.Module):
-    """One copy: an entrance and a block per resolution, then the judgement; fully convolutional.
+    """One copy: an entrance and a block per resolution, then the score; fully convolutional.
 
-    A body of depth ``d`` (a power of two, 4 or more) halves ``log2(d / 4)`` times. On an image of side ``d`` it makes
-    one judgement, on larger ones a map of them. With ``width`` 128 the channels at a depth of 256, 128, 64 and 32 or
+    A body of depth ``d`` (a power of two, 4 or more) halves ``log2(d / 4)`` times. On an image of side ``d`` it gives
+    one score, on larger ones a map of them. With ``width`` 128 the channels at a depth of 256, 128, 64 and 32 or
     less are 16, 32, 64 and 128.
     """
 
     def __init__(self, in_channels: int, max_depth: int, width: int = 128) -> None:
         super().__init__()
         self.max_depth = max_depth
-        levels = (max_depth // SMALLEST).bit_length()  # depths 4, 8, ... max_depth
-        channels = [channels_at(SMALLEST << level, width) for level in range(levels)]
+        levels = (max_depth // SCORE_SIDE).bit_length()  # depths 4, 8, ... max_depth
+        channels = [channels_at(SCORE_SIDE << level, width) for level in range(levels)]
         self.entrances = nn.ModuleList(SpectralConv2d(in_channels, count, 1) for count in channels)
         self.blocks = nn.ModuleList(
             nn.Sequential(
@@ -40,11 +40,11 @@ class DiscriminatorBody(nn.Module):
         )
         deepest = channels[0]
         self.gather = SpectralConv2d(deepest + 1, deepest, 3, padding=1)
-        self.condense = SpectralConv2d(deepest, deepest, SMALLEST)
-        self.judge = nn.Conv2d(deepest, 1, 1, bias=False)
+        self.condense = SpectralConv2d(deepest, deepest, SCORE_SIDE)
+        self.score = nn.Conv2d(deepest, 1, 1, bias=False)
 
     def forward(self, images: Tensor, depth: int, fade: float = 1.0) -> list[Tensor]:
-        """Judge images.
+        """Score images.
 
         Args:
             images: (B, in, S, S), S at least ``depth``.
@@ -52,10 +52,10 @@ class DiscriminatorBody(nn.Module):
             fade: Share of the entrance of this depth while it fades in; the rest enters one level further in.
 
         Returns:
-            The features from the entrance on, (B, C, S', S') each, and last the judgements
+            The features from the entrance on, (B, C, S', S') each, and last the scores
             (B, 1, 4 S / depth - 3, 4 S / depth - 3).
         """
-        level = (depth // SMALLEST).bit_length() - 1
+        level = (depth // SCORE_SIDE).bit_length() - 1
         features = [self._enter(images, level)]
         for inner in range(level - 1, -1, -1):
             passed = self.blocks[inner](features[-1])
@@ -64,7 +64,7 @@ class DiscriminatorBody(nn.Module):
             features.append(passed)
         features.append(functional.leaky_relu(self.gather(minibatch_stddev(features[-1])), LEAK))
         features.append(functional.leaky_relu(self.condense(features[-1]), LEAK))
-        features.append(self.judge(features[-1]))
+        features.append(self.score(features[-1]))
         return features
 
     def _enter(self, images: Tensor, level: int) -> Tensor:
@@ -78,18 +78,13 @@ def channels_at(depth: int, width: int) -> int:
 
 
 def copy_depths(resolution: int, fade: float = 1.0) -> list[int]:
-    """Depths of the copies that judge at this resolution: 1, 1/4 and 1/16 of it.
+    """Depths of the copies that take part at this resolution: 1, 1/4 and 1/16 of it.
 
-    A copy joins where its depth is 4 or more; while a resolution fades in, those of the resolution before judge
+    A copy joins where its depth is 4 or more; while a resolution fades in, those of the resolution before take part
     (so the third joins at 64 px, once that has faded in).
     """
     settled = resolution if fade >= 1.0 else resolution // 2
-    return [resolution // share for share in (1, 4, 16) if settled // share >= SMALLEST]
-
-
-def detached(features: list[Tensor]) -> list[Tensor]:
-    """The same features as constants."""
-    return [feature.detach() for feature in features]
+    return [resolution // share for share in (1, 4, 16) if settled // share >= SCORE_SIDE]
 
 
 def pair_with(x: Tensor, y: Tensor) -> Tensor:
@@ -100,7 +95,7 @@ def pair_with(x: Tensor, y: Tensor) -> Tensor:
 class DomainDiscriminator(nn.Module):
     """Three copies that see the pair in full, at a quarter and at a sixteenth of the resolution.
 
-    Each makes one judgement of the whole pair (anime2clothing's ``PG_MultiScale``): 4,112,928 weights for two RGB
+    Each gives one score to the whole pair (anime2clothing's ``PG_MultiScale``): 4,112,928 weights for two RGB
     images at 256 px.
     """
 
@@ -111,7 +106,7 @@ class DomainDiscriminator(nn.Module):
         )
 
     def forward(self, x: Tensor, y: Tensor, fade: float = 1.0) -> list[list[Tensor]]:
-        """Judge pairs.
+        """Score pairs.
 
         Args:
             x: Inputs at the output's size, (B, in, R, R).
@@ -119,7 +114,7 @@ class DomainDiscriminator(nn.Module):
             fade: As in :meth:`DiscriminatorBody.forward`.
 
         Returns:
-            For each copy its features, the last one the judgements (B, 1, 1, 1).
+            For each copy its features, the last one the scores (B, 1, 1, 1).
         """
         pair = pair_with(x, y)
         resolution = y.shape[-1]
@@ -131,7 +126,7 @@ class DomainDiscriminator(nn.Module):
 
 
 class RealFakeDiscriminator(nn.Module):
-    """Three copies of different depth, all on the full image: 1 x 1, 13 x 13 and 61 x 61 judgements at 256 px.
+    """Three copies of different depth, all on the full image: 1 x 1, 13 x 13 and 61 x 61 scores at 256 px.
 
     anime2clothing's ``PG_MultiPatch``: 4,108,176 weights for RGB at 256 px. The second and third copy run at full
     resolution with the channels of a deeper level, so nearly all of the cost is theirs; ``patch_width`` narrows them.
@@ -141,23 +136,20 @@ class RealFakeDiscriminator(nn.Module):
         self, channels: int, resolution: int = 256, width: int = 128, patch_width: int = 128
     ) -> None:
         super().__init__()
-        first, *patches = copy_depths(resolution)
         self.copies = nn.ModuleList(
-            [
-                DiscriminatorBody(channels, first, width),
-                *(DiscriminatorBody(channels, depth, patch_width) for depth in patches),
-            ]
+            DiscriminatorBody(channels, depth, patch_width if number else width)
+            for number, depth in enumerate(copy_depths(resolution))
         )
 
     def forward(self, y: Tensor, fade: float = 1.0) -> list[list[Tensor]]:
-        """Judge images.
+        """Score images.
 
         Args:
             y: Outputs or targets, (B, C, R, R).
             fade: As in :meth:`DiscriminatorBody.forward`.
 
         Returns:
-            For each copy its features, the last one the judgements (B, 1, P, P).
+            For each copy its features, the last one the scores (B, 1, P, P).
         """
         depths = copy_depths(y.shape[-1], fade)
         return [copy(y, depth, fade) for copy, depth in zip(self.copies, depths, strict=False)]

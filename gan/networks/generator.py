@@ -24,23 +24,23 @@ from torch import Tensor, nn
 
 from slamgym.gan.networks.layers import DoubleConv, GeneratorOutput, blend, double, halve
 
-SMALLEST = 2
+INNERMOST_SIDE = 2
 """Side of the innermost feature [px]."""
 
 
 class ProgressiveGenerator(nn.Module):
-    """Draws images of any of its resolutions from an input of one size."""
+    """Gives images of any of its resolutions for an input of one size."""
 
     def __init__(self, in_channels: int, out_channels: int, input_size: int = 256, width: int = 32) -> None:
         super().__init__()
         self.input_size = input_size
-        self.halvings = (input_size // SMALLEST).bit_length() - 1  # 7 for 256 px
+        self.halvings = (input_size // INNERMOST_SIDE).bit_length() - 1  # 7 for 256 px
         fine, middle, coarse = width, 2 * width, 4 * width
         # Encoder level i has side input_size / 2**i; the levels from the fourth halving on are wide.
         encoder = [fine] + [middle if level <= 3 else coarse for level in range(1, self.halvings + 1)]
         self.enter = DoubleConv(in_channels, fine)
         self.down = nn.ModuleList(DoubleConv(encoder[i], encoder[i + 1]) for i in range(self.halvings))
-        sides = [SMALLEST << step for step in range(1, self.halvings + 1)]
+        sides = [INNERMOST_SIDE << step for step in range(1, self.halvings + 1)]
         decoder = [coarse, *(self._decoder_channels(side, fine, middle, coarse) for side in sides)]
         self.grow = nn.ModuleList()
         for step in range(self.halvings):
@@ -56,7 +56,7 @@ class ProgressiveGenerator(nn.Module):
         return coarse if side < self.input_size // 8 else middle
 
     def forward(self, x: Tensor, resolution: int | None = None, fade: float = 1.0) -> GeneratorOutput:
-        """Draw.
+        """Translate.
 
         Args:
             x: (B, in, input_size, input_size) in [-1, 1].
@@ -68,18 +68,18 @@ class ProgressiveGenerator(nn.Module):
         features = [self.enter(x)]  # (B, 32, 256, 256)
         for block in self.down:
             features.append(block(halve(features[-1])))  # ... (B, 128, 2, 2)
-        drawn = coarser = self.grow[0](double(features[-1]))  # (B, 128, 4, 4)
+        decoded = coarser = self.grow[0](double(features[-1]))  # (B, 128, 4, 4)
         for step in range(1, last + 1):
-            joined = torch.cat([features[self.halvings - step], drawn], dim=1)
-            coarser, drawn = drawn, self.grow[step](double(joined))
-        scores: Tensor = self.heads[last](drawn).float()  # (B, out, resolution, resolution)
+            joined = torch.cat([features[self.halvings - step], decoded], dim=1)
+            coarser, decoded = decoded, self.grow[step](double(joined))
+        scores: Tensor = self.heads[last](decoded).float()  # (B, out, resolution, resolution)
         if fade >= 1.0 or last == 0:
             return GeneratorOutput(torch.tanh(scores), logits=2.0 * scores)
         old = torch.tanh(self.heads[last - 1](coarser).float())
         return GeneratorOutput(blend(torch.tanh(scores), double(old), fade))
 
     def _step_of(self, resolution: int) -> int:
-        step = (resolution // SMALLEST).bit_length() - 2
-        if resolution != SMALLEST << (step + 1) or not 0 <= step < self.halvings:
+        step = (resolution // INNERMOST_SIDE).bit_length() - 2
+        if resolution != INNERMOST_SIDE << (step + 1) or not 0 <= step < self.halvings:
             raise ValueError(f"resolution {resolution} isn't a power of two from 4 to {self.input_size}")
         return step

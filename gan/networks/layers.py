@@ -89,7 +89,7 @@ class DoubleConv(nn.Sequential):
 
 
 def initialise(network: nn.Module, generator: torch.Generator) -> None:
-    """Draw all weights anew: convolutions N(0, 0.02), gains N(1, 0.02), power iteration vectors on the sphere.
+    """Initialise all weights: convolutions N(0, 0.02), gains N(1, 0.02), power iteration vectors on the sphere.
 
     Args:
         network: Changed in place; it must be on the CPU.

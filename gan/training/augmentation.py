@@ -1,6 +1,6 @@
 """Changes to training pairs: motions of both images, and damage to the SLAM map that real robots do.
 
-Real maps have more unknown, broken walls and specks than clean simulation, and a quarter of them are turned.
+Real maps have more unknown, gaps in walls and salt noise than clean simulation, and a quarter of them are turned.
 Every change of one sample comes from a generator of its own, so it doesn't depend on the rest of the batch.
 """
 
@@ -11,6 +11,7 @@ import numpy as np
 
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, BoolArray, ByteArray, Float32Array
 from slamgym.gan.config import AugmentConfig
+from slamgym.gan.translation.derotation import flipped, transformed
 
 DAMAGE_PROBABILITY = 0.35
 """Of each kind of damage: clean maps shall stay common."""
@@ -56,18 +57,6 @@ def augment(
     return np.ascontiguousarray(cad), np.ascontiguousarray(slam)
 
 
-def flipped(image: np.ndarray, symmetry: int) -> np.ndarray:
-    """One of the eight symmetries of the square: ``symmetry % 4`` quarter turns, then a mirror for 4 to 7."""
-    turned = np.rot90(image, symmetry % 4)
-    return np.fliplr(turned) if symmetry >= 4 else turned
-
-
-def unflipped(image: np.ndarray, symmetry: int) -> np.ndarray:
-    """Undo :func:`flipped`."""
-    mirrored = np.fliplr(image) if symmetry >= 4 else image
-    return np.rot90(mirrored, -(symmetry % 4))
-
-
 def _joint_motion(side: int, config: AugmentConfig, rng: np.random.Generator) -> np.ndarray:
     """A zoom and shift as a 3 x 3 matrix on (col, row)."""
     if config.zoom == 0.0 and config.shift == 0.0:
@@ -94,11 +83,7 @@ def _about_centre(side: int, angle_deg: float, zoom: float, shift: tuple[float, 
 def _moved(image: ByteArray, motion: np.ndarray, method: int, fill: int) -> ByteArray:
     if np.array_equal(motion, np.eye(3)):
         return image
-    size = (image.shape[1], image.shape[0])
-    moved = cv2.warpAffine(
-        image, motion[:2], size, flags=method, borderMode=cv2.BORDER_CONSTANT, borderValue=fill
-    )
-    return np.asarray(moved, dtype=np.uint8)
+    return np.asarray(transformed(image, motion[:2], fill, method), dtype=np.uint8)
 
 
 def _wobbled(
@@ -112,29 +97,22 @@ def _wobbled(
     cols, rows = np.meshgrid(np.arange(side, dtype=np.float32), np.arange(side, dtype=np.float32))
     from_cols = (back[0, 0] * cols + back[0, 1] * rows + back[0, 2] + field[..., 0]).astype(np.float32)
     from_rows = (back[1, 0] * cols + back[1, 1] * rows + back[1, 2] + field[..., 1]).astype(np.float32)
-    warped = cv2.remap(
-        image,
-        from_cols,
-        from_rows,
-        cv2.INTER_NEAREST,
-        borderMode=cv2.BORDER_CONSTANT,
-        borderValue=UNKNOWN,
-    )
+    warped = cv2.remap(image, from_cols, from_rows, cv2.INTER_NEAREST, borderValue=UNKNOWN)
     return np.asarray(warped, dtype=np.uint8)
 
 
 def _damaged(slam: ByteArray, config: AugmentConfig, rng: np.random.Generator) -> ByteArray:
     damaged = slam.copy()
     side = slam.shape[0]
-    if config.broken_walls > 0.0 and rng.random() < DAMAGE_PROBABILITY:
-        gaps = (damaged == OCCUPIED) & _blobs(side, rng.uniform(0.0, config.broken_walls), rng)
+    if config.wall_dropout > 0.0 and rng.random() < DAMAGE_PROBABILITY:
+        gaps = (damaged == OCCUPIED) & _blobs(side, rng.uniform(0.0, config.wall_dropout), rng)
         damaged[gaps] = FREE if rng.random() < 0.3 else UNKNOWN
     if config.unknown > 0.0 and rng.random() < DAMAGE_PROBABILITY:
         damaged[_blobs(side, rng.uniform(0.0, config.unknown), rng)] = UNKNOWN
-    if config.cut_off > 0.0 and rng.random() < config.cut_off:
+    if config.occlusion > 0.0 and rng.random() < config.occlusion:
         damaged[_half_plane(side, rng)] = UNKNOWN
-    if config.specks > 0.0 and rng.random() < DAMAGE_PROBABILITY:
-        count = int(rng.uniform(0.0, config.specks) * side * side)
+    if config.salt_noise > 0.0 and rng.random() < DAMAGE_PROBABILITY:
+        count = int(rng.uniform(0.0, config.salt_noise) * side * side)
         rows, cols = rng.integers(0, side, (2, count))
         # Mostly stray hits; a few holes and rays.
         damaged[rows, cols] = rng.choice([OCCUPIED, OCCUPIED, FREE, UNKNOWN], count)

@@ -20,18 +20,18 @@ from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.staged import staged
 from slamgym.gan.training.learner import Learner
 
-FORMAT = "slamgym-gan-checkpoint-1"
+STATE_FORMAT = "slamgym-translator-training-2"
 
 
 @dataclass(frozen=True)
-class Checkpoint:
+class TrainingState:
     """What a file holds."""
 
     tensors: dict[str, Tensor]
     facts: dict[str, Any]
 
 
-def save_checkpoint(path: Path, learner: Learner, facts: dict[str, Any]) -> None:
+def save_training_state(path: Path, learner: Learner, facts: dict[str, Any]) -> None:
     """Write the state.
 
     Args:
@@ -50,12 +50,12 @@ def save_checkpoint(path: Path, learner: Learner, facts: dict[str, Any]) -> None
     for name, optimiser in learner.optimisers.items():
         tensors |= _optimiser_tensors(name, optimiser)
     plain = {key: value.detach().cpu().contiguous().clone() for key, value in tensors.items()}
-    header = {"format": FORMAT, "facts": json.dumps({**facts, "steps_done": learner.steps_done})}
+    header = {"format": STATE_FORMAT, "facts": json.dumps({**facts, "steps_done": learner.steps_done})}
     with staged(path) as part:
         save_file(plain, part, metadata=header)
 
 
-def load_checkpoint(path: Path) -> Checkpoint:
+def load_training_state(path: Path) -> TrainingState:
     """Read a file.
 
     Raises:
@@ -64,22 +64,27 @@ def load_checkpoint(path: Path) -> Checkpoint:
     try:
         with safe_open(path, framework="pt") as file:
             header = file.metadata() or {}
-            if header.get("format") != FORMAT:
-                raise InputFileError(path, "is not a checkpoint of `slamgym gan train`")
+            if header.get("format") != STATE_FORMAT:
+                raise InputFileError(
+                    path,
+                    "is not a checkpoint of this version of `slamgym gan train`; train in another folder (-o)",
+                )
             facts = json.loads(header["facts"])
             tensors = {key: file.get_tensor(key) for key in file.keys()}  # noqa: SIM118 - not a mapping
     except (SafetensorError, OSError, ValueError, KeyError) as error:
-        raise InputFileError(path, f"is damaged or no checkpoint ({error}); start anew elsewhere") from error
-    return Checkpoint(tensors, facts)
+        raise InputFileError(
+            path, f"is damaged or no checkpoint ({error}); train in another folder (-o)"
+        ) from error
+    return TrainingState(tensors, facts)
 
 
-def restore(checkpoint: Checkpoint, learner: Learner) -> None:
+def restore_training_state(state: TrainingState, learner: Learner) -> None:
     """Put a state into networks and optimisers of the same settings, and into torch's generators.
 
     Raises:
         ConfigError: If the state doesn't fit.
     """
-    tensors = checkpoint.tensors
+    tensors = state.tensors
     for name, network in learner.networks().items():
         _load_network(network, _below(tensors, f"network.{name}."), name)
     for name, optimiser in learner.optimisers.items():
@@ -87,7 +92,7 @@ def restore(checkpoint: Checkpoint, learner: Learner) -> None:
     torch.set_rng_state(tensors["torch.cpu"])
     if "torch.cuda" in tensors and learner.compute.device.type == "cuda":
         torch.cuda.set_rng_state(tensors["torch.cuda"], learner.compute.device)
-    learner.steps_done = int(checkpoint.facts["steps_done"])
+    learner.steps_done = int(state.facts["steps_done"])
 
 
 def _below(tensors: dict[str, Tensor], prefix: str) -> dict[str, Tensor]:

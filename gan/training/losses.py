@@ -1,7 +1,7 @@
 """The terms that the networks minimise, one function each; equation numbers are the paper's.
 
-A judge returns, for each of its copies (scales), a list of features whose last entry holds the judgements. Every sample
-and every scale takes part in every term.
+A discriminator returns, for each of its copies (scales), a list of features whose last entry holds the scores (logits).
+Every sample and every scale takes part in every term.
 """
 
 from collections.abc import Sequence
@@ -12,36 +12,40 @@ from torch import Tensor
 from torch.nn import functional
 
 GanKind = Literal["lsgan", "bce"]
-Judged = Sequence[Sequence[Tensor]]
-"""Features per copy, the last one the judgements."""
+Features = Sequence[Sequence[Tensor]]
+"""Features per copy, the last one the scores."""
+FeaturesByName = dict[str, Features]
+"""By discriminator."""
 
 
-def verdict_loss(judgements: Tensor, real: bool, kind: GanKind) -> Tensor:
-    """How far judgements are from ``real`` (1) or fake (0): the mean of squares, or of -log.
+def adversarial_loss(scores: Tensor, real: bool, kind: GanKind) -> Tensor:
+    """How far scores are from ``real`` (1) or fake (0): the mean of squares, or of -log.
 
     Args:
-        judgements: Any shape; scores before any sigmoid.
-        real: What they ought to say.
+        scores: Any shape, before any sigmoid.
+        real: Their target.
         kind: ``lsgan`` (Mao et al. 2017) or ``bce``, the logarithms of eqs. (2) and (3).
     """
-    target = torch.full_like(judgements, float(real), dtype=torch.float32)
+    target = torch.full_like(scores, float(real), dtype=torch.float32)
     if kind == "lsgan":
-        return functional.mse_loss(judgements.float(), target)
-    return functional.binary_cross_entropy_with_logits(judgements.float(), target)
+        return functional.mse_loss(scores.float(), target)
+    return functional.binary_cross_entropy_with_logits(scores.float(), target)
 
 
-def _over_copies(judged: Judged, real: bool, kind: GanKind) -> Tensor:
-    return torch.stack([verdict_loss(features[-1], real, kind) for features in judged]).sum()
+def _over_copies(copies: Features, real: bool, kind: GanKind) -> Tensor:
+    return torch.stack([adversarial_loss(features[-1], real, kind) for features in copies]).sum()
 
 
-def domain_judge_loss(real: Judged, fake: Judged, other: Judged | None, kind: GanKind) -> Tensor:
-    """Eq. (2) for the domain judge: (x, y) is right; (x, G(x)) and an unassociated target (x, y') are wrong.
+def domain_discriminator_loss(
+    real: Features, fake: Features, other: Features | None, kind: GanKind
+) -> Tensor:
+    """Eq. (2) for the domain discriminator: (x, y) is real; (x, G(x)) and an unassociated target (x, y') are fake.
 
     Args:
         real: Of (x, y).
         fake: Of (x, G(x)).
         other: Of (x, y'), or None to leave it out.
-        kind: See :func:`verdict_loss`.
+        kind: See :func:`adversarial_loss`.
 
     Returns:
         The mean over the three kinds of the sum over the copies.
@@ -52,51 +56,45 @@ def domain_judge_loss(real: Judged, fake: Judged, other: Judged | None, kind: Ga
     return torch.stack(terms).mean()
 
 
-def real_fake_judge_loss(real: Judged, fake: Judged, kind: GanKind) -> Tensor:
-    """Eq. (3) for the real/fake judge: y is real, G(x) is fake; the mean of the sums over the copies."""
+def real_fake_discriminator_loss(real: Features, fake: Features, kind: GanKind) -> Tensor:
+    """Eq. (3) for the real/fake discriminator: y is real, G(x) is fake; the mean of the sums over the copies."""
     return 0.5 * (_over_copies(real, True, kind) + _over_copies(fake, False, kind))
 
 
-def domain_loss(fake: Judged, kind: GanKind) -> Tensor:
-    """Eq. (2) for the generator: the domain judge shall take (x, G(x)) for right. Sum over the copies."""
+def domain_loss(fake: Features, kind: GanKind) -> Tensor:
+    """Eq. (2) for the generator: the domain discriminator shall take (x, G(x)) for real. Sum over the copies."""
     return _over_copies(fake, True, kind)
 
 
-def real_fake_loss(fake: Judged, kind: GanKind, scope: Literal["all", "as_coded"] = "all") -> Tensor:
-    """Eq. (3) for the generator: the real/fake judge shall take every G(x) for real. Sum over the copies.
+def real_fake_loss(fake: Features, kind: GanKind, scope: Literal["all", "as_coded"] = "all") -> Tensor:
+    """Eq. (3) for the generator: the real/fake discriminator shall take every G(x) for real. Sum over the copies.
 
     Args:
         fake: Of G(x).
-        kind: See :func:`verdict_loss`.
-        scope: ``as_coded`` is the published code's slip: the last copy's verdict on the last sample alone.
+        kind: See :func:`adversarial_loss`.
+        scope: ``as_coded`` is the published code's slip: the last copy's score of the last sample alone.
     """
     if scope == "as_coded":
-        return verdict_loss(fake[-1][-1][-1], True, kind)
+        return adversarial_loss(fake[-1][-1][-1], True, kind)
     return _over_copies(fake, True, kind)
 
 
-def feature_matching_loss(fake: Judged, real: Judged, layer_weights: Sequence[float]) -> Tensor:
-    """Eq. (4): the domain judge's features of (x, G(x)) and of (x, y) shall agree. Sum over the copies.
+def feature_matching_loss(fake: Features, reference: Features, layer_weights: Sequence[float]) -> Tensor:
+    """Eqs. (4) and (5): a discriminator's features of the output and of a reference shall agree. Sum over the copies.
+
+    Eq. (4) compares the domain discriminator's features of (x, G(x)) and (x, y). Eq. (5), input consistency, compares
+    the real/fake discriminator's of G(x) and of y in the paper, of x in the published code.
 
     Args:
-        fake: Of (x, G(x)).
-        real: Of (x, y); taken as constants.
-        layer_weights: Of the first layers; the judgements themselves never count.
+        fake: Of the output.
+        reference: Taken as constants.
+        layer_weights: Of the first layers; the scores themselves never count.
     """
-    return torch.stack(
-        [
-            _layer_distance(a[:-1], b[:-1], layer_weights)  # one copy each
-            for a, b in zip(fake, real, strict=True)
-        ]
-    ).sum()
-
-
-def input_consistency_loss(fake: Judged, reference: Judged, layer_weights: Sequence[float]) -> Tensor:
-    """Eq. (5): the real/fake judge's features of G(x) and of a reference shall agree.
-
-    The reference is y in the paper and x in the published code; it is taken as constant.
-    """
-    return feature_matching_loss(fake, reference, layer_weights)
+    distances = [
+        _layer_distance(a[:-1], b[:-1], layer_weights)  # one copy each
+        for a, b in zip(fake, reference, strict=True)
+    ]
+    return torch.stack(distances).sum()
 
 
 def _layer_distance(fake: Sequence[Tensor], real: Sequence[Tensor], weights: Sequence[float]) -> Tensor:
@@ -138,16 +136,16 @@ def cross_entropy_loss(
     return (weights * terms).sum() / weights.sum()
 
 
-def near_borders(values: Tensor, reach: int = 2) -> Tensor:
-    """1 where the square of pixels within ``reach`` holds both kinds of values, else 0; (B, C, H, W).
+def near_borders(values: Tensor, radius: int = 2) -> Tensor:
+    """1 where the square of pixels within ``radius`` holds both kinds of values, else 0; (B, C, H, W).
 
     Args:
         values: (B, C, H, W) in [0, 1], mostly near the ends.
-        reach: [px]
+        radius: [px]
     """
-    window = 2 * reach + 1
+    window = 2 * radius + 1
     # A mean is far cheaper than the largest and the smallest value, and differs from 0 and 1 as soon as one pixel does.
-    mean = functional.avg_pool2d(values, window, stride=1, padding=reach, count_include_pad=False)
+    mean = functional.avg_pool2d(values, window, stride=1, padding=radius, count_include_pad=False)
     margin = 0.5 / window**2
     return ((mean > margin) & (mean < 1.0 - margin)).float()
 
@@ -169,3 +167,11 @@ def _overlap(a: Tensor, b: Tensor) -> Tensor:
     shared = (a * b).sum(dim=(-2, -1))
     total = a.square().sum(dim=(-2, -1)) + b.square().sum(dim=(-2, -1))
     return ((2.0 * shared + 1.0) / (total + 1.0)).mean()
+
+
+def smoothness_loss(field: Tensor) -> Tensor:
+    """Mean squared difference of neighbouring vectors: 0 for a constant field. Scalar."""
+    field = field.float()
+    along_x = (field[..., :, 1:] - field[..., :, :-1]).square().mean()
+    along_y = (field[..., 1:, :] - field[..., :-1, :]).square().mean()
+    return along_x + along_y

@@ -1,22 +1,20 @@
 """Which pairs come next, and how they are changed: a stream that can be stored and taken up again."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from slamgym.core.types import ByteArray, IntArray
-from slamgym.gan.config import AugmentConfig, TrainConfig
+from slamgym.gan.config import TranslatorTrainingConfig
 from slamgym.gan.data import PairSet
 from slamgym.gan.training.augmentation import augment
-from slamgym.gan.translation.derotation import angle_to_undo_deg, turned
+from slamgym.gan.translation.derotation import MAX_DRIFT_DEG, angle_to_undo_deg, turned
 from slamgym.gan.translation.explored import limited_to_explored
 
 MAX_REDRAWS = 20
 """Attempts to find an unassociated target that differs from the associated one."""
-MAX_DRIFT_DEG = 8.0
-"""A simulated map is turned by drift, which is small; a larger angle is a building with oblique walls."""
 
 
 @dataclass(frozen=True)
@@ -25,57 +23,33 @@ class Batch:
 
     cad: ByteArray  # (B, S, S)
     slam: ByteArray  # (B, S, S)
-    other_cad: ByteArray | None  # (B, S, S) CAD maps of other places, if they were asked for
-    other_slam: ByteArray | None  # (B, S, S) SLAM maps of other places
+    other_cad: ByteArray | None = None  # (B, S, S) CAD maps of other places, if they were asked for
+    other_slam: ByteArray | None = None  # (B, S, S) SLAM maps of other places
 
 
 class BatchSampler:
     """Draws batches: every pair once per pass, in an order that changes from pass to pass."""
 
-    def __init__(
-        self,
-        pairs: PairSet,
-        config: AugmentConfig,
-        rng: np.random.Generator,
-        damage: bool,
-        reach: float = 0.0,
-        others: bool = True,
-    ) -> None:
-        """Prepare a stream.
+    def __init__(self, pairs: PairSet, config: TranslatorTrainingConfig, rng: np.random.Generator) -> None:
+        """Prepare the stream that a training draws from.
 
         Args:
             pairs: What to draw from.
-            config: How samples are changed.
+            config: Of the training.
             rng: Source of the order and of all changes.
-            damage: Whether SLAM maps are the input and may be damaged.
-            reach: Targets end so far beyond what the robot saw [m], see
-                :func:`slamgym.gan.translation.explored.explored_floor`; 0 leaves them whole.
-            others: Whether unassociated targets are drawn, too.
         """
-        self._pairs = pairs
-        self._config = config
-        self._rng = rng
-        self._damage = damage
-        self._reach = reach
-        self._others = others
+        self._pairs, self._config, self._rng = pairs, config.augment, rng
+        # A SLAM map that is the input may be damaged, and its target ends where it does; as a target it stays.
+        self._damage = config.translator.direction == "slam2cad"
+        self._margin = config.translator.explored_margin if self._damage else 0.0
+        self._others = config.needs_unassociated
         self._order: IntArray = rng.permutation(len(pairs)).astype(np.int64)
         self._position = 0
-
-    @staticmethod
-    def of(pairs: PairSet, config: TrainConfig, rng: np.random.Generator) -> "BatchSampler":
-        """The stream that a training draws from."""
-        to_cad = config.translator.direction == "slam2cad"
-        reach = config.translator.reach if to_cad else 0.0
-        return BatchSampler(pairs, config.augment, rng, to_cad, reach, config.needs_unassociated)
 
     def draw(self, count: int) -> Batch:
         """The next batch of this many pairs."""
         samples = [self._sample(self._next()) for _ in range(count)]
-        if not self._others:
-            cad, slam = (np.stack(part) for part in zip(*samples, strict=True))
-            return Batch(cad, slam, None, None)
-        cad, slam, other_cad, other_slam = (np.stack(part) for part in zip(*samples, strict=True))
-        return Batch(cad, slam, other_cad, other_slam)
+        return Batch(*(np.stack(part) for part in zip(*samples, strict=True)))
 
     def state(self) -> dict[str, Any]:
         """Where the stream stands, as JSON values."""
@@ -105,15 +79,15 @@ class BatchSampler:
             return self._changed(index, np.random.default_rng(self._rng.integers(0, 2**63)))
         other = self._other(index)
         own, others = (np.random.default_rng(seed) for seed in self._rng.integers(0, 2**63, 2))
-        # Unassociated targets go through the same transform, lest the judge tell them by it.
+        # Unassociated targets go through the same transform, lest the discriminator recognise them by it.
         return *self._changed(index, own), *self._changed(other, others)
 
     def _changed(self, index: int, rng: np.random.Generator) -> tuple[ByteArray, ByteArray]:
         pairs = self._pairs
         cad, slam = augment(pairs.cad[index], pairs.slam[index], self._config, rng, self._damage)
-        if self._reach > 0.0:
-            # The zoom changes the scale by a few per cent, which a reach needn't know.
-            cad = limited_to_explored(cad, slam, float(pairs.metres_per_px[index]), self._reach)
+        if self._margin > 0.0:
+            # The zoom changes the scale by a few per cent, which the margin needn't know.
+            cad = limited_to_explored(cad, slam, pairs.scale(index), self._margin)
         return cad, slam
 
     def _other(self, index: int) -> int:
@@ -128,7 +102,7 @@ class BatchSampler:
 def derotated(pairs: PairSet) -> PairSet:
     """The pairs with each SLAM map turned so that most of its walls lie along the axes, as the CAD map's do."""
     slam = np.stack([_without_drift(cells) for cells in pairs.slam]) if len(pairs) else pairs.slam
-    return PairSet(pairs.cad, slam, pairs.names, pairs.plan_ids, pairs.metres_per_px)
+    return replace(pairs, slam=slam)
 
 
 def _without_drift(cells: ByteArray) -> ByteArray:

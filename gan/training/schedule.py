@@ -3,6 +3,9 @@
 The resolution grows from coarse to fine. Each new one is faded in linearly over its own passes, from one step's
 share to exactly 1 at the last (the published code's fade hardly moves before it jumps). The learning rate is
 constant and then falls linearly to 0, by the share of images seen: 70 % and 30 % in the paper.
+
+A training for a span of time has its schedule stretched as a whole, so the learning rate has fallen to 0 when the time
+is up, and stretched again as the real rate shows (other work on the machine comes and goes).
 """
 
 from collections.abc import Sequence
@@ -10,6 +13,11 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from slamgym.gan.config import OptimiserConfig, Stage
+
+RESERVE = 0.97
+"""Share of the time to plan for; the rest is for validation, checkpoints and the start."""
+MIN_CORRECTION = 0.02
+"""Smaller corrections aren't worth a new schedule."""
 
 
 class Span(NamedTuple):
@@ -115,3 +123,47 @@ def plan_schedule(stages: Sequence[Stage], pairs: int, optimiser: OptimiserConfi
 
 def _steps(epochs: float, pairs: int, batch: int) -> int:
     return max(1, round(epochs * pairs / batch))
+
+
+class Budget:
+    """Keeps a schedule within a span of wall-clock time."""
+
+    def __init__(self, seconds: float, step_seconds: list[float]) -> None:
+        """Prepare.
+
+        Args:
+            seconds: Of the whole training, interruptions not counted.
+            step_seconds: Of a step in each span.
+        """
+        self.seconds = seconds
+        self.step_seconds = step_seconds
+
+    def predicted(self, schedule: Schedule, step: int) -> float:
+        """Seconds that the steps from ``step`` on take."""
+        total = 0.0
+        for span, seconds in zip(schedule.spans, self.step_seconds, strict=True):
+            done = min(step, span.steps)
+            step -= done
+            total += (span.steps - done) * seconds
+        return total
+
+    def fitted(self, schedule: Schedule, step: int, used: float) -> Schedule:
+        """The schedule with its rest stretched to the time that is left.
+
+        Args:
+            schedule: The present one.
+            step: How many steps are done.
+            used: Seconds used so far.
+        """
+        left = max(0.0, RESERVE * self.seconds - used)
+        predicted = self.predicted(schedule, step)
+        if predicted <= 0.0:
+            return schedule
+        factor = left / predicted
+        return schedule if abs(factor - 1.0) < MIN_CORRECTION else schedule.stretched(step, factor)
+
+    def observe(self, predicted: float, taken: float) -> None:
+        """Correct the costs of a step by what a stretch of training was predicted to take and took."""
+        if predicted > 0.0 and taken > 0.0:
+            ratio = min(max(taken / predicted, 0.25), 4.0)
+            self.step_seconds = [seconds * ratio for seconds in self.step_seconds]

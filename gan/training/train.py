@@ -1,4 +1,4 @@
-"""Train a translator: the main path.
+"""Train a translator: from a folder of pairs to weights.
 
 A run is a folder::
 
@@ -29,18 +29,17 @@ from slamgym.core.errors import ConfigError, SlamgymError
 from slamgym.core.interruption import Interruption, deferred_interrupt
 from slamgym.core.progress import duration, say
 from slamgym.core.staged import write_text
-from slamgym.gan.config import TrainConfig
-from slamgym.gan.data import PairSet, load_pairs, require_pairs
+from slamgym.gan.config import TranslatorTrainingConfig
+from slamgym.gan.data import PairSet, load_pairs
 from slamgym.gan.device import Compute, make_deterministic
 from slamgym.gan.networks.factory import Generator
 from slamgym.gan.registration import registered
-from slamgym.gan.training.budget import Budget, measure_seconds
-from slamgym.gan.training.checkpoint import load_checkpoint, restore, save_checkpoint
-from slamgym.gan.training.learner import Learner
+from slamgym.gan.training.checkpoint import load_training_state, restore_training_state, save_training_state
+from slamgym.gan.training.learner import Learner, measure_seconds
 from slamgym.gan.training.sampler import BatchSampler, derotated
-from slamgym.gan.training.schedule import Span, plan_schedule
+from slamgym.gan.training.schedule import Budget, Span, plan_schedule
 from slamgym.gan.training.training_log import TrainingLog, training_bar
-from slamgym.gan.training.validation import judge
+from slamgym.gan.training.validation import validate
 from slamgym.gan.weights import ModelCard, load_weights, save_translator
 
 MAX_VALIDATION_PAIRS = 64
@@ -55,10 +54,8 @@ class TrainingDivergedError(SlamgymError):
 
 @dataclass(frozen=True)
 class RunOptions:
-    """How a run is carried out, which doesn't change what is learned (but for ``minutes``)."""
+    """How a run is carried out, which doesn't change what is learned."""
 
-    minutes: float | None = None
-    """Wall-clock time for the whole training; the schedule is stretched to it."""
     checkpoint_minutes: float = 2.0
     """Time between two checkpoints; 0 writes one after every step."""
     stop_after_steps: int | None = None
@@ -82,10 +79,10 @@ class TrainingReport:
     weights: Path | None
 
 
-def train(
+def train_translator(
     images: Path | str,
     run: Path | str,
-    config: TrainConfig,
+    config: TranslatorTrainingConfig,
     compute: Compute,
     options: RunOptions = RunOptions(),
 ) -> TrainingReport:
@@ -112,11 +109,11 @@ class _Training:
     """A run in progress: data, networks, schedule and clock."""
 
     def __init__(
-        self, images: Path, run: Path, config: TrainConfig, compute: Compute, options: RunOptions
+        self, images: Path, run: Path, config: TranslatorTrainingConfig, compute: Compute, options: RunOptions
     ) -> None:
         self.folder, self.options, self.compute = run, options, compute
         self.checkpoint = run / "checkpoint.safetensors"
-        # Weights that don't fit are told before minutes go into reading and registering the pairs.
+        # Weights that don't fit are refused before minutes go into reading and registering the pairs.
         start = _starting_generator(config) if config.start_from and not self.checkpoint.exists() else None
         self.pairs, self.held_out = _training_pairs(images, run, config)
         scales = self.pairs.scale_percentiles()
@@ -133,11 +130,11 @@ class _Training:
         # Nothing here draws from torch's own generator; whatever ever does shall start from the seed.
         torch.manual_seed(config.seed)
         rng = np.random.default_rng(config.seed)
-        self.sampler = BatchSampler.of(self.pairs, config, rng)
+        self.sampler = BatchSampler(self.pairs, config, rng)
         self.schedule = plan_schedule(config.stages, len(self.pairs), config.optimiser)
         self.seconds_used = 0.0
         self.budget: Budget | None = None
-        self.identity = _identity(config, compute, self.pairs, options)
+        self.identity = _identity(config, compute, self.pairs)
         self.figures: dict[str, float] = {}
         if self.checkpoint.exists():
             self._resume()
@@ -174,14 +171,14 @@ class _Training:
                 if interruption.requested or step == options.stop_after_steps:
                     break
                 moment = self.schedule.moment(step)
-                told = learner.step(self.sampler.draw(moment.batch), moment)
-                self._require_finite(told)
+                terms = learner.step(self.sampler.draw(moment.batch), moment)
+                self._require_finite(terms)
                 if step % SCALAR_INTERVAL == 0:
-                    log.scalars("loss", told, step)
+                    log.scalars("loss", terms, step)
                     log.scalars("schedule", {"rate": moment.rate, "fade": moment.fade}, step)
                 done = self.schedule.images_before(step + 1)
                 left = None if self.budget is None else self._predicted()
-                bar.advance(done, self.schedule.images, told["total"], left)
+                bar.advance(done, self.schedule.images, terms["total"], left)
                 now = time.monotonic()
                 self.seconds_used = used_before + now - began
                 if now - last_save >= 60.0 * options.checkpoint_minutes:
@@ -201,12 +198,12 @@ class _Training:
     def _predicted(self) -> float:
         return 0.0 if self.budget is None else self.budget.predicted(self.schedule, self.learner.steps_done)
 
-    def _require_finite(self, told: dict[str, float]) -> None:
-        broken = [name for name, value in told.items() if not math.isfinite(value)]
+    def _require_finite(self, terms: dict[str, float]) -> None:
+        broken = [name for name, value in terms.items() if not math.isfinite(value)]
         if broken:
             raise TrainingDivergedError(
-                f"the loss became {told[broken[0]]} at step {self.learner.steps_done} "
-                f"(term {broken[0]!r}); {self._kept()}; train anew with a smaller --learning-rate or in float32"
+                f"the loss became {terms[broken[0]]} at step {self.learner.steps_done} "
+                f"(term {broken[0]!r}); {self._kept()}; train again with a smaller --learning-rate or in float32"
             )
 
     def _kept(self) -> str:
@@ -216,20 +213,20 @@ class _Training:
         if len(self.held_out) == 0:
             return
         generator = self.learner.best_generator
-        judged = judge(generator, self.held_out, self.config.translator, self.compute, resolution)
+        result = validate(generator, self.held_out, self.config.translator, self.compute, resolution)
         step = self.learner.steps_done
-        self.figures = judged.figures
-        log.scalars("validation", judged.figures, step)
-        log.pictures(judged.pictures, step)
+        self.figures = result.figures
+        log.scalars("validation", result.figures, step)
+        log.pictures(result.pictures, step)
         line = {"step": step, "seconds": round(self.seconds_used, 1), "resolution": resolution}
         with (self.folder / "figures.jsonl").open("a", encoding="utf-8") as file:
-            file.write(json.dumps(line | {k: round(v, 5) for k, v in judged.figures.items()}) + "\n")
+            file.write(json.dumps(line | {k: round(v, 5) for k, v in result.figures.items()}) + "\n")
 
     def _begin(self, images: Path) -> None:
         """A new run: fit the schedule to the time, write the settings."""
-        if self.options.minutes is not None:
+        if self.config.minutes is not None:
             seconds = measure_seconds(self.schedule, self.pairs, self.config, self.compute)
-            self.budget = Budget(60.0 * self.options.minutes, seconds)
+            self.budget = Budget(60.0 * self.config.minutes, seconds)
             self.schedule = self.budget.fitted(self.schedule, 0, 0.0)
         say(
             f"{len(self.pairs)} training pairs, {len(self.held_out)} held out; {self.schedule.steps:,} steps "
@@ -240,22 +237,22 @@ class _Training:
         write_text(self.folder / "config.json", json.dumps(facts, indent=1) + "\n")
 
     def _resume(self) -> None:
-        saved = load_checkpoint(self.checkpoint)
+        saved = load_training_state(self.checkpoint)
         for name, value in self.identity.items():
             if saved.facts.get("identity", {}).get(name) != value:
                 raise ConfigError(
                     f"{self.folder} holds a training with another {name}; repeat its own command, "
                     "or choose another folder with -o"
                 )
-        restore(saved, self.learner)
+        restore_training_state(saved, self.learner)
         facts = saved.facts
         self.sampler.restore(facts["sampler"])
         self.schedule = dataclasses.replace(
             self.schedule, spans=tuple(Span(*span) for span in facts["spans"])
         )
         self.seconds_used, self.figures = facts["seconds_used"], facts["figures"]
-        if facts["step_seconds"] is not None and self.options.minutes is not None:
-            self.budget = Budget(60.0 * self.options.minutes, facts["step_seconds"])
+        if facts["step_seconds"] is not None and self.config.minutes is not None:
+            self.budget = Budget(60.0 * self.config.minutes, facts["step_seconds"])
         say(f"going on at step {self.learner.steps_done:,} of {self.schedule.steps:,}")
 
     def _save(self) -> None:
@@ -263,7 +260,7 @@ class _Training:
             if not all(bool(torch.isfinite(value).all()) for value in network.parameters()):
                 raise TrainingDivergedError(
                     f"the weights of the {name} are not finite after step {self.learner.steps_done}; "
-                    f"{self._kept()}; train anew with a smaller --learning-rate or in float32"
+                    f"{self._kept()}; train again with a smaller --learning-rate or in float32"
                 )
         facts: dict[str, Any] = {
             "identity": self.identity,
@@ -273,7 +270,7 @@ class _Training:
             "step_seconds": None if self.budget is None else self.budget.step_seconds,
             "figures": self.figures,
         }
-        save_checkpoint(self.checkpoint, self.learner, facts)
+        save_training_state(self.checkpoint, self.learner, facts)
 
     def _finish(self) -> Path:
         path = self.folder / "weights.safetensors"
@@ -292,7 +289,7 @@ class _Training:
         return path
 
 
-def _training_pairs(images: Path, run: Path, config: TrainConfig) -> tuple[PairSet, PairSet]:
+def _training_pairs(images: Path, run: Path, config: TranslatorTrainingConfig) -> tuple[PairSet, PairSet]:
     """(pairs to train on, pairs of held-out plans)."""
     say(f"reading the pairs of {images}")
     pairs = load_pairs(images, "train", config.translator.input_size)
@@ -301,11 +298,14 @@ def _training_pairs(images: Path, run: Path, config: TrainConfig) -> tuple[PairS
     elif config.translator.derotate and config.translator.direction == "slam2cad":
         pairs = derotated(pairs)
     rest, held_out = pairs.split(config.validation)
-    require_pairs(rest, MIN_PAIRS, f"the preset {config.preset!r}")
+    if len(rest) < MIN_PAIRS:
+        raise ConfigError(
+            f"{images}: training needs at least {MIN_PAIRS} pairs beside the held-out ones, not {len(rest)}"
+        )
     return rest, held_out.subset(range(min(len(held_out), MAX_VALIDATION_PAIRS)))
 
 
-def _starting_generator(config: TrainConfig) -> Generator:
+def _starting_generator(config: TranslatorTrainingConfig) -> Generator:
     """The trained generator to start with.
 
     Raises:
@@ -327,7 +327,7 @@ def _checksum(pairs: PairSet) -> str:
     return f"{zlib.crc32(pairs.slam.data, zlib.crc32(pairs.cad.data)):08x}"
 
 
-def _identity(config: TrainConfig, compute: Compute, pairs: PairSet, options: RunOptions) -> dict[str, Any]:
+def _identity(config: TranslatorTrainingConfig, compute: Compute, pairs: PairSet) -> dict[str, Any]:
     """What must be the same for a training to go on."""
     return {
         "preset": config.preset,
@@ -335,5 +335,4 @@ def _identity(config: TrainConfig, compute: Compute, pairs: PairSet, options: Ru
         "configuration": to_dict(config),
         "device": compute.device.type,
         "precision": compute.precision,
-        "span of minutes": options.minutes,
     }

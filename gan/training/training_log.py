@@ -1,4 +1,4 @@
-"""What a training tells: a progress line, TensorBoard scalars, and sample images."""
+"""What a training reports: a progress line, TensorBoard scalars, and sample images."""
 
 import time
 from collections.abc import Iterator, Mapping
@@ -10,12 +10,12 @@ from typing import Any
 import cv2
 import numpy as np
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, Progress, TimeElapsedColumn
 
 from slamgym.core.progress import LINE_INTERVAL, duration, say
 from slamgym.core.types import ByteArray
 
-SMOOTHING = 0.98
+LOSS_SMOOTHING = 0.98
 """Of the loss that is shown beside the bar."""
 
 
@@ -62,13 +62,12 @@ class TrainingLog:
 class Bar:
     """The progress of a training whose length may change."""
 
-    def __init__(self) -> None:
-        self._began = time.monotonic()
-        self._last = self._began
+    def __init__(self, progress: Progress | None = None) -> None:
+        self._began = self._last = time.monotonic()
         self._first: int | None = None
         self._loss: float | None = None
-        self._progress: Progress | None = None
-        self._task: Any = None
+        self._progress = progress
+        self._task = None if progress is None else progress.add_task("training", total=None, outlook="")
 
     def advance(self, images: int, total: int, loss: float, left: float | None = None) -> None:
         """Note how far the training is.
@@ -82,9 +81,11 @@ class Bar:
         """
         if self._first is None:
             self._first, self._began = images, time.monotonic()
-        self._loss = loss if self._loss is None else SMOOTHING * self._loss + (1.0 - SMOOTHING) * loss
+        self._loss = (
+            loss if self._loss is None else LOSS_SMOOTHING * self._loss + (1.0 - LOSS_SMOOTHING) * loss
+        )
         text = self._describe(images, total, left)
-        if self._progress is not None:
+        if self._progress is not None and self._task is not None:
             self._progress.update(self._task, completed=images, total=total, outlook=text)
         elif time.monotonic() - self._last >= LINE_INTERVAL or images >= total:
             self._last = time.monotonic()
@@ -103,22 +104,19 @@ class Bar:
 @contextmanager
 def training_bar() -> Iterator[Bar]:
     """Show a bar on a terminal, a line now and then elsewhere."""
-    bar = Bar()
     console = Console(stderr=True)
     if not console.is_terminal:
-        yield bar
+        yield Bar()
         return
     columns = (
-        TextColumn("training"),
+        "training",
         BarColumn(),
-        TextColumn("{task.percentage:.1f} %"),
+        "{task.percentage:.1f} %",
         TimeElapsedColumn(),
-        TextColumn("{task.fields[outlook]}"),
+        "{task.fields[outlook]}",
     )
     with Progress(*columns, console=console) as progress:
-        bar._progress = progress
-        bar._task = progress.add_task("training", total=None, outlook="")
-        yield bar
+        yield Bar(progress)
 
 
 def _open_writer(folder: Path, first_step: int) -> Any:

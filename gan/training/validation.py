@@ -6,91 +6,64 @@ The figures are taken without alignment, which the full evaluation (``slamgym ga
 from dataclasses import dataclass
 
 import numpy as np
-import torch
 
 from slamgym.core.types import FREE, BoolArray, ByteArray, Float32Array
 from slamgym.gan.config import TranslatorConfig
 from slamgym.gan.data import PairSet
 from slamgym.gan.device import Compute
-from slamgym.gan.encoding import decode_slam, encode, enlarge_means, free_probability
-from slamgym.gan.networks.factory import Generator
+from slamgym.gan.encoding import decode_slam, enlarge_means, free_probability
+from slamgym.gan.networks.factory import Generator, run_generator
 from slamgym.metrics import wall_score
 
 WALL_TOLERANCE_M = 0.1
 UNKNOWN_SCALE_TOLERANCE_PX = 2.0
-BATCH = 8
 
 
 @dataclass(frozen=True)
-class Judgement:
+class ValidationResult:
     """Means over the held-out pairs."""
 
     figures: dict[str, float]
     pictures: ByteArray  # (N, H, 3 * W): input, translation, target
 
 
-def draw_all(
-    generator: Generator, inputs: ByteArray, config: TranslatorConfig, compute: Compute, resolution: int
-) -> Float32Array:
-    """Translate a stack of maps in evaluation mode.
-
-    Args:
-        generator: Left in evaluation mode.
-        inputs: (N, S, S) uint8 cells.
-        config: How to encode.
-        compute: Device and precision.
-        resolution: Side of the output.
-
-    Returns:
-        (N, out, R, R) in [-1, 1].
-    """
-    generator.eval()
-    drawn = []
-    with torch.inference_mode(), compute.autocast():
-        for first in range(0, len(inputs), BATCH):
-            cells = torch.from_numpy(inputs[first : first + BATCH]).to(compute.device)
-            x = encode(cells, config.input_encoding).contiguous(memory_format=compute.memory_format)
-            drawn.append(generator(x, resolution).image.float().cpu().numpy())
-    return np.concatenate(drawn)
-
-
-def judge(
+def validate(
     generator: Generator,
     pairs: PairSet,
     config: TranslatorConfig,
     compute: Compute,
     resolution: int,
     pictures: int = 8,
-) -> Judgement:
+) -> ValidationResult:
     """Translate held-out pairs and compare.
 
     For ``slam2cad``: ``mse`` of the free space against the CAD map, ``mse_slam`` of the SLAM map itself, their
     ``mse_ratio`` and ``improved`` share, and ``wall_f1`` beside ``wall_f1_slam``. For ``cad2slam``: the shares of
-    free, occupied and unknown cells, drawn less true, and the mean absolute difference of the cells' greys.
+    free, occupied and unknown cells, translated less true, and the mean absolute difference of the cells' greys.
     """
     to_cad = config.direction == "slam2cad"
     inputs, targets = (pairs.slam, pairs.cad) if to_cad else (pairs.cad, pairs.slam)
-    drawn = draw_all(generator, inputs, config, compute, resolution)
+    translated = run_generator(generator, inputs, config, compute, resolution)
     if to_cad:
-        shown, figures = _judge_cad(drawn, pairs, config)
+        shown, figures = _validate_cad(translated, pairs, config)
     else:
-        shown, figures = _judge_slam(drawn, targets, config)
+        shown, figures = _validate_slam(translated, targets, config)
     rows = [np.hstack([inputs[i], shown[i], targets[i]]) for i in range(min(pictures, len(pairs)))]
-    return Judgement(figures, np.stack(rows))
+    return ValidationResult(figures, np.stack(rows))
 
 
-def _judge_cad(
-    drawn: Float32Array, pairs: PairSet, config: TranslatorConfig
+def _validate_cad(
+    translated: Float32Array, pairs: PairSet, config: TranslatorConfig
 ) -> tuple[ByteArray, dict[str, float]]:
     shape = pairs.cad.shape[1:]
     rows: list[tuple[float, float, float, float]] = []
     shown = np.empty_like(pairs.cad)
-    for index, image in enumerate(drawn):
+    for index, image in enumerate(translated):
         free = enlarge_means(free_probability(image, config.output_encoding), (shape[0], shape[1]))
         shown[index] = np.rint(free * FREE)
         truth = pairs.cad[index] > FREE // 2
         slam = pairs.slam[index] == FREE
-        tolerance = _tolerance_px(float(pairs.metres_per_px[index]))
+        tolerance = _tolerance_px(pairs.scale(index))
         walls = outline(truth)
         rows.append(
             (
@@ -111,12 +84,12 @@ def _judge_cad(
     }
 
 
-def _judge_slam(
-    drawn: Float32Array, targets: ByteArray, config: TranslatorConfig
+def _validate_slam(
+    translated: Float32Array, targets: ByteArray, config: TranslatorConfig
 ) -> tuple[ByteArray, dict[str, float]]:
     side = targets.shape[1]
-    factor = side // drawn.shape[-1]
-    cells = np.stack([decode_slam(image, config.output_encoding) for image in drawn])
+    factor = side // translated.shape[-1]
+    cells = np.stack([decode_slam(image, config.output_encoding) for image in translated])
     shown = cells.repeat(factor, axis=1).repeat(factor, axis=2)
     difference = np.abs(shown.astype(np.int16) - targets.astype(np.int16))
     figures = {"grey_difference": float(difference.mean())}

@@ -51,7 +51,7 @@ def clean_map(slam: ByteArray, metres_per_px: float, config: CleaningConfig = DE
         (~free).astype(np.uint8), cv2.MORPH_CLOSE, _disc(config.wall_gap / metres_per_px)
     )
     opened = cv2.morphologyEx(1 - walls, cv2.MORPH_OPEN, _disc(config.ray_width / metres_per_px))
-    return _without_small(opened > 0, config.min_area / metres_per_px**2)
+    return without_small(opened > 0, config.min_area / metres_per_px**2)
 
 
 class ClassicalTranslator:
@@ -109,7 +109,7 @@ def _fill_furniture(free: BoolArray, size_px: float) -> BoolArray:
     return filled
 
 
-def _without_small(free: BoolArray, min_px: float) -> BoolArray:
+def without_small(free: BoolArray, min_px: float) -> BoolArray:
     """Drop separate parts of less than ``min_px`` cells."""
     _, labels, stats, _ = cv2.connectedComponentsWithStats(free.astype(np.uint8), connectivity=4)
     large = stats[:, cv2.CC_STAT_AREA] >= min_px

@@ -1,4 +1,4 @@
-"""Find the direction of most walls of a SLAM map, and turn the map so that they lie along the axes.
+"""Find the direction of most walls of a SLAM map, and turn the map so that they lie along the axes; flip maps.
 
 Walls of a building are mostly at right angles, so directions are taken modulo 90 degrees. Seen along a wall's
 own direction all its cells fall into one bin of the projection, seen from elsewhere they spread: the angle is
@@ -16,9 +16,11 @@ from slamgym.core.types import FREE, UNKNOWN, BoolArray, ByteArray, Float32Array
 MAX_POINTS = 3000
 """Of the outline that are looked at."""
 COARSE_BIN_PX, FINE_BIN_PX = 2.0, 1.0
-COARSE_STEP_DEG, FINE_STEP_DEG, FINE_REACH_DEG = 1.0, 0.15, 1.5
+COARSE_STEP_DEG, FINE_STEP_DEG, FINE_RANGE_DEG = 1.0, 0.15, 1.5
 MIN_TURN_DEG = 0.3
 """About the error of the angle itself."""
+MAX_DRIFT_DEG = 8.0
+"""A simulated map is turned by drift, which is small; a larger angle is a building with oblique walls."""
 TOP = 0.95
 """What counts as the top of the sharpness, in shares of its maximum."""
 
@@ -39,7 +41,7 @@ def dominant_angle_deg(cells: ByteArray) -> float:
     # Where two are equally sharp, the one nearer to the axes: a round room isn't turned.
     angles = angles[np.argsort(np.abs(angles), kind="stable")]
     best = angles[int(np.argmax([_sharpness(points, angle, COARSE_BIN_PX) for angle in angles]))]
-    angles = best + np.arange(-FINE_REACH_DEG, FINE_REACH_DEG + 0.01, FINE_STEP_DEG)
+    angles = best + np.arange(-FINE_RANGE_DEG, FINE_RANGE_DEG + 0.01, FINE_STEP_DEG)
     scores = np.array([_sharpness(points, angle, FINE_BIN_PX) for angle in angles])
     # The top is flat: its middle is the direction.
     weights = np.clip(scores - TOP * scores.max(), 0.0, None)
@@ -98,6 +100,18 @@ def turned_probability(image: Float32Array, angle_deg: float) -> Float32Array:
     return np.clip(_turn(image, angle_deg, cv2.INTER_CUBIC, 0.0), 0.0, 1.0).astype(np.float32)
 
 
+def flipped(image: np.ndarray, symmetry: int) -> np.ndarray:
+    """One of the eight symmetries of the square: ``symmetry % 4`` quarter turns, then a mirror for 4 to 7."""
+    turned = np.rot90(image, symmetry % 4)
+    return np.fliplr(turned) if symmetry >= 4 else turned
+
+
+def unflipped(image: np.ndarray, symmetry: int) -> np.ndarray:
+    """Undo :func:`flipped`."""
+    mirrored = np.fliplr(image) if symmetry >= 4 else image
+    return np.rot90(mirrored, -(symmetry % 4))
+
+
 def padded_for_turning(cells: ByteArray, angle_deg: float, fill: int = UNKNOWN) -> ByteArray:
     """Add an even border so that turning by this angle cuts nothing off."""
     rows, cols = cells.shape
@@ -111,6 +125,19 @@ def padded_for_turning(cells: ByteArray, angle_deg: float, fill: int = UNKNOWN) 
 def _turn(image: np.ndarray, angle_deg: float, method: int, fill: float) -> np.ndarray:
     rows, cols = image.shape
     matrix = cv2.getRotationMatrix2D((0.5 * (cols - 1), 0.5 * (rows - 1)), angle_deg, 1.0)
-    return cv2.warpAffine(
-        image, matrix, (cols, rows), flags=method, borderMode=cv2.BORDER_CONSTANT, borderValue=fill
-    )
+    return transformed(image, matrix, fill, method)
+
+
+def transformed(
+    image: np.ndarray, matrix: np.ndarray, fill: float = UNKNOWN, method: int = cv2.INTER_NEAREST
+) -> np.ndarray:
+    """An image after a motion, same shape.
+
+    Args:
+        image: (H, W).
+        matrix: (2, 3), of (col, row).
+        fill: Value of what comes from beyond the border.
+        method: OpenCV's interpolation.
+    """
+    size = (image.shape[1], image.shape[0])
+    return cv2.warpAffine(image, matrix, size, flags=method, borderMode=cv2.BORDER_CONSTANT, borderValue=fill)

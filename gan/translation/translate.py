@@ -1,9 +1,9 @@
 """Use a trained translator: maps of any size and scale in, maps of the same frame out.
 
 How an image reaches the network: a SLAM map is turned so that most walls lie along the axes, cut to what is known
-of it, and resampled to a scale that the network was trained at (told by the ROS map's resolution; without it the
+of it, and resampled to a scale that the network was trained at (given by the ROS map's resolution; without it the
 map is fitted into the network's image). What is larger than the network's image goes through in overlapping tiles.
-The translation takes the same way back, so that it lies over the input.
+The translation is resampled and turned back, so that it lies over the input.
 """
 
 import dataclasses
@@ -16,8 +16,8 @@ import numpy as np
 
 from slamgym.core.errors import ConfigError
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, ByteArray, Float32Array
-from slamgym.gan.config import Direction, TranslatorConfig
-from slamgym.gan.device import Compute, DeviceName, choose_compute
+from slamgym.gan.config import DeviceName, Direction, TranslatorConfig
+from slamgym.gan.device import Compute, choose_compute
 from slamgym.gan.encoding import (
     decode_slam,
     enlarge_means,
@@ -26,15 +26,15 @@ from slamgym.gan.encoding import (
     resample_probability,
     resample_slam,
 )
-from slamgym.gan.networks.factory import Generator
-from slamgym.gan.training.augmentation import flipped, unflipped
-from slamgym.gan.training.sampler import MAX_DRIFT_DEG
-from slamgym.gan.training.validation import draw_all
+from slamgym.gan.networks.factory import Generator, run_generator
 from slamgym.gan.translation.derotation import (
+    MAX_DRIFT_DEG,
     angle_to_undo_deg,
+    flipped,
     padded_for_turning,
     turned,
     turned_probability,
+    unflipped,
 )
 from slamgym.gan.translation.elastic import drifted
 from slamgym.gan.translation.explored import explored_floor
@@ -53,7 +53,7 @@ def tile_starts(length: int, tile: int) -> list[int]:
 
 
 def translate_tiled(
-    cells: ByteArray, tile: int, fill: int, draw: Callable[[ByteArray], Float32Array]
+    cells: ByteArray, tile: int, fill: int, run: Callable[[ByteArray], Float32Array]
 ) -> Float32Array:
     """Translate tile by tile.
 
@@ -61,7 +61,7 @@ def translate_tiled(
         cells: (H, W), any size; smaller sides are padded in the middle.
         tile: Side of a tile.
         fill: Value of the padding.
-        draw: Turns tiles (N, tile, tile) into (N, C, tile, tile).
+        run: Turns tiles (N, tile, tile) into (N, C, tile, tile).
 
     Returns:
         (C, H, W): the mean of the tiles, weighted less towards their borders.
@@ -71,11 +71,11 @@ def translate_tiled(
     below, behind = max(0, tile - rows) - above, max(0, tile - cols) - beside
     padded = np.pad(cells, ((above, below), (beside, behind)), constant_values=fill)
     corners = [(r, c) for r in tile_starts(padded.shape[0], tile) for c in tile_starts(padded.shape[1], tile)]
-    drawn = draw(np.stack([padded[r : r + tile, c : c + tile] for r, c in corners]))
+    images = run(np.stack([padded[r : r + tile, c : c + tile] for r, c in corners]))
     window = _window(tile)
-    total = np.zeros((drawn.shape[1], *padded.shape), np.float32)
+    total = np.zeros((images.shape[1], *padded.shape), np.float32)
     weight = np.zeros(padded.shape, np.float32)
-    for (r, c), part in zip(corners, drawn, strict=True):
+    for (r, c), part in zip(corners, images, strict=True):
         total[:, r : r + tile, c : c + tile] += part * window
         weight[r : r + tile, c : c + tile] += window
     blended: Float32Array = (total / weight).astype(np.float32)
@@ -94,7 +94,7 @@ class Translator(Protocol):
     """Something that turns a SLAM map into a map of where the floor is."""
 
     def translate(self, slam: ByteArray, metres_per_px: float | None = None) -> Float32Array:
-        """Tell for each pixel how likely it is free space of the building.
+        """For each pixel the probability of being free space of the building.
 
         Args:
             slam: SLAM map, shape (H, W): 0 occupied, 205 unknown, 254 free, row 0 at the top. Any size.
@@ -107,7 +107,7 @@ class Translator(Protocol):
         ...
 
 
-MARGIN = 0.06
+CONTENT_MARGIN = 0.06
 """Border around what is known of a map, in shares of its larger side."""
 MAX_SHRINK = 4.0
 """A map of unknown scale is shrunk at most by this to fit into the network's image; a larger one is tiled."""
@@ -118,7 +118,7 @@ SYMMETRIES = {1: (0,), 2: (0, 4), 4: (0, 2, 4, 6), 8: tuple(range(8))}
 
 
 class LearnedTranslator:
-    """A trained generator; satisfies :class:`slamgym.gan.translation.translate.Translator` if it draws CAD maps."""
+    """A trained generator; satisfies :class:`Translator` if it gives CAD maps."""
 
     def __init__(
         self, generator: Generator, config: TranslatorConfig, card: ModelCard, compute: Compute
@@ -139,31 +139,31 @@ class LearnedTranslator:
     def translate(
         self, slam: ByteArray, metres_per_px: float | None = None, straighten: bool = False
     ) -> Float32Array:
-        """Tell for each pixel of a SLAM map how likely it is free space of the building.
+        """For each pixel of a SLAM map the probability of being free space of the building.
 
         Args:
             slam: (H, W): 0 occupied, 205 unknown, 254 free, row 0 at the top.
             metres_per_px: Scale of the map, if it is known.
-            straighten: Leave the drawing turned about the image's centre so that most walls lie along the axes,
+            straighten: Leave the CAD map turned about the image's centre so that most walls lie along the axes,
                 instead of turning it back into the map's frame.
 
         Returns:
             (H, W) in [0, 1]: 1 inside of rooms, 0 in walls and outside.
 
         Raises:
-            ConfigError: If these weights draw SLAM maps, or the map is empty.
+            ConfigError: If these weights translate to SLAM maps, or the map is empty.
         """
         if self.config.direction != "slam2cad":
-            raise ConfigError("these weights draw SLAM maps from CAD maps; choose others with --weights")
+            raise ConfigError("these weights translate CAD maps to SLAM maps; choose others with --weights")
         _require_image(slam)
         angle = angle_to_undo_deg(slam) if self.config.derotate else 0.0
         # A small turn cuts nothing off but a sliver of the corners; the training's maps are turned like this, too.
         padded = slam if abs(angle) <= MAX_DRIFT_DEG else padded_for_turning(slam, angle)
         upright = turned(padded, -angle)
-        free = self._free_space(upright, metres_per_px)
-        if self.config.reach > 0.0:
+        free = free_probability(self._fitted(upright, UNKNOWN, metres_per_px), self.config.output_encoding)
+        if self.config.explored_margin > 0.0:
             scale = metres_per_px or self.config.metres_per_px[1]
-            free[~explored_floor(upright, scale, self.config.reach)] = 0.0
+            free[~explored_floor(upright, scale, self.config.explored_margin)] = 0.0
         above, beside = ((a - b) // 2 for a, b in zip(padded.shape, slam.shape, strict=True))
         back = free if straighten else turned_probability(free, angle)
         return back[above : above + slam.shape[0], beside : beside + slam.shape[1]]
@@ -191,13 +191,13 @@ class LearnedTranslator:
             free = self.translate(cells, metres_per_px, straighten)
             return np.where(free >= 0.5, FREE, OCCUPIED).astype(np.uint8)
         _require_image(cells)
-        drawn = self._fitted(self._bent(cells, metres_per_px, drift), OCCUPIED, metres_per_px)
-        return decode_slam(drawn, self.config.output_encoding)
+        image = self._fitted(self._bent(cells, metres_per_px, drift), OCCUPIED, metres_per_px)
+        return decode_slam(image, self.config.output_encoding)
 
-    def draw_slam(
+    def native_slam_map(
         self, cad: ByteArray, metres_per_px: float | None = None, drift: np.random.Generator | None = None
     ) -> ByteArray:
-        """Draw the SLAM map of a CAD map as the training saw such: nothing is resampled.
+        """The SLAM map of a CAD map at the network's own size, as in training: nothing is resampled.
 
         Args:
             cad: (S, S), S the network's input size.
@@ -208,7 +208,7 @@ class LearnedTranslator:
             (R, R), R the network's output size: 0, 205, 254.
         """
         seen = self._bent(cad, metres_per_px, drift)[np.newaxis]
-        image = draw_all(self._generator, seen, self.config, self._compute, self.config.output_size)[0]
+        image = run_generator(self._generator, seen, self.config, self._compute, self.config.output_size)[0]
         return decode_slam(image, self.config.output_encoding)
 
     def _bent(
@@ -217,11 +217,8 @@ class LearnedTranslator:
         """A CAD map bent as drift would, if there is any."""
         return cad if drift is None else drifted(cad, metres_per_px or self.config.metres_per_px[1], drift)
 
-    def _free_space(self, slam: ByteArray, metres_per_px: float | None) -> Float32Array:
-        return free_probability(self._fitted(slam, UNKNOWN, metres_per_px), self.config.output_encoding)
-
     def _fitted(self, cells: ByteArray, empty: int, metres_per_px: float | None) -> Float32Array:
-        """Draw at the network's scale: (C, H, W) of the input's size in [-1, 1].
+        """Translate at the network's scale: (C, H, W) of the input's size in [-1, 1].
 
         Args:
             cells: (H, W).
@@ -230,7 +227,7 @@ class LearnedTranslator:
         """
         size = self.config.input_size
         if cells.shape == (size, size) and self._is_usual(metres_per_px):
-            return self._draw(cells[np.newaxis])[0]
+            return self._run(cells[np.newaxis])[0]
         channels = 1 if self.config.output_encoding == "grey" else 2
         result = np.full((channels, *cells.shape), -1.0, np.float32)
         rows, cols = _content(cells, empty)
@@ -239,11 +236,11 @@ class LearnedTranslator:
             return result
         shape = self._working_shape((part.shape[0], part.shape[1]), metres_per_px)
         resampled = resample_slam(part, shape) if empty == UNKNOWN else resample_grey(part, shape)
-        drawn = translate_tiled(resampled, size, empty, self._draw)
-        if drawn.shape[0] == 3:
-            drawn = drawn.mean(axis=0, keepdims=True)
+        image = translate_tiled(resampled, size, empty, self._run)
+        if image.shape[0] == 3:
+            image = image.mean(axis=0, keepdims=True)
         for channel in range(channels):
-            share = resample_probability(0.5 * (drawn[channel] + 1.0), (part.shape[0], part.shape[1]))
+            share = resample_probability(0.5 * (image[channel] + 1.0), (part.shape[0], part.shape[1]))
             result[channel, rows, cols] = 2.0 * share - 1.0
         return result
 
@@ -265,15 +262,15 @@ class LearnedTranslator:
         rows, cols = (max(1, min(math.ceil(side * factor), side * size)) for side in shape)
         return (min(rows, size), min(cols, size)) if factor * longest <= size + 1 else (rows, cols)
 
-    def _draw(self, tiles: ByteArray) -> Float32Array:
-        """Draw tiles (N, S, S) as (N, C, S, S), the mean over the symmetries."""
+    def _run(self, tiles: ByteArray) -> Float32Array:
+        """Translate tiles (N, S, S) to (N, C, S, S), the mean over the symmetries."""
         size = self.config.input_size
-        drawn: list[np.ndarray] = []
+        outputs: list[np.ndarray] = []
         for symmetry in SYMMETRIES[self.config.flips]:
             seen = np.stack([flipped(tile, symmetry) for tile in tiles])
-            images = draw_all(self._generator, seen, self.config, self._compute, self.config.output_size)
-            drawn.append(np.stack([np.stack([unflipped(c, symmetry) for c in image]) for image in images]))
-        mean: Float32Array = np.stack(drawn).mean(axis=0).astype(np.float32)
+            images = run_generator(self._generator, seen, self.config, self._compute, self.config.output_size)
+            outputs.append(np.stack([np.stack([unflipped(c, symmetry) for c in image]) for image in images]))
+        mean: Float32Array = np.stack(outputs).mean(axis=0).astype(np.float32)
         if mean.shape[-1] == size:
             return mean
         shares = [[enlarge_means(0.5 * (c + 1.0), (size, size)) for c in image] for image in mean]
@@ -289,7 +286,7 @@ def load_translator(
     """Load a translator, ready to use; no network is needed.
 
     Args:
-        name_or_path: Shipped weights (``slam2cad``, ...), a ``.safetensors`` file, or the folder of a finished run.
+        name_or_path: Pretrained weights (``slam2cad``, ...), a ``.safetensors`` file, or the folder of a finished run.
         direction: What it must translate; None takes any.
         device: Where to compute.
         flips: Average over 1, 2, 4 or 8 flips and quarter turns instead of what the weights' settings say.
@@ -312,11 +309,11 @@ def _require_image(cells: ByteArray) -> None:
 
 def _content(cells: ByteArray, empty: int) -> tuple[slice, slice]:
     """Rows and columns of what isn't empty, with a margin."""
-    told = cells != empty
-    rows, cols = np.flatnonzero(told.any(axis=1)), np.flatnonzero(told.any(axis=0))
+    known = cells != empty
+    rows, cols = np.flatnonzero(known.any(axis=1)), np.flatnonzero(known.any(axis=0))
     if rows.size == 0:
         return slice(0, 0), slice(0, 0)
-    margin = math.ceil(MARGIN * max(rows[-1] - rows[0], cols[-1] - cols[0]) + 1)
+    margin = math.ceil(CONTENT_MARGIN * max(rows[-1] - rows[0], cols[-1] - cols[0]) + 1)
     return (
         slice(max(0, int(rows[0]) - margin), min(cells.shape[0], int(rows[-1]) + margin + 1)),
         slice(max(0, int(cols[0]) - margin), min(cells.shape[1], int(cols[-1]) + margin + 1)),

@@ -9,11 +9,24 @@ from hypothesis import strategies as st
 from slamgym.core.errors import ConfigError
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN
 from slamgym.gan.config import AugmentConfig
-from slamgym.gan.training.augmentation import augment, flipped, unflipped
-from slamgym.gan.translation.derotation import dominant_angle_deg, padded_for_turning, turned
+from slamgym.gan.training.augmentation import augment
+from slamgym.gan.translation.derotation import (
+    dominant_angle_deg,
+    flipped,
+    padded_for_turning,
+    turned,
+    unflipped,
+)
 
 EVERYTHING = AugmentConfig(
-    zoom=0.2, shift=0.1, turn_deg=2.0, specks=0.05, broken_walls=0.5, unknown=0.3, cut_off=0.5, wobble_px=2.0
+    zoom=0.2,
+    shift=0.1,
+    turn_deg=2.0,
+    salt_noise=0.05,
+    wall_dropout=0.5,
+    unknown=0.3,
+    occlusion=0.5,
+    wobble_px=2.0,
 )
 
 
@@ -74,7 +87,7 @@ def test_what_is_not_resampled_moves_by_whole_pixels(seed):
 
 
 @pytest.mark.parametrize(
-    ("setting", "value"), [("unknown", 0.4), ("broken_walls", 0.9), ("specks", 0.1), ("cut_off", 0.99)]
+    ("setting", "value"), [("unknown", 0.4), ("wall_dropout", 0.9), ("salt_noise", 0.1), ("occlusion", 0.99)]
 )
 def test_each_kind_of_damage_does_something(setting, value):
     slam = np.full((64, 64), FREE, np.uint8)
@@ -89,11 +102,11 @@ def test_each_kind_of_damage_does_something(setting, value):
 @pytest.mark.parametrize(
     "values",
     [
-        {"specks": 1.0},
+        {"salt_noise": 1.0},
         {"zoom": -0.1},
         {"turn_deg": 90.0},
         {"wobble_px": -1.0},
-        {"cut_off": float("nan")},
+        {"occlusion": float("nan")},
         {"resampled": 1.1},
     ],
 )
@@ -113,8 +126,7 @@ def turned_building(angle_deg, noise=0.0):
         outline = np.rint(corners @ turn.T + 127.5).astype(np.int32)
         cv2.fillPoly(image, [outline], FREE)
         cv2.polylines(image, [outline], True, OCCUPIED, 2)
-    specks = np.random.default_rng(0).random(image.shape) < noise
-    image[specks] = OCCUPIED
+    image[np.random.default_rng(0).random(image.shape) < noise] = OCCUPIED
     return image
 
 

@@ -7,8 +7,9 @@ import cv2
 import numpy as np
 import pytest
 
-from slamgym.commands.gan import evaluate as evaluate_command
-from slamgym.commands.gan.evaluate import EvaluateArguments, main
+from slamgym.commands.gan import evaluate
+from slamgym.commands.gan.arguments import EvaluateTranslatorsArguments
+from slamgym.commands.gan.arguments import evaluate_command as main
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, GridFrame, OccupancyGrid
 from slamgym.gan.data import PairSet
@@ -18,7 +19,7 @@ from slamgym.gan.evaluation.evaluate import (
     CLEANED,
     OUTLINE,
     RAW,
-    Method,
+    TranslationMethod,
     baselines,
     evaluate_method,
     evenly_spaced,
@@ -27,8 +28,14 @@ from slamgym.gan.evaluation.evaluate import (
 )
 from slamgym.gan.evaluation.generated_maps import load_generated, parse_named_folders, shifted
 from slamgym.gan.evaluation.real_maps import find_ros_maps, translate_real, working_map
-from slamgym.gan.evaluation.realism import Sample, elastic_maps, judge, null_halves, translated_maps
-from slamgym.gan.evaluation.summary import main_table, scores_csv, summarise, table_one
+from slamgym.gan.evaluation.realism import (
+    Sample,
+    compare_with_simulated,
+    elastic_maps,
+    null_halves,
+    translated_maps,
+)
+from slamgym.gan.evaluation.summary import main_table, scores_csv, summarise_scores, table_one
 from slamgym.gan.translation.classical import ClassicalTranslator, CleaningConfig, clean_map, outline_only
 from slamgym.gan.translation.elastic import bend
 from slamgym.gan.translation.translate import Translator
@@ -118,21 +125,26 @@ def scored():
 class TestScores:
     def test_the_cad_map_itself_is_perfect(self):
         score = score_map(plan() > 127, plan(), SCALE)
-        assert (score.mse, score.wall_f1_10cm, score.free_iou, score.room_error) == (0.0, 1.0, 1.0, 0)
-        assert (score.rotation_deg, score.scale) == (0.0, 1.0)
+        assert (score.mse, score["wall_f1_10cm"], score["free_iou"], score["room_error"]) == (
+            0.0,
+            1.0,
+            1.0,
+            0,
+        )
+        assert (score["rotation_deg"], score["scale"]) == (0.0, 1.0)
 
-    def test_a_turned_map_is_judged_after_alignment(self):
+    def test_a_turned_map_is_measured_after_alignment(self):
         matrix = cv2.getRotationMatrix2D((63.5, 63.5), 12.0, 1.05)
         turned = cv2.warpAffine(plan(), matrix, (SIZE, SIZE)) > 127
         score = score_map(turned, plan(), SCALE)
-        assert score.mse < 0.2 * score.mse_unaligned
-        assert score.rotation_deg == pytest.approx(-12.0, abs=1.0)
-        assert score.wall_f1_10cm > 0.9 > score.wall_f1_10cm_unaligned
+        assert score.mse < 0.2 * score["mse_unaligned"]
+        assert score["rotation_deg"] == pytest.approx(-12.0, abs=1.0)
+        assert score["wall_f1_10cm"] > 0.9 > score["wall_f1_10cm_unaligned"]
 
     def test_the_outline_beats_the_map_in_the_error_and_is_exposed_by_walls_and_rooms(self, scored):
         _, scores = scored
         mean = {
-            name: {k: np.mean([getattr(s, k) for s in rows]) for k in ("mse", "wall_f1_10cm", "room_error")}
+            name: {k: np.mean([s[k] for s in rows]) for k in ("mse", "wall_f1_10cm", "room_error")}
             for name, rows in scores.items()
         }
         assert mean[OUTLINE]["wall_f1_10cm"] < mean[RAW]["wall_f1_10cm"] < mean[CLEANED]["wall_f1_10cm"]
@@ -140,14 +152,14 @@ class TestScores:
         assert mean[CLEANED]["mse"] < mean[RAW]["mse"]
         assert mean[CLEANED]["room_error"] == 0.0
 
-    def test_greys_are_judged_as_they_are_drawn_and_as_a_mask(self):
+    def test_greys_are_measured_as_they_are_and_as_a_mask(self):
         cad = plan()
         sure = score_map((cad > 127).astype(np.float32), cad, SCALE)
         unsure = score_map(np.where(cad > 127, 0.6, 0.4).astype(np.float32), cad, SCALE)
-        assert (sure.mse, sure.mse_grey) == (0.0, 0.0)
+        assert (sure.mse, sure["mse_grey"]) == (0.0, 0.0)
         assert unsure.mse == 0.0
-        assert unsure.wall_f1_10cm == 1.0
-        assert unsure.mse_grey == pytest.approx(0.16)
+        assert unsure["wall_f1_10cm"] == 1.0
+        assert unsure["mse_grey"] == pytest.approx(0.16)
 
     def test_a_map_with_displaced_walls_gains_by_greys_alone(self):
         pairs = make_pairs(1)
@@ -155,20 +167,22 @@ class TestScores:
         raw, blurred = (
             evaluate_method(method, bent)[0] for method in baselines() if method.name in (RAW, BLURRED)
         )
-        assert raw.mse_grey == pytest.approx(raw.mse)
-        assert blurred.mse_grey < 0.95 * raw.mse
+        assert raw["mse_grey"] == pytest.approx(raw.mse)
+        assert blurred["mse_grey"] < 0.95 * raw.mse
 
     def test_an_empty_translation_is_finite_and_bad(self):
         score = score_map(np.zeros((SIZE, SIZE), bool), plan(), SCALE)
-        assert score.wall_f1_10cm == score.free_iou == 0.0
-        assert np.isfinite([score.chamfer, score.hausdorff_95]).all()
+        assert score["wall_f1_10cm"] == score["free_iou"] == 0.0
+        assert np.isfinite([score["chamfer"], score["hausdorff_95"]]).all()
 
     def test_malformed_translations_and_unknown_scales_are_refused(self):
         pairs = make_pairs(1)
         with pytest.raises(ConfigError, match="shape"):
-            evaluate_method(Method("small", lambda pairs, i: np.zeros((4, 4), np.float32)), pairs)
+            evaluate_method(TranslationMethod("small", lambda pairs, i: np.zeros((4, 4), np.float32)), pairs)
         with pytest.raises(ConfigError, match="not finite"):
-            evaluate_method(Method("nan", lambda pairs, i: np.full((SIZE, SIZE), np.nan, np.float32)), pairs)
+            evaluate_method(
+                TranslationMethod("nan", lambda pairs, i: np.full((SIZE, SIZE), np.nan, np.float32)), pairs
+            )
         unknown = PairSet(pairs.cad, pairs.slam, pairs.names, pairs.plan_ids, np.array([np.nan]))
         with pytest.raises(ConfigError, match="no scale"):
             evaluate_method(baselines()[0], unknown)
@@ -226,11 +240,11 @@ class TestCleaning:
 class TestTables:
     def test_the_summary_compares_every_method_with_the_raw_map(self, scored):
         pairs, scores = scored
-        summary = summarise(scores)
+        summary = summarise_scores(scores)
         assert json.loads(json.dumps(summary)) == summary
         assert "improvement" not in summary[RAW]
         better, grey = summary[CLEANED]["improvement"], summary[BLURRED]["improvement_grey"]
-        assert grey["mean_mse1"]["value"] == pytest.approx(np.mean([s.mse_grey for s in scores[BLURRED]]))
+        assert grey["mean_mse1"]["value"] == pytest.approx(np.mean([s["mse_grey"] for s in scores[BLURRED]]))
         assert better["mean_mse2"]["value"] == pytest.approx(summary[RAW]["mse"]["value"])
         expected = np.mean([a.mse < b.mse for a, b in zip(scores[CLEANED], scores[RAW], strict=True)])
         assert better["share_improved"]["value"] == pytest.approx(expected)
@@ -258,8 +272,8 @@ class TestRealism:
         assert sorted(first + second) == list(range(40))
         some = pairs.subset(first)
         bent = Sample.of(elastic_maps(some, 0), some)
-        null = judge("null", reference.subset(first), reference.subset(second), repeats=1)
-        elastic = judge("elastic", reference.subset(first), bent, repeats=1)
+        null = compare_with_simulated("null", reference.subset(first), reference.subset(second), repeats=1)
+        elastic = compare_with_simulated("elastic", reference.subset(first), bent, repeats=1)
         assert null["extra_trees"]["accuracy"] < 0.75 < elastic["extra_trees"]["accuracy"]
         assert elastic["kernel_distance"]["p"] < 0.01
         assert json.loads(json.dumps(elastic))["name"] == "elastic"
@@ -270,14 +284,16 @@ class TestRealism:
 
         pairs = make_pairs(24)
         config = ClassifierConfig(size=32, width=8, epochs=16, folds=2, batch=8)
-        arguments = (pairs.slam, pairs.cad, list(pairs.plan_ids))
-        bent = picture_test(*arguments, elastic_maps(pairs, 0), *arguments[1:], config=config)
+        simulated = Sample(pairs.slam, pairs.cad, list(pairs.plan_ids), [])
+        bent = picture_test(
+            simulated, dataclasses.replace(simulated, maps=elastic_maps(pairs, 0)), config=config
+        )
         assert bent.low > 0.6
         # Each map is in both samples: half of the guesses fail, whatever was learnt.
         brief = ClassifierConfig(size=32, width=8, epochs=1, folds=2, batch=8)
-        assert picture_test(*arguments, *arguments, config=brief).value == pytest.approx(0.5, abs=1e-9)
+        assert picture_test(simulated, simulated, config=brief).value == pytest.approx(0.5, abs=1e-9)
 
-    def test_a_translator_is_judged_at_its_own_resolution_and_with_drift(self):
+    def test_a_translator_is_compared_at_its_own_resolution_and_with_drift(self):
         translator = copying_translator(64)
         pairs = make_pairs(2)
         made = translated_maps("copy", translator, pairs, seed=0)
@@ -311,11 +327,11 @@ class TestRealism:
                 "medians": medians,
             }
 
-        monkeypatch.setattr(evaluate_command, "judge", watched)
+        monkeypatch.setattr(evaluate, "compare_with_simulated", watched)
         pairs = make_pairs(2)
         generated = {"made": (pairs.subset([1]), pairs.slam[1:])}
-        arguments = EvaluateArguments(tmp_path, tmp_path, pictures=1)
-        found = evaluate_command._judge_realism(arguments, pairs, generated, {"copy": copying_translator(64)})
+        arguments = EvaluateTranslatorsArguments(tmp_path, tmp_path, pictures=1)
+        found = evaluate._compare_realism(arguments, pairs, generated, {"copy": copying_translator(64)})
         large, small, one = (2, SIZE, SIZE), (2, 64, 64), (1, SIZE, SIZE)
         assert {kind["name"] for kind in found["kinds"]} == seen.keys()
         assert seen == {

@@ -1,5 +1,6 @@
 """Folders of pairs: what is read, what is refused; encodings, resampling and the stream of batches."""
 
+import dataclasses
 import json
 
 import cv2
@@ -14,7 +15,12 @@ from slamgym.core.types import FREE, OCCUPIED, UNKNOWN
 from slamgym.gan.config import AugmentConfig
 from slamgym.gan.data import load_pairs, read_grey
 from slamgym.gan.encoding import decode_slam, encode, enlarge_means, free_probability, resample_slam
+from slamgym.gan.presets import find_preset
 from slamgym.gan.training.sampler import BatchSampler, derotated
+
+
+def training(preset, augment):
+    return dataclasses.replace(find_preset(preset), augment=augment)
 
 
 def test_rendered_folders_and_plain_ones_read_alike(tmp_path, make_images):
@@ -181,14 +187,14 @@ def pairs(tmp_path, make_images):
 
 
 def test_every_pair_comes_once_a_pass(pairs):
-    sampler = BatchSampler(pairs, AugmentConfig(flips=False), np.random.default_rng(0), damage=True)
+    sampler = BatchSampler(pairs, training("model32", AugmentConfig(flips=False)), np.random.default_rng(0))
     drawn = np.concatenate([sampler.draw(3).slam for _ in range(7)])  # three passes over seven pairs
     counts = [sum(np.array_equal(image, slam) for image in drawn) for slam in pairs.slam]
     assert counts == [3] * 7
 
 
 def test_unassociated_targets_are_other_places(pairs):
-    sampler = BatchSampler(pairs, AugmentConfig(flips=False), np.random.default_rng(0), damage=True)
+    sampler = BatchSampler(pairs, training("model32", AugmentConfig(flips=False)), np.random.default_rng(0))
     for _ in range(5):
         batch = sampler.draw(4)
         for cad, other in zip(batch.cad, batch.other_cad, strict=True):
@@ -198,9 +204,9 @@ def test_unassociated_targets_are_other_places(pairs):
 
 def test_unassociated_targets_go_through_the_same_changes(pairs):
     config = AugmentConfig(zoom=0.2, shift=0.1)
-    sampler = BatchSampler(pairs, config, np.random.default_rng(0), damage=False)
+    sampler = BatchSampler(pairs, training("modelprog", config), np.random.default_rng(0))
     batches = [sampler.draw(7) for _ in range(30)]
-    # A judge could tell them by their greys if one kind were interpolated and the other not.
+    # A discriminator could tell them by their greys if one kind were interpolated and the other not.
     greys = [np.mean((b > 0) & (b < FREE)) for b in (np.stack([x.cad for x in batches]),)]
     others = [np.mean((b > 0) & (b < FREE)) for b in (np.stack([x.other_cad for x in batches]),)]
     assert greys[0] > 0.0
@@ -208,12 +214,12 @@ def test_unassociated_targets_go_through_the_same_changes(pairs):
 
 
 def test_the_stream_goes_on_where_it_was_stored(pairs):
-    config = AugmentConfig(zoom=0.1, specks=0.05, wobble_px=1.0, unknown=0.3)
-    sampler = BatchSampler(pairs, config, np.random.default_rng(0), damage=True)
+    config = AugmentConfig(zoom=0.1, salt_noise=0.05, wobble_px=1.0, unknown=0.3)
+    sampler = BatchSampler(pairs, training("model32", config), np.random.default_rng(0))
     sampler.draw(5)
     state = json.loads(json.dumps(sampler.state()))
     expected = [sampler.draw(4) for _ in range(3)]
-    again = BatchSampler(pairs, config, np.random.default_rng(99), damage=True)
+    again = BatchSampler(pairs, training("model32", config), np.random.default_rng(99))
     again.restore(state)
     for batch in expected:
         resumed = again.draw(4)

@@ -7,9 +7,9 @@ import signal
 import numpy as np
 import pytest
 import torch
-from safetensors.torch import load_file
+from safetensors.torch import load_file, save_file
 
-from slamgym.commands.gan.train import main
+from slamgym.commands.gan.arguments import train_command as main
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.interruption import deferred_interrupt
 from slamgym.gan.config import (
@@ -19,21 +19,21 @@ from slamgym.gan.config import (
     LossConfig,
     OptimiserConfig,
     Stage,
-    TrainConfig,
     TranslatorConfig,
+    TranslatorTrainingConfig,
 )
 from slamgym.gan.data import load_pairs
 from slamgym.gan.device import choose_compute
-from slamgym.gan.training.checkpoint import load_checkpoint
+from slamgym.gan.training.checkpoint import load_training_state
 from slamgym.gan.training.learner import Learner
 from slamgym.gan.training.sampler import BatchSampler
 from slamgym.gan.training.schedule import Moment
-from slamgym.gan.training.train import RunOptions, TrainingDivergedError, train
+from slamgym.gan.training.train import RunOptions, TrainingDivergedError, train_translator
 from slamgym.gan.training.training_log import Bar
 from slamgym.gan.translation.translate import load_translator
 
 CPU = choose_compute("cpu", "float32")
-PROGRESSIVE = TrainConfig(
+PROGRESSIVE = TranslatorTrainingConfig(
     preset="tiny",
     translator=TranslatorConfig(
         direction="slam2cad",
@@ -44,7 +44,7 @@ PROGRESSIVE = TrainConfig(
         generator=GeneratorConfig(width=2),
     ),
     discriminator=DiscriminatorConfig(width=8, patch_width=8),
-    augment=AugmentConfig(turn_deg=1.0, specks=0.02),
+    augment=AugmentConfig(turn_deg=1.0, salt_noise=0.02),
     optimiser=OptimiserConfig(average=0.9),
     stages=(Stage(16, 1.0, 2), Stage(32, 2.0, 2, 1.0, 1)),
     register=True,
@@ -79,14 +79,14 @@ def state(run):
 
 @pytest.mark.parametrize("config", [PROGRESSIVE, RESIDUAL], ids=["progressive", "residual"])
 def test_an_interrupted_training_goes_on_bit_for_bit(tmp_path, images, config):
-    whole = train(images, tmp_path / "whole", config, CPU, QUIET)
+    whole = train_translator(images, tmp_path / "whole", config, CPU, QUIET)
     # In the middle of a pass, in the middle of the fade-in, and twice.
     for stop in (2, 5):
         stopped = dataclasses.replace(QUIET, stop_after_steps=stop)
-        report = train(images, tmp_path / "torn", config, CPU, stopped)
+        report = train_translator(images, tmp_path / "torn", config, CPU, stopped)
         assert not report.finished
         assert report.steps == stop
-    resumed = train(images, tmp_path / "torn", config, CPU, QUIET)
+    resumed = train_translator(images, tmp_path / "torn", config, CPU, QUIET)
     assert resumed.finished
     assert resumed.steps == whole.steps
     expected, found = state(tmp_path / "whole"), state(tmp_path / "torn")
@@ -100,9 +100,9 @@ def test_an_interrupted_training_goes_on_bit_for_bit(tmp_path, images, config):
 
 
 def test_a_finished_training_is_left_as_it_is(tmp_path, images):
-    train(images, tmp_path / "run", RESIDUAL, CPU, QUIET)
+    train_translator(images, tmp_path / "run", RESIDUAL, CPU, QUIET)
     before = (tmp_path / "run" / "checkpoint.safetensors").read_bytes()
-    report = train(images, tmp_path / "run", RESIDUAL, CPU, QUIET)
+    report = train_translator(images, tmp_path / "run", RESIDUAL, CPU, QUIET)
     assert report.finished
     assert (tmp_path / "run" / "checkpoint.safetensors").read_bytes() == before
 
@@ -110,7 +110,7 @@ def test_a_finished_training_is_left_as_it_is(tmp_path, images):
 def test_equal_seeds_learn_equal_weights_and_others_differ(tmp_path, images):
     stopped = dataclasses.replace(QUIET, stop_after_steps=2)
     for name, seed in (("a", 1), ("b", 1), ("c", 2)):
-        train(images, tmp_path / name, dataclasses.replace(PROGRESSIVE, seed=seed), CPU, stopped)
+        train_translator(images, tmp_path / name, dataclasses.replace(PROGRESSIVE, seed=seed), CPU, stopped)
     a, b, c = (state(tmp_path / name) for name in "abc")
     assert all(torch.equal(a[key], b[key]) for key in a)
     assert not all(torch.equal(a[key], c[key]) for key in a)
@@ -125,42 +125,52 @@ def test_equal_seeds_learn_equal_weights_and_others_differ(tmp_path, images):
 )
 def test_another_training_in_the_same_folder_is_refused(tmp_path, images, change, message):
     stopped = dataclasses.replace(QUIET, stop_after_steps=1)
-    train(images, tmp_path / "run", PROGRESSIVE, CPU, stopped)
+    train_translator(images, tmp_path / "run", PROGRESSIVE, CPU, stopped)
     with pytest.raises(ConfigError, match=message):
-        train(images, tmp_path / "run", dataclasses.replace(PROGRESSIVE, **change), CPU, QUIET)
+        train_translator(images, tmp_path / "run", dataclasses.replace(PROGRESSIVE, **change), CPU, QUIET)
 
 
 def test_other_images_in_the_same_folder_are_refused(tmp_path, images, make_images):
-    train(images, tmp_path / "run", PROGRESSIVE, CPU, dataclasses.replace(QUIET, stop_after_steps=1))
+    train_translator(
+        images, tmp_path / "run", PROGRESSIVE, CPU, dataclasses.replace(QUIET, stop_after_steps=1)
+    )
     others = make_images(tmp_path / "others", count=6, first=30)
     with pytest.raises(ConfigError, match="another set of images"):
-        train(others, tmp_path / "run", PROGRESSIVE, CPU, QUIET)
+        train_translator(others, tmp_path / "run", PROGRESSIVE, CPU, QUIET)
+
+
+def test_a_checkpoint_of_another_version_is_one_clear_error(tmp_path):
+    save_file(
+        {"x": torch.zeros(1)}, tmp_path / "old.safetensors", metadata={"format": "slamgym-gan-checkpoint-1"}
+    )
+    with pytest.raises(InputFileError, match=r"not a checkpoint of this version .*another folder"):
+        load_training_state(tmp_path / "old.safetensors")
 
 
 def test_a_damaged_checkpoint_is_one_clear_error(tmp_path, images):
     run = tmp_path / "run"
-    train(images, run, PROGRESSIVE, CPU, dataclasses.replace(QUIET, stop_after_steps=1))
+    train_translator(images, run, PROGRESSIVE, CPU, dataclasses.replace(QUIET, stop_after_steps=1))
     file = run / "checkpoint.safetensors"
     file.write_bytes(file.read_bytes()[:-100])
     with pytest.raises(InputFileError, match="damaged or no checkpoint"):
-        train(images, run, PROGRESSIVE, CPU, QUIET)
+        train_translator(images, run, PROGRESSIVE, CPU, QUIET)
 
 
 def test_nan_stops_with_the_last_good_state_kept(tmp_path, images, monkeypatch):
     run = tmp_path / "run"
-    train(images, run, PROGRESSIVE, CPU, dataclasses.replace(QUIET, stop_after_steps=2))
+    train_translator(images, run, PROGRESSIVE, CPU, dataclasses.replace(QUIET, stop_after_steps=2))
     before = state(run)
     step = Learner.step
 
     def poisoned(self, batch, moment):
-        told = step(self, batch, moment)
-        return told | {"total": float("nan")} if self.steps_done == 4 else told
+        terms = step(self, batch, moment)
+        return terms | {"total": float("nan")} if self.steps_done == 4 else terms
 
     monkeypatch.setattr(Learner, "step", poisoned)
     with pytest.raises(
         TrainingDivergedError, match=r"became nan at step 4 .*last good state is .*checkpoint"
     ):
-        train(images, run, PROGRESSIVE, CPU, QUIET)
+        train_translator(images, run, PROGRESSIVE, CPU, QUIET)
     kept = state(run)
     assert all(torch.equal(before[key], kept[key]) for key in before)
 
@@ -169,18 +179,18 @@ def test_a_rate_far_too_large_diverges_with_an_error(tmp_path, images):
     optimiser = OptimiserConfig(learning_rate=1e30)
     config = dataclasses.replace(RESIDUAL, optimiser=optimiser, stages=(Stage(32, 10.0, 2),))
     with pytest.raises(TrainingDivergedError, match="nothing was kept"):
-        train(images, tmp_path / "run", config, CPU, QUIET)
+        train_translator(images, tmp_path / "run", config, CPU, QUIET)
 
 
 def test_too_few_pairs_are_refused(tmp_path, make_images):
-    with pytest.raises(ConfigError, match="at least 2 training pairs, but there are 1"):
-        train(make_images(tmp_path / "one", count=1), tmp_path / "run", PROGRESSIVE, CPU, QUIET)
+    with pytest.raises(ConfigError, match="at least 2 pairs beside the held-out ones, not 1"):
+        train_translator(make_images(tmp_path / "one", count=1), tmp_path / "run", PROGRESSIVE, CPU, QUIET)
 
 
 def test_a_budget_of_time_ends_the_schedule_early(tmp_path, images):
-    config = dataclasses.replace(RESIDUAL, stages=(Stage(32, 1e6, 2),))
-    options = dataclasses.replace(QUIET, minutes=1 / 60, checkpoint_minutes=0.1 / 60)
-    report = train(images, tmp_path / "run", config, CPU, options)
+    config = dataclasses.replace(RESIDUAL, stages=(Stage(32, 1e6, 2),), minutes=1 / 60)
+    options = dataclasses.replace(QUIET, checkpoint_minutes=0.1 / 60)
+    report = train_translator(images, tmp_path / "run", config, CPU, options)
     assert report.finished
     assert report.steps < 1e5  # of three million
 
@@ -190,7 +200,7 @@ def test_the_residual_network_learns(tmp_path, make_images):
     config = dataclasses.replace(
         RESIDUAL, augment=AugmentConfig(), stages=(Stage(32, 40.0, 6),), validation=0.25
     )
-    report = train(images, tmp_path / "run", config, CPU, QUIET)
+    report = train_translator(images, tmp_path / "run", config, CPU, QUIET)
     # The walls are a pixel too thick and have gaps; copying the map scores 1.
     assert report.figures["mse_ratio"] < 0.7
     samples = list((tmp_path / "run" / "samples").iterdir())
@@ -202,11 +212,11 @@ def test_the_residual_network_learns(tmp_path, make_images):
 
 
 def test_a_training_goes_on_from_finished_weights(tmp_path, images):
-    train(images, tmp_path / "first", RESIDUAL, CPU, QUIET)
+    train_translator(images, tmp_path / "first", RESIDUAL, CPU, QUIET)
     config = dataclasses.replace(RESIDUAL, start_from=str(tmp_path / "first"))
     # No rate, no movement: what comes out is what went in, to half precision, but for batch norms' statistics.
     config = dataclasses.replace(config, optimiser=dataclasses.replace(config.optimiser, learning_rate=1e-12))
-    train(images, tmp_path / "second", config, CPU, QUIET)
+    train_translator(images, tmp_path / "second", config, CPU, QUIET)
     before, after = (load_file(tmp_path / run / "weights.safetensors") for run in ("first", "second"))
     for key, value in before.items():
         if "running_" not in key and "num_batches" not in key:
@@ -214,12 +224,12 @@ def test_a_training_goes_on_from_finished_weights(tmp_path, images):
 
 
 def test_weights_of_another_preset_are_no_start(tmp_path, images):
-    train(images, tmp_path / "first", RESIDUAL, CPU, QUIET)
+    train_translator(images, tmp_path / "first", RESIDUAL, CPU, QUIET)
     config = dataclasses.replace(PROGRESSIVE, start_from=str(tmp_path / "first"))
     with pytest.raises(
         ConfigError, match=r"its generator is .*choose the preset it was trained with \(tiny\)"
     ):
-        train(images, tmp_path / "second", config, CPU, QUIET)
+        train_translator(images, tmp_path / "second", config, CPU, QUIET)
 
 
 def test_the_command_names_missing_starting_weights(tmp_path, images):
@@ -244,17 +254,19 @@ def test_slam_maps_as_targets_have_three_values_and_keep_thin_walls(resolution):
 
 @pytest.mark.parametrize("kind", ["lsgan", "bce"])
 @pytest.mark.parametrize("reference", ["x", "y", "none"])
-def test_all_terms_are_told_and_every_network_moves(images, kind, reference):
+def test_all_terms_are_reported_and_every_network_moves(images, kind, reference):
     loss = LossConfig(gan=kind, input_consistency_reference=reference, cross_entropy=1.0, dice=1.0)
     learner = Learner(dataclasses.replace(PROGRESSIVE, loss=loss), CPU)
     before = {name: [p.clone() for p in n.parameters()] for name, n in learner.networks().items()}
-    sampler = BatchSampler(load_pairs(images, "train", 32), AugmentConfig(), np.random.default_rng(0), True)
-    told = learner.step(sampler.draw(2), Moment(32, 2, 0.5, 1.0))
+    sampler = BatchSampler(load_pairs(images, "train", 32), learner.config, np.random.default_rng(0))
+    terms = learner.step(sampler.draw(2), Moment(32, 2, 0.5, 1.0))
     names = {"domain", "real_fake", "feature_matching", "l1", "cross_entropy", "dice", "total"}
-    names |= {"judge_domain", "judge_real_fake"} | (set() if reference == "none" else {"input_consistency"})
-    assert told.keys() == names
+    names |= {"discriminator_domain", "discriminator_real_fake"} | (
+        set() if reference == "none" else {"input_consistency"}
+    )
+    assert terms.keys() == names
     weights = {name: getattr(loss, name) for name in names if hasattr(loss, name)}
-    assert told["total"] == pytest.approx(sum(weights[name] * told[name] for name in weights), rel=1e-4)
+    assert terms["total"] == pytest.approx(sum(weights[name] * terms[name] for name in weights), rel=1e-4)
     for name, network in learner.networks().items():
         assert any(not torch.equal(a, b) for a, b in zip(before[name], network.parameters(), strict=True)), (
             name
@@ -269,34 +281,34 @@ def test_matrix_units_get_the_layout_that_they_want(precision, last):
 
 @pytest.mark.parametrize("layout", ["channels_last", "contiguous"])
 def test_a_step_is_the_same_in_both_memory_layouts(images, layout):
-    told = []
+    terms = []
     for chosen in ("auto", layout):
         learner = Learner(RESIDUAL, choose_compute("cpu", "float32", chosen))
-        sampler = BatchSampler.of(load_pairs(images, "train", 32), RESIDUAL, np.random.default_rng(0))
-        told.append([learner.step(sampler.draw(2), Moment(32, 2, 1.0, 1.0)) for _ in range(2)])
-    for plain, other in zip(*told, strict=True):
+        sampler = BatchSampler(load_pairs(images, "train", 32), RESIDUAL, np.random.default_rng(0))
+        terms.append([learner.step(sampler.draw(2), Moment(32, 2, 1.0, 1.0)) for _ in range(2)])
+    for plain, other in zip(*terms, strict=True):
         assert other == pytest.approx(plain, rel=1e-3)  # sums in another order
 
 
 def test_compiled_networks_learn_the_same_under_the_same_names(images):
-    told, names = [], []
+    terms, names = [], []
     for compiled in (False, True):
         learner = Learner(RESIDUAL, CPU)
         if compiled:
             learner.compile("eager")  # traced, but not translated to machine code, which takes minutes
-        sampler = BatchSampler.of(load_pairs(images, "train", 32), RESIDUAL, np.random.default_rng(0))
-        told.append([learner.step(sampler.draw(2), Moment(32, 2, 1.0, 1.0)) for _ in range(2)])
+        sampler = BatchSampler(load_pairs(images, "train", 32), RESIDUAL, np.random.default_rng(0))
+        terms.append([learner.step(sampler.draw(2), Moment(32, 2, 1.0, 1.0)) for _ in range(2)])
         names.append([list(network.state_dict()) for network in learner.networks().values()])
-    for plain, traced in zip(*told, strict=True):
+    for plain, traced in zip(*terms, strict=True):
         assert traced == pytest.approx(plain, rel=1e-4)
     assert names[0] == names[1]
 
 
-def test_unassociated_targets_are_drawn_for_judges_alone(images):
+def test_unassociated_targets_are_drawn_for_discriminators_alone(images):
     pairs = load_pairs(images, "train", 32)
-    with_judges = BatchSampler.of(pairs, PROGRESSIVE, np.random.default_rng(0)).draw(2)
-    without = BatchSampler.of(pairs, RESIDUAL, np.random.default_rng(0)).draw(2)
-    assert with_judges.other_cad is not None
+    with_discriminators = BatchSampler(pairs, PROGRESSIVE, np.random.default_rng(0)).draw(2)
+    without = BatchSampler(pairs, RESIDUAL, np.random.default_rng(0)).draw(2)
+    assert with_discriminators.other_cad is not None
     assert without.other_cad is None
 
 
@@ -307,25 +319,25 @@ def test_consistency_with_the_input_needs_equal_encodings():
         Learner(dataclasses.replace(PROGRESSIVE, translator=translator, loss=loss), CPU)
 
 
-def test_the_generators_step_leaves_the_judges_alone(images):
+def test_the_generators_step_leaves_the_discriminators_alone(images):
     learner = Learner(PROGRESSIVE, CPU)
     for name in ("domain", "real_fake"):
-        # A judge that isn't moved by its own optimiser must not move at all, nor get a gradient from the generator's.
-        learner.optimisers[name] = torch.optim.SGD(learner.judges[name].parameters(), 0.0)
+        # One that its own optimiser does not move must not move at all, nor get a gradient from the generator's step.
+        learner.optimisers[name] = torch.optim.SGD(learner.discriminators[name].parameters(), 0.0)
     seen = []
     descend = Learner._descend
 
     def watched(self, name, loss):
         descend(self, name, loss)
         if name == "generator":
-            seen.extend(p.grad for p in self.judges.parameters())
+            seen.extend(p.grad for p in self.discriminators.parameters())
 
     learner._descend = watched.__get__(learner)
-    sampler = BatchSampler(load_pairs(images, "train", 32), AugmentConfig(), np.random.default_rng(0), True)
+    sampler = BatchSampler(load_pairs(images, "train", 32), learner.config, np.random.default_rng(0))
     learner.step(sampler.draw(2), Moment(32, 2, 1.0, 1.0))
     assert seen
     assert all(grad is None for grad in seen)
-    assert all(p.requires_grad for p in learner.judges.parameters())
+    assert all(p.requires_grad for p in learner.discriminators.parameters())
 
 
 def test_the_first_ctrl_c_is_noted_and_the_second_breaks_off():
@@ -339,21 +351,21 @@ def test_the_first_ctrl_c_is_noted_and_the_second_breaks_off():
 
 
 def test_ctrl_c_saves_a_state_to_go_on_from(tmp_path, images, monkeypatch):
-    train(images, tmp_path / "whole", PROGRESSIVE, CPU, QUIET)
+    train_translator(images, tmp_path / "whole", PROGRESSIVE, CPU, QUIET)
     step = Learner.step
 
     def interrupted(self, batch, moment):
-        told = step(self, batch, moment)
+        terms = step(self, batch, moment)
         if self.steps_done == 3:
             signal.raise_signal(signal.SIGINT)
-        return told
+        return terms
 
     monkeypatch.setattr(Learner, "step", interrupted)
     with pytest.raises(KeyboardInterrupt):
-        train(images, tmp_path / "torn", PROGRESSIVE, CPU, QUIET)
-    assert load_checkpoint(tmp_path / "torn" / "checkpoint.safetensors").facts["steps_done"] == 3
+        train_translator(images, tmp_path / "torn", PROGRESSIVE, CPU, QUIET)
+    assert load_training_state(tmp_path / "torn" / "checkpoint.safetensors").facts["steps_done"] == 3
     monkeypatch.undo()
-    train(images, tmp_path / "torn", PROGRESSIVE, CPU, QUIET)
+    train_translator(images, tmp_path / "torn", PROGRESSIVE, CPU, QUIET)
     expected, found = state(tmp_path / "whole"), state(tmp_path / "torn")
     assert all(torch.equal(expected[key], found[key]) for key in expected)
 

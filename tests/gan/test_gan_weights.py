@@ -8,7 +8,7 @@ import pytest
 import torch
 from safetensors.torch import save_file
 
-from slamgym.commands.gan.publish import main as ship_command
+from slamgym.commands.gan.arguments import publish_command
 from slamgym.core.config import from_dict, to_dict
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.gan.config import GeneratorConfig, TranslatorConfig
@@ -103,6 +103,7 @@ def with_nan(tensors):
     ("changes", "message"),
     [
         ({"header": {"format": "pt"}}, "not of a slamgym translator"),
+        ({"header": {"format": "slamgym-translator-1"}}, "of another version of slamgym .*train them again"),
         ({"change_tensors": without_first}, "tensors of another network"),
         ({"change_tensors": with_nan}, "NaN"),
         ({"change_config": lambda c: c | {"colour": 1}}, "unknown setting 'colour'"),
@@ -144,11 +145,11 @@ def test_a_file_that_cannot_be_written_is_one_clear_error(tmp_path):
         save_translator(tmp_path / "file" / "w.safetensors", build_generator(TINY), TINY, CARD)
 
 
-def test_shipping_keeps_the_weights_and_completes_the_card(saved, tmp_path):
+def test_publishing_keeps_the_weights_and_completes_the_card(saved, tmp_path):
     path, _ = saved
     out = str(tmp_path / "out")
     arguments = [str(path), "mine", "--data", "homes", "--command", "slamgym gan train images", "--out", out]
-    assert ship_command(arguments) == 0
+    assert publish_command(arguments) == 0
     before, after = load_weights(path), load_weights(tmp_path / "out" / "mine.safetensors")
     state = after.generator.state_dict()
     assert all(torch.equal(value, state[key]) for key, value in before.generator.state_dict().items())
@@ -157,13 +158,13 @@ def test_shipping_keeps_the_weights_and_completes_the_card(saved, tmp_path):
 
 
 @pytest.mark.parametrize("name", pretrained_names())
-def test_shipped_weights_load_and_are_small(name):
-    from slamgym.gan.weights import PRETRAINED
+def test_pretrained_weights_load_and_are_small(name):
+    from slamgym.gan.weights import PRETRAINED_FOLDER
 
-    assert (PRETRAINED / f"{name}.safetensors").stat().st_size <= MAX_BYTES
+    assert (PRETRAINED_FOLDER / f"{name}.safetensors").stat().st_size <= MAX_BYTES
     weights = load_weights(name)
-    assert to_dict(weights.config) == json.loads((PRETRAINED / f"{name}.json").read_text())["config"]
-    assert (PRETRAINED / f"{name}.md").read_text().startswith(f"# {name}\n")
+    assert to_dict(weights.config) == json.loads((PRETRAINED_FOLDER / f"{name}.json").read_text())["config"]
+    assert (PRETRAINED_FOLDER / f"{name}.md").read_text().startswith(f"# {name}\n")
 
 
 def test_settings_survive_their_json_form():

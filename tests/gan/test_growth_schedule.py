@@ -6,21 +6,21 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from slamgym.commands.gan.train import TrainArguments, apply_settings, scaled_stages, train_config
+from slamgym.commands.gan.arguments import TrainTranslatorArguments
+from slamgym.commands.gan.train import apply_settings, scaled_stages, training_config
 from slamgym.core.errors import ConfigError
 from slamgym.gan.config import OptimiserConfig, Stage
-from slamgym.gan.presets import PRESETS, find_preset
-from slamgym.gan.training.budget import Budget
-from slamgym.gan.training.schedule import Schedule, Span, plan_schedule
+from slamgym.gan.presets import TRANSLATOR_PRESETS, find_preset
+from slamgym.gan.training.schedule import Budget, Schedule, Span, plan_schedule
 
 PAPER_PAIRS = 4224
 GROWING = (Stage(32, 2.0, 4), Stage(64, 3.0, 2, 1.0, 1))
 
 
 def test_the_papers_epochs_become_steps():
-    schedule = plan_schedule(PRESETS["model32"].stages, PAPER_PAIRS, OptimiserConfig())
+    schedule = plan_schedule(TRANSLATOR_PRESETS["model32"].stages, PAPER_PAIRS, OptimiserConfig())
     assert schedule.spans == (Span(32, 64, 750 * PAPER_PAIRS // 64, False),)
-    spans = plan_schedule(PRESETS["modelprog"].stages, PAPER_PAIRS, OptimiserConfig()).spans
+    spans = plan_schedule(TRANSLATOR_PRESETS["modelprog"].stages, PAPER_PAIRS, OptimiserConfig()).spans
     assert [(s.resolution, s.batch, s.fading) for s in spans] == [
         (32, 64, False), (64, 16, True), (64, 32, False), (128, 8, True), (128, 16, False), (256, 2, True),
         (256, 4, False),
@@ -91,7 +91,9 @@ def test_epochs_scale_all_stages():
 
 
 def test_settings_are_put_in_by_path():
-    config = apply_settings(PRESETS["model32"], ["loss.l1=20", "loss.gan=bce", "stages=[[32,5,8]]"])
+    config = apply_settings(
+        TRANSLATOR_PRESETS["model32"], ["loss.l1=20", "loss.gan=bce", "stages=[[32,5,8]]"]
+    )
     assert config.loss.l1 == 20
     assert config.loss.gan == "bce"
     assert config.stages == (Stage(32, 5, 8),)
@@ -112,7 +114,7 @@ def test_settings_are_put_in_by_path():
 )
 def test_impossible_settings_are_refused(setting, message):
     with pytest.raises(ConfigError, match=message):
-        apply_settings(PRESETS["model32"], [setting])
+        apply_settings(TRANSLATOR_PRESETS["model32"], [setting])
 
 
 def test_an_unknown_preset_is_refused_with_a_suggestion():
@@ -120,9 +122,9 @@ def test_an_unknown_preset_is_refused_with_a_suggestion():
         find_preset("model23")
 
 
-@pytest.mark.parametrize("name", PRESETS)
+@pytest.mark.parametrize("name", TRANSLATOR_PRESETS)
 def test_presets_know_their_names_and_keep_the_papers_optimiser(name):
-    preset = PRESETS[name]
+    preset = TRANSLATOR_PRESETS[name]
     assert preset.preset == name
     if name in ("model32", "modelprog"):
         assert (preset.optimiser.learning_rate, preset.optimiser.beta1, preset.optimiser.beta2) == (
@@ -133,19 +135,21 @@ def test_presets_know_their_names_and_keep_the_papers_optimiser(name):
 
 
 def arguments(**values):
-    return TrainArguments(images=Path("images"), out=Path("run"), **values)
+    return TrainTranslatorArguments(images=Path("images"), out=Path("run"), **values)
 
 
 def test_the_cpu_presets_have_their_own_time_unless_told_otherwise():
-    assert train_config(arguments(preset="model32-cpu")).minutes == PRESETS["model32-cpu"].minutes
-    assert train_config(arguments(preset="model32-cpu", minutes=3.0)).minutes == 3.0
-    assert train_config(arguments(preset="model32-cpu", epochs=2.0)).minutes is None
+    assert (
+        training_config(arguments(preset="model32-cpu")).minutes == TRANSLATOR_PRESETS["model32-cpu"].minutes
+    )
+    assert training_config(arguments(preset="model32-cpu", minutes=3.0)).minutes == 3.0
+    assert training_config(arguments(preset="model32-cpu", epochs=2.0)).minutes is None
     for name in ("model32-cpu", "modelprog-cpu", "slam2cad-cpu"):
-        assert 0.0 < PRESETS[name].minutes <= 90.0
+        assert 0.0 < TRANSLATOR_PRESETS[name].minutes <= 90.0
 
 
 def test_options_reach_the_configuration():
-    config = train_config(
+    config = training_config(
         arguments(preset="modelprog", seed=3, batch_size=5, learning_rate=0.01, epochs=20.0)
     )
     assert config.seed == 3
@@ -157,4 +161,4 @@ def test_options_reach_the_configuration():
 @pytest.mark.parametrize("values", [{"epochs": 0.0}, {"batch_size": 0}, {"learning_rate": -1.0}])
 def test_impossible_options_are_refused(values):
     with pytest.raises(ConfigError):
-        train_config(arguments(**values))
+        training_config(arguments(**values))

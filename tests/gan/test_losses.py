@@ -5,36 +5,40 @@ import math
 import pytest
 import torch
 
-from slamgym.gan.networks.displacement import resize_field, roughness, warp
+from slamgym.gan.networks.residual_unet import resize_field, warp_features
 from slamgym.gan.training import losses
 
 
-def judged(*copies):
-    """Copies of a judge: each a list of values, one feature map each."""
+def features(*copies):
+    """Copies of a discriminator: each a list of values, one feature map each."""
     return [[torch.as_tensor(v, dtype=torch.float32) for v in copy] for copy in copies]
 
 
-def test_verdict_loss_by_hand():
+def test_adversarial_loss_by_hand():
     scores = torch.tensor([0.0, 2.0])
-    assert float(losses.verdict_loss(scores, True, "lsgan")) == pytest.approx(1.0)  # (1 + 1) / 2
-    assert float(losses.verdict_loss(scores, False, "lsgan")) == pytest.approx(2.0)  # (0 + 4) / 2
+    assert float(losses.adversarial_loss(scores, True, "lsgan")) == pytest.approx(1.0)  # (1 + 1) / 2
+    assert float(losses.adversarial_loss(scores, False, "lsgan")) == pytest.approx(2.0)  # (0 + 4) / 2
     expected = 0.5 * (math.log(2.0) + math.log(1.0 + math.exp(-2.0)))
-    assert float(losses.verdict_loss(scores, True, "bce")) == pytest.approx(expected)
+    assert float(losses.adversarial_loss(scores, True, "bce")) == pytest.approx(expected)
 
 
-def test_domain_judge_loss_is_the_mean_of_right_wrong_and_unassociated():
-    real, fake, other = judged([[3.0]], [[1.0]]), judged([[1.0]], [[0.0]]), judged([[2.0]], [[2.0]])
+def test_domain_discriminator_loss_is_the_mean_of_right_wrong_and_unassociated():
+    real, fake, other = features([[3.0]], [[1.0]]), features([[1.0]], [[0.0]]), features([[2.0]], [[2.0]])
     # Sums over the copies: 4 + 0, 1 + 0, 4 + 4.
-    assert float(losses.domain_judge_loss(real, fake, other, "lsgan")) == pytest.approx((4.0 + 1.0 + 8.0) / 3)
-    assert float(losses.domain_judge_loss(real, fake, None, "lsgan")) == pytest.approx((4.0 + 1.0) / 2)
+    assert float(losses.domain_discriminator_loss(real, fake, other, "lsgan")) == pytest.approx(
+        (4.0 + 1.0 + 8.0) / 3
+    )
+    assert float(losses.domain_discriminator_loss(real, fake, None, "lsgan")) == pytest.approx(
+        (4.0 + 1.0) / 2
+    )
 
 
-def test_real_fake_judge_loss_by_hand():
-    assert float(losses.real_fake_judge_loss(judged([[0.0]]), judged([[3.0]]), "lsgan")) == 5.0
+def test_real_fake_discriminator_loss_by_hand():
+    assert float(losses.real_fake_discriminator_loss(features([[0.0]]), features([[3.0]]), "lsgan")) == 5.0
 
 
 def test_generator_terms_sum_over_the_copies():
-    fake = judged([[9.0], [0.0]], [[9.0], [3.0]])
+    fake = features([[9.0], [0.0]], [[9.0], [3.0]])
     assert float(losses.domain_loss(fake, "lsgan")) == 1.0 + 4.0
     assert float(losses.real_fake_loss(fake, "lsgan")) == 1.0 + 4.0
 
@@ -56,8 +60,11 @@ def test_as_coded_only_the_last_sample_of_the_last_scale_gets_one():
     assert (last.grad.abs().sum(dim=(1, 2, 3)) > 0.0).tolist() == [False, False, False, True]
 
 
-def test_feature_matching_weighs_layers_and_leaves_the_verdict_out():
-    fake, real = judged([[1.0], [1.0], [50.0]], [[4.0], [0.0]]), judged([[0.0], [3.0], [0.0]], [[2.0], [0.0]])
+def test_feature_matching_weighs_layers_and_leaves_the_score_out():
+    fake, real = (
+        features([[1.0], [1.0], [50.0]], [[4.0], [0.0]]),
+        features([[0.0], [3.0], [0.0]], [[2.0], [0.0]]),
+    )
     # First copy 5 * 1 + 2 * 2, second 5 * 2; what comes after the weights is dropped.
     assert float(losses.feature_matching_loss(fake, real, (5.0, 2.0))) == pytest.approx(9.0 + 10.0)
     assert float(losses.feature_matching_loss(fake, real, (5.0,))) == pytest.approx(5.0 + 10.0)
@@ -65,7 +72,7 @@ def test_feature_matching_weighs_layers_and_leaves_the_verdict_out():
 
 def test_references_are_constants():
     fake, real = torch.ones(2, requires_grad=True), torch.zeros(2, requires_grad=True)
-    losses.input_consistency_loss([[fake, fake]], [[real, real]], (1.0,)).backward()
+    losses.feature_matching_loss([[fake, fake]], [[real, real]], (1.0,)).backward()
     assert fake.grad is not None
     assert real.grad is None
 
@@ -111,14 +118,14 @@ def test_dice_is_zero_for_the_target_and_near_one_for_its_opposite():
     assert float(losses.dice_loss(-target, target)) == pytest.approx(1.0, abs=0.01)
 
 
-def test_warp_follows_its_convention():
+def test_warping_follows_its_convention():
     image = torch.arange(36.0).reshape(1, 1, 6, 6)
     right, up = torch.zeros(1, 2, 6, 6), torch.zeros(1, 2, 6, 6)
     right[:, 0], up[:, 1] = 2.0, 2.0
-    assert torch.allclose(warp(image, torch.zeros(1, 2, 6, 6)), image, atol=1e-4)
+    assert torch.allclose(warp_features(image, torch.zeros(1, 2, 6, 6)), image, atol=1e-4)
     # out(q) = in(q + d): +2 to the right moves the image 2 to the left, +2 upwards moves it 2 down.
-    assert torch.allclose(warp(image, right)[..., :4], image[..., 2:], atol=1e-4)
-    assert torch.allclose(warp(image, up)[..., 2:, :], image[..., :4, :], atol=1e-4)
+    assert torch.allclose(warp_features(image, right)[..., :4], image[..., 2:], atol=1e-4)
+    assert torch.allclose(warp_features(image, up)[..., 2:, :], image[..., :4, :], atol=1e-4)
 
 
 def test_a_field_is_resized_with_its_pixels():
@@ -126,7 +133,7 @@ def test_a_field_is_resized_with_its_pixels():
     assert torch.allclose(resize_field(field, 16, 32), torch.full((1, 2, 16, 16), 4.0))
 
 
-def test_roughness_of_constant_and_sloped_fields():
-    assert float(roughness(torch.full((1, 2, 4, 4), 3.0))) == 0.0
+def test_smoothness_of_constant_and_sloped_fields():
+    assert float(losses.smoothness_loss(torch.full((1, 2, 4, 4), 3.0))) == 0.0
     slope = torch.arange(4.0).expand(1, 2, 4, 4)  # differs by 1 along x, by 0 along y
-    assert float(roughness(slope)) == pytest.approx(1.0)
+    assert float(losses.smoothness_loss(slope)) == pytest.approx(1.0)

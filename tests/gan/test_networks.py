@@ -41,7 +41,7 @@ def test_only_the_decoder_up_to_the_resolution_is_trained(resolution, trained):
     assert millions == pytest.approx(trained, abs=0.005)
 
 
-def test_judgements_at_256_px_have_the_published_shapes():
+def test_scores_at_256_px_have_the_published_shapes():
     domain, real_fake = DomainDiscriminator(1, 1, 256, 8), RealFakeDiscriminator(1, 256, 8, 8)
     x, y = torch.zeros(2, 1, 256, 256), torch.zeros(2, 1, 256, 256)
     with torch.inference_mode():
@@ -49,7 +49,7 @@ def test_judgements_at_256_px_have_the_published_shapes():
         assert [f[-1].shape[-1] for f in real_fake(y)] == [1, 13, 61]
 
 
-def test_at_32_px_two_copies_judge_and_the_third_joins_once_64_has_faded_in():
+def test_at_32_px_two_copies_take_part_and_the_third_joins_once_64_has_faded_in():
     assert copy_depths(32) == [32, 8]
     assert copy_depths(64, fade=0.5) == [64, 16]
     assert copy_depths(64) == [64, 16, 4]
@@ -80,7 +80,7 @@ def test_the_generator_refuses_other_resolutions(resolution):
 @pytest.mark.parametrize("channels", [1, 2, 3])
 @pytest.mark.parametrize("displacement", [False, True])
 def test_the_residual_network_draws_at_its_inputs_size(channels, displacement):
-    network = ResidualUNet(channels, 1, width=8, depth=3, displacement=displacement)
+    network = ResidualUNet(channels, 1, GeneratorConfig("residual", 8, 3, displacement=displacement))
     drawing = network(torch.randn(2, channels, 32, 32))
     assert drawing.image.shape == (2, 1, 32, 32)
     assert (drawing.field is not None) == displacement
@@ -91,7 +91,7 @@ def test_the_residual_network_draws_at_its_inputs_size(channels, displacement):
 
 @pytest.mark.parametrize(("fold", "depth"), [(2, 3), (4, 2)])
 def test_the_residual_network_starts_by_copying_its_input(fold, depth):
-    network = ResidualUNet(2, 1, width=8, depth=depth, fold=fold)
+    network = ResidualUNet(2, 1, GeneratorConfig("residual", 8, depth, fold))
     network.start(torch.Generator().manual_seed(0))
     x = torch.randn(2, 2, 32, 32).sign()
     with torch.no_grad():
@@ -107,7 +107,7 @@ def test_a_fold_that_does_not_fit_is_refused(generator, message):
 
 
 def test_the_residual_networks_field_starts_at_zero_and_learns():
-    network = ResidualUNet(2, 1, width=8, depth=3, displacement=True)
+    network = ResidualUNet(2, 1, GeneratorConfig("residual", 8, 3, displacement=True))
     network.start(torch.Generator().manual_seed(0))
     drawing = network(torch.randn(2, 2, 32, 32))
     assert not drawing.field.any()
@@ -136,7 +136,7 @@ def test_the_fade_in_is_linear_in_the_images():
     assert torch.allclose(half, 0.5 * (quarter + three), atol=1e-6)
 
 
-def test_a_judge_fades_in_from_the_judge_of_half_the_size():
+def test_a_discriminator_fades_in_from_that_of_half_the_size():
     torch.manual_seed(0)
     body = DiscriminatorBody(1, 16, width=8).eval()
     images = torch.randn(2, 1, 16, 16)
@@ -191,7 +191,7 @@ def test_initial_weights_have_the_published_spread_and_follow_the_seed():
     assert not torch.equal(weight, other.down[1][0].weight)
 
 
-def test_only_judges_that_some_term_needs_are_built():
+def test_only_discriminators_that_some_term_needs_are_built():
     config = TranslatorConfig(
         input_size=32, output_size=32, input_encoding="grey", output_encoding="grey",
         generator=GeneratorConfig(width=2),

@@ -10,7 +10,7 @@ import torch
 from torch import nn
 
 from slamgym.commands import cli
-from slamgym.commands.gan.translate import main
+from slamgym.commands.gan.arguments import translate_command as main
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, GridFrame, OccupancyGrid
 from slamgym.gan.config import GeneratorConfig, TranslatorConfig
@@ -164,7 +164,7 @@ def test_cad_to_slam_draws_the_three_values():
     assert set(np.unique(one)) == {UNKNOWN, FREE}
     for a, b in ((one, other), (one, slam)):
         assert 0.0 < np.mean(a != b) < 0.2
-    with pytest.raises(ConfigError, match="draw SLAM maps"):
+    with pytest.raises(ConfigError, match="to SLAM maps"):
         translator.translate(cad)
 
 

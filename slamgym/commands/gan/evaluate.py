@@ -1,21 +1,18 @@
 """``slamgym gan evaluate``: translators and baselines on held-out pairs, in tables and pictures."""
 
-import dataclasses
 import json
 import sys
 from collections.abc import Sequence
-from dataclasses import field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Any
 
 import numpy as np
-import tyro
 from rich.console import Console
 from rich.table import Table
 
 from slamgym import __version__
-from slamgym.core.config import Arguments, Count, CountOrZero, Within
-from slamgym.core.errors import ConfigError, InputFileError
+from slamgym.commands.gan.arguments import EvaluateTranslatorsArguments
+from slamgym.core.errors import ConfigError
 from slamgym.core.progress import say, show_progress
 from slamgym.core.staged import write_text
 from slamgym.core.types import ByteArray
@@ -23,7 +20,7 @@ from slamgym.gan.data import PairSet, load_pairs, read_grey
 from slamgym.gan.evaluation.evaluate import (
     BLURRED,
     MapScore,
-    Method,
+    TranslationMethod,
     baselines,
     evaluate_method,
     evenly_spaced,
@@ -35,87 +32,35 @@ from slamgym.gan.evaluation.real_maps import find_ros_maps, translate_real
 from slamgym.gan.evaluation.realism import (
     ELASTIC,
     NULL,
-    REPEATS,
     Sample,
+    compare_with_simulated,
     elastic_maps,
-    judge,
     medians,
     medians_table,
     null_halves,
     realism_table,
     translated_maps,
 )
-from slamgym.gan.evaluation.summary import main_table, markdown, scores_csv, summarise, table_one
-from slamgym.gan.translation.translate import Translator
+from slamgym.gan.evaluation.summary import main_table, markdown, scores_csv, summarise_scores, table_one
+from slamgym.gan.translation.translate import LearnedTranslator, Translator, load_translator
 from slamgym.viz.canvas import write_picture
 from slamgym.viz.sheets import draw_grid
 
-if TYPE_CHECKING:
-    from slamgym.gan.translation.translate import LearnedTranslator
 
-
-class EvaluateArguments(Arguments):
-    """Measure translators on held-out pairs, beside the raw SLAM map, a cleaning without learning, and an oracle that
-    erases all inner walls.
-
-    Each method is aligned with the CAD map by the same search over similarities. OUT gets evaluation.json, scores.csv,
-    tables.md and pictures. Weights that draw SLAM maps from CAD maps are judged by a two-sample test instead.
-    """  # noqa: D205 - the first sentence is the help's heading
-
-    images: tyro.conf.Positional[Path]
-    """Folder of pairs that `slamgym dataset render` has written."""
-    out: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
-    """Folder for the results; made if it is missing, files of an earlier evaluation are replaced."""
-    weights: list[str] = field(default_factory=list)
-    """Translators: names of shipped weights, .safetensors files or folders of finished runs; NAME=PATH chooses the
-    name in the tables. None measures the baselines alone."""
-    flips: Literal[1, 2, 4, 8] | None = None
-    """Average CAD maps over so many flips and quarter turns instead of what the weights' settings say."""
-    split: str = "test"
-    """Which pairs."""
-    count: CountOrZero = 0
-    """Take so many pairs, evenly spaced over their names; 0 takes all."""
-    size: Literal[0] | Annotated[int, Within(ge=32)] = 0
-    """Side to which the images are resampled [px]; 0 leaves them as they are, 256 is the protocol's."""
-    pictures: CountOrZero = 20
-    """Maps on the picture grids, evenly spaced; 0 draws none."""
-    generated: list[str] = field(default_factory=list)
-    """SLAM-like maps made from the test pairs' CAD maps, as NAME=FOLDER: judged against the simulated maps."""
-    realism: bool = False
-    """Judge elastic deformation against the simulated maps even if nothing else is given to be judged."""
-    repeats: Count = REPEATS
-    """How often the two-sample tests deal plans to folds anew; fewer are faster and vary more."""
-    cnn: bool = False
-    """Let a convolutional network judge the pictures, too; takes minutes."""
-    real: Path | None = None
-    """A folder of ROS maps of real robots: draws their translations, for looking at."""
-    device: Literal["auto", "cpu", "cuda", "mps"] = "cpu"
-    """Where translators compute."""
-    seed: CountOrZero = 0
-    """Of the two-sample tests and the elastic deformation."""
-
-    def _check(self) -> None:
-        if self.real is not None and not self.real.is_dir():
-            raise InputFileError(self.real, "is not a folder of ROS maps")
-        if self.out.exists() and not self.out.is_dir():
-            raise InputFileError(self.out, "is a file; --out names a folder")
-
-
-def main(argv: list[str]) -> int:
+def run_evaluation(arguments: EvaluateTranslatorsArguments) -> int:
     """Run the command; returns the exit code.
 
     Raises:
-        SlamgymError: If something is wrong that the user can mend.
+        SlamgymError: If an argument, the images or the weights can't be used.
     """
-    arguments = tyro.cli(EvaluateArguments, args=argv, prog="slamgym gan evaluate")
     folders = parse_named_folders(arguments.generated)
     translators = _load_translators(arguments)
     pairs = _load(arguments)
     to_cad = {name: t for name, t in translators.items() if t.config.direction == "slam2cad"}
     to_slam = {name: t for name, t in translators.items() if t.config.direction == "cad2slam"}
     generated = {name: load_generated(folder, pairs) for name, folder in folders.items()}
-    judged = bool(generated or to_slam or arguments.realism)
-    if judged and len(pairs) < MINIMUM:
+    tested = bool(generated or to_slam or arguments.realism)
+    if tested and len(pairs) < MINIMUM:
         raise ConfigError(f"a two-sample test needs {MINIMUM} pairs or more, not {len(pairs)}")
     scores, summary = _measure(pairs, to_cad)
     _write(arguments, pairs, scores, summary, None)
@@ -125,19 +70,15 @@ def main(argv: list[str]) -> int:
         write_pictures(arguments.out, Results(pairs, shown, scores), arguments.pictures)
     if arguments.real is not None:
         _draw_real(arguments, dict(to_cad))
-    if judged:
-        realism = _judge_realism(arguments, pairs, generated, to_slam)
+    if tested:
+        realism = _compare_realism(arguments, pairs, generated, to_slam)
         _write(arguments, pairs, scores, summary, realism)
     sys.stdout.write(f"results: {arguments.out}\n")
     return 0
 
 
-def _load_translators(arguments: EvaluateArguments) -> "dict[str, LearnedTranslator]":
+def _load_translators(arguments: EvaluateTranslatorsArguments) -> dict[str, LearnedTranslator]:
     """The translators by the name that tables show."""
-    if not arguments.weights:
-        return {}
-    from slamgym.gan.translation.translate import load_translator
-
     translators: dict[str, LearnedTranslator] = {}
     for argument in arguments.weights:
         name, equals, path = argument.partition("=")
@@ -145,10 +86,7 @@ def _load_translators(arguments: EvaluateArguments) -> "dict[str, LearnedTransla
             name, path = _short_name(argument), argument
         if name in translators or name in {method.name for method in baselines()}:
             raise ConfigError(f"two methods are called {name!r}; choose a name with --weights NAME=PATH")
-        translator = load_translator(path, device=arguments.device)
-        if arguments.flips is not None and translator.config.direction == "slam2cad":
-            translator.config = dataclasses.replace(translator.config, flips=arguments.flips)
-        translators[name] = translator
+        translators[name] = load_translator(path, device=arguments.device, flips=arguments.flips)
     return translators
 
 
@@ -157,7 +95,7 @@ def _short_name(argument: str) -> str:
     return path.parent.name if path.stem == "weights" and path.parent.name else path.stem
 
 
-def _load(arguments: EvaluateArguments) -> PairSet:
+def _load(arguments: EvaluateTranslatorsArguments) -> PairSet:
     size = arguments.size or _native_size(arguments.images, arguments.split)
     pairs = load_pairs(arguments.images, arguments.split, size)
     if arguments.count:
@@ -172,28 +110,28 @@ def _native_size(root: Path, split: str) -> int:
     return read_grey(first).shape[0] if first is not None else 256
 
 
-def _methods(translators: "dict[str, LearnedTranslator]") -> list[Method]:
+def _methods(translators: dict[str, LearnedTranslator]) -> list[TranslationMethod]:
     return [*baselines(), *(learned(name, translator) for name, translator in translators.items())]
 
 
 def _measure(
-    pairs: PairSet, translators: "dict[str, LearnedTranslator]"
+    pairs: PairSet, translators: dict[str, LearnedTranslator]
 ) -> tuple[dict[str, list[MapScore]], dict[str, dict[str, Any]]]:
     methods = _methods(translators)
     scores = {}
     with show_progress("maps", 0, len(pairs) * len(methods)) as advance:
         for method in methods:
             scores[method.name] = evaluate_method(method, pairs, advance)
-    summary = summarise(scores)
+    summary = summarise_scores(scores)
     _print(f"{len(pairs)} maps of {len(set(pairs.plan_ids))} plans, 95 % intervals", *main_table(summary))
     return scores, summary
 
 
-def _judge_realism(
-    arguments: EvaluateArguments,
+def _compare_realism(
+    arguments: EvaluateTranslatorsArguments,
     pairs: PairSet,
     generated: dict[str, tuple[PairSet, ByteArray]],
-    translators: "dict[str, LearnedTranslator]",
+    translators: dict[str, LearnedTranslator],
 ) -> dict[str, Any]:
     made = {ELASTIC: (pairs, elastic_maps(pairs, arguments.seed))} | generated
     for name, translator in translators.items():
@@ -204,7 +142,7 @@ def _judge_realism(
     entries, drawn = [], {}
     with show_progress("two-sample tests", 0, 1 + len(made)) as advance:
         first, second = (reference.subset(half) for half in null_halves(reference.plans, arguments.seed))
-        entries.append(_judge(arguments, NULL, first, second))
+        entries.append(_compare(arguments, NULL, first, second))
         advance()
         for name, (some, maps) in made.items():
             chosen = [pairs.names.index(n) for n in some.names]
@@ -214,7 +152,7 @@ def _judge_realism(
                 if id(some) not in coarse:
                     coarse[id(some)] = Sample.of(some.slam, some)
                 same = coarse[id(some)]
-            entries.append(_judge(arguments, name, same, Sample.of(maps, some)))
+            entries.append(_compare(arguments, name, same, Sample.of(maps, some)))
             drawn[name] = _spread(maps, chosen, len(pairs))
             advance()
     if arguments.pictures:
@@ -223,8 +161,12 @@ def _judge_realism(
     return {"reference_medians": medians(reference.statistics), "kinds": entries, "null": NULL}
 
 
-def _judge(arguments: EvaluateArguments, name: str, reference: Sample, generated: Sample) -> dict[str, Any]:
-    return judge(name, reference, generated, arguments.seed, arguments.repeats, arguments.cnn)
+def _compare(
+    arguments: EvaluateTranslatorsArguments, name: str, reference: Sample, generated: Sample
+) -> dict[str, Any]:
+    return compare_with_simulated(
+        name, reference, generated, arguments.seed, arguments.repeats, arguments.cnn
+    )
 
 
 def _spread(maps: ByteArray, chosen: Sequence[int], count: int) -> ByteArray:
@@ -235,7 +177,7 @@ def _spread(maps: ByteArray, chosen: Sequence[int], count: int) -> ByteArray:
 
 
 def _write(
-    arguments: EvaluateArguments,
+    arguments: EvaluateTranslatorsArguments,
     pairs: PairSet,
     scores: dict[str, list[MapScore]],
     summary: dict[str, dict[str, Any]],
@@ -262,7 +204,7 @@ def _write(
     write_text(arguments.out / "tables.md", "\n".join(text))
 
 
-def _draw_real(arguments: EvaluateArguments, translators: dict[str, Translator]) -> None:
+def _draw_real(arguments: EvaluateTranslatorsArguments, translators: dict[str, Translator]) -> None:
     paths = find_ros_maps(arguments.real or Path())
     columns, rows, captions = translate_real(paths, translators, say)
     if rows:

@@ -5,86 +5,53 @@ import json
 import shlex
 import sys
 from collections.abc import Sequence
-from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
-import tyro
+import torch
 
-from slamgym.core.config import Arguments, Count, NonNegative, Positive, Within, from_dict, to_dict
+from slamgym.commands.gan.arguments import TrainTranslatorArguments
+from slamgym.core.config import from_dict, to_dict
 from slamgym.core.errors import ConfigError
 from slamgym.core.progress import duration
-from slamgym.gan.config import Precision, Stage, TrainConfig
-from slamgym.gan.device import DeviceName, Layout, choose_compute
-from slamgym.gan.presets import PRESETS, find_preset
-from slamgym.gan.training.train import RunOptions, TrainingReport, train
+from slamgym.gan.config import Stage, TranslatorTrainingConfig
+from slamgym.gan.device import choose_compute
+from slamgym.gan.presets import find_preset
+from slamgym.gan.training.train import RunOptions, train_translator
 
 
-class TrainArguments(Arguments):
-    """Train a translator between SLAM maps and CAD maps on rendered pairs.
+def run_training(arguments: TrainTranslatorArguments, argv: Sequence[str]) -> int:
+    """Run the command; returns the exit code.
 
-    Ctrl-C and kill -9 lose at most the minutes since the last checkpoint: the same command goes on from there, bit for
-    bit on the same device.
+    Args:
+        arguments: Of the command.
+        argv: The same as typed, for the model card.
+
+    Raises:
+        SlamgymError: If an argument, the images or the folder of the run can't be used.
     """
-
-    images: Annotated[Path, tyro.conf.Positional]
-    """Folder of pairs: what `slamgym dataset render` writes, or any folder with A (CAD) and B (SLAM) images of equal
-    names."""
-    out: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
-    """Folder of the run: settings, checkpoint, weights, samples, curves."""
-    preset: str = "slam2cad"
-    """model32 and modelprog (the paper's), slam2cad (the default translator), slam2cad-fold4, slam2cad-gan,
-    slam2cad-cpu, model32-cpu, modelprog-cpu."""
-    minutes: Annotated[float, Within(gt=0.0, le=1e5)] | None = None
-    """Wall-clock time for the whole training: the schedule is stretched so that it ends then. The CPU presets have
-    some by default."""
-    epochs: Positive | None = None
-    """Passes over the data instead of the preset's; several stages are scaled alike."""
-    batch_size: Count | None = None
-    """Pairs a step, in all stages, instead of the preset's."""
-    learning_rate: float | None = None
-    """Instead of the preset's."""
-    start_from: str = ""
-    """Train on from these weights instead of random ones: a shipped name (slam2cad, ...), a .safetensors file, or a
-    run's folder. For maps of your own, or for more hours."""
-    seed: int = 0
-    """Of weights, order and augmentation."""
-    device: DeviceName = "auto"
-    """``auto`` takes CUDA, else MPS, else the CPU."""
-    precision: Precision = "auto"
-    """``bfloat16`` mixes precisions; ``auto`` does where the hardware gains by it."""
-    layout: Layout = "auto"
-    """In memory: ``auto`` takes channels_last on CUDA and for bfloat16 on CPUs (benchmarks/gan_step.py)."""
-    threads: int = 0
-    """CPU threads of torch; 0 leaves torch's choice (OMP_NUM_THREADS)."""
-    compile: bool = False
-    """Let torch compile the networks: minutes at the start, faster steps on CUDA. Long trainings gain."""
-    checkpoint_minutes: NonNegative = 2.0
-    """Time between two checkpoints."""
-    set: tuple[str, ...] = ()
-    """Any other setting as ``path=value``, e.g. ``--set loss.l1=20 translator.generator.width=16``."""
-
-
-def main(argv: list[str]) -> int:
-    """Run the command; returns the exit code."""
-    arguments = tyro.cli(TrainArguments, args=argv, prog="slamgym gan train")
-    if arguments.threads > 0:
-        import torch
-
-        torch.set_num_threads(arguments.threads)
-    config = train_config(arguments)
+    if arguments.minutes is not None and not 0.0 < arguments.minutes <= 1e5:
+        raise ConfigError(f"--minutes must be positive, not {arguments.minutes}")
+    if arguments.checkpoint_minutes < 0.0:
+        raise ConfigError(f"--checkpoint-minutes must be 0 or more, not {arguments.checkpoint_minutes}")
+    chosen = arguments.compute
+    if chosen.threads > 0:
+        torch.set_num_threads(chosen.threads)
+    config = training_config(arguments)
     options = RunOptions(
-        minutes=config.minutes,
-        compile=arguments.compile,
+        compile=chosen.compile,
         checkpoint_minutes=arguments.checkpoint_minutes,
         command=shlex.join(["slamgym", "gan", "train", *argv]),
     )
-    compute = choose_compute(arguments.device, arguments.precision, arguments.layout)
-    report = train(arguments.images, arguments.out, config, compute, options)
-    sys.stdout.write(describe(report))
+    compute = choose_compute(chosen.device, chosen.precision, chosen.layout)
+    report = train_translator(arguments.images, arguments.out, config, compute, options)
+    sys.stdout.write(f"{report.steps:,} steps, {report.images:,} images, {duration(report.seconds)}\n")
+    if report.figures:
+        figures = "".join(f"  {name}: {value:.4g}\n" for name, value in report.figures.items())
+        sys.stdout.write(f"on held-out pairs, not aligned:\n{figures}")
     return 0
 
 
-def train_config(arguments: TrainArguments) -> TrainConfig:
+def training_config(arguments: TrainTranslatorArguments) -> TranslatorTrainingConfig:
     """The preset with the options put in their places.
 
     Raises:
@@ -99,8 +66,12 @@ def train_config(arguments: TrainArguments) -> TrainConfig:
     config = apply_settings(config, arguments.set)
     stages = config.stages
     if arguments.epochs is not None:
+        if not arguments.epochs > 0.0:
+            raise ConfigError(f"--epochs must be positive, not {arguments.epochs}")
         stages = scaled_stages(stages, arguments.epochs)
     if arguments.batch_size is not None:
+        if arguments.batch_size < 1:
+            raise ConfigError(f"--batch-size must be 1 or more, not {arguments.batch_size}")
         stages = tuple(stage._replace(batch=arguments.batch_size, fade_batch=0) for stage in stages)
     minutes = arguments.minutes
     if minutes is None and arguments.epochs is None:
@@ -117,7 +88,7 @@ def scaled_stages(stages: Sequence[Stage], epochs: float) -> tuple[Stage, ...]:
     )
 
 
-def apply_settings(config: TrainConfig, settings: Sequence[str]) -> TrainConfig:
+def apply_settings(config: TranslatorTrainingConfig, settings: Sequence[str]) -> TranslatorTrainingConfig:
     """Put ``path=value`` settings into a configuration; values are JSON, or text.
 
     Raises:
@@ -136,7 +107,7 @@ def apply_settings(config: TrainConfig, settings: Sequence[str]) -> TrainConfig:
             raise ConfigError(f"--set {setting}: there is no section {'.'.join(sections)!r}")
         place[name] = _value(text)
     try:
-        return from_dict(TrainConfig, values, "--set")
+        return from_dict(TranslatorTrainingConfig, values, "--set")
     except TypeError as error:
         raise ConfigError(f"--set: a value has the wrong type ({error})") from error
 
@@ -146,17 +117,3 @@ def _value(text: str) -> Any:
         return json.loads(text)
     except ValueError:
         return text
-
-
-def describe(report: TrainingReport) -> str:
-    """What a run came to, in words."""
-    figures = "".join(f"  {name}: {value:.4g}\n" for name, value in report.figures.items())
-    return (
-        f"{report.steps:,} steps, {report.images:,} images, {duration(report.seconds)}\n"
-        f"on held-out pairs, not aligned:\n{figures}"
-        if figures
-        else f"{report.steps:,} steps, {report.images:,} images, {duration(report.seconds)}\n"
-    )
-
-
-__all__ = ["PRESETS", "TrainArguments", "apply_settings", "main", "scaled_stages", "train_config"]

@@ -2,51 +2,31 @@
 
 import sys
 from pathlib import Path
-from typing import Annotated
 
 import cv2
 import numpy as np
-import tyro
 
-from slamgym.core.config import Arguments, Within
+from slamgym.commands.gan.arguments import TranslateArguments
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.progress import say, show_progress
 from slamgym.core.staged import write_bytes
 from slamgym.core.types import FREE, OCCUPIED, ByteArray, OccupancyGrid
 from slamgym.gan.data import SUFFIXES, read_grey
-from slamgym.gan.device import DeviceName
 from slamgym.gan.translation.translate import LearnedTranslator, load_translator
 from slamgym.interop.ros_map import classify, read_ros_map, write_ros_map
 
 YAML = (".yaml", ".yml")
 
 
-class TranslateArguments(Arguments):
-    """Translate maps with trained weights. The output lies over the input: same size, frame and scale."""
+def run_translation(arguments: TranslateArguments) -> int:
+    """Run the command; returns the exit code.
 
-    input: Annotated[Path, tyro.conf.Positional]
-    """An image (PNG, JPEG, BMP, PGM, TIFF), a ROS map's .yaml, or a folder of those."""
-    out: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
-    """An image for an image; a folder or the stem of .pgm and .yaml for a ROS map; a folder for a folder."""
-    weights: str = "slam2cad"
-    """Shipped weights by name, a .safetensors file, or the folder of a finished run."""
-    metres_per_px: Annotated[float, Within(gt=0.0, lt=100.0)] | None = None
-    """Scale of images [m/px]; ROS maps tell theirs. Without it an image is fitted into the network's image."""
-    flips: int | None = None
-    """Average over 1, 2, 4 or 8 flips and quarter turns: somewhat better, and as many times slower."""
-    probability: bool = False
-    """Write how likely each pixel is free (0 to 255) instead of a map of walls and floor (images only)."""
-    straighten: bool = False
-    """Turn the drawing so that most walls lie along the axes, instead of laying it over the input (images only)."""
-    drift_seed: int | None = None
-    """Bend CAD maps by a random field first, as drift would; each seed gives another SLAM map of the same building."""
-    device: DeviceName = "cpu"
-    """Where to compute."""
-
-
-def main(argv: list[str]) -> int:
-    """Run the command; returns the exit code."""
-    arguments = tyro.cli(TranslateArguments, args=argv, prog="slamgym gan translate")
+    Raises:
+        SlamgymError: If an argument, the weights or the input can't be used.
+    """
+    scale = arguments.metres_per_px
+    if scale is not None and not 0.0 < scale < 100.0:
+        raise ConfigError(f"--metres-per-px must be positive, not {scale}")
     if not arguments.input.exists():
         raise InputFileError(arguments.input, "doesn't exist; give an image, a ROS map's yaml or a folder")
     translator = load_translator(arguments.weights, device=arguments.device, flips=arguments.flips)
@@ -74,12 +54,12 @@ def translate_ros_map(
         source: The yaml file.
         out: Folder, or stem of the two files.
         translator: What translates.
-        arguments: How it is drawn.
+        arguments: Seed of a drift.
     """
     grid = read_ros_map(source)
-    cells = translator.translate_cells(
-        _as_input(grid.cells, translator, ternary=True), grid.frame.resolution, drift=_drift(arguments)
-    )
+    to_cad = translator.config.direction == "slam2cad"
+    seen = grid.cells if to_cad else np.where(grid.cells == FREE, FREE, OCCUPIED).astype(np.uint8)
+    cells = translator.translate_cells(seen, grid.frame.resolution, drift=_drift(arguments))
     stem = out / source.stem if out.is_dir() else out.with_suffix("") if out.suffix in YAML else out
     return write_ros_map(stem, OccupancyGrid(cells, grid.frame))
 
@@ -94,7 +74,7 @@ def translate_image(
 
     Args:
         source: Grey image; for SLAM maps its greys are classified as ROS maps' are.
-        out: Image to write; its suffix tells the format.
+        out: Image to write; its suffix gives the format.
         translator: What translates.
         arguments: Scale, and what to write.
     """
@@ -114,15 +94,11 @@ def _drift(arguments: TranslateArguments) -> np.random.Generator | None:
     return None if arguments.drift_seed is None else np.random.default_rng(arguments.drift_seed)
 
 
-def _as_input(grey: ByteArray, translator: LearnedTranslator, ternary: bool = False) -> ByteArray:
+def _as_input(grey: ByteArray, translator: LearnedTranslator) -> ByteArray:
     if translator.config.direction == "slam2cad":
-        return grey if ternary else classify(grey)
+        return classify(grey)
     # In a CAD map all that isn't white is wall or outside.
-    return np.where(grey > FREE // 2, FREE, OCCUPIED).astype(np.uint8) if not ternary else _floor(grey)
-
-
-def _floor(cells: ByteArray) -> ByteArray:
-    return np.where(cells == FREE, FREE, OCCUPIED).astype(np.uint8)
+    return np.where(grey > FREE // 2, FREE, OCCUPIED).astype(np.uint8)
 
 
 def _image_destination(out: Path, source: Path) -> Path:

@@ -1,0 +1,202 @@
+"""What the commands of ``slamgym gan`` take: parsed before torch or scikit-learn is imported, so that help is fast."""
+
+import importlib.util
+import sys
+from dataclasses import field
+from pathlib import Path
+from typing import Annotated, Literal
+
+import tyro
+
+from slamgym.core.config import Arguments, Count, CountOrZero, NonNegative, Positive, Within
+from slamgym.core.errors import InputFileError, SlamgymError
+from slamgym.gan.config import DeviceName, MemoryLayout, Precision
+
+
+class ComputeArguments(Arguments):
+    """Where and how a training is computed."""
+
+    device: DeviceName = "auto"
+    """``auto`` takes CUDA, else MPS, else the CPU."""
+    precision: Precision = "auto"
+    """``bfloat16`` mixes precisions; ``auto`` does where the hardware gains by it."""
+    layout: MemoryLayout = "auto"
+    """In memory: ``auto`` takes channels_last on CUDA and for bfloat16 on CPUs (benchmarks/gan_step.py)."""
+    threads: int = 0
+    """CPU threads of torch; 0 leaves torch's choice (OMP_NUM_THREADS)."""
+    compile: bool = False
+    """Let torch compile the networks: minutes at the start, faster steps on CUDA. Long trainings gain."""
+
+
+class TrainTranslatorArguments(Arguments):
+    """Train a translator between SLAM maps and CAD maps on rendered pairs.
+
+    Ctrl-C and kill -9 lose at most the minutes since the last checkpoint: the same command goes on from there, bit for
+    bit on the same device.
+    """
+
+    images: Annotated[Path, tyro.conf.Positional]
+    """Folder of pairs: what `slamgym dataset render` writes, or any folder with A (CAD) and B (SLAM) images of equal
+    names."""
+    out: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
+    """Folder of the run: settings, checkpoint, weights, samples, curves."""
+    preset: str = "slam2cad"
+    """model32 and modelprog (the paper's), slam2cad (the default translator), slam2cad-fold4, slam2cad-gan,
+    slam2cad-cpu, model32-cpu, modelprog-cpu."""
+    minutes: Annotated[float, Within(gt=0.0, le=1e5)] | None = None
+    """Wall-clock time for the whole training: the schedule is stretched so that it ends then. The CPU presets have
+    some by default."""
+    epochs: Positive | None = None
+    """Passes over the data instead of the preset's; several stages are scaled alike."""
+    batch_size: Count | None = None
+    """Pairs a step, in all stages, instead of the preset's."""
+    learning_rate: float | None = None
+    """Instead of the preset's."""
+    start_from: str = ""
+    """Train on from these weights instead of random ones: a pretrained name (slam2cad, ...), a .safetensors file, or a
+    run's folder. For maps of your own, or for more hours."""
+    seed: int = 0
+    """Of weights, order and augmentation."""
+    compute: Annotated[ComputeArguments, tyro.conf.arg(name="")] = field(default_factory=ComputeArguments)
+    """Device, precision and threads."""
+    checkpoint_minutes: NonNegative = 2.0
+    """Time between two checkpoints."""
+    set: tuple[str, ...] = ()
+    """Any other setting as ``path=value``, e.g. ``--set loss.l1=20 translator.generator.width=16``."""
+
+
+class TranslateArguments(Arguments):
+    """Translate maps with trained weights. The output lies over the input: same size, frame and scale."""
+
+    input: Annotated[Path, tyro.conf.Positional]
+    """An image (PNG, JPEG, BMP, PGM, TIFF), a ROS map's .yaml, or a folder of those."""
+    out: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
+    """An image for an image; a folder or the stem of .pgm and .yaml for a ROS map; a folder for a folder."""
+    weights: str = "slam2cad"
+    """Pretrained weights by name, a .safetensors file, or the folder of a finished run."""
+    metres_per_px: Annotated[float, Within(gt=0.0, lt=100.0)] | None = None
+    """Scale of images [m/px]; ROS maps have their own. Without it an image is fitted into the network's image."""
+    flips: int | None = None
+    """Average over 1, 2, 4 or 8 flips and quarter turns: somewhat better, and as many times slower."""
+    probability: bool = False
+    """Write how likely each pixel is free (0 to 255) instead of a map of walls and floor (images only)."""
+    straighten: bool = False
+    """Turn the CAD map so that most walls lie along the axes, instead of laying it over the input (images only)."""
+    drift_seed: int | None = None
+    """Bend CAD maps by a random field first, as drift would; each seed gives another SLAM map of the same building."""
+    device: DeviceName = "cpu"
+    """Where to compute."""
+
+
+class EvaluateTranslatorsArguments(Arguments):
+    """Measure translators on held-out pairs, beside the raw SLAM map, a cleaning without learning, and an oracle that
+    erases all inner walls.
+
+    Each method is aligned with the CAD map by the same search over similarities. OUT gets evaluation.json, scores.csv,
+    tables.md and pictures. Weights that translate CAD maps to SLAM maps get a two-sample test instead.
+    """  # noqa: D205 - the first sentence is the help's heading
+
+    images: tyro.conf.Positional[Path]
+    """Folder of pairs that `slamgym dataset render` has written."""
+    out: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
+    """Folder for the results; made if it is missing, files of an earlier evaluation are replaced."""
+    weights: list[str] = field(default_factory=list)
+    """Translators: names of pretrained weights, .safetensors files or folders of finished runs; NAME=PATH chooses the
+    name in the tables. None measures the baselines alone."""
+    flips: Literal[1, 2, 4, 8] | None = None
+    """Average CAD maps over so many flips and quarter turns instead of what the weights' settings say."""
+    split: str = "test"
+    """Which pairs."""
+    count: CountOrZero = 0
+    """Take so many pairs, evenly spaced over their names; 0 takes all."""
+    size: Literal[0] | Annotated[int, Within(ge=32)] = 0
+    """Side to which the images are resampled [px]; 0 leaves them as they are, 256 is the protocol's."""
+    pictures: CountOrZero = 20
+    """Maps on the picture grids, evenly spaced; 0 draws none."""
+    generated: list[str] = field(default_factory=list)
+    """SLAM-like maps made from the test pairs' CAD maps, as NAME=FOLDER: compared with the simulated maps."""
+    realism: bool = False
+    """Compare elastic deformation with the simulated maps even if nothing else is given to be compared."""
+    repeats: Count = 4
+    """How often the two-sample tests deal plans to folds again; fewer are faster and vary more."""
+    cnn: bool = False
+    """Test the pictures by a convolutional network, too; takes minutes."""
+    real: Path | None = None
+    """A folder of ROS maps of real robots: draws their translations, for looking at."""
+    device: DeviceName = "cpu"
+    """Where translators compute."""
+    seed: CountOrZero = 0
+    """Of the two-sample tests and the elastic deformation."""
+
+    def _check(self) -> None:
+        if self.real is not None and not self.real.is_dir():
+            raise InputFileError(self.real, "is not a folder of ROS maps")
+        if self.out.exists() and not self.out.is_dir():
+            raise InputFileError(self.out, "is a file; --out names a folder")
+
+
+class PublishArguments(Arguments):
+    """Put the weights of a finished run among the pretrained ones, with their settings and model card."""
+
+    run: Annotated[Path, tyro.conf.Positional]
+    """Folder of the run, or its weights.safetensors."""
+    name: Annotated[str, tyro.conf.Positional]
+    """What --weights shall find them by."""
+    data: str = ""
+    """For the model card: what the pairs were made from."""
+    command: str = ""
+    """For the model card: the command to repeat the training with, as a user would type it."""
+    out: Path | None = None
+    """Another folder than that of the pretrained weights."""
+
+
+def train_command(argv: list[str]) -> int:
+    """``slamgym gan train``; returns the exit code."""
+    arguments = tyro.cli(TrainTranslatorArguments, args=argv, prog="slamgym gan train")
+    require_gan_extra("torch", "safetensors")
+    from slamgym.commands.gan.train import run_training
+
+    return run_training(arguments, argv)
+
+
+def translate_command(argv: list[str]) -> int:
+    """``slamgym gan translate``; returns the exit code."""
+    arguments = tyro.cli(TranslateArguments, args=argv, prog="slamgym gan translate")
+    require_gan_extra("torch", "safetensors")
+    from slamgym.commands.gan.translate import run_translation
+
+    return run_translation(arguments)
+
+
+def evaluate_command(argv: list[str]) -> int:
+    """``slamgym gan evaluate``; returns the exit code."""
+    arguments = tyro.cli(EvaluateTranslatorsArguments, args=argv, prog="slamgym gan evaluate")
+    require_gan_extra("torch", "safetensors", "sklearn", "matplotlib")
+    from slamgym.commands.gan.evaluate import run_evaluation
+
+    return run_evaluation(arguments)
+
+
+def publish_command(argv: list[str]) -> int:
+    """``slamgym gan publish``; returns the exit code."""
+    arguments = tyro.cli(PublishArguments, args=argv, prog="slamgym gan publish")
+    require_gan_extra("torch", "safetensors")
+    from slamgym.gan.weights import PRETRAINED_FOLDER, publish
+
+    folder = arguments.out or PRETRAINED_FOLDER
+    path = publish(arguments.run, arguments.name, arguments.data, arguments.command, folder)
+    sys.stdout.write(f"{path}\n")
+    return 0
+
+
+def require_gan_extra(*packages: str) -> None:
+    """Refuse with one sentence where a package of the extra ``gan`` is missing, before any work begins.
+
+    Raises:
+        SlamgymError: If one of them isn't installed.
+    """
+    for package in packages:
+        if importlib.util.find_spec(package) is None:
+            raise SlamgymError(
+                f"the package {package!r} is missing; install the extra: pip install 'slamgym[gan]'"
+            )
