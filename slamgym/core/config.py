@@ -195,11 +195,11 @@ def from_dict(cls: type[_T], values: Mapping[str, Any], where: str = "") -> _T:
     hints = _hints(cls)
     prefix = f"{where}: " if where else ""
     converted = {}
-    for name, value in values.items():
+    for name in values:
         if name not in hints:
             raise ConfigError(f"{prefix}unknown setting {name!r} of {cls.__name__}; {suggest(name, hints)}")
         path = f"{where}.{name}" if where else name
-        converted[name] = _convert(hints[name], value, path)
+        converted[name] = _convert(hints[name], values[name], path)
         if issubclass(cls, Settings):
             _require(hints[name], converted[name], path)
     return cls(**converted)

@@ -150,8 +150,8 @@ def test_more_frontiers_than_a_tour_holds_are_all_ordered(make_world):
     [
         (lambda: FrontierTourConfig(view_distance=0.0), "view_distance"),
         (lambda: FrontierTourConfig(max_places=0), "max_places"),
-        (lambda: RepairmanConfig(max_places=12), "at most 9"),
-        (lambda: RepairmanConfig(wait_weight=0.0), "positive"),
+        (lambda: RepairmanConfig(max_places=12), r"max_places must be in \[1, 9\], not 12"),
+        (lambda: RepairmanConfig(wait_weight=0.0), "wait_weight must be above 0"),
     ],
 )
 def test_senseless_settings_are_refused(make, match):

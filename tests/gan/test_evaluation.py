@@ -483,8 +483,8 @@ class TestCommand:
     @pytest.mark.parametrize(
         ("extra", "message"),
         [
-            (["--size", "8"], "0 or at least 32"),
-            (["--count", "-1"], "--count must be at least 0"),
+            (["--size", "8"], "--size must be 0 or at least 32, not 8"),
+            (["--count", "-1"], "--count must be at least 0, not -1"),
             (["--weights", "none-such-weights"], "none-such-weights"),
             (["--weights", f"{BLURRED}=slam2cad"], "two methods"),
             (["--real", "none-such-folder"], "not a folder"),

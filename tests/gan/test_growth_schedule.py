@@ -105,11 +105,11 @@ def test_settings_are_put_in_by_path():
         ("loss.feature_match=1", "did you mean 'feature_matching'"),
         ("los.l1=1", "no section 'los'"),
         ("l1", "takes path=value"),
-        ("loss.l1=-1", "must be 0 or more"),
+        ("loss.l1=-1", r"loss\.l1 must be at least 0, not -1"),
         ("translator.input_size=100", "power of two"),
         ("translator.output_size=64", "last stage has resolution 32"),
         ("generator=1", "unknown setting"),
-        ("translator.input_encoding=cmyk", "one of grey, free_occupied, rgb"),
+        ("translator.input_encoding=cmyk", "must be 'grey' or 'free_occupied' or 'rgb', not 'cmyk'"),
     ],
 )
 def test_impossible_settings_are_refused(setting, message):

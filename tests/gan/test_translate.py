@@ -253,8 +253,16 @@ def test_a_folder_of_both_is_translated_once_each(tmp_path, weights, capsys):
     [
         (["absent.png", "-o", "x.png"], InputFileError, "doesn't exist"),
         (["map.png", "-o", "x.docx"], InputFileError, "is no image name"),
-        (["map.png", "-o", "x.png", "--metres-per-px", "-1"], ConfigError, "must be positive"),
-        (["map.png", "-o", "x.png", "--flips", "3"], ConfigError, "1, 2, 4 or 8"),
+        (
+            ["map.png", "-o", "x.png", "--metres-per-px", "-1"],
+            ConfigError,
+            r"--metres-per-px must be in \(0, 100\)",
+        ),
+        (
+            ["map.png", "-o", "x.png", "--flips", "3"],
+            ConfigError,
+            r"flips must be a power of two in \[1, 8\], not 3",
+        ),
         (["map.png", "-o", "x.png", "--drift-seed", "1"], ConfigError, "CAD maps to SLAM maps"),
         (["empty", "-o", "x"], InputFileError, "holds no images"),
         (["broken.png", "-o", "x.png"], InputFileError, "is not an image"),
