@@ -14,6 +14,8 @@ from slamgym.core.types import (
     FloatArray,
     GridFrame,
     Int32Array,
+    LaserGeometry,
+    Pose2D,
 )
 from slamgym.parametric.config import LidarErrorConfig, RenderConfig, ScannerConfig
 from slamgym.parametric.lidar_error import (
@@ -120,10 +122,9 @@ def true_ranges(
     walls = segments.view()
     walls.flags.writeable = False  # always the read-only type, so that the kernel is compiled once
     ranges = np.empty((len(poses), len(angles)))
-    for k, (x, y, theta) in enumerate(sensors.tolist()):
-        cast_rays(
-            x, y, theta, angles[0], angles[1] - angles[0], len(angles), walls, scanner.range_max, ranges[k]
-        )
+    fan = LaserGeometry(len(angles), angles[0], angles[1] - angles[0], scanner.range_min, scanner.range_max)
+    for k, sensor in enumerate(sensors.tolist()):
+        cast_rays(Pose2D(*sensor), fan, walls, ranges[k])
     return ranges
 
 

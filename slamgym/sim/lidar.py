@@ -184,17 +184,7 @@ class Lidar:
             segments = segments.view()
             segments.flags.writeable = False
         ranges = np.empty(geometry.num_beams)
-        cast_rays(
-            sensor.x,
-            sensor.y,
-            sensor.theta,
-            geometry.angle_min,
-            geometry.angle_increment,
-            geometry.num_beams,
-            segments,
-            geometry.range_max,
-            ranges,
-        )
+        cast_rays(sensor, geometry, segments, ranges)
         return ranges
 
     def scan(self, pose: Pose2D, segments: FloatArray, rng: np.random.Generator, stamp: float) -> LaserScan:

@@ -33,9 +33,7 @@ class GrowingView:
         """The map so far with the best path and those of the other particles."""
         grid = mapper.occupancy_grid()
         paths: list[FloatArray] = [mapper.trajectory().poses]
-        others: Callable[[int], list[FloatArray]] | None = getattr(mapper, "particle_paths", None)
-        if others is not None:
-            paths += others(MAX_PATHS)
+        paths += mapper.particle_paths(MAX_PATHS)
         frame = self._frame(grid.frame)
         return view_picture(grid, frame, VIEW_SIZE, paths, caption)
 

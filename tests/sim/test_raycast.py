@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from slamgym.core.types import LaserGeometry, Pose2D
 from slamgym.sim import cast_rays
 
 DEGREE = math.radians(1)
@@ -23,7 +24,8 @@ def cast(
     range_max=10.0,
 ):
     out = np.full(beams, -7.0)
-    cast_rays(*pose, angle_min, increment, beams, np.asarray(segments, dtype=float), range_max, out)
+    geometry = LaserGeometry(beams, angle_min, increment, 0.0, range_max)
+    cast_rays(Pose2D(*pose), geometry, np.asarray(segments, dtype=float), out)
     return out
 
 

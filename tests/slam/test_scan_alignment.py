@@ -3,6 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from slamgym.core.types import LaserGeometry, Pose2D
 from slamgym.sim.raycast import cast_rays
 from slamgym.slam.graph.config import PoseGraphConfig
 from slamgym.slam.graph.matching import NodeMatcher
@@ -18,7 +19,8 @@ BEAMS = 181
 def scan_points(pose, segments=ROOM, range_max=20.0):
     """End points in the robot frame of an exact scan over half a turn."""
     ranges = np.empty(BEAMS)
-    cast_rays(*pose, -np.pi / 2, np.pi / 180, BEAMS, segments, range_max, ranges)
+    geometry = LaserGeometry(BEAMS, -np.pi / 2, np.pi / 180, 0.0, range_max)
+    cast_rays(Pose2D(*pose), geometry, segments, ranges)
     angles = -np.pi / 2 + np.radians(np.arange(BEAMS))
     hit = np.isfinite(ranges)
     return ranges[hit, None] * np.column_stack([np.cos(angles), np.sin(angles)])[hit]
@@ -68,7 +70,7 @@ def test_a_corridor_leaves_the_scan_free_to_slide():
 
 
 def test_branch_and_bound_finds_what_brute_force_finds():
-    from slamgym.slam.graph.matching import block_score, paint_levels, search_window
+    from slamgym.slam.graph.matching import CellIndex, block_score, paint_levels, search_window
 
     rng = np.random.default_rng(0)
     for _ in range(5):
@@ -78,7 +80,7 @@ def test_branch_and_bound_finds_what_brute_force_finds():
         levels = np.empty((4, 40, 50), np.uint8)
         paint_levels(index, levels)
         pose = np.empty(3)
-        found = search_window(levels, 0.0, 0.0, 0.1, points, centre, 7, angles, 0.0, pose)
+        found = search_window(levels, CellIndex(index, 0.0, 0.0, 0.1), points, centre, 7, angles, 0.0, pose)
         best = 0
         for angle in angles:
             c, s = np.cos(0.3 + angle), np.sin(0.3 + angle)

@@ -34,7 +34,8 @@ from slamgym.dataset.pair import MapPair
 from slamgym.interop import read_carmen, read_tum
 from slamgym.metrics import absolute_trajectory_error
 from slamgym.slam import SlamConfig
-from slamgym.slam.hit_counts import BeamTable, HitCountMap
+from slamgym.slam.hit_count_kernels import BeamTable
+from slamgym.slam.hit_counts import HitCountMap
 
 MINUTES = (0.1, 0.5, 1.0, 2.0, 3.0, 5.0, 7.0)
 """Robot times at which explorations are looked at, besides their end [min]: after 0.1 the map
@@ -169,9 +170,7 @@ def _slam_settings(root: Path, record: PairRecord) -> SlamConfig:
 
 
 def _canvas(recording: _Recording) -> HitCountMap:
-    slam = recording.slam
-    beams = BeamTable(recording.geometry, slam)
-    return HitCountMap(beams, slam.resolution, slam.occupied_threshold, slam.memory_limit_mb)
+    return HitCountMap(BeamTable.of(recording.geometry, recording.slam), recording.slam)
 
 
 def _error_until(recording: _Recording, end: float) -> float:
