@@ -8,7 +8,7 @@ import math
 import sys
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import numpy as np
 import shapely
@@ -19,7 +19,7 @@ from slamgym.core.errors import ConfigError
 from slamgym.core.geometry import between
 from slamgym.core.types import Pose2D, Twist2D
 from slamgym.parametric.calibration import Runs, fit_phases, write_calibration
-from slamgym.sim import OdometryConfig, RobotConfig, WheelOdometry, World, odometry_level
+from slamgym.sim import OdometryConfig, OdometryLevel, RobotConfig, WheelOdometry, World, odometry_level
 
 _STEP = 0.05  # [s]
 _HALL = 20.0  # [m]
@@ -31,7 +31,7 @@ class CalibrateArguments:
 
     out: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
     """JSON file to write."""
-    odometry: Literal["ideal", "low", "medium", "high"] = "medium"
+    odometry: OdometryLevel = "medium"
     """Level of the odometry errors."""
     robots: int = 60
     """Robots; each draws its own systematic errors."""

@@ -18,6 +18,7 @@ from slamgym.cad.plan_filter import Rejections, usable_plans
 from slamgym.cad.sources import PlanSource, open_plans
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.staged import write_bytes
+from slamgym.sim import RobotConfig
 from slamgym.viz.plan_pictures import draw_sheet
 
 MAX_NAMED = 10
@@ -35,7 +36,7 @@ class _Selection:
     """A file with one plan id a line: take only these plans."""
     count: int | None = None
     """Take only the first so many plans."""
-    robot_radius: float = 0.22
+    robot_radius: float = RobotConfig.radius
     """The robot must be able to enter the rooms; the default holds a TurtleBot3 Waffle Pi [m]."""
     max_extent: float = math.inf
     """Longest side that a plan may have [m]."""

@@ -20,7 +20,7 @@ from slamgym.core.types import ByteArray
 from slamgym.dataset.schedule import schedule
 from slamgym.envs import ExploreConfig, ExploreEnv
 from slamgym.envs.episode import MakeExplorer, time_limit
-from slamgym.sim import ClutterConfig, LidarConfig, RobotConfig, odometry_level
+from slamgym.sim import ClutterConfig, LidarConfig, OdometryLevel, RobotConfig, odometry_level
 from slamgym.slam import SlamConfig
 
 FILM_FORMATS = (".mp4", ".gif")
@@ -46,7 +46,7 @@ class WatchArguments:
     """Film: frames per second; a .gif can have 50 at most."""
     particles: int = 30
     """Particles of the SLAM filter."""
-    odometry: Literal["ideal", "low", "medium", "high"] = "medium"
+    odometry: OdometryLevel = "medium"
     """Errors of the wheel odometry."""
     seed: int = 0
     """Seed of everything random."""

@@ -47,7 +47,7 @@ class LidarErrors:
             + self.b3 * np.cos(bearing)
             + self.b4 * np.sin(2.0 * bearing)
             + self.b5 * np.cos(2.0 * bearing)
-            + self.b6 / np.maximum(distance, 0.12)
+            + self.b6 / np.maximum(distance, ScannerConfig.range_min)
         )
 
 

@@ -19,7 +19,7 @@ FLAWLESS = OdometryConfig(
     diameter_ratio_std=0.0,
     wheelbase_ratio_std=0.0,
     scale_std=0.0,
-    slip_way=0.0,
+    slip_distance=0.0,
     slip_drift=0.0,
     slip_turn=0.0,
 )
@@ -115,7 +115,7 @@ class TestSystematicErrors:
 
 class TestRandomSlip:
     def test_it_grows_with_the_root_of_way_and_turn_whatever_the_step(self):
-        config = replace(FLAWLESS, slip_way=0.02, slip_turn=0.03)
+        config = replace(FLAWLESS, slip_distance=0.02, slip_turn=0.03)
         for steps in (1, 20):
             ways = [follow(config, [straight(4.0 / steps)] * steps, seed).x for seed in range(1500)]
             turns = [follow(config, [turn(2.0 / steps)] * steps, seed).theta for seed in range(1500)]
@@ -146,7 +146,7 @@ class TestLevels:
             "diameter_ratio_std",
             "wheelbase_ratio_std",
             "scale_std",
-            "slip_way",
+            "slip_distance",
             "slip_drift",
             "slip_turn",
         ):

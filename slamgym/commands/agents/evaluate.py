@@ -21,7 +21,7 @@ from slamgym.cad.sources import PlanSource, ProceduralSource
 from slamgym.core.errors import ConfigError
 from slamgym.core.progress import say
 from slamgym.envs import ExploreConfig
-from slamgym.sim import ClutterConfig, LidarConfig, RobotConfig, odometry_level
+from slamgym.sim import ClutterConfig, LidarConfig, OdometryLevel, RobotConfig, odometry_level
 from slamgym.slam import SlamConfig
 
 OFFICES = "offices"
@@ -59,7 +59,7 @@ class EvaluateArguments:
     """Limit of robot time [min]; ``auto`` grows with the floor area."""
     particles: int = 30
     """Particles of the SLAM filter."""
-    odometry: Literal["ideal", "low", "medium", "high"] = "medium"
+    odometry: OdometryLevel = "medium"
     """Errors of the wheel odometry."""
     seed: int = 0
     """Decides plans, starts and noise."""

@@ -32,15 +32,13 @@ from slamgym.core.config import replace_setting, setting_names, suggest
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.envs import ExploreConfig
 from slamgym.envs.episode import EpisodeConfig
-from slamgym.sim import lidar_level, odometry_level
-from slamgym.sim.wheel_odometry import OdometryConfig
+from slamgym.sim import lidar_level, name_of_odometry, odometry_level
 
 LEVELS: dict[str, Callable[[str], Any]] = {"lidar": lidar_level, "odometry": odometry_level}
 """Parts that can be set as a whole by the name of an error level."""
 PARTS = ("robot", "lidar", "odometry", "slam", "clutter")
 """Parts of the environment whose settings bear on a map."""
 EPISODE_SETTINGS = ("explorer", "minutes")
-ODOMETRY_LEVELS = ("ideal", "low", "medium", "high")
 
 
 def known_settings() -> list[str]:
@@ -90,7 +88,7 @@ def standard_conditions(config: EpisodeConfig) -> dict[str, Any]:
     env = config.env
     return {
         "explorer": config.explorer,
-        "odometry": odometry_name(env.odometry),
+        "odometry": name_of_odometry(env.odometry),
         "slam.mode": env.slam.mode,
         "slam.particles": env.slam.particles,
         "lidar.range_max": env.lidar.range_max,
@@ -98,14 +96,6 @@ def standard_conditions(config: EpisodeConfig) -> dict[str, Any]:
         "clutter.furniture": env.clutter.furniture,
         "clutter.people": env.clutter.people,
     }
-
-
-def odometry_name(config: OdometryConfig) -> str:
-    """The error level that these settings are, or ``custom``."""
-    for level in ODOMETRY_LEVELS:
-        if odometry_level(level) == config:
-            return level
-    return "custom"
 
 
 def _with_env(config: EpisodeConfig, part: str, value: Any) -> EpisodeConfig:
