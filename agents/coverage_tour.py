@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from slamgym.agents.open_tour import open_tour
-from slamgym.core.types import BoolArray, FloatArray, GridFrame, IntArray, LaserGeometry, Pose2D
+from slamgym.core.types import BoolArray, FloatArray, GridFrame, IntArray
 from slamgym.envs.coverage import sweep, unit_vectors
 from slamgym.planning import Costmap, Reachable
 from slamgym.planning.coarse_paths import CoarsePaths
@@ -185,8 +185,7 @@ class SightPlanner:
         step = 2.0 * math.pi / _BEAMS
         segments = self._segments.view()
         segments.flags.writeable = False
-        geometry = LaserGeometry(_BEAMS, 0.0, step, 0.0, self._reach)
-        cast_rays(Pose2D(x, y, 0.0), geometry, segments, ranges)
+        cast_rays(x, y, 0.0, 0.0, step, segments, self._reach, ranges)
         unseen = floor.copy()
         directions = unit_vectors(step * np.arange(_BEAMS, dtype=np.float64))
         frame = self._frame

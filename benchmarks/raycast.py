@@ -13,7 +13,7 @@ import pymunk
 from report import print_and_save
 
 from slamgym.core.jit import kernel
-from slamgym.core.types import FloatArray, LaserGeometry, Pose2D
+from slamgym.core.types import FloatArray
 from slamgym.sim import cast_rays
 
 RANGE_MAX = 3.5  # [m]
@@ -102,14 +102,12 @@ def measure(num_rooms: int, num_beams: int, view_deg: float) -> dict[str, object
     x, y, theta = float(segments[:, 0].mean()) + 0.3, float(segments[:, 1].mean()) + 0.2, 0.3
     view = math.radians(view_deg)
     increment = view / num_beams
-    pose = Pose2D(x, y, theta)
-    geometry = LaserGeometry(num_beams, -0.5 * view, increment, 0.0, RANGE_MAX)
     ours, brute = np.empty(num_beams), np.empty(num_beams)
     angles = theta - 0.5 * view + increment * np.arange(num_beams)
     scan = pymunk_scanner(segments)
 
     def cast() -> None:
-        cast_rays(pose, geometry, segments, ours)
+        cast_rays(x, y, theta, -0.5 * view, increment, segments, RANGE_MAX, ours)
 
     def cast_all() -> None:
         every_beam_every_wall(x, y, float(angles[0]), increment, segments, RANGE_MAX, brute)

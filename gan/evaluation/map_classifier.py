@@ -13,8 +13,8 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from slamgym.core.errors import ConfigError
+from slamgym.core.intervals import Interval, mean_interval
 from slamgym.core.types import FREE, OCCUPIED, ByteArray, FloatArray
-from slamgym.metrics import Interval, mean_interval
 
 
 @dataclass(frozen=True)
@@ -77,7 +77,7 @@ def picture_test(
         with torch.inference_mode():
             guess = network(pictures[held_out]).squeeze(1) > 0.0
         right[fold == k] = (guess == (labels[held_out] > 0.5)).numpy()
-    return mean_interval(right, plans)
+    return mean_interval(right, groups=plans)
 
 
 def _channels(maps: ByteArray, cads: ByteArray, config: ClassifierConfig) -> Tensor:

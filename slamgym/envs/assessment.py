@@ -73,7 +73,7 @@ class Assessment:
     def map_error(self) -> float:
         """Mean distance of the map's occupied cells from the nearest true obstacle [m]."""
         simulation = self._simulation
-        return self._prepared.wall_distance.mean_error(
+        return self._prepared.obstacle_distance.mean_error(
             simulation.mapper.occupancy_grid(), simulation.world_from_map
         )
 

@@ -41,11 +41,11 @@ def wall_score(walls: BoolArray, true_walls: BoolArray, tolerance_px: float = 2.
     Raises:
         ValueError: If the shapes differ.
     """
-    _check_shapes(walls, true_walls)
+    check_same_shape(walls, true_walls)
     if not walls.any() or not true_walls.any():
         same = float(walls.any() == true_walls.any())
         return WallScore(same, same, same)
-    to_map, to_truth = _distance(walls), _distance(true_walls)
+    to_map, to_truth = distance_to(walls), distance_to(true_walls)
     thick, true_thick = to_map <= 0.5 * tolerance_px, to_truth <= 0.5 * tolerance_px
     return WallScore(
         precision=float((to_truth[walls] <= tolerance_px).mean()),
@@ -61,7 +61,7 @@ def coverage(cells: ByteArray, reachable: BoolArray) -> float:
         cells: Map values (0, 205, 254), shape (rows, cols).
         reachable: Cells that the robot could have seen, same shape.
     """
-    _check_shapes(cells, reachable)
+    check_same_shape(cells, reachable)
     total = np.count_nonzero(reachable)
     return float(np.count_nonzero((cells == FREE) & reachable) / total) if total else 1.0
 
@@ -84,17 +84,22 @@ def wall_cells(cells: ByteArray) -> BoolArray:
 
 def squared_error(image: FloatArray, target: FloatArray) -> float:
     """Mean squared error of two images with values in [0, 1]."""
-    _check_shapes(image, target)
+    check_same_shape(image, target)
     return float(np.mean((np.asarray(image, dtype=np.float64) - target) ** 2))
 
 
-def _distance(mask: BoolArray) -> FloatArray:
-    """Euclidean distance of each cell from the nearest true cell [cells]."""
+def distance_to(mask: BoolArray) -> FloatArray:
+    """Euclidean distance of each cell's centre from that of the nearest true cell [cells]."""
     return np.asarray(
         cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE), dtype=np.float64
     )
 
 
-def _check_shapes(a: np.ndarray, b: np.ndarray) -> None:
+def check_same_shape(a: np.ndarray, b: np.ndarray) -> None:
+    """Refuse two maps that can't lie on one frame.
+
+    Raises:
+        ValueError: If the shapes differ.
+    """
     if a.shape != b.shape:
         raise ValueError(f"the maps have different shapes: {a.shape} and {b.shape}; put them on one frame")

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from slamgym.core.types import BoolArray, FloatArray
-from slamgym.metrics.maps import WallScore, wall_score
+from slamgym.core.types import BoolArray
+from slamgym.metrics.maps import WallScore, check_same_shape, distance_to, wall_score
 
 _CROSS = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
 
@@ -67,15 +67,12 @@ def boundary_distance(free: BoolArray, true_free: BoolArray, metres_per_px: floa
     Raises:
         ValueError: If the shapes differ.
     """
-    if free.shape != true_free.shape:
-        raise ValueError(
-            f"the maps have different shapes: {free.shape} and {true_free.shape}; put them on one frame"
-        )
+    check_same_shape(free, true_free)
     walls, true_walls = free_boundary(free), free_boundary(true_free)
     if not walls.any() or not true_walls.any():
         distance = 0.0 if walls.any() == true_walls.any() else float("inf")
         return WallDistance(distance, distance)
-    to_truth, to_map = _distance(true_walls)[walls], _distance(walls)[true_walls]
+    to_truth, to_map = distance_to(true_walls)[walls], distance_to(walls)[true_walls]
     return WallDistance(
         chamfer=metres_per_px * 0.5 * float(to_truth.mean() + to_map.mean()),
         hausdorff_95=metres_per_px * float(max(np.percentile(to_truth, 95), np.percentile(to_map, 95))),
@@ -88,16 +85,6 @@ def intersection_over_union(free: BoolArray, true_free: BoolArray) -> float:
     Raises:
         ValueError: If the shapes differ.
     """
-    if free.shape != true_free.shape:
-        raise ValueError(
-            f"the maps have different shapes: {free.shape} and {true_free.shape}; put them on one frame"
-        )
+    check_same_shape(free, true_free)
     union = np.count_nonzero(free | true_free)
     return float(np.count_nonzero(free & true_free) / union) if union else 1.0
-
-
-def _distance(mask: BoolArray) -> FloatArray:
-    """Euclidean distance of each cell from the nearest true cell [cells]."""
-    return np.asarray(
-        cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE), dtype=np.float64
-    )

@@ -118,8 +118,8 @@ def wall_beams(
         scanner: Limits of the range.
         rng: Source of randomness.
     """
-    rows, cols = np.nonzero(visibility.best >= 0)
-    sensors = visibility.sensors[visibility.best[rows, cols]]
+    rows, cols = np.nonzero(visibility.cells.best >= 0)
+    sensors = visibility.sensors[visibility.cells.best[rows, cols]]
     x, y = visibility.frame.to_point(rows, cols)
     dx, dy = x - sensors[:, 0], y - sensors[:, 1]
     distance = np.hypot(dx, dy)
@@ -177,7 +177,7 @@ def _scattered(values: FloatArray, visibility: Visibility, config: LidarErrorCon
     """A random value per wall cell, median filtered over the picture: the paper's literal D and alpha."""
     if config.median_px <= 1:
         return values
-    wall = visibility.best >= 0
+    wall = visibility.cells.best >= 0
     picture = np.zeros((1, *wall.shape), dtype=np.float32)
     picture[0, wall] = values
     rows, cols = np.nonzero(wall)

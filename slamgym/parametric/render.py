@@ -14,8 +14,6 @@ from slamgym.core.types import (
     FloatArray,
     GridFrame,
     Int32Array,
-    LaserGeometry,
-    Pose2D,
 )
 from slamgym.parametric.config import LidarErrorConfig, RenderConfig, ScannerConfig
 from slamgym.parametric.lidar_error import (
@@ -35,7 +33,7 @@ from slamgym.sim.raycast import cast_rays
 
 
 @kernel
-def draw_scans(
+def count_hits(
     sensors: FloatArray,
     ranges: FloatArray,
     bearings: FloatArray,
@@ -122,9 +120,8 @@ def true_ranges(
     walls = segments.view()
     walls.flags.writeable = False  # always the read-only type, so that the kernel is compiled once
     ranges = np.empty((len(poses), len(angles)))
-    fan = LaserGeometry(len(angles), angles[0], angles[1] - angles[0], scanner.range_min, scanner.range_max)
-    for k, sensor in enumerate(sensors.tolist()):
-        cast_rays(Pose2D(*sensor), fan, walls, ranges[k])
+    for k, (x, y, theta) in enumerate(sensors.tolist()):
+        cast_rays(x, y, theta, angles[0], angles[1] - angles[0], walls, scanner.range_max, ranges[k])
     return ranges
 
 
@@ -185,7 +182,7 @@ def hit_count_map(
     """
     hits, visits = np.zeros(frame.shape, dtype=np.int32), np.zeros(frame.shape, dtype=np.int32)
     r = frame.resolution
-    draw_scans(
+    count_hits(
         poses_in_cells(sensor_poses(believed_poses, scanner.mount_x), frame),
         ranges / r,
         bearings,

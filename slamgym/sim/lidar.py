@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -112,10 +112,10 @@ class LidarConfig:
 
 LidarLevel = Literal["exact", "gazebo", "lds01"]
 
-_EXACT: dict[str, float] = {
+_EXACT: dict[str, Any] = {
     "sigma": 0.0, "sigma_relative": 0.0, "z_hit": 1.0, "z_short": 0.0, "z_max": 0.0, "z_rand": 0.0,
 }  # fmt: skip
-_LEVELS: dict[LidarLevel, dict[str, float]] = {
+_LEVELS: dict[LidarLevel, dict[str, Any]] = {
     "exact": _EXACT,
     "gazebo": {**_EXACT, "sigma": 0.01},
     # The data sheet's limits are taken for three standard deviations: +-15 mm below 0.5 m, a precision of 3.5
@@ -178,7 +178,8 @@ class Lidar:
             segments = segments.view()
             segments.flags.writeable = False
         ranges = np.empty(geometry.num_beams)
-        cast_rays(sensor, geometry, segments, ranges)
+        angle_min, increment = geometry.angle_min, geometry.angle_increment
+        cast_rays(*sensor, angle_min, increment, segments, geometry.range_max, ranges)
         return ranges
 
     def scan(self, pose: Pose2D, segments: FloatArray, rng: np.random.Generator, stamp: float) -> LaserScan:

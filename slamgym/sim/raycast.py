@@ -12,7 +12,7 @@ import math
 import numpy as np
 
 from slamgym.core.jit import kernel
-from slamgym.core.types import FloatArray, LaserGeometry, Pose2D
+from slamgym.core.types import FloatArray
 
 # Share of a beam spacing by which a wall's interval of beams is widened, so that rounding never lets a beam
 # slip through the corner that two walls share. At 3.5 m and 1 degree it widens a wall by less than 0.1 nm.
@@ -23,29 +23,40 @@ _EDGE_ON = 1e-12
 
 
 @kernel
-def cast_rays(sensor: Pose2D, geometry: LaserGeometry, segments: FloatArray, out: FloatArray) -> None:
+def cast_rays(
+    x: float,
+    y: float,
+    theta: float,
+    angle_min: float,
+    angle_increment: float,
+    segments: FloatArray,
+    range_max: float,
+    out: FloatArray,
+) -> None:
     """Write the distance to the nearest segment along each beam.
 
-    Convention: ``sensor`` is the pose of the *scanner* in the frame of the segments, so the mount and the
-    smallest range of ``geometry`` don't count here; its increment is positive, and its beams together span at
-    most one turn.
+    Convention: ``x, y, theta`` is the pose of the *sensor* in the frame of the segments; beam ``i`` points to
+    ``theta + angle_min + i * angle_increment``, counter-clockwise.
 
     Args:
-        sensor: The scanner's pose [m, m, rad].
-        geometry: The beams and the longest distance that is reported.
+        x: Sensor position [m].
+        y: Sensor position [m].
+        theta: Sensor heading [rad].
+        angle_min: Direction of beam 0 in the sensor frame [rad].
+        angle_increment: Angle between neighbouring beams, positive [rad].
         segments: Walls, shape (S, 4) as x0, y0, x1, y1 [m].
-        out: Receives the ranges, shape (num_beams,) [m]; ``inf`` where nothing is met within ``range_max``.
+        range_max: Longest distance that is reported [m].
+        out: Receives the ranges, shape (num_beams,) [m]; ``inf`` where nothing is met within ``range_max``. Its
+            beams together span at most one turn.
     """
-    x, y = sensor.x, sensor.y
-    num_beams, angle_min, angle_increment = geometry.num_beams, geometry.angle_min, geometry.angle_increment
-    range_max = geometry.range_max
+    num_beams = len(out)
     turn = 2.0 * math.pi
     beams_per_turn = turn / angle_increment
     directions = np.empty((num_beams, 2))
     _fill_directions(angle_min, angle_increment, directions)
     for i in range(num_beams):
         out[i] = np.inf
-    cos, sin = math.cos(sensor.theta), math.sin(sensor.theta)
+    cos, sin = math.cos(theta), math.sin(theta)
 
     for s in range(segments.shape[0]):
         # End points in the sensor frame.

@@ -71,21 +71,26 @@ def drawn_length(ranges: Float32Array, i: int, beams: BeamTable) -> float:
 
 
 @kernel
-def scan_bounds(poses: FloatArray, ranges: Float32Array, beams: BeamTable, bounds: FloatArray) -> None:
-    """Stretch ``bounds`` (min x, min y, max x, max y) [m] over all that :func:`draw_scans` draws."""
+def scan_bounds(
+    poses: FloatArray, ranges: Float32Array, beams: BeamTable
+) -> tuple[float, float, float, float]:
+    """Bounds (min x, min y, max x, max y) [m] of all that :func:`draw_scans` draws."""
     directions, mount = beams.directions, beams.mount
+    min_x = min_y = math.inf
+    max_x = max_y = -math.inf
     for k in range(len(poses)):
         cos, sin = math.cos(poses[k, 2]), math.sin(poses[k, 2])
         x0 = poses[k, 0] + cos * mount[0] - sin * mount[1]
         y0 = poses[k, 1] + sin * mount[0] + cos * mount[1]
-        bounds[0], bounds[2] = min(bounds[0], x0), max(bounds[2], x0)
-        bounds[1], bounds[3] = min(bounds[1], y0), max(bounds[3], y0)
+        min_x, max_x = min(min_x, x0), max(max_x, x0)
+        min_y, max_y = min(min_y, y0), max(max_y, y0)
         for i in range(ranges.shape[1]):
             length = drawn_length(ranges[k], i, beams)
             x = x0 + length * (cos * directions[i, 0] - sin * directions[i, 1])
             y = y0 + length * (sin * directions[i, 0] + cos * directions[i, 1])
-            bounds[0], bounds[2] = min(bounds[0], x), max(bounds[2], x)
-            bounds[1], bounds[3] = min(bounds[1], y), max(bounds[3], y)
+            min_x, max_x = min(min_x, x), max(max_x, x)
+            min_y, max_y = min(min_y, y), max(max_y, y)
+    return min_x, min_y, max_x, max_y
 
 
 @kernel

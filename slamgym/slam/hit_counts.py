@@ -56,11 +56,8 @@ class HitCountMap:
         """
         if len(poses) == 0:
             return
-        bounds = np.array([math.inf, math.inf, -math.inf, -math.inf])
-        scan_bounds(poses, ranges, self._beams, bounds)
-        first_col, first_row, last_col, last_row = (
-            math.floor(float(value) / self._resolution) for value in bounds
-        )
+        bounds = scan_bounds(poses, ranges, self._beams)
+        first_col, first_row, last_col, last_row = (math.floor(value / self._resolution) for value in bounds)
         box = (first_row, first_col, last_row + 1, last_col + 1)
         self._cover(box)
         draw_scans(self._counts, self._corner, self._resolution, poses, ranges, self._beams, sign)

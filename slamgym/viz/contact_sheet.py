@@ -8,6 +8,8 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, ByteArray, FloatArray, GridFrame
+from slamgym.metrics.map_error import wall_faces
+from slamgym.metrics.maps import distance_to
 
 PANEL_PX = 340
 GAP_PX = 14
@@ -113,7 +115,7 @@ def draw_overlay(entry: SheetEntry) -> ByteArray:
     colours[inside] = _PAPER
     colours[inside & (entry.slam == UNKNOWN)] = _UNSEEN
     colours[~inside & (entry.slam == FREE)] = _BEYOND
-    faces = wall_faces(entry.cad)
+    faces = wall_faces(inside)
     colours[faces] = _WALL_LINE
     occupied = entry.slam == OCCUPIED
     distance = distance_to(faces) * entry.frame.resolution
@@ -138,20 +140,6 @@ def _draw_path(picture: ByteArray, entry: SheetEntry) -> None:
         lineType=cv2.LINE_AA,
         shift=4,
     )
-
-
-def wall_faces(cad: ByteArray) -> np.ndarray[tuple[int, int], np.dtype[np.bool_]]:
-    """The wall cells that touch free space, shape (rows, cols)."""
-    free = (cad == FREE).astype(np.uint8)
-    return (cv2.dilate(free, np.ones((3, 3), np.uint8)) > free).astype(np.bool_)
-
-
-def distance_to(cells: np.ndarray[tuple[int, int], np.dtype[np.bool_]]) -> FloatArray:
-    """Distance of every cell to the nearest true one [cells], shape (rows, cols)."""
-    distance: FloatArray = cv2.distanceTransform(
-        np.logical_not(cells).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE
-    ).astype(np.float64)
-    return distance
 
 
 def error_colour(distance: FloatArray) -> ByteArray:

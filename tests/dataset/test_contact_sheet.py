@@ -3,14 +3,14 @@ import numpy as np
 import pytest
 
 from slamgym.core.types import GridFrame
+from slamgym.metrics.map_error import wall_faces
+from slamgym.metrics.maps import distance_to
 from slamgym.viz.contact_sheet import (
     ERROR_SCALE,
     SheetEntry,
-    distance_to,
     draw_contact_sheet,
     draw_overlay,
     error_colour,
-    wall_faces,
 )
 
 
@@ -26,7 +26,7 @@ def entry(slam_shift_px=0):
 
 
 def test_wall_faces_are_the_wall_cells_beside_free_space():
-    faces = wall_faces(entry().cad)
+    faces = wall_faces(entry().cad == 254)
     assert faces.sum() == 2 * (100 + 80) + 4
     assert not (faces & (entry().cad == 254)).any()
 

@@ -7,7 +7,7 @@ import shapely
 from slamgym.cad import FloorPlan
 from slamgym.core.types import FREE, OCCUPIED, GridFrame, OccupancyGrid, Pose2D
 from slamgym.envs import ExploreEnv
-from slamgym.metrics.map_error import WallDistance
+from slamgym.metrics.map_error import ObstacleDistance
 
 SQUARE = FloorPlan("square", shapely.box(0, 0, 4, 3))
 
@@ -26,13 +26,13 @@ def grid_with(points: list[tuple[float, float]]) -> OccupancyGrid:
     [((2.0, 0.5), 0.5), ((2.0, 1.2), 1.2), ((0.8, 1.5), 0.8), ((4.6, 3.8), 1.0), ((2.0, 3.0), 0.0)],
 )
 def test_distance_is_that_to_the_nearest_wall(point, distance):
-    error = WallDistance(SQUARE.segments()).mean_error(grid_with([point]), Pose2D(0.0, 0.0, 0.0))
+    error = ObstacleDistance(SQUARE.segments()).mean_error(grid_with([point]), Pose2D(0.0, 0.0, 0.0))
     # Half a diagonal of the map's cell, plus the rounding of the field's.
     assert error == pytest.approx(distance, abs=0.0354 + 0.025)
 
 
 def test_errors_are_averaged_in_the_world():
-    walls = WallDistance(SQUARE.segments() + np.array([10.0, 20.0, 10.0, 20.0]))
+    walls = ObstacleDistance(SQUARE.segments() + np.array([10.0, 20.0, 10.0, 20.0]))
     grid = grid_with([(2.0, 0.5), (2.0, 1.0)])
     assert walls.mean_error(grid, Pose2D(10.0, 20.0, 0.0)) == pytest.approx(0.75, abs=0.06)
     assert walls.mean_error(grid_with([]), Pose2D(0.0, 0.0, 0.0)) == 0.0

@@ -5,7 +5,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from slamgym.core.types import LaserGeometry, Pose2D
 from slamgym.sim import cast_rays
 
 DEGREE = math.radians(1)
@@ -24,8 +23,7 @@ def cast(
     range_max=10.0,
 ):
     out = np.full(beams, -7.0)
-    geometry = LaserGeometry(beams, angle_min, increment, 0.0, range_max)
-    cast_rays(Pose2D(*pose), geometry, np.asarray(segments, dtype=float), out)
+    cast_rays(*pose, angle_min, increment, np.asarray(segments, dtype=float), range_max, out)
     return out
 
 

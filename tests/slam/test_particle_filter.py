@@ -25,7 +25,7 @@ GEOMETRY = LaserGeometry(180, -np.pi / 2, np.pi / 179, 0.12, 3.5, Pose2D(-0.064,
 def scan_at(pose, stamp, rng=None, sigma=0.0):
     sensor = compose(pose, GEOMETRY.mount)
     ranges = np.empty(GEOMETRY.num_beams)
-    cast_rays(sensor, GEOMETRY, WALLS, ranges)
+    cast_rays(*sensor, GEOMETRY.angle_min, GEOMETRY.angle_increment, WALLS, 3.5, ranges)
     if rng is not None:
         ranges += sigma * rng.standard_normal(len(ranges))
     return LaserScan(stamp, ranges.astype(np.float32), GEOMETRY)

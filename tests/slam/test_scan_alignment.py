@@ -3,7 +3,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from slamgym.core.types import LaserGeometry, Pose2D
 from slamgym.sim.raycast import cast_rays
 from slamgym.slam.graph.config import PoseGraphConfig
 from slamgym.slam.graph.matching import NodeMatcher
@@ -19,8 +18,7 @@ BEAMS = 181
 def scan_points(pose, segments=ROOM, range_max=20.0):
     """End points in the robot frame of an exact scan over half a turn."""
     ranges = np.empty(BEAMS)
-    geometry = LaserGeometry(BEAMS, -np.pi / 2, np.pi / 180, 0.0, range_max)
-    cast_rays(Pose2D(*pose), geometry, segments, ranges)
+    cast_rays(*pose, -np.pi / 2, np.pi / 180, segments, range_max, ranges)
     angles = -np.pi / 2 + np.radians(np.arange(BEAMS))
     hit = np.isfinite(ranges)
     return ranges[hit, None] * np.column_stack([np.cos(angles), np.sin(angles)])[hit]

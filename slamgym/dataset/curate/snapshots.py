@@ -29,10 +29,8 @@ from slamgym.core.types import (
 from slamgym.dataset.curate.completeness import FEATURES, completeness_features
 from slamgym.dataset.curate.criteria import STUCK_PATH, Criteria, StuckFilter, has_clutter
 from slamgym.dataset.format import Layout, PairRecord, load_pair, read_config
-from slamgym.dataset.generate.record import map_error
-from slamgym.dataset.pair import MapPair
 from slamgym.interop import read_carmen, read_tum
-from slamgym.metrics import absolute_trajectory_error
+from slamgym.metrics import absolute_trajectory_error, wall_error
 from slamgym.slam import SlamConfig
 from slamgym.slam.hit_count_kernels import BeamTable
 from slamgym.slam.hit_counts import HitCountMap
@@ -108,7 +106,7 @@ def take_snapshots(
             path_length=_driven_until(recording, end),
             coverage=record.coverage if is_last else record.coverage * min(seen / finally_seen, 1.0),
             ate=record.ate if is_last else _error_until(recording, end),
-            map_error=record.map_error if is_last else map_error(MapPair(cad, cells, record.frame)),
+            map_error=record.map_error if is_last else wall_error(cells, cad, record.frame.resolution),
         )
 
 
