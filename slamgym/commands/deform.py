@@ -101,7 +101,7 @@ def main(argv: list[str], make_explorer: Any = None, record_path: RecordPath | N
         The exit code.
 
     Raises:
-        SlamgymError: If something is wrong that the user can mend; nothing is left half written.
+        SlamgymError: If something is wrong that the user can fix; nothing is left half written.
     """
     arguments = tyro.cli(DeformArguments, args=argv, prog="slamgym deform")
     _check(arguments)

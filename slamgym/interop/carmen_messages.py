@@ -20,7 +20,7 @@ import numpy as np
 from slamgym.core.types import Float32Array, Pose2D
 
 MAX_BEAMS = 100_000
-MAX_COORDINATE = 1e6  # [m]; a pose further away is a broken number
+MAX_ABS_COORDINATE = 1e6  # [m]; a pose further away is a broken number
 
 _NUMBER = r"([-+]?[0-9.]+(?:[eE][-+]?[0-9]+)?)"
 _BEAMS_COMMENT = re.compile(rf"beams from {_NUMBER} rad in steps of {_NUMBER} rad")
@@ -144,7 +144,7 @@ def _ranges(fields: Sequence[str], count: int, kind: str) -> Float32Array:
 
 def _pose(fields: Sequence[str], start: int) -> Pose2D:
     x, y, theta = float(fields[start]), float(fields[start + 1]), float(fields[start + 2])
-    if not all(math.isfinite(value) and abs(value) < MAX_COORDINATE for value in (x, y, theta)):
+    if not all(math.isfinite(value) and abs(value) < MAX_ABS_COORDINATE for value in (x, y, theta)):
         raise MalformedMessageError("pose that is not finite")
     return Pose2D(x, y, theta)
 

@@ -1,13 +1,18 @@
-"""What the results are judged by: trajectories, relations, consistency, maps."""
+"""What the results are measured by: trajectories, relations, consistency, maps."""
 
 from slamgym.metrics.alignment import AlignedError, Similarity, aligned_error, apply_similarity
 from slamgym.metrics.improvement import Improvement, improvement
 from slamgym.metrics.map_error import ObstacleDistance, wall_error, wall_faces
 from slamgym.metrics.map_statistics import displacement_statistics, map_statistics
 from slamgym.metrics.maps import (
+    WallDistance,
     WallScore,
+    boundary_distance,
+    boundary_score,
     coverage,
+    free_boundary,
     free_space,
+    intersection_over_union,
     known_area,
     squared_error,
     wall_cells,
@@ -27,13 +32,6 @@ from slamgym.metrics.trajectory import (
     relative_poses,
 )
 from slamgym.metrics.two_sample import TwoSampleResult, two_sample_test
-from slamgym.metrics.walls import (
-    WallDistance,
-    boundary_distance,
-    boundary_score,
-    free_boundary,
-    intersection_over_union,
-)
 
 __all__ = [
     "AlignedError",

@@ -19,8 +19,8 @@ from slamgym.core.errors import ConfigError
 from slamgym.core.intervals import mean_interval
 from slamgym.core.types import FloatArray
 
-Classifier = Literal["gradient_boosting", "extra_trees"]
-CLASSIFIERS: tuple[Classifier, ...] = ("gradient_boosting", "extra_trees")
+ClassifierName = Literal["gradient_boosting", "extra_trees"]
+CLASSIFIERS: tuple[ClassifierName, ...] = ("gradient_boosting", "extra_trees")
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ def two_sample_test(
     second: list[dict[str, float]],
     first_plans: list[str],
     second_plans: list[str],
-    learner: Classifier = "gradient_boosting",
+    learner: ClassifierName = "gradient_boosting",
     folds: int = 5,
     repeats: int = 4,
     seed: int = 0,
@@ -84,7 +84,7 @@ def two_sample_test(
     )
 
 
-def _make(learner: Classifier, seed: int) -> Any:
+def _make(learner: ClassifierName, seed: int) -> Any:
     from sklearn.ensemble import ExtraTreesClassifier, HistGradientBoostingClassifier
 
     if learner == "extra_trees":

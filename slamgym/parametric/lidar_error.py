@@ -155,8 +155,8 @@ def wall_beams(
     per_cell[rows, cols] = component
     stray = component == RAND
     direction = bearing[stray] + sensors[stray, 2]
-    reach = np.minimum(ranges[RAND][stray], distance[stray])
-    points = sensors[stray, :2] + reach[:, None] * np.column_stack([np.cos(direction), np.sin(direction)])
+    length = np.minimum(ranges[RAND][stray], distance[stray])
+    points = sensors[stray, :2] + length[:, None] * np.column_stack([np.cos(direction), np.sin(direction)])
     return WallBeams(field, per_cell, points)
 
 

@@ -115,7 +115,7 @@ def observed_cad(
 def true_ranges(
     poses: FloatArray, segments: FloatArray, angles: FloatArray, scanner: ScannerConfig
 ) -> FloatArray:
-    """Exact ranges (T, B) [m] from the poses of the base; ``inf`` where nothing is in reach."""
+    """Exact ranges (T, B) [m] from the poses of the base; ``inf`` where nothing is in range."""
     sensors = sensor_poses(poses, scanner.mount_x)
     walls = segments.view()
     walls.flags.writeable = False  # always the read-only type, so that the kernel is compiled once
@@ -146,12 +146,12 @@ def measured_scans(
     Returns:
         Measured ranges (T, B) [m], ``inf`` for none, and measured bearings (T, B) [rad].
     """
-    reach = np.minimum(ranges, scanner.range_max)
-    measured, bearings = measure(reach, np.broadcast_to(angles, ranges.shape), errors, config, rng)
+    seen = np.minimum(ranges, scanner.range_max)
+    measured, bearings = measure(seen, np.broadcast_to(angles, ranges.shape), errors, config, rng)
     measured[np.isinf(ranges)] = np.inf
     component = draw_components(ranges.shape, config, rng)
     short = component == SHORT
-    measured[short] = short_ranges(reach[short], config.lambda_short, rng)
+    measured[short] = short_ranges(seen[short], config.lambda_short, rng)
     measured[component == MAX] = np.inf
     stray = component == RAND
     measured[stray] = rng.uniform(0.0, scanner.range_max, int(stray.sum()))

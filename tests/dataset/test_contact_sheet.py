@@ -3,7 +3,6 @@ import numpy as np
 import pytest
 
 from slamgym.core.types import GridFrame
-from slamgym.metrics.map_error import wall_faces
 from slamgym.metrics.maps import distance_to
 from slamgym.viz.contact_sheet import (
     ERROR_SCALE,
@@ -23,12 +22,6 @@ def entry(slam_shift_px=0):
     slam[20:100, 120 + slam_shift_px] = 0
     path = np.array([[2.0, 2.0], [3.0, 2.0], [3.0, 3.0]])
     return SheetEntry("room", "details", cad, slam, GridFrame(0.05, 0.0, 0.0, 120, 140), path)
-
-
-def test_wall_faces_are_the_wall_cells_beside_free_space():
-    faces = wall_faces(entry().cad == 254)
-    assert faces.sum() == 2 * (100 + 80) + 4
-    assert not (faces & (entry().cad == 254)).any()
 
 
 def test_distance_is_zero_on_the_cells_and_euclidean_elsewhere():

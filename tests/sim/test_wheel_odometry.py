@@ -1,5 +1,6 @@
 import math
 from dataclasses import replace
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -10,7 +11,16 @@ from hypothesis import strategies as st
 from slamgym.cad.floorplan import FloorPlan
 from slamgym.core.errors import ConfigError
 from slamgym.core.types import Pose2D, Twist2D
-from slamgym.sim import Motion, OdometryConfig, RobotConfig, WheelOdometry, World, odometry_level
+from slamgym.sim import (
+    Motion,
+    OdometryConfig,
+    OdometryLevel,
+    RobotConfig,
+    WheelOdometry,
+    World,
+    name_of_odometry,
+    odometry_level,
+)
 
 ROBOT = RobotConfig()
 ORIGIN = Pose2D(0.0, 0.0, 0.0)
@@ -217,3 +227,9 @@ def _press_on_a_wall():
         for reader in readers:
             reader.update(motion, rng)
     return world, readers[0].pose, readers[1].pose
+
+
+def test_settings_bear_the_name_of_their_level():
+    for name in get_args(OdometryLevel):
+        assert name_of_odometry(odometry_level(name)) == name
+    assert name_of_odometry(OdometryConfig(scale_std=0.5)) == "custom"

@@ -82,7 +82,7 @@ def find_candidates(
 
 
 def agree(a: Closure, b: Closure, poses: FloatArray, config: PoseGraphConfig) -> bool:
-    """Whether two closures tell the same story, given the motion between their ends (Mangelson et al. 2018).
+    """Whether two closures agree, given the motion between their ends (Mangelson et al. 2018).
 
     The path old_a -> new_a -> new_b -> old_b -> old_a must lead back to where it began, up to the drift of the
     two stretches driven.

@@ -1,4 +1,4 @@
-"""The map's error against the truth."""
+"""The two errors of a map against the truth."""
 
 import numpy as np
 import pytest
@@ -6,8 +6,7 @@ import shapely
 
 from slamgym.cad import FloorPlan
 from slamgym.core.types import FREE, OCCUPIED, GridFrame, OccupancyGrid, Pose2D
-from slamgym.envs import ExploreEnv
-from slamgym.metrics.map_error import ObstacleDistance
+from slamgym.metrics.map_error import ObstacleDistance, wall_error, wall_faces
 
 SQUARE = FloorPlan("square", shapely.box(0, 0, 4, 3))
 
@@ -38,11 +37,30 @@ def test_errors_are_averaged_in_the_world():
     assert walls.mean_error(grid_with([]), Pose2D(0.0, 0.0, 0.0)) == 0.0
 
 
-def test_a_map_made_without_errors_has_none_but_its_cells(flat: FloorPlan):
-    env = ExploreEnv(flat, localization="ground_truth", lidar="exact", reward={"map_error": 1.0})
-    _, info = env.reset(seed=0)
-    for i in range(50):
-        info = env.step((0.3, 1.0 if i % 20 < 10 else -1.0))[4]
-    # A hit lies anywhere in its 5 cm cell; the centre is then 1.25 cm away in the mean for a wall parallel to
-    # the grid, and the distance field rounds by up to half of its own cell.
-    assert 0.0 < info["map_error"] < 0.026
+def room(shift_px=0):
+    """Values of a room of 4 x 5 m; its right wall is moved by some cells and one cell thick."""
+    cells = np.full((120, 140), 205, np.uint8)
+    cells[20:100, 20 : 120 + shift_px] = FREE
+    cells[20:100, 120 + shift_px] = OCCUPIED
+    return cells
+
+
+def drawing():
+    cad = np.zeros((120, 140), np.uint8)
+    cad[20:100, 20:120] = FREE
+    return cad
+
+
+def test_wall_faces_are_the_wall_cells_beside_free_space():
+    faces = wall_faces(drawing() == FREE)
+    assert faces.sum() == 2 * (100 + 80) + 4
+    assert not (faces & (drawing() == FREE)).any()
+
+
+@pytest.mark.parametrize("shift_px", [0, 3, 8])
+def test_a_moved_wall_errs_by_as_much_as_it_was_moved(shift_px):
+    assert wall_error(room(shift_px), drawing(), 0.05) == pytest.approx(0.05 * shift_px, abs=1e-6)
+
+
+def test_a_map_without_walls_has_no_wall_error():
+    assert wall_error(np.full((120, 140), 205, np.uint8), drawing(), 0.05) == 0.0
