@@ -102,22 +102,34 @@ def draw_scans(
     ranges: Float32Array,
     beams: BeamTable,
     sign: int,
-) -> None:
-    """Draw scans into the counts, or take them out again.
+) -> tuple[float, float, float, float]:
+    """Draw scans into the counts, or take them out again; nothing is drawn if the counts don't cover them.
 
     Each beam visits the cells from the sensor to its end (Bresenham's line, in fixed point) and hits the last
     one, as GMapping's ``registerScan`` does.
 
     Args:
-        counts: (rows, cols, 2) int32 hits and visits, must cover the scans (:func:`scan_bounds`).
+        counts: (rows, cols, 2) int32 hits and visits.
         corner: Row and column of the lattice that ``counts`` begins at.
         resolution: Cell size [m].
         poses: (scans, 3) robot poses [m, m, rad].
         ranges: (scans, num_beams) [m].
         beams: The scanner.
         sign: 1 draws, -1 takes out.
+
+    Returns:
+        Bounds (min x, min y, max x, max y) of the scans [m].
     """
     corner_row, corner_col = corner
+    bounds = scan_bounds(poses, ranges, beams)
+    min_x, min_y, max_x, max_y = bounds
+    if not (
+        math.floor(min_y / resolution) >= corner_row
+        and math.floor(min_x / resolution) >= corner_col
+        and math.floor(max_y / resolution) < corner_row + counts.shape[0]
+        and math.floor(max_x / resolution) < corner_col + counts.shape[1]
+    ):
+        return bounds
     directions, mount = beams.directions, beams.mount
     cols = counts.shape[1]
     flat = counts.reshape(-1, 2)
@@ -154,6 +166,7 @@ def draw_scans(
                 end = start + d_row * cols + d_col
                 flat[end, 0] += sign
                 flat[end, 1] += sign
+    return bounds
 
 
 @kernel

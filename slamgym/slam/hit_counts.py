@@ -14,7 +14,7 @@ from slamgym.core.types import (
     OccupancyGrid,
 )
 from slamgym.slam.config import SlamConfig
-from slamgym.slam.hit_count_kernels import BeamTable, classify_counts, draw_scans, regrid, scan_bounds
+from slamgym.slam.hit_count_kernels import BeamTable, classify_counts, draw_scans, regrid
 
 BLOCK = 64
 """The grid grows by blocks of this many cells, so that it seldom grows."""
@@ -56,22 +56,22 @@ class HitCountMap:
         """
         if len(poses) == 0:
             return
-        bounds = scan_bounds(poses, ranges, self._beams)
+        bounds = draw_scans(self._counts, self._corner, self._resolution, poses, ranges, self._beams, sign)
         first_col, first_row, last_col, last_row = (math.floor(value / self._resolution) for value in bounds)
         box = (first_row, first_col, last_row + 1, last_col + 1)
-        self._cover(box)
-        draw_scans(self._counts, self._corner, self._resolution, poses, ranges, self._beams, sign)
+        if self._grow_to(box):
+            draw_scans(self._counts, self._corner, self._resolution, poses, ranges, self._beams, sign)
         if self._dirty is not None:
             old = self._dirty
             box = (min(box[0], old[0]), min(box[1], old[1]), max(box[2], old[2]), max(box[3], old[3]))
         self._dirty = box
 
-    def _cover(self, box: tuple[int, int, int, int]) -> None:
-        """Let the grid grow to cover lattice rows and columns ``box``."""
+    def _grow_to(self, box: tuple[int, int, int, int]) -> bool:
+        """Let the grid grow to cover lattice rows and columns ``box``; whether it had to."""
         row, col = self._corner
         rows, cols = self._cells.shape
         if rows and box[0] >= row and box[1] >= col and box[2] <= row + rows and box[3] <= col + cols:
-            return
+            return False
         if rows:
             box = (min(box[0], row), min(box[1], col), max(box[2], row + rows), max(box[3], col + cols))
         low = [math.floor(value / BLOCK) * BLOCK for value in box[:2]]
@@ -88,6 +88,7 @@ class HitCountMap:
         counts[at] = self._counts
         cells[at] = self._cells
         self._corner, self._counts, self._cells = (low[0], low[1]), counts, cells
+        return True
 
     def _classified(self) -> ByteArray:
         """Cell values, row 0 at the bottom; only what was drawn on since the last call is computed anew."""
