@@ -184,7 +184,7 @@ class SightPlanner:
         step = 2.0 * math.pi / _BEAMS
         segments = self._segments.view()
         segments.flags.writeable = False
-        cast_rays(x, y, 0.0, 0.0, step, _BEAMS, segments, self._reach, ranges)
+        cast_rays(x, y, 0.0, 0.0, step, segments, self._reach, ranges)
         unseen = floor.copy()
         directions = unit_vectors(step * np.arange(_BEAMS, dtype=np.float64))
         frame = self._frame

@@ -27,6 +27,7 @@ from report import print_and_save
 from slamgym.agents.registry import make_explorer
 from slamgym.cad import open_plans
 from slamgym.core.errors import SlamgymError
+from slamgym.core.intervals import wilson_interval
 from slamgym.core.types import BoolArray, FloatArray
 from slamgym.dataset.curate.completeness import FEATURES, completeness_features
 from slamgym.dataset.curate.completeness_model import PRETRAINED_MODEL, TreesConfig, cross_fit
@@ -37,7 +38,6 @@ from slamgym.dataset.format import load_pair, read_manifest
 from slamgym.dataset.generate.build import DatasetConfig, build_dataset
 from slamgym.envs import ExploreConfig
 from slamgym.envs.episode import EpisodeConfig
-from slamgym.metrics import wilson_interval
 from slamgym.sim import ClutterConfig, odometry_level
 from slamgym.slam import SlamConfig
 

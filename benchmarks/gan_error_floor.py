@@ -17,12 +17,12 @@ import cv2
 import numpy as np
 from report import print_and_save
 
+from slamgym.core.intervals import mean_interval
 from slamgym.core.types import FREE, BoolArray, ByteArray, FloatArray
 from slamgym.gan.data import PairSet, load_pairs
 from slamgym.gan.encoding import enlarge_means
 from slamgym.gan.evaluation.evaluate import evenly_spaced, score_map
 from slamgym.gan.translation.classical import outline_only
-from slamgym.metrics import mean_interval
 
 SIZES = (16, 32, 64, 128)
 WAYS_BACK = ("interpolated", "with its means kept", "binary")
@@ -79,8 +79,8 @@ def main() -> None:
         scores = [_score(answer(pairs, i), pairs, i, thicker) for i in range(len(pairs))]
         errors = np.array([s[0] for s in scores])
         raw = errors if raw is None else raw
-        mse = mean_interval(errors, list(pairs.plan_ids))
-        f1 = mean_interval(np.array([s[1] for s in scores]), list(pairs.plan_ids))
+        mse = mean_interval(errors, groups=list(pairs.plan_ids))
+        f1 = mean_interval(np.array([s[1] for s in scores]), groups=list(pairs.plan_ids))
         rows.append(
             (
                 name,

@@ -26,7 +26,7 @@ from slamgym.core.types import FREE, UNKNOWN, ByteArray, FloatArray, GridFrame, 
 from slamgym.envs.episode import EpisodeConfig, run_episode
 from slamgym.interop import read_ros_map
 from slamgym.metrics.map_statistics import displacement_statistics, map_statistics
-from slamgym.metrics.two_sample import LEARNERS, two_sample_test
+from slamgym.metrics.two_sample import CLASSIFIERS, two_sample_test
 from slamgym.parametric import ParametricConfig, deform, from_recorded, preset
 
 RESOLUTION = 0.05
@@ -191,7 +191,7 @@ def report_two_sample(sets: dict[str, list[dict[str, float]]], plan_ids: list[st
     for name, values in sets.items():
         if name == "simulated SLAM":
             continue
-        for learner in LEARNERS:
+        for learner in CLASSIFIERS:
             result = two_sample_test(simulated, values, plan_ids, plan_ids, learner)
             tells = ", ".join(f"{statistic} {distance:.2f}" for statistic, distance in result.telling[:3])
             interval = f"[{result.low:.2f}, {result.high:.2f}]"

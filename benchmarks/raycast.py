@@ -107,7 +107,7 @@ def measure(num_rooms: int, num_beams: int, view_deg: float) -> dict[str, object
     scan = pymunk_scanner(segments)
 
     def cast() -> None:
-        cast_rays(x, y, theta, -0.5 * view, increment, num_beams, segments, RANGE_MAX, ours)
+        cast_rays(x, y, theta, -0.5 * view, increment, segments, RANGE_MAX, ours)
 
     def cast_all() -> None:
         every_beam_every_wall(x, y, float(angles[0]), increment, segments, RANGE_MAX, brute)

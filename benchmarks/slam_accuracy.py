@@ -19,13 +19,13 @@ from report import print_and_save
 
 from slamgym.agents.registry import make_explorer
 from slamgym.cad import GeneratorConfig, generate_plan
+from slamgym.core.intervals import mean_interval
 from slamgym.core.types import Pose2D, Trajectory
 from slamgym.dataset import EpisodeConfig, run_episode
 from slamgym.envs import ExploreConfig
 from slamgym.interop import Log, open_log, read_relations
 from slamgym.metrics import (
     absolute_trajectory_error,
-    mean_interval,
     nees_interval,
     normalised_estimation_error_squared,
     poses_at,

@@ -67,7 +67,7 @@ def thinned(
 ) -> tuple[list[LogRecord], LaserGeometry]:
     """The same scans with every so many beams only."""
     count = len(range(0, geometry.num_beams, skip))
-    coarse = dataclasses.replace(geometry, num_beams=count, angle_increment=geometry.angle_increment * skip)
+    coarse = geometry._replace(num_beams=count, angle_increment=geometry.angle_increment * skip)
     scans = [
         LogRecord(r.stamp, r.odometry, LaserScan(r.stamp, r.scan.ranges[::skip], coarse)) for r in records
     ]

@@ -18,6 +18,7 @@ from report import print_and_save
 
 from slamgym.agents.registry import make_explorer
 from slamgym.cad import open_plans
+from slamgym.core.intervals import wilson_interval
 from slamgym.dataset import (
     DatasetConfig,
     EpisodeConfig,
@@ -27,7 +28,6 @@ from slamgym.dataset import (
     write_contact_sheet,
 )
 from slamgym.dataset.curate.criteria import Criteria, fault_kind, record_faults
-from slamgym.metrics.improvement import wilson_interval
 
 GOOD_COVERAGE = 0.95
 GOAL_COVERAGE, GOAL_CLEAN = 90.0, 95.0

@@ -36,6 +36,7 @@ ALLOWED = {
     ("slam", "interop"): "recorded logs are replayed",
     ("slam", "metrics"): "a replay is measured; loop closures compare relative poses",
     ("viz", "cad"): "floor plans are drawn",
+    ("viz", "metrics"): "errors of walls are coloured",
     ("parametric", "cad"): "floor plans are deformed",
     ("parametric", "interop"): "recorded paths are read",
     ("parametric", "planning"): "paths are planned on a roadmap",

@@ -14,7 +14,7 @@ from slamgym.core.config import Positive, Settings, config_hash, from_dict
 from slamgym.envs import ExploreConfig, ExploreEnv
 from slamgym.envs.episode import FinishingExplorer, explored_env, time_limit
 from slamgym.metrics import absolute_trajectory_error
-from slamgym.metrics.map_error import WallDistance
+from slamgym.metrics.map_error import ObstacleDistance
 
 MakeForEpisode = Callable[[ExploreEnv, int], FinishingExplorer]
 """Makes an explorer for an environment that was just reset, and a seed.
@@ -206,7 +206,7 @@ def _judge(
     assert log is not None, "for_explorer() has the environment keep a log"
     assert env.config.time_limit is not None
     estimate, truth = env.mapper.trajectory(), log.true_trajectory(env.start)
-    walls = WallDistance(np.vstack([plan.segments(), env.clutter.segments()]))
+    walls = ObstacleDistance(np.vstack([plan.segments(), env.clutter.segments()]))
     deciding = watch.deciding or watch.all
     return Trial(
         explorer=name,

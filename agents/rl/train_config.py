@@ -8,6 +8,7 @@ from slamgym.core.config import Count, CountOrZero, Positive, PositiveShare, Set
 from slamgym.core.errors import ConfigError
 from slamgym.envs import RewardConfig
 from slamgym.envs.explore_frontiers_env import DEFAULT_REWARD
+from slamgym.sim import OdometryLevel
 
 Algorithm = Literal["maskable_ppo", "ppo", "sac"]
 EnvName = Literal["explore_frontiers", "explore"]
@@ -77,7 +78,7 @@ class TrainConfig(Settings):
     """1 runs them in this process; more gives each environment a process of its own."""
     localization: Literal["ground_truth", "rbpf", "scan_matching", "dead_reckoning"] = "ground_truth"
     """SLAM while training; the true pose is several times faster than the particle filter."""
-    odometry: Literal["ideal", "low", "medium", "high"] = "medium"
+    odometry: OdometryLevel = "medium"
     """Errors of the wheel odometry, which matter where poses are estimated."""
     particles: Count = 10
     """Particles, where there is a filter."""

@@ -17,7 +17,7 @@ from slamgym.core.types import UNKNOWN, BoolArray, ByteArray
 from slamgym.gan.data import SUFFIXES, PairSet, read_grey
 from slamgym.gan.encoding import resample_grey, resample_slam
 from slamgym.interop import read_ros_map
-from slamgym.interop.ros_map import classify
+from slamgym.interop.ros_map import classify_greys
 
 MINIMUM = 10
 """A test on fewer maps says nothing."""
@@ -81,7 +81,7 @@ def _load(path: Path, cad: ByteArray, metres_per_px: float) -> ByteArray:
         grey = read_grey(path)
         if grey.shape[0] != grey.shape[1]:
             raise InputFileError(path, f"has shape {grey.shape}; the map of a square CAD map is square")
-        return resample_slam(classify(grey), cad.shape)
+        return resample_slam(classify_greys(grey), cad.shape)
     grid = read_ros_map(path)
     own_cad = read_grey(path.with_name("cad.png"))
     if own_cad.shape != grid.cells.shape:

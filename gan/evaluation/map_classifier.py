@@ -12,9 +12,9 @@ from torch.nn import functional
 
 from slamgym.core.config import Settings
 from slamgym.core.errors import ConfigError
+from slamgym.core.intervals import Interval, mean_interval
 from slamgym.core.types import FREE, OCCUPIED, ByteArray, FloatArray
 from slamgym.gan.evaluation.realism import Sample
-from slamgym.metrics import Interval, mean_interval
 
 
 class ClassifierConfig(Settings):
@@ -63,7 +63,7 @@ def picture_test(
         with torch.inference_mode():
             guess = network(pictures[held_out]).squeeze(1) > 0.0
         right[fold == k] = (guess == (labels[held_out] > 0.5)).numpy()
-    return mean_interval(right, plans)
+    return mean_interval(right, groups=plans)
 
 
 def _channels(maps: ByteArray, cads: ByteArray, config: ClassifierConfig) -> Tensor:

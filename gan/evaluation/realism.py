@@ -17,7 +17,7 @@ from slamgym.gan.data import PairSet
 from slamgym.gan.encoding import resample_slam
 from slamgym.gan.translation.elastic import bend
 from slamgym.metrics import displacement_statistics, map_statistics, two_sample_test
-from slamgym.metrics.two_sample import LEARNERS, kernel_distance, statistic_distances
+from slamgym.metrics.two_sample import CLASSIFIERS, kernel_distance, statistic_distances
 
 if TYPE_CHECKING:
     from slamgym.gan.translation.translate import LearnedTranslator
@@ -150,7 +150,7 @@ def compare_with_simulated(
     """
     values, others = reference.statistics, generated.statistics
     entry: dict[str, Any] = {"name": name, "maps": len(others), "reference_maps": len(values)}
-    for learner in LEARNERS:
+    for learner in CLASSIFIERS:
         result = two_sample_test(
             values, others, reference.plans, generated.plans, learner, repeats=repeats, seed=seed
         )
@@ -198,7 +198,7 @@ def medians(statistics: Statistics) -> dict[str, float]:
 
 def realism_table(entries: list[dict[str, Any]]) -> tuple[list[str], list[list[str]]]:
     """Headings and rows: how well each kind can be distinguished from simulated maps."""
-    learners = [learner for learner in (*LEARNERS, PICTURES) if learner in entries[0]]
+    learners = [learner for learner in (*CLASSIFIERS, PICTURES) if learner in entries[0]]
     headings = ["maps", "number", *(f"accuracy, {learner.replace('_', ' ')}" for learner in learners)]
     headings += ["kernel distance p", "most telling statistics (KS distance)"]
     rows = []

@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from slamgym.core.intervals import mean_interval
 from slamgym.gan.evaluation.evaluate import RAW, MapScore, evenly_spaced
-from slamgym.metrics import improvement, mean_interval
+from slamgym.metrics import improvement
 
 MEASURES: dict[str, str] = {
     "mse": "aligned MSE",
@@ -49,7 +50,7 @@ def summarise_scores(scores: dict[str, list[MapScore]]) -> dict[str, dict[str, A
         entry: dict[str, Any] = {"maps": len(rows), "plans": len(set(plans))}
         for measure in MEASURES:
             values = np.array([row[measure] for row in rows], dtype=np.float64)
-            entry[measure] = asdict(mean_interval(values, plans))
+            entry[measure] = asdict(mean_interval(values, groups=plans))
         entry["rooms_right"] = float(np.mean([row["room_error"] == 0 for row in rows]))
         if method != RAW:
             entry["improvement"] = asdict(improvement(np.array([row.mse for row in rows]), raw, plans))

@@ -17,7 +17,7 @@ from slamgym.core.errors import PlanError
 from slamgym.core.types import FREE, BoolArray, GridFrame
 from slamgym.interop.ros_map import read_ros_map
 
-IMAGE_SUFFIXES = (".png", ".pgm", ".bmp", ".jpg", ".jpeg", ".tif", ".tiff")
+PLAN_IMAGE_SUFFIXES = (".png", ".pgm", ".bmp", ".jpg", ".jpeg", ".tif", ".tiff")
 
 SMOOTHING = 0.75
 """Default tolerance of smoothing [cells]: just above the 0.71 cells by which a diagonal staircase strays."""

@@ -10,7 +10,7 @@ import numpy as np
 from slamgym.cad.floorplan import FloorPlan
 from slamgym.cad.generator import GeneratorConfig, Kind, generate_plan
 from slamgym.cad.houseexpo import parse_houseexpo, read_houseexpo
-from slamgym.cad.image_plan import IMAGE_SUFFIXES, read_image_plan, read_ros_plan
+from slamgym.cad.image_plan import PLAN_IMAGE_SUFFIXES, read_image_plan, read_ros_plan
 from slamgym.cad.room_lines import RoomLinesSource
 from slamgym.core.config import suggest
 from slamgym.core.errors import ConfigError, InputFileError, PlanError
@@ -247,7 +247,7 @@ def _open(spec: str, wanted: frozenset[str] | None) -> PlanSource:
     if spec == "procedural" or spec.startswith("procedural:"):
         return _procedural(spec)
     name, _, resolution = spec.rpartition("@")
-    if name.lower().endswith(IMAGE_SUFFIXES):
+    if name.lower().endswith(PLAN_IMAGE_SUFFIXES):
         metres_per_pixel = _metres_per_pixel(spec, resolution)
         return PictureSource(_existing(name), metres_per_pixel)
     path = Path(spec)
@@ -267,7 +267,7 @@ def _open(spec: str, wanted: frozenset[str] | None) -> PlanSource:
         return RoomLinesSource(path)
     if path.suffix in (".yaml", ".yml"):
         return PictureSource(path)
-    if spec.lower().endswith(IMAGE_SUFFIXES):
+    if spec.lower().endswith(PLAN_IMAGE_SUFFIXES):
         raise InputFileError(spec, f"a picture needs its metres per pixel; write {spec}@0.05, for example")
     raise InputFileError(
         spec,

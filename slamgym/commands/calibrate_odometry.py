@@ -8,7 +8,7 @@ import math
 import sys
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import numpy as np
 import shapely
@@ -19,7 +19,7 @@ from slamgym.core.config import Arguments, Within
 from slamgym.core.geometry import between
 from slamgym.core.types import Pose2D, Twist2D
 from slamgym.parametric.calibration import Runs, fit_phases, write_calibration
-from slamgym.sim import OdometryConfig, RobotConfig, WheelOdometry, World, odometry_level
+from slamgym.sim import OdometryConfig, OdometryLevel, RobotConfig, WheelOdometry, World, odometry_level
 
 _STEP = 0.05  # [s]
 _HALL = 20.0  # [m]
@@ -30,7 +30,7 @@ class CalibrateArguments(Arguments):
 
     out: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
     """JSON file to write."""
-    odometry: Literal["ideal", "low", "medium", "high"] = "medium"
+    odometry: OdometryLevel = "medium"
     """Level of the odometry errors."""
     robots: Annotated[int, Within(ge=2)] = 60
     """Robots; each draws its own systematic errors."""
@@ -39,7 +39,7 @@ class CalibrateArguments(Arguments):
     length: Annotated[float, Within(gt=0.0, le=0.5 * _HALL)] = 3.0
     """Longest straight line [m]; the shortest is a third of it."""
     turns: Annotated[float, Within(gt=0.0, le=20.0)] = 1.0
-    """Largest turn, in whole turns either way; the smallest is a quarter of it."""
+    """Largest turn, in whole turns in either direction; the smallest is a quarter of it."""
     seed: int = 0
     """Seed of everything random."""
 
@@ -84,26 +84,30 @@ def measure_odometry(
         num_robots: Robots, each with its own systematic errors.
         repeats: Lines and turns per robot.
         length: Longest line [m].
-        angle: Largest turn [rad]; every other one goes the other way.
+        angle: Largest turn [rad]; every other one goes the other direction.
         rng: Source of all randomness.
     """
     hall = FloorPlan("calibration hall", shapely.box(0.0, 0.0, _HALL, _HALL))
     world = World(hall, robot)
     shape = (num_robots, repeats)
-    way, way_error, drift, turn, turn_error = (np.empty(shape) for _ in range(5))
+    distance, distance_error, drift, turn, turn_error = (np.empty(shape) for _ in range(5))
     for i in range(num_robots):
         wheels = WheelOdometry(odometry, robot, rng)
         for j in range(repeats):
-            reach = length * (1.0 - 2.0 / 3.0 * j / (repeats - 1))
+            target = length * (1.0 - 2.0 / 3.0 * j / (repeats - 1))
             forward = Twist2D(0.8 * robot.max_linear, 0.0)
-            (true_way, true_heading), (way_seen, heading_seen) = _run(world, wheels, forward, reach, rng)
-            way[i, j], way_error[i, j] = true_way, way_seen - true_way
+            (true_distance, true_heading), (distance_seen, heading_seen) = _run(
+                world, wheels, forward, target, rng
+            )
+            distance[i, j], distance_error[i, j] = true_distance, distance_seen - true_distance
             drift[i, j] = heading_seen - true_heading
             span = angle * (1.0 - 0.75 * j / (repeats - 1))
             spin = Twist2D(0.0, (1.0 if j % 2 else -1.0) * 0.5 * robot.max_angular)
             (_, true_turn), (_, turn_seen) = _run(world, wheels, spin, span, rng)
             turn[i, j], turn_error[i, j] = true_turn, turn_seen - true_turn
-    return Runs(way=way, way_error=way_error, drift=drift, turn=turn, turn_error=turn_error)
+    return Runs(
+        distance=distance, distance_error=distance_error, drift=drift, turn=turn, turn_error=turn_error
+    )
 
 
 def _run(
@@ -112,15 +116,15 @@ def _run(
     """Follow a command until the body has moved ``amount`` [m or rad].
 
     Returns:
-        True (way [m], turn [rad]) and believed (way [m], turn [rad]), turns not wrapped.
+        True (distance [m], turn [rad]) and believed (distance [m], turn [rad]), turns not wrapped.
     """
     world.reset(Pose2D(0.25 * _HALL, 0.5 * _HALL, 0.0))
     wheels.reset(world.pose)
-    way, turn, way_seen, turn_seen = 0.0, 0.0, 0.0, 0.0
-    while max(abs(way), abs(turn) if command.linear == 0.0 else 0.0) < amount:
+    distance, turn, distance_seen, turn_seen = 0.0, 0.0, 0.0, 0.0
+    while max(abs(distance), abs(turn) if command.linear == 0.0 else 0.0) < amount:
         motion = world.step(command, _STEP)
         before = wheels.pose
         seen = between(before, wheels.update(motion, rng))
-        way, turn = way + motion.increment.x, turn + motion.increment.theta
-        way_seen, turn_seen = way_seen + seen.x, turn_seen + seen.theta
-    return (way, turn), (way_seen, turn_seen)
+        distance, turn = distance + motion.increment.x, turn + motion.increment.theta
+        distance_seen, turn_seen = distance_seen + seen.x, turn_seen + seen.theta
+    return (distance, turn), (distance_seen, turn_seen)

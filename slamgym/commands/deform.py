@@ -23,7 +23,7 @@ from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.types import GridFrame, Trajectory
 from slamgym.interop.ros_map import write_ros_map
 from slamgym.interop.tum import write_tum
-from slamgym.parametric.config import Method, ParametricConfig, preset
+from slamgym.parametric.config import ConversionMethod, ParametricConfig, preset
 from slamgym.parametric.model import Deformation, deform
 from slamgym.parametric.paths import plan_trajectory, trajectory_from_file
 from slamgym.parametric.trajectory import TimedTrajectory, from_recorded
@@ -61,7 +61,7 @@ class DeformArguments(Arguments):
     explorer: str | None = None
     """Let this explorer drive the simulated robot, and take its path."""
 
-    method: Method = "two_phase"
+    method: ConversionMethod = "two_phase"
     """How odometry errors become map errors."""
 
     preset: Literal["faithful", "realistic"] = "faithful"
@@ -106,7 +106,7 @@ def main(argv: list[str], make_explorer: Any = None, record_path: RecordPath | N
         The exit code.
 
     Raises:
-        SlamgymError: If something is wrong that the user can mend; nothing is left half written.
+        SlamgymError: If something is wrong that the user can fix; nothing is left half written.
     """
     arguments = tyro.cli(DeformArguments, args=argv, prog="slamgym deform")
     plan = _load_plan(arguments)

@@ -26,7 +26,7 @@ from slamgym.dataset.shard import WHOLE, Shard
 from slamgym.dataset.summary import describe_pairs, write_contact_sheet
 from slamgym.envs import ExploreConfig
 from slamgym.envs.episode import EpisodeConfig, MakeExplorer
-from slamgym.sim import ClutterConfig, LidarConfig, RobotConfig, odometry_level
+from slamgym.sim import ClutterConfig, LidarConfig, OdometryLevel, RobotConfig, odometry_level
 from slamgym.slam import SlamConfig
 
 
@@ -57,7 +57,7 @@ class GenerateArguments(Arguments):
     limit of robot time [min], 7 in the paper."""
     particles: Count = 30
     """Particles of the SLAM filter."""
-    odometry: Literal["ideal", "low", "medium", "high"] = "medium"
+    odometry: OdometryLevel = "medium"
     """Errors of the wheel odometry; ``ideal`` is what stock Gazebo has, as in the paper."""
     recipe: str | None = None
     """Vary the settings from one exploration to the next: a YAML or JSON file, ``reference`` or

@@ -16,6 +16,7 @@ from slamgym.cad.plan_filter import Rejections, usable_plans
 from slamgym.cad.sources import PlanSource, open_plans
 from slamgym.core.config import Arguments, Count, Within
 from slamgym.core.errors import ConfigError
+from slamgym.sim import RobotConfig
 from slamgym.viz.canvas import write_picture
 from slamgym.viz.plan_pictures import draw_plan_sheet
 
@@ -33,7 +34,7 @@ class _Selection(Arguments):
     """A file with one plan id a line: take only these plans."""
     count: Count | None = None
     """Take only the first so many plans."""
-    robot_radius: float = 0.22
+    robot_radius: float = RobotConfig.radius
     """The robot must be able to enter the rooms; the default holds a TurtleBot3 Waffle Pi [m]."""
     max_extent: Annotated[float, Within(gt=0.0, infinite=True)] = math.inf
     """Longest side that a plan may have [m]."""

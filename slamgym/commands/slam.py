@@ -18,9 +18,8 @@ from slamgym.core.config import Arguments, to_dict
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.staged import write_text
 from slamgym.core.types import Trajectory
-from slamgym.interop.logs import open_log, read_truth
+from slamgym.interop.logs import Relations, open_log, read_relations, read_truth
 from slamgym.interop.records import Log
-from slamgym.interop.relations import Relations, read_relations
 from slamgym.interop.ros_map import write_ros_map
 from slamgym.interop.tum import write_tum
 from slamgym.metrics import RelationError, absolute_trajectory_error, relation_error, relative_pose_error

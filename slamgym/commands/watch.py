@@ -16,7 +16,7 @@ from slamgym.core.progress import say
 from slamgym.dataset.schedule import schedule
 from slamgym.envs import ExploreConfig, ExploreEnv
 from slamgym.envs.episode import MakeExplorer, time_limit
-from slamgym.sim import ClutterConfig, LidarConfig, RobotConfig, odometry_level
+from slamgym.sim import ClutterConfig, LidarConfig, OdometryLevel, RobotConfig, odometry_level
 from slamgym.slam import SlamConfig
 from slamgym.viz.films import check_film_name, open_film
 
@@ -42,7 +42,7 @@ class WatchArguments(Arguments):
     """Film: frames per second; a .gif can have 50 at most."""
     particles: Count = 30
     """Particles of the SLAM filter."""
-    odometry: Literal["ideal", "low", "medium", "high"] = "medium"
+    odometry: OdometryLevel = "medium"
     """Errors of the wheel odometry."""
     seed: int = 0
     """Seed of everything random."""

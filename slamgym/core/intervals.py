@@ -1,7 +1,7 @@
-"""Paired comparisons with bootstrap intervals (Efron and Tibshirani, An Introduction to the Bootstrap, 1993).
+"""Intervals of shares, and bootstrap intervals (Efron and Tibshirani, An Introduction to the Bootstrap, 1993).
 
 The plans are what is drawn again: every explorer saw the same plans, starts and noise, so the differences
-between plans, which are large, cancel out.
+between plans, which are large, cancel out. Several values of one plan are a group that is drawn together.
 """
 
 import functools
@@ -9,6 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from slamgym.core.types import FloatArray
 
@@ -33,12 +34,39 @@ class Interval:
         return self.high < value or self.low > value
 
 
-def mean_interval(values: FloatArray, seed: int = 0) -> Interval:
-    """Mean of values, shape (N,), one of each plan."""
-    return _bootstrap(np.asarray(values, dtype=np.float64)[:, None], lambda means: means[:, 0], seed)
+def wilson_interval(successes: int, trials: int, z: float = 1.959964) -> Interval:
+    """A share with its 95 % interval (Wilson 1927), which stays inside [0, 1] and holds for shares near 1.
+
+    Raises:
+        ValueError: If there is no trial.
+    """
+    if trials < 1 or not 0 <= successes <= trials:
+        raise ValueError(f"{successes} of {trials} is not a share")
+    share = successes / trials
+    centre = (share + z**2 / (2 * trials)) / (1 + z**2 / trials)
+    half = z / (1 + z**2 / trials) * np.sqrt(share * (1 - share) / trials + z**2 / (4 * trials**2))
+    # At 0 and at 1 a bound is the share itself, but for rounding.
+    low, high = max(0.0, float(centre - half)), min(1.0, float(centre + half))
+    return Interval(share, min(share, low), max(share, high))
 
 
-def ratio_of_means(values: FloatArray, reference: FloatArray, seed: int = 0) -> Interval:
+def mean_interval(values: FloatArray, seed: int = 0, groups: ArrayLike | None = None) -> Interval:
+    """Mean of values, shape (N,).
+
+    Args:
+        values: One of each plan, or with ``groups`` several.
+        seed: Of the resampling.
+        groups: The plan of each value, shape (N,).
+    """
+    values = np.asarray(values, dtype=np.float64)
+    if groups is not None:
+        return ratio_of_means(values, np.ones(len(values)), seed, groups)
+    return _bootstrap(values[:, None], lambda means: means[:, 0], seed)
+
+
+def ratio_of_means(
+    values: FloatArray, reference: FloatArray, seed: int = 0, groups: ArrayLike | None = None
+) -> Interval:
     """Mean of the values over the mean of the reference: what a fleet would spend on all these plans.
 
     Long explorations weigh more.
@@ -47,9 +75,13 @@ def ratio_of_means(values: FloatArray, reference: FloatArray, seed: int = 0) -> 
         values: One of each plan, shape (N,).
         reference: The same of the reference explorer on the same plans, shape (N,), positive.
         seed: Of the resampling.
+        groups: The plan of each value, shape (N,), where a plan has several.
     """
     table = np.column_stack([values, reference])
-    return _bootstrap(table, lambda means: means[:, 0] / means[:, 1], seed)
+    if groups is not None:
+        plan = np.unique(np.asarray(groups), return_inverse=True)[1]
+        table = np.column_stack([np.bincount(plan, weights=column) for column in table.T])
+    return _bootstrap(table, lambda means: means[:, 0] / np.maximum(means[:, 1], 1e-12), seed)
 
 
 def mean_of_ratios(values: FloatArray, reference: FloatArray, seed: int = 0) -> Interval:

@@ -4,6 +4,7 @@ Units are metres, radians and seconds. Frames: x right, y up, theta counter-cloc
 ``world`` is the frame of the floor plan; ``map`` is the frame of the robot's belief: its origin is the start
 position and its axes are parallel to the world's, so a map doesn't leak where in the building it began.
 Grid arrays are ``[row, col]`` with row 0 at the top (largest y), as ROS map_server images are.
+What numba kernels take is a NamedTuple: it goes into them whole.
 """
 
 from dataclasses import dataclass
@@ -40,8 +41,7 @@ class Twist2D(NamedTuple):
     angular: float
 
 
-@dataclass(frozen=True)
-class LaserGeometry:
+class LaserGeometry(NamedTuple):
     """What a scanner's beams look like, apart from what they measured.
 
     Beam ``i`` points to ``angle_min + i * angle_increment`` in the sensor frame, counter-clockwise.
@@ -89,8 +89,7 @@ class Trajectory:
         return float(np.hypot(*np.diff(self.poses[:, :2], axis=0).T).sum())
 
 
-@dataclass(frozen=True)
-class GridFrame:
+class GridFrame(NamedTuple):
     """Where the cells of a grid lie.
 
     Convention: ``origin_x, origin_y`` is the outer corner of the bottom-left cell, i.e. of

@@ -1,7 +1,6 @@
 """How an exploration goes, judged with knowledge of the truth: for rewards and ``info``."""
 
 import math
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -76,7 +75,7 @@ class Assessment:
     def map_error(self) -> float:
         """Mean distance of the map's occupied cells from the nearest true obstacle [m]."""
         simulation = self._simulation
-        return self._prepared.wall_distance.mean_error(
+        return self._prepared.obstacle_distance.mean_error(
             simulation.mapper.occupancy_grid(), simulation.world_from_map
         )
 
@@ -106,8 +105,8 @@ class Assessment:
         plan, clutter, simulation = self._prepared.plan, self._prepared.clutter, self._simulation
         start, belief, latest = simulation.start, simulation.believed_pose, self.latest
         grid = simulation.mapper.occupancy_grid()
-        frame = replace(
-            grid.frame, origin_x=grid.frame.origin_x + start.x, origin_y=grid.frame.origin_y + start.y
+        frame = grid.frame._replace(
+            origin_x=grid.frame.origin_x + start.x, origin_y=grid.frame.origin_y + start.y
         )
         return Scene(
             plan=plan,

@@ -137,8 +137,8 @@ class ExploreConfig(Settings):
         )
 
 
-# Parts that have named levels.
-_LEVELS: dict[str, Callable[[str], Any]] = {"lidar": lidar_level, "odometry": odometry_level}
+ERROR_LEVELS: dict[str, Callable[[str], Any]] = {"lidar": lidar_level, "odometry": odometry_level}
+"""Parts that can be set as a whole by the name of an error level."""
 
 
 def resolve_config(config: ExploreConfig | None, settings: Mapping[str, Any]) -> ExploreConfig:
@@ -176,12 +176,12 @@ def _part(name: str, current: Any, value: Any) -> Any:
         return value
     if isinstance(value, type(current)):
         return value
-    if isinstance(value, str) and name in _LEVELS:
-        return _LEVELS[name](value)
+    if isinstance(value, str) and name in ERROR_LEVELS:
+        return ERROR_LEVELS[name](value)
     if isinstance(value, Mapping):
         values = {entry.name: getattr(current, entry.name) for entry in dataclasses.fields(current)}
         return from_dict(type(current), {**values, **value}, name)
-    levels = ", or the name of an error level" if name in _LEVELS else ""
+    levels = ", or the name of an error level" if name in ERROR_LEVELS else ""
     raise ConfigError(
         f"{name} must be a {type(current).__name__} or a mapping of its fields{levels}, not {value!r}"
     )

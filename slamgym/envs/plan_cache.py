@@ -15,7 +15,7 @@ from slamgym.core.config import suggest
 from slamgym.core.errors import ConfigError, PlanError
 from slamgym.core.types import Pose2D
 from slamgym.envs.coverage import ReachableFloor
-from slamgym.metrics.map_error import WallDistance
+from slamgym.metrics.map_error import ObstacleDistance
 from slamgym.sim import Clutter, RobotConfig, World
 from slamgym.sim.start import sample_pose, start_area
 
@@ -57,9 +57,9 @@ class PreparedPlan:
         return ReachableFloor(self.plan, self._robot.radius, self.clutter.furniture)
 
     @cached_property
-    def wall_distance(self) -> WallDistance:
+    def obstacle_distance(self) -> ObstacleDistance:
         """Distance to the nearest wall or piece of furniture."""
-        return WallDistance(np.vstack([self.plan.segments(), self.clutter.segments()]))
+        return ObstacleDistance(np.vstack([self.plan.segments(), self.clutter.segments()]))
 
     def sample_start(self, rng: np.random.Generator) -> Pose2D:
         """Draw a start as :func:`slamgym.sim.sample_start` does."""

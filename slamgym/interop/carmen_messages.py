@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from slamgym.core.types import Float32Array, Pose2D
-from slamgym.interop.records import MAX_ANGLE, MAX_ANGLE_STEP, MAX_BEAMS, MAX_COORDINATE, MAX_STAMP
+from slamgym.interop.records import MAX_ABS_COORDINATE, MAX_ANGLE, MAX_ANGLE_STEP, MAX_BEAMS, MAX_STAMP
 
 _NUMBER = r"([-+]?[0-9.]+(?:[eE][-+]?[0-9]+)?)"
 _BEAMS_COMMENT = re.compile(rf"beams from {_NUMBER} rad in steps of {_NUMBER} rad")
@@ -56,7 +56,7 @@ class LaserHints:
 
     def read_parameter(self, fields: Sequence[str]) -> None:
         """Take what a PARAM line says, if it is about the front laser."""
-        value = _number(fields[2], MAX_COORDINATE) if len(fields) > 2 else None
+        value = _number(fields[2], MAX_ABS_COORDINATE) if len(fields) > 2 else None
         if value is None:
             return
         if fields[1] == "robot_frontlaser_offset":
@@ -74,9 +74,9 @@ class LaserHints:
             if start is not None and step is not None and step > 0.0:
                 self.angle_min, self.angle_increment = start, step
         if match := _RANGE_COMMENT.search(text):
-            self.range_max = _number(match[1], MAX_COORDINATE) or self.range_max
+            self.range_max = _number(match[1], MAX_ABS_COORDINATE) or self.range_max
         if match := _MINIMUM_COMMENT.search(text):
-            self.range_min = _number(match[1], MAX_COORDINATE)
+            self.range_min = _number(match[1], MAX_ABS_COORDINATE)
 
 
 def parse_scan(fields: Sequence[str], line: int) -> ScanMessage:
@@ -120,7 +120,7 @@ def _parse_robotlaser(fields: Sequence[str], line: int) -> ScanMessage:
     laser_pose = _pose(fields, after)
     robot_pose = _pose(fields, after + 3)
     stamp = _stamp(fields[after + 11])
-    limit = range_max if 0.0 < range_max <= MAX_COORDINATE else None
+    limit = range_max if 0.0 < range_max <= MAX_ABS_COORDINATE else None
     return ScanMessage(line, fields[0], stamp, ranges, laser_pose, robot_pose, start, resolution, limit)
 
 
@@ -140,7 +140,7 @@ def _ranges(fields: Sequence[str], count: int, kind: str) -> Float32Array:
 
 def _pose(fields: Sequence[str], start: int) -> Pose2D:
     x, y, theta = float(fields[start]), float(fields[start + 1]), float(fields[start + 2])
-    if not all(abs(value) < MAX_COORDINATE for value in (x, y, theta)):  # false for nan
+    if not all(abs(value) < MAX_ABS_COORDINATE for value in (x, y, theta)):  # false for nan
         raise MalformedMessageError("pose that is not finite")
     return Pose2D(x, y, theta)
 

@@ -9,7 +9,7 @@ from typing import NamedTuple
 from slamgym.core.types import LaserGeometry, LaserScan, Pose2D
 
 MAX_BEAMS = 100_000
-MAX_COORDINATE = 1e6
+MAX_ABS_COORDINATE = 1e6
 """A pose or a range further away is a broken number [m]."""
 MAX_ANGLE = 7.0
 """A beam that starts beyond this is a broken number [rad]; a full turn is 6.28."""

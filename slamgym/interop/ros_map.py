@@ -95,13 +95,13 @@ def read_ros_map(path: Path | str) -> OccupancyGrid:
     else:
         if description.get("negate", 0) in (1, True, "1", "true"):
             grey = 255 - grey
-        cells = classify(grey, occupied, free)
+        cells = classify_greys(grey, occupied, free)
     cells[transparent] = UNKNOWN
     frame = GridFrame(resolution, origin_x, origin_y, *grey.shape)
     return OccupancyGrid(cells, frame)
 
 
-def classify(
+def classify_greys(
     grey: ByteArray, occupied_thresh: float = OCCUPIED_THRESHOLD, free_thresh: float = FREE_THRESHOLD
 ) -> ByteArray:
     """Classify the pixels of a map image (dark walls, light free space) as 0, 205 or 254.

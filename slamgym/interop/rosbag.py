@@ -16,10 +16,10 @@ import numpy as np
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.types import Float32Array, FloatArray, LaserGeometry, LaserScan, Pose2D, Trajectory
 from slamgym.interop.records import (
+    MAX_ABS_COORDINATE,
     MAX_ANGLE,
     MAX_ANGLE_STEP,
     MAX_BEAMS,
-    MAX_COORDINATE,
     Log,
     LogRecord,
     LogWarnings,
@@ -220,7 +220,7 @@ def _check_scan(message: Any) -> None:
     # A comparison with nan is False.
     if not (abs(angle_min) <= MAX_ANGLE and FINEST_ANGLE_STEP <= abs(step) <= MAX_ANGLE_STEP):
         raise _ImpossibleScanError("scan left out because of impossible beam angles")
-    if not (abs(range_min) <= MAX_COORDINATE and abs(range_max) <= MAX_COORDINATE):
+    if not (abs(range_min) <= MAX_ABS_COORDINATE and abs(range_max) <= MAX_ABS_COORDINATE):
         raise _ImpossibleScanError("scan left out because of impossible range limits")
     if not 1 <= len(message.ranges) <= MAX_BEAMS:
         raise _ImpossibleScanError("scan left out because of an impossible number of readings")

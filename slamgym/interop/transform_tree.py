@@ -5,7 +5,7 @@ from collections import defaultdict
 import numpy as np
 
 from slamgym.core.types import FloatArray, Pose2D, Trajectory
-from slamgym.interop.records import MAX_COORDINATE
+from slamgym.interop.records import MAX_ABS_COORDINATE
 
 MAX_DEPTH = 50
 
@@ -22,7 +22,9 @@ def rigid_transform(translation: FloatArray, quaternion: FloatArray) -> FloatArr
         ValueError: If a value is no number, absurdly large, or the quaternion is zero.
     """
     # A comparison with nan is False.
-    if not ((np.abs(translation) < MAX_COORDINATE).all() and (np.abs(quaternion) < MAX_COORDINATE).all()):
+    if not (
+        (np.abs(translation) < MAX_ABS_COORDINATE).all() and (np.abs(quaternion) < MAX_ABS_COORDINATE).all()
+    ):
         raise ValueError("transform with broken numbers")
     norm = float(np.linalg.norm(quaternion))
     if norm <= 1e-6:

@@ -1,12 +1,18 @@
-"""What the results are judged by: trajectories, relations, consistency, maps."""
+"""What the results are measured by: trajectories, relations, consistency, maps."""
 
 from slamgym.metrics.alignment import AlignedError, Similarity, aligned_error, apply_similarity
-from slamgym.metrics.improvement import Improvement, Interval, improvement, mean_interval, wilson_interval
+from slamgym.metrics.improvement import Improvement, improvement
+from slamgym.metrics.map_error import ObstacleDistance, wall_error, wall_faces
 from slamgym.metrics.map_statistics import displacement_statistics, map_statistics
 from slamgym.metrics.maps import (
+    WallDistance,
     WallScore,
+    boundary_distance,
+    boundary_score,
     coverage,
+    free_boundary,
     free_space,
+    intersection_over_union,
     known_area,
     squared_error,
     wall_cells,
@@ -26,19 +32,12 @@ from slamgym.metrics.trajectory import (
     relative_poses,
 )
 from slamgym.metrics.two_sample import TwoSampleResult, two_sample_test
-from slamgym.metrics.walls import (
-    WallDistance,
-    boundary_distance,
-    boundary_score,
-    free_boundary,
-    intersection_over_union,
-)
 
 __all__ = [
     "AlignedError",
     "ErrorStatistics",
     "Improvement",
-    "Interval",
+    "ObstacleDistance",
     "PoseError",
     "RelationError",
     "RoomRule",
@@ -63,7 +62,6 @@ __all__ = [
     "known_area",
     "label_rooms",
     "map_statistics",
-    "mean_interval",
     "nees_interval",
     "normalised_estimation_error_squared",
     "poses_at",
@@ -75,6 +73,7 @@ __all__ = [
     "squared_error",
     "two_sample_test",
     "wall_cells",
+    "wall_error",
+    "wall_faces",
     "wall_score",
-    "wilson_interval",
 ]

@@ -7,6 +7,8 @@ import cv2
 import numpy as np
 
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, BoolArray, ByteArray, FloatArray, IntArray
+from slamgym.metrics.map_error import wall_faces
+from slamgym.metrics.maps import distance_to
 
 _PATTERN_VALUES = (OCCUPIED, UNKNOWN, FREE)
 _NEAR_WALL = 0.6  # [m] occupied cells farther from every CAD wall are stray, not displaced
@@ -61,15 +63,15 @@ def displacement_statistics(
         stray cells, the share of the CAD faces that the map misses, and the correlation of the signed
         distance (positive outside the free space) at some lags.
     """
-    faces = cad_occupied & (cv2.dilate((~cad_occupied).astype(np.uint8), np.ones((3, 3), np.uint8)) > 0)
-    to_face = _distance(faces) * resolution
+    faces = wall_faces(~cad_occupied)
+    to_face = distance_to(faces) * resolution
     signed = np.where(cad_occupied, to_face, -to_face)
     rows, cols = np.nonzero(cells == OCCUPIED)
     if len(rows) < 10 or not faces.any():
         return dict.fromkeys(_displacement_names(), 0.0)
     away = to_face[rows, cols]
     near = away < _NEAR_WALL
-    to_map = _distance(cells == OCCUPIED) * resolution
+    to_map = distance_to(cells == OCCUPIED) * resolution
     values = [float(v) for v in np.percentile(away[near], (50, 90, 95))] if near.any() else [0.0] * 3
     values += [float((~near).mean()), float((to_map[faces] > 0.3).mean())]
     values += _correlations(rows[near], cols[near], signed, resolution, rng)
@@ -90,7 +92,7 @@ def wall_thickness(occupied: BoolArray) -> float:
     if not occupied.any():
         return 0.0
     padded = np.pad(occupied, 1)
-    inside = _distance(~padded)[padded] - 0.5
+    inside = distance_to(~padded)[padded] - 0.5
     return float(4.0 * inside.mean() - 1.0)
 
 
@@ -118,12 +120,6 @@ def _cropped(cells: ByteArray) -> ByteArray:
     if len(rows) == 0:
         return cells
     return np.pad(cells[rows[0] : rows[-1] + 1, cols[0] : cols[-1] + 1], 1, constant_values=UNKNOWN)
-
-
-def _distance(mask: BoolArray) -> FloatArray:
-    """Distance of every cell's centre from the nearest true cell's centre [px]."""
-    distance = cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-    return np.asarray(distance, dtype=np.float64)
 
 
 def _blob_sizes(mask: BoolArray) -> FloatArray:

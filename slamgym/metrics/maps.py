@@ -2,6 +2,10 @@
 
 Convention: both maps are images of one shape on one frame (row 0 at the top); only :func:`aligned_error`
 first searches for the motion that brings one onto the other.
+
+The wall of a map is its occupied cells, or the boundary of its free space: that exists in every kind of map (a
+CAD drawing with solid walls, a SLAM map with one cell of wall and unknown space behind, the output of a network),
+and a missing inner wall is a missing boundary, which the mean squared error of the free space hardly notices.
 """
 
 from dataclasses import dataclass
@@ -10,6 +14,8 @@ import cv2
 import numpy as np
 
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, BoolArray, ByteArray, FloatArray
+
+_CROSS = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
 
 
 @dataclass(frozen=True)
@@ -41,17 +47,27 @@ def wall_score(walls: BoolArray, true_walls: BoolArray, tolerance_px: float = 2.
     Raises:
         ValueError: If the shapes differ.
     """
-    _check_shapes(walls, true_walls)
+    check_same_shape(walls, true_walls)
     if not walls.any() or not true_walls.any():
         same = float(walls.any() == true_walls.any())
         return WallScore(same, same, same)
-    to_map, to_truth = _distance(walls), _distance(true_walls)
+    to_map, to_truth = distance_to(walls), distance_to(true_walls)
     thick, true_thick = to_map <= 0.5 * tolerance_px, to_truth <= 0.5 * tolerance_px
     return WallScore(
         precision=float((to_truth[walls] <= tolerance_px).mean()),
         recall=float((to_map[true_walls] <= tolerance_px).mean()),
         iou=float((thick & true_thick).sum() / (thick | true_thick).sum()),
     )
+
+
+@dataclass(frozen=True)
+class WallDistance:
+    """Distances between two sets of walls [m]; infinite if one of them is empty and the other isn't."""
+
+    chamfer: float
+    """Mean distance to the nearest wall of the other map, averaged over both directions."""
+    hausdorff_95: float
+    """95th percentile of those distances, the larger of both directions."""
 
 
 def coverage(cells: ByteArray, reachable: BoolArray) -> float:
@@ -61,7 +77,7 @@ def coverage(cells: ByteArray, reachable: BoolArray) -> float:
         cells: Map values (0, 205, 254), shape (rows, cols).
         reachable: Cells that the robot could have seen, same shape.
     """
-    _check_shapes(cells, reachable)
+    check_same_shape(cells, reachable)
     total = np.count_nonzero(reachable)
     return float(np.count_nonzero((cells == FREE) & reachable) / total) if total else 1.0
 
@@ -84,17 +100,86 @@ def wall_cells(cells: ByteArray) -> BoolArray:
 
 def squared_error(image: FloatArray, target: FloatArray) -> float:
     """Mean squared error of two images with values in [0, 1]."""
-    _check_shapes(image, target)
+    check_same_shape(image, target)
     return float(np.mean((np.asarray(image, dtype=np.float64) - target) ** 2))
 
 
-def _distance(mask: BoolArray) -> FloatArray:
-    """Euclidean distance of each cell from the nearest true cell [cells]."""
+def free_boundary(free: BoolArray) -> BoolArray:
+    """The free cells that touch a cell which isn't free, or the border of the image (4-neighbours).
+
+    Args:
+        free: Free cells, shape (rows, cols).
+    """
+    inner = cv2.erode(free.astype(np.uint8), _CROSS, borderType=cv2.BORDER_CONSTANT, borderValue=0)
+    boundary: BoolArray = free & (inner == 0)
+    return boundary
+
+
+def boundary_score(
+    free: BoolArray, true_free: BoolArray, metres_per_px: float, tolerance: float = 0.1
+) -> WallScore:
+    """Precision, recall and F1 of the walls, within a tolerance in metres.
+
+    Args:
+        free: Free cells of the map, shape (rows, cols).
+        true_free: Free cells of the CAD map, same shape and frame.
+        metres_per_px: Scale of both [m].
+        tolerance: How far a wall may lie from its counterpart [m]. Never less than one pixel is used: two
+            rasterisations of the same wall may differ by that.
+
+    Raises:
+        ValueError: If the shapes differ.
+    """
+    tolerance_px = max(1.0, tolerance / metres_per_px)
+    return wall_score(free_boundary(free), free_boundary(true_free), tolerance_px)
+
+
+def boundary_distance(free: BoolArray, true_free: BoolArray, metres_per_px: float) -> WallDistance:
+    """Chamfer distance and 95 % Hausdorff distance of the walls.
+
+    Args:
+        free: Free cells of the map, shape (rows, cols).
+        true_free: Free cells of the CAD map, same shape and frame.
+        metres_per_px: Scale of both [m].
+
+    Raises:
+        ValueError: If the shapes differ.
+    """
+    check_same_shape(free, true_free)
+    walls, true_walls = free_boundary(free), free_boundary(true_free)
+    if not walls.any() or not true_walls.any():
+        distance = 0.0 if walls.any() == true_walls.any() else float("inf")
+        return WallDistance(distance, distance)
+    to_truth, to_map = distance_to(true_walls)[walls], distance_to(walls)[true_walls]
+    return WallDistance(
+        chamfer=metres_per_px * 0.5 * float(to_truth.mean() + to_map.mean()),
+        hausdorff_95=metres_per_px * float(max(np.percentile(to_truth, 95), np.percentile(to_map, 95))),
+    )
+
+
+def intersection_over_union(free: BoolArray, true_free: BoolArray) -> float:
+    """Cells that are free in both over cells that are free in either; 1 if nothing is free in both.
+
+    Raises:
+        ValueError: If the shapes differ.
+    """
+    check_same_shape(free, true_free)
+    union = np.count_nonzero(free | true_free)
+    return float(np.count_nonzero(free & true_free) / union) if union else 1.0
+
+
+def distance_to(mask: BoolArray) -> FloatArray:
+    """Euclidean distance of each cell's centre from that of the nearest true cell [cells]."""
     return np.asarray(
         cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE), dtype=np.float64
     )
 
 
-def _check_shapes(a: np.ndarray, b: np.ndarray) -> None:
+def check_same_shape(a: np.ndarray, b: np.ndarray) -> None:
+    """Refuse two maps that can't lie on one frame.
+
+    Raises:
+        ValueError: If the shapes differ.
+    """
     if a.shape != b.shape:
         raise ValueError(f"the maps have different shapes: {a.shape} and {b.shape}; put them on one frame")

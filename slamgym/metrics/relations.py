@@ -79,7 +79,7 @@ def _gap(trajectory: Trajectory, stamps: FloatArray) -> FloatArray:
 
 
 def revisit_disagreement(
-    points: FloatArray, owners: IntArray, *, gap: int, reach: float = 0.5, stride: int = 5
+    points: FloatArray, owners: IntArray, *, gap: int, radius: float = 0.5, stride: int = 5
 ) -> ErrorStatistics:
     """Distance from end points to the nearest end point that another pass saw [m].
 
@@ -87,7 +87,7 @@ def revisit_disagreement(
         points: End points of all scans in the map frame, shape (N, 2) [m].
         owners: Index of each point's scan, shape (N,), ascending.
         gap: Scans whose indices differ by at least this belong to different passes.
-        reach: Points with nothing of another pass within this distance were seen once only, or belong to
+        radius: Points with nothing of another pass within this distance were seen once only, or belong to
             something that moved; they don't count [m].
         stride: Judge every so many points.
 
@@ -102,7 +102,7 @@ def revisit_disagreement(
         own = (owners >= first) & (owners < first + block)
         other: BoolArray = (owners <= first - gap) | (owners >= first + block - 1 + gap)
         if own.any() and other.any():
-            found, _ = cKDTree(points[other]).query(points[own][::stride], distance_upper_bound=reach)
+            found, _ = cKDTree(points[other]).query(points[own][::stride], distance_upper_bound=radius)
             distances.append(np.asarray(found, dtype=np.float64)[np.isfinite(found)])
     return ErrorStatistics.of(np.concatenate(distances) if distances else np.zeros(0))
 

@@ -15,6 +15,7 @@ import numpy as np
 
 from slamgym.core.jit import kernel
 from slamgym.core.types import BoolArray, FloatArray, IntArray
+from slamgym.metrics.maps import check_same_shape
 
 
 @dataclass(frozen=True)
@@ -95,10 +96,7 @@ def room_score(
     Raises:
         ValueError: If the shapes differ.
     """
-    if free.shape != true_free.shape:
-        raise ValueError(
-            f"the maps have different shapes: {free.shape} and {true_free.shape}; put them on one frame"
-        )
+    check_same_shape(free, true_free)
     found, truth = label_rooms(free, metres_per_px, rule), label_rooms(true_free, metres_per_px, rule)
     count, true_count = int(found.max(initial=0)), int(truth.max(initial=0))
     overlap = np.zeros((count + 1, true_count + 1))

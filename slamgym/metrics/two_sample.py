@@ -16,10 +16,11 @@ from scipy.spatial.distance import cdist
 from scipy.stats import ks_2samp, wasserstein_distance
 
 from slamgym.core.errors import ConfigError
-from slamgym.core.types import FloatArray, IntArray
+from slamgym.core.intervals import mean_interval
+from slamgym.core.types import FloatArray
 
-Learner = Literal["gradient_boosting", "extra_trees"]
-LEARNERS: tuple[Learner, ...] = ("gradient_boosting", "extra_trees")
+ClassifierName = Literal["gradient_boosting", "extra_trees"]
+CLASSIFIERS: tuple[ClassifierName, ...] = ("gradient_boosting", "extra_trees")
 
 
 @dataclass(frozen=True)
@@ -37,7 +38,7 @@ def two_sample_test(
     second: list[dict[str, float]],
     first_plans: list[str],
     second_plans: list[str],
-    learner: Learner = "gradient_boosting",
+    learner: ClassifierName = "gradient_boosting",
     folds: int = 5,
     repeats: int = 4,
     seed: int = 0,
@@ -72,16 +73,18 @@ def two_sample_test(
             model.fit(X[fold != k], y[fold != k])
             right[fold == k] += model.predict(X[fold == k]) == y[fold == k]
     right /= repeats
-    low, high = _interval(right, group, np.random.default_rng(seed))
+    accuracy = mean_interval(right, seed, group)
     # The distance alone is wanted; the exact p-value beside it costs more and warns on small samples.
     distances = [
         (name, float(ks_2samp(X[y == 0, i], X[y == 1, i], method="asymp").statistic))
         for i, name in enumerate(names)
     ]
-    return TwoSampleResult(float(right.mean()), low, high, sorted(distances, key=lambda item: -item[1]))
+    return TwoSampleResult(
+        float(right.mean()), accuracy.low, accuracy.high, sorted(distances, key=lambda item: -item[1])
+    )
 
 
-def _make(learner: Learner, seed: int) -> Any:
+def _make(learner: ClassifierName, seed: int) -> Any:
     from sklearn.ensemble import ExtraTreesClassifier, HistGradientBoostingClassifier
 
     if learner == "extra_trees":
@@ -89,19 +92,6 @@ def _make(learner: Learner, seed: int) -> Any:
     return HistGradientBoostingClassifier(
         max_iter=150, learning_rate=0.08, max_leaf_nodes=8, min_samples_leaf=5, random_state=seed
     )
-
-
-def _interval(right: FloatArray, group: IntArray, rng: np.random.Generator) -> tuple[float, float]:
-    """95 % bootstrap interval of the mean, plans drawn with replacement."""
-    plans = np.arange(group.max() + 1)
-    total = np.bincount(group, weights=right)
-    count = np.bincount(group)
-    means = []
-    for _ in range(2000):
-        picked = rng.choice(plans, len(plans))
-        means.append(total[picked].sum() / count[picked].sum())
-    low, high = np.percentile(means, (2.5, 97.5))
-    return float(low), float(high)
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,7 @@
 """Coefficients of the two phases from measured straight lines and turns in place.
 
 A run gives the true motion and the believed one. The systematic coefficient of a robot is the slope of its
-error; the random coefficient is the scatter about that slope per square root of the way, as independent
+error; the random coefficient is the scatter about that slope per square root of the distance, as independent
 slips add up. What is written is what :class:`slamgym.parametric.config.TwoPhaseConfig` draws from: the spread
 of the systematic coefficients over robots and the random coefficients.
 """
@@ -23,8 +23,8 @@ from slamgym.parametric.config import TwoPhaseConfig
 class Runs:
     """Repeated calibration runs of several robots; one row per robot, one column per repetition."""
 
-    way: FloatArray  # (R, N) true length of each straight line [m]
-    way_error: FloatArray  # (R, N) believed minus true length [m]
+    distance: FloatArray  # (R, N) true length of each straight line [m]
+    distance_error: FloatArray  # (R, N) believed minus true length [m]
     drift: FloatArray  # (R, N) believed minus true heading after the line [rad]
     turn: FloatArray  # (R, N) true angle of each turn in place, signed [rad]
     turn_error: FloatArray  # (R, N) believed minus true angle [rad]
@@ -48,10 +48,10 @@ def fit_phases(runs: Runs) -> PhaseCoefficients:
     Raises:
         ConfigError: If there are fewer than two robots or two repetitions.
     """
-    if min(runs.way.shape) < 2:
+    if min(runs.distance.shape) < 2:
         raise ConfigError("a calibration needs at least 2 robots with 2 repetitions each")
-    k_l, s_l = _slope_and_scatter(runs.way, runs.way_error)
-    k_lt, s_lt = _slope_and_scatter(runs.way, runs.drift)
+    k_l, s_l = _slope_and_scatter(runs.distance, runs.distance_error)
+    k_lt, s_lt = _slope_and_scatter(runs.distance, runs.drift)
     k_t, s_t = _slope_and_scatter(runs.turn, runs.turn_error)
     return PhaseCoefficients(k_l=k_l, k_lt=k_lt, k_t=k_t, s_l=s_l, s_lt=s_lt, s_t=s_t)
 

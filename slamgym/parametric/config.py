@@ -12,9 +12,14 @@ from typing import Annotated, Literal
 
 from slamgym.core.config import NonNegative, Positive, Settings, Share, Within, suggest
 from slamgym.core.errors import ConfigError
+from slamgym.sim.lidar import LidarConfig, lidar_level
+from slamgym.sim.robot import RobotConfig
 
-Method = Literal["two_phase", "ekf", "ekf_schur"]
+ConversionMethod = Literal["two_phase", "ekf", "ekf_schur"]
 PRESET_NAMES = ("faithful", "realistic")
+
+_ROBOT, _SCANNER, _LDS01 = RobotConfig(), LidarConfig(), lidar_level("lds01")
+"""What the simulator drives, with the sources of its figures."""
 
 
 class MotionConfig(Settings, section="motion"):
@@ -23,14 +28,14 @@ class MotionConfig(Settings, section="motion"):
     profile: Literal["turn_go", "smooth"] = "turn_go"
     """turn_go: turn in place, then drive straight (what UMBmark and the two phases assume); smooth: a cubic
     spline through the waypoints, as a clothoid would go."""
-    max_linear: float = 0.26
-    """[m/s] TurtleBot3 Waffle Pi (ROBOTIS e-manual)."""
-    max_angular: float = 1.82
-    """[rad/s] TurtleBot3 Waffle Pi (ROBOTIS e-manual)."""
-    linear_acceleration: float = 2.5
-    """[m/s^2] TurtleBot3 navigation defaults."""
-    angular_acceleration: float = 3.2
-    """[rad/s^2] TurtleBot3 navigation defaults."""
+    max_linear: float = _ROBOT.max_linear
+    """[m/s]"""
+    max_angular: float = _ROBOT.max_angular
+    """[rad/s]"""
+    linear_acceleration: float = _ROBOT.linear_acceleration
+    """[m/s^2]"""
+    angular_acceleration: float = _ROBOT.angular_acceleration
+    """[rad/s^2]"""
     scan_spacing: float = 0.15
     """[m] of driving between two scans that enter the map."""
     scan_angle: float = 0.2
@@ -38,23 +43,23 @@ class MotionConfig(Settings, section="motion"):
     scan_interval: Annotated[float, Within(gt=0.0, infinite=True)] = math.inf
     """[s] between two scans that enter the map at the latest; GMapping's temporalUpdate is 0.5 s on a
     TurtleBot3."""
-    clearance: float = 0.25
-    """[m] that a planned path keeps from walls: the Waffle Pi's radius of 0.22 m and a margin."""
+    clearance: float = _ROBOT.radius + 0.03
+    """[m] that a planned path keeps from walls: the robot's radius and a margin."""
 
 
 class ScannerConfig(Settings, section="scanner"):
-    """What the LIDAR can see (LDS-01, ROBOTIS xacro)."""
+    """What the LIDAR can see."""
 
     field_of_view: float = 2.0 * math.pi
     """[rad] centred on the robot's heading."""
-    range_min: float = 0.12
+    range_min: float = _SCANNER.range_min
     """[m]"""
-    range_max: float = 3.5
+    range_max: float = _SCANNER.range_max
     """[m]"""
     num_beams: int = 0
     """Beams per scan; 0 takes as many as let neighbours hit neighbouring cells at full range."""
-    mount_x: float = -0.064
-    """[m] of the scanner ahead of the axle (TurtleBot3 Waffle Pi xacro)."""
+    mount_x: float = _SCANNER.mount[0]
+    """[m] of the scanner ahead of the axle."""
 
 
 class LidarErrorConfig(Settings, section="lidar"):
@@ -82,17 +87,17 @@ class LidarErrorConfig(Settings, section="lidar"):
     """[rad] cos 2a."""
     b6: float = math.radians(0.01)
     """[rad m] over D."""
-    sigma_range: float = 0.01
-    """[m] noise of a range; the Gazebo model of the LDS-01."""
+    sigma_range: float = _SCANNER.sigma
+    """[m] noise of a range."""
     sigma_bearing: float = math.radians(0.2)
     """[rad] noise of a bearing."""
-    weight_hit: Share = 0.95
+    weight_hit: Share = _LDS01.z_hit
     """[-] share of beams that measure the wall."""
-    weight_short: Share = 0.03
+    weight_short: Share = _LDS01.z_short
     """[-] share of beams that meet something in front of it."""
-    weight_max: Share = 0.01
+    weight_max: Share = _LDS01.z_max
     """[-] share of beams without return."""
-    weight_rand: Share = 0.01
+    weight_rand: Share = _LDS01.z_rand
     """[-] share of beams with any range."""
     lambda_short: float = 0.5
     """[1/m] rate of the short beams' exponential."""
@@ -109,10 +114,10 @@ class LidarErrorConfig(Settings, section="lidar"):
 class OdometryErrorConfig(Settings, section="odometry"):
     """Proprioceptive model: the wheel errors of UMBmark, drawn once per robot (standard deviations)."""
 
-    wheel_base: float = 0.287
-    """[m] TurtleBot3 Waffle Pi."""
-    wheel_diameter: float = 0.066
-    """[m] TurtleBot3 Waffle Pi."""
+    wheel_base: float = _ROBOT.wheel_separation
+    """[m]"""
+    wheel_diameter: float = 2.0 * _ROBOT.wheel_radius
+    """[m]"""
     alpha_eb_deg: float = 1.0
     """[deg] error of a quarter turn through the wheel base; rms 0.98 over 8 OptiOdom sets."""
     kappa_deg: float = 0.23
@@ -124,7 +129,7 @@ class OdometryErrorConfig(Settings, section="odometry"):
 class TwoPhaseConfig(Settings, section="two_phase"):
     """Empirical method after Souza et al. 2008: errors of straight lines and of turns in place.
 
-    k: systematic, drawn once per robot; s: random, per square root of the way. Defaults: OptiOdom.
+    k: systematic, drawn once per robot; s: random, per square root of the distance. Defaults: OptiOdom.
     ``slamgym.parametric.calibration`` measures them on the simulated robot instead.
     """
 
@@ -225,7 +230,7 @@ class RenderConfig(Settings, section="render"):
 class ParametricConfig(Settings):
     """The whole model."""
 
-    method: Method = "two_phase"
+    method: ConversionMethod = "two_phase"
     """Conversion of odometry errors to map errors: two_phase, ekf (batched) or ekf_schur."""
     resolution: Positive = 0.05
     """[m/px]"""
@@ -269,8 +274,10 @@ def preset(name: str) -> ParametricConfig:
 
 _REALISTIC = ParametricConfig(
     motion=MotionConfig(scan_interval=0.5),
-    scanner=ScannerConfig(field_of_view=math.pi, num_beams=180),
     # The simulator's scanner: no systematic error, 2 % of the beams failing.
+    scanner=ScannerConfig(
+        field_of_view=math.radians(_SCANNER.field_of_view_deg), num_beams=_SCANNER.num_beams
+    ),
     lidar=LidarErrorConfig(
         a0=0.0,
         a1=0.0,
@@ -280,13 +287,13 @@ _REALISTIC = ParametricConfig(
         b4=0.0,
         b5=0.0,
         b6=0.0,
-        sigma_range=0.01,
+        sigma_range=_SCANNER.sigma,
         sigma_bearing=0.0,
-        weight_hit=0.98,
-        weight_short=0.005,
-        weight_max=0.01,
-        weight_rand=0.005,
-        lambda_short=1.0,
+        weight_hit=_SCANNER.z_hit,
+        weight_short=_SCANNER.z_short,
+        weight_max=_SCANNER.z_max,
+        weight_rand=_SCANNER.z_rand,
+        lambda_short=_SCANNER.lambda_short,
     ),
     # What a particle filter makes of the simulator's odometry of level "medium".
     two_phase=TwoPhaseConfig(

@@ -9,7 +9,7 @@ from slamgym.core.geometry import wrap_angle
 from slamgym.core.types import BoolArray, FloatArray, Int32Array, IntArray
 from slamgym.parametric.config import EkfConfig
 from slamgym.parametric.lidar_error import LidarErrors
-from slamgym.parametric.odometry_error import Increments
+from slamgym.parametric.odometry_error import Increments, increments_of
 from slamgym.parametric.visibility import Visibility
 
 
@@ -44,7 +44,6 @@ class LandmarkEstimate:
 
 def landmark_problem(
     true_poses: FloatArray,
-    true_motion: Increments,
     controls: Increments,
     visibility: Visibility,
     mount_x: float,
@@ -59,7 +58,6 @@ def landmark_problem(
 
     Args:
         true_poses: (T, 3).
-        true_motion: T - 1 motions that happened.
         controls: T - 1 motions that odometry reports.
         visibility: Which beams meet which cells.
         mount_x: [m] of the scanner ahead of the base.
@@ -68,7 +66,8 @@ def landmark_problem(
         config: Noise, number of landmarks.
         rng: Source of randomness.
     """
-    scan, cells = _observed_cells(visibility.hits, config.landmarks_per_scan, matched, rng)
+    true_motion = increments_of(true_poses)
+    scan, cells = _observed_cells(visibility.cells.hits, config.landmarks_per_scan, matched, rng)
     unique, first_use, landmark = np.unique(cells, return_index=True, return_inverse=True)
     order = np.argsort(first_use, kind="stable")
     rank = np.empty_like(order)

@@ -47,7 +47,7 @@ class LidarErrors:
             + self.b3 * np.cos(bearing)
             + self.b4 * np.sin(2.0 * bearing)
             + self.b5 * np.cos(2.0 * bearing)
-            + self.b6 / np.maximum(distance, 0.12)
+            + self.b6 / np.maximum(distance, ScannerConfig.range_min)
         )
 
 
@@ -118,8 +118,8 @@ def wall_beams(
         scanner: Limits of the range.
         rng: Source of randomness.
     """
-    rows, cols = np.nonzero(visibility.best >= 0)
-    sensors = visibility.sensors[visibility.best[rows, cols]]
+    rows, cols = np.nonzero(visibility.cells.best >= 0)
+    sensors = visibility.sensors[visibility.cells.best[rows, cols]]
     x, y = visibility.frame.to_point(rows, cols)
     dx, dy = x - sensors[:, 0], y - sensors[:, 1]
     distance = np.hypot(dx, dy)
@@ -155,8 +155,8 @@ def wall_beams(
     per_cell[rows, cols] = component
     stray = component == RAND
     direction = bearing[stray] + sensors[stray, 2]
-    reach = np.minimum(ranges[RAND][stray], distance[stray])
-    points = sensors[stray, :2] + reach[:, None] * np.column_stack([np.cos(direction), np.sin(direction)])
+    length = np.minimum(ranges[RAND][stray], distance[stray])
+    points = sensors[stray, :2] + length[:, None] * np.column_stack([np.cos(direction), np.sin(direction)])
     return WallBeams(field, per_cell, points)
 
 
@@ -177,7 +177,7 @@ def _scattered(values: FloatArray, visibility: Visibility, config: LidarErrorCon
     """A random value per wall cell, median filtered over the picture: the paper's literal D and alpha."""
     if config.median_px <= 1:
         return values
-    wall = visibility.best >= 0
+    wall = visibility.cells.best >= 0
     picture = np.zeros((1, *wall.shape), dtype=np.float32)
     picture[0, wall] = values
     rows, cols = np.nonzero(wall)

@@ -225,7 +225,7 @@ def _two_phase(run: _Run) -> _Conversion:
     if phases.observe == "mean":
         motions = rigid_motions(poses, believed, frame_centre(visibility.frame)).astype(np.float32)
         _, sums = observe(run.occupied, visibility.frame, poses, run.model.scanner, motions)
-        mean_motion = (sums / np.maximum(visibility.count, 1)[:, :, None]).astype(np.float32)
+        mean_motion = (sums / np.maximum(visibility.cells.num_scans, 1)[:, :, None]).astype(np.float32)
     return _Conversion(
         field=placement_field(poses, believed, visibility, phases.observe, mean_motion),
         known=visibility.seen,
@@ -241,7 +241,6 @@ def _landmark_slam(run: _Run) -> _Conversion:
     controls = believed_increments(run.motion, run.robot.wheels, base, diameter)
     problem = landmark_problem(
         run.poses,
-        run.motion,
         run.failures.disturb(controls),
         run.visibility,
         model.scanner.mount_x,
@@ -264,7 +263,7 @@ def _landmark_slam(run: _Run) -> _Conversion:
 
 def _drift_px(forward: Float32Array, visibility: Visibility, frame: GridFrame) -> int:
     """Cells by which the map must grow on every side to hold all displaced walls, at most half its size."""
-    rows, cols = np.nonzero(visibility.best >= 0)
+    rows, cols = np.nonzero(visibility.cells.best >= 0)
     new_rows = rows + forward[1, rows, cols] / frame.resolution
     new_cols = cols - forward[0, rows, cols] / frame.resolution
     over = (

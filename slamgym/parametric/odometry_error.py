@@ -117,18 +117,18 @@ def believed_increments(
     half_turn = 0.5 * wheel_base * true.turn
     rolled_right = 2.0 * (true.distance + half_turn) / wheel_diameter
     rolled_left = 2.0 * (true.distance - half_turn) / wheel_diameter
-    way_right, way_left = 0.5 * rolled_right * right, 0.5 * rolled_left * left
+    distance_right, distance_left = 0.5 * rolled_right * right, 0.5 * rolled_left * left
     return Increments(
-        distance=0.5 * (way_right + way_left),
+        distance=0.5 * (distance_right + distance_left),
         lateral=true.lateral,
-        turn=(way_right - way_left) / base,
+        turn=(distance_right - distance_left) / base,
     )
 
 
 def square_calibration(
     heading_error_cw: float, heading_error_ccw: float, side: float, wheel_base: float
 ) -> tuple[float, float]:
-    """E_b and E_d from one square driven each way, by Jung and Chung's heading formulas.
+    """E_b and E_d from one square driven each direction, by Jung and Chung's heading formulas.
 
     Args:
         heading_error_cw: Believed minus true heading after four sides and four right turns [rad].
@@ -170,19 +170,19 @@ class Failures:
 
 
 def draw_failures(motion: Increments, config: FailureConfig, rng: np.random.Generator) -> Failures:
-    """Draw failures as a Poisson process along the way.
+    """Draw failures as a Poisson process along the path.
 
     Args:
         motion: T - 1 true increments.
         config: Rate and size.
         rng: Source of randomness.
     """
-    way = np.concatenate([[0.0], np.cumsum(np.abs(motion.distance))])
-    count = int(rng.poisson(config.rate * way[-1]))
-    places = np.sort(rng.uniform(0.0, way[-1], count))
-    scans = np.clip(np.searchsorted(way, places), 1, len(way) - 1)
+    driven = np.concatenate([[0.0], np.cumsum(np.abs(motion.distance))])
+    count = int(rng.poisson(config.rate * driven[-1]))
+    places = np.sort(rng.uniform(0.0, driven[-1], count))
+    scans = np.clip(np.searchsorted(driven, places), 1, len(driven) - 1)
     sizes = np.array([config.jump, config.jump, math.radians(config.jump_deg)])
-    matched = np.ones(len(way), dtype=np.bool_)
+    matched = np.ones(len(driven), dtype=np.bool_)
     for scan in scans:
         matched[scan : scan + config.skipped_scans] = False
     return Failures(scans, sizes * rng.standard_normal((count, 3)), matched)

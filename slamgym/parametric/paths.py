@@ -19,7 +19,9 @@ if TYPE_CHECKING:
     from slamgym.cad.floorplan import FloorPlan
 
 _ROADMAP_RESOLUTION = 0.05  # [m] of the grid that a roadmap is made on
-_STOP_SPACING = 5.0  # [m] of way between stops in a plan without rooms; the LIDAR sees what lies between
+_STOP_SPACING = (
+    5.0  # [m] along the path between stops in a plan without rooms; the LIDAR sees what lies between
+)
 
 
 def read_waypoints(path: Path | str) -> Waypoints:

@@ -33,7 +33,7 @@ from slamgym.sim.raycast import cast_rays
 
 
 @kernel
-def draw_scans(
+def count_hits(
     sensors: FloatArray,
     ranges: FloatArray,
     bearings: FloatArray,
@@ -115,15 +115,13 @@ def observed_cad(
 def true_ranges(
     poses: FloatArray, segments: FloatArray, angles: FloatArray, scanner: ScannerConfig
 ) -> FloatArray:
-    """Exact ranges (T, B) [m] from the poses of the base; ``inf`` where nothing is in reach."""
+    """Exact ranges (T, B) [m] from the poses of the base; ``inf`` where nothing is in range."""
     sensors = sensor_poses(poses, scanner.mount_x)
     walls = segments.view()
     walls.flags.writeable = False  # always the read-only type, so that the kernel is compiled once
     ranges = np.empty((len(poses), len(angles)))
     for k, (x, y, theta) in enumerate(sensors.tolist()):
-        cast_rays(
-            x, y, theta, angles[0], angles[1] - angles[0], len(angles), walls, scanner.range_max, ranges[k]
-        )
+        cast_rays(x, y, theta, angles[0], angles[1] - angles[0], walls, scanner.range_max, ranges[k])
     return ranges
 
 
@@ -148,12 +146,12 @@ def measured_scans(
     Returns:
         Measured ranges (T, B) [m], ``inf`` for none, and measured bearings (T, B) [rad].
     """
-    reach = np.minimum(ranges, scanner.range_max)
-    measured, bearings = measure(reach, np.broadcast_to(angles, ranges.shape), errors, config, rng)
+    seen = np.minimum(ranges, scanner.range_max)
+    measured, bearings = measure(seen, np.broadcast_to(angles, ranges.shape), errors, config, rng)
     measured[np.isinf(ranges)] = np.inf
     component = draw_components(ranges.shape, config, rng)
     short = component == SHORT
-    measured[short] = short_ranges(reach[short], config.lambda_short, rng)
+    measured[short] = short_ranges(seen[short], config.lambda_short, rng)
     measured[component == MAX] = np.inf
     stray = component == RAND
     measured[stray] = rng.uniform(0.0, scanner.range_max, int(stray.sum()))
@@ -184,7 +182,7 @@ def hit_count_map(
     """
     hits, visits = np.zeros(frame.shape, dtype=np.int32), np.zeros(frame.shape, dtype=np.int32)
     r = frame.resolution
-    draw_scans(
+    count_hits(
         poses_in_cells(sensor_poses(believed_poses, scanner.mount_x), frame),
         ranges / r,
         bearings,

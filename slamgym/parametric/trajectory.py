@@ -102,20 +102,20 @@ def drive(waypoints: Waypoints, config: MotionConfig, name: str = "the trajector
 
 
 def _trapezoid(length: float, top_speed: float, acceleration: float, n: int) -> tuple[FloatArray, ...]:
-    """Time, way, speed and acceleration of a move from rest to rest over ``length``, n + 1 samples."""
+    """Time, distance, speed and acceleration of a move from rest to rest over ``length``, n + 1 samples."""
     ramp = min(top_speed / acceleration, math.sqrt(length / acceleration))  # [s]
     speed = acceleration * ramp
     total = length / speed + ramp
     t = np.linspace(0.0, total, n + 1)
     rising, falling = t < ramp, t > total - ramp
     left = total - t
-    way = np.where(
+    distance = np.where(
         rising,
         0.5 * acceleration * t**2,
         np.where(falling, length - 0.5 * acceleration * left**2, speed * (t - 0.5 * ramp)),
     )
     velocity = np.where(rising, acceleration * t, np.where(falling, acceleration * left, speed))
-    return t, way, velocity, acceleration * (rising.astype(np.float64) - falling)
+    return t, distance, velocity, acceleration * (rising.astype(np.float64) - falling)
 
 
 def _duration(length: float, top_speed: float, acceleration: float) -> float:
@@ -152,13 +152,13 @@ def _turn_and_go(waypoints: Waypoints, config: MotionConfig, name: str) -> Timed
             stretch = allowed / (turning + driving)
         if turning > 0.0:
             n = max(2, math.ceil(turning * stretch / _SAMPLE_INTERVAL))
-            t, way, speed, acceleration = _trapezoid(
+            t, distance, speed, acceleration = _trapezoid(
                 abs(turn), config.max_angular, config.angular_acceleration, n
             )
             block = np.zeros((n, 8))
             block[:, 0] = clock + stretch * t[1:]
             block[:, 1:3] = points[i]
-            block[:, 3] = heading + math.copysign(1.0, turn) * way[1:]
+            block[:, 3] = heading + math.copysign(1.0, turn) * distance[1:]
             block[:, 5] = math.copysign(1.0, turn) * speed[1:] / stretch
             block[:, 7] = math.copysign(1.0, turn) * acceleration[1:] / stretch**2
             rows.append(block)
@@ -166,10 +166,12 @@ def _turn_and_go(waypoints: Waypoints, config: MotionConfig, name: str) -> Timed
             heading += turn
         if driving > 0.0:
             n = max(2, math.ceil(driving * stretch / _SAMPLE_INTERVAL))
-            t, way, speed, acceleration = _trapezoid(length, config.max_linear, config.linear_acceleration, n)
+            t, distance, speed, acceleration = _trapezoid(
+                length, config.max_linear, config.linear_acceleration, n
+            )
             block = np.zeros((n, 8))
             block[:, 0] = clock + stretch * t[1:]
-            block[:, 1:3] = points[i] + (way[1:, None] / length) * step
+            block[:, 1:3] = points[i] + (distance[1:, None] / length) * step
             block[:, 3] = heading
             block[:, 4] = speed[1:] / stretch
             block[:, 6] = acceleration[1:] / stretch**2
@@ -233,17 +235,17 @@ def from_recorded(recorded: Trajectory, name: str = "the recorded path") -> Time
 def pick_scans(trajectory: TimedTrajectory, config: MotionConfig) -> TimedTrajectory:
     """Keep the poses at which a scan enters the map: after enough driving, turning or time, and the last."""
     poses, stamps = trajectory.poses, trajectory.stamps
-    way = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(poses[:, :2], axis=0).T))])
+    distance = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(poses[:, :2], axis=0).T))])
     turn = np.concatenate([[0.0], np.cumsum(np.abs(wrap_angle(np.diff(poses[:, 2]))))])
     kept = [0]
     for i in range(1, len(stamps)):
         j = kept[-1]
         due = (
-            way[i] - way[j] >= config.scan_spacing - 1e-9
+            distance[i] - distance[j] >= config.scan_spacing - 1e-9
             or turn[i] - turn[j] >= config.scan_angle - 1e-9
             or stamps[i] - stamps[j] >= config.scan_interval - 1e-9
         )
-        if due or (i == len(stamps) - 1 and (way[i] > way[j] or turn[i] > turn[j])):
+        if due or (i == len(stamps) - 1 and (distance[i] > distance[j] or turn[i] > turn[j])):
             kept.append(i)
     return trajectory.pick(np.array(kept))
 
@@ -283,6 +285,6 @@ def check_path_is_free(
         beyond = shapely.difference(pieces[i], free_space)
         x, y = shapely.get_coordinates(beyond)[0]
         raise ConfigError(
-            f"{name}: the way from {what} {i + 1} to {i + 2} leads through a wall at ({x:.2f}, {y:.2f}); "
+            f"{name}: the path from {what} {i + 1} to {i + 2} leads through a wall at ({x:.2f}, {y:.2f}); "
             "add a point that goes round it"
         )

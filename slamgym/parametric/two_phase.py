@@ -7,7 +7,7 @@ placed as the scan that saw it would have placed it.
 
 import math
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import cv2
 import numpy as np
@@ -24,22 +24,31 @@ _PRIOR_BEAMS = 2.0
 _PRIOR_LEVER = 1.0  # [m] at which a heading error of the prior counts like a position error
 
 
+class WallCells(NamedTuple):
+    """The cells of a map by their flat index, as far as beams hit them."""
+
+    points: FloatArray  # (H * W, 2) true centres [m]
+    normals: FloatArray  # (H * W, 2) unit normals of the walls, either sign
+    width: int  # W, the row length of the flat indices
+
+
+class AnchorSettings(NamedTuple):
+    """What a scan matcher does; see :class:`slamgym.parametric.config.TwoPhaseConfig`."""
+
+    min_known: int  # scans with fewer beams on known walls are not matched
+    lag: float  # share of the motion lost in directions that the walls leave open
+    thin_wall_px: int  # a new wall cell is taken for a known one up to so many cells across the wall from it
+
+
 @kernel
 def anchor_poses(
     true_poses: FloatArray,
     motions: FloatArray,
     hits: Int32Array,
-    points: FloatArray,
-    normals: FloatArray,
+    walls: WallCells,
     gain: FloatArray,
-    min_known: int,
-    lag: float,
-    width: int,
-    reach: int,
-    placed: FloatArray,
-    is_placed: BoolArray,
-    poses: FloatArray,
-) -> None:
+    settings: AnchorSettings,
+) -> FloatArray:
     """Integrate ``motions`` and correct every pose by a share of the best fit to known walls.
 
     The fit is the least-squares motion that brings the wall cells of a scan, where the predicted pose would
@@ -47,24 +56,24 @@ def anchor_poses(
     scan matcher that can't tell one piece of a wall from the next (point to line, linearised). A weak prior
     holds the predicted pose in directions that the walls leave open. There a real matcher also falls behind,
     because the overlap with the known map is larger the less the robot has moved: ``lag`` is the share of the
-    motion that is lost so. Nor can a matcher tell the two faces of a thin wall apart (``reach``): a room
+    motion that is lost so. Nor can a matcher tell the two faces of a thin wall apart: a room
     seen for the first time is pulled so that its face of the wall falls on the known one.
 
     Args:
         true_poses: (T, 3) world frame.
         motions: (T - 1, 3) believed distance [m], lateral [m], turn [rad].
         hits: (T, B) flat index of the wall cell that each beam met, -1 for none.
-        points: (H * W, 2) true centres of the cells [m]; read only where a beam hit.
-        normals: (H * W, 2) unit normals of the walls, either sign; read only where a beam hit.
+        walls: What the beams hit.
         gain: (T,) share [0-1] of the correction that is applied.
-        min_known: Scans with fewer beams on known walls are not matched.
-        lag: Share of the motion lost in directions that the walls leave open.
-        width: W, the row length of the flat indices.
-        reach: A new wall cell is taken for a known one up to so many cells across the wall from it.
-        placed: (H * W, 2) out, where the first scan that saw the cell drew it [m].
-        is_placed: (H * W,) in and out, False everywhere before.
-        poses: (T, 3) out, believed poses, heading not wrapped.
+        settings: Limits of the matching.
+
+    Returns:
+        Believed poses, (T, 3), heading not wrapped.
     """
+    points, normals = walls.points, walls.normals
+    placed = np.zeros_like(points)  # where the first scan that saw the cell drew it [m]
+    is_placed = np.zeros(len(points), dtype=np.bool_)
+    poses = np.empty_like(true_poses)
     poses[0] = true_poses[0]
     for k in range(true_poses.shape[0]):
         moved_x, moved_y = 0.0, 0.0
@@ -87,7 +96,7 @@ def anchor_poses(
             cell = hits[k, b]
             if cell < 0:
                 continue
-            reference = _wall_in_reach(cell, normals, is_placed, width, reach)
+            reference = _known_wall(cell, walls, is_placed, settings.thin_wall_px)
             if reference < 0:
                 continue
             known += 1
@@ -108,13 +117,13 @@ def anchor_poses(
             g[0] += nx * gap
             g[1] += ny * gap
             g[2] += lever * gap
-        if known >= min_known and gain[k] > 0.0:
+        if known >= settings.min_known and gain[k] > 0.0:
             A[1, 0], A[2, 0], A[2, 1] = A[0, 1], A[0, 2], A[1, 2]
             A[0, 0] += _PRIOR_BEAMS
             A[1, 1] += _PRIOR_BEAMS
             A[2, 2] += _PRIOR_BEAMS * _PRIOR_LEVER**2
-            g[0] -= _PRIOR_BEAMS * lag * moved_x
-            g[1] -= _PRIOR_BEAMS * lag * moved_y
+            g[0] -= _PRIOR_BEAMS * settings.lag * moved_x
+            g[1] -= _PRIOR_BEAMS * settings.lag * moved_y
             poses[k] += gain[k] * np.linalg.solve(A, g)
         cos = math.cos(poses[k, 2] - true_poses[k, 2])
         sin = math.sin(poses[k, 2] - true_poses[k, 2])
@@ -125,18 +134,19 @@ def anchor_poses(
                 px, py = points[cell, 0] - true_poses[k, 0], points[cell, 1] - true_poses[k, 1]
                 placed[cell, 0] = poses[k, 0] + cos * px - sin * py
                 placed[cell, 1] = poses[k, 1] + sin * px + cos * py
+    return poses
 
 
 @kernel
-def _wall_in_reach(cell: int, normals: FloatArray, is_placed: BoolArray, width: int, reach: int) -> int:
+def _known_wall(cell: int, walls: WallCells, is_placed: BoolArray, thin_wall_px: int) -> int:
     """The known wall cell that a matcher takes a cell for: itself, the nearest across the wall, or -1."""
     if is_placed[cell]:
         return cell
-    for step in range(1, reach + 1):
-        d_col = round(step * normals[cell, 0])
-        d_row = -round(step * normals[cell, 1])
+    for step in range(1, thin_wall_px + 1):
+        d_col = round(step * walls.normals[cell, 0])
+        d_row = -round(step * walls.normals[cell, 1])
         for sign in (-1, 1):
-            other = cell + sign * (int(d_row) * width + int(d_col))
+            other = cell + sign * (int(d_row) * walls.width + int(d_col))
             if 0 <= other < len(is_placed) and is_placed[other]:
                 return other
     return -1
@@ -171,12 +181,12 @@ def disturb(
         rng: Source of the random part.
     """
     noise = rng.standard_normal((2, len(true.turn)))
-    way, angle = np.abs(true.distance), np.abs(true.turn)
-    linear = errors.k_l * true.distance + config.s_l * np.sqrt(way) * noise[0]
+    driven, turned = np.abs(true.distance), np.abs(true.turn)
+    linear = errors.k_l * true.distance + config.s_l * np.sqrt(driven) * noise[0]
     angular = (
         errors.k_t * true.turn
         + errors.k_lt * true.distance
-        + (config.s_t * np.sqrt(angle) + config.s_lt * np.sqrt(way)) * noise[1]
+        + (config.s_t * np.sqrt(turned) + config.s_lt * np.sqrt(driven)) * noise[1]
     )
     return Increments(true.distance + linear, true.lateral, true.turn + angular)
 
@@ -208,23 +218,15 @@ def anchored_path(
     cells = np.arange(frame.height_px * frame.width_px, dtype=np.int32)
     points = visibility.cell_points(cells)
     # Only what is near enough to be matched counts.
-    away = np.hypot(*(points[visibility.hits] - visibility.sensors[:, None, :2]).transpose(2, 0, 1))
-    matched = np.where(away <= config.matched_range, visibility.hits, -1).astype(np.int32)
-    poses = np.empty_like(true_poses)
-    anchor_poses(
+    away = np.hypot(*(points[visibility.cells.hits] - visibility.sensors[:, None, :2]).transpose(2, 0, 1))
+    matched = np.where(away <= config.matched_range, visibility.cells.hits, -1).astype(np.int32)
+    poses = anchor_poses(
         true_poses,
         np.column_stack([believed.distance, believed.lateral, believed.turn]),
         matched,
-        points,
-        wall_normals(occupied).reshape(-1, 2),
+        WallCells(points, wall_normals(occupied).reshape(-1, 2), frame.width_px),
         gain,
-        config.matched_beams,
-        config.lag,
-        frame.width_px,
-        round(config.thin_wall / frame.resolution),
-        np.zeros((len(cells), 2)),
-        np.zeros(len(cells), dtype=np.bool_),
-        poses,
+        AnchorSettings(config.matched_beams, config.lag, round(config.thin_wall / frame.resolution)),
     )
     poses[:, 2] = wrap_angle(poses[:, 2])
     return poses
@@ -312,7 +314,7 @@ def placement_field(
             raise ValueError("the mean placement needs mean_motion")
         motion = mean_motion[seen].astype(np.float64)
     else:
-        scan = visibility.first if choice == "first" else visibility.last
+        scan = visibility.cells.first if choice == "first" else visibility.cells.last
         motion = rigid_motions(true_poses, believed_poses, centre)[scan[seen]]
     rows, cols = np.nonzero(seen)
     x, y = frame.to_point(rows, cols)

@@ -2,12 +2,23 @@
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from slamgym.core.jit import kernel
 from slamgym.core.types import BoolArray, Float32Array, FloatArray, GridFrame, Int32Array
 from slamgym.parametric.config import ScannerConfig
+
+
+class SeenCells(NamedTuple):
+    """Which scans saw which cells; cells are flat indices ``row * width + col``."""
+
+    first: Int32Array  # (H, W) first scan that saw the cell, -1 never
+    last: Int32Array  # (H, W) last scan that saw it, -1 never
+    num_scans: Int32Array  # (H, W) number of scans that saw it
+    best: Int32Array  # (H, W) nearest scan that saw the wall cell, -1 for no wall or unseen
+    hits: Int32Array  # (T, B) wall cell that each beam met, -1 for none
 
 
 @kernel
@@ -18,11 +29,7 @@ def observe_cells(
     range_min_px: float,
     range_max_px: float,
     values: Float32Array,
-    first: Int32Array,
-    last: Int32Array,
-    count: Int32Array,
-    best: Int32Array,
-    hits: Int32Array,
+    seen: SeenCells,
     sums: Float32Array,
 ) -> None:
     """Cast every beam of every scan and keep a record per cell.
@@ -37,15 +44,12 @@ def observe_cells(
         sensors: (T, 3).
         angles: (B,) beam directions in the sensor frame [rad].
         range_min_px: Walls nearer than this give no hit [cells].
-        range_max_px: Reach of a beam [cells].
+        range_max_px: Longest beam [cells].
         values: (T, C) what each scan adds to ``sums`` of the cells it sees; C may be 0.
-        first: (H, W) out, first scan that sees the cell; -1 before.
-        last: (H, W) out, last scan that sees it; -1 before.
-        count: (H, W) out, number of scans that see it.
-        best: (H, W) out, scan that sees the wall cell from the smallest distance; -1 before.
-        hits: (T, B) out, flat index of the wall cell each beam meets, -1 for none.
+        seen: Out; -1 or 0 before.
         sums: (H, W, C) out.
     """
+    first, last, num_scans, best, hits = seen
     height, width = occupied.shape
     for k in range(sensors.shape[0]):
         x0, y0 = sensors[k, 0], sensors[k, 1]
@@ -63,7 +67,7 @@ def observe_cells(
             while travelled <= range_max_px and 0 <= row < height and 0 <= col < width:
                 if last[row, col] != k:
                     last[row, col] = k
-                    count[row, col] += 1
+                    num_scans[row, col] += 1
                     if first[row, col] < 0:
                         first[row, col] = k
                     for c in range(values.shape[1]):
@@ -90,24 +94,17 @@ def observe_cells(
 
 @dataclass(frozen=True)
 class Visibility:
-    """A record of who saw what.
-
-    Scans are numbered along the trajectory; cells are flat indices ``row * width + col``.
-    """
+    """A record of who saw what; scans are numbered along the trajectory."""
 
     frame: GridFrame
     sensors: FloatArray  # (T, 3) true poses of the scanner, world frame
     angles: FloatArray  # (B,) [rad] beam directions in the sensor frame
-    first: Int32Array  # (H, W) int32, first scan that saw the cell, -1 never
-    last: Int32Array  # (H, W) int32, last scan
-    count: Int32Array  # (H, W) int32, number of scans
-    best: Int32Array  # (H, W) int32, nearest scan that saw the wall cell, -1 for no wall or unseen
-    hits: Int32Array  # (T, B) int32, wall cell that the beam met, -1 for none
+    cells: SeenCells
 
     @property
     def seen(self) -> BoolArray:
         """Cells that some scan saw, shape (H, W)."""
-        return self.first >= 0
+        return self.cells.first >= 0
 
     def cell_points(self, cells: Int32Array) -> FloatArray:
         """Centres (..., 2) [m] of flat cell indices (...,), world frame."""
@@ -159,7 +156,7 @@ def observe(
         occupied: (H, W) wall cells.
         frame: Where the cells lie.
         poses: (T, 3) poses of the robot's base.
-        scanner: Field of view and reach.
+        scanner: Field of view and range.
         values: (T, C) a quantity to sum per cell over the scans that see it.
 
     Returns:
@@ -169,9 +166,13 @@ def observe(
     angles = beam_angles(scanner, frame.resolution)
     if values is None:
         values = np.zeros((len(poses), 0), dtype=np.float32)
-    first, last, best = (np.full(frame.shape, -1, dtype=np.int32) for _ in range(3))
-    count = np.zeros(frame.shape, dtype=np.int32)
-    hits = np.empty((len(poses), len(angles)), dtype=np.int32)
+    cells = SeenCells(
+        first=np.full(frame.shape, -1, dtype=np.int32),
+        last=np.full(frame.shape, -1, dtype=np.int32),
+        num_scans=np.zeros(frame.shape, dtype=np.int32),
+        best=np.full(frame.shape, -1, dtype=np.int32),
+        hits=np.empty((len(poses), len(angles)), dtype=np.int32),
+    )
     sums = np.zeros((*frame.shape, values.shape[1]), dtype=np.float32)
     observe_cells(
         np.ascontiguousarray(occupied),
@@ -180,12 +181,7 @@ def observe(
         scanner.range_min / frame.resolution,
         scanner.range_max / frame.resolution,
         np.ascontiguousarray(values, dtype=np.float32),
-        first,
-        last,
-        count,
-        best,
-        hits,
+        cells,
         sums,
     )
-    visibility = Visibility(frame, sensors, angles, first, last, count, best, hits)
-    return visibility, sums
+    return Visibility(frame, sensors, angles, cells), sums

@@ -38,7 +38,7 @@ class ClutterConfig(Settings, section="clutter"):
     """Number of people who walk about."""
 
     passage: NonNegative = 0.1
-    """Furniture leaves the robot's ways this much wider than the robot on either side [m]."""
+    """Furniture leaves the passages this much wider than the robot on either side [m]."""
 
     walking_speed: tuple[Positive, Positive] = (0.4, 1.2)
     """Range of the people's speeds; unhurried indoors to brisk [m/s]."""
@@ -82,7 +82,7 @@ def make_clutter(
         plan: The building.
         rng: Draws everything; the same state gives the same clutter.
         config: How much.
-        robot: Whose ways are to stay free; a TurtleBot3 Waffle Pi where left out.
+        robot: Who must still pass everywhere; a TurtleBot3 Waffle Pi where left out.
 
     Returns:
         The clutter.
@@ -126,9 +126,9 @@ def sample_point(area: shapely.Polygon, rng: np.random.Generator) -> tuple[float
 def _furnish(
     plan: "FloorPlan", rng: np.random.Generator, config: ClutterConfig, robot: RobotConfig
 ) -> list[PlacedPiece]:
-    """Place room after room what belongs there and leaves the ways free."""
+    """Place room after room what belongs there and leaves the passages free."""
     radius = robot.circumscribed_radius
-    ways = [_Ways(plan, radius), _Ways(plan, radius + config.passage)]
+    passages = [_Passages(plan, radius), _Passages(plan, radius + config.passage)]
     doors = [shapely.LineString([door.start, door.end]).buffer(_DOOR_ROOM) for door in plan.doors]
     shapely.prepare(plan.free_space)
     placed: list[PlacedPiece] = []
@@ -142,15 +142,15 @@ def _furnish(
                 taken = (*doors, *(other.outline for other in placed))
                 if not plan.free_space.contains(outline) or any(outline.intersects(other) for other in taken):
                     continue
-                if all(way.stays_open(outline) for way in ways):
-                    for way in ways:
-                        way.block(outline)
+                if all(passage.stays_open(outline) for passage in passages):
+                    for passage in passages:
+                        passage.block(outline)
                     placed.append(place)
                     break
     return placed
 
 
-class _Ways:
+class _Passages:
     """Where a disc can go, as parts that must each stay in one piece."""
 
     def __init__(self, plan: "FloorPlan", radius: float) -> None:

@@ -9,7 +9,7 @@ SKIN = 0.01
 """Contact begins this far outside the body [m]. The solver needs some overlap to work with; the skin takes
 it, so that the body itself never enters an obstacle."""
 
-SUBSTEP_WAY = 0.008
+SUBSTEP_DISTANCE = 0.008
 """Furthest that a point of the body may move between two looks at the contacts [m]: less than the skin, so
 that no obstacle is passed unseen."""
 

@@ -1,10 +1,9 @@
 """A 2D laser scanner: exact geometry, and the ways in which a measured range differs from it."""
 
 import math
-from collections.abc import Callable
 from dataclasses import replace
 from functools import cached_property
-from typing import Annotated
+from typing import Annotated, Any, Literal
 
 import numpy as np
 
@@ -98,28 +97,21 @@ class LidarConfig(Settings, section="lidar"):
         )
 
 
-def _exact(config: LidarConfig) -> LidarConfig:
-    return replace(config, sigma=0.0, sigma_relative=0.0, z_hit=1.0, z_short=0.0, z_max=0.0, z_rand=0.0)
+LidarLevel = Literal["exact", "gazebo", "lds01"]
 
-
-def _gazebo(config: LidarConfig) -> LidarConfig:
-    return replace(_exact(config), sigma=0.01)
-
-
-def _lds01(config: LidarConfig) -> LidarConfig:
+_EXACT: dict[str, Any] = {
+    "sigma": 0.0, "sigma_relative": 0.0, "z_hit": 1.0, "z_short": 0.0, "z_max": 0.0, "z_rand": 0.0,
+}  # fmt: skip
+_LEVELS: dict[LidarLevel, dict[str, Any]] = {
+    "exact": _EXACT,
+    "gazebo": {**_EXACT, "sigma": 0.01},
     # The data sheet's limits are taken for three standard deviations: +-15 mm below 0.5 m, a precision of 3.5
     # % beyond. (Its accuracy of 5 % holds a constant part too, which isn't noise.) The data sheet is silent
     # on failing beams; 5 % is AMCL's own share of them (laser_z_hit 0.95), mostly short as in its weights.
-    return replace(
-        config, sigma=0.005, sigma_relative=0.035 / 3.0, z_hit=0.95, z_short=0.03, z_max=0.01, z_rand=0.01
-    )
-
-
-_LEVELS: dict[str, Callable[[LidarConfig], LidarConfig]] = {
-    "exact": _exact,
-    "gazebo": _gazebo,
-    "lds01": _lds01,
-}
+    "lds01": {
+        "sigma": 0.005, "sigma_relative": 0.035 / 3.0, "z_hit": 0.95, "z_short": 0.03, "z_max": 0.01, "z_rand": 0.01,
+    },
+}  # fmt: skip
 
 
 def lidar_level(name: str, geometry: LidarConfig | None = None) -> LidarConfig:
@@ -136,9 +128,10 @@ def lidar_level(name: str, geometry: LidarConfig | None = None) -> LidarConfig:
     Raises:
         ConfigError: If there is no such level.
     """
-    if name not in _LEVELS:
-        raise ConfigError(f"unknown lidar level {name!r}; {suggest(name, _LEVELS)}")
-    return _LEVELS[name](geometry or LidarConfig())
+    for level, errors in _LEVELS.items():
+        if level == name:
+            return replace(geometry or LidarConfig(), **errors)
+    raise ConfigError(f"unknown lidar level {name!r}; {suggest(name, _LEVELS)}")
 
 
 class Lidar:
@@ -172,17 +165,8 @@ class Lidar:
             segments = segments.view()
             segments.flags.writeable = False
         ranges = np.empty(geometry.num_beams)
-        cast_rays(
-            sensor.x,
-            sensor.y,
-            sensor.theta,
-            geometry.angle_min,
-            geometry.angle_increment,
-            geometry.num_beams,
-            segments,
-            geometry.range_max,
-            ranges,
-        )
+        angle_min, increment = geometry.angle_min, geometry.angle_increment
+        cast_rays(*sensor, angle_min, increment, segments, geometry.range_max, ranges)
         return ranges
 
     def scan(self, pose: Pose2D, segments: FloatArray, rng: np.random.Generator, stamp: float) -> LaserScan:
@@ -225,8 +209,8 @@ class Lidar:
         ends = np.cumsum(config.mixture)
         draws = rng.random(len(failed))
         # Eq. 6.7, an exponential cut off at the true range, by inversion of its distribution function.
-        reach = -np.expm1(-config.lambda_short * np.minimum(true[failed], config.range_max))
-        short = -np.log1p(-draws * reach) / config.lambda_short
+        mass = -np.expm1(-config.lambda_short * np.minimum(true[failed], config.range_max))
+        short = -np.log1p(-draws * mass) / config.lambda_short
         anything = draws * config.range_max  # eq. 6.11
         measured[failed] = np.where(fate < ends[1], short, np.where(fate < ends[2], np.inf, anything))
         return measured

@@ -13,11 +13,11 @@ from slamgym.core.jit import kernel
 from slamgym.core.types import FloatArray
 
 X, Y, THETA, LINEAR, ANGULAR, LEFT, RIGHT, DISTANCE = range(8)
-"""Drive state: pose [m, m, rad], drive velocity [m/s, rad/s], roll of each wheel and way of the body [m]."""
+"""Drive state: pose [m, m, rad], drive velocity [m/s, rad/s], roll of each wheel and distance of the body [m]."""
 
 # Longest time over which the drive velocity counts as constant [s]. Only the acceleration ramp is
 # approximated; its position error over a stop-to-full-speed ramp of the Waffle Pi is below 0.05 mm, and
-# heading and way are exact.
+# heading and distance are exact.
 _RAMP_STEP = 0.02
 
 # Within this distance of contact the caller has to take over [m].
@@ -115,14 +115,14 @@ def drive_freely(
     target_angular: float,
     limits: FloatArray,
     span: float,
-    reach: float,
+    radius: float,
     segments: FloatArray,
     discs: FloatArray,
 ) -> float:
     """Drive towards a target velocity for as long as nothing can be touched.
 
-    The free way in any direction is the clearance less the body's reach; the drive goes on for as long as it
-    can't use that way up, then looks again (conservative advancement). In open space one look covers the
+    The free distance in any direction is the clearance less the body's radius; the drive goes on for as long as it
+    can't use that distance up, then looks again (conservative advancement). In open space one look covers the
     whole step.
 
     Args:
@@ -131,15 +131,15 @@ def drive_freely(
         target_angular: Commanded turning rate within the limits [rad/s].
         limits: Linear acceleration [m/s^2], angular acceleration [rad/s^2], wheel separation [m].
         span: Time to drive [s].
-        reach: Radius about the axle within which the body touches something [m].
+        radius: Radius about the axle within which the body touches something [m].
         segments: Obstacles, shape (S, 4).
         discs: Obstacles, shape (P, 3).
 
     Returns:
-        The time left when something came within 1 cm of the reach [s]; 0 if the whole span was driven.
+        The time left when something came within 1 cm of the radius [s]; 0 if the whole span was driven.
     """
     while span > 0.0:
-        slack = clearance(state[X], state[Y], segments, discs) - reach
+        slack = clearance(state[X], state[Y], segments, discs) - radius
         if slack < _HANDOVER:
             return span
         speed = max(abs(state[LINEAR]), abs(target_linear))
@@ -159,20 +159,20 @@ def _advance(
     for _ in range(pieces):
         linear, state[LINEAR] = ramp(state[LINEAR], target_linear, limits[0], step)
         angular, state[ANGULAR] = ramp(state[ANGULAR], target_angular, limits[1], step)
-        way, turn = linear * step, angular * step
-        dx, dy = chord(state[THETA], way, turn)
+        distance, turn = linear * step, angular * step
+        dx, dy = chord(state[THETA], distance, turn)
         state[X] += dx
         state[Y] += dy
         state[THETA] += turn
         roll = 0.5 * limits[2] * turn
-        state[LEFT] += way - roll
-        state[RIGHT] += way + roll
-        state[DISTANCE] += abs(way)
+        state[LEFT] += distance - roll
+        state[RIGHT] += distance + roll
+        state[DISTANCE] += abs(distance)
 
 
 @kernel
-def chord(theta: float, way: float, turn: float) -> tuple[float, float]:
-    """Displacement along an arc of length ``way`` that starts at heading ``theta`` and turns by ``turn``."""
+def chord(theta: float, distance: float, turn: float) -> tuple[float, float]:
+    """Displacement along an arc of length ``distance`` that starts at heading ``theta`` and turns by ``turn``."""
     half = 0.5 * turn
-    length = way * (math.sin(half) / half if abs(half) > 1e-8 else 1.0)
+    length = distance * (math.sin(half) / half if abs(half) > 1e-8 else 1.0)
     return length * math.cos(theta + half), length * math.sin(theta + half)

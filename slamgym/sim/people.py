@@ -30,9 +30,9 @@ _STEP_TIME = 0.1
 # Who had to wait this long goes elsewhere [s].
 _PATIENCE = 1.5
 
-# Directions tried for a new way, and the longest straight way [m].
+# Directions tried for a new path, and the longest straight path [m].
 _TRIES = 16
-_LONGEST_WAY = 8.0
+_LONGEST_PATH = 8.0
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ class Person:
 
     start: tuple[float, float]  # [m], world frame
     speed: float  # [m/s]
-    seed: int  # of the ways that the person chooses
+    seed: int  # of the paths that the person chooses
 
 
 class Crowd:
@@ -61,7 +61,7 @@ class Crowd:
         self.reset()
 
     def reset(self) -> None:
-        """Back to the start, to walk the same ways again."""
+        """Back to the start, to walk the same paths again."""
         number = len(self._people)
         self._rngs = [np.random.default_rng(person.seed) for person in self._people]
         self.discs[:, :2] = np.reshape([person.start for person in self._people], (number, 2))
@@ -98,11 +98,11 @@ class Crowd:
         x, y = self.discs[index, :2].tolist()
         dx, dy = (self._targets[index] - (x, y)).tolist()
         left = math.hypot(dx, dy)
-        way = self._people[index].speed * span
+        distance = self._people[index].speed * span
         if left < 1e-6 or self._waited[index] > _PATIENCE:
-            self._choose_way(index)
+            self._choose_path(index)
             return
-        share = min(1.0, way / left)
+        share = min(1.0, distance / left)
         there = x + share * dx, y + share * dy
         self._headings[index] = math.atan2(dy, dx)
         if self._is_free(index, (x, y), there, robot):
@@ -128,16 +128,16 @@ class Crowd:
                 return False
         return True
 
-    def _choose_way(self, index: int) -> None:
+    def _choose_path(self, index: int) -> None:
         """Pick somewhere to go in a straight line, the furthest of some free directions."""
         self._waited[index] = 0.0
         rng = self._rngs[index]
         here = self.discs[index, :2]
         best = 0.0
-        for angle, way in zip(
-            rng.uniform(-math.pi, math.pi, _TRIES), rng.uniform(0.5, _LONGEST_WAY, _TRIES), strict=True
+        for angle, distance in zip(
+            rng.uniform(-math.pi, math.pi, _TRIES), rng.uniform(0.5, _LONGEST_PATH, _TRIES), strict=True
         ):
-            there = here + way * np.array([math.cos(angle), math.sin(angle)])
-            if way > best and self._walkable.covers(shapely.LineString([here, there])):
-                best = way
+            there = here + distance * np.array([math.cos(angle), math.sin(angle)])
+            if distance > best and self._walkable.covers(shapely.LineString([here, there])):
+                best = distance
                 self._targets[index] = there

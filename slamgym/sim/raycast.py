@@ -29,7 +29,6 @@ def cast_rays(
     theta: float,
     angle_min: float,
     angle_increment: float,
-    num_beams: int,
     segments: FloatArray,
     range_max: float,
     out: FloatArray,
@@ -45,11 +44,12 @@ def cast_rays(
         theta: Sensor heading [rad].
         angle_min: Direction of beam 0 in the sensor frame [rad].
         angle_increment: Angle between neighbouring beams, positive [rad].
-        num_beams: Number of beams; together they span at most one turn.
         segments: Walls, shape (S, 4) as x0, y0, x1, y1 [m].
         range_max: Longest distance that is reported [m].
-        out: Receives the ranges, shape (num_beams,) [m]; ``inf`` where nothing is met within ``range_max``.
+        out: Receives the ranges, shape (num_beams,) [m]; ``inf`` where nothing is met within ``range_max``. Its
+            beams together span at most one turn.
     """
+    num_beams = len(out)
     turn = 2.0 * math.pi
     beams_per_turn = turn / angle_increment
     directions = np.empty((num_beams, 2))

@@ -57,7 +57,7 @@ class RobotConfig(Settings, section="robot"):
 
     The default follows from the motors: the XM430-W210's stall torque of 2.7 N m is 82 N at a wheel of 0.033
     m, far more than the tyres of a 1.8 kg robot can pass to the floor. A real Waffle Pi spins its wheels at a
-    wall, and its odometry counts a way that it didn't go.
+    wall, and its odometry counts a distance that it didn't go.
     """
 
     def _check(self) -> None:

@@ -18,7 +18,7 @@ from slamgym.core.geometry import between, wrap_angle
 from slamgym.core.types import FloatArray, Pose2D, Twist2D
 from slamgym.sim import motion
 from slamgym.sim.clutter import Clutter
-from slamgym.sim.contact import SKIN, SUBSTEP_WAY, ContactSolver, Velocity
+from slamgym.sim.contact import SKIN, SUBSTEP_DISTANCE, ContactSolver, Velocity
 from slamgym.sim.people import Crowd
 from slamgym.sim.robot import RobotConfig
 
@@ -53,7 +53,7 @@ class Motion(NamedTuple):
     """Whether contact stopped or deflected the body at any time during the step."""
 
     distance: float
-    """Way of the axle's middle, ahead or astern [m]."""
+    """Distance of the axle's middle, ahead or astern [m]."""
 
 
 class World:
@@ -76,16 +76,16 @@ class World:
         # One array: obstacles that stand, then the legs of those who walk.
         standing = np.vstack([walls, clutter.segments()])
         legs = self._crowd.legs() if self._crowd else np.empty((0, 4))
-        self._segments = np.vstack([standing, legs])
-        self._obstacles = self._segments[: len(standing)]
-        self._legs = self._segments[len(standing) :]
-        self._visible = self._segments.view()
+        segments = np.vstack([standing, legs])
+        self._obstacles = segments[: len(standing)]
+        self._legs = segments[len(standing) :]
+        self._visible = segments.view()
         self._visible.flags.writeable = False
         self._limits = np.array(
             [robot.linear_acceleration, robot.angular_acceleration, robot.wheel_separation]
         )
         self._rectangle = np.array(robot.footprint)
-        self._reach = robot.circumscribed_radius + SKIN
+        self._contact_radius = robot.circumscribed_radius + SKIN
         # How far from the axle turning moves the outline: a disc turns within itself.
         self._lever = 0.0 if robot.shape == "circle" else robot.circumscribed_radius
         self._state = np.zeros(8)
@@ -174,7 +174,7 @@ class World:
     def _let_people_walk(self, crowd: Crowd, dt: float) -> None:
         """People move first, about a robot that stands; then the robot moves among people who stand."""
         x, y = self._state[:2].tolist()
-        crowd.advance(dt, x, y, self._reach)
+        crowd.advance(dt, x, y, self._contact_radius)
         self._legs[:] = crowd.legs()
         if self._solver is not None:
             self._solver.place_people(crowd.discs)
@@ -190,7 +190,7 @@ class World:
                 target.angular,
                 self._limits,
                 left,
-                self._reach,
+                self._contact_radius,
                 self._obstacles,
                 self._discs,
             )
@@ -207,7 +207,7 @@ class World:
         linear = max(abs(self._state[motion.LINEAR]), abs(target.linear))
         angular = max(abs(self._state[motion.ANGULAR]), abs(target.angular))
         speed = float(linear + self._lever * angular)
-        return min(_SUBSTEP_TIME, SUBSTEP_WAY / speed) if speed > 0.0 else _SUBSTEP_TIME
+        return min(_SUBSTEP_TIME, SUBSTEP_DISTANCE / speed) if speed > 0.0 else _SUBSTEP_TIME
 
     def _contact_substep(self, target: Twist2D, span: float) -> bool:
         """Move for a short time with pymunk's say on contacts; whether they changed the motion."""
@@ -233,8 +233,8 @@ class World:
     def _bounded(self, velocity: Velocity, span: float) -> FloatArray:
         """The displacement of a substep, cut to what the skin bears, whatever the solver says."""
         displacement = np.multiply(velocity, span)
-        way = math.hypot(displacement[0], displacement[1]) + self._lever * abs(displacement[2])
-        return displacement if way <= SKIN else displacement * (SKIN / way)
+        distance = math.hypot(displacement[0], displacement[1]) + self._lever * abs(displacement[2])
+        return displacement if distance <= SKIN else displacement * (SKIN / distance)
 
     def _solve_contact(self, pose: Pose2D, wish: Velocity) -> tuple[Velocity, bool]:
         """The velocity that contact leaves of a wish, and whether it took something away."""
@@ -254,17 +254,17 @@ class World:
 
         Args:
             after: State with the new pose.
-            driven: Way [m] and turn [rad] that the drive asked for.
+            driven: Distance [m] and turn [rad] that the drive asked for.
             drive: Drive velocity at the end, had nothing been in the way.
             contact: Whether something was.
             span: Duration [s].
         """
         dx, dy, turn = (after[:3] - self._state[:3]).tolist()
         middle = float(self._state[motion.THETA]) + 0.5 * turn
-        way = dx * math.cos(middle) + dy * math.sin(middle)
-        self._velocity = Twist2D(way / span, turn / span)
+        distance = dx * math.cos(middle) + dy * math.sin(middle)
+        self._velocity = Twist2D(distance / span, turn / span)
         slip = self.robot.contact_slip if contact else 1.0
-        rolled = way + slip * (driven[0] - way)
+        rolled = distance + slip * (driven[0] - distance)
         rolled_turn = turn + slip * (driven[1] - turn)
         half = 0.5 * self.robot.wheel_separation
         after[motion.LEFT] += rolled - half * rolled_turn

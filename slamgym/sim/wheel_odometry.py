@@ -17,6 +17,7 @@ from slamgym.sim.robot import RobotConfig
 from slamgym.sim.space import Motion
 
 _Ratio = Annotated[float, Within(ge=0.5, le=2.0)]
+OdometryLevel = Literal["ideal", "low", "medium", "high"]
 
 
 class OdometryConfig(Settings, section="odometry"):
@@ -24,7 +25,7 @@ class OdometryConfig(Settings, section="odometry"):
 
     Systematic errors are drawn once per robot, i.e. per episode: E_d and E_b as Borenstein and Feng define
     them (UMBmark, IEEE Trans. Robotics and Automation 12(6), 1996) and a common scale. Random
-    slip grows with the square root of the way and of the turned angle, as a sum of independent slips does
+    slip grows with the square root of the distance and of the turned angle, as a sum of independent slips does
     (Chong and Kleeman, ICRA 1997).
     """
 
@@ -48,22 +49,22 @@ class OdometryConfig(Settings, section="odometry"):
     """Spread of E_b over robots and floors."""
 
     scale: _Ratio = 1.0
-    """Mean ratio of measured to true way, both wheels alike."""
+    """Mean ratio of measured to true distance, both wheels alike."""
 
     scale_std: NonNegative = 0.006
     """Spread of the scale."""
 
-    slip_way: NonNegative = 0.0045
-    """Random error of the way, per square root of a metre [m/sqrt(m)]."""
+    slip_distance: NonNegative = 0.0045
+    """Random error of the distance, per square root of a metre [m/sqrt(m)]."""
 
     slip_drift: NonNegative = 0.009
-    """Random error of the heading, per square root of a metre of way [rad/sqrt(m)]."""
+    """Random error of the heading, per square root of a metre driven [rad/sqrt(m)]."""
 
     slip_turn: NonNegative = 0.017
     """Random error of the heading, per square root of a turned radian [rad/sqrt(rad)]."""
 
 
-_LEVELS = {
+_LEVELS: dict[OdometryLevel, OdometryConfig] = {
     # The plugin reads the simulator's own pose.
     "ideal": OdometryConfig("ideal", 0, 1.0, 0.0, 1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0),
     # A calibrated robot on a smooth floor: figures recomputed from OptiOdom's and Ivanjko's data sets. E_b
@@ -73,20 +74,20 @@ _LEVELS = {
         diameter_ratio_std=0.0011,
         wheelbase_ratio_std=0.011,
         scale_std=0.002,
-        slip_way=0.0005,
+        slip_distance=0.0005,
         slip_drift=0.004,
         slip_turn=0.0035,
     ),
     # Geometric means of low and high, about three times from either.
     "medium": OdometryConfig(),
-    # Six public logs of other robots: way 2.6 to 5.4 % (4 % here), heading 0.5
+    # Six public logs of other robots: distance 2.6 to 5.4 % (4 % here), heading 0.5
     # to 1.8 deg a metre (1.2 here, half of the least again as a constant drift), turns 3.5 to 13 % (8 %
     # here), bias to 3 %.
     "high": OdometryConfig(
         diameter_ratio_std=0.0025,
         wheelbase_ratio_std=0.03,
         scale_std=0.02,
-        slip_way=0.04,
+        slip_distance=0.04,
         slip_drift=0.021,
         slip_turn=0.08,
     ),
@@ -102,9 +103,15 @@ def odometry_level(name: str) -> OdometryConfig:
     Raises:
         ConfigError: If there is no such level.
     """
-    if name not in _LEVELS:
-        raise ConfigError(f"unknown odometry level {name!r}; {suggest(name, _LEVELS)}")
-    return _LEVELS[name]
+    for level, config in _LEVELS.items():
+        if level == name:
+            return config
+    raise ConfigError(f"unknown odometry level {name!r}; {suggest(name, _LEVELS)}")
+
+
+def name_of_odometry(config: OdometryConfig) -> OdometryLevel | Literal["custom"]:
+    """The error level that these settings are, or ``custom``."""
+    return next((level for level, known in _LEVELS.items() if known == config), "custom")
 
 
 class WheelOdometry:
@@ -118,7 +125,7 @@ class WheelOdometry:
     Attributes:
         diameter_ratio: This robot's E_d.
         wheelbase_ratio: This robot's E_b.
-        scale: This robot's ratio of measured to true way.
+        scale: This robot's ratio of measured to true distance.
     """
 
     def __init__(self, config: OdometryConfig, robot: RobotConfig, rng: np.random.Generator) -> None:
@@ -128,7 +135,7 @@ class WheelOdometry:
         self.diameter_ratio = config.diameter_ratio + config.diameter_ratio_std * diameter
         self.wheelbase_ratio = config.wheelbase_ratio + config.wheelbase_ratio_std * wheelbase
         self.scale = config.scale + config.scale_std * scale
-        # Way that the nominal wheel would have rolled over way that the real one did. D_L = 2 / (E_d + 1) D
+        # Distance that the nominal wheel would have rolled over what the real one did. D_L = 2 / (E_d + 1) D
         # and D_R = 2 / (1 / E_d + 1) D (Borenstein and Feng 1996, the inverse of their correction factors).
         self._left_gain = self.scale * 0.5 * (self.diameter_ratio + 1.0)
         self._right_gain = self.scale * 0.5 * (1.0 / self.diameter_ratio + 1.0)
@@ -163,17 +170,17 @@ class WheelOdometry:
             self._pose = compose(self._pose, motion.increment)
             return self._pose
         left, right = self._read_encoders(motion.wheels)
-        way, turn = 0.5 * (left + right), (right - left) / self._believed_base
-        slip_way, slip_drift, slip_turn = rng.standard_normal(3).tolist()
+        distance, turn = 0.5 * (left + right), (right - left) / self._believed_base
+        slip, slip_drift, slip_turn = rng.standard_normal(3).tolist()
         config = self.config
-        root_way, root_turn = math.sqrt(abs(way)), math.sqrt(abs(turn))
-        way += config.slip_way * root_way * slip_way
-        turn += config.slip_drift * root_way * slip_drift + config.slip_turn * root_turn * slip_turn
-        self._pose = compose(self._pose, _arc(way, turn))
+        root_distance, root_turn = math.sqrt(abs(distance)), math.sqrt(abs(turn))
+        distance += config.slip_distance * root_distance * slip
+        turn += config.slip_drift * root_distance * slip_drift + config.slip_turn * root_turn * slip_turn
+        self._pose = compose(self._pose, _arc(distance, turn))
         return self._pose
 
     def _read_encoders(self, wheels: tuple[float, float]) -> tuple[float, float]:
-        """Way of each wheel by its ticks [m]; a fraction of a tick is carried over to the next reading."""
+        """Distance of each wheel by its ticks [m]; a fraction of a tick is carried over to the next reading."""
         before = self._rolled
         self._rolled = (before[0] + self._left_gain * wheels[0], before[1] + self._right_gain * wheels[1])
         if self._tick == 0.0:
@@ -183,8 +190,8 @@ class WheelOdometry:
         return left * self._tick, right * self._tick
 
 
-def _arc(way: float, turn: float) -> Pose2D:
+def _arc(distance: float, turn: float) -> Pose2D:
     """Where an arc of this length and turn ends, seen from its start."""
     half = 0.5 * turn
-    length = way * (math.sin(half) / half if abs(half) > 1e-8 else 1.0)
+    length = distance * (math.sin(half) / half if abs(half) > 1e-8 else 1.0)
     return Pose2D(length * math.cos(half), length * math.sin(half), turn)

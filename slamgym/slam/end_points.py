@@ -4,8 +4,9 @@ import math
 
 from slamgym.core.jit import kernel
 from slamgym.core.types import Float32Array, FloatArray
+from slamgym.slam.hit_count_kernels import BeamTable
 
-NORMAL_REACH = 3
+NORMAL_POINTS = 3
 NORMAL_GAP = 0.2
 NORMAL_THICKNESS = 0.03
 """A surface normal comes from up to so many points on either side, each within this gap of the next [m], if
@@ -13,22 +14,13 @@ they lie on a line this thin [m]."""
 
 
 @kernel
-def usable_end_points(
-    ranges: Float32Array,
-    directions: FloatArray,
-    mount: FloatArray,
-    range_min: float,
-    range_max: float,
-    out: FloatArray,
-) -> int:
+def usable_end_points(ranges: Float32Array, beams: BeamTable, longest: float, out: FloatArray) -> int:
     """End points of the beams that can be matched, in the robot frame.
 
     Args:
         ranges: (num_beams,) [m]; infinite and nan beams are left out.
-        directions: (num_beams, 2) unit vectors of the beams in the robot frame.
-        mount: (2,) sensor position in the robot frame [m].
-        range_min: Smallest range taken [m].
-        range_max: Largest range taken [m].
+        beams: The scanner.
+        longest: Largest range taken [m].
         out: (num_beams, 2) receives the points [m].
 
     Returns:
@@ -37,9 +29,9 @@ def usable_end_points(
     n = 0
     for i in range(len(ranges)):
         r = ranges[i]
-        if r >= range_min and r <= range_max:
-            out[n, 0] = mount[0] + r * directions[i, 0]
-            out[n, 1] = mount[1] + r * directions[i, 1]
+        if r >= beams.range_min and r <= longest:
+            out[n, 0] = beams.mount[0] + r * beams.directions[i, 0]
+            out[n, 1] = beams.mount[1] + r * beams.directions[i, 1]
             n += 1
     return n
 
@@ -55,7 +47,7 @@ def surface_normals(points: FloatArray, out: FloatArray) -> None:
     for i in range(len(points)):
         out[i, 0] = out[i, 1] = 0.0
         first, last = i, i
-        for _ in range(NORMAL_REACH):
+        for _ in range(NORMAL_POINTS):
             if first > 0 and _gap(points, first - 1) < NORMAL_GAP:
                 first -= 1
             if last < len(points) - 1 and _gap(points, last) < NORMAL_GAP:
@@ -65,10 +57,7 @@ def surface_normals(points: FloatArray, out: FloatArray) -> None:
             continue
         xx, xy, yy = _scatter(points, first, last + 1)
         half_trace, half_gap = 0.5 * (xx + yy), math.hypot(0.5 * (xx - yy), xy)
-        thickness, spread = (
-            half_trace - half_gap,
-            half_trace + half_gap,
-        )  # variances across and along the line
+        thickness, spread = half_trace - half_gap, half_trace + half_gap  # variances across and along
         if thickness <= NORMAL_THICKNESS**2 and spread >= 4.0 * thickness:
             angle = 0.5 * math.atan2(2.0 * xy, xx - yy) + 0.5 * math.pi
             out[i, 0], out[i, 1] = math.cos(angle), math.sin(angle)

@@ -5,20 +5,52 @@ what leaves the package (:class:`slamgym.core.types.OccupancyGrid`) has row 0 at
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
 from slamgym.core.jit import kernel
-from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, ByteArray, Float32Array, FloatArray
+from slamgym.core.types import (
+    FREE,
+    OCCUPIED,
+    UNKNOWN,
+    ByteArray,
+    Float32Array,
+    FloatArray,
+    LaserGeometry,
+)
+from slamgym.slam.config import SlamConfig
 
 _FRACTION = 32
 _HALF = 1 << (_FRACTION - 1)
 
 
+class BeamTable(NamedTuple):
+    """What the kernels need to know of a scanner."""
+
+    directions: FloatArray  # (num_beams, 2) unit vectors of the beams in the robot frame
+    mount: FloatArray  # (2,) sensor position in the robot frame [m]
+    range_min: float  # shorter ranges are left out [m]
+    range_max: float  # a range of this or more is no return [m]
+    usable: float  # longest ray drawn [m]
+    no_return_clears: bool  # whether beams without return clear
+
+    @staticmethod
+    def of(geometry: LaserGeometry, config: SlamConfig) -> "BeamTable":
+        """The table of a scanner."""
+        angles = geometry.angles + geometry.mount.theta
+        return BeamTable(
+            directions=np.column_stack([np.cos(angles), np.sin(angles)]),
+            mount=np.array([geometry.mount.x, geometry.mount.y]),
+            range_min=float(geometry.range_min),
+            range_max=float(geometry.range_max),
+            usable=float(config.max_usable_range),
+            no_return_clears=bool(config.no_return_clears),
+        )
+
+
 @kernel
-def drawn_length(
-    ranges: Float32Array, i: int, range_min: float, range_max: float, usable: float, no_return_clears: bool
-) -> float:
+def drawn_length(ranges: Float32Array, i: int, beams: BeamTable) -> float:
     """How far beam ``i`` of a scan is drawn [m]; 0 for a beam that is left out, and at most ``usable``.
 
     A beam that returned from within ``usable`` is a hit. A longer one is cut and clears only; so does a beam
@@ -26,81 +58,79 @@ def drawn_length(
     a lone one among hits is a failed measurement and would clear a spike through the wall. nan, ``-inf`` and
     ranges below ``range_min`` are left out.
     """
-    r = ranges[i]
-    if r >= range_max:
-        if not no_return_clears:
+    r, usable = ranges[i], beams.usable
+    if r >= beams.range_max:
+        if not beams.no_return_clears:
             return 0.0
         if (i > 0 and ranges[i - 1] <= usable) or (i + 1 < len(ranges) and ranges[i + 1] <= usable):
             return 0.0
-        return min(usable, range_max)
-    if not r >= range_min:
+        return min(usable, beams.range_max)
+    if not r >= beams.range_min:
         return 0.0
     return min(r, usable)
 
 
 @kernel
 def scan_bounds(
-    poses: FloatArray,
-    ranges: Float32Array,
-    directions: FloatArray,
-    mount: FloatArray,
-    range_min: float,
-    range_max: float,
-    usable: float,
-    no_return_clears: bool,
-    bounds: FloatArray,
-) -> None:
-    """Stretch ``bounds`` (min x, min y, max x, max y) [m] over all that :func:`draw_scans` draws."""
+    poses: FloatArray, ranges: Float32Array, beams: BeamTable
+) -> tuple[float, float, float, float]:
+    """Bounds (min x, min y, max x, max y) [m] of all that :func:`draw_scans` draws."""
+    directions, mount = beams.directions, beams.mount
+    min_x = min_y = math.inf
+    max_x = max_y = -math.inf
     for k in range(len(poses)):
         cos, sin = math.cos(poses[k, 2]), math.sin(poses[k, 2])
         x0 = poses[k, 0] + cos * mount[0] - sin * mount[1]
         y0 = poses[k, 1] + sin * mount[0] + cos * mount[1]
-        bounds[0], bounds[2] = min(bounds[0], x0), max(bounds[2], x0)
-        bounds[1], bounds[3] = min(bounds[1], y0), max(bounds[3], y0)
+        min_x, max_x = min(min_x, x0), max(max_x, x0)
+        min_y, max_y = min(min_y, y0), max(max_y, y0)
         for i in range(ranges.shape[1]):
-            length = drawn_length(ranges[k], i, range_min, range_max, usable, no_return_clears)
+            length = drawn_length(ranges[k], i, beams)
             x = x0 + length * (cos * directions[i, 0] - sin * directions[i, 1])
             y = y0 + length * (sin * directions[i, 0] + cos * directions[i, 1])
-            bounds[0], bounds[2] = min(bounds[0], x), max(bounds[2], x)
-            bounds[1], bounds[3] = min(bounds[1], y), max(bounds[3], y)
+            min_x, max_x = min(min_x, x), max(max_x, x)
+            min_y, max_y = min(min_y, y), max(max_y, y)
+    return min_x, min_y, max_x, max_y
 
 
 @kernel
 def draw_scans(
     counts: np.ndarray,
-    corner_col: int,
-    corner_row: int,
+    corner: tuple[int, int],
     resolution: float,
     poses: FloatArray,
     ranges: Float32Array,
-    directions: FloatArray,
-    mount: FloatArray,
-    range_min: float,
-    range_max: float,
-    usable: float,
-    no_return_clears: bool,
+    beams: BeamTable,
     sign: int,
-) -> None:
-    """Draw scans into the counts, or take them out again.
+) -> tuple[float, float, float, float]:
+    """Draw scans into the counts, or take them out again; nothing is drawn if the counts don't cover them.
 
     Each beam visits the cells from the sensor to its end (Bresenham's line, in fixed point) and hits the last
     one, as GMapping's ``registerScan`` does.
 
     Args:
-        counts: (rows, cols, 2) int32 hits and visits, must cover the scans (:func:`scan_bounds`).
-        corner_col: Column of the lattice that column 0 of ``counts`` is.
-        corner_row: Row of the lattice that row 0 is.
+        counts: (rows, cols, 2) int32 hits and visits.
+        corner: Row and column of the lattice that ``counts`` begins at.
         resolution: Cell size [m].
         poses: (scans, 3) robot poses [m, m, rad].
         ranges: (scans, num_beams) [m].
-        directions: (num_beams, 2) unit vectors of the beams in the robot frame.
-        mount: (2,) sensor position in the robot frame [m].
-        range_min: Shorter ranges are left out [m].
-        range_max: A range of this or more is no return [m].
-        usable: Longest ray drawn [m].
-        no_return_clears: Whether beams without return clear.
+        beams: The scanner.
         sign: 1 draws, -1 takes out.
+
+    Returns:
+        Bounds (min x, min y, max x, max y) of the scans [m].
     """
+    corner_row, corner_col = corner
+    bounds = scan_bounds(poses, ranges, beams)
+    min_x, min_y, max_x, max_y = bounds
+    if not (
+        math.floor(min_y / resolution) >= corner_row
+        and math.floor(min_x / resolution) >= corner_col
+        and math.floor(max_y / resolution) < corner_row + counts.shape[0]
+        and math.floor(max_x / resolution) < corner_col + counts.shape[1]
+    ):
+        return bounds
+    directions, mount = beams.directions, beams.mount
     cols = counts.shape[1]
     flat = counts.reshape(-1, 2)
     scale = 1.0 / resolution
@@ -113,7 +143,7 @@ def draw_scans(
         start = start_row * cols + start_col
         for i in range(ranges.shape[1]):
             r = ranges[k, i]
-            length = drawn_length(ranges[k], i, range_min, range_max, usable, no_return_clears)
+            length = drawn_length(ranges[k], i, beams)
             if length == 0.0:
                 continue
             x = x0 + length * (cos * directions[i, 0] - sin * directions[i, 1])
@@ -132,14 +162,15 @@ def draw_scans(
                 flat[cell + (offset >> _FRACTION) * minor_stride, 1] += sign
                 cell += major_stride
                 offset += slope
-            if r <= usable and r < range_max:
+            if r <= beams.usable and r < beams.range_max:
                 end = start + d_row * cols + d_col
                 flat[end, 0] += sign
                 flat[end, 1] += sign
+    return bounds
 
 
 @kernel
-def classify(counts: np.ndarray, threshold: float, out: ByteArray) -> None:
+def classify_counts(counts: np.ndarray, threshold: float, out: ByteArray) -> None:
     """Cell values from counts: occupied where hits / visits > ``threshold``, unknown where never visited."""
     for row in range(counts.shape[0]):
         for col in range(counts.shape[1]):
@@ -149,39 +180,26 @@ def classify(counts: np.ndarray, threshold: float, out: ByteArray) -> None:
 
 
 @kernel
-def coarsen(
-    cells: ByteArray,
-    corner_x: float,
-    corner_y: float,
-    resolution: float,
-    origin_x: float,
-    origin_y: float,
-    out_resolution: float,
-    out: ByteArray,
-) -> None:
+def regrid(cells: ByteArray, left: float, bottom: float, ratio: float, out: ByteArray) -> None:
     """Read the map on another grid: of the cells that overlap a coarse one occupied wins, then free.
 
     Args:
         cells: (rows, cols) values, row 0 at the bottom.
-        corner_x: Lower left corner of ``cells`` [m].
-        corner_y: Lower left corner of ``cells`` [m].
-        resolution: Size of its cells [m].
-        origin_x: Lower left corner of ``out`` [m].
-        origin_y: Lower left corner of ``out`` [m].
-        out_resolution: Size of its cells [m].
+        left: Where ``out`` begins, from the lower left corner of ``cells`` [cells].
+        bottom: The same upwards.
+        ratio: Size of a cell of ``out`` over that of ``cells``.
         out: (rows, cols) receives the values, row 0 at the top.
     """
     rows, cols = out.shape
     slack = 1e-6  # a border that coincides up to rounding overlaps nothing
-    ratio = out_resolution / resolution
     for row in range(rows):
-        bottom = (origin_y - corner_y) / resolution + (rows - 1 - row) * ratio
-        first_row = max(math.floor(bottom + slack), 0)
-        last_row = min(math.ceil(bottom + ratio - slack), cells.shape[0])
+        below = bottom + (rows - 1 - row) * ratio
+        first_row = max(math.floor(below + slack), 0)
+        last_row = min(math.ceil(below + ratio - slack), cells.shape[0])
         for col in range(cols):
-            left = (origin_x - corner_x) / resolution + col * ratio
-            first_col = max(math.floor(left + slack), 0)
-            last_col = min(math.ceil(left + ratio - slack), cells.shape[1])
+            beside = left + col * ratio
+            first_col = max(math.floor(beside + slack), 0)
+            last_col = min(math.ceil(beside + ratio - slack), cells.shape[1])
             value = UNKNOWN
             for r in range(first_row, last_row):
                 for c in range(first_col, last_col):

@@ -11,27 +11,13 @@ from slamgym.core.types import (
     Float32Array,
     FloatArray,
     GridFrame,
-    LaserGeometry,
     OccupancyGrid,
 )
 from slamgym.slam.config import SlamConfig
-from slamgym.slam.hit_count_kernels import classify, coarsen, draw_scans, scan_bounds
+from slamgym.slam.hit_count_kernels import BeamTable, classify_counts, draw_scans, regrid
 
 BLOCK = 64
 """The grid grows by blocks of this many cells, so that it seldom grows."""
-
-
-class BeamTable:
-    """What the kernels need to know of a scanner: beam directions in the robot frame and limits."""
-
-    def __init__(self, geometry: LaserGeometry, config: SlamConfig) -> None:
-        angles = geometry.angles + geometry.mount.theta
-        self.directions = np.column_stack([np.cos(angles), np.sin(angles)])  # (num_beams, 2)
-        self.mount = np.array([geometry.mount.x, geometry.mount.y])
-        self.range_min = float(geometry.range_min)
-        self.range_max = float(geometry.range_max)
-        self.usable = float(config.max_usable_range)
-        self.no_return_clears = bool(config.no_return_clears)
 
 
 class HitCountMap:
@@ -40,11 +26,11 @@ class HitCountMap:
     The lattice is anchored at the map's origin: cell borders lie at multiples of the resolution.
     """
 
-    def __init__(self, beams: BeamTable, resolution: float, threshold: float, memory_limit_mb: float) -> None:
+    def __init__(self, beams: BeamTable, config: SlamConfig) -> None:
         self._beams = beams
-        self._resolution = resolution
-        self._threshold = threshold
-        self._memory_limit = memory_limit_mb * 1e6
+        self._resolution = config.resolution
+        self._threshold = config.occupied_threshold
+        self._memory_limit = config.memory_limit_mb * 1e6
         self._corner = (0, 0)  # lattice (row, col) of the lower left cell
         self._counts = np.zeros((0, 0, 2), dtype=np.int32)
         self._cells: ByteArray = np.zeros((0, 0), dtype=np.uint8)
@@ -70,50 +56,22 @@ class HitCountMap:
         """
         if len(poses) == 0:
             return
-        b = self._beams
-        bounds = np.array([math.inf, math.inf, -math.inf, -math.inf])
-        scan_bounds(
-            poses,
-            ranges,
-            b.directions,
-            b.mount,
-            b.range_min,
-            b.range_max,
-            b.usable,
-            b.no_return_clears,
-            bounds,
-        )
-        first_col, first_row, last_col, last_row = (
-            math.floor(float(value) / self._resolution) for value in bounds
-        )
+        bounds = draw_scans(self._counts, self._corner, self._resolution, poses, ranges, self._beams, sign)
+        first_col, first_row, last_col, last_row = (math.floor(value / self._resolution) for value in bounds)
         box = (first_row, first_col, last_row + 1, last_col + 1)
-        self._cover(box)
-        draw_scans(
-            self._counts,
-            self._corner[1],
-            self._corner[0],
-            self._resolution,
-            poses,
-            ranges,
-            b.directions,
-            b.mount,
-            b.range_min,
-            b.range_max,
-            b.usable,
-            b.no_return_clears,
-            sign,
-        )
+        if self._grow_to(box):
+            draw_scans(self._counts, self._corner, self._resolution, poses, ranges, self._beams, sign)
         if self._dirty is not None:
             old = self._dirty
             box = (min(box[0], old[0]), min(box[1], old[1]), max(box[2], old[2]), max(box[3], old[3]))
         self._dirty = box
 
-    def _cover(self, box: tuple[int, int, int, int]) -> None:
-        """Let the grid grow to cover lattice rows and columns ``box``."""
+    def _grow_to(self, box: tuple[int, int, int, int]) -> bool:
+        """Let the grid grow to cover lattice rows and columns ``box``; whether it had to."""
         row, col = self._corner
         rows, cols = self._cells.shape
         if rows and box[0] >= row and box[1] >= col and box[2] <= row + rows and box[3] <= col + cols:
-            return
+            return False
         if rows:
             box = (min(box[0], row), min(box[1], col), max(box[2], row + rows), max(box[3], col + cols))
         low = [math.floor(value / BLOCK) * BLOCK for value in box[:2]]
@@ -130,6 +88,7 @@ class HitCountMap:
         counts[at] = self._counts
         cells[at] = self._cells
         self._corner, self._counts, self._cells = (low[0], low[1]), counts, cells
+        return True
 
     def _classified(self) -> ByteArray:
         """Cell values, row 0 at the bottom; only what was drawn on since the last call is computed anew."""
@@ -137,7 +96,7 @@ class HitCountMap:
             row, col = self._corner
             first_row, first_col, last_row, last_col = self._dirty
             at = (slice(first_row - row, last_row - row), slice(first_col - col, last_col - col))
-            classify(self._counts[at], self._threshold, self._cells[at])
+            classify_counts(self._counts[at], self._threshold, self._cells[at])
             self._dirty = None
         return self._cells
 
@@ -169,16 +128,9 @@ class HitCountMap:
         aligned = abs(col - round(col)) < 1e-6 and abs(row - round(row)) < 1e-6
         if frame.resolution != self._resolution or not aligned:
             out = np.empty(frame.shape, dtype=np.uint8)
-            coarsen(
-                cells,
-                self._corner[1] * self._resolution,
-                self._corner[0] * self._resolution,
-                self._resolution,
-                frame.origin_x,
-                frame.origin_y,
-                frame.resolution,
-                out,
-            )
+            left = (frame.origin_x - self._corner[1] * self._resolution) / self._resolution
+            bottom = (frame.origin_y - self._corner[0] * self._resolution) / self._resolution
+            regrid(cells, left, bottom, frame.resolution / self._resolution, out)
             return out
         out = np.full(frame.shape, UNKNOWN, dtype=np.uint8)
         first_row, first_col = round(row) - self._corner[0], round(col) - self._corner[1]

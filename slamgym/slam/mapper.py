@@ -1,17 +1,27 @@
-"""What a SLAM mode offers, whatever its method."""
+"""What a SLAM mode offers, whatever its method, and what the modes share."""
 
+import time
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Any, Protocol
+
+import numpy as np
 
 from slamgym.core.types import (
     ByteArray,
     FloatArray,
     GridFrame,
+    LaserGeometry,
     LaserScan,
     OccupancyGrid,
     Pose2D,
     Trajectory,
 )
+from slamgym.slam.config import SlamConfig
+from slamgym.slam.hit_count_kernels import BeamTable
+from slamgym.slam.hit_counts import HitCountMap
+from slamgym.slam.motion_model import OdometryGate
 
 
 @dataclass
@@ -80,6 +90,18 @@ class Mapper(Protocol):
         """
         ...
 
+    def finish(self) -> None:
+        """Improve map and path once the log is complete; to be called after the last scan."""
+        ...
+
+    def report(self) -> Mapping[str, Any]:
+        """What this mode adds to a summary, e.g. its loop closures."""
+        ...
+
+    def particle_paths(self, most: int) -> list[FloatArray]:
+        """Paths of at most so many hypotheses, each (processed scans, 3); empty if there is one path only."""
+        ...
+
     def occupancy_grid(self) -> OccupancyGrid:
         """The map, cropped to what is known. The same object comes back until another scan is processed."""
         ...
@@ -100,3 +122,87 @@ class Mapper(Protocol):
     def trajectory(self) -> Trajectory:
         """The path: poses at the processed scans, corrected by what was learned since."""
         ...
+
+
+class GatedMapper(ABC):
+    """What the modes share: which scans are processed, counters, and a map drawn when it is asked for.
+
+    See :class:`Mapper` for the methods.
+
+    Args:
+        config: Settings of the map.
+        geometry: The scanner.
+        gate: Settings of the update thresholds, if they are not those of ``config``.
+    """
+
+    def __init__(self, config: SlamConfig, geometry: LaserGeometry, gate: SlamConfig | None = None) -> None:
+        self._config = config
+        self._beams = BeamTable.of(geometry, config)
+        self._gate = OdometryGate(gate or config)
+        self._map = HitCountMap(self._beams, config)
+        self._grid: OccupancyGrid | None = None
+        self._stats = SlamStats()
+
+    @property
+    def covariance(self) -> FloatArray:
+        """Not known."""
+        return np.zeros((3, 3))
+
+    @property
+    def n_eff(self) -> float:
+        """Of one path."""
+        return 1.0
+
+    @property
+    def stats(self) -> SlamStats:
+        """Counters."""
+        self._stats.memory_bytes = self._map.num_bytes + self._num_bytes()
+        return self._stats
+
+    def update(self, odometry: Pose2D, scan: LaserScan) -> bool:
+        """Take a scan; returns whether it was processed."""
+        self._stats.scans += 1
+        if not self._gate.is_due(odometry, scan.stamp):
+            return False  # and no look at the clock: it would cost more than the gate
+        begin = time.process_time()
+        self._process(scan)
+        self._grid = None
+        self._stats.processed += 1
+        self._stats.cpu_seconds += time.process_time() - begin
+        return True
+
+    def finish(self) -> None:  # noqa: B027 - most modes have nothing to do
+        """Nothing is left to do."""
+
+    def report(self) -> Mapping[str, Any]:
+        """Nothing is added."""
+        return {}
+
+    def particle_paths(self, most: int) -> list[FloatArray]:
+        """There is one path only."""
+        del most
+        return []
+
+    def occupancy_grid(self) -> OccupancyGrid:
+        """The map, cropped to what is known."""
+        if self._grid is None:
+            self._draw_path()
+            self._grid = self._map.occupancy_grid()
+        return self._grid
+
+    def render(self, frame: GridFrame) -> ByteArray:
+        """The map on another grid."""
+        self._draw_path()
+        return self._map.render(frame)
+
+    @abstractmethod
+    def _process(self, scan: LaserScan) -> None:
+        """Take a scan that is due."""
+
+    @abstractmethod
+    def _draw_path(self) -> None:
+        """Bring the map up to date with the path."""
+
+    @abstractmethod
+    def _num_bytes(self) -> int:
+        """Memory beside the map."""

@@ -13,7 +13,7 @@ from slamgym.slam.config import MotionNoise, SlamConfig
 class OdometryGate:
     """Collects the motion between scans until one is due.
 
-    Distance and turn add up along the way, as in GMapping: there and back again is motion too.
+    Distance and turn add up along the path, as in GMapping: there and back again is motion too.
     """
 
     def __init__(self, config: SlamConfig) -> None:

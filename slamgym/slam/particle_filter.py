@@ -5,29 +5,17 @@ noise, then to the best match with its own map; the match's likelihood weighs it
 most of the weight they are resampled.
 """
 
-import time
-
 import numpy as np
 
 from slamgym.core.geometry import compose
-from slamgym.core.types import (
-    ByteArray,
-    FloatArray,
-    GridFrame,
-    IntArray,
-    LaserGeometry,
-    LaserScan,
-    OccupancyGrid,
-    Pose2D,
-    Trajectory,
-)
+from slamgym.core.types import FloatArray, IntArray, LaserGeometry, LaserScan, Pose2D, Trajectory
 from slamgym.slam.config import SlamConfig
 from slamgym.slam.end_points import usable_end_points
-from slamgym.slam.hit_counts import BeamTable, HitCountMap
-from slamgym.slam.mapper import SlamStats
-from slamgym.slam.motion_model import OdometryGate, noise_array, sample_motion
+from slamgym.slam.hill_climbing import MatchSettings, Search
+from slamgym.slam.mapper import GatedMapper
+from slamgym.slam.motion_model import noise_array, sample_motion
 from slamgym.slam.particles import ParticleMaps, TrajectoryTree, trace_lineage
-from slamgym.slam.scan_match import MatchSettings, match_particles
+from slamgym.slam.scan_match import match_particles
 
 
 def normalized_weights(log_weights: FloatArray, gain: float) -> FloatArray:
@@ -72,8 +60,8 @@ HEADING_FLOOR = 0.003
 """Odometry is never trusted further than this [m], [rad]."""
 NULL_LIKELIHOOD = -0.5
 """-d^2 of a beam with nothing near [m^2] (GMapping's ``nullLikelihood``)."""
-MARGIN = 1.5
-"""How far round the scan's reach the maps are made ready [m]; a match that strays further finds nothing."""
+MATCH_MARGIN = 1.5
+"""How far round the scan's end points the maps are made ready [m]; a match that strays further finds nothing."""
 
 
 def match_settings(config: SlamConfig) -> MatchSettings:
@@ -85,23 +73,22 @@ def match_settings(config: SlamConfig) -> MatchSettings:
         stride=config.beam_skip + 1,
         linear_step=config.linear_step / config.resolution,
         angular_step=float(config.angular_step),
-        halvings=config.iterations if config.matcher == "hill_climbing" else -1,
+        search=int(Search[config.matcher.upper()]),
+        halvings=config.iterations,
         minimum_score=float(config.minimum_score),
         odometry_weight=float(config.odometry_weight),
     )
 
 
-class ParticleFilter:
+class ParticleFilter(GatedMapper):
     """Modes ``rbpf`` and ``scan_matching``; see :class:`slamgym.slam.mapper.Mapper`."""
 
     def __init__(
         self, config: SlamConfig, geometry: LaserGeometry, initial_pose: Pose2D, rng: np.random.Generator
     ) -> None:
         count = config.particles if config.mode == "rbpf" else 1
-        self._config = config
+        super().__init__(config, geometry)
         self._rng = rng
-        self._beams = BeamTable(geometry, config)
-        self._gate = OdometryGate(config)
         self._noise = noise_array(config.motion)
         self._poses: FloatArray = np.tile(np.array(initial_pose, dtype=np.float64), (count, 1))
         self._log_weights = np.zeros(count)  # since the last resampling
@@ -111,13 +98,8 @@ class ParticleFilter:
         self._tree = TrajectoryTree(count, geometry.num_beams)
         self._lineage: IntArray = np.zeros(0, dtype=np.int64)  # of the path drawn
         self._drawn_poses: FloatArray = np.zeros((0, 3))
-        self._drawn = HitCountMap(
-            self._beams, config.resolution, config.occupied_threshold, config.memory_limit_mb
-        )
-        self._grid: OccupancyGrid | None = None
         self._end_points = np.zeros((geometry.num_beams, 2))
         self._match_settings = match_settings(config)
-        self._stats = SlamStats()
 
     @property
     def pose(self) -> Pose2D:
@@ -160,21 +142,8 @@ class ParticleFilter:
         """See :class:`slamgym.slam.mapper.Mapper`."""
         return self._stats.n_eff[-1] if self._stats.n_eff else float(len(self._poses))
 
-    @property
-    def stats(self) -> SlamStats:
-        """See :class:`slamgym.slam.mapper.Mapper`."""
-        self._stats.memory_bytes = self._maps.num_bytes + self._tree.num_bytes + self._drawn.num_bytes
-        return self._stats
-
-    def update(self, odometry: Pose2D, scan: LaserScan) -> bool:
-        """See :class:`slamgym.slam.mapper.Mapper`."""
-        self._stats.scans += 1
-        if not self._gate.is_due(odometry, scan.stamp):
-            return False  # and no look at the clock: it would cost more than the gate
-        begin = time.process_time()
-        self._process(scan)
-        self._stats.cpu_seconds += time.process_time() - begin
-        return True
+    def _num_bytes(self) -> int:
+        return self._maps.num_bytes + self._tree.num_bytes
 
     def _process(self, scan: LaserScan) -> None:
         """One step of the filter: predict, match, weigh, resample, register."""
@@ -185,31 +154,23 @@ class ParticleFilter:
         variance, turn_variance = sample_motion(self._poses, increments, normals, self._noise)
         variance += POSITION_FLOOR**2
         turn_variance += HEADING_FLOOR**2
-        b = self._beams
-        usable = min(b.usable, np.nextafter(b.range_max, 0.0))
-        num_points = usable_end_points(
-            scan.ranges, b.directions, b.mount, b.range_min, usable, self._end_points
-        )
+        usable = min(self._beams.usable, float(np.nextafter(self._beams.range_max, 0.0)))
+        num_points = usable_end_points(scan.ranges, self._beams, usable, self._end_points)
         points = self._end_points[:num_points]
-        reach = float(np.abs(points).sum(axis=1).max(initial=0.0))
-        self._maps.cover(self._poses, reach + MARGIN)
+        radius = float(np.abs(points).sum(axis=1).max(initial=0.0))
+        self._maps.cover(self._poses, radius + MATCH_MARGIN)
         if len(self._tree) > 0:
             self._match_and_weigh(points, variance, turn_variance)
         self._tree.append(scan.stamp, self._poses, scan.ranges)
         self._maps.register(self._poses, points)
-        self._grid = None
-        self._stats.processed += 1
 
     def _match_and_weigh(self, points: FloatArray, variance: float, turn_variance: float) -> None:
         c = self._config
         log_likelihoods = np.empty(len(self._poses))
         matched = match_particles(
-            self._maps.pool,
-            self._maps.tables,
+            self._maps.tile_maps,
             self._poses,
             points,
-            self._maps.origin,
-            c.resolution,
             variance,
             turn_variance,
             self._match_settings,
@@ -234,7 +195,7 @@ class ParticleFilter:
         self._tree.resample(ancestors)
         self._stats.resamplings += 1
 
-    def _follow_best(self) -> None:
+    def _draw_path(self) -> None:
         """Make the drawn path that of the best particle: take out what it doesn't share, draw the rest."""
         steps, known = len(self._tree), len(self._lineage)
         if steps == 0:
@@ -242,23 +203,11 @@ class ParticleFilter:
         lineage = np.full(steps, -1, dtype=np.int64)
         lineage[:known] = self._lineage
         first = trace_lineage(self._tree.parents, steps - 1, self.best_particle, lineage)
-        self._drawn.draw(self._drawn_poses[first:], self._tree.ranges[first:known], sign=-1)
+        self._map.draw(self._drawn_poses[first:], self._tree.ranges[first:known], sign=-1)
         poses = self._tree.poses_along(lineage, first)
-        self._drawn.draw(poses, self._tree.ranges[first:])
+        self._map.draw(poses, self._tree.ranges[first:])
         self._lineage = lineage
         self._drawn_poses = np.concatenate([self._drawn_poses[:first], poses])
-
-    def occupancy_grid(self) -> OccupancyGrid:
-        """See :class:`slamgym.slam.mapper.Mapper`."""
-        if self._grid is None:
-            self._follow_best()
-            self._grid = self._drawn.occupancy_grid()
-        return self._grid
-
-    def render(self, frame: GridFrame) -> ByteArray:
-        """See :class:`slamgym.slam.mapper.Mapper`."""
-        self._follow_best()
-        return self._drawn.render(frame)
 
     def trajectory(self) -> Trajectory:
         """See :class:`slamgym.slam.mapper.Mapper`."""

@@ -5,7 +5,7 @@ import numpy as np
 from slamgym.core.errors import SlamgymError
 from slamgym.core.jit import kernel
 from slamgym.core.types import FloatArray, IntArray
-from slamgym.slam.tiles import BYTES_PER_TILE, TILE, TilePool, copy_maps, register_scan
+from slamgym.slam.tiles import BYTES_PER_TILE, TILE, TileMaps, TilePool, copy_maps, register_scan
 
 
 @kernel
@@ -108,15 +108,20 @@ class ParticleMaps:
         return np.array([self._corner[1], self._corner[0]], dtype=np.float64) * (TILE * self.resolution)
 
     @property
+    def tile_maps(self) -> TileMaps:
+        """The maps as the kernels take them, until the next change of the pool or the tables."""
+        return TileMaps(self.pool, self.tables, self.origin, self.resolution)
+
+    @property
     def num_bytes(self) -> int:
         """Memory of the maps."""
         return len(self.pool.references) * BYTES_PER_TILE + self.tables.nbytes
 
-    def cover(self, poses: FloatArray, reach: float) -> None:
-        """Let the tables cover all points within ``reach`` [m] of the poses (particles, 3)."""
+    def cover(self, poses: FloatArray, radius: float) -> None:
+        """Let the tables cover all points within ``radius`` [m] of the poses (particles, 3)."""
         side = TILE * self.resolution
-        low = np.floor((poses[:, :2].min(axis=0) - reach) / side).astype(int)
-        high = np.floor((poses[:, :2].max(axis=0) + reach) / side).astype(int) + 1
+        low = np.floor((poses[:, :2].min(axis=0) - radius) / side).astype(int)
+        high = np.floor((poses[:, :2].max(axis=0) + radius) / side).astype(int) + 1
         row, col = self._corner
         _, rows, cols = self.tables.shape
         if rows and low[1] >= row and low[0] >= col and high[1] <= row + rows and high[0] <= col + cols:
@@ -141,9 +146,7 @@ class ParticleMaps:
         """
         particle = 0
         while True:
-            particle = register_scan(
-                self.pool, self.tables, poses, points, self.origin, self.resolution, particle
-            )
+            particle = register_scan(self.tile_maps, poses, points, particle)
             if particle == len(poses):
                 return
             self._grow_pool(4 * len(points))

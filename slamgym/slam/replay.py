@@ -105,15 +105,12 @@ def replay(
             processed.append(index)
         if on_scan is not None:
             on_scan(index, mapper, is_processed)
-    finish: Callable[[], None] | None = getattr(mapper, "finish", None)
-    if finish is not None:  # a mapper that learns more once the log is complete
-        finish()
+    mapper.finish()
     path = mapper.trajectory()
     grid = mapper.occupancy_grid()
     odometry = np.array([record.odometry for record in log], dtype=np.float64)
     stamps = np.array([record.stamp for record in log], dtype=np.float64)
     dense = Trajectory(stamps, poses_between(path.poses, np.array(processed, dtype=np.int64), odometry))
-    report: Callable[[], Mapping[str, Any]] | None = getattr(mapper, "report", None)
     return ReplayResult(
         grid=grid,
         processed=path,
@@ -121,7 +118,7 @@ def replay(
         stats=mapper.stats,
         wall_seconds=time.perf_counter() - begin,
         peak_memory_bytes=_peak_memory(),
-        extra=report() if report is not None else {},
+        extra=mapper.report(),
     )
 
 

@@ -68,6 +68,15 @@ class TilePool(NamedTuple):
         return larger
 
 
+class TileMaps(NamedTuple):
+    """The maps of all particles."""
+
+    pool: TilePool
+    tables: np.ndarray  # (particles, rows, cols) int32 tile numbers
+    origin: FloatArray  # (2,) lower left corner of the tables [m]
+    resolution: float  # [m]
+
+
 @kernel
 def writable_tile(pool: TilePool, table: np.ndarray, row: int, col: int) -> int:
     """The tile at ``[row, col]``, made this table's own first; the pool must have a free tile."""
@@ -115,30 +124,20 @@ def insert_point(pool: TilePool, table: np.ndarray, tile: int, u: float, v: floa
 
 
 @kernel
-def register_scan(
-    pool: TilePool,
-    tables: np.ndarray,
-    poses: FloatArray,
-    points: FloatArray,
-    origin: FloatArray,
-    resolution: float,
-    first: int,
-) -> int:
+def register_scan(maps: TileMaps, poses: FloatArray, points: FloatArray, first: int) -> int:
     """Add a scan's end points to each particle's own map at the particle's pose.
 
     Args:
-        pool: The tiles.
-        tables: (particles, rows, cols) int32.
+        maps: The particles' maps.
         poses: (particles, 3) [m, m, rad].
         points: (n, 2) end points in the robot frame [m].
-        origin: (2,) lower left corner of the tables [m].
-        resolution: Cell size [m].
         first: Particle to begin with.
 
     Returns:
         The particle that the pool had too few free tiles for, or the number of particles when done. The
         caller lets the pool grow and calls again from there.
     """
+    pool, tables, origin, resolution = maps
     scale = 1.0 / resolution
     # An end point touches at most four tiles: its own and those of its neighbour cells.
     most = min(4 * len(points), tables.shape[1] * tables.shape[2])

@@ -14,6 +14,8 @@ from slamgym.core.types import (
     GridFrame,
     OccupancyGrid,
 )
+from slamgym.metrics.map_error import wall_faces
+from slamgym.metrics.maps import distance_to
 from slamgym.viz.canvas import WHITE, Colour, blank, draw_path, fitted, fixed_point, frame_pixels
 
 ERROR_SCALE = 0.3
@@ -48,7 +50,7 @@ def draw_wall_errors(cad: ByteArray, slam: ByteArray, frame: GridFrame, path: Fl
     picture[inside] = WHITE
     picture[inside & (slam == UNKNOWN)] = _UNSEEN
     picture[~inside & (slam == FREE)] = _BEYOND
-    faces = wall_faces(cad)
+    faces = wall_faces(cad == FREE)
     picture[faces] = _WALL_LINE
     occupied = slam == OCCUPIED
     picture[occupied] = error_colour((distance_to(faces) * frame.resolution)[occupied])
@@ -102,20 +104,6 @@ def draw_displacements(field: Float32Array, seen: BoolArray, full_scale: float) 
     picture: ByteArray = cv2.applyColorMap(grey, cv2.COLORMAP_VIRIDIS)[:, :, ::-1].copy()
     picture[~seen] = WHITE
     return picture
-
-
-def wall_faces(cad: ByteArray) -> BoolArray:
-    """The wall cells that touch free space, shape (rows, cols)."""
-    free = (cad == FREE).astype(np.uint8)
-    return (cv2.dilate(free, np.ones((3, 3), np.uint8)) > free).astype(np.bool_)
-
-
-def distance_to(cells: BoolArray) -> FloatArray:
-    """Distance of every cell to the nearest true one [cells], shape (rows, cols)."""
-    distance: FloatArray = cv2.distanceTransform(
-        np.logical_not(cells).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE
-    ).astype(np.float64)
-    return distance
 
 
 def error_colour(distance: FloatArray) -> ByteArray:

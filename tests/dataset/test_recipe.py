@@ -74,8 +74,8 @@ def test_what_is_drawn_reaches_the_settings_and_the_record():
 
 
 def test_levels_come_before_single_settings():
-    config = apply_conditions(EpisodeConfig(), {"odometry.slip_way": 0.5, "odometry": "low"})
-    assert config.env.odometry.slip_way == 0.5
+    config = apply_conditions(EpisodeConfig(), {"odometry.slip_distance": 0.5, "odometry": "low"})
+    assert config.env.odometry.slip_distance == 0.5
     assert config.env.odometry.slip_turn == odometry_level("low").slip_turn
 
 

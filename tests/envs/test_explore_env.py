@@ -350,3 +350,13 @@ def test_a_plan_that_can_not_be_explored_is_left_out(
         env.reset(options={"plan": "duct"})
     with pytest.raises(PlanError, match="100 plans"):
         ExploreEnv(duct).reset(seed=0)
+
+
+def test_a_map_made_without_errors_has_none_but_its_cells(flat):
+    env = ExploreEnv(flat, localization="ground_truth", lidar="exact", reward={"map_error": 1.0})
+    _, info = env.reset(seed=0)
+    for i in range(50):
+        info = env.step((0.3, 1.0 if i % 20 < 10 else -1.0))[4]
+    # A hit lies anywhere in its 5 cm cell; the centre is then 1.25 cm away in the mean for a wall parallel to
+    # the grid, and the distance field rounds by up to half of its own cell.
+    assert 0.0 < info["map_error"] < 0.026

@@ -265,7 +265,7 @@ class TestTables:
 class TestRealism:
     def test_elastic_maps_are_told_apart_and_simulated_ones_are_not(self, monkeypatch):
         pytest.importorskip("sklearn")
-        monkeypatch.setattr(realism, "LEARNERS", ("extra_trees",))  # the other is tested with the metrics
+        monkeypatch.setattr(realism, "CLASSIFIERS", ("extra_trees",))  # the other is tested with the metrics
         pairs = make_pairs(40)
         reference = Sample.of(pairs.slam, pairs)
         first, second = null_halves(pairs.plan_ids, seed=0)
@@ -447,7 +447,7 @@ class TestCommand:
     def test_from_images_to_tables_and_pictures(self, tmp_path, capsys, monkeypatch):
         pytest.importorskip("matplotlib")
         pytest.importorskip("sklearn")
-        monkeypatch.setattr(realism, "LEARNERS", ("extra_trees",))  # one will do here
+        monkeypatch.setattr(realism, "CLASSIFIERS", ("extra_trees",))  # one will do here
         pairs = make_pairs(10)
         images, out, made = tmp_path / "images", tmp_path / "out", tmp_path / "made"
         write_pairs(images, pairs)

@@ -7,7 +7,7 @@ from hypothesis.extra.numpy import arrays
 from slamgym.core.errors import InputFileError
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, GridFrame, OccupancyGrid
 from slamgym.interop import read_ros_map, write_ros_map
-from slamgym.interop.ros_map import classify
+from slamgym.interop.ros_map import classify_greys
 
 YAML = (
     "image: map.pgm\nresolution: 0.05\norigin: [0, 0, 0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: {}\n"
@@ -55,7 +55,7 @@ def test_unknown_is_found_by_its_grey_value_whatever_the_thresholds_say(tmp_path
 
 
 def test_a_black_and_white_image_has_nothing_unknown():
-    assert set(np.unique(classify(np.array([[0, 255], [254, 10]], np.uint8)))) == {OCCUPIED, FREE}
+    assert set(np.unique(classify_greys(np.array([[0, 255], [254, 10]], np.uint8)))) == {OCCUPIED, FREE}
 
 
 BROKEN_YAMLS = {

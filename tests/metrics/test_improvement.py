@@ -5,7 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from slamgym.metrics import improvement, mean_interval, wilson_interval
+from slamgym.core.intervals import mean_interval, wilson_interval
+from slamgym.metrics import improvement
 
 
 def test_wilson_interval_of_the_papers_table() -> None:
@@ -54,7 +55,7 @@ def test_a_clear_improvement_is_significant_and_equal_errors_are_not() -> None:
 def test_repeated_maps_of_a_plan_do_not_narrow_the_interval() -> None:
     values = np.random.default_rng(2).normal(1.0, 0.3, 30)
     once = mean_interval(values)
-    repeated = mean_interval(np.repeat(values, 10), [str(i) for i in np.repeat(np.arange(30), 10)])
+    repeated = mean_interval(np.repeat(values, 10), groups=[str(i) for i in np.repeat(np.arange(30), 10)])
     careless = mean_interval(np.repeat(values, 10))
     assert repeated.high - repeated.low == pytest.approx(once.high - once.low, rel=0.1)
     assert careless.high - careless.low < 0.5 * (once.high - once.low)

@@ -17,8 +17,8 @@ def simulated_runs(config: TwoPhaseConfig, robots: int, repeats: int) -> Runs:
     turn = rng.choice([-1.0, 1.0], (robots, repeats)) * rng.uniform(1.0, 6.0, (robots, repeats))
     n = rng.standard_normal((3, robots, repeats))
     return Runs(
-        way=way,
-        way_error=k[0] * way + config.s_l * np.sqrt(way) * n[0],
+        distance=way,
+        distance_error=k[0] * way + config.s_l * np.sqrt(way) * n[0],
         drift=k[1] * way + config.s_lt * np.sqrt(way) * n[1],
         turn=turn,
         turn_error=k[2] * turn + config.s_t * np.sqrt(np.abs(turn)) * n[2],

@@ -28,7 +28,7 @@ def problem_of(flat, tour, resolution=0.3, wheels=ERRORS, **ekf):
     config = EkfConfig(sigma_range=0.02, sigma_bearing_deg=0.5, landmarks_per_scan=0, **ekf)
     matched = np.ones(len(scans), dtype=bool)
     return landmark_problem(
-        scans.poses, motion, controls, visibility, scanner.mount_x, LidarErrors(), matched, config,
+        scans.poses, controls, visibility, scanner.mount_x, LidarErrors(), matched, config,
         np.random.default_rng(0),
     )  # fmt: skip
 
@@ -113,7 +113,7 @@ def test_a_limit_on_landmarks_per_scan_holds(flat, tour) -> None:
     matched = np.ones(len(scans), dtype=bool)
     matched[5:9] = False
     problem = landmark_problem(
-        scans.poses, motion, motion, visibility, -0.064, LidarErrors(), matched,
+        scans.poses, motion, visibility, -0.064, LidarErrors(), matched,
         EkfConfig(landmarks_per_scan=8), np.random.default_rng(0),
     )  # fmt: skip
     counts = np.bincount(problem.scan, minlength=len(scans))

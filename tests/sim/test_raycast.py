@@ -23,7 +23,7 @@ def cast(
     range_max=10.0,
 ):
     out = np.full(beams, -7.0)
-    cast_rays(*pose, angle_min, increment, beams, np.asarray(segments, dtype=float), range_max, out)
+    cast_rays(*pose, angle_min, increment, np.asarray(segments, dtype=float), range_max, out)
     return out
 
 

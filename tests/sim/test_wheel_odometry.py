@@ -1,5 +1,6 @@
 import math
 from dataclasses import replace
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -10,7 +11,16 @@ from hypothesis import strategies as st
 from slamgym.cad.floorplan import FloorPlan
 from slamgym.core.errors import ConfigError
 from slamgym.core.types import Pose2D, Twist2D
-from slamgym.sim import Motion, OdometryConfig, RobotConfig, WheelOdometry, World, odometry_level
+from slamgym.sim import (
+    Motion,
+    OdometryConfig,
+    OdometryLevel,
+    RobotConfig,
+    WheelOdometry,
+    World,
+    name_of_odometry,
+    odometry_level,
+)
 
 ROBOT = RobotConfig()
 ORIGIN = Pose2D(0.0, 0.0, 0.0)
@@ -19,7 +29,7 @@ FLAWLESS = OdometryConfig(
     diameter_ratio_std=0.0,
     wheelbase_ratio_std=0.0,
     scale_std=0.0,
-    slip_way=0.0,
+    slip_distance=0.0,
     slip_drift=0.0,
     slip_turn=0.0,
 )
@@ -113,7 +123,7 @@ class TestSystematicErrors:
 
 class TestRandomSlip:
     def test_it_grows_with_the_root_of_way_and_turn_whatever_the_step(self):
-        config = replace(FLAWLESS, slip_way=0.02, slip_turn=0.03)
+        config = replace(FLAWLESS, slip_distance=0.02, slip_turn=0.03)
         for steps in (1, 20):
             ways = [follow(config, [straight(4.0 / steps)] * steps, seed).x for seed in range(1500)]
             turns = [follow(config, [turn(2.0 / steps)] * steps, seed).theta for seed in range(1500)]
@@ -144,7 +154,7 @@ class TestLevels:
             "diameter_ratio_std",
             "wheelbase_ratio_std",
             "scale_std",
-            "slip_way",
+            "slip_distance",
             "slip_drift",
             "slip_turn",
         ):
@@ -215,3 +225,9 @@ def _press_on_a_wall():
         for reader in readers:
             reader.update(motion, rng)
     return world, readers[0].pose, readers[1].pose
+
+
+def test_settings_bear_the_name_of_their_level():
+    for name in get_args(OdometryLevel):
+        assert name_of_odometry(odometry_level(name)) == name
+    assert name_of_odometry(OdometryConfig(scale_std=0.5)) == "custom"

@@ -11,7 +11,8 @@ from slamgym.core.geometry import between, compose
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, GridFrame, LaserGeometry, LaserScan, Pose2D
 from slamgym.sim.raycast import cast_rays
 from slamgym.slam import ParticleFilter, SlamConfig, make_mapper
-from slamgym.slam.hit_counts import BeamTable, HitCountMap
+from slamgym.slam.hit_count_kernels import BeamTable
+from slamgym.slam.hit_counts import HitCountMap
 
 # Two rooms and a door between them.
 WALLS = np.array(
@@ -24,7 +25,7 @@ GEOMETRY = LaserGeometry(180, -np.pi / 2, np.pi / 179, 0.12, 3.5, Pose2D(-0.064,
 def scan_at(pose, stamp, rng=None, sigma=0.0):
     sensor = compose(pose, GEOMETRY.mount)
     ranges = np.empty(GEOMETRY.num_beams)
-    cast_rays(*sensor, GEOMETRY.angle_min, GEOMETRY.angle_increment, GEOMETRY.num_beams, WALLS, 3.5, ranges)
+    cast_rays(*sensor, GEOMETRY.angle_min, GEOMETRY.angle_increment, WALLS, 3.5, ranges)
     if rng is not None:
         ranges += sigma * rng.standard_normal(len(ranges))
     return LaserScan(stamp, ranges.astype(np.float32), GEOMETRY)
@@ -96,7 +97,7 @@ def test_the_published_map_equals_a_full_redraw_of_the_best_path():
         config, sigma=0.02, odometry_noise=0.5, visit=lambda mapper, _: grids.append(mapper.occupancy_grid())
     )
     assert mapper.stats.resamplings > 3  # so that the drawn lineage did change on the way
-    redrawn = HitCountMap(BeamTable(GEOMETRY, config), config.resolution, config.occupied_threshold, 100.0)
+    redrawn = HitCountMap(BeamTable.of(GEOMETRY, config), config)
     redrawn.draw(mapper.trajectory().poses, mapper._tree.ranges)
     expected = redrawn.occupancy_grid()
     assert grids[-1].frame == expected.frame

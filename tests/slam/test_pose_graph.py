@@ -54,7 +54,7 @@ def drive():
             noisy = Pose2D(1.03 * d.x, d.y, d.theta * 1.02 + 0.008 * d.x + 0.005 * rng.standard_normal())
             odometry = compose(odometry, noisy)
         ranges = np.empty(GEOMETRY.num_beams)
-        cast_rays(*pose, GEOMETRY.angle_min, GEOMETRY.angle_increment, 181, SEGMENTS, 8.0, ranges)
+        cast_rays(*pose, GEOMETRY.angle_min, GEOMETRY.angle_increment, SEGMENTS, 8.0, ranges)
         ranges += 0.01 * rng.standard_normal(len(ranges))
         records.append(LogRecord(0.2 * k, odometry, LaserScan(0.2 * k, ranges.astype(np.float32), GEOMETRY)))
     stamps = 0.2 * np.arange(len(truth))

@@ -21,7 +21,7 @@ def write_episode(folder, scans):
     records = []
     for k, pose in enumerate(poses):
         ranges = np.empty(180)
-        cast_rays(*pose, GEOMETRY.angle_min, GEOMETRY.angle_increment, 180, ROOM, 10.0, ranges)
+        cast_rays(*pose, GEOMETRY.angle_min, GEOMETRY.angle_increment, ROOM, 10.0, ranges)
         records.append(LogRecord(0.2 * k, pose, LaserScan(0.2 * k, ranges.astype(np.float32), GEOMETRY)))
     write_carmen(folder / "scans.log", records, GEOMETRY)
     write_tum(folder / "truth.tum", Trajectory(0.2 * np.arange(scans), np.array(poses)))

@@ -7,9 +7,9 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from slamgym.slam.hill_climbing import surface_near
 from slamgym.slam.particle_filter import effective_sample_size, normalized_weights, systematic_resample
 from slamgym.slam.particles import ParticleMaps
-from slamgym.slam.scan_match import surface_near
 from slamgym.slam.tiles import EMPTY, register_scan
 
 log_weights = st.lists(st.floats(-1e4, 0.0), min_size=1, max_size=40).map(np.array)

@@ -23,7 +23,7 @@ BEAMS = 181
 def scan_points(pose, segments=ROOM, range_max=20.0):
     """End points in the robot frame of an exact scan over half a turn."""
     ranges = np.empty(BEAMS)
-    cast_rays(*pose, -np.pi / 2, np.pi / 180, BEAMS, segments, range_max, ranges)
+    cast_rays(*pose, -np.pi / 2, np.pi / 180, segments, range_max, ranges)
     angles = -np.pi / 2 + np.radians(np.arange(BEAMS))
     hit = np.isfinite(ranges)
     return ranges[hit, None] * np.column_stack([np.cos(angles), np.sin(angles)])[hit]
@@ -73,7 +73,7 @@ def test_a_corridor_leaves_the_scan_free_to_slide():
 
 
 def test_branch_and_bound_finds_what_brute_force_finds():
-    from slamgym.slam.graph.matching import block_score, paint_levels, search_window
+    from slamgym.slam.graph.matching import CellIndex, block_score, paint_levels, search_window
 
     rng = np.random.default_rng(0)
     for _ in range(5):
@@ -83,7 +83,7 @@ def test_branch_and_bound_finds_what_brute_force_finds():
         levels = np.empty((4, 40, 50), np.uint8)
         paint_levels(index, levels)
         pose = np.empty(3)
-        found = search_window(levels, 0.0, 0.0, 0.1, points, centre, 7, angles, 0.0, pose)
+        found = search_window(levels, CellIndex(index, 0.0, 0.0, 0.1), points, centre, 7, angles, 0.0, pose)
         best = 0
         for angle in angles:
             c, s = np.cos(0.3 + angle), np.sin(0.3 + angle)

@@ -3,8 +3,10 @@ import numpy as np
 import pytest
 
 from slamgym.core.types import GridFrame
+from slamgym.metrics.map_error import wall_faces
+from slamgym.metrics.maps import distance_to
 from slamgym.viz.canvas import write_picture
-from slamgym.viz.overlays import ERROR_SCALE, distance_to, draw_wall_errors, error_colour, wall_faces
+from slamgym.viz.overlays import ERROR_SCALE, draw_wall_errors, error_colour
 from slamgym.viz.sheets import Card, SheetEntry, draw_contact_sheet, draw_sheet
 
 
@@ -24,7 +26,7 @@ def wall_errors(pair):
 
 
 def test_wall_faces_are_the_wall_cells_beside_free_space():
-    faces = wall_faces(entry().cad)
+    faces = wall_faces(entry().cad == 254)
     assert faces.sum() == 2 * (100 + 80) + 4
     assert not (faces & (entry().cad == 254)).any()
 

@@ -22,7 +22,7 @@ from slamgym.core.config import Arguments, Count, CountOrZero, Positive
 from slamgym.core.errors import ConfigError
 from slamgym.core.progress import say
 from slamgym.envs import ExploreConfig
-from slamgym.sim import ClutterConfig, LidarConfig, RobotConfig, odometry_level
+from slamgym.sim import ClutterConfig, LidarConfig, OdometryLevel, RobotConfig, odometry_level
 from slamgym.slam import SlamConfig
 
 OFFICES = "offices"
@@ -59,7 +59,7 @@ class EvaluateArguments(Arguments):
     """Limit of robot time [min]; ``auto`` grows with the floor area."""
     particles: Count = 30
     """Particles of the SLAM filter."""
-    odometry: Literal["ideal", "low", "medium", "high"] = "medium"
+    odometry: OdometryLevel = "medium"
     """Errors of the wheel odometry."""
     seed: int = 0
     """Decides plans, starts and noise."""

@@ -13,7 +13,7 @@ from slamgym.core.staged import write_bytes
 from slamgym.core.types import FREE, OCCUPIED, ByteArray, OccupancyGrid
 from slamgym.gan.data import SUFFIXES, read_grey
 from slamgym.gan.translation.translate import LearnedTranslator, load_translator
-from slamgym.interop.ros_map import classify, read_ros_map, write_ros_map
+from slamgym.interop.ros_map import classify_greys, read_ros_map, write_ros_map
 
 YAML = (".yaml", ".yml")
 
@@ -96,7 +96,7 @@ def _drift(arguments: TranslateArguments) -> np.random.Generator | None:
 
 def _as_input(grey: ByteArray, translator: LearnedTranslator) -> ByteArray:
     if translator.config.direction == "slam2cad":
-        return classify(grey)
+        return classify_greys(grey)
     # In a CAD map all that isn't white is wall or outside.
     return np.where(grey > FREE // 2, FREE, OCCUPIED).astype(np.uint8)
 

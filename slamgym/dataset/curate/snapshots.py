@@ -29,12 +29,11 @@ from slamgym.core.types import (
 from slamgym.dataset.curate.completeness import FEATURES, completeness_features
 from slamgym.dataset.curate.criteria import STUCK_PATH, Criteria, StuckFilter, has_clutter
 from slamgym.dataset.format import Layout, PairRecord, load_pair, read_config
-from slamgym.dataset.generate.record import map_error
-from slamgym.dataset.pair import MapPair
 from slamgym.interop import read_carmen, read_tum
-from slamgym.metrics import absolute_trajectory_error
+from slamgym.metrics import absolute_trajectory_error, wall_error
 from slamgym.slam import SlamConfig
-from slamgym.slam.hit_counts import BeamTable, HitCountMap
+from slamgym.slam.hit_count_kernels import BeamTable
+from slamgym.slam.hit_counts import HitCountMap
 
 MINUTES = (0.1, 0.5, 1.0, 2.0, 3.0, 5.0, 7.0)
 """Robot times at which explorations are looked at, besides their end [min]: after 0.1 the map
@@ -107,7 +106,7 @@ def take_snapshots(
             path_length=_driven_until(recording, end),
             coverage=record.coverage if is_last else record.coverage * min(seen / finally_seen, 1.0),
             ate=record.ate if is_last else _error_until(recording, end),
-            map_error=record.map_error if is_last else map_error(MapPair(cad, cells, record.frame)),
+            map_error=record.map_error if is_last else wall_error(cells, cad, record.frame.resolution),
         )
 
 
@@ -169,9 +168,7 @@ def _slam_settings(root: Path, record: PairRecord) -> SlamConfig:
 
 
 def _canvas(recording: _Recording) -> HitCountMap:
-    slam = recording.slam
-    beams = BeamTable(recording.geometry, slam)
-    return HitCountMap(beams, slam.resolution, slam.occupied_threshold, slam.memory_limit_mb)
+    return HitCountMap(BeamTable.of(recording.geometry, recording.slam), recording.slam)
 
 
 def _error_until(recording: _Recording, end: float) -> float:

@@ -21,7 +21,7 @@ of workers, the order, or from where a run was resumed.
 import dataclasses
 import hashlib
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -31,23 +31,20 @@ import yaml
 from slamgym.core.config import Settings, replace_setting, setting_names, suggest
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.envs import ExploreConfig
+from slamgym.envs.config import ERROR_LEVELS
 from slamgym.envs.episode import EpisodeConfig
-from slamgym.sim import lidar_level, odometry_level
-from slamgym.sim.wheel_odometry import OdometryConfig
+from slamgym.sim import name_of_odometry
 
-LEVELS: dict[str, Callable[[str], Any]] = {"lidar": lidar_level, "odometry": odometry_level}
-"""Parts that can be set as a whole by the name of an error level."""
 PARTS = ("robot", "lidar", "odometry", "slam", "clutter")
 """Parts of the environment whose settings bear on a map."""
 EPISODE_SETTINGS = ("explorer", "minutes")
-ODOMETRY_LEVELS = ("ideal", "low", "medium", "high")
 
 
 def known_settings() -> list[str]:
     """Every name that a condition may have."""
     env = ExploreConfig()
     inner = [f"{part}.{name}" for part in PARTS for name in setting_names(getattr(env, part))]
-    return [*EPISODE_SETTINGS, *LEVELS, *inner]
+    return [*EPISODE_SETTINGS, *ERROR_LEVELS, *inner]
 
 
 def apply_conditions(base: EpisodeConfig, conditions: Mapping[str, Any]) -> EpisodeConfig:
@@ -66,10 +63,10 @@ def apply_conditions(base: EpisodeConfig, conditions: Mapping[str, Any]) -> Epis
         value = conditions[name]
         if name in EPISODE_SETTINGS:
             config = replace_setting(config, name, value)
-        elif name in LEVELS:
+        elif name in ERROR_LEVELS:
             if not isinstance(value, str):
                 raise ConfigError(f"{name} must be the name of an error level, not {value!r}")
-            config = _with_env(config, name, LEVELS[name](value))
+            config = _with_env(config, name, ERROR_LEVELS[name](value))
         elif name.partition(".")[0] in PARTS:
             config = dataclasses.replace(config, env=replace_setting(config.env, name, value))
         else:
@@ -90,7 +87,7 @@ def standard_conditions(config: EpisodeConfig) -> dict[str, Any]:
     env = config.env
     return {
         "explorer": config.explorer,
-        "odometry": odometry_name(env.odometry),
+        "odometry": name_of_odometry(env.odometry),
         "slam.mode": env.slam.mode,
         "slam.particles": env.slam.particles,
         "lidar.range_max": env.lidar.range_max,
@@ -98,14 +95,6 @@ def standard_conditions(config: EpisodeConfig) -> dict[str, Any]:
         "clutter.furniture": env.clutter.furniture,
         "clutter.people": env.clutter.people,
     }
-
-
-def odometry_name(config: OdometryConfig) -> str:
-    """The error level that these settings are, or ``custom``."""
-    for level in ODOMETRY_LEVELS:
-        if odometry_level(level) == config:
-            return level
-    return "custom"
 
 
 def _with_env(config: EpisodeConfig, part: str, value: Any) -> EpisodeConfig:

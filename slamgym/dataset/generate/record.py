@@ -7,13 +7,12 @@ from typing import Any
 import numpy as np
 
 from slamgym import __version__
-from slamgym.core.types import OCCUPIED, Pose2D
+from slamgym.core.types import Pose2D
 from slamgym.dataset.format import PairRecord
 from slamgym.dataset.pair import MapPair
 from slamgym.dataset.schedule import Slot
 from slamgym.envs.episode import Episode
-from slamgym.metrics import absolute_trajectory_error, free_space, squared_error
-from slamgym.viz.overlays import distance_to, wall_faces
+from slamgym.metrics import absolute_trajectory_error, free_space, squared_error, wall_error
 
 DIGITS = 6
 """Decimals of the figures: more than any of them means, fewer than a float has."""
@@ -64,7 +63,7 @@ def make_record(
         final_position_error=_rounded(
             position_error(episode.final_estimate, Pose2D(*episode.truth.poses[-1]))
         ),
-        map_error=_rounded(map_error(pair)),
+        map_error=_rounded(wall_error(pair.slam, pair.cad, frame.resolution)),
         mse=_rounded(squared_error(free_space(pair.slam), free_space(pair.cad))),
         area=_rounded(episode.plan.area),
         rooms=len(episode.plan.rooms),
@@ -74,17 +73,6 @@ def make_record(
         start=(_rounded(episode.start.x), _rounded(episode.start.y), _rounded(episode.start.theta)),
         sha256={side: hashlib.sha256(data).hexdigest() for side, data in files.items()},
     )
-
-
-def map_error(pair: MapPair) -> float:
-    """Mean distance of the SLAM map's occupied cells to the nearest face of a CAD wall [m]; 0 if it has none.
-
-    Furniture and people are no part of the CAD map, so with clutter the figure is larger.
-    """
-    occupied = pair.slam == OCCUPIED
-    if not occupied.any():
-        return 0.0
-    return float(distance_to(wall_faces(pair.cad))[occupied].mean() * pair.frame.resolution)
 
 
 def position_error(estimate: Pose2D, truth: Pose2D) -> float:

@@ -7,8 +7,8 @@ import numpy as np
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import dijkstra
 
-from slamgym.core.geometry import wrap_angle
-from slamgym.core.types import FloatArray, IntArray
+from slamgym.core.geometry import compose, inverse, wrap_angle
+from slamgym.core.types import FloatArray, IntArray, Pose2D
 from slamgym.metrics.trajectory import relative_poses
 from slamgym.slam.graph.config import PoseGraphConfig
 
@@ -20,7 +20,7 @@ GROUP_SEPARATION = 20
 """Two candidates of one node lie at least so many nodes apart."""
 
 
-class Candidate(NamedTuple):
+class LoopCandidate(NamedTuple):
     """An old node to look for, and how far off it may be."""
 
     node: int
@@ -40,7 +40,7 @@ class Closure(NamedTuple):
 def graph_distances(
     first: IntArray, second: IntArray, lengths: FloatArray, num_nodes: int, node: int
 ) -> FloatArray:
-    """Length of the shortest way along the edges from ``node`` to every node, (N,) [m]."""
+    """Length of the shortest path along the edges from ``node`` to every node, (N,) [m]."""
     # Two edges between the same nodes would be added up by the matrix: the sequence's edge wins.
     key = first * num_nodes + second
     _, unique = np.unique(key, return_index=True)
@@ -50,7 +50,7 @@ def graph_distances(
 
 def find_candidates(
     poses: FloatArray, node: int, distances: FloatArray, config: PoseGraphConfig, most: int
-) -> list[Candidate]:
+) -> list[LoopCandidate]:
     """Nodes that may be seen again from ``node``, the most promising first.
 
     Args:
@@ -69,38 +69,28 @@ def find_candidates(
         & (away < config.loop_radius + window)
         & (np.abs(indices - node) > config.local_nodes)
     )
-    chosen: list[Candidate] = []
+    chosen: list[LoopCandidate] = []
     cost = np.where(possible, away + HEADING_COST * turn, math.inf)
     while len(chosen) < most:
         best = int(np.argmin(cost))
         if not math.isfinite(cost[best]):
             break
         turn_window = min(0.08 + config.drift_turn * float(distances[best]), 1.0)
-        chosen.append(Candidate(best, float(window[best]), turn_window))
+        chosen.append(LoopCandidate(best, float(window[best]), turn_window))
         cost[np.abs(indices - best) < GROUP_SEPARATION] = math.inf
     return chosen
 
 
 def agree(a: Closure, b: Closure, poses: FloatArray, config: PoseGraphConfig) -> bool:
-    """Whether two closures tell the same story, given the motion between their ends (Mangelson et al. 2018).
+    """Whether two closures agree, given the motion between their ends (Mangelson et al. 2018).
 
-    The way old_a -> new_a -> new_b -> old_b -> old_a must lead back to where it began, up to the drift of the
+    The path old_a -> new_a -> new_b -> old_b -> old_a must lead back to where it began, up to the drift of the
     two stretches driven.
     """
     old = relative_poses(poses[[a.old]], poses[[b.old]])[0]
     new = relative_poses(poses[[a.new]], poses[[b.new]])[0]
-    through = _compose(_compose(a.measured, new), _inverse(b.measured))
-    error = through - old
+    through = compose(compose(Pose2D(*a.measured), Pose2D(*new)), inverse(Pose2D(*b.measured)))
+    error = np.array(through) - old
     driven = float(np.hypot(old[0], old[1]) + np.hypot(new[0], new[1]))
     near = float(np.hypot(error[0], error[1])) < 0.25 + 3.0 * config.drift * driven
     return near and abs(wrap_angle(float(error[2]))) < 0.1 + 3.0 * config.drift_turn * driven
-
-
-def _compose(a: FloatArray, b: FloatArray) -> FloatArray:
-    cos, sin = math.cos(a[2]), math.sin(a[2])
-    return np.array([a[0] + cos * b[0] - sin * b[1], a[1] + sin * b[0] + cos * b[1], a[2] + b[2]])
-
-
-def _inverse(a: FloatArray) -> FloatArray:
-    cos, sin = math.cos(a[2]), math.sin(a[2])
-    return np.array([-cos * a[0] - sin * a[1], sin * a[0] - cos * a[1], -a[2]])

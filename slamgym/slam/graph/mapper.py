@@ -12,34 +12,24 @@ from typing import Any
 import numpy as np
 
 from slamgym.core.geometry import compose, wrap_angle
-from slamgym.core.types import (
-    ByteArray,
-    FloatArray,
-    GridFrame,
-    IntArray,
-    LaserGeometry,
-    LaserScan,
-    OccupancyGrid,
-    Pose2D,
-    Trajectory,
-)
+from slamgym.core.types import FloatArray, IntArray, LaserGeometry, LaserScan, Pose2D, Trajectory
 from slamgym.metrics.trajectory import relative_poses
 from slamgym.slam.config import SlamConfig
 from slamgym.slam.end_points import usable_end_points
 from slamgym.slam.graph.loop_closure import (
     LOOP_EDGE_LENGTH,
-    Candidate,
     Closure,
+    LoopCandidate,
     agree,
     find_candidates,
     graph_distances,
 )
-from slamgym.slam.graph.matching import Match, NodeMatcher
+from slamgym.slam.graph.matching import NodeMatch, NodeMatcher
 from slamgym.slam.graph.nodes import GraphNodes
 from slamgym.slam.graph.solver import Edges, chi_squared, optimise
-from slamgym.slam.hit_counts import BeamTable, HitCountMap
-from slamgym.slam.mapper import SlamStats
-from slamgym.slam.motion_model import OdometryGate, noise_array
+from slamgym.slam.hit_counts import HitCountMap
+from slamgym.slam.mapper import GatedMapper
+from slamgym.slam.motion_model import noise_array
 
 MIN_POINTS = 20
 """A scan with fewer end points isn't matched."""
@@ -61,16 +51,13 @@ MOST_CANDIDATES = 2
 """Places that are compared with each scan."""
 
 
-class PoseGraphMapper:
+class PoseGraphMapper(GatedMapper):
     """Mode ``pose_graph``; see :class:`slamgym.slam.mapper.Mapper`."""
-
-    n_eff = 1.0
 
     def __init__(
         self, config: SlamConfig, geometry: LaserGeometry, initial_pose: Pose2D, rng: np.random.Generator
     ) -> None:
         del rng  # nothing is random here
-        self._config = config
         self._settings = config.pose_graph
         gate = dataclasses.replace(
             config,
@@ -78,8 +65,7 @@ class PoseGraphMapper:
             angular_update=self._settings.keyframe_turn,
             temporal_update=None,  # a node where nothing is new would only cost time
         )
-        self._gate = OdometryGate(gate)
-        self._beams = BeamTable(geometry, config)
+        super().__init__(config, geometry, gate)
         self._matcher = NodeMatcher(self._settings)
         self._noise = noise_array(config.motion)
         self._nodes = GraphNodes(geometry.num_beams)
@@ -91,10 +77,7 @@ class PoseGraphMapper:
         self._last_optimised = 0
         self._stale = False
         self._drawn_poses: FloatArray = np.zeros((0, 3))
-        self._map = self._new_map()
-        self._grid: OccupancyGrid | None = None
         self._covariance: FloatArray = np.zeros((3, 3))
-        self._stats = SlamStats()
 
     @property
     def pose(self) -> Pose2D:
@@ -107,25 +90,12 @@ class PoseGraphMapper:
         """Of the last match, relative to the scans before it; see :class:`slamgym.slam.mapper.Mapper`."""
         return self._covariance
 
-    @property
-    def stats(self) -> SlamStats:
-        """See :class:`slamgym.slam.mapper.Mapper`."""
-        self._stats.memory_bytes = self._map.num_bytes + self._nodes.num_bytes
-        return self._stats
+    def _num_bytes(self) -> int:
+        return self._nodes.num_bytes
 
     def report(self) -> dict[str, Any]:
         """What this mode adds to a summary."""
         return {"loop_closures": len(self._closures), "loop_closures_rejected": self._rejected}
-
-    def update(self, odometry: Pose2D, scan: LaserScan) -> bool:
-        """See :class:`slamgym.slam.mapper.Mapper`."""
-        self._stats.scans += 1
-        if not self._gate.is_due(odometry, scan.stamp):
-            return False
-        begin = time.process_time()
-        self._process(scan)
-        self._stats.cpu_seconds += time.process_time() - begin
-        return True
 
     def finish(self) -> None:
         """Match all nodes with their neighbours once more, now that their places are known, and optimise."""
@@ -139,7 +109,9 @@ class PoseGraphMapper:
             driven = np.concatenate([[0.0], np.cumsum(steps)])
             for node in range(len(self._nodes)):
                 for candidate in self._candidates(node, np.abs(driven - driven[node])):
-                    closure = self._close(node, Candidate(candidate.node, *window), self._settings.final_fit)
+                    closure = self._close(
+                        node, LoopCandidate(candidate.node, *window), self._settings.final_fit
+                    )
                     if closure is not None:
                         self._closures.append(closure)
             self._stale = True
@@ -163,15 +135,12 @@ class PoseGraphMapper:
                 self._close_loops(node)
             if self._stale and node - self._last_optimised > OPTIMISE_INTERVAL:
                 self._optimise()
-        self._grid = None
-        self._stats.processed += 1
 
     def _end_points(self, scan: LaserScan) -> FloatArray:
         b = self._beams
-        usable = min(b.usable, self._settings.match_range, np.nextafter(b.range_max, 0.0))
+        usable = min(b.usable, self._settings.match_range, float(np.nextafter(b.range_max, 0.0)))
         points = np.empty((len(scan.ranges), 2))
-        count = usable_end_points(scan.ranges, b.directions, b.mount, b.range_min, usable, points)
-        return points[:count]
+        return points[: usable_end_points(scan.ranges, b, usable, points)]
 
     def _predict(self, increments: FloatArray) -> tuple[FloatArray, FloatArray, tuple[float, float]]:
         """Motion since the last node by odometry: pose, information and three-sigma search window."""
@@ -195,7 +164,7 @@ class PoseGraphMapper:
         members = np.arange(max(0, node - self._settings.local_nodes), node)
         match = self._match(node, node - 1, members, predicted, prior_info, *window, least=0.3)
         if match is None or match.fit < self._settings.minimum_fit:
-            match = Match(predicted, prior_info, 0.0)
+            match = NodeMatch(predicted, prior_info, 0.0)
             self._stats.refused_matches += 1
         self._steps.append(Closure(node - 1, node, match.pose, match.information))
         self._nodes.poses[node] = _placed(self._nodes.poses[node - 1], match.pose)
@@ -204,7 +173,7 @@ class PoseGraphMapper:
     def _match(
         self, node: int, reference: int, members: IntArray, guess: FloatArray, prior_info: FloatArray,
         window: float, turn: float, least: float,
-    ) -> Match | None:  # fmt: skip
+    ) -> NodeMatch | None:  # fmt: skip
         """Search a node's scan in a local map of ``members``, in the frame of ``reference``.
 
         A window of zero leaves the search out: the scan is aligned from the guess.
@@ -215,9 +184,9 @@ class PoseGraphMapper:
         relative = relative_poses(
             np.broadcast_to(self._nodes.poses[reference], (len(members), 3)), self._nodes.poses[members]
         )
-        reach = float(np.hypot(points[:, 0], points[:, 1]).max()) + window
+        radius = float(np.hypot(points[:, 0], points[:, 1]).max()) + window
         local = self._matcher.local_map(
-            self._nodes.points, self._nodes.counts, members, relative, guess, reach
+            self._nodes.points, self._nodes.counts, members, relative, guess, radius
         )
         start = guess
         if window > 0.0:
@@ -228,7 +197,7 @@ class PoseGraphMapper:
 
     # --- loops ---
 
-    def _candidates(self, node: int, distances: FloatArray) -> list[Candidate]:
+    def _candidates(self, node: int, distances: FloatArray) -> list[LoopCandidate]:
         return find_candidates(self._nodes.poses, node, distances, self._settings, MOST_CANDIDATES)
 
     def _close_loops(self, node: int) -> None:
@@ -248,7 +217,7 @@ class PoseGraphMapper:
                 self._accept([closure, *allies])
                 self._pending.clear()
 
-    def _close(self, node: int, candidate: Candidate, least_fit: float) -> Closure | None:
+    def _close(self, node: int, candidate: LoopCandidate, least_fit: float) -> Closure | None:
         old = candidate.node
         low, high = max(0, old - NEIGHBOURS), min(len(self._nodes), old + NEIGHBOURS + 1)
         members = np.arange(low, high)
@@ -270,7 +239,7 @@ class PoseGraphMapper:
             self._optimise()
 
     def _distances(self, node: int) -> FloatArray:
-        """Length of the shortest way to every node along successive nodes and closed loops [m]."""
+        """Length of the shortest path to every node along successive nodes and closed loops [m]."""
         steps = np.hypot(*np.diff(self._nodes.poses[:, :2], axis=0).T) + 1e-3
         first = np.arange(len(steps))
         old = np.array([closure.old for closure in self._closures], dtype=np.int64)
@@ -311,31 +280,15 @@ class PoseGraphMapper:
 
     # --- the map ---
 
-    def _new_map(self) -> HitCountMap:
-        c = self._config
-        return HitCountMap(self._beams, c.resolution, c.occupied_threshold, c.memory_limit_mb)
-
-    def _follow_path(self) -> None:
+    def _draw_path(self) -> None:
         """Draw what is new; redraw everything if the path has moved."""
         known = len(self._drawn_poses)
         poses = self._nodes.poses
         if known and np.abs(poses[:known] - self._drawn_poses).max() > 1e-9:
-            self._map = self._new_map()
+            self._map = HitCountMap(self._beams, self._config)
             known = 0
         self._map.draw(poses[known:], self._nodes.ranges[known:])
         self._drawn_poses = poses.copy()
-
-    def occupancy_grid(self) -> OccupancyGrid:
-        """See :class:`slamgym.slam.mapper.Mapper`."""
-        if self._grid is None:
-            self._follow_path()
-            self._grid = self._map.occupancy_grid()
-        return self._grid
-
-    def render(self, frame: GridFrame) -> ByteArray:
-        """See :class:`slamgym.slam.mapper.Mapper`."""
-        self._follow_path()
-        return self._map.render(frame)
 
     def trajectory(self) -> Trajectory:
         """See :class:`slamgym.slam.mapper.Mapper`."""

@@ -13,7 +13,14 @@ import numpy as np
 from slamgym.core.jit import kernel
 from slamgym.core.types import FloatArray, IntArray
 from slamgym.slam.graph.config import PoseGraphConfig
-from slamgym.slam.graph.surface_map import VACANT, align_scan, bind_cells, collect_cells
+from slamgym.slam.graph.surface_map import (
+    VACANT,
+    CellIndex,
+    LocalMap,
+    align_scan,
+    bind_cells,
+    collect_cells,
+)
 
 HIT, NEAR_HIT = 255, 120
 """What a point scores in an occupied cell and beside one."""
@@ -54,9 +61,7 @@ def paint_levels(index: np.ndarray, levels: np.ndarray) -> None:
 
 
 @kernel
-def block_score(
-    level: np.ndarray, low: int, us: np.ndarray, vs: np.ndarray, du: int, dv: int
-) -> int:  # fmt: skip
+def block_score(level: np.ndarray, low: int, us: np.ndarray, vs: np.ndarray, du: int, dv: int) -> int:
     """Sum of a level's values at the points moved by an offset.
 
     Cells left of or below the grid still see its border: their block of maxima may reach into it.
@@ -73,16 +78,20 @@ def block_score(
 
 @kernel
 def search_window(
-    levels: np.ndarray, origin_x: float, origin_y: float, cell: float, points: FloatArray, centre: FloatArray,
-    window: int, angles: FloatArray, least: float, pose: FloatArray,
-) -> float:  # fmt: skip
+    levels: np.ndarray,
+    index: CellIndex,
+    points: FloatArray,
+    centre: FloatArray,
+    window: int,
+    angles: FloatArray,
+    least: float,
+    pose: FloatArray,
+) -> float:
     """Find the best pose in a window.
 
     Args:
         levels: From :func:`paint_levels`.
-        origin_x: Lower left corner of the grid [m].
-        origin_y: Lower left corner of the grid [m].
-        cell: Cell size [m].
+        index: The grid that they were made of.
         points: (n, 2) end points in the robot frame [m].
         centre: (3,) middle of the window.
         window: Largest offset in x and in y [cells].
@@ -93,6 +102,7 @@ def search_window(
     Returns:
         Its score, 0 to 1: 1 if every point falls into an occupied cell; ``least`` if none is better.
     """
+    _, origin_x, origin_y, cell = index
     num, top = len(points), len(levels) - 1
     us = np.empty((len(angles), num), dtype=np.int32)
     vs = np.empty((len(angles), num), dtype=np.int32)
@@ -156,9 +166,6 @@ def search_window(
 
 
 MARGIN_CELLS = 3
-ALIGN_STEPS = 12
-ALIGN_REACH = 3.0
-"""Residual at which a point's weight has fallen to a quarter [standard deviations]."""
 MOST_LEVELS = 6
 SEARCH_POINTS = 120
 """The search takes about this many of a scan's points."""
@@ -166,17 +173,7 @@ ANGULAR_STEPS = (0.008, 0.06)
 """Bounds of the search's step in heading [rad]."""
 
 
-class LocalMap(NamedTuple):
-    """Surface cells round a pose; see :mod:`slamgym.slam.graph.surface_map`."""
-
-    numbers: np.ndarray  # (rows, cols) int32, number of the occupied cell
-    means: FloatArray  # (cells, 4)
-    infos: FloatArray  # (cells, 3)
-    origin_x: float  # [m]
-    origin_y: float  # [m]
-
-
-class Match(NamedTuple):
+class NodeMatch(NamedTuple):
     """Where a scan fits into a local map."""
 
     pose: FloatArray  # (3,) in the local map's frame
@@ -192,7 +189,7 @@ class NodeMatcher:
 
     def local_map(
         self, points: FloatArray, counts: IntArray, members: IntArray, poses: FloatArray, centre: FloatArray,
-        reach: float,
+        radius: float,
     ) -> LocalMap:  # fmt: skip
         """Make a local map.
 
@@ -202,19 +199,22 @@ class NodeMatcher:
             members: (members,) which nodes the map is made of.
             poses: (members, 3) their poses in the frame of the map.
             centre: (3,) what the map is centred on.
-            reach: The map extends so far from there [m].
+            radius: The map extends so far from there [m].
         """
         cell = self._config.cell
-        half = math.ceil(reach / cell) + MARGIN_CELLS
-        origin_x = (math.floor(centre[0] / cell) - half) * cell
-        origin_y = (math.floor(centre[1] / cell) - half) * cell
-        index = np.empty((2 * half, 2 * half), dtype=np.int32)
-        moments = np.empty((min(int(counts[members].sum()) + 1, index.size), 8))
+        half = math.ceil(radius / cell) + MARGIN_CELLS
+        index = CellIndex(
+            numbers=np.empty((2 * half, 2 * half), dtype=np.int32),
+            origin_x=(math.floor(centre[0] / cell) - half) * cell,
+            origin_y=(math.floor(centre[1] / cell) - half) * cell,
+            cell=cell,
+        )
+        moments = np.empty((min(int(counts[members].sum()) + 1, index.numbers.size), 8))
         places = np.empty((len(moments), 2), dtype=np.int32)
-        used = collect_cells(points, counts, poses, members, origin_x, origin_y, cell, index, places, moments)
+        used = collect_cells(points, counts, poses, members, index, places, moments)
         means, infos = np.empty((used, 4)), np.empty((used, 3))
-        bind_cells(index, places, moments[:used], self._config.surface_sigma, means, infos)
-        return LocalMap(index, means, infos, origin_x, origin_y)
+        bind_cells(index.numbers, places, moments[:used], self._config.surface_sigma, means, infos)
+        return LocalMap(index, means, infos)
 
     def align(
         self,
@@ -223,15 +223,12 @@ class NodeMatcher:
         start: FloatArray,
         prior: FloatArray,
         prior_info: FloatArray,
-    ) -> Match:
+    ) -> NodeMatch:
         """Refine a pose near its final place; see :func:`slamgym.slam.graph.surface_map.align_scan`."""
         pose, information = np.empty(3), np.empty((3, 3))
-        fit = align_scan(
-            local.numbers, local.means, local.infos, local.origin_x, local.origin_y, self._config.cell,
-            points, start, prior, prior_info, ALIGN_STEPS, ALIGN_REACH, self._config.point_share, pose,
-            information,
-        )  # fmt: skip
-        return Match(pose, information, float(fit))
+        share = self._config.point_share
+        fit = align_scan(local, points, start, prior, prior_info, share, pose, information)
+        return NodeMatch(pose, information, float(fit))
 
     def search(
         self,
@@ -250,8 +247,9 @@ class NodeMatcher:
         cell = self._config.cell
         cells = max(1, math.ceil(window / cell))
         num_levels = min(MOST_LEVELS, max(1, math.ceil(math.log2(cells + 1))) + 1)
-        levels = np.empty((num_levels, *local.numbers.shape), dtype=np.uint8)
-        paint_levels(local.numbers, levels)
+        numbers = local.grid.numbers
+        levels = np.empty((num_levels, *numbers.shape), dtype=np.uint8)
+        paint_levels(numbers, levels)
         points = points[:: max(1, len(points) // SEARCH_POINTS)]
         # One step turns the far points by about a cell: further points would only be blurred by a finer one.
         far = float(np.percentile(np.hypot(points[:, 0], points[:, 1]), 80.0))
@@ -259,7 +257,5 @@ class NodeMatcher:
         count = math.ceil(turn / step)
         angles = step * np.arange(-count, count + 1, dtype=np.float64)
         pose = np.empty(3)
-        score = search_window(
-            levels, local.origin_x, local.origin_y, cell, points, centre, cells, angles, least, pose
-        )
+        score = search_window(levels, local.grid, points, centre, cells, angles, least, pose)
         return pose, float(score)

@@ -11,6 +11,7 @@ at the bottom.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -26,13 +27,39 @@ STRAY = 0.01
 """What a cell with fewer points counts, beside one with a direction."""
 FLATNESS = 0.15
 """Surface is flat if its narrow spread (standard deviation) is below this share of its wide one."""
+ALIGN_STEPS = 12
+"""Most steps of an alignment."""
+ALIGN_WIDTH = 3.0
+"""Residual at which a point's weight has fallen to a quarter [standard deviations]."""
+
+
+class CellIndex(NamedTuple):
+    """A grid that says which cells are occupied."""
+
+    numbers: np.ndarray  # (rows, cols) int32, number of the occupied cell or ``VACANT``
+    origin_x: float  # lower left corner [m]
+    origin_y: float  # [m]
+    cell: float  # size of a cell [m]
+
+
+class LocalMap(NamedTuple):
+    """Surface cells round a pose."""
+
+    grid: CellIndex
+    means: FloatArray  # (cells, 4), see bind_cells
+    infos: FloatArray  # (cells, 3), see bind_cells
 
 
 @kernel
 def collect_cells(
-    points: FloatArray, counts: IntArray, poses: FloatArray, members: IntArray, origin_x: float,
-    origin_y: float, cell: float, index: np.ndarray, places: np.ndarray, moments: FloatArray,
-) -> int:  # fmt: skip
+    points: FloatArray,
+    counts: IntArray,
+    poses: FloatArray,
+    members: IntArray,
+    index: CellIndex,
+    places: np.ndarray,
+    moments: FloatArray,
+) -> int:
     """Put the end points of some scans into cells.
 
     Args:
@@ -40,10 +67,7 @@ def collect_cells(
         counts: (nodes,) how many of them are set.
         poses: (members, 3) poses of the members in the local map's frame.
         members: (members,) which nodes.
-        origin_x: Lower left corner of the grid [m].
-        origin_y: Lower left corner of the grid [m].
-        cell: Cell size [m].
-        index: (rows, cols) int32, receives the number of the occupied cell or ``VACANT``.
+        index: The grid; receives the number of each occupied cell.
         places: (most cells, 2) int32, receives each occupied cell's row and column.
         moments: (most cells, 8) receives n, sums of x, y, xx, xy, yy, relative to the grid's corner, and the
             sums of the unit vectors towards the robot that saw the points.
@@ -51,8 +75,9 @@ def collect_cells(
     Returns:
         The number of occupied cells.
     """
-    rows, cols = index.shape
-    index[:] = VACANT
+    numbers, origin_x, origin_y, cell = index
+    rows, cols = numbers.shape
+    numbers[:] = VACANT
     used = 0
     for k in range(len(members)):
         node = members[k]
@@ -63,12 +88,12 @@ def collect_cells(
             col, row = math.floor(x / cell), math.floor(y / cell)
             if row < 0 or col < 0 or row >= rows or col >= cols:
                 continue
-            number = index[row, col]
+            number = numbers[row, col]
             if number == VACANT:
                 if used == len(moments):
                     continue
                 number = used
-                index[row, col] = number
+                numbers[row, col] = number
                 places[number, 0], places[number, 1] = row, col
                 moments[number] = 0.0
                 used += 1
@@ -87,7 +112,7 @@ def collect_cells(
 
 @kernel
 def bind_cells(
-    index: np.ndarray,
+    numbers: np.ndarray,
     places: np.ndarray,
     moments: FloatArray,
     sigma: float,
@@ -97,7 +122,7 @@ def bind_cells(
     """Compute what each occupied cell binds.
 
     Args:
-        index: (rows, cols) from :func:`collect_cells`.
+        numbers: (rows, cols) from :func:`collect_cells`.
         places: (cells, 2) from :func:`collect_cells`.
         moments: (cells, 8) from :func:`collect_cells`.
         sigma: Standard deviation of a point across a wall [m]; at corners and clutter twice that, both ways.
@@ -105,7 +130,7 @@ def bind_cells(
             towards the robot that saw the cell.
         infos: (cells, 3) receives the matrices' xx, xy and yy entries [1/m^2].
     """
-    rows, cols = index.shape
+    rows, cols = numbers.shape
     across = 1.0 / (sigma * sigma)
     for number in range(len(moments)):
         row, col = places[number, 0], places[number, 1]
@@ -117,7 +142,7 @@ def bind_cells(
             n = sx = sy = sxx = sxy = syy = 0.0
             for near_row in range(max(row - ring, 0), min(row + ring + 1, rows)):
                 for near_col in range(max(col - ring, 0), min(col + ring + 1, cols)):
-                    near = index[near_row, near_col]
+                    near = numbers[near_row, near_col]
                     if near != VACANT:
                         n += moments[near, 0]
                         sx += moments[near, 1]
@@ -154,25 +179,23 @@ def nearest_turn(angle: float) -> float:
 
 @kernel
 def align_scan(
-    index: np.ndarray, means: FloatArray, infos: FloatArray, origin_x: float, origin_y: float, cell: float,
-    points: FloatArray, start: FloatArray, prior: FloatArray, prior_info: FloatArray, iterations: int,
-    reach: float, share: float, pose: FloatArray, information: FloatArray,
-) -> float:  # fmt: skip
+    local: LocalMap,
+    points: FloatArray,
+    start: FloatArray,
+    prior: FloatArray,
+    prior_info: FloatArray,
+    share: float,
+    pose: FloatArray,
+    information: FloatArray,
+) -> float:
     """Align a scan with a local map by Gauss-Newton steps with Geman-McClure weights.
 
     Args:
-        index: (rows, cols) of the local map.
-        means: (cells, 4).
-        infos: (cells, 3).
-        origin_x: Lower left corner of the grid [m].
-        origin_y: Lower left corner of the grid [m].
-        cell: Cell size [m].
+        local: The local map.
         points: (n, 2) end points in the robot frame [m].
         start: (3,) pose to begin at.
         prior: (3,) expected pose, e.g. by odometry.
         prior_info: (3, 3) how much that is trusted, in the map's frame; zero for not at all.
-        iterations: Most steps.
-        reach: Residual at which a point's weight has fallen to a quarter [standard deviations].
         share: What a point counts, because neighbouring points err together, 0 to 1.
         pose: (3,) receives the result.
         information: (3, 3) receives the normal matrix there, prior included.
@@ -180,11 +203,12 @@ def align_scan(
     Returns:
         Share of the points that found a surface within about one cell, weighted by how well they fit.
     """
-    rows, cols = index.shape
+    (numbers, origin_x, origin_y, cell), means, infos = local
+    rows, cols = numbers.shape
     pose[:] = start
-    scale2 = reach * reach
+    scale2 = ALIGN_WIDTH * ALIGN_WIDTH
     fit = 0.0
-    for _ in range(iterations):
+    for _ in range(ALIGN_STEPS):
         cos, sin = math.cos(pose[2]), math.sin(pose[2])
         fit = 0.0
         information[:] = prior_info
@@ -202,7 +226,7 @@ def align_scan(
             best, number = 1e18, VACANT
             for near_row in range(max(row - 1, 0), min(row + 2, rows)):
                 for near_col in range(max(col - 1, 0), min(col + 2, cols)):
-                    near = index[near_row, near_col]
+                    near = numbers[near_row, near_col]
                     if near != VACANT:
                         d2 = (x - means[near, 0]) ** 2 + (y - means[near, 1]) ** 2
                         if d2 < best:

@@ -1,0 +1,214 @@
+"""GMapping's matching objective over a map of end points, and its hill climbing: numba kernels.
+
+The objective is the sum over beams of ``exp(-d^2 / sigma)``, where d is the distance from the beam's end point
+to the nearest cell mean in the 3 x 3 cells round it. GMapping climbs it with six axis moves of shrinking step.
+
+Convention: see :mod:`slamgym.slam.tiles` for points in cells. Poses are in cells and radians.
+"""
+
+import math
+from enum import IntEnum
+from typing import NamedTuple
+
+import numpy as np
+
+from slamgym.core.jit import kernel
+from slamgym.core.types import FloatArray
+from slamgym.slam.tiles import (
+    COUNT,
+    EMPTY,
+    MEAN_U,
+    MEAN_UNITS,
+    MEAN_V,
+    NEIGHBOURS,
+    TILE_BITS,
+    TILE_MASK,
+    TilePool,
+)
+
+MAX_CLIMB_STEPS = 50
+"""Bound on the moves of one climb, so that a climb across a featureless map ends."""
+SQUARE_WIDTH = 0.15
+"""Closeness by which means are averaged is 1 / (this + d^2)^2 [cells^2]; 2 cm at 5 cm cells."""
+
+
+class Search(IntEnum):
+    """How a scan is matched: the settings' ``matcher`` as the kernels take it."""
+
+    COARSE_TO_FINE = 0
+    HILL_CLIMBING = 1
+
+
+class MatchSettings(NamedTuple):
+    """What the kernels need to know of :class:`slamgym.slam.config.SlamConfig`, in cells."""
+
+    gain: float  # 1 / sigma [1/cells^2]
+    likelihood_gain: float  # 1 / likelihood sigma [1/cells^2]
+    miss: float  # log-likelihood of a beam with nothing near
+    stride: int  # match every so many points
+    linear_step: float  # [cells]
+    angular_step: float  # [rad]
+    search: int  # one of Search
+    halvings: int  # of the step in GMapping's own search
+    minimum_score: float
+    odometry_weight: float
+
+
+class CellPose(NamedTuple):
+    """A pose in a particle's map."""
+
+    u: float  # [cells]
+    v: float  # [cells]
+    theta: float  # [rad]
+
+
+class Prior(NamedTuple):
+    """The predicted pose and its pull, in units of the score."""
+
+    pose: CellPose
+    stiffness: float  # [1/cells^2]
+    turn_stiffness: float  # [1/rad^2]
+    sure: bool  # whether the prediction is good to within the capture range
+
+
+def _neighbour_lists() -> tuple[np.ndarray, np.ndarray]:
+    """For each 9-bit neighbourhood, how many bits it has and which ones."""
+    numbers, lists = np.zeros(512, dtype=np.int8), np.zeros((512, 9), dtype=np.int8)
+    for bits in range(512):
+        members = [k for k in range(9) if bits >> k & 1]
+        numbers[bits] = len(members)
+        lists[bits, : len(members)] = members
+    return numbers, lists
+
+
+_NUM_NEIGHBOURS, _NEIGHBOURS = _neighbour_lists()
+_DU = np.arange(9) % 3 - 1
+_DV = np.arange(9) // 3 - 1
+
+
+@kernel
+def exp_of_minus(x: float) -> float:
+    """exp(-x), from its series where that is good to 3e-4: within a 3 x 3 window the argument is small."""
+    if x < 0.5:
+        return 1.0 - x * (1.0 - x * (0.5 - x * (1.0 / 6.0 - x * (1.0 / 24.0))))
+    return math.exp(-x)
+
+
+@kernel
+def surface_near(pool: TilePool, table: np.ndarray, u: float, v: float) -> tuple[float, float, float]:
+    """The surface in the 3 x 3 cells round a point.
+
+    Returns:
+        Squared distance to the nearest cell mean, negative where the neighbourhood is empty [cells^2], and the
+        offset to the middle of the surface [cells]: the average of the means by their counts and closeness. A
+        wall seen from slightly wrong poses is smeared over two cells; the nearest of its means would hold a
+        point anywhere within it.
+    """
+    cell_u, cell_v = int(u), int(v)
+    row, col = cell_v >> TILE_BITS, cell_u >> TILE_BITS
+    if u < 1.0 or v < 1.0 or row >= table.shape[0] or col >= table.shape[1]:
+        return -1.0, 0.0, 0.0
+    tile = table[row, col]
+    if tile == EMPTY:
+        return -1.0, 0.0, 0.0
+    in_v, in_u = cell_v & TILE_MASK, cell_u & TILE_MASK
+    bits = pool.cells[tile, (in_v << TILE_BITS) | in_u, NEIGHBOURS]
+    if bits == 0:
+        return -1.0, 0.0, 0.0
+    nearest, sum_u, sum_v, weight = 1e9, 0.0, 0.0, 0.0
+    inside = 0 < in_u < TILE_MASK and 0 < in_v < TILE_MASK
+    for b in range(_NUM_NEIGHBOURS[bits]):
+        k = _NEIGHBOURS[bits, b]
+        du, dv = _DU[k], _DV[k]
+        if inside:
+            near, cell = tile, ((in_v + dv) << TILE_BITS) | (in_u + du)
+        else:
+            near_u, near_v = cell_u + du, cell_v + dv
+            near = table[near_v >> TILE_BITS, near_u >> TILE_BITS]
+            cell = ((near_v & TILE_MASK) << TILE_BITS) | (near_u & TILE_MASK)
+        offset_u = cell_u - u + du + pool.cells[near, cell, MEAN_U] * (1.0 / MEAN_UNITS)
+        offset_v = cell_v - v + dv + pool.cells[near, cell, MEAN_V] * (1.0 / MEAN_UNITS)
+        d2 = offset_u * offset_u + offset_v * offset_v
+        w = pool.cells[near, cell, COUNT] / ((SQUARE_WIDTH + d2) * (SQUARE_WIDTH + d2))
+        sum_u += w * offset_u
+        sum_v += w * offset_v
+        weight += w
+        nearest = min(nearest, d2)
+    return nearest, sum_u / weight, sum_v / weight
+
+
+@kernel
+def score(
+    pool: TilePool,
+    table: np.ndarray,
+    points: FloatArray,
+    stride: int,
+    pose: CellPose,
+    gain: float,
+    to_beat: float,
+) -> float:
+    """GMapping's matching score of a pose over every ``stride``-th point; ``gain`` in 1/cells^2.
+
+    The count starts at what a perfect fit would score and ends as soon as ``to_beat`` is out of reach; most
+    poses that a climb tries lose, and show it early.
+    """
+    cos, sin = math.cos(pose.theta), math.sin(pose.theta)
+    total = float((len(points) + stride - 1) // stride)
+    for i in range(0, len(points), stride):
+        u = pose.u + cos * points[i, 0] - sin * points[i, 1]
+        v = pose.v + sin * points[i, 0] + cos * points[i, 1]
+        d2, _, _ = surface_near(pool, table, u, v)
+        total -= 1.0 - exp_of_minus(gain * d2) if d2 >= 0.0 else 1.0
+        if total <= to_beat:
+            break
+    return total
+
+
+@kernel
+def prior_cost(prior: Prior, pose: CellPose) -> float:
+    """What it costs to leave the predicted pose, in units of the score."""
+    du, dv, turn = pose.u - prior.pose.u, pose.v - prior.pose.v, pose.theta - prior.pose.theta
+    return 0.5 * (prior.stiffness * (du * du + dv * dv) + prior.turn_stiffness * turn * turn)
+
+
+@kernel
+def climb(
+    pool: TilePool,
+    table: np.ndarray,
+    points: FloatArray,
+    stride: int,
+    prior: Prior,
+    halvings: int,
+    s: MatchSettings,
+) -> CellPose:
+    """GMapping's hill climbing: the best of six axis moves while there is one, then half the step.
+
+    Returns:
+        The top.
+    """
+    pose = prior.pose
+    linear_step, angular_step = s.linear_step, s.angular_step
+    current = score(pool, table, points, stride, pose, s.gain, -1.0)
+    halved = 0
+    for _ in range(MAX_CLIMB_STEPS):
+        best, best_pose = current, pose
+        for move in range(6):
+            sign = 1.0 if move % 2 == 0 else -1.0
+            trial = CellPose(
+                pose.u + (sign * linear_step if move < 2 else 0.0),
+                pose.v + (sign * linear_step if 2 <= move < 4 else 0.0),
+                pose.theta + (sign * angular_step if move >= 4 else 0.0),
+            )
+            cost = prior_cost(prior, trial)
+            value = score(pool, table, points, stride, trial, s.gain, best + cost) - cost
+            if value > best:
+                best, best_pose = value, trial
+        if best > current:
+            current, pose = best, best_pose
+            continue
+        halved += 1
+        if halved > halvings:
+            break
+        linear_step *= 0.5
+        angular_step *= 0.5
+    return pose
