@@ -29,9 +29,15 @@ from slamgym.cad import open_plans
 from slamgym.core.errors import SlamgymError
 from slamgym.core.types import BoolArray, FloatArray
 from slamgym.dataset.curate.completeness import FEATURES, completeness_features
-from slamgym.dataset.curate.completeness_model import PRETRAINED_MODEL, TreesConfig, cross_fit
+from slamgym.dataset.curate.completeness_model import (
+    PRETRAINED_MODEL,
+    ProbabilityScore,
+    TreesConfig,
+    cross_fit,
+    roc_auc,
+    score_probabilities,
+)
 from slamgym.dataset.curate.criteria import Criteria, StuckFilter
-from slamgym.dataset.curate.probability_score import ProbabilityScore, roc_auc, score_probabilities
 from slamgym.dataset.curate.snapshots import LabelledMaps, label_maps
 from slamgym.dataset.format import load_pair, read_manifest
 from slamgym.dataset.generate.build import DatasetConfig, build_dataset

@@ -9,8 +9,8 @@ import numpy as np
 from slamgym.agents.evaluation.coverage_curve import mean_coverage
 from slamgym.agents.evaluation.trial import Trial
 from slamgym.core.errors import ConfigError
+from slamgym.core.files import staged
 from slamgym.core.intervals import mean_band
-from slamgym.core.staged import staged
 
 _POINTS = 200
 _LEVELS = ("0.95", "0.99")

@@ -15,7 +15,7 @@ from slamgym.agents.evaluation.trial import Trial, TrialConfig
 from slamgym.cad import FloorPlan, PlanSource
 from slamgym.core.config import suggest
 from slamgym.core.errors import ConfigError
-from slamgym.core.staged import staged
+from slamgym.core.files import staged
 from slamgym.core.types import ByteArray
 from slamgym.envs import ExploreEnv
 from slamgym.envs.episode import time_limit

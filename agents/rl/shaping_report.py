@@ -8,8 +8,8 @@ import numpy as np
 
 from slamgym.agents.rl.reward_shaping import ShapingRun
 from slamgym.core.errors import SlamgymError
+from slamgym.core.files import staged, write_text
 from slamgym.core.intervals import Interval, crossed_mean, crossed_ratio, mean_band
-from slamgym.core.staged import staged, write_text
 from slamgym.core.types import FloatArray
 
 COLUMNS = (

@@ -25,10 +25,10 @@ from shapely import Polygon
 
 from slamgym.cad.floorplan import Door, FloorPlan, Room
 from slamgym.core.errors import PlanError
-from slamgym.core.staged import write_text
+from slamgym.core.files import write_text
 from slamgym.core.types import FloatArray
 
-MAX_COORDINATE = 10_000.0
+MAX_PLAN_COORDINATE = 10_000.0
 """Coordinates beyond this [m] are taken for another unit than metres."""
 MIN_AREA = 0.01
 """Less floor than this [m2] is none."""
@@ -196,8 +196,8 @@ def _points(value: Any, source: str, what: str, at_least: int) -> FloatArray:
 def _checked(numbers: FloatArray, source: str, what: str) -> FloatArray:
     if not np.isfinite(numbers).all():
         raise PlanError(source, f"{what} has a coordinate that is NaN or infinite; give numbers in metres")
-    if np.abs(numbers).max(initial=0.0) > MAX_COORDINATE:
-        raise PlanError(source, f"{what} has a coordinate beyond {MAX_COORDINATE:.0f} m; give metres")
+    if np.abs(numbers).max(initial=0.0) > MAX_PLAN_COORDINATE:
+        raise PlanError(source, f"{what} has a coordinate beyond {MAX_PLAN_COORDINATE:.0f} m; give metres")
     return numbers
 
 

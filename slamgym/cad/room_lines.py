@@ -29,7 +29,7 @@ DOOR_WIDTH = 1.0
 """Of a portal [m]."""
 _REACH = 0.35
 """A door cuts this far to either side [m]: annotated rooms are drawn up to 0.3 m apart."""
-MIN_MAIN_SHARE = 0.8
+MIN_CONNECTED_SHARE = 0.8
 """The largest connected part must make up this share of the floor; closets without a portal are dropped."""
 
 
@@ -85,7 +85,7 @@ def _build(floor: Mapping[str, Any], plan_id: str, source: str) -> FloorPlan:
     space = shapely.union_all([*(room.polygon for room in rooms), *passages])
     parts = [part for part in shapely.get_parts(space) if isinstance(part, Polygon)]
     largest = max(parts, key=lambda part: float(part.area), default=Polygon())
-    if largest.area < MIN_MAIN_SHARE * space.area or largest.is_empty:
+    if largest.area < MIN_CONNECTED_SHARE * space.area or largest.is_empty:
         raise PlanError(source, f"the free space falls into {len(parts)} disjoint parts; connect them")
     return FloorPlan(
         id=plan_id,

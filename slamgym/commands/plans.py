@@ -17,7 +17,7 @@ from slamgym.cad.houseexpo import write_houseexpo
 from slamgym.cad.plan_filter import Rejections, usable_plans
 from slamgym.cad.sources import PlanSource, open_plans
 from slamgym.core.errors import ConfigError, InputFileError
-from slamgym.core.staged import write_bytes
+from slamgym.core.files import write_bytes
 from slamgym.viz.plan_pictures import draw_sheet
 
 MAX_NAMED = 10

@@ -18,7 +18,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from slamgym import __version__
 from slamgym.core.config import to_dict
 from slamgym.core.errors import ConfigError, InputFileError
-from slamgym.core.staged import write_bytes, write_text
+from slamgym.core.files import write_bytes, write_text
 from slamgym.core.types import Trajectory
 from slamgym.interop.logs import open_log, read_truth
 from slamgym.interop.records import Log

@@ -14,10 +14,10 @@ import tyro
 from slamgym.cad import FloorPlan, open_plans
 from slamgym.core.config import suggest
 from slamgym.core.errors import ConfigError
+from slamgym.core.files import staged
 from slamgym.core.progress import say
-from slamgym.core.staged import staged
+from slamgym.core.seeding import shuffled
 from slamgym.core.types import ByteArray
-from slamgym.dataset.schedule import schedule
 from slamgym.envs import ExploreConfig, ExploreEnv
 from slamgym.envs.episode import MakeExplorer, time_limit
 from slamgym.sim import ClutterConfig, LidarConfig, RobotConfig, odometry_level
@@ -91,7 +91,7 @@ def _check(arguments: WatchArguments) -> None:
 def _choose_plan(arguments: WatchArguments) -> FloorPlan:
     plans = open_plans(arguments.plans)
     if arguments.plan is None:
-        return plans.load(next(schedule(plans.ids, arguments.seed)).plan_id)
+        return plans.load(shuffled(plans.ids, arguments.seed)[0])
     if arguments.plan not in plans.ids:
         raise ConfigError(
             f"{arguments.plans} has no plan {arguments.plan!r}; {suggest(arguments.plan, plans.ids[:1000])}"

@@ -6,7 +6,8 @@ import numpy as np
 
 from slamgym.cad import FloorPlan
 from slamgym.core.errors import ConfigError
-from slamgym.core.types import UNKNOWN, ByteArray, GridFrame, OccupancyGrid, Pose2D
+from slamgym.core.types import OCCUPIED, UNKNOWN, ByteArray, GridFrame, OccupancyGrid, Pose2D
+from slamgym.viz.contact_sheet import distance_to, wall_faces
 
 
 @dataclass(frozen=True)
@@ -76,3 +77,14 @@ def place(grid: OccupancyGrid, frame: GridFrame) -> ByteArray:
     cells = np.full(frame.shape, UNKNOWN, dtype=np.uint8)
     cells[top : top + grid.frame.height_px, left : left + grid.frame.width_px] = grid.cells
     return cells
+
+
+def map_error(pair: MapPair) -> float:
+    """Mean distance of the SLAM map's occupied cells to the nearest face of a CAD wall [m]; 0 if it has none.
+
+    Furniture and people are no part of the CAD map, so with clutter the figure is larger.
+    """
+    occupied = pair.slam == OCCUPIED
+    if not occupied.any():
+        return 0.0
+    return float(distance_to(wall_faces(pair.cad))[occupied].mean() * pair.frame.resolution)

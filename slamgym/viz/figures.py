@@ -8,7 +8,7 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from slamgym.core.errors import SlamgymError
-from slamgym.core.staged import staged
+from slamgym.core.files import staged
 from slamgym.core.types import BoolArray, ByteArray, FloatArray
 
 PANEL_PX = 256

@@ -9,7 +9,7 @@ import imageio.v2 as imageio
 import numpy as np
 
 from slamgym.core.errors import ConfigError, SlamgymError
-from slamgym.core.staged import staged
+from slamgym.core.files import staged
 from slamgym.core.types import ByteArray, FloatArray, GridFrame
 from slamgym.slam.mapper import Mapper
 from slamgym.viz.map_pictures import view_picture

@@ -7,8 +7,7 @@ import cv2
 import numpy as np
 import shapely
 
-from slamgym.cad.floorplan import FloorPlan
-from slamgym.cad.raster import fill_segments, map_values
+from slamgym.cad.floorplan import FloorPlan, fill_segments, map_values
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, BoolArray, ByteArray, FloatArray, GridFrame
 
 _PAPER = (255, 255, 255)

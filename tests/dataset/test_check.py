@@ -15,8 +15,7 @@ from slamgym.dataset.curate.split import make_split
 from slamgym.dataset.format import Layout, read_manifest
 from slamgym.dataset.images.check import check_image_folder
 from slamgym.dataset.images.format import ImageLayout, read_images
-from slamgym.dataset.images.render import render_images
-from slamgym.dataset.images.selection import select_pairs
+from slamgym.dataset.images.render import render_images, select_pairs
 from slamgym.dataset.images.square_images import ImageConfig
 
 
@@ -107,7 +106,7 @@ DATASET_DAMAGE = {
     "other plan": (lambda t, n: edit_line(t.manifest, 1, plan_id="x"), ["give another name", "seed doesn't follow"]),
     "settings missing": (lambda t, n: t.config.unlink(), ["config.json: is missing"]),
     "settings torn": (lambda t, n: t.config.write_text("{"), ["config.json: is not JSON"]),
-    "settings of old format": (lambda t, n: t.config.write_text("{}"), ["config.json: has format None"]),
+    "settings of old format": (lambda t, n: t.config.write_text("{}"), ["config.json: has version None"]),
     "rejections torn": (lambda t, n: t.rejected.write_text("{\n"), ["rejected.jsonl:1: is not a JSON object"]),
     "split of fewer plans": (
         lambda t, n: (t.root / "split.json").write_text('{"seed": 0, "test": 0.1, "plans": {}}'),

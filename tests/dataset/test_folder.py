@@ -8,7 +8,7 @@ from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.files import StorageError
 from slamgym.dataset.folder import open_dataset
 from slamgym.dataset.format import Layout
-from slamgym.dataset.schedule import Slot
+from slamgym.dataset.record import Slot
 
 SETTINGS = {"seed": 1, "episode": {"minutes": "auto", "particles": 30}}
 

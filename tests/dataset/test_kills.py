@@ -16,7 +16,7 @@ from slamgym.cad import FloorPlan, write_houseexpo
 from slamgym.commands import cli
 from slamgym.dataset import Layout, load_pair, read_manifest
 from slamgym.dataset.folder import open_dataset
-from slamgym.dataset.schedule import Slot
+from slamgym.dataset.record import Slot
 from slamgym.interop import read_carmen
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="forks and kills processes")

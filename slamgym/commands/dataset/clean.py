@@ -20,6 +20,7 @@ from slamgym.dataset.curate.cleaning import Classifier, CleanConfig, CleanReport
 from slamgym.dataset.curate.completeness_model import (
     PRETRAINED_MODEL,
     CompletenessModel,
+    ProbabilityScore,
     TreesConfig,
     cross_fit,
 )
@@ -34,7 +35,6 @@ from slamgym.dataset.curate.decisions import (
     stored_decisions,
 )
 from slamgym.dataset.curate.map_items import MapItem, open_items
-from slamgym.dataset.curate.probability_score import ProbabilityScore
 from slamgym.dataset.curate.snapshots import label_maps
 from slamgym.dataset.curate.verdicts import VERDICTS_FILE
 from slamgym.dataset.format import Layout

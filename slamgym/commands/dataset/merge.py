@@ -7,7 +7,7 @@ from pathlib import Path
 import tyro
 
 from slamgym.dataset.merge import MergeReport, merge_shards
-from slamgym.dataset.summary import describe_pairs
+from slamgym.dataset.statistics import describe_pairs
 
 _SHOWN = 5
 

@@ -12,12 +12,13 @@ import tyro
 
 from slamgym.core.config import suggest
 from slamgym.core.errors import ConfigError
-from slamgym.core.staged import write_bytes
+from slamgym.core.files import write_bytes
 from slamgym.core.types import ByteArray
-from slamgym.dataset.format import PairRecord, read_manifest
+from slamgym.dataset.format import read_manifest
 from slamgym.dataset.images.check import is_image_folder
 from slamgym.dataset.images.format import ImageRecord, read_images
-from slamgym.dataset.summary import sheet_entries
+from slamgym.dataset.record import PairRecord
+from slamgym.dataset.statistics import sheet_entries
 from slamgym.viz.contact_sheet import draw_contact_sheet
 from slamgym.viz.image_sheet import draw_image_sheet
 

@@ -34,7 +34,7 @@ FEATURES = (
 )
 """Names of the features, in their order."""
 
-CLEARANCE = 0.2
+FRONTIER_CLEARANCE = 0.2
 """A frontier cell counts as open if no wall is nearer [m]: the radius of the circle that holds a TurtleBot3
 Waffle Pi is 0.22 m, and the walls of a map are smeared by a cell."""
 
@@ -182,7 +182,7 @@ def open_frontier(
 ) -> tuple[int, int]:
     """The frontier that a robot could drive through.
 
-    Its cells are the unknown ones beside free space, at least :data:`CLEARANCE` away from every wall. The
+    Its cells are the unknown ones beside free space, at least :data:`FRONTIER_CLEARANCE` away from every wall. The
     same test in the middle of a doorway and along a wall with pin holes tells an unseen room from noise.
 
     Args:
@@ -196,9 +196,9 @@ def open_frontier(
     """
     frontier = (cv2.dilate(floor.astype(np.uint8), _CROSS) > 0) & unknown
     rows, cols = np.nonzero(frontier)
-    reach = int(CLEARANCE / resolution)
+    reach = int(FRONTIER_CLEARANCE / resolution)
     down, right = np.indices((2 * reach + 1, 2 * reach + 1)).reshape(2, -1) - reach
-    near = np.hypot(down, right) * resolution < CLEARANCE
+    near = np.hypot(down, right) * resolution < FRONTIER_CLEARANCE
     walls = np.pad(occupied, reach)
     for row, col in zip(down[near] + reach, right[near] + reach, strict=True):
         clear = ~walls[rows + row, cols + col]

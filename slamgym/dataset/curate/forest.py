@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from slamgym.core.errors import InputFileError
-from slamgym.core.staged import write_bytes
+from slamgym.core.files import write_bytes
 from slamgym.core.types import FloatArray, IntArray
 
 MAX_FILE_BYTES = 64_000_000

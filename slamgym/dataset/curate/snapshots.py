@@ -28,9 +28,9 @@ from slamgym.core.types import (
 )
 from slamgym.dataset.curate.completeness import FEATURES, completeness_features
 from slamgym.dataset.curate.criteria import STUCK_PATH, Criteria, StuckFilter, has_clutter
-from slamgym.dataset.format import Layout, PairRecord, load_pair, read_config
-from slamgym.dataset.generate.record import map_error
-from slamgym.dataset.pair import MapPair
+from slamgym.dataset.format import Layout, load_pair, read_dataset_config
+from slamgym.dataset.pair import MapPair, map_error
+from slamgym.dataset.record import PairRecord
 from slamgym.interop import read_carmen, read_tum
 from slamgym.metrics import absolute_trajectory_error
 from slamgym.slam import SlamConfig
@@ -156,7 +156,7 @@ def _scans_file(folder: Path) -> Path:
 
 def _slam_settings(root: Path, record: PairRecord) -> SlamConfig:
     """How the maps of the dataset were drawn: its settings, and what the pair's conditions changed."""
-    settings = read_config(root)
+    settings = read_dataset_config(root)
     try:
         values: dict[str, Any] = dict(settings["episode"]["env"]["slam"])
     except (KeyError, TypeError) as error:
@@ -257,7 +257,7 @@ def label_maps(
                         shot.time / 60.0,
                         shot.is_last,
                         shot.path_length < STUCK_PATH and shot.coverage < criteria.min_coverage,
-                        bool(stuck.why_stuck(features, shot.resolution)),
+                        stuck.fault(features, shot.resolution) is not None,
                         shot.plan_id,
                         root.name,
                     )

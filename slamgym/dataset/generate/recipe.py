@@ -1,4 +1,4 @@
-"""Variety by configuration: settings that are drawn anew for every exploration.
+"""The settings of a dataset, and those that are drawn anew for every exploration.
 
 A recipe is a YAML or JSON file. Its keys are settings of an exploration (``explorer``, ``minutes``,
 ``odometry``, ``lidar``, or, with dots, those of the robot, its sensors, SLAM and clutter); under each stands a
@@ -28,14 +28,20 @@ from typing import Any
 
 import yaml
 
-from slamgym.core.config import replace_setting, setting_names, suggest
+from slamgym import __version__
+from slamgym.cad import PlanSource, plan_groups
+from slamgym.cad.plan_filter import PlanFilter
+from slamgym.core.config import replace_setting, setting_names, suggest, to_dict
 from slamgym.core.errors import ConfigError, InputFileError
+from slamgym.core.seeding import uniform_share
+from slamgym.dataset.format import FORMAT_VERSION
+from slamgym.dataset.pair import PairConfig
 from slamgym.envs import ExploreConfig
 from slamgym.envs.episode import EpisodeConfig
 from slamgym.sim import lidar_level, odometry_level
 from slamgym.sim.wheel_odometry import OdometryConfig
 
-LEVELS: dict[str, Callable[[str], Any]] = {"lidar": lidar_level, "odometry": odometry_level}
+ERROR_LEVELS: dict[str, Callable[[str], Any]] = {"lidar": lidar_level, "odometry": odometry_level}
 """Parts that can be set as a whole by the name of an error level."""
 PARTS = ("robot", "lidar", "odometry", "slam", "clutter")
 """Parts of the environment whose settings bear on a map."""
@@ -47,7 +53,7 @@ def known_settings() -> list[str]:
     """Every name that a condition may have."""
     env = ExploreConfig()
     inner = [f"{part}.{name}" for part in PARTS for name in setting_names(getattr(env, part))]
-    return [*EPISODE_SETTINGS, *LEVELS, *inner]
+    return [*EPISODE_SETTINGS, *ERROR_LEVELS, *inner]
 
 
 def apply_conditions(base: EpisodeConfig, conditions: Mapping[str, Any]) -> EpisodeConfig:
@@ -66,10 +72,10 @@ def apply_conditions(base: EpisodeConfig, conditions: Mapping[str, Any]) -> Epis
         value = conditions[name]
         if name in EPISODE_SETTINGS:
             config = replace_setting(config, name, value)
-        elif name in LEVELS:
+        elif name in ERROR_LEVELS:
             if not isinstance(value, str):
                 raise ConfigError(f"{name} must be the name of an error level, not {value!r}")
-            config = _with_env(config, name, LEVELS[name](value))
+            config = _with_env(config, name, ERROR_LEVELS[name](value))
         elif name.partition(".")[0] in PARTS:
             config = dataclasses.replace(config, env=replace_setting(config.env, name, value))
         else:
@@ -114,7 +120,7 @@ def _with_env(config: EpisodeConfig, part: str, value: Any) -> EpisodeConfig:
 
 RECIPES = Path(__file__).parent / "recipes"
 """The recipes that come with the package."""
-DIGITS = 3
+RANGE_DECIMALS = 3
 """Decimals of a number that is drawn from a range."""
 
 
@@ -160,9 +166,9 @@ class Recipe:
         """Draw the settings of the exploration that has this seed."""
         drawn: dict[str, Any] = {}
         for factor, choices in self.factors.items():
-            choice = _pick(choices, _uniform(seed, factor))
+            choice = _pick(choices, uniform_share(f"{seed}/{factor}"))
             for name, value in choice.settings.items():
-                drawn[name] = _number_between(value, _uniform(seed, f"{factor}/{name}"))
+                drawn[name] = _number_between(value, uniform_share(f"{seed}/{factor}/{name}"))
         return drawn
 
 
@@ -221,7 +227,7 @@ def parse_recipe(content: Mapping[Any, Any], where: str) -> Recipe:
     """Build a recipe from its plain form and try every value in turn.
 
     Raises:
-        ConfigError: Naming ``where``, the key and the mend.
+        ConfigError: Naming ``where``, the key and the fix.
     """
     factors = {}
     for factor, entries in content.items():
@@ -289,7 +295,7 @@ def _number_between(value: Any, share: float) -> Any:
     low, high = value["between"]
     if isinstance(low, int) and isinstance(high, int):
         return min(high, low + int(share * (high - low + 1)))
-    return round(low + share * (high - low), DIGITS)
+    return round(low + share * (high - low), RANGE_DECIMALS)
 
 
 def _pick(choices: Sequence[Choice], share: float) -> Choice:
@@ -302,7 +308,46 @@ def _pick(choices: Sequence[Choice], share: float) -> Choice:
     return choices[-1]
 
 
-def _uniform(seed: int, name: str) -> float:
-    """A number in [0, 1) that follows from a seed and a name, the same on every machine and version."""
-    digest = hashlib.sha256(f"{seed}/{name}".encode()).digest()
-    return int.from_bytes(digest[:8], "big") / 2.0**64
+@dataclass(frozen=True)
+class DatasetConfig:
+    """Everything that decides the content of a dataset, apart from the plans."""
+
+    seed: int = 0
+    """Seed of the whole dataset; explorations derive theirs from it, the plan id and the repetition."""
+    plans_filter: PlanFilter = "none"
+    """``useful`` takes homes that are worth exploring: 2-20 rooms, 20-300 m2, at most 30 m long, at most
+    1,500 vertices."""
+    episode: EpisodeConfig = field(default_factory=EpisodeConfig)
+    """The exploration."""
+    pair: PairConfig = field(default_factory=PairConfig)
+    """The images."""
+    trajectories: int = 1
+    """Explorations of a plan that come one after the other: several SLAM maps of one CAD map."""
+    recipe: Recipe = field(default_factory=Recipe)
+    """What varies from one exploration to the next."""
+
+    def __post_init__(self) -> None:
+        if self.trajectories < 1:
+            raise ConfigError(f"trajectories must be at least 1, not {self.trajectories}")
+        check_recipe(self.recipe, self.episode)
+
+
+def dataset_settings(config: DatasetConfig, plans: PlanSource) -> dict[str, Any]:
+    """The content of ``config.json``: two datasets with the same one have the same pairs."""
+    return {
+        "format_version": FORMAT_VERSION,
+        "version": __version__,
+        "plans": [
+            {"count": len(group.ids), "sha256": ids_digest(group.ids), "weight": group.weight}
+            for group in plan_groups(plans)
+        ],
+        **to_dict(config),
+    }
+
+
+def ids_digest(plan_ids: Sequence[str]) -> str:
+    """SHA-256 of a list of plan ids, so that a changed list is noticed."""
+    digest = hashlib.sha256()
+    for plan_id in plan_ids:
+        digest.update(plan_id.encode() + b"\n")
+    return digest.hexdigest()
