@@ -10,8 +10,8 @@ each a list of its outline and its holes, where a room is more than a box).
 Convention: y is down in the file and up in a :class:`FloorPlan`; reader and writer mirror a plan about the
 horizontal middle line of its outline, so its bounding box stays where it is.
 
-Of the 23,647 training outlines 883 touch, retrace or cross themselves. 806 are mended, where the result is
-beyond doubt, and 77 are refused; see :func:`mend_outline`.
+Of the 23,647 training outlines 883 touch, retrace or cross themselves. 806 are repaired, where the result is
+beyond doubt, and 77 are refused; see :func:`repair_outline`.
 """
 
 import json
@@ -33,7 +33,7 @@ MAX_PLAN_COORDINATE = 10_000.0
 MIN_AREA = 0.01
 """Less floor than this [m2] is none."""
 MAX_REPAIRED_SHARE = 0.005
-"""Mending may change the area, and cut off crumbs, by at most this share of it."""
+"""Repairing may change the area, and cut off crumbs, by at most this share of it."""
 
 _DECIMALS = 6  # a micrometre: below the files' resolution, above the noise of mirroring
 
@@ -123,7 +123,7 @@ def repair_outline(outline: FloatArray, holes: list[FloatArray], source: str) ->
     An outline that touches or retraces itself encloses one area however it is read. An outline that crosses
     itself, like a figure of eight or a loop that overlaps itself, encloses different areas by the even-odd
     rule and by the sum of its signed parts; it is refused. Crumbs and dangling spikes of up to 0.5 % of the
-    area that mending cuts off are dropped; larger separate parts make the free space disjoint, an error.
+    area that repairing cuts off are dropped; larger separate parts make the free space disjoint, an error.
 
     Args:
         outline: Shape (N, 2) [m].

@@ -16,6 +16,7 @@ from slamgym.cad.image_plan import PLAN_IMAGE_SUFFIXES, read_image_plan, read_ro
 from slamgym.cad.room_lines import RoomLinesSource
 from slamgym.core.config import suggest
 from slamgym.core.errors import ConfigError, InputFileError, PlanError
+from slamgym.core.files import read_text
 
 BUNDLED = Path(__file__).parent / "bundled"
 """The plans that come with the package."""
@@ -191,12 +192,7 @@ def read_ids(path: Path | str) -> list[str]:
     Raises:
         InputFileError: If the file can't be read or has no ids.
     """
-    try:
-        lines = Path(path).read_text(encoding="utf-8").splitlines()
-    except OSError as error:
-        raise InputFileError(path, f"can't be read ({error.strerror or error})") from error
-    except UnicodeDecodeError:
-        raise InputFileError(path, "is not a text file; give one plan id a line") from None
+    lines = read_text(path).splitlines()
     ids = list(dict.fromkeys(line.strip().removesuffix(".json") for line in lines if line.strip()))
     if not ids:
         raise InputFileError(path, "has no plan ids; give one a line")

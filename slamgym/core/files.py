@@ -79,6 +79,30 @@ def staged(path: Path | str, *, durable: bool = False) -> Iterator[Path]:
                 part.unlink(missing_ok=True)
 
 
+def read_bytes(path: Path | str) -> bytes:
+    """Read a whole file.
+
+    Raises:
+        InputFileError: If it can't be read.
+    """
+    try:
+        return Path(path).read_bytes()
+    except OSError as error:
+        raise InputFileError(path, f"can't be read ({error.strerror or error})") from error
+
+
+def read_text(path: Path | str) -> str:
+    """Read a whole UTF-8 text file.
+
+    Raises:
+        InputFileError: If it can't be read or is not text.
+    """
+    try:
+        return read_bytes(path).decode()
+    except UnicodeDecodeError:
+        raise InputFileError(path, "is not a text file") from None
+
+
 def write_bytes(path: Path | str, content: bytes) -> None:
     """Write a whole file at once.
 

@@ -206,7 +206,7 @@ def _check_pair_images(layout: Layout, record: PairRecord) -> Iterator[FileFault
 
 
 def _check_sums(folder: Path, sha256: str) -> Iterator[FileFault]:
-    """Whether the files of an exploration are those that its digests, and the manifest's digest, tell of."""
+    """Whether the files of an exploration are those that its digests, and the manifest's digest, list."""
     sums = folder / SUMS
     if not sums.is_file():
         yield FileFault(sums, "is missing")

@@ -4,21 +4,9 @@ from dataclasses import dataclass
 from typing import Literal
 
 MapFaultKind = Literal[
-    "coverage",
-    "map_error",
-    "position_error",
-    "hardly_driven",
-    "no_free_space",
-    "few_walls",
-    "many_walls",
-    "one_view",
-    "incomplete",
-    "doubtful",
-    "unreadable",
-    "low_coverage",
-    "not_clean",
-    "too_large",
-]
+    "coverage", "map_error", "position_error", "hardly_driven", "no_free_space", "few_walls", "many_walls",
+    "one_view", "incomplete", "doubtful", "unreadable", "low_coverage", "not_clean", "too_large",
+]  # fmt: skip
 
 _ENDINGS = {
     "explored": "the explorer saw nothing left that it could reach",

@@ -29,7 +29,7 @@ from slamgym.core.files import (
     storage_errors,
     sync_folder,
 )
-from slamgym.dataset.format import SIDES, FolderLayout, Layout
+from slamgym.dataset.format import SIDES, FolderLayout, Layout, read_dataset_config
 from slamgym.dataset.manifest_file import ManifestFile, SlotSet
 from slamgym.dataset.record import Slot
 from slamgym.dataset.shard import is_shard_name
@@ -37,6 +37,8 @@ from slamgym.dataset.shard import is_shard_name
 _OUR_NAME = re.compile(r"(\d{6,})_[A-Za-z0-9_.-]+")
 _INDEX_SHARE_OF_TIME = 0.02
 """The manifest is rewritten at most so often that it costs this share of the time."""
+_SHOWN = 3
+"""So many differences are named in an error."""
 
 
 class DatasetFolder:
@@ -218,10 +220,6 @@ def read_times(path: Path) -> dict[str, dict[str, Any]]:
     return times
 
 
-_SHOWN = 3
-"""So many differences are named in an error."""
-
-
 def claim_folder(
     layout: FolderLayout,
     settings: Mapping[str, Any],
@@ -234,7 +232,7 @@ def claim_folder(
         layout: The folder.
         settings: What decides the content, in JSON form.
         content: What the folder is for, in the plural: ``pairs``.
-        may_hold: Tells by the name what else may lie in a folder without settings.
+        may_hold: Decides by the name what else may lie in a folder without settings.
 
     Raises:
         ConfigError: If the folder has other settings, or holds something else.
@@ -255,7 +253,7 @@ def claim_folder(
 
 
 def _refuse_changes(layout: FolderLayout, settings: Mapping[str, Any], content: str) -> None:
-    before = _read(layout.config)
+    before = read_dataset_config(layout.root)
     changes = list(differences(before, json.loads(json.dumps(settings))))
     if changes:
         more = f"; and {len(changes) - _SHOWN} more" if len(changes) > _SHOWN else ""
@@ -263,17 +261,6 @@ def _refuse_changes(layout: FolderLayout, settings: Mapping[str, Any], content: 
             f"{layout.root}: holds {content} made with other settings ({'; '.join(changes[:_SHOWN])}{more}); "
             "choose a new folder, or the same settings to go on"
         )
-
-
-def _read(path: Path) -> Any:
-    try:
-        return json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputFileError(
-            path, f"can't be read ({error.strerror or error}); choose a new folder"
-        ) from error
-    except ValueError as error:
-        raise InputFileError(path, f"is not JSON ({error}); choose a new folder") from error
 
 
 def differences(before: Any, now: Any, where: str = "") -> Iterator[str]:

@@ -159,7 +159,7 @@ def read_dataset_config(root: Path | str) -> dict[str, Any]:
     try:
         values = json.loads(path.read_text())
     except (OSError, ValueError) as error:
-        raise InputFileError(path, f"can't be read as the settings of a dataset ({error})") from error
+        raise InputFileError(path, f"can't be read as settings ({error}); choose another folder") from error
     if not isinstance(values, dict):
         raise InputFileError(path, "is not a JSON object")
     return values

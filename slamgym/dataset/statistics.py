@@ -20,7 +20,7 @@ from slamgym.interop import read_tum
 from slamgym.viz.contact_sheet import SheetEntry, draw_contact_sheet
 
 MAX_VALUES = 6
-"""A condition with more different numbers is told in ranges."""
+"""A condition with more different numbers is shown in ranges."""
 RANGES = 4
 
 

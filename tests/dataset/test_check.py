@@ -85,9 +85,9 @@ DATASET_DAMAGE = {
         lambda t, n: (t.episode(n) / "episode.json").write_text("{{}}\n"),
         ["episode.json: differs from the manifest's line"],
     ),
-    "stranger in episode": (lambda t, n: (t.episode(n) / "notes.txt").touch(), ["notes.txt: is no file of"]),
-    "stranger among images": (lambda t, n: (t.root / "A" / "cat.png").touch(), ["A/cat.png: is not in the manifest"]),
-    "stranger among episodes": (lambda t, n: (t.episodes / "000099_x").mkdir(), ["000099_x: is not in the manifest"]),
+    "extra file in episode": (lambda t, n: (t.episode(n) / "notes.txt").touch(), ["notes.txt: is no file of"]),
+    "extra file among images": (lambda t, n: (t.root / "A" / "cat.png").touch(), ["A/cat.png: is not in the manifest"]),
+    "extra file among episodes": (lambda t, n: (t.episodes / "000099_x").mkdir(), ["000099_x: is not in the manifest"]),
     "work in progress": (lambda t, n: t.incoming.mkdir(), [".incoming: is what a run left"]),
     "manifest torn": (
         lambda t, n: t.manifest.write_text(t.manifest.read_text()[:-9]),
@@ -143,7 +143,7 @@ IMAGE_DAMAGE = {
         lambda t, r: write(t.image(r.split, "A", r.name), np.zeros((32, 32), np.uint8)),
         ["has shape (32, 32)"],
     ),
-    "stranger": (lambda t, r: (t.root / "train" / "A" / "x.png").touch(), ["train/A/x.png: is not in the manifest"]),
+    "extra file": (lambda t, r: (t.root / "train" / "A" / "x.png").touch(), ["train/A/x.png: is not in the manifest"]),
     "side moved": (
         lambda t, r: edit_line(t.manifest, 1, split="test" if r.split == "train" else "train"),
         ["has the plan {p} on both sides", "{n}.png: is missing", "metadata.jsonl: doesn't list"],

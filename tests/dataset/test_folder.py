@@ -58,7 +58,7 @@ def test_a_new_run_knows_what_is_done(tmp_path):
         assert folder.rejected[1]["reason"] == "is a single point"
 
 
-def test_leftovers_of_a_killed_run_are_removed_and_strangers_are_kept(tmp_path):
+def test_leftovers_of_a_killed_run_are_removed_and_unexpected_files_are_kept(tmp_path):
     layout = Layout(tmp_path)
     with open_dataset(tmp_path, SETTINGS) as folder:
         folder.commit(slot(0), stage(folder, 0), {"cpu_seconds": 1.0})

@@ -150,7 +150,7 @@ for _ in sys.stdin:
     os.waitpid(pid, 0)
     print("over", flush=True)
 """
-"""Starts run after run without importing everything anew: reads a line for each, answers with its process id
+"""Starts run after run without importing everything again: reads a line for each, answers with its process id
 and with "over" when it has ended."""
 
 

@@ -62,7 +62,7 @@ class CleanArguments:
     doubtful: Literal["drop", "keep"] = "drop"
     """What becomes of doubtful maps until a person has decided, where the classifier decides."""
     model: Path | None = None
-    """A trained classifier (.npz); the shipped one by default."""
+    """A trained classifier (.npz); the pretrained one by default."""
     train: bool = False
     """Train on this dataset instead (needs scikit-learn): every pair is judged by a model that has seen no
     map of the same plan."""
@@ -145,7 +145,7 @@ def _decisions(arguments: CleanArguments, items: Sequence[MapItem]) -> dict[str,
 
 
 def _classifier(arguments: CleanArguments, items: Sequence[MapItem]) -> tuple[Classifier, dict[str, Any]]:
-    """What tells the probabilities, and what to note about it."""
+    """What predicts the probabilities, and what to note about it."""
     if arguments.train:
         return _train(arguments, items)
     path = arguments.model or PRETRAINED_MODEL
@@ -166,7 +166,7 @@ def _train(arguments: CleanArguments, items: Sequence[MapItem]) -> tuple[Classif
     chosen = [records[i] for i in np.unique(np.linspace(0, len(records) - 1, count).astype(int))]
     maps = label_maps([(arguments.dataset, record) for record in chosen], arguments.criteria, arguments.stuck)
     maps = maps.where(maps.learnable)
-    models = cross_fit(maps.features, maps.complete, maps.plan_ids, arguments.trees)
+    models = cross_fit(maps.features, maps.complete, maps.plan_ids.tolist(), arguments.trees)
     about = {
         "model": "trained on held-out plans of this dataset",
         "explorations": len(chosen),

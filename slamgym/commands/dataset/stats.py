@@ -23,7 +23,7 @@ TABLE_WIDTH = 160
 
 @dataclass(frozen=True)
 class StatsArguments:
-    """Tell what lies in a dataset: pairs, coverage, errors, endings and bytes, also by condition.
+    """Show what lies in a dataset: pairs, coverage, errors, endings and bytes, also by condition.
 
     `complete` is the share of pairs that saw 95 % of the reachable floor; `kept` is what cleaning keeps; ATE is
     the position error of the SLAM estimate; `walls` the distance of drawn walls to true ones.

@@ -23,7 +23,7 @@ from slamgym.dataset.faults import MapFault
 
 
 class Classifier(Protocol):
-    """Tells how probable it is that maps are complete."""
+    """Predicts how probable it is that maps are complete."""
 
     def __call__(self, features: FloatArray, plan_ids: Sequence[str]) -> FloatArray:
         """Probabilities, shape (N,), for features of shape (N, 15)."""
@@ -90,7 +90,7 @@ def clean_maps(
     Args:
         root: Where ``clean.jsonl`` and ``clean.json`` go.
         items: The maps.
-        classifier: Tells how probable it is that they are complete.
+        classifier: Predicts how probable it is that they are complete.
         about_classifier: What to note about it.
         config: The settings.
         decisions: What people decided, by the maps' names.

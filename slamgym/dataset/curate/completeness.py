@@ -1,4 +1,4 @@
-"""Fifteen numbers that tell from a SLAM map alone how complete it is.
+"""Fifteen numbers that show from a SLAM map alone how complete it is.
 
 The paper's cleaning looks at pixel counts and ratios of black, white and grey, the number of holes by the
 Euler number, and the grey-white neighbours. Here areas are in m2 and lengths in m, so that maps of different
@@ -196,11 +196,11 @@ def open_frontier(
     """
     frontier = (cv2.dilate(floor.astype(np.uint8), _CROSS) > 0) & unknown
     rows, cols = np.nonzero(frontier)
-    reach = int(FRONTIER_CLEARANCE / resolution)
-    down, right = np.indices((2 * reach + 1, 2 * reach + 1)).reshape(2, -1) - reach
+    radius = int(FRONTIER_CLEARANCE / resolution)
+    down, right = np.indices((2 * radius + 1, 2 * radius + 1)).reshape(2, -1) - radius
     near = np.hypot(down, right) * resolution < FRONTIER_CLEARANCE
-    walls = np.pad(occupied, reach)
-    for row, col in zip(down[near] + reach, right[near] + reach, strict=True):
+    walls = np.pad(occupied, radius)
+    for row, col in zip(down[near] + radius, right[near] + radius, strict=True):
         clear = ~walls[rows + row, cols + col]
         rows, cols = rows[clear], cols[clear]
     frontier = np.zeros_like(frontier)

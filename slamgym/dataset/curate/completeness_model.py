@@ -1,6 +1,6 @@
 """A classifier of completeness: Extra Trees on the fifteen features, as in the paper.
 
-Training needs scikit-learn (the extra ``clean``); using a trained model doesn't. The shipped model was
+Training needs scikit-learn (the extra ``clean``); using a trained model doesn't. The pretrained model was
 trained by ``benchmarks/completeness.py``.
 """
 
@@ -46,7 +46,7 @@ class TreesConfig:
 
 @dataclass(frozen=True)
 class CompletenessModel:
-    """Tells from the features of a map how probable it is that the map is complete."""
+    """Predicts from the features of a map how probable it is that the map is complete."""
 
     forest: Forest
     about: dict[str, Any] = field(default_factory=dict)

@@ -55,7 +55,7 @@ class Criteria:
 
 @dataclass(frozen=True)
 class StuckFilter:
-    """Tells from the map alone that a robot got stuck, by its ratio of occupied to free cells.
+    """Finds from the map alone that a robot got stuck, by its ratio of occupied to free cells.
 
     The ratio alone can't do it: standing in a corner and having mapped a home give the same. So beside its
     bounds, which catch open space without walls and walls smeared by a robot that spins, a map of no more

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from slamgym.core.errors import ConfigError, InputFileError
-from slamgym.core.files import replace_file
+from slamgym.core.files import read_bytes, replace_file
 
 DECISIONS_FILE = "decisions.json"
 DECISIONS_FORMAT = "slamgym-decisions"
@@ -39,9 +39,7 @@ def read_decisions(path: Path | str) -> list[Decision]:
         ConfigError: If it says two things about one map.
     """
     try:
-        document = json.loads(Path(path).read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputFileError(path, f"can't be read ({error.strerror or error})") from error
+        document = json.loads(read_bytes(path))
     except (ValueError, RecursionError) as error:
         raise InputFileError(path, f"is not JSON ({error})") from error
     if not isinstance(document, dict) or document.get("format") != DECISIONS_FORMAT:

@@ -16,7 +16,7 @@ import numpy as np
 from slamgym.cad import read_houseexpo
 from slamgym.core.config import from_dict, suggest, to_dict
 from slamgym.core.errors import ConfigError, InputFileError
-from slamgym.core.files import replace_file
+from slamgym.core.files import read_bytes, replace_file
 from slamgym.core.parallel.engine import run_tasks
 from slamgym.core.progress import show_progress
 from slamgym.core.seeding import uniform_share
@@ -108,11 +108,9 @@ def read_split(root: Path | str) -> SplitTable:
     """
     path = split_path(root)
     try:
-        values: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+        values: dict[str, Any] = json.loads(read_bytes(path))
         plans = {plan_id: from_dict(PlanSide, place) for plan_id, place in values.pop("plans").items()}
         table = from_dict(SplitTable, {**values, "plans": plans}, str(path))
-    except OSError as error:
-        raise InputFileError(path, f"can't be read ({error.strerror or error})") from error
     except (ValueError, TypeError, KeyError, AttributeError) as error:
         raise InputFileError(path, f"is malformed ({error}); run `slamgym dataset split` again") from error
     return table

@@ -1,4 +1,4 @@
-"""The settings of a dataset, and those that are drawn anew for every exploration.
+"""The settings of a dataset, and those that are drawn for each exploration.
 
 A recipe is a YAML or JSON file. Its keys are settings of an exploration (``explorer``, ``minutes``,
 ``odometry``, ``lidar``, or, with dots, those of the robot, its sensors, SLAM and clutter); under each stands a
@@ -33,6 +33,7 @@ from slamgym.cad import PlanSource, plan_groups
 from slamgym.cad.plan_filter import PlanFilter
 from slamgym.core.config import replace_setting, setting_names, suggest, to_dict
 from slamgym.core.errors import ConfigError, InputFileError
+from slamgym.core.files import read_text
 from slamgym.core.seeding import uniform_share
 from slamgym.dataset.format import FORMAT_VERSION
 from slamgym.dataset.pair import PairConfig
@@ -211,11 +212,7 @@ def open_recipe(spec: str) -> Recipe:
             raise ConfigError(f"no recipe {spec!r}; {suggest(spec, names)} (or give a .yaml or .json file)")
         path = RECIPES / f"{spec}.yaml"
     try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))  # JSON is YAML
-    except OSError as error:
-        raise InputFileError(path, f"can't be read ({error.strerror or error})") from error
-    except UnicodeDecodeError:
-        raise InputFileError(path, "is not a text file; a recipe is YAML or JSON") from None
+        content = yaml.safe_load(read_text(path))  # JSON is YAML
     except (yaml.YAMLError, RecursionError) as error:
         raise InputFileError(path, f"is neither YAML nor JSON ({error})".replace("\n", " ")) from None
     if not isinstance(content, Mapping) or not content:

@@ -86,7 +86,7 @@ def _unexpected_files(layout: ImageLayout, records: list[ImageRecord]) -> Iterat
 
 
 def _check_metadata(layout: ImageLayout, records: list[ImageRecord]) -> Iterator[FileFault]:
-    """Whether what Hugging Face's library reads tells of the same pairs."""
+    """Whether what Hugging Face's library reads lists the same pairs."""
     for split in SPLITS:
         path = layout.root / split / METADATA
         try:

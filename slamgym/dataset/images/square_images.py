@@ -1,6 +1,6 @@
 """From an exploration to a pair of uniform images: square, of one size, in one frame.
 
-The CAD side is drawn anew from the vector plan at the images' own resolution. The SLAM side is resampled so
+The CAD side is drawn again from the vector plan at the images' own resolution. The SLAM side is resampled so
 that no occupied cell is lost: where pixels are larger than cells, a pixel is occupied if the centre of an
 occupied cell lies in it, which leaves walls as thin as pixels allow and never breaks one; where pixels are
 smaller, each shows the cell at its centre. Between unknown and free the larger share of the area decides.
