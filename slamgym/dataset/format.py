@@ -33,7 +33,7 @@ from typing import Any, Literal
 
 from slamgym.cad import write_houseexpo
 from slamgym.core.errors import InputFileError
-from slamgym.core.files import write_bytes
+from slamgym.core.files import read_bytes, write_bytes
 from slamgym.core.png import read_png
 from slamgym.core.types import ByteArray
 from slamgym.dataset.record import PairRecord
@@ -157,9 +157,9 @@ def read_dataset_config(root: Path | str) -> dict[str, Any]:
     """
     path = Layout(Path(root)).config
     try:
-        values = json.loads(path.read_text())
-    except (OSError, ValueError) as error:
-        raise InputFileError(path, f"can't be read as settings ({error}); choose another folder") from error
+        values = json.loads(read_bytes(path))
+    except ValueError as error:
+        raise InputFileError(path, f"is not JSON ({error}); choose another folder") from error
     if not isinstance(values, dict):
         raise InputFileError(path, "is not a JSON object")
     return values

@@ -139,7 +139,7 @@ OPTIONS = [
 
 STARTER = """
 import os, sys
-from slamgym import cli
+from slamgym.commands import cli
 import slamgym.commands.generate, slamgym.agents.registry
 for _ in sys.stdin:
     pid = os.fork()
