@@ -17,7 +17,7 @@ import numpy as np
 from slamgym.agents.scoring import FrontierScorer, NetworkConfig
 from slamgym.core.config import from_dict, to_dict
 from slamgym.core.errors import ConfigError, InputFileError
-from slamgym.core.staged import write_bytes, write_text
+from slamgym.core.files import write_bytes, write_text
 from slamgym.core.types import Float32Array
 from slamgym.envs.frontier_features import (
     CANDIDATE_FEATURES,

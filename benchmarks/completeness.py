@@ -30,9 +30,15 @@ from slamgym.core.errors import SlamgymError
 from slamgym.core.intervals import wilson_interval
 from slamgym.core.types import BoolArray, FloatArray
 from slamgym.dataset.curate.completeness import FEATURES, completeness_features
-from slamgym.dataset.curate.completeness_model import PRETRAINED_MODEL, TreesConfig, cross_fit
+from slamgym.dataset.curate.completeness_model import (
+    PRETRAINED_MODEL,
+    ProbabilityScore,
+    TreesConfig,
+    cross_fit,
+    roc_auc,
+    score_probabilities,
+)
 from slamgym.dataset.curate.criteria import Criteria, StuckFilter
-from slamgym.dataset.curate.probability_score import ProbabilityScore, roc_auc, score_probabilities
 from slamgym.dataset.curate.snapshots import LabelledMaps, label_maps
 from slamgym.dataset.format import load_pair, read_manifest
 from slamgym.dataset.generate.build import DatasetConfig, build_dataset
@@ -93,8 +99,8 @@ def main() -> None:
     pairs = [(root, record) for root in roots for record in read_manifest(root)]
     everything = label_maps(pairs, criteria, stuck)
     maps = everything.where(everything.learnable)
-    models = cross_fit(maps.features, maps.complete, maps.plan_ids, trees)
-    probabilities = models.probabilities(maps.features, maps.plan_ids)
+    models = cross_fit(maps.features, maps.complete, maps.plan_ids.tolist(), trees)
+    probabilities = models.probabilities(maps.features, maps.plan_ids.tolist())
 
     report_accuracy(maps, probabilities, trees, len(pairs))
     report_calibration(maps, probabilities)
@@ -141,7 +147,7 @@ def report_accuracy(
     subsets: list[tuple[str, BoolArray]] = [("all", np.ones(len(maps), dtype=np.bool_))]
     subsets += [("at the end, or after 7 min", maps.is_last | (maps.minutes == 7.0))]
     subsets += [("at least half seen", maps.coverage >= 0.5), ("80 to 99 % seen", _between(maps, 0.8, 0.99))]
-    sources = np.array(maps.sources)
+    sources = maps.sources
     by_coverage = dataclasses.replace(maps, complete=maps.coverage >= Criteria().min_coverage)
     subsets += [(f"of {source}", sources == source) for source in sorted(set(maps.sources))]
     rows = [
@@ -150,8 +156,8 @@ def report_accuracy(
         if chosen.any()
     ]
     # What can be seen of a map is whether it is whole, not whether its walls are in their places.
-    models = cross_fit(by_coverage.features, by_coverage.complete, by_coverage.plan_ids, trees)
-    seen = models.probabilities(by_coverage.features, by_coverage.plan_ids)
+    models = cross_fit(by_coverage.features, by_coverage.complete, by_coverage.plan_ids.tolist(), trees)
+    seen = models.probabilities(by_coverage.features, by_coverage.plan_ids.tolist())
     rows.append(accuracy_row("all, judged by coverage alone", by_coverage, seen))
     rows += transfer_rows(maps, trees)
     title = (
@@ -163,15 +169,15 @@ def report_accuracy(
 
 def transfer_rows(maps: LabelledMaps, trees: TreesConfig) -> list[dict[str, object]]:
     """Each kind of explorations judged by models that know neither its plans nor its explorer, noise or furniture."""
-    sources = np.array(maps.sources)
+    sources = maps.sources
     rows = []
     for source in sorted(set(maps.sources)):
         test = sources == source
         if len(set(maps.sources)) < 2 or not 0 < maps.complete[~test].sum() < (~test).sum():
             continue
         others = maps.where(~test)
-        model = cross_fit(others.features, others.complete, others.plan_ids, trees)
-        seen = model.probabilities(maps.features[test], [maps.plan_ids[i] for i in np.flatnonzero(test)])
+        model = cross_fit(others.features, others.complete, others.plan_ids.tolist(), trees)
+        seen = model.probabilities(maps.features[test], maps.plan_ids[test].tolist())
         rows.append(accuracy_row(f"of {source}, trained on the others", maps.where(test), seen))
     return rows
 

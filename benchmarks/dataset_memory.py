@@ -28,10 +28,10 @@ from slamgym.core.parallel.backlog import Lost
 from slamgym.core.parallel.engine import open_engine
 from slamgym.dataset import DatasetConfig, EpisodeConfig
 from slamgym.dataset.folder import open_dataset
-from slamgym.dataset.generate.exploration import explore
-from slamgym.dataset.generate.settings import dataset_settings
-from slamgym.dataset.generate.slot_queue import SlotQueue
-from slamgym.dataset.schedule import Slot, schedule
+from slamgym.dataset.generate.exploration import run_exploration
+from slamgym.dataset.generate.recipe import dataset_settings
+from slamgym.dataset.generate.schedule import SlotQueue, schedule
+from slamgym.dataset.record import Slot
 
 IN_MEMORY = "/dev/shm" if Path("/dev/shm").is_dir() else None
 """Where the datasets are made, as the disk is not what is measured."""
@@ -82,7 +82,7 @@ def measure_memory(arguments: Arguments) -> None:
         open_dataset(Path(root), dataset_settings(config, plans)) as folder,
     ):
         queue = SlotQueue(folder, plans, config, make_explorer, arguments.pairs)
-        for done, outcome in enumerate(engine.run(explore, queue.draw()), start=1):
+        for done, outcome in enumerate(engine.run(run_exploration, queue.draw()), start=1):
             if isinstance(outcome, Lost) or outcome.error:
                 raise SystemExit(f"an exploration failed: {outcome.reason}")
             folder.commit(outcome.slot, folder.stage(outcome.slot.name), outcome.timing)

@@ -31,9 +31,9 @@ from slamgym.core.parallel.engine import Engine, open_engine
 from slamgym.dataset import DatasetConfig, EpisodeConfig, Layout, episode_files, read_manifest
 from slamgym.dataset.folder import DatasetFolder, open_dataset
 from slamgym.dataset.generate import exploration
-from slamgym.dataset.generate.exploration import explore
-from slamgym.dataset.generate.settings import dataset_settings
-from slamgym.dataset.generate.slot_queue import SlotQueue
+from slamgym.dataset.generate.exploration import run_exploration
+from slamgym.dataset.generate.recipe import dataset_settings
+from slamgym.dataset.generate.schedule import SlotQueue
 
 GOAL_RATE = 2000.0
 """Seven-minute explorations an hour on two cores."""
@@ -152,7 +152,7 @@ def make_pairs(
         folder = stack.enter_context(open_dataset(Path(root), dataset_settings(config, plans)))
         queue = SlotQueue(folder, plans, config, make_explorer, pairs)
         began, cpu = time.perf_counter(), time.process_time()
-        for outcome in engine.run(explore, queue.draw()):
+        for outcome in engine.run(run_exploration, queue.draw()):
             if isinstance(outcome, Lost) or outcome.error:
                 raise SystemExit(f"an exploration failed: {outcome.reason}")
             now = time.perf_counter() - began

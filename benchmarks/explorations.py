@@ -28,7 +28,7 @@ from slamgym.cad import FloorPlan, open_plans
 from slamgym.commands.warmup import warm_up
 from slamgym.dataset import Episode, EpisodeConfig, PairConfig, make_pair, run_episode
 from slamgym.dataset.format import write_episode
-from slamgym.dataset.schedule import schedule
+from slamgym.dataset.generate.schedule import schedule
 from slamgym.envs import ExploreConfig, ExploreEnv
 from slamgym.sim import Lidar, WheelOdometry, World
 from slamgym.slam import SlamConfig

@@ -14,7 +14,7 @@ import numpy as np
 import tyro
 from report import print_and_save
 
-from slamgym.cad import FloorPlan, GeneratorConfig, PlanSource, open_plans
+from slamgym.cad import FloorPlan, PlanGeneratorConfig, PlanSource, open_plans
 from slamgym.cad.plan_statistics import PlanStatistics, measure_plan
 from slamgym.cad.sources import ProceduralSource
 from slamgym.core.errors import PlanError
@@ -64,8 +64,8 @@ def main(arguments: Arguments) -> None:
     columns = {
         kind: describe(load(ProceduralSource(arguments.seed, config, arguments.count)))
         for kind, config in (
-            ("homes", GeneratorConfig(kind="home")),
-            ("offices", GeneratorConfig(kind="office")),
+            ("homes", PlanGeneratorConfig(kind="home")),
+            ("offices", PlanGeneratorConfig(kind="office")),
         )
     }
     houseexpo = PUBLISHED

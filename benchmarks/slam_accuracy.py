@@ -18,7 +18,7 @@ import numpy as np
 from report import print_and_save
 
 from slamgym.agents.registry import make_explorer
-from slamgym.cad import GeneratorConfig, generate_plan
+from slamgym.cad import PlanGeneratorConfig, generate_plan
 from slamgym.core.intervals import mean_interval
 from slamgym.core.types import Pose2D, Trajectory
 from slamgym.dataset import EpisodeConfig, run_episode
@@ -107,7 +107,7 @@ def simulated_rows(episodes: int) -> list[dict[str, Any]]:
 
 def explore(seed: int, level: str, range_max: float) -> tuple[Log, Trajectory]:
     """Seven minutes in a generated home of its own, driven with a known pose."""
-    plan = generate_plan(1_000 + seed, GeneratorConfig(kind="home"))
+    plan = generate_plan(1_000 + seed, PlanGeneratorConfig(kind="home"))
     env = ExploreConfig().for_explorer()
     lidar = dataclasses.replace(env.lidar, range_max=range_max)
     slam = SlamConfig(mode="ground_truth", max_usable_range=range_max * 3.0 / 3.5)

@@ -16,7 +16,7 @@ import numpy as np
 from report import print_and_save
 
 from slamgym.agents.registry import make_explorer
-from slamgym.cad import GeneratorConfig, generate_plan
+from slamgym.cad import PlanGeneratorConfig, generate_plan
 from slamgym.core.types import LaserGeometry, LaserScan, Pose2D
 from slamgym.dataset import EpisodeConfig, run_episode
 from slamgym.envs import ExploreConfig
@@ -56,7 +56,7 @@ def main() -> None:
 
 def drive() -> tuple[list[LogRecord], LaserGeometry]:
     """Seven minutes of scans and wheel odometry in a home."""
-    plan = generate_plan(1_001, GeneratorConfig(kind="home"))
+    plan = generate_plan(1_001, PlanGeneratorConfig(kind="home"))
     env = dataclasses.replace(ExploreConfig(slam=SlamConfig(mode="ground_truth")).for_explorer())
     episode = run_episode(plan, 1, EpisodeConfig("explore_lite", 7.0, env), make_explorer)
     return list(episode.records), episode.geometry

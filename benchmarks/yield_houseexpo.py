@@ -27,7 +27,7 @@ from slamgym.dataset import (
     read_manifest,
     write_contact_sheet,
 )
-from slamgym.dataset.curate.criteria import Criteria, fault_kind, record_faults
+from slamgym.dataset.curate.criteria import Criteria, record_faults
 
 GOOD_COVERAGE = 0.95
 GOAL_COVERAGE, GOAL_CLEAN = 90.0, 95.0
@@ -110,7 +110,7 @@ def share(count: int, total: int) -> str:
 def reasons(records: list[PairRecord]) -> list[tuple[str, int]]:
     """The first fault of each exploration that has one, without its figures, and how many share it."""
     faults = (record_faults(record, Criteria()) for record in records)
-    return Counter(fault_kind(found[0]) for found in faults if found).most_common()
+    return Counter(found[0].reason for found in faults if found).most_common()
 
 
 if __name__ == "__main__":

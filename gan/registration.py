@@ -13,8 +13,8 @@ import numpy as np
 from safetensors import SafetensorError
 from safetensors.numpy import load, save
 
+from slamgym.core.files import write_bytes
 from slamgym.core.progress import show_progress
-from slamgym.core.staged import write_bytes
 from slamgym.core.types import FREE, ByteArray, FloatArray
 from slamgym.gan.data import PairSet
 from slamgym.gan.translation.derotation import transformed

@@ -17,8 +17,8 @@ from torch import Tensor
 from slamgym import __version__
 from slamgym.core.config import from_dict, suggest, to_dict
 from slamgym.core.errors import ConfigError, InputFileError
+from slamgym.core.files import write_bytes, write_text
 from slamgym.core.progress import duration
-from slamgym.core.staged import write_bytes, write_text
 from slamgym.gan.config import Direction, TranslatorConfig
 from slamgym.gan.networks.factory import Generator, build_generator
 from slamgym.gan.networks.layers import count_parameters

@@ -23,7 +23,7 @@ from slamgym.core.errors import ConfigError, InputFileError, PlanError
 from slamgym.core.files import exclusive_lock, replace_file, storage_errors
 from slamgym.core.parallel.engine import run_tasks
 from slamgym.core.progress import show_progress
-from slamgym.dataset.schedule import exploration_seed, schedule
+from slamgym.core.seeding import exploration_seed, shuffled
 from slamgym.envs import ExploreEnv
 
 
@@ -194,16 +194,14 @@ def choose_plans(source: PlanSource, config: EvaluationConfig) -> tuple[list[Flo
     robot, side = config.trial.env.robot, config.trial.env.observation.map_size
     plans: list[FloorPlan] = []
     skipped: list[Skipped] = []
-    slots = schedule(ids, config.seed)
-    for _ in ids:
-        slot = next(slots)
+    for plan_id in shuffled(ids, config.seed):
         try:
-            plan = source.load(slot.plan_id)
+            plan = source.load(plan_id)
             if not passes(plan, config.plans_filter):
                 continue
             check_plan(plan, robot.circumscribed_radius, 0.5 * side)
         except PlanError as error:
-            skipped.append(Skipped(slot.plan_id, error.reason))
+            skipped.append(Skipped(plan_id, error.reason))
             continue
         plans.append(plan)
         if len(plans) == config.count:

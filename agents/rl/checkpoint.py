@@ -6,7 +6,7 @@ from typing import Any
 import torch
 
 from slamgym.core.errors import InputFileError
-from slamgym.core.staged import staged
+from slamgym.core.files import staged
 
 CHECKPOINT = "checkpoint.pt"
 

@@ -22,9 +22,9 @@ from slamgym.cad import FloorPlan
 from slamgym.commands.table import load_target
 from slamgym.core.config import Count, Settings, config_hash, from_dict, suggest, to_dict
 from slamgym.core.errors import ConfigError, InputFileError
+from slamgym.core.files import write_text
 from slamgym.core.progress import say, show_progress
-from slamgym.core.staged import write_text
-from slamgym.dataset.schedule import exploration_seed
+from slamgym.core.seeding import exploration_seed
 from slamgym.envs import RewardFunction
 from slamgym.envs.explore_frontiers_env import ExploreFrontiersEnv
 

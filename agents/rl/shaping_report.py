@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 
 from slamgym.agents.rl.reward_shaping import ShapingRun
+from slamgym.core.files import write_text
 from slamgym.core.intervals import Interval, crossed_mean, crossed_ratio, mean_band
-from slamgym.core.staged import write_text
 from slamgym.core.types import FloatArray
 from slamgym.viz.plots import Curve, CurvePanel, Spread, plot_curves, plot_spreads
 

@@ -15,8 +15,8 @@ from stable_baselines3.common.callbacks import BaseCallback
 from slamgym.agents.rl.checkpoint import save_checkpoint
 from slamgym.agents.rl.train_config import TrainConfig
 from slamgym.cad import FloorPlan
+from slamgym.core.files import write_text
 from slamgym.core.progress import Advance
-from slamgym.core.staged import write_text
 from slamgym.envs.explore_frontiers_env import ExploreFrontiersEnv
 
 Choose = Callable[[dict[str, Any]], int]

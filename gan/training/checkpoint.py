@@ -17,7 +17,7 @@ from torch import Tensor, nn
 from torch.optim import Optimizer
 
 from slamgym.core.errors import ConfigError, InputFileError
-from slamgym.core.staged import staged
+from slamgym.core.files import staged
 from slamgym.gan.training.learner import Learner
 
 STATE_FORMAT = "slamgym-translator-training-2"

@@ -26,9 +26,9 @@ import torch
 from slamgym import __version__
 from slamgym.core.config import to_dict
 from slamgym.core.errors import ConfigError, SlamgymError
+from slamgym.core.files import write_text
 from slamgym.core.interruption import Interruption, deferred_interrupt
 from slamgym.core.progress import duration, say
-from slamgym.core.staged import write_text
 from slamgym.gan.config import TranslatorTrainingConfig
 from slamgym.gan.data import PairSet, load_pairs
 from slamgym.gan.device import Compute, make_deterministic

@@ -1,17 +1,16 @@
 """Floor plans: geometry, files, and where they come from."""
 
 from slamgym.cad.floorplan import Door, FloorPlan, Room, check_plan, robot_space
-from slamgym.cad.generator import GeneratorConfig, generate_plan
+from slamgym.cad.generator import PlanGeneratorConfig, generate_plan
 from slamgym.cad.houseexpo import format_houseexpo, parse_houseexpo, read_houseexpo, write_houseexpo
 from slamgym.cad.image_plan import read_image_plan, read_ros_plan, trace_plan
-from slamgym.cad.mixed_source import PlanGroup, open_plan_mix, plan_groups
 from slamgym.cad.plan_filter import Rejection, Rejections, usable_plans
-from slamgym.cad.sources import PlanSource, open_plans
+from slamgym.cad.sources import PlanGroup, PlanSource, open_plan_mix, open_plans, plan_groups
 
 __all__ = [
     "Door",
     "FloorPlan",
-    "GeneratorConfig",
+    "PlanGeneratorConfig",
     "PlanGroup",
     "PlanSource",
     "Rejection",

@@ -11,7 +11,7 @@ from slamgym.cad.cells import Box, Cell, snap
 from slamgym.cad.doors import Opening
 from slamgym.core.config import Settings, Share
 
-CLEARANCE = 0.9
+OPENING_CLEARANCE = 0.9
 """Free width kept round pillars and islands, and before doors [m]."""
 _PILLAR_SPACING = (4.5, 6.5)
 _CHIMNEY_ROOMS = {"Living_Room", "Kitchen", "Bedroom", "Bathroom", "Dining_Room", "Hall"}
@@ -54,7 +54,7 @@ def _island(box: Box, rng: np.random.Generator) -> list[Polygon]:
     """A kitchen island about the middle of the room, along its longer side."""
     length, depth = rng.uniform(1.2, 2.2), rng.uniform(0.7, 0.95)
     width, height = (length, depth) if box.width >= box.height else (depth, length)
-    if min(box.width - width, box.height - height) < 2 * CLEARANCE + 0.3:
+    if min(box.width - width, box.height - height) < 2 * OPENING_CLEARANCE + 0.3:
         return []
     x, y = 0.5 * (box.x0 + box.x1), 0.5 * (box.y0 + box.y1)
     return [shapely.box(snap(x - width / 2), snap(y - height / 2), snap(x + width / 2), snap(y + height / 2))]
@@ -87,7 +87,7 @@ def wall_blocks(
 ) -> list[Polygon]:
     """Chimney breasts and shafts that stand before a wall, clear of doors and of other walls' openings."""
     keep_free = shapely.union_all(
-        [opening.box.polygon().buffer(CLEARANCE, join_style="mitre") for opening in openings]
+        [opening.box.polygon().buffer(OPENING_CLEARANCE, join_style="mitre") for opening in openings]
     )
     blocks = []
     for cell in cells:

@@ -28,14 +28,14 @@ from slamgym.core.types import FloatArray
 
 MIN_PASSAGE = 0.6
 """Every part of a plan can be reached through gaps at least this wide [m]."""
-MARGIN = 0.1
+PLAN_MARGIN = 0.1
 """Distance of a plan's bounding box from the axes [m], as in HouseExpo."""
-MAX_ATTEMPTS = 100
+MAX_PLAN_ATTEMPTS = 100
 
 Kind = Literal["mixed", "home", "office"]
 
 
-class GeneratorConfig(Settings):
+class PlanGeneratorConfig(Settings):
     """What kind of plans the generator makes; the defaults resemble HouseExpo, offices apart."""
 
     kind: Kind = "mixed"
@@ -67,7 +67,7 @@ class GeneratorConfig(Settings):
 
 
 def generate_plan(
-    seed: int | np.random.Generator, config: GeneratorConfig | None = None, plan_id: str | None = None
+    seed: int | np.random.Generator, config: PlanGeneratorConfig | None = None, plan_id: str | None = None
 ) -> FloorPlan:
     """Make a floor plan.
 
@@ -78,7 +78,7 @@ def generate_plan(
         config: The settings.
         plan_id: Name of the plan; by default made of its kind and seed.
     """
-    config = config or GeneratorConfig()
+    config = config or PlanGeneratorConfig()
     rng = seed if isinstance(seed, np.random.Generator) else np.random.default_rng(seed)
     office = config.kind == "office" or (config.kind == "mixed" and rng.random() < config.office_share)
     kind = "office" if office else "home"
@@ -87,19 +87,21 @@ def generate_plan(
     # The size is drawn once: drawing it again after a failure would make large plans rare.
     area = _draw_area(office, config, rng)
     rooms = rooms_for_area(area, rng)
-    for _ in range(MAX_ATTEMPTS):
+    for _ in range(MAX_PLAN_ATTEMPTS):
         cells = lay_out_office(area, rng) if office else lay_out_home(area, rooms, rng)
         plan = _build(plan_id, cells, config, config.office_open_plan if office else config.open_plan, rng)
         if plan is not None:
             return plan
-    raise ConfigError(f"no {kind} of {area:.0f} m2 came out in {MAX_ATTEMPTS} attempts; ask for larger ones")
+    raise ConfigError(
+        f"no {kind} of {area:.0f} m2 came out in {MAX_PLAN_ATTEMPTS} attempts; ask for larger ones"
+    )
 
 
-def _draw_area(office: bool, config: GeneratorConfig, rng: np.random.Generator) -> float:
+def _draw_area(office: bool, config: PlanGeneratorConfig, rng: np.random.Generator) -> float:
     if office:
         return float(np.exp(rng.uniform(*np.log(config.office_area))))
     smallest, largest = config.home_area_range
-    for _ in range(MAX_ATTEMPTS):
+    for _ in range(MAX_PLAN_ATTEMPTS):
         area = float(rng.lognormal(np.log(config.home_area), config.home_area_sigma))
         if smallest <= area <= largest:
             return area
@@ -107,7 +109,11 @@ def _draw_area(office: bool, config: GeneratorConfig, rng: np.random.Generator) 
 
 
 def _build(
-    plan_id: str, cells: Sequence[Cell], config: GeneratorConfig, open_plan: float, rng: np.random.Generator
+    plan_id: str,
+    cells: Sequence[Cell],
+    config: PlanGeneratorConfig,
+    open_plan: float,
+    rng: np.random.Generator,
 ) -> FloorPlan | None:
     """Turn a layout into a plan: openings, walls, details. None if it came out unusable."""
     thickness = float(rng.choice(config.wall_thickness))
@@ -176,7 +182,7 @@ def _place(
     min_x, min_y, _, _ = shapely.transform(space, turn).bounds
 
     def move(points: FloatArray) -> FloatArray:
-        moved: FloatArray = np.round(turn(points) - [min_x - MARGIN, min_y - MARGIN], 2)
+        moved: FloatArray = np.round(turn(points) - [min_x - PLAN_MARGIN, min_y - PLAN_MARGIN], 2)
         return moved
 
     order = sorted(range(len(cells)), key=lambda index: cells[index].category)

@@ -10,8 +10,8 @@ each a list of its outline and its holes, where a room is more than a box).
 Convention: y is down in the file and up in a :class:`FloorPlan`; reader and writer mirror a plan about the
 horizontal middle line of its outline, so its bounding box stays where it is.
 
-Of the 23,647 training outlines 883 touch, retrace or cross themselves. 806 are mended, where the result is
-beyond doubt, and 77 are refused; see :func:`mend_outline`.
+Of the 23,647 training outlines 883 touch, retrace or cross themselves. 806 are repaired, where the result is
+beyond doubt, and 77 are refused; see :func:`repair_outline`.
 """
 
 import json
@@ -25,15 +25,15 @@ from shapely import Polygon
 
 from slamgym.cad.floorplan import Door, FloorPlan, Room
 from slamgym.core.errors import PlanError
-from slamgym.core.staged import write_text
+from slamgym.core.files import write_text
 from slamgym.core.types import FloatArray
 
-MAX_COORDINATE = 10_000.0
+MAX_PLAN_COORDINATE = 10_000.0
 """Coordinates beyond this [m] are taken for another unit than metres."""
 MIN_AREA = 0.01
 """Less floor than this [m2] is none."""
 MAX_REPAIRED_SHARE = 0.005
-"""Mending may change the area, and cut off crumbs, by at most this share of it."""
+"""Repairing may change the area, and cut off crumbs, by at most this share of it."""
 
 _DECIMALS = 6  # a micrometre: below the files' resolution, above the noise of mirroring
 
@@ -123,7 +123,7 @@ def repair_outline(outline: FloatArray, holes: list[FloatArray], source: str) ->
     An outline that touches or retraces itself encloses one area however it is read. An outline that crosses
     itself, like a figure of eight or a loop that overlaps itself, encloses different areas by the even-odd
     rule and by the sum of its signed parts; it is refused. Crumbs and dangling spikes of up to 0.5 % of the
-    area that mending cuts off are dropped; larger separate parts make the free space disjoint, an error.
+    area that repairing cuts off are dropped; larger separate parts make the free space disjoint, an error.
 
     Args:
         outline: Shape (N, 2) [m].
@@ -196,8 +196,8 @@ def _points(value: Any, source: str, what: str, at_least: int) -> FloatArray:
 def _checked(numbers: FloatArray, source: str, what: str) -> FloatArray:
     if not np.isfinite(numbers).all():
         raise PlanError(source, f"{what} has a coordinate that is NaN or infinite; give numbers in metres")
-    if np.abs(numbers).max(initial=0.0) > MAX_COORDINATE:
-        raise PlanError(source, f"{what} has a coordinate beyond {MAX_COORDINATE:.0f} m; give metres")
+    if np.abs(numbers).max(initial=0.0) > MAX_PLAN_COORDINATE:
+        raise PlanError(source, f"{what} has a coordinate beyond {MAX_PLAN_COORDINATE:.0f} m; give metres")
     return numbers
 
 

@@ -19,7 +19,7 @@ from slamgym.interop.ros_map import read_ros_map
 
 PLAN_IMAGE_SUFFIXES = (".png", ".pgm", ".bmp", ".jpg", ".jpeg", ".tif", ".tiff")
 
-SMOOTHING = 0.75
+PLAN_SMOOTHING = 0.75
 """Default tolerance of smoothing [cells]: just above the 0.71 cells by which a diagonal staircase strays."""
 SALT_NOISE_AREA = 0.5
 """Free patches smaller than this [m2] are dropped."""
@@ -27,11 +27,11 @@ MAX_GREY = 220
 """The lightest grey that isn't white; ROS maps mark the unknown as 205."""
 MIN_ENCLOSED_SHARE = 0.3
 """A building's enclosed floor makes up at least this share of the box round its walls."""
-MIN_MAIN_SHARE = 0.8
+MIN_PATCH_SHARE = 0.8
 """The largest patch must make up this share of the free space, else the space counts as disjoint."""
 
 
-def read_ros_plan(path: Path | str, smoothing: float = SMOOTHING) -> FloorPlan:
+def read_ros_plan(path: Path | str, smoothing: float = PLAN_SMOOTHING) -> FloorPlan:
     """Read the free space of a ROS map; unknown cells count as walls.
 
     Args:
@@ -47,7 +47,7 @@ def read_ros_plan(path: Path | str, smoothing: float = SMOOTHING) -> FloorPlan:
     return trace_plan(grid.cells == FREE, grid.frame, path.stem, str(path), smoothing)
 
 
-def read_image_plan(path: Path | str, resolution: float, smoothing: float = SMOOTHING) -> FloorPlan:
+def read_image_plan(path: Path | str, resolution: float, smoothing: float = PLAN_SMOOTHING) -> FloorPlan:
     """Read a black/white picture: white pixels are floor, black and grey ones are not.
 
     White round the building is told from floor by touching the picture's edge. If an outer door is open, or
@@ -101,7 +101,7 @@ def trace_plan(
         )
     largest = max(patches, key=lambda patch: float(patch.area))
     total = sum(patch.area for patch in patches)
-    if largest.area < MIN_MAIN_SHARE * total:
+    if largest.area < MIN_PATCH_SHARE * total:
         raise PlanError(
             source,
             f"the free space falls into {len(patches)} disjoint parts, the largest {largest.area:.1f} of "

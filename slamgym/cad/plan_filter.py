@@ -10,7 +10,7 @@ from typing import Literal
 from slamgym.cad.floorplan import FloorPlan, check_plan
 from slamgym.cad.sources import PlanSource
 from slamgym.core.errors import PlanError
-from slamgym.core.staged import write_text
+from slamgym.core.files import write_text
 
 PlanFilter = Literal["none", "useful"]
 

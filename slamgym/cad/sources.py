@@ -1,19 +1,22 @@
-"""Where floor plans come from: one way to open files, folders, archives, maps and the generator."""
+"""Where floor plans come from: files, folders, archives, maps, the generator, and several of them at once."""
 
+import dataclasses
 import tarfile
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
 import numpy as np
 
 from slamgym.cad.floorplan import FloorPlan
-from slamgym.cad.generator import GeneratorConfig, Kind, generate_plan
+from slamgym.cad.generator import Kind, PlanGeneratorConfig, generate_plan
 from slamgym.cad.houseexpo import parse_houseexpo, read_houseexpo
 from slamgym.cad.image_plan import PLAN_IMAGE_SUFFIXES, read_image_plan, read_ros_plan
 from slamgym.cad.room_lines import RoomLinesSource
 from slamgym.core.config import suggest
 from slamgym.core.errors import ConfigError, InputFileError, PlanError
+from slamgym.core.files import read_text
 
 BUNDLED = Path(__file__).parent / "bundled"
 """The plans that come with the package."""
@@ -94,11 +97,11 @@ class ProceduralSource:
     def __init__(
         self,
         seed: int = 0,
-        config: GeneratorConfig | None = None,
+        config: PlanGeneratorConfig | None = None,
         count: int = PROCEDURAL_COUNT,
         name: str = "procedural",
     ) -> None:
-        self._config = config or GeneratorConfig()
+        self._config = config or PlanGeneratorConfig()
         self._indices = {f"{name}_{seed}_{index:05d}": (seed, index) for index in range(count)}
         self.ids: Sequence[str] = list(self._indices)
 
@@ -189,12 +192,7 @@ def read_ids(path: Path | str) -> list[str]:
     Raises:
         InputFileError: If the file can't be read or has no ids.
     """
-    try:
-        lines = Path(path).read_text(encoding="utf-8").splitlines()
-    except OSError as error:
-        raise InputFileError(path, f"can't be read ({error.strerror or error})") from error
-    except UnicodeDecodeError:
-        raise InputFileError(path, "is not a text file; give one plan id a line") from None
+    lines = read_text(path).splitlines()
     ids = list(dict.fromkeys(line.strip().removesuffix(".json") for line in lines if line.strip()))
     if not ids:
         raise InputFileError(path, "has no plan ids; give one a line")
@@ -222,7 +220,7 @@ def _metres_per_pixel(spec: str, text: str) -> float:
 def _procedural(spec: str) -> ProceduralSource:
     """Read what stands behind ``procedural:``."""
     kind: Kind = "mixed"
-    loops, seed = GeneratorConfig.loops, 0
+    loops, seed = PlanGeneratorConfig.loops, 0
     words = [word for word in spec.split(":")[1:] if word]
     for word in words:
         if word in ("home", "office"):
@@ -237,7 +235,7 @@ def _procedural(spec: str) -> ProceduralSource:
                 "as in 'procedural:7' or 'procedural:office:loops'"
             )
     name = "_".join(["procedural" if kind == "mixed" else kind, *(["loops"] if "loops" in words else [])])
-    return ProceduralSource(seed, GeneratorConfig(kind=kind, loops=loops), name=name)
+    return ProceduralSource(seed, PlanGeneratorConfig(kind=kind, loops=loops), name=name)
 
 
 def _open(spec: str, wanted: frozenset[str] | None) -> PlanSource:
@@ -273,3 +271,95 @@ def _open(spec: str, wanted: frozenset[str] | None) -> PlanSource:
         spec,
         "is no known kind of floor plan; give .json, a folder, .tar.gz, .jsonl, a ROS .yaml or a picture",
     )
+
+
+@dataclass(frozen=True)
+class PlanGroup:
+    """The plans of one source."""
+
+    ids: Sequence[str]
+    weight: float
+    """Share of this source among all that are drawn, relative to the other weights."""
+
+
+class MixedSource:
+    """Plans of several sources; where two have a plan of the same name, the later one's gets another."""
+
+    def __init__(self, sources: Sequence[PlanSource], weights: Sequence[float]) -> None:
+        self._places: dict[str, tuple[PlanSource, str]] = {}
+        groups = []
+        for number, (source, weight) in enumerate(zip(sources, weights, strict=True), start=1):
+            names = []
+            for plan_id in source.ids:
+                name = plan_id if plan_id not in self._places else f"{plan_id}~{number}"
+                if name in self._places:
+                    raise ConfigError(f"two sources of plans both have a plan {name!r}; rename one")
+                self._places[name] = (source, plan_id)
+                names.append(name)
+            groups.append(PlanGroup(names, weight))
+        self.groups: tuple[PlanGroup, ...] = tuple(groups)
+        self.ids: Sequence[str] = list(self._places)
+
+    def __len__(self) -> int:
+        return len(self.ids)
+
+    def load(self, plan_id: str) -> FloorPlan:
+        """Read one plan; it carries the name that it has here."""
+        source, inner = self._places[plan_id]
+        plan = source.load(inner)
+        return plan if plan.id == plan_id else dataclasses.replace(plan, id=plan_id)
+
+
+def plan_groups(source: PlanSource) -> tuple[PlanGroup, ...]:
+    """The groups of a mixed source; any other source is one group."""
+    return source.groups if isinstance(source, MixedSource) else (PlanGroup(source.ids, 1.0),)
+
+
+def open_plan_mix(specs: Sequence[str], ids_file: Path | str | None = None) -> PlanSource:
+    """Open one or several sources of floor plans.
+
+    Args:
+        specs: What :func:`slamgym.cad.open_plans` takes, each perhaps with ``=WEIGHT`` behind it; one string
+            may hold several, with commas between them. Weights are relative, 1 where none is given.
+        ids_file: As :func:`slamgym.cad.open_plans` takes it; needs a single source.
+
+    Returns:
+        The source itself if there is one, else a :class:`MixedSource`.
+
+    Raises:
+        InputFileError: If a file is missing, unreadable or holds no plans.
+        ConfigError: If a spec is neither a file nor a known name, is given twice, or has a weight of 0.
+    """
+    parts = [_split_weight(part) for spec in specs for part in _split_list(spec)]
+    if not parts:
+        raise ConfigError("no floor plans are named; give a file, a folder, 'bundled' or 'procedural'")
+    names = [name for name, _ in parts]
+    twice = [name for name in names if names.count(name) > 1]
+    if twice:
+        raise ConfigError(f"the plans {twice[0]!r} are given twice; give one weight instead")
+    if len(parts) == 1:
+        return open_plans(names[0], ids_file=ids_file)
+    if ids_file is not None:
+        raise ConfigError("a file of plan ids needs a single source of plans")
+    return MixedSource([open_plans(name) for name in names], [weight for _, weight in parts])
+
+
+def _split_list(spec: str) -> list[str]:
+    """Split at commas, unless a file has that name."""
+    if "," in spec and Path(spec).exists():
+        return [spec]
+    return [part.strip() for part in spec.split(",") if part.strip()]
+
+
+def _split_weight(spec: str) -> tuple[str, float]:
+    """The spec and its weight; a file whose name has a ``=`` is taken as it is."""
+    name, equals, text = spec.rpartition("=")
+    if not equals or Path(spec).exists():
+        return spec, 1.0
+    try:
+        weight = float(text)
+    except ValueError:
+        return spec, 1.0
+    if not 0.0 < weight < float("inf"):
+        raise ConfigError(f"the weight in {spec!r} must be a number above 0")
+    return name, weight

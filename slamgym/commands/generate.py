@@ -18,12 +18,11 @@ from slamgym.core.parallel.engine import EngineName
 from slamgym.core.progress import duration, say
 from slamgym.dataset.format import Layout
 from slamgym.dataset.generate.build import BuildReport, Execution, build_dataset
-from slamgym.dataset.generate.recipe import Recipe, open_recipe
-from slamgym.dataset.generate.settings import DatasetConfig
+from slamgym.dataset.generate.recipe import DatasetConfig, Recipe, open_recipe
 from slamgym.dataset.images.square_images import ImageConfig
 from slamgym.dataset.pair import PairConfig
 from slamgym.dataset.shard import WHOLE, Shard
-from slamgym.dataset.summary import describe_pairs, write_contact_sheet
+from slamgym.dataset.statistics import describe_pairs, write_contact_sheet
 from slamgym.envs import ExploreConfig
 from slamgym.envs.episode import EpisodeConfig, MakeExplorer
 from slamgym.sim import ClutterConfig, LidarConfig, OdometryLevel, RobotConfig, odometry_level

@@ -16,7 +16,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from slamgym import __version__
 from slamgym.core.config import Arguments, to_dict
 from slamgym.core.errors import ConfigError, InputFileError
-from slamgym.core.staged import write_text
+from slamgym.core.files import write_text
 from slamgym.core.types import Trajectory
 from slamgym.interop.logs import Relations, open_log, read_relations, read_truth
 from slamgym.interop.records import Log

@@ -13,7 +13,7 @@ from slamgym.cad import FloorPlan, open_plans
 from slamgym.core.config import Arguments, Count, Positive, Within, suggest
 from slamgym.core.errors import ConfigError
 from slamgym.core.progress import say
-from slamgym.dataset.schedule import schedule
+from slamgym.core.seeding import shuffled
 from slamgym.envs import ExploreConfig, ExploreEnv
 from slamgym.envs.episode import MakeExplorer, time_limit
 from slamgym.sim import ClutterConfig, LidarConfig, OdometryLevel, RobotConfig, odometry_level
@@ -81,7 +81,7 @@ def main(argv: list[str], make_explorer: MakeExplorer) -> int:
 def _choose_plan(arguments: WatchArguments) -> FloorPlan:
     plans = open_plans(arguments.plans)
     if arguments.plan is None:
-        return plans.load(next(schedule(plans.ids, arguments.seed)).plan_id)
+        return plans.load(shuffled(plans.ids, arguments.seed)[0])
     if arguments.plan not in plans.ids:
         raise ConfigError(
             f"{arguments.plans} has no plan {arguments.plan!r}; {suggest(arguments.plan, plans.ids[:1000])}"

@@ -1,13 +1,18 @@
-"""Writing that survives kill -9 and power cuts, and says plainly what is wrong with a disk."""
+"""Files that are either complete or absent, and errors that say plainly what is wrong with a disk.
+
+Everything is written under a temporary name in the same folder and renamed at the end: a process that is killed,
+or a disk that fills up, leaves no half-written file under the final name.
+"""
 
 import contextlib
 import errno
+import glob
 import os
 from collections.abc import Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from slamgym.core.errors import InputFileError, SlamgymError
+from slamgym.core.errors import InputFileError
 
 try:
     import fcntl
@@ -24,18 +29,16 @@ _FIXES = {
     errno.ENOTDIR: "a part of the path is a file, not a folder; choose another folder",
     errno.EEXIST: "exists and is not a folder; choose another one",
 }
-
-
 _SYNC_THREADS = 16
 
 
-class StorageError(SlamgymError):
-    """The dataset can't be written: a full disk, a folder without permission, another run at work in it."""
+class StorageError(InputFileError):
+    """A file can't be written: a full disk, a folder without permission, another run at work in it."""
 
 
 @contextlib.contextmanager
 def storage_errors(path: Path) -> Iterator[None]:
-    """Turn a failure to write inside the block into an error that names the folder and the mend.
+    """Turn a failure to write inside the block into an error that names the folder and the fix.
 
     Args:
         path: What is being written, as the user knows it.
@@ -43,20 +46,88 @@ def storage_errors(path: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        raise _storage_error(path, error) from error
-    except InputFileError as error:
-        if not isinstance(error.__cause__, OSError):
-            raise
-        raise _storage_error(path, error.__cause__) from error
+        reason = _FIXES.get(error.errno or 0, error.strerror or str(error))
+        raise StorageError(path, f"can't be written ({reason}, then run the same command again)") from error
 
 
-def _storage_error(path: Path, error: OSError) -> StorageError:
-    reason = _FIXES.get(error.errno or 0, error.strerror or str(error))
-    return StorageError(f"{path}: can't be written ({reason}, then run the same command again)")
+@contextlib.contextmanager
+def staged(path: Path | str, *, durable: bool = False) -> Iterator[Path]:
+    """Give a temporary path to write to; rename it to ``path`` if the block ends well, else remove it.
+
+    Whoever reads the file, whenever the process is killed, sees the old content or the new.
+
+    Args:
+        path: The final file. Its folder is made if it is missing.
+        durable: Also wait until the disk has it, so that this holds after a power cut.
+
+    Raises:
+        StorageError: If the folder or the file can't be written (no permission, disk full).
+    """
+    path = Path(path)
+    part = temporary_name(path)
+    with storage_errors(path):
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            yield part
+            if durable:
+                _sync(part)
+            part.replace(path)
+            if durable:
+                sync_folder(path.parent)
+        finally:
+            with contextlib.suppress(OSError):
+                part.unlink(missing_ok=True)
+
+
+def read_bytes(path: Path | str) -> bytes:
+    """Read a whole file.
+
+    Raises:
+        InputFileError: If it can't be read.
+    """
+    try:
+        return Path(path).read_bytes()
+    except OSError as error:
+        raise InputFileError(path, f"can't be read ({error.strerror or error})") from error
+
+
+def read_text(path: Path | str) -> str:
+    """Read a whole UTF-8 text file.
+
+    Raises:
+        InputFileError: If it can't be read or is not text.
+    """
+    try:
+        return read_bytes(path).decode()
+    except UnicodeDecodeError:
+        raise InputFileError(path, "is not a text file") from None
+
+
+def write_bytes(path: Path | str, content: bytes) -> None:
+    """Write a whole file at once.
+
+    Raises:
+        StorageError: If it can't be written.
+    """
+    with staged(path) as part:
+        part.write_bytes(content)
+
+
+def write_text(path: Path | str, content: str) -> None:
+    """Write a whole UTF-8 text file at once; line ends stay as they are on every system.
+
+    Raises:
+        StorageError: If it can't be written.
+    """
+    write_bytes(path, content.encode())
 
 
 def replace_file(path: Path, data: bytes) -> None:
-    """Write a file so that whoever reads it, whenever a run is killed, sees the old bytes or the new."""
+    """Write a whole file at once and wait until the disk has it.
+
+    Raises:
+        StorageError: If it can't be written.
+    """
     replace_file_by(path, [data])
 
 
@@ -67,13 +138,8 @@ def replace_file_by(path: Path, chunks: Iterable[bytes]) -> None:
         path: The file; what the chunks are made from may be its old content.
         chunks: The new content.
     """
-    temporary = temporary_name(path)
-    with temporary.open("wb") as file:
+    with staged(path, durable=True) as part, part.open("wb") as file:
         file.writelines(chunks)
-        file.flush()
-        os.fsync(file.fileno())
-    temporary.replace(path)
-    sync_folder(path.parent)
 
 
 def replace_if_changed(path: Path, data: bytes) -> None:
@@ -92,8 +158,15 @@ def drop_torn_line(path: Path) -> None:
 
 
 def temporary_name(path: Path) -> Path:
-    """Where the new content of a file is written before it takes the file's place."""
-    return path.with_name(f".{path.name}.tmp")
+    """Where this process writes the new content of a file before it takes the file's place."""
+    # The suffix stays last: image and video writers choose the format by it.
+    return path.with_name(f".{path.stem}.{os.getpid()}.part{path.suffix}")
+
+
+def remove_leftovers(path: Path) -> None:
+    """Remove what killed writers of a file have left; only where a lock keeps other writers out."""
+    for leftover in path.parent.glob(f".{glob.escape(path.stem)}.*.part{path.suffix}"):
+        leftover.unlink()
 
 
 def sync_folder(folder: Path) -> None:
@@ -143,6 +216,6 @@ def exclusive_lock(path: Path) -> Iterator[None]:
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError:
                 raise StorageError(
-                    f"{path.parent}: another run is writing to this folder; wait for it or choose another one"
+                    path.parent, "another run is writing to this folder; wait for it or choose another one"
                 ) from None
         yield

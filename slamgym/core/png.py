@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 
 from slamgym.core.errors import InputFileError
+from slamgym.core.files import read_bytes
 from slamgym.core.types import ByteArray
 
 
@@ -20,10 +21,7 @@ def read_png(path: Path) -> ByteArray:
     Raises:
         InputFileError: If it is missing or no picture.
     """
-    try:
-        data = np.frombuffer(path.read_bytes(), dtype=np.uint8)
-    except OSError as error:
-        raise InputFileError(path, f"can't be read ({error.strerror or error})") from error
+    data = np.frombuffer(read_bytes(path), dtype=np.uint8)
     try:
         image = cv2.imdecode(data, cv2.IMREAD_UNCHANGED) if data.size else None
     except cv2.error:

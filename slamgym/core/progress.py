@@ -21,7 +21,7 @@ class Advance(Protocol):
 
 
 class Meter:
-    """Counts what is done and foretells the rest."""
+    """Counts what is done and predicts the remaining time."""
 
     def __init__(self, done: int, total: int) -> None:
         self.done = done
@@ -103,6 +103,6 @@ def _lines(console: Console, label: str, meter: Meter) -> Iterator[Advance]:
 
 
 def say(message: str) -> None:
-    """Tell the user one line on standard error, where progress goes."""
+    """Write one line for the user on standard error, where progress goes."""
     sys.stderr.write(message + "\n")
     sys.stderr.flush()

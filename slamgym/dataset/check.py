@@ -6,15 +6,98 @@ A fault is a sentence about one file. Checking goes on after it, so that all fau
 import hashlib
 import json
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
+
+import numpy as np
 
 from slamgym.core.errors import InputFileError, SlamgymError
-from slamgym.dataset.faults import VALUES, Fault, check_image, doubled, read_records
+from slamgym.core.png import read_png
+from slamgym.core.seeding import exploration_seed
+from slamgym.core.types import FREE, OCCUPIED, UNKNOWN
 from slamgym.dataset.folder import is_whole, pair_names
-from slamgym.dataset.format import FORMAT_VERSION, SUMS, Layout, PairRecord, require_manifest
-from slamgym.dataset.schedule import Slot, exploration_seed
+from slamgym.dataset.format import FORMAT_VERSION, SUMS, Layout, require_manifest
+from slamgym.dataset.record import PairRecord
 from slamgym.dataset.shard import shard_folders
+
+VALUES: Mapping[str, frozenset[int]] = {
+    "A": frozenset({OCCUPIED, FREE}),
+    "B": frozenset({OCCUPIED, UNKNOWN, FREE}),
+}
+"""What the pixels of each side may be."""
+
+_Record = TypeVar("_Record")
+
+
+@dataclass(frozen=True)
+class FileFault:
+    """Something that is wrong with a file."""
+
+    path: Path
+    what: str
+
+    def __str__(self) -> str:
+        return f"{self.path}: {self.what}"
+
+
+def check_image(
+    path: Path, side: str, sha256: str, shape: tuple[int, int], values: frozenset[int]
+) -> Iterator[FileFault]:
+    """Verify one picture: that it is there, unchanged, and of the right kind, size and values.
+
+    Args:
+        path: The picture.
+        side: ``"A"`` or ``"B"``.
+        sha256: Digest that the manifest gives.
+        shape: (rows, cols) that the manifest gives.
+        values: What the pixels may be.
+    """
+    if not path.is_file():
+        yield FileFault(path, "is missing")
+        return
+    if hashlib.sha256(path.read_bytes()).hexdigest() != sha256:
+        yield FileFault(path, "differs from the digest in the manifest")
+    try:
+        image = read_png(path)
+    except InputFileError as error:
+        yield FileFault(path, error.reason)
+        return
+    if image.ndim != 2 or image.dtype != np.uint8:
+        yield FileFault(path, f"has shape {image.shape} and type {image.dtype}, not one channel of uint8")
+        return
+    if image.shape != tuple(shape):
+        yield FileFault(path, f"has shape {image.shape}, the manifest says {tuple(shape)}")
+    strange = sorted({int(value) for value in np.unique(image)} - values)
+    if strange:
+        known = ", ".join(map(str, sorted(values)))
+        yield FileFault(path, f"has the pixel value {strange[0]}; side {side} has {known} only")
+
+
+def read_records(path: Path, parse: Callable[[str, str], _Record]) -> tuple[list[_Record], list[FileFault]]:
+    """Read a manifest, whatever is wrong with some of its lines."""
+    records: list[_Record] = []
+    faults = []
+    text = path.read_text(encoding="utf-8", errors="replace")
+    if text and not text.endswith("\n"):
+        faults.append(FileFault(path, "ends in the middle of a line"))
+    for number, line in enumerate(text.splitlines(), start=1):
+        try:
+            records.append(parse(line, f"{path}:{number}"))
+        except SlamgymError as error:
+            reason = error.reason if isinstance(error, InputFileError) else str(error)
+            faults.append(FileFault(Path(f"{path}:{number}"), reason))
+    return records, faults
+
+
+def doubled(path: Path, what: str, values: Iterable[Any]) -> Iterator[FileFault]:
+    """Name every value that a manifest has twice."""
+    seen = set()
+    for value in values:
+        if value in seen:
+            yield FileFault(path, f"has the {what} {value} twice")
+        seen.add(value)
+
 
 EPISODE_FILES = (
     "plan.json", "map.pgm", "map.yaml", "truth.tum", "odometry.tum", "estimate.tum", "scans.log.gz",
@@ -24,7 +107,7 @@ _SETTINGS_BESIDE = ("format_version", "version", "plans")
 """Keys of ``config.json`` that are not part of the settings' hash."""
 
 
-def check_dataset(root: Path | str, advance: Callable[[], None] = lambda: None) -> list[Fault]:
+def check_dataset(root: Path | str, advance: Callable[[], None] = lambda: None) -> list[FileFault]:
     """Verify a folder that ``slamgym generate`` has written.
 
     Args:
@@ -36,7 +119,7 @@ def check_dataset(root: Path | str, advance: Callable[[], None] = lambda: None) 
     """
     layout = Layout(Path(root))
     require_manifest(layout.manifest, "slamgym generate")
-    settings, faults = _read_settings(layout.config)
+    settings, faults = read_settings(layout.config, "format_version", FORMAT_VERSION)
     records, broken = read_records(layout.manifest, PairRecord.from_line)
     faults += broken
     faults += _repetitions(layout.manifest, records)
@@ -48,116 +131,122 @@ def check_dataset(root: Path | str, advance: Callable[[], None] = lambda: None) 
     names = {record.name for record in records}
     faults += _unexpected_files(layout, names)
     faults += _unmerged(layout, names)
-    faults += _same_images((layout.image("B", r.name), r.sha256.get("B", ""), r.name) for r in records)
+    faults += same_images((layout.image("B", r.name), r.sha256.get("B", ""), r.name) for r in records)
     for path in (layout.rejected, layout.timing):
         faults += _check_lines(path)
     faults += _check_side_files(layout.root, records)
     return faults
 
 
-def check_episode(folder: Path, record: PairRecord) -> Iterator[Fault]:
+def check_episode(folder: Path, record: PairRecord) -> Iterator[FileFault]:
     """Verify the folder of one exploration."""
     if not folder.is_dir():
-        yield Fault(folder, "is missing")
+        yield FileFault(folder, "is missing")
         return
     own = folder / "episode.json"
     if not own.is_file():
-        yield Fault(own, "is missing")
+        yield FileFault(own, "is missing")
     elif own.read_text(encoding="utf-8", errors="replace") != record.to_line():
-        yield Fault(own, "differs from the manifest's line")
+        yield FileFault(own, "differs from the manifest's line")
     yield from _check_sums(folder, record.sha256.get("episode", ""))
 
 
-def _read_settings(path: Path) -> tuple[dict[str, Any], list[Fault]]:
+def read_settings(path: Path, version_key: str, version: int) -> tuple[dict[str, Any], list[FileFault]]:
+    """Read a ``config.json``; empty if it can't be used.
+
+    Args:
+        path: The file.
+        version_key: Name of the format's version in it.
+        version: The version that is known here.
+    """
     try:
         settings = json.loads(path.read_text(encoding="utf-8"))
     except OSError:
-        return {}, [Fault(path, "is missing")]
+        return {}, [FileFault(path, "is missing")]
     except ValueError as error:
-        return {}, [Fault(path, f"is not JSON ({error})")]
+        return {}, [FileFault(path, f"is not JSON ({error})")]
     if not isinstance(settings, dict):
-        return {}, [Fault(path, "is not a JSON object")]
-    if settings.get("format_version") != FORMAT_VERSION:
-        found = settings.get("format_version")
-        return settings, [Fault(path, f"has format {found}, this version knows {FORMAT_VERSION}")]
-    return settings, []
+        return {}, [FileFault(path, "is not a JSON object")]
+    found = settings.get(version_key)
+    wrong = FileFault(path, f"has version {found}, this version knows {version}")
+    return settings, [] if found == version else [wrong]
 
 
-def settings_hash(settings: Mapping[str, Any]) -> str:
+def dataset_settings_hash(settings: Mapping[str, Any]) -> str:
     """The hash that every record of a dataset with this ``config.json`` carries."""
     inner = {name: value for name, value in settings.items() if name not in _SETTINGS_BESIDE}
     return hashlib.sha256(json.dumps(inner, sort_keys=True).encode()).hexdigest()[:12]
 
 
-def _repetitions(path: Path, records: list[PairRecord]) -> Iterator[Fault]:
+def _repetitions(path: Path, records: list[PairRecord]) -> Iterator[FileFault]:
     yield from doubled(path, "name", (record.name for record in records))
     yield from doubled(path, "index", (record.index for record in records))
     yield from doubled(path, "seed", (record.seed for record in records))
     if [r.index for r in records] != sorted(r.index for r in records):
-        yield Fault(path, "is not in the order of the index")
+        yield FileFault(path, "is not in the order of the index")
 
 
-def _check_record(layout: Layout, record: PairRecord, settings: Mapping[str, Any]) -> Iterator[Fault]:
+def _check_record(layout: Layout, record: PairRecord, settings: Mapping[str, Any]) -> Iterator[FileFault]:
     """Whether a record follows from the settings."""
     where = Path(f"{layout.manifest}: {record.name}")
-    if Slot(record.index, record.plan_id, record.repetition, record.seed).name != record.name:
-        yield Fault(where, f"its index {record.index} and plan {record.plan_id!r} give another name")
+    if record.slot.name != record.name:
+        yield FileFault(where, f"its index {record.index} and plan {record.plan_id!r} give another name")
     if not settings:
         return
-    if record.config_hash != settings_hash(settings):
-        yield Fault(where, "was made with other settings than config.json holds")
+    if record.config_hash != dataset_settings_hash(settings):
+        yield FileFault(where, "was made with other settings than config.json holds")
     if record.seed != exploration_seed(settings.get("seed", 0), record.plan_id, record.repetition):
-        yield Fault(where, "its seed doesn't follow from the dataset's seed, its plan and its repetition")
+        yield FileFault(where, "its seed doesn't follow from the dataset's seed, its plan and its repetition")
 
 
-def _check_pair_images(layout: Layout, record: PairRecord) -> Iterator[Fault]:
+def _check_pair_images(layout: Layout, record: PairRecord) -> Iterator[FileFault]:
     for side, values in VALUES.items():
         path = layout.image(side, record.name)
         yield from check_image(path, side, record.sha256.get(side, ""), record.shape, values)
 
 
-def _check_sums(folder: Path, sha256: str) -> Iterator[Fault]:
-    """Whether the files of an exploration are those that its digests, and the manifest's digest, tell of."""
+def _check_sums(folder: Path, sha256: str) -> Iterator[FileFault]:
+    """Whether the files of an exploration are those that its digests, and the manifest's digest, list."""
     sums = folder / SUMS
     if not sums.is_file():
-        yield Fault(sums, "is missing")
+        yield FileFault(sums, "is missing")
         return
     content = sums.read_bytes()
     if hashlib.sha256(content).hexdigest() != sha256:
-        yield Fault(sums, "differs from the digest in the manifest")
+        yield FileFault(sums, "differs from the digest in the manifest")
     listed = {}
     for line in content.decode(errors="replace").splitlines():
         digest, _, name = line.partition("  ")
         listed[name] = digest
     for name in EPISODE_FILES:
         if name not in listed:
-            yield Fault(sums, f"doesn't list {name}")
+            yield FileFault(sums, f"doesn't list {name}")
     for name, digest in listed.items():
         path = folder / Path(name).name
         if not path.is_file():
-            yield Fault(path, "is missing")
+            yield FileFault(path, "is missing")
         elif hashlib.sha256(path.read_bytes()).hexdigest() != digest:
-            yield Fault(path, f"differs from its digest in {SUMS}")
+            yield FileFault(path, f"differs from its digest in {SUMS}")
     for path in sorted(folder.iterdir()):
         if path.name not in {*listed, SUMS, "episode.json"}:
-            yield Fault(path, "is no file of an exploration")
+            yield FileFault(path, "is no file of an exploration")
 
 
-def _unexpected_files(layout: Layout, names: set[str]) -> Iterator[Fault]:
+def _unexpected_files(layout: Layout, names: set[str]) -> Iterator[FileFault]:
     """Files and folders that no record speaks of."""
     for side in VALUES:
         folder = layout.root / side
         for path in sorted(folder.iterdir()) if folder.is_dir() else ():
             if path.suffix != ".png" or path.stem not in names:
-                yield Fault(path, "is not in the manifest")
+                yield FileFault(path, "is not in the manifest")
     for path in sorted(layout.episodes.iterdir()) if layout.episodes.is_dir() else ():
         if path.name not in names:
-            yield Fault(path, "is not in the manifest")
+            yield FileFault(path, "is not in the manifest")
     if layout.incoming.exists():
-        yield Fault(layout.incoming, "is what a run left that is at work or was killed; run it again")
+        yield FileFault(layout.incoming, "is what a run left that is at work or was killed; run it again")
 
 
-def _unmerged(layout: Layout, names: set[str]) -> Iterator[Fault]:
+def _unmerged(layout: Layout, names: set[str]) -> Iterator[FileFault]:
     """Shards below the dataset may stay, but hold nothing that was not put into it."""
     for folder in shard_folders(layout.root):
         shard = Layout(folder)
@@ -165,24 +254,24 @@ def _unmerged(layout: Layout, names: set[str]) -> Iterator[Fault]:
             name for _, name in pair_names(shard.episodes) if name not in names and is_whole(shard, name)
         )
         if left:
-            yield Fault(
+            yield FileFault(
                 folder,
                 f"has {len(left)} pairs that are not in the dataset, such as {left[0]}; "
                 f"run `slamgym dataset merge {layout.root}` again",
             )
 
 
-def _same_images(entries: Iterable[tuple[Path, str, str]]) -> Iterator[Fault]:
+def same_images(entries: Iterable[tuple[Path, str, str]]) -> Iterator[FileFault]:
     """SLAM maps that are the same to the last bit: two explorations never are."""
     owners: dict[str, str] = {}
     for path, sha256, name in entries:
         if sha256 in owners:
-            yield Fault(path, f"is the same picture as that of {owners[sha256]}")
+            yield FileFault(path, f"is the same picture as that of {owners[sha256]}")
         else:
             owners[sha256] = name
 
 
-def _check_lines(path: Path) -> Iterator[Fault]:
+def _check_lines(path: Path) -> Iterator[FileFault]:
     """Whether a list of JSON objects is whole."""
     if not path.exists():
         return
@@ -192,10 +281,10 @@ def _check_lines(path: Path) -> Iterator[Fault]:
         except ValueError:
             whole = False
         if not whole:
-            yield Fault(Path(f"{path}:{number}"), "is not a JSON object")
+            yield FileFault(Path(f"{path}:{number}"), "is not a JSON object")
 
 
-def _check_side_files(root: Path, records: list[PairRecord]) -> Iterator[Fault]:
+def _check_side_files(root: Path, records: list[PairRecord]) -> Iterator[FileFault]:
     """Whether the split and the verdicts, where there are any, know the pairs."""
     # Imported here, as reading a dataset needs neither.
     from slamgym.dataset.curate.split import read_split, split_path
@@ -206,7 +295,7 @@ def _check_side_files(root: Path, records: list[PairRecord]) -> Iterator[Fault]:
             plans = read_split(root).plans
             missing = sorted({record.plan_id for record in records} - plans.keys())
             if missing:
-                yield Fault(split_path(root), f"doesn't know {len(missing)} plans, such as {missing[0]}")
+                yield FileFault(split_path(root), f"doesn't know {len(missing)} plans, such as {missing[0]}")
         except SlamgymError as error:
             yield _as_fault(split_path(root), error)
     if (root / VERDICTS_FILE).exists():
@@ -214,12 +303,14 @@ def _check_side_files(root: Path, records: list[PairRecord]) -> Iterator[Fault]:
             names = read_verdicts(root).keys()
             missing = [record.name for record in records if record.name not in names]
             if missing:
-                yield Fault(root / VERDICTS_FILE, f"doesn't know {len(missing)} pairs, such as {missing[0]}")
+                yield FileFault(
+                    root / VERDICTS_FILE, f"doesn't know {len(missing)} pairs, such as {missing[0]}"
+                )
         except SlamgymError as error:
             yield _as_fault(root / VERDICTS_FILE, error)
 
 
-def _as_fault(path: Path, error: SlamgymError) -> Fault:
+def _as_fault(path: Path, error: SlamgymError) -> FileFault:
     if isinstance(error, InputFileError):
-        return Fault(Path(error.path), error.reason)
-    return Fault(path, str(error))
+        return FileFault(Path(error.path), error.reason)
+    return FileFault(path, str(error))

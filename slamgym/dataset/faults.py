@@ -1,90 +1,77 @@
-"""What checking a dataset and checking a folder of rendered images have in common."""
+"""What makes a map unfit for a dataset, as records; :attr:`MapFault.sentence` alone puts them into words."""
 
-import hashlib
-from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any, TypeVar
+from typing import Literal
 
-import numpy as np
+MapFaultKind = Literal[
+    "coverage", "map_error", "position_error", "hardly_driven", "no_free_space", "few_walls", "many_walls",
+    "one_view", "incomplete", "doubtful", "unreadable", "low_coverage", "not_clean", "too_large",
+]  # fmt: skip
 
-from slamgym.core.errors import InputFileError, SlamgymError
-from slamgym.core.png import read_png
-from slamgym.core.types import FREE, OCCUPIED, UNKNOWN
-
-VALUES: Mapping[str, frozenset[int]] = {
-    "A": frozenset({OCCUPIED, FREE}),
-    "B": frozenset({OCCUPIED, UNKNOWN, FREE}),
+_ENDINGS = {
+    "explored": "the explorer saw nothing left that it could reach",
+    "time_limit": "time limit",
+    "coverage": "coverage goal",
 }
-"""What the pixels of each side may be."""
-
-_Record = TypeVar("_Record")
+_WORDS: dict[MapFaultKind, tuple[str, str]] = {
+    "coverage": ("coverage", "coverage {below} < {limit:.2f}"),
+    "map_error": ("map error", "map error {value:.2f} m > {limit:.2f} m"),
+    "position_error": ("position error", "position error {value:.2f} m > {limit:.2f} m"),
+    "hardly_driven": ("stuck", "stuck: drove {value:.1f} m"),
+    "no_free_space": ("stuck", "stuck: the map shows no free space"),
+    "few_walls": ("stuck", "stuck: few occupied cells for the free ones ({value:.3f})"),
+    "many_walls": ("stuck", "stuck: many occupied cells for the free ones ({value:.3f})"),
+    "one_view": ("stuck", "stuck: {value:.0f} m2 seen, no more than from one place, with a way on"),
+    "incomplete": ("incomplete", "incomplete: probability {value:.2f} of being complete < {limit:.2f}"),
+    "doubtful": ("doubtful", "doubtful: probability {value:.2f} of being complete < {limit:.2f}"),
+    "unreadable": ("unreadable", "{detail}"),
+    "low_coverage": ("low coverage", "low coverage: {value:.3f} < {limit:g}, ended by {detail}"),
+    "not_clean": ("not clean", "not clean: {detail}"),
+    "too_large": ("too large", "too large: {value:.1f} m long but the image shows {limit:.1f} m"),
+}
+"""Of each kind, the reason under which it is counted, and its sentence."""
 
 
 @dataclass(frozen=True)
-class Fault:
-    """Something that is wrong with a file."""
+class MapFault:
+    """Why a map is not fit, or not surely."""
 
-    path: Path
-    what: str
+    kind: MapFaultKind
+    value: float = 0.0
+    """What was measured, where something was."""
+    limit: float = 0.0
+    """What would have been good enough, where there is such a limit."""
+    detail: str = ""
+    """Of a low coverage: how the exploration ended; else what the figures don't say."""
 
-    def __str__(self) -> str:
-        return f"{self.path}: {self.what}"
+    @property
+    def reason(self) -> str:
+        """Under what it is counted: the kind without figures, but with how the exploration ended."""
+        name = _WORDS[self.kind][0]
+        return f"{name}: {self._ending}" if self.kind == "coverage" and self.detail else name
 
+    @property
+    def sentence(self) -> str:
+        """The fault in words."""
+        text = _WORDS[self.kind][1].format(
+            value=self.value, limit=self.limit, detail=self.detail, below=_below(self.value, self.limit)
+        )
+        return f"{text}: {self._ending}" if self.kind == "coverage" and self.detail else text
 
-def check_image(
-    path: Path, side: str, sha256: str, shape: tuple[int, int], values: frozenset[int]
-) -> Iterator[Fault]:
-    """Verify one picture: that it is there, unchanged, and of the right kind, size and values.
+    @property
+    def is_stuck(self) -> bool:
+        """Whether it means that the robot got stuck."""
+        return self.reason == "stuck"
 
-    Args:
-        path: The picture.
-        side: ``"A"`` or ``"B"``.
-        sha256: Digest that the manifest gives.
-        shape: (rows, cols) that the manifest gives.
-        values: What the pixels may be.
-    """
-    if not path.is_file():
-        yield Fault(path, "is missing")
-        return
-    if hashlib.sha256(path.read_bytes()).hexdigest() != sha256:
-        yield Fault(path, "differs from the digest in the manifest")
-    try:
-        image = read_png(path)
-    except InputFileError as error:
-        yield Fault(path, error.reason)
-        return
-    if image.ndim != 2 or image.dtype != np.uint8:
-        yield Fault(path, f"has shape {image.shape} and type {image.dtype}, not one channel of uint8")
-        return
-    if image.shape != tuple(shape):
-        yield Fault(path, f"has shape {image.shape}, the manifest says {tuple(shape)}")
-    strange = sorted({int(value) for value in np.unique(image)} - values)
-    if strange:
-        known = ", ".join(map(str, sorted(values)))
-        yield Fault(path, f"has the pixel value {strange[0]}; side {side} has {known} only")
+    @property
+    def _ending(self) -> str:
+        return _ENDINGS.get(self.detail, self.detail)
 
 
-def read_records(path: Path, parse: Callable[[str, str], _Record]) -> tuple[list[_Record], list[Fault]]:
-    """Read a manifest, whatever is wrong with some of its lines."""
-    records: list[_Record] = []
-    faults = []
-    text = path.read_text(encoding="utf-8", errors="replace")
-    if text and not text.endswith("\n"):
-        faults.append(Fault(path, "ends in the middle of a line"))
-    for number, line in enumerate(text.splitlines(), start=1):
-        try:
-            records.append(parse(line, f"{path}:{number}"))
-        except SlamgymError as error:
-            reason = error.reason if isinstance(error, InputFileError) else str(error)
-            faults.append(Fault(Path(f"{path}:{number}"), reason))
-    return records, faults
-
-
-def doubled(path: Path, what: str, values: Iterable[Any]) -> Iterator[Fault]:
-    """Name every value that a manifest has twice."""
-    seen = set()
-    for value in values:
-        if value in seen:
-            yield Fault(path, f"has the {what} {value} twice")
-        seen.add(value)
+def _below(value: float, limit: float) -> str:
+    """A value less than a limit, with as many digits as it takes to see that."""
+    for digits in (2, 3, 4):
+        text = f"{value:.{digits}f}"
+        if float(text) < limit:
+            return text
+    return f"{value:.6f}"

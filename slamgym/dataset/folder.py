@@ -14,28 +14,31 @@ import re
 import shutil
 import tempfile
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from slamgym.core.errors import InputFileError
+from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.files import (
     drop_torn_line,
     exclusive_lock,
+    remove_leftovers,
+    replace_file,
     replace_if_changed,
     storage_errors,
     sync_folder,
 )
-from slamgym.dataset.format import SIDES, Layout
+from slamgym.dataset.format import SIDES, FolderLayout, Layout, read_dataset_config
 from slamgym.dataset.manifest_file import ManifestFile, SlotSet
-from slamgym.dataset.schedule import Slot
-from slamgym.dataset.settings_file import claim_folder
+from slamgym.dataset.record import Slot
 from slamgym.dataset.shard import is_shard_name
 
 _OUR_NAME = re.compile(r"(\d{6,})_[A-Za-z0-9_.-]+")
 _INDEX_SHARE_OF_TIME = 0.02
 """The manifest is rewritten at most so often that it costs this share of the time."""
+_SHOWN = 3
+"""So many differences are named in an error."""
 
 
 class DatasetFolder:
@@ -203,3 +206,67 @@ def read_rejected(path: Path) -> dict[int, dict[str, Any]]:
         raise InputFileError(
             path, f"is malformed ({error}); delete it to have the plans tried again"
         ) from error
+
+
+def read_times(path: Path) -> dict[str, dict[str, Any]]:
+    """What each exploration took, by its name, as far as ``timing.jsonl`` has it; times are no part of the data."""
+    times = {}
+    for line in path.read_text(encoding="utf-8").splitlines() if path.is_file() else ():
+        try:
+            entry = json.loads(line)
+            times[str(entry.pop("name"))] = {"cpu_seconds": float(entry.pop("cpu_seconds")), **entry}
+        except (ValueError, KeyError, TypeError, AttributeError):
+            continue  # a run that was killed may leave a torn line
+    return times
+
+
+def claim_folder(
+    layout: FolderLayout,
+    settings: Mapping[str, Any],
+    content: str,
+    may_hold: Callable[[str], bool] = lambda _: False,
+) -> None:
+    """Write the settings into an empty folder, or find that it has them; the caller holds its lock.
+
+    Args:
+        layout: The folder.
+        settings: What decides the content, in JSON form.
+        content: What the folder is for, in the plural: ``pairs``.
+        may_hold: Decides by the name what else may lie in a folder without settings.
+
+    Raises:
+        ConfigError: If the folder has other settings, or holds something else.
+        InputFileError: If its settings can't be read.
+        StorageError: If it can't be written.
+    """
+    with storage_errors(layout.root):
+        remove_leftovers(layout.config)
+        remove_leftovers(layout.manifest)
+        names = sorted(path.name for path in layout.root.iterdir())
+    if layout.config.name in names:
+        _refuse_changes(layout, settings, content)
+        return
+    unexpected = [name for name in names if name != layout.lock.name and not may_hold(name)]
+    if unexpected:
+        raise ConfigError(f"{layout.root}: holds {unexpected[0]} and no {content}; choose a new folder")
+    replace_file(layout.config, (json.dumps(settings, indent=2) + "\n").encode())
+
+
+def _refuse_changes(layout: FolderLayout, settings: Mapping[str, Any], content: str) -> None:
+    before = read_dataset_config(layout.root)
+    changes = list(differences(before, json.loads(json.dumps(settings))))
+    if changes:
+        more = f"; and {len(changes) - _SHOWN} more" if len(changes) > _SHOWN else ""
+        raise ConfigError(
+            f"{layout.root}: holds {content} made with other settings ({'; '.join(changes[:_SHOWN])}{more}); "
+            "choose a new folder, or the same settings to go on"
+        )
+
+
+def differences(before: Any, now: Any, where: str = "") -> Iterator[str]:
+    """Name the settings that differ between two JSON values."""
+    if isinstance(before, dict) and isinstance(now, dict):
+        for key in sorted(before.keys() | now.keys()):
+            yield from differences(before.get(key), now.get(key), f"{where}.{key}" if where else key)
+    elif before != now:
+        yield f"{where} was {json.dumps(before)}, now {json.dumps(now)}"

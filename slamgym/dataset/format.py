@@ -24,20 +24,19 @@ Convention: everything but ``plan.json`` is in the ``map`` frame: its origin is 
 axes are parallel to the world's, so a world point is ``start + map point``. The grid's row 0 is at the top.
 """
 
-import dataclasses
 import hashlib
 import json
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, TypeVar
+from typing import Any, Literal
 
 from slamgym.cad import write_houseexpo
-from slamgym.core.config import from_dict, to_dict
 from slamgym.core.errors import InputFileError
+from slamgym.core.files import read_bytes, write_bytes
 from slamgym.core.png import read_png
-from slamgym.core.staged import write_bytes
-from slamgym.core.types import ByteArray, GridFrame
+from slamgym.core.types import ByteArray
+from slamgym.dataset.record import PairRecord
 from slamgym.dataset.shard import shard_folders
 from slamgym.envs.episode import Episode
 from slamgym.interop import write_carmen, write_ros_map, write_tum
@@ -45,112 +44,6 @@ from slamgym.interop import write_carmen, write_ros_map, write_tum
 FORMAT_VERSION = 2
 SIDES: tuple[Literal["A"], Literal["B"]] = ("A", "B")
 """CAD and SLAM map of a pair."""
-
-_Line = TypeVar("_Line")
-
-
-@dataclass(frozen=True)
-class PairRecord:
-    """One line of the manifest: where a pair comes from and how good it is."""
-
-    name: str
-    """Stem of the files in ``A`` and ``B`` and name of the folder in ``episodes``."""
-    index: int
-    """Place in the sequence of explorations; places of rejected plans are missing."""
-    plan_id: str
-    plan_source: str
-    """File that the plan came from, without its folder, or the generator."""
-    repetition: int
-    """How many explorations of the same plan come before this one."""
-    seed: int
-    """Seed of the exploration, derived from the dataset's seed, the plan id and the repetition."""
-    config_hash: str
-    version: str
-    """Version of slamgym that made the pair."""
-    explorer: str
-    conditions: dict[str, Any]
-    """Settings of the exploration by name (:mod:`slamgym.dataset.generate.recipe`): the usual ones and all that
-    vary within the dataset."""
-    finished: str
-    """Why the exploration ended: ``explored``, ``coverage``, ``time_limit``, ..."""
-    coverage: float
-    """Share of the reachable floor that was truly seen, 0 to 1."""
-    robot_seconds: float
-    """Time on the robot's clock [s]."""
-    time_limit: float
-    """[s]"""
-    path_length: float
-    """Metres truly driven."""
-    collisions: int
-    """Contacts with walls, furniture or people."""
-    ate: float
-    """Absolute trajectory error of the estimate: RMSE of the position against the truth, not aligned [m]."""
-    odometry_ate: float
-    """The same of the wheels' dead reckoning [m]."""
-    final_position_error: float
-    """[m]"""
-    map_error: float
-    """Mean distance of the SLAM map's occupied cells to the nearest face of a CAD wall [m]."""
-    mse: float
-    """Mean squared error of B against A, free 1 and all else 0: the paper's MSE2 of Table I, not aligned."""
-    area: float
-    """Free area of the plan [m2]."""
-    rooms: int
-    resolution: float
-    """[m/pixel]"""
-    origin: tuple[float, float]
-    """Outer corner of the images' bottom-left pixel, map frame [m]."""
-    shape: tuple[int, int]
-    """(rows, cols) of the images."""
-    start: tuple[float, float, float]
-    """Where the robot began, world frame: x [m], y [m], theta [rad]."""
-    sha256: dict[str, str]
-    """Digests of ``A`` and ``B`` (the PNG files) and ``episode`` (the episode's ``SHA256SUMS``)."""
-
-    @property
-    def frame(self) -> GridFrame:
-        """Where the images' pixels lie, map frame."""
-        return GridFrame(self.resolution, *self.origin, *self.shape)
-
-    def to_line(self) -> str:
-        """The record as one line of JSON, with its newline."""
-        return write_line(self)
-
-    @classmethod
-    def from_line(cls, line: str, where: str = "") -> "PairRecord":
-        """Read a line of the manifest.
-
-        Raises:
-            InputFileError: If the line is no record.
-        """
-        return read_line(cls, line, where, "a record of a pair")
-
-
-RECORD_FIELDS = tuple(field.name for field in dataclasses.fields(PairRecord))
-
-
-def write_line(record: Any) -> str:
-    """A record as one line of JSON, with its newline."""
-    return json.dumps(to_dict(record)) + "\n"
-
-
-def read_line(kind: type[_Line], line: str, where: str, what: str) -> _Line:
-    """Read a line that :func:`write_line` has made.
-
-    Args:
-        kind: The dataclass of the record.
-        line: The line.
-        where: File and number of the line, for errors.
-        what: What the record is called in errors.
-
-    Raises:
-        InputFileError: If the line is no such record.
-    """
-    where = where or "manifest line"
-    try:
-        return from_dict(kind, json.loads(line), where)
-    except (ValueError, TypeError) as error:
-        raise InputFileError(where, f"is not {what} ({error})") from error
 
 
 def require_manifest(manifest: Path, made_by: str) -> None:
@@ -256,7 +149,7 @@ def read_manifest(root: Path | str) -> Iterator[PairRecord]:
         yield PairRecord.from_line(line, where)
 
 
-def read_config(root: Path | str) -> dict[str, Any]:
+def read_dataset_config(root: Path | str) -> dict[str, Any]:
     """Read a dataset's ``config.json``.
 
     Raises:
@@ -264,9 +157,9 @@ def read_config(root: Path | str) -> dict[str, Any]:
     """
     path = Layout(Path(root)).config
     try:
-        values = json.loads(path.read_text())
-    except (OSError, ValueError) as error:
-        raise InputFileError(path, f"can't be read as the settings of a dataset ({error})") from error
+        values = json.loads(read_bytes(path))
+    except ValueError as error:
+        raise InputFileError(path, f"is not JSON ({error}); choose another folder") from error
     if not isinstance(values, dict):
         raise InputFileError(path, "is not a JSON object")
     return values

@@ -1,9 +1,7 @@
 """Put the shards of a dataset together."""
 
-import json
 import os
 import shutil
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,10 +9,17 @@ from typing import Any
 from slamgym.core.errors import ConfigError
 from slamgym.core.files import exclusive_lock, storage_errors, sync_tree
 from slamgym.core.progress import Advance, show_progress
-from slamgym.dataset.folder import DatasetFolder, is_whole, open_dataset, pair_names, read_rejected
-from slamgym.dataset.format import SIDES, Layout, PairRecord, read_config
-from slamgym.dataset.schedule import Slot
-from slamgym.dataset.settings_file import differences
+from slamgym.dataset.folder import (
+    DatasetFolder,
+    differences,
+    is_whole,
+    open_dataset,
+    pair_names,
+    read_rejected,
+    read_times,
+)
+from slamgym.dataset.format import SIDES, Layout, read_dataset_config
+from slamgym.dataset.record import PairRecord
 from slamgym.dataset.shard import FOLDER, shard_folders
 
 
@@ -67,9 +72,9 @@ def merge_shards(root: Path | str) -> MergeReport:
 
 
 def _common_settings(shards: list[Path]) -> dict[str, Any]:
-    first = read_config(shards[0])
+    first = read_dataset_config(shards[0])
     for shard in shards[1:]:
-        change = next(differences(first, read_config(shard)), None)
+        change = next(differences(first, read_dataset_config(shard)), None)
         if change is not None:
             raise ConfigError(
                 f"{shard}: made with other settings than {shards[0].name} ({change}); remove one"
@@ -80,7 +85,7 @@ def _common_settings(shards: list[Path]) -> dict[str, Any]:
 def _take_shard(folder: DatasetFolder, shard: Layout, advance: Advance) -> list[str]:
     """Put a shard's pairs into the dataset; returns the names of those that are not whole."""
     broken = []
-    times = dict(_read_times(shard.timing))
+    times = read_times(shard.timing)
     for index, name in pair_names(shard.episodes):
         if index not in folder.committed:
             if is_whole(shard, name):
@@ -99,7 +104,7 @@ def _take_pair(folder: DatasetFolder, shard: Layout, name: str, times: dict[str,
     staged = folder.stage(name)
     with storage_errors(folder.layout.root):
         _link(shard, name, staged)
-    folder.commit(Slot(record.index, record.plan_id, record.repetition, record.seed), staged, times)
+    folder.commit(record.slot, staged, times)
 
 
 def _link(shard: Layout, name: str, staged: Path) -> None:
@@ -122,18 +127,6 @@ def _link_or_copy(source: Path, target: Path) -> bool:
         shutil.copyfile(source, target)
         return False
     return True
-
-
-def _read_times(path: Path) -> Iterator[tuple[str, dict[str, Any]]]:
-    """What each exploration took; the last line may be torn by a kill."""
-    if not path.exists():
-        return
-    for line in path.read_text().splitlines():
-        try:
-            entry = json.loads(line)
-            yield entry.pop("name"), entry
-        except (ValueError, KeyError, AttributeError):
-            continue
 
 
 def _missing_shards(shards: list[Path]) -> list[str]:

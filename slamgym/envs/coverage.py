@@ -16,8 +16,7 @@ import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
-from slamgym.cad.floorplan import FloorPlan, ring_segments
-from slamgym.cad.raster import fill_segments
+from slamgym.cad.floorplan import FloorPlan, fill_segments, ring_segments
 from slamgym.core.geometry import compose
 from slamgym.core.jit import kernel
 from slamgym.core.types import BoolArray, FloatArray, GridFrame, LaserGeometry, Pose2D

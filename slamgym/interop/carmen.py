@@ -17,8 +17,8 @@ from pathlib import Path
 import numpy as np
 
 from slamgym.core.errors import InputFileError
+from slamgym.core.files import write_bytes
 from slamgym.core.geometry import between, compose, wrap_angle
-from slamgym.core.staged import write_bytes
 from slamgym.core.types import Float32Array, LaserGeometry, LaserScan, Pose2D
 from slamgym.interop.carmen_messages import LaserHints, MalformedMessageError, ScanMessage, parse_scan
 from slamgym.interop.records import Log, LogRecord, LogWarnings, longest_ordered

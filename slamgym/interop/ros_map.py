@@ -16,7 +16,7 @@ import numpy as np
 import yaml
 
 from slamgym.core.errors import InputFileError
-from slamgym.core.staged import write_bytes, write_text
+from slamgym.core.files import write_bytes, write_text
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, ByteArray, GridFrame, OccupancyGrid
 
 OCCUPIED_THRESHOLD = 0.65

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 
 from slamgym.core.errors import InputFileError
+from slamgym.core.files import write_text
 from slamgym.core.geometry import wrap_angle
-from slamgym.core.staged import write_text
 from slamgym.core.types import Trajectory
 
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from slamgym.core.config import suggest
 from slamgym.core.errors import ConfigError, InputFileError
-from slamgym.core.staged import write_text
+from slamgym.core.files import write_text
 from slamgym.core.types import FloatArray
 from slamgym.parametric.config import TwoPhaseConfig
 

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from slamgym.core.errors import InputFileError
-from slamgym.core.staged import write_bytes
+from slamgym.core.files import write_bytes
 from slamgym.core.types import FREE, OCCUPIED, ByteArray, FloatArray, GridFrame
 
 Colour = tuple[int, int, int]

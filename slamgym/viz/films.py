@@ -9,7 +9,7 @@ import imageio.v2 as imageio
 import numpy as np
 
 from slamgym.core.errors import ConfigError
-from slamgym.core.staged import staged
+from slamgym.core.files import staged
 from slamgym.core.types import ByteArray
 
 FILM_SUFFIXES = (".mp4", ".gif")

@@ -7,8 +7,7 @@ import cv2
 import numpy as np
 import shapely
 
-from slamgym.cad.floorplan import FloorPlan
-from slamgym.cad.raster import fill_segments, map_values
+from slamgym.cad.floorplan import FloorPlan, fill_segments, map_values
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, BoolArray, ByteArray, FloatArray, GridFrame
 from slamgym.viz.canvas import INK, WALL_TINT, Colour, blank, draw_scale_bar, draw_text, frame_pixels
 from slamgym.viz.sheets import Card, draw_sheet

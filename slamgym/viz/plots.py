@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from slamgym.core.errors import SlamgymError
-from slamgym.core.staged import staged
+from slamgym.core.files import staged
 from slamgym.core.types import FloatArray
 
 _COLOURS = (

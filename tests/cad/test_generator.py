@@ -5,7 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from shapely import Polygon
 
-from slamgym.cad import GeneratorConfig, generate_plan
+from slamgym.cad import PlanGeneratorConfig, generate_plan
 from slamgym.cad.cells import Box, Space, shared_walls, subdivide
 from slamgym.cad.plan_statistics import find_openings, measure_plan
 from slamgym.core.errors import ConfigError
@@ -17,7 +17,7 @@ kinds = st.sampled_from(["home", "office"])
 @given(seeds, kinds)
 @settings(max_examples=120)
 def test_every_plan_is_valid_and_connected_for_the_robot(seed, kind):
-    plan = generate_plan(seed, GeneratorConfig(kind=kind))
+    plan = generate_plan(seed, PlanGeneratorConfig(kind=kind))
     assert isinstance(plan.free_space, Polygon)
     assert plan.free_space.is_valid
     # One connected space for a robot of radius 0.22 m with a margin, and it gets into every room.
@@ -29,7 +29,7 @@ def test_every_plan_is_valid_and_connected_for_the_robot(seed, kind):
 @given(seeds, kinds)
 @settings(max_examples=60)
 def test_doors_are_passages_of_their_width(seed, kind):
-    plan = generate_plan(seed, GeneratorConfig(kind=kind))
+    plan = generate_plan(seed, PlanGeneratorConfig(kind=kind))
     wall = shapely.Polygon()
     for door in plan.doors:
         assert 0.7 - 1e-9 <= door.width <= 2.4 + 1e-9
@@ -44,7 +44,7 @@ def test_doors_are_passages_of_their_width(seed, kind):
 @given(seeds, kinds)
 @settings(max_examples=60)
 def test_rooms_lie_in_the_plan_and_apart(seed, kind):
-    plan = generate_plan(seed, GeneratorConfig(kind=kind))
+    plan = generate_plan(seed, PlanGeneratorConfig(kind=kind))
     rooms = shapely.union_all([room.polygon for room in plan.rooms])
     assert rooms.area == pytest.approx(sum(room.area for room in plan.rooms))
     # Outside the rooms the free space is doorways; inside them pillars, islands and chimneys are missing.
@@ -71,7 +71,7 @@ def test_corners_lie_on_whole_centimetres_in_the_positive_quadrant(seed):
 
 
 def test_homes_resemble_houseexpo_and_unlike_it_have_ways_round():
-    homes = [measure_plan(generate_plan(seed, GeneratorConfig(kind="home"))) for seed in range(200)]
+    homes = [measure_plan(generate_plan(seed, PlanGeneratorConfig(kind="home"))) for seed in range(200)]
 
     def median(name):
         return float(np.median([getattr(home, name) for home in homes]))
@@ -97,9 +97,9 @@ def test_mixed_plans_are_mostly_homes():
 
 def test_settings_that_make_no_sense_are_refused():
     with pytest.raises(ConfigError, match="kind must be"):
-        GeneratorConfig(kind="castle")
+        PlanGeneratorConfig(kind="castle")
     with pytest.raises(ConfigError, match="even whole centimetres"):
-        GeneratorConfig(wall_thickness=(0.11,))
+        PlanGeneratorConfig(wall_thickness=(0.11,))
 
 
 @given(

@@ -6,7 +6,7 @@ import pytest
 from shapely import box
 
 from slamgym.cad import FloorPlan, check_plan, open_plan_mix, open_plans, plan_groups, write_houseexpo
-from slamgym.cad.mixed_source import MixedSource
+from slamgym.cad.sources import MixedSource
 from slamgym.core.errors import ConfigError, InputFileError
 
 

@@ -15,8 +15,7 @@ from slamgym.dataset.curate.split import make_split
 from slamgym.dataset.format import Layout, read_manifest
 from slamgym.dataset.images.check import check_image_folder
 from slamgym.dataset.images.format import ImageLayout, read_images
-from slamgym.dataset.images.render import render_images
-from slamgym.dataset.images.selection import select_pairs
+from slamgym.dataset.images.render import render_images, select_pairs
 from slamgym.dataset.images.square_images import ImageConfig
 
 
@@ -86,9 +85,9 @@ DATASET_DAMAGE = {
         lambda t, n: (t.episode(n) / "episode.json").write_text("{{}}\n"),
         ["episode.json: differs from the manifest's line"],
     ),
-    "stranger in episode": (lambda t, n: (t.episode(n) / "notes.txt").touch(), ["notes.txt: is no file of"]),
-    "stranger among images": (lambda t, n: (t.root / "A" / "cat.png").touch(), ["A/cat.png: is not in the manifest"]),
-    "stranger among episodes": (lambda t, n: (t.episodes / "000099_x").mkdir(), ["000099_x: is not in the manifest"]),
+    "extra file in episode": (lambda t, n: (t.episode(n) / "notes.txt").touch(), ["notes.txt: is no file of"]),
+    "extra file among images": (lambda t, n: (t.root / "A" / "cat.png").touch(), ["A/cat.png: is not in the manifest"]),
+    "extra file among episodes": (lambda t, n: (t.episodes / "000099_x").mkdir(), ["000099_x: is not in the manifest"]),
     "work in progress": (lambda t, n: t.incoming.mkdir(), [".incoming: is what a run left"]),
     "manifest torn": (
         lambda t, n: t.manifest.write_text(t.manifest.read_text()[:-9]),
@@ -107,7 +106,7 @@ DATASET_DAMAGE = {
     "other plan": (lambda t, n: edit_line(t.manifest, 1, plan_id="x"), ["give another name", "seed doesn't follow"]),
     "settings missing": (lambda t, n: t.config.unlink(), ["config.json: is missing"]),
     "settings torn": (lambda t, n: t.config.write_text("{"), ["config.json: is not JSON"]),
-    "settings of old format": (lambda t, n: t.config.write_text("{}"), ["config.json: has format None"]),
+    "settings of old format": (lambda t, n: t.config.write_text("{}"), ["config.json: has version None"]),
     "rejections torn": (lambda t, n: t.rejected.write_text("{\n"), ["rejected.jsonl:1: is not a JSON object"]),
     "split of fewer plans": (
         lambda t, n: (t.root / "split.json").write_text('{"seed": 0, "test": 0.1, "plans": {}}'),
@@ -144,7 +143,7 @@ IMAGE_DAMAGE = {
         lambda t, r: write(t.image(r.split, "A", r.name), np.zeros((32, 32), np.uint8)),
         ["has shape (32, 32)"],
     ),
-    "stranger": (lambda t, r: (t.root / "train" / "A" / "x.png").touch(), ["train/A/x.png: is not in the manifest"]),
+    "extra file": (lambda t, r: (t.root / "train" / "A" / "x.png").touch(), ["train/A/x.png: is not in the manifest"]),
     "side moved": (
         lambda t, r: edit_line(t.manifest, 1, split="test" if r.split == "train" else "train"),
         ["has the plan {p} on both sides", "{n}.png: is missing", "metadata.jsonl: doesn't list"],

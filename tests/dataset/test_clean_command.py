@@ -16,7 +16,8 @@ from slamgym.core.types import GridFrame, OccupancyGrid
 from slamgym.dataset import DatasetConfig, EpisodeConfig, Layout, build_dataset, read_manifest
 from slamgym.dataset.curate.cleaning import CleanConfig, CleanReport, clean_maps
 from slamgym.dataset.curate.map_items import open_items
-from slamgym.dataset.curate.verdicts import Verdict, read_verdicts
+from slamgym.dataset.curate.verdicts import Verdict, read_verdicts, write_verdicts
+from slamgym.dataset.faults import MapFault
 from slamgym.envs import ExploreConfig
 from slamgym.interop import write_ros_map
 from slamgym.slam import SlamConfig
@@ -223,7 +224,7 @@ def test_training_judges_each_pair_by_a_model_that_has_not_seen_its_plan(tmp_pat
         (["--train", "--save-model", "m.pkl"], "an .npz file"),
         (["--model", "nowhere.npz"], "nowhere.npz"),
         (["--apply", "nowhere.json"], "nowhere.json"),
-        (["--criteria.min-coverage", "2"], "min_coverage must be a share"),
+        (["--criteria.min-coverage", "2"], "min_coverage must be in \\[0, 1\\]"),
     ],
 )
 def test_a_senseless_option_is_one_line_and_writes_nothing(dataset, capsys, more, words):
@@ -243,9 +244,28 @@ def test_a_folder_without_maps_is_refused(tmp_path, capsys):
 def test_verdicts_that_are_missing_or_malformed_are_named(tmp_path):
     with pytest.raises(InputFileError, match="slamgym dataset clean"):
         read_verdicts(tmp_path)
-    (tmp_path / "clean.jsonl").write_text('{"name": "a"}\n')
+    (tmp_path / "clean.jsonl").write_text('{"name": "a", "faults": []}\n')
     with pytest.raises(InputFileError, match=r"clean\.jsonl:1"):
         read_verdicts(tmp_path)
+
+
+def test_verdicts_of_an_older_version_are_refused(tmp_path):
+    (tmp_path / "clean.jsonl").write_text('{"name": "a", "keep": true, "reason": "complete"}\n')
+    with pytest.raises(InputFileError, match=r"clean\.jsonl: was written by an older version; run"):
+        read_verdicts(tmp_path)
+
+
+def test_what_a_verdict_says_is_read_back(tmp_path):
+    fault = MapFault("coverage", 0.81, 0.95, "time_limit")
+    verdict = Verdict(
+        name="a", keep=False, reason=fault.sentence, by="truth", probability=None, is_doubtful=False,
+        looks_stuck=False, is_complete=False, coverage=0.81, ate=0.1, map_error=0.1, faults=(fault,),
+    )  # fmt: skip
+    write_verdicts(tmp_path, [verdict], {})
+    (found,) = read_verdicts(tmp_path).values()
+    assert found == verdict
+    assert found.reason == "coverage 0.81 < 0.95: time limit"
+    assert found.kind == "coverage: time limit"
 
 
 def test_a_band_that_is_none_is_refused():
@@ -254,18 +274,15 @@ def test_a_band_that_is_none_is_refused():
 
 
 def test_dropped_maps_are_counted_by_their_first_fault():
-    reasons = [
-        "coverage 0.81 < 0.95: time limit",
-        "coverage 0.72 < 0.95: time limit; map error 0.41 m > 0.30 m",
-        "map error 0.35 m > 0.30 m; position error 1.02 m > 0.60 m",
-        "stuck: drove 0.3 m; coverage 0.10 < 0.95: time limit",
-    ]
+    low, lower = (MapFault("coverage", value, 0.95, "time_limit") for value in (0.81, 0.1))
+    shifted, lost = MapFault("map_error", 0.41, 0.3), MapFault("position_error", 1.02, 0.6)
+    groups = [(low,), (lower, shifted), (shifted, lost), (MapFault("hardly_driven", 0.3, 1.0), lower)]
     verdicts = tuple(
         Verdict(
-            name=str(number), keep=False, reason=reason, by="truth", probability=None, is_doubtful=False,
-            looks_stuck=False, is_complete=False, coverage=None, ate=None, map_error=None,
+            name=str(number), keep=False, reason="", by="truth", probability=None, is_doubtful=False,
+            looks_stuck=False, is_complete=False, coverage=None, ate=None, map_error=None, faults=faults,
         )
-        for number, reason in enumerate(reasons)
+        for number, faults in enumerate(groups)
     )  # fmt: skip
     counted = CleanReport(verdicts, agreement=None).reasons()
     assert counted == {"coverage: time limit": 2, "map error": 1, "stuck": 1}

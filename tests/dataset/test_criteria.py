@@ -26,7 +26,7 @@ def test_every_fault_is_named_with_its_figure(figures, words):
     faults = Criteria().faults(*figures, has_clutter=False)
     assert len(faults) == len(words)
     for fault, word in zip(faults, words, strict=True):
-        assert fault.startswith(word)
+        assert fault.sentence.startswith(word)
 
 
 def test_with_furniture_the_distance_to_the_cad_walls_says_nothing():
@@ -56,8 +56,8 @@ def row(**values):
 def test_a_home_is_not_stuck_and_neither_is_a_small_closed_room():
     home = row(free_area=90.0, occupied_per_free=0.06, widest_frontier=1.0)
     room = row(free_area=12.0, occupied_per_free=0.09)
-    assert StuckFilter().why_stuck(home, 0.05) == ""
-    assert StuckFilter().why_stuck(room, 0.05) == ""
+    assert StuckFilter().fault(home, 0.05) is None
+    assert StuckFilter().fault(room, 0.05) is None
 
 
 @pytest.mark.parametrize(
@@ -70,9 +70,10 @@ def test_a_home_is_not_stuck_and_neither_is_a_small_closed_room():
     ],
 )
 def test_maps_of_stuck_robots_are_told(values, words):
-    why = StuckFilter().why_stuck(row(**values), 0.05)
-    assert why.startswith("stuck: ")
-    assert words in why
+    fault = StuckFilter().fault(row(**values), 0.05)
+    assert fault.is_stuck
+    assert fault.sentence.startswith("stuck: ")
+    assert words in fault.sentence
 
 
 def test_the_ratio_is_judged_alike_at_another_resolution():
@@ -85,5 +86,5 @@ def test_the_ratio_is_judged_alike_at_another_resolution():
         resolution = 5.0 / cells_across
         values = completeness_features(cells, resolution)
         ratios.append(values[FEATURES.index("occupied_per_free")] * 0.05 / resolution)
-        assert StuckFilter().why_stuck(values, resolution) == ""
+        assert StuckFilter().fault(values, resolution) is None
     assert ratios[1] == pytest.approx(ratios[0], rel=0.05)

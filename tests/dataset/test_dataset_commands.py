@@ -11,7 +11,7 @@ from slamgym.commands import cli
 from slamgym.commands.dataset.table import COMMANDS
 from slamgym.dataset.folder import open_dataset
 from slamgym.dataset.format import Layout, read_manifest
-from slamgym.dataset.schedule import Slot
+from slamgym.dataset.record import Slot
 from slamgym.dataset.statistics import dataset_statistics, group_by_condition
 
 

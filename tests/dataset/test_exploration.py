@@ -11,15 +11,15 @@ from slamgym.core.errors import SlamgymError
 from slamgym.core.files import StorageError
 from slamgym.dataset import DatasetConfig
 from slamgym.dataset.generate import exploration as module
-from slamgym.dataset.generate.exploration import Exploration, explore
-from slamgym.dataset.schedule import Slot
+from slamgym.dataset.generate.exploration import ExplorationTask, run_exploration
+from slamgym.dataset.record import Slot
 
 ROOM = FloorPlan("room", box(0, 0, 2.4, 2.0))
 
 
 def exploration():
     """One that gives its files back, as on another machine."""
-    return Exploration(Slot(0, "room", 0, 1), ROOM, None, DatasetConfig(), make_explorer)
+    return ExplorationTask(Slot(0, "room", 0, 1), ROOM, None, DatasetConfig(), make_explorer)
 
 
 def fail_with(error):
@@ -32,18 +32,18 @@ def fail_with(error):
 def test_memory_that_runs_out_is_no_fault_of_the_plan(monkeypatch):
     monkeypatch.setattr(module, "run_episode", fail_with(MemoryError()))
     with pytest.raises(SlamgymError, match=r"memory ran out while room was explored.*fewer --workers"):
-        explore(exploration())
+        run_exploration(exploration())
 
 
 def test_a_full_temporary_folder_is_named(monkeypatch):
     monkeypatch.setenv("TMPDIR", "/scratch/tmp")
     monkeypatch.setattr(module, "TemporaryDirectory", fail_with(OSError(errno.ENOSPC, "No space left")))
     with pytest.raises(StorageError, match=r"^/scratch/tmp: can't be written \(the disk is full"):
-        explore(exploration())
+        run_exploration(exploration())
 
 
 def test_an_error_of_the_program_is_noted_with_its_place(monkeypatch):
     monkeypatch.setattr(module, "run_episode", fail_with(ZeroDivisionError("division by zero")))
-    outcome = explore(exploration())
+    outcome = run_exploration(exploration())
     assert outcome.error == "ZeroDivisionError"
     assert "division by zero (in test_exploration.py" in outcome.reason

@@ -8,7 +8,7 @@ from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.files import StorageError
 from slamgym.dataset.folder import open_dataset
 from slamgym.dataset.format import Layout
-from slamgym.dataset.schedule import Slot
+from slamgym.dataset.record import Slot
 
 SETTINGS = {"seed": 1, "episode": {"minutes": "auto", "particles": 30}}
 
@@ -58,7 +58,7 @@ def test_a_new_run_knows_what_is_done(tmp_path):
         assert folder.rejected[1]["reason"] == "is a single point"
 
 
-def test_leftovers_of_a_killed_run_are_removed_and_strangers_are_kept(tmp_path):
+def test_leftovers_of_a_killed_run_are_removed_and_unexpected_files_are_kept(tmp_path):
     layout = Layout(tmp_path)
     with open_dataset(tmp_path, SETTINGS) as folder:
         folder.commit(slot(0), stage(folder, 0), {"cpu_seconds": 1.0})

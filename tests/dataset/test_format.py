@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from slamgym.core.errors import ConfigError, InputFileError
-from slamgym.dataset import Layout, PairRecord, load_pair, read_config, read_images, read_manifest
+from slamgym.dataset import Layout, PairRecord, load_pair, read_dataset_config, read_images, read_manifest
 
 RECORD = PairRecord(
     name="000003_flat",
@@ -74,7 +74,7 @@ def test_a_folder_without_a_dataset_is_said_to_be_one(tmp_path):
     with pytest.raises(InputFileError, match="no manifest"):
         list(read_manifest(tmp_path))
     with pytest.raises(InputFileError, match=r"config\.json"):
-        read_config(tmp_path)
+        read_dataset_config(tmp_path)
 
 
 def test_a_dataset_and_its_images_are_told_apart(tmp_path):

@@ -13,10 +13,9 @@ from slamgym.core.errors import ConfigError
 from slamgym.dataset.curate.split import make_split
 from slamgym.dataset.format import read_manifest
 from slamgym.dataset.images.format import load_images, read_images
-from slamgym.dataset.images.render import render_images
-from slamgym.dataset.images.selection import select_pairs
+from slamgym.dataset.images.render import render_images, select_pairs
 from slamgym.dataset.images.square_images import ImageConfig
-from slamgym.dataset.parquet import rows_of, write_parquet
+from slamgym.dataset.record import rows_of, write_parquet
 
 LOAD = """
 import json, sys

@@ -16,7 +16,7 @@ from slamgym.cad import FloorPlan, write_houseexpo
 from slamgym.commands import cli
 from slamgym.dataset import Layout, load_pair, read_manifest
 from slamgym.dataset.folder import open_dataset
-from slamgym.dataset.schedule import Slot
+from slamgym.dataset.record import Slot
 from slamgym.interop import read_carmen
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="forks and kills processes")
@@ -150,7 +150,7 @@ for _ in sys.stdin:
     os.waitpid(pid, 0)
     print("over", flush=True)
 """
-"""Starts run after run without importing everything anew: reads a line for each, answers with its process id
+"""Starts run after run without importing everything again: reads a line for each, answers with its process id
 and with "over" when it has ended."""
 
 

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from slamgym.dataset.curate.probability_score import roc_auc, score_probabilities
+from slamgym.dataset.curate.completeness_model import roc_auc, score_probabilities
 
 BAND = (0.4, 0.8)
 predictions = st.lists(

@@ -17,10 +17,10 @@ from slamgym.commands import cli
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.files import temporary_name
 from slamgym.dataset.curate.split import make_split, read_split
+from slamgym.dataset.faults import MapFault
 from slamgym.dataset.format import Layout, load_pair, read_manifest
 from slamgym.dataset.images.format import ImageLayout, ImageRecord, load_images, read_images
-from slamgym.dataset.images.render import JOURNAL, render_images
-from slamgym.dataset.images.selection import select_pairs
+from slamgym.dataset.images.render import JOURNAL, render_images, select_pairs
 from slamgym.dataset.images.square_images import ImageConfig
 
 CONFIG = ImageConfig(size=64)
@@ -112,15 +112,17 @@ def test_a_plan_that_changes_sides_and_a_dropped_pair_leave_nothing_behind(datas
     turned = dataclasses.replace(split, plans=plans)
     selection = select_pairs(dataset, 0.0)
     dropped = min(selection.kept)
-    fewer = dataclasses.replace(selection, kept=selection.kept - {dropped}, left_out={dropped: "gone: why"})
+    fewer = dataclasses.replace(
+        selection, kept=selection.kept - {dropped}, left_out={dropped: MapFault("not_clean", detail="why")}
+    )
     report = render_images(dataset, out, CONFIG, turned, selection=fewer)
     assert report.fresh == report.images == 7
-    assert report.left_out == {"gone": 1}
+    assert report.left_out == {"not clean": 1}
     files = {path.stem for path in out.rglob("*.png")}
     assert dropped not in files
     assert len(list(out.rglob("*.png"))) == 14
     skipped = json.loads(ImageLayout(out).skipped.read_text())
-    assert skipped == {"name": dropped, "reason": "gone: why"}
+    assert skipped == {"name": dropped, "reason": "not clean: why"}
 
 
 def test_pairs_that_are_too_large_for_a_fixed_scale_are_named(dataset, tmp_path):
@@ -137,7 +139,7 @@ def test_clean_decides_what_is_drawn(dataset, tmp_path):
     verdicts = [
         {"name": record.name, "keep": number % 2 == 0, "reason": "by hand", "by": "person",
          "probability": None, "is_doubtful": False, "looks_stuck": False, "is_complete": None,
-         "coverage": None, "ate": None, "map_error": None}
+         "coverage": None, "ate": None, "map_error": None, "faults": []}
         for number, record in enumerate(read_manifest(dataset))
     ]  # fmt: skip
     (dataset / "clean.jsonl").write_text("".join(json.dumps(verdict) + "\n" for verdict in verdicts))
@@ -229,7 +231,7 @@ def test_generate_renders_too_and_goes_on_when_more_pairs_are_asked_for(tmp_path
 
 DIES = """
 import os, signal, sys
-from slamgym import cli
+from slamgym.commands import cli
 left = int(sys.argv[1])
 
 def count_down(event, _):

@@ -38,7 +38,7 @@ def entry(name, *, probability=0.5, with_cad=True, **changes):
     values = {
         "name": name, "keep": False, "reason": "doubtful: probability", "by": "classifier",
         "probability": probability, "is_doubtful": BAND[0] <= probability < BAND[1], "looks_stuck": False,
-        "is_complete": None, "coverage": None, "ate": None, "map_error": None,
+        "is_complete": None, "coverage": None, "ate": None, "map_error": None, "faults": (),
     } | changes  # fmt: skip
     return ReviewEntry(item, Verdict(**values))
 

@@ -4,7 +4,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from slamgym.cad import PlanGroup
-from slamgym.dataset.schedule import Slot, exploration_seed, ids_digest, schedule, schedule_groups
+from slamgym.core.seeding import exploration_seed
+from slamgym.dataset.generate.recipe import ids_digest
+from slamgym.dataset.generate.schedule import schedule, schedule_groups
+from slamgym.dataset.record import Slot
 
 IDS = [f"plan{i}" for i in range(7)]
 

@@ -15,7 +15,7 @@ from slamgym.dataset.images.square_images import (
     DoesNotFitError,
     ImageConfig,
     draw_pair,
-    draw_plan,
+    draw_plan_image,
     mapped_bounds,
     resample_map,
     square_frame,
@@ -104,7 +104,7 @@ def test_a_thin_wall_is_never_lost(metres_per_px):
     """The wall between the rooms is 0.1 m thick; up to the door it parts them in every column of pixels."""
     size = int(12 / metres_per_px)
     frame = GridFrame(metres_per_px, -1.97, -2.01, size, size)
-    cad = draw_plan(PLAN, (0.0, 0.0), frame, edge_px=1.0)
+    cad = draw_plan_image(PLAN, (0.0, 0.0), frame, edge_px=1.0)
     row, col = frame.to_cell([2.0, 6.0], [1.5, 1.5])
     wall = cad[row[0], col[0] : col[1]] == OCCUPIED
     assert 1 <= wall.sum() <= 0.1 / metres_per_px + 2.0
@@ -114,7 +114,7 @@ def test_edges_get_the_thickness_that_is_asked_for():
     frame = GridFrame(0.05, -1.0, -1.0, 200, 200)
     widths = {}
     for edge in (0.0, 1.0, 3.0, 5.0):
-        cad = draw_plan(PLAN, (0.0, 0.0), frame, edge_px=edge)
+        cad = draw_plan_image(PLAN, (0.0, 0.0), frame, edge_px=edge)
         row, col = frame.to_cell([3.0, 5.0], [1.0, 1.0])
         widths[edge] = int((cad[row[0], col[0] : col[1]] == OCCUPIED).sum())
     assert widths[0.0] == 2  # 0.1 m
@@ -125,7 +125,9 @@ def test_edges_get_the_thickness_that_is_asked_for():
 def test_thickness_does_not_depend_on_the_scale_of_the_pair():
     """A plan of twice the size has its outer edges at the same place of the image."""
     images = [
-        draw_plan(FloorPlan("p", scale(box(0, 0, 8, 5), f, f, origin=(0, 0))), (0, 0), frame, edge_px=4.0)
+        draw_plan_image(
+            FloorPlan("p", scale(box(0, 0, 8, 5), f, f, origin=(0, 0))), (0, 0), frame, edge_px=4.0
+        )
         for f, frame in ((1.0, GridFrame(0.05, -1, -1, 200, 200)), (2.0, GridFrame(0.1, -2, -2, 200, 200)))
     ]
     assert (images[0] == images[1]).all()

@@ -9,7 +9,9 @@ from slamgym.core.files import (
     StorageError,
     drop_torn_line,
     exclusive_lock,
+    remove_leftovers,
     replace_file,
+    staged,
     storage_errors,
 )
 
@@ -33,21 +35,30 @@ def test_disk_trouble_is_one_sentence_with_the_path_and_the_mend(tmp_path, numbe
     assert "\n" not in str(caught.value)
 
 
-def _fail_as_a_file_writer_does(path):
-    try:
+def _run_out_of_space(path):
+    with staged(path) as part:
+        part.write_bytes(b"half")
         raise OSError(errno.ENOSPC, "No space left on device")
-    except OSError as error:
-        raise InputFileError(path, "can't be written") from error
 
 
 def test_trouble_under_a_writer_of_another_layer_is_the_same_sentence(tmp_path):
-    with pytest.raises(StorageError, match="disk is full"), storage_errors(tmp_path):
-        _fail_as_a_file_writer_does(tmp_path / "map.pgm")
+    with pytest.raises(StorageError, match=r"map\.pgm: .*disk is full"), storage_errors(tmp_path):
+        _run_out_of_space(tmp_path / "map.pgm")
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_other_errors_pass_unchanged(tmp_path):
     with pytest.raises(InputFileError, match=r"plan\.json"), storage_errors(tmp_path):
         raise InputFileError("plan.json", "is empty")
+
+
+def test_what_killed_writers_of_a_file_left_is_removed(tmp_path):
+    left = [".manifest.7.part.jsonl", ".manifest.8.part.jsonl"]
+    others = [".config.7.part.json", "manifest.7.part.jsonl", "manifest.jsonl"]
+    for name in (*left, *others):
+        (tmp_path / name).touch()
+    remove_leftovers(tmp_path / "manifest.jsonl")
+    assert sorted(path.name for path in tmp_path.iterdir()) == others
 
 
 def _try_lock(path):

@@ -9,7 +9,7 @@ from slamgym.agents.registry import make_explorer
 from slamgym.cad import open_plans
 from slamgym.cad.sources import Subset
 from slamgym.dataset import DatasetConfig, EpisodeConfig, Layout, build_dataset, load_pair, read_manifest
-from slamgym.dataset.format import read_config
+from slamgym.dataset.format import read_dataset_config
 from slamgym.envs import ExploreConfig
 from slamgym.interop import read_carmen
 from slamgym.slam import SlamConfig
@@ -43,7 +43,7 @@ def test_manifest(dataset, golden):
 
 
 def test_settings(dataset, golden):
-    settings = read_config(dataset)
+    settings = read_dataset_config(dataset)
     del settings["version"]
     golden.check("dataset/settings", settings)
 

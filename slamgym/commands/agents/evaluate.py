@@ -15,7 +15,7 @@ from slamgym.agents.evaluation.trial import TrialConfig
 from slamgym.agents.plan_splits import Split
 from slamgym.agents.registry import EXPLORERS
 from slamgym.cad import open_plans
-from slamgym.cad.generator import GeneratorConfig
+from slamgym.cad.generator import PlanGeneratorConfig
 from slamgym.cad.plan_filter import PlanFilter
 from slamgym.cad.sources import PlanSource, ProceduralSource
 from slamgym.core.config import Arguments, Count, CountOrZero, Positive
@@ -146,7 +146,7 @@ def open_source(spec: str) -> PlanSource:
         return open_plans(spec)
     if seed and not (seed.isascii() and seed.isdigit()):
         raise ConfigError(f"the seed in {spec!r} must be a whole number, as in 'offices:7'")
-    return ProceduralSource(int(seed or 0), GeneratorConfig(kind="office"), name="office")
+    return ProceduralSource(int(seed or 0), PlanGeneratorConfig(kind="office"), name="office")
 
 
 def _filmed(arguments: EvaluateArguments, config: EvaluationConfig) -> tuple[str, str] | None:

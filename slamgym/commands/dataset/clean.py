@@ -21,6 +21,7 @@ from slamgym.dataset.curate.cleaning import Classifier, CleanConfig, CleanReport
 from slamgym.dataset.curate.completeness_model import (
     PRETRAINED_MODEL,
     CompletenessModel,
+    ProbabilityScore,
     TreesConfig,
     cross_fit,
 )
@@ -35,7 +36,6 @@ from slamgym.dataset.curate.decisions import (
     stored_decisions,
 )
 from slamgym.dataset.curate.map_items import MapItem, open_items
-from slamgym.dataset.curate.probability_score import ProbabilityScore
 from slamgym.dataset.curate.snapshots import label_maps
 from slamgym.dataset.curate.verdicts import VERDICTS_FILE
 from slamgym.dataset.format import Layout
@@ -62,7 +62,7 @@ class CleanArguments(Arguments):
     doubtful: Literal["drop", "keep"] = "drop"
     """What becomes of doubtful maps until a person has decided, where the classifier decides."""
     model: Path | None = None
-    """A trained classifier (.npz); the shipped one by default."""
+    """A trained classifier (.npz); the pretrained one by default."""
     train: bool = False
     """Train on this dataset instead (needs scikit-learn): every pair is judged by a model that has seen no
     map of the same plan."""
@@ -141,7 +141,7 @@ def _decisions(arguments: CleanArguments, items: Sequence[MapItem]) -> dict[str,
 
 
 def _classifier(arguments: CleanArguments, items: Sequence[MapItem]) -> tuple[Classifier, dict[str, Any]]:
-    """What tells the probabilities, and what to note about it."""
+    """What predicts the probabilities, and what to note about it."""
     if arguments.train:
         return _train(arguments, items)
     path = arguments.model or PRETRAINED_MODEL
@@ -162,7 +162,7 @@ def _train(arguments: CleanArguments, items: Sequence[MapItem]) -> tuple[Classif
     chosen = [records[i] for i in np.unique(np.linspace(0, len(records) - 1, count).astype(int))]
     maps = label_maps([(arguments.dataset, record) for record in chosen], arguments.criteria, arguments.stuck)
     maps = maps.where(maps.learnable)
-    models = cross_fit(maps.features, maps.complete, maps.plan_ids, arguments.trees)
+    models = cross_fit(maps.features, maps.complete, maps.plan_ids.tolist(), arguments.trees)
     about = {
         "model": "trained on held-out plans of this dataset",
         "explorations": len(chosen),

@@ -7,7 +7,7 @@ import tyro
 
 from slamgym.core.config import Arguments
 from slamgym.dataset.merge import MergeReport, merge_shards
-from slamgym.dataset.summary import describe_pairs
+from slamgym.dataset.statistics import describe_pairs
 
 _SHOWN = 5
 

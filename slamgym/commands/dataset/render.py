@@ -13,10 +13,9 @@ from slamgym.core.parallel.backlog import available_cores
 from slamgym.core.progress import say
 from slamgym.dataset.curate.split import current_split, split_path
 from slamgym.dataset.images.format import SPLITS, read_images
-from slamgym.dataset.images.render import render_images
-from slamgym.dataset.images.selection import Selection, select_pairs
+from slamgym.dataset.images.render import Selection, render_images, select_pairs
 from slamgym.dataset.images.square_images import ImageConfig
-from slamgym.dataset.parquet import require_parquet, write_parquet
+from slamgym.dataset.record import require_parquet, write_parquet
 
 
 class RenderArguments(Arguments):

@@ -10,8 +10,8 @@ import tyro
 
 from slamgym.core.config import Arguments, Count
 from slamgym.core.errors import InputFileError
+from slamgym.core.files import write_text
 from slamgym.core.progress import say
-from slamgym.core.staged import write_text
 from slamgym.dataset.curate.cleaning import CleanConfig
 from slamgym.dataset.curate.decisions import stored_decisions
 from slamgym.dataset.curate.map_items import open_items

@@ -11,10 +11,11 @@ import tyro
 from slamgym.core.config import Arguments, Count, suggest
 from slamgym.core.errors import ConfigError
 from slamgym.core.types import ByteArray
-from slamgym.dataset.format import PairRecord, read_manifest
+from slamgym.dataset.format import read_manifest
 from slamgym.dataset.images.check import is_image_folder
 from slamgym.dataset.images.format import ImageRecord, load_images, read_images
-from slamgym.dataset.summary import sheet_entries
+from slamgym.dataset.record import PairRecord
+from slamgym.dataset.statistics import sheet_entries
 from slamgym.viz.canvas import write_picture
 from slamgym.viz.sheets import Card, draw_contact_sheet, draw_sheet
 

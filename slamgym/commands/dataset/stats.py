@@ -10,10 +10,10 @@ from rich.table import Table
 
 from slamgym.core.config import Arguments, to_dict
 from slamgym.dataset.format import read_manifest
-from slamgym.dataset.parquet import require_parquet, write_parquet
+from slamgym.dataset.record import require_parquet, write_parquet
 from slamgym.dataset.statistics import DatasetStatistics, GroupStatistics, dataset_statistics
 
-COLUMNS = (
+STATISTICS_COLUMNS = (
     "", "pairs", "plans", "robot h", "complete [%]", "kept [%]", "coverage p5, p50 [%]", "ATE p50, p95 [m]",
     "walls p50, p95 [m]", "robot min p50, max", "CPU s",
 )  # fmt: skip
@@ -21,7 +21,7 @@ TABLE_WIDTH = 160
 
 
 class StatsArguments(Arguments):
-    """Tell what lies in a dataset: pairs, coverage, errors, endings and bytes, also by condition.
+    """Show what lies in a dataset: pairs, coverage, errors, endings and bytes, also by condition.
 
     `complete` is the share of pairs that saw 95 % of the reachable floor; `kept` is what cleaning keeps; ATE is
     the position error of the SLAM estimate; `walls` the distance of drawn walls to true ones.
@@ -71,7 +71,7 @@ def _print(statistics: DatasetStatistics) -> None:
 
 def _table(statistics: DatasetStatistics) -> Table:
     table = Table(title=statistics.dataset, title_justify="left")
-    for number, column in enumerate(COLUMNS):
+    for number, column in enumerate(STATISTICS_COLUMNS):
         table.add_column(column, justify="right" if number else "left", no_wrap=number == 0)
     table.add_row("all", *_cells(statistics.whole))
     for name, groups in statistics.by_condition.items():

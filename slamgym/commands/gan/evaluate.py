@@ -13,8 +13,8 @@ from rich.table import Table
 from slamgym import __version__
 from slamgym.commands.gan.arguments import EvaluateTranslatorsArguments
 from slamgym.core.errors import ConfigError
+from slamgym.core.files import write_text
 from slamgym.core.progress import say, show_progress
-from slamgym.core.staged import write_text
 from slamgym.core.types import ByteArray
 from slamgym.gan.data import PairSet, load_pairs, read_grey
 from slamgym.gan.evaluation.evaluate import (

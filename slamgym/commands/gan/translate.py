@@ -8,8 +8,8 @@ import numpy as np
 
 from slamgym.commands.gan.arguments import TranslateArguments
 from slamgym.core.errors import ConfigError, InputFileError
+from slamgym.core.files import write_bytes
 from slamgym.core.progress import say, show_progress
-from slamgym.core.staged import write_bytes
 from slamgym.core.types import FREE, OCCUPIED, ByteArray, OccupancyGrid
 from slamgym.gan.data import SUFFIXES, read_grey
 from slamgym.gan.translation.translate import LearnedTranslator, load_translator

@@ -15,15 +15,16 @@ from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.progress import show_progress
 from slamgym.core.types import FloatArray
 from slamgym.dataset.curate.completeness import FEATURES, completeness_features
+from slamgym.dataset.curate.completeness_model import ProbabilityScore, score_probabilities
 from slamgym.dataset.curate.criteria import Criteria, StuckFilter, record_faults
 from slamgym.dataset.curate.decisions import Decision
 from slamgym.dataset.curate.map_items import MapItem
-from slamgym.dataset.curate.probability_score import ProbabilityScore, score_probabilities
 from slamgym.dataset.curate.verdicts import Verdict, write_verdicts
+from slamgym.dataset.faults import MapFault
 
 
 class Classifier(Protocol):
-    """Tells how probable it is that maps are complete."""
+    """Predicts how probable it is that maps are complete."""
 
     def __call__(self, features: FloatArray, plan_ids: Sequence[str]) -> FloatArray:
         """Probabilities, shape (N,), for features of shape (N, 15)."""
@@ -68,7 +69,7 @@ class CleanReport:
         return sum(verdict.is_doubtful and verdict.by != "person" for verdict in self.verdicts)
 
     def reasons(self) -> dict[str, int]:
-        """How many maps were dropped, by the kind of reason; the numbers in the reasons are left out."""
+        """How many maps were dropped, by the kind of their first fault."""
         kinds = (verdict.kind for verdict in self.verdicts if not verdict.keep)
         return dict(Counter(kinds).most_common())
 
@@ -88,7 +89,7 @@ def clean_maps(
     Args:
         root: Where ``clean.jsonl`` and ``clean.json`` go.
         items: The maps.
-        classifier: Tells how probable it is that they are complete.
+        classifier: Predicts how probable it is that they are complete.
         about_classifier: What to note about it.
         config: The settings.
         decisions: What people decided, by the maps' names.
@@ -97,7 +98,7 @@ def clean_maps(
         StorageError: If the folder can't be written.
     """
     features, faults = _measure(items, config.stuck)
-    readable = [number for number, fault in enumerate(faults) if fault.kind != "file"]
+    readable = [number for number, fault in enumerate(faults) if not fault or fault.kind != "unreadable"]
     probabilities = np.full(len(items), np.nan)
     probabilities[readable] = classifier(features[readable], [items[i].plan_id for i in readable])
     verdicts = tuple(
@@ -109,29 +110,20 @@ def clean_maps(
     return report
 
 
-@dataclass(frozen=True)
-class _Fault:
-    """What the map alone shows to be wrong."""
-
-    kind: Literal["none", "stuck", "file"]
-    reason: str = ""
-
-
-def _measure(items: Sequence[MapItem], stuck: StuckFilter) -> tuple[FloatArray, list[_Fault]]:
+def _measure(items: Sequence[MapItem], stuck: StuckFilter) -> tuple[FloatArray, list[MapFault | None]]:
     """Features of every map, shape (N, 15), and what is wrong with it at first sight."""
     features = np.zeros((len(items), len(FEATURES)))
-    faults = []
+    faults: list[MapFault | None] = []
     with show_progress("maps", 0, len(items)) as advance:
         for number, item in enumerate(items):
             try:
                 grid = item.load()
             except InputFileError as error:
-                faults.append(_Fault("file", str(error)))
+                faults.append(MapFault("unreadable", detail=str(error)))
             else:
                 resolution = grid.frame.resolution
                 features[number] = completeness_features(grid.cells, resolution)
-                why = stuck.why_stuck(features[number], resolution)
-                faults.append(_Fault("stuck", why) if why else _Fault("none"))
+                faults.append(stuck.fault(features[number], resolution))
             advance()
     return features, faults
 
@@ -139,49 +131,59 @@ def _measure(items: Sequence[MapItem], stuck: StuckFilter) -> tuple[FloatArray, 
 def _judge(
     item: MapItem,
     probability: float | None,
-    fault: _Fault,
+    seen: MapFault | None,
     config: CleanConfig,
     decisions: Mapping[str, Decision],
 ) -> Verdict:
+    """Decide about a map.
+
+    Args:
+        item: The map.
+        probability: Of being complete, by the classifier; None if the map can't be read.
+        seen: What the map alone shows to be wrong.
+        config: The settings.
+        decisions: What people decided, by the maps' names.
+    """
     record = item.record
     true_faults = record_faults(record, config.criteria) if record else []
     decision = decisions.get(item.name)
-    if fault.kind == "file" or probability is None:
-        keep, reason, by = False, fault.reason, "file"
+    faults: list[MapFault] = []
+    if probability is None:
+        faults, by = [seen] if seen else [], "file"
     elif decision is not None:
-        keep, reason, by = decision.keep, f"{'kept' if decision.keep else 'dropped'} by a person", "person"
+        by = "person"
     elif record and config.by == "truth":
-        keep, reason, by = not true_faults, "; ".join(true_faults) or "complete", "truth"
-    elif fault.kind == "stuck":
-        keep, reason, by = False, fault.reason, "stuck filter"
+        faults, by = true_faults, "truth"
+    elif seen:
+        faults, by = [seen], "stuck filter"
     else:
-        keep, reason = _by_probability(probability, config)
-        by = "classifier"
+        faults, by = _by_probability(probability, config.band), "classifier"
+    is_tolerated = config.doubtful == "keep" and all(fault.kind == "doubtful" for fault in faults)
+    keep = decision.keep if by == "person" and decision else not faults or is_tolerated
+    by_person = f"{'kept' if keep else 'dropped'} by a person"
     return Verdict(
         name=item.name,
         keep=keep,
-        reason=reason,
+        reason=by_person if by == "person" else "; ".join(fault.sentence for fault in faults) or "complete",
         by=by,
         probability=None if probability is None else round(probability, 4),
-        is_doubtful=fault.kind == "none"
+        is_doubtful=seen is None
         and probability is not None
         and config.band[0] <= probability < config.band[1],
-        looks_stuck=fault.kind == "stuck",
+        looks_stuck=seen is not None and seen.is_stuck,
         is_complete=not true_faults if record else None,
         coverage=record.coverage if record else None,
         ate=record.ate if record else None,
         map_error=record.map_error if record else None,
+        faults=tuple(faults),
     )
 
 
-def _by_probability(probability: float, config: CleanConfig) -> tuple[bool, str]:
-    low, high = config.band
+def _by_probability(probability: float, band: tuple[float, float]) -> list[MapFault]:
+    low, high = band
     if probability < low:
-        return False, f"incomplete: probability {probability:.2f} of being complete < {low:.2f}"
-    if probability >= high:
-        return True, "complete"
-    words = f"doubtful: probability {probability:.2f} of being complete is between {low:.2f} and {high:.2f}"
-    return config.doubtful == "keep", words
+        return [MapFault("incomplete", round(probability, 4), low)]
+    return [MapFault("doubtful", round(probability, 4), high)] if probability < high else []
 
 
 def _agreement(verdicts: Sequence[Verdict], band: tuple[float, float]) -> ProbabilityScore | None:

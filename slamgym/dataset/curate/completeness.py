@@ -1,4 +1,4 @@
-"""Fifteen numbers that tell from a SLAM map alone how complete it is.
+"""Fifteen numbers that show from a SLAM map alone how complete it is.
 
 The paper's cleaning looks at pixel counts and ratios of black, white and grey, the number of holes by the
 Euler number, and the grey-white neighbours. Here areas are in m2 and lengths in m, so that maps of different
@@ -34,7 +34,7 @@ FEATURES = (
 )
 """Names of the features, in their order."""
 
-CLEARANCE = 0.2
+FRONTIER_CLEARANCE = 0.2
 """A frontier cell counts as open if no wall is nearer [m]: the radius of the circle that holds a TurtleBot3
 Waffle Pi is 0.22 m, and the walls of a map are smeared by a cell."""
 
@@ -182,7 +182,7 @@ def open_frontier(
 ) -> tuple[int, int]:
     """The frontier that a robot could drive through.
 
-    Its cells are the unknown ones beside free space, at least :data:`CLEARANCE` away from every wall. The
+    Its cells are the unknown ones beside free space, at least :data:`FRONTIER_CLEARANCE` away from every wall. The
     same test in the middle of a doorway and along a wall with pin holes tells an unseen room from noise.
 
     Args:
@@ -196,11 +196,11 @@ def open_frontier(
     """
     frontier = (cv2.dilate(floor.astype(np.uint8), _CROSS) > 0) & unknown
     rows, cols = np.nonzero(frontier)
-    reach = int(CLEARANCE / resolution)
-    down, right = np.indices((2 * reach + 1, 2 * reach + 1)).reshape(2, -1) - reach
-    near = np.hypot(down, right) * resolution < CLEARANCE
-    walls = np.pad(occupied, reach)
-    for row, col in zip(down[near] + reach, right[near] + reach, strict=True):
+    radius = int(FRONTIER_CLEARANCE / resolution)
+    down, right = np.indices((2 * radius + 1, 2 * radius + 1)).reshape(2, -1) - radius
+    near = np.hypot(down, right) * resolution < FRONTIER_CLEARANCE
+    walls = np.pad(occupied, radius)
+    for row, col in zip(down[near] + radius, right[near] + radius, strict=True):
         clear = ~walls[rows + row, cols + col]
         rows, cols = rows[clear], cols[clear]
     frontier = np.zeros_like(frontier)

@@ -1,27 +1,23 @@
 """What makes a map fit for a dataset: coverage, error, and that the robot didn't get stuck."""
 
+import dataclasses
 import math
 
 from slamgym.core.config import NonNegative, Positive, Settings, Share
 from slamgym.core.errors import ConfigError
 from slamgym.core.types import FloatArray
 from slamgym.dataset.curate.completeness import FEATURES
-from slamgym.dataset.format import PairRecord
+from slamgym.dataset.faults import MapFault
+from slamgym.dataset.record import GOOD_COVERAGE, PairRecord
 
 STUCK_PATH = 1.0
 """A robot that drove less than this got stuck, by the truth [m]: some three times its own length."""
-
-_ENDINGS = {
-    "explored": "the explorer saw nothing left that it could reach",
-    "time_limit": "time limit",
-    "coverage": "coverage goal",
-}
 
 
 class Criteria(Settings):
     """When a map counts as good, where the truth is known."""
 
-    min_coverage: Share = 0.95
+    min_coverage: Share = GOOD_COVERAGE
     """Share of the reachable floor that was truly seen."""
     max_map_error: Positive = 0.30
     """Mean distance of the SLAM map's walls to the CAD walls [m]. An honest map of medium odometry has 0.1 m;
@@ -30,8 +26,8 @@ class Criteria(Settings):
     max_ate: Positive = 0.60
     """Position error of the estimate [m]: about twice the map error that it causes."""
 
-    def faults(self, coverage: float, map_error: float, ate: float, *, has_clutter: bool) -> list[str]:
-        """What is wrong with a map, each fault in words; nothing if it is good.
+    def faults(self, coverage: float, map_error: float, ate: float, *, has_clutter: bool) -> list[MapFault]:
+        """What is wrong with a map; nothing if it is good.
 
         Args:
             coverage: True coverage.
@@ -41,16 +37,16 @@ class Criteria(Settings):
         """
         found = []
         if coverage < self.min_coverage:
-            found.append(f"coverage {_below(coverage, self.min_coverage)} < {self.min_coverage:.2f}")
+            found.append(MapFault("coverage", coverage, self.min_coverage))
         if map_error > self.max_map_error and not has_clutter:
-            found.append(f"map error {map_error:.2f} m > {self.max_map_error:.2f} m")
+            found.append(MapFault("map_error", map_error, self.max_map_error))
         if ate > self.max_ate:
-            found.append(f"position error {ate:.2f} m > {self.max_ate:.2f} m")
+            found.append(MapFault("position_error", ate, self.max_ate))
         return found
 
 
 class StuckFilter(Settings):
-    """Tells from the map alone that a robot got stuck, by its ratio of occupied to free cells.
+    """Finds from the map alone that a robot got stuck, by its ratio of occupied to free cells.
 
     The ratio alone can't do it: standing in a corner and having mapped a home give the same. So beside its
     bounds, which catch open space without walls and walls smeared by a robot that spins, a map of no more
@@ -73,8 +69,8 @@ class StuckFilter(Settings):
                 f"min_ratio must be less than max_ratio, not {self.min_ratio} and {self.max_ratio}"
             )
 
-    def why_stuck(self, features: FloatArray, resolution: float) -> str:
-        """Why a map looks like that of a robot that got stuck; nothing if it doesn't.
+    def fault(self, features: FloatArray, resolution: float) -> MapFault | None:
+        """Why a map looks like that of a robot that got stuck; None if it doesn't.
 
         Args:
             features: Of the map, shape (15,).
@@ -83,13 +79,15 @@ class StuckFilter(Settings):
         values = dict(zip(FEATURES, features.tolist(), strict=True))
         area, ratio = values["free_area"], values["occupied_per_free"] * 0.05 / resolution
         if area == 0.0:
-            return "stuck: the map shows no free space"
-        if not self.min_ratio <= ratio <= self.max_ratio:
-            few = "few" if ratio < self.min_ratio else "many"
-            return f"stuck: {few} occupied cells for the free ones ({ratio:.3f})"
-        if area <= math.pi * self.view**2 and values["widest_frontier"] >= self.way_on:
-            return f"stuck: {area:.0f} m2 seen, no more than from one place, with a way on"
-        return ""
+            return MapFault("no_free_space")
+        if ratio < self.min_ratio:
+            return MapFault("few_walls", ratio, self.min_ratio)
+        if ratio > self.max_ratio:
+            return MapFault("many_walls", ratio, self.max_ratio)
+        one_view = math.pi * self.view**2
+        if area <= one_view and values["widest_frontier"] >= self.way_on:
+            return MapFault("one_view", area, one_view)
+        return None
 
 
 def has_clutter(record: PairRecord) -> bool:
@@ -98,29 +96,11 @@ def has_clutter(record: PairRecord) -> bool:
     return bool(conditions.get("clutter.furniture", 0.0) or conditions.get("clutter.people", 0))
 
 
-def record_faults(record: PairRecord, criteria: Criteria) -> list[str]:
-    """What is wrong with a pair by the truth, each fault in words; nothing if it is good."""
+def record_faults(record: PairRecord, criteria: Criteria) -> list[MapFault]:
+    """What is wrong with a pair by the truth; nothing if it is good."""
     found = criteria.faults(record.coverage, record.map_error, record.ate, has_clutter=has_clutter(record))
-    if found and found[0].startswith("coverage"):
-        found[0] += f": {_ENDINGS.get(record.finished, record.finished)}"
+    if found and found[0].kind == "coverage":
+        found[0] = dataclasses.replace(found[0], detail=record.finished)
         if record.path_length < STUCK_PATH:
-            found.insert(0, f"stuck: drove {record.path_length:.1f} m")
+            found.insert(0, MapFault("hardly_driven", record.path_length, STUCK_PATH))
     return found
-
-
-def fault_kind(fault: str) -> str:
-    """A fault of :func:`record_faults` without its figures, but with how the exploration ended; else nothing."""
-    for kind in ("stuck", "coverage", "map error", "position error"):
-        if fault.startswith(kind):
-            ending = fault.rpartition(": ")[2] if kind == "coverage" and ": " in fault else ""
-            return f"{kind}: {ending}" if ending else kind
-    return ""
-
-
-def _below(value: float, limit: float) -> str:
-    """A value less than a limit, with as many digits as it takes to see that."""
-    for digits in (2, 3, 4):
-        text = f"{value:.{digits}f}"
-        if float(text) < limit:
-            return text
-    return f"{value:.6f}"

@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import Any
 
 from slamgym.core.errors import ConfigError, InputFileError
-from slamgym.core.files import replace_file, storage_errors
+from slamgym.core.files import read_bytes, replace_file
 
 DECISIONS_FILE = "decisions.json"
-FORMAT = "slamgym-decisions"
-VERSION = 1
+DECISIONS_FORMAT = "slamgym-decisions"
+DECISIONS_VERSION = 1
 _SHOWN = 5
 """So many names are shown in an error."""
 
@@ -39,16 +39,14 @@ def read_decisions(path: Path | str) -> list[Decision]:
         ConfigError: If it says two things about one map.
     """
     try:
-        document = json.loads(Path(path).read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputFileError(path, f"can't be read ({error.strerror or error})") from error
+        document = json.loads(read_bytes(path))
     except (ValueError, RecursionError) as error:
         raise InputFileError(path, f"is not JSON ({error})") from error
-    if not isinstance(document, dict) or document.get("format") != FORMAT:
+    if not isinstance(document, dict) or document.get("format") != DECISIONS_FORMAT:
         raise InputFileError(path, "is no file of decisions; save one with `slamgym dataset review`")
-    if document.get("version") != VERSION:
+    if document.get("version") != DECISIONS_VERSION:
         raise InputFileError(
-            path, f"has version {document.get('version')!r} of the format, {VERSION} is read here"
+            path, f"has version {document.get('version')!r} of the format, {DECISIONS_VERSION} is read here"
         )
     entries = document.get("decisions")
     if not isinstance(entries, list):
@@ -123,8 +121,7 @@ def store_decisions(root: Path, decisions: Iterable[Decision]) -> None:
     Raises:
         StorageError: If they can't be written.
     """
-    with storage_errors(root):
-        replace_file(root / DECISIONS_FILE, decisions_document(decisions).encode())
+    replace_file(root / DECISIONS_FILE, decisions_document(decisions).encode())
 
 
 def decisions_document(decisions: Iterable[Decision]) -> str:
@@ -133,7 +130,10 @@ def decisions_document(decisions: Iterable[Decision]) -> str:
         {"name": d.name, "decision": "keep" if d.keep else "drop", "sha256": d.digest}
         for d in sorted(decisions, key=lambda decision: decision.name)
     ]
-    return json.dumps({"format": FORMAT, "version": VERSION, "decisions": entries}, indent=1) + "\n"
+    return (
+        json.dumps({"format": DECISIONS_FORMAT, "version": DECISIONS_VERSION, "decisions": entries}, indent=1)
+        + "\n"
+    )
 
 
 def _decision(path: Path | str, number: int, entry: Any) -> Decision:

@@ -15,11 +15,11 @@ from typing import Any
 import numpy as np
 
 from slamgym.core.errors import InputFileError
-from slamgym.core.staged import write_bytes
+from slamgym.core.files import write_bytes
 from slamgym.core.types import FloatArray, IntArray
 
 MAX_FILE_BYTES = 64_000_000
-"""Larger files are refused: the shipped model has a hundredth of it."""
+"""Larger files are refused: the pretrained model has a hundredth of it."""
 LEAF = -1
 """Feature index of a leaf."""
 _ARRAYS = {"feature": np.int64, "threshold": np.float64, "left": np.int64, "right": np.int64}

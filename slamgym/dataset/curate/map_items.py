@@ -8,11 +8,12 @@ from pathlib import Path
 from slamgym.core.errors import InputFileError
 from slamgym.core.png import read_png
 from slamgym.core.types import ByteArray, OccupancyGrid
-from slamgym.dataset.format import Layout, PairRecord, load_pair, read_manifest, require_manifest
+from slamgym.dataset.format import Layout, load_pair, read_manifest, require_manifest
+from slamgym.dataset.record import PairRecord
 from slamgym.dataset.shard import shard_folders
 from slamgym.interop import read_ros_map
 
-IMAGE_SUFFIXES = (".png", ".pgm")
+MAP_IMAGE_SUFFIXES = (".png", ".pgm")
 
 
 @dataclass(frozen=True)
@@ -84,7 +85,7 @@ def _pair_item(root: Path, record: PairRecord) -> MapItem:
 def _map_item(root: Path, path: Path) -> MapItem:
     name = path.relative_to(root).with_suffix("").as_posix()
     content = path.read_bytes()
-    for suffix in IMAGE_SUFFIXES:
+    for suffix in MAP_IMAGE_SUFFIXES:
         image = path.with_suffix(suffix)
         if image.is_file():
             content += image.read_bytes()

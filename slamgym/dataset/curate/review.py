@@ -14,10 +14,10 @@ import cv2
 import numpy as np
 
 from slamgym.core.types import FREE, UNKNOWN, ByteArray
-from slamgym.dataset.curate.decisions import FORMAT, VERSION, Decision
+from slamgym.dataset.curate.decisions import DECISIONS_FORMAT, DECISIONS_VERSION, Decision
 from slamgym.dataset.curate.map_items import MapItem
 from slamgym.dataset.curate.verdicts import Verdict
-from slamgym.dataset.format import PairRecord
+from slamgym.dataset.record import PairRecord
 
 Which = Literal["doubtful", "disagreements", "dropped", "kept", "all"]
 
@@ -75,8 +75,8 @@ def make_review_page(
     maps = [_map_data(entry, decisions.get(entry.item.name)) for entry in entries]
     identity = "\n".join(f"{one['name']} {one['sha256']}" for one in maps)
     data = {
-        "format": FORMAT,
-        "version": VERSION,
+        "format": DECISIONS_FORMAT,
+        "version": DECISIONS_VERSION,
         "title": title,
         "subtitle": f"{len(maps)} maps to judge. Keys: K keep, D drop, U undo, arrows, ? help.",
         "command": command,

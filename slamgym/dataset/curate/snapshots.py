@@ -7,12 +7,14 @@ tells how complete it was. Nothing is simulated again.
 The poses are those of the path as corrected by the end, so loops that were closed later are closed already.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+import dataclasses
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from slamgym.core.config import from_dict
 from slamgym.core.errors import InputFileError
@@ -28,7 +30,8 @@ from slamgym.core.types import (
 )
 from slamgym.dataset.curate.completeness import FEATURES, completeness_features
 from slamgym.dataset.curate.criteria import STUCK_PATH, Criteria, StuckFilter, has_clutter
-from slamgym.dataset.format import Layout, PairRecord, load_pair, read_config
+from slamgym.dataset.format import Layout, load_pair, read_dataset_config
+from slamgym.dataset.record import PairRecord
 from slamgym.interop import read_carmen, read_tum
 from slamgym.metrics import absolute_trajectory_error, wall_error
 from slamgym.slam import SlamConfig
@@ -155,7 +158,7 @@ def _scans_file(folder: Path) -> Path:
 
 def _slam_settings(root: Path, record: PairRecord) -> SlamConfig:
     """How the maps of the dataset were drawn: its settings, and what the pair's conditions changed."""
-    settings = read_config(root)
+    settings = read_dataset_config(root)
     try:
         values: dict[str, Any] = dict(settings["episode"]["env"]["slam"])
     except (KeyError, TypeError) as error:
@@ -184,6 +187,10 @@ def _driven_until(recording: _Recording, end: float) -> float:
     return Trajectory(recording.stamps[:scans], recording.truth.poses[:scans]).length
 
 
+StrArray = NDArray[np.str_]
+_COLUMN_TYPES = (float, bool, float, float, bool, bool, bool, str, str)
+
+
 @dataclass(frozen=True)
 class LabelledMaps:
     """Snapshots of explorations; arrays of the same length N."""
@@ -195,26 +202,15 @@ class LabelledMaps:
     is_last: BoolArray  # whether the exploration ended there
     is_stuck: BoolArray  # by the truth: hardly driven, and incomplete
     looks_stuck: BoolArray  # by the filter, from the map alone
-    plan_ids: tuple[str, ...]
-    sources: tuple[str, ...]  # what each comes from, e.g. the dataset's name
+    plan_ids: StrArray
+    sources: StrArray  # what each comes from, e.g. the dataset's name
 
     def __len__(self) -> int:
         return len(self.complete)
 
     def where(self, chosen: BoolArray) -> "LabelledMaps":
         """Some of the maps."""
-        kept = np.flatnonzero(chosen)
-        return LabelledMaps(
-            features=self.features[kept],
-            complete=self.complete[kept],
-            coverage=self.coverage[kept],
-            minutes=self.minutes[kept],
-            is_last=self.is_last[kept],
-            is_stuck=self.is_stuck[kept],
-            looks_stuck=self.looks_stuck[kept],
-            plan_ids=tuple(self.plan_ids[i] for i in kept),
-            sources=tuple(self.sources[i] for i in kept),
-        )
+        return LabelledMaps(*(getattr(self, field.name)[chosen] for field in dataclasses.fields(self)))
 
     @property
     def learnable(self) -> BoolArray:
@@ -233,7 +229,7 @@ def label_maps(
     Args:
         pairs: Datasets and their records of pairs.
         criteria: When a map is complete.
-        stuck: Tells which maps look like those of a stuck robot.
+        stuck: Finds which maps look like those of a stuck robot.
         minutes: Robot times besides the end [min].
 
     Raises:
@@ -254,28 +250,14 @@ def label_maps(
                         shot.time / 60.0,
                         shot.is_last,
                         shot.path_length < STUCK_PATH and shot.coverage < criteria.min_coverage,
-                        bool(stuck.why_stuck(features, shot.resolution)),
+                        stuck.fault(features, shot.resolution) is not None,
                         shot.plan_id,
                         root.name,
                     )
                 )
             advance()
-    return _from_rows(rows)
-
-
-def _from_rows(
-    rows: Iterable[tuple[FloatArray, bool, float, float, bool, bool, bool, str, str]],
-) -> LabelledMaps:
-    columns = list(zip(*rows, strict=True)) or [()] * 9
-    features, complete, coverage, minutes, is_last, is_stuck, looks_stuck, plan_ids, sources = columns
-    return LabelledMaps(
-        features=np.array(features, dtype=np.float64).reshape(-1, len(FEATURES)),
-        complete=np.array(complete, dtype=np.bool_),
-        coverage=np.array(coverage, dtype=np.float64),
-        minutes=np.array(minutes, dtype=np.float64),
-        is_last=np.array(is_last, dtype=np.bool_),
-        is_stuck=np.array(is_stuck, dtype=np.bool_),
-        looks_stuck=np.array(looks_stuck, dtype=np.bool_),
-        plan_ids=tuple(plan_ids),
-        sources=tuple(sources),
-    )
+    columns = list(zip(*rows, strict=True)) or [()] * len(_COLUMN_TYPES)
+    arrays: list[NDArray[Any]] = [
+        np.array(column, dtype=kind) for column, kind in zip(columns, _COLUMN_TYPES, strict=True)
+    ]
+    return LabelledMaps(arrays[0].reshape(-1, len(FEATURES)), *arrays[1:])

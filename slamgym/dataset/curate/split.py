@@ -5,7 +5,6 @@ schedule. So the same dataset always splits the same way, and when a dataset gro
 their sides (unless a new plan joins two groups into one).
 """
 
-import hashlib
 import json
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -17,13 +16,15 @@ import numpy as np
 from slamgym.cad import read_houseexpo
 from slamgym.core.config import from_dict, suggest, to_dict
 from slamgym.core.errors import ConfigError, InputFileError
-from slamgym.core.files import replace_file, storage_errors
+from slamgym.core.files import read_bytes, replace_file
 from slamgym.core.parallel.engine import run_tasks
 from slamgym.core.progress import show_progress
+from slamgym.core.seeding import uniform_share
 from slamgym.core.types import Float32Array
 from slamgym.dataset.curate.near_duplicates import near_duplicates, plan_print
-from slamgym.dataset.format import Layout, PairRecord, read_manifest
+from slamgym.dataset.format import Layout, read_manifest
 from slamgym.dataset.images.format import Split
+from slamgym.dataset.record import PairRecord
 
 SPLIT_VERSION = 1
 _CHUNK = 64
@@ -95,8 +96,7 @@ def make_split(
     ids = list(first)
     groups = dict(zip(ids, (ids[index] for index in near_duplicates(prints, sides)), strict=True))
     table = assign_sides(groups, test=test, seed=seed, forced=forced)
-    with storage_errors(split_path(root)):
-        replace_file(split_path(root), (json.dumps(to_dict(table), indent=1) + "\n").encode())
+    replace_file(split_path(root), (json.dumps(to_dict(table), indent=1) + "\n").encode())
     return table
 
 
@@ -108,11 +108,9 @@ def read_split(root: Path | str) -> SplitTable:
     """
     path = split_path(root)
     try:
-        values: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+        values: dict[str, Any] = json.loads(read_bytes(path))
         plans = {plan_id: from_dict(PlanSide, place) for plan_id, place in values.pop("plans").items()}
         table = from_dict(SplitTable, {**values, "plans": plans}, str(path))
-    except OSError as error:
-        raise InputFileError(path, f"can't be read ({error.strerror or error})") from error
     except (ValueError, TypeError, KeyError, AttributeError) as error:
         raise InputFileError(path, f"is malformed ({error}); run `slamgym dataset split` again") from error
     return table
@@ -145,7 +143,10 @@ def assign_sides(
         forced: Plans whose groups are for testing in any case.
     """
     must = {groups[plan_id] for plan_id in forced}
-    shares = {group: -1.0 if group in must else _share(seed, group) for group in set(groups.values())}
+    shares = {
+        group: -1.0 if group in must else uniform_share(f"split/{seed}/{group}")
+        for group in set(groups.values())
+    }
     chosen = {group for group, share in shares.items() if share < test}
     order = sorted(shares, key=lambda group: (shares[group], group))
     if len(order) > 1 and 0.0 < test < 1.0:
@@ -190,9 +191,3 @@ def _read_chunk(chunk: tuple[int, list[Path]]) -> tuple[int, list[tuple[Float32A
         min_x, min_y, max_x, max_y = plan.bounds
         found.append((plan_print(plan), max(max_x - min_x, max_y - min_y)))
     return start, found
-
-
-def _share(seed: int, group: str) -> float:
-    """A number in [0, 1) that follows from the seed and the group."""
-    digest = hashlib.sha256(f"split/{seed}/{group}".encode()).digest()
-    return int.from_bytes(digest[:8], "big") / 2.0**64

@@ -9,8 +9,8 @@ from typing import Any
 
 from slamgym.core.config import from_dict
 from slamgym.core.errors import ConfigError, InputFileError
-from slamgym.core.files import replace_if_changed, storage_errors
-from slamgym.dataset.curate.criteria import fault_kind
+from slamgym.core.files import replace_if_changed
+from slamgym.dataset.faults import MapFault
 
 VERDICTS_FILE = "clean.jsonl"
 SUMMARY_FILE = "clean.json"
@@ -41,14 +41,13 @@ class Verdict:
     map_error: float | None
     """[m]"""
 
+    faults: tuple[MapFault, ...]
+    """What the reason is made of, but for decisions of a person."""
+
     @property
     def kind(self) -> str:
-        """The kind of the reason's first fault: what stands before its number, and how the exploration ended."""
-        if self.reason.startswith(("doubtful", "incomplete")):
-            return self.reason.split(":", 1)[0]
-        if self.reason.endswith("by a person"):
-            return self.reason
-        return fault_kind(self.reason.split("; ", 1)[0]) or "unreadable"
+        """Under what the map is counted: the kind of its first fault, or that a person dropped it."""
+        return self.faults[0].reason if self.faults else self.reason
 
 
 def write_verdicts(root: Path, verdicts: Iterable[Verdict], summary: Mapping[str, Any]) -> None:
@@ -58,9 +57,8 @@ def write_verdicts(root: Path, verdicts: Iterable[Verdict], summary: Mapping[str
         StorageError: If the folder can't be written.
     """
     lines = "".join(json.dumps(dataclasses.asdict(verdict)) + "\n" for verdict in verdicts)
-    with storage_errors(root):
-        replace_if_changed(root / SUMMARY_FILE, (json.dumps(summary, indent=1) + "\n").encode())
-        replace_if_changed(root / VERDICTS_FILE, lines.encode())
+    replace_if_changed(root / SUMMARY_FILE, (json.dumps(summary, indent=1) + "\n").encode())
+    replace_if_changed(root / VERDICTS_FILE, lines.encode())
 
 
 def read_verdicts(root: Path | str) -> dict[str, Verdict]:
@@ -75,7 +73,12 @@ def read_verdicts(root: Path | str) -> dict[str, Verdict]:
     verdicts = {}
     for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), start=1):
         try:
-            verdict = from_dict(Verdict, json.loads(line))
+            entry = json.loads(line)
+            if "faults" not in entry:
+                raise InputFileError(
+                    path, f"was written by an older version; run `slamgym dataset clean {root}` again"
+                )
+            verdict = from_dict(Verdict, entry)
         except (ValueError, TypeError, AttributeError, ConfigError) as error:
             raise InputFileError(f"{path}:{number}", f"is not a verdict ({error})") from error
         verdicts[verdict.name] = verdict

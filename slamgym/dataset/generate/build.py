@@ -12,9 +12,14 @@ from slamgym.core.parallel.backlog import Lost
 from slamgym.core.parallel.engine import EngineName, open_engine
 from slamgym.core.progress import show_progress
 from slamgym.dataset.folder import DatasetFolder, open_dataset
-from slamgym.dataset.generate.exploration import Exploration, Outcome, explore, write_files
-from slamgym.dataset.generate.settings import DatasetConfig, dataset_settings
-from slamgym.dataset.generate.slot_queue import SlotQueue
+from slamgym.dataset.generate.exploration import (
+    ExplorationOutcome,
+    ExplorationTask,
+    run_exploration,
+    write_files,
+)
+from slamgym.dataset.generate.recipe import DatasetConfig, dataset_settings
+from slamgym.dataset.generate.schedule import SlotQueue
 from slamgym.dataset.shard import WHOLE, Shard
 from slamgym.envs.episode import MakeExplorer, check_explorer
 
@@ -97,7 +102,7 @@ def build_dataset(
         )
         with show_progress("pairs", min(before, wanted), wanted) as advance:
             while queue.wants_more():
-                for outcome in engine.run(explore, queue.draw()):
+                for outcome in engine.run(run_exploration, queue.draw()):
                     if _take(outcome, folder, queue):
                         advance()
         committed = len(folder.committed)
@@ -106,7 +111,9 @@ def build_dataset(
     return BuildReport(root, committed, committed - before, dict(Counter(kinds.values())), seconds)
 
 
-def _take(outcome: Outcome | Lost[Exploration], folder: DatasetFolder, queue: SlotQueue) -> bool:
+def _take(
+    outcome: ExplorationOutcome | Lost[ExplorationTask], folder: DatasetFolder, queue: SlotQueue
+) -> bool:
     """Commit what a worker made, or note why there is nothing; returns whether there is a pair."""
     if isinstance(outcome, Lost):
         queue.reject(outcome.item.slot, "WorkerLostError", outcome.reason)

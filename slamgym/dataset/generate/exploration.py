@@ -20,16 +20,14 @@ from slamgym.core.errors import PlanError, SlamgymError
 from slamgym.core.files import storage_errors, sync_tree
 from slamgym.core.png import encode_png
 from slamgym.dataset.format import SIDES, write_episode
-from slamgym.dataset.generate.recipe import episode_conditions
-from slamgym.dataset.generate.record import make_record
-from slamgym.dataset.generate.settings import DatasetConfig
+from slamgym.dataset.generate.recipe import DatasetConfig, episode_conditions
 from slamgym.dataset.pair import make_pair
-from slamgym.dataset.schedule import Slot
+from slamgym.dataset.record import Slot, make_record
 from slamgym.envs.episode import MakeExplorer, run_episode
 
 
 @dataclass(frozen=True)
-class Exploration:
+class ExplorationTask:
     """What a worker needs to know."""
 
     slot: Slot
@@ -41,7 +39,7 @@ class Exploration:
 
 
 @dataclass(frozen=True)
-class Outcome:
+class ExplorationOutcome:
     """What a worker reports: files, or ``error`` says why there are none."""
 
     slot: Slot
@@ -52,7 +50,7 @@ class Outcome:
     reason: str = ""
 
 
-def explore(exploration: Exploration) -> Outcome:
+def run_exploration(exploration: ExplorationTask) -> ExplorationOutcome:
     """Run one exploration and write its pair.
 
     Raises:
@@ -64,7 +62,7 @@ def explore(exploration: Exploration) -> Outcome:
     try:
         files = _write_or_pack(exploration)
     except PlanError as error:
-        return Outcome(slot, error="PlanError", reason=error.reason)
+        return ExplorationOutcome(slot, error="PlanError", reason=error.reason)
     except MemoryError as error:
         raise SlamgymError(
             f"memory ran out while {slot.plan_id} was explored; run the same command again with fewer --workers"
@@ -72,13 +70,13 @@ def explore(exploration: Exploration) -> Outcome:
     except (SlamgymError, OSError):
         raise
     except Exception as error:  # noqa: BLE001 - one odd plan must not end a night's run; the record names the place
-        return Outcome(slot, error=type(error).__name__, reason=_place_of(error))
+        return ExplorationOutcome(slot, error=type(error).__name__, reason=_place_of(error))
     timing = {"cpu_seconds": time.process_time() - cpu, "wall_seconds": time.perf_counter() - wall}
-    return Outcome(slot, timing, files)
+    return ExplorationOutcome(slot, timing, files)
 
 
 def write_files(folder: Path, files: Mapping[str, bytes]) -> None:
-    """Write what :func:`explore` gave back into a new staging place, and wait until the disk has it."""
+    """Write what :func:`run_exploration` gave back into a new staging place, and wait until the disk has it."""
     with storage_errors(folder):
         _make_staging_place(folder)
         for name, data in files.items():
@@ -86,7 +84,7 @@ def write_files(folder: Path, files: Mapping[str, bytes]) -> None:
         sync_tree(folder)
 
 
-def _write_or_pack(exploration: Exploration) -> dict[str, bytes] | None:
+def _write_or_pack(exploration: ExplorationTask) -> dict[str, bytes] | None:
     if exploration.staged is not None:
         _write_pair(exploration, exploration.staged)
         with storage_errors(exploration.staged):
@@ -103,7 +101,7 @@ def _write_or_pack(exploration: Exploration) -> dict[str, bytes] | None:
         }
 
 
-def _write_pair(exploration: Exploration, staged: Path) -> None:
+def _write_pair(exploration: ExplorationTask, staged: Path) -> None:
     slot, config = exploration.slot, exploration.config
     settings, conditions = episode_conditions(config.recipe, config.episode, slot.seed)
     episode = run_episode(exploration.plan, slot.seed, settings, exploration.make_explorer)

@@ -1,4 +1,4 @@
-"""Variety by configuration: settings that are drawn anew for every exploration.
+"""The settings of a dataset, and those that are drawn for each exploration.
 
 A recipe is a YAML or JSON file. Its keys are settings of an exploration (``explorer``, ``minutes``,
 ``odometry``, ``lidar``, or, with dots, those of the robot, its sensors, SLAM and clutter); under each stands a
@@ -28,8 +28,15 @@ from typing import Any
 
 import yaml
 
-from slamgym.core.config import Settings, replace_setting, setting_names, suggest
+from slamgym import __version__
+from slamgym.cad import PlanSource, plan_groups
+from slamgym.cad.plan_filter import PlanFilter
+from slamgym.core.config import Count, Settings, replace_setting, setting_names, suggest, to_dict
 from slamgym.core.errors import ConfigError, InputFileError
+from slamgym.core.files import read_text
+from slamgym.core.seeding import uniform_share
+from slamgym.dataset.format import FORMAT_VERSION
+from slamgym.dataset.pair import PairConfig
 from slamgym.envs import ExploreConfig
 from slamgym.envs.config import ERROR_LEVELS
 from slamgym.envs.episode import EpisodeConfig
@@ -103,7 +110,7 @@ def _with_env(config: EpisodeConfig, part: str, value: Any) -> EpisodeConfig:
 
 RECIPES = Path(__file__).parent / "recipes"
 """The recipes that come with the package."""
-DIGITS = 3
+RANGE_DECIMALS = 3
 """Decimals of a number that is drawn from a range."""
 
 
@@ -148,9 +155,9 @@ class Recipe(Settings):
         """Draw the settings of the exploration that has this seed."""
         drawn: dict[str, Any] = {}
         for factor, choices in self.factors.items():
-            choice = _pick(choices, _uniform(seed, factor))
+            choice = _pick(choices, uniform_share(f"{seed}/{factor}"))
             for name, value in choice.settings.items():
-                drawn[name] = _number_between(value, _uniform(seed, f"{factor}/{name}"))
+                drawn[name] = _number_between(value, uniform_share(f"{seed}/{factor}/{name}"))
         return drawn
 
 
@@ -193,11 +200,7 @@ def open_recipe(spec: str) -> Recipe:
             raise ConfigError(f"no recipe {spec!r}; {suggest(spec, names)} (or give a .yaml or .json file)")
         path = RECIPES / f"{spec}.yaml"
     try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))  # JSON is YAML
-    except OSError as error:
-        raise InputFileError(path, f"can't be read ({error.strerror or error})") from error
-    except UnicodeDecodeError:
-        raise InputFileError(path, "is not a text file; a recipe is YAML or JSON") from None
+        content = yaml.safe_load(read_text(path))  # JSON is YAML
     except (yaml.YAMLError, RecursionError) as error:
         raise InputFileError(path, f"is neither YAML nor JSON ({error})".replace("\n", " ")) from None
     if not isinstance(content, Mapping) or not content:
@@ -209,7 +212,7 @@ def parse_recipe(content: Mapping[Any, Any], where: str) -> Recipe:
     """Build a recipe from its plain form and try every value in turn.
 
     Raises:
-        ConfigError: Naming ``where``, the key and the mend.
+        ConfigError: Naming ``where``, the key and the fix.
     """
     factors = {}
     for factor, entries in content.items():
@@ -277,7 +280,7 @@ def _number_between(value: Any, share: float) -> Any:
     low, high = value["between"]
     if isinstance(low, int) and isinstance(high, int):
         return min(high, low + int(share * (high - low + 1)))
-    return round(low + share * (high - low), DIGITS)
+    return round(low + share * (high - low), RANGE_DECIMALS)
 
 
 def _pick(choices: Sequence[Choice], share: float) -> Choice:
@@ -290,7 +293,43 @@ def _pick(choices: Sequence[Choice], share: float) -> Choice:
     return choices[-1]
 
 
-def _uniform(seed: int, name: str) -> float:
-    """A number in [0, 1) that follows from a seed and a name, the same on every machine and version."""
-    digest = hashlib.sha256(f"{seed}/{name}".encode()).digest()
-    return int.from_bytes(digest[:8], "big") / 2.0**64
+class DatasetConfig(Settings):
+    """Everything that decides the content of a dataset, apart from the plans."""
+
+    seed: int = 0
+    """Seed of the whole dataset; explorations derive theirs from it, the plan id and the repetition."""
+    plans_filter: PlanFilter = "none"
+    """``useful`` takes homes that are worth exploring: 2-20 rooms, 20-300 m2, at most 30 m long, at most
+    1,500 vertices."""
+    episode: EpisodeConfig = field(default_factory=EpisodeConfig)
+    """The exploration."""
+    pair: PairConfig = field(default_factory=PairConfig)
+    """The images."""
+    trajectories: Count = 1
+    """Explorations of a plan that come one after the other: several SLAM maps of one CAD map."""
+    recipe: Recipe = field(default_factory=Recipe)
+    """What varies from one exploration to the next."""
+
+    def _check(self) -> None:
+        check_recipe(self.recipe, self.episode)
+
+
+def dataset_settings(config: DatasetConfig, plans: PlanSource) -> dict[str, Any]:
+    """The content of ``config.json``: two datasets with the same one have the same pairs."""
+    return {
+        "format_version": FORMAT_VERSION,
+        "version": __version__,
+        "plans": [
+            {"count": len(group.ids), "sha256": ids_digest(group.ids), "weight": group.weight}
+            for group in plan_groups(plans)
+        ],
+        **to_dict(config),
+    }
+
+
+def ids_digest(plan_ids: Sequence[str]) -> str:
+    """SHA-256 of a list of plan ids, so that a changed list is noticed."""
+    digest = hashlib.sha256()
+    for plan_id in plan_ids:
+        digest.update(plan_id.encode() + b"\n")
+    return digest.hexdigest()

@@ -14,9 +14,10 @@ import yaml
 
 from slamgym import __version__
 from slamgym.core.files import replace_file
+from slamgym.dataset.faults import MapFault
 from slamgym.dataset.format import SIDES
 from slamgym.dataset.images.format import SPLITS, ImageLayout, ImageRecord
-from slamgym.dataset.parquet import rows_of
+from slamgym.dataset.record import rows_of
 
 METADATA = "metadata.jsonl"
 """In the folder of each side: one line per pair, for the image-folder builder."""
@@ -25,7 +26,7 @@ METADATA = "metadata.jsonl"
 def write_card(
     layout: ImageLayout,
     records: Sequence[ImageRecord],
-    left_out: Mapping[str, str],
+    left_out: Mapping[str, MapFault],
     settings: Mapping[str, Any],
     source: str,
 ) -> None:
@@ -50,7 +51,7 @@ def write_card(
 
 
 def _card(
-    records: Sequence[ImageRecord], left_out: Mapping[str, str], settings: Mapping[str, Any], source: str
+    records: Sequence[ImageRecord], left_out: Mapping[str, MapFault], settings: Mapping[str, Any], source: str
 ) -> str:
     present = [split for split in SPLITS if any(record.split == split for record in records)]
     head = {
@@ -73,7 +74,7 @@ def _card(
         for split in SPLITS
     )
     images = settings["images"]
-    reasons = Counter(reason.split(":")[0] for reason in left_out.values())
+    reasons = Counter(fault.reason for fault in left_out.values())
     missing = ", ".join(f"{count} {reason}" for reason, count in reasons.most_common()) or "none"
     scale = (
         "each pair has a scale of its own, so that both maps together fill the image"

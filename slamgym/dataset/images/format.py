@@ -18,12 +18,13 @@ the same place at the same scale.
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
 from slamgym.core.errors import InputFileError
 from slamgym.core.png import read_png
 from slamgym.core.types import ByteArray, GridFrame
-from slamgym.dataset.format import SIDES, FolderLayout, manifest_lines, read_line, write_line
+from slamgym.dataset.format import SIDES, FolderLayout, manifest_lines
+from slamgym.dataset.record import ManifestLine, PairRecord
 
 IMAGES_VERSION = 1
 Split = Literal["train", "test"]
@@ -31,9 +32,10 @@ SPLITS: tuple[Split, Split] = ("train", "test")
 
 
 @dataclass(frozen=True)
-class ImageRecord:
+class ImageRecord(ManifestLine):
     """One line of the manifest: what a pair of images shows, and where it comes from."""
 
+    noun = "a record of images"
     name: str
     """Stem of both files, and name of the exploration in the dataset."""
     split: Split
@@ -61,27 +63,52 @@ class ImageRecord:
     sha256: dict[str, str]
     """Digests of the files ``A`` and ``B``."""
 
+    @classmethod
+    def of_pair(
+        cls, pair: PairRecord, frame: GridFrame, split: Split, group: str, sha256: dict[str, str]
+    ) -> "ImageRecord":
+        """Describe the images of a pair.
+
+        Args:
+            pair: The dataset's record of it.
+            frame: Where the images' pixels lie, map frame.
+            split: Side of its plan.
+            group: The plan that stands for its plan's near-duplicates.
+            sha256: Digests of the files ``A`` and ``B``.
+        """
+        return cls(
+            name=pair.name,
+            split=split,
+            plan_id=pair.plan_id,
+            group=group,
+            repetition=pair.repetition,
+            seed=pair.seed,
+            size=frame.height_px,
+            metres_per_px=frame.resolution,
+            origin=(frame.origin_x, frame.origin_y),
+            coverage=pair.coverage,
+            ate=pair.ate,
+            map_error=pair.map_error,
+            explorer=pair.explorer,
+            conditions=pair.conditions,
+            sha256=sha256,
+        )
+
     @property
     def frame(self) -> GridFrame:
         """Where the pixels lie, map frame."""
         return GridFrame(self.metres_per_px, *self.origin, self.size, self.size)
 
-    def to_line(self) -> str:
-        """The record as one line of JSON, with its newline."""
-        return write_line(self)
-
     @classmethod
-    def from_line(cls, line: str, where: str = "") -> "ImageRecord":
+    def from_line(cls, line: str, where: str = "manifest line") -> Self:
         """Read a line of the manifest.
 
         Raises:
             InputFileError: If the line is no record.
         """
-        record = read_line(cls, line, where, "a record of images")
+        record = super().from_line(line, where)
         if record.split not in SPLITS:
-            raise InputFileError(
-                where or "manifest line", f"has the split {record.split!r}; known: train, test"
-            )
+            raise InputFileError(where, f"has the split {record.split!r}; known: train, test")
         return record
 
 

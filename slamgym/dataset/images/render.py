@@ -17,19 +17,69 @@ from slamgym import __version__
 from slamgym.cad import read_houseexpo
 from slamgym.core.config import to_dict
 from slamgym.core.errors import ConfigError
-from slamgym.core.files import drop_torn_line, exclusive_lock, replace_file, storage_errors
+from slamgym.core.files import drop_torn_line, exclusive_lock, replace_file, storage_errors, write_bytes
 from slamgym.core.parallel.engine import run_tasks
 from slamgym.core.png import encode_png
 from slamgym.core.progress import show_progress
-from slamgym.core.staged import write_bytes
 from slamgym.dataset.curate.split import SplitTable
-from slamgym.dataset.format import SIDES, Layout, PairRecord, read_config, read_manifest
+from slamgym.dataset.curate.verdicts import VERDICTS_FILE, read_verdicts
+from slamgym.dataset.faults import MapFault
+from slamgym.dataset.folder import claim_folder
+from slamgym.dataset.format import SIDES, Layout, read_dataset_config, read_manifest
 from slamgym.dataset.images.dataset_card import write_card
 from slamgym.dataset.images.format import IMAGES_VERSION, SPLITS, ImageLayout, ImageRecord
-from slamgym.dataset.images.selection import Selection, select_pairs
 from slamgym.dataset.images.square_images import DoesNotFitError, ImageConfig, draw_pair
-from slamgym.dataset.settings_file import claim_folder
+from slamgym.dataset.record import GOOD_COVERAGE, PairRecord
 from slamgym.interop import read_ros_map
+
+
+@dataclass(frozen=True)
+class Selection:
+    """The pairs that are used, why the others are not, and by which rule."""
+
+    kept: frozenset[str]
+    left_out: Mapping[str, MapFault]
+    rule: dict[str, Any]
+    """``{"by": "clean.jsonl"}`` or ``{"min_coverage": 0.95}``."""
+
+
+def select_pairs(root: Path | str, min_coverage: float | None = None) -> Selection:
+    """Take the pairs that ``slamgym dataset clean`` keeps, or those of a least coverage.
+
+    Args:
+        root: The dataset.
+        min_coverage: Take pairs by their true coverage instead of by ``clean.jsonl``. Where there is no such
+            file either, 0.95 is taken.
+
+    Raises:
+        ConfigError: If the coverage is no share.
+        InputFileError: If a file is missing or malformed, or ``clean.jsonl`` doesn't know a pair.
+    """
+    records = list(read_manifest(root))
+    if min_coverage is None and (Path(root) / VERDICTS_FILE).is_file():
+        verdicts = read_verdicts(root)
+        unexpected = [record.name for record in records if record.name not in verdicts]
+        if unexpected:
+            raise ConfigError(
+                f"{Path(root) / VERDICTS_FILE} says nothing of {unexpected[0]} and {len(unexpected) - 1} more; "
+                "run `slamgym dataset clean` again"
+            )
+        kept = frozenset(record.name for record in records if verdicts[record.name].keep)
+        left_out = {
+            r.name: MapFault("not_clean", detail=verdicts[r.name].reason)
+            for r in records
+            if r.name not in kept
+        }
+        return Selection(kept, left_out, {"by": VERDICTS_FILE})
+    least = GOOD_COVERAGE if min_coverage is None else min_coverage
+    if not 0.0 <= least <= 1.0:
+        raise ConfigError(f"the least coverage must lie in [0, 1], not {least}")
+    kept = frozenset(record.name for record in records if record.coverage >= least)
+    left_out = {
+        r.name: MapFault("low_coverage", r.coverage, least, r.finished) for r in records if r.name not in kept
+    }
+    return Selection(kept, left_out, {"min_coverage": least})
+
 
 _CHUNK = 8
 JOURNAL = ".rendered.jsonl"
@@ -66,7 +116,7 @@ class _Drawn:
 
     name: str
     record: ImageRecord | None
-    reason: str = ""
+    fault: MapFault | None = None
 
 
 def render_images(
@@ -114,7 +164,7 @@ def render_images(
     return RenderReport(
         images=len(finished),
         fresh=fresh,
-        left_out=dict(Counter(reason.split(":")[0] for reason in left_out.values()).most_common()),
+        left_out=dict(Counter(fault.reason for fault in left_out.values()).most_common()),
         sides=dict(Counter(record.split for record in finished)),
     )
 
@@ -123,7 +173,7 @@ def image_settings(
     dataset: Path, config: ImageConfig, split: SplitTable, selection: Selection
 ) -> dict[str, Any]:
     """The content of the images' ``config.json``."""
-    text = json.dumps(read_config(dataset), sort_keys=True)
+    text = json.dumps(read_dataset_config(dataset), sort_keys=True)
     return {
         "images_version": IMAGES_VERSION,
         "version": __version__,
@@ -142,7 +192,7 @@ def _draw_all(
     config: ImageConfig,
     workers: int,
     done: dict[str, ImageRecord],
-) -> tuple[int, dict[str, str]]:
+) -> tuple[int, dict[str, MapFault]]:
     """Draw what is missing; adds to ``done``. Returns how many were drawn, and why others were not."""
     with storage_errors(layout.root):
         for side in SPLITS:
@@ -152,15 +202,15 @@ def _draw_all(
         _Drawing(dataset, layout.root, tuple(todo[i : i + _CHUNK]), split, config)
         for i in range(0, len(todo), _CHUNK)
     )
-    fresh, misfits = 0, {}
+    fresh, misfits = 0, dict[str, MapFault]()
     journal = layout.root / JOURNAL
     with show_progress("pairs drawn", 0, len(todo)) as advance:
         for drawn in run_tasks(_draw_chunk, chunks, max(1, min(workers, -(-len(todo) // _CHUNK)))):
             with storage_errors(layout.root), journal.open("a", encoding="utf-8") as file:
                 for entry in drawn:
-                    if entry.record is None:
-                        misfits[entry.name] = entry.reason
-                    else:
+                    if entry.fault is not None:
+                        misfits[entry.name] = entry.fault
+                    elif entry.record is not None:
                         file.write(entry.record.to_line())
                         done[entry.name] = entry.record
                         fresh += 1
@@ -179,38 +229,19 @@ def _draw(task: _Drawing, record: PairRecord) -> _Drawn:
     try:
         cad, slam, frame = draw_pair(plan, record.start[:2], slam_map, task.config)
     except DoesNotFitError as error:
-        return _Drawn(record.name, None, f"too large: {error}")
+        return _Drawn(record.name, None, error.fault)
     place = task.split.plans[record.plan_id]
     images = {side: encode_png(image) for side, image in zip(SIDES, (cad, slam), strict=True)}
-    with storage_errors(task.out):
-        for side, data in images.items():
-            write_bytes(ImageLayout(task.out).image(place.side, side, record.name), data)
-    return _Drawn(
-        record.name,
-        ImageRecord(
-            name=record.name,
-            split=place.side,
-            plan_id=record.plan_id,
-            group=place.group,
-            repetition=record.repetition,
-            seed=record.seed,
-            size=task.config.size,
-            metres_per_px=frame.resolution,
-            origin=(frame.origin_x, frame.origin_y),
-            coverage=record.coverage,
-            ate=record.ate,
-            map_error=record.map_error,
-            explorer=record.explorer,
-            conditions=record.conditions,
-            sha256={side: hashlib.sha256(data).hexdigest() for side, data in images.items()},
-        ),
-    )
+    for side, data in images.items():
+        write_bytes(ImageLayout(task.out).image(place.side, side, record.name), data)
+    sha256 = {side: hashlib.sha256(data).hexdigest() for side, data in images.items()}
+    return _Drawn(record.name, ImageRecord.of_pair(record, frame, place.side, place.group, sha256))
 
 
 def _finish(
     layout: ImageLayout,
     records: Sequence[ImageRecord],
-    left_out: Mapping[str, str],
+    left_out: Mapping[str, MapFault],
     settings: Mapping[str, Any],
     source: str,
 ) -> None:
@@ -221,7 +252,10 @@ def _finish(
             if path not in wanted:
                 path.unlink()
         replace_file(layout.manifest, "".join(record.to_line() for record in records).encode())
-        skipped = (json.dumps({"name": name, "reason": why}) + "\n" for name, why in sorted(left_out.items()))
+        skipped = (
+            json.dumps({"name": name, "reason": fault.sentence}) + "\n"
+            for name, fault in sorted(left_out.items())
+        )
         replace_file(layout.skipped, "".join(skipped).encode())
         write_card(layout, records, left_out, settings, source)
 

@@ -1,6 +1,6 @@
 """From an exploration to a pair of uniform images: square, of one size, in one frame.
 
-The CAD side is drawn anew from the vector plan at the images' own resolution. The SLAM side is resampled so
+The CAD side is drawn again from the vector plan at the images' own resolution. The SLAM side is resampled so
 that no occupied cell is lost: where pixels are larger than cells, a pixel is occupied if the centre of an
 occupied cell lies in it, which leaves walls as thin as pixels allow and never breaks one; where pixels are
 smaller, each shows the cell at its centre. Between unknown and free the larger share of the area decides.
@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slamgym.cad import FloorPlan
-from slamgym.cad.raster import fill_segments
+from slamgym.cad.floorplan import fill_segments
 from slamgym.core.config import CountOrZero, NonNegative, Settings, Within
 from slamgym.core.errors import ConfigError, SlamgymError
 from slamgym.core.types import (
@@ -27,18 +27,22 @@ from slamgym.core.types import (
     IntArray,
     OccupancyGrid,
 )
+from slamgym.dataset.curate.completeness import SPIKE_WIDTH
+from slamgym.dataset.faults import MapFault
 
 Bounds = tuple[float, float, float, float]
 _SUB = 3  # the plan is drawn so many times finer to measure distances from its faces
-SPIKE_WIDTH = 0.2
-"""Free space narrower than this is no floor [m]."""
-WALL = 0.15
+DRAWN_WALL = 0.15
 """Thickness of wall that an image shows around the floor, if the margin is 0 [m]: SLAM draws 1 to 3 cells."""
 _DIGITS = 6  # micrometres, as manifests hold them
 
 
 class DoesNotFitError(SlamgymError):
-    """A pair is larger than an image of a fixed scale."""
+    """A pair is larger than an image of a fixed scale: both lengths [m]."""
+
+    def __init__(self, length: float, shown: float) -> None:
+        self.fault = MapFault("too_large", length, shown)
+        super().__init__(self.fault.sentence)
 
 
 class ImageConfig(Settings):
@@ -86,7 +90,7 @@ def draw_pair(
     min_x, min_y, max_x, max_y = plan.bounds
     in_map = (min_x - start[0], min_y - start[1], max_x - start[0], max_y - start[1])
     frame = square_frame(union(in_map, mapped_bounds(slam_map)), config)
-    return draw_plan(plan, start, frame, config.edge_px), resample_map(slam_map, frame), frame
+    return draw_plan_image(plan, start, frame, config.edge_px), resample_map(slam_map, frame), frame
 
 
 def square_frame(bounds: Bounds, config: ImageConfig) -> GridFrame:
@@ -102,7 +106,7 @@ def square_frame(bounds: Bounds, config: ImageConfig) -> GridFrame:
     else:
         scale = config.metres_per_px
         if side > room * scale + 1e-9:
-            raise DoesNotFitError(f"{side:.1f} m long but the image shows {room * scale:.1f} m")
+            raise DoesNotFitError(side, room * scale)
     half = 0.5 * config.size * scale
     origin_x, origin_y = 0.5 * (min_x + max_x) - half, 0.5 * (min_y + max_y) - half
     return GridFrame(scale, round(origin_x, _DIGITS), round(origin_y, _DIGITS), config.size, config.size)
@@ -123,10 +127,10 @@ def mapped_bounds(grid: OccupancyGrid) -> Bounds | None:
         return None
     top = frame.origin_y + frame.height_px * step
     return (
-        frame.origin_x + float(cols[0]) * step - WALL,
-        top - float(rows[-1] + 1) * step - WALL,
-        frame.origin_x + float(cols[-1] + 1) * step + WALL,
-        top - float(rows[0]) * step + WALL,
+        frame.origin_x + float(cols[0]) * step - DRAWN_WALL,
+        top - float(rows[-1] + 1) * step - DRAWN_WALL,
+        frame.origin_x + float(cols[-1] + 1) * step + DRAWN_WALL,
+        top - float(rows[0]) * step + DRAWN_WALL,
     )
 
 
@@ -142,7 +146,9 @@ def union(first: Bounds, second: Bounds | None) -> Bounds:
     )
 
 
-def draw_plan(plan: FloorPlan, start: tuple[float, float], frame: GridFrame, edge_px: float) -> ByteArray:
+def draw_plan_image(
+    plan: FloorPlan, start: tuple[float, float], frame: GridFrame, edge_px: float
+) -> ByteArray:
     """Draw the CAD side: 254 inside, 0 walls and outside, with a line of ``edge_px`` along the faces.
 
     Args:

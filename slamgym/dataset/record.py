@@ -1,0 +1,260 @@
+"""A pair's record: where each column of the manifest is declared, described, filled, and written.
+
+A new column is a field of :class:`PairRecord` and its value in :func:`make_record`; files of lines, tables and
+Parquet follow from the two.
+"""
+
+import hashlib
+import importlib.util
+import json
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar, Self
+
+import numpy as np
+
+from slamgym import __version__
+from slamgym.core.config import from_dict, to_dict
+from slamgym.core.errors import ConfigError, InputFileError
+from slamgym.core.files import staged
+from slamgym.core.types import GridFrame, Pose2D
+from slamgym.dataset.pair import MapPair
+from slamgym.envs.episode import Episode
+from slamgym.metrics import absolute_trajectory_error, free_space, squared_error, wall_error
+
+GOOD_COVERAGE = 0.95
+"""Share of the reachable floor from which an exploration counts as complete."""
+_DIGITS = 6
+"""Decimals of the figures: more than any of them means, fewer than a float has."""
+
+
+@dataclass(frozen=True)
+class Slot:
+    """One place in the sequence of explorations."""
+
+    index: int
+    plan_id: str
+    repetition: int
+    """How many slots of the same plan come before."""
+    seed: int
+
+    @property
+    def name(self) -> str:
+        """Name of the pair's files; sorts by index."""
+        return f"{self.index:06d}_{re.sub(r'[^A-Za-z0-9_.-]+', '-', self.plan_id)}"
+
+
+class ManifestLine:
+    """A record that is one line of a manifest."""
+
+    noun: ClassVar[str]
+    """What it is called in errors."""
+
+    def to_line(self) -> str:
+        """The record as one line of JSON, with its newline."""
+        return json.dumps(to_dict(self)) + "\n"
+
+    @classmethod
+    def from_line(cls, line: str, where: str = "manifest line") -> Self:
+        """Read what :meth:`to_line` has made.
+
+        Args:
+            line: The line.
+            where: File and number of the line, for errors.
+
+        Raises:
+            InputFileError: If the line is no such record.
+        """
+        try:
+            return from_dict(cls, json.loads(line), where)
+        except (ValueError, TypeError) as error:
+            raise InputFileError(where, f"is not {cls.noun} ({error})") from error
+
+
+@dataclass(frozen=True)
+class PairRecord(ManifestLine):
+    """One line of the manifest: where a pair comes from and how good it is."""
+
+    noun = "a record of a pair"
+    name: str
+    """Stem of the files in ``A`` and ``B`` and name of the folder in ``episodes``."""
+    index: int
+    """Place in the sequence of explorations; places of rejected plans are missing."""
+    plan_id: str
+    plan_source: str
+    """File that the plan came from, without its folder, or the generator."""
+    repetition: int
+    """How many explorations of the same plan come before this one."""
+    seed: int
+    """Seed of the exploration, derived from the dataset's seed, the plan id and the repetition."""
+    config_hash: str
+    version: str
+    """Version of slamgym that made the pair."""
+    explorer: str
+    conditions: dict[str, Any]
+    """Settings of the exploration by name (:mod:`slamgym.dataset.generate.recipe`): the usual ones and all that
+    vary within the dataset."""
+    finished: str
+    """Why the exploration ended: ``explored``, ``coverage``, ``time_limit``, ..."""
+    coverage: float
+    """Share of the reachable floor that was truly seen, 0 to 1."""
+    robot_seconds: float
+    """Time on the robot's clock [s]."""
+    time_limit: float
+    """[s]"""
+    path_length: float
+    """Metres truly driven."""
+    collisions: int
+    """Contacts with walls, furniture or people."""
+    ate: float
+    """Absolute trajectory error of the estimate: RMSE of the position against the truth, not aligned [m]."""
+    odometry_ate: float
+    """The same of the wheels' dead reckoning [m]."""
+    final_position_error: float
+    """[m]"""
+    map_error: float
+    """Mean distance of the SLAM map's occupied cells to the nearest face of a CAD wall [m]."""
+    mse: float
+    """Mean squared error of B against A, free 1 and all else 0: the paper's MSE2 of Table I, not aligned."""
+    area: float
+    """Free area of the plan [m2]."""
+    rooms: int
+    resolution: float
+    """[m/pixel]"""
+    origin: tuple[float, float]
+    """Outer corner of the images' bottom-left pixel, map frame [m]."""
+    shape: tuple[int, int]
+    """(rows, cols) of the images."""
+    start: tuple[float, float, float]
+    """Where the robot began, world frame: x [m], y [m], theta [rad]."""
+    sha256: dict[str, str]
+    """Digests of ``A`` and ``B`` (the PNG files) and ``episode`` (the episode's ``SHA256SUMS``)."""
+
+    @property
+    def frame(self) -> GridFrame:
+        """Where the images' pixels lie, map frame."""
+        return GridFrame(self.resolution, *self.origin, *self.shape)
+
+    @property
+    def slot(self) -> Slot:
+        """Its place in the schedule."""
+        return Slot(self.index, self.plan_id, self.repetition, self.seed)
+
+
+def make_record(
+    slot: Slot,
+    episode: Episode,
+    pair: MapPair,
+    files: Mapping[str, bytes],
+    conditions: Mapping[str, Any],
+    settings_hash: str,
+) -> PairRecord:
+    """Judge an exploration against the truth and describe it.
+
+    Args:
+        slot: Its place in the schedule.
+        episode: The exploration.
+        pair: Its images.
+        files: Contents of the files that the record vouches for, by name: ``A``, ``B``, ``episode``.
+        conditions: The conditions of the exploration.
+        settings_hash: Hash of the dataset's settings.
+    """
+    frame = pair.frame
+    return PairRecord(
+        name=slot.name,
+        index=slot.index,
+        plan_id=slot.plan_id,
+        plan_source=episode.plan.source.rpartition("/")[2],
+        repetition=slot.repetition,
+        seed=slot.seed,
+        config_hash=settings_hash,
+        version=__version__,
+        explorer=conditions["explorer"],
+        conditions=dict(conditions),
+        finished=episode.finished,
+        coverage=_rounded(episode.coverage),
+        robot_seconds=_rounded(episode.robot_seconds),
+        time_limit=_rounded(episode.time_limit),
+        path_length=_rounded(episode.truth.length),
+        collisions=episode.collisions,
+        ate=_rounded(
+            absolute_trajectory_error(episode.estimate, episode.truth, align=False).translation.rmse
+        ),
+        odometry_ate=_rounded(
+            absolute_trajectory_error(episode.odometry, episode.truth, align=False).translation.rmse
+        ),
+        final_position_error=_rounded(
+            position_error(episode.final_estimate, Pose2D(*episode.truth.poses[-1]))
+        ),
+        map_error=_rounded(wall_error(pair.slam, pair.cad, frame.resolution)),
+        mse=_rounded(squared_error(free_space(pair.slam), free_space(pair.cad))),
+        area=_rounded(episode.plan.area),
+        rooms=len(episode.plan.rooms),
+        resolution=frame.resolution,
+        origin=(_rounded(frame.origin_x), _rounded(frame.origin_y)),
+        shape=frame.shape,
+        start=(_rounded(episode.start.x), _rounded(episode.start.y), _rounded(episode.start.theta)),
+        sha256={side: hashlib.sha256(data).hexdigest() for side, data in files.items()},
+    )
+
+
+def position_error(estimate: Pose2D, truth: Pose2D) -> float:
+    """Distance between two positions [m]."""
+    return float(np.hypot(estimate.x - truth.x, estimate.y - truth.y))
+
+
+def _rounded(value: float) -> float:
+    return round(float(value), _DIGITS)
+
+
+def rows_of(records: Sequence[ManifestLine]) -> list[dict[str, Any]]:
+    """The records as rows of plain values; every row has every condition, null where it has none.
+
+    Conditions differ between records, and a setting may be a word here and a number there; a column of a
+    table can't be both, so such a column holds text.
+    """
+    rows = [to_dict(record) for record in records]
+    names = sorted({name for row in rows for name in row["conditions"]})
+    kinds = {name: _common_kind([row["conditions"].get(name) for row in rows]) for name in names}
+    for row in rows:
+        drawn = row["conditions"]
+        row["conditions"] = {
+            name: None if drawn.get(name) is None else kinds[name](drawn[name]) for name in names
+        }
+    return rows
+
+
+def require_parquet() -> None:
+    """Find out that Parquet can't be written before the work is done, rather than after.
+
+    Raises:
+        ConfigError: If pyarrow isn't installed.
+    """
+    if importlib.util.find_spec("pyarrow") is None:
+        raise ConfigError("Parquet needs pyarrow; install it by `pip install 'slamgym[hub]'`")
+
+
+def write_parquet(path: Path, records: Sequence[ManifestLine]) -> None:
+    """Write a manifest as a Parquet file.
+
+    Raises:
+        ConfigError: If pyarrow isn't installed.
+        InputFileError: If the file can't be written.
+    """
+    require_parquet()
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    table = pa.Table.from_pylist(rows_of(records))
+    with staged(path) as part:
+        pq.write_table(table, part)
+
+
+def _common_kind(values: Sequence[Any]) -> type:
+    """The type that holds all values: whole numbers and others are numbers, anything else mixed is text."""
+    kinds = {type(value) for value in values if value is not None}
+    if len(kinds) == 1:
+        return kinds.pop()
+    return float if kinds <= {int, float} else str
