@@ -1,49 +1,21 @@
-"""Compiling the numeric kernels: once after an installation, and not without a word.
+"""Compiling the numeric kernels once after an installation, rather than in the first exploration."""
 
-``python -m slamgym.commands.warmup`` compiles them all.
-"""
+import shapely
 
-import functools
-import sys
-from pathlib import Path
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from slamgym.cad import FloorPlan
-    from slamgym.envs import ExploreEnv
-
-EXPECTED_SECONDS = 25
-"""About what the kernels take to compile on one core (17 CPU seconds were measured)."""
-
-
-def kernel_cache() -> Path:
-    """The folder of compiled kernels: beside the sources, or wherever numba keeps it."""
-    from slamgym.sim.raycast import cast_rays
-
-    return Path(cast_rays.stats.cache_path)  # type: ignore[attr-defined]
-
-
-def kernels_are_compiled() -> bool:
-    """Whether there are compiled kernels."""
-    return any(kernel_cache().glob("*.nbi"))
-
-
-@functools.cache
-def announce_compilation() -> None:
-    """Say on stderr that the first steps will take a while, if they will; at most once in a process."""
-    if not kernels_are_compiled():
-        sys.stderr.write(
-            f"slamgym: compiling the numeric kernels, once after installation: about {EXPECTED_SECONDS} s\n"
-        )
-        sys.stderr.flush()
+from slamgym.cad import FloorPlan
+from slamgym.core.jit import announce_compilation
+from slamgym.core.types import OccupancyGrid, Pose2D
+from slamgym.envs.config import ExploreConfig
+from slamgym.envs.explore_env import ExploreEnv
+from slamgym.envs.explore_frontiers_env import ExploreFrontiersEnv
+from slamgym.planning import Goal, Navigator, find_frontiers
+from slamgym.sim import cast_rays
+from slamgym.slam import SlamConfig
 
 
 def warm_up() -> None:
     """Compile the kernels of exploration: a moment of driving and mapping, and of navigation."""
-    from slamgym.envs import ExploreConfig, ExploreEnv, ExploreFrontiersEnv
-    from slamgym.slam import SlamConfig
-
-    announce_compilation()
+    announce_compilation(cast_rays)
     plan = _two_rooms()
     for mode in ("ground_truth", "rbpf"):
         config = ExploreConfig(slam=SlamConfig(mode=mode, particles=2))
@@ -60,11 +32,8 @@ def warm_up() -> None:
     decisions.step(0)
 
 
-def _navigate(env: "ExploreEnv") -> None:
+def _navigate(env: ExploreEnv) -> None:
     """Drive to a goal on the map."""
-    from slamgym.core.types import OccupancyGrid, Pose2D
-    from slamgym.planning import Goal, Navigator, find_frontiers
-
     context = env.explorer_context()
     navigator = Navigator(context)
     observation, _ = env.reset(seed=0, options={"start": (0.8, 1.0, 0.0)})
@@ -80,17 +49,6 @@ def _navigate(env: "ExploreEnv") -> None:
         find_frontiers(navigator.costmap, pose)
 
 
-def _two_rooms() -> "FloorPlan":
-    import shapely
-
-    from slamgym.cad import FloorPlan
-
+def _two_rooms() -> FloorPlan:
     outline = [(0.0, 0.0), (4.0, 0.0), (4.0, 3.0), (2.2, 3.0), (2.2, 1.5), (1.8, 1.5), (1.8, 3.0), (0.0, 3.0)]
     return FloorPlan("warm-up", shapely.Polygon(outline))
-
-
-if __name__ == "__main__":
-    # By its name rather than as __main__, so that the announcement is made once.
-    from slamgym.commands import warmup
-
-    warmup.warm_up()

@@ -1,0 +1,32 @@
+from .floorplan import Door, FloorPlan, Room, check_plan, robot_space
+from .generator import GeneratorConfig, generate_plan
+from .houseexpo import format_houseexpo, parse_houseexpo, read_houseexpo, write_houseexpo
+from .image_plan import read_image_plan, read_ros_plan, trace_plan
+from .mixed_source import PlanGroup, open_plan_mix, plan_groups
+from .plan_filter import Rejection, Rejections, usable_plans
+from .sources import PlanSource, open_plans
+
+__all__ = [
+    "Door",
+    "FloorPlan",
+    "GeneratorConfig",
+    "PlanGroup",
+    "PlanSource",
+    "Rejection",
+    "Rejections",
+    "Room",
+    "check_plan",
+    "format_houseexpo",
+    "generate_plan",
+    "open_plan_mix",
+    "open_plans",
+    "parse_houseexpo",
+    "plan_groups",
+    "read_houseexpo",
+    "read_image_plan",
+    "read_ros_plan",
+    "robot_space",
+    "trace_plan",
+    "usable_plans",
+    "write_houseexpo",
+]

@@ -1,0 +1,20 @@
+from .config import ExploreConfig, ObservationConfig
+from .coverage import Coverage, ReachableFloor
+from .episode_log import EpisodeLog
+from .explore_env import ExploreEnv
+from .explore_frontiers_env import DiscountByTermination, ExploreFrontiersEnv
+from .rewards import RewardConfig, RewardFunction, StepRecord
+
+__all__ = [
+    "Coverage",
+    "DiscountByTermination",
+    "EpisodeLog",
+    "ExploreConfig",
+    "ExploreEnv",
+    "ExploreFrontiersEnv",
+    "ObservationConfig",
+    "ReachableFloor",
+    "RewardConfig",
+    "RewardFunction",
+    "StepRecord",
+]
