@@ -13,8 +13,8 @@ import numpy as np
 import torch
 from report import print_and_save
 
-from slamgym.gan.config import TrainConfig
-from slamgym.gan.device import Layout, choose_compute
+from slamgym.gan.config import Layout, TrainConfig
+from slamgym.gan.device import choose_compute
 from slamgym.gan.networks.layers import count_parameters
 from slamgym.gan.presets import PRESETS
 from slamgym.gan.training.learner import Learner

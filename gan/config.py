@@ -14,6 +14,11 @@ from slamgym.core.errors import ConfigError
 Direction = Literal["slam2cad", "cad2slam"]
 Encoding = Literal["grey", "free_occupied", "rgb"]
 Precision = Literal["auto", "float32", "bfloat16"]
+DeviceName = Literal["auto", "cpu", "cuda", "mps"]
+Layout = Literal["auto", "channels_last", "contiguous"]
+
+REPEATS = 4
+"""Of the cross-validation in a two-sample test; its accuracies are averaged."""
 
 CHANNELS: dict[Encoding, int] = {"grey": 1, "free_occupied": 2, "rgb": 3}
 """Channels of a map in each encoding; all values lie in [-1, 1]."""

@@ -7,11 +7,9 @@ from typing import Literal, TypeVar
 import torch
 
 from slamgym.core.errors import ConfigError
-from slamgym.gan.config import Precision
+from slamgym.gan.config import DeviceName, Layout, Precision
 
 NetworkT = TypeVar("NetworkT", bound=torch.nn.Module)
-DeviceName = Literal["auto", "cpu", "cuda", "mps"]
-Layout = Literal["auto", "channels_last", "contiguous"]
 
 
 @dataclass(frozen=True)

@@ -5,10 +5,10 @@ import subprocess
 import sys
 
 import pytest
+from slamgym.commands.table import load_target
 
 from slamgym import __version__
 from slamgym.commands import cli
-from slamgym.commands.table import load_target
 from slamgym.core.errors import InputFileError
 
 

@@ -3,12 +3,12 @@
 import sys
 
 import pytest
-
 import slamgym.commands.agents.table
 import slamgym.commands.dataset.table
 import slamgym.commands.gan.table
-from slamgym.commands import cli
 from slamgym.commands.table import load_target
+
+from slamgym.commands import cli
 from slamgym.core.errors import SlamgymError
 
 TABLES = [

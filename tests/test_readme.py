@@ -52,7 +52,7 @@ def test_commands_exist_and_know_their_options(page, command):
         else [words[0]]
     )
     help_text = subprocess.run(
-        [sys.executable, "-m", "slamgym.commands.cli", *verbs, "--help"],
+        [sys.executable, "-m", "slamgym", *verbs, "--help"],
         capture_output=True, text=True, check=True, env=os.environ | {"COLUMNS": "200"},
     ).stdout  # fmt: skip
     for option in (word.split("=")[0] for word in words if word.startswith("--")):

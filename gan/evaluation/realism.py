@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from slamgym.core.types import ByteArray
+from slamgym.gan.config import REPEATS
 from slamgym.gan.data import PairSet
 from slamgym.gan.encoding import resample_slam
 from slamgym.gan.translation.elastic import bend
@@ -36,9 +37,6 @@ SHOWN = (
     "displacement_correlation_1m",
 )
 """Statistics whose medians are printed."""
-
-REPEATS = 4
-"""Of the cross-validation; its accuracies are averaged."""
 
 PICTURES = "network_on_pictures"
 

@@ -16,8 +16,8 @@ import numpy as np
 
 from slamgym.core.errors import ConfigError
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, ByteArray, Float32Array
-from slamgym.gan.config import Direction, TranslatorConfig
-from slamgym.gan.device import Compute, DeviceName, choose_compute
+from slamgym.gan.config import DeviceName, Direction, TranslatorConfig
+from slamgym.gan.device import Compute, choose_compute
 from slamgym.gan.encoding import (
     decode_slam,
     enlarge_means,

@@ -1,16 +1,20 @@
 """Which floor plans are worth exploring, and which a batch leaves out and why."""
 
+from __future__ import annotations
+
 import json
 import math
 from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 from slamgym.cad.floorplan import FloorPlan, check_plan
-from slamgym.cad.sources import PlanSource
 from slamgym.core.errors import PlanError
 from slamgym.core.staged import write_text
+
+if TYPE_CHECKING:
+    from slamgym.cad.sources import PlanSource
 
 PlanFilter = Literal["none", "useful"]
 

@@ -4,7 +4,6 @@
 cell on either side; here a scanline per row of cell centres collects the crossings of all edges at once.
 """
 
-import cv2
 import numpy as np
 
 from slamgym.core.types import FREE, OCCUPIED, BoolArray, ByteArray, FloatArray, GridFrame
@@ -43,6 +42,8 @@ def fill_segments(segments: FloatArray, frame: GridFrame) -> BoolArray:
 
 def map_values(inside: BoolArray, resolution: float, outside: int, wall_thickness: float) -> ByteArray:
     """Give free cells 254, cells within ``wall_thickness`` [m] of them 0, and all others ``outside``."""
+    import cv2
+
     cells: ByteArray = np.where(inside, FREE, OCCUPIED).astype(np.uint8)
     if outside != OCCUPIED:
         if inside.any():

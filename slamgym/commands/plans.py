@@ -1,24 +1,23 @@
 """``slamgym plans``: list, check, draw and write floor plans."""
 
+from __future__ import annotations
+
 import math
 import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
-import cv2
 import tyro
-from rich.console import Console
-from rich.progress import track
 
-from slamgym.cad.floorplan import FloorPlan
-from slamgym.cad.houseexpo import write_houseexpo
-from slamgym.cad.plan_filter import Rejections, usable_plans
-from slamgym.cad.sources import PlanSource, open_plans
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.staged import write_bytes
-from slamgym.viz.plan_pictures import draw_sheet
+
+if TYPE_CHECKING:
+    from slamgym.cad.floorplan import FloorPlan
+    from slamgym.cad.plan_filter import Rejections
+    from slamgym.cad.sources import PlanSource
 
 MAX_NAMED = 10
 """So many rejected plans are named on the terminal; the file names them all."""
@@ -100,6 +99,9 @@ def main(argv: list[str]) -> int:
         prog="slamgym plans",
         description="List, check, draw and write floor plans.",
     )
+    from slamgym.cad.plan_filter import Rejections
+    from slamgym.cad.sources import open_plans
+
     if arguments.count is not None and arguments.count < 1:
         raise ConfigError(f"--count must be at least 1, not {arguments.count}")
     source = open_plans(arguments.plans, ids_file=arguments.ids)
@@ -118,6 +120,11 @@ def main(argv: list[str]) -> int:
 
 def _usable(arguments: _Selection, source: PlanSource, rejections: Rejections) -> Iterator[FloorPlan]:
     """The chosen plans that pass the check, with a progress bar on a terminal."""
+    from rich.console import Console
+    from rich.progress import track
+
+    from slamgym.cad.plan_filter import usable_plans
+
     ids: Sequence[str] = source.ids[: arguments.count]
     console = Console(stderr=True)
     shown = track(ids, "plans", console=console, transient=True, disable=not console.is_terminal)
@@ -146,6 +153,10 @@ def _check(arguments: CheckPlans, source: PlanSource, rejections: Rejections) ->
 
 
 def _draw(arguments: DrawPlans, source: PlanSource, rejections: Rejections) -> None:
+    import cv2
+
+    from slamgym.viz.plan_pictures import draw_sheet
+
     if arguments.count is None and len(source) > MAX_DRAWN:
         raise ConfigError(f"{len(source)} plans are too many for one picture; add --count 24, for example")
     if arguments.columns < 1 or arguments.size < 64:
@@ -162,6 +173,8 @@ def _draw(arguments: DrawPlans, source: PlanSource, rejections: Rejections) -> N
 
 
 def _write(arguments: WritePlans, source: PlanSource, rejections: Rejections) -> None:
+    from slamgym.cad.houseexpo import write_houseexpo
+
     written = 0
     for plan in _usable(arguments, source, rejections):
         write_houseexpo(arguments.out / f"{plan.id}.json", plan)

@@ -1,5 +1,7 @@
 """``slamgym slam``: a recorded log in, a ROS map, a trajectory and a picture out."""
 
+from __future__ import annotations
+
 import json
 import math
 import sys
@@ -7,30 +9,25 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
-import cv2
 import numpy as np
 import tyro
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from slamgym import __version__
 from slamgym.core.config import to_dict
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.staged import write_bytes, write_text
 from slamgym.core.types import Trajectory
-from slamgym.interop.logs import open_log, read_truth
-from slamgym.interop.records import Log
-from slamgym.interop.relations import Relations, read_relations
-from slamgym.interop.ros_map import write_ros_map
-from slamgym.interop.tum import write_tum
-from slamgym.metrics import RelationError, absolute_trajectory_error, relation_error, relative_pose_error
 from slamgym.slam.config import Matcher, Mode, SlamConfig
-from slamgym.slam.mapper import Mapper
-from slamgym.slam.replay import ReplayResult, read_overrides, replay, settings_for
-from slamgym.viz.growing_map import MAX_FRAMES, GrowingView, ShowFrame, film_writer, window
-from slamgym.viz.map_pictures import map_picture
+
+if TYPE_CHECKING:
+    from slamgym.interop.records import Log
+    from slamgym.interop.relations import Relations
+    from slamgym.metrics import RelationError
+    from slamgym.slam.mapper import Mapper
+    from slamgym.slam.replay import ReplayResult
+    from slamgym.viz.growing_map import ShowFrame
 
 
 @dataclass(frozen=True)
@@ -97,6 +94,9 @@ OVERRIDES = ("particles", "resolution", "max_usable_range", "linear_update", "an
 def main(argv: list[str]) -> int:
     """Run the command; returns the exit code."""
     arguments = tyro.cli(SlamArguments, args=argv, prog="slamgym slam")
+    from slamgym.interop.logs import open_log, read_truth
+    from slamgym.interop.relations import read_relations
+
     if arguments.out.exists() and not arguments.out.is_dir():
         raise InputFileError(arguments.out, "is a file; name a folder for the results")
     relations = read_relations(arguments.relations) if arguments.relations is not None else None
@@ -114,6 +114,8 @@ def main(argv: list[str]) -> int:
 
 
 def _config(arguments: SlamArguments, log: Log) -> SlamConfig:
+    from slamgym.slam.replay import read_overrides, settings_for
+
     overrides: dict[str, Any] = read_overrides(arguments.settings) if arguments.settings is not None else {}
     overrides["mode"] = arguments.mode
     for name in OVERRIDES:
@@ -128,6 +130,12 @@ def _config(arguments: SlamArguments, log: Log) -> SlamConfig:
 
 def _replay(arguments: SlamArguments, log: Log, config: SlamConfig) -> ReplayResult:
     """Replay with a progress bar and whatever view was asked for."""
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    from slamgym.slam.replay import replay
+    from slamgym.viz.growing_map import film_writer, window
+
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with ExitStack() as stack:
         screens: list[ShowFrame] = []
@@ -149,6 +157,8 @@ def _replay(arguments: SlamArguments, log: Log, config: SlamConfig) -> ReplayRes
 
 def _viewer(screens: list[ShowFrame], total: int) -> Callable[[int, Mapper, bool], None]:
     """What to call after each scan; it draws a frame now and then, and the last one for a while."""
+    from slamgym.viz.growing_map import MAX_FRAMES, GrowingView
+
     view = GrowingView()
     every = math.ceil(total / MAX_FRAMES)
 
@@ -168,6 +178,8 @@ def _viewer(screens: list[ShowFrame], total: int) -> Callable[[int, Mapper, bool
 def _accuracy(
     trajectory: Trajectory, relations: Relations | None, truth: Trajectory | None
 ) -> dict[str, Any]:
+    from slamgym.metrics import absolute_trajectory_error, relation_error, relative_pose_error
+
     accuracy: dict[str, Any] = {}
     if relations is not None:
         try:
@@ -234,6 +246,12 @@ def _summary(
 
 def _write(folder: Path, result: ReplayResult, summary: dict[str, Any]) -> None:
     """Write the results; the summary goes last, so where it exists everything else is complete."""
+    import cv2
+
+    from slamgym.interop.ros_map import write_ros_map
+    from slamgym.interop.tum import write_tum
+    from slamgym.viz.map_pictures import map_picture
+
     try:
         folder.mkdir(parents=True, exist_ok=True)
         (folder / "summary.json").unlink(missing_ok=True)

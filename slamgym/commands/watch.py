@@ -1,27 +1,29 @@
 """``slamgym watch``: see a robot explore, in a window or in a film."""
 
+from __future__ import annotations
+
 import dataclasses
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-import imageio
 import numpy as np
 import tyro
 
-from slamgym.cad import FloorPlan, open_plans
 from slamgym.core.config import suggest
 from slamgym.core.errors import ConfigError
 from slamgym.core.progress import say
 from slamgym.core.staged import staged
 from slamgym.core.types import ByteArray
 from slamgym.dataset.schedule import schedule
-from slamgym.envs import ExploreConfig, ExploreEnv
-from slamgym.envs.episode import MakeExplorer, time_limit
-from slamgym.sim import ClutterConfig, LidarConfig, RobotConfig, odometry_level
+from slamgym.sim import ClutterConfig, LidarConfig, RobotConfig
 from slamgym.slam import SlamConfig
+
+if TYPE_CHECKING:
+    from slamgym.cad import FloorPlan
+    from slamgym.envs import ExploreEnv
 
 FILM_FORMATS = (".mp4", ".gif")
 
@@ -60,14 +62,14 @@ class WatchArguments:
     """Furniture and people, which no CAD map shows."""
 
 
-def main(argv: list[str], make_explorer: MakeExplorer) -> int:
+def main(argv: list[str]) -> int:
     """Run the command; returns the exit code."""
     arguments = tyro.cli(WatchArguments, args=argv, prog="slamgym watch")
     _check(arguments)
     plan = _choose_plan(arguments)
     env = _make_env(arguments, plan)
     try:
-        steps = _explore(env, plan, arguments, make_explorer)
+        steps = _explore(env, plan, arguments)
         if arguments.out is None:
             for _ in steps:
                 pass
@@ -89,6 +91,8 @@ def _check(arguments: WatchArguments) -> None:
 
 
 def _choose_plan(arguments: WatchArguments) -> FloorPlan:
+    from slamgym.cad import open_plans
+
     plans = open_plans(arguments.plans)
     if arguments.plan is None:
         return plans.load(next(schedule(plans.ids, arguments.seed)).plan_id)
@@ -100,6 +104,10 @@ def _choose_plan(arguments: WatchArguments) -> FloorPlan:
 
 
 def _make_env(arguments: WatchArguments, plan: FloorPlan) -> ExploreEnv:
+    from slamgym.envs import ExploreConfig, ExploreEnv
+    from slamgym.envs.episode import time_limit
+    from slamgym.sim import odometry_level
+
     config = ExploreConfig(
         robot=arguments.robot,
         lidar=arguments.lidar,
@@ -113,10 +121,10 @@ def _make_env(arguments: WatchArguments, plan: FloorPlan) -> ExploreEnv:
     )
 
 
-def _explore(
-    env: ExploreEnv, plan: FloorPlan, arguments: WatchArguments, make_explorer: MakeExplorer
-) -> Iterator[dict[str, Any]]:
+def _explore(env: ExploreEnv, plan: FloorPlan, arguments: WatchArguments) -> Iterator[dict[str, Any]]:
     """Step through the exploration; yields the environment's info after each step."""
+    from slamgym.agents.registry import make_explorer
+
     explorer = make_explorer(arguments.explorer, env.explorer_context(), arguments.seed)
     observation, info = env.reset(seed=arguments.seed)
     yield info
@@ -146,6 +154,8 @@ def _write_film(arguments: WatchArguments, env: ExploreEnv, steps: Iterator[dict
 
 
 def _open_film(path: Path, fps: float) -> Any:
+    import imageio
+
     if path.suffix.lower() == ".gif":
         return imageio.get_writer(path, format="GIF", duration=1000.0 / fps, loop=0)
     # The default block size of 16 would scale the picture.

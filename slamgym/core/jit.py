@@ -36,7 +36,7 @@ class Kernel:
         functools.update_wrapper(self, function)
         self._function = function
 
-    def __call__(self, *args: Any) -> Any:
+    def __call__(self, *args: Any) -> Any:  # noqa: D102 - the function has its own docstring
         return self.dispatcher(*args)
 
     @functools.cached_property
@@ -75,7 +75,11 @@ def use_temporary_cache() -> str:
     folder.mkdir(mode=0o700, exist_ok=True)
     found = folder.stat(follow_symlinks=False)
     # Compiled kernels are programs: take none from a folder that somebody else has made or can write to.
-    if found.st_uid != user or found.st_mode & (stat.S_IWGRP | stat.S_IWOTH) or not stat.S_ISDIR(found.st_mode):
+    if (
+        found.st_uid != user
+        or found.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
+        or not stat.S_ISDIR(found.st_mode)
+    ):
         folder = Path(tempfile.mkdtemp(prefix="slamgym-kernels-"))
     os.environ["NUMBA_CACHE_DIR"] = str(folder)
     sys.stderr.write(f"slamgym: no cache folder is writable; compiled kernels are kept in {folder}\n")

@@ -1,12 +1,17 @@
 """From an exploration to a pair of images: A, what an architect drew, and B, what the robot believes."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from slamgym.cad import FloorPlan
 from slamgym.core.errors import ConfigError
 from slamgym.core.types import UNKNOWN, ByteArray, GridFrame, OccupancyGrid, Pose2D
+
+if TYPE_CHECKING:
+    from slamgym.cad import FloorPlan
 
 
 @dataclass(frozen=True)

@@ -20,15 +20,10 @@ from slamgym.envs.frontier_features import (
     frontier_observation_space,
 )
 from slamgym.envs.plan_cache import PlansArgument
-from slamgym.envs.rewards import RewardConfig, RewardFunction
+from slamgym.envs.rewards import FRONTIER_REWARD, RewardFunction
 from slamgym.planning.frontier_driver import DriverConfig, FrontierDriver
 
 Observation = dict[str, Any]
-
-DEFAULT_REWARD = RewardConfig(
-    coverage_gain=0.0, time=0.02, collision=0.01, completion=0.0, shaping=2.0, discount=1.0
-)
-"""A fiftieth per second, and potential-based coverage so that progress shows at once."""
 
 DEFAULT_TIME_LIMIT = 1200.0
 """Most homes are explored within 600 s; the limit is there for those that go round in circles [s]."""
@@ -115,7 +110,7 @@ class ExploreFrontiersEnv(gym.Env[Observation, np.int64]):
     ) -> None:
         if not 0.0 < discount <= 1.0:
             raise ConfigError(f"discount must lie in (0, 1], not {discount}")
-        config = config or ExploreConfig(reward=DEFAULT_REWARD, time_limit=DEFAULT_TIME_LIMIT)
+        config = config or ExploreConfig(reward=FRONTIER_REWARD, time_limit=DEFAULT_TIME_LIMIT)
         asked = resolve_config(config, settings)
         self.driver_config = (
             from_dict(DriverConfig, driver, "driver")

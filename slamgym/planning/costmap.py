@@ -9,7 +9,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
-import cv2
 import numpy as np
 
 from slamgym.core.errors import ConfigError
@@ -87,6 +86,8 @@ def footprint_radii(corners: Sequence[tuple[float, float]]) -> tuple[float, floa
     Raises:
         ConfigError: If the origin doesn't lie inside the footprint.
     """
+    import cv2
+
     polygon = np.asarray(corners, dtype=np.float32)
     inscribed = cv2.pointPolygonTest(polygon, (0.0, 0.0), True) if len(polygon) >= 3 else -1.0
     if inscribed <= 0.0:

@@ -177,7 +177,7 @@ def test_a_killed_driver_s_run_is_completed_by_the_next(cluster, tmp_path):
     assert cli.main([*options, "--out", str(local), "--pairs", "16", "--workers", "1"]) == 0
     command = [*options, "--out", str(out), "--pairs", "16", "--engine", "ray", "--address", cluster]
     driver = subprocess.Popen(
-        [sys.executable, "-m", "slamgym.commands.cli", *command],
+        [sys.executable, "-m", "slamgym", *command],
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
     )

@@ -236,7 +236,7 @@ def test_killed_while_it_draws_a_run_goes_on(dataset, tmp_path):
     command = [
         sys.executable,
         "-m",
-        "slamgym.commands.cli",
+        "slamgym",
         "dataset",
         "render",
         str(dataset),

@@ -7,9 +7,6 @@ from pathlib import Path
 import tyro
 
 from slamgym.core.progress import show_progress
-from slamgym.dataset.check import check_dataset
-from slamgym.dataset.format import require_manifest
-from slamgym.dataset.images.check import check_image_folder, is_image_folder
 
 EXIT_FAULTS = 1
 
@@ -28,6 +25,10 @@ class CheckArguments:
 def main(argv: list[str]) -> int:
     """Run the command; returns the exit code."""
     arguments = tyro.cli(CheckArguments, args=argv, prog="slamgym dataset check")
+    from slamgym.dataset.check import check_dataset
+    from slamgym.dataset.format import require_manifest
+    from slamgym.dataset.images.check import check_image_folder, is_image_folder
+
     manifest = arguments.folder / "manifest.jsonl"
     require_manifest(manifest, "slamgym generate` or `slamgym dataset render")
     total = manifest.read_bytes().count(b"\n")

@@ -12,11 +12,7 @@ import tyro
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.progress import say
 from slamgym.core.staged import write_text
-from slamgym.dataset.curate.cleaning import CleanConfig
-from slamgym.dataset.curate.decisions import stored_decisions
-from slamgym.dataset.curate.map_items import open_items
-from slamgym.dataset.curate.review import Which, choose_entries, make_review_page
-from slamgym.dataset.curate.verdicts import SUMMARY_FILE, VERDICTS_FILE, read_verdicts
+from slamgym.dataset.curate.review import Which
 
 
 @dataclass(frozen=True)
@@ -41,6 +37,11 @@ class ReviewArguments:
 def main(argv: list[str]) -> int:
     """Run the command; returns the exit code."""
     arguments = tyro.cli(ReviewArguments, args=argv, prog="slamgym dataset review")
+    from slamgym.dataset.curate.decisions import stored_decisions
+    from slamgym.dataset.curate.map_items import open_items
+    from slamgym.dataset.curate.review import choose_entries, make_review_page
+    from slamgym.dataset.curate.verdicts import VERDICTS_FILE, read_verdicts
+
     if arguments.limit < 1:
         raise ConfigError(f"--limit must be at least 1, not {arguments.limit}")
     root = arguments.dataset
@@ -70,6 +71,9 @@ def main(argv: list[str]) -> int:
 
 def _band(root: Path) -> tuple[float, float]:
     """The band that the last cleaning used."""
+    from slamgym.dataset.curate.cleaning import CleanConfig
+    from slamgym.dataset.curate.verdicts import SUMMARY_FILE
+
     path = root / SUMMARY_FILE
     try:
         summary: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))

@@ -1,12 +1,13 @@
 """``slamgym dataset show``: draw pairs for people to look at."""
 
+from __future__ import annotations
+
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-import cv2
 import numpy as np
 import tyro
 
@@ -14,12 +15,10 @@ from slamgym.core.config import suggest
 from slamgym.core.errors import ConfigError
 from slamgym.core.staged import write_bytes
 from slamgym.core.types import ByteArray
-from slamgym.dataset.format import PairRecord, read_manifest
-from slamgym.dataset.images.check import is_image_folder
-from slamgym.dataset.images.format import ImageRecord, read_images
-from slamgym.dataset.summary import sheet_entries
-from slamgym.viz.contact_sheet import draw_contact_sheet
-from slamgym.viz.image_sheet import draw_image_sheet
+
+if TYPE_CHECKING:
+    from slamgym.dataset.format import PairRecord
+    from slamgym.dataset.images.format import ImageRecord
 
 Order = Literal["index", "ate", "map_error", "coverage", "robot_seconds", "area", "collisions"]
 LOWEST_FIRST = ("index", "coverage")
@@ -52,6 +51,13 @@ class ShowArguments:
 def main(argv: list[str]) -> int:
     """Run the command; returns the exit code."""
     arguments = tyro.cli(ShowArguments, args=argv, prog="slamgym dataset show")
+    from slamgym.dataset.format import read_manifest
+    from slamgym.dataset.images.check import is_image_folder
+    from slamgym.dataset.images.format import read_images
+    from slamgym.dataset.summary import sheet_entries
+    from slamgym.viz.contact_sheet import draw_contact_sheet
+    from slamgym.viz.image_sheet import draw_image_sheet
+
     _check(arguments)
     output = arguments.out or arguments.folder / "contact_sheet.png"
     if is_image_folder(arguments.folder):
@@ -119,6 +125,8 @@ def _check(arguments: ShowArguments) -> None:
 
 
 def _write(path: Path, picture: ByteArray) -> None:
+    import cv2
+
     write_bytes(path, bytes(cv2.imencode(path.suffix.lower(), picture[:, :, ::-1])[1]))
 
 

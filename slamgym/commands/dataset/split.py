@@ -6,10 +6,8 @@ from pathlib import Path
 
 import tyro
 
-from slamgym.cad.sources import read_ids
 from slamgym.core.errors import ConfigError
 from slamgym.core.parallel.backlog import available_cores
-from slamgym.dataset.curate.split import make_split, split_path
 
 
 @dataclass(frozen=True)
@@ -35,6 +33,9 @@ class SplitArguments:
 def main(argv: list[str]) -> int:
     """Run the command; returns the exit code."""
     arguments = tyro.cli(SplitArguments, args=argv, prog="slamgym dataset split")
+    from slamgym.cad.sources import read_ids
+    from slamgym.dataset.curate.split import make_split, split_path
+
     if arguments.workers < 0:
         raise ConfigError(f"--workers must be 0 (one per core) or more, not {arguments.workers}")
     forced = read_ids(arguments.test_plans) if arguments.test_plans is not None else []

@@ -1,5 +1,7 @@
 """``slamgym gan evaluate``: translators and baselines on held-out pairs, in tables and pictures."""
 
+from __future__ import annotations
+
 import dataclasses
 import json
 import sys
@@ -10,43 +12,20 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 import tyro
-from rich.console import Console
-from rich.table import Table
 
 from slamgym import __version__
+from slamgym.commands.extras import Extra, require
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.progress import say, show_progress
 from slamgym.core.staged import write_text
 from slamgym.core.types import ByteArray
-from slamgym.gan.data import PairSet, load_pairs, read_grey
-from slamgym.gan.evaluation.evaluate import (
-    BLURRED,
-    MapScore,
-    Method,
-    baselines,
-    evaluate_method,
-    evenly_spaced,
-    learned,
-)
-from slamgym.gan.evaluation.generated_maps import MINIMUM, load_generated, parse_named_folders
-from slamgym.gan.evaluation.pictures import Results, write_generated_grid, write_pictures
-from slamgym.gan.evaluation.real_maps import find_ros_maps, translate_real
-from slamgym.gan.evaluation.realism import (
-    ELASTIC,
-    NULL,
-    REPEATS,
-    Sample,
-    elastic_maps,
-    judge,
-    medians,
-    medians_table,
-    null_halves,
-    realism_table,
-    translated_maps,
-)
-from slamgym.gan.evaluation.summary import main_table, markdown, scores_csv, summarise, table_one
-from slamgym.gan.translation.translate import Translator
-from slamgym.viz.figures import draw_grid, write_picture
+from slamgym.gan.config import REPEATS
+
+if TYPE_CHECKING:
+    from slamgym.gan.data import PairSet
+    from slamgym.gan.evaluation.evaluate import MapScore, Method
+    from slamgym.gan.evaluation.realism import Sample
+    from slamgym.gan.translation.translate import Translator
 
 if TYPE_CHECKING:
     from slamgym.gan.translation.translate import LearnedTranslator
@@ -101,7 +80,13 @@ def main(argv: list[str]) -> int:
         SlamgymError: If something is wrong that the user can mend.
     """
     arguments = tyro.cli(EvaluateArguments, args=argv, prog="slamgym gan evaluate")
+    from slamgym.gan.evaluation.evaluate import BLURRED
+    from slamgym.gan.evaluation.generated_maps import MINIMUM, load_generated, parse_named_folders
+    from slamgym.gan.evaluation.pictures import Results, write_pictures
+
     _check(arguments)
+    if arguments.pictures:
+        require(Extra("gan", ("matplotlib",)), "--pictures (or give --pictures 0)")
     folders = parse_named_folders(arguments.generated)
     translators = _load_translators(arguments)
     pairs = _load(arguments)
@@ -109,6 +94,8 @@ def main(argv: list[str]) -> int:
     to_slam = {name: t for name, t in translators.items() if t.config.direction == "cad2slam"}
     generated = {name: load_generated(folder, pairs) for name, folder in folders.items()}
     judged = bool(generated or to_slam or arguments.realism)
+    if judged:
+        require(Extra("gan", ("sklearn",)), "a two-sample test")
     if judged and len(pairs) < MINIMUM:
         raise ConfigError(f"a two-sample test needs {MINIMUM} pairs or more, not {len(pairs)}")
     scores, summary = _measure(pairs, to_cad)
@@ -140,8 +127,10 @@ def _check(arguments: EvaluateArguments) -> None:
         raise InputFileError(arguments.out, "is a file; --out names a folder")
 
 
-def _load_translators(arguments: EvaluateArguments) -> "dict[str, LearnedTranslator]":
+def _load_translators(arguments: EvaluateArguments) -> dict[str, LearnedTranslator]:
     """The translators by the name that tables show."""
+    from slamgym.gan.evaluation.evaluate import baselines
+
     if not arguments.weights:
         return {}
     from slamgym.gan.translation.translate import load_translator
@@ -166,6 +155,9 @@ def _short_name(argument: str) -> str:
 
 
 def _load(arguments: EvaluateArguments) -> PairSet:
+    from slamgym.gan.data import load_pairs
+    from slamgym.gan.evaluation.evaluate import evenly_spaced
+
     size = arguments.size or _native_size(arguments.images, arguments.split)
     pairs = load_pairs(arguments.images, arguments.split, size)
     if arguments.count:
@@ -175,18 +167,25 @@ def _load(arguments: EvaluateArguments) -> PairSet:
 
 def _native_size(root: Path, split: str) -> int:
     """Side of the images of a folder [px]; 256 where there is none to ask, whose error comes with the pairs."""
+    from slamgym.gan.data import read_grey
+
     folder = root / split / "A" if (root / split / "A").is_dir() else root / "A"
     first = next(iter(sorted(folder.glob("*.png"))), None) if folder.is_dir() else None
     return read_grey(first).shape[0] if first is not None else 256
 
 
-def _methods(translators: "dict[str, LearnedTranslator]") -> list[Method]:
+def _methods(translators: dict[str, LearnedTranslator]) -> list[Method]:
+    from slamgym.gan.evaluation.evaluate import baselines, learned
+
     return [*baselines(), *(learned(name, translator) for name, translator in translators.items())]
 
 
 def _measure(
-    pairs: PairSet, translators: "dict[str, LearnedTranslator]"
+    pairs: PairSet, translators: dict[str, LearnedTranslator]
 ) -> tuple[dict[str, list[MapScore]], dict[str, dict[str, Any]]]:
+    from slamgym.gan.evaluation.evaluate import evaluate_method
+    from slamgym.gan.evaluation.summary import main_table, summarise
+
     methods = _methods(translators)
     scores = {}
     with show_progress("maps", 0, len(pairs) * len(methods)) as advance:
@@ -201,8 +200,20 @@ def _judge_realism(
     arguments: EvaluateArguments,
     pairs: PairSet,
     generated: dict[str, tuple[PairSet, ByteArray]],
-    translators: "dict[str, LearnedTranslator]",
+    translators: dict[str, LearnedTranslator],
 ) -> dict[str, Any]:
+    from slamgym.gan.evaluation.pictures import write_generated_grid
+    from slamgym.gan.evaluation.realism import (
+        ELASTIC,
+        NULL,
+        Sample,
+        elastic_maps,
+        medians,
+        null_halves,
+        realism_table,
+        translated_maps,
+    )
+
     made = {ELASTIC: (pairs, elastic_maps(pairs, arguments.seed))} | generated
     for name, translator in translators.items():
         made |= translated_maps(name, translator, pairs, arguments.seed)
@@ -232,6 +243,8 @@ def _judge_realism(
 
 
 def _judge(arguments: EvaluateArguments, name: str, reference: Sample, generated: Sample) -> dict[str, Any]:
+    from slamgym.gan.evaluation.realism import judge
+
     return judge(name, reference, generated, arguments.seed, arguments.repeats, arguments.cnn)
 
 
@@ -249,6 +262,9 @@ def _write(
     summary: dict[str, dict[str, Any]],
     realism: dict[str, Any] | None,
 ) -> None:
+    from slamgym.gan.evaluation.realism import medians_table, realism_table
+    from slamgym.gan.evaluation.summary import main_table, markdown, scores_csv, table_one
+
     low, middle, high = pairs.scale_percentiles() or (0.0, 0.0, 0.0)
     document = {
         "version": __version__,
@@ -271,6 +287,9 @@ def _write(
 
 
 def _draw_real(arguments: EvaluateArguments, translators: dict[str, Translator]) -> None:
+    from slamgym.gan.evaluation.real_maps import find_ros_maps, translate_real
+    from slamgym.viz.figures import draw_grid, write_picture
+
     paths = find_ros_maps(arguments.real or Path())
     columns, rows, captions = translate_real(paths, translators, say)
     if rows:
@@ -278,6 +297,9 @@ def _draw_real(arguments: EvaluateArguments, translators: dict[str, Translator])
 
 
 def _print(title: str, headings: list[str], rows: list[list[str]]) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
     table = Table(title=title, title_justify="left")
     for number, heading in enumerate(headings):
         table.add_column(heading, justify="right" if number else "left")

@@ -1,6 +1,4 @@
-"""Make the weights of a run the ones that come with the package.
-
-Run it by ``python -m slamgym.commands.gan.publish RUN NAME``.
+"""``slamgym gan publish``: make the weights of a run some that come with the package.
 
 Copies the weights to ``gan/pretrained/NAME.safetensors`` with the model card and settings beside, and puts into
 the card what the run can't know: what the pairs were made from, and the command as a user would type it.
@@ -14,8 +12,7 @@ from typing import Annotated
 
 import tyro
 
-from slamgym.core.errors import ConfigError, SlamgymError
-from slamgym.gan.weights import MAX_BYTES, PRETRAINED, load_weights, save_translator
+from slamgym.core.errors import ConfigError
 
 
 @dataclass(frozen=True)
@@ -30,13 +27,13 @@ class PublishArguments:
     """What the pairs were made from."""
     command: str = ""
     """The command to repeat the training with, without paths of this machine."""
-    out: Path = PRETRAINED
-    """Folder of the pretrained weights."""
+    out: Path | None = None
+    """Folder of the pretrained weights; the package's by default."""
 
 
 def main(argv: list[str]) -> int:
     """Run the command; returns the exit code."""
-    arguments = tyro.cli(PublishArguments, args=argv, prog="python -m slamgym.commands.gan.publish")
+    arguments = tyro.cli(PublishArguments, args=argv, prog="slamgym gan publish")
     sys.stdout.write(f"{publish(arguments)}\n")
     return 0
 
@@ -48,6 +45,8 @@ def publish(arguments: PublishArguments) -> Path:
         InputFileError: If the weights can't be read or written.
         ConfigError: If they are too large, or the name is no plain name.
     """
+    from slamgym.gan.weights import MAX_BYTES, PRETRAINED, load_weights, save_translator
+
     if not arguments.name or Path(arguments.name).name != arguments.name:
         raise ConfigError(f"{arguments.name!r} is no plain name")
     weights = load_weights(arguments.run)
@@ -56,19 +55,12 @@ def publish(arguments: PublishArguments) -> Path:
         data=arguments.data or weights.card.data,
         command=arguments.command or weights.card.command,
     )
-    path = arguments.out / f"{arguments.name}.safetensors"
+    path = (arguments.out or PRETRAINED) / f"{arguments.name}.safetensors"
     save_translator(path, weights.generator, weights.config, card)
     if path.stat().st_size > MAX_BYTES:
         size = path.stat().st_size
         path.unlink()
         raise ConfigError(
-            f"the weights have {size / 1e6:.1f} MB; at most {MAX_BYTES / 1e6:.0f} MB are shipped"
+            f"the weights have {size / 1e6:.1f} MB; at most {MAX_BYTES / 1e6:.0f} MB are published"
         )
     return path
-
-
-if __name__ == "__main__":
-    try:
-        sys.exit(main(sys.argv[1:]))
-    except SlamgymError as error:
-        sys.exit(f"error: {error}")

@@ -1,5 +1,7 @@
 """``slamgym gan train``: learn a translator from rendered pairs."""
 
+from __future__ import annotations
+
 import dataclasses
 import json
 import shlex
@@ -7,17 +9,18 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
 from slamgym.core.config import from_dict, to_dict
 from slamgym.core.errors import ConfigError
 from slamgym.core.progress import duration
-from slamgym.gan.config import Precision, Stage, TrainConfig
-from slamgym.gan.device import DeviceName, Layout, choose_compute
+from slamgym.gan.config import DeviceName, Layout, Precision, Stage, TrainConfig
 from slamgym.gan.presets import PRESETS, find_preset
-from slamgym.gan.training.train import RunOptions, TrainingReport, train
+
+if TYPE_CHECKING:
+    from slamgym.gan.training.train import TrainingReport
 
 
 @dataclass(frozen=True)
@@ -69,6 +72,9 @@ class TrainArguments:
 def main(argv: list[str]) -> int:
     """Run the command; returns the exit code."""
     arguments = tyro.cli(TrainArguments, args=argv, prog="slamgym gan train")
+    from slamgym.gan.device import choose_compute
+    from slamgym.gan.training.train import RunOptions, train
+
     if arguments.minutes is not None and not 0.0 < arguments.minutes <= 1e5:
         raise ConfigError(f"--minutes must be positive, not {arguments.minutes}")
     if arguments.checkpoint_minutes < 0.0:

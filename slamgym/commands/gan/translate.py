@@ -1,11 +1,12 @@
 """``slamgym gan translate``: an image, a ROS map or a folder in; the same in the other kind of map out."""
 
+from __future__ import annotations
+
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
-import cv2
 import numpy as np
 import tyro
 
@@ -13,10 +14,10 @@ from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.progress import say, show_progress
 from slamgym.core.staged import write_bytes
 from slamgym.core.types import FREE, OCCUPIED, ByteArray, OccupancyGrid
-from slamgym.gan.data import SUFFIXES, read_grey
-from slamgym.gan.device import DeviceName
-from slamgym.gan.translation.translate import LearnedTranslator, load_translator
-from slamgym.interop.ros_map import classify, read_ros_map, write_ros_map
+from slamgym.gan.config import DeviceName
+
+if TYPE_CHECKING:
+    from slamgym.gan.translation.translate import LearnedTranslator
 
 YAML = (".yaml", ".yml")
 
@@ -48,6 +49,8 @@ class TranslateArguments:
 def main(argv: list[str]) -> int:
     """Run the command; returns the exit code."""
     arguments = tyro.cli(TranslateArguments, args=argv, prog="slamgym gan translate")
+    from slamgym.gan.translation.translate import load_translator
+
     scale = arguments.metres_per_px
     if scale is not None and not 0.0 < scale < 100.0:
         raise ConfigError(f"--metres-per-px must be positive, not {scale}")
@@ -80,6 +83,8 @@ def translate_ros_map(
         translator: What translates.
         arguments: How it is drawn.
     """
+    from slamgym.interop.ros_map import read_ros_map, write_ros_map
+
     grid = read_ros_map(source)
     cells = translator.translate_cells(
         _as_input(grid.cells, translator, ternary=True), grid.frame.resolution, drift=_drift(arguments)
@@ -102,6 +107,10 @@ def translate_image(
         translator: What translates.
         arguments: Scale, and what to write.
     """
+    import cv2
+
+    from slamgym.gan.data import read_grey
+
     cells = _as_input(read_grey(source), translator)
     scale, straighten = arguments.metres_per_px, arguments.straighten
     if arguments.probability:
@@ -119,6 +128,8 @@ def _drift(arguments: TranslateArguments) -> np.random.Generator | None:
 
 
 def _as_input(grey: ByteArray, translator: LearnedTranslator, ternary: bool = False) -> ByteArray:
+    from slamgym.interop.ros_map import classify
+
     if translator.config.direction == "slam2cad":
         return grey if ternary else classify(grey)
     # In a CAD map all that isn't white is wall or outside.
@@ -130,6 +141,8 @@ def _floor(cells: ByteArray) -> ByteArray:
 
 
 def _image_destination(out: Path, source: Path) -> Path:
+    from slamgym.gan.data import SUFFIXES
+
     if out.is_dir():
         return out / f"{source.stem}.png"
     if out.suffix.lower() not in SUFFIXES:
@@ -138,6 +151,8 @@ def _image_destination(out: Path, source: Path) -> Path:
 
 
 def _translate_folder(arguments: TranslateArguments, translator: LearnedTranslator) -> None:
+    from slamgym.gan.data import SUFFIXES
+
     files = sorted(arguments.input.iterdir())
     maps = [path for path in files if path.suffix.lower() in YAML]
     belonging = {path.stem for path in maps}

@@ -1,12 +1,16 @@
 """What makes a map fit for a dataset: coverage, error, and that the robot didn't get stuck."""
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from slamgym.core.errors import ConfigError
 from slamgym.core.types import FloatArray
-from slamgym.dataset.curate.completeness import FEATURES
-from slamgym.dataset.format import PairRecord
+
+if TYPE_CHECKING:
+    from slamgym.dataset.format import PairRecord
 
 STUCK_PATH = 1.0
 """A robot that drove less than this got stuck, by the truth [m]: some three times its own length."""
@@ -91,6 +95,8 @@ class StuckFilter:
             features: Of the map, shape (15,).
             resolution: [m/px].
         """
+        from slamgym.dataset.curate.completeness import FEATURES
+
         values = dict(zip(FEATURES, features.tolist(), strict=True))
         area, ratio = values["free_area"], values["occupied_per_free"] * 0.05 / resolution
         if area == 0.0:

@@ -10,7 +10,6 @@ from slamgym.core.png import read_png
 from slamgym.core.types import ByteArray, OccupancyGrid
 from slamgym.dataset.format import Layout, PairRecord, load_pair, read_manifest, require_manifest
 from slamgym.dataset.shard import shard_folders
-from slamgym.interop import read_ros_map
 
 IMAGE_SUFFIXES = (".png", ".pgm")
 
@@ -82,6 +81,8 @@ def _pair_item(root: Path, record: PairRecord) -> MapItem:
 
 
 def _map_item(root: Path, path: Path) -> MapItem:
+    from slamgym.interop import read_ros_map
+
     name = path.relative_to(root).with_suffix("").as_posix()
     content = path.read_bytes()
     for suffix in IMAGE_SUFFIXES:

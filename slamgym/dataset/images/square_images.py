@@ -6,15 +6,15 @@ occupied cell lies in it, which leaves walls as thin as pixels allow and never b
 smaller, each shows the cell at its centre. Between unknown and free the larger share of the area decides.
 """
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from slamgym.cad import FloorPlan
 from slamgym.cad.raster import fill_segments
 from slamgym.core.errors import ConfigError, SlamgymError
 from slamgym.core.types import (
@@ -27,6 +27,9 @@ from slamgym.core.types import (
     IntArray,
     OccupancyGrid,
 )
+
+if TYPE_CHECKING:
+    from slamgym.cad import FloorPlan
 
 Bounds = tuple[float, float, float, float]
 _SUB = 3  # the plan is drawn so many times finer to measure distances from its faces
@@ -120,6 +123,8 @@ def mapped_bounds(grid: OccupancyGrid) -> Bounds | None:
 
     The spikes of beams that went astray reach far beyond the building and don't count.
     """
+    import cv2
+
     frame, step = grid.frame, grid.frame.resolution
     width = max(1, math.ceil(SPIKE_WIDTH / step))
     free = np.pad((grid.cells == FREE).astype(np.uint8), width)
@@ -161,6 +166,8 @@ def draw_plan(plan: FloorPlan, start: tuple[float, float], frame: GridFrame, edg
     Returns:
         Shape ``frame.shape``.
     """
+    import cv2
+
     rows, cols = frame.shape
     fine = GridFrame(frame.resolution / _SUB, frame.origin_x, frame.origin_y, rows * _SUB, cols * _SUB)
     inside = fill_segments(plan.segments() - np.array([*start, *start]), fine)

@@ -1,0 +1,22 @@
+"""``slamgym warmup``: compile the numeric kernels, once after an installation."""
+
+import sys
+from dataclasses import dataclass
+
+import tyro
+
+
+@dataclass(frozen=True)
+class WarmupArguments:
+    """Compile the numeric kernels of exploration, which the first exploration would wait for otherwise."""
+
+
+def main(argv: list[str]) -> int:
+    """Run the command; returns the exit code."""
+    tyro.cli(WarmupArguments, args=argv, prog="slamgym warmup")
+    from slamgym.envs.warmup import warm_up
+    from slamgym.sim.raycast import cast_rays
+
+    warm_up()
+    sys.stdout.write(f"the kernels are compiled: {cast_rays.cache_folder.parent}\n")
+    return 0
