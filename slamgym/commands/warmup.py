@@ -14,9 +14,10 @@ class WarmupArguments:
 def main(argv: list[str]) -> int:
     """Run the command; returns the exit code."""
     tyro.cli(WarmupArguments, args=argv, prog="slamgym warmup")
+    from slamgym.core.jit import kernel_cache
     from slamgym.envs.warmup import warm_up
     from slamgym.sim.raycast import cast_rays
 
     warm_up()
-    sys.stdout.write(f"the kernels are compiled: {cast_rays.cache_folder.parent}\n")
+    sys.stdout.write(f"the kernels are compiled: {kernel_cache(cast_rays)} and the folders beside it\n")
     return 0

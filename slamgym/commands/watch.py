@@ -17,7 +17,6 @@ from slamgym.core.errors import ConfigError
 from slamgym.core.progress import say
 from slamgym.core.staged import staged
 from slamgym.core.types import ByteArray
-from slamgym.dataset.schedule import schedule
 from slamgym.sim import ClutterConfig, LidarConfig, RobotConfig
 from slamgym.slam import SlamConfig
 
@@ -92,6 +91,7 @@ def _check(arguments: WatchArguments) -> None:
 
 def _choose_plan(arguments: WatchArguments) -> FloorPlan:
     from slamgym.cad import open_plans
+    from slamgym.dataset.schedule import schedule
 
     plans = open_plans(arguments.plans)
     if arguments.plan is None:

@@ -59,11 +59,6 @@ class Kernel:
         """What another kernel sees of it: numba asks objects that it doesn't know for their type."""
         return self.dispatcher._numba_type_
 
-    @property
-    def cache_folder(self) -> Path:
-        """Where it is kept when it is compiled."""
-        return Path(self.dispatcher.stats.cache_path)
-
 
 def use_temporary_cache() -> str:
     """Choose a temporary folder for compiled kernels, say so on stderr, and return its path.
@@ -86,9 +81,14 @@ def use_temporary_cache() -> str:
     return str(folder)
 
 
+def kernel_cache(function: Callable[..., Any]) -> Path:
+    """The folder in which a kernel is kept when it is compiled."""
+    return Path(cast(Kernel, function).dispatcher.stats.cache_path)
+
+
 def is_compiled(function: Callable[..., Any]) -> bool:
     """Whether a kernel, or another one of its package, was compiled already."""
-    return any(cast(Kernel, function).cache_folder.glob("*.nbi"))
+    return any(kernel_cache(function).glob("*.nbi"))
 
 
 @functools.cache

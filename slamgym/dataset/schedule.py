@@ -4,15 +4,19 @@ Nothing here depends on how many pairs are asked for, how many workers there are
 finish, so an interrupted, resumed or extended dataset is the same dataset.
 """
 
+from __future__ import annotations
+
 import hashlib
 import itertools
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from slamgym.cad import PlanGroup
+if TYPE_CHECKING:
+    from slamgym.cad import PlanGroup
 
 
 @dataclass(frozen=True)
@@ -39,6 +43,8 @@ def schedule(plan_ids: Sequence[str], seed: int, trajectories: int = 1) -> Itera
         seed: Of the order and of the explorations.
         trajectories: How many explorations of a plan come one after the other.
     """
+    from slamgym.cad import PlanGroup
+
     return schedule_groups([PlanGroup(plan_ids, 1.0)], seed, trajectories)
 
 

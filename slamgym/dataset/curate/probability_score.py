@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import rankdata
 
 from slamgym.core.types import BoolArray, FloatArray
 
@@ -84,6 +83,8 @@ def score_probabilities(
 
 def roc_auc(probabilities: FloatArray, truth: BoolArray) -> float:
     """Area under the ROC curve, as the Mann-Whitney statistic; ties count half; nan with one class only."""
+    from scipy.stats import rankdata
+
     positives, negatives = int(truth.sum()), int((~truth).sum())
     if positives == 0 or negatives == 0:
         return float("nan")
