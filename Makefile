@@ -12,7 +12,7 @@ help:
 	@echo "make demo    explore the bundled plans, write map pairs and a contact sheet to $(DEMO)"
 	@echo "make test    run the tests"
 	@echo "make check   format, lint and type checks"
-	@echo "make format  mend what the formatter and the linter can"
+	@echo "make format  fix what the formatter and the linter can"
 	@echo "make clean   remove the virtual environment and the caches"
 
 $(VENV)/bin/python:
@@ -34,7 +34,7 @@ demo: $(VENV)/.base
 	$(BIN)/slamgym generate --plans bundled --pairs 8 --workers 2 --seed 1 --out $(DEMO)
 
 test: $(VENV)/.dev
-	$(BIN)/python -m slamgym.commands.warmup
+	$(BIN)/slamgym warmup
 	$(BIN)/python -m pytest -n 2 --import-mode=importlib
 
 check: $(VENV)/.dev

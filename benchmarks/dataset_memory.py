@@ -23,7 +23,6 @@ from report import print_and_save
 
 from slamgym.agents.registry import make_explorer
 from slamgym.cad import open_plans
-from slamgym.commands.warmup import warm_up
 from slamgym.core.parallel.backlog import Lost
 from slamgym.core.parallel.engine import open_engine
 from slamgym.dataset import DatasetConfig, EpisodeConfig
@@ -32,6 +31,7 @@ from slamgym.dataset.generate.exploration import explore
 from slamgym.dataset.generate.settings import dataset_settings
 from slamgym.dataset.generate.slot_queue import SlotQueue
 from slamgym.dataset.schedule import Slot, schedule
+from slamgym.envs.warmup import warm_up
 
 IN_MEMORY = "/dev/shm" if Path("/dev/shm").is_dir() else None
 """Where the datasets are made, as the disk is not what is measured."""

@@ -25,7 +25,6 @@ from report import print_and_save
 from slamgym.agents.registry import make_explorer
 from slamgym.cad import PlanSource, open_plans
 from slamgym.cad.plan_filter import PlanFilter
-from slamgym.commands.warmup import warm_up
 from slamgym.core.parallel.backlog import Lost
 from slamgym.core.parallel.engine import Engine, open_engine
 from slamgym.dataset import DatasetConfig, EpisodeConfig, Layout, episode_files, read_manifest
@@ -34,6 +33,7 @@ from slamgym.dataset.generate import exploration
 from slamgym.dataset.generate.exploration import explore
 from slamgym.dataset.generate.settings import dataset_settings
 from slamgym.dataset.generate.slot_queue import SlotQueue
+from slamgym.envs.warmup import warm_up
 
 GOAL_RATE = 2000.0
 """Seven-minute explorations an hour on two cores."""
