@@ -1,12 +1,12 @@
-"""Errors that are the user's to mend.
+"""Errors that are the user's to fix.
 
 Every one carries a single sentence that names the file or argument, says what is wrong with it, and how to
-mend it. The command line prints that sentence alone; library users catch :class:`SlamgymError`.
+fix it. The command line prints that sentence alone; library users catch :class:`SlamgymError`.
 """
 
 
 class SlamgymError(Exception):
-    """Base class of all errors that a user can mend."""
+    """Base class of all errors that a user can fix."""
 
 
 class InputFileError(SlamgymError):
@@ -14,7 +14,7 @@ class InputFileError(SlamgymError):
 
     Args:
         path: The file, or ``file:line`` where the line is known.
-        reason: What is wrong and how to mend it, without a full stop.
+        reason: What is wrong and how to fix it, without a full stop.
     """
 
     def __init__(self, path: object, reason: str) -> None:
@@ -32,3 +32,20 @@ class PlanError(InputFileError):
 
 class ConfigError(SlamgymError):
     """A setting has an unknown name or a value that makes no sense."""
+
+
+class ActionError(SlamgymError):
+    """An action is not one of the environment's.
+
+    Args:
+        action: What was given to ``step``.
+        expected: What should have been given, in words.
+    """
+
+    def __init__(self, action: object, expected: str) -> None:
+        super().__init__(f"step() takes {expected}, not {action!r}")
+        self.action = action
+        self.expected = expected
+
+    def __reduce__(self) -> tuple[type, tuple[object, str]]:
+        return type(self), (self.action, self.expected)
