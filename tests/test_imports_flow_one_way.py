@@ -1,76 +1,79 @@
-"""The layers of docs/architecture.md, kept by walking every import statement."""
+"""Which package may import which, kept by walking every import statement."""
 
 import ast
+import os
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 ROOT = Path(__file__).parents[1]
-FOUNDATION = {"types", "geometry", "errors", "config", "command_table", "jit", "__init__", "warmup"}
-# A layer may import the layers before it; everything may import the foundation.
-LAYERS = ["interop", "cad", "world", "sensors", "slam", "planning", "envs", "dataset"]
-# Of the dataset, the translators see the files on disk and how progress is told.
-SEEN_BY_GAN = ("slamgym.dataset.format", "slamgym.dataset.images.format", "slamgym.core.progress")
-SIDE_LAYERS = {
-    "metrics": set(),
-    "parametric": {"interop", "cad", "planning", "sensors", "metrics"},
+ALLOWED = {
+    "core": [],
+    "metrics": ["core"],
+    "interop": ["core"],
+    "cad": ["core", "interop"],
+    "sim": ["core", "cad"],
+    "viz": ["core", "cad", "metrics"],
+    "slam": ["core", "interop", "metrics"],
+    "planning": ["core"],
+    "envs": ["core", "cad", "sim", "slam", "planning", "metrics", "interop", "viz"],
+    "parametric": ["core", "cad", "sim", "planning", "metrics", "interop"],
+    "dataset": ["core", "cad", "sim", "slam", "envs", "interop", "metrics", "viz", "planning"],
+    "agents": ["core", "cad", "sim", "slam", "planning", "envs", "metrics", "viz"],
+    "gan": ["core", "cad", "metrics", "interop", "viz", "dataset.format", "dataset.images.format"],
 }
+"""``slam`` and ``planning`` see neither world, floor plan nor anything true. ``commands`` imports what it wants, and
+nothing imports it."""
+
+LEARNING = ("torch", "stable_baselines3", "sb3_contrib")
+"""Packages that the base installation doesn't have."""
 
 
-def imported_names(path: Path) -> Iterator[str]:
+def modules() -> list[Path]:
+    """Every module, also of the packages that are symbolic links."""
+    return sorted(
+        Path(folder) / name
+        for folder, _, names in os.walk(ROOT / "slamgym", followlinks=True)
+        for name in names
+        if name.endswith((".py", ".pyi"))
+    )
+
+
+def package_of(path: Path) -> str:
+    return path.relative_to(ROOT / "slamgym").parts[0]
+
+
+def imported_modules(path: Path) -> Iterator[str]:
+    """Absolute names; a name that is imported from a module stands behind it."""
     for node in ast.walk(ast.parse(path.read_text())):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
-        elif isinstance(node, ast.ImportFrom):
-            assert node.level == 0, f"{path}: relative import"
-            yield node.module or ""
+        elif isinstance(node, ast.ImportFrom) and node.level == 0:
             yield from (f"{node.module}.{alias.name}" for alias in node.names)
 
 
-def layer_of(name: str) -> str | None:
-    """The slamgym layer that a dotted name belongs to, None for the foundation and other packages."""
-    parts = name.split(".")
-    known = {*LAYERS, *SIDE_LAYERS, "cli"}
-    return parts[1] if parts[0] == "slamgym" and len(parts) > 1 and parts[1] in known else None
+def test_every_package_has_its_rule():
+    packages = {package_of(path) for path in modules() if path.parent != ROOT / "slamgym"}
+    assert packages == {*ALLOWED, "commands"}
 
 
-def allowed_layers(layer: str) -> set[str]:
-    if layer in SIDE_LAYERS:
-        return SIDE_LAYERS[layer] | {layer}
-    below = set(LAYERS[: LAYERS.index(layer) + 1])
-    # Calibrating the parametric model drives the environment, and a pair may come from either of the two.
-    return below | {"metrics"} | ({"parametric"} if layer == "dataset" else set())
+@pytest.mark.parametrize("package", ALLOWED)
+def test_a_package_imports_only_what_it_may(package):
+    allowed = tuple(f"slamgym.{name}." for name in (package, *ALLOWED[package]))
+    found = [
+        f"{path.relative_to(ROOT)} imports {name}"
+        for path in modules()
+        if package_of(path) == package
+        for name in imported_modules(path)
+        if name.startswith("slamgym.")
+        and name != "slamgym.__version__"
+        and not f"{name}.".startswith(allowed)
+    ]
+    assert found == []
 
 
-@pytest.mark.parametrize(
-    "path", sorted((ROOT / "slamgym").rglob("*.py")), ids=lambda p: str(p.relative_to(ROOT))
-)
-def test_slamgym_module_imports_only_layers_below_it(path: Path) -> None:
-    relative = path.relative_to(ROOT / "slamgym")
-    layer = relative.parts[0].removesuffix(".py")
-    names = set(imported_names(path))
-    if layer != "cli":
-        unexpected = {name for name in names if name.split(".")[0] in {"agents", "gan"}}
-        assert not unexpected, (
-            f"only slamgym/commands/cli.py may name agents or gan, not {relative}: {unexpected}"
-        )
-    if layer == "cli" or layer in FOUNDATION:
-        return
-    used = {found for name in names if (found := layer_of(name))}
-    assert used <= allowed_layers(layer), f"{relative} imports {used - allowed_layers(layer)}"
-
-
-@pytest.mark.parametrize("path", sorted((ROOT / "gan").rglob("*.py")), ids=lambda p: str(p.relative_to(ROOT)))
-def test_gan_sees_only_the_dataset_format_metrics_and_cad(path: Path) -> None:
-    for name in imported_names(path):
-        if name.startswith("slamgym."):
-            seen = layer_of(name)
-            assert seen in {None, "metrics", "cad", "interop"} or name.startswith(SEEN_BY_GAN), name
-        assert name.split(".")[0] != "agents"
-
-
-def test_the_base_install_needs_no_torch() -> None:
-    for path in (ROOT / "slamgym").rglob("*.py"):
-        heads = {name.split(".")[0] for name in imported_names(path)}
-        assert not heads & {"torch", "stable_baselines3", "sb3_contrib"}, path
+def test_the_base_installation_needs_no_torch():
+    for path in modules():
+        if package_of(path) not in ("gan", "agents", "commands"):
+            assert not {name.split(".")[0] for name in imported_modules(path)} & {*LEARNING}, path
