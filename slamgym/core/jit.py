@@ -39,6 +39,9 @@ class Kernel:
     def __call__(self, *args: Any) -> Any:  # noqa: D102 - the function has its own docstring
         return self.dispatcher(*args)
 
+    def __reduce__(self) -> str:
+        return self._function.__qualname__  # by name, as functions are pickled
+
     @functools.cached_property
     def dispatcher(self) -> Any:
         """What numba makes of the function."""

@@ -1,6 +1,7 @@
 """Compiling the kernels: the command, the word about it, and where they are kept."""
 
 import os
+import pickle
 import shutil
 import subprocess
 import sys
@@ -90,3 +91,7 @@ def test_kernels_are_kept_beside_the_sources_without_a_word(tmp_path):
     done = run_kernel(tmp_path)
     assert (done.returncode, done.stdout, done.stderr) == (0, "8.0\n", "")
     assert list((tmp_path / "__pycache__").glob("some_kernels.outer-*.nbi"))
+
+
+def test_a_kernel_is_pickled_by_its_name():
+    assert pickle.loads(pickle.dumps(cast_rays)) is cast_rays
