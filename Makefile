@@ -35,7 +35,7 @@ demo: $(VENV)/.base
 	$(BIN)/slamgym generate --plans bundled --pairs 8 --workers 2 --seed 1 --out $(DEMO)
 
 test: $(VENV)/.dev
-	$(BIN)/python -m slamgym.commands.warmup
+	$(BIN)/slamgym warmup
 	$(BIN)/python -m pytest -n 2 --import-mode=importlib
 
 # What was found is kept in .hypothesis and tried first in the next search.

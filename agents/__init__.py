@@ -3,6 +3,6 @@
 All of them satisfy Stable-Baselines3's ``PolicyPredictor``.
 """
 
-from slamgym.agents.registry import EXPLORERS, make_explorer
+import lazy_loader as lazy
 
-__all__ = ["EXPLORERS", "make_explorer"]
+__getattr__, __dir__, __all__ = lazy.attach_stub(__name__, __file__)

@@ -1,34 +1,33 @@
 """Explorers by name."""
 
-from collections.abc import Callable
+import importlib
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
 
-from slamgym.agents.explorer import BatchedExplorer
-from slamgym.agents.frontier import CostUtility, ExploreLite, NearestFrontier
-from slamgym.agents.frontier_tour import FrontierTour, Repairman
-from slamgym.agents.learned import LearnedExplorer
-from slamgym.agents.next_best_view import NextBestView
-from slamgym.agents.random_walk import RandomWalk
 from slamgym.core.config import suggest
 from slamgym.core.errors import ConfigError
-from slamgym.planning.context import ExplorerContext
 
-EXPLORERS: dict[str, Callable[[ExplorerContext, int], BatchedExplorer]] = {
-    "explore_lite": lambda context, seed: ExploreLite(context, seed=seed),
-    "nearest": lambda context, seed: NearestFrontier(context, seed=seed),
-    "cost_utility": lambda context, seed: CostUtility(context, seed=seed),
-    "next_best_view": lambda context, seed: NextBestView(context, seed=seed),
-    "tour": lambda context, seed: FrontierTour(context, seed=seed),
-    "repairman": lambda context, seed: Repairman(context, seed=seed),
-    "rl": lambda context, seed: LearnedExplorer(context, seed=seed),
-    "random": lambda context, seed: RandomWalk(context, seed=seed),
+if TYPE_CHECKING:
+    from slamgym.agents.explorer import BatchedExplorer
+    from slamgym.planning.context import ExplorerContext
+
+EXPLORERS: Mapping[str, str] = {
+    "explore_lite": "frontier:ExploreLite",
+    "nearest": "frontier:NearestFrontier",
+    "cost_utility": "frontier:CostUtility",
+    "next_best_view": "next_best_view:NextBestView",
+    "tour": "frontier_tour:FrontierTour",
+    "repairman": "frontier_tour:Repairman",
+    "rl": "learned:LearnedExplorer",
+    "random": "random_walk:RandomWalk",
 }
-"""Name to constructor; each takes the context and a seed."""
+"""Name to ``module:class`` of this package, imported when one is made: names alone are for help pages, too."""
 
 CLASSICAL = ("explore_lite", "nearest", "cost_utility", "next_best_view", "tour", "repairman")
 """Rules by hand: neither learned, nor told the floor plan, nor the random walk."""
 
 
-def make_explorer(name: str, context: ExplorerContext, seed: int = 0) -> BatchedExplorer:
+def make_explorer(name: str, context: "ExplorerContext", seed: int = 0) -> "BatchedExplorer":
     """Build an explorer.
 
     Args:
@@ -41,7 +40,13 @@ def make_explorer(name: str, context: ExplorerContext, seed: int = 0) -> Batched
         InputFileError: If the weights can't be used.
     """
     if name.startswith("rl:"):
+        from slamgym.agents.learned import LearnedExplorer
+
         return LearnedExplorer(context, name.removeprefix("rl:"), seed=seed)
     if name not in EXPLORERS:
         raise ConfigError(f"no explorer {name!r}; {suggest(name, EXPLORERS)}")
-    return EXPLORERS[name](context, seed)
+    module, maker = EXPLORERS[name].split(":")
+    explorer: BatchedExplorer = getattr(importlib.import_module(f"slamgym.agents.{module}"), maker)(
+        context, seed=seed
+    )
+    return explorer

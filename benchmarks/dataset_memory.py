@@ -23,15 +23,16 @@ from report import print_and_save
 
 from slamgym.agents.registry import make_explorer
 from slamgym.cad import open_plans
-from slamgym.commands.warmup import warm_up
 from slamgym.core.parallel.backlog import Lost
 from slamgym.core.parallel.engine import open_engine
-from slamgym.dataset import DatasetConfig, EpisodeConfig
+from slamgym.dataset import DatasetConfig
 from slamgym.dataset.folder import open_dataset
 from slamgym.dataset.generate.exploration import run_exploration
 from slamgym.dataset.generate.recipe import dataset_settings
 from slamgym.dataset.generate.schedule import SlotQueue, schedule
 from slamgym.dataset.record import Slot
+from slamgym.envs import EpisodeConfig
+from slamgym.envs.warmup import warm_up
 
 IN_MEMORY = "/dev/shm" if Path("/dev/shm").is_dir() else None
 """Where the datasets are made, as the disk is not what is measured."""

@@ -25,15 +25,16 @@ from report import print_and_save
 from slamgym.agents.registry import make_explorer
 from slamgym.cad import PlanSource, open_plans
 from slamgym.cad.plan_filter import PlanFilter
-from slamgym.commands.warmup import warm_up
 from slamgym.core.parallel.backlog import Lost
 from slamgym.core.parallel.engine import Engine, open_engine
-from slamgym.dataset import DatasetConfig, EpisodeConfig, Layout, episode_files, read_manifest
+from slamgym.dataset import DatasetConfig, Layout, episode_files, read_manifest
 from slamgym.dataset.folder import DatasetFolder, open_dataset
 from slamgym.dataset.generate import exploration
 from slamgym.dataset.generate.exploration import run_exploration
 from slamgym.dataset.generate.recipe import dataset_settings
 from slamgym.dataset.generate.schedule import SlotQueue
+from slamgym.envs import EpisodeConfig
+from slamgym.envs.warmup import warm_up
 
 GOAL_RATE = 2000.0
 """Seven-minute explorations an hour on two cores."""

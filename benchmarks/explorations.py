@@ -25,11 +25,11 @@ from report import print_and_save
 from slamgym.agents.explorer import BatchedExplorer
 from slamgym.agents.registry import make_explorer
 from slamgym.cad import FloorPlan, open_plans
-from slamgym.commands.warmup import warm_up
-from slamgym.dataset import Episode, EpisodeConfig, PairConfig, make_pair, run_episode
+from slamgym.dataset import PairConfig, make_pair
 from slamgym.dataset.format import write_episode
 from slamgym.dataset.generate.schedule import schedule
-from slamgym.envs import ExploreConfig, ExploreEnv
+from slamgym.envs import Episode, EpisodeConfig, ExploreConfig, ExploreEnv, run_episode
+from slamgym.envs.warmup import warm_up
 from slamgym.sim import Lidar, WheelOdometry, World
 from slamgym.slam import SlamConfig
 from slamgym.slam.particle_filter import ParticleFilter

@@ -21,8 +21,7 @@ from slamgym.agents.registry import make_explorer
 from slamgym.cad import PlanGeneratorConfig, generate_plan
 from slamgym.core.intervals import mean_interval
 from slamgym.core.types import Pose2D, Trajectory
-from slamgym.dataset import EpisodeConfig, run_episode
-from slamgym.envs import ExploreConfig
+from slamgym.envs import EpisodeConfig, ExploreConfig, run_episode
 from slamgym.interop import Log, open_log, read_relations
 from slamgym.metrics import (
     absolute_trajectory_error,

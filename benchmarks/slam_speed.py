@@ -18,8 +18,7 @@ from report import print_and_save
 from slamgym.agents.registry import make_explorer
 from slamgym.cad import PlanGeneratorConfig, generate_plan
 from slamgym.core.types import LaserGeometry, LaserScan, Pose2D
-from slamgym.dataset import EpisodeConfig, run_episode
-from slamgym.envs import ExploreConfig
+from slamgym.envs import EpisodeConfig, ExploreConfig, run_episode
 from slamgym.interop import LogRecord
 from slamgym.slam import SlamConfig, make_mapper
 

@@ -19,15 +19,9 @@ from report import print_and_save
 from slamgym.agents.registry import make_explorer
 from slamgym.cad import open_plans
 from slamgym.core.intervals import wilson_interval
-from slamgym.dataset import (
-    DatasetConfig,
-    EpisodeConfig,
-    PairRecord,
-    build_dataset,
-    read_manifest,
-    write_contact_sheet,
-)
+from slamgym.dataset import DatasetConfig, PairRecord, build_dataset, read_manifest, write_contact_sheet
 from slamgym.dataset.curate.criteria import Criteria, record_faults
+from slamgym.envs import EpisodeConfig
 
 GOOD_COVERAGE = 0.95
 GOAL_COVERAGE, GOAL_CLEAN = 90.0, 95.0

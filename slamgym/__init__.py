@@ -4,12 +4,26 @@ Importing the package registers the environments ``slamgym/Explore-v0``, ``slamg
 and ``slamgym/ExploreFrontiers-v0``.
 Processes that a vector environment starts afresh may not have imported it: there,
 ``gym.make("slamgym:slamgym/Explore-v0")`` does so by itself.
+
+What most programs begin with is here; it is imported when it is first used:
+
+- floor plans: :func:`~slamgym.cad.open_plans`, :class:`~slamgym.cad.FloorPlan`
+- exploring: :class:`~slamgym.envs.ExploreEnv`, :class:`~slamgym.envs.ExploreFrontiersEnv`,
+  :class:`~slamgym.envs.ExploreConfig`, :class:`~slamgym.envs.RewardConfig`, :class:`~slamgym.sim.RobotConfig`,
+  :class:`~slamgym.sim.LidarConfig`, :func:`~slamgym.agents.make_explorer`
+- SLAM: :func:`~slamgym.slam.make_mapper`, :class:`~slamgym.slam.SlamConfig`, :func:`~slamgym.interop.open_log`,
+  :func:`~slamgym.interop.read_ros_map`, :func:`~slamgym.interop.write_ros_map`
+- map pairs: :func:`~slamgym.dataset.build_dataset`, :class:`~slamgym.dataset.DatasetConfig`,
+  :func:`~slamgym.dataset.read_manifest`, :func:`~slamgym.dataset.load_pair`,
+  :func:`~slamgym.dataset.render_images`; without simulating: :func:`~slamgym.parametric.deform`
+- errors that the user can fix: :class:`~slamgym.core.errors.SlamgymError`
 """
 
+import lazy_loader as lazy
 from gymnasium.envs.registration import register
 
 __version__ = "0.1.0"
-__all__ = ["__version__"]
+__getattr__, __dir__, __all__ = lazy.attach_stub(__name__, __file__)
 
 # Names rather than classes, so that nothing heavy is imported before an environment is made. The environment
 # ends its episodes itself (time_limit), so Gymnasium's own limit stays off.

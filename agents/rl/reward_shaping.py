@@ -6,27 +6,28 @@ Training goes on from its checkpoint after an interruption, and the test from it
 ``shaping.json`` in the folder of a run is written again, whole, after each.
 """
 
+from __future__ import annotations
+
 import dataclasses
+import importlib
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from slamgym.agents.pretrained_policy import read_policy
 from slamgym.agents.rl.reward_presets import PRESETS, preset
 from slamgym.agents.rl.train_config import Curriculum, TrainConfig
-from slamgym.agents.rl.training_callbacks import Outcome, explore
-from slamgym.agents.rl.training_envs import draw_plans, make_env
-from slamgym.cad import FloorPlan
-from slamgym.commands.table import load_target
+from slamgym.agents.rl.training_callbacks import Outcome
 from slamgym.core.config import Count, Settings, config_hash, from_dict, suggest, to_dict
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.files import write_text
 from slamgym.core.progress import say, show_progress
 from slamgym.core.seeding import exploration_seed
 from slamgym.envs import RewardFunction
-from slamgym.envs.explore_frontiers_env import ExploreFrontiersEnv
+
+if TYPE_CHECKING:
+    from slamgym.cad import FloorPlan
 
 Term = tuple[str, float, RewardFunction]
 """Name, weight and function of a term of the user's own."""
@@ -98,6 +99,8 @@ def run_shaping(
     Raises:
         ConfigError: If the folder holds runs with other settings.
     """
+    from slamgym.agents.rl.training_envs import draw_plans
+
     plans = draw_plans(config.train.plans, "test", config.test_plans)
     return [
         _run_one(config, name, seed, out / name / f"seed_{seed}", plans, learn, term)
@@ -163,6 +166,11 @@ def test_policy(
 
     Start and noise of an exploration follow from its plan's id, whatever the other plans.
     """
+    from slamgym.agents.pretrained_policy import read_policy
+    from slamgym.agents.rl.training_callbacks import explore
+    from slamgym.agents.rl.training_envs import make_env
+    from slamgym.envs.explore_frontiers_env import ExploreFrontiersEnv
+
     scorer = read_policy(path).scorer()
     env = make_env(
         dataclasses.replace(settings, resolution=0.05), plans,
@@ -196,7 +204,7 @@ def own_term(spec: str, weight: float) -> Term:
     """
     module, _, name = spec.partition(":")
     try:
-        function = load_target(spec) if name else None
+        function = getattr(importlib.import_module(module), name) if name else None
     except (ImportError, AttributeError) as error:
         raise ConfigError(f"--term {spec!r} can't be imported ({error})") from None
     if not callable(function):

@@ -6,8 +6,7 @@ from typing import Literal
 from slamgym.agents.scoring import NetworkConfig
 from slamgym.core.config import Count, CountOrZero, Positive, PositiveShare, Settings
 from slamgym.core.errors import ConfigError
-from slamgym.envs import RewardConfig
-from slamgym.envs.explore_frontiers_env import DEFAULT_REWARD
+from slamgym.envs.rewards import FRONTIER_REWARD, RewardConfig
 from slamgym.sim import OdometryLevel
 
 Algorithm = Literal["maskable_ppo", "ppo", "sac"]
@@ -93,7 +92,7 @@ class TrainConfig(Settings):
     """Per second on ``explore_frontiers``; per step on ``explore``."""
     curriculum: Curriculum = field(default_factory=Curriculum)
     """Order of the plans."""
-    reward: RewardConfig = DEFAULT_REWARD
+    reward: RewardConfig = FRONTIER_REWARD
     """Weights of the reward terms."""
     ppo: PPOConfig = field(default_factory=PPOConfig)
     """The learner."""

@@ -7,7 +7,6 @@ staircases of oblique walls into straight lines and leaves straight walls alone.
 
 from pathlib import Path
 
-import cv2
 import numpy as np
 import shapely
 from shapely import Polygon
@@ -61,6 +60,8 @@ def read_image_plan(path: Path | str, resolution: float, smoothing: float = PLAN
     Raises:
         PlanError: If the file is no picture, or has no floor or several disjoint parts of it.
     """
+    import cv2
+
     path = Path(path)
     if not resolution > 0.0:
         raise PlanError(path, f"the resolution must be above 0 m per pixel, not {resolution}")
@@ -129,6 +130,8 @@ def _patches(inside: BoolArray, frame: GridFrame) -> list[Polygon]:
 
 def _without_outside(white: BoolArray) -> BoolArray:
     """Remove white patches that touch the picture's edge, unless they hold the floor."""
+    import cv2
+
     _, labels = cv2.connectedComponents(white.astype(np.uint8), connectivity=4)
     at_edge = np.unique(np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]]))
     enclosed: BoolArray = white & ~np.isin(labels, at_edge)

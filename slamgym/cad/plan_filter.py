@@ -1,16 +1,22 @@
 """Which floor plans are worth exploring, and which a batch leaves out and why."""
 
+from __future__ import annotations
+
 import json
 import math
 from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
-from slamgym.cad.floorplan import FloorPlan, check_plan
-from slamgym.cad.sources import PlanSource
 from slamgym.core.errors import PlanError
 from slamgym.core.files import write_text
+
+if TYPE_CHECKING:
+    from slamgym.cad.floorplan import FloorPlan
+
+if TYPE_CHECKING:
+    from slamgym.cad.sources import PlanSource
 
 PlanFilter = Literal["none", "useful"]
 
@@ -89,6 +95,8 @@ def usable_plans(
         robot_radius: See :func:`slamgym.cad.check_plan` [m].
         max_extent: See :func:`slamgym.cad.check_plan` [m].
     """
+    from slamgym.cad.floorplan import check_plan
+
     for plan_id in ids:
         try:
             plan = source.load(plan_id)

@@ -4,22 +4,25 @@ The robot drives straight lines and turns in place in an empty hall; true and be
 coefficients of the two-phase model (Souza et al. 2008), which ``slamgym deform --calibration`` takes.
 """
 
+from __future__ import annotations
+
 import math
 import sys
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
-import shapely
 import tyro
 
-from slamgym.cad import FloorPlan
 from slamgym.core.config import Arguments, Within
 from slamgym.core.geometry import between
 from slamgym.core.types import Pose2D, Twist2D
-from slamgym.parametric.calibration import Runs, fit_phases, write_calibration
-from slamgym.sim import OdometryConfig, OdometryLevel, RobotConfig, WheelOdometry, World, odometry_level
+from slamgym.sim import OdometryLevel
+
+if TYPE_CHECKING:
+    from slamgym.parametric.calibration import Runs
+    from slamgym.sim import OdometryConfig, RobotConfig, WheelOdometry, World
 
 _STEP = 0.05  # [s]
 _HALL = 20.0  # [m]
@@ -47,6 +50,9 @@ class CalibrateArguments(Arguments):
 def main(argv: list[str]) -> int:
     """Run the command; returns the exit code."""
     arguments = tyro.cli(CalibrateArguments, args=argv, prog="slamgym calibrate-odometry")
+    from slamgym.parametric.calibration import fit_phases, write_calibration
+    from slamgym.sim import RobotConfig, odometry_level
+
     runs = measure_odometry(
         odometry_level(arguments.odometry),
         RobotConfig(),
@@ -87,6 +93,12 @@ def measure_odometry(
         angle: Largest turn [rad]; every other one goes the other direction.
         rng: Source of all randomness.
     """
+    import shapely
+
+    from slamgym.cad import FloorPlan
+    from slamgym.parametric.calibration import Runs
+    from slamgym.sim import WheelOdometry, World
+
     hall = FloorPlan("calibration hall", shapely.box(0.0, 0.0, _HALL, _HALL))
     world = World(hall, robot)
     shape = (num_robots, repeats)

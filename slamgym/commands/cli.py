@@ -1,15 +1,18 @@
 """The command line: ``slamgym <command> [options]``.
 
-This is the one module that knows the packages built on top of ``slamgym``: commands that need explorers get
-their factory from here, so that ``slamgym`` itself never imports ``agents``. Nothing is imported before it is
-needed, so ``slamgym --help`` answers at once.
+One table names every command, also those of the groups (``slamgym dataset``, ``slamgym agents``, ``slamgym gan``).
+Nothing is imported before it is needed, so a help page answers at once.
 """
 
+import importlib
 import os
 import sys
+from collections.abc import Mapping
+from dataclasses import dataclass
 
 from slamgym import __version__
-from slamgym.commands.table import Command, CommandTable
+from slamgym.commands.extras import LEARNING, TRANSLATING, Extra, require
+from slamgym.core.config import suggest
 from slamgym.core.errors import SlamgymError
 
 EXIT_USER_ERROR = 2
@@ -17,48 +20,134 @@ EXIT_INTERRUPTED = 130  # 128 + SIGINT, as shells report it
 EXIT_BROKEN_PIPE = 141  # 128 + SIGPIPE
 
 
-_EXPLORERS = {"make_explorer": "slamgym.agents.registry:make_explorer"}
+@dataclass(frozen=True)
+class Command:
+    """One row of the table."""
 
-COMMANDS: dict[str, Command] = {
-    "plans": Command("slamgym.commands.plans:main", "list, check, draw and write floor plans"),
-    "generate": Command(
-        "slamgym.commands.generate:main",
-        "explore floor plans and write SLAM/CAD map pairs",
-        _EXPLORERS,
-    ),
-    "dataset": Command(
-        "slamgym.commands.dataset.table:main",
-        "render, clean, split, check and describe what generate has made",
-    ),
-    "watch": Command(
-        "slamgym.commands.watch:main",
-        "watch an exploration in a window, or write it as MP4 or GIF",
-        _EXPLORERS,
-    ),
-    "agents": Command("slamgym.commands.agents.table:main", "train, evaluate and compare explorers"),
-    "deform": Command(
-        "slamgym.commands.deform:main",
-        "deform a floor plan into SLAM-like maps by the parametric model",
-        {**_EXPLORERS, "record_path": "slamgym.envs.episode:record_path"},
-    ),
-    "calibrate-odometry": Command(
-        "slamgym.commands.calibrate_odometry:main", "measure the simulated robot's odometry errors"
-    ),
-    "slam": Command(
-        "slamgym.commands.slam:main", "make a map from a recorded log (CARMEN, ROS bag, episode)"
-    ),
-    "export-log": Command(
-        "slamgym.commands.export_log:main", "write an episode or a log as CARMEN log or rosbag2"
-    ),
-    "gan": Command(
-        "slamgym.commands.gan.table:main", "train and use the translators between SLAM maps and CAD drawings"
-    ),
-}
+    target: str
+    """``module:function`` below ``slamgym.commands``; it takes the arguments after the command's name and returns
+    an exit code."""
+    help: str
+    """One line for the help."""
+    extra: Extra | None = None
+    """The extra that the command can't work without; where only an option needs one, the command asks for it."""
 
-TABLE = CommandTable(
-    "slamgym",
-    COMMANDS,
-    about="Floor plan in, honest SLAM map out, and the way back to CAD.",
+    def run(self, name: str, argv: list[str]) -> int:
+        """Run it.
+
+        Raises:
+            SlamgymError: If a package that it needs isn't installed. Help pages need none.
+        """
+        if self.extra is not None and not {"-h", "--help"} & set(argv):
+            require(self.extra, name)
+        module, function = self.target.split(":")
+        return int(getattr(importlib.import_module(f"slamgym.commands.{module}"), function)(argv))
+
+
+@dataclass(frozen=True)
+class Group:
+    """Commands under one name."""
+
+    help: str
+    """One line for the help above it; a sentence, for the group's own."""
+    commands: Mapping[str, "Command | Group"]
+    closing: str = "."
+    """How the help's last sentence, which names ``--help`` of the commands, ends."""
+
+    def run(self, name: str, argv: list[str]) -> int:
+        """Run one command, or show the help where none is named.
+
+        Args:
+            name: What the user typed so far: ``slamgym``, or ``slamgym dataset``.
+            argv: The arguments after it.
+
+        Returns:
+            The exit code.
+
+        Raises:
+            SlamgymError: If there is no such command; the error suggests the nearest.
+        """
+        if not argv or argv[0] in ("-h", "--help", "help"):
+            sys.stdout.write(self.usage(name))
+            return 0
+        if argv[0] not in self.commands:
+            typed = f"{name} {argv[0]}".removeprefix("slamgym ")
+            raise SlamgymError(
+                f"unknown command {typed!r}; {suggest(argv[0], self.commands)} ({name} --help lists them all)"
+            )
+        return self.commands[argv[0]].run(f"{name} {argv[0]}", argv[1:])
+
+    def usage(self, name: str) -> str:
+        """The help."""
+        width = max(map(len, self.commands))
+        rows = "\n".join(f"  {word:<{width}}  {command.help}" for word, command in self.commands.items())
+        return (
+            f"usage: {name} <command> [options]\n\n{self.help[0].upper()}{self.help[1:]}.\n\ncommands:\n{rows}\n\n"
+            f"{name} <command> --help shows a command's options{self.closing}\n"
+        )
+
+
+TABLE = Group(
+    "floor plan in, honest SLAM map out, and the way back to CAD",
+    {
+        "plans": Command("plans:main", "list, check, draw and write floor plans"),
+        "generate": Command("generate:main", "explore floor plans and write SLAM/CAD map pairs"),
+        "dataset": Group(
+            "render, clean, split, check and describe what generate has made",
+            {
+                "merge": Command("dataset.merge:main", "put the shards of a dataset together"),
+                "stats": Command("dataset.stats:main", "what lies in a dataset, as tables or JSON"),
+                "show": Command("dataset.show:main", "draw pairs: a sample, some by name, the worst"),
+                "check": Command("dataset.check:main", "verify every file and name every fault"),
+                "clean": Command("dataset.clean:main", "decide which pairs are complete enough to keep"),
+                "review": Command("dataset.review:main", "a page on which a person judges doubtful pairs"),
+                "split": Command("dataset.split:main", "put plans, with their near-duplicates, on a side"),
+                "render": Command("dataset.render:main", "make uniform square images for training"),
+            },
+            closing=". `slamgym generate` makes a dataset.",
+        ),
+        "watch": Command("watch:main", "watch an exploration in a window, or write it as MP4 or GIF"),
+        "agents": Group(
+            "train, evaluate and compare explorers",
+            {
+                "train": Command("agents.train:main", "train a policy by reinforcement learning", LEARNING),
+                "evaluate": Command("agents.evaluate:main", "compare explorers on the same plans and seeds"),
+                "shape": Command("agents.shape:main", "compare reward presets over several seeds"),
+            },
+        ),
+        "deform": Command("deform:main", "deform a floor plan into SLAM-like maps by the parametric model"),
+        "calibrate-odometry": Command(
+            "calibrate_odometry:main", "measure the simulated robot's odometry errors"
+        ),
+        "slam": Command("slam:main", "make a map from a recorded log (CARMEN, ROS bag, episode)"),
+        "export-log": Command("export_log:main", "write an episode or a log as CARMEN log or rosbag2"),
+        "gan": Group(
+            "train and use the translators between SLAM maps and CAD drawings",
+            {
+                "train": Command(
+                    "gan.arguments:train_command",
+                    "train a translator on a folder of rendered map pairs",
+                    TRANSLATING,
+                ),
+                "translate": Command(
+                    "gan.arguments:translate_command",
+                    "translate an image, a ROS map or a folder of images",
+                    TRANSLATING,
+                ),
+                "evaluate": Command(
+                    "gan.arguments:evaluate_command",
+                    "measure a translator on held-out pairs, beside the baselines",
+                    TRANSLATING,
+                ),
+                "publish": Command(
+                    "gan.arguments:publish_command",
+                    "put a run's weights among the pretrained ones",
+                    TRANSLATING,
+                ),
+            },
+        ),
+        "warmup": Command("warmup:main", "compile the numeric kernels, once after an installation"),
+    },
     closing="; slamgym --version the version.",
 )
 
@@ -70,11 +159,14 @@ def main(argv: list[str] | None = None) -> int:
         argv: The arguments after the program's name; None takes them from ``sys.argv``.
 
     Returns:
-        The exit code: 0 success, 2 an error that the user can mend, 130 interrupted.
+        The exit code: 0 success, 2 an error that the user can fix, 130 interrupted.
     """
     arguments = sys.argv[1:] if argv is None else argv
     try:
-        code = _dispatch(arguments)
+        if arguments[:1] in (["-V"], ["--version"]):
+            sys.stdout.write(f"slamgym {__version__}\n")
+            return 0
+        code = TABLE.run("slamgym", arguments)
         sys.stdout.flush()
         return code
     except SlamgymError as error:
@@ -89,16 +181,5 @@ def main(argv: list[str] | None = None) -> int:
         return EXIT_BROKEN_PIPE
 
 
-def _dispatch(arguments: list[str]) -> int:
-    if arguments and arguments[0] in ("-V", "--version"):
-        sys.stdout.write(f"slamgym {__version__}\n")
-        return 0
-    return TABLE.run(arguments)
-
-
 def _complain(message: str) -> None:
     sys.stderr.write(f"slamgym: error: {message}\n")
-
-
-if __name__ == "__main__":
-    sys.exit(main())

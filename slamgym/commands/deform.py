@@ -1,36 +1,34 @@
 """``slamgym deform``: from a floor plan to the maps that SLAM would have drawn of it."""
 
+from __future__ import annotations
+
 import json
 import os
 import shutil
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
-import cv2
 import numpy as np
 import tyro
 
 from slamgym import __version__
-from slamgym.cad.floorplan import FloorPlan
-from slamgym.cad.sources import open_plans
 from slamgym.core.config import Arguments, Count, CountOrZero, Within, suggest, to_dict
 from slamgym.core.errors import ConfigError, InputFileError
-from slamgym.core.types import GridFrame, Trajectory
-from slamgym.interop.ros_map import write_ros_map
-from slamgym.interop.tum import write_tum
+from slamgym.core.types import GridFrame
 from slamgym.parametric.config import ConversionMethod, ParametricConfig, preset
-from slamgym.parametric.model import Deformation, deform
-from slamgym.parametric.paths import plan_trajectory, trajectory_from_file
-from slamgym.parametric.trajectory import TimedTrajectory, from_recorded
-from slamgym.viz.canvas import write_picture
-from slamgym.viz.sheets import draw_deformation
 
-RecordPath = Callable[[FloorPlan, str, int, Any], Trajectory]
+if TYPE_CHECKING:
+    from slamgym.cad.floorplan import FloorPlan
+
+if TYPE_CHECKING:
+    from slamgym.parametric.model import Deformation
+    from slamgym.parametric.trajectory import TimedTrajectory
+
 """(plan, explorer's name, seed, explorer factory) -> the true path that the explorer drove, world frame."""
 
 
@@ -94,13 +92,11 @@ class DeformArguments(Arguments):
             raise ConfigError(f"{' and '.join(given)} exclude each other; give one")
 
 
-def main(argv: list[str], make_explorer: Any = None, record_path: RecordPath | None = None) -> int:
+def main(argv: list[str]) -> int:
     """Run the command.
 
     Args:
         argv: Arguments after the command's name.
-        make_explorer: Factory of explorers, handed to ``record_path``; from the command line's table.
-        record_path: Drives an explorer; from the command line's table.
 
     Returns:
         The exit code.
@@ -109,6 +105,9 @@ def main(argv: list[str], make_explorer: Any = None, record_path: RecordPath | N
         SlamgymError: If something is wrong that the user can fix; nothing is left half written.
     """
     arguments = tyro.cli(DeformArguments, args=argv, prog="slamgym deform")
+    from slamgym.parametric.model import deform
+    from slamgym.parametric.paths import trajectory_from_file
+
     plan = _load_plan(arguments)
     config = _config(arguments)
     frame = _square_frame(plan, config, arguments.size) if arguments.size else None
@@ -121,7 +120,7 @@ def main(argv: list[str], make_explorer: Any = None, record_path: RecordPath | N
             rng = np.random.default_rng([arguments.seed, i])
             path = fixed
             if path is None:
-                path = _path(arguments, plan, config, rng, i, make_explorer, record_path)
+                path = _path(arguments, plan, config, rng, i)
             result = deform(plan, path, config, rng, frame)
             write_deformation(folder / f"{i:03d}", result, plan.id, (arguments.seed, i))
             moved = displacement_summary(result)
@@ -137,6 +136,8 @@ def main(argv: list[str], make_explorer: Any = None, record_path: RecordPath | N
 
 
 def _load_plan(arguments: DeformArguments) -> FloorPlan:
+    from slamgym.cad.sources import open_plans
+
     source = open_plans(arguments.plan)
     plan_id = arguments.plan_id if arguments.plan_id is not None else source.ids[0]
     if plan_id not in source.ids:
@@ -177,13 +178,15 @@ def _path(
     config: ParametricConfig,
     rng: np.random.Generator,
     index: int,
-    make_explorer: Any,
-    record_path: RecordPath | None,
 ) -> TimedTrajectory:
+    from slamgym.parametric.paths import plan_trajectory
+    from slamgym.parametric.trajectory import from_recorded
+
     if arguments.explorer is None:
         return plan_trajectory(plan, config.motion, rng, arguments.prm_kind)
-    if record_path is None:
-        raise ConfigError("--explorer needs the agents package; call the command as `slamgym deform`")
+    from slamgym.agents.registry import make_explorer
+    from slamgym.envs.episode import record_path
+
     recorded = record_path(plan, arguments.explorer, arguments.seed + index, make_explorer)
     return from_recorded(recorded, f"the path of {arguments.explorer}")
 
@@ -219,6 +222,13 @@ def write_deformation(folder: Path, result: Deformation, plan_id: str, seed: tup
     ``true.tum``, ``odometry.tum``, ``believed.tum``: poses of the scans; ``parameters.json``: what was drawn,
     the settings, the seed; ``overview.png``: all of it to look at.
     """
+    import cv2
+
+    from slamgym.interop.ros_map import write_ros_map
+    from slamgym.interop.tum import write_tum
+    from slamgym.viz.canvas import write_picture
+    from slamgym.viz.sheets import draw_deformation
+
     folder.mkdir(parents=True, exist_ok=True)
     write_ros_map(folder, result.grid)
     cv2.imwrite(str(folder / "cad.png"), result.cad.cells)

@@ -6,13 +6,11 @@ from typing import Annotated, Literal
 
 import tyro
 
+from slamgym.commands.extras import Extra, require
 from slamgym.core.config import Arguments
 from slamgym.core.errors import InputFileError
 from slamgym.core.types import OccupancyGrid
-from slamgym.interop.carmen import write_carmen
-from slamgym.interop.logs import open_log
-from slamgym.interop.ros_map import read_ros_map
-from slamgym.interop.rosbag_writer import Storage, write_rosbag2
+from slamgym.interop.rosbag_writer import Storage
 
 
 class ExportArguments(Arguments):
@@ -43,6 +41,12 @@ class ExportArguments(Arguments):
 def main(argv: list[str]) -> int:
     """Run the command; returns the exit code."""
     arguments = tyro.cli(ExportArguments, args=argv, prog="slamgym export-log")
+    from slamgym.interop.carmen import write_carmen
+    from slamgym.interop.logs import open_log
+    from slamgym.interop.rosbag_writer import write_rosbag2
+
+    if arguments.format == "rosbag2":
+        require(Extra("ros", ("rosbags",)), "--format rosbag2")
     log = open_log(arguments.log)
     for sentence in log.warnings.sentences():
         sys.stderr.write(f"slamgym: warning: {sentence}\n")
@@ -59,6 +63,8 @@ def main(argv: list[str]) -> int:
 
 
 def _map(arguments: ExportArguments) -> OccupancyGrid | None:
+    from slamgym.interop.ros_map import read_ros_map
+
     if arguments.map is not None:
         return read_ros_map(arguments.map)
     beside = arguments.log / "map.yaml"

@@ -1,32 +1,29 @@
 """``slamgym generate``: explore floor plans and write map pairs."""
 
+from __future__ import annotations
+
 import dataclasses
 import sys
 from dataclasses import field
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
-from slamgym.cad import open_plan_mix
 from slamgym.cad.plan_filter import PlanFilter
-from slamgym.commands.dataset.render import render_and_report
 from slamgym.core.config import Arguments, Count, CountOrZero, Positive
 from slamgym.core.errors import ConfigError
 from slamgym.core.parallel.backlog import available_cores
 from slamgym.core.parallel.engine import EngineName
 from slamgym.core.progress import duration, say
-from slamgym.dataset.format import Layout
-from slamgym.dataset.generate.build import BuildReport, Execution, build_dataset
-from slamgym.dataset.generate.recipe import DatasetConfig, Recipe, open_recipe
-from slamgym.dataset.images.square_images import ImageConfig
 from slamgym.dataset.pair import PairConfig
 from slamgym.dataset.shard import WHOLE, Shard
-from slamgym.dataset.statistics import describe_pairs, write_contact_sheet
-from slamgym.envs import ExploreConfig
-from slamgym.envs.episode import EpisodeConfig, MakeExplorer
-from slamgym.sim import ClutterConfig, LidarConfig, OdometryLevel, RobotConfig, odometry_level
+from slamgym.sim import ClutterConfig, LidarConfig, OdometryLevel, RobotConfig
 from slamgym.slam import SlamConfig
+
+if TYPE_CHECKING:
+    from slamgym.dataset.generate.build import BuildReport
+    from slamgym.dataset.generate.recipe import DatasetConfig
 
 
 class GenerateArguments(Arguments):
@@ -91,9 +88,15 @@ class GenerateArguments(Arguments):
     """Furniture and people, which no CAD map shows."""
 
 
-def main(argv: list[str], make_explorer: MakeExplorer) -> int:
+def main(argv: list[str]) -> int:
     """Run the command; returns the exit code."""
     arguments = tyro.cli(GenerateArguments, args=argv, prog="slamgym generate")
+    from slamgym.agents.registry import make_explorer
+    from slamgym.cad import open_plan_mix
+    from slamgym.commands.dataset.render import render_and_report
+    from slamgym.dataset.generate.build import Execution, build_dataset
+    from slamgym.dataset.images.square_images import ImageConfig
+
     if arguments.shard is not None and arguments.images is not None:
         raise ConfigError("a shard alone is not rendered; leave --images out and render after the merge")
     shard = WHOLE if arguments.shard is None else Shard.parse(arguments.shard)
@@ -115,6 +118,11 @@ def main(argv: list[str], make_explorer: MakeExplorer) -> int:
 
 def dataset_config(arguments: GenerateArguments) -> DatasetConfig:
     """The settings that decide the content, with the short options put in their places."""
+    from slamgym.dataset.generate.recipe import DatasetConfig, Recipe, open_recipe
+    from slamgym.envs import ExploreConfig
+    from slamgym.envs.episode import EpisodeConfig
+    from slamgym.sim import odometry_level
+
     env = ExploreConfig(
         robot=arguments.robot,
         lidar=arguments.lidar,
@@ -134,6 +142,9 @@ def dataset_config(arguments: GenerateArguments) -> DatasetConfig:
 
 def _report(report: BuildReport, sheet_pairs: int) -> None:
     """Say what is there now, what was left out, and where to look."""
+    from slamgym.dataset.format import Layout
+    from slamgym.dataset.statistics import describe_pairs, write_contact_sheet
+
     layout = Layout(report.root)
     if report.fresh:
         say(f"{report.fresh} new pairs in {duration(report.seconds)}.")

@@ -1,24 +1,23 @@
 """``slamgym plans``: list, check, draw and write floor plans."""
 
+from __future__ import annotations
+
 import math
 import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
-from rich.console import Console
-from rich.progress import track
 
-from slamgym.cad.floorplan import FloorPlan
-from slamgym.cad.houseexpo import write_houseexpo
-from slamgym.cad.plan_filter import Rejections, usable_plans
-from slamgym.cad.sources import PlanSource, open_plans
 from slamgym.core.config import Arguments, Count, Within
 from slamgym.core.errors import ConfigError
 from slamgym.sim import RobotConfig
-from slamgym.viz.canvas import write_picture
-from slamgym.viz.plan_pictures import draw_plan_sheet
+
+if TYPE_CHECKING:
+    from slamgym.cad.floorplan import FloorPlan
+    from slamgym.cad.plan_filter import Rejections
+    from slamgym.cad.sources import PlanSource
 
 MAX_NAMED = 10
 """So many rejected plans are named on the terminal; the file names them all."""
@@ -95,6 +94,9 @@ def main(argv: list[str]) -> int:
         prog="slamgym plans",
         description="List, check, draw and write floor plans.",
     )
+    from slamgym.cad.plan_filter import Rejections
+    from slamgym.cad.sources import open_plans
+
     source = open_plans(arguments.plans, ids_file=arguments.ids)
     rejections = Rejections()
     if isinstance(arguments, ListPlans):
@@ -111,6 +113,11 @@ def main(argv: list[str]) -> int:
 
 def _usable(arguments: _Selection, source: PlanSource, rejections: Rejections) -> Iterator[FloorPlan]:
     """The chosen plans that pass the check, with a progress bar on a terminal."""
+    from rich.console import Console
+    from rich.progress import track
+
+    from slamgym.cad.plan_filter import usable_plans
+
     ids: Sequence[str] = source.ids[: arguments.count]
     console = Console(stderr=True)
     shown = track(ids, "plans", console=console, transient=True, disable=not console.is_terminal)
@@ -139,6 +146,9 @@ def _check(arguments: CheckPlans, source: PlanSource, rejections: Rejections) ->
 
 
 def _draw(arguments: DrawPlans, source: PlanSource, rejections: Rejections) -> None:
+    from slamgym.viz.canvas import write_picture
+    from slamgym.viz.plan_pictures import draw_plan_sheet
+
     if arguments.count is None and len(source) > MAX_DRAWN:
         raise ConfigError(f"{len(source)} plans are too many for one picture; add --count 24, for example")
     plans = list(_usable(arguments, source, rejections))
@@ -150,6 +160,8 @@ def _draw(arguments: DrawPlans, source: PlanSource, rejections: Rejections) -> N
 
 
 def _write(arguments: WritePlans, source: PlanSource, rejections: Rejections) -> None:
+    from slamgym.cad.houseexpo import write_houseexpo
+
     written = 0
     for plan in _usable(arguments, source, rejections):
         write_houseexpo(arguments.out / f"{plan.id}.json", plan)

@@ -1,36 +1,32 @@
 """``slamgym slam``: a recorded log in, a ROS map, a trajectory and a picture out."""
 
+from __future__ import annotations
+
 import json
 import math
 import sys
 from collections.abc import Callable
 from contextlib import ExitStack, closing
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 import tyro
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from slamgym import __version__
 from slamgym.core.config import Arguments, to_dict
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.files import write_text
 from slamgym.core.types import Trajectory
-from slamgym.interop.logs import Relations, open_log, read_relations, read_truth
-from slamgym.interop.records import Log
-from slamgym.interop.ros_map import write_ros_map
-from slamgym.interop.tum import write_tum
-from slamgym.metrics import RelationError, absolute_trajectory_error, relation_error, relative_pose_error
 from slamgym.slam.config import Matcher, Mode, SlamConfig
-from slamgym.slam.mapper import Mapper
-from slamgym.slam.particle_filter import ParticleFilter
-from slamgym.slam.replay import ReplayResult, read_overrides, replay, settings_for
-from slamgym.viz.canvas import write_picture
-from slamgym.viz.films import ShowPicture, open_film
-from slamgym.viz.map_pictures import GrowingView, draw_map
-from slamgym.viz.window import Window
+
+if TYPE_CHECKING:
+    from slamgym.interop.logs import Relations
+    from slamgym.interop.records import Log
+    from slamgym.metrics import RelationError
+    from slamgym.slam.mapper import Mapper
+    from slamgym.slam.replay import ReplayResult
+    from slamgym.viz.films import ShowPicture
 
 
 class SlamArguments(Arguments):
@@ -100,6 +96,8 @@ OVERRIDES = ("particles", "resolution", "max_usable_range", "linear_update", "an
 def main(argv: list[str]) -> int:
     """Run the command; returns the exit code."""
     arguments = tyro.cli(SlamArguments, args=argv, prog="slamgym slam")
+    from slamgym.interop.logs import open_log, read_relations, read_truth
+
     if arguments.out.exists() and not arguments.out.is_dir():
         raise InputFileError(arguments.out, "is a file; name a folder for the results")
     relations = read_relations(arguments.relations) if arguments.relations is not None else None
@@ -117,6 +115,8 @@ def main(argv: list[str]) -> int:
 
 
 def _config(arguments: SlamArguments, log: Log) -> SlamConfig:
+    from slamgym.slam.replay import read_overrides, settings_for
+
     overrides: dict[str, Any] = read_overrides(arguments.settings) if arguments.settings is not None else {}
     overrides["mode"] = arguments.mode
     for name in OVERRIDES:
@@ -131,6 +131,13 @@ def _config(arguments: SlamArguments, log: Log) -> SlamConfig:
 
 def _replay(arguments: SlamArguments, log: Log, config: SlamConfig) -> ReplayResult:
     """Replay with a progress bar and whatever view was asked for."""
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    from slamgym.slam.replay import replay
+    from slamgym.viz.films import open_film
+    from slamgym.viz.window import Window
+
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with ExitStack() as stack:
         screens: list[ShowPicture] = []
@@ -153,6 +160,9 @@ def _replay(arguments: SlamArguments, log: Log, config: SlamConfig) -> ReplayRes
 
 def _viewer(screens: list[ShowPicture], total: int) -> Callable[[int, Mapper, bool], None]:
     """What to call after each scan; it draws a frame now and then, and the last one for a while."""
+    from slamgym.slam.particle_filter import ParticleFilter
+    from slamgym.viz.map_pictures import GrowingView
+
     view = GrowingView()
     every = math.ceil(total / MAX_FRAMES)
 
@@ -176,6 +186,8 @@ def _viewer(screens: list[ShowPicture], total: int) -> Callable[[int, Mapper, bo
 def _accuracy(
     trajectory: Trajectory, relations: Relations | None, truth: Trajectory | None
 ) -> dict[str, Any]:
+    from slamgym.metrics import absolute_trajectory_error, relation_error, relative_pose_error
+
     accuracy: dict[str, Any] = {}
     if relations is not None:
         try:
@@ -242,6 +254,11 @@ def _summary(
 
 def _write(folder: Path, result: ReplayResult, summary: dict[str, Any]) -> None:
     """Write the results; the summary goes last, so where it exists everything else is complete."""
+    from slamgym.interop.ros_map import write_ros_map
+    from slamgym.interop.tum import write_tum
+    from slamgym.viz.canvas import write_picture
+    from slamgym.viz.map_pictures import draw_map
+
     try:
         folder.mkdir(parents=True, exist_ok=True)
         (folder / "summary.json").unlink(missing_ok=True)

@@ -1,96 +1,23 @@
-"""Compiling the numeric kernels: once after an installation, and not without a word.
+"""``slamgym warmup``: compile the numeric kernels, once after an installation."""
 
-``python -m slamgym.commands.warmup`` compiles them all.
-"""
-
-import functools
 import sys
-from pathlib import Path
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
 
-if TYPE_CHECKING:
-    from slamgym.cad import FloorPlan
-    from slamgym.envs import ExploreEnv
-
-EXPECTED_SECONDS = 25
-"""About what the kernels take to compile on one core (17 CPU seconds were measured)."""
+import tyro
 
 
-def kernel_cache() -> Path:
-    """The folder of compiled kernels: beside the sources, or wherever numba keeps it."""
+@dataclass(frozen=True)
+class WarmupArguments:
+    """Compile the numeric kernels of exploration, which the first exploration would wait for otherwise."""
+
+
+def main(argv: list[str]) -> int:
+    """Run the command; returns the exit code."""
+    tyro.cli(WarmupArguments, args=argv, prog="slamgym warmup")
+    from slamgym.core.jit import kernel_cache
+    from slamgym.envs.warmup import warm_up
     from slamgym.sim.raycast import cast_rays
 
-    return Path(cast_rays.stats.cache_path)  # type: ignore[attr-defined]
-
-
-def kernels_are_compiled() -> bool:
-    """Whether there are compiled kernels."""
-    return any(kernel_cache().glob("*.nbi"))
-
-
-@functools.cache
-def announce_compilation() -> None:
-    """Say on stderr that the first steps will take a while, if they will; at most once in a process."""
-    if not kernels_are_compiled():
-        sys.stderr.write(
-            f"slamgym: compiling the numeric kernels, once after installation: about {EXPECTED_SECONDS} s\n"
-        )
-        sys.stderr.flush()
-
-
-def warm_up() -> None:
-    """Compile the kernels of exploration: a moment of driving and mapping, and of navigation."""
-    from slamgym.envs import ExploreConfig, ExploreEnv, ExploreFrontiersEnv
-    from slamgym.slam import SlamConfig
-
-    announce_compilation()
-    plan = _two_rooms()
-    for mode in ("ground_truth", "rbpf"):
-        config = ExploreConfig(slam=SlamConfig(mode=mode, particles=2))
-        env = ExploreEnv(plan, config, reward={"map_error": 1.0}, clutter={"people": 1})
-        env.reset(seed=0)
-        for _ in range(12):
-            env.step((1.0, 0.5))
-        # Nose to the wall, for the kernels of contact.
-        env.reset(seed=0, options={"start": (0.24, 1.0, 3.14)})
-        env.step((1.0, 0.0))
-    _navigate(ExploreEnv(plan, config.for_explorer(), observation={"map_size": 8.0}))
-    decisions = ExploreFrontiersEnv(plan, localization="ground_truth", observation={"map_size": 10.0})
-    decisions.reset(seed=0, options={"start": (0.8, 1.0, 0.0)})
-    decisions.step(0)
-
-
-def _navigate(env: "ExploreEnv") -> None:
-    """Drive to a goal on the map."""
-    from slamgym.core.types import OccupancyGrid, Pose2D
-    from slamgym.planning import Goal, Navigator, find_frontiers
-
-    context = env.explorer_context()
-    navigator = Navigator(context)
-    observation, _ = env.reset(seed=0, options={"start": (0.8, 1.0, 0.0)})
-    for step in range(12):
-        pose, time = Pose2D(*observation["pose"].tolist()), float(observation["time"][0])
-        if step % 10 == 0:
-            navigator.update_map(OccupancyGrid(observation["map"][0], context.frame), pose, time)
-        if step == 0:
-            navigator.set_goal(Goal(0.5, 0.0), pose, time)
-        command = navigator.step(pose, observation["scan"], time)
-        observation, *_ = env.step(context.to_action(command))
-    if navigator.costmap is not None:
-        find_frontiers(navigator.costmap, pose)
-
-
-def _two_rooms() -> "FloorPlan":
-    import shapely
-
-    from slamgym.cad import FloorPlan
-
-    outline = [(0.0, 0.0), (4.0, 0.0), (4.0, 3.0), (2.2, 3.0), (2.2, 1.5), (1.8, 1.5), (1.8, 3.0), (0.0, 3.0)]
-    return FloorPlan("warm-up", shapely.Polygon(outline))
-
-
-if __name__ == "__main__":
-    # By its name rather than as __main__, so that the announcement is made once.
-    from slamgym.commands import warmup
-
-    warmup.warm_up()
+    warm_up()
+    sys.stdout.write(f"the kernels are compiled: {kernel_cache(cast_rays)} and the folders beside it\n")
+    return 0

@@ -1,24 +1,25 @@
 """``slamgym watch``: see a robot explore, in a window or in a film."""
 
+from __future__ import annotations
+
 import dataclasses
 import sys
 from collections.abc import Iterator
 from dataclasses import field
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
-from slamgym.cad import FloorPlan, open_plans
 from slamgym.core.config import Arguments, Count, Positive, Within, suggest
 from slamgym.core.errors import ConfigError
 from slamgym.core.progress import say
-from slamgym.core.seeding import shuffled
-from slamgym.envs import ExploreConfig, ExploreEnv
-from slamgym.envs.episode import MakeExplorer, time_limit
-from slamgym.sim import ClutterConfig, LidarConfig, OdometryLevel, RobotConfig, odometry_level
+from slamgym.sim import ClutterConfig, LidarConfig, OdometryLevel, RobotConfig
 from slamgym.slam import SlamConfig
-from slamgym.viz.films import check_film_name, open_film
+
+if TYPE_CHECKING:
+    from slamgym.cad import FloorPlan
+    from slamgym.envs import ExploreEnv
 
 _Rate = Annotated[float, Within(gt=0.0, lt=1000.0)]
 
@@ -56,17 +57,19 @@ class WatchArguments(Arguments):
     """Furniture and people, which no CAD map shows."""
 
     def _check(self) -> None:
+        from slamgym.viz.films import check_film_name
+
         if self.out is not None:
             check_film_name(self.out)
 
 
-def main(argv: list[str], make_explorer: MakeExplorer) -> int:
+def main(argv: list[str]) -> int:
     """Run the command; returns the exit code."""
     arguments = tyro.cli(WatchArguments, args=argv, prog="slamgym watch")
     plan = _choose_plan(arguments)
     env = _make_env(arguments, plan)
     try:
-        steps = _explore(env, plan, arguments, make_explorer)
+        steps = _explore(env, plan, arguments)
         if arguments.out is None:
             for _ in steps:
                 pass
@@ -79,6 +82,9 @@ def main(argv: list[str], make_explorer: MakeExplorer) -> int:
 
 
 def _choose_plan(arguments: WatchArguments) -> FloorPlan:
+    from slamgym.cad import open_plans
+    from slamgym.core.seeding import shuffled
+
     plans = open_plans(arguments.plans)
     if arguments.plan is None:
         return plans.load(shuffled(plans.ids, arguments.seed)[0])
@@ -90,6 +96,10 @@ def _choose_plan(arguments: WatchArguments) -> FloorPlan:
 
 
 def _make_env(arguments: WatchArguments, plan: FloorPlan) -> ExploreEnv:
+    from slamgym.envs import ExploreConfig, ExploreEnv
+    from slamgym.envs.episode import time_limit
+    from slamgym.sim import odometry_level
+
     config = ExploreConfig(
         robot=arguments.robot,
         lidar=arguments.lidar,
@@ -103,10 +113,10 @@ def _make_env(arguments: WatchArguments, plan: FloorPlan) -> ExploreEnv:
     )
 
 
-def _explore(
-    env: ExploreEnv, plan: FloorPlan, arguments: WatchArguments, make_explorer: MakeExplorer
-) -> Iterator[dict[str, Any]]:
+def _explore(env: ExploreEnv, plan: FloorPlan, arguments: WatchArguments) -> Iterator[dict[str, Any]]:
     """Step through the exploration; yields the environment's info after each step."""
+    from slamgym.agents.registry import make_explorer
+
     explorer = make_explorer(arguments.explorer, env.explorer_context(), arguments.seed)
     observation, info = env.reset(seed=arguments.seed)
     yield info
@@ -126,6 +136,8 @@ def _explore(
 
 def _write_film(arguments: WatchArguments, env: ExploreEnv, steps: Iterator[dict[str, Any]]) -> None:
     """Write every n-th step as a frame; the file appears when it is complete."""
+    from slamgym.viz.films import open_film
+
     assert arguments.out is not None
     stride = max(1, round(arguments.speed / arguments.fps / env.config.control_step))
     with open_film(arguments.out, arguments.fps) as show:

@@ -32,3 +32,20 @@ class PlanError(InputFileError):
 
 class ConfigError(SlamgymError):
     """A setting has an unknown name or a value that makes no sense."""
+
+
+class ActionError(SlamgymError):
+    """An action is not one of the environment's.
+
+    Args:
+        action: What was given to ``step``.
+        expected: What should have been given, in words.
+    """
+
+    def __init__(self, action: object, expected: str) -> None:
+        super().__init__(f"step() takes {expected}, not {action!r}")
+        self.action = action
+        self.expected = expected
+
+    def __reduce__(self) -> tuple[type, tuple[object, str]]:
+        return type(self), (self.action, self.expected)

@@ -2,7 +2,6 @@
 
 from pathlib import Path
 
-import cv2
 import numpy as np
 
 from slamgym.core.errors import InputFileError
@@ -12,6 +11,8 @@ from slamgym.core.types import ByteArray
 
 def encode_png(image: ByteArray) -> bytes:
     """The content of a PNG file, of shape (rows, cols) or (rows, cols, 3) in OpenCV's order of channels."""
+    import cv2
+
     return bytes(cv2.imencode(".png", image)[1])
 
 
@@ -21,6 +22,8 @@ def read_png(path: Path) -> ByteArray:
     Raises:
         InputFileError: If it is missing or no picture.
     """
+    import cv2
+
     data = np.frombuffer(read_bytes(path), dtype=np.uint8)
     try:
         image = cv2.imdecode(data, cv2.IMREAD_UNCHANGED) if data.size else None

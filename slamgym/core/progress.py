@@ -1,13 +1,15 @@
 """Progress of a long run: a bar in a terminal, a line now and then elsewhere."""
 
+from __future__ import annotations
+
 import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+if TYPE_CHECKING:
+    from rich.console import Console
 
 LINE_INTERVAL = 15.0
 """Time between two lines where there is no terminal [s]."""
@@ -60,6 +62,8 @@ def show_progress(label: str, done: int, total: int) -> Iterator[Advance]:
         done: How many exist already.
         total: How many there shall be.
     """
+    from rich.console import Console
+
     meter = Meter(done, total)
     console = Console(stderr=True)
     show = _bar if console.is_terminal else _lines
@@ -69,6 +73,8 @@ def show_progress(label: str, done: int, total: int) -> Iterator[Advance]:
 
 @contextmanager
 def _bar(console: Console, label: str, meter: Meter) -> Iterator[Advance]:
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
     columns = (
         TextColumn("{task.description}"),
         BarColumn(),

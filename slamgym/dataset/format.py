@@ -24,22 +24,24 @@ Convention: everything but ``plan.json`` is in the ``map`` frame: its origin is 
 axes are parallel to the world's, so a world point is ``start + map point``. The grid's row 0 is at the top.
 """
 
+from __future__ import annotations
+
 import hashlib
 import json
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
-from slamgym.cad import write_houseexpo
 from slamgym.core.errors import InputFileError
 from slamgym.core.files import read_bytes, write_bytes
 from slamgym.core.png import read_png
 from slamgym.core.types import ByteArray
 from slamgym.dataset.record import PairRecord
 from slamgym.dataset.shard import shard_folders
-from slamgym.envs.episode import Episode
-from slamgym.interop import write_carmen, write_ros_map, write_tum
+
+if TYPE_CHECKING:
+    from slamgym.envs.episode import Episode
 
 FORMAT_VERSION = 2
 SIDES: tuple[Literal["A"], Literal["B"]] = ("A", "B")
@@ -193,6 +195,9 @@ def write_episode(folder: Path, episode: Episode) -> bytes:
     Raises:
         InputFileError: If a file can't be written.
     """
+    from slamgym.cad import write_houseexpo
+    from slamgym.interop import write_carmen, write_ros_map, write_tum
+
     write_houseexpo(folder / "plan.json", episode.plan)
     write_ros_map(folder, episode.slam_map)
     write_tum(folder / "truth.tum", episode.truth)

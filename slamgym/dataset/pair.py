@@ -1,13 +1,17 @@
 """From an exploration to a pair of images: A, what an architect drew, and B, what the robot believes."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 
-from slamgym.cad import FloorPlan
 from slamgym.core.config import Settings, Within
 from slamgym.core.types import UNKNOWN, ByteArray, GridFrame, OccupancyGrid, Pose2D
+
+if TYPE_CHECKING:
+    from slamgym.cad import FloorPlan
 
 
 class PairConfig(Settings, section="pair"):

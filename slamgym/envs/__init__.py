@@ -1,22 +1,5 @@
 """The Gymnasium environments."""
 
-from slamgym.envs.config import ExploreConfig, ObservationConfig
-from slamgym.envs.coverage import Coverage, ReachableFloor
-from slamgym.envs.episode_log import EpisodeLog
-from slamgym.envs.explore_env import ExploreEnv
-from slamgym.envs.explore_frontiers_env import DiscountByTermination, ExploreFrontiersEnv
-from slamgym.envs.rewards import RewardConfig, RewardFunction, StepRecord
+import lazy_loader as lazy
 
-__all__ = [
-    "Coverage",
-    "DiscountByTermination",
-    "EpisodeLog",
-    "ExploreConfig",
-    "ExploreEnv",
-    "ExploreFrontiersEnv",
-    "ObservationConfig",
-    "ReachableFloor",
-    "RewardConfig",
-    "RewardFunction",
-    "StepRecord",
-]
+__getattr__, __dir__, __all__ = lazy.attach_stub(__name__, __file__)

@@ -7,9 +7,9 @@ from typing import Any
 import gymnasium as gym
 
 from slamgym.cad import FloorPlan
-from slamgym.commands.warmup import announce_compilation
 from slamgym.core.config import suggest
 from slamgym.core.errors import ConfigError, PlanError
+from slamgym.core.jit import announce_compilation
 from slamgym.core.types import ByteArray, LaserScan, Pose2D
 from slamgym.envs.assessment import Assessment
 from slamgym.envs.completion import CompletionDetector
@@ -21,7 +21,7 @@ from slamgym.envs.plan_cache import PlanCache, PlansArgument, PreparedPlan, Rese
 from slamgym.envs.rewards import Reward, RewardFunction
 from slamgym.envs.simulation import Actions, Simulation, Streams
 from slamgym.planning import ExplorerContext
-from slamgym.sim import Clutter, Lidar, make_clutter
+from slamgym.sim import Clutter, Lidar, cast_rays, make_clutter
 from slamgym.slam import Mapper
 from slamgym.viz.exploration import Renderer
 from slamgym.viz.window import Window
@@ -141,7 +141,7 @@ class ExploreEnv(gym.Env[Observation, Any]):
     ) -> None:
         if render_mode is not None and render_mode not in RENDER_MODES:
             raise ConfigError(f"unknown render_mode {render_mode!r}; {suggest(render_mode, RENDER_MODES)}")
-        announce_compilation()
+        announce_compilation(cast_rays)
         self.config = resolve_config(config, settings)
         self.render_mode = render_mode
         self.metadata = {**self.metadata, "render_fps": round(self.config.lidar.rate)}

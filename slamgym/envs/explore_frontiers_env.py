@@ -9,7 +9,7 @@ import numpy as np
 from gymnasium import spaces
 
 from slamgym.core.config import from_dict
-from slamgym.core.errors import ConfigError
+from slamgym.core.errors import ActionError, ConfigError
 from slamgym.core.types import BoolArray
 from slamgym.envs.config import ExploreConfig, resolve_config
 from slamgym.envs.explore_env import RENDER_MODES, ExploreEnv
@@ -20,15 +20,10 @@ from slamgym.envs.frontier_features import (
     frontier_observation_space,
 )
 from slamgym.envs.plan_cache import PlansArgument
-from slamgym.envs.rewards import RewardConfig, RewardFunction
+from slamgym.envs.rewards import FRONTIER_REWARD, RewardFunction
 from slamgym.planning.frontier_driver import DriverConfig, FrontierDriver
 
 Observation = dict[str, Any]
-
-DEFAULT_REWARD = RewardConfig(
-    coverage_gain=0.0, time=0.02, collision=0.01, completion=0.0, shaping=2.0, discount=1.0
-)
-"""A fiftieth per second, and potential-based coverage so that progress shows at once."""
 
 DEFAULT_TIME_LIMIT = 1200.0
 """Most homes are explored within 600 s; the limit is there for those that go round in circles [s]."""
@@ -115,7 +110,7 @@ class ExploreFrontiersEnv(gym.Env[Observation, np.int64]):
     ) -> None:
         if not 0.0 < discount <= 1.0:
             raise ConfigError(f"discount must lie in (0, 1], not {discount}")
-        config = config or ExploreConfig(reward=DEFAULT_REWARD, time_limit=DEFAULT_TIME_LIMIT)
+        config = config or ExploreConfig(reward=FRONTIER_REWARD, time_limit=DEFAULT_TIME_LIMIT)
         asked = resolve_config(config, settings)
         self.driver_config = (
             from_dict(DriverConfig, driver, "driver")
@@ -173,9 +168,7 @@ class ExploreFrontiersEnv(gym.Env[Observation, np.int64]):
         info["reward_terms"] = {}
         reward, truncated = 0.0, False
         if not self._is_over and driver.candidates:
-            index = int(action)
-            if not 0 <= index < self.driver_config.max_candidates:
-                raise gym.error.InvalidAction(f"action {action} is not in {self.action_space}")
+            index = self._row(action)
             index = index if index < len(driver.candidates) else 0
             self.inner.note_exposure(float(self._exposures[index]))
             chosen = driver.choose(index)
@@ -190,6 +183,21 @@ class ExploreFrontiersEnv(gym.Env[Observation, np.int64]):
             info["is_success"] = terminated
         observation, info = self._observe(info, driver.time - begin)
         return observation, reward, terminated, truncated and not terminated, info
+
+    def _row(self, action: Any) -> int:
+        """The candidate's row that an action names.
+
+        Raises:
+            ActionError: If there is no such row.
+        """
+        rows = self.driver_config.max_candidates
+        try:
+            index = int(action)
+        except (TypeError, ValueError):
+            index = -1
+        if not 0 <= index < rows:
+            raise ActionError(action, f"the row of a frontier, a whole number from 0 to {rows - 1}")
+        return index
 
     def action_masks(self) -> BoolArray:
         """Which actions choose a candidate, shape (K,); sb3-contrib asks for it by this name."""

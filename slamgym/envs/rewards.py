@@ -157,6 +157,11 @@ class RewardConfig(Settings, section="reward"):
     """Gamma in the shaping; must be the learner's."""
 
 
+FRONTIER_REWARD = RewardConfig(
+    coverage_gain=0.0, time=0.02, collision=0.01, completion=0.0, shaping=2.0, discount=1.0
+)
+"""Of ``ExploreFrontiersEnv``: a fiftieth per second, and potential-based coverage so that progress shows at once."""
+
 FUNCTIONS: dict[str, RewardFunction] = {
     "coverage_gain": coverage_gain,
     "information_gain": information_gain,

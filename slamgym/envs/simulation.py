@@ -5,12 +5,20 @@ from typing import Any, NamedTuple
 import numpy as np
 from gymnasium import spaces
 
+from slamgym.core.errors import ActionError
 from slamgym.core.geometry import between
 from slamgym.core.types import FloatArray, LaserScan, Pose2D, Twist2D
 from slamgym.envs.config import ExploreConfig
 from slamgym.envs.plan_cache import PreparedPlan
 from slamgym.sim import Lidar, Motion, WheelOdometry
 from slamgym.slam import make_mapper
+
+EXPECTED_ACTIONS = {
+    "normalized": "two numbers in [-1, 1], shares of the highest speed and of the highest turning rate",
+    "physical": "two numbers, the speed [m/s] and the turning rate [rad/s]",
+    "discrete": "0 (ahead), 1 (turn left) or 2 (turn right)",
+}
+"""What the actions of each setting are, for the error about others."""
 
 
 class Actions:
@@ -22,21 +30,31 @@ class Actions:
 
     def __init__(self, config: ExploreConfig) -> None:
         linear, angular = config.robot.max_linear, config.robot.max_angular
+        self._kind = config.actions
         self._scale = (linear, angular) if config.actions == "normalized" else (1.0, 1.0)
-        self._commands: tuple[Twist2D, ...] = ()
+        self._commands: dict[int, Twist2D] = {}
         self.space: spaces.Space[Any]
         if config.actions == "discrete":
-            self._commands = (Twist2D(linear, 0.0), Twist2D(0.0, angular), Twist2D(0.0, -angular))
+            turns = Twist2D(0.0, angular), Twist2D(0.0, -angular)
+            self._commands = dict(enumerate((Twist2D(linear, 0.0), *turns)))
             self.space = spaces.Discrete(len(self._commands))
         else:
             high = np.array([linear, angular]) / self._scale
             self.space = spaces.Box(-high.astype(np.float32), high.astype(np.float32), dtype=np.float32)
 
     def to_command(self, action: Any) -> Twist2D:
-        """The velocity that an action asks for; the world cuts off what exceeds the robot's limits."""
-        if self._commands:
-            return self._commands[int(action)]
-        return Twist2D(float(action[0]) * self._scale[0], float(action[1]) * self._scale[1])
+        """The velocity that an action asks for; the world cuts off what exceeds the robot's limits.
+
+        Raises:
+            ActionError: If it is of another kind than the actions of the space.
+        """
+        try:
+            if self._commands:
+                return self._commands[int(action)]
+            linear, angular = action
+            return Twist2D(float(linear) * self._scale[0], float(angular) * self._scale[1])
+        except (TypeError, ValueError, KeyError):
+            raise ActionError(action, EXPECTED_ACTIONS[self._kind]) from None
 
 
 class Streams(NamedTuple):

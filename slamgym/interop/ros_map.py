@@ -11,7 +11,6 @@ import math
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 import yaml
 
@@ -201,6 +200,8 @@ def _origin(path: Path, description: dict[str, Any]) -> tuple[float, float]:
 
 def _read_grey(path: Path) -> tuple[ByteArray, Any]:
     """The image as grey values and the mask of its transparent pixels."""
+    import cv2
+
     try:
         encoded = np.frombuffer(path.read_bytes(), np.uint8)
     except OSError as error:

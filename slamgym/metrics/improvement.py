@@ -6,7 +6,6 @@ The comparison of the paper's Table I and Fig. 6, with the intervals and tests t
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import binomtest, wilcoxon
 
 from slamgym.core.intervals import Interval, mean_interval, ratio_of_means, wilson_interval
 from slamgym.core.types import FloatArray
@@ -43,6 +42,8 @@ def improvement(mse1: FloatArray, mse2: FloatArray, groups: list[str] | None = N
     Raises:
         ValueError: If there is no map, or the lengths differ.
     """
+    from scipy.stats import binomtest, wilcoxon
+
     mse1, mse2 = np.asarray(mse1, dtype=np.float64), np.asarray(mse2, dtype=np.float64)
     if mse1.shape != mse2.shape or mse1.ndim != 1 or len(mse1) == 0:
         raise ValueError(

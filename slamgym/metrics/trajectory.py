@@ -7,7 +7,6 @@ section 5.4.
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2
 
 from slamgym.core.geometry import transform_poses, wrap_angle
 from slamgym.core.types import BoolArray, FloatArray, Pose2D, Trajectory
@@ -177,6 +176,8 @@ def nees_interval(num_runs: int, dimensions: int = 3, probability: float = 0.95)
         dimensions: Of the error.
         probability: Of a consistent filter lying inside.
     """
+    from scipy.stats import chi2
+
     tail = 0.5 * (1.0 - probability)
     degrees = num_runs * dimensions
     return float(chi2.ppf(tail, degrees)) / num_runs, float(chi2.ppf(1.0 - tail, degrees)) / num_runs

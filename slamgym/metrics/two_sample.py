@@ -13,7 +13,6 @@ from typing import Any, Literal
 
 import numpy as np
 from scipy.spatial.distance import cdist
-from scipy.stats import ks_2samp, wasserstein_distance
 
 from slamgym.core.errors import ConfigError
 from slamgym.core.intervals import mean_interval
@@ -58,6 +57,8 @@ def two_sample_test(
     Raises:
         ConfigError: If there are fewer plans than folds.
     """
+    from scipy.stats import ks_2samp
+
     names = list(first[0])
     X = np.array([[row[name] for name in names] for row in [*first, *second]])
     y = np.array([0] * len(first) + [1] * len(second))
@@ -145,6 +146,8 @@ def statistic_distances(first: list[dict[str, float]], second: list[dict[str, fl
         first: Statistics of each map of the reference; all with the same names.
         second: Those of the other kind.
     """
+    from scipy.stats import wasserstein_distance
+
     distances = {}
     for name in first[0]:
         a, b = np.array([row[name] for row in first]), np.array([row[name] for row in second])

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import Annotated
 
-import cv2
 import numpy as np
 
 from slamgym.core.config import NonNegative, Positive, Settings, Within
@@ -84,6 +83,8 @@ def footprint_radii(corners: Sequence[tuple[float, float]]) -> tuple[float, floa
     Raises:
         ConfigError: If the origin doesn't lie inside the footprint.
     """
+    import cv2
+
     polygon = np.asarray(corners, dtype=np.float32)
     inscribed = cv2.pointPolygonTest(polygon, (0.0, 0.0), True) if len(polygon) >= 3 else -1.0
     if inscribed <= 0.0:

@@ -10,7 +10,6 @@ import math
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
-import cv2
 import numpy as np
 
 from slamgym.core.types import (
@@ -81,6 +80,8 @@ def reachable_space(
             Lite's own rule: a neighbour is entered if it costs no more than the cell. It can't climb over the
             saddle of cost in an inflated doorway.
     """
+    import cv2
+
     row, col = costmap.frame.to_cell(pose.x, pose.y)
     descending = rule == "descending"
     limit = FREE_COST + 1 if descending else INSCRIBED_COST
@@ -168,6 +169,8 @@ def occluded_views(
         Where to stand and what point of the region to look at [m]; the largest region first, and of each
         region the nearest places first.
     """
+    import cv2
+
     resolution, frame = costmap.frame.resolution, costmap.frame
     cut_off = (costmap.costs < LETHAL_COST) & ~reachable.mask.reshape(costmap.costs.shape)
     opened = cv2.morphologyEx(cut_off.astype(np.uint8), cv2.MORPH_OPEN, np.ones((5, 5), np.uint8))
@@ -217,6 +220,8 @@ def _frontiers(
     min_size: float,
 ) -> list[Frontier]:
     """Collect and describe the frontiers of a flooded grid."""
+    import cv2
+
     # Only cells beside a frontier matter to the search, which are few.
     unknown = (costs == NO_INFORMATION).view(np.uint8)
     opened = open_cells.reshape(costs.shape).view(np.uint8)

@@ -16,8 +16,8 @@ from slamgym.cad import FloorPlan, read_houseexpo
 from slamgym.core.errors import ConfigError, PlanError, SlamgymError
 from slamgym.core.files import StorageError
 from slamgym.core.parallel.backlog import Lost
-from slamgym.dataset import DatasetConfig, EpisodeConfig, Layout, build_dataset, load_pair, read_manifest
-from slamgym.envs import ExploreConfig
+from slamgym.dataset import DatasetConfig, Layout, build_dataset, load_pair, read_manifest
+from slamgym.envs import EpisodeConfig, ExploreConfig
 from slamgym.interop import read_carmen, read_ros_map, read_tum
 from slamgym.metrics import absolute_trajectory_error
 from slamgym.slam import SlamConfig

@@ -13,12 +13,12 @@ from slamgym.cad import FloorPlan
 from slamgym.commands import cli
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.types import GridFrame, OccupancyGrid
-from slamgym.dataset import DatasetConfig, EpisodeConfig, Layout, build_dataset, read_manifest
+from slamgym.dataset import DatasetConfig, Layout, build_dataset, read_manifest
 from slamgym.dataset.curate.cleaning import CleanConfig, CleanReport, clean_maps
 from slamgym.dataset.curate.map_items import open_items
 from slamgym.dataset.curate.verdicts import Verdict, read_verdicts, write_verdicts
 from slamgym.dataset.faults import MapFault
-from slamgym.envs import ExploreConfig
+from slamgym.envs import EpisodeConfig, ExploreConfig
 from slamgym.interop import write_ros_map
 from slamgym.slam import SlamConfig
 

@@ -6,9 +6,9 @@ import json
 import cv2
 import numpy as np
 import pytest
+from slamgym.commands.dataset.table import COMMANDS
 
 from slamgym.commands import cli
-from slamgym.commands.dataset.table import COMMANDS
 from slamgym.dataset.folder import open_dataset
 from slamgym.dataset.format import Layout, read_manifest
 from slamgym.dataset.record import Slot

@@ -28,9 +28,9 @@ from slamgym.core.parallel.backlog import MAX_ATTEMPTS, Lost
 from slamgym.core.parallel.engine import open_engine
 from slamgym.core.parallel.ray import IN_FLIGHT_PER_CPU
 from slamgym.core.parallel.ray_cluster import check_address
-from slamgym.dataset import DatasetConfig, EpisodeConfig, Layout, build_dataset, read_manifest
+from slamgym.dataset import DatasetConfig, Layout, build_dataset, read_manifest
 from slamgym.dataset.generate.build import Execution
-from slamgym.envs import ExploreConfig
+from slamgym.envs import EpisodeConfig, ExploreConfig
 from slamgym.slam import SlamConfig
 
 CPUS = 2
@@ -180,7 +180,7 @@ def test_a_killed_driver_s_run_is_completed_by_the_next(cluster, tmp_path):
     assert cli.main([*options, "--out", str(local), "--pairs", "16", "--workers", "1"]) == 0
     command = [*options, "--out", str(out), "--pairs", "16", "--engine", "ray", "--address", cluster]
     driver = subprocess.Popen(
-        [sys.executable, "-m", "slamgym.commands.cli", *command],
+        [sys.executable, "-m", "slamgym", *command],
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
     )

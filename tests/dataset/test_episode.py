@@ -5,8 +5,7 @@ from shapely import box
 from slamgym.agents.registry import make_explorer
 from slamgym.cad import FloorPlan
 from slamgym.core.errors import ConfigError, PlanError
-from slamgym.dataset import EpisodeConfig, run_episode
-from slamgym.envs import ExploreConfig
+from slamgym.envs import EpisodeConfig, ExploreConfig, run_episode
 from slamgym.envs.episode import time_limit
 from slamgym.sim import odometry_level
 from slamgym.slam import SlamConfig

@@ -140,7 +140,7 @@ def test_ctrl_c_keeps_what_is_done(plans, tmp_path):
     command = [
         sys.executable,
         "-m",
-        "slamgym.commands.cli",
+        "slamgym",
         *arguments(plans, out, "--pairs", "500", "--workers", "2"),
     ]
     # Where the tests run in the background of a shell, they and their children are born deaf to Ctrl-C.

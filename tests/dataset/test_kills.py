@@ -233,7 +233,7 @@ def test_a_run_killed_many_times_loses_nothing(plans, steady, tmp_path):
 @pytest.mark.skipif(not Path("/proc").is_dir(), reason="finds the workers in /proc")
 def test_two_workers_and_their_driver_killed_lose_nothing(plans, steady, tmp_path):
     root, rng = tmp_path / "out", random.Random(1)
-    command = [sys.executable, "-m", "slamgym.commands.cli", *arguments(plans, root, 2)]
+    command = [sys.executable, "-m", "slamgym", *arguments(plans, root, 2)]
     driver = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     # One worker while both are at work, the other when there are pairs, then the driver.
     for pairs in (1, 4):

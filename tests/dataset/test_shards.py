@@ -15,12 +15,12 @@ from slamgym.commands import cli
 from slamgym.commands.dataset import merge as merge_command
 from slamgym.core.errors import ConfigError, PlanError
 from slamgym.core.files import StorageError, exclusive_lock
-from slamgym.dataset import DatasetConfig, EpisodeConfig, Layout, build_dataset, read_manifest
+from slamgym.dataset import DatasetConfig, Layout, build_dataset, read_manifest
 from slamgym.dataset.check import check_dataset
 from slamgym.dataset.generate.build import Execution
 from slamgym.dataset.merge import merge_shards
 from slamgym.dataset.shard import WHOLE, Shard, shard_folders
-from slamgym.envs import ExploreConfig
+from slamgym.envs import EpisodeConfig, ExploreConfig
 from slamgym.slam import SlamConfig
 
 PAIRS, COUNT = 9, 3

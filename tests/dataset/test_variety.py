@@ -11,9 +11,9 @@ from slamgym.cad import FloorPlan, write_houseexpo
 from slamgym.commands import cli
 from slamgym.core.config import from_dict
 from slamgym.core.errors import ConfigError
-from slamgym.dataset import DatasetConfig, EpisodeConfig, Layout, build_dataset, read_manifest
+from slamgym.dataset import DatasetConfig, Layout, build_dataset, read_manifest
 from slamgym.dataset.generate.recipe import Recipe, parse_recipe
-from slamgym.envs import ExploreConfig
+from slamgym.envs import EpisodeConfig, ExploreConfig
 from slamgym.slam import SlamConfig
 
 BASE = EpisodeConfig(minutes=0.2, env=ExploreConfig(slam=SlamConfig(particles=3)))

@@ -10,7 +10,7 @@ from gymnasium.utils.env_checker import check_env, data_equivalence
 
 import slamgym  # noqa: F401 - registers the environments
 from slamgym.cad import FloorPlan
-from slamgym.core.errors import ConfigError, PlanError
+from slamgym.core.errors import ActionError, ConfigError, PlanError
 from slamgym.core.geometry import between
 from slamgym.core.types import UNKNOWN, Pose2D
 from slamgym.envs import ExploreConfig, ExploreEnv
@@ -360,3 +360,32 @@ def test_a_map_made_without_errors_has_none_but_its_cells(flat):
     # A hit lies anywhere in its 5 cm cell; the centre is then 1.25 cm away in the mean for a wall parallel to
     # the grid, and the distance field rounds by up to half of its own cell.
     assert 0.0 < info["map_error"] < 0.026
+
+
+@pytest.mark.parametrize(
+    ("kind", "wrong", "expected"),
+    [
+        ("normalized", [1], r"step\(\) takes two numbers in \[-1, 1\], .*, not \[1\]"),
+        ("normalized", 0.5, "two numbers"),
+        ("normalized", None, "two numbers"),
+        ("normalized", ["fast", 0.0], "two numbers"),
+        ("physical", np.zeros(3, np.float32), "the speed .* and the turning rate"),
+        ("discrete", 3, r"0 \(ahead\), 1 \(turn left\) or 2 \(turn right\), not 3"),
+        ("discrete", -1, "not -1"),
+        ("discrete", (1.0, 0.0), "0 .ahead."),
+    ],
+)
+def test_a_wrong_action_is_one_clear_error(hall: FloorPlan, kind: str, wrong: object, expected: str) -> None:
+    env = ExploreEnv(hall, localization="ground_truth", actions=kind)
+    env.reset(seed=0)
+    with pytest.raises(ActionError, match=expected) as caught:
+        env.step(wrong)
+    assert str(pickle.loads(pickle.dumps(caught.value))) == str(caught.value)
+
+
+def test_a_wrong_choice_of_frontier_is_one_clear_error(hall: FloorPlan) -> None:
+    env = gym.make("slamgym/ExploreFrontiers-v0", plans=hall, localization="ground_truth").unwrapped
+    env.reset(seed=0)
+    for wrong in (16, -1, [1, 2], "left"):
+        with pytest.raises(ActionError, match="a whole number from 0 to 15, not"):
+            env.step(wrong)

@@ -10,8 +10,8 @@ from gymnasium.utils.env_checker import check_env
 
 from slamgym.core.errors import ConfigError
 from slamgym.envs import DiscountByTermination, ExploreFrontiersEnv
-from slamgym.envs.explore_frontiers_env import DEFAULT_REWARD
 from slamgym.envs.frontier_features import CANDIDATE_FEATURES, GLOBAL_FEATURES, action_mask, exposures
+from slamgym.envs.rewards import FRONTIER_REWARD
 
 SMALL = {"observation": {"map_size": 24.0}, "localization": "ground_truth"}
 
@@ -102,7 +102,7 @@ def test_undiscounted_shaping_and_time_make_up_the_reward(env):
     seen = end["coverage"] - begin["coverage"]
     duration = end["time"] - begin["time"]
     contacts = sum(info["reward_terms"].get("collision", 0.0) for _, _, info in steps[1:])
-    expected = DEFAULT_REWARD.shaping * seen - DEFAULT_REWARD.time * duration + contacts
+    expected = FRONTIER_REWARD.shaping * seen - FRONTIER_REWARD.time * duration + contacts
     assert sum(reward for _, reward, _ in steps) == pytest.approx(expected, abs=1e-6)
 
 
@@ -142,7 +142,7 @@ def test_observations_hold_no_truth(two_room_plan):
     plain = ExploreFrontiersEnv(two_room_plan, **SMALL)
     measured = ExploreFrontiersEnv(
         two_room_plan,
-        reward=dataclasses.replace(DEFAULT_REWARD, map_error=5.0),
+        reward=dataclasses.replace(FRONTIER_REWARD, map_error=5.0),
         reward_terms={"mine": (1.0, lambda step: step.coverage)},
         **SMALL,
     )

@@ -7,8 +7,7 @@ import pytest
 
 from slamgym.agents.registry import make_explorer
 from slamgym.cad import open_plans
-from slamgym.dataset import EpisodeConfig
-from slamgym.envs import ExploreConfig
+from slamgym.envs import EpisodeConfig, ExploreConfig
 from slamgym.envs.episode import run_episode
 from slamgym.interop.records import Log
 from slamgym.slam import SlamConfig

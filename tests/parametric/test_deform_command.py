@@ -10,7 +10,6 @@ from slamgym.cad.floorplan import FloorPlan
 from slamgym.cad.houseexpo import write_houseexpo
 from slamgym.commands.deform import main
 from slamgym.core.errors import ConfigError, InputFileError, PlanError, SlamgymError
-from slamgym.core.types import Trajectory
 from slamgym.interop import read_ros_map, read_tum, write_tum
 from slamgym.parametric.paths import plan_trajectory, read_waypoints
 
@@ -69,28 +68,8 @@ def test_a_recorded_path_and_an_explorer(plan_file, tmp_path, tour) -> None:
     recorded = tmp_path / "recorded.tum"
     write_tum(recorded, tour.as_trajectory())
     main([str(plan_file), "-o", str(tmp_path / "a"), "--trajectory", str(recorded), "--resolution", "0.1"])
-    calls = []
-
-    def record_path(plan: FloorPlan, name: str, seed: int, make_explorer: object) -> Trajectory:
-        calls.append((plan.id, name, seed, make_explorer))
-        return tour.as_trajectory()
-
-    main(
-        [
-            str(plan_file),
-            "-o",
-            str(tmp_path / "b"),
-            "--explorer",
-            "nearest",
-            "--seed",
-            "5",
-            "--resolution",
-            "0.1",
-        ],
-        make_explorer="factory",
-        record_path=record_path,
-    )
-    assert calls == [("flat", "nearest", 5, "factory")]
+    by_explorer = ("--explorer", "nearest", "--seed", "5", "--resolution", "0.1")
+    main([str(plan_file), "-o", str(tmp_path / "b"), *by_explorer])
     assert len(read_tum(tmp_path / "b/000/true.tum")) > 20
 
 
@@ -126,7 +105,7 @@ def test_bad_trajectories_give_one_clear_error_and_write_nothing(plan_file, tmp_
         (["--size", "3"], "--size must be 16 px or more"),
         (["--seed", "-4"], "--seed must be 0 or more"),
         (["--prm", "--explorer", "nearest"], "exclude each other"),
-        (["--explorer", "nearest"], "--explorer needs the agents package"),
+        (["--explorer", "nearst"], "no explorer 'nearst'; did you mean 'nearest'"),
         (["--trajectory", "missing.csv"], "missing.csv"),
         (["--calibration", "missing.json"], "missing.json"),
         (["--plan-id", "nowhere"], "has no plan 'nowhere'"),

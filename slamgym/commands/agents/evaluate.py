@@ -1,29 +1,29 @@
 """``slamgym agents evaluate``: explorers on the same plans, starts and seeds."""
 
+from __future__ import annotations
+
 import dataclasses
 import os
 import sys
 from dataclasses import field
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
-from slamgym.agents.evaluation.evaluate import EvaluationConfig, evaluate
-from slamgym.agents.evaluation.report import write_report
-from slamgym.agents.evaluation.trial import TrialConfig
-from slamgym.agents.plan_splits import Split
 from slamgym.agents.registry import EXPLORERS
-from slamgym.cad import open_plans
-from slamgym.cad.generator import PlanGeneratorConfig
 from slamgym.cad.plan_filter import PlanFilter
-from slamgym.cad.sources import PlanSource, ProceduralSource
+from slamgym.commands.extras import Extra, require
 from slamgym.core.config import Arguments, Count, CountOrZero, Positive
 from slamgym.core.errors import ConfigError
 from slamgym.core.progress import say
-from slamgym.envs import ExploreConfig
-from slamgym.sim import ClutterConfig, LidarConfig, OdometryLevel, RobotConfig, odometry_level
+from slamgym.sim import ClutterConfig, LidarConfig, OdometryLevel, RobotConfig
 from slamgym.slam import SlamConfig
+
+if TYPE_CHECKING:
+    from slamgym.agents.evaluation.evaluate import EvaluationConfig
+    from slamgym.agents.plan_splits import Split
+    from slamgym.cad.sources import PlanSource
 
 OFFICES = "offices"
 
@@ -85,6 +85,11 @@ class EvaluateArguments(Arguments):
 def main(argv: list[str]) -> int:
     """Run the command; returns the exit code."""
     arguments = tyro.cli(EvaluateArguments, args=argv, prog="slamgym agents evaluate")
+    from slamgym.agents.evaluation.evaluate import evaluate
+    from slamgym.agents.evaluation.report import write_report
+
+    if arguments.plot:
+        require(Extra("agents", ("matplotlib",)), "--plot (or give --no-plot)")
     config = evaluation_config(arguments)
     filmed = _filmed(arguments, config)
     source = open_source(arguments.plans)
@@ -113,6 +118,11 @@ def evaluation_config(arguments: EvaluateArguments) -> EvaluationConfig:
     Raises:
         ConfigError: If a setting makes no sense, or the reference is not among the explorers.
     """
+    from slamgym.agents.evaluation.evaluate import EvaluationConfig
+    from slamgym.agents.evaluation.trial import TrialConfig
+    from slamgym.envs import ExploreConfig
+    from slamgym.sim import odometry_level
+
     explorers = tuple(name.strip() for name in arguments.explorers.split(",") if name.strip())
     split: Split | None = None if arguments.split == "all" else arguments.split
     env = ExploreConfig(
@@ -141,6 +151,10 @@ def evaluation_config(arguments: EvaluateArguments) -> EvaluationConfig:
 
 def open_source(spec: str) -> PlanSource:
     """Plans as :func:`slamgym.cad.open_plans` opens them, or generated offices."""
+    from slamgym.cad import open_plans
+    from slamgym.cad.generator import PlanGeneratorConfig
+    from slamgym.cad.sources import ProceduralSource
+
     name, _, seed = spec.partition(":")
     if name != OFFICES:
         return open_plans(spec)

@@ -8,10 +8,8 @@ from typing import Annotated
 
 import tyro
 
-from slamgym.agents.rl.reward_presets import PRESETS
-from slamgym.agents.rl.reward_shaping import OWN, ShapingConfig, own_term, run_shaping
-from slamgym.agents.rl.shaping_report import write_shaping_report
-from slamgym.commands.agents.extra import require_torch
+from slamgym.agents.rl.reward_shaping import ShapingConfig
+from slamgym.commands.extras import LEARNING, require
 from slamgym.core.config import Arguments
 from slamgym.core.errors import ConfigError
 from slamgym.core.progress import say
@@ -41,13 +39,17 @@ def main(argv: list[str]) -> int:
     """Run the command; returns the exit code."""
     arguments = tyro.cli(ShapeArguments, args=argv, prog="slamgym agents shape")
     if arguments.list:
+        from slamgym.agents.rl.reward_presets import PRESETS
+
         width = max(map(len, PRESETS))
         for name, preset in PRESETS.items():
             sys.stdout.write(f"{name:<{width}}  {preset.about}\n")
         return 0
     if arguments.out is None:
         raise ConfigError("give the folder of the experiment: -o FOLDER (or --list to see the presets)")
-    require_torch("slamgym agents shape")
+    require(LEARNING, "slamgym agents shape")
+    from slamgym.agents.rl.reward_shaping import OWN, own_term, run_shaping
+    from slamgym.agents.rl.shaping_report import write_shaping_report
     from slamgym.agents.rl.train import train
 
     config, term = arguments.config, None

@@ -7,7 +7,6 @@ from typing import Annotated
 import tyro
 
 from slamgym.agents.rl.train_config import TrainConfig
-from slamgym.commands.agents.extra import require_torch
 from slamgym.core.config import Arguments
 from slamgym.core.progress import say
 
@@ -29,7 +28,6 @@ class TrainArguments(Arguments):
 def main(argv: list[str]) -> int:
     """Run the command; returns the exit code."""
     arguments = tyro.cli(TrainArguments, args=argv, prog="slamgym agents train")
-    require_torch("slamgym agents train")
     from slamgym.agents.rl.train import POLICY, train
 
     train(arguments.config, arguments.out)

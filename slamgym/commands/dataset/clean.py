@@ -1,5 +1,7 @@
 """``slamgym dataset clean``: decide which maps are complete and true enough to keep."""
 
+from __future__ import annotations
+
 import contextlib
 import dataclasses
 import hashlib
@@ -7,7 +9,7 @@ import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import field
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 import tyro
@@ -17,28 +19,14 @@ from slamgym.core.errors import ConfigError
 from slamgym.core.files import exclusive_lock
 from slamgym.core.progress import say
 from slamgym.core.types import FloatArray
-from slamgym.dataset.curate.cleaning import Classifier, CleanConfig, CleanReport, clean_maps
-from slamgym.dataset.curate.completeness_model import (
-    PRETRAINED_MODEL,
-    CompletenessModel,
-    ProbabilityScore,
-    TreesConfig,
-    cross_fit,
-)
+from slamgym.dataset.curate.completeness_model import TreesConfig
 from slamgym.dataset.curate.criteria import Criteria, StuckFilter
-from slamgym.dataset.curate.decisions import (
-    DECISIONS_FILE,
-    Decision,
-    check_decisions,
-    combine,
-    read_decisions,
-    store_decisions,
-    stored_decisions,
-)
-from slamgym.dataset.curate.map_items import MapItem, open_items
-from slamgym.dataset.curate.snapshots import label_maps
-from slamgym.dataset.curate.verdicts import VERDICTS_FILE
-from slamgym.dataset.format import Layout
+
+if TYPE_CHECKING:
+    from slamgym.dataset.curate.cleaning import Classifier, CleanConfig, CleanReport
+    from slamgym.dataset.curate.completeness_model import ProbabilityScore
+    from slamgym.dataset.curate.decisions import Decision
+    from slamgym.dataset.curate.map_items import MapItem
 
 
 class CleanArguments(Arguments):
@@ -89,6 +77,9 @@ class CleanArguments(Arguments):
 def main(argv: list[str]) -> int:
     """Run the command; returns the exit code."""
     arguments = tyro.cli(CleanArguments, args=argv, prog="slamgym dataset clean")
+    from slamgym.dataset.curate.cleaning import CleanConfig, clean_maps
+    from slamgym.dataset.curate.map_items import open_items
+
     config = CleanConfig(
         by=arguments.by,
         band=arguments.keep_band,
@@ -109,6 +100,8 @@ def main(argv: list[str]) -> int:
 @contextlib.contextmanager
 def _locked(root: Path) -> Iterator[None]:
     """Keep other writers out of a dataset; folders of maps from elsewhere have no lock."""
+    from slamgym.dataset.format import Layout
+
     if not Layout(root).manifest.is_file():
         yield
         return
@@ -118,6 +111,15 @@ def _locked(root: Path) -> Iterator[None]:
 
 def _decisions(arguments: CleanArguments, items: Sequence[MapItem]) -> dict[str, Decision]:
     """What people decided before and now; what is new is stored."""
+    from slamgym.dataset.curate.decisions import (
+        DECISIONS_FILE,
+        check_decisions,
+        combine,
+        read_decisions,
+        store_decisions,
+        stored_decisions,
+    )
+
     root, digests = arguments.dataset, {item.name: item.digest for item in items}
     stored = stored_decisions(root)
     check_decisions(stored.values(), digests, str(root / DECISIONS_FILE))
@@ -142,6 +144,8 @@ def _decisions(arguments: CleanArguments, items: Sequence[MapItem]) -> dict[str,
 
 def _classifier(arguments: CleanArguments, items: Sequence[MapItem]) -> tuple[Classifier, dict[str, Any]]:
     """What predicts the probabilities, and what to note about it."""
+    from slamgym.dataset.curate.completeness_model import PRETRAINED_MODEL, CompletenessModel
+
     if arguments.train:
         return _train(arguments, items)
     path = arguments.model or PRETRAINED_MODEL
@@ -155,6 +159,9 @@ def _classifier(arguments: CleanArguments, items: Sequence[MapItem]) -> tuple[Cl
 
 
 def _train(arguments: CleanArguments, items: Sequence[MapItem]) -> tuple[Classifier, dict[str, Any]]:
+    from slamgym.dataset.curate.completeness_model import cross_fit
+    from slamgym.dataset.curate.snapshots import label_maps
+
     records = [item.record for item in items if item.record is not None]
     if not records:
         raise ConfigError(f"{arguments.dataset}: --train needs pairs of which the truth is known")
@@ -179,6 +186,8 @@ def _train(arguments: CleanArguments, items: Sequence[MapItem]) -> tuple[Classif
 
 def _print(root: Path, report: CleanReport, config: CleanConfig) -> None:
     """Say what was kept, what not and why, and how far the classifier can be trusted."""
+    from slamgym.dataset.curate.verdicts import VERDICTS_FILE
+
     total = len(report.verdicts)
     lines = [f"{root}: {total} maps, {report.kept} kept ({100.0 * report.kept / max(total, 1):.1f} %)"]
     for reason, count in report.reasons().items():

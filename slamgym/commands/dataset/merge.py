@@ -1,13 +1,17 @@
 """``slamgym dataset merge``: put the shards of a dataset together."""
 
+from __future__ import annotations
+
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import tyro
 
 from slamgym.core.config import Arguments
-from slamgym.dataset.merge import MergeReport, merge_shards
-from slamgym.dataset.statistics import describe_pairs
+
+if TYPE_CHECKING:
+    from slamgym.dataset.merge import MergeReport
 
 _SHOWN = 5
 
@@ -27,6 +31,9 @@ class MergeArguments(Arguments):
 def main(argv: list[str]) -> int:
     """Run the command; returns the exit code."""
     arguments = tyro.cli(MergeArguments, args=argv, prog="slamgym dataset merge")
+    from slamgym.dataset.merge import merge_shards
+    from slamgym.dataset.statistics import describe_pairs
+
     report = merge_shards(arguments.root)
     sys.stdout.write(_describe(report) + "\n" + describe_pairs(arguments.root) + "\n")
     return 0

@@ -1,9 +1,11 @@
 """``slamgym dataset render``: make uniform square images for training."""
 
+from __future__ import annotations
+
 import sys
 from dataclasses import field
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
@@ -11,11 +13,10 @@ from slamgym.core.config import Arguments, CountOrZero
 from slamgym.core.errors import ConfigError
 from slamgym.core.parallel.backlog import available_cores
 from slamgym.core.progress import say
-from slamgym.dataset.curate.split import current_split, split_path
-from slamgym.dataset.images.format import SPLITS, read_images
-from slamgym.dataset.images.render import Selection, render_images, select_pairs
 from slamgym.dataset.images.square_images import ImageConfig
-from slamgym.dataset.record import require_parquet, write_parquet
+
+if TYPE_CHECKING:
+    from slamgym.dataset.images.render import Selection
 
 
 class RenderArguments(Arguments):
@@ -43,6 +44,9 @@ class RenderArguments(Arguments):
 def main(argv: list[str]) -> int:
     """Run the command; returns the exit code."""
     arguments = tyro.cli(RenderArguments, args=argv, prog="slamgym dataset render")
+    from slamgym.dataset.images.format import read_images
+    from slamgym.dataset.record import require_parquet, write_parquet
+
     if arguments.parquet:
         require_parquet()
     workers = arguments.workers or available_cores()
@@ -62,6 +66,10 @@ def render_and_report(
         InputFileError: If a file of the dataset is missing or malformed.
         StorageError: If the folder can't be written.
     """
+    from slamgym.dataset.curate.split import current_split, split_path
+    from slamgym.dataset.images.format import SPLITS
+    from slamgym.dataset.images.render import render_images
+
     selection = _select(dataset, min_coverage)
     if not split_path(dataset).is_file():
         say("The dataset has no split.json yet; making one (`slamgym dataset split` sets its options).")
@@ -74,6 +82,8 @@ def render_and_report(
 
 
 def _select(dataset: Path, min_coverage: float | None) -> Selection:
+    from slamgym.dataset.images.render import select_pairs
+
     selection = select_pairs(dataset, min_coverage)
     total = len(selection.kept) + len(selection.left_out)
     if "by" not in selection.rule and min_coverage is None:

@@ -12,11 +12,7 @@ from slamgym.core.config import Arguments, Count
 from slamgym.core.errors import InputFileError
 from slamgym.core.files import write_text
 from slamgym.core.progress import say
-from slamgym.dataset.curate.cleaning import CleanConfig
-from slamgym.dataset.curate.decisions import stored_decisions
-from slamgym.dataset.curate.map_items import open_items
-from slamgym.dataset.curate.review import Which, choose_entries, make_review_page
-from slamgym.dataset.curate.verdicts import SUMMARY_FILE, VERDICTS_FILE, read_verdicts
+from slamgym.dataset.curate.review import Which
 
 
 class ReviewArguments(Arguments):
@@ -40,6 +36,11 @@ class ReviewArguments(Arguments):
 def main(argv: list[str]) -> int:
     """Run the command; returns the exit code."""
     arguments = tyro.cli(ReviewArguments, args=argv, prog="slamgym dataset review")
+    from slamgym.dataset.curate.decisions import stored_decisions
+    from slamgym.dataset.curate.map_items import open_items
+    from slamgym.dataset.curate.review import choose_entries, make_review_page
+    from slamgym.dataset.curate.verdicts import VERDICTS_FILE, read_verdicts
+
     root = arguments.dataset
     items = open_items(root)
     verdicts = read_verdicts(root)
@@ -67,6 +68,9 @@ def main(argv: list[str]) -> int:
 
 def _band(root: Path) -> tuple[float, float]:
     """The band that the last cleaning used."""
+    from slamgym.dataset.curate.cleaning import CleanConfig
+    from slamgym.dataset.curate.verdicts import SUMMARY_FILE
+
     path = root / SUMMARY_FILE
     try:
         summary: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))

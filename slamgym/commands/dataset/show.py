@@ -1,9 +1,11 @@
 """``slamgym dataset show``: draw pairs for people to look at."""
 
+from __future__ import annotations
+
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 import tyro
@@ -11,13 +13,10 @@ import tyro
 from slamgym.core.config import Arguments, Count, suggest
 from slamgym.core.errors import ConfigError
 from slamgym.core.types import ByteArray
-from slamgym.dataset.format import read_manifest
-from slamgym.dataset.images.check import is_image_folder
-from slamgym.dataset.images.format import ImageRecord, load_images, read_images
-from slamgym.dataset.record import PairRecord
-from slamgym.dataset.statistics import sheet_entries
-from slamgym.viz.canvas import write_picture
-from slamgym.viz.sheets import Card, draw_contact_sheet, draw_sheet
+
+if TYPE_CHECKING:
+    from slamgym.dataset.images.format import ImageRecord
+    from slamgym.dataset.record import PairRecord
 
 Order = Literal["index", "ate", "map_error", "coverage", "robot_seconds", "area", "collisions"]
 LOWEST_FIRST = ("index", "coverage")
@@ -53,6 +52,13 @@ class ShowArguments(Arguments):
 def main(argv: list[str]) -> int:
     """Run the command; returns the exit code."""
     arguments = tyro.cli(ShowArguments, args=argv, prog="slamgym dataset show")
+    from slamgym.dataset.format import read_manifest
+    from slamgym.dataset.images.check import is_image_folder
+    from slamgym.dataset.images.format import read_images
+    from slamgym.dataset.statistics import sheet_entries
+    from slamgym.viz.canvas import write_picture
+    from slamgym.viz.sheets import draw_contact_sheet
+
     output = arguments.out or arguments.folder / "contact_sheet.png"
     if is_image_folder(arguments.folder):
         images = read_images(arguments.folder)
@@ -112,6 +118,9 @@ def _named(records: Sequence[Any], name: str) -> list[Any]:
 
 def _draw_images(arguments: ShowArguments, records: Sequence[ImageRecord]) -> ByteArray:
     """A sheet of rendered pairs as they are, with their names."""
+    from slamgym.dataset.images.format import load_images
+    from slamgym.viz.sheets import Card, draw_sheet
+
     cards = [
         Card(
             load_images(arguments.folder, record),

@@ -5,10 +5,8 @@ from pathlib import Path
 
 import tyro
 
-from slamgym.cad.sources import read_ids
 from slamgym.core.config import Arguments, CountOrZero
 from slamgym.core.parallel.backlog import available_cores
-from slamgym.dataset.curate.split import make_split, split_path
 
 
 class SplitArguments(Arguments):
@@ -33,6 +31,9 @@ class SplitArguments(Arguments):
 def main(argv: list[str]) -> int:
     """Run the command; returns the exit code."""
     arguments = tyro.cli(SplitArguments, args=argv, prog="slamgym dataset split")
+    from slamgym.cad.sources import read_ids
+    from slamgym.dataset.curate.split import make_split, split_path
+
     forced = read_ids(arguments.test_plans) if arguments.test_plans is not None else []
     workers = arguments.workers or available_cores()
     table = make_split(

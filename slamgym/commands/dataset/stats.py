@@ -1,17 +1,20 @@
 """``slamgym dataset stats``: what lies in a dataset."""
 
+from __future__ import annotations
+
 import json
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import tyro
-from rich.console import Console
-from rich.table import Table
 
 from slamgym.core.config import Arguments, to_dict
-from slamgym.dataset.format import read_manifest
-from slamgym.dataset.record import require_parquet, write_parquet
-from slamgym.dataset.statistics import DatasetStatistics, GroupStatistics, dataset_statistics
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from slamgym.dataset.statistics import DatasetStatistics, GroupStatistics
 
 STATISTICS_COLUMNS = (
     "", "pairs", "plans", "robot h", "complete [%]", "kept [%]", "coverage p5, p50 [%]", "ATE p50, p95 [m]",
@@ -38,6 +41,10 @@ class StatsArguments(Arguments):
 def main(argv: list[str]) -> int:
     """Run the command; returns the exit code."""
     arguments = tyro.cli(StatsArguments, args=argv, prog="slamgym dataset stats")
+    from slamgym.dataset.format import read_manifest
+    from slamgym.dataset.record import require_parquet, write_parquet
+    from slamgym.dataset.statistics import dataset_statistics
+
     if arguments.parquet is not None:
         require_parquet()
     statistics = dataset_statistics(arguments.dataset)
@@ -52,6 +59,8 @@ def main(argv: list[str]) -> int:
 
 def _print(statistics: DatasetStatistics) -> None:
     # A table that is cut off says less than one whose lines a terminal wraps.
+    from rich.console import Console
+
     console = Console(file=sys.stdout, width=max(Console().width, TABLE_WIDTH), highlight=False)
     console.print(_table(statistics))
     total = sum(statistics.bytes.values())
@@ -70,6 +79,8 @@ def _print(statistics: DatasetStatistics) -> None:
 
 
 def _table(statistics: DatasetStatistics) -> Table:
+    from rich.table import Table
+
     table = Table(title=statistics.dataset, title_justify="left")
     for number, column in enumerate(STATISTICS_COLUMNS):
         table.add_column(column, justify="right" if number else "left", no_wrap=number == 0)

@@ -1,6 +1,5 @@
 """What the commands of ``slamgym gan`` take: parsed before torch or scikit-learn is imported, so that help is fast."""
 
-import importlib.util
 import sys
 from dataclasses import field
 from pathlib import Path
@@ -8,8 +7,9 @@ from typing import Annotated, Literal
 
 import tyro
 
+from slamgym.commands.extras import Extra, require
 from slamgym.core.config import Arguments, Count, CountOrZero, NonNegative, Positive, Within
-from slamgym.core.errors import InputFileError, SlamgymError
+from slamgym.core.errors import InputFileError
 from slamgym.gan.config import DeviceName, MemoryLayout, Precision
 
 
@@ -153,7 +153,6 @@ class PublishArguments(Arguments):
 def train_command(argv: list[str]) -> int:
     """``slamgym gan train``; returns the exit code."""
     arguments = tyro.cli(TrainTranslatorArguments, args=argv, prog="slamgym gan train")
-    require_gan_extra("torch", "safetensors")
     from slamgym.commands.gan.train import run_training
 
     return run_training(arguments, argv)
@@ -162,7 +161,6 @@ def train_command(argv: list[str]) -> int:
 def translate_command(argv: list[str]) -> int:
     """``slamgym gan translate``; returns the exit code."""
     arguments = tyro.cli(TranslateArguments, args=argv, prog="slamgym gan translate")
-    require_gan_extra("torch", "safetensors")
     from slamgym.commands.gan.translate import run_translation
 
     return run_translation(arguments)
@@ -171,7 +169,7 @@ def translate_command(argv: list[str]) -> int:
 def evaluate_command(argv: list[str]) -> int:
     """``slamgym gan evaluate``; returns the exit code."""
     arguments = tyro.cli(EvaluateTranslatorsArguments, args=argv, prog="slamgym gan evaluate")
-    require_gan_extra("torch", "safetensors", "sklearn", "matplotlib")
+    require(Extra("gan", ("sklearn", "matplotlib")), "slamgym gan evaluate")
     from slamgym.commands.gan.evaluate import run_evaluation
 
     return run_evaluation(arguments)
@@ -180,23 +178,9 @@ def evaluate_command(argv: list[str]) -> int:
 def publish_command(argv: list[str]) -> int:
     """``slamgym gan publish``; returns the exit code."""
     arguments = tyro.cli(PublishArguments, args=argv, prog="slamgym gan publish")
-    require_gan_extra("torch", "safetensors")
     from slamgym.gan.weights import PRETRAINED_FOLDER, publish
 
     folder = arguments.out or PRETRAINED_FOLDER
     path = publish(arguments.run, arguments.name, arguments.data, arguments.command, folder)
     sys.stdout.write(f"{path}\n")
     return 0
-
-
-def require_gan_extra(*packages: str) -> None:
-    """Refuse with one sentence where a package of the extra ``gan`` is missing, before any work begins.
-
-    Raises:
-        SlamgymError: If one of them isn't installed.
-    """
-    for package in packages:
-        if importlib.util.find_spec(package) is None:
-            raise SlamgymError(
-                f"the package {package!r} is missing; install the extra: pip install 'slamgym[gan]'"
-            )

@@ -10,7 +10,6 @@ Convention: maps have the values of ROS map_server (0, 205, 254). No feature cha
 turned by 90 degrees or given a wider margin.
 """
 
-import cv2
 import numpy as np
 
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, BoolArray, ByteArray, FloatArray
@@ -41,7 +40,7 @@ Waffle Pi is 0.22 m, and the walls of a map are smeared by a cell."""
 SPIKE_WIDTH = 0.2
 """Free space narrower than this is no floor [m]: a beam that went astray clears a spike through the wall."""
 
-_CROSS = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
+_CROSS = np.array([[0, 1, 0], [1, 1, 1], [0, 1, 0]], np.uint8)
 
 
 def completeness_features(cells: ByteArray, resolution: float) -> FloatArray:
@@ -106,6 +105,8 @@ def crop_to_known(cells: ByteArray, margin_px: int) -> ByteArray | None:
 
 def without_spikes(free: BoolArray, resolution: float) -> BoolArray:
     """The free space without what is narrower than :data:`SPIKE_WIDTH` (a morphological opening)."""
+    import cv2
+
     side = 2 * round(0.5 * SPIKE_WIDTH / resolution) + 1
     opened = cv2.morphologyEx(free.astype(np.uint8), cv2.MORPH_OPEN, np.ones((side, side), np.uint8))
     return np.asarray(opened, dtype=np.bool_)
@@ -121,6 +122,8 @@ def inside_hull(mask: BoolArray, margin_px: int) -> BoolArray:
         mask: (rows, cols), with at least one true cell.
         margin_px: How far it grows, along rows and columns.
     """
+    import cv2
+
     side = 2 * margin_px + 1
     grown = cv2.dilate(mask.astype(np.uint8), np.ones((side, side), np.uint8)) > 0
     rows = np.flatnonzero(grown.any(axis=1))
@@ -158,6 +161,8 @@ def euler_number(mask: BoolArray) -> int:
     true cell, of three, and of two on a diagonal (Gray, Local properties of binary images in two dimensions,
     IEEE Trans. Computers 20(5), 1971).
     """
+    import cv2
+
     padded = np.pad(mask.astype(np.uint8), 1)
     code = padded[:-1, :-1] | padded[:-1, 1:] << 1 | padded[1:, :-1] << 2 | padded[1:, 1:] << 3
     count = cv2.calcHist([code], [0], None, [16], [0, 16]).ravel().astype(np.int64)
@@ -169,6 +174,8 @@ def euler_number(mask: BoolArray) -> int:
 
 def count_parts(mask: BoolArray) -> int:
     """Number of 8-connected parts."""
+    import cv2
+
     return int(cv2.connectedComponents(mask.astype(np.uint8), connectivity=8)[0]) - 1
 
 
@@ -194,6 +201,8 @@ def open_frontier(
     Returns:
         Number of the cells, and of those in the largest 8-connected piece.
     """
+    import cv2
+
     frontier = (cv2.dilate(floor.astype(np.uint8), _CROSS) > 0) & unknown
     rows, cols = np.nonzero(frontier)
     radius = int(FRONTIER_CLEARANCE / resolution)

@@ -1,14 +1,19 @@
 """What makes a map fit for a dataset: coverage, error, and that the robot didn't get stuck."""
 
+from __future__ import annotations
+
 import dataclasses
 import math
+from typing import TYPE_CHECKING
 
 from slamgym.core.config import NonNegative, Positive, Settings, Share
 from slamgym.core.errors import ConfigError
 from slamgym.core.types import FloatArray
-from slamgym.dataset.curate.completeness import FEATURES
 from slamgym.dataset.faults import MapFault
-from slamgym.dataset.record import GOOD_COVERAGE, PairRecord
+from slamgym.dataset.record import GOOD_COVERAGE
+
+if TYPE_CHECKING:
+    from slamgym.dataset.record import PairRecord
 
 STUCK_PATH = 1.0
 """A robot that drove less than this got stuck, by the truth [m]: some three times its own length."""
@@ -76,6 +81,8 @@ class StuckFilter(Settings):
             features: Of the map, shape (15,).
             resolution: [m/px].
         """
+        from slamgym.dataset.curate.completeness import FEATURES
+
         values = dict(zip(FEATURES, features.tolist(), strict=True))
         area, ratio = values["free_area"], values["occupied_per_free"] * 0.05 / resolution
         if area == 0.0:

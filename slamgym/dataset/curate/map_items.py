@@ -11,7 +11,6 @@ from slamgym.core.types import ByteArray, OccupancyGrid
 from slamgym.dataset.format import Layout, load_pair, read_manifest, require_manifest
 from slamgym.dataset.record import PairRecord
 from slamgym.dataset.shard import shard_folders
-from slamgym.interop import read_ros_map
 
 MAP_IMAGE_SUFFIXES = (".png", ".pgm")
 
@@ -83,6 +82,8 @@ def _pair_item(root: Path, record: PairRecord) -> MapItem:
 
 
 def _map_item(root: Path, path: Path) -> MapItem:
+    from slamgym.interop import read_ros_map
+
     name = path.relative_to(root).with_suffix("").as_posix()
     content = path.read_bytes()
     for suffix in MAP_IMAGE_SUFFIXES:

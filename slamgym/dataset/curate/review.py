@@ -1,5 +1,7 @@
 """The page on which a person judges doubtful maps: one HTML file with everything in it."""
 
+from __future__ import annotations
+
 import base64
 import hashlib
 import html
@@ -8,16 +10,17 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
-import cv2
 import numpy as np
 
 from slamgym.core.types import FREE, UNKNOWN, ByteArray
 from slamgym.dataset.curate.decisions import DECISIONS_FORMAT, DECISIONS_VERSION, Decision
 from slamgym.dataset.curate.map_items import MapItem
 from slamgym.dataset.curate.verdicts import Verdict
-from slamgym.dataset.record import PairRecord
+
+if TYPE_CHECKING:
+    from slamgym.dataset.record import PairRecord
 
 Which = Literal["doubtful", "disagreements", "dropped", "kept", "all"]
 
@@ -157,6 +160,8 @@ def _extent(shown: np.ndarray, axis: int) -> slice:
 
 
 def _png(image: ByteArray) -> str:
+    import cv2
+
     encoded = cv2.imencode(".png", image, [cv2.IMWRITE_PNG_COMPRESSION, 9])[1]
     return base64.b64encode(encoded.tobytes()).decode()
 

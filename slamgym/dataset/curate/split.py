@@ -13,15 +13,12 @@ from typing import Any
 
 import numpy as np
 
-from slamgym.cad import read_houseexpo
 from slamgym.core.config import from_dict, suggest, to_dict
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.files import read_bytes, replace_file
-from slamgym.core.parallel.engine import run_tasks
 from slamgym.core.progress import show_progress
 from slamgym.core.seeding import uniform_share
 from slamgym.core.types import Float32Array
-from slamgym.dataset.curate.near_duplicates import near_duplicates, plan_print
 from slamgym.dataset.format import Layout, read_manifest
 from slamgym.dataset.images.format import Split
 from slamgym.dataset.record import PairRecord
@@ -82,6 +79,8 @@ def make_split(
         ConfigError: If the share is none, or a forced plan is not in the dataset.
         InputFileError: If a file of the dataset is missing or malformed.
     """
+    from slamgym.dataset.curate.near_duplicates import near_duplicates
+
     if not 0.0 <= test <= 1.0:
         raise ConfigError(f"the share of test plans must lie in [0, 1], not {test}")
     first = first_records(read_manifest(root))
@@ -169,6 +168,8 @@ def first_records(records: Iterator[PairRecord]) -> dict[str, PairRecord]:
 
 def read_prints(root: Path, records: Sequence[PairRecord], workers: int) -> tuple[Float32Array, Any]:
     """Prints (N, SIDE, SIDE) and longer sides (N,) [m] of the plans of some pairs."""
+    from slamgym.core.parallel.engine import run_tasks
+
     layout = Layout(root)
     paths = [layout.episode(record.name) / "plan.json" for record in records]
     chunks = [(start, paths[start : start + _CHUNK]) for start in range(0, len(paths), _CHUNK)]
@@ -184,6 +185,9 @@ def read_prints(root: Path, records: Sequence[PairRecord], workers: int) -> tupl
 
 
 def _read_chunk(chunk: tuple[int, list[Path]]) -> tuple[int, list[tuple[Float32Array, float]]]:
+    from slamgym.cad import read_houseexpo
+    from slamgym.dataset.curate.near_duplicates import plan_print
+
     start, paths = chunk
     found = []
     for path in paths:

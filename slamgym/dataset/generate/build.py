@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from slamgym.cad import PlanSource
-from slamgym.commands.warmup import kernels_are_compiled, warm_up
+from slamgym.core.jit import is_compiled
 from slamgym.core.parallel.backlog import Lost
 from slamgym.core.parallel.engine import EngineName, open_engine
 from slamgym.core.progress import show_progress
@@ -22,6 +22,8 @@ from slamgym.dataset.generate.recipe import DatasetConfig, dataset_settings
 from slamgym.dataset.generate.schedule import SlotQueue
 from slamgym.dataset.shard import WHOLE, Shard
 from slamgym.envs.episode import MakeExplorer, check_explorer
+from slamgym.envs.warmup import warm_up
+from slamgym.sim import cast_rays
 
 
 @dataclass(frozen=True)
@@ -90,7 +92,7 @@ def build_dataset(
     root = Path(root) if shard == WHOLE else Path(root) / shard.folder_name
     for explorer in config.recipe.values("explorer") or [config.episode.explorer]:
         check_explorer(plans, dataclasses.replace(config.episode, explorer=explorer), make_explorer)
-    if not kernels_are_compiled():
+    if not is_compiled(cast_rays):
         warm_up()  # here, once, rather than in every worker
     with (
         open_engine(execution.engine, execution.workers, execution.address) as engine,

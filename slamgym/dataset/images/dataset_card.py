@@ -10,7 +10,6 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-import yaml
 
 from slamgym import __version__
 from slamgym.core.files import replace_file
@@ -53,6 +52,8 @@ def write_card(
 def _card(
     records: Sequence[ImageRecord], left_out: Mapping[str, MapFault], settings: Mapping[str, Any], source: str
 ) -> str:
+    import yaml
+
     present = [split for split in SPLITS if any(record.split == split for record in records)]
     head = {
         "pretty_name": "SLAM/CAD map pairs",

@@ -6,15 +6,14 @@ occupied cell lies in it, which leaves walls as thin as pixels allow and never b
 smaller, each shows the cell at its centre. Between unknown and free the larger share of the area decides.
 """
 
-import math
-from typing import Annotated, Any, Literal
+from __future__ import annotations
 
-import cv2
+import math
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
 import numpy as np
 from numpy.typing import NDArray
 
-from slamgym.cad import FloorPlan
-from slamgym.cad.floorplan import fill_segments
 from slamgym.core.config import CountOrZero, NonNegative, Settings, Within
 from slamgym.core.errors import ConfigError, SlamgymError
 from slamgym.core.types import (
@@ -29,6 +28,9 @@ from slamgym.core.types import (
 )
 from slamgym.dataset.curate.completeness import SPIKE_WIDTH
 from slamgym.dataset.faults import MapFault
+
+if TYPE_CHECKING:
+    from slamgym.cad import FloorPlan
 
 Bounds = tuple[float, float, float, float]
 _SUB = 3  # the plan is drawn so many times finer to measure distances from its faces
@@ -117,6 +119,8 @@ def mapped_bounds(grid: OccupancyGrid) -> Bounds | None:
 
     The spikes of beams that went astray reach far beyond the building and don't count.
     """
+    import cv2
+
     frame, step = grid.frame, grid.frame.resolution
     width = max(1, math.ceil(SPIKE_WIDTH / step))
     free = np.pad((grid.cells == FREE).astype(np.uint8), width)
@@ -160,6 +164,10 @@ def draw_plan_image(
     Returns:
         Shape ``frame.shape``.
     """
+    import cv2
+
+    from slamgym.cad.floorplan import fill_segments
+
     rows, cols = frame.shape
     fine = GridFrame(frame.resolution / _SUB, frame.origin_x, frame.origin_y, rows * _SUB, cols * _SUB)
     inside = fill_segments(plan.segments() - np.array([*start, *start]), fine)

@@ -1,0 +1,3 @@
+from .registry import EXPLORERS, make_explorer
+
+__all__ = ["EXPLORERS", "make_explorer"]

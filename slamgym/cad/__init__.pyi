@@ -1,0 +1,31 @@
+from .floorplan import Door, FloorPlan, Room, check_plan, robot_space
+from .generator import PlanGeneratorConfig, generate_plan
+from .houseexpo import format_houseexpo, parse_houseexpo, read_houseexpo, write_houseexpo
+from .image_plan import read_image_plan, read_ros_plan, trace_plan
+from .plan_filter import Rejection, Rejections, usable_plans
+from .sources import PlanGroup, PlanSource, open_plan_mix, open_plans, plan_groups
+
+__all__ = [
+    "Door",
+    "FloorPlan",
+    "PlanGeneratorConfig",
+    "PlanGroup",
+    "PlanSource",
+    "Rejection",
+    "Rejections",
+    "Room",
+    "check_plan",
+    "format_houseexpo",
+    "generate_plan",
+    "open_plan_mix",
+    "open_plans",
+    "parse_houseexpo",
+    "plan_groups",
+    "read_houseexpo",
+    "read_image_plan",
+    "read_ros_plan",
+    "robot_space",
+    "trace_plan",
+    "usable_plans",
+    "write_houseexpo",
+]

@@ -1,0 +1,24 @@
+from .config import ExploreConfig, ObservationConfig
+from .coverage import Coverage, ReachableFloor
+from .episode import Episode, EpisodeConfig, run_episode
+from .episode_log import EpisodeLog
+from .explore_env import ExploreEnv
+from .explore_frontiers_env import DiscountByTermination, ExploreFrontiersEnv
+from .rewards import RewardConfig, RewardFunction, StepRecord
+
+__all__ = [
+    "Episode",
+    "EpisodeConfig",
+    "run_episode",
+    "Coverage",
+    "DiscountByTermination",
+    "EpisodeLog",
+    "ExploreConfig",
+    "ExploreEnv",
+    "ExploreFrontiersEnv",
+    "ObservationConfig",
+    "ReachableFloor",
+    "RewardConfig",
+    "RewardFunction",
+    "StepRecord",
+]

@@ -1,0 +1,22 @@
+from .config import ParametricConfig, preset
+from .model import Deformation, deform
+from .paths import plan_trajectory, read_waypoints, trajectory_from_file
+from .trajectory import TimedTrajectory, Waypoints, drive, from_recorded
+from .warp import densify, invert, warp
+
+__all__ = [
+    "Deformation",
+    "ParametricConfig",
+    "TimedTrajectory",
+    "Waypoints",
+    "deform",
+    "densify",
+    "drive",
+    "from_recorded",
+    "invert",
+    "plan_trajectory",
+    "preset",
+    "read_waypoints",
+    "trajectory_from_file",
+    "warp",
+]

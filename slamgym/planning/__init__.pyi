@@ -1,0 +1,53 @@
+from .context import ExplorerContext
+from .costmap import (
+    Costmap,
+    CostmapConfig,
+    clear_seen,
+    crop_known,
+    footprint_radii,
+    free_body,
+    make_costmap,
+    mark_obstacles,
+)
+from .frontiers import (
+    Frontier,
+    Reachable,
+    expected_gain,
+    find_frontiers,
+    occluded_views,
+    reachable_space,
+    wavefront_frontiers,
+)
+from .grid_path import GridPath, path_costs, path_is_free, place_near, plan_path
+from .navigator import Goal, GoalStatus, Navigator, NavigatorConfig
+from .path_follower import FollowerConfig, PathFollower
+
+__all__ = [
+    "Costmap",
+    "CostmapConfig",
+    "ExplorerContext",
+    "FollowerConfig",
+    "Frontier",
+    "Goal",
+    "GoalStatus",
+    "GridPath",
+    "Navigator",
+    "NavigatorConfig",
+    "PathFollower",
+    "Reachable",
+    "clear_seen",
+    "crop_known",
+    "occluded_views",
+    "expected_gain",
+    "find_frontiers",
+    "footprint_radii",
+    "free_body",
+    "make_costmap",
+    "mark_obstacles",
+    "path_costs",
+    "path_is_free",
+    "place_near",
+    "plan_path",
+    "reachable_space",
+    "wavefront_frontiers",
+]

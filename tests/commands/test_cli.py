@@ -1,0 +1,161 @@
+"""The table of commands and what the user sees when something goes wrong."""
+
+import importlib
+import os
+import subprocess
+import sys
+
+import pytest
+
+from slamgym import __version__
+from slamgym.commands import cli, extras
+from slamgym.core.errors import InputFileError
+
+
+def groups(name="slamgym", group=cli.TABLE):
+    """Every group of commands by what the user types for it."""
+    yield name, group
+    for word, entry in group.commands.items():
+        if isinstance(entry, cli.Group):
+            yield from groups(f"{name} {word}", entry)
+
+
+GROUPS = dict(groups())
+COMMANDS = {
+    f"{name} {word}": command
+    for name, group in GROUPS.items()
+    for word, command in group.commands.items()
+    if isinstance(command, cli.Command)
+}
+
+
+def _raise(error):
+    def run(argv):
+        raise error
+
+    return run
+
+
+@pytest.fixture
+def command(monkeypatch):
+    """Registers a function as the command ``probe``."""
+
+    def register(function, extra=None):
+        module = type(sys)("slamgym.commands.probe")
+        module.run = function
+        monkeypatch.setitem(sys.modules, "slamgym.commands.probe", module)
+        monkeypatch.setitem(cli.TABLE.commands, "probe", cli.Command("probe:run", "a probe", extra))
+
+    return register
+
+
+@pytest.mark.parametrize("name", GROUPS)
+def test_the_help_lists_every_command_with_its_line(name, capsys):
+    for argv in ([], ["-h"], ["--help"], ["help"]):
+        assert cli.main([*name.split()[1:], *argv]) == 0
+        shown = capsys.readouterr().out
+        assert shown.startswith(f"usage: {name} <command>")
+        assert all(
+            f"  {word}" in shown and entry.help in shown for word, entry in GROUPS[name].commands.items()
+        )
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_every_command_exists(name):
+    module, function = COMMANDS[name].target.split(":")
+    assert callable(getattr(importlib.import_module(f"slamgym.commands.{module}"), function))
+
+
+def test_version(capsys):
+    assert cli.main(["--version"]) == 0
+    assert capsys.readouterr().out == f"slamgym {__version__}\n"
+
+
+@pytest.mark.parametrize(
+    ("typed", "nearest", "group"),
+    [
+        ("generat", "generate", "slamgym"),
+        ("agents trian", "train", "slamgym agents"),
+        ("dataset rendr", "render", "slamgym dataset"),
+        ("gan evalute", "evaluate", "slamgym gan"),
+    ],
+)
+def test_a_typo_gets_its_whole_name_and_the_nearest(typed, nearest, group, capsys):
+    assert cli.main(typed.split()) == 2
+    assert capsys.readouterr().err == (
+        f"slamgym: error: unknown command {typed!r}; did you mean {nearest!r}? ({group} --help lists them all)\n"
+    )
+
+
+def test_the_command_gets_the_rest_of_the_arguments_and_its_code_is_returned(command):
+    seen = []
+    command(lambda argv: seen.append(argv) or 7)
+    assert cli.main(["probe", "--a", "b"]) == 7
+    assert seen == [["--a", "b"]]
+
+
+def test_an_error_of_the_users_is_one_line(command, capsys):
+    command(_raise(InputFileError("plan.json", "is empty")))
+    assert cli.main(["probe"]) == 2
+    assert capsys.readouterr().err == "slamgym: error: plan.json: is empty\n"
+
+
+def test_ctrl_c_is_one_line_and_130(command, capsys):
+    command(_raise(KeyboardInterrupt()))
+    assert cli.main(["probe"]) == 130
+    assert capsys.readouterr().err == "slamgym: error: interrupted\n"
+
+
+def test_a_bug_keeps_its_traceback(command):
+    command(_raise(ZeroDivisionError()))
+    with pytest.raises(ZeroDivisionError):
+        cli.main(["probe"])
+
+
+def test_a_missing_extra_is_named_before_the_command_works(command, capsys):
+    command(_raise(AssertionError("the command ran")), cli.Extra("gan", ("sys", "no_such_package")))
+    assert cli.main(["probe", "--out", "x"]) == 2
+    assert capsys.readouterr().err == (
+        "slamgym: error: slamgym probe needs the package 'no_such_package'; "
+        "install it with: pip install 'slamgym[gan]'\n"
+    )
+
+
+@pytest.mark.parametrize(
+    ("typed", "missing", "extra"),
+    [
+        ("agents train -o run", "stable_baselines3", "agents"),
+        ("agents shape -o run", "torch", "agents"),
+        ("agents evaluate -o results", "matplotlib", "agents"),
+        ("gan translate map.png -o out.png", "safetensors", "gan"),
+        ("gan train images -o run", "torch", "gan"),
+        ("gan evaluate images -o results", "matplotlib", "gan"),
+        ("export-log episode -o bag --format rosbag2", "rosbags", "ros"),
+    ],
+)
+def test_each_command_names_its_extra_at_once(typed, missing, extra, monkeypatch, tmp_path, capsys):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(extras, "is_installed", lambda package: package != missing)
+    assert cli.main(typed.split()) == 2
+    error = capsys.readouterr().err
+    assert f"needs the package {missing!r}; install it with: pip install 'slamgym[{extra}]'" in error
+    assert error.count("\n") == 1
+    assert not list(tmp_path.iterdir())
+
+
+def test_what_needs_no_extra_works_without(monkeypatch, capsys):
+    monkeypatch.setattr(extras, "is_installed", lambda package: False)
+    assert cli.main(["agents", "shape", "--list"]) == 0
+    assert "coverage_only" in capsys.readouterr().out
+
+
+def test_a_reader_that_leaves_early_is_no_error():
+    read, write = os.pipe()
+    os.close(read)
+    process = subprocess.Popen(
+        [sys.executable, "-m", "slamgym", "--help"], stdout=write, stderr=subprocess.PIPE
+    )
+    os.close(write)
+    _, error = process.communicate(timeout=60)
+    assert process.returncode == cli.EXIT_BROKEN_PIPE
+    assert error == b""

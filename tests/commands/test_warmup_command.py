@@ -1,0 +1,97 @@
+"""Compiling the kernels: the command, the word about it, and where they are kept."""
+
+import os
+import pickle
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from slamgym.commands.cli import main
+from slamgym.core import jit
+from slamgym.sim import cast_rays
+
+KERNEL = """
+from slamgym.core.jit import kernel
+
+@kernel
+def inner(x):
+    return x + 1.0
+
+@kernel
+def outer(x):
+    return 2.0 * inner(x)
+"""
+
+
+@pytest.fixture
+def fresh():
+    jit.announce_compilation.cache_clear()
+
+
+def test_an_installation_without_compiled_kernels_says_so_once(fresh, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(jit, "kernel_cache", lambda function: tmp_path)
+    jit.announce_compilation(cast_rays)
+    jit.announce_compilation(cast_rays)
+    message = capsys.readouterr().err
+    assert message.count("\n") == 1
+    assert "compiling the numeric kernels, once" in message
+
+
+def test_compiled_kernels_need_no_word(fresh, tmp_path, monkeypatch, capsys):
+    (tmp_path / "raycast.cast_rays-1.py311.nbi").touch()
+    monkeypatch.setattr(jit, "kernel_cache", lambda function: tmp_path)
+    jit.announce_compilation(cast_rays)
+    assert capsys.readouterr().err == ""
+
+
+def test_warming_up_compiles_and_leaves_a_cache(capsys):
+    assert main(["warmup"]) == 0
+    assert jit.is_compiled(cast_rays)
+    assert str(jit.kernel_cache(cast_rays)) in capsys.readouterr().out
+
+
+def run_kernel(folder: Path, **environment: str) -> subprocess.CompletedProcess[str]:
+    (folder / "some_kernels.py").write_text(KERNEL)
+    code = "import some_kernels; print(some_kernels.outer(3.0))"
+    variables = {key: value for key, value in os.environ.items() if key != "NUMBA_CACHE_DIR"} | environment
+    return subprocess.run(
+        [sys.executable, "-B", "-c", code],
+        cwd=folder, capture_output=True, text=True, check=False, env=variables, timeout=300,
+    )  # fmt: skip
+
+
+def test_kernels_are_kept_in_a_temporary_folder_where_nothing_else_is_writable(tmp_path):
+    package, temporary = tmp_path / "package", tmp_path / "tmp"
+    package.mkdir()
+    temporary.mkdir()
+    # Files in the place of folders: not even root can write below them.
+    (package / "__pycache__").touch()
+    (tmp_path / "home").touch()
+    home = str(tmp_path / "home")
+    for _ in range(2):
+        done = run_kernel(package, HOME=home, XDG_CACHE_HOME=home, TMPDIR=str(temporary))
+        assert (done.returncode, done.stdout) == (0, "8.0\n"), done.stderr
+        (folder,) = temporary.iterdir()
+        assert done.stderr == f"slamgym: no cache folder is writable; compiled kernels are kept in {folder}\n"
+        assert folder.stat().st_mode & 0o777 == 0o700
+        assert list(folder.rglob("*.outer-*.nbi"))
+    # A folder that others can write to is not trusted.
+    shutil.rmtree(folder)
+    folder.mkdir()
+    folder.chmod(0o777)
+    done = run_kernel(package, HOME=home, XDG_CACHE_HOME=home, TMPDIR=str(temporary))
+    assert (done.returncode, done.stdout) == (0, "8.0\n"), done.stderr
+    assert not list(folder.iterdir())
+
+
+def test_kernels_are_kept_beside_the_sources_without_a_word(tmp_path):
+    done = run_kernel(tmp_path)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "8.0\n", "")
+    assert list((tmp_path / "__pycache__").glob("some_kernels.outer-*.nbi"))
+
+
+def test_a_kernel_is_pickled_by_its_name():
+    assert pickle.loads(pickle.dumps(cast_rays)) is cast_rays
