@@ -1,5 +1,4 @@
 import struct
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -157,7 +156,7 @@ class TestErrors:
     def test_scans_with_impossible_numbers_are_counted(
         self, tmp_path, records, geometry, storage, broken, fault
     ):
-        write_rosbag2(tmp_path / "bag", records, replace(geometry, **broken), storage=storage)
+        write_rosbag2(tmp_path / "bag", records, geometry._replace(**broken), storage=storage)
         with pytest.raises(InputFileError, match=f"no usable scan: 10 x scan left out because of {fault}"):
             open_log(tmp_path / "bag")
 

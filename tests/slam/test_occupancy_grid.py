@@ -7,11 +7,10 @@ from hypothesis import strategies as st
 
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, LaserGeometry, Pose2D
 from slamgym.slam.config import SlamConfig
-from slamgym.slam.hit_count_kernels import classify, coarsen, draw_scans
-from slamgym.slam.hit_counts import BeamTable
+from slamgym.slam.hit_count_kernels import BeamTable, classify_counts, draw_scans, regrid
 
 HALF, CELL = 120, 0.05
-BEAMS = BeamTable(
+BEAMS = BeamTable.of(
     LaserGeometry(90, -np.pi / 2, np.pi / 90, 0.12, 3.5, Pose2D(-0.06, 0.02, 0.3)), SlamConfig()
 )
 
@@ -19,10 +18,8 @@ BEAMS = BeamTable(
 def draw(poses, ranges, counts=None, sign=1):
     """Counts of a square round the origin, row 0 at the bottom."""
     counts = np.zeros((2 * HALF, 2 * HALF, 2), np.int32) if counts is None else counts
-    draw_scans(
-        counts, -HALF, -HALF, CELL, np.atleast_2d(poses), ranges, BEAMS.directions, BEAMS.mount,
-        BEAMS.range_min, BEAMS.range_max, BEAMS.usable, True, sign,
-    )  # fmt: skip
+    bounds = draw_scans(counts, (-HALF, -HALF), CELL, np.atleast_2d(poses), ranges, BEAMS, sign)
+    assert np.abs(bounds).max() < HALF * CELL  # else nothing would have been drawn
     return counts
 
 
@@ -74,7 +71,7 @@ def test_a_lone_beam_clears_its_way_and_hits_its_end():
     ranges[0, 45] = 1.0
     pose = np.array([[0.06, -0.02, -0.3]])  # the sensor at the origin but for the mount's turn, beams ahead
     cells = np.empty((2 * HALF, 2 * HALF), np.uint8)
-    classify(draw(pose, ranges), 0.25, cells)
+    classify_counts(draw(pose, ranges), 0.25, cells)
     assert np.count_nonzero(cells == OCCUPIED) == 1
     (row,), (col,) = np.nonzero(cells == OCCUPIED)
     assert np.hypot(row - HALF, col - HALF) * CELL == pytest.approx(1.0, abs=0.1)
@@ -98,14 +95,15 @@ def test_the_cells_of_a_ray_are_those_nearest_to_it(length, heading):
 
 
 @settings(max_examples=30)
-@given(seeds, st.integers(1, 4))
-def test_of_the_cells_in_a_coarse_one_occupied_wins_then_free(seed, ratio):
+@given(seeds, st.integers(1, 4), st.integers(-3, 3), st.integers(-3, 3))
+def test_of_the_cells_in_a_coarse_one_occupied_wins_then_free(seed, ratio, left, bottom):
     cells = np.random.default_rng(seed).choice(
         np.array([OCCUPIED, FREE, UNKNOWN], np.uint8), (12, 24), p=[0.1, 0.3, 0.6]
     )
     out = np.empty((12 // ratio, 24 // ratio), np.uint8)
-    coarsen(cells, -1.0, 2.0, CELL, -1.0, 2.0, ratio * CELL, out)
-    blocks = cells[: out.shape[0] * ratio, : out.shape[1] * ratio]
+    regrid(cells, float(left), float(bottom), float(ratio), out)
+    around = np.pad(cells, 3, constant_values=UNKNOWN)[3 + bottom :, 3 + left :]
+    blocks = around[: out.shape[0] * ratio, : out.shape[1] * ratio]
     blocks = blocks.reshape(out.shape[0], ratio, out.shape[1], ratio).swapaxes(1, 2)
     expected = np.where((blocks == FREE).any(axis=(2, 3)), FREE, UNKNOWN)
     expected[(blocks == OCCUPIED).any(axis=(2, 3))] = OCCUPIED

@@ -130,7 +130,8 @@ def test_a_write_to_one_map_never_changes_another(seed):
         writer = int(rng.integers(particles))
         before = [cells_of(maps, particle) for particle in range(particles)]
         pose, points = rng.uniform([-2, -2, -3], [2, 2, 3], (1, 3)), rng.uniform(-1.5, 1.5, (20, 2))
-        register_scan(maps.pool, maps.tables[writer : writer + 1], pose, points, maps.origin, 0.05, 0)
+        own = maps.tile_maps._replace(tables=maps.tables[writer : writer + 1])
+        assert register_scan(own, pose, points, 0) == 1
         check_accounts(maps)
         for particle in range(particles):
             unchanged = np.array_equal(cells_of(maps, particle), before[particle])

@@ -144,9 +144,14 @@ def matched(maps, predicted, points, config=MATCHERS["coarse_to_fine"], deviatio
     """Pose and log-likelihood of a scan, predicted with these standard deviations [m], [rad]."""
     poses, likelihoods = np.array([predicted], dtype=np.float64), np.zeros(1)
     match_particles(
-        maps.pool, maps.tables, poses, points, maps.origin, 0.05, deviations[0] ** 2, deviations[1] ** 2,
-        match_settings(config), likelihoods,
-    )  # fmt: skip
+        maps.tile_maps,
+        poses,
+        points,
+        deviations[0] ** 2,
+        deviations[1] ** 2,
+        match_settings(config),
+        likelihoods,
+    )
     return poses[0], likelihoods[0]
 
 
