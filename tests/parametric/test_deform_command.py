@@ -120,11 +120,11 @@ def test_bad_trajectories_give_one_clear_error_and_write_nothing(plan_file, tmp_
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["--severity", "-1"], "severity must be 0 or more"),
-        (["--samples", "0"], "--samples must be 1 or more"),
-        (["--resolution", "-0.1"], "resolution must be more than 0"),
-        (["--size", "3"], "--size must be 16 px or more"),
-        (["--seed", "-4"], "--seed must be 0 or more"),
+        (["--severity", "-1"], "severity must be at least 0, not -1"),
+        (["--samples", "0"], "--samples must be at least 1, not 0"),
+        (["--resolution", "-0.1"], "resolution must be above 0, not -0.1"),
+        (["--size", "3"], "--size must be 0 or at least 16, not 3"),
+        (["--seed", "-4"], "--seed must be at least 0, not -4"),
         (["--prm", "--explorer", "nearest"], "exclude each other"),
         (["--explorer", "nearest"], "--explorer needs the agents package"),
         (["--trajectory", "missing.csv"], "missing.csv"),

@@ -157,9 +157,9 @@ def test_a_path_through_a_wall_is_refused(flat, tour) -> None:
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"severity": -0.1}, "severity must be 0 or more"),
-        ({"severity": float("nan")}, "severity must be 0 or more"),
-        ({"resolution": 0.0}, "resolution must be more than 0"),
+        ({"severity": -0.1}, "severity must be at least 0, not"),
+        ({"severity": float("nan")}, "severity must be at least 0, not"),
+        ({"resolution": 0.0}, "resolution must be above 0, not"),
         ({"method": "two_phases"}, "did you mean 'two_phase'"),
     ],
 )
