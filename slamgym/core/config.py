@@ -190,7 +190,7 @@ def from_dict(cls: type[_T], values: Mapping[str, Any], where: str = "") -> _T:
         where: Where the values stand (a file or a section), for the error.
 
     Raises:
-        ConfigError: If a name is unknown; the error suggests the nearest known one.
+        ConfigError: If a name is unknown (the error suggests the nearest known one), or a value is refused.
     """
     hints = _hints(cls)
     prefix = f"{where}: " if where else ""

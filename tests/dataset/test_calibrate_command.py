@@ -53,9 +53,9 @@ def test_the_command_writes_what_deform_reads(tmp_path, capsys) -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["--robots", "1"], "--robots must be 2 or more"),
-        (["--length", "-1"], "--length must lie in"),
-        (["--turns", "0"], "--turns must lie in"),
+        (["--robots", "1"], "--robots must be at least 2, not 1"),
+        (["--length", "-1"], "--length must be in"),
+        (["--turns", "0"], "--turns must be in"),
     ],
 )
 def test_bad_arguments_write_nothing(tmp_path, arguments, message) -> None:

@@ -224,7 +224,7 @@ def test_training_judges_each_pair_by_a_model_that_has_not_seen_its_plan(tmp_pat
         (["--train", "--save-model", "m.pkl"], "an .npz file"),
         (["--model", "nowhere.npz"], "nowhere.npz"),
         (["--apply", "nowhere.json"], "nowhere.json"),
-        (["--criteria.min-coverage", "2"], "min_coverage must be in \\[0, 1\\]"),
+        (["--criteria.min-coverage", "2"], "min_coverage must be in [0, 1], not 2.0"),
     ],
 )
 def test_a_senseless_option_is_one_line_and_writes_nothing(dataset, capsys, more, words):

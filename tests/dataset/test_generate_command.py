@@ -93,10 +93,10 @@ def test_the_settings_reach_the_exploration(plans, tmp_path):
     [
         (["--explorer", "explore_light"], "did you mean 'explore_lite'"),
         (["--pairs", "0"], "--pairs must be at least 1"),
-        (["--workers", "-1"], "--workers must be 0"),
+        (["--workers", "-1"], "--workers must be at least 0, not -1"),
         (["--shard", "10/10"], "the last is 9/10"),
         (["--address", "auto"], "add --engine ray"),
-        (["--minutes", "0"], "minutes must be 'auto' or a positive number"),
+        (["--minutes", "0"], "--minutes must be 'auto' or above 0, not 0"),
     ],
 )
 def test_a_senseless_option_is_one_line_and_makes_no_folder(plans, tmp_path, capsys, more, words):
