@@ -46,7 +46,7 @@ def open_tour(lengths: FloatArray) -> IntArray:
 
 
 def repairman_tour(lengths: FloatArray, weights: FloatArray) -> IntArray:
-    """Order of the places that makes the weighted sum of the ways to each of them smallest.
+    """Order of the places that makes the weighted sum of the paths to each of them smallest.
 
     Args:
         lengths: As :func:`open_tour` takes them.

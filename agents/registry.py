@@ -1,31 +1,54 @@
-"""Explorers by name."""
+"""Explorers by name: a rule, and settings of the exploration loop where its source has its own."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 
-from slamgym.agents.explorer import BatchedExplorer
-from slamgym.agents.frontier import CostUtility, ExploreLite, NearestFrontier
-from slamgym.agents.frontier_tour import FrontierTour, Repairman
+from slamgym.agents.explorer import BatchedExplorer, FrontierExplorer, Rule
 from slamgym.agents.learned import LearnedExplorer
-from slamgym.agents.next_best_view import NextBestView
 from slamgym.agents.random_walk import RandomWalk
+from slamgym.agents.rules import (
+    EXPLORE_LITE_LOOP,
+    CostUtility,
+    ExploreLite,
+    FrontierTour,
+    Nearest,
+    NextBestView,
+    Repairman,
+)
 from slamgym.core.config import suggest
 from slamgym.core.errors import ConfigError
 from slamgym.planning.context import ExplorerContext
+from slamgym.planning.exploration_loop import ExplorationLoopConfig
 
-EXPLORERS: dict[str, Callable[[ExplorerContext, int], BatchedExplorer]] = {
-    "explore_lite": lambda context, seed: ExploreLite(context, seed=seed),
-    "nearest": lambda context, seed: NearestFrontier(context, seed=seed),
-    "cost_utility": lambda context, seed: CostUtility(context, seed=seed),
-    "next_best_view": lambda context, seed: NextBestView(context, seed=seed),
-    "tour": lambda context, seed: FrontierTour(context, seed=seed),
-    "repairman": lambda context, seed: Repairman(context, seed=seed),
-    "rl": lambda context, seed: LearnedExplorer(context, seed=seed),
-    "random": lambda context, seed: RandomWalk(context, seed=seed),
+
+@dataclass(frozen=True)
+class HandWritten:
+    """An explorer by a hand-written rule."""
+
+    rule: Rule
+    loop: ExplorationLoopConfig = ExplorationLoopConfig()  # settings of the loop
+
+    def __call__(self, context: ExplorerContext, seed: int) -> BatchedExplorer:  # noqa: ARG002 - no rule draws
+        """Make the explorer."""
+        return FrontierExplorer(context, self.rule, self.loop)
+
+
+CLASSICAL: dict[str, HandWritten] = {
+    "explore_lite": HandWritten(ExploreLite(), EXPLORE_LITE_LOOP),
+    "nearest": HandWritten(Nearest()),
+    "cost_utility": HandWritten(CostUtility()),
+    "next_best_view": HandWritten(NextBestView()),
+    "tour": HandWritten(FrontierTour()),
+    "repairman": HandWritten(Repairman()),
 }
-"""Name to constructor; each takes the context and a seed."""
-
-CLASSICAL = ("explore_lite", "nearest", "cost_utility", "next_best_view", "tour", "repairman")
 """Rules by hand: neither learned, nor told the floor plan, nor the random walk."""
+
+EXPLORERS: Mapping[str, Callable[[ExplorerContext, int], BatchedExplorer]] = {
+    **CLASSICAL,
+    "rl": lambda context, seed: LearnedExplorer(context),  # noqa: ARG005 - the best score is taken
+    "random": RandomWalk,
+}
+"""Name to constructor; each takes the context and a seed, which only the random walk uses."""
 
 
 def make_explorer(name: str, context: ExplorerContext, seed: int = 0) -> BatchedExplorer:
@@ -41,7 +64,7 @@ def make_explorer(name: str, context: ExplorerContext, seed: int = 0) -> Batched
         InputFileError: If the weights can't be used.
     """
     if name.startswith("rl:"):
-        return LearnedExplorer(context, name.removeprefix("rl:"), seed=seed)
+        return LearnedExplorer(context, name.removeprefix("rl:"))
     if name not in EXPLORERS:
         raise ConfigError(f"no explorer {name!r}; {suggest(name, EXPLORERS)}")
     return EXPLORERS[name](context, seed)

@@ -12,14 +12,14 @@ from slamgym.core.intervals import Interval, crossed_mean, crossed_ratio, mean_b
 from slamgym.core.staged import staged, write_text
 from slamgym.core.types import FloatArray
 
-COLUMNS = (
+OUTCOME_COLUMNS = (
     ("time_95", "time to 95 % [s]", "{:.0f}"),
     ("time_99", "time to 99 % [s]", "{:.0f}"),
-    ("path_99", "way to 99 % [m]", "{:.1f}"),
+    ("path_99", "path to 99 % [m]", "{:.1f}"),
     ("coverage", "coverage", "{:.3f}"),
     ("map_error", "map error [m]", "{:.4f}"),
 )
-"""Field of :class:`slamgym.agents.rl.training_callbacks.Outcome`, heading, format."""
+"""Field of :class:`slamgym.agents.rl.training_callbacks.PolicyOutcome`, heading, format."""
 
 _POINTS = 60
 _COLOURS = (
@@ -60,14 +60,14 @@ def table(runs: Sequence[ShapingRun]) -> str:
     """Means over seeds and plans with 95 % intervals, and map error and time against ``time``.
 
     Both are drawn again for an interval (:func:`slamgym.core.intervals.crossed_ratio`), so it holds for other plans
-    and other seeds of the training.
+    and other seeds of the training. With one seed there is none: other plans alone would make it too narrow.
     """
     names = list(dict.fromkeys(run.preset for run in runs))
     reference = "time" if "time" in names else names[0]
     headings = [
         "preset",
         "seeds",
-        *(heading for _, heading, _ in COLUMNS),
+        *(heading for _, heading, _ in OUTCOME_COLUMNS),
         f"time 99 / {reference}",
         f"error / {reference}",
     ]
@@ -75,12 +75,16 @@ def table(runs: Sequence[ShapingRun]) -> str:
     for name in names:
         own = [run for run in runs if run.preset == name]
         cells = [name, str(len(own))]
-        cells += [_cell(crossed_mean(_outcomes(own, field)), form) for field, _, form in COLUMNS]
+        cells += [
+            _cell(crossed_mean(_outcomes(own, field)), form, len(own)) for field, _, form in OUTCOME_COLUMNS
+        ]
         base = [run for run in runs if run.preset == reference]
         for field in ("time_99", "map_error"):
             ratio = crossed_ratio(_outcomes(own, field), _outcomes(base, field))
-            cells.append(_cell(ratio, "{:.2f}"))
+            cells.append(_cell(ratio, "{:.2f}", min(len(own), len(base))))
         lines.append("| " + " | ".join(cells) + " |")
+    if any(sum(run.preset == name for run in runs) < 2 for name in names):
+        lines.append("\nNo interval where there is one seed: it would not show how much trainings differ.")
     return "\n".join(lines) + "\n"
 
 
@@ -98,7 +102,8 @@ def draw_curves(runs: Sequence[ShapingRun], path: Path) -> None:
         low, high = mean_band(values)
         colour = _COLOURS[number % len(_COLOURS)]
         axis.plot(steps, values.mean(axis=0), color=colour, label=f"{name} ({len(curves)})", linewidth=1.6)
-        axis.fill_between(steps, low, high, color=colour, alpha=0.15, linewidth=0.0)
+        if len(curves) > 1:
+            axis.fill_between(steps, low, high, color=colour, alpha=0.15, linewidth=0.0)
     axis.set(xlabel="decisions", ylabel="mean duration of the latest 100 episodes [s]")
     axis.grid(alpha=0.25)
     if axis.lines:  # runs too short to have a curve leave none
@@ -111,15 +116,19 @@ def draw_outcomes(runs: Sequence[ShapingRun], path: Path) -> None:
     plot = _pyplot()
     names = list(dict.fromkeys(run.preset for run in runs))
     figure, axes = plot.subplots(
-        1, len(COLUMNS), figsize=(3 * len(COLUMNS), 0.45 * len(names) + 1.6), layout="constrained"
+        1,
+        len(OUTCOME_COLUMNS),
+        figsize=(3 * len(OUTCOME_COLUMNS), 0.45 * len(names) + 1.6),
+        layout="constrained",
     )
-    for axis, (field, heading, _) in zip(axes, COLUMNS, strict=True):
+    for axis, (field, heading, _) in zip(axes, OUTCOME_COLUMNS, strict=True):
         for row, name in enumerate(names):
             own = [run for run in runs if run.preset == name]
             values = _outcomes(own, field)
             interval = crossed_mean(values)
             colour = _COLOURS[row % len(_COLOURS)]
-            axis.plot([interval.low, interval.high], [row, row], color=colour, linewidth=3, alpha=0.4)
+            if len(own) > 1:
+                axis.plot([interval.low, interval.high], [row, row], color=colour, linewidth=3, alpha=0.4)
             axis.plot(values.mean(axis=1), [row] * len(own), "o", color=colour, markersize=4)
         axis.set_yticks(range(len(names)), names if axis is axes[0] else [""] * len(names))
         axis.set_title(heading, fontsize=9)
@@ -133,7 +142,9 @@ def _outcomes(runs: Sequence[ShapingRun], field: str) -> FloatArray:
     return np.array([[getattr(outcome, field) for outcome in run.outcomes] for run in runs])
 
 
-def _cell(interval: Interval, form: str) -> str:
+def _cell(interval: Interval, form: str, seeds: int) -> str:
+    if seeds < 2:
+        return form.format(interval.value)
     return f"{form.format(interval.value)} [{form.format(interval.low)}, {form.format(interval.high)}]"
 
 

@@ -3,14 +3,36 @@
 from dataclasses import dataclass, field
 from typing import Literal
 
-from slamgym.agents.rl.training_envs import Curriculum
 from slamgym.agents.scoring import NetworkConfig
 from slamgym.core.errors import ConfigError
 from slamgym.envs import RewardConfig
 from slamgym.envs.explore_frontiers_env import DEFAULT_REWARD
 
+POLICY = "policy.safetensors"
+"""Name of a frontier policy's weights in the folder of a run."""
+
 Algorithm = Literal["maskable_ppo", "ppo", "sac"]
 EnvName = Literal["explore_frontiers", "explore"]
+
+
+@dataclass(frozen=True)
+class Curriculum:
+    """Small buildings first (Bengio et al., "Curriculum learning", ICML 2009)."""
+
+    areas: tuple[float, ...] = (90.0, 160.0)
+    """Largest free area in each stage but the last, which has all plans [m2]."""
+    shares: tuple[float, ...] = (0.15, 0.4)
+    """Share of the training after which each stage ends."""
+
+    def __post_init__(self) -> None:
+        if len(self.areas) != len(self.shares):
+            raise ConfigError("curriculum.areas and curriculum.shares must have the same length")
+        if sorted(self.areas) != list(self.areas) or sorted(self.shares) != list(self.shares):
+            raise ConfigError("curriculum.areas and curriculum.shares must ascend")
+
+    def stage(self, share: float) -> int:
+        """The stage at a share of the training, in [0, 1]."""
+        return sum(share >= end for end in self.shares)
 
 
 @dataclass(frozen=True)

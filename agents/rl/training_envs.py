@@ -1,7 +1,6 @@
 """The environments of a training run: its floor plans in the order of a curriculum, and those that validate it."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import gymnasium as gym
@@ -9,34 +8,14 @@ import numpy as np
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecEnv
 
-from slamgym.agents.plan_splits import Split, split_plans
-from slamgym.agents.rl.train_config import TrainConfig
+from slamgym.agents.plan_splits import PlanSplit, split_plans
+from slamgym.agents.rl.train_config import Curriculum, TrainConfig
 from slamgym.cad import FloorPlan, check_plan, open_plans
 from slamgym.cad.plan_filter import AREA, LONG_SIDE, passes
 from slamgym.core.errors import ConfigError, PlanError
 from slamgym.envs import ExploreEnv, RewardFunction
 from slamgym.envs.explore_frontiers_env import ExploreFrontiersEnv
 from slamgym.sim import RobotConfig
-
-
-@dataclass(frozen=True)
-class Curriculum:
-    """Small buildings first (Bengio et al., "Curriculum learning", ICML 2009)."""
-
-    areas: tuple[float, ...] = (90.0, 160.0)
-    """Largest free area in each stage but the last, which has all plans [m2]."""
-    shares: tuple[float, ...] = (0.15, 0.4)
-    """Share of the training after which each stage ends."""
-
-    def __post_init__(self) -> None:
-        if len(self.areas) != len(self.shares):
-            raise ConfigError("curriculum.areas and curriculum.shares must have the same length")
-        if sorted(self.areas) != list(self.areas) or sorted(self.shares) != list(self.shares):
-            raise ConfigError("curriculum.areas and curriculum.shares must ascend")
-
-    def stage(self, share: float) -> int:
-        """The stage at a share of the training, in [0, 1]."""
-        return sum(share >= end for end in self.shares)
 
 
 class StagedPlans:
@@ -68,7 +47,7 @@ class StagedPlans:
         return self._plans[plan_id]
 
 
-def draw_plans(specs: Sequence[str], split: Split, count: int, seed: int = 0) -> list[FloorPlan]:
+def draw_plans(specs: Sequence[str], split: PlanSplit, count: int, seed: int = 0) -> list[FloorPlan]:
     """Draw plans that are worth exploring from a split of some sources, as many from each.
 
     Generated plans have to be of the size of homes too, which :func:`slamgym.cad.plan_filter.passes` asks of

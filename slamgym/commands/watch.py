@@ -19,7 +19,7 @@ from slamgym.core.staged import staged
 from slamgym.core.types import ByteArray
 from slamgym.dataset.schedule import schedule
 from slamgym.envs import ExploreConfig, ExploreEnv
-from slamgym.envs.episode import MakeExplorer, time_limit
+from slamgym.envs.episode import MakeExplorer, episode_steps, time_limit
 from slamgym.sim import ClutterConfig, LidarConfig, RobotConfig, odometry_level
 from slamgym.slam import SlamConfig
 
@@ -118,16 +118,9 @@ def _explore(
 ) -> Iterator[dict[str, Any]]:
     """Step through the exploration; yields the environment's info after each step."""
     explorer = make_explorer(arguments.explorer, env.explorer_context(), arguments.seed)
-    observation, info = env.reset(seed=arguments.seed)
-    yield info
-    truncated = False
-    while not truncated:
-        action, _ = explorer.predict(observation)
-        if explorer.finished:
-            break
-        observation, _, _, truncated, info = env.step(action)
+    for info in episode_steps(env, explorer, env.reset(seed=arguments.seed)):
         yield info
-    ending = "explored" if not truncated else "time is up"
+    ending = "explored" if explorer.finished else "time is up"
     say(
         f"{plan.id}: {ending} after {env.simulation.time / 60.0:.1f} min and {info['path_length']:.0f} m, "
         f"{100.0 * info['coverage']:.1f} % covered, position error {info['pose_error']:.2f} m"

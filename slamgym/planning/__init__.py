@@ -23,7 +23,7 @@ from slamgym.planning.frontiers import (
     reachable_space,
     wavefront_frontiers,
 )
-from slamgym.planning.grid_path import GridPath, path_costs, path_is_free, place_near, plan_path
+from slamgym.planning.grid_path import GridPath, path_is_free, place_near, plan_path
 from slamgym.planning.navigator import Goal, GoalStatus, Navigator, NavigatorConfig
 from slamgym.planning.path_follower import FollowerConfig, PathFollower
 
@@ -49,7 +49,6 @@ __all__ = [
     "free_body",
     "make_costmap",
     "mark_obstacles",
-    "path_costs",
     "path_is_free",
     "place_near",
     "plan_path",

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from slamgym.agents.plan_splits import split_of
-from slamgym.agents.rl.train_config import PPOConfig, TrainConfig
-from slamgym.agents.rl.training_envs import Curriculum, StagedPlans, draw_plans
+from slamgym.agents.rl.train_config import Curriculum, PPOConfig, TrainConfig
+from slamgym.agents.rl.training_envs import StagedPlans, draw_plans
 from slamgym.agents.scoring import NetworkConfig
 from slamgym.cad import open_plans
 from slamgym.core.errors import ConfigError, InputFileError

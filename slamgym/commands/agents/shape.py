@@ -8,7 +8,7 @@ from typing import Annotated
 
 import tyro
 
-from slamgym.agents.rl.reward_presets import PRESETS
+from slamgym.agents.rl.reward_presets import REWARD_PRESETS
 from slamgym.agents.rl.reward_shaping import OWN, ShapingConfig, own_term, run_shaping
 from slamgym.agents.rl.shaping_report import write_shaping_report
 from slamgym.commands.agents.extra import require_torch
@@ -41,8 +41,8 @@ def main(argv: list[str]) -> int:
     """Run the command; returns the exit code."""
     arguments = tyro.cli(ShapeArguments, args=argv, prog="slamgym agents shape")
     if arguments.list:
-        width = max(map(len, PRESETS))
-        for name, preset in PRESETS.items():
+        width = max(map(len, REWARD_PRESETS))
+        for name, preset in REWARD_PRESETS.items():
             sys.stdout.write(f"{name:<{width}}  {preset.about}\n")
         return 0
     if arguments.out is None:
