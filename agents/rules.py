@@ -20,7 +20,6 @@ from slamgym.planning.frontiers import expected_gain, view_gain
 EXPLORE_LITE_LOOP = ExplorationLoopConfig(
     max_candidates=1000,
     horizon=1.0 / 0.33,
-    waits_for_map=False,
     min_frontier_size=0.75,
     last_frontier_size=0.6,
     split_extent=math.inf,

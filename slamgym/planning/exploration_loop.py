@@ -33,9 +33,7 @@ class ExplorationLoopConfig:
     max_candidates: int = 16
     """K: so many frontiers are offered at most, those with the shortest paths."""
     horizon: float = 6.0
-    """A choice is reconsidered after so long, even if its frontier is still there [s]."""
-    waits_for_map: bool = True
-    """Whether a choice is only reconsidered on a newly published map."""
+    """A choice is reconsidered with the first map after so long, even if its frontier is still there [s]."""
     min_frontier_size: float = 0.5
     """Frontiers shorter than this are left for the end [m]."""
     split_extent: float = 3.0
@@ -276,21 +274,20 @@ class ExplorationLoop:
 
     def _wants_choice(self) -> bool:
         """Whether the candidates have to be searched again."""
-        choice = self._choice
+        choice, time = self._choice, self.time
         if self.target is None:
-            changed = choice.is_stale or choice.is_new_map or self.time >= choice.settles_at
+            changed = choice.is_stale or choice.is_new_map or time >= choice.settles_at
             return changed and not self.navigator.is_active
-        is_over = self.time - choice.made_at >= self.config.horizon - 1e-6
-        if choice.is_new_map:
-            distance = math.dist(self.target.target, self.pose[:2])
-            if self._progress.waited(self.target.target, distance, self.time) > self.config.progress_timeout:
-                self._drop_target()
-                return True
-            if not self._is_still_there(self.target):
-                return True
-        elif self.config.waits_for_map:
+        if not choice.is_new_map:
             return False
-        return is_over and self.time - self._growth.grown_at <= self.config.stall_time
+        distance = math.dist(self.target.target, self.pose[:2])
+        if self._progress.waited(self.target.target, distance, time) > self.config.progress_timeout:
+            self._drop_target()
+            return True
+        if not self._is_still_there(self.target):
+            return True
+        is_stalled = time - self._growth.grown_at > self.config.stall_time
+        return not is_stalled and time - choice.made_at >= self.config.horizon - 1e-6
 
     def _offer(self) -> None:
         """Search the candidates; without any, try what is left to try."""

@@ -187,6 +187,14 @@ def test_without_the_preset_time_the_first_is_the_reference():
     assert "1.00 [1.00, 1.00]" in text
 
 
+def test_one_seed_has_no_interval_and_the_report_says_so():
+    runs = runs_of("time", [100.0, 200.0], [0.02, 0.04])
+    assert "No interval" not in table(runs)
+    alone = table([run for run in runs if run.seed == 0])
+    assert "[" not in alone.replace("[s]", "").replace("[m]", "")
+    assert "No interval" in alone
+
+
 @pytest.mark.parametrize("spec", ["nothing_here:f", "math:squareroot", "math"])
 def test_a_term_that_is_no_function_is_refused(spec):
     with pytest.raises(ConfigError, match="--term"):
