@@ -39,7 +39,7 @@ def open_tour(lengths: FloatArray) -> IntArray:
     if len(matrix) - 1 <= EXACT_PLACES:
         order: IntArray = exact_tour(matrix, np.zeros(len(matrix) - 1), 1.0)
         return order
-    # Moves are judged as if a stretch were as long backwards; else they might go round in circles.
+    # Moves are measured as if a stretch were as long backwards; else they might go round in circles.
     matrix = np.minimum(matrix, matrix.T)
     tour: IntArray = improve_tour(matrix, nearest_neighbour_tour(matrix))
     return tour

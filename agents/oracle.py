@@ -206,7 +206,7 @@ class Oracle:
         Raises:
             RuntimeError: Always.
         """
-        raise RuntimeError("an oracle is made anew for each episode")
+        raise RuntimeError("an oracle is made for one episode; make another")
 
     def predict(
         self,

@@ -41,7 +41,7 @@ CLASSICAL: dict[str, HandWritten] = {
     "tour": HandWritten(FrontierTour()),
     "repairman": HandWritten(Repairman()),
 }
-"""Rules by hand: neither learned, nor told the floor plan, nor the random walk."""
+"""Hand-written rules: neither learned, nor told the floor plan, nor the random walk."""
 
 EXPLORERS: Mapping[str, Callable[[ExplorerContext, int], BatchedExplorer]] = {
     **CLASSICAL,

@@ -1,4 +1,4 @@
-"""How much of a building had been seen when, and after how much driving: what explorers are judged by."""
+"""How much of a building had been seen when, and after how much driving: what explorers are compared by."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

@@ -44,7 +44,7 @@ def describe_evaluation(summary: Summary) -> str:
         parts += [f"\nOther differences from `{reference}`:\n", _difference_table(summary.comparisons)]
     for reference in dict.fromkeys(comparison.reference for comparison in summary.others):
         own = [comparison for comparison in summary.others if comparison.reference == reference]
-        what = ", the quickest rule by hand to 99 %" if reference in CLASSICAL else ""
+        what = ", the quickest hand-written rule to 99 %" if reference in CLASSICAL else ""
         parts += [
             f"\nAgainst `{reference}`{what}; ratio of means where both reach the level, with 95 % interval:\n",
             _further_table(own),

@@ -112,7 +112,7 @@ class Summary:
 
 
 def summarise_trials(trials: Sequence[Trial], against: str, yardstick: str | None = None) -> Summary:
-    """Judge explorers and compare them with one of them, and with the best rule by hand.
+    """Measure explorers and compare them with one of them, and with the best hand-written rule.
 
     Args:
         trials: Of all explorers on the same plans and seeds.
@@ -145,7 +145,7 @@ def summarise_trials(trials: Sequence[Trial], against: str, yardstick: str | Non
 
 
 def best_classical(explorers: Sequence[ExplorerSummary]) -> str | None:
-    """The rule by hand with the least censored time to 99 %; None if there is none.
+    """The hand-written rule with the least censored time to 99 %; None if there is none.
 
     It is the best on the plans that it is then compared on, which flatters it, not who is compared with it.
     """

@@ -1,7 +1,7 @@
 """Navigation stack: a goal on the map becomes a velocity for each control step.
 
 It plans on the map as last published, follows the path, replans when the map blocks it or the robot leaves
-it, and recovers when the robot is stuck. Whether the robot moves is judged by its estimated pose, never by
+it, and recovers when the robot is stuck. Whether the robot moves shows in its estimated pose, never by
 what it was told to do. A goal that can't be reached aborts at once.
 """
 
@@ -60,7 +60,7 @@ class NavigatorConfig:
     replan_interval: float = 1.0
     """Shortest time between two plans to the same goal [s] (move_base plans at 1 Hz)."""
     deviation: float = 0.4
-    """Farther than this from the path the robot plans anew [m]."""
+    """Farther than this from the path the robot plans again [m]."""
     stuck_time: float = 4.0
     """Without moving for so long the robot recovers [s]."""
     stuck_distance: float = 0.1
@@ -231,7 +231,7 @@ class Navigator:
         return _STOP
 
     def _mind_deviation(self, pose: Pose2D, obstacles: FloatArray, time: float) -> None:
-        """Plan anew when the robot is off its path or the scan blocks it."""
+        """Plan again when the robot is off its path or the scan blocks it."""
         if time - self._planned_at < self.config.replan_interval:
             return
         ahead = self.follower.ahead

@@ -111,5 +111,5 @@ def test_its_frame_is_the_robots_map_wherever_it_starts():
 
 def test_another_episode_is_refused():
     _, explorer = begin(corridor_with_rooms(), (0.8, 0.8, 0.0))
-    with pytest.raises(RuntimeError, match="made anew"):
+    with pytest.raises(RuntimeError, match="one episode"):
         explorer.reset()
