@@ -1,9 +1,9 @@
-"""Where to stand to see a whole building, and in what order: planning with full knowledge of the plan.
+"""Where to stand to see a whole building, and in what order: planning for one who knows the floor plan.
 
 The places are an art gallery's guards: a greedy set cover (Chvatal, "A greedy heuristic for the set-covering
 problem", Math. of OR 4(3), 1979) over what the scanner sees from a lattice of places, its range included.
 An open travelling salesman's tour orders them; then each place is moved to where it still sees what only it
-sees but lies less out of the way, and places are left out whose part is seen on the way between the others
+sees but costs a smaller detour, and places are left out whose part is seen while driving between the others
 (Danner and Kavraki, "Randomized planning for short inspection paths", ICRA 2000, split the task alike).
 """
 
@@ -24,11 +24,11 @@ from slamgym.planning.frontiers import Point
 from slamgym.sim.raycast import cast_rays
 
 _BEAMS = 360
-_ON_WAY = 0.6
-"""Distance between the points of a way from which something is seen [m]."""
+_APART = 0.6
+"""Distance between the points of a path from which something is seen [m]."""
 
 
-class SightConfig(Settings):
+class CoverageTourConfig(Settings):
     """How the tour is planned."""
 
     spacing: float = 0.75
@@ -38,7 +38,7 @@ class SightConfig(Settings):
     goal: float = 0.995
     """Share of the floor that the tour shall see: the last slivers behind corners cost more than they show."""
     clearly: float = 1.0
-    """A tour must be so much shorter than the one under way to replace it [m]."""
+    """A tour must be so much shorter than the current one to replace it [m]."""
     sweeps: int = 3
     """How often places are moved and left out."""
 
@@ -46,12 +46,12 @@ class SightConfig(Settings):
 class Stop(NamedTuple):
     """A place of the tour."""
 
-    place: int  # index into SightPlanner.places
+    place: int  # index into CoverageTourPlanner.places
     point: Point  # world frame [m]
-    cells: IntArray  # what is to be seen from there, indices into SightPlanner.cells
+    cells: IntArray  # what is to be seen from there, indices into CoverageTourPlanner.cells
 
 
-class SightPlanner:
+class CoverageTourPlanner:
     """Plans tours through one building.
 
     Convention: everything is in the world frame; floor masks have row 0 at the bottom, as
@@ -63,13 +63,14 @@ class SightPlanner:
         floor: The floor to be seen, shape ``frame.shape``.
         frame: Its frame.
         segments: What hides the view, shape (S, 4) [m].
-        reach: How far the scanner sees [m].
+        max_range: How far the scanner sees [m].
         config: Settings.
 
     Attributes:
         places: The lattice, shape (P, 2) [m].
         cells: The floor cells that stand for all, flat indices, shape (C,).
         coverable: Which of them can be seen from some place, shape (C,).
+        cell_area: Floor that each of them stands for [m2].
     """
 
     def __init__(
@@ -79,19 +80,20 @@ class SightPlanner:
         floor: BoolArray,
         frame: GridFrame,
         segments: FloatArray,
-        reach: float,
-        config: SightConfig | None = None,
+        max_range: float,
+        config: CoverageTourConfig | None = None,
     ) -> None:
-        self.config = config or SightConfig()
+        self.config = config or CoverageTourConfig()
         self._paths = CoarsePaths(costmap, reachable)
         self._frame = frame
         self._segments = segments
-        self._reach = reach
+        self._max_range = max_range
         self.places = _lattice(costmap, reachable, self.config.spacing)
         self.cells: IntArray = _thinned(floor, self.config.every)
-        self._seen = np.vstack([self._sight(x, y, floor) for x, y in self.places.tolist()])  # (P, C)
+        self._seen = np.vstack([self._in_sight(x, y, floor) for x, y in self.places.tolist()])  # (P, C)
         self._lists = [np.flatnonzero(seen) for seen in self._seen]
-        self._legs: dict[tuple[int, int], BoolArray] = {}  # what is seen on the way from place to place
+        self.cell_area = (self.config.every * frame.resolution) ** 2
+        self._legs: dict[tuple[int, int], BoolArray] = {}  # what is seen while driving from place to place
         self.coverable: BoolArray = np.asarray(self._seen.any(axis=0))
         at = [self._paths.place((x, y)) for x, y in self.places.tolist()]
         self._lengths = np.vstack([self._paths.lengths_from(cell)[at] for cell in at])
@@ -117,7 +119,7 @@ class SightPlanner:
             previous: Places of an earlier tour that sees all this. It is improved too, and kept unless another
                 is clearly shorter, so that the robot doesn't turn back for a tour that only looks different.
             from_start: Path length from the robot to each place, where the caller knows better than the plan
-                which ways are open, shape (P,) [m].
+                which paths are open, shape (P,) [m].
 
         Returns:
             Stops in their order; each cell belongs to the first stop that sees it.
@@ -163,14 +165,14 @@ class SightPlanner:
         for _ in range(self.config.sweeps):
             before = list(tour)
             tour = self._moved(tour, wanted, from_start, usable)
-            tour = self._ordered(self._without_seen_on_way(tour, wanted, start), from_start)
+            tour = self._ordered(self._without_seen_on_path(tour, wanted, start), from_start)
             if tour == before:
                 break
         return tour
 
     def _seen_by(self, tour: list[int], start: Point) -> BoolArray:
-        """Cells that are seen from the stops of a tour or on its way, shape (C,)."""
-        seen: BoolArray = np.asarray(self._seen[tour].any(axis=0)) | self._seen_on_way(tour, start)
+        """Cells that are seen from the stops of a tour or between them, shape (C,)."""
+        seen: BoolArray = np.asarray(self._seen[tour].any(axis=0)) | self._seen_on_path(tour, start)
         return seen
 
     def middle_of(self, cells: IntArray) -> Point:
@@ -178,13 +180,13 @@ class SightPlanner:
         x, y = self._centres[cells].mean(axis=0) if len(cells) else self._centres.mean(axis=0)
         return float(x), float(y)
 
-    def _sight(self, x: float, y: float, floor: BoolArray) -> BoolArray:
+    def _in_sight(self, x: float, y: float, floor: BoolArray) -> BoolArray:
         """Which cells are in sight all round a place, shape (C,)."""
         ranges = np.empty(_BEAMS)
         step = 2.0 * math.pi / _BEAMS
         segments = self._segments.view()
         segments.flags.writeable = False
-        cast_rays(x, y, 0.0, 0.0, step, segments, self._reach, ranges)
+        cast_rays(x, y, 0.0, 0.0, step, segments, self._max_range, ranges)
         unseen = floor.copy()
         directions = unit_vectors(step * np.arange(_BEAMS, dtype=np.float64))
         frame = self._frame
@@ -198,7 +200,7 @@ class SightPlanner:
             0.0,
             directions,
             ranges,
-            self._reach,
+            self._max_range,
         )
         seen: BoolArray = ~unseen.reshape(-1)[self.cells]
         return seen
@@ -243,8 +245,8 @@ class SightPlanner:
                 tour[i] = best
         return list(dict.fromkeys(tour))
 
-    def _without_seen_on_way(self, tour: list[int], wanted: BoolArray, start: Point) -> list[int]:
-        """Leave out places whose part is seen from the other places or ahead on the way between them."""
+    def _without_seen_on_path(self, tour: list[int], wanted: BoolArray, start: Point) -> list[int]:
+        """Leave out places whose part is seen from the other places or ahead on the path between them."""
         tour = list(tour)
         for place in sorted(tour, key=lambda p: int((wanted & self._seen[p]).sum())):
             rest = [other for other in tour if other != place]
@@ -252,12 +254,12 @@ class SightPlanner:
                 break
             lost = wanted & self._seen[place] & ~self._seen[rest].any(axis=0)
             if lost.any():
-                lost &= ~self._seen_on_way(rest, start)
+                lost &= ~self._seen_on_path(rest, start)
             if not lost.any():
                 tour = rest
         return tour
 
-    def _seen_on_way(self, tour: list[int], start: Point) -> BoolArray:
+    def _seen_on_path(self, tour: list[int], start: Point) -> BoolArray:
         """Cells that lie ahead of the robot, in sight, somewhere on the tour, shape (C,)."""
         seen = self._seen_on_leg(start, tour[0])
         for here, there in itertools.pairwise(tour):
@@ -268,16 +270,16 @@ class SightPlanner:
         return seen
 
     def _seen_on_leg(self, start: Point, place: int) -> BoolArray:
-        """Cells that are seen ahead on the way from a point to a place, shape (C,)."""
+        """Cells that are seen ahead on the path from a point to a place, shape (C,)."""
         x, y = self.places[place]
-        way = self._paths.way(start, (float(x), float(y)))
+        path = self._paths.path(start, (float(x), float(y)))
         seen = np.zeros(self._seen.shape[1], dtype=np.bool_)
-        stride = max(1, round(_ON_WAY / self._paths.cell))
-        for i in range(stride, len(way), stride):
-            ahead = way[i] - way[i - stride]
-            nearest = int(np.argmin(((self.places - way[i]) ** 2).sum(axis=1)))
+        stride = max(1, round(_APART / self._paths.cell))
+        for i in range(stride, len(path), stride):
+            ahead = path[i] - path[i - stride]
+            nearest = int(np.argmin(((self.places - path[i]) ** 2).sum(axis=1)))
             cells = self._lists[nearest]
-            seen[cells[(self._centres[cells] - way[i]) @ ahead > 0.0]] = True
+            seen[cells[(self._centres[cells] - path[i]) @ ahead > 0.0]] = True
         return seen
 
     def _stops(self, tour: list[int], wanted: BoolArray) -> list[Stop]:

@@ -1,27 +1,34 @@
-"""The common form of the hand-written explorers: one policy, any number of environments.
+"""The common form of all explorers: one policy, any number of environments.
 
-An explorer keeps one :class:`Exploration` for each environment of a batch, with all that it remembers of that
-environment's episode. ``predict`` tells a single observation from a batch by the shape of the pose.
+An explorer keeps one :class:`Pilot` for each environment of a batch, with all that it remembers of that
+environment's episode. ``predict`` distinguishes a single observation from a batch by the shape of the pose.
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from slamgym.core.types import BoolArray, Float32Array, Twist2D
+from slamgym.core.config import config_hash
+from slamgym.core.types import BoolArray, Float32Array, FloatArray, Observation, Twist2D
 from slamgym.planning.context import ExplorerContext
+from slamgym.planning.exploration_loop import ExplorationLoop, ExplorationLoopConfig
 
-Observation = Mapping[str, NDArray[Any]]
+Rule = Callable[[ExplorationLoop], FloatArray | Float32Array]
+"""Scores the candidates of a loop, shape (N,); the robot drives to the one with the highest score.
+
+Those that come with the package are frozen dataclasses of their settings: what they print identifies them.
+"""
 
 
-class Exploration(ABC):
-    """One robot's exploration of one building."""
+class Pilot(ABC):
+    """Drives one robot through one building."""
 
     finished: bool = False
-    """Nothing that the robot can reach is left to explore."""
+    """Nothing that the robot can get to is left to explore."""
     decisions: int = 0
     """How often it was chosen where to go."""
 
@@ -35,42 +42,66 @@ class Exploration(ABC):
         """
 
 
-class BatchedExplorer(ABC):
-    """A policy over explorations, as Stable-Baselines3's ``PolicyPredictor`` wants it.
+class FrontierPilot(Pilot):
+    """The exploration loop with a rule that chooses.
 
     Args:
         context: What the environment tells about the robot and its map.
-        seed: Of random choices.
+        config: How frontiers are offered and driven to.
+        rule: Scores the candidates.
     """
 
-    def __init__(self, context: ExplorerContext, seed: int = 0) -> None:
+    def __init__(self, context: ExplorerContext, config: ExplorationLoopConfig, rule: Rule) -> None:
+        self.loop = ExplorationLoop(context, config)
+        self._rule = rule
+
+    def act(self, observation: Observation) -> Twist2D:
+        """Velocity for the next control step; see :meth:`Pilot.act`."""
+        loop = self.loop
+        is_due = loop.observe(observation)
+        while is_due:
+            self.decisions += 1
+            is_due = not loop.choose(int(np.argmax(self._rule(loop)))) and bool(loop.candidates)
+        self.finished = loop.finished
+        return loop.command()
+
+
+class BatchedExplorer(ABC):
+    """A policy over pilots, as Stable-Baselines3's ``PolicyPredictor`` wants it.
+
+    Args:
+        context: What the environment tells about the robot and its map.
+        fingerprint: Short hash of all that decides what it does.
+    """
+
+    def __init__(self, context: ExplorerContext, fingerprint: str) -> None:
         self.context = context
-        self.seed = seed
-        self._explorations: list[Exploration] = []
+        self.fingerprint = fingerprint
+        self._pilots: list[Pilot] = []
         self._times: list[float] = []
 
     @abstractmethod
-    def _begin(self, index: int) -> Exploration:
-        """A fresh exploration for the environment of an index."""
+    def _begin(self, index: int) -> Pilot:
+        """A fresh pilot for the environment of an index."""
 
     def reset(self) -> None:
         """Forget all episodes."""
-        self._explorations, self._times = [], []
+        self._pilots, self._times = [], []
 
     @property
     def finished(self) -> bool:
-        """Whether nothing reachable is left to explore, in any environment."""
-        return bool(self._explorations) and all(e.finished for e in self._explorations)
+        """Whether nothing that the robots can get to is left to explore, in any environment."""
+        return bool(self._pilots) and all(pilot.finished for pilot in self._pilots)
 
     @property
     def decisions(self) -> int:
         """How often it was chosen where to go, in all environments together."""
-        return sum(exploration.decisions for exploration in self._explorations)
+        return sum(pilot.decisions for pilot in self._pilots)
 
     @property
     def finished_each(self) -> BoolArray:
         """:attr:`finished` of each environment, shape (n,)."""
-        return np.array([e.finished for e in self._explorations], dtype=np.bool_)
+        return np.array([pilot.finished for pilot in self._pilots], dtype=np.bool_)
 
     def predict(
         self,
@@ -82,30 +113,58 @@ class BatchedExplorer(ABC):
         """Choose the action of one observation, or of a batch of them.
 
         Args:
-            observation: As :meth:`Exploration.act` takes it, or with a leading batch axis.
+            observation: As :meth:`Pilot.act` takes it, or with a leading batch axis.
             state: Handed back as it is: the explorer itself remembers each environment.
             episode_start: Which environments begin an episode, shape (n,). A clock that runs backwards begins
                 one too.
             deterministic: Without effect.
 
         Returns:
-            Actions, shape (2,) or (n, 2), and ``state``. A finished exploration gets zeros.
+            Actions, shape (2,) or (n, 2), and ``state``. A finished pilot gets zeros.
         """
         batched = np.ndim(observation["pose"]) == 2
         count = len(observation["pose"]) if batched else 1
         starts = (
             np.zeros(count, np.bool_) if episode_start is None else np.atleast_1d(episode_start).astype(bool)
         )
-        if len(self._explorations) != count:
-            self._explorations = [self._begin(i) for i in range(count)]
+        if len(self._pilots) != count:
+            self._pilots = [self._begin(i) for i in range(count)]
             self._times = [-np.inf] * count
         actions = np.zeros((count, 2), np.float32)
         for i in range(count):
             one = {key: value[i] for key, value in observation.items()} if batched else observation
             time = float(one["time"][0])
             if starts[i] or time < self._times[i]:
-                self._explorations[i] = self._begin(i)
+                self._pilots[i] = self._begin(i)
             self._times[i] = time
-            if not self._explorations[i].finished:
-                actions[i] = self.context.to_action(self._explorations[i].act(one))
+            if not self._pilots[i].finished:
+                actions[i] = self.context.to_action(self._pilots[i].act(one))
         return (actions if batched else actions[0]), state
+
+
+@dataclass(frozen=True)
+class _Identity:
+    """What decides the behaviour of a frontier explorer."""
+
+    rule: str
+    loop: ExplorationLoopConfig
+
+
+class FrontierExplorer(BatchedExplorer):
+    """The exploration loop with a rule that keeps no memory, in any number of environments.
+
+    Args:
+        context: What the environment tells about the robot and its map.
+        rule: Scores the candidates.
+        config: How frontiers are offered and driven to.
+    """
+
+    def __init__(
+        self, context: ExplorerContext, rule: Rule, config: ExplorationLoopConfig | None = None
+    ) -> None:
+        self.config = config or ExplorationLoopConfig()
+        self.rule = rule
+        super().__init__(context, config_hash(_Identity(repr(rule), self.config)))
+
+    def _begin(self, index: int) -> Pilot:  # noqa: ARG002 - every environment begins alike
+        return FrontierPilot(self.context, self.config, self.rule)

@@ -39,14 +39,14 @@ def open_tour(lengths: FloatArray) -> IntArray:
     if len(matrix) - 1 <= EXACT_PLACES:
         order: IntArray = exact_tour(matrix, np.zeros(len(matrix) - 1), 1.0)
         return order
-    # Moves are judged as if a stretch were as long backwards; else they might go round in circles.
+    # Moves are measured as if a stretch were as long backwards; else they might go round in circles.
     matrix = np.minimum(matrix, matrix.T)
     tour: IntArray = improve_tour(matrix, nearest_neighbour_tour(matrix))
     return tour
 
 
 def repairman_tour(lengths: FloatArray, weights: FloatArray) -> IntArray:
-    """Order of the places that makes the weighted sum of the ways to each of them smallest.
+    """Order of the places that makes the weighted sum of the paths to each of them smallest.
 
     Args:
         lengths: As :func:`open_tour` takes them.

@@ -1,4 +1,4 @@
-"""Which floor plans a policy may learn from, and which are kept for judging it.
+"""Which floor plans a policy may learn from, and which are kept for testing it.
 
 The split is a function of a plan's id alone, so it is the same whatever the archive, its order, or the
 machine, and a plan that was once held out stays held out.
@@ -12,13 +12,13 @@ from slamgym.cad.sources import PlanSource, Subset
 from slamgym.core.config import suggest
 from slamgym.core.errors import ConfigError
 
-Split = Literal["train", "validation", "test"]
-SPLITS: tuple[Split, ...] = ("train", "validation", "test")
+PlanSplit = Literal["train", "validation", "test"]
+PLAN_SPLITS: tuple[PlanSplit, ...] = ("train", "validation", "test")
 
 _FOLDS = 10  # one for the test, one for validation, the rest to learn from
 
 
-def split_of(plan_id: str) -> Split:
+def split_of(plan_id: str) -> PlanSplit:
     """The split of a plan: a tenth of all ids is ``"test"``, another tenth ``"validation"``.
 
     Args:
@@ -30,18 +30,18 @@ def split_of(plan_id: str) -> Split:
     return "validation" if fold == 1 else "train"
 
 
-def ids_of(ids: Iterable[str], split: Split) -> list[str]:
+def ids_of(ids: Iterable[str], split: PlanSplit) -> list[str]:
     """The ids of a split, in the order given.
 
     Raises:
         ConfigError: If there is no split of that name.
     """
-    if split not in SPLITS:
-        raise ConfigError(f"no split {split!r}; {suggest(split, SPLITS)}")
+    if split not in PLAN_SPLITS:
+        raise ConfigError(f"no split {split!r}; {suggest(split, PLAN_SPLITS)}")
     return [plan_id for plan_id in ids if split_of(plan_id) == split]
 
 
-def split_plans(source: PlanSource, split: Split) -> Subset:
+def split_plans(source: PlanSource, split: PlanSplit) -> Subset:
     """The plans of a source that belong to a split.
 
     Args:

@@ -132,7 +132,7 @@ def _refuse_other_space(path: Path, space: Any) -> None:
             raise InputFileError(
                 path,
                 f"was trained on another observation space ({name} {theirs}, this version has {mine}); "
-                "train anew or use the version it was made with",
+                "train again or use the version it was made with",
             )
 
 

@@ -2,15 +2,15 @@
 
 import numpy as np
 
-from slamgym.agents.explorer import BatchedExplorer, Exploration, Observation
+from slamgym.agents.explorer import BatchedExplorer, Pilot
 from slamgym.core.geometry import wrap_angle
-from slamgym.core.types import Twist2D
+from slamgym.core.types import Observation, Twist2D
 from slamgym.planning.context import ExplorerContext
 from slamgym.planning.path_follower import PathFollower
 from slamgym.planning.path_follower_kernels import free_travel
 
 
-class _Walk(Exploration):
+class _Walk(Pilot):
     """Straight on until something is near, then to a random heading."""
 
     def __init__(self, context: ExplorerContext, rng: np.random.Generator) -> None:
@@ -20,6 +20,7 @@ class _Walk(Exploration):
         self._turning = True
 
     def act(self, observation: Observation) -> Twist2D:
+        """Velocity for the next control step; see :meth:`Pilot.act`."""
         context, config = self._follower.context, self._follower.config
         points = self._follower.points(observation["scan"])
         theta = float(observation["pose"][2])
@@ -42,7 +43,16 @@ class _Walk(Exploration):
 
 
 class RandomWalk(BatchedExplorer):
-    """Drives straight on, and to a random heading where the way is blocked; never finishes."""
+    """Drives straight on, and to a random heading where something is near; never finishes.
 
-    def _begin(self, index: int) -> Exploration:
-        return _Walk(self.context, np.random.default_rng([self.seed, index]))
+    Args:
+        context: What the environment tells about the robot and its map.
+        seed: Of the headings; each environment of a batch has a stream of its own.
+    """
+
+    def __init__(self, context: ExplorerContext, seed: int = 0) -> None:
+        super().__init__(context, "random walk")
+        self._seed = seed
+
+    def _begin(self, index: int) -> Pilot:
+        return _Walk(self.context, np.random.default_rng([self._seed, index]))

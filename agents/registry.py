@@ -1,30 +1,54 @@
-"""Explorers by name."""
+"""Explorers by name: a rule, and settings of the exploration loop where its source has its own."""
 
-import importlib
-from collections.abc import Mapping
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 
+from slamgym.agents.explorer import BatchedExplorer, FrontierExplorer, Rule
+from slamgym.agents.learned import LearnedExplorer
+from slamgym.agents.random_walk import RandomWalk
+from slamgym.agents.rules import (
+    EXPLORE_LITE_LOOP,
+    CostUtility,
+    ExploreLite,
+    FrontierTour,
+    Nearest,
+    NextBestView,
+    Repairman,
+)
 from slamgym.core.config import suggest
 from slamgym.core.errors import ConfigError
+from slamgym.planning.context import ExplorerContext
+from slamgym.planning.exploration_loop import ExplorationLoopConfig
 
-if TYPE_CHECKING:
-    from slamgym.agents.explorer import BatchedExplorer
-    from slamgym.planning.context import ExplorerContext
 
-EXPLORERS: Mapping[str, str] = {
-    "explore_lite": "frontier:ExploreLite",
-    "nearest": "frontier:NearestFrontier",
-    "cost_utility": "frontier:CostUtility",
-    "next_best_view": "next_best_view:NextBestView",
-    "tour": "frontier_tour:FrontierTour",
-    "repairman": "frontier_tour:Repairman",
-    "rl": "learned:LearnedExplorer",
-    "random": "random_walk:RandomWalk",
+@dataclass(frozen=True)
+class HandWritten:
+    """An explorer by a hand-written rule."""
+
+    rule: Rule
+    loop: ExplorationLoopConfig = ExplorationLoopConfig()  # settings of the loop
+
+    def __call__(self, context: ExplorerContext, seed: int) -> BatchedExplorer:  # noqa: ARG002 - no rule draws
+        """Make the explorer."""
+        return FrontierExplorer(context, self.rule, self.loop)
+
+
+CLASSICAL: dict[str, HandWritten] = {
+    "explore_lite": HandWritten(ExploreLite(), EXPLORE_LITE_LOOP),
+    "nearest": HandWritten(Nearest()),
+    "cost_utility": HandWritten(CostUtility()),
+    "next_best_view": HandWritten(NextBestView()),
+    "tour": HandWritten(FrontierTour()),
+    "repairman": HandWritten(Repairman()),
 }
-"""Name to ``module:class`` of this package, imported when one is made: names alone are for help pages, too."""
+"""Hand-written rules: neither learned, nor told the floor plan, nor the random walk."""
 
-CLASSICAL = ("explore_lite", "nearest", "cost_utility", "next_best_view", "tour", "repairman")
-"""Rules by hand: neither learned, nor told the floor plan, nor the random walk."""
+EXPLORERS: Mapping[str, Callable[[ExplorerContext, int], BatchedExplorer]] = {
+    **CLASSICAL,
+    "rl": lambda context, seed: LearnedExplorer(context),  # noqa: ARG005 - the best score is taken
+    "random": RandomWalk,
+}
+"""Name to constructor; each takes the context and a seed, which only the random walk uses."""
 
 
 def make_explorer(name: str, context: "ExplorerContext", seed: int = 0) -> "BatchedExplorer":
@@ -40,13 +64,7 @@ def make_explorer(name: str, context: "ExplorerContext", seed: int = 0) -> "Batc
         InputFileError: If the weights can't be used.
     """
     if name.startswith("rl:"):
-        from slamgym.agents.learned import LearnedExplorer
-
-        return LearnedExplorer(context, name.removeprefix("rl:"), seed=seed)
+        return LearnedExplorer(context, name.removeprefix("rl:"))
     if name not in EXPLORERS:
         raise ConfigError(f"no explorer {name!r}; {suggest(name, EXPLORERS)}")
-    module, maker = EXPLORERS[name].split(":")
-    explorer: BatchedExplorer = getattr(importlib.import_module(f"slamgym.agents.{module}"), maker)(
-        context, seed=seed
-    )
-    return explorer
+    return EXPLORERS[name](context, seed)

@@ -20,13 +20,13 @@ class NetworkConfig(Settings, section="network"):
     """Units of the vector of a candidate."""
     heads: Count = 4
     """Heads of the attention."""
-    prior_feature: str = "gain_per_way"
+    prior_feature: str = "gain_per_metre"
     """The score begins as this feature times ``prior_weight``: an untrained network is the greedy rule of
     next best view, and learning goes on from there (residual policy learning, Silver et al. 2018)."""
     prior_weight: float = 16.0
     """0 begins from scratch."""
     exposure_prior: float = 0.0
-    """Added to the score for each 1.5 m that the way lies from walls, also on top of weights to start from: a
+    """Added to the score for each 1.5 m that the path lies from walls, also on top of weights to start from: a
     negative one begins as a rule that keeps to the walls (coastal navigation, Roy et al. 1999)."""
 
     def _check(self) -> None:

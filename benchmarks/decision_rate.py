@@ -14,7 +14,7 @@ from slamgym.agents.pretrained_policy import read_policy
 from slamgym.agents.rl.training_envs import draw_plans
 from slamgym.envs import ExploreFrontiersEnv
 from slamgym.envs.frontier_features import FrontierFeatures
-from slamgym.planning.frontier_driver import FrontierDriver
+from slamgym.planning.exploration_loop import ExplorationLoop
 
 COARSE = {"slam": {"resolution": 0.1}, "observation": {"map_resolution": 0.1}}
 MODES = {
@@ -40,7 +40,7 @@ def main() -> None:
             observation, _ = env.reset(seed=seed, options={"plan": plan})
             over = False
             while not over:
-                clocks.append(cost_of_choosing(env.driver, scorer))
+                clocks.append(cost_of_choosing(env.loop, scorer))
                 observation, _, terminated, truncated, info = env.step(scorer.choose(observation))
                 over, decisions, lasting = terminated or truncated, decisions + 1, lasting + info["duration"]
             spent += time.process_time() - begin
@@ -64,10 +64,10 @@ def main() -> None:
     print_and_save("decision_rate", "Decisions on four validation plans", rows, columns)
 
 
-def cost_of_choosing(driver: FrontierDriver, scorer: object) -> float:
-    """CPU time of features and network for the driver's candidates [s]."""
+def cost_of_choosing(loop: ExplorationLoop, scorer: object) -> float:
+    """CPU time of features and network for the loop's candidates [s]."""
     begin = time.process_time()
-    observation = FrontierFeatures(driver.config.max_candidates).observe(driver)
+    observation = FrontierFeatures(loop.config.max_candidates).observe(loop)
     scorer.choose(observation)  # type: ignore[attr-defined]
     return time.process_time() - begin
 

@@ -20,7 +20,7 @@ from report import RESULTS, environment
 from slamgym.agents.evaluation.coverage_plot import draw_coverage
 from slamgym.agents.evaluation.evaluate import ORACLE, Evaluation, EvaluationConfig, evaluate
 from slamgym.agents.evaluation.report import write_report
-from slamgym.agents.evaluation.summary import summarise
+from slamgym.agents.evaluation.summary import summarise_trials
 from slamgym.agents.registry import EXPLORERS
 from slamgym.cad.sources import PlanSource
 from slamgym.commands.agents.evaluate import open_source
@@ -97,7 +97,7 @@ def run(
     if not arguments.page:
         return evaluation
     replace_part(PAGE, name, f"### {heading}\n\n{text}")
-    summary = dataclasses.asdict(summarise(evaluation.trials, arguments.against, ORACLE))
+    summary = dataclasses.asdict(summarise_trials(evaluation.trials, arguments.against, ORACLE))
     document = {"name": f"explorers_{name}", **environment(), "seed": config.seed, "summary": summary}
     # The path of the plans is the machine's own.
     document["command"] = (

@@ -1,4 +1,4 @@
-"""How much of a building had been seen when, and after how much driving: what explorers are judged by."""
+"""How much of a building had been seen when, and after how much driving: what explorers are compared by."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -8,7 +8,7 @@ import numpy as np
 
 from slamgym.core.types import FloatArray
 
-LEVELS = (0.5, 0.8, 0.9, 0.95, 0.99)
+COVERAGE_LEVELS = (0.5, 0.8, 0.9, 0.95, 0.99)
 """Shares of the reachable floor whose first reaching is timed."""
 
 HORIZON_PER_AREA = 3.0

@@ -13,8 +13,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
 
-from slamgym.agents.evaluation.trial import Key, MakeForEpisode, Trial, TrialConfig, run_trial, settings_hash
-from slamgym.agents.plan_splits import Split, split_of
+from slamgym.agents.evaluation.trial import Key, MakeForEpisode, Trial, TrialConfig, run_trial, trial_hash
+from slamgym.agents.plan_splits import PlanSplit, split_of
 from slamgym.agents.registry import make_explorer
 from slamgym.cad import FloorPlan, PlanSource, check_plan
 from slamgym.cad.plan_filter import PlanFilter, passes
@@ -86,7 +86,7 @@ class EvaluationConfig(Settings):
     """Names of explorers."""
     count: Count = 200
     """Number of plans."""
-    split: Split | None = "test"
+    split: PlanSplit | None = "test"
     """Split of the plans; None takes all."""
     plans_filter: PlanFilter = "useful"
     """Which plans are worth exploring."""
@@ -236,7 +236,7 @@ def _hash(name: str, plan: FloorPlan, config: EvaluationConfig) -> str:
     env = ExploreEnv(plan, config.trial.env)
     if name == ORACLE:
         env.reset(seed=0, options={"plan": plan})
-    return settings_hash(config.trial, make_for_episode(name)(env, 0))
+    return trial_hash(config.trial, make_for_episode(name)(env, 0))
 
 
 def _run(

@@ -7,7 +7,13 @@ from pathlib import Path
 
 from slamgym import __version__
 from slamgym.agents.evaluation.evaluate import ORACLE, Evaluation, EvaluationConfig, Skipped
-from slamgym.agents.evaluation.summary import Comparison, ExplorerSummary, LevelComparison, Summary, summarise
+from slamgym.agents.evaluation.summary import (
+    Comparison,
+    ExplorerSummary,
+    LevelComparison,
+    Summary,
+    summarise_trials,
+)
 from slamgym.agents.registry import CLASSICAL
 from slamgym.core.config import to_dict
 from slamgym.core.files import replace_file, storage_errors
@@ -17,12 +23,12 @@ _SHOWN = ("0.5", "0.8", "0.9", "0.95", "0.99")
 _RATIO_LEVELS = ("0.95", "0.99")
 
 
-def describe(summary: Summary) -> str:
+def describe_evaluation(summary: Summary) -> str:
     """All tables of an evaluation, as Markdown."""
     parts = [
         "Time to a share of the floor, mean over explorations [s]; in brackets how many reached it [%]:\n",
         _levels_table(summary.explorers, "time"),
-        "\nWay driven by then [m]:\n",
+        "\nPath driven by then [m]:\n",
         _levels_table(summary.explorers, "path"),
         "\nThe whole exploration:\n",
         _whole_table(summary.explorers),
@@ -38,7 +44,7 @@ def describe(summary: Summary) -> str:
         parts += [f"\nOther differences from `{reference}`:\n", _difference_table(summary.comparisons)]
     for reference in dict.fromkeys(comparison.reference for comparison in summary.others):
         own = [comparison for comparison in summary.others if comparison.reference == reference]
-        what = ", the quickest rule by hand to 99 %" if reference in CLASSICAL else ""
+        what = ", the quickest hand-written rule to 99 %" if reference in CLASSICAL else ""
         parts += [
             f"\nAgainst `{reference}`{what}; ratio of means where both reach the level, with 95 % interval:\n",
             _further_table(own),
@@ -194,8 +200,8 @@ def write_report(out: Path, evaluation: Evaluation, config: EvaluationConfig, ag
         ConfigError: If the reference is not among the explorers.
         StorageError: If the folder can't be written.
     """
-    summary = summarise(evaluation.trials, against, yardstick=ORACLE)
-    text = _heading(summary, config, evaluation.skipped) + describe(summary)
+    summary = summarise_trials(evaluation.trials, against, yardstick=ORACLE)
+    text = _heading(summary, config, evaluation.skipped) + describe_evaluation(summary)
     with storage_errors(out):
         replace_file(out / "results.json", _as_json(summary, config, evaluation.skipped))
         replace_file(out / "results.md", text.encode())

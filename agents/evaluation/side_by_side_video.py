@@ -15,7 +15,7 @@ from slamgym.core.config import suggest
 from slamgym.core.errors import ConfigError
 from slamgym.core.types import ByteArray
 from slamgym.envs import ExploreEnv
-from slamgym.envs.episode import time_limit
+from slamgym.envs.episode import episode_steps, time_limit
 from slamgym.viz.canvas import rescaled, with_heading
 from slamgym.viz.films import open_film
 
@@ -85,16 +85,9 @@ def _frames(plan: FloorPlan, seed: int, name: str, config: TrialConfig, stride: 
     """Every n-th step of an exploration as a picture of half the size, with the explorer's name."""
     env_config = dataclasses.replace(config.env, time_limit=time_limit(plan, config.minutes))
     env = ExploreEnv(plan, env_config, render_mode="rgb_array")
-    observation, _ = env.reset(seed=seed, options={"plan": plan})
+    start = env.reset(seed=seed, options={"plan": plan})
     explorer = make_for_episode(name)(env, seed)
-    yield _titled(env.render(), name)
-    truncated, step = False, 0
-    while not truncated:
-        action, _ = explorer.predict(observation)
-        if explorer.finished:
-            break
-        observation, _, _, truncated, _ = env.step(action)
-        step += 1
+    for step, _ in enumerate(episode_steps(env, explorer, start)):
         if step % stride == 0:
             yield _titled(env.render(), name)
     yield _titled(env.render(), f"{name}: done" if explorer.finished else f"{name}: time is up")

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from slamgym.agents.evaluation.coverage_curve import LEVELS
+from slamgym.agents.evaluation.coverage_curve import COVERAGE_LEVELS
 from slamgym.agents.evaluation.trial import Trial, level_name
 from slamgym.agents.registry import CLASSICAL
 from slamgym.core.config import suggest
@@ -25,7 +25,6 @@ from slamgym.core.types import FloatArray
 SUCCESS_COVERAGE = 0.95
 """An exploration succeeds if the explorer ends it by itself, in time, with so much seen."""
 
-COMPARED_LEVELS = (0.5, 0.8, 0.9, 0.95, 0.99)
 
 Pair = tuple[str, int]
 """Plan and seed: what two trials must share to be compared."""
@@ -112,8 +111,8 @@ class Summary:
     """With further references, one after the other."""
 
 
-def summarise(trials: Sequence[Trial], against: str, yardstick: str | None = None) -> Summary:
-    """Judge explorers and compare them with one of them, and with the best rule by hand.
+def summarise_trials(trials: Sequence[Trial], against: str, yardstick: str | None = None) -> Summary:
+    """Measure explorers and compare them with one of them, and with the best hand-written rule.
 
     Args:
         trials: Of all explorers on the same plans and seeds.
@@ -146,7 +145,7 @@ def summarise(trials: Sequence[Trial], against: str, yardstick: str | None = Non
 
 
 def best_classical(explorers: Sequence[ExplorerSummary]) -> str | None:
-    """The rule by hand with the least censored time to 99 %; None if there is none.
+    """The hand-written rule with the least censored time to 99 %; None if there is none.
 
     It is the best on the plans that it is then compared on, which flatters it, not who is compared with it.
     """
@@ -169,7 +168,7 @@ def compare(trials: Sequence[Trial], reference: Sequence[Trial]) -> Comparison:
     levels = [
         _compare_level(trials, reference, quantity, level_name(level))
         for quantity in ("time", "path")
-        for level in COMPARED_LEVELS
+        for level in COVERAGE_LEVELS
     ]
     figures: Mapping[str, Callable[[Trial], float]] = {
         "mean_coverage": lambda t: t.mean_coverage,
@@ -273,11 +272,12 @@ def _summary(name: str, trials: Sequence[Trial]) -> ExplorerSummary:
         return mean_interval(_by_plan(trials, figure, groups))
 
     def to_levels(quantity: str) -> dict[str, Interval]:
-        names = [level_name(level) for level in LEVELS]
+        names = [level_name(level) for level in COVERAGE_LEVELS]
         return {level: mean(lambda t, at=level: censored(t, quantity, at)) for level in names}  # type: ignore[misc]
 
     reached = {
-        key: float(np.mean([t.time_to[key] is not None for t in trials])) for key in map(level_name, LEVELS)
+        key: float(np.mean([t.time_to[key] is not None for t in trials]))
+        for key in map(level_name, COVERAGE_LEVELS)
     }
     return ExplorerSummary(
         explorer=name,

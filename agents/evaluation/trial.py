@@ -1,4 +1,4 @@
-"""One exploration by one explorer, run to its end and judged against the truth."""
+"""One exploration by one explorer, run to its end and measured against the truth."""
 
 import dataclasses
 import time
@@ -8,15 +8,16 @@ from typing import Any, Literal
 
 import numpy as np
 
-from slamgym.agents.evaluation.coverage_curve import LEVELS, CoverageCurve, CurveRecorder, horizon
+from slamgym.agents.evaluation.coverage_curve import COVERAGE_LEVELS, CoverageCurve, CurveRecorder, horizon
 from slamgym.cad import FloorPlan
 from slamgym.core.config import Positive, Settings, config_hash, from_dict
+from slamgym.core.types import Explorer, Float32Array, Observation
 from slamgym.envs import ExploreConfig, ExploreEnv
-from slamgym.envs.episode import FinishingExplorer, explored_env, time_limit
+from slamgym.envs.episode import episode_steps, explored_env, time_limit
 from slamgym.metrics import absolute_trajectory_error
 from slamgym.metrics.map_error import ObstacleDistance
 
-MakeForEpisode = Callable[[ExploreEnv, int], FinishingExplorer]
+MakeForEpisode = Callable[[ExploreEnv, int], Explorer]
 """Makes an explorer for an environment that was just reset, and a seed.
 
 It gets the environment rather than its context because a privileged explorer is made from the floor plan.
@@ -59,13 +60,13 @@ class Trial:
     time: float
     """Robot time at the end [s]."""
     path: float
-    """True way driven [m]."""
+    """True path driven [m]."""
     coverage: float
     """Share of the reachable floor truly seen at the end."""
     time_to: dict[str, float | None]
     """Level to the time when it was reached [s]; None if it never was."""
     path_to: dict[str, float | None]
-    """Level to the way driven by then [m]."""
+    """Level to the path driven by then [m]."""
     mean_coverage: float
     """Area under the coverage curve as a share of the most possible, up to
     :func:`~slamgym.agents.evaluation.coverage_curve.horizon`."""
@@ -114,52 +115,54 @@ def level_name(level: float) -> str:
     return f"{level:g}"
 
 
-def settings_hash(config: TrialConfig, explorer: FinishingExplorer) -> str:
-    """Hash of the settings of a trial and of its explorer.
-
-    An explorer says what it is by a dataclass ``config`` or a text ``fingerprint`` (a policy's weights).
-    """
-    own = getattr(explorer, "config", None)
-    parts = _Settings(
-        config,
-        dataclasses.asdict(own) if dataclasses.is_dataclass(own) and not isinstance(own, type) else {},
-        str(getattr(explorer, "fingerprint", "")),
-    )
-    return config_hash(parts)
+def trial_hash(config: TrialConfig, explorer: Explorer) -> str:
+    """Hash of the settings of a trial and of its explorer."""
+    return config_hash(_Settings(config, explorer.fingerprint))
 
 
 @dataclass(frozen=True)
 class _Settings:
     trial: TrialConfig
-    explorer: dict[str, Any]
     fingerprint: str
 
 
 class _Stopwatch:
-    """CPU time of an explorer's steps, those with a decision apart."""
+    """An explorer with the CPU time of its steps, those with a decision apart."""
 
-    def __init__(self, explorer: FinishingExplorer) -> None:
+    def __init__(self, explorer: Explorer) -> None:
         self._explorer = explorer
         self.all: list[float] = []
         self.deciding: list[float] = []
-        self._counted = 0
+        self.fingerprint = explorer.fingerprint
 
-    def predict(self, observation: Any) -> Any:
+    @property
+    def finished(self) -> bool:
+        """Whether the explorer is done."""
+        return self._explorer.finished
+
+    @property
+    def decisions(self) -> int:
+        """How often the explorer has chosen where to go."""
+        return self._explorer.decisions
+
+    def predict(
+        self,
+        observation: Observation,
+        state: Any = None,
+        episode_start: Any = None,
+        deterministic: bool = False,
+    ) -> tuple[Float32Array, Any]:
         """The explorer's action."""
-        begin = time.thread_time()
-        action, _ = self._explorer.predict(observation)
-        spent = time.thread_time() - begin
-        self.all.append(spent)
-        # A policy that doesn't count its decisions makes one in every step.
-        count = getattr(self._explorer, "decisions", self._counted + 1)
-        if count > self._counted:
-            self._counted = count
-            self.deciding.append(spent)
-        return action
+        begin, decisions = time.thread_time(), self.decisions
+        answer = self._explorer.predict(observation, state, episode_start, deterministic)
+        self.all.append(time.thread_time() - begin)
+        if self.decisions > decisions:
+            self.deciding.append(self.all[-1])
+        return answer
 
 
 def run_trial(plan: FloorPlan, seed: int, name: str, config: TrialConfig, make: MakeForEpisode) -> Trial:
-    """Let an explorer explore a building until it is done or the time is up, and judge it.
+    """Let an explorer explore a building until it is done or the time is up, and measure how well.
 
     Args:
         plan: The building.
@@ -175,29 +178,20 @@ def run_trial(plan: FloorPlan, seed: int, name: str, config: TrialConfig, make: 
     limit = time_limit(plan, config.minutes)
     env = ExploreEnv(plan, dataclasses.replace(config.env, time_limit=limit))
     began = time.process_time()
-    observation, info = env.reset(seed=seed, options={"plan": plan})
-    explorer = make(env, seed)
-    watch, recorder = _Stopwatch(explorer), CurveRecorder()
-    recorder.add(0.0, 0.0, info["coverage"])
-    finished = truncated = False
-    while not truncated:
-        action = watch.predict(observation)
-        if explorer.finished:
-            finished = True
-            break
-        observation, _, _, truncated, info = env.step(action)
+    start = env.reset(seed=seed, options={"plan": plan})
+    watch, recorder = _Stopwatch(make(env, seed)), CurveRecorder()
+    for info in episode_steps(env, watch, start):
         recorder.add(env.simulation.time, info["path_length"], info["coverage"])
     cpu = time.process_time() - began
-    return _judge(env, seed, name, settings_hash(config, explorer), recorder.curve(), finished, watch, cpu)
+    return _assess(env, seed, name, trial_hash(config, watch), recorder.curve(), watch, cpu)
 
 
-def _judge(
+def _assess(
     env: ExploreEnv,
     seed: int,
     name: str,
     settings: str,
     curve: CoverageCurve,
-    finished: bool,
     watch: _Stopwatch,
     cpu: float,
 ) -> Trial:
@@ -216,12 +210,12 @@ def _judge(
         area=round(plan.area, 3),
         rooms=len(plan.rooms),
         time_limit=round(env.config.time_limit, 3),
-        finished=finished,
+        finished=watch.finished,
         time=round(float(curve.time[-1]), 3),
         path=round(float(curve.path[-1]), 4),
         coverage=round(curve.final, 6),
-        time_to={level_name(level): _rounded(curve.time_to(level)) for level in LEVELS},
-        path_to={level_name(level): _rounded(curve.path_to(level)) for level in LEVELS},
+        time_to={level_name(level): _rounded(curve.time_to(level)) for level in COVERAGE_LEVELS},
+        path_to={level_name(level): _rounded(curve.path_to(level)) for level in COVERAGE_LEVELS},
         mean_coverage=round(curve.mean_until(horizon(plan.area)), 6),
         collisions=env.simulation.collisions,
         map_error=round(walls.mean_error(env.mapper.occupancy_grid(), env.world_from_map), 6),

@@ -47,7 +47,7 @@ def load_checkpoint(folder: Path, model: Any) -> None:
     except (OSError, RuntimeError, KeyError, ValueError, EOFError, _unpickling_error()) as error:
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise InputFileError(
-            path, f"is no checkpoint of this run ({reason}); delete it to begin anew"
+            path, f"is no checkpoint of this run ({reason}); delete it to begin again"
         ) from None
 
 

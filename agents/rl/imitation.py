@@ -14,19 +14,17 @@ import torch
 from torch import Tensor
 from torch.nn.functional import cross_entropy
 
-from slamgym.agents.coverage_tour import SightPlanner
+from slamgym.agents.oracle import TrueBuilding
 from slamgym.agents.rl.train_config import TrainConfig
 from slamgym.agents.rl.training_envs import make_env
 from slamgym.cad import FloorPlan
 from slamgym.core.config import suggest
 from slamgym.core.errors import ConfigError
 from slamgym.core.progress import say, show_progress
-from slamgym.core.types import BoolArray, OccupancyGrid
-from slamgym.envs.coverage import ReachableFloor
+from slamgym.core.types import Float32Array, Observation
 from slamgym.envs.explore_frontiers_env import ExploreFrontiersEnv
 from slamgym.envs.frontier_features import CANDIDATE_FEATURES
-from slamgym.planning import Costmap, CostmapConfig, make_costmap, reachable_space
-from slamgym.planning.coarse_paths import CoarsePaths
+from slamgym.planning.frontiers import Point
 
 
 class TourExpert:
@@ -37,72 +35,43 @@ class TourExpert:
     """
 
     def __init__(self, env: ExploreFrontiersEnv) -> None:
-        inner = env.inner
-        self._env = env
-        plan, start = inner.plan, inner.start
-        costmap = _true_costmap(env)
-        space = reachable_space(costmap, start)
-        assert space is not None, "the robot stands in the building"
-        floor = ReachableFloor(plan, inner.config.robot.radius, inner.clutter.furniture)
-        segments = np.vstack([plan.segments(), inner.clutter.segments()])
-        self._planner = SightPlanner(
-            costmap, space, floor.mask(start.x, start.y), floor.frame, segments, inner.config.usable_range
-        )
-        self._paths = CoarsePaths(costmap, space)
-
-    @property
-    def unseen(self) -> BoolArray:
-        """Which of the planner's cells have truly not been seen."""
-        seen = self._env.inner.coverage.seen[::-1].reshape(-1)[self._planner.cells]
-        unseen: BoolArray = self._planner.coverable & ~seen
-        return unseen
+        self._loop = env.loop
+        self._building = TrueBuilding(env.inner)
 
     def choose(self) -> int:
-        """The index of a candidate."""
-        driver, origin = self._env.driver, self._env.inner.start
-        if len(driver.candidates) < 2:
+        """The index of a candidate: the path over it to the first stop of the tour is the shortest."""
+        building, candidates = self._building, self._loop.candidates
+        if len(candidates) < 2:
             return 0
-        here = driver.pose.x + origin.x, driver.pose.y + origin.y
-        tour = self._planner.plan(self.unseen, here)
+        tour = building.planner.plan(building.unseen, building.to_world(self._loop.pose[:2]))
         if not tour:
             return 0
-        from_stop = self._paths.lengths_from(self._paths.place(tour[0].point))
-        ends = np.array([candidate.path[-1] for candidate in driver.candidates]) + np.array(
-            [origin.x, origin.y]
-        )
-        onward = np.array([self._onward(from_stop, (float(x), float(y))) for x, y in ends])
-        ways = np.array([candidate.path_length for candidate in driver.candidates])
-        return int(np.argmin(ways + onward))
+        from_stop = building.paths.lengths_from(building.paths.place(tour[0].point))
+        lengths = [
+            candidate.path_length + self._onward(from_stop, building.to_world(candidate.path[-1]))
+            for candidate in candidates
+        ]
+        return int(np.argmin(lengths))
 
-    def _onward(self, from_stop: np.ndarray, point: tuple[float, float]) -> float:
-        place = self._paths.place(point)
-        return float(from_stop[place]) if place >= 0 else np.inf
-
-
-def _true_costmap(env: ExploreFrontiersEnv) -> Costmap:
-    """The true building with the robot's body, world frame."""
-    plan, radius = env.inner.plan, env.inner.config.robot.circumscribed_radius
-    drawn = plan.raster(0.05)
-    return make_costmap(
-        OccupancyGrid(drawn.cells, drawn.frame),
-        CostmapConfig(inscribed_radius=radius, inflation_radius=radius),
-    )
+    def _onward(self, from_stop: Float32Array, point: Point) -> float:
+        place = self._building.paths.place(point)
+        return float(from_stop[place]) if place >= 0 else math.inf
 
 
 _BATCH = 256
 _EPOCHS = 40
 _PATIENCE = 4  # epochs without a better result on what is held out
 
-Answer = Callable[[dict[str, Any]], int]
+Answer = Callable[[Observation], int]
 """From an observation to the action that the expert would take."""
 
 
-def gain_per_way(env: ExploreFrontiersEnv) -> Answer:
-    """Unknown area in sight over one metre plus the way: next best view, without privileges."""
+def gain_per_metre(env: ExploreFrontiersEnv) -> Answer:
+    """Unknown area in sight over one metre plus the path: next best view, without privileges."""
     del env
-    column = CANDIDATE_FEATURES.index("gain_per_way")
+    column = CANDIDATE_FEATURES.index("gain_per_metre")
 
-    def answer(observation: dict[str, Any]) -> int:
+    def answer(observation: Observation) -> int:
         return int(
             np.where(observation["mask"] > 0.5, observation["candidates"][:, column], -np.inf).argmax()
         )
@@ -118,7 +87,7 @@ def oracle(env: ExploreFrontiersEnv) -> Answer:
 
 EXPERTS: dict[str, Callable[[ExploreFrontiersEnv], Answer]] = {
     "oracle": oracle,
-    "gain_per_way": gain_per_way,
+    "gain_per_metre": gain_per_metre,
 }
 """Whom to imitate, by name; an expert is made anew when an episode has begun."""
 
@@ -158,7 +127,7 @@ def imitate(model: Any, config: TrainConfig, plans: Sequence[FloorPlan]) -> None
 class _Demonstrations:
     """What the expert was asked, what it answered, and what the rest of the episode brought."""
 
-    observations: list[dict[str, Any]] = field(default_factory=list)
+    observations: list[Observation] = field(default_factory=list)
     answers: list[int] = field(default_factory=list)
     returns: list[float] = field(default_factory=list)  # nan where the episode was cut off
 
@@ -175,7 +144,7 @@ class _Demonstrations:
 
 
 def _student(network: Any) -> Answer:
-    def choose(observation: dict[str, Any]) -> int:
+    def choose(observation: Observation) -> int:
         with torch.no_grad():
             scores, _ = network({key: torch.as_tensor(value)[None] for key, value in observation.items()})
         return int(scores[0].argmax())
@@ -192,7 +161,7 @@ def _collect(
     config: TrainConfig,
     seed: int,
 ) -> None:
-    """Explore until there are as many lessons as wanted; the expert drives where ``choose`` is None."""
+    """Explore until there are as many demonstrations as wanted; the expert drives where ``choose`` is None."""
     rng = np.random.default_rng([config.seed, seed])
     observation, _ = env.reset(seed=int(rng.integers(2**31)))
     ask, steps = expert(env), []
@@ -253,7 +222,7 @@ def _fit(network: Any, demonstrations: _Demonstrations, value_weight: float, see
 
 
 def _batches(demonstrations: Tensor, mask: Tensor, rng: np.random.Generator) -> list[Tensor]:
-    """Random minibatches of lessons with about as many candidates each, which spares computing empty rows."""
+    """Random minibatches of demonstrations with about as many candidates each, which spares computing empty rows."""
     shuffled = demonstrations[torch.as_tensor(rng.permutation(len(demonstrations)))]
     counts = mask[shuffled].sum(dim=1)
     batches = list(shuffled[torch.argsort(counts, stable=True)].split(_BATCH))

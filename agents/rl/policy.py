@@ -52,7 +52,7 @@ class FrontierNetwork(nn.Module):
         self.prefer_walls()
 
     def prefer_walls(self) -> None:
-        """Add the preference for ways along walls to the weights as they are."""
+        """Add the preference for paths along walls to the weights as they are."""
         with torch.no_grad():
             self.prior.weight[0, CANDIDATE_FEATURES.index("exposure")] += self.config.exposure_prior
 

@@ -17,7 +17,7 @@ _NOTHING = RewardConfig(coverage_gain=0.0, time=0.0, collision=0.0, completion=0
 
 
 @dataclass(frozen=True)
-class Preset:
+class RewardPreset:
     """A reward and what it is for."""
 
     reward: RewardConfig
@@ -55,65 +55,65 @@ def _new_area(step: StepRecord) -> float:
     return max(0.0, step.known_area - step.previous_known_area)
 
 
-PRESETS: dict[str, Preset] = {
-    "coverage_only": Preset(replace(_NOTHING, coverage_gain=2.0), "floor truly seen, and nothing else"),
-    "information_gain": Preset(
+REWARD_PRESETS: dict[str, RewardPreset] = {
+    "coverage_only": RewardPreset(replace(_NOTHING, coverage_gain=2.0), "floor truly seen, and nothing else"),
+    "information_gain": RewardPreset(
         replace(_NOTHING, information_gain=0.02), "growth of the robot's own map: needs no truth"
     ),
-    "path_cost": Preset(
-        replace(_NOTHING, coverage_gain=2.0, path_length=0.08), "coverage, less the way driven"
+    "path_cost": RewardPreset(
+        replace(_NOTHING, coverage_gain=2.0, path_length=0.08), "coverage, less the path driven"
     ),
-    "time": Preset(replace(_NOTHING, coverage_gain=2.0, time=0.02), "coverage, less the time taken"),
-    "collision": Preset(
+    "time": RewardPreset(replace(_NOTHING, coverage_gain=2.0, time=0.02), "coverage, less the time taken"),
+    "collision": RewardPreset(
         replace(_NOTHING, coverage_gain=2.0, time=0.02, collision=0.1), "as time, less contacts"
     ),
-    "map_error": Preset(
+    "map_error": RewardPreset(
         replace(_NOTHING, coverage_gain=2.0, time=0.02, map_error=40.0),
         "as time, less the growth of the map's true error (Daher et al.'s maps are judged by it)",
         needs_filter=True,
     ),
-    "pose_uncertainty": Preset(
+    "pose_uncertainty": RewardPreset(
         replace(_NOTHING, coverage_gain=2.0, time=0.02, pose_uncertainty=0.2),
         "as time, less the filter's position uncertainty over time: active SLAM, pays for closing loops "
         "(Stachniss, Grisetti and Burgard 2005)",
         needs_filter=True,
     ),
-    "coastal": Preset(
+    "coastal": RewardPreset(
         replace(_NOTHING, coverage_gain=2.0, time=0.02, exposure=0.03),
-        "as time, less the distance from walls of the ways chosen: coastal navigation (Roy, Burgard, Fox and "
-        "Thrun 1999); begins with a preference for ways along walls, which the charge alone is too weak to teach",
+        "as time, less the distance from walls of the paths chosen: coastal navigation (Roy, Burgard, Fox and "
+        "Thrun 1999); begins with a preference for paths along walls, which the charge alone is too weak to teach",
         exposure_prior=-8.0,
     ),
-    "careful_mapping": Preset(
+    "careful_mapping": RewardPreset(
         replace(_NOTHING, coverage_gain=2.0, time=0.02),
         "as time, less the true pose error under which each new part of the map is drawn",
         needs_filter=True,
         terms={"error_of_new_map": (0.4, error_of_new_map)},
     ),
-    "certain_mapping": Preset(
+    "certain_mapping": RewardPreset(
         replace(_NOTHING, coverage_gain=2.0, time=0.02),
         "the same with the filter's position uncertainty in the error's place: needs no truth but coverage",
         needs_filter=True,
         terms={"uncertainty_of_new_map": (0.8, uncertainty_of_new_map)},
     ),
-    "potential": Preset(
+    "potential": RewardPreset(
         replace(_NOTHING, time=0.02, shaping=2.0),
         "time, and potential-based coverage (Ng, Harada and Russell 1999): the optimal policies are those of "
         "time alone",
     ),
-    "completion": Preset(
+    "completion": RewardPreset(
         replace(_NOTHING, time=0.02, completion=5.0), "time, and a bonus at the end: sparse"
     ),
 }
 """The presets by name."""
 
 
-def preset(name: str) -> Preset:
+def reward_preset(name: str) -> RewardPreset:
     """A preset by its name.
 
     Raises:
         ConfigError: If there is none; the error suggests the nearest.
     """
-    if name not in PRESETS:
-        raise ConfigError(f"no reward preset {name!r}; {suggest(name, PRESETS)}")
-    return PRESETS[name]
+    if name not in REWARD_PRESETS:
+        raise ConfigError(f"no reward preset {name!r}; {suggest(name, REWARD_PRESETS)}")
+    return REWARD_PRESETS[name]

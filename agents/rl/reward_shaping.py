@@ -16,9 +16,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from slamgym.agents.rl.reward_presets import PRESETS, preset
-from slamgym.agents.rl.train_config import Curriculum, TrainConfig
-from slamgym.agents.rl.training_callbacks import Outcome
+from slamgym.agents.pretrained_policy import read_policy
+from slamgym.agents.rl.reward_presets import REWARD_PRESETS, reward_preset
+from slamgym.agents.rl.train_config import POLICY, Curriculum, TrainConfig
+from slamgym.agents.rl.training_callbacks import PolicyOutcome, explore_plan
+from slamgym.agents.rl.training_envs import draw_plans, make_env
+from slamgym.cad import FloorPlan
 from slamgym.core.config import Count, Settings, config_hash, from_dict, suggest, to_dict
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.files import write_text
@@ -33,16 +36,15 @@ Term = tuple[str, float, RewardFunction]
 """Name, weight and function of a term of the user's own."""
 
 OWN = "own"
-"""Preset that a term of the user's own makes."""
+"""RewardPreset that a term of the user's own makes."""
 
-POLICY = "policy.safetensors"
 RESULTS = "shaping.json"
 
 
 class ShapingConfig(Settings):
     """An experiment."""
 
-    presets: tuple[str, ...] = tuple(PRESETS)
+    presets: tuple[str, ...] = tuple(REWARD_PRESETS)
     """Names of presets; ``slamgym agents shape --list`` explains them. If one of them needs the particle filter
     all are trained with it, so that they differ in the reward alone."""
     seeds: Count = 3
@@ -61,7 +63,7 @@ class ShapingConfig(Settings):
     def _check(self) -> None:
         for name in self.presets:
             if name != OWN:
-                preset(name)
+                reward_preset(name)
         if self.train.env != "explore_frontiers":
             raise ConfigError("reward presets are compared on --train.env explore_frontiers")
 
@@ -73,7 +75,7 @@ class ShapingRun:
     preset: str
     seed: int
     curve: list[tuple[float, float]]  # (steps, mean time of the training's episodes so far [s])
-    outcomes: list[Outcome]  # one of each test plan
+    outcomes: list[PolicyOutcome]  # one of each test plan
 
 
 @dataclass(frozen=True)
@@ -99,8 +101,6 @@ def run_shaping(
     Raises:
         ConfigError: If the folder holds runs with other settings.
     """
-    from slamgym.agents.rl.training_envs import draw_plans
-
     plans = draw_plans(config.train.plans, "test", config.test_plans)
     return [
         _run_one(config, name, seed, out / name / f"seed_{seed}", plans, learn, term)
@@ -140,12 +140,12 @@ def _run_one(
 
 def settings_of(config: ShapingConfig, name: str, seed: int) -> TrainConfig:
     """The training run of a preset and a seed."""
-    needs_filter = any(preset(other).needs_filter for other in config.presets if other != OWN)
+    needs_filter = any(reward_preset(other).needs_filter for other in config.presets if other != OWN)
     localization = "rbpf" if needs_filter else config.train.localization
     base = dataclasses.replace(config.train, seed=seed, localization=localization)
     if name == OWN:
         return base
-    chosen = preset(name)
+    chosen = reward_preset(name)
     network = dataclasses.replace(
         base.network, exposure_prior=base.network.exposure_prior + chosen.exposure_prior
     )
@@ -156,19 +156,16 @@ def _terms(name: str, term: Term | None) -> dict[str, tuple[float, RewardFunctio
     """Terms of the reward that no weight of its configuration stands for."""
     if name == OWN:
         return {term[0]: term[1:]} if term else None
-    return dict(preset(name).terms) or None
+    return dict(reward_preset(name).terms) or None
 
 
 def test_policy(
     settings: TrainConfig, path: Path, plans: Sequence[FloorPlan], particles: int
-) -> Iterator[tuple[FloorPlan, Outcome]]:
+) -> Iterator[tuple[FloorPlan, PolicyOutcome]]:
     """Explore held-out plans with a trained policy, the particle filter on and maps of full resolution.
 
     Start and noise of an exploration follow from its plan's id, whatever the other plans.
     """
-    from slamgym.agents.pretrained_policy import read_policy
-    from slamgym.agents.rl.training_callbacks import explore
-    from slamgym.agents.rl.training_envs import make_env
     from slamgym.envs.explore_frontiers_env import ExploreFrontiersEnv
 
     scorer = read_policy(path).scorer()
@@ -178,7 +175,7 @@ def test_policy(
     )  # fmt: skip
     assert isinstance(env, ExploreFrontiersEnv)
     for plan in plans:
-        yield plan, explore(env, scorer.choose, plan, exploration_seed(0, plan.id, 0))
+        yield plan, explore_plan(env, scorer.choose, plan, exploration_seed(0, plan.id, 0))
 
 
 def read_curve(folder: Path) -> list[tuple[float, float]]:
@@ -212,12 +209,12 @@ def own_term(spec: str, weight: float) -> Term:
     return name, weight, function
 
 
-def _write(folder: Path, identity: str, outcomes: Mapping[str, Outcome]) -> None:
+def _write(folder: Path, identity: str, outcomes: Mapping[str, PolicyOutcome]) -> None:
     document = {"settings": identity, "outcomes": {plan: to_dict(o) for plan, o in outcomes.items()}}
     write_text(folder / RESULTS, json.dumps(document, indent=1) + "\n")
 
 
-def _read(folder: Path, identity: str) -> dict[str, Outcome]:
+def _read(folder: Path, identity: str) -> dict[str, PolicyOutcome]:
     """What was tested of a run, by plan.
 
     Raises:
@@ -230,7 +227,7 @@ def _read(folder: Path, identity: str) -> dict[str, Outcome]:
     try:
         document = json.loads(path.read_text(encoding="utf-8"))
         found = str(document["settings"])
-        outcomes = {plan: from_dict(Outcome, values) for plan, values in document["outcomes"].items()}
+        outcomes = {plan: from_dict(PolicyOutcome, values) for plan, values in document["outcomes"].items()}
     except (OSError, ValueError, KeyError, TypeError, AttributeError, ConfigError) as error:
         raise InputFileError(path, f"is damaged ({error}); delete it to test that run again") from None
     if found != identity:

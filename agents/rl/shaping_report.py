@@ -11,14 +11,14 @@ from slamgym.core.intervals import Interval, crossed_mean, crossed_ratio, mean_b
 from slamgym.core.types import FloatArray
 from slamgym.viz.plots import Curve, CurvePanel, Spread, plot_curves, plot_spreads
 
-COLUMNS = (
+OUTCOME_COLUMNS = (
     ("time_95", "time to 95 % [s]", "{:.0f}"),
     ("time_99", "time to 99 % [s]", "{:.0f}"),
     ("path_99", "path to 99 % [m]", "{:.1f}"),
     ("coverage", "coverage", "{:.3f}"),
     ("map_error", "map error [m]", "{:.4f}"),
 )
-"""Field of :class:`slamgym.agents.rl.training_callbacks.Outcome`, heading, format."""
+"""Field of :class:`slamgym.agents.rl.training_callbacks.PolicyOutcome`, heading, format."""
 
 _POINTS = 60
 
@@ -47,14 +47,14 @@ def table(runs: Sequence[ShapingRun]) -> str:
     """Means over seeds and plans with 95 % intervals, and map error and time against ``time``.
 
     Both are drawn again for an interval (:func:`slamgym.core.intervals.crossed_ratio`), so it holds for other plans
-    and other seeds of the training.
+    and other seeds of the training. With one seed there is none: other plans alone would make it too narrow.
     """
     names = list(dict.fromkeys(run.preset for run in runs))
     reference = "time" if "time" in names else names[0]
     headings = [
         "preset",
         "seeds",
-        *(heading for _, heading, _ in COLUMNS),
+        *(heading for _, heading, _ in OUTCOME_COLUMNS),
         f"time 99 / {reference}",
         f"error / {reference}",
     ]
@@ -62,12 +62,16 @@ def table(runs: Sequence[ShapingRun]) -> str:
     for name in names:
         own = [run for run in runs if run.preset == name]
         cells = [name, str(len(own))]
-        cells += [_cell(crossed_mean(_outcomes(own, field)), form) for field, _, form in COLUMNS]
+        cells += [
+            _cell(crossed_mean(_outcomes(own, field)), form, len(own)) for field, _, form in OUTCOME_COLUMNS
+        ]
         base = [run for run in runs if run.preset == reference]
         for field in ("time_99", "map_error"):
             ratio = crossed_ratio(_outcomes(own, field), _outcomes(base, field))
-            cells.append(_cell(ratio, "{:.2f}"))
+            cells.append(_cell(ratio, "{:.2f}", min(len(own), len(base))))
         lines.append("| " + " | ".join(cells) + " |")
+    if any(sum(run.preset == name for run in runs) < 2 for name in names):
+        lines.append("\nNo interval where there is one seed: it would not show how much trainings differ.")
     return "\n".join(lines) + "\n"
 
 
@@ -88,8 +92,8 @@ def draw_curves(runs: Sequence[ShapingRun], path: Path) -> None:
 def draw_outcomes(runs: Sequence[ShapingRun], path: Path) -> None:
     """A page of pictures: every outcome of every preset, a dot for each seed and the interval of the mean."""
     names = list(dict.fromkeys(run.preset for run in runs))
-    columns: dict[str, list[Spread]] = {heading: [] for _, heading, _ in COLUMNS}
-    for field, heading, _ in COLUMNS:
+    columns: dict[str, list[Spread]] = {heading: [] for _, heading, _ in OUTCOME_COLUMNS}
+    for field, heading, _ in OUTCOME_COLUMNS:
         for name in names:
             values = _outcomes([run for run in runs if run.preset == name], field)
             interval = crossed_mean(values)
@@ -102,5 +106,7 @@ def _outcomes(runs: Sequence[ShapingRun], field: str) -> FloatArray:
     return np.array([[getattr(outcome, field) for outcome in run.outcomes] for run in runs])
 
 
-def _cell(interval: Interval, form: str) -> str:
+def _cell(interval: Interval, form: str, seeds: int) -> str:
+    if seeds < 2:
+        return form.format(interval.value)
     return f"{form.format(interval.value)} [{form.format(interval.low)}, {form.format(interval.high)}]"

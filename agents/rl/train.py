@@ -24,11 +24,11 @@ from slamgym.agents.rl.checkpoint import has_checkpoint, load_checkpoint, save_c
 from slamgym.agents.rl.imitation import imitate
 from slamgym.agents.rl.policy import FrontierPolicy, MaskableFrontierPolicy
 from slamgym.agents.rl.semi_markov import MaskableSemiMarkovBuffer, SemiMarkovBuffer, SemiMarkovDiscounting
-from slamgym.agents.rl.train_config import TrainConfig
+from slamgym.agents.rl.train_config import POLICY, TrainConfig
 from slamgym.agents.rl.training_callbacks import (
-    Checkpoint,
     FollowCurriculum,
     LogEpisodes,
+    SaveCheckpoints,
     ShowProgress,
     Validate,
     write_json,
@@ -41,7 +41,6 @@ from slamgym.envs import RewardFunction
 from slamgym.envs.explore_frontiers_env import ExploreFrontiersEnv
 
 CONFIG = "config.json"
-POLICY = "policy.safetensors"
 
 
 def train(
@@ -184,7 +183,7 @@ def _begin_with(start_from: str, model: BaseAlgorithm) -> None:
 
 
 def _callbacks(config: TrainConfig, out: Path, model: BaseAlgorithm) -> list[BaseCallback]:
-    callbacks: list[BaseCallback] = [FollowCurriculum(config), Checkpoint(out, config.checkpoint_every)]
+    callbacks: list[BaseCallback] = [FollowCurriculum(config), SaveCheckpoints(out, config.checkpoint_every)]
     if config.env != "explore_frontiers":
         return callbacks
     callbacks += [SemiMarkovDiscounting(), LogEpisodes()]

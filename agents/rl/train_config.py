@@ -9,6 +9,9 @@ from slamgym.core.errors import ConfigError
 from slamgym.envs.rewards import FRONTIER_REWARD, RewardConfig
 from slamgym.sim import OdometryLevel
 
+POLICY = "policy.safetensors"
+"""Name of a frontier policy's weights in the folder of a run."""
+
 Algorithm = Literal["maskable_ppo", "ppo", "sac"]
 EnvName = Literal["explore_frontiers", "explore"]
 

@@ -24,8 +24,8 @@ Choose = Callable[[dict[str, Any]], int]
 
 
 @dataclass(frozen=True)
-class Outcome:
-    """One exploration. Times and ways that were not reached count as those at the end."""
+class PolicyOutcome:
+    """One exploration. Times and paths that were not reached count as those at the end."""
 
     time_95: float  # to 95 % of the floor truly seen [s]
     time_99: float  # [s]
@@ -38,7 +38,7 @@ class Outcome:
     map_error: float  # [m]
 
 
-def explore(env: ExploreFrontiersEnv, choose: Choose, plan: FloorPlan, seed: int) -> Outcome:
+def explore_plan(env: ExploreFrontiersEnv, choose: Choose, plan: FloorPlan, seed: int) -> PolicyOutcome:
     """Explore one building to the end.
 
     Args:
@@ -59,7 +59,7 @@ def explore(env: ExploreFrontiersEnv, choose: Choose, plan: FloorPlan, seed: int
         is_over = terminated or truncated
     end = info["time"], info["path_length"]
     (time_95, path_95), (time_99, path_99) = reached.get(0.95, end), reached.get(0.99, end)
-    return Outcome(
+    return PolicyOutcome(
         time_95=time_95,
         time_99=time_99,
         path_95=path_95,
@@ -72,18 +72,18 @@ def explore(env: ExploreFrontiersEnv, choose: Choose, plan: FloorPlan, seed: int
     )
 
 
-def judge(
+def mean_outcome(
     env: ExploreFrontiersEnv, choose: Choose, plans: Sequence[FloorPlan], seed: int = 0
 ) -> dict[str, float]:
     """Means over buildings, each explored once from a start of its own.
 
     Returns:
-        The fields of :class:`Outcome`, and ``decisions_per_second``.
+        The fields of :class:`PolicyOutcome`, and ``decisions_per_second``.
     """
-    outcomes = [explore(env, choose, plan, seed + index) for index, plan in enumerate(plans)]
+    outcomes = [explore_plan(env, choose, plan, seed + index) for index, plan in enumerate(plans)]
     means = {
         name: float(np.mean([getattr(outcome, name) for outcome in outcomes]))
-        for name in Outcome.__dataclass_fields__
+        for name in PolicyOutcome.__dataclass_fields__
     }
     seconds = math.fsum(outcome.seconds for outcome in outcomes)
     means["decisions_per_second"] = sum(outcome.decisions for outcome in outcomes) / max(seconds, 1e-9)
@@ -152,7 +152,7 @@ class Validate(BaseCallback):
             action, _ = self.model.predict(observation, deterministic=True, **keywords)
             return int(action)
 
-        means = judge(self._env, choose, self._plans)
+        means = mean_outcome(self._env, choose, self._plans)
         for name, value in means.items():
             self.logger.record(f"validation/{name}", value)
         path = self._folder / VALIDATION
@@ -168,7 +168,7 @@ class Validate(BaseCallback):
             self._export(self._folder / "best.safetensors")
 
 
-class Checkpoint(BaseCallback):
+class SaveCheckpoints(BaseCallback):
     """Saves what the run needs to go on, between two updates."""
 
     def __init__(self, folder: Path, every: int) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecEnv
 
-from slamgym.agents.plan_splits import Split, split_plans
+from slamgym.agents.plan_splits import PlanSplit, split_plans
 from slamgym.agents.rl.train_config import Curriculum, TrainConfig
 from slamgym.cad import FloorPlan, check_plan, open_plans
 from slamgym.cad.plan_filter import AREA, LONG_SIDE, passes
@@ -47,7 +47,7 @@ class StagedPlans:
         return self._plans[plan_id]
 
 
-def draw_plans(specs: Sequence[str], split: Split, count: int, seed: int = 0) -> list[FloorPlan]:
+def draw_plans(specs: Sequence[str], split: PlanSplit, count: int, seed: int = 0) -> list[FloorPlan]:
     """Draw plans that are worth exploring from a split of some sources, as many from each.
 
     Generated plans have to be of the size of homes too, which :func:`slamgym.cad.plan_filter.passes` asks of

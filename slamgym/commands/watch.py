@@ -14,7 +14,9 @@ import tyro
 from slamgym.core.config import Arguments, Count, Positive, Within, suggest
 from slamgym.core.errors import ConfigError
 from slamgym.core.progress import say
-from slamgym.sim import ClutterConfig, LidarConfig, OdometryLevel, RobotConfig
+from slamgym.envs import ExploreConfig, ExploreEnv
+from slamgym.envs.episode import episode_steps, time_limit
+from slamgym.sim import ClutterConfig, LidarConfig, OdometryLevel, RobotConfig, odometry_level
 from slamgym.slam import SlamConfig
 
 if TYPE_CHECKING:
@@ -96,9 +98,7 @@ def _choose_plan(arguments: WatchArguments) -> FloorPlan:
 
 
 def _make_env(arguments: WatchArguments, plan: FloorPlan) -> ExploreEnv:
-    from slamgym.envs import ExploreConfig, ExploreEnv
-    from slamgym.envs.episode import time_limit
-    from slamgym.sim import odometry_level
+    from slamgym.envs import ExploreEnv
 
     config = ExploreConfig(
         robot=arguments.robot,
@@ -118,16 +118,9 @@ def _explore(env: ExploreEnv, plan: FloorPlan, arguments: WatchArguments) -> Ite
     from slamgym.agents.registry import make_explorer
 
     explorer = make_explorer(arguments.explorer, env.explorer_context(), arguments.seed)
-    observation, info = env.reset(seed=arguments.seed)
-    yield info
-    truncated = False
-    while not truncated:
-        action, _ = explorer.predict(observation)
-        if explorer.finished:
-            break
-        observation, _, _, truncated, info = env.step(action)
+    for info in episode_steps(env, explorer, env.reset(seed=arguments.seed)):
         yield info
-    ending = "explored" if not truncated else "time is up"
+    ending = "explored" if explorer.finished else "time is up"
     say(
         f"{plan.id}: {ending} after {env.simulation.time / 60.0:.1f} min and {info['path_length']:.0f} m, "
         f"{100.0 * info['coverage']:.1f} % covered, position error {info['pose_error']:.2f} m"

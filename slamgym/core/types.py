@@ -158,15 +158,34 @@ class OccupancyGrid:
             raise ValueError(f"cells have shape {self.cells.shape} but the frame says {self.frame.shape}")
 
 
+Observation = dict[str, Any]
+"""What an environment shows: arrays by the names of its observation space."""
+
+
 class Explorer(Protocol):
-    """A policy, as Stable-Baselines3's ``PolicyPredictor`` defines it.
+    """A policy, as Stable-Baselines3's ``PolicyPredictor`` defines it, that knows when it is done.
 
     ``predict`` takes an observation and returns an action and the next hidden state.
     """
 
+    @property
+    def fingerprint(self) -> str:
+        """Short hash of all that decides what it does: its settings, and its weights if it has some."""
+        ...
+
+    @property
+    def finished(self) -> bool:
+        """Whether nothing that the robot can get to is left to explore."""
+        ...
+
+    @property
+    def decisions(self) -> int:
+        """How often it has chosen where to go."""
+        ...
+
     def predict(
         self,
-        observation: Any,
+        observation: Observation,
         state: tuple[NDArray[Any], ...] | None = None,
         episode_start: NDArray[Any] | None = None,
         deterministic: bool = False,

@@ -1,4 +1,4 @@
-"""Whether anything is left to explore, judged by the robot's map alone."""
+"""Whether anything is left to explore, by the robot's map alone."""
 
 import numpy as np
 

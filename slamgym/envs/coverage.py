@@ -7,7 +7,7 @@ that holds the start), dilated back by the radius and by what a disc leaves out 
 from the true pose and followed to the usable range, has passed through it. Coverage is the share of the
 floor's cells that were seen.
 
-It is computed from the truth: it may judge an exploration, but no observation shows it.
+It is computed from the truth: it may measure an exploration, but no observation shows it.
 """
 
 import math

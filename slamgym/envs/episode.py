@@ -3,12 +3,20 @@
 import dataclasses
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import Literal, Protocol
+from typing import Any, Literal, Protocol
 
 from slamgym.cad import FloorPlan, PlanSource
 from slamgym.core.config import Positive, Settings
 from slamgym.core.geometry import transform_poses
-from slamgym.core.types import Explorer, LaserGeometry, LaserScan, OccupancyGrid, Pose2D, Trajectory
+from slamgym.core.types import (
+    Explorer,
+    LaserGeometry,
+    LaserScan,
+    Observation,
+    OccupancyGrid,
+    Pose2D,
+    Trajectory,
+)
 from slamgym.envs import EpisodeLog, ExploreConfig, ExploreEnv
 from slamgym.interop import LogRecord
 from slamgym.planning import ExplorerContext
@@ -19,19 +27,10 @@ AUTO_PER_AREA = 8.0
 """Part of the automatic time limit that grows with the free area [s/m2]."""
 
 
-class FinishingExplorer(Explorer, Protocol):
-    """An explorer that knows when it is done."""
-
-    @property
-    def finished(self) -> bool:
-        """Whether nothing reachable is left to explore."""
-        ...
-
-
 class MakeExplorer(Protocol):
     """Makes an explorer by its name; raises :class:`~slamgym.core.errors.ConfigError` for an unknown one."""
 
-    def __call__(self, name: str, context: ExplorerContext, seed: int = 0) -> FinishingExplorer:
+    def __call__(self, name: str, context: ExplorerContext, seed: int = 0) -> Explorer:
         """Make a fresh explorer for one exploration."""
         ...
 
@@ -109,6 +108,30 @@ def check_explorer(plans: PlanSource, config: EpisodeConfig, make_explorer: Make
     make_explorer(config.explorer, ExploreEnv(plans, config.env).explorer_context())
 
 
+def episode_steps(
+    env: ExploreEnv, explorer: Explorer, start: tuple[Observation, dict[str, Any]]
+) -> Iterator[dict[str, Any]]:
+    """Let an explorer drive until it says that it is done or the environment cuts it off.
+
+    Args:
+        env: The environment; its state is that of the step yielded last.
+        explorer: Whether it was done at the end, its ``finished`` says.
+        start: What the environment's reset returned.
+
+    Yields:
+        The environment's ``info``: that of the reset, and that of each step.
+    """
+    observation, info = start
+    yield info
+    truncated = False
+    while not truncated:
+        action, _ = explorer.predict(observation)
+        if explorer.finished:
+            return
+        observation, _, _, truncated, info = env.step(action)
+        yield info
+
+
 def run_episode(plan: FloorPlan, seed: int, config: EpisodeConfig, make_explorer: MakeExplorer) -> Episode:
     """Let an explorer map a building until it says that it is done or the time is up.
 
@@ -125,14 +148,8 @@ def run_episode(plan: FloorPlan, seed: int, config: EpisodeConfig, make_explorer
     limit = time_limit(plan, config.minutes)
     env = ExploreEnv(plan, dataclasses.replace(config.env, time_limit=limit))
     explorer = make_explorer(config.explorer, env.explorer_context(), seed)
-    observation, info = env.reset(seed=seed, options={"plan": plan})
-    finished, truncated = False, False
-    while not truncated:
-        action, _ = explorer.predict(observation)
-        if explorer.finished:
-            finished = True
-            break
-        observation, _, _, truncated, info = env.step(action)
+    for info in episode_steps(env, explorer, env.reset(seed=seed, options={"plan": plan})):
+        outcome = info
     log = env.log
     assert log is not None, "EpisodeConfig has the environment keep a log"
     return Episode(
@@ -146,10 +163,10 @@ def run_episode(plan: FloorPlan, seed: int, config: EpisodeConfig, make_explorer
         final_estimate=env.mapper.pose,
         geometry=env.scan.geometry,
         log=log,
-        finished="explored" if finished else "time_limit",
+        finished="explored" if explorer.finished else "time_limit",
         time_limit=limit,
-        coverage=info["coverage"],
-        collisions=info["collisions"],
+        coverage=outcome["coverage"],
+        collisions=outcome["collisions"],
     )
 
 

@@ -10,13 +10,13 @@ from slamgym.cad import FloorPlan
 from slamgym.core.config import suggest
 from slamgym.core.errors import ConfigError, PlanError
 from slamgym.core.jit import announce_compilation
-from slamgym.core.types import ByteArray, LaserScan, Pose2D
+from slamgym.core.types import ByteArray, LaserScan, Observation, Pose2D
 from slamgym.envs.assessment import Assessment
 from slamgym.envs.completion import CompletionDetector
 from slamgym.envs.config import ExploreConfig, resolve_config
 from slamgym.envs.coverage import Coverage
 from slamgym.envs.episode_log import EpisodeLog
-from slamgym.envs.observations import MapView, Observation, Observer, make_view, observation_space
+from slamgym.envs.observations import MapView, Observer, make_view, observation_space
 from slamgym.envs.plan_cache import PlanCache, PlansArgument, PreparedPlan, ResetOptions
 from slamgym.envs.rewards import Reward, RewardFunction
 from slamgym.envs.simulation import Actions, Simulation, Streams

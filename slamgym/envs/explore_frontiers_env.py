@@ -10,7 +10,7 @@ from gymnasium import spaces
 
 from slamgym.core.config import from_dict
 from slamgym.core.errors import ActionError, ConfigError
-from slamgym.core.types import BoolArray
+from slamgym.core.types import BoolArray, Observation
 from slamgym.envs.config import ExploreConfig, resolve_config
 from slamgym.envs.explore_env import RENDER_MODES, ExploreEnv
 from slamgym.envs.frontier_features import (
@@ -21,9 +21,7 @@ from slamgym.envs.frontier_features import (
 )
 from slamgym.envs.plan_cache import PlansArgument
 from slamgym.envs.rewards import FRONTIER_REWARD, RewardFunction
-from slamgym.planning.frontier_driver import DriverConfig, FrontierDriver
-
-Observation = dict[str, Any]
+from slamgym.planning.exploration_loop import ExplorationLoop, ExplorationLoopConfig
 
 DEFAULT_TIME_LIMIT = 1200.0
 """Most homes are explored within 600 s; the limit is there for those that go round in circles [s]."""
@@ -38,7 +36,7 @@ class ExploreFrontiersEnv(gym.Env[Observation, np.int64]):
     Precup and Singh 1999). At each step up to K frontiers of the robot's map are offered, the shortest path
     first. The chosen one is driven to by the same navigation stack that the classical explorers use. The step
     ends when the frontier has gone or was reached or given up, or after ``horizon`` seconds; then the map has
-    grown and the next choice is due. What comes when no frontier is left (a look around, gentler rules, rooms
+    grown and the next choice is due. What comes when no frontier is left (a look around, relaxed footprints, rooms
     that the map has closed) happens by itself.
 
     ## Action Space
@@ -85,7 +83,7 @@ class ExploreFrontiersEnv(gym.Env[Observation, np.int64]):
     Args:
         plans: As in ExploreEnv.
         config: As in ExploreEnv.
-        driver: How frontiers are offered and driven to, or a mapping of the fields that differ.
+        loop: How frontiers are offered and driven to, or a mapping of the fields that differ.
         discount: Per second.
         render_mode: As in ExploreEnv.
         reward_terms: As in ExploreEnv.
@@ -102,7 +100,7 @@ class ExploreFrontiersEnv(gym.Env[Observation, np.int64]):
         plans: PlansArgument = "bundled",
         config: ExploreConfig | None = None,
         *,
-        driver: DriverConfig | Mapping[str, Any] | None = None,
+        loop: ExplorationLoopConfig | Mapping[str, Any] | None = None,
         discount: float = 1.0,
         render_mode: str | None = None,
         reward_terms: Mapping[str, tuple[float, RewardFunction]] | None = None,
@@ -112,10 +110,10 @@ class ExploreFrontiersEnv(gym.Env[Observation, np.int64]):
             raise ConfigError(f"discount must lie in (0, 1], not {discount}")
         config = config or ExploreConfig(reward=FRONTIER_REWARD, time_limit=DEFAULT_TIME_LIMIT)
         asked = resolve_config(config, settings)
-        self.driver_config = (
-            from_dict(DriverConfig, driver, "driver")
-            if isinstance(driver, Mapping)
-            else driver or DriverConfig()
+        self.loop_config = (
+            from_dict(ExplorationLoopConfig, loop, "loop")
+            if isinstance(loop, Mapping)
+            else loop or ExplorationLoopConfig()
         )
         self.discount = discount
         self.inner = ExploreEnv(
@@ -130,22 +128,22 @@ class ExploreFrontiersEnv(gym.Env[Observation, np.int64]):
         )
         self.config = self.inner.config
         self.render_mode = render_mode
-        k = self.driver_config.max_candidates
+        k = self.loop_config.max_candidates
         self.observation_space = frontier_observation_space(k)
         self.action_space = spaces.Discrete(k)
         self._context = self.inner.explorer_context()
-        self._driver: FrontierDriver | None = None
+        self._loop: ExplorationLoop | None = None
 
     @property
-    def driver(self) -> FrontierDriver:
+    def loop(self) -> ExplorationLoop:
         """The running exploration.
 
         Raises:
             gymnasium.error.ResetNeeded: Before the first reset.
         """
-        if self._driver is None:
+        if self._loop is None:
             raise gym.error.ResetNeeded("call reset() before step()")
-        return self._driver
+        return self._loop
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -153,35 +151,33 @@ class ExploreFrontiersEnv(gym.Env[Observation, np.int64]):
         """Begin an episode, up to the first decision; see :meth:`ExploreEnv.reset`."""
         super().reset(seed=seed)
         inner, info = self.inner.reset(seed=seed, options=options)
-        self._driver = FrontierDriver(self._context, self.driver_config)
-        self._features = FrontierFeatures(self.driver_config.max_candidates)
+        self._loop = ExplorationLoop(self._context, self.loop_config)
+        self._features = FrontierFeatures(self.loop_config.max_candidates)
         self._is_over = False
-        is_due = self._driver.observe(inner)
+        is_due = self._loop.observe(inner)
         _, is_truncated, info = self._drive(is_due, info)
-        self._is_over = is_truncated or self._driver.finished or bool(info.get("is_success"))
+        self._is_over = is_truncated or self._loop.finished or bool(info.get("is_success"))
         return self._observe(info, duration=0.0)
 
     def step(self, action: Any) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Drive to a frontier until the next decision; see :class:`gymnasium.Env`."""
-        driver = self.driver
-        begin, info = driver.time, dict(self._info)
+        loop = self.loop
+        begin, info = loop.time, dict(self._info)
         info["reward_terms"] = {}
         reward, truncated = 0.0, False
-        if not self._is_over and driver.candidates:
+        if not self._is_over and loop.candidates:
             index = self._row(action)
-            index = index if index < len(driver.candidates) else 0
+            index = index if index < len(loop.candidates) else 0
             self.inner.note_exposure(float(self._exposures[index]))
-            chosen = driver.choose(index)
-            reward, truncated, info = self._drive(not chosen and bool(driver.candidates), info)
-        terminated = (driver.finished or bool(info.get("is_success"))) and not (
-            truncated and not driver.finished
-        )
+            chosen = loop.choose(index)
+            reward, truncated, info = self._drive(not chosen and bool(loop.candidates), info)
+        terminated = (loop.finished or bool(info.get("is_success"))) and not (truncated and not loop.finished)
         if terminated or truncated:
             self._is_over = True
             if "map_error" not in info:
                 info["map_error"] = self.inner.map_error()
             info["is_success"] = terminated
-        observation, info = self._observe(info, driver.time - begin)
+        observation, info = self._observe(info, loop.time - begin)
         return observation, reward, terminated, truncated and not terminated, info
 
     def _row(self, action: Any) -> int:
@@ -190,7 +186,7 @@ class ExploreFrontiersEnv(gym.Env[Observation, np.int64]):
         Raises:
             ActionError: If there is no such row.
         """
-        rows = self.driver_config.max_candidates
+        rows = self.loop_config.max_candidates
         try:
             index = int(action)
         except (TypeError, ValueError):
@@ -213,26 +209,26 @@ class ExploreFrontiersEnv(gym.Env[Observation, np.int64]):
 
     def _drive(self, is_due: bool, info: dict[str, Any]) -> tuple[float, bool, dict[str, Any]]:
         """Drive until the next decision or the end: (discounted reward, truncated, info)."""
-        driver, begin = self.driver, self.driver.time
+        loop, begin = self.loop, self.loop.time
         total = 0.0
         terms: dict[str, float] = {}
         terminated = truncated = False
-        while not (is_due or driver.finished or terminated or truncated):
-            weight = self.discount ** (driver.time - begin)
-            command = self._context.to_action(driver.command())
+        while not (is_due or loop.finished or terminated or truncated):
+            weight = self.discount ** (loop.time - begin)
+            command = self._context.to_action(loop.command())
             observation, reward, terminated, truncated, info = self.inner.step(command)
             total += weight * reward
             for name, value in info["reward_terms"].items():
                 terms[name] = terms.get(name, 0.0) + weight * value
-            is_due = driver.observe(observation)
+            is_due = loop.observe(observation)
         return total, truncated and not terminated, {**info, "reward_terms": terms}
 
     def _observe(self, info: dict[str, Any], duration: float) -> tuple[Observation, dict[str, Any]]:
-        observation = self._features.observe(self.driver)
+        observation = self._features.observe(self.loop)
         self._mask = action_mask(observation)
         self._exposures = exposures(observation)
         self._info = {
-            **info, "duration": duration, "time": self.driver.time, "action_mask": self._mask.copy()
+            **info, "duration": duration, "time": self.loop.time, "action_mask": self._mask.copy()
         }  # fmt: skip
         return observation, self._info
 

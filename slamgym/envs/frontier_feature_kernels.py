@@ -1,10 +1,12 @@
-"""Kernels of the candidates' features: a coarse map, the unknown behind a frontier, a crop about it."""
+"""Kernels of the candidates' features: a coarse map, the unknown region behind a frontier, a crop about it."""
+
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from slamgym.core.jit import kernel
-from slamgym.core.types import BoolArray, ByteArray, Float32Array, FloatArray, Int32Array
+from slamgym.core.types import BoolArray, ByteArray, Float32Array, Int32Array, IntArray
 
 Int16Array = NDArray[np.int16]
 
@@ -17,7 +19,7 @@ _NO_INFORMATION = np.uint8(255)
 
 
 @kernel
-def classify(costs: ByteArray, coarsening: int) -> ByteArray:
+def classify_costs(costs: ByteArray, coarsening: int) -> ByteArray:
     """Coarse classes of a costmap, shape (H // coarsening, W // coarsening).
 
     A coarse cell is occupied if any of its cells is, else free if any is, else unknown: walls stay closed.
@@ -38,33 +40,40 @@ def classify(costs: ByteArray, coarsening: int) -> ByteArray:
     return classes
 
 
+class UnknownRegion(NamedTuple):
+    """The unknown region behind a frontier, flooded from it up to some distance. Counts are of coarse cells."""
+
+    near: int  # cells within the first distance
+    far: int  # cells within the second
+    outside: float  # share of these outside the box of what is known
+    is_enclosed: float  # 1 if the flood ended by itself, else 0
+    free: int  # free cells that it met
+    occupied: int  # occupied cells that it met
+    frontiers: int  # other frontiers that it met
+
+
 @kernel
-def explore_pocket(
-    classes: ByteArray, labels: Int16Array, label: int, rows: NDArray[np.int64], cols: NDArray[np.int64],
-    near_steps: int, far_steps: int, margin: int, num_labels: int,
-) -> FloatArray:  # fmt: skip
-    """What the unknown behind a frontier is like: flooded from the frontier, 4-connected, up to some distance.
+def explore_unknown_region(
+    classes: ByteArray, labels: Int16Array, label: int, cells: IntArray,
+    steps: tuple[int, int], margin: int, num_labels: int,
+) -> UnknownRegion:  # fmt: skip
+    """Flood the unknown region behind a frontier, 4-connected.
 
     Args:
         classes: Coarse classes, shape (h, w).
         labels: The frontier that each coarse cell belongs to, -1 for none, shape (h, w).
         label: Of this frontier.
-        rows: Its coarse cells.
-        cols: Its coarse cells.
-        near_steps: First distance [cells].
-        far_steps: Second distance, where the flood ends [cells].
+        cells: Its coarse cells, shape (N, 2).
+        steps: First distance, and the second, where the flood ends [cells].
         margin: Cells this near to the edge of the grid lie outside the bounding box of what is known.
         num_labels: Number of frontiers.
-
-    Returns:
-        (cells within the first distance, cells within the second, share of these outside the box of the known,
-        1 if the flood ended by itself, free cells met, occupied cells met, other frontiers met).
     """
+    near_steps, far_steps = steps
     height, width = classes.shape
     seen = np.zeros(height * width, np.bool_)
     queue = np.empty(height * width, np.int32)
     met = np.zeros(num_labels, np.bool_)
-    tail = _seed_pocket(classes, rows, cols, seen, queue)
+    tail = _seed_unknown_region(classes, cells, seen, queue)
     head, end, ring, near, outside = 0, tail, 0, tail, 0
     free, occupied = 0, 0
     while head < end and ring < far_steps:
@@ -95,25 +104,26 @@ def explore_pocket(
             near = tail
     if ring < near_steps:
         near = tail
-    result = np.empty(7)
-    result[0], result[1] = near, tail
-    result[2] = outside / tail if tail else 0.0
-    result[3] = 1.0 if head == tail else 0.0
-    result[4], result[5], result[6] = free, occupied, np.count_nonzero(met)
-    return result
+    return UnknownRegion(
+        near,
+        tail,
+        outside / tail if tail else 0.0,
+        1.0 if head == tail else 0.0,
+        free,
+        occupied,
+        int(np.count_nonzero(met)),
+    )
 
 
 @kernel
-def _seed_pocket(
-    classes: ByteArray, rows: NDArray[np.int64], cols: NDArray[np.int64], seen: BoolArray, queue: Int32Array
-) -> int:
+def _seed_unknown_region(classes: ByteArray, cells: IntArray, seen: BoolArray, queue: Int32Array) -> int:
     """Queue the unknown cells at and beside a frontier; returns their number."""
     height, width = classes.shape
     tail = 0
-    for i in range(len(rows)):
+    for i in range(len(cells)):
         for dr in range(-1, 2):
             for dc in range(-1, 2):
-                r, c = rows[i] + dr, cols[i] + dc
+                r, c = cells[i, 0] + dr, cells[i, 1] + dc
                 if 0 <= r < height and 0 <= c < width and classes[r, c] == 0 and not seen[r * width + c]:
                     seen[r * width + c] = True
                     queue[tail] = r * width + c

@@ -1,21 +1,29 @@
 """What a policy knows of the frontiers it may choose from: features of each, and of the whole.
 
-All of it is belief: map, believed pose and clock, as :class:`~slamgym.planning.frontier_driver.FrontierDriver`
-has them. Neither the floor plan, nor the true pose, nor the true coverage can get in here.
+All of it is belief: map, believed pose and clock, as the
+:class:`~slamgym.planning.exploration_loop.ExplorationLoop` has them. Neither the floor plan, nor the true pose, nor
+the true coverage can get in here.
 """
 
 import math
 from collections import deque
-from typing import Any
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from gymnasium import spaces
 
-from slamgym.core.types import BoolArray, ByteArray, Float32Array, FloatArray, Pose2D
-from slamgym.envs.frontier_feature_kernels import classify, cut_frontier_crop, explore_pocket
+from slamgym.core.types import BoolArray, ByteArray, Float32Array, FloatArray, Observation, Pose2D
+from slamgym.envs.frontier_feature_kernels import (
+    UnknownRegion,
+    classify_costs,
+    cut_frontier_crop,
+    explore_unknown_region,
+)
 from slamgym.planning.costmap import Costmap
-from slamgym.planning.frontier_candidates import COARSENING, Candidate
-from slamgym.planning.frontier_driver import FrontierDriver
+from slamgym.planning.exploration_loop import ExplorationLoop
+from slamgym.planning.frontier_candidates import COARSENING, FrontierCandidate
 from slamgym.planning.frontiers import expected_gain
 
 FEATURE_VERSION = 1
@@ -26,9 +34,9 @@ CROP_PX = 13
 CROP_CELL = 0.35
 """Size of its cells [m]: it shows 2.3 m to every side."""
 
-NEAR_POCKET = 1.5
-"""The unknown behind a frontier is measured up to this distance ... [m]"""
-FAR_POCKET = 4.0
+NEAR_UNKNOWN = 1.5
+"""The unknown region behind a frontier is measured up to this distance ... [m]"""
+FAR_UNKNOWN = 4.0
 """... and to this one [m]."""
 
 _EXPOSURE_UNIT = 1.5  # [m]
@@ -37,55 +45,93 @@ _STRETCH = 0.7  # the direction of a path is taken over so much of it [m]
 LIMIT = 10.0
 """Features are cut off here."""
 
-CANDIDATE_FEATURES: tuple[str, ...] = (
-    "path_length",
-    "path_cost",
-    "straight_distance",
-    "ahead",
-    "left",
-    "heading_cos",
-    "heading_sin",
-    "heading_change",
-    "arrival_turn",
-    "size",
-    "extent",
-    "elongation",
-    "gain",
-    "gain_per_way",
-    "pocket_near",
-    "pocket_far",
-    "pocket_outside",
-    "pocket_enclosed",
-    "pocket_free_border",
-    "pocket_wall_border",
-    "pocket_others",
-    "clearance",
-    "doorway",
-    "exposure",
-    "nearest_other",
-    "mean_other",
-    "is_target",
-    "path_detour",
+
+@dataclass(frozen=True)
+class _Measured:
+    """A candidate and what was measured of it."""
+
+    candidate: FrontierCandidate
+    bearing: tuple[float, float]  # its middle, ahead and left of the robot [m]
+    turns: tuple[float, float]  # at the start of the path, and from its end to the frontier [rad]
+    size: float  # [m]
+    extent: float  # [m]
+    gain: float  # unknown area in sight [m2]
+    cell: float  # side of a cell of the unknown region [m]
+    unknown: UnknownRegion
+    clearance: float  # distance of its middle from walls [m]
+    exposure: float  # mean distance of the path from walls [m]
+    others: tuple[float, float]  # distance to the nearest other candidate, and the mean distance [m]
+    is_target: bool
+
+
+_CANDIDATE_TABLE: tuple[tuple[str, Callable[[_Measured], float]], ...] = (
+    ("path_length", lambda m: m.candidate.path_length / 10.0),
+    ("path_cost", lambda m: m.candidate.path_cost / 20.0),
+    ("straight_distance", lambda m: m.candidate.frontier.min_distance / 10.0),
+    ("ahead", lambda m: m.bearing[0] / 10.0),
+    ("left", lambda m: m.bearing[1] / 10.0),
+    ("heading_cos", lambda m: math.cos(m.turns[0])),
+    ("heading_sin", lambda m: math.sin(m.turns[0])),
+    ("heading_change", lambda m: abs(m.turns[0]) / math.pi),
+    ("arrival_turn", lambda m: abs(m.turns[1]) / math.pi),
+    ("size", lambda m: m.size / 3.0),
+    ("extent", lambda m: m.extent / 3.0),
+    ("elongation", lambda m: m.extent / max(m.size, 0.1)),
+    ("gain", lambda m: m.gain / 15.0),
+    ("gain_per_metre", lambda m: m.gain / 10.0 / (1.0 + m.candidate.path_length)),
+    ("unknown_near", lambda m: m.unknown.near * m.cell**2 / 5.0),
+    ("unknown_far", lambda m: m.unknown.far * m.cell**2 / 20.0),
+    ("unknown_outside", lambda m: m.unknown.outside),
+    ("unknown_enclosed", lambda m: m.unknown.is_enclosed),
+    ("unknown_free_border", lambda m: m.unknown.free * m.cell / 5.0),
+    ("unknown_wall_border", lambda m: m.unknown.occupied * m.cell / 10.0),
+    ("unknown_frontiers", lambda m: m.unknown.frontiers / 4.0),
+    ("clearance", lambda m: m.clearance / 1.5),
+    ("doorway", lambda m: float(m.extent < 1.3 and m.clearance < 0.7)),
+    ("exposure", lambda m: m.exposure / _EXPOSURE_UNIT),
+    ("nearest_other", lambda m: m.others[0] / 5.0),
+    ("mean_other", lambda m: m.others[1] / 10.0),
+    ("is_target", lambda m: float(m.is_target)),
+    (
+        "path_detour",
+        lambda m: m.candidate.path_length / max(m.candidate.frontier.min_distance, 0.5) / 3.0,
+    ),
 )
+
+CANDIDATE_FEATURES: tuple[str, ...] = tuple(name for name, _ in _CANDIDATE_TABLE)
 """Features of each candidate; docs/learning.md explains them."""
 
-GLOBAL_FEATURES: tuple[str, ...] = (
-    "time",
-    "known_area",
-    "growth",
-    "time_since_growth",
-    "last_duration",
-    "frontiers",
-    "frontier_length",
-    "total_gain",
-    "known_width",
-    "known_height",
-    "known_share",
-    "ending",
-)
-"""Features of the exploration as a whole."""
 
-Observation = dict[str, Any]
+class _Overall(NamedTuple):
+    """What was measured of the whole exploration."""
+
+    loop: ExplorationLoop
+    growth: float  # of the known area, lately [m2/s]
+    since_growth: float  # [s]
+    since_last: float  # decision [s]
+    length: float  # of all candidates' frontiers, as a feature
+    gain: float  # of all candidates, as a feature
+    width: float  # of what is known [m]
+    height: float  # [m]
+
+
+_GLOBAL_TABLE: tuple[tuple[str, Callable[[_Overall], float]], ...] = (
+    ("time", lambda o: o.loop.time / 600.0),
+    ("known_area", lambda o: o.loop.known_area / 100.0),
+    ("growth", lambda o: o.growth),
+    ("time_since_growth", lambda o: o.since_growth / 20.0),
+    ("last_duration", lambda o: o.since_last / 10.0),
+    ("frontiers", lambda o: o.loop.num_frontiers / 16.0),
+    ("frontier_length", lambda o: o.length / 5.0),
+    ("total_gain", lambda o: o.gain / 5.0),
+    ("known_width", lambda o: o.width / 15.0),
+    ("known_height", lambda o: o.height / 15.0),
+    ("known_share", lambda o: o.loop.known_area / (o.width * o.height)),
+    ("ending", lambda o: float(o.loop.round)),
+)
+
+GLOBAL_FEATURES: tuple[str, ...] = tuple(name for name, _ in _GLOBAL_TABLE)
+"""Features of the exploration as a whole."""
 
 
 def frontier_observation_space(max_candidates: int) -> spaces.Dict:
@@ -112,8 +158,8 @@ class FrontierFeatures:
         self._history: deque[tuple[float, float]] = deque([(0.0, 0.0)])  # (time, known area) at decisions
         self._grown_at = 0.0
 
-    def observe(self, driver: FrontierDriver) -> Observation:
-        """The observation at a decision: features of the driver's candidates, in their order."""
+    def observe(self, loop: ExplorationLoop) -> Observation:
+        """The observation at a decision: features of the loop's candidates, in their order."""
         k = self._max_candidates
         observation = {
             "candidates": np.zeros((k, len(CANDIDATE_FEATURES)), np.float32),
@@ -121,20 +167,22 @@ class FrontierFeatures:
             "globals": np.zeros(len(GLOBAL_FEATURES), np.float32),
             "mask": np.zeros(k, np.float32),
         }
-        costmap, candidates = driver.navigator.costmap, driver.candidates
+        costmap, candidates = loop.navigator.costmap, loop.candidates
         if costmap is None:
             return observation
         rows: FloatArray = np.zeros((0, len(CANDIDATE_FEATURES)))
         if candidates:
-            rows = _candidate_rows(driver, costmap, observation["crops"])
+            measured = _measure(loop, costmap, observation["crops"])
+            rows = np.array([[value(one) for _, value in _CANDIDATE_TABLE] for one in measured])
             observation["candidates"][: len(rows)] = np.clip(rows, -LIMIT, LIMIT)
             observation["mask"][: len(rows)] = 1.0
-        overall = self._global_row(driver, costmap, rows)
-        observation["globals"][:] = np.clip(overall, -LIMIT, LIMIT)
+        overall = self._measure_whole(loop, costmap, rows)
+        values = [value(overall) for _, value in _GLOBAL_TABLE]
+        observation["globals"][:] = np.clip(values, -LIMIT, LIMIT)
         return observation
 
-    def _global_row(self, driver: FrontierDriver, costmap: Costmap, rows: FloatArray) -> list[float]:
-        time, area = driver.time, driver.known_area
+    def _measure_whole(self, loop: ExplorationLoop, costmap: Costmap, rows: FloatArray) -> _Overall:
+        time, area = loop.time, loop.known_area
         last_time, last_area = self._history[-1]
         if area > last_area + 0.05:
             self._grown_at = time
@@ -143,24 +191,18 @@ class FrontierFeatures:
             self._history.popleft()
         since, before = self._history[0]
         frame = costmap.frame
-        width = max(0.1, frame.width_px * frame.resolution - 1.0)  # without the margin about the known part
-        height = max(0.1, frame.height_px * frame.resolution - 1.0)
-        gain = CANDIDATE_FEATURES.index("gain")
-        size = CANDIDATE_FEATURES.index("size")
-        return [
-            time / 600.0,
-            area / 100.0,
-            (area - before) / max(time - since, 1.0),
-            (time - self._grown_at) / 20.0,
-            (time - last_time) / 10.0,
-            driver.num_frontiers / 16.0,
-            float(rows[:, size].sum()) / 5.0,
-            float(rows[:, gain].sum()) / 5.0,
-            width / 15.0,
-            height / 15.0,
-            area / (width * height),
-            float(driver.round),
-        ]
+        return _Overall(
+            loop=loop,
+            growth=(area - before) / max(time - since, 1.0),
+            since_growth=time - self._grown_at,
+            since_last=time - last_time,
+            length=float(rows[:, CANDIDATE_FEATURES.index("size")].sum()),
+            gain=float(rows[:, CANDIDATE_FEATURES.index("gain")].sum()),
+            width=max(
+                0.1, frame.width_px * frame.resolution - 1.0
+            ),  # without the margin about the known part
+            height=max(0.1, frame.height_px * frame.resolution - 1.0),
+        )
 
 
 def action_mask(observation: Observation) -> BoolArray:
@@ -171,14 +213,14 @@ def action_mask(observation: Observation) -> BoolArray:
 
 
 def exposures(observation: Observation) -> FloatArray:
-    """Mean distance from walls of the way to each candidate, shape (K,) [m]."""
+    """Mean distance from walls of the path to each candidate, shape (K,) [m]."""
     return observation["candidates"][:, CANDIDATE_FEATURES.index("exposure")] * _EXPOSURE_UNIT
 
 
-def _candidate_rows(driver: FrontierDriver, costmap: Costmap, crops: Float32Array) -> FloatArray:
-    """Features of the candidates, shape (N, F); fills their crops."""
-    candidates, pose = driver.candidates, driver.pose
-    classes = classify(costmap.costs, COARSENING)
+def _measure(loop: ExplorationLoop, costmap: Costmap, crops: Float32Array) -> list[_Measured]:
+    """Measure the candidates; fills their crops."""
+    candidates, pose = loop.candidates, loop.pose
+    classes = classify_costs(costmap.costs, COARSENING)
     labels = np.full(classes.shape, -1, np.int16)
     cells = [np.unique(one.frontier.cells // COARSENING, axis=0).astype(np.int64) for one in candidates]
     for index, coarse in enumerate(cells):
@@ -188,111 +230,69 @@ def _candidate_rows(driver: FrontierDriver, costmap: Costmap, crops: Float32Arra
     middles = np.array([one.frontier.middle for one in candidates])
     apart = np.hypot(*(middles[:, None] - middles[None]).transpose(2, 0, 1))
     np.fill_diagonal(apart, np.inf)
-    others = len(candidates) - 1
-    rows = np.zeros((len(candidates), len(CANDIDATE_FEATURES)))
+    resolution = costmap.frame.resolution
+    cell = resolution * COARSENING
+    margin = round(0.5 / cell)  # what a costmap keeps about the known part
     steps = _path_steps(costmap)
-    for index, candidate in enumerate(candidates):
-        pocket = _pocket(classes, labels, index, cells[index], costmap, len(candidates))
-        outward = _outward(candidate, costmap)
-        _crop(candidate, outward, classes, costmap, crops[index])
+    measured = []
+    for index, one in enumerate(candidates):
+        outward = _outward(one, costmap)
+        _crop(one, outward, classes, costmap, crops[index])
         distances = apart[index][np.isfinite(apart[index])]
-        rows[index] = (
-            *_way(candidate, pose, outward, steps),
-            *_shape(candidate, costmap, driver.context.geometry.range_max),
-            *pocket,
-            *_surroundings(candidate, costmap),
-            float(distances.min()) / 5.0 if others else 2.0,
-            float(distances.mean()) / 10.0 if others else 2.0,
-            float(driver.target is not None and candidate.target == driver.target.target),
-            candidate.path_length / max(candidate.frontier.min_distance, 0.5) / 3.0,
-        )
-    return rows
+        measured.append(
+            _Measured(
+                candidate=one,
+                bearing=_bearing(one, pose),
+                turns=_turns(one, pose, outward, steps),
+                size=one.frontier.size * resolution,
+                extent=float(np.hypot(*np.ptp(one.points, axis=0))),
+                gain=expected_gain(costmap, one.frontier.middle, loop.context.geometry.range_max),
+                cell=cell,
+                unknown=explore_unknown_region(
+                    classes, labels, index, cells[index],
+                    (round(NEAR_UNKNOWN / cell), round(FAR_UNKNOWN / cell)), margin, len(candidates),
+                ),
+                clearance=float(_wall_distances(costmap, np.array([one.frontier.middle]))[0]),
+                exposure=float(_wall_distances(costmap, one.path).mean()),
+                others=(float(distances.min()), float(distances.mean())) if len(distances) else (10.0, 20.0),
+                is_target=loop.target is not None and one.target == loop.target.target,
+            )
+        )  # fmt: skip
+    return measured
 
 
-def _way(candidate: Candidate, pose: Pose2D, outward: float, steps: int) -> list[float]:
-    """How far it is, in which direction, and how much the robot would turn at both ends.
-
-    Directions are taken over so many ``steps`` of the path.
-    """
+def _bearing(candidate: FrontierCandidate, pose: Pose2D) -> tuple[float, float]:
+    """The middle of a frontier, ahead and left of the robot [m]."""
     x, y = candidate.frontier.middle
     cos, sin = math.cos(pose.theta), math.sin(pose.theta)
     dx, dy = x - pose.x, y - pose.y
+    return cos * dx + sin * dy, cos * dy - sin * dx
+
+
+def _turns(candidate: FrontierCandidate, pose: Pose2D, outward: float, steps: int) -> tuple[float, float]:
+    """How much the robot would turn at both ends of the path [rad]; directions are taken over so many ``steps``."""
     path = candidate.path
-    ahead = path[min(len(path) - 1, steps)] if len(path) > steps // 2 else np.array([x, y])
+    ahead = path[min(len(path) - 1, steps)] if len(path) > steps // 2 else np.array(candidate.frontier.middle)
     first = math.remainder(math.atan2(ahead[1] - pose.y, ahead[0] - pose.x) - pose.theta, 2.0 * math.pi)
     before = path[max(0, len(path) - 1 - steps)]
     last = math.atan2(path[-1, 1] - before[1], path[-1, 0] - before[0]) if len(path) > 1 else pose.theta
-    return [
-        candidate.path_length / 10.0,
-        candidate.path_cost / 20.0,
-        candidate.frontier.min_distance / 10.0,
-        (cos * dx + sin * dy) / 10.0,
-        (cos * dy - sin * dx) / 10.0,
-        math.cos(first),
-        math.sin(first),
-        abs(first) / math.pi,
-        abs(math.remainder(outward - last, 2.0 * math.pi)) / math.pi,
-    ]
+    return first, math.remainder(outward - last, 2.0 * math.pi)
 
 
-def _shape(candidate: Candidate, costmap: Costmap, reach: float) -> list[float]:
-    """Size and form of the frontier, and what could be seen from it."""
-    size = candidate.frontier.size * costmap.frame.resolution
-    extent = float(np.hypot(*np.ptp(candidate.points, axis=0)))
-    gain = expected_gain(costmap, candidate.frontier.middle, reach)
-    return [
-        size / 3.0,
-        extent / 3.0,
-        extent / max(size, 0.1),
-        gain / 15.0,
-        gain / 10.0 / (1.0 + candidate.path_length),
-    ]
+def _wall_distances(costmap: Costmap, points: FloatArray) -> Float32Array:
+    """Distance of points (N, 2) from walls, at most 3 m [m].
 
-
-def _pocket(
-    classes: ByteArray, labels: Any, index: int, cells: Any, costmap: Costmap, count: int
-) -> list[float]:
-    """The unknown behind the frontier: how large, how enclosed, and what else borders it."""
-    cell = costmap.frame.resolution * COARSENING
-    margin = round(0.5 / cell)  # what a costmap keeps about the known part
-    near, far, outside, enclosed, free, occupied, others = explore_pocket(
-        classes, labels, index, cells[:, 0], cells[:, 1],
-        round(NEAR_POCKET / cell), round(FAR_POCKET / cell), margin, count,
-    )  # fmt: skip
-    return [
-        near * cell**2 / 5.0,
-        far * cell**2 / 20.0,
-        outside,
-        enclosed,
-        free * cell / 5.0,
-        occupied * cell / 10.0,
-        others / 4.0,
-    ]
-
-
-def _surroundings(candidate: Candidate, costmap: Costmap) -> list[float]:
-    """Room about the frontier, whether it is a doorway, and how far from walls the way leads.
-
-    A robot localises itself by walls in sight, so the share of the way far from them stands for the pose
-    uncertainty that the way would bring (Roy et al., "Coastal navigation", 1999).
+    A robot localises itself by walls in sight, so the share of the path far from them stands for the pose
+    uncertainty that it would bring (Roy et al., "Coastal navigation", 1999).
     """
-    resolution, (height, width) = costmap.frame.resolution, costmap.costs.shape
-
-    def distance(points: FloatArray) -> Float32Array:
-        row, col = costmap.frame.to_cell(points[:, 0], points[:, 1])
-        row, col = np.clip(row, 0, height - 1), np.clip(col, 0, width - 1)
-        return np.minimum(costmap.distance[row, col] * np.float32(resolution), np.float32(3.0))
-
-    clearance = float(distance(np.array([candidate.frontier.middle]))[0])
-    extent = float(np.hypot(*np.ptp(candidate.points, axis=0)))
-    return [
-        clearance / 1.5,
-        float(extent < 1.3 and clearance < 0.7),
-        float(distance(candidate.path).mean()) / _EXPOSURE_UNIT,
-    ]
+    height, width = costmap.costs.shape
+    row, col = costmap.frame.to_cell(points[:, 0], points[:, 1])
+    row, col = np.clip(row, 0, height - 1), np.clip(col, 0, width - 1)
+    metres = costmap.distance[row, col] * np.float32(costmap.frame.resolution)
+    return np.minimum(metres, np.float32(3.0))
 
 
-def _outward(candidate: Candidate, costmap: Costmap) -> float:
+def _outward(candidate: FrontierCandidate, costmap: Costmap) -> float:
     """Direction from where the path ends to the frontier [rad]."""
     x, y = costmap.frame.to_point(*candidate.place)
     dx, dy = candidate.frontier.middle[0] - float(x), candidate.frontier.middle[1] - float(y)
@@ -311,7 +311,7 @@ def _path_steps(costmap: Costmap) -> int:
 
 
 def _crop(
-    candidate: Candidate, outward: float, classes: ByteArray, costmap: Costmap, crop: Float32Array
+    candidate: FrontierCandidate, outward: float, classes: ByteArray, costmap: Costmap, crop: Float32Array
 ) -> None:
     row, col = costmap.frame.to_cell(*candidate.frontier.middle)
     cut_frontier_crop(

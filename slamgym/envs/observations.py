@@ -4,7 +4,7 @@ Everything here comes from the mapper, the scanner and the wheels. Nothing takes
 """
 
 import math
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 from gymnasium import spaces
@@ -18,6 +18,7 @@ from slamgym.core.types import (
     Float32Array,
     GridFrame,
     LaserScan,
+    Observation,
     Pose2D,
     Twist2D,
 )
@@ -89,8 +90,6 @@ def cut_crop(
                     row += cos
             out[i, j] = value
 
-
-Observation = dict[str, Any]
 
 FURTHEST = 1000.0
 """Believed positions are cut off here [m], because Gymnasium wants bounds."""

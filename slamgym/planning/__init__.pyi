@@ -18,7 +18,7 @@ from .frontiers import (
     reachable_space,
     wavefront_frontiers,
 )
-from .grid_path import GridPath, path_costs, path_is_free, place_near, plan_path
+from .grid_path import GridPath, path_is_free, place_near, plan_path
 from .navigator import Goal, GoalStatus, Navigator, NavigatorConfig
 from .path_follower import FollowerConfig, PathFollower
 
@@ -44,7 +44,6 @@ __all__ = [
     "free_body",
     "make_costmap",
     "mark_obstacles",
-    "path_costs",
     "path_is_free",
     "place_near",
     "plan_path",

@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-from slamgym.core.types import BoolArray, Float32Array, FloatArray, Int32Array, Pose2D
+from slamgym.core.types import BoolArray, Float32Array, FloatArray, Pose2D
 from slamgym.planning.costmap import INSCRIBED_COST, LETHAL_COST, Costmap
 from slamgym.planning.frontier_kernels import nearest_open_cell
 from slamgym.planning.frontiers import Point, Reachable
@@ -17,7 +17,6 @@ from slamgym.planning.grid_path_kernels import search_path, trace_path
 SHRINK = 3
 """Cells of the costmap along the side of a coarse one."""
 
-_NONE: Int32Array = np.zeros(0, dtype=np.int32)
 _ANY: BoolArray = np.zeros(0, dtype=np.bool_)
 
 
@@ -67,7 +66,7 @@ class CoarsePaths:
         """
         if place < 0:
             return np.full(self._costs.size, np.inf, dtype=np.float32)
-        lengths, _ = search_path(self._costs, place, -1, INSCRIBED_COST, 0.0, _NONE)
+        lengths, _ = search_path(self._costs, place, -1, INSCRIBED_COST, 0.0)
         in_metres: Float32Array = lengths * np.float32(self.cell)
         return in_metres
 
@@ -110,12 +109,12 @@ class CoarsePaths:
                     lengths[i, j] = found[other]
         return np.minimum(lengths, lengths.T)
 
-    def way(self, start: Point, goal: Point) -> FloatArray:
+    def path(self, start: Point, goal: Point) -> FloatArray:
         """Points of a shortest path, a coarse cell apart, shape (N, 2) [m]; empty where none leads."""
         first, last = self.place(start), self.place(goal)
         if first < 0 or last < 0:
             return np.zeros((0, 2))
-        lengths, parent = search_path(self._costs, first, last, INSCRIBED_COST, 0.0, _NONE)
+        lengths, parent = search_path(self._costs, first, last, INSCRIBED_COST, 0.0)
         if not math.isfinite(lengths[last]):
             return np.zeros((0, 2))
         row, col = np.divmod(trace_path(parent, first, last), self._costs.shape[1])

@@ -12,8 +12,6 @@ from slamgym.planning.frontiers import Frontier, Point, Reachable, find_frontier
 from slamgym.planning.grid_path import COST_FACTOR, place_near
 from slamgym.planning.grid_path_kernels import search_path, trace_path
 
-_NONE: Int32Array = np.zeros(0, dtype=np.int32)
-
 COARSENING = 2
 """Paths to candidates are measured on a grid whose cells are so many cells of the map wide."""
 
@@ -21,7 +19,7 @@ _BEND = 0.5  # a frontier whose centroid is farther than this from its cells is 
 
 
 @dataclass(frozen=True)
-class Candidate:
+class FrontierCandidate:
     """A frontier that may be chosen, and where the robot would go for it."""
 
     frontier: Frontier
@@ -29,12 +27,12 @@ class Candidate:
     target: Point  # where the robot would go [m]
     place: tuple[int, int]  # the cell (row, col) of the costmap where its path ends
     path_length: float  # [m]
-    path_cost: float  # the same, weighted by the costs on the way [m]
+    path_cost: float  # the same, weighted by the costs along it [m]
     path: FloatArray  # (N, 2) the path on the coarse grid, from the robot, map frame [m]
 
 
 @dataclass(frozen=True)
-class RoadMap:
+class PathTree:
     """Cheapest paths from the robot to every cell of a coarsened costmap."""
 
     costs: ByteArray  # (h, w)
@@ -44,13 +42,13 @@ class RoadMap:
     frame: GridFrame
 
     @staticmethod
-    def survey(costmap: Costmap, reachable: Reachable) -> "RoadMap":
+    def search(costmap: Costmap, reachable: Reachable) -> "PathTree":
         """Search the paths from the robot's cell."""
-        costs, frame = coarsen(costmap.costs, costmap.frame)
+        costs, frame = coarsen_costmap(costmap.costs, costmap.frame)
         row, col = divmod(int(reachable.order[0]), costmap.frame.width_px)
         start = (row // COARSENING) * frame.width_px + col // COARSENING
-        distance, parent = search_path(costs, start, -1, INSCRIBED_COST, COST_FACTOR, _NONE)
-        return RoadMap(costs, distance.reshape(costs.shape), parent, start, frame)
+        distance, parent = search_path(costs, start, -1, INSCRIBED_COST, COST_FACTOR)
+        return PathTree(costs, distance.reshape(costs.shape), parent, start, frame)
 
     def path_to(self, row: int, col: int) -> FloatArray | None:
         """The path to a cell of this grid, shape (N, 2) [m]; None where none leads."""
@@ -60,7 +58,7 @@ class RoadMap:
         return np.column_stack(self.frame.to_point(*np.divmod(cells, self.frame.width_px)))
 
 
-def coarsen(costs: ByteArray, frame: GridFrame) -> tuple[ByteArray, GridFrame]:
+def coarsen_costmap(costs: ByteArray, frame: GridFrame) -> tuple[ByteArray, GridFrame]:
     """Join cells of a costmap by their lowest cost, so that narrow doors stay open.
 
     Rows and columns that don't fill a coarse cell are left out at the bottom and the right; the margin of a
@@ -90,7 +88,7 @@ def make_candidates(
     split_extent: float,
     tolerance: float,
     keep: Point | None = None,
-) -> tuple[list[Candidate], RoadMap]:
+) -> list[FrontierCandidate]:
     """Search the frontiers and the paths to them.
 
     Args:
@@ -98,26 +96,26 @@ def make_candidates(
         reachable: The robot's reachable space.
         pose: The robot, in the frame of the costmap.
         min_size: Frontiers shorter than this are left out [m].
-        split_extent: A frontier that reaches farther than this is cut into parts [m].
+        split_extent: A frontier that extends farther than this is cut into parts [m].
         tolerance: How far from a frontier its path may end [m].
         keep: Where the robot is going [m]: a frontier that passes there keeps this place, lest a target
             drawn anew from every map sends the robot to and fro.
 
     Returns:
-        The candidates that a path leads to, the cheapest path first, and all paths.
+        The candidates that a path leads to, the cheapest path first.
     """
-    roads = RoadMap.survey(costmap, reachable)
+    paths = PathTree.search(costmap, reachable)
     candidates = []
     for whole in find_frontiers(costmap, pose, min_size, reachable=reachable):
-        for frontier in split(whole, costmap.frame, pose, split_extent):
-            candidate = _candidate(frontier, costmap, reachable, roads, tolerance, keep)
+        for frontier in split_frontier(whole, costmap.frame, pose, split_extent):
+            candidate = _candidate(frontier, costmap, reachable, paths, tolerance, keep)
             if candidate is not None:
                 candidates.append(candidate)
-    return sorted(candidates, key=lambda one: one.path_cost), roads
+    return sorted(candidates, key=lambda one: one.path_cost)
 
 
-def split(frontier: Frontier, frame: GridFrame, pose: Pose2D, extent: float) -> list[Frontier]:
-    """Cut a frontier in halves, across its longer side, until no part reaches farther than an extent [m]."""
+def split_frontier(frontier: Frontier, frame: GridFrame, pose: Pose2D, extent: float) -> list[Frontier]:
+    """Cut a frontier in halves, across its longer side, until no part extends farther than an extent [m]."""
     parts, done = [frontier.cells], []
     while parts:
         cells = parts.pop()
@@ -157,30 +155,30 @@ def _candidate(
     frontier: Frontier,
     costmap: Costmap,
     reachable: Reachable,
-    roads: RoadMap,
+    paths: PathTree,
     tolerance: float,
     keep: Point | None,
-) -> Candidate | None:
+) -> FrontierCandidate | None:
     """A frontier with the path to it; None where none leads."""
     place = place_near(costmap, frontier.middle, tolerance, reachable)
     if place is None:
         place = place_near(costmap, frontier.nearest, tolerance, reachable)
     if place is None:
         return None
-    row, col = (min(place[i] // COARSENING, roads.frame.shape[i] - 1) for i in (0, 1))
-    path = roads.path_to(row, col)
+    row, col = (min(place[i] // COARSENING, paths.frame.shape[i] - 1) for i in (0, 1))
+    path = paths.path_to(row, col)
     if path is None:
         return None
     points = np.column_stack(costmap.frame.to_point(frontier.cells[:, 0], frontier.cells[:, 1]))
     target = frontier.middle if math.dist(frontier.centroid, frontier.middle) > _BEND else frontier.centroid
     if keep is not None and np.abs(points - np.array(keep)).max(axis=1).min() <= 0.25:
         target = keep
-    return Candidate(
+    return FrontierCandidate(
         frontier=frontier,
         points=points,
         target=target,
         place=place,
         path_length=float(np.hypot(*np.diff(path, axis=0).T).sum()),
-        path_cost=float(roads.distance[row, col]) * roads.frame.resolution,
+        path_cost=float(paths.distance[row, col]) * paths.frame.resolution,
         path=path,
     )

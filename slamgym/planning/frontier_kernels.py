@@ -1,4 +1,4 @@
-"""Kernels of the frontier search: flood the space in reach, then collect its unknown border."""
+"""Kernels of the frontier search: flood the space that the robot can get to, then collect its unknown border."""
 
 import numpy as np
 

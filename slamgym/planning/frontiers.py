@@ -1,4 +1,4 @@
-"""Frontiers: where the space that the robot can reach meets the unknown (Yamauchi 1997).
+"""Frontiers: where the space that the robot can get to meets the unknown (Yamauchi 1997).
 
 Two searches share their kernels. :func:`find_frontiers` is the breadth-first search of Explore Lite
 (wiki.ros.org/explore_lite) on a costmap, by default with a rule of entry that doesn't stop at inflated
@@ -19,6 +19,7 @@ from slamgym.core.types import (
     ByteArray,
     GridFrame,
     Int32Array,
+    LaserGeometry,
     OccupancyGrid,
     Pose2D,
 )
@@ -35,7 +36,7 @@ from slamgym.planning.frontier_kernels import (
     flood,
     nearest_open_cell,
 )
-from slamgym.planning.sight_kernels import visible_unknown
+from slamgym.planning.sight_kernels import unknown_by_ray, visible_unknown
 
 Point = tuple[float, float]
 _CROSS = np.array([[0, 1, 0], [1, 1, 1], [0, 1, 0]], np.uint8)
@@ -66,7 +67,7 @@ class Reachable(NamedTuple):
 def reachable_space(
     costmap: Costmap,
     pose: Pose2D,
-    reach: float = 0.3,
+    margin: float = 0.3,
     rule: Literal["passable", "descending"] = "passable",
 ) -> Reachable | None:
     """Cells connected with the robot, or None if it stands on no map or is walled in.
@@ -74,7 +75,7 @@ def reachable_space(
     Args:
         costmap: The costmap.
         pose: The robot, in the frame of the costmap.
-        reach: Free cells this near to a place of the robot's centre count too, so that the strips beside
+        margin: Free cells this near to a place of the robot's centre count too, so that the strips beside
             walls, where no centre can be, are part of the reachable space [m].
         rule: ``"passable"`` enters every cell where the robot's centre can be. ``"descending"`` is Explore
             Lite's own rule: a neighbour is entered if it costs no more than the cell. It can't climb over the
@@ -88,11 +89,11 @@ def reachable_space(
     start = nearest_open_cell(costmap.costs, int(row), int(col), limit, _ANY, costmap.costs.size)
     if start < 0:
         return None
-    reach_px = 0 if descending else math.ceil(reach / costmap.frame.resolution)
+    margin_px = 0 if descending else math.ceil(margin / costmap.frame.resolution)
     order, mask = flood(costmap.costs, start, limit, descending)
     widened = mask.reshape(costmap.costs.shape).view(np.uint8)
     passable = (costmap.costs < LETHAL_COST).view(np.uint8)
-    for _ in range(reach_px):
+    for _ in range(margin_px):
         widened = cv2.dilate(widened, _CROSS) & passable
     beside = np.flatnonzero(widened.reshape(-1) > mask.view(np.uint8)).astype(np.int32)
     return Reachable(np.append(order, beside), widened.reshape(-1).view(np.bool_), len(order))
@@ -151,7 +152,7 @@ def occluded_views(
     costmap: Costmap,
     reachable: Reachable,
     min_area: float = 1.0,
-    reach: float = 1.0,
+    max_range: float = 1.0,
     spacing: float = 1.0,
 ) -> list[tuple[Point, Point]]:
     """Views of free space that the map cuts off from the robot, e.g. by a wall drawn across a doorway.
@@ -162,7 +163,7 @@ def occluded_views(
         costmap: The costmap.
         reachable: The robot's reachable space.
         min_area: Smaller regions are left out [m2].
-        reach: Farther than this from a region there is nothing to see of it [m].
+        max_range: Farther than this from a region there is nothing to see of it [m].
         spacing: Smallest distance between two places to look at the same region from [m].
 
     Returns:
@@ -182,7 +183,7 @@ def occluded_views(
             break
         distance = cv2.distanceTransform((labels != label).view(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5)
         distance = distance[places[:, 0], places[:, 1]] * resolution
-        near = np.flatnonzero(distance <= reach)
+        near = np.flatnonzero(distance <= max_range)
         near = near[np.argsort(distance[near], kind="stable")]
         region = np.argwhere(labels == label)
         while len(near):
@@ -209,6 +210,27 @@ def expected_gain(costmap: Costmap, point: Point, range_max: float) -> float:
     row, col = frame.to_cell(*point)
     seen = visible_unknown(costmap.costs, int(row), int(col), range_max / frame.resolution)
     return float(seen) * frame.resolution**2
+
+
+def view_gain(costmap: Costmap, point: Point, max_range: float, geometry: LaserGeometry) -> float:
+    """Unknown area that a scanner would see from a place in the heading that shows most [m2].
+
+    The optimistic measure of Gonzalez-Banos and Latombe ("Navigation strategies for exploring indoor environments",
+    IJRR 21(10-11), 2002): whatever is unknown is taken to be free.
+
+    Args:
+        costmap: The costmap.
+        point: Where the robot would stand [m].
+        max_range: How far the scanner is trusted [m].
+        geometry: The scanner, whose field is turned as a whole.
+    """
+    row, col = costmap.frame.to_cell(*point)
+    by_ray = unknown_by_ray(costmap.costs, int(row), int(col), max_range / costmap.frame.resolution)
+    field = geometry.angle_increment * (geometry.num_beams - 1)
+    width = min(len(by_ray), max(1, round(field / (2.0 * math.pi) * len(by_ray))))
+    around = np.concatenate([by_ray, by_ray[: width - 1]])
+    sums = np.convolve(around, np.ones(width), mode="valid")
+    return float(sums.max()) * costmap.frame.resolution**2
 
 
 def _frontiers(

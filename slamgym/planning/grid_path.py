@@ -2,18 +2,15 @@
 
 import itertools
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from slamgym.core.types import Float32Array, FloatArray, Int32Array, Pose2D
+from slamgym.core.types import FloatArray, Pose2D
 from slamgym.planning.costmap import INSCRIBED_COST, Costmap
 from slamgym.planning.frontier_kernels import nearest_open_cell
 from slamgym.planning.frontiers import Point, Reachable, reachable_space
 from slamgym.planning.grid_path_kernels import line_cost, search_path, shortcut, trace_path
-
-_NONE: Int32Array = np.zeros(0, dtype=np.int32)
 
 COST_FACTOR = 0.8 / 50.0
 """Weight of a cell's cost relative to its length: navfn's COST_FACTOR 0.8 over COST_NEUTRAL 50."""
@@ -24,7 +21,7 @@ class GridPath:
     """A path in the map frame."""
 
     points: FloatArray  # (N, 2) x, y [m], about one cell apart; the first is where the robot stood
-    cost: float  # length weighted by the costs on the way [m]
+    cost: float  # length weighted by the costs along it [m]
 
     @property
     def length(self) -> float:
@@ -60,7 +57,7 @@ def plan_path(
     if place is None:
         return None
     first, last = int(space.order[0]), place[0] * frame.width_px + place[1]
-    distance, parent = search_path(costmap.costs, first, last, INSCRIBED_COST, COST_FACTOR, _NONE)
+    distance, parent = search_path(costmap.costs, first, last, INSCRIBED_COST, COST_FACTOR)
     if not math.isfinite(distance[last]):
         return None
     cells = np.column_stack(np.divmod(trace_path(parent, first, last), frame.width_px))
@@ -95,26 +92,6 @@ def path_is_free(costmap: Costmap, points: FloatArray) -> bool:
         return False
     free = costmap.costs[row, col] < INSCRIBED_COST
     return bool(free[np.argmax(free) :].all()) and bool(free.any())
-
-
-def path_costs(
-    costmap: Costmap,
-    reachable: Reachable,
-    factor: float = COST_FACTOR,
-    until: Sequence[tuple[int, int]] = (),
-) -> Float32Array:
-    """Cost of the cheapest path from the robot to each cell, inf where it can't go, shape (H, W) [m].
-
-    Args:
-        costmap: The costmap.
-        reachable: The robot's reachable space.
-        factor: Weight of the cells' costs; 0 gives path lengths.
-        until: The search ends at the nearest of these cells (row, col), and those that are farther stay inf.
-    """
-    ends = np.array([row * costmap.frame.width_px + col for row, col in until], dtype=np.int32)
-    distance, _ = search_path(costmap.costs, int(reachable.order[0]), -1, INSCRIBED_COST, factor, ends)
-    in_metres: Float32Array = distance.reshape(costmap.costs.shape) * np.float32(costmap.frame.resolution)
-    return in_metres
 
 
 def place_near(

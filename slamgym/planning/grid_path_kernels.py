@@ -46,7 +46,7 @@ def _pop(keys: Float32Array, cells: Int32Array, size: int) -> int:
 
 @kernel
 def search_path(
-    costs: ByteArray, start: int, goal: int, limit: int, factor: float, ends: Int32Array
+    costs: ByteArray, start: int, goal: int, limit: int, factor: float
 ) -> tuple[Float32Array, Int32Array]:
     """A* from a cell to another, 8-connected; with ``goal`` -1 Dijkstra's search over all that is reachable.
 
@@ -59,7 +59,6 @@ def search_path(
         goal: Flat index of the last cell, or -1.
         limit: Cells at or above this cost are not entered.
         factor: Weight of the costs.
-        ends: The search ends at the first of these cells too (flat indices); may be empty.
 
     Returns:
         The cost from the start to each cell [cells], inf where the search didn't come, and the flat index of
@@ -70,9 +69,6 @@ def search_path(
     distance = np.full(height * width, np.float32(np.inf), np.float32)
     parent = np.full(height * width, -1, np.int32)
     closed = np.zeros(height * width, np.bool_)
-    is_end = np.zeros(height * width, np.bool_)
-    for i in range(len(ends)):
-        is_end[ends[i]] = True
     # A cell enters the heap once for each time its distance falls, which is 8 times at most.
     capacity = 4096
     keys, cells = np.empty(capacity, np.float32), np.empty(capacity, np.int32)
@@ -85,7 +81,7 @@ def search_path(
         if closed[cell]:
             continue
         closed[cell] = True
-        if cell == goal or is_end[cell]:
+        if cell == goal:
             break
         row, col = cell // width, cell % width
         if size + 8 > capacity:

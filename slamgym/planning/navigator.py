@@ -1,7 +1,7 @@
 """Navigation stack: a goal on the map becomes a velocity for each control step.
 
 It plans on the map as last published, follows the path, replans when the map blocks it or the robot leaves
-it, and recovers when the robot is stuck. Whether the robot moves is judged by its estimated pose, never by
+it, and recovers when the robot is stuck. Whether the robot moves shows in its estimated pose, never by
 what it was told to do. A goal that can't be reached aborts at once.
 """
 
@@ -36,7 +36,7 @@ class GoalStatus(enum.Enum):
     """What became of a goal."""
 
     IDLE = "no goal"
-    ACTIVE = "on the way"
+    ACTIVE = "driving"
     SUCCEEDED = "reached"
     ABORTED = "given up"
 
@@ -60,7 +60,7 @@ class NavigatorConfig(Settings):
     replan_interval: float = 1.0
     """Shortest time between two plans to the same goal [s] (move_base plans at 1 Hz)."""
     deviation: float = 0.4
-    """Farther than this from the path the robot plans anew [m]."""
+    """Farther than this from the path the robot plans again [m]."""
     stuck_time: float = 4.0
     """Without moving for so long the robot recovers [s]."""
     stuck_distance: float = 0.1
@@ -82,6 +82,27 @@ class NavigatorConfig(Settings):
     scanner of short range needs to localise the robot."""
     follower: FollowerConfig = field(default_factory=FollowerConfig)
     """Path following."""
+
+
+@dataclass
+class _Leg:
+    """The robot's progress towards goals since it last stood without one."""
+
+    anchor: Pose2D  # where it last moved
+    anchor_at: float  # [s]
+    recovered_from: Pose2D  # where the first of the recoveries began
+    progress_at: float  # when it last came nearer [s]
+    best_remaining: float = math.inf  # the shortest path left since the goal was set [m]
+    arrived: bool = False
+    recoveries: int = 0  # since the last progress
+    recovery: str = ""  # the one in progress
+    recovery_from: Pose2D = Pose2D(0.0, 0.0, 0.0)
+    recovery_at: float = 0.0  # [s]
+
+    @staticmethod
+    def begin(pose: Pose2D, time: float) -> "_Leg":
+        """Start to watch."""
+        return _Leg(pose, time, pose, time)
 
 
 class Navigator:
@@ -109,11 +130,11 @@ class Navigator:
         self._views: list[tuple[Pose2D, Float32Array]] = []  # trusted scans and where they were taken
         self._obstacles: list[tuple[float, FloatArray]] = []  # (time, points in the map frame)
         self._planned_at = -math.inf
-        self._begin_leg(Pose2D(0.0, 0.0, 0.0), 0.0)
+        self._leg = _Leg.begin(Pose2D(0.0, 0.0, 0.0), 0.0)
 
     @property
     def is_active(self) -> bool:
-        """Whether the robot is on its way to a goal."""
+        """Whether the robot drives to a goal."""
         return self.status is GoalStatus.ACTIVE
 
     def update_map(self, grid: OccupancyGrid, pose: Pose2D, time: float) -> None:
@@ -160,10 +181,10 @@ class Navigator:
         """
         fresh = not self.is_active
         self.goal, self.status, self.reason = goal, GoalStatus.ACTIVE, ""
-        self._arrived = False
+        self._leg.arrived = False
         if fresh:
-            self._begin_leg(pose, time)
-        self._best_remaining, self._progress_at = math.inf, time
+            self._leg = _Leg.begin(pose, time)
+        self._leg.best_remaining, self._leg.progress_at = math.inf, time
         self._plan(pose, time)
 
     def cancel(self) -> None:
@@ -184,15 +205,15 @@ class Navigator:
         return command if self.is_active else _STOP
 
     def _drive(self, costmap: Costmap, pose: Pose2D, obstacles: FloatArray, time: float) -> Twist2D:
-        """Velocity on the way to the goal, if it isn't given up meanwhile."""
-        if self._recovery:
+        """Velocity towards the goal, if it isn't given up meanwhile."""
+        if self._leg.recovery:
             command = self._continue_recovery(pose, time)
             if command is not None:
                 return command
             self._plan(pose, time)
         elif self._is_stuck(pose, time):
             self._begin_recovery(pose, obstacles, time)
-        if self._arrived or self.follower.remaining(pose) < self.config.goal_tolerance:
+        if self._leg.arrived or self.follower.remaining(pose) < self.config.goal_tolerance:
             return self._finish(pose)
         command = self.follower.step(costmap, pose, obstacles)
         self._mind_deviation(pose, obstacles, time)
@@ -200,7 +221,7 @@ class Navigator:
 
     def _finish(self, pose: Pose2D) -> Twist2D:
         """Turn towards what the goal wants looked at, then report success."""
-        self._arrived = True
+        self._leg.arrived = True
         if self.goal is not None and self.goal.look_at is not None:
             turn = self.follower.turn_towards(pose, *self.goal.look_at)
             if turn is not None:
@@ -210,7 +231,7 @@ class Navigator:
         return _STOP
 
     def _mind_deviation(self, pose: Pose2D, obstacles: FloatArray, time: float) -> None:
-        """Plan anew when the robot is off its path or the scan blocks it."""
+        """Plan again when the robot is off its path or the scan blocks it."""
         if time - self._planned_at < self.config.replan_interval:
             return
         ahead = self.follower.ahead
@@ -218,7 +239,7 @@ class Navigator:
         if self.follower.blocked:
             self._remember(obstacles, pose, time)
             self._rebuild(pose, time)
-            # A way round what blocks the robot, if there is one; else it waits for it to go away.
+            # A path round what blocks the robot, if there is one; else it waits for it to go away.
             self._plan(pose, time, keep_old=True)
         elif off > self.config.deviation:
             self._plan(pose, time)
@@ -266,69 +287,63 @@ class Navigator:
 
     # Recovery: wait for none, plan round what the scan shows, back up, turn; then give up.
 
-    def _begin_leg(self, pose: Pose2D, time: float) -> None:
-        """Start to watch the robot's progress."""
-        self._arrived = False
-        self._recovery = ""  # the recovery in progress
-        self._recoveries = 0  # recoveries since the last progress
-        self._anchor, self._anchor_at = pose, time
-        self._recovered_from = pose
-        self._best_remaining, self._progress_at = math.inf, time
-
     def _is_stuck(self, pose: Pose2D, time: float) -> bool:
         """Whether the robot has stood still, or not come nearer, for too long."""
-        moved = math.hypot(pose.x - self._anchor.x, pose.y - self._anchor.y)
-        turned = abs(wrap_angle(pose.theta - self._anchor.theta))
+        leg = self._leg
+        moved = math.hypot(pose.x - leg.anchor.x, pose.y - leg.anchor.y)
+        turned = abs(wrap_angle(pose.theta - leg.anchor.theta))
         if moved > self.config.stuck_distance or turned > 0.3:
-            self._anchor, self._anchor_at = pose, time
+            leg.anchor, leg.anchor_at = pose, time
         remaining = self.follower.remaining(pose)
-        if remaining < self._best_remaining - self.config.stuck_distance:
-            self._best_remaining, self._progress_at = remaining, time
-            if math.hypot(pose.x - self._recovered_from.x, pose.y - self._recovered_from.y) > 0.5:
-                self._recoveries, self._recovered_from = 0, pose
-        still = time - self._anchor_at > self.config.stuck_time
-        return still or time - self._progress_at > self.config.progress_time
+        if remaining < leg.best_remaining - self.config.stuck_distance:
+            leg.best_remaining, leg.progress_at = remaining, time
+            if math.hypot(pose.x - leg.recovered_from.x, pose.y - leg.recovered_from.y) > 0.5:
+                leg.recoveries, leg.recovered_from = 0, pose
+        still = time - leg.anchor_at > self.config.stuck_time
+        return still or time - leg.progress_at > self.config.progress_time
 
     def _begin_recovery(self, pose: Pose2D, obstacles: FloatArray, time: float) -> None:
         """Start the next recovery, or give the goal up after the last one."""
-        if self._recoveries == 0:
-            self._recovered_from = pose
-        self._recoveries += 1
-        self._anchor, self._anchor_at, self._progress_at = pose, time, time
-        self._best_remaining = math.inf
-        self._recovery_begin, self._recovery_at = pose, time
+        leg = self._leg
+        if leg.recoveries == 0:
+            leg.recovered_from = pose
+        leg.recoveries += 1
+        leg.anchor, leg.anchor_at, leg.progress_at = pose, time, time
+        leg.best_remaining = math.inf
+        leg.recovery_from, leg.recovery_at = pose, time
         self._remember(obstacles, pose, time)
         self._rebuild(pose, time)
-        if self._recoveries > 3:
+        if leg.recoveries > 3:
             self._abort("stuck")
-        elif self._recoveries == 2:
-            self._recovery = "turn"
+        elif leg.recoveries == 2:
+            leg.recovery = "turn"
         else:
-            self._recovery = "back up"
+            leg.recovery = "back up"
 
     def _continue_recovery(self, pose: Pose2D, time: float) -> Twist2D | None:
         """Velocity of the recovery in progress; None when it is over."""
-        begin, elapsed = self._recovery_begin, time - self._recovery_at
-        self._anchor, self._anchor_at = pose, time
-        if self._recovery == "back up" and elapsed < 2.0 * self.config.back_up / self.config.back_up_speed:
+        leg = self._leg
+        begin, elapsed = leg.recovery_from, time - leg.recovery_at
+        leg.anchor, leg.anchor_at = pose, time
+        if leg.recovery == "back up" and elapsed < 2.0 * self.config.back_up / self.config.back_up_speed:
             gone = math.hypot(pose.x - begin.x, pose.y - begin.y)
             if gone < self.config.back_up and self._is_free_behind(pose):
                 return Twist2D(-self.config.back_up_speed, 0.0)
-        elif self._recovery == "turn" and elapsed < 4.0:
+        elif leg.recovery == "turn" and elapsed < 4.0:
             turned = abs(wrap_angle(pose.theta - begin.theta))
             if turned < 0.5 * math.pi:
                 return Twist2D(0.0, min(self.config.follower.turn_rate, self.context.max_angular))
-        self._recovery = ""
+        leg.recovery = ""
         return None
 
     def _is_free_behind(self, pose: Pose2D) -> bool:
         """Whether the map shows nothing just behind the robot, which a scanner that looks ahead can't see."""
         if self.costmap is None:
             return False
-        reach = self.context.robot_radius + 0.05
+        distance = self.context.robot_radius + 0.05
         for angle in (-0.5, 0.0, 0.5):
             heading = pose.theta + math.pi + angle
-            x, y = pose.x + reach * math.cos(heading), pose.y + reach * math.sin(heading)
+            x, y = pose.x + distance * math.cos(heading), pose.y + distance * math.sin(heading)
             if self.costmap.cost_at(x, y) == LETHAL_COST:
                 return False
         return True

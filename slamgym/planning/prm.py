@@ -1,7 +1,7 @@
 """Probabilistic roadmaps (Kavraki, Svestka, Latombe and Overmars, IEEE T-RA 12(4), 1996) on occupancy grids.
 
 A roadmap is made once per map: random points in the free space, joined where a straight drive keeps clear of
-walls. A path is the shortest way over the roadmap, then shortened by leaving out points that a straight drive
+walls. A path is the shortest one over the roadmap, then shortened by leaving out points that a straight drive
 can skip.
 """
 
@@ -50,7 +50,7 @@ class Roadmap:
         return int(np.argmin(np.hypot(*(self.nodes - np.asarray(point)).T)))
 
     def path(self, start: int, goal: int) -> FloatArray:
-        """Shortest way between two nodes, shortened; points (M, 2) [m]."""
+        """Shortest path between two nodes, shortened; points (M, 2) [m]."""
         _, before = dijkstra(self.lengths, indices=[start], return_predecessors=True)
         chain = [goal]
         while chain[-1] != start:

@@ -1,7 +1,7 @@
-"""What is tried before an exploration ends, because nothing is left that the rules would go to.
+"""Recovery behaviours of an exploration: what is tried before it ends because no frontier is left.
 
-In this order, one thing at a time: a look around at the very beginning, gentler rules for passages that the map
-draws too narrow, and a look at rooms that the map has closed.
+In this order, one thing at a time: a look around at the very beginning, a relaxed footprint for passages that the
+map draws too narrow, and a look at rooms that the map has closed.
 """
 
 import math
@@ -17,12 +17,12 @@ _SAME_PLACE = 0.7
 """Places nearer to one another than this show the same of a closed room [m]."""
 
 
-class Resort(Enum):
-    """What :meth:`LastResorts.attempt` chose."""
+class Recovery(Enum):
+    """What :meth:`RecoveryBehaviours.attempt` chose."""
 
     LOOK_AROUND = "look_around"
-    """The robot turns once round on the spot; :meth:`LastResorts.turn` drives."""
-    GENTLER_RULES = "gentler_rules"
+    """The robot turns once round on the spot; :meth:`RecoveryBehaviours.turn` drives."""
+    RELAXED_FOOTPRINT = "relaxed_footprint"
     """The navigation stack takes the robot for narrower than it is from now on."""
     CLOSED_ROOM = "closed_room"
     """The navigation stack drives to a place from which a closed room can be looked at."""
@@ -30,18 +30,18 @@ class Resort(Enum):
     """All was tried."""
 
 
-class LastResorts:
-    """One exploration's last resorts.
+class RecoveryBehaviours:
+    """One exploration's recovery behaviours.
 
     Args:
         context: What the environment tells about the robot and its map.
         navigator: Navigation stack of the exploration.
         look_around_before: Only so soon after the beginning a look around is worth its time [s]; 0 for never.
-        radius_shares: Shares of the robot's radius to try one after the other, in ``round`` 1, 2, ...
+        relaxed_footprints: Shares of the robot's radius to try one after the other, in ``round`` 1, 2, ...
         closed_room_looks: Closed rooms are looked at from so many places at most.
 
     Attributes:
-        round: 0 at first; counts the gentler rules tried.
+        round: 0 at first; counts the relaxed footprints tried.
     """
 
     def __init__(
@@ -49,14 +49,14 @@ class LastResorts:
         context: ExplorerContext,
         navigator: Navigator,
         look_around_before: float,
-        radius_shares: Sequence[float],
+        relaxed_footprints: Sequence[float],
         closed_room_looks: int,
     ) -> None:
         self.round = 0
         self._context = context
         self._navigator = navigator
         self._look_around_before = look_around_before
-        self._radius_shares = radius_shares
+        self._footprints = relaxed_footprints
         self._closed_room_looks = closed_room_looks
         self._began_at = math.inf
         self._has_looked_around = look_around_before <= 0.0  # a look that is never worth it counts as done
@@ -65,7 +65,7 @@ class LastResorts:
 
     @property
     def is_turning(self) -> bool:
-        """Whether a look around is under way."""
+        """Whether a look around is in progress."""
         return self._turn_left > 0.0
 
     def note_time(self, time: float) -> None:
@@ -79,18 +79,18 @@ class LastResorts:
         rate = self._navigator.config.follower.turn_rate
         return Twist2D(0.0, min(rate, self._context.max_angular))
 
-    def attempt(self, pose: Pose2D, time: float) -> Resort:
+    def attempt(self, pose: Pose2D, time: float) -> Recovery:
         """Begin what is to be tried next."""
         if time - self._began_at < self._look_around_before and not self._has_looked_around:
             self._has_looked_around = True
             self._turn_left, self._last_theta = 2.0 * math.pi, pose.theta
-            return Resort.LOOK_AROUND
-        if self.round < len(self._radius_shares):
-            radius = self._radius_shares[self.round] * self._context.robot_radius
+            return Recovery.LOOK_AROUND
+        if self.round < len(self._footprints):
+            radius = self._footprints[self.round] * self._context.robot_radius
             self.round += 1
             self._navigator.set_inscribed_radius(radius, pose, time)
-            return Resort.GENTLER_RULES
-        return Resort.CLOSED_ROOM if self._visit_closed_room(pose, time) else Resort.NOTHING
+            return Recovery.RELAXED_FOOTPRINT
+        return Recovery.CLOSED_ROOM if self._visit_closed_room(pose, time) else Recovery.NOTHING
 
     def _visit_closed_room(self, pose: Pose2D, time: float) -> bool:
         """Go and look at a room that the map cuts off, from each side once; False if there is none left."""

@@ -3,14 +3,14 @@
 import numpy as np
 
 from slamgym.core.jit import kernel
-from slamgym.core.types import BoolArray, ByteArray, FloatArray, IntArray
+from slamgym.core.types import ByteArray, FloatArray
 
 _LETHAL = np.uint8(254)
 _NO_INFORMATION = np.uint8(255)
 
 
 @kernel
-def visible_unknown(costs: ByteArray, row: int, col: int, reach: float) -> float:
+def visible_unknown(costs: ByteArray, row: int, col: int, max_range: float) -> float:
     """Unknown area in sight of a cell, by 72 rays that end at lethal cells [cells^2].
 
     Its rays run clockwise and are added up in this order, on which the last bit of the sum depends.
@@ -18,12 +18,12 @@ def visible_unknown(costs: ByteArray, row: int, col: int, reach: float) -> float
     step = 2.0 * np.pi / 72
     area = 0.0
     for i in range(72):
-        area = _add_unknown(costs, row, col, np.sin(i * step), np.cos(i * step), reach, step, area)
+        area = _add_unknown(costs, row, col, np.sin(i * step), np.cos(i * step), max_range, step, area)
     return area
 
 
 @kernel
-def unknown_by_ray(costs: ByteArray, row: int, col: int, reach: float) -> FloatArray:
+def unknown_by_ray(costs: ByteArray, row: int, col: int, max_range: float) -> FloatArray:
     """Unknown area in sight of a cell in each direction, shape (72,) [cells^2].
 
     Ray i points i * 5 degrees counter-clockwise from +x.
@@ -31,13 +31,13 @@ def unknown_by_ray(costs: ByteArray, row: int, col: int, reach: float) -> FloatA
     step = 2.0 * np.pi / 72
     areas = np.zeros(72)
     for i in range(72):
-        areas[i] = _add_unknown(costs, row, col, -np.sin(i * step), np.cos(i * step), reach, step, 0.0)
+        areas[i] = _add_unknown(costs, row, col, -np.sin(i * step), np.cos(i * step), max_range, step, 0.0)
     return areas
 
 
 @kernel
 def _add_unknown(
-    costs: ByteArray, row: int, col: int, dr: float, dc: float, reach: float, step: float, area: float
+    costs: ByteArray, row: int, col: int, dr: float, dc: float, max_range: float, step: float, area: float
 ) -> float:
     """An area with the unknown along a ray added to it [cells^2].
 
@@ -45,7 +45,7 @@ def _add_unknown(
     a lethal cell; beyond the costmap all is unknown.
     """
     height, width = costs.shape
-    for r in range(1, int(reach) + 1):
+    for r in range(1, int(max_range) + 1):
         rr, cc = int(np.floor(row + r * dr + 0.5)), int(np.floor(col + r * dc + 0.5))
         cost = _NO_INFORMATION
         if 0 <= rr < height and 0 <= cc < width:
@@ -55,40 +55,3 @@ def _add_unknown(
         if cost == _NO_INFORMATION:
             area += r * step
     return area
-
-
-@kernel
-def seen_from(costs: ByteArray, wanted: BoolArray, row: int, col: int, reach: float) -> IntArray:
-    """Wanted cells in sight of a cell that borders on the unknown, nearest first, shape (N, 2).
-
-    Sight ends at lethal and at unknown cells, but for unknown ones within 2 cells of the first.
-
-    Args:
-        costs: Costmap, shape (H, W).
-        wanted: Cells to list, shape (H * W,).
-        row: Where to look from.
-        col: Where to look from.
-        reach: Range [cells].
-    """
-    height, width = costs.shape
-    num_rays = 120
-    step = 2.0 * np.pi / num_rays
-    alive = np.ones(num_rays, np.bool_)
-    found = np.empty((num_rays * (int(reach) + 1), 2), np.int64)
-    count = 0
-    for r in range(int(reach) + 1):
-        for i in range(num_rays):
-            if not alive[i]:
-                continue
-            rr = int(np.floor(row - r * np.sin(i * step) + 0.5))
-            cc = int(np.floor(col + r * np.cos(i * step) + 0.5))
-            if not (0 <= rr < height and 0 <= cc < width):
-                alive[i] = False
-                continue
-            cost = costs[rr, cc]
-            if cost == _LETHAL or (cost == _NO_INFORMATION and r > 2):
-                alive[i] = False
-            elif wanted[rr * width + cc]:
-                found[count, 0], found[count, 1] = rr, cc
-                count += 1
-    return found[:count].copy()

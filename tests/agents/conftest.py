@@ -4,13 +4,13 @@ import dataclasses
 
 import pytest
 
-from slamgym.agents.evaluation.coverage_curve import LEVELS
+from slamgym.agents.evaluation.coverage_curve import COVERAGE_LEVELS
 from slamgym.agents.evaluation.trial import Trial, level_name
 
 
 def _trial(explorer="ours", plan="p0", seconds=100.0, reached=0.99, seed=1, **changes):
     """An exploration with even progress until ``seconds``, when it ends with ``reached`` seen."""
-    names = {level_name(level): level for level in LEVELS}
+    names = {level_name(level): level for level in COVERAGE_LEVELS}
     time_to = {k: level / reached * seconds if level <= reached else None for k, level in names.items()}
     return dataclasses.replace(
         Trial(

@@ -3,8 +3,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from slamgym.agents.evaluation.report import describe, level_of, markdown_table
-from slamgym.agents.evaluation.summary import censored, compare, succeeded, summarise
+from slamgym.agents.evaluation.report import describe_evaluation, level_of, markdown_table
+from slamgym.agents.evaluation.summary import censored, compare, succeeded, summarise_trials
 from slamgym.core.errors import ConfigError
 
 
@@ -65,7 +65,7 @@ def test_repetitions_on_one_plan_are_one_draw(many):
 
 def test_only_explorations_that_all_explorers_did_are_compared(many):
     trials = [*many("ours", 0.8), *many("reference", 1.0)[:5]]
-    summary = summarise(trials, "reference")
+    summary = summarise_trials(trials, "reference")
     assert summary.plans == 5
     assert [e.trials for e in summary.explorers] == [5, 5]
 
@@ -73,29 +73,29 @@ def test_only_explorations_that_all_explorers_did_are_compared(many):
 def test_all_are_compared_with_the_quickest_rule_by_hand_and_the_yardstick_too(many):
     names = {"explore_lite": 1.0, "nearest": 0.9, "tour": 0.8, "rl": 0.6, "oracle": 0.5}
     trials = [trial for name, factor in names.items() for trial in many(name, factor)]
-    summary = summarise(trials, "explore_lite", yardstick="oracle")
+    summary = summarise_trials(trials, "explore_lite", yardstick="oracle")
     assert list(dict.fromkeys(c.reference for c in summary.others)) == ["tour", "oracle"]
     against = {(c.explorer, c.reference): level_of(c, "time", "0.99") for c in summary.others}
     assert against["rl", "tour"].ratio_of_means.value == pytest.approx(0.75)
     assert against["rl", "oracle"].ratio_of_means.value == pytest.approx(1.2)
-    text = describe(summary)
-    assert "Against `tour`, the quickest rule by hand to 99 %" in text
+    text = describe_evaluation(summary)
+    assert "Against `tour`, the quickest hand-written rule to 99 %" in text
     assert "Against `oracle`;" in text
-    assert summarise(many("ours", 1.0) + many("rl", 1.0), "ours", yardstick="oracle").others == ()
+    assert summarise_trials(many("ours", 1.0) + many("rl", 1.0), "ours", yardstick="oracle").others == ()
 
 
 def test_wrong_references_and_unlike_explorations_are_refused(many, make_trial):
     with pytest.raises(ConfigError, match="did you mean 'reference'"):
-        summarise(many("reference", 1.0), "referense")
+        summarise_trials(many("reference", 1.0), "referense")
     with pytest.raises(ConfigError, match="share no exploration"):
-        summarise([make_trial("a", "p0"), make_trial("b", "p1")], "a")
+        summarise_trials([make_trial("a", "p0"), make_trial("b", "p1")], "a")
     with pytest.raises(ValueError, match="same plans"):
         compare([make_trial("a", "p0")], [make_trial("b", "p1")])
 
 
 def test_a_level_that_nobody_reached_leaves_a_dash(many):
     trials = [*many("ours", 0.8, reached=0.96), *many("reference", 1.0, reached=0.96)]
-    text = describe(summarise(trials, "reference"))
+    text = describe_evaluation(summarise_trials(trials, "reference"))
     row = next(line for line in text.splitlines() if line.startswith("| `ours`") and "n=" in line)
     assert "-" in [cell.strip() for cell in row.split("|")]
     assert "0.80 [0.80, 0.80] n=12" in row

@@ -1,13 +1,17 @@
+import dataclasses
+
 import numpy as np
 import pytest
 
 from slamgym.agents import EXPLORERS, make_explorer
-from slamgym.agents.frontier import ExploreLite, ExploreLiteConfig
+from slamgym.agents.explorer import FrontierExplorer
+from slamgym.agents.registry import CLASSICAL
+from slamgym.agents.rules import EXPLORE_LITE_LOOP, ExploreLite
 from slamgym.core.errors import ConfigError
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, Pose2D, Twist2D
 from slamgym.planning import find_frontiers, make_costmap
 
-FRONTIER_EXPLORERS = ["explore_lite", "nearest", "cost_utility", "next_best_view", "tour", "repairman"]
+FRONTIER_EXPLORERS = list(CLASSICAL)
 
 
 def closed(rows, cols):
@@ -118,7 +122,8 @@ def test_a_robot_that_can_go_nowhere_finishes_soon(make_world):
 
 def test_the_original_minimum_size_is_a_setting(make_world):
     world = make_world(two_rooms(door_cells=14))
-    explorer = ExploreLite(world.context, ExploreLiteConfig(min_frontier_size=100.0))
+    settings = dataclasses.replace(EXPLORE_LITE_LOOP, min_frontier_size=100.0)
+    explorer = FrontierExplorer(world.context, ExploreLite(), settings)
     world.place(20, 20)
     time, _ = explore(world, explorer, 240.0)
     # Larger frontiers come first; at the end those down to the last size are visited all the same.

@@ -83,7 +83,7 @@ def test_candidates_may_come_in_any_order_and_number():
 def test_an_untrained_network_is_the_greedy_rule():
     network = FrontierNetwork(NetworkConfig())
     observation = make_observation(3, 9)
-    gains = observation["candidates"][:9, CANDIDATE_FEATURES.index("gain_per_way")]
+    gains = observation["candidates"][:9, CANDIDATE_FEATURES.index("gain_per_metre")]
     assert int(torch_scores(network, observation)[0].argmax()) == int(gains.argmax())
 
 

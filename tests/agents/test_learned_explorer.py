@@ -75,7 +75,7 @@ def test_weights_of_ones_own_are_named_by_their_file(plan, tmp_path):
         make_explorer(f"rl:{tmp_path / 'nowhere.safetensors'}", context)
 
 
-def test_the_shipped_weights_are_small():
+def test_the_pretrained_weights_are_small():
     assert PRETRAINED.stat().st_size < 5_000_000
     assert (PRETRAINED.parent / "README.md").is_file()
 

@@ -7,7 +7,12 @@ import pytest
 
 import slamgym.agents.rl.reward_shaping as shaping_module
 from slamgym.agents.pretrained_policy import PRETRAINED, read_policy, write_policy
-from slamgym.agents.rl.reward_presets import PRESETS, error_of_new_map, preset, uncertainty_of_new_map
+from slamgym.agents.rl.reward_presets import (
+    REWARD_PRESETS,
+    error_of_new_map,
+    reward_preset,
+    uncertainty_of_new_map,
+)
 from slamgym.agents.rl.reward_shaping import (
     OWN,
     ShapingConfig,
@@ -18,7 +23,7 @@ from slamgym.agents.rl.reward_shaping import (
 )
 from slamgym.agents.rl.shaping_report import table, write_shaping_report
 from slamgym.agents.rl.train_config import TrainConfig
-from slamgym.agents.rl.training_callbacks import Outcome
+from slamgym.agents.rl.training_callbacks import PolicyOutcome
 from slamgym.agents.scoring import NetworkConfig
 from slamgym.commands.agents.shape import main
 from slamgym.core.errors import ConfigError, InputFileError
@@ -32,7 +37,7 @@ STEP = StepRecord(
 
 
 def outcome(time_99=100.0, map_error=0.02):
-    return Outcome(
+    return PolicyOutcome(
         time_95=80.0, time_99=time_99, path_95=18.0, path_99=22.0, time=120.0, coverage=1.0, decisions=40,
         seconds=1.0, map_error=map_error,
     )  # fmt: skip
@@ -43,9 +48,9 @@ def runs_of(name, times, errors):
     return [ShapingRun(name, seed, [(100.0, 300.0), (200.0, 250.0 + seed)], outcomes) for seed in range(2)]
 
 
-@pytest.mark.parametrize("name", PRESETS)
+@pytest.mark.parametrize("name", REWARD_PRESETS)
 def test_every_preset_rewards_what_its_weights_say(name):
-    reward = Reward(PRESETS[name].reward, PRESETS[name].terms)
+    reward = Reward(REWARD_PRESETS[name].reward, REWARD_PRESETS[name].terms)
     total, terms = reward(STEP)
     assert np.isfinite(total)
     assert terms
@@ -55,7 +60,7 @@ def test_every_preset_rewards_what_its_weights_say(name):
 def test_the_presets_differ_in_what_they_pay_for():
     active = {
         name: {term.name for term in Reward(chosen.reward, chosen.terms).terms}
-        for name, chosen in PRESETS.items()
+        for name, chosen in REWARD_PRESETS.items()
     }
     assert active["coverage_only"] == {"coverage_gain"}
     assert active["information_gain"] == {"information_gain"}
@@ -67,12 +72,12 @@ def test_the_presets_differ_in_what_they_pay_for():
     assert active["certain_mapping"] - active["time"] == {"uncertainty_of_new_map"}
     assert active["potential"] == {"time", "shaping"}
     assert active["completion"] == {"time", "completion"}
-    assert len({frozenset(terms) for terms in active.values()}) == len(PRESETS)
+    assert len({frozenset(terms) for terms in active.values()}) == len(REWARD_PRESETS)
 
 
 def test_an_unknown_preset_suggests_the_nearest():
     with pytest.raises(ConfigError, match="did you mean 'map_error'"):
-        preset("map_eror")
+        reward_preset("map_eror")
     with pytest.raises(ConfigError, match="did you mean 'time'"):
         ShapingConfig(presets=("tme",))
 
@@ -94,8 +99,10 @@ def test_with_a_preset_about_errors_all_train_with_the_filter():
         assert differing == dataclasses.replace(config.train, seed=1)
     without = ShapingConfig(presets=("time", "path_cost", OWN))
     assert settings_of(without, "time", 1).localization == "ground_truth"
-    assert settings_of(without, "time", 1).reward == PRESETS["time"].reward
-    assert settings_of(without, "coastal", 1).network.exposure_prior == PRESETS["coastal"].exposure_prior
+    assert settings_of(without, "time", 1).reward == REWARD_PRESETS["time"].reward
+    assert (
+        settings_of(without, "coastal", 1).network.exposure_prior == REWARD_PRESETS["coastal"].exposure_prior
+    )
     assert settings_of(without, OWN, 2) == dataclasses.replace(without.train, seed=2)
 
 
@@ -136,14 +143,14 @@ def test_an_experiment_is_run_once_and_reported(tmp_path):
 def test_an_interrupted_test_goes_on_with_the_plans_that_are_left(tmp_path, monkeypatch):
     explored = []
 
-    def explore(env, choose, plan, seed):
+    def explore_plan(env, choose, plan, seed):
         if len(explored) == 2:
             explored.append("interrupted")
             raise KeyboardInterrupt
         explored.append((plan.id, seed))
         return outcome(float(seed % 1000))
 
-    monkeypatch.setattr(shaping_module, "explore", explore)
+    monkeypatch.setattr(shaping_module, "explore_plan", explore_plan)
     config = ShapingConfig(presets=("careful_mapping",), seeds=1, test_plans=4)
     calls = []
     with pytest.raises(KeyboardInterrupt):
@@ -180,6 +187,14 @@ def test_without_the_preset_time_the_first_is_the_reference():
     assert "1.00 [1.00, 1.00]" in text
 
 
+def test_one_seed_has_no_interval_and_the_report_says_so():
+    runs = runs_of("time", [100.0, 200.0], [0.02, 0.04])
+    assert "No interval" not in table(runs)
+    alone = table([run for run in runs if run.seed == 0])
+    assert "[" not in alone.replace("[s]", "").replace("[m]", "")
+    assert "No interval" in alone
+
+
 @pytest.mark.parametrize("spec", ["nothing_here:f", "math:squareroot", "math"])
 def test_a_term_that_is_no_function_is_refused(spec):
     with pytest.raises(ConfigError, match="--term"):
@@ -189,7 +204,7 @@ def test_a_term_that_is_no_function_is_refused(spec):
 def test_the_command_lists_the_presets_and_asks_for_a_folder(capsys):
     assert main(["--list"]) == 0
     shown = capsys.readouterr().out
-    assert all(name in shown for name in PRESETS)
+    assert all(name in shown for name in REWARD_PRESETS)
     with pytest.raises(ConfigError, match="-o"):
         main([])
     with pytest.raises(ConfigError, match="needs --term"):

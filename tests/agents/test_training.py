@@ -161,13 +161,15 @@ def test_a_run_can_begin_with_other_weights(tmp_path):
 
     slow = dataclasses.replace(TINY, steps=12, ppo=dataclasses.replace(TINY.ppo, learning_rate=1e-12))
     train(dataclasses.replace(slow, start_from="pretrained"), tmp_path / "run")
-    learned, shipped = (read_policy(p).weights for p in (tmp_path / "run" / "policy.safetensors", PRETRAINED))
-    for name, value in shipped.items():
+    learned, pretrained = (
+        read_policy(p).weights for p in (tmp_path / "run" / "policy.safetensors", PRETRAINED)
+    )
+    for name, value in pretrained.items():
         np.testing.assert_allclose(learned[name], value, atol=1e-6)
     coastal = dataclasses.replace(slow, start_from="pretrained", network=NetworkConfig(exposure_prior=-8.0))
     train(coastal, tmp_path / "coastal")
     leaning = read_policy(tmp_path / "coastal" / "policy.safetensors").weights["prior.weight"]
-    moved = (leaning - shipped["prior.weight"])[0]
+    moved = (leaning - pretrained["prior.weight"])[0]
     assert moved[CANDIDATE_FEATURES.index("exposure")] == pytest.approx(-8.0, abs=1e-5)
     assert np.count_nonzero(np.abs(moved) > 1e-5) == 1
     wide = dataclasses.replace(slow, start_from="pretrained", network=NetworkConfig(width=32))

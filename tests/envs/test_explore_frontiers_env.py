@@ -167,7 +167,7 @@ def test_the_time_limit_truncates(two_room_plan):
 
 
 def test_fewer_candidates_can_be_asked_for(two_room_plan):
-    env = ExploreFrontiersEnv(two_room_plan, driver={"max_candidates": 3}, **SMALL)
+    env = ExploreFrontiersEnv(two_room_plan, loop={"max_candidates": 3}, **SMALL)
     observation, _ = env.reset(seed=0)
     assert env.action_space.n == 3
     assert observation["candidates"].shape == (3, len(CANDIDATE_FEATURES))
@@ -175,7 +175,7 @@ def test_fewer_candidates_can_be_asked_for(two_room_plan):
     assert env.observation_space.contains(observation)
 
 
-@pytest.mark.parametrize("settings", [{"driver": {"horizn": 3.0}}, {"discount": 0.0}, {"timelimit": 4.0}])
+@pytest.mark.parametrize("settings", [{"loop": {"horizn": 3.0}}, {"discount": 0.0}, {"timelimit": 4.0}])
 def test_unknown_and_senseless_settings_are_refused(two_room_plan, settings):
     with pytest.raises(ConfigError):
         ExploreFrontiersEnv(two_room_plan, **{**SMALL, **settings})

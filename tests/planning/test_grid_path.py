@@ -8,7 +8,6 @@ from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, GridFrame, OccupancyGrid
 from slamgym.planning import (
     CostmapConfig,
     make_costmap,
-    path_costs,
     path_is_free,
     place_near,
     plan_path,
@@ -16,7 +15,7 @@ from slamgym.planning import (
 )
 from slamgym.planning.costmap import INSCRIBED_COST
 from slamgym.planning.grid_path import COST_FACTOR
-from slamgym.planning.grid_path_kernels import line_cost
+from slamgym.planning.grid_path_kernels import line_cost, search_path
 
 RESOLUTION = 0.05
 
@@ -77,7 +76,8 @@ def test_straightening_never_makes_a_path_dearer_than_dijkstra_found_it(seed):
     start = pose_at(grid, 40, 45)
     reachable = reachable_space(costmap, start)
     assume(reachable is not None)
-    costs = path_costs(costmap, reachable)
+    distance, _ = search_path(costmap.costs, int(reachable.order[0]), -1, INSCRIBED_COST, COST_FACTOR)
+    costs = distance.reshape(costmap.costs.shape) * RESOLUTION
     last = divmod(int(reachable.order[reachable.num_centre - 1]), grid.cells.shape[1])
     path = plan_path(costmap, start, point_at(grid, *last), 0.0, reachable)
     # Lines are sampled twice per cell, steps counted once: the two sums differ by a few per cent.

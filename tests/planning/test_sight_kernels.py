@@ -19,11 +19,11 @@ def some_costs(seed):
     return costs
 
 
-def by_hand(costs, row, col, reach):
+def by_hand(costs, row, col, max_range):
     """The sum over all rays, added up cell after cell."""
     area = 0.0
     for i in range(72):
-        for r in range(1, int(reach) + 1):
+        for r in range(1, int(max_range) + 1):
             rr = int(np.floor(row + r * np.sin(i * STEP) + 0.5))
             cc = int(np.floor(col + r * np.cos(i * STEP) + 0.5))
             inside = 0 <= rr < costs.shape[0] and 0 <= cc < costs.shape[1]
@@ -38,8 +38,8 @@ def by_hand(costs, row, col, reach):
 @pytest.mark.parametrize("seed", range(4))
 def test_the_area_in_sight_is_that_of_the_rays_to_the_last_bit(seed):
     costs = some_costs(seed)
-    for row, col, reach in ((30, 40, 45.7), (2, 3, 60.0), (30, 40, 1.0)):
-        assert visible_unknown(costs, row, col, reach) == by_hand(costs, row, col, reach)
+    for row, col, max_range in ((30, 40, 45.7), (2, 3, 60.0), (30, 40, 1.0)):
+        assert visible_unknown(costs, row, col, max_range) == by_hand(costs, row, col, max_range)
 
 
 @pytest.mark.parametrize("seed", range(4))

@@ -11,6 +11,10 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
+from slamgym.agents.evaluation.evaluate import EvaluationConfig, evaluate
+from slamgym.agents.evaluation.report import write_report
+from slamgym.agents.evaluation.trial import TrialConfig
+from slamgym.agents.plan_splits import PlanSplit
 from slamgym.agents.registry import EXPLORERS
 from slamgym.cad.plan_filter import PlanFilter
 from slamgym.commands.extras import Extra, require
@@ -22,7 +26,6 @@ from slamgym.slam import SlamConfig
 
 if TYPE_CHECKING:
     from slamgym.agents.evaluation.evaluate import EvaluationConfig
-    from slamgym.agents.plan_splits import Split
     from slamgym.cad.sources import PlanSource
 
 OFFICES = "offices"
@@ -49,8 +52,8 @@ class EvaluateArguments(Arguments):
     """``useful`` takes plans that are worth exploring; ``none`` all."""
     explorers: str = ",".join(EXPLORERS)
     """Names of explorers, with commas between them."""
-    against: str = "explore_lite"
-    """The reference explorer, one of them."""
+    against: str = ""
+    """The reference explorer, one of them; by default ``explore_lite``, or the first where it is not among them."""
     oracle: bool = False
     """Privileged: also run an explorer that is told the floor plan, as the yardstick."""
     repetitions: Count = 1
@@ -85,8 +88,6 @@ class EvaluateArguments(Arguments):
 def main(argv: list[str]) -> int:
     """Run the command; returns the exit code."""
     arguments = tyro.cli(EvaluateArguments, args=argv, prog="slamgym agents evaluate")
-    from slamgym.agents.evaluation.evaluate import evaluate
-    from slamgym.agents.evaluation.report import write_report
 
     if arguments.plot:
         require(Extra("agents", ("matplotlib",)), "--plot (or give --no-plot)")
@@ -96,7 +97,7 @@ def main(argv: list[str]) -> int:
     evaluation = evaluate(source, config, arguments.out, arguments.workers or os.cpu_count() or 1)
     if evaluation.skipped:
         say(f"{len(evaluation.skipped)} plans were skipped, the first: {evaluation.skipped[0].reason}")
-    sys.stdout.write(write_report(arguments.out, evaluation, config, arguments.against))
+    sys.stdout.write(write_report(arguments.out, evaluation, config, _reference(arguments.against, config)))
     if arguments.plot:
         from slamgym.agents.evaluation.coverage_plot import draw_coverage
 
@@ -119,12 +120,11 @@ def evaluation_config(arguments: EvaluateArguments) -> EvaluationConfig:
         ConfigError: If a setting makes no sense, or the reference is not among the explorers.
     """
     from slamgym.agents.evaluation.evaluate import EvaluationConfig
-    from slamgym.agents.evaluation.trial import TrialConfig
     from slamgym.envs import ExploreConfig
     from slamgym.sim import odometry_level
 
     explorers = tuple(name.strip() for name in arguments.explorers.split(",") if name.strip())
-    split: Split | None = None if arguments.split == "all" else arguments.split
+    split: PlanSplit | None = None if arguments.split == "all" else arguments.split
     env = ExploreConfig(
         robot=arguments.robot,
         lidar=arguments.lidar,
@@ -142,11 +142,21 @@ def evaluation_config(arguments: EvaluateArguments) -> EvaluationConfig:
         oracle=arguments.oracle,
         trial=TrialConfig(minutes=arguments.minutes, env=env),
     )
-    if arguments.against not in config.names:
-        raise ConfigError(
-            f"--against {arguments.against} is not among the explorers {', '.join(config.names)}; add it"
-        )
+    _reference(arguments.against, config)
     return config
+
+
+def _reference(against: str, config: EvaluationConfig) -> str:
+    """The reference explorer.
+
+    Raises:
+        ConfigError: If it is not among the explorers.
+    """
+    if not against:
+        return "explore_lite" if "explore_lite" in config.names else config.names[0]
+    if against not in config.names:
+        raise ConfigError(f"--against {against} is not among the explorers {', '.join(config.names)}; add it")
+    return against
 
 
 def open_source(spec: str) -> PlanSource:

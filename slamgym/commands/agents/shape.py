@@ -39,10 +39,10 @@ def main(argv: list[str]) -> int:
     """Run the command; returns the exit code."""
     arguments = tyro.cli(ShapeArguments, args=argv, prog="slamgym agents shape")
     if arguments.list:
-        from slamgym.agents.rl.reward_presets import PRESETS
+        from slamgym.agents.rl.reward_presets import REWARD_PRESETS
 
-        width = max(map(len, PRESETS))
-        for name, preset in PRESETS.items():
+        width = max(map(len, REWARD_PRESETS))
+        for name, preset in REWARD_PRESETS.items():
             sys.stdout.write(f"{name:<{width}}  {preset.about}\n")
         return 0
     if arguments.out is None:

@@ -28,7 +28,8 @@ class TrainArguments(Arguments):
 def main(argv: list[str]) -> int:
     """Run the command; returns the exit code."""
     arguments = tyro.cli(TrainArguments, args=argv, prog="slamgym agents train")
-    from slamgym.agents.rl.train import POLICY, train
+    from slamgym.agents.rl.train import train
+    from slamgym.agents.rl.train_config import POLICY
 
     train(arguments.config, arguments.out)
     if arguments.config.env == "explore_frontiers":

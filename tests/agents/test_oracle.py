@@ -6,7 +6,7 @@ import pytest
 import shapely
 
 from slamgym.agents.evaluation.trial import TrialConfig, run_trial
-from slamgym.agents.oracle import FullKnowledgeConfig, Oracle
+from slamgym.agents.oracle import Oracle, OracleConfig
 from slamgym.cad import FloorPlan
 from slamgym.envs import ExploreConfig, ExploreEnv
 from slamgym.slam import SlamConfig
@@ -30,7 +30,7 @@ def begin(plan, start):
 
 def test_the_tour_sees_what_was_asked_for_and_each_cell_belongs_to_one_stop():
     _, explorer = begin(corridor_with_rooms(), (0.8, 0.8, 0.0))
-    planner = explorer.planner
+    planner = explorer.building.planner
     unseen = np.ones(len(planner.cells), dtype=bool)
     tour = planner.plan(unseen, (0.8, 0.8))
     cells = np.concatenate([stop.cells for stop in tour])
@@ -45,14 +45,16 @@ def test_the_tour_sees_what_was_asked_for_and_each_cell_belongs_to_one_stop():
 
 def test_rooms_are_visited_in_the_order_of_the_corridor():
     _, explorer = begin(corridor_with_rooms(), (0.8, 0.8, 0.0))
-    tour = explorer.planner.plan(np.ones(len(explorer.planner.cells), dtype=bool), (0.8, 0.8))
+    tour = explorer.building.planner.plan(
+        np.ones(len(explorer.building.planner.cells), dtype=bool), (0.8, 0.8)
+    )
     x = [stop.point[0] for stop in tour]
     assert x == sorted(x)
 
 
 def test_what_was_seen_needs_no_stop_and_banned_places_are_not_used():
     _, explorer = begin(corridor_with_rooms(), (0.8, 0.8, 0.0))
-    planner = explorer.planner
+    planner = explorer.building.planner
     right = planner._centres[:, 0] > 6.4
     tour = planner.plan(right, (0.8, 0.8))
     assert tour
@@ -67,11 +69,13 @@ def test_what_was_seen_needs_no_stop_and_banned_places_are_not_used():
 def test_an_open_room_within_range_needs_one_stop():
     plan = FloorPlan("room", shapely.box(0.0, 0.0, 4.0, 3.0))
     _, explorer = begin(plan, (0.5, 0.5, 0.0))
-    tour = explorer.planner.plan(np.ones(len(explorer.planner.cells), dtype=bool), (0.5, 0.5))
+    tour = explorer.building.planner.plan(
+        np.ones(len(explorer.building.planner.cells), dtype=bool), (0.5, 0.5)
+    )
     assert len(tour) == 1
 
 
-def test_full_knowledge_sees_the_building_in_less_time_than_the_nearest_frontier():
+def test_the_oracle_sees_the_building_in_less_time_than_the_nearest_frontier():
     from slamgym.agents.registry import make_explorer
 
     plan, config = corridor_with_rooms(), TrialConfig(env=ENV)
@@ -90,7 +94,7 @@ def test_a_door_that_the_map_draws_too_narrow_is_squeezed_through_at_the_end():
     door = shapely.box(4.9, 2.02, 5.2, 2.49)  # the robot is 0.44 m wide, cells are of 0.05 m
     plan = FloorPlan("narrow", shapely.union_all([*rooms, door]))
     for shares, low, high in (((), 0.5, 0.9), ((0.85, 0.6), 0.98, 1.0)):
-        make = partial(Oracle.of, config=FullKnowledgeConfig(last_radius_shares=shares))
+        make = partial(Oracle.of, config=OracleConfig(relaxed_footprints=shares))
         trial = run_trial(plan, 1, "oracle", TrialConfig(env=ENV), make)
         assert low <= trial.coverage <= high
 
@@ -107,5 +111,5 @@ def test_its_frame_is_the_robots_map_wherever_it_starts():
 
 def test_another_episode_is_refused():
     _, explorer = begin(corridor_with_rooms(), (0.8, 0.8, 0.0))
-    with pytest.raises(RuntimeError, match="made anew"):
+    with pytest.raises(RuntimeError, match="one episode"):
         explorer.reset()

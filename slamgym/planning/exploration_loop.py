@@ -1,53 +1,53 @@
-"""Offers frontiers to choose from, drives to the chosen one, and says when the next choice is due.
+"""The exploration loop: offers frontiers, drives to the chosen one, and says when the next choice is due.
 
-The decision process that policies learn on and that a trained policy acts in: both go through this class, so
-what was learned is what is executed. Main path of a control step: :meth:`FrontierDriver.observe` takes over
-the map and the clock; while it says that a choice is due, :meth:`FrontierDriver.choose` is given one of the
-:attr:`FrontierDriver.candidates`; :meth:`FrontierDriver.command` drives.
+Every frontier explorer is this loop and a rule that scores the candidates: the hand-written rules, a trained
+policy, and the environment that policies are trained in, so they differ in what they choose, not in how they
+drive. Main path of a control step: :meth:`ExplorationLoop.observe` takes over the map and the clock; while it says
+that a choice is due, :meth:`ExplorationLoop.choose` is given one of the :attr:`ExplorationLoop.candidates`;
+:meth:`ExplorationLoop.command` drives.
 """
 
 import math
-from collections.abc import Mapping
-from dataclasses import field
-from typing import Any
+from dataclasses import dataclass, field
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
-from slamgym.core.config import Count, Positive, Settings
-from slamgym.core.types import ByteArray, OccupancyGrid, Pose2D, Twist2D
+from slamgym.core.config import Count, Positive, Settings, Within
+from slamgym.core.types import ByteArray, Observation, OccupancyGrid, Pose2D, Twist2D
 from slamgym.planning.context import ExplorerContext
 from slamgym.planning.costmap import NO_INFORMATION
-from slamgym.planning.frontier_candidates import Candidate, RoadMap, make_candidates
+from slamgym.planning.frontier_candidates import FrontierCandidate, make_candidates
 from slamgym.planning.frontiers import Point
 from slamgym.planning.navigator import Goal, GoalStatus, Navigator, NavigatorConfig
-from slamgym.planning.recovery import LastResorts, Resort
+from slamgym.planning.recovery import Recovery, RecoveryBehaviours
 
 _STOP = Twist2D(0.0, 0.0)
 _GROWTH = 0.5  # less than this is no growth of the map [m2]: noise opens pinholes for ever
 
 
-class DriverConfig(Settings):
+class ExplorationLoopConfig(Settings):
     """How frontiers are offered and driven to."""
 
     max_candidates: Count = 16
     """K: so many frontiers are offered at most, those with the shortest paths."""
     horizon: Positive = 6.0
-    """A choice is reconsidered after so long, even if its frontier is still there [s]."""
+    """A choice is reconsidered with the first map after so long, even if its frontier is still there [s]."""
     min_frontier_size: Positive = 0.5
     """Frontiers shorter than this are left for the end [m]."""
-    split_extent: Positive = 3.0
-    """A frontier that reaches farther than this is offered in parts [m]."""
+    split_extent: Annotated[float, Within(gt=0.0, infinite=True)] = 3.0
+    """A frontier that extends farther than this is offered in parts [m]."""
     blacklist_distance: float = 0.25
     """A frontier is blacklisted if both coordinates of its centroid are this near to an entry [m]."""
     progress_timeout: Positive = 30.0
     """A frontier that the robot doesn't come nearer to for so long is given up [s]."""
     stall_time: Positive = 40.0
-    """If the map hasn't grown for so long, choices are no longer reconsidered on the way: a policy that
+    """If the map hasn't grown for so long, choices are no longer reconsidered while driving: a policy that
     changes its mind for ever would never arrive [s]."""
     last_frontier_size: float = 0.25
     """Once nothing larger is left, frontiers down to this size are offered too [m]."""
-    last_radius_shares: tuple[float, ...] = (0.85, 0.6)
+    relaxed_footprints: tuple[float, ...] = (0.85, 0.6)
     """Then also doors that a robot of these shares of the radius could pass: maps draw walls too thick."""
     look_around_before: float = 30.0
     """If nothing is left to explore so soon, the robot first turns once round on the spot [s]."""
@@ -59,7 +59,60 @@ class DriverConfig(Settings):
     """Navigation stack."""
 
 
-class FrontierDriver:
+@dataclass
+class _Belief:
+    """The newest observation."""
+
+    pose: Pose2D = Pose2D(0.0, 0.0, 0.0)
+    time: float = 0.0  # [s]
+    scan: NDArray[np.float32] = field(default_factory=lambda: np.zeros(0, np.float32))
+    cells: ByteArray | None = None  # the map
+
+
+@dataclass
+class _Choice:
+    """Whether the last choice still holds."""
+
+    made_at: float = -math.inf  # [s]
+    is_due: bool = True
+    is_new_map: bool = False  # since the last search of candidates
+    is_stale: bool = True  # something but the map has changed since then
+    settles_at: float = -math.inf  # when the map shows what the last goal brought [s]
+
+
+@dataclass
+class _Growth:
+    """What the map has gained."""
+
+    known_area: float = 0.0  # [m2]
+    grown_to: float = 0.0  # known area when it last grew [m2]
+    grown_at: float = 0.0  # [s]
+    futile: int = 0  # goals in a row that added nothing
+
+    def note(self, known_area: float, time: float) -> None:
+        """Take over the known area of a new map."""
+        self.known_area = known_area
+        if known_area > self.grown_to + _GROWTH:
+            self.grown_to, self.grown_at = known_area, time
+
+
+@dataclass
+class _Progress:
+    """How near the robot has come to its target."""
+
+    target: Point = (math.inf, math.inf)
+    distance: float = math.inf  # the shortest so far [m]
+    at: float = 0.0  # when it was reached [s]
+
+    def waited(self, target: Point, distance: float, time: float) -> float:
+        """For how long the robot hasn't come nearer [s]."""
+        # A target that only jitters with the map is not a new one.
+        if math.dist(target, self.target) > 0.5 or distance < self.distance - 0.05:
+            self.target, self.distance, self.at = target, distance, time
+        return time - self.at
+
+
+class ExplorationLoop:
     """One robot's exploration by chosen frontiers.
 
     Args:
@@ -69,69 +122,72 @@ class FrontierDriver:
     Attributes:
         candidates: What may be chosen now, the shortest path first; at most ``config.max_candidates``.
         num_frontiers: How many frontiers there were before the list was cut.
-        finished: Nothing that the robot can reach is left to explore.
+        finished: Nothing that the robot can get to is left to explore.
         target: The frontier that the robot drives to, None if there is none.
-        pose: The newest believed pose.
-        time: The newest time [s].
-        known_area: Area of the map's known cells [m2].
     """
 
-    def __init__(self, context: ExplorerContext, config: DriverConfig | None = None) -> None:
+    def __init__(self, context: ExplorerContext, config: ExplorationLoopConfig | None = None) -> None:
         self.context = context
-        self.config = config or DriverConfig()
+        self.config = config or ExplorationLoopConfig()
         self.navigator = Navigator(context, self.config.navigator)
-        self.candidates: list[Candidate] = []
-        self.roads: RoadMap | None = None
+        self.candidates: list[FrontierCandidate] = []
         self.num_frontiers = 0
         self.finished = False
-        self.target: Candidate | None = None
-        self.pose = Pose2D(0.0, 0.0, 0.0)
-        self.time = 0.0
-        self.known_area = 0.0
-        self._scan: NDArray[np.float32] = np.zeros(0, np.float32)
-        self._map: ByteArray | None = None
-        self._is_new_map = False  # since the last search of candidates
-        self._is_stale = True  # something but the map has changed since then
-        self._chosen_at = -math.inf
-        self._is_due = True
+        self.target: FrontierCandidate | None = None
+        self._belief = _Belief()
+        self._choice = _Choice()
+        self._growth = _Growth()
+        self._progress = _Progress()
         self._blacklist: list[Point] = []
-        self._progress_from: Point = (math.inf, math.inf)
-        self._progress_distance, self._progress_at = math.inf, 0.0
-        self._grown_to, self._grown_at, self._futile = 0.0, 0.0, 0
-        self._judge_at = -math.inf
-        self._last_resorts = LastResorts(
+        self._recovery = RecoveryBehaviours(
             context,
             self.navigator,
             self.config.look_around_before,
-            self.config.last_radius_shares,
+            self.config.relaxed_footprints,
             self.config.closed_room_looks,
         )
 
     @property
+    def pose(self) -> Pose2D:
+        """The newest believed pose."""
+        return self._belief.pose
+
+    @property
+    def time(self) -> float:
+        """The newest time [s]."""
+        return self._belief.time
+
+    @property
+    def known_area(self) -> float:
+        """Area of the map's known cells [m2]."""
+        return self._growth.known_area
+
+    @property
     def round(self) -> int:
-        """0 at first; counts the gentler rules tried at the end."""
-        return self._last_resorts.round
+        """0 at first; counts the relaxed footprints tried at the end."""
+        return self._recovery.round
 
     # The three steps of the protocol.
 
-    def observe(self, observation: Mapping[str, NDArray[Any]]) -> bool:
+    def observe(self, observation: Observation) -> bool:
         """Take over an observation; whether a choice is due.
 
         Args:
             observation: Of an environment whose map is the global one: ``"map"`` uint8 (1, H, W), ``"scan"``
                 (num_beams,) [m], ``"pose"`` (3,) in the map frame, ``"time"`` (1,) [s].
         """
-        self.pose = Pose2D(*(float(value) for value in observation["pose"]))
-        self.time = float(observation["time"][0])
-        self._scan = observation["scan"]
-        self._last_resorts.note_time(self.time)
+        belief = self._belief
+        belief.pose = Pose2D(*(float(value) for value in observation["pose"]))
+        belief.time = float(observation["time"][0])
+        belief.scan = observation["scan"]
+        self._recovery.note_time(belief.time)
         self._take_map(observation["map"])
-        self._mind_result()
-        if self._last_resorts.is_turning or self.finished:
+        self._close_goal()
+        if self._recovery.is_turning or self.finished:
             return False
         if self._wants_choice():
             self._offer()
-        return bool(self.candidates) and self._is_due
+        return bool(self.candidates) and self._choice.is_due
 
     def choose(self, index: int) -> bool:
         """Drive to a candidate.
@@ -153,25 +209,26 @@ class FrontierDriver:
             del self.candidates[index]
             self.target = None
             self.navigator.cancel()
-            self._is_stale = not self.candidates
+            self._choice.is_stale = not self.candidates
             return False
         self.target = candidate
-        self._chosen_at = self.time
-        self._is_due = False
+        self._choice.made_at = self.time
+        self._choice.is_due = False
         return True
 
     def command(self) -> Twist2D:
         """Velocity for the next control step."""
-        if self._last_resorts.is_turning:
-            return self._last_resorts.turn(self.pose)
+        pose, scan, time = self._belief.pose, self._belief.scan, self._belief.time
+        if self._recovery.is_turning:
+            return self._recovery.turn(pose)
         if self.finished:
             return _STOP
-        command = self.navigator.step(self.pose, self._scan, self.time)
+        command = self.navigator.step(pose, scan, time)
         if self.target is None and self.navigator.status is GoalStatus.SUCCEEDED:
             # The robot looks at a closed room: what the scan sees through is no wall.
-            self.navigator.trust_scan(self.pose, self._scan, self.time)
+            self.navigator.trust_scan(pose, scan, time)
             self.navigator.cancel()
-            self._is_stale = True
+            self._choice.is_stale = True
         return command
 
     # The parts of observe.
@@ -180,23 +237,22 @@ class FrontierDriver:
         """Hand a newly published map to the navigation stack."""
         # The environment publishes a new read-only array for a new map; any other array may have been
         # written to in place, so it is compared.
-        if cells is self._map and not cells.flags.writeable:
+        last = self._belief.cells
+        if cells is last and not cells.flags.writeable:
             return
-        unchanged = cells.flags.writeable and self._map is not None and np.array_equal(cells, self._map)
-        self._map = cells.copy() if cells.flags.writeable else cells
+        unchanged = cells.flags.writeable and last is not None and np.array_equal(cells, last)
+        self._belief.cells = cells.copy() if cells.flags.writeable else cells
         if unchanged:
             return
         grid = OccupancyGrid(cells.reshape(self.context.frame.shape), self.context.frame)
         self.navigator.update_map(grid, self.pose, self.time)
-        self._is_new_map = True
+        self._choice.is_new_map = True
         costmap = self.navigator.costmap
         if costmap is not None:
-            cell_area = self.context.frame.resolution**2
-            self.known_area = float(np.count_nonzero(costmap.costs != NO_INFORMATION)) * cell_area
-        if self.known_area > self._grown_to + _GROWTH:
-            self._grown_to, self._grown_at = self.known_area, self.time
+            known = np.count_nonzero(costmap.costs != NO_INFORMATION)
+            self._growth.note(float(known) * self.context.frame.resolution**2, self.time)
 
-    def _mind_result(self) -> None:
+    def _close_goal(self) -> None:
         """Blacklist a frontier whose goal ended.
 
         One that was reached is blacklisted too: if it is gone that does no harm, and if it is still there then
@@ -205,36 +261,38 @@ class FrontierDriver:
         status = self.navigator.status
         if self.target is None or status not in (GoalStatus.SUCCEEDED, GoalStatus.ABORTED):
             return
-        self._futile = 0 if self._grown_at >= self._chosen_at else self._futile + 1
+        self._growth.futile = 0 if self._growth.grown_at >= self._choice.made_at else self._growth.futile + 1
         self._drop_target()
-        self._judge_at = self.time + self.context.map_update_interval + self.context.control_step
+        self._choice.settles_at = self.time + self.context.map_update_interval + self.context.control_step
 
     def _wants_choice(self) -> bool:
-        """Whether the candidates have to be searched anew."""
+        """Whether the candidates have to be searched again."""
+        choice, time = self._choice, self.time
         if self.target is None:
-            changed = self._is_stale or self._is_new_map or self.time >= self._judge_at
+            changed = choice.is_stale or choice.is_new_map or time >= choice.settles_at
             return changed and not self.navigator.is_active
-        if not self._is_new_map:
+        if not choice.is_new_map:
             return False
-        if not self._is_making_progress():
+        distance = math.dist(self.target.target, self.pose[:2])
+        if self._progress.waited(self.target.target, distance, time) > self.config.progress_timeout:
             self._drop_target()
             return True
         if not self._is_still_there(self.target):
             return True
-        is_stalled = self.time - self._grown_at > self.config.stall_time
-        return not is_stalled and self.time - self._chosen_at >= self.config.horizon - 1e-6
+        is_stalled = time - self._growth.grown_at > self.config.stall_time
+        return not is_stalled and time - choice.made_at >= self.config.horizon - 1e-6
 
     def _offer(self) -> None:
         """Search the candidates; without any, try what is left to try."""
-        self._is_new_map = self._is_stale = False
-        self._is_due = True
+        self._choice.is_new_map = self._choice.is_stale = False
+        self._choice.is_due = True
         self.candidates, self.num_frontiers = [], 0
         costmap, space = self.navigator.costmap, self.navigator.reachable
-        if costmap is not None and space is not None and self._futile < self.config.futile_goals:
+        if costmap is not None and space is not None and self._growth.futile < self.config.futile_goals:
             size = self.config.min_frontier_size
             if self.round:
                 size = min(size, self.config.last_frontier_size)
-            found, self.roads = make_candidates(
+            found = make_candidates(
                 costmap,
                 space,
                 self.pose,
@@ -249,17 +307,17 @@ class FrontierDriver:
         if not self.candidates:
             self.target = None
             self.navigator.cancel()
-            self._nothing_left()
+            self._recover()
 
     def _drop_target(self) -> None:
         assert self.target is not None
         self._blacklist.append(self.target.frontier.centroid)
         self.target = None
         self.navigator.cancel()
-        self._is_stale = True
+        self._choice.is_stale = True
 
-    def _set_goal(self, candidate: Candidate) -> bool:
-        """Send a goal to the navigation stack; False if it can't be reached."""
+    def _set_goal(self, candidate: FrontierCandidate) -> bool:
+        """Send a goal to the navigation stack; False if no path leads there."""
         frontier = candidate.frontier
         for target in dict.fromkeys((candidate.target, frontier.middle, frontier.nearest)):
             self.navigator.set_goal(Goal(*target, look_at=frontier.middle), self.pose, self.time)
@@ -267,17 +325,7 @@ class FrontierDriver:
                 return True
         return False
 
-    def _is_making_progress(self) -> bool:
-        """Whether the goal is new or the robot has come nearer to it within the time-out."""
-        assert self.target is not None
-        target = self.target.target
-        distance = math.dist(target, self.pose[:2])
-        # A goal that only jitters with the map is not a new one.
-        if math.dist(target, self._progress_from) > 0.5 or distance < self._progress_distance - 0.05:
-            self._progress_from, self._progress_distance, self._progress_at = target, distance, self.time
-        return self.time - self._progress_at <= self.config.progress_timeout
-
-    def _is_still_there(self, candidate: Candidate) -> bool:
+    def _is_still_there(self, candidate: FrontierCandidate) -> bool:
         """Whether enough cells of a frontier are still unknown on the newest map."""
         costmap = self.navigator.costmap
         assert costmap is not None
@@ -292,16 +340,14 @@ class FrontierDriver:
         within = self.config.blacklist_distance + 0.5 * self.context.frame.resolution
         return any(abs(point[0] - x) < within and abs(point[1] - y) < within for x, y in self._blacklist)
 
-    # The end.
-
-    def _nothing_left(self) -> None:
-        """Begin what is to be tried before the end, or end."""
-        if self.navigator.is_active or self.time < self._judge_at:
-            return  # on the way to a closed room, or the map doesn't show yet what the last goal brought
-        self._futile = 0
-        self._is_stale = True
-        resort = self._last_resorts.attempt(self.pose, self.time)
-        if resort is Resort.GENTLER_RULES and self.round == 1:
+    def _recover(self) -> None:
+        """Begin the recovery behaviour that is next, or end."""
+        if self.navigator.is_active or self.time < self._choice.settles_at:
+            return  # driving to a closed room, or the map doesn't show yet what the last goal brought
+        self._growth.futile = 0
+        self._choice.is_stale = True
+        behaviour = self._recovery.attempt(self.pose, self.time)
+        if behaviour is Recovery.RELAXED_FOOTPRINT and self.round == 1:
             # What was given up may have become possible: people walk on and maps get better.
             self._blacklist.clear()
-        self.finished = resort is Resort.NOTHING
+        self.finished = behaviour is Recovery.NOTHING

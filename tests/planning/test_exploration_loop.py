@@ -1,4 +1,4 @@
-"""Candidates for a choice, and the driver that offers them and drives."""
+"""Candidates for a choice, and the loop that offers them and drives."""
 
 import numpy as np
 import pytest
@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 from slamgym.core.errors import ConfigError
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, GridFrame, LaserGeometry, OccupancyGrid, Pose2D
 from slamgym.planning import CostmapConfig, ExplorerContext, find_frontiers, make_costmap, reachable_space
-from slamgym.planning.frontier_candidates import RoadMap, coarsen, make_candidates, split
-from slamgym.planning.frontier_driver import DriverConfig, FrontierDriver
+from slamgym.planning.exploration_loop import ExplorationLoop, ExplorationLoopConfig
+from slamgym.planning.frontier_candidates import PathTree, coarsen_costmap, make_candidates, split_frontier
 
 FRAME = GridFrame(0.05, -4.0, -4.0, 160, 160)
 HERE = Pose2D(0.0, 0.0, 0.0)
@@ -39,7 +39,7 @@ def planned(grid):
 def candidates_of(grid, **changes):
     costmap, space = planned(grid)
     settings = {"min_size": 0.3, "split_extent": 3.0, "tolerance": 0.6} | changes
-    return make_candidates(costmap, space, HERE, **settings)[0]
+    return make_candidates(costmap, space, HERE, **settings)
 
 
 def test_candidates_are_the_openings_with_paths_to_them():
@@ -53,7 +53,7 @@ def test_candidates_are_the_openings_with_paths_to_them():
 
 def test_what_lies_behind_a_wall_is_no_candidate():
     grid = room(openings=[])
-    grid.cells[:20] = FREE  # known, but out of reach
+    grid.cells[:20] = FREE  # known, but nowhere to get to
     assert candidates_of(grid) == []
 
 
@@ -68,11 +68,11 @@ def test_the_place_the_robot_goes_to_is_kept():
 
 @settings(max_examples=30)
 @given(extent=st.floats(0.2, 4.0))
-def test_parts_of_a_frontier_make_up_the_whole_and_reach_no_farther(extent):
+def test_parts_of_a_frontier_make_up_the_whole_and_extend_no_farther(extent):
     grid = room(openings=[EAST, NORTH, (-2.2, -2.2, 2.2, -1.9)])
     costmap, _ = planned(grid)
     for frontier in find_frontiers(costmap, HERE, 0.3):
-        parts = split(frontier, FRAME, HERE, extent)
+        parts = split_frontier(frontier, FRAME, HERE, extent)
         cells = np.vstack([part.cells for part in parts])
         assert len(cells) == frontier.size
         assert set(map(tuple, cells)) == set(map(tuple, frontier.cells))
@@ -85,7 +85,7 @@ def test_coarse_cells_take_the_lowest_cost_and_stay_in_place():
     rng = np.random.default_rng(0)
     costs = rng.integers(0, 256, (7, 9)).astype(np.uint8)
     frame = GridFrame(0.05, 1.0, 2.0, 7, 9)
-    coarse, coarse_frame = coarsen(costs, frame)
+    coarse, coarse_frame = coarsen_costmap(costs, frame)
     assert coarse.shape == (3, 4)
     for row in range(3):
         for col in range(4):
@@ -95,27 +95,27 @@ def test_coarse_cells_take_the_lowest_cost_and_stay_in_place():
     assert (x, y) == pytest.approx((left + 0.025, top - 0.025))
 
 
-def test_roads_lead_everywhere_in_reach_and_nowhere_else():
+def test_paths_lead_everywhere_the_robot_can_get_to_and_nowhere_else():
     grid = room(openings=[EAST])
     costmap, space = planned(grid)
-    roads = RoadMap.survey(costmap, space)
-    row, col = (int(i) for i in roads.frame.to_cell(1.0, 1.0))
-    path = roads.path_to(row, col)
+    paths = PathTree.search(costmap, space)
+    row, col = (int(i) for i in paths.frame.to_cell(1.0, 1.0))
+    path = paths.path_to(row, col)
     np.testing.assert_allclose(path[-1], [1.0, 1.0], atol=0.1)
-    outside = tuple(int(i) for i in roads.frame.to_cell(3.0, 3.0))
-    assert roads.path_to(*outside) is None
+    outside = tuple(int(i) for i in paths.frame.to_cell(3.0, 3.0))
+    assert paths.path_to(*outside) is None
 
 
 @pytest.fixture
-def driver():
+def loop():
     geometry = LaserGeometry(180, -np.pi / 2, np.pi / 179, 0.12, 3.5)
-    return FrontierDriver(ExplorerContext(FRAME, geometry), DriverConfig())
+    return ExplorationLoop(ExplorerContext(FRAME, geometry), ExplorationLoopConfig())
 
 
-def see(driver, grid, time, pose=HERE):
+def see(loop, grid, time, pose=HERE):
     cells = grid.cells[np.newaxis].copy()
     cells.flags.writeable = False
-    return driver.observe(
+    return loop.observe(
         {
             "map": cells,
             "scan": np.full(180, 3.5, np.float32),
@@ -125,49 +125,49 @@ def see(driver, grid, time, pose=HERE):
     )
 
 
-def test_a_choice_is_due_once_then_kept_until_the_horizon(driver):
+def test_a_choice_is_due_once_then_kept_until_the_horizon(loop):
     grid = room(openings=[EAST, NORTH])
-    assert see(driver, grid, 0.0)
-    assert driver.choose(0)
-    assert driver.command().linear >= 0.0
-    assert not see(driver, grid, 2.0)
-    assert not see(driver, grid, 4.0)
-    assert see(driver, grid, 6.0)
+    assert see(loop, grid, 0.0)
+    assert loop.choose(0)
+    assert loop.command().linear >= 0.0
+    assert not see(loop, grid, 2.0)
+    assert not see(loop, grid, 4.0)
+    assert see(loop, grid, 6.0)
 
 
-def test_a_choice_is_due_as_soon_as_the_frontier_is_gone(driver):
-    see(driver, room(openings=[EAST, NORTH]), 0.0)
-    east = min(range(2), key=lambda i: abs(driver.candidates[i].frontier.middle[1]))
-    driver.choose(east)
-    assert see(driver, room(openings=[NORTH]), 2.0)
-    assert len(driver.candidates) == 1
+def test_a_choice_is_due_as_soon_as_the_frontier_is_gone(loop):
+    see(loop, room(openings=[EAST, NORTH]), 0.0)
+    east = min(range(2), key=lambda i: abs(loop.candidates[i].frontier.middle[1]))
+    loop.choose(east)
+    assert see(loop, room(openings=[NORTH]), 2.0)
+    assert len(loop.candidates) == 1
 
 
-def test_a_stalled_exploration_keeps_its_choice(driver):
+def test_a_stalled_exploration_keeps_its_choice(loop):
     grid = room(openings=[EAST, NORTH])
-    see(driver, grid, 0.0)
-    due = [see(driver, grid, time) and driver.choose(0) for time in np.arange(0.0, 80.0, 2.0)]
+    see(loop, grid, 0.0)
+    due = [see(loop, grid, time) and loop.choose(0) for time in np.arange(0.0, 80.0, 2.0)]
     # The robot doesn't move: from 30 s without progress the goal is given up, but not reconsidered at 46, 52 s ...
     assert sum(due[1:20]) >= 5
     assert sum(due[24:]) <= 4
 
 
-def test_with_nothing_left_the_robot_looks_around_and_is_done(driver):
+def test_with_nothing_left_the_robot_looks_around_and_is_done(loop):
     closed = room()
-    assert not see(driver, closed, 0.0)
+    assert not see(loop, closed, 0.0)
     turned = []
     for step in range(200):
-        turned.append(driver.command())
+        turned.append(loop.command())
         heading = 0.3 * step
-        see(driver, closed, 2.0 * step, Pose2D(0.0, 0.0, float(np.arctan2(np.sin(heading), np.cos(heading)))))
-        if driver.finished:
+        see(loop, closed, 2.0 * step, Pose2D(0.0, 0.0, float(np.arctan2(np.sin(heading), np.cos(heading)))))
+        if loop.finished:
             break
-    assert driver.finished
+    assert loop.finished
     assert turned[0].angular > 0.0
-    assert driver.command() == (0.0, 0.0)
+    assert loop.command() == (0.0, 0.0)
 
 
 @pytest.mark.parametrize("changes", [{"max_candidates": 0}, {"horizon": 0.0}, {"split_extent": -1.0}])
 def test_senseless_settings_are_refused(changes):
     with pytest.raises(ConfigError):
-        DriverConfig(**changes)
+        ExplorationLoopConfig(**changes)

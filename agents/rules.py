@@ -1,0 +1,204 @@
+"""The hand-written rules: each scores the frontiers that the exploration loop offers.
+
+A rule is a frozen dataclass of its settings that maps an :class:`~slamgym.planning.exploration_loop.ExplorationLoop`
+to one score for each of its candidates; the robot drives to the one with the highest score.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from slamgym.agents.open_tour import EXACT_PLACES, open_tour, repairman_tour
+from slamgym.core.errors import ConfigError
+from slamgym.core.types import FloatArray, IntArray
+from slamgym.planning.coarse_paths import CoarsePaths
+from slamgym.planning.exploration_loop import ExplorationLoop, ExplorationLoopConfig
+from slamgym.planning.frontiers import expected_gain, view_gain
+
+EXPLORE_LITE_LOOP = ExplorationLoopConfig(
+    max_candidates=1000,
+    horizon=1.0 / 0.33,
+    min_frontier_size=0.75,
+    last_frontier_size=0.6,
+    split_extent=math.inf,
+)
+"""What Explore Lite does its own way: all frontiers whole, those under 0.75 m left out (``min_frontier_size`` of its
+launch file; here those from 0.6 m are left for the end), and the goal reconsidered at 0.33 Hz (``planner_frequency``).
+
+Its time-out of 30 s by the straight distance (``progress_timeout``) and its blacklist of 5 cells
+(``goalOnBlacklist``) are those of the loop. What it lacks, recovery behaviours and a goal that is kept once the map has
+stalled, comes from the loop too.
+"""
+
+
+@dataclass(frozen=True)
+class ExploreLite:
+    """Near and large, as the ROS package of that name; defaults are those of its launch file.
+
+    J. Hörner, "Map-merging for multi-robot system", 2016; wiki.ros.org/explore_lite. Three weaknesses that its users
+    report are fixed by the loop: the search climbs over the cost of inflated doorways, it doesn't pass gaps that are
+    too narrow for the robot, and a frontier whose centroid is where the robot stands is visited at one of its cells.
+    """
+
+    potential_scale: float = 3.0
+    """Weight of the straight distance to a frontier."""
+    gain_scale: float = 1.0
+    """Weight of the size of a frontier."""
+
+    def __call__(self, loop: ExplorationLoop) -> FloatArray:
+        """Score the loop's candidates, shape (N,)."""
+        resolution = loop.context.frame.resolution
+        distances = np.array([one.frontier.min_distance for one in loop.candidates])
+        sizes = np.array([one.frontier.size for one in loop.candidates]) * resolution
+        # Explore Lite multiplies distances in metres by the cell size once more.
+        scores: FloatArray = self.gain_scale * sizes - self.potential_scale * distances * resolution
+        return scores
+
+
+@dataclass(frozen=True)
+class Nearest:
+    """The shortest path first (Yamauchi, "A frontier-based approach for autonomous exploration", CIRA 1997)."""
+
+    def __call__(self, loop: ExplorationLoop) -> FloatArray:
+        """Score the loop's candidates, shape (N,)."""
+        return -path_lengths(loop)
+
+
+@dataclass(frozen=True)
+class CostUtility:
+    """The unknown area in sight of a frontier against the cost of the path there, for one robot.
+
+    Burgard et al., "Coordinated multi-robot exploration", T-RO 2005. Their utility of a frontier falls with what
+    other robots will see there; for one robot it would be the same everywhere. Here it is the share of the scanner's
+    disc about the frontier that is unknown and in sight.
+    """
+
+    cost_weight: float = 0.06
+    """Beta: what a metre of path takes from the utility, which lies between 0 and 1 [1/m]."""
+
+    def __call__(self, loop: ExplorationLoop) -> FloatArray:
+        """Score the loop's candidates, shape (N,)."""
+        costmap, max_range = loop.navigator.costmap, loop.context.geometry.range_max
+        assert costmap is not None
+        areas = np.array([expected_gain(costmap, one.frontier.middle, max_range) for one in loop.candidates])
+        costs = np.array([one.path_cost for one in loop.candidates])
+        scores: FloatArray = areas / (math.pi * max_range**2) - self.cost_weight * costs
+        return scores
+
+
+@dataclass(frozen=True)
+class NextBestView:
+    """The largest information gain for its path: A(q) exp(-lambda L(q)).
+
+    Eq. (2) of Gonzalez-Banos and Latombe, "Navigation strategies for exploring indoor environments", IJRR 21(10-11),
+    2002. A is the unknown area within the scanner's usable range and field that may be seen from where the path to
+    the frontier ends, L the length of that path.
+    """
+
+    path_weight: float = 0.5
+    """Lambda: how fast the worth of a view falls with the path [1/m]; 0.2 in the paper, which is for rooms and
+    ranges three times as large."""
+    max_range: float = 3.0
+    """How far the scanner is trusted when a gain is predicted [m]; the usable range of the mapper."""
+
+    def __call__(self, loop: ExplorationLoop) -> FloatArray:
+        """Score the loop's candidates, shape (N,)."""
+        # The logarithm orders alike, and distinguishes far views that the exponential rounds to 0.
+        gains = np.maximum(view_gains(loop, self.max_range), 1e-3)
+        scores: FloatArray = np.log(gains) - self.path_weight * path_lengths(loop)
+        return scores
+
+
+@dataclass(frozen=True)
+class FrontierTour:
+    """The first frontier of the shortest open tour through all, a travelling salesman's.
+
+    It keeps the robot from leaving small frontiers behind that it would have to come back for (Kulich, Faigl and
+    Preucil, "On distance utility in the exploration task", ICRA 2011).
+    """
+
+    turn_weight: float = 0.2
+    """What a radian of turning before the first leg counts [m/rad]: the speed of 0.26 m/s over 1.2 rad/s."""
+
+    def __call__(self, loop: ExplorationLoop) -> FloatArray:
+        """Score the loop's candidates, shape (N,)."""
+        everything = range(len(loop.candidates))
+        order = open_tour(_tour_lengths(loop, everything, self.turn_weight)) - 1
+        return _scores_of_order(order)
+
+
+@dataclass(frozen=True)
+class Repairman:
+    """The first frontier of the tour on which the unknown waits least.
+
+    Each frontier waits until the robot gets there, weighted by the unknown area in sight from it. So small frontiers
+    along the path are taken first, and those that hide little and lie aside are left for the end.
+    """
+
+    turn_weight: float = 0.2
+    """What a radian of turning before the first leg counts [m/rad]."""
+    area_weight: float = 1.0
+    """What a square metre of unknown in sight weighs while it waits [1/m2]."""
+    wait_weight: float = 0.5
+    """What any frontier weighs while it waits, however little it hides."""
+    max_range: float = 3.0
+    """How far the scanner is trusted when a gain is predicted [m]."""
+    max_places: int = EXACT_PLACES
+    """Only so many frontiers, the nearest, are ordered by the tour; the others come after."""
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.max_places <= EXACT_PLACES:
+            raise ConfigError(f"max_places must lie between 1 and {EXACT_PLACES}, not {self.max_places}")
+        if self.area_weight < 0.0 or self.wait_weight <= 0.0:
+            raise ConfigError("area_weight must not be negative, and wait_weight must be positive")
+
+    def __call__(self, loop: ExplorationLoop) -> FloatArray:
+        """Score the loop's candidates, shape (N,)."""
+        by_length = np.argsort(path_lengths(loop), kind="stable")
+        near, rest = by_length[: self.max_places], by_length[self.max_places :]
+        weights = self.wait_weight + self.area_weight * view_gains(loop, self.max_range)[near]
+        order = repairman_tour(_tour_lengths(loop, near.tolist(), self.turn_weight), weights) - 1
+        return _scores_of_order(np.concatenate([near[order], rest]))
+
+
+def path_lengths(loop: ExplorationLoop) -> FloatArray:
+    """Length of the path to each candidate, shape (N,) [m]."""
+    return np.array([candidate.path_length for candidate in loop.candidates])
+
+
+def view_gains(loop: ExplorationLoop, max_range: float) -> FloatArray:
+    """Unknown area in sight from where the path to each candidate ends, looking where most is, shape (N,) [m2]."""
+    costmap = loop.navigator.costmap
+    assert costmap is not None
+    places = _path_ends(loop).tolist()
+    return np.array([view_gain(costmap, (x, y), max_range, loop.context.geometry) for x, y in places])
+
+
+def _path_ends(loop: ExplorationLoop) -> FloatArray:
+    """Where the paths to the candidates end, shape (N, 2) [m]."""
+    costmap = loop.navigator.costmap
+    assert costmap is not None
+    rows, cols = np.array([candidate.place for candidate in loop.candidates]).T
+    return np.column_stack(costmap.frame.to_point(rows, cols))
+
+
+def _tour_lengths(loop: ExplorationLoop, indices: Sequence[int], turn_weight: float) -> FloatArray:
+    """Path lengths between the robot and some candidates, shape (N + 1, N + 1) [m]; turning counts as length."""
+    costmap, space, pose = loop.navigator.costmap, loop.navigator.reachable, loop.pose
+    assert costmap is not None
+    assert space is not None
+    places = _path_ends(loop)[indices]
+    lengths = CoarsePaths(costmap, space).matrix(pose, places)
+    dx, dy = (places - np.array(pose[:2])).T
+    turns = np.abs(np.remainder(np.arctan2(dy, dx) - pose.theta + np.pi, 2.0 * np.pi) - np.pi)
+    lengths[0, 1:] += turn_weight * np.where(np.hypot(dx, dy) < 0.3, 0.0, turns)
+    return lengths
+
+
+def _scores_of_order(order: IntArray) -> FloatArray:
+    """Scores that put the candidates into an order of their indices, shape (N,)."""
+    scores = np.empty(len(order))
+    scores[order] = -np.arange(len(order), dtype=np.float64)
+    return scores
