@@ -7,6 +7,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 PACKAGE = "slamgym"
+NO_ROOM = {PACKAGE, f"{PACKAGE}.__main__"}
 
 
 @functools.cache
@@ -51,7 +52,7 @@ def imports_between_rooms() -> dict[tuple[str, str], set[str]]:
     found: dict[tuple[str, str], set[str]] = {}
     for module in modules():
         for name in imported_names(module):
-            if name.startswith(f"{PACKAGE}.") and module != PACKAGE and is_in_package(name):
+            if name.startswith(f"{PACKAGE}.") and module not in NO_ROOM and is_in_package(name):
                 pair = room_of(module), room_of(name)
                 if pair[0] != pair[1]:
                     found.setdefault(pair, set()).add(f"{module} -> {name}")

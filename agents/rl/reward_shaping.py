@@ -16,12 +16,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from slamgym.agents.pretrained_policy import read_policy
 from slamgym.agents.rl.reward_presets import REWARD_PRESETS, reward_preset
 from slamgym.agents.rl.train_config import POLICY, Curriculum, TrainConfig
-from slamgym.agents.rl.training_callbacks import PolicyOutcome, explore_plan
-from slamgym.agents.rl.training_envs import draw_plans, make_env
-from slamgym.cad import FloorPlan
+from slamgym.agents.rl.validation import PolicyOutcome, explore_plan
 from slamgym.core.config import Count, Settings, config_hash, from_dict, suggest, to_dict
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.files import write_text
@@ -31,6 +28,7 @@ from slamgym.envs import RewardFunction
 
 if TYPE_CHECKING:
     from slamgym.cad import FloorPlan
+
 
 Term = tuple[str, float, RewardFunction]
 """Name, weight and function of a term of the user's own."""
@@ -101,6 +99,8 @@ def run_shaping(
     Raises:
         ConfigError: If the folder holds runs with other settings.
     """
+    from slamgym.agents.rl.training_envs import draw_plans
+
     plans = draw_plans(config.train.plans, "test", config.test_plans)
     return [
         _run_one(config, name, seed, out / name / f"seed_{seed}", plans, learn, term)
@@ -166,6 +166,8 @@ def test_policy(
 
     Start and noise of an exploration follow from its plan's id, whatever the other plans.
     """
+    from slamgym.agents.pretrained_policy import read_policy
+    from slamgym.agents.rl.training_envs import make_env
     from slamgym.envs.explore_frontiers_env import ExploreFrontiersEnv
 
     scorer = read_policy(path).scorer()

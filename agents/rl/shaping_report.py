@@ -18,7 +18,7 @@ OUTCOME_COLUMNS = (
     ("coverage", "coverage", "{:.3f}"),
     ("map_error", "map error [m]", "{:.4f}"),
 )
-"""Field of :class:`slamgym.agents.rl.training_callbacks.PolicyOutcome`, heading, format."""
+"""Field of :class:`slamgym.agents.rl.validation.PolicyOutcome`, heading, format."""
 
 _POINTS = 60
 

@@ -1,94 +1,20 @@
-"""What happens beside the learning: curriculum, validation on held-out buildings, checkpoints, progress."""
+"""What happens beside the learning: curriculum, validation, checkpoints, progress."""
 
 import csv
 import json
-import math
-import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from stable_baselines3.common.callbacks import BaseCallback
 
 from slamgym.agents.rl.checkpoint import save_checkpoint
 from slamgym.agents.rl.train_config import TrainConfig
+from slamgym.agents.rl.validation import mean_outcome
 from slamgym.cad import FloorPlan
 from slamgym.core.files import write_text
 from slamgym.core.progress import Advance
 from slamgym.envs.explore_frontiers_env import ExploreFrontiersEnv
-
-Choose = Callable[[dict[str, Any]], int]
-"""From an observation of ``slamgym/ExploreFrontiers-v0`` to an action."""
-
-
-@dataclass(frozen=True)
-class PolicyOutcome:
-    """One exploration. Times and paths that were not reached count as those at the end."""
-
-    time_95: float  # to 95 % of the floor truly seen [s]
-    time_99: float  # [s]
-    path_95: float  # [m]
-    path_99: float  # [m]
-    time: float  # until the explorer was done [s]
-    coverage: float
-    decisions: int
-    seconds: float  # of CPU
-    map_error: float  # [m]
-
-
-def explore_plan(env: ExploreFrontiersEnv, choose: Choose, plan: FloorPlan, seed: int) -> PolicyOutcome:
-    """Explore one building to the end.
-
-    Args:
-        env: The environment.
-        choose: The policy.
-        plan: The building.
-        seed: Of start and noise.
-    """
-    observation, info = env.reset(seed=seed, options={"plan": plan})
-    reached: dict[float, tuple[float, float]] = {}  # to within a decision
-    begin, decisions, is_over = time.process_time(), 0, False
-    while not is_over:
-        observation, _, terminated, truncated, info = env.step(choose(observation))
-        decisions += 1
-        for share in (0.95, 0.99):
-            if info["coverage"] >= share:
-                reached.setdefault(share, (info["time"], info["path_length"]))
-        is_over = terminated or truncated
-    end = info["time"], info["path_length"]
-    (time_95, path_95), (time_99, path_99) = reached.get(0.95, end), reached.get(0.99, end)
-    return PolicyOutcome(
-        time_95=time_95,
-        time_99=time_99,
-        path_95=path_95,
-        path_99=path_99,
-        time=info["time"],
-        coverage=info["coverage"],
-        decisions=decisions,
-        seconds=time.process_time() - begin,
-        map_error=info["map_error"],
-    )
-
-
-def mean_outcome(
-    env: ExploreFrontiersEnv, choose: Choose, plans: Sequence[FloorPlan], seed: int = 0
-) -> dict[str, float]:
-    """Means over buildings, each explored once from a start of its own.
-
-    Returns:
-        The fields of :class:`PolicyOutcome`, and ``decisions_per_second``.
-    """
-    outcomes = [explore_plan(env, choose, plan, seed + index) for index, plan in enumerate(plans)]
-    means = {
-        name: float(np.mean([getattr(outcome, name) for outcome in outcomes]))
-        for name in PolicyOutcome.__dataclass_fields__
-    }
-    seconds = math.fsum(outcome.seconds for outcome in outcomes)
-    means["decisions_per_second"] = sum(outcome.decisions for outcome in outcomes) / max(seconds, 1e-9)
-    return means
-
 
 VALIDATION = "validation.csv"
 

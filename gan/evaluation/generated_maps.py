@@ -8,6 +8,8 @@ Three layouts of a folder are taken, by the names of the pairs::
                                  first one in the folder, laid over the pair's CAD map
 """
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +20,7 @@ from slamgym.gan.data import SUFFIXES, PairSet, read_grey
 from slamgym.gan.encoding import resample_grey, resample_slam
 from slamgym.interop import read_ros_map
 from slamgym.interop.ros_map import classify_greys
+from slamgym.metrics import displacement_statistics, map_statistics
 
 MINIMUM = 10
 """A test on fewer maps says nothing."""
@@ -119,3 +122,53 @@ def shifted(cells: ByteArray, shape: tuple[int, ...], down: float, right: float)
             first_row - top : last_row - top, first_col - left : last_col - left
         ]
     return canvas
+
+
+Statistics = list[dict[str, float]]
+
+
+@dataclass(frozen=True)
+class Sample:
+    """SLAM-like maps of one kind, and what they were made from."""
+
+    maps: ByteArray  # (N, S, S): 0, 205, 254
+    cad: ByteArray  # (N, S, S)
+    plans: list[str]
+    statistics: Statistics
+
+    @staticmethod
+    def of(maps: ByteArray, pairs: PairSet) -> "Sample":
+        """Describe maps that were made from the CAD maps of a set of pairs.
+
+        Args:
+            maps: (N, S, S): 0, 205, 254.
+            pairs: Their CAD maps, plans and scales.
+        """
+        return Sample(maps, pairs.cad, list(pairs.plan_ids), describe_maps(maps, pairs))
+
+    def subset(self, indices: Sequence[int]) -> "Sample":
+        """The maps with these indices."""
+        chosen = list(indices)
+        return Sample(
+            self.maps[chosen],
+            self.cad[chosen],
+            [self.plans[i] for i in chosen],
+            [self.statistics[i] for i in chosen],
+        )
+
+
+def describe_maps(maps: ByteArray, pairs: PairSet) -> Statistics:
+    """Statistics of each map against its CAD map.
+
+    Args:
+        maps: SLAM-like maps (N, S, S): 0, 205, 254.
+        pairs: Their CAD maps and scales.
+    """
+    described = []
+    for i in range(len(pairs)):
+        scale = pairs.scale(i)
+        rng = np.random.default_rng(i)  # picks pairs of wall cells, the same for every kind of map
+        described.append(
+            map_statistics(maps[i], scale) | displacement_statistics(maps[i], pairs.cad[i] <= 127, scale, rng)
+        )
+    return described

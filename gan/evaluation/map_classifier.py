@@ -14,7 +14,7 @@ from slamgym.core.config import Settings
 from slamgym.core.errors import ConfigError
 from slamgym.core.intervals import Interval, mean_interval
 from slamgym.core.types import FREE, OCCUPIED, ByteArray, FloatArray
-from slamgym.gan.evaluation.realism import Sample
+from slamgym.gan.evaluation.generated_maps import Sample
 
 
 class ClassifierConfig(Settings):

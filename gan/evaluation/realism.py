@@ -7,7 +7,7 @@ the test makes of no difference.
 """
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,8 +15,9 @@ import numpy as np
 from slamgym.core.types import ByteArray
 from slamgym.gan.data import PairSet
 from slamgym.gan.encoding import resample_slam
+from slamgym.gan.evaluation.generated_maps import Sample, Statistics
 from slamgym.gan.translation.elastic import bend
-from slamgym.metrics import displacement_statistics, map_statistics, two_sample_test
+from slamgym.metrics import two_sample_test
 from slamgym.metrics.two_sample import CLASSIFIERS, kernel_distance, statistic_distances
 
 if TYPE_CHECKING:
@@ -38,55 +39,6 @@ SHOWN = (
 """Statistics whose medians are printed."""
 
 PICTURES = "network_on_pictures"
-
-Statistics = list[dict[str, float]]
-
-
-@dataclass(frozen=True)
-class Sample:
-    """SLAM-like maps of one kind, and what they were made from."""
-
-    maps: ByteArray  # (N, S, S): 0, 205, 254
-    cad: ByteArray  # (N, S, S)
-    plans: list[str]
-    statistics: Statistics
-
-    @staticmethod
-    def of(maps: ByteArray, pairs: PairSet) -> "Sample":
-        """Describe maps that were made from the CAD maps of a set of pairs.
-
-        Args:
-            maps: (N, S, S): 0, 205, 254.
-            pairs: Their CAD maps, plans and scales.
-        """
-        return Sample(maps, pairs.cad, list(pairs.plan_ids), describe_maps(maps, pairs))
-
-    def subset(self, indices: Sequence[int]) -> "Sample":
-        """The maps with these indices."""
-        chosen = list(indices)
-        return Sample(
-            self.maps[chosen],
-            self.cad[chosen],
-            [self.plans[i] for i in chosen],
-            [self.statistics[i] for i in chosen],
-        )
-
-
-def describe_maps(maps: ByteArray, pairs: PairSet) -> Statistics:
-    """Statistics of each map against its CAD map.
-
-    Args:
-        maps: SLAM-like maps (N, S, S): 0, 205, 254.
-        pairs: Their CAD maps and scales.
-    """
-    described = []
-    for i in range(len(pairs)):
-        scale = pairs.scale(i)
-        rng = np.random.default_rng(i)  # picks pairs of wall cells, the same for every kind of map
-        described.append(
-            map_statistics(maps[i], scale) | displacement_statistics(maps[i], pairs.cad[i] <= 127, scale, rng)
-        )
-    return described
 
 
 def elastic_maps(pairs: PairSet, seed: int) -> ByteArray:

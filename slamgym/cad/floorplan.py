@@ -8,7 +8,6 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 
-import cv2
 import numpy as np
 import shapely
 from shapely import Polygon
@@ -274,6 +273,8 @@ def fill_segments(segments: FloatArray, frame: GridFrame) -> BoolArray:
 
 def map_values(inside: BoolArray, resolution: float, outside: int, wall_thickness: float) -> ByteArray:
     """Give free cells 254, cells within ``wall_thickness`` [m] of them 0, and all others ``outside``."""
+    import cv2
+
     cells: ByteArray = np.where(inside, FREE, OCCUPIED).astype(np.uint8)
     if outside != OCCUPIED:
         if inside.any():

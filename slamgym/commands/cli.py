@@ -125,22 +125,22 @@ TABLE = Group(
             "train and use the translators between SLAM maps and CAD drawings",
             {
                 "train": Command(
-                    "gan.arguments:train_command",
+                    "gan.main:train",
                     "train a translator on a folder of rendered map pairs",
                     TRANSLATING,
                 ),
                 "translate": Command(
-                    "gan.arguments:translate_command",
+                    "gan.main:translate",
                     "translate an image, a ROS map or a folder of images",
                     TRANSLATING,
                 ),
                 "evaluate": Command(
-                    "gan.arguments:evaluate_command",
+                    "gan.main:evaluate",
                     "measure a translator on held-out pairs, beside the baselines",
                     TRANSLATING,
                 ),
                 "publish": Command(
-                    "gan.arguments:publish_command",
+                    "gan.main:publish",
                     "put a run's weights among the pretrained ones",
                     TRANSLATING,
                 ),

@@ -14,10 +14,11 @@ import tyro
 from slamgym.core.config import Arguments, Count, Positive, Within, suggest
 from slamgym.core.errors import ConfigError
 from slamgym.core.progress import say
-from slamgym.envs import ExploreConfig, ExploreEnv
-from slamgym.envs.episode import episode_steps, time_limit
-from slamgym.sim import ClutterConfig, LidarConfig, OdometryLevel, RobotConfig, odometry_level
+from slamgym.sim import ClutterConfig, LidarConfig, OdometryLevel, RobotConfig
 from slamgym.slam import SlamConfig
+
+if TYPE_CHECKING:
+    from slamgym.envs import ExploreEnv
 
 if TYPE_CHECKING:
     from slamgym.cad import FloorPlan
@@ -98,7 +99,9 @@ def _choose_plan(arguments: WatchArguments) -> FloorPlan:
 
 
 def _make_env(arguments: WatchArguments, plan: FloorPlan) -> ExploreEnv:
-    from slamgym.envs import ExploreEnv
+    from slamgym.envs import ExploreConfig, ExploreEnv
+    from slamgym.envs.episode import time_limit
+    from slamgym.sim import odometry_level
 
     config = ExploreConfig(
         robot=arguments.robot,
@@ -116,6 +119,7 @@ def _make_env(arguments: WatchArguments, plan: FloorPlan) -> ExploreEnv:
 def _explore(env: ExploreEnv, plan: FloorPlan, arguments: WatchArguments) -> Iterator[dict[str, Any]]:
     """Step through the exploration; yields the environment's info after each step."""
     from slamgym.agents.registry import make_explorer
+    from slamgym.envs.episode import episode_steps
 
     explorer = make_explorer(arguments.explorer, env.explorer_context(), arguments.seed)
     for info in episode_steps(env, explorer, env.reset(seed=arguments.seed)):

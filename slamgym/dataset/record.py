@@ -4,6 +4,8 @@ A new column is a field of :class:`PairRecord` and its value in :func:`make_reco
 Parquet follow from the two.
 """
 
+from __future__ import annotations
+
 import hashlib
 import importlib.util
 import json
@@ -11,7 +13,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 
@@ -21,8 +23,9 @@ from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.files import staged
 from slamgym.core.types import GridFrame, Pose2D
 from slamgym.dataset.pair import MapPair
-from slamgym.envs.episode import Episode
-from slamgym.metrics import absolute_trajectory_error, free_space, squared_error, wall_error
+
+if TYPE_CHECKING:
+    from slamgym.envs.episode import Episode
 
 GOOD_COVERAGE = 0.95
 """Share of the reachable floor from which an exploration counts as complete."""
@@ -161,6 +164,8 @@ def make_record(
         conditions: The conditions of the exploration.
         settings_hash: Hash of the dataset's settings.
     """
+    from slamgym.metrics import absolute_trajectory_error, free_space, squared_error, wall_error
+
     frame = pair.frame
     return PairRecord(
         name=slot.name,

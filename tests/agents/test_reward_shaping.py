@@ -23,7 +23,7 @@ from slamgym.agents.rl.reward_shaping import (
 )
 from slamgym.agents.rl.shaping_report import table, write_shaping_report
 from slamgym.agents.rl.train_config import TrainConfig
-from slamgym.agents.rl.training_callbacks import PolicyOutcome
+from slamgym.agents.rl.validation import PolicyOutcome
 from slamgym.agents.scoring import NetworkConfig
 from slamgym.commands.agents.shape import main
 from slamgym.core.errors import ConfigError, InputFileError

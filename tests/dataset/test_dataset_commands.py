@@ -6,7 +6,6 @@ import json
 import cv2
 import numpy as np
 import pytest
-from slamgym.commands.dataset.table import COMMANDS
 
 from slamgym.commands import cli
 from slamgym.dataset.folder import open_dataset
@@ -127,7 +126,7 @@ def test_senseless_options_are_one_line(small_dataset, tmp_path, capsys, options
 def test_the_table_of_commands_is_shown_and_typos_get_a_hint(capsys):
     assert cli.main(["dataset"]) == 0
     shown = capsys.readouterr().out
-    assert all(f"  {name} " in shown for name in COMMANDS)
+    assert all(f"  {name} " in shown for name in cli.TABLE.commands["dataset"].commands)
     assert cli.main(["dataset", "rendr"]) == 2
     assert "did you mean 'render'" in capsys.readouterr().err
 

@@ -19,7 +19,7 @@ from slamgym.sim import ClutterConfig, lidar_level
 IDS = ["slamgym/Explore-v0", "slamgym/ExploreDiscrete-v0"]
 SETTINGS = [
     {},
-    {"localization": "ground_truth", "observation": {"map": "global", "map_size": 40.0}},
+    {"localization": "ground_truth", "observation": {"map": "global", "map_size": 64.0}},
     {"localization": "dead_reckoning", "actions": "discrete", "lidar": {"field_of_view_deg": 360.0}},
     {"slam": {"particles": 5}, "clutter": {"furniture": 0.5, "people": 1}},
 ]

@@ -9,7 +9,7 @@ import pytest
 
 from slamgym.commands.gan import evaluate
 from slamgym.commands.gan.arguments import EvaluateTranslatorsArguments
-from slamgym.commands.gan.arguments import evaluate_command as main
+from slamgym.commands.gan.main import evaluate as main
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, GridFrame, OccupancyGrid
 from slamgym.gan.data import PairSet
@@ -26,15 +26,9 @@ from slamgym.gan.evaluation.evaluate import (
     learned,
     score_map,
 )
-from slamgym.gan.evaluation.generated_maps import load_generated, parse_named_folders, shifted
+from slamgym.gan.evaluation.generated_maps import Sample, load_generated, parse_named_folders, shifted
 from slamgym.gan.evaluation.real_maps import find_ros_maps, translate_real, working_map
-from slamgym.gan.evaluation.realism import (
-    Sample,
-    compare_with_simulated,
-    elastic_maps,
-    null_halves,
-    translated_maps,
-)
+from slamgym.gan.evaluation.realism import compare_with_simulated, elastic_maps, null_halves, translated_maps
 from slamgym.gan.evaluation.summary import main_table, scores_csv, summarise_scores, table_one
 from slamgym.gan.translation.classical import ClassicalTranslator, CleaningConfig, clean_map, outline_only
 from slamgym.gan.translation.elastic import bend

@@ -11,10 +11,6 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
-from slamgym.agents.evaluation.evaluate import EvaluationConfig, evaluate
-from slamgym.agents.evaluation.report import write_report
-from slamgym.agents.evaluation.trial import TrialConfig
-from slamgym.agents.plan_splits import PlanSplit
 from slamgym.agents.registry import EXPLORERS
 from slamgym.cad.plan_filter import PlanFilter
 from slamgym.commands.extras import Extra, require
@@ -23,6 +19,10 @@ from slamgym.core.errors import ConfigError
 from slamgym.core.progress import say
 from slamgym.sim import ClutterConfig, LidarConfig, OdometryLevel, RobotConfig
 from slamgym.slam import SlamConfig
+
+if TYPE_CHECKING:
+    from slamgym.agents.evaluation.evaluate import EvaluationConfig
+    from slamgym.agents.plan_splits import PlanSplit
 
 if TYPE_CHECKING:
     from slamgym.agents.evaluation.evaluate import EvaluationConfig
@@ -88,6 +88,8 @@ class EvaluateArguments(Arguments):
 def main(argv: list[str]) -> int:
     """Run the command; returns the exit code."""
     arguments = tyro.cli(EvaluateArguments, args=argv, prog="slamgym agents evaluate")
+    from slamgym.agents.evaluation.evaluate import evaluate
+    from slamgym.agents.evaluation.report import write_report
 
     if arguments.plot:
         require(Extra("agents", ("matplotlib",)), "--plot (or give --no-plot)")
@@ -120,6 +122,7 @@ def evaluation_config(arguments: EvaluateArguments) -> EvaluationConfig:
         ConfigError: If a setting makes no sense, or the reference is not among the explorers.
     """
     from slamgym.agents.evaluation.evaluate import EvaluationConfig
+    from slamgym.agents.evaluation.trial import TrialConfig
     from slamgym.envs import ExploreConfig
     from slamgym.sim import odometry_level
 

@@ -1,13 +1,11 @@
-"""What the commands of ``slamgym gan`` take: parsed before torch or scikit-learn is imported, so that help is fast."""
+"""What the commands of ``slamgym gan`` take."""
 
-import sys
 from dataclasses import field
 from pathlib import Path
 from typing import Annotated, Literal
 
 import tyro
 
-from slamgym.commands.extras import Extra, require
 from slamgym.core.config import Arguments, Count, CountOrZero, NonNegative, Positive, Within
 from slamgym.core.errors import InputFileError
 from slamgym.gan.config import DeviceName, MemoryLayout, Precision
@@ -148,39 +146,3 @@ class PublishArguments(Arguments):
     """For the model card: the command to repeat the training with, as a user would type it."""
     out: Path | None = None
     """Another folder than that of the pretrained weights."""
-
-
-def train_command(argv: list[str]) -> int:
-    """``slamgym gan train``; returns the exit code."""
-    arguments = tyro.cli(TrainTranslatorArguments, args=argv, prog="slamgym gan train")
-    from slamgym.commands.gan.train import run_training
-
-    return run_training(arguments, argv)
-
-
-def translate_command(argv: list[str]) -> int:
-    """``slamgym gan translate``; returns the exit code."""
-    arguments = tyro.cli(TranslateArguments, args=argv, prog="slamgym gan translate")
-    from slamgym.commands.gan.translate import run_translation
-
-    return run_translation(arguments)
-
-
-def evaluate_command(argv: list[str]) -> int:
-    """``slamgym gan evaluate``; returns the exit code."""
-    arguments = tyro.cli(EvaluateTranslatorsArguments, args=argv, prog="slamgym gan evaluate")
-    require(Extra("gan", ("sklearn", "matplotlib")), "slamgym gan evaluate")
-    from slamgym.commands.gan.evaluate import run_evaluation
-
-    return run_evaluation(arguments)
-
-
-def publish_command(argv: list[str]) -> int:
-    """``slamgym gan publish``; returns the exit code."""
-    arguments = tyro.cli(PublishArguments, args=argv, prog="slamgym gan publish")
-    from slamgym.gan.weights import PRETRAINED_FOLDER, publish
-
-    folder = arguments.out or PRETRAINED_FOLDER
-    path = publish(arguments.run, arguments.name, arguments.data, arguments.command, folder)
-    sys.stdout.write(f"{path}\n")
-    return 0

@@ -26,13 +26,12 @@ from slamgym.gan.evaluation.evaluate import (
     evenly_spaced,
     learned,
 )
-from slamgym.gan.evaluation.generated_maps import MINIMUM, load_generated, parse_named_folders
+from slamgym.gan.evaluation.generated_maps import MINIMUM, Sample, load_generated, parse_named_folders
 from slamgym.gan.evaluation.pictures import Results, write_generated_grid, write_pictures
 from slamgym.gan.evaluation.real_maps import find_ros_maps, translate_real
 from slamgym.gan.evaluation.realism import (
     ELASTIC,
     NULL,
-    Sample,
     compare_with_simulated,
     elastic_maps,
     medians,

@@ -13,7 +13,6 @@ from types import ModuleType
 from typing import Annotated, Any
 
 import numpy as np
-from scipy.stats import rankdata
 
 from slamgym import __version__
 from slamgym.core.config import Count, Settings, Within
@@ -287,6 +286,8 @@ def score_probabilities(
 
 def roc_auc(probabilities: FloatArray, truth: BoolArray) -> float:
     """Area under the ROC curve, as the Mann-Whitney statistic; ties count half; nan with one class only."""
+    from scipy.stats import rankdata
+
     positives, negatives = int(truth.sum()), int((~truth).sum())
     if positives == 0 or negatives == 0:
         return float("nan")
