@@ -16,12 +16,27 @@ MAX_FILES_IN_A_FOLDER = 25
 MAX_LINES = 400
 MAX_PARAMETERS = 8
 MAX_ATTRIBUTES = 15
-MAX_CODE_LINES = 24_400
+MAX_CODE_LINES = 23_500
 """Of all modules together; without docstrings, comments, blank lines and imports."""
 
 MORE_LINES: dict[str, int] = {}
 MORE_PARAMETERS: dict[str, int] = {}
-MORE_ATTRIBUTES: dict[str, int] = {}
+MORE_ATTRIBUTES: dict[str, int] = {
+    "slamgym.agents.evaluation.summary.ExplorerSummary": 16,
+    "slamgym.agents.evaluation.trial.Trial": 23,
+    "slamgym.agents.rl.train_config.TrainConfig": 27,
+    "slamgym.commands.agents.evaluate.EvaluateArguments": 21,
+    "slamgym.commands.deform.DeformArguments": 16,
+    "slamgym.commands.generate.GenerateArguments": 23,
+    "slamgym.commands.slam.SlamArguments": 16,
+    "slamgym.dataset.record.PairRecord": 28,
+    "slamgym.envs.explore_env.ExploreEnv": 18,
+    "slamgym.envs.simulation.Simulation": 21,
+    "slamgym.parametric.config.LidarErrorConfig": 18,
+    "slamgym.slam.config.SlamConfig": 24,
+    "slamgym.slam.graph.config.PoseGraphConfig": 20,
+}
+"""Settings and records whose fields are names in saved files or options of commands, and what still is to be split."""
 NAMES_IN_TWO_MODULES: dict[str, int] = {}
 """Public names that are defined more than once, and how often."""
 
