@@ -17,7 +17,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")  # before numpy and torch start th
 import numpy as np
 from report import print_and_save
 
-from slamgym.commands.gan.main import train as train_command
+from slamgym.commands.gan.main import train_command
 from slamgym.gan.data import PairSet, load_pairs
 from slamgym.gan.evaluation.evaluate import MapScore, baselines, evaluate_method, learned
 from slamgym.gan.presets import find_preset

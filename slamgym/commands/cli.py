@@ -125,22 +125,22 @@ TABLE = Group(
             "train and use the translators between SLAM maps and CAD drawings",
             {
                 "train": Command(
-                    "gan.main:train",
+                    "gan.main:train_command",
                     "train a translator on a folder of rendered map pairs",
                     TRANSLATING,
                 ),
                 "translate": Command(
-                    "gan.main:translate",
+                    "gan.main:translate_command",
                     "translate an image, a ROS map or a folder of images",
                     TRANSLATING,
                 ),
                 "evaluate": Command(
-                    "gan.main:evaluate",
+                    "gan.main:evaluate_command",
                     "measure a translator on held-out pairs, beside the baselines",
                     TRANSLATING,
                 ),
                 "publish": Command(
-                    "gan.main:publish",
+                    "gan.main:publish_command",
                     "put a run's weights among the pretrained ones",
                     TRANSLATING,
                 ),

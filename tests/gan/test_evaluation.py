@@ -9,7 +9,7 @@ import pytest
 
 from slamgym.commands.gan import evaluate
 from slamgym.commands.gan.arguments import EvaluateTranslatorsArguments
-from slamgym.commands.gan.main import evaluate as main
+from slamgym.commands.gan.main import evaluate_command as main
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, GridFrame, OccupancyGrid
 from slamgym.gan.data import PairSet

@@ -9,7 +9,7 @@ import pytest
 import torch
 from safetensors.torch import load_file, save_file
 
-from slamgym.commands.gan.main import train as main
+from slamgym.commands.gan.main import train_command as main
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.interruption import deferred_interrupt
 from slamgym.gan.config import (

@@ -8,7 +8,7 @@ import pytest
 import torch
 from safetensors.torch import save_file
 
-from slamgym.commands.gan.main import publish
+from slamgym.commands.gan.main import publish_command
 from slamgym.core.config import from_dict, to_dict
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.gan.config import GeneratorConfig, TranslatorConfig
@@ -149,7 +149,7 @@ def test_publishing_keeps_the_weights_and_completes_the_card(saved, tmp_path):
     path, _ = saved
     out = str(tmp_path / "out")
     arguments = [str(path), "mine", "--data", "homes", "--command", "slamgym gan train images", "--out", out]
-    assert publish(arguments) == 0
+    assert publish_command(arguments) == 0
     before, after = load_weights(path), load_weights(tmp_path / "out" / "mine.safetensors")
     state = after.generator.state_dict()
     assert all(torch.equal(value, state[key]) for key, value in before.generator.state_dict().items())

@@ -10,7 +10,7 @@ import torch
 from torch import nn
 
 from slamgym.commands import cli
-from slamgym.commands.gan.main import translate as main
+from slamgym.commands.gan.main import translate_command as main
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, GridFrame, OccupancyGrid
 from slamgym.gan.config import GeneratorConfig, TranslatorConfig

@@ -13,7 +13,7 @@ from slamgym.commands.gan.arguments import (
 )
 
 
-def train(argv: list[str]) -> int:
+def train_command(argv: list[str]) -> int:
     """``slamgym gan train``; returns the exit code."""
     arguments = tyro.cli(TrainTranslatorArguments, args=argv, prog="slamgym gan train")
     from slamgym.commands.gan.train import run_training
@@ -21,7 +21,7 @@ def train(argv: list[str]) -> int:
     return run_training(arguments, argv)
 
 
-def translate(argv: list[str]) -> int:
+def translate_command(argv: list[str]) -> int:
     """``slamgym gan translate``; returns the exit code."""
     arguments = tyro.cli(TranslateArguments, args=argv, prog="slamgym gan translate")
     from slamgym.commands.gan.translate import run_translation
@@ -29,7 +29,7 @@ def translate(argv: list[str]) -> int:
     return run_translation(arguments)
 
 
-def evaluate(argv: list[str]) -> int:
+def evaluate_command(argv: list[str]) -> int:
     """``slamgym gan evaluate``; returns the exit code."""
     arguments = tyro.cli(EvaluateTranslatorsArguments, args=argv, prog="slamgym gan evaluate")
     require(Extra("gan", ("sklearn", "matplotlib")), "slamgym gan evaluate")
@@ -38,7 +38,7 @@ def evaluate(argv: list[str]) -> int:
     return run_evaluation(arguments)
 
 
-def publish(argv: list[str]) -> int:
+def publish_command(argv: list[str]) -> int:
     """``slamgym gan publish``; returns the exit code."""
     arguments = tyro.cli(PublishArguments, args=argv, prog="slamgym gan publish")
     from slamgym.gan.weights import PRETRAINED_FOLDER, publish
