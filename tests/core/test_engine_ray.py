@@ -26,8 +26,7 @@ from slamgym.commands import cli
 from slamgym.core.errors import ConfigError, SlamgymError
 from slamgym.core.parallel.backlog import MAX_ATTEMPTS, Lost
 from slamgym.core.parallel.engine import open_engine
-from slamgym.core.parallel.ray import IN_FLIGHT_PER_CPU
-from slamgym.core.parallel.ray_cluster import check_address
+from slamgym.core.parallel.ray import IN_FLIGHT_PER_CPU, check_address
 from slamgym.dataset import DatasetConfig, Layout, build_dataset, read_manifest
 from slamgym.dataset.generate.build import Execution
 from slamgym.envs import EpisodeConfig, ExploreConfig
@@ -274,7 +273,7 @@ def test_an_address_where_nothing_answers_is_one_clear_error(monkeypatch):
 
     monkeypatch.setattr(ray, "is_initialized", lambda: False)
     monkeypatch.setattr(ray, "init", fail)
-    monkeypatch.setattr("slamgym.core.parallel.ray_cluster.check_address", lambda _: None)
+    monkeypatch.setattr("slamgym.core.parallel.ray.check_address", lambda _: None)
     with pytest.raises(
         ConfigError,
         match=r"no Ray cluster answers at 10\.0\.0\.1:6379 \(Could not.*More about it.*ray status",

@@ -27,7 +27,7 @@ from slamgym.gan.evaluation.evaluate import (
     score_map,
 )
 from slamgym.gan.evaluation.generated_maps import Sample, load_generated, parse_named_folders, shifted
-from slamgym.gan.evaluation.real_maps import find_ros_maps, translate_real, working_map
+from slamgym.gan.evaluation.pictures import find_ros_maps, translate_real, working_map
 from slamgym.gan.evaluation.realism import compare_with_simulated, elastic_maps, null_halves, translated_maps
 from slamgym.gan.evaluation.summary import main_table, scores_csv, summarise_scores, table_one
 from slamgym.gan.translation.classical import ClassicalTranslator, CleaningConfig, clean_map, outline_only

@@ -27,8 +27,13 @@ from slamgym.gan.evaluation.evaluate import (
     learned,
 )
 from slamgym.gan.evaluation.generated_maps import MINIMUM, Sample, load_generated, parse_named_folders
-from slamgym.gan.evaluation.pictures import Results, write_generated_grid, write_pictures
-from slamgym.gan.evaluation.real_maps import find_ros_maps, translate_real
+from slamgym.gan.evaluation.pictures import (
+    Results,
+    find_ros_maps,
+    translate_real,
+    write_generated_grid,
+    write_pictures,
+)
 from slamgym.gan.evaluation.realism import (
     ELASTIC,
     NULL,
