@@ -17,7 +17,7 @@ from pathlib import Path
 import tyro
 from report import RESULTS, environment
 
-from slamgym.agents.evaluation.coverage_curve import draw_coverage
+from slamgym.agents.evaluation.coverage_plot import draw_coverage
 from slamgym.agents.evaluation.evaluate import ORACLE, Evaluation, EvaluationConfig, evaluate
 from slamgym.agents.evaluation.report import write_report
 from slamgym.agents.evaluation.summary import summarise_trials

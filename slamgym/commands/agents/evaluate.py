@@ -101,7 +101,7 @@ def main(argv: list[str]) -> int:
         say(f"{len(evaluation.skipped)} plans were skipped, the first: {evaluation.skipped[0].reason}")
     sys.stdout.write(write_report(arguments.out, evaluation, config, _reference(arguments.against, config)))
     if arguments.plot:
-        from slamgym.agents.evaluation.coverage_curve import draw_coverage
+        from slamgym.agents.evaluation.coverage_plot import draw_coverage
 
         path = arguments.out / "coverage_over_time.png"
         draw_coverage(evaluation.trials, path)
