@@ -61,7 +61,7 @@ class Box(NamedTuple):
 
 @dataclass(frozen=True)
 class Space:
-    """A room that a building shall have."""
+    """A room that a building should have."""
 
     category: str
     area: float  # [m2], wanted

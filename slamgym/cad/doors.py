@@ -15,7 +15,7 @@ _OPEN_PLAN = {"Living_Room", "Dining_Room", "Kitchen", "Hall", "Hallway", "Lobby
 _CLOSED = {"Bathroom", "Toilet"}
 
 MAX_SPARE = 3
-"""Openings at most that make ways round in a plan."""
+"""Most openings that make loops in a plan."""
 MIN_NIB = 0.06
 """Wall left beside a door [m], measured from the face of the wall that crosses there."""
 DOOR_WIDTHS = ((0.7, 0.75, 0.8, 0.9, 1.0, 1.05, 1.1, 1.2), (0.08, 0.26, 0.1, 0.14, 0.22, 0.06, 0.06, 0.08))
@@ -50,10 +50,10 @@ def join_rooms(
     open_plan: float,
     loops: float,
 ) -> list[Opening] | None:
-    """Join all rooms by a tree of openings, and some by one more so that there are ways round.
+    """Join all rooms by a tree of openings, and some by one more so that there are loops.
 
     The tree prefers doors to halls and living rooms, then to bedrooms and offices; nobody walks through a
-    bath to get to a kitchen if there is another way.
+    bath to get to a kitchen if there is another path.
 
     Args:
         cells: The layout.

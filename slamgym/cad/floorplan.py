@@ -193,12 +193,12 @@ def check_plan(plan: FloorPlan, robot_radius: float = 0.22, max_extent: float = 
             plan.where,
             f"the plan is {extent:.1f} m long but the map holds {max_extent:.1f} m; use a larger map",
         )
-    _check_reach(plan, robot_radius)
+    _check_reachable(plan, robot_radius)
 
 
 def _check_geometry(plan: FloorPlan) -> None:
     """Refuse free space that isn't one valid polygon with an area."""
-    space: BaseGeometry = plan.free_space  # which the type promises and a caller may not keep
+    space: BaseGeometry = plan.free_space  # which the type promises, but a caller may break it
     if isinstance(space, shapely.MultiPolygon):
         raise PlanError(
             plan.where, f"the free space falls into {len(space.geoms)} disjoint parts; connect them"
@@ -214,7 +214,7 @@ def _check_geometry(plan: FloorPlan) -> None:
         raise PlanError(plan.where, f"the outline is invalid ({reason}); make it a simple polygon")
 
 
-def _check_reach(plan: FloorPlan, robot_radius: float) -> None:
+def _check_reachable(plan: FloorPlan, robot_radius: float) -> None:
     """Refuse a plan whose floor, or whose declared rooms, the robot can't enter."""
     robot = f"a robot of radius {robot_radius:.2f} m"
     centre_space = robot_space(plan, robot_radius)

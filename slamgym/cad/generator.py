@@ -3,8 +3,8 @@
 The layout comes first (:mod:`slamgym.cad.homes`, :mod:`slamgym.cad.offices`): cells that tile the building.
 Then openings join the rooms (:mod:`slamgym.cad.doors`), walls get their thickness, and details such as
 pillars and chimneys break up the rooms (:mod:`slamgym.cad.details`). Sizes follow HouseExpo
-(``benchmarks/plan_statistics.py`` compares them); unlike HouseExpo's single outlines, plans may have ways
-round: second doors, rings of corridor, cores, pillars and islands.
+(``benchmarks/plan_statistics.py`` compares them); unlike HouseExpo's single outlines, plans may have
+loops: second doors, rings of corridor, cores, pillars and islands.
 """
 
 from collections.abc import Callable, Sequence
@@ -57,7 +57,7 @@ class PlanGeneratorConfig(Settings):
     office_open_plan: Share = 0.2
     """The same for the rooms of an office."""
     loops: Share = 0.35
-    """Probability that a plan has doors that make ways round; cores, pillars and islands make others."""
+    """Probability that a plan has doors that make loops; cores, pillars and islands make others."""
     details: Details = field(default_factory=Details)
     """Pillars, islands, chimneys, bay windows."""
 

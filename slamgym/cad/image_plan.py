@@ -49,7 +49,7 @@ def read_ros_plan(path: Path | str, smoothing: float = PLAN_SMOOTHING) -> FloorP
 def read_image_plan(path: Path | str, resolution: float, smoothing: float = PLAN_SMOOTHING) -> FloorPlan:
     """Read a black/white picture: white pixels are floor, black and grey ones are not.
 
-    White round the building is told from floor by touching the picture's edge. If an outer door is open, or
+    White round the building is distinguished from floor by touching the picture's edge. If an outer door is open, or
     the floor itself reaches the edge, so that little within the walls is left, all white counts as floor.
 
     Args:

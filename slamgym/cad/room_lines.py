@@ -27,7 +27,7 @@ WALL_THICKNESS = 0.15
 """Between two rooms [m]."""
 DOOR_WIDTH = 1.0
 """Of a portal [m]."""
-_REACH = 0.35
+_DOOR_DEPTH = 0.35
 """A door cuts this far to either side [m]: annotated rooms are drawn up to 0.3 m apart."""
 MIN_CONNECTED_SHARE = 0.8
 """The largest connected part must make up this share of the floor; closets without a portal are dropped."""
@@ -77,8 +77,8 @@ def _build(floor: Mapping[str, Any], plan_id: str, source: str) -> FloorPlan:
     ]
     building = shapely.union_all([_outline(_metres(room["polygon"], scale)) for room in drawn])
     # Gaps between rooms belong to the building; its outer walls stay closed.
-    building = building.buffer(_REACH, join_style="mitre").buffer(
-        -_REACH - 0.5 * WALL_THICKNESS, join_style="mitre"
+    building = building.buffer(_DOOR_DEPTH, join_style="mitre").buffer(
+        -_DOOR_DEPTH - 0.5 * WALL_THICKNESS, join_style="mitre"
     )
     doors = [door for room in drawn for door in _doors(room, scale)]
     passages = [_passage(door).intersection(building) for door in doors]
@@ -142,6 +142,6 @@ def _doors(room: Mapping[str, Any], scale: float) -> list[Door]:
 
 def _passage(door: Door) -> Polygon:
     line = shapely.LineString([door.start, door.end])
-    passage = line.buffer(_REACH, cap_style="flat")
+    passage = line.buffer(_DOOR_DEPTH, cap_style="flat")
     assert isinstance(passage, Polygon)
     return passage

@@ -157,7 +157,7 @@ def open_plans(spec: Path | str, ids_file: Path | str | None = None) -> PlanSour
 
     Args:
         spec: ``bundled``; ``procedural``, plans that the generator makes on the fly, and behind it, each
-            after a colon, ``home`` or ``office`` for one kind only, ``loops`` for a second way round in every
+            after a colon, ``home`` or ``office`` for one kind only, ``loops`` for a loop in every
             plan, and a seed, as in ``procedural:office:loops:7``; a HouseExpo JSON file, a folder of them, or
             an archive of them (``.tar.gz``); a ROS map's ``.yaml``; floors as rooms with portals (``.jsonl``
             or ``.jsonl.xz``); a black/white picture with its metres per pixel, as in ``plan.png@0.05``.

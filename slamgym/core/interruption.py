@@ -1,4 +1,4 @@
-"""Ctrl-C at a moment when nothing is half done."""
+"""Ctrl-C, handled only when nothing is half done."""
 
 import signal
 import threading
@@ -16,7 +16,7 @@ class Interruption:
 
 @contextmanager
 def deferred_interrupt() -> Iterator[Interruption]:
-    """Note the first Ctrl-C (or SIGTERM) inside the block instead of breaking off; a second one breaks off.
+    """Note the first Ctrl-C (or SIGTERM) inside the block instead of aborting; a second one aborts.
 
     Outside the main thread, where signals can't be caught, nothing is deferred.
     """

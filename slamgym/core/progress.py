@@ -60,7 +60,7 @@ def show_progress(label: str, done: int, total: int) -> Iterator[Advance]:
     Args:
         label: What is being made, in the plural.
         done: How many exist already.
-        total: How many there shall be.
+        total: How many there will be.
     """
     from rich.console import Console
 

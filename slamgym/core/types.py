@@ -2,7 +2,7 @@
 
 Units are metres, radians and seconds. Frames: x right, y up, theta counter-clockwise from +x in (-pi, pi].
 ``world`` is the frame of the floor plan; ``map`` is the frame of the robot's belief: its origin is the start
-position and its axes are parallel to the world's, so a map doesn't leak where in the building it began.
+position and its axes are parallel to the world's, so a map doesn't reveal where in the building it began.
 Grid arrays are ``[row, col]`` with row 0 at the top (largest y), as ROS map_server images are.
 What numba kernels take is a NamedTuple: it goes into them whole.
 """

@@ -1,4 +1,4 @@
-"""How an exploration goes, judged with knowledge of the truth: for rewards and ``info``."""
+"""How an exploration goes, measured against the truth: for rewards and ``info``."""
 
 import math
 from typing import Any
@@ -18,18 +18,18 @@ from slamgym.viz.exploration import Scene, SceneFigures
 
 
 class Assessment:
-    """Keeps the accounts of one episode.
+    """Measures one episode.
 
     Args:
         prepared: The building.
         simulation: The episode, at its start.
         geometry: The scanner.
         usable_range: How far the robot sees for the purpose of mapping [m].
-        reward: Tells what has to be measured.
+        reward: Determines what has to be measured.
 
     Attributes:
         coverage: What was truly seen.
-        exposure: Mean distance from walls of the way that was chosen, for the records to come [m].
+        exposure: Mean distance from walls of the chosen path, for the records to come [m].
         latest: The record of the last step.
     """
 
@@ -57,7 +57,7 @@ class Assessment:
         """Account for the newest scan."""
         self.coverage.add(self._simulation.true_pose, self._simulation.true_ranges)
 
-    def judge(self, motion: Motion, duration: float, terminated: bool) -> StepRecord:
+    def assess(self, motion: Motion, duration: float, terminated: bool) -> StepRecord:
         """Make the record of a step.
 
         Args:

@@ -14,7 +14,7 @@ from slamgym.planning import (
 
 
 class CompletionDetector:
-    """Looks for reachable frontiers, and spares itself the search while the last one found is still there.
+    """Looks for reachable frontiers, and skips the search while the last one found is still there.
 
     A full search costs about a millisecond. Its furthest frontier is remembered; as long as most of that
     frontier is still unknown beside free space, something is left to explore and no search is needed.

@@ -34,7 +34,7 @@ class ObservationConfig(Settings, section="observation"):
     """Cell size of the global canvas [m]."""
 
     shared_map: bool = False
-    """Observations between two publications hold the very same read-only global map. That spares copies of
+    """Observations between two publications hold the very same read-only global map. That saves copies of
     some megabytes a second, but Gymnasium's checks want observations that share nothing."""
 
     @property

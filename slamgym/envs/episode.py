@@ -36,7 +36,7 @@ class MakeExplorer(Protocol):
 
 
 def explored_env(env: ExploreConfig) -> ExploreConfig:
-    """What the environment of an exploration will be told, so that the saved settings say what was done.
+    """The settings of an exploration's environment, so that the saved ones say what was done.
 
     The limit of robot time is the exploration's; it takes the place of the environment's own.
     """

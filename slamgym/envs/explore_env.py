@@ -47,7 +47,7 @@ class ExploreEnv(gym.Env[Observation, Any]):
 
     | Num | ``Box(-1, 1, (2,), float32)``, the default | Min | Max | Full scale |
     |-----|---------------------------------------------|-----|-----|------------|
-    | 0   | speed, astern to ahead                      | -1  | 1   | 0.26 m/s   |
+    | 0   | speed, backward to forward                  | -1  | 1   | 0.26 m/s   |
     | 1   | turning rate, clockwise to counter-clockwise | -1  | 1   | 1.82 rad/s |
 
     With ``actions="physical"`` the same in m/s and rad/s. What exceeds the limits is cut off; acceleration is
@@ -69,7 +69,7 @@ class ExploreEnv(gym.Env[Observation, Any]):
     The pose is in the map frame, whose origin is the start and whose axes are the building's. By default the
     map is an egocentric crop of 8.4 x 8.4 m at 0.1 m a cell: the believed pose in the middle, ahead up. With
     ``observation={"map": "global"}`` it is the whole map on a fixed canvas centred on the start, shape
-    (1, 1280, 1280) for 64 m at 0.05 m, published anew every 2 s; with ``shared_map`` it is the same read-only
+    (1, 1280, 1280) for 64 m at 0.05 m, published again every 2 s; with ``shared_map`` it is the same read-only
     array in between.
 
     With ``localization="ground_truth"`` the believed pose *is* the true pose, by that setting.
@@ -198,7 +198,7 @@ class ExploreEnv(gym.Env[Observation, Any]):
         is_publication_due = simulation.steps % config.publication_steps == 0
         terminated = self._is_complete(is_publication_due)
         truncated = config.max_steps is not None and simulation.steps >= config.max_steps
-        reward, terms = self._reward(assessment.judge(motion, config.control_step, terminated))
+        reward, terms = self._reward(assessment.assess(motion, config.control_step, terminated))
 
         observation = self._observe(is_publication_due)
         info = {**assessment.info(), "reward_terms": terms}
@@ -284,7 +284,7 @@ class ExploreEnv(gym.Env[Observation, Any]):
         return self._assessment.map_error()
 
     def note_exposure(self, exposure: float) -> None:
-        """Tell rewards how far from walls the way leads that was chosen [m]; it holds until the next call."""
+        """Set the chosen path's mean distance from walls for the rewards [m]; it holds until the next call."""
         self._assessment.exposure = exposure
 
     def explorer_context(self) -> ExplorerContext:
@@ -338,13 +338,13 @@ class ExploreEnv(gym.Env[Observation, Any]):
         if observation.map != "global":
             return
         min_x, min_y, max_x, max_y = plan.bounds
-        reach = max(start.x - min_x, max_x - start.x, start.y - min_y, max_y - start.y)
-        if reach > 0.5 * observation.map_size:
+        extent = max(start.x - min_x, max_x - start.x, start.y - min_y, max_y - start.y)
+        if extent > 0.5 * observation.map_size:
             raise PlanError(
                 plan.where,
-                f"the plan reaches {reach:.1f} m from the start at ({start.x:.1f}, {start.y:.1f}) but the "
+                f"the plan reaches {extent:.1f} m from the start at ({start.x:.1f}, {start.y:.1f}) but the "
                 f"map only {0.5 * observation.map_size:.1f} m; set observation.map_size to "
-                f"{math.ceil(2.0 * reach)} or more",
+                f"{math.ceil(2.0 * extent)} or more",
             )
 
     def _is_complete(self, is_publication_due: bool) -> bool:

@@ -206,7 +206,7 @@ class FrontierFeatures:
 
 
 def action_mask(observation: Observation) -> BoolArray:
-    """Which actions choose a candidate, shape (K,); the first one always counts, lest nothing be left."""
+    """Which actions choose a candidate, shape (K,); the first one always counts, so that one is left."""
     mask: BoolArray = observation["mask"] > 0.5
     mask[0] = True
     return mask

@@ -94,7 +94,7 @@ def cut_crop(
 FURTHEST = 1000.0
 """Believed positions are cut off here [m], because Gymnasium wants bounds."""
 
-# Spare width of the egocentric window, so that it is cut from the map anew only every few steps [m].
+# Spare width of the egocentric window, so that it is cut from the map again only every few steps [m].
 _WINDOW_MARGIN = 0.5
 
 
@@ -153,7 +153,7 @@ class MapView(Protocol):
             mapper: The map's source.
             pose: Believed pose, map frame.
             is_new: Whether the mapper processed a scan since the last call.
-            is_publication_due: Whether the map is to be published anew.
+            is_publication_due: Whether the map is to be published again.
         """
         ...
 
@@ -183,8 +183,8 @@ class EgocentricView:
         self._config = config
         self._resolution = map_resolution
         # Half the diagonal of the crop, plus the margin in which the window serves again.
-        reach = 0.5 * math.sqrt(2.0) * config.crop_px * config.crop_resolution + _WINDOW_MARGIN
-        self._reach_px = math.ceil(reach / map_resolution) + 1
+        radius = 0.5 * math.sqrt(2.0) * config.crop_px * config.crop_resolution + _WINDOW_MARGIN
+        self._radius_px = math.ceil(radius / map_resolution) + 1
         self._samples = max(1, math.ceil(config.crop_resolution / map_resolution - 1e-9))
         self._window: ByteArray | None = None
         self._window_frame = GridFrame(map_resolution, 0.0, 0.0, 1, 1)
@@ -206,7 +206,7 @@ class EgocentricView:
 
     def _cut_window(self, mapper: Mapper, pose: Pose2D) -> ByteArray:
         """The part of the map that the crop can need, on the map's own lattice."""
-        size, resolution = self._reach_px, self._resolution
+        size, resolution = self._radius_px, self._resolution
         col, row = math.floor(pose.x / resolution) - size, math.floor(pose.y / resolution) - size
         self._window_centre = (pose.x, pose.y)
         self._window_frame = GridFrame(

@@ -176,7 +176,7 @@ def _nearest(plan_id: str, ids: Sequence[str]) -> str:
 
 
 class ResetOptions(NamedTuple):
-    """Wishes for an episode; what is None is drawn."""
+    """Options of an episode; what is None is drawn."""
 
     plan: str | FloorPlan | None = None
     start: Pose2D | None = None

@@ -28,7 +28,7 @@ class StepRecord:
     time: float
     """Robot time after the step [s]."""
     distance: float
-    """True way of the robot during the step [m]."""
+    """True path length of the robot during the step [m]."""
     contact: bool
     """Whether an obstacle stopped or deflected the robot."""
     coverage: float
@@ -49,7 +49,7 @@ class StepRecord:
     position_sigma: float = math.nan
     """Root of the trace of the particles' position covariance [m]; 0 where there are no particles."""
     exposure: float = 0.0
-    """Mean distance from walls of the way to the chosen frontier, on the robot's own map, at most 3 [m]; 0 where
+    """Mean distance from walls of the path to the chosen frontier, on the robot's own map, at most 3 [m]; 0 where
     no frontiers are chosen."""
 
 
@@ -72,7 +72,7 @@ def time_cost(step: StepRecord) -> float:
 
 
 def path_cost(step: StepRecord) -> float:
-    """Minus the way driven [m]."""
+    """Minus the distance driven [m]."""
     return -step.distance
 
 
@@ -92,9 +92,9 @@ def uncertainty_cost(step: StepRecord) -> float:
 
 
 def exposure_cost(step: StepRecord) -> float:
-    """Minus the distance from walls of the ways that were chosen, over time [m s].
+    """Minus the distance from walls of the chosen paths, over time [m s].
 
-    A robot that sees no walls can't correct its odometry, so it had better keep to the coast (Roy, Burgard, Fox
+    A robot that sees no walls can't correct its odometry, so it should keep near the walls (Roy, Burgard, Fox
     and Thrun, *Coastal navigation*, ICRA 1999). In a hall that is larger than the scanner's range the walls are
     then mapped first, all around, and its middle between walls that are known.
     """

@@ -82,7 +82,7 @@ class Simulation:
     """The robot's episode.
 
     Convention: the map frame has its origin at the start position and the world's axes; the robot starts
-    there with its true heading, as if a compass had told it.
+    there with its true heading, as if read from a compass.
 
     Args:
         prepared: The building.
@@ -102,7 +102,7 @@ class Simulation:
         believed_pose: What SLAM believes, map frame.
         velocity: As measured by the wheel odometry.
         is_new_scan_processed: Whether SLAM processed the newest scan, i.e. whether the map may have changed.
-        path_length: True way so far [m].
+        path_length: True path length so far [m].
         collisions: How often the robot came into contact with something.
 
     Raises:

@@ -29,7 +29,7 @@ class LogRecord(NamedTuple):
 
 @dataclass
 class LogWarnings:
-    """Faults of a log that were survived: how often each kind was met, and where first."""
+    """Faults of a log that were tolerated: how often each kind was met, and where first."""
 
     counts: Counter[str] = field(default_factory=Counter)
     first: dict[str, str] = field(default_factory=dict)

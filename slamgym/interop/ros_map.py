@@ -3,8 +3,8 @@
 The writer makes the trinary form that ``map_saver`` makes (0 occupied, 205 unknown, 254 free). The reader is
 tolerant, because maps in the wild are: unknown is 205 in map_server maps, 127-128 in cartographer's, 220, 204
 or 100 elsewhere, and a ``free_thresh`` of 0.25 (nav2's default) would turn 205 into free space. So the cells
-are classified by their grey values, and the thresholds of the yaml only fill in where the grey values don't
-tell.
+are classified by their grey values, and the thresholds of the yaml only fill in where the grey values are
+ambiguous.
 """
 
 import math

@@ -1,4 +1,4 @@
-"""What the results are judged by: trajectories, relations, consistency, maps."""
+"""What the results are measured by: trajectories, relations, consistency, maps."""
 
 import lazy_loader as lazy
 

@@ -275,7 +275,7 @@ class _Search:
 
 
 def _distinct(found: list[FloatArray]) -> list[FloatArray]:
-    """Drop what lies beside a better one: several starts climb into the same hollow."""
+    """Drop what lies beside a better one: several starts lead to the same minimum."""
     kept: list[FloatArray] = []
     for values in found:
         if not any(_near(values, other) for other in kept):

@@ -36,7 +36,7 @@ def improvement(mse1: FloatArray, mse2: FloatArray, groups: list[str] | None = N
     Args:
         mse1: Error of each translated map, shape (N,).
         mse2: Error of the map it was made from, shape (N,).
-        groups: The plan of each map; plans, not maps, are drawn anew by the bootstrap. None takes every map
+        groups: The plan of each map; plans, not maps, are resampled by the bootstrap. None takes every map
             as its own plan.
 
     Raises:

@@ -48,7 +48,7 @@ def relation_error(
             or one whose stamps come in bursts (Intel), then adds an error that is not the SLAM's.
 
     Raises:
-        ValueError: If no relation can be judged.
+        ValueError: If no relation can be measured.
 
     The errors are those of eq. (4) of the paper with the absolute instead of the squared error, as its tables
     have it: ``delta = relative^-1 * estimated``, of which the length and the angle are taken.
@@ -89,7 +89,7 @@ def revisit_disagreement(
         gap: Scans whose indices differ by at least this belong to different passes.
         radius: Points with nothing of another pass within this distance were seen once only, or belong to
             something that moved; they don't count [m].
-        stride: Judge every so many points.
+        stride: Measure every so many points.
 
     Raises:
         ValueError: If no place was seen twice.

@@ -3,7 +3,7 @@
 The distance from the nearest wall is a landscape: rooms are its hills, doorways its passes. Flooding it from
 the top (a watershed, as in the distance-transform segmentation of Bormann et al., *Room Segmentation: Survey,
 Implementation, and Analysis*, ICRA 2016), two hills stay two rooms if the pass between them is as narrow as a
-doorway and clearly narrower than both; else they are one room. The same rule judges a map and the truth, so
+doorway and clearly narrower than both; else they are one room. The same rule applies to a map and the truth, so
 what it gets wrong about unusual rooms is wrong in both.
 """
 

@@ -1,4 +1,4 @@
-"""Errors of an estimated trajectory against the true one, and whether the reported covariance is honest.
+"""Errors of an estimated trajectory against the true one, and whether the reported covariance is consistent.
 
 ATE and RPE after Sturm et al. (2012), in the plane; consistency after Bar-Shalom, Li and Kirubarajan (2001),
 section 5.4.
@@ -98,7 +98,7 @@ def absolute_trajectory_error(estimate: Trajectory, truth: Trajectory, *, align:
     """ATE: distance of the estimated poses from the true ones at the same moments.
 
     Args:
-        estimate: The trajectory to judge; each of its poses within the truth's time counts once.
+        estimate: The trajectory to measure; each of its poses within the truth's time counts once.
         truth: The reference, interpolated at the estimate's stamps.
         align: Remove the best rigid motion first (a SLAM frame is arbitrary). Without it the two must be in
             one frame, and the error includes the drift since the start.
@@ -120,7 +120,7 @@ def relative_pose_error(estimate: Trajectory, truth: Trajectory, *, delta: float
     """RPE: error of the motion over each stretch of ``delta`` metres of the true path.
 
     Args:
-        estimate: The trajectory to judge.
+        estimate: The trajectory to measure.
         truth: The reference, interpolated at the estimate's stamps.
         delta: Length of a stretch along the true path [m].
 

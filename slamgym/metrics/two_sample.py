@@ -1,4 +1,4 @@
-"""Classifier two-sample test: how well can a learner tell two kinds of maps apart?
+"""Classifier two-sample test: how well can a learner distinguish two kinds of maps?
 
 After Lopez-Paz and Oquab, *Revisiting Classifier Two-Sample Tests* (ICLR 2017): the cross-validated accuracy
 of a classifier is 0.5 if the two samples come from one distribution. Folds are made of whole plans, so that
@@ -24,7 +24,7 @@ CLASSIFIERS: tuple[ClassifierName, ...] = ("gradient_boosting", "extra_trees")
 
 @dataclass(frozen=True)
 class TwoSampleResult:
-    """Accuracy of telling the kinds apart, over plans."""
+    """Accuracy of distinguishing the kinds, over plans."""
 
     accuracy: float
     low: float  # 95 % interval, bootstrap over plans
@@ -42,7 +42,7 @@ def two_sample_test(
     repeats: int = 4,
     seed: int = 0,
 ) -> TwoSampleResult:
-    """Try to tell two sets of maps apart by their statistics.
+    """Try to distinguish two sets of maps by their statistics.
 
     Args:
         first: Statistics of each map of one kind; all with the same names.
@@ -51,7 +51,7 @@ def two_sample_test(
         second_plans: The same for the other kind.
         learner: ``gradient_boosting`` or ``extra_trees``.
         folds: Number of folds.
-        repeats: How often plans are dealt to folds anew; the accuracies are averaged.
+        repeats: How often plans are dealt to folds again; the accuracies are averaged.
         seed: Of the folds and the learner.
 
     Raises:

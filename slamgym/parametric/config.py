@@ -67,7 +67,7 @@ class LidarErrorConfig(Settings, section="lidar"):
 
     The systematic coefficients are drawn once per robot from zero-mean normals with these standard
     deviations: dD = a0 + a1 D, da = b1 a + b2 sin a + b3 cos a + b4 sin 2a + b5 cos 2a + b6 / D (the terms of
-    Mader, Westfeld and Maas 2014). Their table could not be had; the defaults keep within the 0.2 % of range
+    Mader, Westfeld and Maas 2014). Their table was not available; the defaults keep within the 0.2 % of range
     and 0.2 deg that its abstract reports.
     """
 
@@ -159,7 +159,7 @@ class TwoPhaseConfig(Settings, section="two_phase"):
     """[-] share of the motion that matching loses in directions that the walls leave open, because a scan
     overlaps the known map more the less the robot has moved."""
     thin_wall: float = 0.0
-    """[m] Up to this thickness matching takes a wall's new face for the known one; 0 tells them apart."""
+    """[m] Up to this thickness matching takes a wall's new face for the known one; 0 distinguishes them."""
     jitter: float = 0.0
     """[m] white error of a matched position."""
     jitter_deg: float = 0.0

@@ -272,7 +272,7 @@ def _drift_px(forward: Float32Array, visibility: Visibility, frame: GridFrame) -
         new_rows.max(initial=0.0) - (frame.height_px - 1),
         new_cols.max(initial=0.0) - (frame.width_px - 1),
     )
-    # Dead reckoning over kilometres drifts without bound; a picture that follows it helps nobody.
+    # Dead reckoning over kilometres drifts without bound; a picture that follows it is of no use.
     return min(max(0, math.ceil(max(over))), max(frame.shape) // 2)
 
 

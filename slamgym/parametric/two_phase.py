@@ -53,10 +53,10 @@ def anchor_poses(
 
     The fit is the least-squares motion that brings the wall cells of a scan, where the predicted pose would
     draw them, on to the walls as earlier scans drew them; only the distance across a wall counts, as for a
-    scan matcher that can't tell one piece of a wall from the next (point to line, linearised). A weak prior
+    scan matcher that can't distinguish two pieces of a wall (point to line, linearised). A weak prior
     holds the predicted pose in directions that the walls leave open. There a real matcher also falls behind,
     because the overlap with the known map is larger the less the robot has moved: ``lag`` is the share of the
-    motion that is lost so. Nor can a matcher tell the two faces of a thin wall apart: a room
+    motion that is lost so. Nor can a matcher distinguish the two faces of a thin wall: a room
     seen for the first time is pulled so that its face of the wall falls on the known one.
 
     Args:

@@ -14,9 +14,9 @@ _NO_INFORMATION = np.uint8(255)
 @kernel
 def clear_body(cells: ByteArray, row: int, col: int, radius_px: float, core_px: float) -> None:
     """Free the cells under the robot: unknown ones within ``radius_px``, all within ``core_px``."""
-    reach = int(radius_px) + 1
-    for r in range(max(0, row - reach), min(cells.shape[0], row + reach + 1)):
-        for c in range(max(0, col - reach), min(cells.shape[1], col + reach + 1)):
+    half = int(radius_px) + 1
+    for r in range(max(0, row - half), min(cells.shape[0], row + half + 1)):
+        for c in range(max(0, col - half), min(cells.shape[1], col + half + 1)):
             squared = (r - row) ** 2 + (c - col) ** 2
             unknown = cells[r, c] != _OCCUPIED and cells[r, c] != _FREE
             if squared <= core_px**2 or (unknown and squared <= radius_px**2):

@@ -116,7 +116,7 @@ class ExplorationLoop:
     """One robot's exploration by chosen frontiers.
 
     Args:
-        context: What the environment tells about the robot and its map.
+        context: What the environment says about the robot and its map.
         config: Settings.
 
     Attributes:

@@ -98,8 +98,8 @@ def make_candidates(
         min_size: Frontiers shorter than this are left out [m].
         split_extent: A frontier that extends farther than this is cut into parts [m].
         tolerance: How far from a frontier its path may end [m].
-        keep: Where the robot is going [m]: a frontier that passes there keeps this place, lest a target
-            drawn anew from every map sends the robot to and fro.
+        keep: Where the robot is going [m]: a frontier that passes there keeps this place, so that a
+            target drawn again from every map doesn't send the robot back and forth.
 
     Returns:
         The candidates that a path leads to, the cheapest path first.

@@ -226,8 +226,8 @@ def occluded_views(
     import cv2
 
     resolution, frame = costmap.frame.resolution, costmap.frame
-    cut_off = (costmap.costs < LETHAL_COST) & ~reachable.mask.reshape(costmap.costs.shape)
-    opened = cv2.morphologyEx(cut_off.astype(np.uint8), cv2.MORPH_OPEN, np.ones((5, 5), np.uint8))
+    isolated = (costmap.costs < LETHAL_COST) & ~reachable.mask.reshape(costmap.costs.shape)
+    opened = cv2.morphologyEx(isolated.astype(np.uint8), cv2.MORPH_OPEN, np.ones((5, 5), np.uint8))
     count, labels, stats, _ = cv2.connectedComponentsWithStats(opened, connectivity=4)
     places = np.column_stack(np.divmod(reachable.order[: reachable.num_centre], frame.width_px))
     views: list[tuple[Point, Point]] = []
@@ -302,7 +302,7 @@ def _frontiers(
     opened = open_cells.reshape(costs.shape).view(np.uint8)
     beside = cv2.dilate(cv2.dilate(opened, _CROSS) & unknown, _CROSS).reshape(-1).view(np.bool_)
     order = order[beside[order]]
-    # A hair's breadth is taken off, so that 15 cells of 0.05 m are not less than 0.75 m by rounding.
+    # A tiny amount is subtracted, so that 15 cells of 0.05 m are not less than 0.75 m by rounding.
     members, starts = collect_frontiers(costs, order, open_cells, min_size / frame.resolution - 1e-6)
     row = frame.height_px - 0.5 - (pose.y - frame.origin_y) / frame.resolution
     col = (pose.x - frame.origin_x) / frame.resolution - 0.5

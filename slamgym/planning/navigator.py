@@ -1,8 +1,8 @@
 """Navigation stack: a goal on the map becomes a velocity for each control step.
 
 It plans on the map as last published, follows the path, replans when the map blocks it or the robot leaves
-it, and recovers when the robot is stuck. Whether the robot moves shows in its estimated pose, never by
-what it was told to do. A goal that can't be reached aborts at once.
+it, and recovers when the robot is stuck. Whether the robot moves is read from its estimated pose,
+never from its commands. A goal that can't be reached aborts at once.
 """
 
 import enum

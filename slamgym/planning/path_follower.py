@@ -1,4 +1,4 @@
-"""Path follower: pure pursuit that turns in place at sharp corners and minds what the scanner sees.
+"""Path follower: pure pursuit that turns in place at sharp corners and avoids what the scanner sees.
 
 Pure pursuit is Coulter's (CMU-RI-TR-92-01). Where its arc is blocked by something that the map doesn't know
 yet, a person say, the free arc that leads nearest to the target is taken instead (dynamic window approach,
@@ -29,7 +29,7 @@ class FollowerConfig(Settings):
     lookahead: float = 0.5
     """Distance of the pursued point, less where a straight line to it isn't free [m]."""
     turn_in_place: float = 0.9
-    """A heading error above this is turned away on the spot [rad]."""
+    """A heading error above this is corrected by a turn on the spot [rad]."""
     turned: float = 0.25
     """A turn on the spot ends below this heading error [rad]."""
     turn_rate: float = 1.2

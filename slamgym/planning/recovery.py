@@ -27,14 +27,14 @@ class Recovery(Enum):
     CLOSED_ROOM = "closed_room"
     """The navigation stack drives to a place from which a closed room can be looked at."""
     NOTHING = "nothing"
-    """All was tried."""
+    """Everything was tried."""
 
 
 class RecoveryBehaviours:
     """One exploration's recovery behaviours.
 
     Args:
-        context: What the environment tells about the robot and its map.
+        context: What the environment says about the robot and its map.
         navigator: Navigation stack of the exploration.
         look_around_before: Only so soon after the beginning a look around is worth its time [s]; 0 for never.
         relaxed_footprints: Shares of the robot's radius to try one after the other, in ``round`` 1, 2, ...
@@ -69,7 +69,7 @@ class RecoveryBehaviours:
         return self._turn_left > 0.0
 
     def note_time(self, time: float) -> None:
-        """Tell the clock of every control step, if looks around are wanted: the first one is the beginning."""
+        """Note the time of a control step, if looks around are wanted: the first one is the beginning."""
         self._began_at = min(self._began_at, time)
 
     def turn(self, pose: Pose2D) -> Twist2D:

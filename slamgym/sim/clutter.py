@@ -126,7 +126,7 @@ def sample_point(area: shapely.Polygon, rng: np.random.Generator) -> tuple[float
 def _furnish(
     plan: "FloorPlan", rng: np.random.Generator, config: ClutterConfig, robot: RobotConfig
 ) -> list[PlacedPiece]:
-    """Place room after room what belongs there and leaves the passages free."""
+    """Furnish room after room and leave the passages free."""
     radius = robot.circumscribed_radius
     passages = [_Passages(plan, radius), _Passages(plan, radius + config.passage)]
     doors = [shapely.LineString([door.start, door.end]).buffer(_DOOR_ROOM) for door in plan.doors]
@@ -166,7 +166,7 @@ class _Passages:
         )
 
     def block(self, outline: shapely.Polygon) -> None:
-        """Take an obstacle's room away."""
+        """Subtract the room that an obstacle takes."""
         grown = outline.buffer(self._radius, quad_segs=4)
         self._parts = [part.difference(grown) for part in self._parts]
 

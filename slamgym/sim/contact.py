@@ -31,8 +31,8 @@ Velocity = tuple[float, float, float]
 class ContactSolver:
     """A pymunk space with the walls as static segments, people as discs and the robot as a rigid body.
 
-    Each call answers: with this wish of a velocity at this pose, what velocity do the contacts leave? The
-    wish enters as the force that would bring the body from rest to it, because the solver applies contact
+    Each call answers: of a wished velocity at this pose, what do the contacts leave? The wish
+    enters as the force that would bring the body from rest to it, because the solver applies contact
     impulses after forces.
     """
 
@@ -55,7 +55,7 @@ class ContactSolver:
             body.position = float(disc[0]), float(disc[1])
 
     def solve(self, pose: Pose2D, wish: Velocity) -> tuple[Velocity, Velocity]:
-        """Take from a velocity what contact forbids.
+        """Remove from a velocity what contact forbids.
 
         Args:
             pose: Where the robot stands.

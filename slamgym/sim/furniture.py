@@ -24,7 +24,7 @@ _TABLE_LEG = 0.06
 _CHAIR_LEG = 0.03
 _SEAT = 0.42
 
-# Places tried for one piece before the room does without it.
+# Places tried for one piece before it is left out.
 _TRIES = 12
 
 # Gap between a piece and its wall [m].
@@ -102,7 +102,7 @@ _ANY_ROOM = (
 
 
 def pieces_for(category: str) -> tuple[Piece, ...]:
-    """What belongs into a room of a category, in the order in which it is placed."""
+    """What belongs in a room of a category, in the order in which it is placed."""
     name = category.lower()
     for words, pieces in _CATALOGUE.items():
         if any(word in name for word in words):

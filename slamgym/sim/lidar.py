@@ -18,7 +18,7 @@ class LidarConfig(Settings, section="lidar"):
     """A scanner's beams and its errors.
 
     The geometry is the LDS-01's of a TurtleBot3 Waffle Pi, with the 180 degrees of view ahead that Daher et
-    al. use. A beam ends in one of four ways, drawn anew for each (Thrun, Burgard and Fox, Probabilistic
+    al. use. A beam ends in one of four ways, drawn again for each (Thrun, Burgard and Fox, Probabilistic
     Robotics, 2005, section 6.3, eq. 6.4 to 6.12): it hits, something unexpected is nearer, it gets no return,
     or it reads at random. The default errors lie between the two named levels of :func:`lidar_level`: the
     range noise of ROBOTIS's Gazebo model, and 2 % of all beams failing.

@@ -27,7 +27,7 @@ _POLITE_DISTANCE = 0.1
 # Walking is simulated in pieces of this duration [s]: 12 cm at a brisk pace.
 _STEP_TIME = 0.1
 
-# Who had to wait this long goes elsewhere [s].
+# A person who had to wait this long goes elsewhere [s].
 _PATIENCE = 1.5
 
 # Directions tried for a new path, and the longest straight path [m].
@@ -37,7 +37,7 @@ _LONGEST_PATH = 8.0
 
 @dataclass(frozen=True)
 class Person:
-    """One who walks about."""
+    """A person who walks about."""
 
     start: tuple[float, float]  # [m], world frame
     speed: float  # [m/s]

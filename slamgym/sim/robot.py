@@ -21,7 +21,7 @@ class RobotConfig(Settings, section="robot"):
     """[m]"""
 
     max_linear: Positive = 0.26
-    """Highest speed ahead and astern [m/s]."""
+    """Highest speed forward and backward [m/s]."""
 
     max_angular: Positive = 1.82
     """Highest turning rate [rad/s]."""

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 # iterative solver leaves.
 _CONTACT_TOLERANCE = 1e-4
 
-# A rest of time too short to move in [s].
+# Remaining time too short to move in [s].
 _NO_TIME = 1e-9
 
 # Longest contact substep [s]: resolves the acceleration ramp as the free motion does.
@@ -53,7 +53,7 @@ class Motion(NamedTuple):
     """Whether contact stopped or deflected the body at any time during the step."""
 
     distance: float
-    """Distance of the axle's middle, ahead or astern [m]."""
+    """Distance of the axle's middle, forward or backward [m]."""
 
 
 class World:
@@ -203,14 +203,14 @@ class World:
         return contact
 
     def _contact_span(self, target: Twist2D) -> float:
-        """A time in which no point of the body can move further than the contact skin bears."""
+        """A time in which no point of the body can move further than the contact skin allows."""
         linear = max(abs(self._state[motion.LINEAR]), abs(target.linear))
         angular = max(abs(self._state[motion.ANGULAR]), abs(target.angular))
         speed = float(linear + self._lever * angular)
         return min(_SUBSTEP_TIME, SUBSTEP_DISTANCE / speed) if speed > 0.0 else _SUBSTEP_TIME
 
     def _contact_substep(self, target: Twist2D, span: float) -> bool:
-        """Move for a short time with pymunk's say on contacts; whether they changed the motion."""
+        """Move for a short time with pymunk deciding on contacts; whether they changed the motion."""
         x, y, theta, linear, angular = self._state[: motion.LEFT].tolist()
         mean_linear, linear = motion.ramp(linear, target.linear, self.robot.linear_acceleration, span)
         mean_angular, angular = motion.ramp(angular, target.angular, self.robot.angular_acceleration, span)
@@ -231,7 +231,7 @@ class World:
         return contact
 
     def _bounded(self, velocity: Velocity, span: float) -> FloatArray:
-        """The displacement of a substep, cut to what the skin bears, whatever the solver says."""
+        """The displacement of a substep, cut to what the skin allows, whatever the solver returns."""
         displacement = np.multiply(velocity, span)
         distance = math.hypot(displacement[0], displacement[1]) + self._lever * abs(displacement[2])
         return displacement if distance <= SKIN else displacement * (SKIN / distance)
@@ -250,7 +250,7 @@ class World:
     def _account(
         self, after: FloatArray, driven: tuple[float, float], drive: Twist2D, contact: bool, span: float
     ) -> None:
-        """Take over the state after a contact substep, and book what body, wheels and drive did.
+        """Take over the state after a contact substep, and record what body, wheels and drive did.
 
         Args:
             after: State with the new pose.

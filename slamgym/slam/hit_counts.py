@@ -91,7 +91,7 @@ class HitCountMap:
         return True
 
     def _classified(self) -> ByteArray:
-        """Cell values, row 0 at the bottom; only what was drawn on since the last call is computed anew."""
+        """Cell values, row 0 at the bottom; only what was drawn on since the last call is computed again."""
         if self._dirty is not None:
             row, col = self._corner
             first_row, first_col, last_row, last_col = self._dirty

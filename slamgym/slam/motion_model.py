@@ -49,7 +49,7 @@ class OdometryGate:
         )
 
     def take(self, stamp: float) -> FloatArray:
-        """Begin anew from here; returns the increments (scans, 3) since the last processed scan."""
+        """Start again from here; returns the increments (scans, 3) since the last processed scan."""
         increments = np.array(self._increments, dtype=np.float64).reshape(-1, 3)
         if self._last is not None:
             self._last_processed = self._last

@@ -44,7 +44,7 @@ def systematic_resample(weights: FloatArray, uniform: float) -> IntArray:
 
     Returns:
         (particles,) ancestor of each place. Every survivor keeps its own place, so that only the maps of
-        those who die are replaced.
+        those that die are replaced.
     """
     count = len(weights)
     ticks = (np.arange(count) + uniform) / count

@@ -1,4 +1,4 @@
-"""Pictures of a map that are good to look at: walls, free space, paths, a scale bar; one map, or one that grows."""
+"""Pictures of a map for people: walls, free space, paths, a scale bar; one map, or one that grows."""
 
 import itertools
 from collections.abc import Sequence

@@ -11,10 +11,10 @@ from slamgym.core.errors import SlamgymError
 _Item = TypeVar("_Item")
 
 MAX_ATTEMPTS = 3
-"""How often a task is begun whose workers die under it."""
+"""Most attempts at a task whose workers die."""
 
 MAX_LOST_IN_A_ROW = 5
-"""So many tasks lost with no result between them are the machine's fault, not the tasks'."""
+"""So many lost tasks in a row are the machine's fault, not the tasks'."""
 
 
 class WorkerLostError(SlamgymError):

@@ -1,7 +1,7 @@
 """Run independent tasks on many processes: what the engines have in common.
 
 An engine draws items while the work goes on, so that a long sequence never lies in memory, and gives the
-results in any order. A worker that dies takes nothing with it but the task in its hands, which is tried again
+results in any order. When a worker dies, only its current task is lost, which is tried again
 :data:`~slamgym.core.parallel.backlog.MAX_ATTEMPTS` times in all; then the engine hands the item back as :class:`Lost`.
 """
 

@@ -1,7 +1,7 @@
 """The processes of one machine.
 
-Every worker is a loky executor of its own with a single process: when one dies, it is known which task it had
-in hand, and the others go on undisturbed. A common pool would lose every task in flight with it.
+Every worker is a loky executor of its own with a single process: when one dies, its current task is
+known, and the others go on. A common pool would lose every task in flight with it.
 """
 
 import contextlib
@@ -127,14 +127,14 @@ class _Worker:
         return self._executor.submit(task, item)
 
     def close(self) -> None:
-        """End the process at once: after Ctrl-C or an error, the task in its hands is of no use."""
+        """End the process at once: after Ctrl-C or an error, its current task is of no use."""
         if self._executor is not None:
             self._executor.shutdown(wait=True, kill_workers=True)
             self._executor = None
 
 
 def _start_worker(parent: int) -> None:
-    """Prepare a worker: one thread, Ctrl-C is the parent's to handle, and no life after the parent."""
+    """Prepare a worker: one thread, Ctrl-C left to the parent, exit when the parent dies."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     cv2.setNumThreads(1)
     if os.name == "posix":

@@ -84,7 +84,7 @@ def connect(ray: ModuleType, workers: int, address: str | None) -> None:
 
 
 def check_address(address: str) -> None:
-    """Find out at once that nobody listens, for which Ray itself takes minutes.
+    """Find out at once that nothing listens; Ray itself takes minutes.
 
     Raises:
         ConfigError: If the address is ``host:port`` and takes no connection.
@@ -203,7 +203,7 @@ class RayEngine:
         return result
 
     def _cause_of(self, error: Exception) -> str | None:
-        """Why a task was lost; None for an error of which trying again is no cure."""
+        """Why a task was lost; None for an error that trying again can't fix."""
         errors = self._ray.exceptions
         causes = {
             errors.OutOfMemoryError: "a worker ran out of memory",

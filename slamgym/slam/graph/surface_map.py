@@ -3,7 +3,7 @@
 A few scans round one pose are put into square cells. Each occupied cell holds the mean of its end points and
 a 2 x 2 information matrix that says in which direction the mean binds: across a wall only, or both ways at a
 corner (the normal-distributions transform of Biber and Strasser 2003, with the point-to-line metric of Censi
-2008 on flat pieces). So the normal matrix of an alignment shows honestly that a corridor leaves the scan free
+2008 on flat pieces). So the normal matrix of an alignment shows that a corridor leaves the scan free
 to slide, and what it gives is the information of a pose-graph edge.
 
 Convention: all poses and points of a local map are in one frame, that of its reference node. Grids have row 0
