@@ -8,7 +8,6 @@ import numpy as np
 from slamgym.core.config import Count, Settings
 from slamgym.core.errors import ConfigError
 from slamgym.core.types import Float32Array
-from slamgym.envs.frontier_features import CANDIDATE_FEATURES
 
 
 class NetworkConfig(Settings, section="network"):
@@ -30,6 +29,8 @@ class NetworkConfig(Settings, section="network"):
     negative one begins as a rule that keeps to the walls (coastal navigation, Roy et al. 1999)."""
 
     def _check(self) -> None:
+        from slamgym.envs.frontier_features import CANDIDATE_FEATURES
+
         if self.width % self.heads:
             raise ConfigError(f"network.width {self.width} must be a multiple of network.heads {self.heads}")
         if self.prior_feature not in CANDIDATE_FEATURES:

@@ -4,8 +4,10 @@ It integrates what the wheels *rolled*, not what was commanded and not how the b
 the body and the wheels spin, odometry errs as a real one does.
 """
 
+from __future__ import annotations
+
 import math
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
 
@@ -14,7 +16,9 @@ from slamgym.core.errors import ConfigError
 from slamgym.core.geometry import compose
 from slamgym.core.types import Pose2D
 from slamgym.sim.robot import RobotConfig
-from slamgym.sim.space import Motion
+
+if TYPE_CHECKING:
+    from slamgym.sim.space import Motion
 
 _Ratio = Annotated[float, Within(ge=0.5, le=2.0)]
 OdometryLevel = Literal["ideal", "low", "medium", "high"]
