@@ -27,12 +27,14 @@ import tyro
 from explorations import Profile
 from report import RESULTS, print_and_save
 
+from slamgym import cad, interop
 from slamgym.agents.registry import make_explorer
 from slamgym.cad import PlanSource, open_plans
 from slamgym.cad.plan_filter import PlanFilter
 from slamgym.core.parallel.backlog import Lost
 from slamgym.core.parallel.engine import Engine, open_engine
-from slamgym.dataset import DatasetConfig, Layout, episode_files, read_manifest
+from slamgym.dataset import DatasetConfig, Layout, read_manifest
+from slamgym.dataset import format as dataset_format
 from slamgym.dataset.folder import DatasetFolder, open_dataset
 from slamgym.dataset.generate import exploration
 from slamgym.dataset.generate.exploration import run_exploration
@@ -55,10 +57,10 @@ BEGIN, END = "<!-- cost: benchmarks/dataset_rate.py -->", "<!-- end of cost -->"
 PARTS_OF_WRITING: dict[str, list[tuple[Any, str]]] = {
     "drawing the pair, its figures": [(exploration, "make_pair"), (exploration, "make_record")],
     "PNG": [(exploration, "encode_png")],
-    "scans.log.gz": [(episode_files, "write_carmen")],
-    "trajectories (TUM)": [(episode_files, "write_tum")],
-    "map, plan": [(episode_files, "write_ros_map"), (episode_files, "write_houseexpo")],
-    "digests": [(episode_files, "digest_lines")],
+    "scans.log.gz": [(interop, "write_carmen")],
+    "trajectories (TUM)": [(interop, "write_tum")],
+    "map, plan": [(interop, "write_ros_map"), (cad, "write_houseexpo")],
+    "digests": [(dataset_format, "digest_lines")],
     "waiting for the disk (fsync)": [(exploration, "sync_tree")],
     "commit": [(DatasetFolder, "commit"), (DatasetFolder, "write_index")],
 }

@@ -55,7 +55,7 @@ ALLOWED = {
     ("dataset", "sim"): "recipes vary noise and furniture",
     ("dataset", "slam"): "maps of earlier moments are drawn again",
     ("dataset", "viz"): "contact sheets",
-    ("agents", "cad"): "explorers are trained and judged on plans; the oracle knows them",
+    ("agents", "cad"): "explorers are trained and assessed on plans; the oracle knows them",
     ("agents", "envs"): "explorers act in environments",
     ("agents", "metrics"): "trials are measured",
     ("agents", "planning"): "rules choose, the exploration loop drives",

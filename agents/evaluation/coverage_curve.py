@@ -3,14 +3,16 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from slamgym.agents.evaluation.trial import Trial
 from slamgym.core.intervals import mean_band
 from slamgym.core.types import FloatArray
 from slamgym.viz.plots import Curve, CurvePanel, plot_curves
+
+if TYPE_CHECKING:
+    from slamgym.agents.evaluation.trial import Trial
 
 COVERAGE_LEVELS = (0.5, 0.8, 0.9, 0.95, 0.99)
 """Shares of the reachable floor whose first reaching is timed."""
@@ -105,11 +107,11 @@ class CurveRecorder:
         self._points: list[tuple[float, float, float]] = []
 
     def add(self, time: float, path: float, coverage: float) -> None:
-        """Note the state after a step.
+        """Record the state after a step.
 
         Args:
             time: Robot time [s].
-            path: Way so far [m].
+            path: Distance so far [m].
             coverage: Share of the reachable floor that was seen.
         """
         self._points.append((time, path, coverage))
@@ -129,7 +131,7 @@ _POINTS = 200
 _LEVELS = ("0.95", "0.99")
 
 
-def draw_coverage(trials: Sequence[Trial], path: Path, title: str = "") -> None:
+def draw_coverage(trials: Sequence["Trial"], path: Path, title: str = "") -> None:
     """Draw mean coverage over time with bands, and how many explorations had seen 95 % and 99 % when.
 
     Bands are 95 % bootstrap intervals of the mean over explorations. Time is robot time per floor area, so that
@@ -164,13 +166,13 @@ def draw_coverage(trials: Sequence[Trial], path: Path, title: str = "") -> None:
     plot_curves(path, panels)
 
 
-def _per_area(trial: Trial, level: str) -> float:
+def _per_area(trial: "Trial", level: str) -> float:
     """Time to a level per floor area [s/m2]; inf if it was never reached."""
     value = trial.time_to[level]
     return np.inf if value is None else value / trial.area
 
 
-def _end(trials: Sequence[Trial]) -> float:
+def _end(trials: Sequence["Trial"]) -> float:
     """Right end of the time axis [s/m2]: by then nine of ten explorations have reached 99 %."""
     reached = [_per_area(trial, "0.99") for trial in trials if trial.time_to["0.99"] is not None]
     return float(np.percentile(reached, 90.0)) if reached else 10.0
