@@ -46,7 +46,7 @@ class FrontierPilot(Pilot):
     """The exploration loop with a rule that chooses.
 
     Args:
-        context: What the environment tells about the robot and its map.
+        context: What the environment says about the robot and its map.
         config: How frontiers are offered and driven to.
         rule: Scores the candidates.
     """
@@ -70,7 +70,7 @@ class BatchedExplorer(ABC):
     """A policy over pilots, as Stable-Baselines3's ``PolicyPredictor`` wants it.
 
     Args:
-        context: What the environment tells about the robot and its map.
+        context: What the environment says about the robot and its map.
         fingerprint: Short hash of all that decides what it does.
     """
 
@@ -154,7 +154,7 @@ class FrontierExplorer(BatchedExplorer):
     """The exploration loop with a rule that keeps no memory, in any number of environments.
 
     Args:
-        context: What the environment tells about the robot and its map.
+        context: What the environment says about the robot and its map.
         rule: Scores the candidates.
         config: How frontiers are offered and driven to.
     """

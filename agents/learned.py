@@ -14,7 +14,7 @@ class LearnedExplorer(BatchedExplorer):
     """Chooses frontiers by a trained network, on the loop and the features that it learned with.
 
     Args:
-        context: What the environment tells about the robot and its map.
+        context: What the environment says about the robot and its map.
         policy: Weights, as ``slamgym agents train`` writes them; by default those that come with the package.
         config: How frontiers are offered and driven to.
 

@@ -1,8 +1,8 @@
-"""The oracle: an explorer that is told the floor plan and sees everything on a short tour.
+"""The oracle: an explorer that knows the floor plan and sees everything on a short tour.
 
-Nobody explores so: it is the yardstick, and an expert to imitate. It drives by the same navigation stack and recovery
-behaviours, with the same SLAM, as every other explorer; only where to go, and what lies behind the border of the
-map, it takes from the plan, and what is left to see from the true coverage. It is made from an environment
+No robot can explore like this: it is a reference, and an expert to imitate. It drives by the same navigation stack
+and recovery behaviours, with the same SLAM, as every other explorer; only where to go, and what lies behind the border
+of the map, it takes from the plan, and what is left to see from the true coverage. It is made from an environment
 (:meth:`Oracle.of`), never by a name and a context, so that no explorer gets the truth unasked.
 """
 
@@ -137,7 +137,7 @@ class OracleConfig(Settings):
 
 @dataclass
 class _Failures:
-    """What the robot has tried in vain since it last began with a clean slate."""
+    """What the robot has tried without success since its failures were last cleared."""
 
     hopeless: BoolArray  # cells that weren't seen from where they should be, shape (C,)
     banned: frozenset[int] = frozenset()  # places that it failed to get to
@@ -148,11 +148,11 @@ class _Failures:
 
 
 class Oracle:
-    """One exploration by one who knows the building; an ``Explorer`` for one environment.
+    """One exploration that knows the building; an ``Explorer`` for one environment.
 
     Args:
-        context: What any explorer is told.
-        building: What only this one is told, drawn on the frame of the observation's map.
+        context: What any explorer knows.
+        building: What only this one knows, drawn on the frame of the observation's map.
         config: Settings.
 
     Attributes:
@@ -187,7 +187,7 @@ class Oracle:
 
     @staticmethod
     def of(env: ExploreEnv, seed: int = 0, config: OracleConfig | None = None) -> "Oracle":
-        """The oracle of the episode that an environment has just begun. Privileged.
+        """The oracle of the episode that an environment has just started. Privileged.
 
         Args:
             env: An environment after :meth:`~slamgym.envs.ExploreEnv.reset`.

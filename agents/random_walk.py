@@ -46,7 +46,7 @@ class RandomWalk(BatchedExplorer):
     """Drives straight on, and to a random heading where something is near; never finishes.
 
     Args:
-        context: What the environment tells about the robot and its map.
+        context: What the environment says about the robot and its map.
         seed: Of the headings; each environment of a batch has a stream of its own.
     """
 

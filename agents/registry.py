@@ -41,7 +41,7 @@ CLASSICAL: dict[str, HandWritten] = {
     "tour": HandWritten(FrontierTour()),
     "repairman": HandWritten(Repairman()),
 }
-"""Hand-written rules: neither learned, nor told the floor plan, nor the random walk."""
+"""Hand-written rules: neither learned, nor the oracle, nor the random walk."""
 
 EXPLORERS: Mapping[str, Callable[[ExplorerContext, int], BatchedExplorer]] = {
     **CLASSICAL,
@@ -56,7 +56,7 @@ def make_explorer(name: str, context: "ExplorerContext", seed: int = 0) -> "Batc
 
     Args:
         name: One of :data:`EXPLORERS`, or ``rl:FILE`` for weights that ``slamgym agents train`` wrote.
-        context: What the environment tells about the robot and its map.
+        context: What the environment says about the robot and its map.
         seed: Of the explorer's own random choices; only the random walk makes any.
 
     Raises:

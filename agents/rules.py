@@ -24,7 +24,7 @@ EXPLORE_LITE_LOOP = ExplorationLoopConfig(
     last_frontier_size=0.6,
     split_extent=math.inf,
 )
-"""What Explore Lite does its own way: all frontiers whole, those under 0.75 m left out (``min_frontier_size`` of its
+"""How Explore Lite differs: all frontiers whole, those under 0.75 m left out (``min_frontier_size`` of its
 launch file; here those from 0.6 m are left for the end), and the goal reconsidered at 0.33 Hz (``planner_frequency``).
 
 Its time-out of 30 s by the straight distance (``progress_timeout``) and its blacklist of 5 cells

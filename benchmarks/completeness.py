@@ -1,16 +1,16 @@
-"""How well the shape of a SLAM map alone tells whether it is complete, against the truth, on held-out plans.
+"""How well the shape of a SLAM map alone shows whether it is complete, against the truth, on held-out plans.
 
     python benchmarks/completeness.py --make json.tar.gz [--out out/completeness]
     python benchmarks/completeness.py --read DATASET [DATASET ...]
 
 ``--make`` explores HouseExpo plans and furnished generated ones with several explorers and odometry errors;
-``--read`` takes datasets that exist. Every exploration is looked at several times, from its first seconds to
+``--read`` takes datasets that exist. Every exploration is sampled several times, from its first seconds to
 its end, so that there are maps of every degree of completeness. ``--write-model`` stores the model trained on
-all of them as the one that ships with the package.
+all of them as the pretrained one of the package.
 
 The explorations of ``--make`` took 11 minutes of CPU in all, which two workers share; drawing, measuring and
 learning from their maps takes less than 7 more, on one core: a quarter of an hour on two. An interrupted run
-goes on with the explorations that it has. ``--scale 0.02`` tries the whole way with a few of them; to keep the
+goes on with the explorations that it has. ``--scale 0.02`` tries all steps with a few of them; to keep the
 results and the model of the repository, do that in a copy.
 """
 
@@ -67,7 +67,7 @@ class Arguments:
     workers: int = 2
     """Processes of --make."""
     write_model: bool = False
-    """Store the model trained on everything as the shipped one."""
+    """Store the model trained on everything as the pretrained one."""
 
 
 @dataclass(frozen=True)
@@ -168,7 +168,7 @@ def report_accuracy(
 
 
 def transfer_rows(maps: LabelledMaps, trees: TreesConfig) -> list[dict[str, object]]:
-    """Each kind of explorations judged by models that know neither its plans nor its explorer, noise or furniture."""
+    """Each kind of explorations assessed by models that know neither its plans nor its explorer, noise or furniture."""
     sources = maps.sources
     rows = []
     for source in sorted(set(maps.sources)):

@@ -1,26 +1,54 @@
 """Environment steps per second of one core, and how that depends on the settings and on the building.
 
-Times are CPU seconds of this process, all its threads together. Run: ``python benchmarks/env_steps.py``.
+Times are CPU seconds of this process, all its threads together. ``--decisions`` measures the level of decisions
+instead: decisions per CPU second, and what a decision of the pretrained policy costs.
+
+    python benchmarks/env_steps.py [--decisions] [--plans procedural]
 """
 
+import argparse
 import time
 from collections.abc import Iterator
 from typing import Any
 
+import cv2
 import numpy as np
 import shapely
 from report import print_and_save
 
+from slamgym.agents.pretrained_policy import read_policy
+from slamgym.agents.rl.training_envs import draw_plans
 from slamgym.cad import FloorPlan, open_plans
-from slamgym.envs import ExploreEnv
+from slamgym.envs import ExploreEnv, ExploreFrontiersEnv
+from slamgym.envs.frontier_features import FrontierFeatures
+from slamgym.planning.exploration_loop import ExplorationLoop
 
 MODES = ("ground_truth", "dead_reckoning", "scan_matching", "rbpf")
 GOAL = 3000
-"""Steps/s that ground_truth localisation is to reach."""
+"""Steps/s that ground_truth localisation should reach."""
 PLAN = "home_000334"
+COARSE = {"slam": {"resolution": 0.1}, "observation": {"map_resolution": 0.1}}
+DECISION_MODES = {
+    "ground truth, 0.1 m cells (training)": {"localization": "ground_truth", **COARSE},
+    "ground truth, 0.05 m cells": {"localization": "ground_truth"},
+    "particle filter, 0.05 m cells (evaluation)": {"localization": "rbpf"},
+}
 
 
 def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--decisions", action="store_true", help="measure decisions instead of steps")
+    parser.add_argument("--plans", default="procedural", help="floor plans of --decisions")
+    arguments = parser.parse_args()
+    if arguments.decisions:
+        measure_decisions(arguments.plans)
+    else:
+        measure_steps()
+
+
+def measure_steps() -> None:
     print_and_save(
         "env_steps_modes",
         f"Environment steps per CPU second, by localisation and observed map (goal: ground_truth {GOAL:,})",
@@ -70,7 +98,7 @@ def resets() -> Iterator[tuple[Any, ...]]:
     first = (time.process_time() - begin) / len(names)
     yield f"bundled ({len(names)})", 1e3 * first, 1e3 * seconds_per_reset(env)
     furnished = ExploreEnv("bundled", localization="ground_truth", clutter={"furniture": 1.0, "people": 2})
-    yield "bundled, furnished anew at every reset", None, 1e3 * seconds_per_reset(furnished)
+    yield "bundled, furnished again at every reset", None, 1e3 * seconds_per_reset(furnished)
 
 
 def cost(plan: FloorPlan | str = "bundled", **settings: Any) -> tuple[float, float]:
@@ -120,6 +148,55 @@ def stretched(factor: float) -> FloorPlan:
     source = open_plans("bundled")
     plan = source.load(PLAN if PLAN in source.ids else source.ids[0])
     return FloorPlan(f"{plan.id}_x{factor:g}", shapely.affinity.scale(plan.free_space, factor, factor))
+
+
+def measure_decisions(name: str) -> None:
+    """Explore four validation plans of a source in each mode."""
+    cv2.setNumThreads(1)
+    plans = draw_plans([name], "validation", 4)
+    scorer = read_policy().scorer()
+    rows = []
+    for mode, settings in DECISION_MODES.items():
+        env = ExploreFrontiersEnv(plans, time_limit=600.0, **settings)
+        env.reset(seed=0)
+        env.step(0)  # compiles
+        spent, decisions, lasting = 0.0, 0, 0.0
+        clocks: list[float] = []
+        for seed, plan in enumerate(plans):
+            begin = time.process_time()
+            observation, _ = env.reset(seed=seed, options={"plan": plan})
+            over = False
+            while not over:
+                clocks.append(cost_of_choosing(env.loop, scorer))
+                observation, _, terminated, truncated, info = env.step(scorer.choose(observation))
+                over, decisions, lasting = terminated or truncated, decisions + 1, lasting + info["duration"]
+            spent += time.process_time() - begin
+        spent -= sum(clocks)
+        rows.append(
+            [
+                mode,
+                f"{decisions / spent:.0f}",
+                f"{lasting / decisions:.1f}",
+                f"{1e3 * np.mean(clocks):.1f}",
+                f"{1e3 * np.quantile(clocks, 0.99):.1f}",
+            ]
+        )
+    columns = [
+        "mode",
+        "decisions / CPU s",
+        "s of robot time each",
+        "choosing, mean [ms]",
+        "choosing, p99 [ms]",
+    ]
+    print_and_save("decision_rate", "Decisions on four validation plans", rows, columns)
+
+
+def cost_of_choosing(loop: ExplorationLoop, scorer: object) -> float:
+    """CPU time of features and network for the loop's candidates [s]."""
+    begin = time.process_time()
+    observation = FrontierFeatures(loop.config.max_candidates).observe(loop)
+    scorer.choose(observation)  # type: ignore[attr-defined]
+    return time.process_time() - begin
 
 
 if __name__ == "__main__":

@@ -35,7 +35,7 @@ from slamgym.slam import SlamConfig
 from slamgym.slam.particle_filter import ParticleFilter
 
 GOAL = 4.0
-"""CPU seconds of a 7-minute exploration with 30 particles and 180 beams, all told."""
+"""CPU seconds of a 7-minute exploration with 30 particles and 180 beams, in total."""
 
 PARTS: dict[str, list[tuple[Any, str]]] = {
     "SLAM": [(ParticleFilter, "update")],

@@ -3,8 +3,8 @@
     python benchmarks/explorers.py json.tar.gz [--count 200] [--offices 20] [--workers 2] [--explorers a,b,c]
 
 It runs ``slamgym agents evaluate`` on HouseExpo's test plans and on generated offices of the test split,
-privileged yardstick included. What was done before, in ``--out``, is not done again, so the same command after
-Ctrl-C or a kill goes on, and once all is done it only writes the tables anew. ``--only-done`` shows the tables of
+the oracle included. What was done before, in ``--out``, is not done again, so the same command after
+Ctrl-C or a kill goes on, and once all is done it only writes the tables again. ``--only-done`` shows the tables of
 what is done so far; ``--no-page`` leaves page, plot and results of the repository as they are.
 """
 

@@ -1,7 +1,7 @@
 """Do the parametric model's maps look like SLAM maps?
 
 Explores HouseExpo-format plans with the simulated robot and its SLAM, makes the parametric model's map of the
-same plan and the same true path, and asks a classifier to tell the two kinds apart. Plans are dealt to two
+same plan and the same true path, and asks a classifier to distinguish the two kinds. Plans are split into two
 halves by their ids: presets are tuned on the one and reported on the other.
 
 Run: ``python benchmarks/parametric_realism.py --plans PATH --real PATH --episodes FOLDER``. Explorations are
@@ -90,7 +90,7 @@ def lattice_frame(plan: FloorPlan, start: FloatArray, margin: float = 1.0) -> Gr
 
 
 def paste(canvas: ByteArray, cells: ByteArray, frame: GridFrame, x: float, y: float, r: float) -> None:
-    """Copy a map on to a canvas of the same lattice, as far as it reaches."""
+    """Copy a map on to a canvas of the same lattice, as far as it extends."""
     col = round((x - frame.origin_x) / r)
     row = frame.height_px - round((y - frame.origin_y) / r) - cells.shape[0]
     top, left = max(row, 0), max(col, 0)
@@ -167,7 +167,7 @@ def main() -> None:
     cv2.setNumThreads(1)
     arguments.episodes.mkdir(parents=True, exist_ok=True)
     wanted = 1 if arguments.half == "report" else 0
-    # The half follows from the id's first hexadecimal digit; other ids are dealt in turn.
+    # The half follows from the id's first hexadecimal digit; other ids alternate.
     chosen = [
         plan
         for i, plan in enumerate(useful_plans(arguments.plans, arguments.count))
@@ -193,13 +193,11 @@ def report_two_sample(sets: dict[str, list[dict[str, float]]], plan_ids: list[st
             continue
         for learner in CLASSIFIERS:
             result = two_sample_test(simulated, values, plan_ids, plan_ids, learner)
-            tells = ", ".join(f"{statistic} {distance:.2f}" for statistic, distance in result.telling[:3])
+            telling = ", ".join(f"{statistic} {distance:.2f}" for statistic, distance in result.telling[:3])
             interval = f"[{result.low:.2f}, {result.high:.2f}]"
-            rows.append((name, learner, round(result.accuracy, 3), interval, tells))
+            rows.append((name, learner, round(result.accuracy, 3), interval, telling))
     columns = ("maps", "classifier", "accuracy", "95 % interval", "most telling statistics (KS distance)")
-    title = (
-        f"Telling parametric from simulated SLAM maps, {len(plan_ids)} plans, half: {half}; 0.5 is perfect"
-    )
+    title = f"Distinguishing parametric from simulated SLAM maps, {len(plan_ids)} plans, half: {half}; 0.5 is perfect"
     print_and_save("parametric_realism" + ("" if half == "report" else "_tune"), title, rows, columns)
 
 

@@ -2,7 +2,7 @@
 
     python benchmarks/plan_statistics.py [--houseexpo json.tar.gz]
 
-HouseExpo's column holds the figures measured once over a sample of its plans, or is measured afresh from the
+HouseExpo's column holds the figures measured once over a sample of its plans, or is measured again from the
 archive that is given.
 """
 
@@ -53,7 +53,7 @@ class Arguments:
     """Compare generated plans with HouseExpo."""
 
     houseexpo: Path | None = None
-    """The data set's json.tar.gz, or a folder of its plans, to measure it afresh."""
+    """The data set's json.tar.gz, or a folder of its plans, to measure it again."""
     count: int = 1000
     """Plans of each kind to generate, and of HouseExpo to measure."""
     seed: int = 0

@@ -1,13 +1,16 @@
 """Planning: time per frontier search, costmap, path and control step against the size of the building.
 
 Buildings are squares of rooms of 4 m with doors of 0.8 m on a canvas of 64 m at 5 cm; half of the rooms are
-known. Run: ``python benchmarks/planning.py``.
+known. The second table compares frontier detectors: ``wavefront_frontiers`` (Keidar and Kaminka 2012) looks only
+at the free space that the robot can get to; the full scan looks at every cell of the map: unknown cells with a
+free neighbour, grouped, as image processing does it (Yamauchi 1997). Run: ``python benchmarks/planning.py``.
 """
 
 import math
 import time
 from collections.abc import Callable
 
+import cv2
 import numpy as np
 from report import print_and_save
 
@@ -29,6 +32,7 @@ RESOLUTION = 0.05  # [m]
 CANVAS = 1280  # [cells]
 ROOM = 80  # [cells]
 DOOR = 16  # [cells]
+CROSS = np.array([[0, 1, 0], [1, 1, 1], [0, 1, 0]], np.uint8)
 CONTEXT = ExplorerContext(
     frame=GridFrame(RESOLUTION, -32.0, -32.0, CANVAS, CANVAS),
     geometry=LaserGeometry(180, -math.pi / 2, math.pi / 179, 0.12, 3.5),
@@ -66,7 +70,7 @@ def milliseconds(task: Callable[[], object], repeats: int = 20) -> float:
 
 
 def control_step(grid: OccupancyGrid, pose: Pose2D) -> Callable[[], object]:
-    """One step of the navigation stack between two maps, on the way to the far end."""
+    """One step of the navigation stack between two maps, on the path to the far end."""
     navigator = Navigator(CONTEXT)
     navigator.update_map(grid, pose, 0.0)
     navigator.set_goal(Goal(pose.x + 0.5, pose.y - 1.0), pose, 0.0)
@@ -86,7 +90,22 @@ def decision(name: str, grid: OccupancyGrid, pose: Pose2D) -> Callable[[], objec
     return lambda: make_explorer(name, CONTEXT).predict(observation)
 
 
+def full_scan(grid: OccupancyGrid, min_cells: int) -> list[np.ndarray]:
+    """Frontiers as arrays of cells (N, 2), by image operations over the whole map."""
+    free = (grid.cells == FREE).view(np.uint8)
+    frontier = cv2.dilate(free, CROSS) & (grid.cells == UNKNOWN).view(np.uint8)
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(frontier, connectivity=8)
+    cells = np.argwhere(frontier)
+    of_cell = labels[cells[:, 0], cells[:, 1]]
+    return [cells[of_cell == k] for k in range(1, count) if stats[k, cv2.CC_STAT_AREA] >= min_cells]
+
+
 def main() -> None:
+    time_planning()
+    compare_detectors()
+
+
+def time_planning() -> None:
     rows = []
     for rooms_per_side in (2, 4, 6, 8):
         grid, pose = half_explored(rooms_per_side)
@@ -125,6 +144,32 @@ def main() -> None:
     ]
     rounded = [[row[0], *(round(value, 3) for value in row[1:])] for row in rows]
     print_and_save("planning", "CPU time per call; half of the area is known", rounded, columns)
+
+
+def compare_detectors() -> None:
+    rows = []
+    for rooms in (2, 4, 6, 8):
+        grid, pose = half_explored(rooms)
+        cropped = crop_known(grid, pose)
+        found = {tuple(c) for f in wavefront_frontiers(cropped, pose) for c in f.cells.tolist()}
+        scanned = {tuple(c) for cells in full_scan(cropped, 1) for c in cells.tolist()}
+        # What the scan finds more can't be reached, so nobody can explore it.
+        assert found <= scanned
+        rows.append(
+            {
+                "area [m2]": (4.0 * rooms) ** 2,
+                "wavefront, cropped [ms]": milliseconds(lambda g=cropped, p=pose: wavefront_frontiers(g, p)),
+                "full scan, cropped [ms]": milliseconds(lambda g=cropped: full_scan(g, 1)),
+                "wavefront, canvas [ms]": milliseconds(lambda g=grid, p=pose: wavefront_frontiers(g, p)),
+                "full scan, canvas [ms]": milliseconds(lambda g=grid: full_scan(g, 1)),
+            }
+        )
+    print_and_save(
+        "frontier_detectors",
+        "Frontier detection, CPU time of a search; half of the area is known",
+        rows,
+        list(rows[0]),
+    )
 
 
 if __name__ == "__main__":

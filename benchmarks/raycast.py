@@ -1,6 +1,6 @@
 """Ray casting: beams per second against the number of walls and of beams.
 
-Three ways on the same walls in the same process: the kernel of the LIDAR, a compiled test of every beam
+Three methods on the same walls in the same process: the kernel of the LIDAR, a compiled test of every beam
 against every wall, and pymunk's own ray queries. Run: ``python benchmarks/raycast.py``.
 """
 
@@ -97,7 +97,7 @@ def cpu_microseconds(function: Callable[[], object], budget: float = 0.15) -> fl
 
 
 def measure(num_rooms: int, num_beams: int, view_deg: float) -> dict[str, object]:
-    """One row: the three ways must agree before they are timed."""
+    """One row: the three methods must agree before they are timed."""
     segments = building(num_rooms)
     x, y, theta = float(segments[:, 0].mean()) + 0.3, float(segments[:, 1].mean()) + 0.2, 0.3
     view = math.radians(view_deg)

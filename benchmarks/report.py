@@ -1,6 +1,6 @@
 """How a benchmark shows its figures: a table in the terminal and a JSON file under ``benchmarks/results``.
 
-The JSON carries what a reader needs to judge a time: the machine, the versions and the date.
+The JSON carries what a reader needs to assess a time: the machine, the versions and the date.
 """
 
 import importlib.metadata

@@ -3,7 +3,7 @@
     python benchmarks/slam_accuracy.py [--logs LOGS] [--seeds 5] [--episodes 20]
 
 The simulated robot explores generated homes for seven minutes with a known pose; the same scans and wheel
-readings are then replayed through each mode, so that every row of a table judges the same drives. Errors are
+readings are then replayed through each mode, so that every row of a table measures the same drives. Errors are
 the RMSE of the final path against the truth without any alignment; intervals are 95 % bootstrap intervals of
 the mean.
 """

@@ -1,4 +1,4 @@
-"""What the README and the docs tell people to run, runs."""
+"""The commands and code in the README and the docs run."""
 
 import contextlib
 import functools

@@ -76,7 +76,7 @@ class TrialLog:
 
 
 ORACLE = "oracle"
-"""Name of the explorer that is told the floor plan."""
+"""Name of the explorer that knows the floor plan."""
 
 
 class EvaluationConfig(Settings):
@@ -95,7 +95,7 @@ class EvaluationConfig(Settings):
     seed: int = 0
     """Decides which plans, starts and noise."""
     oracle: bool = False
-    """Privileged: also run the explorer that is told the floor plan, as a yardstick."""
+    """Privileged: also run the oracle, which knows the floor plan, as a reference."""
     trial: TrialConfig = field(default_factory=TrialConfig)
     """How one exploration is run."""
 
@@ -103,7 +103,7 @@ class EvaluationConfig(Settings):
         if not self.names:
             raise ConfigError("name at least one explorer")
         if ORACLE in self.explorers:
-            raise ConfigError(f"{ORACLE} is told the floor plan, so it isn't called by name; set oracle")
+            raise ConfigError(f"{ORACLE} knows the floor plan, so it isn't called by name; set oracle")
         if len(set(self.explorers)) < len(self.explorers):
             raise ConfigError(f"an explorer is named twice in {', '.join(self.explorers)}")
 
@@ -181,7 +181,7 @@ def choose_plans(source: PlanSource, config: EvaluationConfig) -> tuple[list[Flo
     """The first plans in the seed's order that belong to the split, pass the filter and can be explored.
 
     Returns:
-        The plans, and those that were skipped on the way because the robot can't explore them.
+        The plans, and those that were skipped because the robot can't explore them.
 
     Raises:
         ConfigError: If there is none.

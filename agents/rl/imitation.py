@@ -89,7 +89,7 @@ EXPERTS: dict[str, Callable[[ExploreFrontiersEnv], Answer]] = {
     "oracle": oracle,
     "gain_per_metre": gain_per_metre,
 }
-"""Whom to imitate, by name; an expert is made anew when an episode has begun."""
+"""Experts to imitate, by name; each episode makes its own."""
 
 
 def imitate(model: Any, config: TrainConfig, plans: Sequence[FloorPlan]) -> None:

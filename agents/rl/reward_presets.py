@@ -69,7 +69,7 @@ REWARD_PRESETS: dict[str, RewardPreset] = {
     ),
     "map_error": RewardPreset(
         replace(_NOTHING, coverage_gain=2.0, time=0.02, map_error=40.0),
-        "as time, less the growth of the map's true error (Daher et al.'s maps are judged by it)",
+        "as time, less the growth of the map's true error (Daher et al. assess maps by it)",
         needs_filter=True,
     ),
     "pose_uncertainty": RewardPreset(

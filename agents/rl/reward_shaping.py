@@ -56,7 +56,7 @@ class ShapingConfig(Settings):
             steps=15_000, plan_count=300, evaluate_every=0, curriculum=Curriculum(areas=(), shares=())
         )
     )
-    """Each run, but for its reward and seed. Without a curriculum, lest the curves show its stages."""
+    """Each run, but for its reward and seed. Without a curriculum, so that the curves don't show its stages."""
 
     def _check(self) -> None:
         for name in self.presets:

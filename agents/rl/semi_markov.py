@@ -3,7 +3,7 @@
 Between decisions that lie tau seconds apart the discount is ``discount ** tau`` (Sutton, Precup and Singh,
 "Between MDPs and semi-MDPs", Artificial Intelligence 1999, section 3). Stable-Baselines3's PPO has one gamma
 per step, so the rollout buffer here estimates the advantages (Schulman et al. 2016, eq. 16) with a discount of
-its own for each step, and a callback tells it the durations, which the environment reports in
+its own for each step, and a callback gives it the durations, which the environment reports in
 ``info["duration"]``.
 """
 
@@ -66,7 +66,7 @@ class MaskableSemiMarkovBuffer(_Discounts, MaskableDictRolloutBuffer):
 
 
 class SemiMarkovDiscounting(BaseCallback):
-    """Tells the buffer how long each step took, and discounts the value at a time limit by it too."""
+    """Reports to the buffer how long each step took, and discounts the value at a time limit by it too."""
 
     def _on_step(self) -> bool:
         buffer: Any = self.model.rollout_buffer

@@ -112,7 +112,7 @@ class TrainConfig(Settings):
     """Weight of the value's squared error beside the cross-entropy: the value shares its trunk with the
     scores, which matter more then."""
     imitation_expert: str = "oracle"
-    """Whom to imitate; see :mod:`slamgym.agents.rl.imitation`."""
+    """The expert to imitate; see :mod:`slamgym.agents.rl.imitation`."""
     evaluate_every: CountOrZero = 12_000
     """Steps between two evaluations on validation plans; 0 for none."""
     evaluate_plans: int = 16

@@ -93,7 +93,7 @@ EPISODE_INFO = ("time", "path_length", "coverage", "collisions", "map_error", "p
 
 
 class Staged(gym.Wrapper[Any, Any, Any, Any]):
-    """Lets a curriculum change the plans of an environment; other processes are told by method calls.
+    """Lets a curriculum change the plans of an environment; other processes are reached by method calls.
 
     Args:
         env: The environment.

@@ -62,7 +62,7 @@ class MapScore:
 
 @dataclass(frozen=True)
 class TranslationMethod:
-    """A way from a SLAM map to a CAD map, under the name that tables show."""
+    """A translator from SLAM map to CAD map, under the name that tables show."""
 
     name: str
     predict: Callable[[PairSet, int], Float32Array]
@@ -192,7 +192,7 @@ def aligned_mask(free: BoolArray, similarity: Similarity) -> BoolArray:
 
 
 def evenly_spaced(count: int, wanted: int) -> Sequence[int]:
-    """At most ``wanted`` indices below ``count``, evenly spaced: a choice that nobody made by the results."""
+    """At most ``wanted`` indices below ``count``, evenly spaced: a choice that doesn't depend on the results."""
     return [int(i) for i in np.unique(np.linspace(0, count - 1, min(wanted, count)).round())] if count else []
 
 

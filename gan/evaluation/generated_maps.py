@@ -105,7 +105,7 @@ def _middle(mask: BoolArray) -> tuple[float, float]:
 
 
 def shifted(cells: ByteArray, shape: tuple[int, ...], down: float, right: float) -> ByteArray:
-    """Put a map on a canvas of unknown space of this shape; what reaches beyond it is cut off.
+    """Put a map on a canvas of unknown space of this shape; what extends beyond it is cut off.
 
     Args:
         cells: (H, W).

@@ -1,7 +1,7 @@
 """A small convolutional network as the learner of the two-sample test: it sees pictures instead of statistics.
 
 Trees on map statistics are the stricter test of small samples; the network needs no statistics to be thought of. It
-sees the SLAM map and the CAD map that it was made from, so that a realistic map of another building is found out.
+sees the SLAM map and the CAD map that it was made from, so that a realistic map of another building is detected.
 """
 
 import cv2
@@ -35,11 +35,11 @@ DEFAULT_CLASSIFIER = ClassifierConfig()
 def picture_test(
     simulated: Sample, generated: Sample, seed: int = 0, config: ClassifierConfig = DEFAULT_CLASSIFIER
 ) -> Interval:
-    """Cross-validated accuracy of telling generated from simulated maps by their pictures.
+    """Cross-validated accuracy of distinguishing generated from simulated maps by their pictures.
 
     Args:
         simulated: SLAM maps with their CAD maps; maps of one plan stay in one fold.
-        generated: The maps to tell from them.
+        generated: The maps to distinguish from them.
         seed: Of the folds and the networks.
         config: How the networks are trained.
 

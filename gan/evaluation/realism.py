@@ -1,9 +1,9 @@
-"""Do generated SLAM maps look like simulated ones? For the way from CAD to SLAM, which has no one right answer.
+"""Do generated SLAM maps look like simulated ones? For CAD to SLAM, which has no single right answer.
 
 Each map becomes a list of statistics of its own and of where its walls lie against the CAD map it was made from (so
-that a realistic map of another building is found out), and a classifier learns to tell generated from simulated maps,
-cross-validated over plans: an accuracy of 0.5 is perfect. The same test between two sets of simulated maps shows what
-the test makes of no difference.
+that a realistic map of another building is detected), and a classifier learns to distinguish generated from simulated
+maps, cross-validated over plans: an accuracy of 0.5 is perfect. The same test between two sets of simulated maps shows
+what the test makes of no difference.
 """
 
 from collections.abc import Sequence
@@ -93,7 +93,7 @@ def compare_with_simulated(
         reference: Simulated maps.
         generated: The maps to compare with them.
         seed: Of the tests.
-        repeats: How often plans are dealt to folds again; the accuracies are averaged.
+        repeats: How often plans are assigned to folds again; the accuracies are averaged.
         pictures: Test the pictures by a convolutional network, too; needs torch.
 
     Returns:

@@ -72,7 +72,7 @@ def real_fake_loss(fake: Features, kind: GanKind, scope: Literal["all", "as_code
     Args:
         fake: Of G(x).
         kind: See :func:`adversarial_loss`.
-        scope: ``as_coded`` is the published code's slip: the last copy's score of the last sample alone.
+        scope: ``as_coded`` is the published code's error: the last copy's score of the last sample alone.
     """
     if scope == "as_coded":
         return adversarial_loss(fake[-1][-1][-1], True, kind)

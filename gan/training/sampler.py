@@ -79,7 +79,7 @@ class BatchSampler:
             return self._changed(index, np.random.default_rng(self._rng.integers(0, 2**63)))
         other = self._other(index)
         own, others = (np.random.default_rng(seed) for seed in self._rng.integers(0, 2**63, 2))
-        # Unassociated targets go through the same transform, lest the discriminator recognise them by it.
+        # Unassociated targets go through the same transform, or the discriminator could recognise them by it.
         return *self._changed(index, own), *self._changed(other, others)
 
     def _changed(self, index: int, rng: np.random.Generator) -> tuple[ByteArray, ByteArray]:

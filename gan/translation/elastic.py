@@ -1,4 +1,4 @@
-"""The cheapest way from a CAD map to something like a SLAM map: bend it by a smooth random field."""
+"""The cheapest translator from a CAD map to something like a SLAM map: bend it by a smooth random field."""
 
 import cv2
 import numpy as np

@@ -100,7 +100,7 @@ def main(argv: list[str]) -> int:
     if arguments.shard is not None and arguments.images is not None:
         raise ConfigError("a shard alone is not rendered; leave --images out and render after the merge")
     shard = WHOLE if arguments.shard is None else Shard.parse(arguments.shard)
-    # Without an address too Ray finds its own way: a cluster named by the environment, or one per core here.
+    # Without an address Ray chooses by itself: a cluster named by the environment, or one per core here.
     workers = arguments.workers or (available_cores() if arguments.engine == "local" else 0)
     report = build_dataset(
         arguments.out,

@@ -1,6 +1,6 @@
 """Verify a dataset or a folder of rendered images: every file, and whether the lists and the files agree.
 
-A fault is a sentence about one file. Checking goes on after it, so that all faults come to light at once.
+A fault is a sentence about one file. Checking goes on after it, so that all faults are reported at once.
 """
 
 import hashlib

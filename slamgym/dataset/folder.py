@@ -216,7 +216,7 @@ def read_times(path: Path) -> dict[str, dict[str, Any]]:
             entry = json.loads(line)
             times[str(entry.pop("name"))] = {"cpu_seconds": float(entry.pop("cpu_seconds")), **entry}
         except (ValueError, KeyError, TypeError, AttributeError):
-            continue  # a run that was killed may leave a torn line
+            continue  # a killed run may leave an incomplete line
     return times
 
 

@@ -68,7 +68,7 @@ class ManifestFile:
         try:
             for index, _ in self._lines():
                 self.listed.add(index)
-        except ValueError:  # somebody has edited it; the pairs' own files tell what belongs there
+        except ValueError:  # somebody has edited it; the pairs' own files say what belongs there
             self.listed, self._stale = SlotSet(), True
 
     def agree_with(self, committed: SlotSet, read_line: Callable[[int], bytes]) -> None:

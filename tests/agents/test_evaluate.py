@@ -121,7 +121,7 @@ def test_only_plans_of_the_split_are_explored():
 
 
 def test_the_privileged_explorer_needs_its_setting(tmp_path):
-    with pytest.raises(ConfigError, match="told the floor plan"):
+    with pytest.raises(ConfigError, match="knows the floor plan"):
         config(explorers=("nearest", ORACLE))
     result = evaluate(source(1), config(explorers=("nearest",), oracle=True), tmp_path)
     assert [t.explorer for t in result.trials] == ["nearest", ORACLE]

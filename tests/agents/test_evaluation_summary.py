@@ -70,7 +70,7 @@ def test_only_explorations_that_all_explorers_did_are_compared(many):
     assert [e.trials for e in summary.explorers] == [5, 5]
 
 
-def test_all_are_compared_with_the_quickest_rule_by_hand_and_the_yardstick_too(many):
+def test_all_are_compared_with_the_quickest_hand_written_rule_and_the_reference_too(many):
     names = {"explore_lite": 1.0, "nearest": 0.9, "tour": 0.8, "rl": 0.6, "oracle": 0.5}
     trials = [trial for name, factor in names.items() for trial in many(name, factor)]
     summary = summarise_trials(trials, "explore_lite", yardstick="oracle")

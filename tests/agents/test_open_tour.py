@@ -22,7 +22,7 @@ def lengths_of(seed, places):
 
 
 def waiting(lengths, weights, order):
-    """Sum over the places of weight times the way until there."""
+    """Sum over the places of weight times the distance to it."""
     stops = np.append(0, order)
     along = np.cumsum(lengths[stops[:-1], stops[1:]])
     return float((along * weights[np.asarray(order) - 1]).sum())
@@ -90,7 +90,7 @@ def test_no_places_make_an_empty_tour_and_too_many_are_refused():
 
 @settings(max_examples=40)
 @given(seed=st.integers(0, 10**6), places=st.integers(EXACT_PLACES + 1, 20), cut_off=st.integers(1, 6))
-def test_a_tour_ends_where_places_can_not_be_reached_and_ways_back_are_longer(seed, places, cut_off):
+def test_a_tour_ends_where_places_can_not_be_reached_and_paths_back_are_longer(seed, places, cut_off):
     rng = np.random.default_rng(seed)
     lengths = lengths_of(seed, places) + rng.uniform(0.0, 1.0, size=(places + 1, places + 1))
     lost = rng.choice(np.arange(1, places + 1), cut_off, replace=False)

@@ -36,7 +36,7 @@ def test_the_tour_sees_what_was_asked_for_and_each_cell_belongs_to_one_stop():
     cells = np.concatenate([stop.cells for stop in tour])
     assert len(cells) == len(set(cells.tolist()))
     in_rooms = planner._centres[:, 1] > 2.5
-    # What the stops don't see must be seen on the way: here only parts of the corridor.
+    # What the stops don't see must be seen between them: here only parts of the corridor.
     missing = np.setdiff1d(np.flatnonzero(planner.coverable & in_rooms), cells)
     assert len(missing) <= (1.0 - planner.config.goal) * len(planner.cells) + 1
     rooms = {int(x // 3.2) for stop in tour for x, y in [stop.point] if y > 0.9 or len(stop.cells) > 20}

@@ -81,7 +81,7 @@ def test_an_id_file_selects_and_orders(archive, tmp_path):
     assert open_plans("bundled", tmp_path / "ids.txt").ids[0] == ids[0]
 
 
-def test_an_id_file_with_strangers_or_nothing_is_refused(archive, tmp_path):
+def test_an_id_file_with_unknown_ids_or_nothing_is_refused(archive, tmp_path):
     ids = tmp_path / "ids.txt"
     ids.write_text("home_nowhere\n")
     with pytest.raises(InputFileError, match=r"1 of its 1 ids are not in .*'home_nowhere'"):

@@ -31,7 +31,7 @@ def test_the_simulators_own_magnitudes_are_found() -> None:
     fitted = calibrate(config)
     # Random parts: 25 robots x 5 free residuals, 6 % standard error, and the speed ramps' odd steps.
     assert fitted.s_lt == pytest.approx(config.slip_drift, rel=0.2)
-    # While turning, the wheels' own drift adds nothing: there is no way.
+    # While turning, the wheels' own drift adds nothing: there is no distance.
     assert fitted.s_t == pytest.approx(config.slip_turn, rel=0.2)
     # Spreads over 25 robots: 14 % standard error.
     assert fitted.k_l == pytest.approx(config.scale_std, rel=0.45)

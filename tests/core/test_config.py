@@ -76,7 +76,7 @@ def test_unknown_names_are_refused_with_a_suggestion(values, words):
     assert all(word in str(caught.value) for word in words)
 
 
-def test_the_hash_tells_settings_apart_and_is_stable():
+def test_the_hash_distinguishes_settings_and_is_stable():
     assert config_hash(Outer()) == config_hash(Outer())
     assert config_hash(Outer()) != config_hash(Outer(particles=31))
 

@@ -28,7 +28,7 @@ def test_replace_file_leaves_nothing_else(tmp_path):
     ("number", "words"),
     [(errno.ENOSPC, "disk is full"), (errno.EACCES, "permission denied"), (errno.EROFS, "read-only")],
 )
-def test_disk_trouble_is_one_sentence_with_the_path_and_the_mend(tmp_path, number, words):
+def test_a_disk_error_is_one_sentence_with_the_path_and_the_fix(tmp_path, number, words):
     with pytest.raises(StorageError, match=words) as caught, storage_errors(tmp_path):
         raise OSError(number, os.strerror(number))
     assert str(tmp_path) in str(caught.value)

@@ -40,7 +40,7 @@ def test_bytes_are_those_on_disk(small_dataset):
     assert sum(sizes.values()) - sizes["A"] - sizes["B"] == on_disk
 
 
-def test_many_numbers_are_told_in_ranges(small_dataset):
+def test_many_numbers_are_reported_in_ranges(small_dataset):
     record = next(iter(read_manifest(small_dataset)))
     values = [0.0] * 5 + list(np.linspace(0.2, 1.0, 9)) + [None]
     records = [dataclasses.replace(record, conditions={"x": value}) for value in values]

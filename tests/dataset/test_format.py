@@ -77,7 +77,7 @@ def test_a_folder_without_a_dataset_is_said_to_be_one(tmp_path):
         read_dataset_config(tmp_path)
 
 
-def test_a_dataset_and_its_images_are_told_apart(tmp_path):
+def test_a_dataset_and_its_images_are_distinguished(tmp_path):
     dataset, images = tmp_path / "dataset", tmp_path / "images"
     (images / "train").mkdir(parents=True)
     (dataset / "episodes").mkdir(parents=True)

@@ -111,7 +111,7 @@ def test_killed_before_every_single_step(tmp_path):
     assert step > 50  # the hook has seen the work
 
 
-def test_killed_again_and_again_on_the_way(tmp_path):
+def test_killed_again_and_again_before_the_end(tmp_path):
     """Each run comes a few steps further than it takes to find out what the last one left."""
     commit_pairs(tmp_path / "steady", 6)
     rng, runs, root = random.Random(4), 1, tmp_path / "killed"

@@ -55,7 +55,7 @@ def test_it_agrees_with_the_folder_whatever_was_lost_or_removed(tmp_path_factory
 
 
 @pytest.mark.parametrize("text", ["no json\n", '{"name": "torn', "[1]\n", '{"index": 3}\n{"index": 1}\n'])
-def test_a_manifest_that_was_edited_is_written_anew(tmp_path, text):
+def test_a_manifest_that_was_edited_is_written_again(tmp_path, text):
     path = tmp_path / "manifest.jsonl"
     path.write_text(text)
     manifest = ManifestFile(path)

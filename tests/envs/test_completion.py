@@ -38,7 +38,7 @@ def test_only_frontiers_of_some_size_count(opening: float, explored: bool):
 
 def test_a_frontier_out_of_reach_does_not_count():
     grid = room()
-    grid.cells[5:15, 40:70] = FREE  # known through a window, but no way leads there
+    grid.cells[5:15, 40:70] = FREE  # known through a window, but no path leads there
     assert CompletionDetector(0.22, 0.35).is_explored(grid, POSE)
 
 

@@ -49,7 +49,7 @@ def test_keywords_change_what_they_name_and_nothing_else():
         ({"render_mode": "rgb_aray"}, "did you mean 'rgb_array'"),
     ],
 )
-def test_mistakes_are_refused_with_the_mend(settings: dict, says: str, flat: FloorPlan):
+def test_mistakes_are_refused_with_the_fix(settings: dict, says: str, flat: FloorPlan):
     with pytest.raises(ConfigError, match=says):
         ExploreEnv(flat, **settings)
 

@@ -158,7 +158,7 @@ def test_options_choose_plan_and_start(flat: FloorPlan, hall: FloorPlan) -> None
         ({"start": (0.1, 1.0, 0.0)}, "no room for the robot"),
     ],
 )
-def test_wrong_options_are_refused_with_the_mend(options: dict, says: str, hall: FloorPlan) -> None:
+def test_wrong_options_are_refused_with_the_fix(options: dict, says: str, hall: FloorPlan) -> None:
     with pytest.raises(ConfigError, match=says):
         ExploreEnv(hall).reset(options=options)
 
@@ -208,7 +208,7 @@ def test_a_room_seen_from_its_middle_is_explored_by_a_turn(hall: FloorPlan) -> N
         if terminated:
             break
     assert terminated
-    assert env.simulation.steps % env.config.publication_steps == 0  # only a newly published map can tell
+    assert env.simulation.steps % env.config.publication_steps == 0  # only a newly published map can show it
     assert info["coverage"] > 0.97
 
 

@@ -68,7 +68,7 @@ def test_the_same_seed_gives_the_same_episode(env):
             np.testing.assert_array_equal(a[key], b[key])
 
 
-def test_masked_rows_are_empty_and_the_mask_is_told_three_times(env):
+def test_masked_rows_are_empty_and_the_mask_is_given_three_times(env):
     steps, _ = play(env)
     for observation, _, info in steps[:-1]:
         count = int(observation["mask"].sum())
@@ -138,7 +138,7 @@ def test_a_masked_action_chooses_the_first_candidate(env):
 
 
 def test_observations_hold_no_truth(two_room_plan):
-    """Judging with the truth changes rewards and info, but not a bit of what is observed."""
+    """Rewarding by the truth changes rewards and info, but not a bit of what is observed."""
     plain = ExploreFrontiersEnv(two_room_plan, **SMALL)
     measured = ExploreFrontiersEnv(
         two_room_plan,

@@ -68,7 +68,7 @@ def test_weights_of_zero_leave_nothing(record):
 
 @given(st.lists(share, min_size=2, max_size=30), st.floats(0.9, 1.0))
 def test_shaping_telescopes_to_the_potential_of_the_start(coverages, discount):
-    """Discounted shaping adds minus the first potential, whatever the way (Ng et al. 1999, theorem 1)."""
+    """Discounted shaping adds minus the first potential, whatever the path (Ng et al. 1999, theorem 1)."""
     steps = [replace(AT_REST, previous_coverage=a, coverage=b) for a, b in pairwise(coverages)]
     steps[-1] = replace(steps[-1], terminated=True)
     total = sum(discount**i * potential_shaping(step, discount) for i, step in enumerate(steps))

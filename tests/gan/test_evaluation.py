@@ -257,7 +257,7 @@ class TestTables:
 
 
 class TestRealism:
-    def test_elastic_maps_are_told_apart_and_simulated_ones_are_not(self, monkeypatch):
+    def test_elastic_maps_are_recognised_and_simulated_ones_are_not(self, monkeypatch):
         pytest.importorskip("sklearn")
         monkeypatch.setattr(realism, "CLASSIFIERS", ("extra_trees",))  # the other is tested with the metrics
         pairs = make_pairs(40)
@@ -272,7 +272,7 @@ class TestRealism:
         assert elastic["kernel_distance"]["p"] < 0.01
         assert json.loads(json.dumps(elastic))["name"] == "elastic"
 
-    def test_the_network_on_pictures_tells_elastic_maps(self):
+    def test_the_network_on_pictures_recognises_elastic_maps(self):
         pytest.importorskip("torch")
         from slamgym.gan.evaluation.map_classifier import ClassifierConfig, picture_test
 
@@ -341,7 +341,7 @@ class TestRealism:
         first, second = null_halves(["a", "a", "b", "b", "b", "c"], seed=0)
         assert (first, second) == ([0, 2], [1, 3])
 
-    def test_bending_displaces_walls_as_told_and_keeps_the_values(self):
+    def test_bending_displaces_walls_as_asked_and_keeps_the_values(self):
         cad = plan()
         still = bend(cad, SCALE, np.random.default_rng(0), displacement=1e-6)
         assert np.array_equal(still == FREE, cad == FREE)

@@ -206,7 +206,7 @@ def test_unassociated_targets_go_through_the_same_changes(pairs):
     config = AugmentConfig(zoom=0.2, shift=0.1)
     sampler = BatchSampler(pairs, training("modelprog", config), np.random.default_rng(0))
     batches = [sampler.draw(7) for _ in range(30)]
-    # A discriminator could tell them by their greys if one kind were interpolated and the other not.
+    # A discriminator could recognise them by their greys if one kind were interpolated and the other not.
     greys = [np.mean((b > 0) & (b < FREE)) for b in (np.stack([x.cad for x in batches]),)]
     others = [np.mean((b > 0) & (b < FREE)) for b in (np.stack([x.other_cad for x in batches]),)]
     assert greys[0] > 0.0

@@ -138,7 +138,7 @@ def arguments(**values):
     return TrainTranslatorArguments(images=Path("images"), out=Path("run"), **values)
 
 
-def test_the_cpu_presets_have_their_own_time_unless_told_otherwise():
+def test_the_cpu_presets_have_their_own_time_unless_one_is_given():
     assert (
         training_config(arguments(preset="model32-cpu")).minutes == TRANSLATOR_PRESETS["model32-cpu"].minutes
     )

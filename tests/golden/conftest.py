@@ -148,7 +148,7 @@ class Golden:
 
     @staticmethod
     def of_path(poses):
-        """Digest of poses (N, 3), their number, the length of the way, and the last."""
+        """Digest of poses (N, 3), their number, the length of the path, and the last."""
         poses = np.asarray(poses, np.float64)
         return {
             "poses": len(poses),

@@ -1,4 +1,4 @@
-"""The way from plans to training images, and maps from logs and plans, by the commands that a user types."""
+"""From plans to training images, and maps from logs and plans, by the commands that a user types."""
 
 import json
 

@@ -1,4 +1,4 @@
-"""Map and path that each way of SLAM makes of one recorded log."""
+"""Map and path that each SLAM mode makes of one recorded log."""
 
 import dataclasses
 

@@ -1,4 +1,4 @@
-"""A small map through every shipped translator, and through the cleaning without learning."""
+"""A small map through every pretrained translator, and through the cleaning without learning."""
 
 import cv2
 import numpy as np
@@ -41,7 +41,7 @@ def test_the_maps_themselves(golden):
 
 
 @pytest.mark.parametrize("weights", ["slam2cad", "model32", "modelprog"])
-def test_shipped_weights(golden, weights):
+def test_pretrained_weights(golden, weights):
     pytest.importorskip("torch")
     from slamgym.gan.translation.translate import load_translator
 

@@ -12,7 +12,7 @@ def samples(shift: float, seed: int, n: int = 40) -> list[dict[str, float]]:
     return [{f"s{i}": float(v) for i, v in enumerate(row)} | {"constant": 1.0} for row in values]
 
 
-def test_equal_distributions_are_not_told_apart_and_different_ones_are() -> None:
+def test_different_distributions_are_distinguished_and_equal_ones_are_not() -> None:
     same = kernel_distance(samples(0.0, 16), samples(0.0, 17), permutations=200)
     different = kernel_distance(samples(0.0, 0), samples(2.0, 1), permutations=200)
     assert same.p > 0.05

@@ -56,7 +56,7 @@ class TestWalls:
         assert wall_score(moved, walls, 2.0).f1 == 1.0
         assert wall_score(moved, walls, 1.0).f1 == 0.0
 
-    def test_precision_and_recall_tell_surplus_from_missing(self):
+    def test_precision_and_recall_distinguish_surplus_from_missing(self):
         walls = np.zeros((30, 30), bool)
         walls[10, 5:25] = True
         half = walls.copy()

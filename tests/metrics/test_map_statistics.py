@@ -87,7 +87,7 @@ def samples(shift: float, seed: int, n: int = 60) -> list[dict[str, float]]:
 
 
 @pytest.mark.parametrize("learner", ["gradient_boosting", "extra_trees"])
-def test_equal_samples_can_not_be_told_apart_and_different_ones_can(learner) -> None:
+def test_different_samples_are_distinguished_and_equal_ones_are_not(learner) -> None:
     pytest.importorskip("sklearn")
     plans = [str(i) for i in range(60)]
     same = two_sample_test(samples(0.0, 0), samples(0.0, 1), plans, plans, learner, repeats=1)

@@ -45,16 +45,16 @@ def one_wall():
     return frame, occupied, scanner, visibility
 
 
-@given(rate=st.floats(0.1, 3.0), reach=st.floats(0.3, 5.0))
-def test_short_beams_stay_in_front_of_the_wall_and_have_the_analytic_mean(rate, reach) -> None:
+@given(rate=st.floats(0.1, 3.0), distance=st.floats(0.3, 5.0))
+def test_short_beams_stay_in_front_of_the_wall_and_have_the_analytic_mean(rate, distance) -> None:
     n = 20_000
-    z = short_ranges(np.full(n, reach), rate, np.random.default_rng(0))
+    z = short_ranges(np.full(n, distance), rate, np.random.default_rng(0))
     assert z.min() >= 0.0
-    assert z.max() <= reach
-    tail = math.exp(-rate * reach)
-    mean = 1.0 / rate - reach * tail / (1.0 - tail)
+    assert z.max() <= distance
+    tail = math.exp(-rate * distance)
+    mean = 1.0 / rate - distance * tail / (1.0 - tail)
     # Five standard errors; a variable on [0, z*] has a standard deviation of at most z*/2.
-    assert z.mean() == pytest.approx(mean, abs=5.0 * 0.5 * reach / math.sqrt(n))
+    assert z.mean() == pytest.approx(mean, abs=5.0 * 0.5 * distance / math.sqrt(n))
 
 
 def test_components_come_with_their_weights() -> None:

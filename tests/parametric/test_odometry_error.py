@@ -67,7 +67,7 @@ def test_straight_line_bends_by_the_diameter_ratio_over_the_base(kappa, way) -> 
     assert believed.turn[0] / way == pytest.approx(kappa, abs=1e-9)
 
 
-def test_perfect_wheels_believe_the_truth_and_scale_stretches_the_way() -> None:
+def test_perfect_wheels_believe_the_truth_and_scale_stretches_the_distance() -> None:
     true = motion([1.0, 0.0, 0.5], [0.0, 1.0, 0.2])
     believed = believed_increments(true, WheelErrors(), BASE, DIAMETER)
     np.testing.assert_allclose(believed.distance, true.distance, atol=1e-15)

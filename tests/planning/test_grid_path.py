@@ -97,7 +97,7 @@ def test_goal_in_unknown_space_is_replaced_by_the_nearest_place():
 def test_the_place_near_a_goal_is_never_behind_a_wall():
     cells = np.full((60, 61), FREE)
     cells[:, 30] = OCCUPIED
-    cells[50:, 30] = FREE  # the way round
+    cells[50:, 30] = FREE  # the path round it
     cells[20:40, 31:37] = UNKNOWN
     grid = grid_of(cells)
     costmap = make_costmap(grid)

@@ -70,7 +70,7 @@ def test_a_door_of_70_cm_is_driven_through_without_contact(make_world):
     assert world.contacts == 0
 
 
-def test_the_robot_ends_up_looking_at_what_it_was_told_to(make_world):
+def test_the_robot_ends_up_looking_at_its_goal(make_world):
     world = make_world(room())
     world.place(40, 30)
     behind = world.point(40, 5)

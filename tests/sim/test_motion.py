@@ -89,7 +89,7 @@ def test_a_chord_is_the_sum_of_many_small_steps(theta, way, turn):
     pieces = 2000
     headings = theta + turn * (np.arange(pieces) + 0.5) / pieces
     expected = way / pieces * np.array([np.cos(headings).sum(), np.sin(headings).sum()])
-    # The midpoint rule errs by turn^2 / 24 n^2 of the way.
+    # The midpoint rule errs by turn^2 / 24 n^2 of the distance.
     assert motion.chord(theta, way, turn) == pytest.approx(expected, abs=1e-6)
 
 

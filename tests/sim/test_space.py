@@ -221,7 +221,7 @@ class TestReset:
 _STEPS = 500
 
 
-# 25,000 steps together, each world begun anew in another plan: the walls are what matters, not the hours.
+# 25,000 steps together, each world started again in another plan: the walls matter, not the hours.
 @pytest.mark.parametrize(("shape", "worlds"), [("circle", 35), ("footprint", 15)])
 def test_nothing_lets_the_robot_through_a_wall(make_random_plan, shape, worlds):
     contacts = 0

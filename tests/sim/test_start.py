@@ -37,12 +37,12 @@ def test_it_is_drawn_evenly_over_the_area(hall):
     assert np.ptp(poses, axis=0) == pytest.approx([7.5, 5.5, 2 * np.pi], abs=0.1)
 
 
-def test_it_is_never_in_a_pocket_that_the_robot_can_not_leave():
+def test_it_is_never_in_an_enclosed_region_that_the_robot_can_not_leave():
     # A small room behind a gap of 0.4 m, too narrow for the robot.
     free = shapely.union_all(
         [shapely.box(0, 0, 4, 4), shapely.box(4, 1, 4.2, 1.4), shapely.box(4.2, 0, 6, 2)]
     )
-    plan = FloorPlan("pocket", free)
+    plan = FloorPlan("enclosed", free)
     starts = [sample_start(plan, RobotConfig(), np.random.default_rng(seed)) for seed in range(50)]
     assert max(start.x for start in starts) < 4.0
 

@@ -92,11 +92,11 @@ class TestSystematicErrors:
         assert pose.theta == pytest.approx(1.02)
 
     def test_a_larger_right_wheel_makes_a_straight_way_look_like_a_right_bend(self):
-        # It turns less often for the same way, so odometry believes that the right side went less far.
+        # It turns less often for the same distance, so odometry believes that the right side went less far.
         pose = follow(replace(FLAWLESS, diameter_ratio=1.01), [straight(0.01)] * 100)
         assert pose.theta == pytest.approx(-0.01 / 0.287, rel=0.01)  # (E_d - 1) / b per metre, to first order
 
-    def test_the_two_directions_tell_the_errors_apart(self):
+    def test_the_two_directions_separate_the_errors(self):
         # UMBmark: E_b shows as a heading error of opposite sign in the two directions, E_d of the same sign.
         by_base = [
             follow(replace(FLAWLESS, wheelbase_ratio=1.005), square(direction=d)).theta for d in (1, -1)
@@ -108,7 +108,7 @@ class TestSystematicErrors:
         assert by_base[0] == pytest.approx(0.005 * 2 * math.pi)
         assert by_wheels[0] == pytest.approx(by_wheels[1], rel=0.01)
 
-    def test_scale_stretches_the_way(self):
+    def test_scale_stretches_the_distance(self):
         assert follow(replace(FLAWLESS, scale=1.03), [straight(2.0)]).x == pytest.approx(2.06)
 
     def test_each_robot_draws_its_own_errors_with_the_configured_spread(self):
@@ -145,7 +145,7 @@ class TestLevels:
     def test_ideal_follows_the_body_through_contact(self):
         world, ideal, wheel = _press_on_a_wall()
         assert ideal == pytest.approx(world.pose, abs=1e-9)
-        # Real wheels spun on for most of the way.
+        # Real wheels spun on for most of the distance.
         assert wheel.x > world.pose.x + 0.5
 
     def test_medium_lies_between_low_and_high_in_every_error(self):
@@ -166,7 +166,7 @@ class TestLevels:
         [
             # Low: OptiOdom, alpha_Eb 0.98 deg rms over a turn of 90 deg, drift 0.23 deg/m rms.
             ("low", (0.001, 0.004), (0.2, 0.6), (0.005, 0.02)),
-            # High: six public logs, way 2.6-5.4 %, heading 0.5-1.8 deg/m, turns 3.5-13 %.
+            # High: six public logs, distance 2.6-5.4 %, heading 0.5-1.8 deg/m, turns 3.5-13 %.
             ("high", (0.026, 0.054), (0.5, 1.8), (0.035, 0.13)),
         ],
     )

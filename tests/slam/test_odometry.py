@@ -65,7 +65,7 @@ def test_the_particles_spread_as_far_as_the_model_says():
     # 20,000 draws give a variance to 1 %; three standard deviations are allowed.
     assert poses[:, 2].var() == pytest.approx(turn_variance, rel=0.03)
     assert poses[:, 0].mean() == pytest.approx(1.0, abs=0.01)
-    assert poses[:, 0].var() == pytest.approx(variance, rel=0.1)  # turning takes a little of the way
+    assert poses[:, 0].var() == pytest.approx(variance, rel=0.1)  # turning takes a little of the distance
     assert np.abs(poses.mean(axis=0)[1:]).max() < 0.005
 
 

@@ -96,7 +96,7 @@ def test_the_published_map_equals_a_full_redraw_of_the_best_path():
     mapper, _ = run(
         config, sigma=0.02, odometry_noise=0.5, visit=lambda mapper, _: grids.append(mapper.occupancy_grid())
     )
-    assert mapper.stats.resamplings > 3  # so that the drawn lineage did change on the way
+    assert mapper.stats.resamplings > 3  # so that the drawn lineage did change
     redrawn = HitCountMap(BeamTable.of(GEOMETRY, config), config)
     redrawn.draw(mapper.trajectory().poses, mapper._tree.ranges)
     expected = redrawn.occupancy_grid()

@@ -16,7 +16,7 @@ def box(x0, y0, x1, y1):
     return [(x0, y0, x1, y0), (x1, y0, x1, y1), (x1, y1, x0, y1), (x0, y1, x0, y0)]
 
 
-# A corridor 2 m wide round a core, with niches and pillars by which its sides can be told apart.
+# A corridor 2 m wide round a core, with niches and pillars by which its sides can be distinguished.
 PILLARS = [
     (5, 0, 5.6, 0.4), (8.6, 1.5, 9.0, 2), (12, 1.6, 12.5, 2), (15.2, 0, 15.4, 0.6), (19.5, 6, 20, 7.5),
     (18, 4, 18.4, 4.5), (19.6, 9.7, 20, 10), (8, 13.4, 9.5, 14), (14, 12, 14.4, 12.3), (11.5, 13.6, 12, 14),
@@ -80,7 +80,7 @@ def test_two_rounds_of_a_corridor_are_closed(drive, closed):
     result = closed
     error = absolute_trajectory_error(result.trajectory, truth).translation.rmse
     assert result.extra["loop_closures"] > 50
-    # Along the bare stretches only odometry tells the distance, 3 % long; niches and closures hold the rest.
+    # Along the bare stretches only odometry measures the distance, 3 % long; niches and closures hold the rest.
     assert error < 0.1
     assert dead > 1.0
 

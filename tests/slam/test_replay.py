@@ -60,7 +60,7 @@ def test_the_same_seed_gives_the_same_map(tmp_path, episode):
         assert (tmp_path / "a" / file).read_bytes() == (tmp_path / "b" / file).read_bytes()
 
 
-def test_relations_are_judged(tmp_path, episode, capsys):
+def test_relations_are_scored(tmp_path, episode, capsys):
     relations = tmp_path / "a.relations"
     relations.write_text("0.0 2.0 1.0 0 0 0 0 0.2\n0.05 2.05 1.0 0 0 0 0 0.2\n")
     main(

@@ -55,7 +55,7 @@ class EvaluateArguments(Arguments):
     against: str = ""
     """The reference explorer, one of them; by default ``explore_lite``, or the first where it is not among them."""
     oracle: bool = False
-    """Privileged: also run an explorer that is told the floor plan, as the yardstick."""
+    """Privileged: also run the oracle, an explorer that knows the floor plan, as the reference."""
     repetitions: Count = 1
     """Explorations of each plan by every explorer, each from another start."""
     minutes: Literal["auto"] | Positive = "auto"

@@ -161,7 +161,7 @@ def _compare_realism(
             advance()
     if arguments.pictures:
         write_generated_grid(arguments.out / "cad2slam.png", pairs, drawn, arguments.pictures)
-    _print("Telling generated from simulated SLAM maps; 0.5 is perfect", *realism_table(entries))
+    _print("Distinguishing generated from simulated SLAM maps; 0.5 is perfect", *realism_table(entries))
     return {"reference_medians": medians(reference.statistics), "kinds": entries, "null": NULL}
 
 

@@ -32,7 +32,7 @@ class Classifier(Protocol):
 
 
 class CleanConfig(Settings):
-    """How a verdict comes about."""
+    """How a verdict is reached."""
 
     by: Literal["truth", "classifier"] = "truth"
     """Who decides where the truth is known; without it, the classifier always does."""

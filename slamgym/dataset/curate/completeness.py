@@ -24,7 +24,7 @@ FEATURES = (
     "occupied_per_free",
     "unknown_per_free",
     "islands",  # holes of the floor by its Euler number: pillars, furniture, pieces of wall
-    "pockets",  # holes of floor and walls by their Euler number: unknown places that are closed in
+    "pockets",  # holes of floor and walls by their Euler number: enclosed unknown regions
     "wall_parts",  # separate parts of the occupied space for each 10 m2 of free space
     "frontier",  # [m] grey-white neighbours: sides that a cell of the floor and an unknown one share
     "frontier_share",  # of all sides between the floor and the rest
@@ -38,7 +38,7 @@ FRONTIER_CLEARANCE = 0.2
 Waffle Pi is 0.22 m, and the walls of a map are smeared by a cell."""
 
 SPIKE_WIDTH = 0.2
-"""Free space narrower than this is no floor [m]: a beam that went astray clears a spike through the wall."""
+"""Free space narrower than this is no floor [m]: a stray beam clears a spike through the wall."""
 
 _CROSS = np.array([[0, 1, 0], [1, 1, 1], [0, 1, 0]], np.uint8)
 
@@ -190,7 +190,7 @@ def open_frontier(
     """The frontier that a robot could drive through.
 
     Its cells are the unknown ones beside free space, at least :data:`FRONTIER_CLEARANCE` away from every wall. The
-    same test in the middle of a doorway and along a wall with pin holes tells an unseen room from noise.
+    same test in the middle of a doorway and along a wall with pin holes distinguishes an unseen room from noise.
 
     Args:
         floor: (rows, cols) free cells, without spikes.

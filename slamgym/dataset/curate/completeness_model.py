@@ -254,7 +254,7 @@ class ProbabilityScore:
 def score_probabilities(
     probabilities: FloatArray, truth: BoolArray, band: tuple[float, float]
 ) -> ProbabilityScore:
-    """Judge predictions.
+    """Score predictions.
 
     Args:
         probabilities: (N,), N at least 1.

@@ -53,9 +53,9 @@ class Criteria(Settings):
 class StuckFilter(Settings):
     """Finds from the map alone that a robot got stuck, by its ratio of occupied to free cells.
 
-    The ratio alone can't do it: standing in a corner and having mapped a home give the same. So beside its
-    bounds, which catch open space without walls and walls smeared by a robot that spins, a map of no more
-    than what is seen from one place, with a way on, is that of a robot that never took it.
+    The ratio alone isn't enough: standing in a corner and having mapped a home give the same. Its bounds catch
+    open space without walls and walls smeared by a robot that spins; besides, a robot is stuck if its map shows
+    no more than is seen from one place although an open frontier leads on.
     """
 
     min_ratio: NonNegative = 0.015

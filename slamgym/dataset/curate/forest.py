@@ -31,7 +31,7 @@ class Forest:
     """Trees in one list of nodes.
 
     A sample goes to the left child if its feature is at most the threshold, else to the right one. Children
-    stand behind their parent, so every way down ends.
+    stand behind their parent, so every path down ends.
     """
 
     feature: IntArray  # (nodes,) index of the feature that a node asks for, LEAF at a leaf

@@ -2,7 +2,7 @@
 
 A finished dataset has few incomplete maps to learn from. But each exploration was incomplete for most of its
 time: its scans up to some moment, drawn at the estimated poses, are the map of that moment, and the truth
-tells how complete it was. Nothing is simulated again.
+says how complete it was. Nothing is simulated again.
 
 The poses are those of the path as corrected by the end, so loops that were closed later are closed already.
 """
@@ -71,7 +71,7 @@ def take_snapshots(
     """Draw the map of an exploration at some moments and at its end.
 
     The true coverage of a moment is the share of the finally seen floor that had been seen by then, times the
-    final coverage: scans drawn at the true poses tell which cells were seen.
+    final coverage: scans drawn at the true poses show which cells were seen.
 
     Args:
         root: The dataset.

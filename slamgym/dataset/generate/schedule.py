@@ -99,7 +99,7 @@ class SlotQueue:
         return self._missing > 0
 
     def draw(self) -> Iterator[ExplorationTask]:
-        """Yield the explorations to run; a rejection on the way makes it go on with the next slot."""
+        """Yield the explorations to run; after a rejection it goes on with the next slot."""
         while self._missing > 0:
             slot = next(self._slots)
             if slot.index in self._folder.committed:

@@ -282,7 +282,7 @@ def _is_done(layout: ImageLayout, drawn: ImageRecord | None, split: SplitTable, 
 
 
 def _read_journal(layout: ImageLayout) -> dict[str, ImageRecord]:
-    """What earlier runs have drawn; a line that a killed run left torn is cut off."""
+    """What earlier runs have drawn; a line left incomplete by a killed run is cut off."""
     path = layout.root / JOURNAL
     if not path.exists():
         return {}

@@ -117,7 +117,7 @@ def square_frame(bounds: Bounds, config: ImageConfig) -> GridFrame:
 def mapped_bounds(grid: OccupancyGrid) -> Bounds | None:
     """Extent of the floor that a map shows, with its walls [m]; None if it shows none.
 
-    The spikes of beams that went astray reach far beyond the building and don't count.
+    The spikes of stray beams extend far beyond the building and don't count.
     """
     import cv2
 

@@ -124,7 +124,7 @@ def test_a_person_overrules_the_truth_and_is_remembered(dataset):
     assert verdict_files(dataset) == after
 
 
-def test_conflicts_and_strangers_are_named_and_change_nothing(dataset, capsys):
+def test_conflicts_and_unknown_maps_are_named_and_change_nothing(dataset, capsys):
     name = next(read_manifest(dataset)).name
     first = decisions_file(dataset.parent / "first.json", **{name: "drop"})
     second = decisions_file(dataset.parent / "second.json", **{name: "keep"})
@@ -144,10 +144,10 @@ def test_conflicts_and_strangers_are_named_and_change_nothing(dataset, capsys):
 
 def test_the_classifier_decides_if_asked_and_the_band_waits_for_a_person(dataset):
     items = open_items(dataset)
-    told = {item.name: probability for item, probability in zip(items, (0.9, 0.5, 0.1, 0.8), strict=True)}
+    given = {item.name: probability for item, probability in zip(items, (0.9, 0.5, 0.1, 0.8), strict=True)}
 
     def classifier(features, plan_ids):
-        return np.array(list(told.values()))[: len(features)]
+        return np.array(list(given.values()))[: len(features)]
 
     generous = {"stuck": {"way_on": 99.0, "min_ratio": 0.0, "max_ratio": 9.0}}
     from slamgym.core.config import from_dict

@@ -108,7 +108,7 @@ def test_islands_are_counted(count):
     assert values["wall_parts"] == pytest.approx(10.0 * (count + 1) / values["free_area"])
 
 
-def test_pockets_are_unknown_places_that_are_closed_in():
+def test_pockets_are_enclosed_unknown_regions():
     cells = room()
     cells[30:40, 30:40] = 205
     cells[50:52, 50:52] = 205

@@ -69,14 +69,14 @@ def test_a_home_is_not_stuck_and_neither_is_a_small_closed_room():
         ({}, "no free space"),
     ],
 )
-def test_maps_of_stuck_robots_are_told(values, words):
+def test_maps_of_stuck_robots_are_detected(values, words):
     fault = StuckFilter().fault(row(**values), 0.05)
     assert fault.is_stuck
     assert fault.sentence.startswith("stuck: ")
     assert words in fault.sentence
 
 
-def test_the_ratio_is_judged_alike_at_another_resolution():
+def test_the_ratio_is_assessed_alike_at_another_resolution():
     """Walls of one cell: half the cells' size halves the ratio of a map, not its fate."""
     ratios = []
     for cells_across in (100, 200):

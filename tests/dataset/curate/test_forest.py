@@ -63,7 +63,7 @@ def test_no_samples_give_no_probabilities(model):
     assert model.probabilities(np.zeros((0, 15))).shape == (0,)
 
 
-def test_the_shipped_model_reads_and_prefers_a_closed_room_to_an_open_one():
+def test_the_pretrained_model_reads_and_prefers_a_closed_room_to_an_open_one():
     from slamgym.dataset.curate.completeness import completeness_features
 
     closed = np.full((140, 180), 205, np.uint8)

@@ -84,7 +84,7 @@ def test_every_pair_has_its_files_and_its_line(dataset):
         )
 
 
-def test_the_episode_folder_tells_the_same_story(dataset):
+def test_the_episode_folder_agrees_with_the_pair(dataset):
     for record in read_manifest(dataset):
         folder = Layout(dataset).episode(record.name)
         truth, odometry = read_tum(folder / "truth.tum"), read_tum(folder / "odometry.tum")

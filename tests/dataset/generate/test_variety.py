@@ -79,7 +79,7 @@ def test_the_number_of_workers_and_interruptions_do_not_matter(dataset, tmp_path
     assert sums[0] == sums[1]
 
 
-def test_another_recipe_is_refused_and_the_settings_tell_of_it(dataset):
+def test_another_recipe_is_refused_and_the_settings_name_it(dataset):
     with pytest.raises(ConfigError, match="recipe"):
         build(dataset, {**RECIPE, "odometry": ["ideal", "medium"]})
     saved = json.loads(Layout(dataset).config.read_text())

@@ -200,7 +200,7 @@ def test_a_missing_episode_file_is_named(dataset, tmp_path):
         render(dataset, tmp_path / "images")
 
 
-def test_the_command_makes_a_split_and_tells_what_is_left_out(dataset_copy, tmp_path, capsys):
+def test_the_command_makes_a_split_and_reports_what_is_left_out(dataset_copy, tmp_path, capsys):
     out = tmp_path / "images"
     command = ["dataset", "render", str(dataset_copy), "--out", str(out), "--size", "64", "--workers", "1"]
     assert cli.main([*command, "--min-coverage", "0"]) == 0
