@@ -101,11 +101,11 @@ class CurveRecorder:
         self._points: list[tuple[float, float, float]] = []
 
     def add(self, time: float, path: float, coverage: float) -> None:
-        """Note the state after a step.
+        """Record the state after a step.
 
         Args:
             time: Robot time [s].
-            path: Way so far [m].
+            path: Distance so far [m].
             coverage: Share of the reachable floor that was seen.
         """
         self._points.append((time, path, coverage))
