@@ -73,7 +73,7 @@ class ClassicalTranslator:
         self.metres_per_px = metres_per_px
 
     def translate(self, slam: ByteArray, metres_per_px: float | None = None) -> Float32Array:
-        """See :class:`slamgym.gan.translation.translate.Translator`; the values are 0 and 1."""
+        """Clean a SLAM map; the values are 0 and 1."""
         return clean_map(slam, metres_per_px or self.metres_per_px, self.config).astype(np.float32)
 
 

@@ -167,7 +167,7 @@ class GlobalView:
         self._cells: ByteArray | None = None
 
     def view(self, mapper: Mapper, pose: Pose2D, is_new: bool, is_publication_due: bool) -> ByteArray:
-        """See :class:`MapView`."""
+        """The canvas as it was last published."""
         del pose, is_new  # what was processed shows at the next publication
         if is_publication_due or self._cells is None:
             cells = mapper.render(self._frame)
@@ -191,7 +191,7 @@ class EgocentricView:
         self._window_centre = (0.0, 0.0)
 
     def view(self, mapper: Mapper, pose: Pose2D, is_new: bool, is_publication_due: bool) -> ByteArray:
-        """See :class:`MapView`. The crop is of the newest map, not of the last published one."""
+        """A crop round the robot of the newest map, not of the last published one."""
         del is_publication_due
         off = math.hypot(pose.x - self._window_centre[0], pose.y - self._window_centre[1])
         if is_new or self._window is None or off > _WINDOW_MARGIN:

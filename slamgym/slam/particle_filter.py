@@ -103,7 +103,7 @@ class ParticleFilter(GatedMapper):
 
     @property
     def pose(self) -> Pose2D:
-        """See :class:`slamgym.slam.mapper.Mapper`."""
+        """The best particle's pose, moved on by the odometry since."""
         x, y, theta = self._poses[self.best_particle]
         return compose(Pose2D(float(x), float(y), float(theta)), self._gate.since_processed)
 
@@ -130,7 +130,7 @@ class ParticleFilter(GatedMapper):
 
     @property
     def covariance(self) -> FloatArray:
-        """See :class:`slamgym.slam.mapper.Mapper`."""
+        """Covariance (3, 3) of the weighted particles at the last processed scan."""
         deviations = self._poses - self._poses[self.best_particle]
         deviations[:, 2] = np.arctan2(np.sin(deviations[:, 2]), np.cos(deviations[:, 2]))
         deviations -= self._weights @ deviations
@@ -139,7 +139,7 @@ class ParticleFilter(GatedMapper):
 
     @property
     def n_eff(self) -> float:
-        """See :class:`slamgym.slam.mapper.Mapper`."""
+        """Effective number of particles at the last processed scan, before resampling."""
         return self._stats.n_eff[-1] if self._stats.n_eff else float(len(self._poses))
 
     def _num_bytes(self) -> int:
@@ -210,7 +210,7 @@ class ParticleFilter(GatedMapper):
         self._drawn_poses = np.concatenate([self._drawn_poses[:first], poses])
 
     def trajectory(self) -> Trajectory:
-        """See :class:`slamgym.slam.mapper.Mapper`."""
+        """The best particle's path."""
         lineage = np.full(len(self._tree), -1, dtype=np.int64)
         if len(lineage):
             trace_lineage(self._tree.parents, len(lineage) - 1, self.best_particle, lineage)

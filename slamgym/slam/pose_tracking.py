@@ -24,11 +24,11 @@ class PoseTracker(GatedMapper):
 
     @property
     def pose(self) -> Pose2D:
-        """See :class:`slamgym.slam.mapper.Mapper`."""
+        """The pose at the last scan, as it was given."""
         return compose(self._last_pose, self._gate.since_processed)
 
     def trajectory(self) -> Trajectory:
-        """See :class:`slamgym.slam.mapper.Mapper`."""
+        """The poses at the processed scans, as they were given."""
         poses = np.array([pose for _, pose in self._path], dtype=np.float64).reshape(-1, 3)
         return Trajectory(np.array([stamp for stamp, _ in self._path], dtype=np.float64), poses)
 

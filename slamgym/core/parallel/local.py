@@ -62,7 +62,7 @@ class LocalEngine:
     def run(
         self, task: Callable[[_Item], _Result], items: Iterable[_Item]
     ) -> Iterator[_Result | Lost[_Item]]:
-        """See :class:`~slamgym.core.parallel.engine.Engine`."""
+        """Run the task on this machine's workers."""
         if not self._workers:
             with _one_opencv_thread():
                 yield from map(task, items)

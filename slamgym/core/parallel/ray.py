@@ -155,7 +155,7 @@ class RayEngine:
     def run(
         self, task: Callable[[_Item], _Result], items: Iterable[_Item]
     ) -> Iterator[_Result | Lost[_Item]]:
-        """See :class:`~slamgym.core.parallel.engine.Engine`.
+        """Run the task on the cluster's workers.
 
         Raises:
             SlamgymError: If Ray fails.

@@ -81,7 +81,7 @@ class PoseGraphMapper(GatedMapper):
 
     @property
     def pose(self) -> Pose2D:
-        """See :class:`slamgym.slam.mapper.Mapper`."""
+        """The last node's pose, moved on by the odometry since."""
         last = Pose2D(*(float(v) for v in self._nodes.poses[-1])) if len(self._nodes) else self._initial_pose
         return compose(last, self._gate.since_processed)
 
@@ -291,7 +291,7 @@ class PoseGraphMapper(GatedMapper):
         self._drawn_poses = poses.copy()
 
     def trajectory(self) -> Trajectory:
-        """See :class:`slamgym.slam.mapper.Mapper`."""
+        """The nodes' poses after the latest optimisation."""
         return Trajectory(self._nodes.stamps.copy(), self._nodes.poses.copy())
 
 
