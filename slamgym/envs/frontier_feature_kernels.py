@@ -28,14 +28,14 @@ def classify_costs(costs: ByteArray, coarsening: int) -> ByteArray:
     classes = np.zeros((height, width), np.uint8)
     for row in range(height):
         for col in range(width):
-            found = 0
+            found = UNKNOWN_CLASS
             for r in range(row * coarsening, (row + 1) * coarsening):
                 for c in range(col * coarsening, (col + 1) * coarsening):
                     cost = costs[r, c]
                     if cost == _LETHAL:
-                        found = 2
-                    elif cost != _NO_INFORMATION and found == 0:
-                        found = 1
+                        found = OCCUPIED_CLASS
+                    elif cost != _NO_INFORMATION and found == UNKNOWN_CLASS:
+                        found = FREE_CLASS
             classes[row, col] = found
     return classes
 
@@ -94,7 +94,7 @@ def explore_unknown_region(
                 if classes[r, c] == 0:
                     queue[tail] = r * width + c
                     tail += 1
-                elif classes[r, c] == 1:
+                elif classes[r, c] == FREE_CLASS:
                     free += 1
                 else:
                     occupied += 1
@@ -159,7 +159,7 @@ def cut_frontier_crop(
                     r = int(np.floor(row - ahead * sin + right * cos + 0.5))
                     c = int(np.floor(col + ahead * cos + right * sin + 0.5))
                     if 0 <= r < height and 0 <= c < width:
-                        free += classes[r, c] == 1
-                        occupied += classes[r, c] == 2
+                        free += classes[r, c] == FREE_CLASS
+                        occupied += classes[r, c] == OCCUPIED_CLASS
             crop[0, i, j] = free / 9.0
             crop[1, i, j] = occupied / 9.0

@@ -112,11 +112,6 @@ class ParticleFilter(GatedMapper):
         """The particle whose whole path explains the scans best."""
         return int(np.argmax(self._path_log_weights))
 
-    @property
-    def particle_poses(self) -> FloatArray:
-        """(particles, 3) at the last processed scan."""
-        return self._poses.copy()
-
     def particle_paths(self, most: int) -> list[FloatArray]:
         """Paths of at most so many particles, each (processed scans, 3)."""
         last = len(self._tree) - 1
