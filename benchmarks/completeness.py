@@ -164,7 +164,7 @@ def report_accuracy(
         f"Extra Trees on 15 features, held-out plans: {len(maps)} maps from {explorations} explorations of "
         f"{len(set(maps.plan_ids))} plans; intervals of 95 % over plans"
     )
-    print_and_save("completeness", title, rows, list(rows[0]))
+    print_and_save("dataset/completeness", title, rows, list(rows[0]))
 
 
 def transfer_rows(maps: LabelledMaps, trees: TreesConfig) -> list[dict[str, object]]:
@@ -234,7 +234,7 @@ def report_calibration(maps: LabelledMaps, probabilities: FloatArray) -> None:
         f"reliability on held-out plans: Brier score {score.brier:.4f}, calibration error "
         f"{score.calibration_error:.4f}, {100.0 * score.band_share:.1f} % in the band of {BAND[0]} to {BAND[1]}"
     )
-    print_and_save("completeness_calibration", title, rows, columns)
+    print_and_save("dataset/completeness_calibration", title, rows, columns)
 
 
 def report_features(maps: LabelledMaps) -> None:
@@ -248,7 +248,7 @@ def report_features(maps: LabelledMaps) -> None:
         )
     rows.sort(key=lambda row: -row[1])
     columns = ["feature", "ROC AUC alone", "complete, median", "incomplete, median"]
-    print_and_save("completeness_features", "single features", rows, columns)
+    print_and_save("dataset/completeness_features", "single features", rows, columns)
 
 
 def report_stuck(maps: LabelledMaps) -> None:
@@ -262,7 +262,7 @@ def report_stuck(maps: LabelledMaps) -> None:
         [name, int(kind.sum()), round(100.0 * float(maps.looks_stuck[kind].mean()), 1) if kind.any() else None]
         for name, kind in kinds.items()
     ]  # fmt: skip
-    print_and_save("completeness_stuck", "stuck filter", rows, ["maps", "number", "caught [%]"])
+    print_and_save("dataset/completeness_stuck", "stuck filter", rows, ["maps", "number", "caught [%]"])
 
 
 def report_speed(roots: list[Path], predict: Callable[[FloatArray], FloatArray]) -> None:
@@ -284,7 +284,7 @@ def report_speed(roots: list[Path], predict: Callable[[FloatArray], FloatArray])
     ]
     cells_each = f"{np.median(sizes) / 1e3:.0f} thousand cells"
     title = f"CPU time a map, {len(seconds)} maps of {cells_each} (median); goal 10 ms"
-    print_and_save("completeness_speed", title, rows, ["part", "median [ms]", "95th percentile [ms]"])
+    print_and_save("dataset/completeness_speed", title, rows, ["part", "median [ms]", "95th percentile [ms]"])
 
 
 def wilson(share: float, count: int) -> str:

@@ -112,7 +112,7 @@ def measure_memory(arguments: Arguments) -> None:
         f"at {arguments.pairs} pairs [MB]",
         "growth [MB per 1,000 pairs]",
     ]
-    print_and_save("dataset_memory", title, rows, columns)
+    print_and_save("dataset/dataset_memory", title, rows, columns)
 
 
 def measure_bookkeeping(count: int) -> None:
@@ -148,7 +148,7 @@ def measure_bookkeeping(count: int) -> None:
             )
     title = "Cost of book-keeping, CPU time"
     columns = ["pairs", "commit [us a pair]", "opening to go on [us a pair there]", "index [us a pair there]"]
-    print_and_save("dataset_bookkeeping", title, rows, columns)
+    print_and_save("dataset/dataset_bookkeeping", title, rows, columns)
 
 
 def _stage_empty(staged: Path, slot: Slot) -> None:

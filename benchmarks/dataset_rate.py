@@ -209,7 +209,7 @@ def report_rate(arguments: Arguments, blocks: list[Block]) -> None:
         f"{arguments.blocks} blocks of {arguments.explorations} each; goals: {GOAL_RATE:g} an hour on two cores, "
         f"{GOAL_GAIN:g} times the rate of one worker"
     )
-    print_and_save("dataset_rate", title, rows, list(rows[0]))
+    print_and_save("dataset/dataset_rate", title, rows, list(rows[0]))
 
 
 def profile_and_weigh(arguments: Arguments, plans: PlanSource, config: DatasetConfig, root: Path) -> None:
@@ -226,14 +226,17 @@ def profile_and_weigh(arguments: Arguments, plans: PlanSource, config: DatasetCo
         [part, round(1000.0 * spent / count, 2), round(100.0 * spent / total, 1)] for part, spent in parts
     ]
     title = f"CPU time of a {arguments.minutes:g} min exploration and its pair; {count} of {arguments.plans}"
-    print_and_save("dataset_profile", title, rows, ["part", "CPU [ms]", "share [%]"])
+    print_and_save("dataset/dataset_profile", title, rows, ["part", "CPU [ms]", "share [%]"])
     print(f"wall time {1000.0 * wall / count:.0f} ms each")
     sizes = weigh(root)
     robot_minutes = statistics.fmean(record.robot_seconds for record in read_manifest(root)) / 60.0
     title = f"Bytes of a pair, mean of {count}; {robot_minutes:.1f} min of robot time in the mean"
     bytes_rows = [[name, round(size / count)] for name, size in sizes.most_common()]
     print_and_save(
-        "dataset_bytes", title, [*bytes_rows, ["all", round(sizes.total() / count)]], ["file", "bytes"]
+        "dataset/dataset_bytes",
+        title,
+        [*bytes_rows, ["all", round(sizes.total() / count)]],
+        ["file", "bytes"],
     )
 
 
@@ -279,7 +282,7 @@ def update_document(document: Path) -> None:
 
 def cost_table() -> str:
     """What large datasets cost, computed from the measured rate and bytes."""
-    rate, sizes = _load("dataset_rate"), _load("dataset_bytes")
+    rate, sizes = _load("dataset/dataset_rate"), _load("dataset/dataset_bytes")
     several = rate["rows"][-1]
     cpu = several["CPU [s] each"] + several["driver's CPU [s] each"]
     size = next(row["bytes"] for row in sizes["rows"] if row["file"] == "all")

@@ -50,19 +50,22 @@ def main() -> None:
 
 def measure_steps() -> None:
     print_and_save(
-        "env_steps_modes",
+        "exploring/env_steps_modes",
         f"Environment steps per CPU second, by localisation and observed map (goal: ground_truth {GOAL:,})",
         list(modes()),
         ("localisation", "map", "steps/s", "ms per step", "reset ms"),
     )
     print_and_save(
-        "env_steps_growth",
+        "exploring/env_steps_growth",
         "How the cost of a step grows",
         list(growth()),
         ("localisation", "what", "value", "steps/s", "ms per step"),
     )
     print_and_save(
-        "env_resets", "Resets", list(resets()), ("plans", "first reset of a plan ms", "later ones ms")
+        "exploring/env_resets",
+        "Resets",
+        list(resets()),
+        ("plans", "first reset of a plan ms", "later ones ms"),
     )
 
 
@@ -188,7 +191,7 @@ def measure_decisions(name: str) -> None:
         "choosing, mean [ms]",
         "choosing, p99 [ms]",
     ]
-    print_and_save("decision_rate", "Decisions on four validation plans", rows, columns)
+    print_and_save("exploring/decision_rate", "Decisions on four validation plans", rows, columns)
 
 
 def cost_of_choosing(loop: ExplorationLoop, scorer: object) -> float:

@@ -155,7 +155,7 @@ def report(arguments: Arguments, profile: Profile, costs: list[Cost]) -> None:
         f"{len(costs)} explorations of {arguments.plans}, {60.0 / (total * scale):.1f} per CPU minute; "
         f"goal {GOAL:g} s"
     )
-    print_and_save("explorations", title, rows, ["part", "CPU [s]", "share [%]"])
+    print_and_save("exploring/explorations", title, rows, ["part", "CPU [s]", "share [%]"])
 
 
 if __name__ == "__main__":

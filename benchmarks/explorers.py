@@ -104,7 +104,7 @@ def run(
         f"python benchmarks/explorers.py json.tar.gz --count {arguments.count} --offices {arguments.offices} "
         f"--explorers {','.join(config.explorers)}"
     )
-    path = RESULTS / f"explorers_{name}.json"
+    path = RESULTS / "exploring" / f"explorers_{name}.json"
     path.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
     return evaluation
 

@@ -153,7 +153,7 @@ def compare_methods(images: Path, pairs: int, moves: int) -> None:
     rows += [(name, *_row(error, best), round(milliseconds[name], 1)) for name, error in errors.items()]
     rows.append(("the best of all similarities", *_row(best, best), None))
     print_and_save(
-        "gan_alignment",
+        "gan/gan_alignment",
         f"Aligning {len(moved)} SLAM maps under {moves} random similarities each, {SIZE} px "
         "(turn up to 30 degrees, scale 0.9 to 1.1, shift up to 6 %)",
         rows,
@@ -240,7 +240,7 @@ def measure_floor(images: Path, count: int) -> None:
         "wall F1 10 cm",
         "room count error",
     )
-    print_and_save("gan_error_floor", title, rows, columns)
+    print_and_save("gan/gan_error_floor", title, rows, columns)
 
 
 def score_answer(free: BoolArray, pairs: PairSet, i: int, thicker: int) -> tuple[float, float, int]:

@@ -73,7 +73,9 @@ def compare_with_published(resolutions: list[int], steps: int) -> None:
     rows.append(measure("slam2cad (default)", TRANSLATOR_PRESETS["slam2cad"], 256, 8, "float32", steps))
     rows.append(measure("slam2cad (default)", TRANSLATOR_PRESETS["slam2cad"], 256, 8, "bfloat16", steps))
     rows.append(inference())
-    print_and_save("gan_cost", "Cost of one image (training step; last row: a translation)", rows, COLUMNS)
+    print_and_save(
+        "gan/gan_cost", "Cost of one image (training step; last row: a translation)", rows, COLUMNS
+    )
 
 
 def measure(
@@ -132,7 +134,7 @@ def compare_layouts(steps: int, compile_too: bool) -> None:
     first = rows[0][3]
     rows = [[*row[:4], round(row[3] / first, 3), row[4]] for row in rows]
     title = "A training step of the default translator, batch 8, 256 px"
-    print_and_save("gan_step", title, rows, LAYOUT_COLUMNS)
+    print_and_save("gan/gan_step", title, rows, LAYOUT_COLUMNS)
 
 
 def measure_layout(

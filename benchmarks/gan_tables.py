@@ -27,7 +27,9 @@ def main() -> None:
     parser.add_argument("--evaluation", type=Path, help="folder that `slamgym gan evaluate` wrote")
     arguments = parser.parse_args()
     if arguments.evaluation is not None:
-        (RESULTS / "gan_evaluation.json").write_text((arguments.evaluation / "evaluation.json").read_text())
+        (RESULTS / "gan/gan_evaluation.json").write_text(
+            (arguments.evaluation / "evaluation.json").read_text()
+        )
     page = PAGE.read_text()
     written: list[str] = []
 
@@ -45,7 +47,7 @@ def main() -> None:
 def render(name: str) -> str | None:
     """A table in Markdown, None if its results don't exist."""
     if name in ("evaluation", "realism", "medians"):
-        path = RESULTS / "gan_evaluation.json"
+        path = RESULTS / "gan/gan_evaluation.json"
         if not path.exists():
             return None
         try:
@@ -55,7 +57,7 @@ def render(name: str) -> str | None:
                 f"{path} lacks {missing}, as an earlier version wrote it: run `slamgym gan evaluate` again and "
                 "pass its folder with --evaluation"
             ) from missing
-    path = RESULTS / f"{name}.json"
+    path = RESULTS / "gan" / f"{name}.json"
     if not path.exists():
         return None
     result = json.loads(path.read_text())

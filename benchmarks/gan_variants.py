@@ -68,7 +68,7 @@ def main() -> None:
     columns = (
         "variant", "images learnt from", "MSE1 / MSE2", "grey MSE1 / MSE2", "wall F1 10 cm", "room F1", "CPU ms a map",
     )  # fmt: skip
-    print_and_save("gan_variants", title, rows, columns)
+    print_and_save("gan/gan_variants", title, rows, columns)
 
 
 def train_variant(images: Path, run: Path, name: str, minutes: float) -> None:

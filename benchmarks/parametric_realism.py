@@ -198,7 +198,9 @@ def report_two_sample(sets: dict[str, list[dict[str, float]]], plan_ids: list[st
             rows.append((name, learner, round(result.accuracy, 3), interval, telling))
     columns = ("maps", "classifier", "accuracy", "95 % interval", "most telling statistics (KS distance)")
     title = f"Distinguishing parametric from simulated SLAM maps, {len(plan_ids)} plans, half: {half}; 0.5 is perfect"
-    print_and_save("parametric_realism" + ("" if half == "report" else "_tune"), title, rows, columns)
+    print_and_save(
+        "parametric/parametric_realism" + ("" if half == "report" else "_tune"), title, rows, columns
+    )
 
 
 def report_statistics(sets: dict[str, list[dict[str, float]]], real: Path | None, half: str) -> None:
@@ -213,7 +215,7 @@ def report_statistics(sets: dict[str, list[dict[str, float]]], real: Path | None
         ]
         rows.append((statistic, *medians))
     title = f"Medians of map statistics, half: {half}"
-    name = "parametric_statistics" + ("" if half == "report" else "_tune")
+    name = "parametric/parametric_statistics" + ("" if half == "report" else "_tune")
     print_and_save(name, title, rows, ("statistic", *shown))
 
 

@@ -125,7 +125,9 @@ def main() -> None:
         goal = GOALS.get((method, pixels))
         row = (method, pixels, round(side, 1), length, scans, per_scan, round(took, 3), goal)
         rows.append((*row, PAPER.get((method, pixels), "-")))
-    print_and_save("parametric_speed", "One map by the parametric model, one thread", rows, COLUMNS)
+    print_and_save(
+        "parametric/parametric_speed", "One map by the parametric model, one thread", rows, COLUMNS
+    )
 
 
 if __name__ == "__main__":

@@ -70,7 +70,7 @@ def main() -> None:
         "largest group",
         "reading and drawing [CPU s]",
     ]
-    print_and_save("plan_look_alikes", title, rows, [*columns, "comparing [CPU s]"])
+    print_and_save("dataset/plan_look_alikes", title, rows, [*columns, "comparing [CPU s]"])
 
 
 if __name__ == "__main__":

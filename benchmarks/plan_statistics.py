@@ -79,7 +79,7 @@ def main(arguments: Arguments) -> None:
         for figure in columns["homes"]
     ]
     print_and_save(
-        "plan_statistics",
+        "dataset/plan_statistics",
         f"Floor plans: median (5th-95th percentile), {arguments.count} of each kind",
         rows,
         ["figure", "HouseExpo", *(f"generated {kind}" for kind in columns)],

@@ -143,7 +143,7 @@ def time_planning() -> None:
         "cost_utility decision [ms]",
     ]
     rounded = [[row[0], *(round(value, 3) for value in row[1:])] for row in rows]
-    print_and_save("planning", "CPU time per call; half of the area is known", rounded, columns)
+    print_and_save("exploring/planning", "CPU time per call; half of the area is known", rounded, columns)
 
 
 def compare_detectors() -> None:
@@ -165,7 +165,7 @@ def compare_detectors() -> None:
             }
         )
     print_and_save(
-        "frontier_detectors",
+        "exploring/frontier_detectors",
         "Frontier detection, CPU time of a search; half of the area is known",
         rows,
         list(rows[0]),

@@ -50,12 +50,15 @@ def main() -> None:
         for mode, particles in CASES
     ]
     title = f"recorded logs, means over {arguments.seeds} seeds (rbpf) or disturbed odometries (pose_graph)"
-    print_and_save("pose_graph", title, rows, COLUMNS)
+    print_and_save("slam/pose_graph", title, rows, COLUMNS)
     if arguments.episodes is not None:
         folders = sorted(path for path in arguments.episodes.iterdir() if path.is_dir())
         episodes = [episode_row(folder) for folder in folders]
         print_and_save(
-            "pose_graph_simulated", "simulated episodes: ATE [m] and CPU [s]", episodes, tuple(episodes[0])
+            "slam/pose_graph_simulated",
+            "simulated episodes: ATE [m] and CPU [s]",
+            episodes,
+            tuple(episodes[0]),
         )
 
 

@@ -31,7 +31,7 @@ def print_and_save(
     """Print a table and write it, with the machine it was measured on, as JSON.
 
     Args:
-        name: File stem under ``benchmarks/results``.
+        name: Folder and file stem under ``benchmarks/results``.
         title: Heading of the table; states what one row is.
         rows: One sequence per row in the order of ``columns``, or one mapping from column to value.
         columns: Column headings, with their units.
@@ -44,8 +44,8 @@ def print_and_save(
     """
     records = [_record(row, columns) for row in rows]
     _print(title, records, columns)
-    RESULTS.mkdir(parents=True, exist_ok=True)
     path = RESULTS / f"{name}.json"
+    path.parent.mkdir(parents=True, exist_ok=True)
     document = {"name": name, "title": title, **environment(), "columns": list(columns), "rows": records}
     path.write_text(json.dumps(document, indent=1, default=_plain) + "\n", encoding="utf-8")
     return path

@@ -55,12 +55,14 @@ def main() -> None:
             for path in sorted(arguments.logs.glob("*.relations"))
             for search, particles in (("ours", 30), ("ours", 50), ("GMapping's", 30))
         ]
-        print_and_save("slam_accuracy_logs", f"recorded logs, {arguments.seeds} seeds", rows, REAL_COLUMNS)
+        print_and_save(
+            "slam/slam_accuracy_logs", f"recorded logs, {arguments.seeds} seeds", rows, REAL_COLUMNS
+        )
     if arguments.episodes == 0:
         return
     rows = simulated_rows(arguments.episodes)
     title = f"simulated homes, {arguments.episodes} explorations of 7 minutes"
-    print_and_save("slam_accuracy_simulated", title, rows, SIMULATED_COLUMNS)
+    print_and_save("slam/slam_accuracy_simulated", title, rows, SIMULATED_COLUMNS)
 
 
 def real_row(relations_file: Path, search: str, particles: int, seeds: int) -> dict[str, Any]:

@@ -109,7 +109,7 @@ def measure(case: Case) -> dict[str, object]:
 
 def main() -> None:
     rows = [measure(case) for case in cases()]
-    print_and_save("world_step", "A control step of 0.2 s, one core, CPU time", rows, list(rows[0]))
+    print_and_save("exploring/world_step", "A control step of 0.2 s, one core, CPU time", rows, list(rows[0]))
 
 
 if __name__ == "__main__":

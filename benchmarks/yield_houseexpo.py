@@ -68,8 +68,10 @@ def main() -> None:
         "position error, median [m]",
         "contacts, mean",
     ]
-    print_and_save("yield_houseexpo", title, rows, columns)
-    print_and_save("yield_faults", "Why the others don't pass", faults, ["minutes", "fault", "explorations"])
+    print_and_save("dataset/yield_houseexpo", title, rows, columns)
+    print_and_save(
+        "dataset/yield_faults", "Why the others don't pass", faults, ["minutes", "fault", "explorations"]
+    )
 
 
 def explored(arguments: Arguments, minutes: Literal["auto"] | float, root: Path) -> list[PairRecord]:
