@@ -2,11 +2,12 @@
 
 import dataclasses
 import json
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
 from slamgym import __version__
-from slamgym.agents.evaluation.evaluate import ORACLE, Evaluation, EvaluationConfig, Skipped
+from slamgym.agents.evaluation.evaluate import ORACLE, Evaluation, EvaluationConfig
 from slamgym.agents.evaluation.summary import (
     Comparison,
     ExplorerSummary,
@@ -201,29 +202,34 @@ def write_report(out: Path, evaluation: Evaluation, config: EvaluationConfig, ag
         StorageError: If the folder can't be written.
     """
     summary = summarise_trials(evaluation.trials, against, yardstick=ORACLE)
-    text = _heading(summary, config, evaluation.skipped) + describe_evaluation(summary)
+    text = _heading(summary, config, evaluation) + describe_evaluation(summary)
     with storage_errors(out):
-        replace_file(out / "results.json", _as_json(summary, config, evaluation.skipped))
+        replace_file(out / "results.json", _as_json(summary, config, evaluation))
         replace_file(out / "results.md", text.encode())
     return text
 
 
-def _heading(summary: Summary, config: EvaluationConfig, skipped: Sequence[Skipped]) -> str:
+def _heading(summary: Summary, config: EvaluationConfig, evaluation: Evaluation) -> str:
     lines = [
         f"{summary.plans} plans (split {config.split or 'all'}, filter {config.plans_filter}), each explored "
         f"{config.repetitions} time(s) by every explorer; SLAM {config.trial.env.slam.mode} with "
         f"{config.trial.env.slam.particles} particles."
     ]
-    if skipped:
-        lines.append(f"{len(skipped)} plan(s) were skipped: the robot can't explore them.")
+    if evaluation.skipped:
+        lines.append(f"{len(evaluation.skipped)} plan(s) were skipped: the robot can't explore them.")
+    for name, count in Counter(trial.explorer for trial in evaluation.failed).items():
+        lines.append(
+            f"{count} exploration(s) of `{name}` crashed or hung and are left out for all explorers."
+        )
     return "\n".join(lines) + "\n\n"
 
 
-def _as_json(summary: Summary, config: EvaluationConfig, skipped: Sequence[Skipped]) -> bytes:
+def _as_json(summary: Summary, config: EvaluationConfig, evaluation: Evaluation) -> bytes:
     document = {
         "version": __version__,
         "config": to_dict(config),
         "summary": dataclasses.asdict(summary),
-        "skipped": [entry._asdict() for entry in skipped],
+        "skipped": [entry._asdict() for entry in evaluation.skipped],
+        "failed": [dataclasses.asdict(entry) for entry in evaluation.failed],
     }
     return json.dumps(document, indent=1).encode() + b"\n"

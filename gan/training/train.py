@@ -149,7 +149,7 @@ class _Training:
                 self._loop(interruption)
             if interruption.requested:
                 say(f"interrupted; the same command goes on at step {self.learner.steps_done:,}")
-                raise KeyboardInterrupt
+                interruption.conclude()
             finished = self.learner.steps_done >= self.schedule.steps
         weights = self._finish() if finished else None
         return TrainingReport(

@@ -17,7 +17,8 @@ import cv2
 
 from slamgym import __version__
 from slamgym.core.errors import ConfigError, SlamgymError
-from slamgym.core.parallel.backlog import Attempt, Backlog, Lost, available_cores
+from slamgym.core.interruption import kept_termination
+from slamgym.core.parallel.backlog import Attempt, Backlog, Lost, available_cores, run_limited
 
 LOCAL_STORE_PER_WORKER = 64 << 20
 """Object store of a cluster on this machine, per worker: an exploration's files take a few MB."""
@@ -31,8 +32,11 @@ CONNECTION_TIMEOUT = 10.0
 _REASON_LENGTH = 200
 
 
-def import_ray() -> ModuleType:
+def import_ray(address: str | None = None) -> ModuleType:
     """The ``ray`` package.
+
+    Args:
+        address: Of the cluster that will be joined; None for one that is started here.
 
     Raises:
         ConfigError: If it isn't installed.
@@ -40,6 +44,10 @@ def import_ray() -> ModuleType:
     # No report of usage to Ray's makers, and no remarks about settings that concern GPUs alone.
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
     os.environ.setdefault("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")
+    if not joins(address):
+        # A cluster of this machine listens on 127.0.0.1 alone. Ray does so by itself on Windows and macOS, reads
+        # this variable when it is imported, and takes no such address as an option.
+        os.environ.setdefault("RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER", "0")
     try:
         import ray
     except ImportError as error:
@@ -63,8 +71,7 @@ def connect(ray: ModuleType, workers: int, address: str | None) -> None:
     """
     quiet: dict[str, Any] = {"log_to_driver": False, "logging_level": logging.ERROR}
     address = address or os.environ.get("RAY_ADDRESS")
-    joins = address is not None and address != "local"
-    if address is not None and joins:
+    if address is not None and joins(address):
         check_address(address)
         options: dict[str, Any] = {"address": address}
     else:
@@ -73,14 +80,20 @@ def connect(ray: ModuleType, workers: int, address: str | None) -> None:
         options = {"address": "local", "num_cpus": workers, "object_store_memory": store}
         options["include_dashboard"] = False
     try:
-        ray.init(**options, **quiet)
+        with kept_termination():  # Ray's own way would be to exit with status 15
+            ray.init(**options, **quiet)
     except (OSError, ValueError, RuntimeError, ray.exceptions.RayError) as error:
-        if joins:
+        if joins(address):
             raise _no_answer(str(address), error) from error
         raise ConfigError(
             f"Ray could not be started on this machine ({one_line(error)}); its logs are in "
             "/tmp/ray/session_latest/logs, and --engine local does without it"
         ) from error
+
+
+def joins(address: str | None) -> bool:
+    """Whether a cluster is joined; else one is started on this machine."""
+    return (address or os.environ.get("RAY_ADDRESS") or "local") != "local"
 
 
 def check_address(address: str) -> None:
@@ -130,6 +143,7 @@ class RayEngine:
             for all it has.
         address: Where a cluster runs; None takes the ``RAY_ADDRESS`` of the environment, or starts one here. A
             connection that this process has already is used as it is.
+        timeout: Longest wall time of a task [s]; None for no limit.
 
     Raises:
         ConfigError: If Ray is not installed, or no cluster answers.
@@ -137,13 +151,14 @@ class RayEngine:
 
     shares_files = False
 
-    def __init__(self, workers: int, address: str | None = None) -> None:
-        self._ray = import_ray()
+    def __init__(self, workers: int, address: str | None = None, timeout: float | None = None) -> None:
+        self._ray = import_ray(address)
         self._is_ours = not self._ray.is_initialized()
         """Whether the connection was made here, and ends here."""
         if self._is_ours:
             connect(self._ray, workers, address)
         self._most = workers
+        self._timeout = timeout
 
     def __enter__(self) -> Self:
         return self
@@ -162,13 +177,13 @@ class RayEngine:
         """
         # Ray's own retries are off: the count is kept here, the same for crashes, lost nodes and lost results.
         remote = self._ray.remote(num_cpus=1, max_retries=0)(_run_on_node)
-        backlog = Backlog(items)
+        backlog = Backlog(items, self._timeout)
         pending: dict[Any, Attempt[_Item]] = {}
         try:
             while True:
                 limit = self._in_flight_limit()
                 while len(pending) < limit and (attempt := backlog.pop()) is not None:
-                    pending[remote.remote(task, attempt.item, __version__)] = attempt
+                    pending[remote.remote(task, attempt.item, __version__, self._timeout)] = attempt
                 if not pending:
                     return
                 (reference,), _ = self._ray.wait(list(pending), num_returns=1)
@@ -210,7 +225,7 @@ class RayEngine:
             errors.NodeDiedError: "a node was lost",
             errors.ObjectLostError: "a node with a result was lost",
             errors.GetTimeoutError: "a result could not be fetched",
-            errors.WorkerCrashedError: "a worker process was killed",
+            errors.WorkerCrashedError: "a worker process died",
         }
         return next((cause for kind, cause in causes.items() if isinstance(error, kind)), None)
 
@@ -224,11 +239,13 @@ class RayEngine:
         return int(self._ray.cluster_resources().get("CPU", 0))
 
 
-def _run_on_node(task: Callable[[_Item], _Result], item: _Item, version: str) -> _Result:
+def _run_on_node(
+    task: Callable[[_Item], _Result], item: _Item, version: str, timeout: float | None
+) -> _Result:
     """Run a task in a worker of the cluster."""
     if version != __version__:
         raise ConfigError(
             f"a node of the Ray cluster has slamgym {__version__}, the driver has {version}; install the same"
         )
     cv2.setNumThreads(1)
-    return task(item)
+    return run_limited(task, item, timeout)

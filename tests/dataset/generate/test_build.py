@@ -17,6 +17,7 @@ from slamgym.core.errors import ConfigError, PlanError, SlamgymError
 from slamgym.core.files import StorageError
 from slamgym.core.parallel.backlog import Lost
 from slamgym.dataset import DatasetConfig, Layout, build_dataset, load_pair, read_manifest
+from slamgym.dataset.generate.build import Execution
 from slamgym.envs import EpisodeConfig, ExploreConfig
 from slamgym.interop import read_carmen, read_ros_map, read_tum
 from slamgym.metrics import absolute_trajectory_error
@@ -48,7 +49,8 @@ QUICK = DatasetConfig(
 
 
 def build(root, plans=None, config=QUICK, pairs=3, workers=1):
-    return build_dataset(root, plans or Plans(), config, make_explorer, pairs=pairs, workers=workers)
+    execution = Execution(workers, "in_process" if workers == 1 else "local")
+    return build_dataset(root, plans or Plans(), config, make_explorer, pairs=pairs, execution=execution)
 
 
 def content(root: Path):
