@@ -156,8 +156,8 @@ def test_the_command_writes_tables_figures_and_a_plot(tmp_path, capsys):
     argv += [
         "--minutes",
         "0.1",
-        "--engine",
-        "in_process",
+        "--workers",
+        "1",
         "--slam.mode",
         "ground_truth",
         "--plans-filter",
@@ -179,8 +179,8 @@ def test_one_explorer_alone_needs_no_reference(tmp_path, capsys):
     argv += [
         "--minutes",
         "0.1",
-        "--engine",
-        "in_process",
+        "--workers",
+        "1",
         "--slam.mode",
         "ground_truth",
         "--plans-filter",

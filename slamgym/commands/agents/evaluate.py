@@ -68,8 +68,6 @@ class EvaluateArguments(Arguments):
     """Decides plans, starts and noise."""
     workers: CountOrZero = 0
     """Processes; 0 takes one per core."""
-    engine: Literal["local", "in_process"] = "local"
-    """``local``: the processes of this machine; ``in_process``: this process, for debugging."""
     task_timeout: Positive = TASK_TIMEOUT
     """Longest wall time of an exploration [s]; one that hangs is ended and noted in ``failed.jsonl``."""
     plot: bool = True
@@ -105,7 +103,6 @@ def main(argv: list[str]) -> int:
         config,
         arguments.out,
         arguments.workers or available_cores(),
-        engine=arguments.engine,
         task_timeout=arguments.task_timeout,
     )
     if evaluation.skipped:
