@@ -1,3 +1,4 @@
+import contextlib
 import dataclasses
 import functools
 import json
@@ -14,11 +15,13 @@ from slamgym.agents.evaluation.evaluate import (
     choose_plans,
     evaluate,
 )
+from slamgym.agents.evaluation.report import write_report
 from slamgym.agents.evaluation.trial import Trial, TrialConfig, run_trial
 from slamgym.agents.plan_splits import split_of
 from slamgym.cad import FloorPlan
 from slamgym.commands.agents.evaluate import main, open_source
 from slamgym.core.errors import ConfigError
+from slamgym.core.parallel.backlog import Lost
 from slamgym.envs import ExploreConfig
 from slamgym.envs.plan_cache import ListedPlans
 from slamgym.slam import SlamConfig
@@ -105,6 +108,30 @@ def test_more_explorers_and_plans_add_to_what_is_there(tmp_path):
     # Other settings are other trials.
     other = config(trial=dataclasses.replace(TRIAL, minutes=0.05))
     assert run(source(), other, tmp_path).fresh == 6
+
+
+class Unlucky:
+    """An engine whose workers die of one exploration."""
+
+    def run(self, task, items):
+        for item in items:
+            is_deadly = (item.plan.id, item.explorer) == ("room_1", "nearest")
+            yield Lost(item, "a worker process died", "WorkerLostError") if is_deadly else task(item)
+
+
+def test_an_exploration_that_crashes_is_noted_and_not_begun_again(tmp_path, monkeypatch):
+    open_unlucky = lambda *_, **__: contextlib.nullcontext(Unlucky())  # noqa: E731
+    monkeypatch.setattr(evaluation_module, "open_engine", open_unlucky)
+    found = run(source(), config(), tmp_path)
+    assert (len(found.trials), found.fresh) == (5, 6)
+    assert [(t.plan, t.explorer, t.reason) for t in found.failed] == [
+        ("room_1", "nearest", "a worker process died")
+    ]
+    again = run(source(), config(), tmp_path)
+    assert (again.trials, again.failed, again.fresh) == (found.trials, found.failed, 0)
+    report = write_report(tmp_path, again, config(), "nearest")
+    assert "1 exploration(s) of `nearest` crashed or hung and are left out for all explorers." in report
+    assert json.loads((tmp_path / "results.json").read_text())["summary"]["plans"] == 2
 
 
 def test_plans_too_small_for_the_robot_are_skipped_and_counted(tmp_path):

@@ -10,6 +10,7 @@ import os
 import re
 import socket
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from types import ModuleType
 from typing import Any, Self, TypeVar
 
@@ -32,11 +33,8 @@ CONNECTION_TIMEOUT = 10.0
 _REASON_LENGTH = 200
 
 
-def import_ray(address: str | None = None) -> ModuleType:
+def import_ray() -> ModuleType:
     """The ``ray`` package.
-
-    Args:
-        address: Of the cluster that will be joined; None for one that is started here.
 
     Raises:
         ConfigError: If it isn't installed.
@@ -44,10 +42,6 @@ def import_ray(address: str | None = None) -> ModuleType:
     # No report of usage to Ray's makers, and no remarks about settings that concern GPUs alone.
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
     os.environ.setdefault("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")
-    if not joins(address):
-        # A cluster of this machine listens on 127.0.0.1 alone. Ray does so by itself on Windows and macOS, reads
-        # this variable when it is imported, and takes no such address as an option.
-        os.environ.setdefault("RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER", "0")
     try:
         import ray
     except ImportError as error:
@@ -71,7 +65,9 @@ def connect(ray: ModuleType, workers: int, address: str | None) -> None:
     """
     quiet: dict[str, Any] = {"log_to_driver": False, "logging_level": logging.ERROR}
     address = address or os.environ.get("RAY_ADDRESS")
-    if address is not None and joins(address):
+    joins = address is not None and address != "local"
+    listens: AbstractContextManager[None] = nullcontext()
+    if address is not None and joins:
         check_address(address)
         options: dict[str, Any] = {"address": address}
     else:
@@ -79,11 +75,12 @@ def connect(ray: ModuleType, workers: int, address: str | None) -> None:
         store = max(SMALLEST_STORE, workers * LOCAL_STORE_PER_WORKER)
         options = {"address": "local", "num_cpus": workers, "object_store_memory": store}
         options["include_dashboard"] = False
+        listens = _listening_here_alone(ray)
     try:
-        with kept_termination():  # Ray's own way would be to exit with status 15
+        with kept_termination(), listens:  # Ray's own way would be to exit with status 15
             ray.init(**options, **quiet)
     except (OSError, ValueError, RuntimeError, ray.exceptions.RayError) as error:
-        if joins(address):
+        if joins:
             raise _no_answer(str(address), error) from error
         raise ConfigError(
             f"Ray could not be started on this machine ({one_line(error)}); its logs are in "
@@ -91,9 +88,20 @@ def connect(ray: ModuleType, workers: int, address: str | None) -> None:
         ) from error
 
 
-def joins(address: str | None) -> bool:
-    """Whether a cluster is joined; else one is started on this machine."""
-    return (address or os.environ.get("RAY_ADDRESS") or "local") != "local"
+@contextmanager
+def _listening_here_alone(ray: ModuleType) -> Iterator[None]:
+    """Have a cluster that starts inside the block listen on 127.0.0.1 alone.
+
+    Ray does so by itself on Windows and macOS, and takes that address from no option.
+    """
+    constants = ray._private.ray_constants
+    before = constants.ENABLE_RAY_CLUSTER
+    constants.ENABLE_RAY_CLUSTER = False
+    os.environ["RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER"] = "0"  # for the cluster's own processes
+    try:
+        yield
+    finally:
+        constants.ENABLE_RAY_CLUSTER = before
 
 
 def check_address(address: str) -> None:
@@ -152,7 +160,7 @@ class RayEngine:
     shares_files = False
 
     def __init__(self, workers: int, address: str | None = None, timeout: float | None = None) -> None:
-        self._ray = import_ray(address)
+        self._ray = import_ray()
         self._is_ours = not self._ray.is_initialized()
         """Whether the connection was made here, and ends here."""
         if self._is_ours:

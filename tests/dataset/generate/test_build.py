@@ -5,6 +5,8 @@ import dataclasses
 import errno
 import json
 import math
+import os
+import signal
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +18,7 @@ from slamgym.cad import FloorPlan, read_houseexpo
 from slamgym.core.errors import ConfigError, PlanError, SlamgymError
 from slamgym.core.files import StorageError
 from slamgym.core.parallel.backlog import Lost
+from slamgym.core.seeding import exploration_seed
 from slamgym.dataset import DatasetConfig, Layout, build_dataset, load_pair, read_manifest
 from slamgym.dataset.generate.build import Execution
 from slamgym.envs import EpisodeConfig, ExploreConfig
@@ -235,7 +238,7 @@ class Elsewhere:
     def run(self, task, items):
         for item in items:
             assert item.staged is None
-            yield Lost(item, "a worker process was killed") if item.plan.id == self.deadly else task(item)
+            yield Lost(item, "a worker process died") if item.plan.id == self.deadly else task(item)
 
 
 def test_files_that_come_back_as_bytes_are_the_same(dataset, tmp_path, monkeypatch):
@@ -246,6 +249,21 @@ def test_files_that_come_back_as_bytes_are_the_same(dataset, tmp_path, monkeypat
     assert content(tmp_path) == content(dataset)
 
 
+def crashing_explorer(name, context, seed=0):
+    """Its native code crashes on the plan ``corner``."""
+    if seed == exploration_seed(QUICK.seed, "corner", 0):
+        os.kill(os.getpid(), signal.SIGSEGV)
+    return make_explorer(name, context, seed)
+
+
+def test_a_crash_costs_one_exploration_with_one_worker_and_the_next_run_goes_on(tmp_path):
+    report = build_dataset(tmp_path, Plans(), QUICK, crashing_explorer, pairs=2, workers=1)
+    assert (report.pairs, report.rejected) == (2, {"WorkerLostError": 1})
+    assert "a worker process died (SIGSEGV) at each of" in Layout(tmp_path).rejected.read_text()
+    again = build_dataset(tmp_path, Plans(), QUICK, crashing_explorer, pairs=2, workers=1)
+    assert (again.pairs, again.fresh, again.rejected) == (2, 0, report.rejected)
+
+
 def test_a_plan_that_kills_its_workers_is_skipped_and_listed(tmp_path, monkeypatch):
     engine = Elsewhere(deadly="corner")
     monkeypatch.setattr(
@@ -253,4 +271,4 @@ def test_a_plan_that_kills_its_workers_is_skipped_and_listed(tmp_path, monkeypat
     )
     assert build(tmp_path, pairs=2).rejected == {"WorkerLostError": 1}
     assert {record.plan_id for record in read_manifest(tmp_path)} == {"rooms"}
-    assert "was killed" in Layout(tmp_path).rejected.read_text()
+    assert "process died" in Layout(tmp_path).rejected.read_text()
