@@ -15,7 +15,7 @@ from slamgym.core.config import suggest
 from slamgym.core.errors import ConfigError, PlanError
 from slamgym.core.types import Pose2D
 from slamgym.envs.coverage import ReachableFloor
-from slamgym.sim import Clutter, RobotConfig, World
+from slamgym.sim import Clutter, RobotConfig
 from slamgym.sim.start import sample_pose, start_area
 
 _logger = logging.getLogger(__name__)
@@ -43,7 +43,6 @@ class PreparedPlan:
     def __init__(self, plan: FloorPlan, robot: RobotConfig, clutter: Clutter | None = None) -> None:
         self.plan = plan
         self.clutter = clutter or Clutter()
-        self.world = World(plan, robot, clutter=self.clutter)
         self._robot = robot
 
     @cached_property
