@@ -15,8 +15,7 @@ from slamgym.core.config import suggest
 from slamgym.core.errors import ConfigError, PlanError
 from slamgym.core.types import Pose2D
 from slamgym.envs.coverage import ReachableFloor
-from slamgym.metrics.map_error import ObstacleDistance
-from slamgym.sim import Clutter, RobotConfig, World
+from slamgym.sim import Clutter, RobotConfig
 from slamgym.sim.start import sample_pose, start_area
 
 _logger = logging.getLogger(__name__)
@@ -44,7 +43,6 @@ class PreparedPlan:
     def __init__(self, plan: FloorPlan, robot: RobotConfig, clutter: Clutter | None = None) -> None:
         self.plan = plan
         self.clutter = clutter or Clutter()
-        self.world = World(plan, robot, clutter=self.clutter)
         self._robot = robot
 
     @cached_property
@@ -55,11 +53,6 @@ class PreparedPlan:
     def floor(self) -> ReachableFloor:
         """What there is to see."""
         return ReachableFloor(self.plan, self._robot.radius, self.clutter.furniture)
-
-    @cached_property
-    def obstacle_distance(self) -> ObstacleDistance:
-        """Distance to the nearest wall or piece of furniture."""
-        return ObstacleDistance(np.vstack([self.plan.segments(), self.clutter.segments()]))
 
     def sample_start(self, rng: np.random.Generator) -> Pose2D:
         """Draw a start as :func:`slamgym.sim.sample_start` does."""
@@ -98,7 +91,8 @@ class PlanCache:
                 return self.named(plan_id)
             except PlanError as refusal:
                 _logger.warning("left out: %s", refusal)
-                self._refused[plan_id] = error = refusal
+                # Without its traceback, whose frames would keep the plan.
+                self._refused[plan_id] = error = refusal.with_traceback(None)
         assert error is not None
         raise PlanError(
             error.path, f"{error.reason} (and {_TRIES} plans drawn in a row can't be explored either)"

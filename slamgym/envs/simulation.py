@@ -10,7 +10,7 @@ from slamgym.core.geometry import between
 from slamgym.core.types import FloatArray, LaserScan, Pose2D, Twist2D
 from slamgym.envs.config import ExploreConfig
 from slamgym.envs.plan_cache import PreparedPlan
-from slamgym.sim import Lidar, Motion, WheelOdometry
+from slamgym.sim import Lidar, Motion, WheelOdometry, World
 from slamgym.slam import make_mapper
 
 EXPECTED_ACTIONS = {
@@ -112,7 +112,7 @@ class Simulation:
     def __init__(
         self, prepared: PreparedPlan, start: Pose2D, config: ExploreConfig, lidar: Lidar, streams: Streams
     ) -> None:
-        self._world = prepared.world
+        self._world = World(prepared.plan, config.robot, clutter=prepared.clutter)
         self._world.reset(start)
         self._lidar = lidar
         self._rng = streams.lidar

@@ -28,6 +28,7 @@ from slamgym.dataset.record import ManifestLine, PairRecord
 
 IMAGES_VERSION = 1
 Split = Literal["train", "test"]
+Scaling = Literal["fit", "fixed"]
 SPLITS: tuple[Split, Split] = ("train", "test")
 
 
