@@ -12,10 +12,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
+from slamgym.core.documents import parse_yaml
 from slamgym.core.errors import InputFileError
-from slamgym.core.files import write_bytes, write_text
+from slamgym.core.files import read_bytes, read_text, write_bytes, write_text
+from slamgym.core.limits import YAML_BYTES, shown
+from slamgym.core.pictures import decode_picture
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, ByteArray, GridFrame, OccupancyGrid
 
 OCCUPIED_THRESHOLD = 0.65
@@ -150,16 +152,7 @@ def _classify_raw(grey: ByteArray, occupied_thresh: float, free_thresh: float) -
 
 
 def _read_description(path: Path) -> dict[str, Any]:
-    try:
-        description = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputFileError(path, f"can't be read ({error.strerror or error})") from error
-    except UnicodeDecodeError as error:
-        raise InputFileError(path, "is not a text file; give the map's .yaml file") from error
-    except (yaml.YAMLError, RecursionError) as error:
-        mark = getattr(error, "problem_mark", None)
-        where = path if mark is None else f"{path}:{mark.line + 1}"
-        raise InputFileError(where, "is not valid yaml") from error
+    description = parse_yaml(read_text(path, YAML_BYTES), path)
     if not isinstance(description, dict):
         raise InputFileError(path, "is not a map description; it needs the keys image, resolution and origin")
     return description
@@ -179,7 +172,7 @@ def _number(path: Path, description: dict[str, Any], key: str, default: float | 
     except (TypeError, ValueError, OverflowError):
         number = math.nan
     if not math.isfinite(number):
-        raise InputFileError(path, f"{key!r} is {value!r}; it must be a number")
+        raise InputFileError(path, f"{key!r} is {shown(value)}; it must be a number")
     return number
 
 
@@ -190,7 +183,7 @@ def _origin(path: Path, description: dict[str, Any]) -> tuple[float, float]:
     except (TypeError, ValueError, OverflowError):
         x, y, yaw = math.nan, math.nan, []
     if not (math.isfinite(x) and math.isfinite(y)):
-        raise InputFileError(path, f"'origin' is {origin!r}; it must be a list [x, y, yaw] of numbers")
+        raise InputFileError(path, f"'origin' is {shown(origin)}; it must be a list [x, y, yaw] of numbers")
     if yaw and not abs(yaw[0]) < 1e-3:
         raise InputFileError(
             path, f"the map is rotated by {yaw[0]} rad; rotate the image and set the yaw to 0"
@@ -203,15 +196,10 @@ def _read_grey(path: Path) -> tuple[ByteArray, Any]:
     import cv2
 
     try:
-        encoded = np.frombuffer(path.read_bytes(), np.uint8)
-    except OSError as error:
-        raise InputFileError(path, f"the map's image can't be read ({error.strerror or error})") from error
-    try:
-        image = cv2.imdecode(encoded, cv2.IMREAD_UNCHANGED) if encoded.size else None
-    except cv2.error:
-        image = None
-    if image is None or image.size == 0:
-        raise InputFileError(path, "is not an image that OpenCV can read (PGM, PNG, BMP, TIFF)")
+        encoded = read_bytes(path)
+    except InputFileError as error:
+        raise InputFileError(path, f"the map's image {error.reason}") from error
+    image = decode_picture(path, encoded, cv2.IMREAD_UNCHANGED)
     if image.dtype == np.uint16:
         image = (image >> 8).astype(np.uint8)
     if image.dtype != np.uint8:
