@@ -56,15 +56,15 @@ def measure(kind: str, path: Path | str, **options) -> tuple[float, float, str]:
 def aliases(folder: Path) -> Path:
     """A map's description of 420 bytes in which each of nine lists holds the one before nine times."""
     lines = ["image: a.pgm", "a0: &a0 [x,x,x,x,x,x,x,x,x]"]
-    lines += [f"a{i}: &a{i} [{','.join([f'*a{i - 1}'] * 9)}]" for i in range(1, 7)]
-    return _write(folder / "aliases.yaml", "\n".join([*lines, "resolution: *a6", "origin: *a6"]))
+    lines += [f"a{i}: &a{i} [{','.join([f'*a{i - 1}'] * 9)}]" for i in range(1, 9)]
+    return _write(folder / "aliases.yaml", "\n".join([*lines, "resolution: *a8"]))
 
 
 def aliased_recipe(folder: Path) -> Path:
     """The same as a recipe."""
     lines = ["a0: &a0 [x,x,x,x,x,x,x,x,x]"]
-    lines += [f"a{i}: &a{i} [{','.join([f'*a{i - 1}'] * 9)}]" for i in range(1, 7)]
-    return _write(folder / "recipe.yaml", "\n".join([*lines, "lidar.noise: *a6"]))
+    lines += [f"a{i}: &a{i} [{','.join([f'*a{i - 1}'] * 9)}]" for i in range(1, 9)]
+    return _write(folder / "recipe.yaml", "\n".join([*lines, "lidar.sigma: *a8"]))
 
 
 def random_outline(folder: Path, count: int = 20_000) -> Path:

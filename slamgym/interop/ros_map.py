@@ -24,6 +24,11 @@ OCCUPIED_THRESHOLD = 0.65
 FREE_THRESHOLD = 0.196
 """map_saver's own thresholds: the grey value 205 lies between them."""
 
+MIN_RESOLUTION, MAX_RESOLUTION = 1e-5, 100.0
+"""Cells of another size are a broken number [m]."""
+MAX_ORIGIN = 1e8
+"""A map farther from the origin than this is a broken number [m]; UTM coordinates go up to 1e7."""
+
 MIN_UNKNOWN_SHARE = 0.01
 """A grey level between black and white counts as *the* unknown level if this share of the cells has it."""
 
@@ -83,13 +88,15 @@ def read_ros_map(path: Path | str) -> OccupancyGrid:
     description = _read_description(path)
     image = path.parent / _text(path, description, "image")
     resolution = _number(path, description, "resolution")
-    if resolution <= 0.0:
+    if not MIN_RESOLUTION <= resolution <= MAX_RESOLUTION:
         raise InputFileError(
-            path, f"resolution is {resolution}; it must be a positive number of metres per cell"
+            path,
+            f"resolution is {resolution}; it must be a positive number of metres per cell, of at most "
+            f"{MAX_RESOLUTION:.0f}",
         )
     origin_x, origin_y = _origin(path, description)
-    occupied = _number(path, description, "occupied_thresh", OCCUPIED_THRESHOLD)
-    free = _number(path, description, "free_thresh", FREE_THRESHOLD)
+    occupied = _share(path, description, "occupied_thresh", OCCUPIED_THRESHOLD)
+    free = _share(path, description, "free_thresh", FREE_THRESHOLD)
     grey, transparent = _read_grey(image)
     if str(description.get("mode", "trinary")).lower() == "raw":
         cells = _classify_raw(grey, occupied, free)
@@ -176,14 +183,23 @@ def _number(path: Path, description: dict[str, Any], key: str, default: float | 
     return number
 
 
+def _share(path: Path, description: dict[str, Any], key: str, default: float) -> float:
+    value = _number(path, description, key, default)
+    if not 0.0 <= value <= 1.0:
+        raise InputFileError(path, f"{key!r} is {value:g}; it must be between 0 and 1")
+    return value
+
+
 def _origin(path: Path, description: dict[str, Any]) -> tuple[float, float]:
     origin: Any = description.get("origin")
     try:
         x, y, *yaw = (float(value) for value in origin)
     except (TypeError, ValueError, OverflowError):
         x, y, yaw = math.nan, math.nan, []
-    if not (math.isfinite(x) and math.isfinite(y)):
-        raise InputFileError(path, f"'origin' is {shown(origin)}; it must be a list [x, y, yaw] of numbers")
+    if not (abs(x) <= MAX_ORIGIN and abs(y) <= MAX_ORIGIN):  # false for nan
+        raise InputFileError(
+            path, f"'origin' is {shown(origin)}; it must be a list [x, y, yaw] of numbers in metres"
+        )
     if yaw and not abs(yaw[0]) < 1e-3:
         raise InputFileError(
             path, f"the map is rotated by {yaw[0]} rad; rotate the image and set the yaw to 0"

@@ -2,9 +2,12 @@
 
 import copy
 import json
+from collections.abc import Callable
 from typing import Any
 
 from hypothesis import strategies as st
+
+from slamgym.core.errors import SlamgymError
 
 ODD_VALUES = st.one_of(
     st.none(),
@@ -32,6 +35,9 @@ ODD_VALUES = st.one_of(
     st.text(max_size=5),
 )
 """What stands where something else belongs."""
+
+MAX_SENTENCE = 1000
+"""Characters of a refusal, the path included."""
 
 _BYTES = st.tuples(
     st.sampled_from(["flip", "cut", "drop", "insert", "repeat"]),
@@ -74,10 +80,21 @@ def mutated_json(draw: st.DrawFn, values: list[Any]) -> bytes:
     return draw(mutated_bytes([text])) if draw(st.integers(0, 4)) == 0 else text
 
 
+def must_read_or_refuse(read: Callable[..., Any], *arguments: Any) -> None:
+    """Call a reader: it must give a value, or a SlamgymError with one sentence of a sensible length."""
+    sentence = ""
+    try:
+        read(*arguments)
+    except SlamgymError as error:
+        sentence = str(error)
+    assert len(sentence) < MAX_SENTENCE
+    assert "\n" not in sentence
+
+
 def _with_fault(draw: st.DrawFn, document: Any) -> Any:
     """A document with one value replaced; the place is found by walking down from the root."""
     if not isinstance(document, dict | list) or not document:
-        return draw(ODD_VALUES)
+        return copy.deepcopy(draw(ODD_VALUES))
     holder: Any = document
     while True:
         keys = list(holder) if isinstance(holder, dict) else range(len(holder))
@@ -96,5 +113,5 @@ def _with_fault(draw: st.DrawFn, document: Any) -> Any:
     elif how == "double" and isinstance(holder, list):
         holder.insert(key, copy.deepcopy(inner))
     else:
-        holder[key] = draw(ODD_VALUES)
+        holder[key] = copy.deepcopy(draw(ODD_VALUES))  # which later faults may change
     return document

@@ -6,11 +6,11 @@ import warnings
 
 import numpy as np
 import pytest
-from fuzz.mutations import mutated_bytes, mutated_json
+from fuzz.mutations import must_read_or_refuse, mutated_bytes, mutated_json
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from slamgym.core.errors import ConfigError, SlamgymError
+from slamgym.core.errors import ConfigError
 from slamgym.core.types import LaserGeometry, LaserScan, Pose2D, Trajectory
 from slamgym.interop import LogRecord, open_log, write_carmen, write_tum
 from slamgym.interop.logs import read_relations
@@ -32,13 +32,6 @@ def records() -> list[LogRecord]:
         LogRecord(stamp, Pose2D(0.1 * stamp, 0.0, 0.01), LaserScan(stamp, ranges, LASER))
         for stamp in (1.0, 2.0, 3.0)
     ]
-
-
-def outcome(read, *arguments) -> None:
-    try:
-        read(*arguments)
-    except SlamgymError as error:
-        assert len(str(error)) < 1500
 
 
 @pytest.fixture(scope="module")
@@ -63,7 +56,7 @@ def bag(tmp_path_factory):
 def test_carmen_logs(tmp_path, logs, data):
     path = tmp_path / "a.log"
     path.write_bytes(data.draw(mutated_bytes(logs)))
-    outcome(open_log, path)
+    must_read_or_refuse(open_log, path)
 
 
 @given(data=st.data())
@@ -73,7 +66,7 @@ def test_bags(tmp_path, bag, data):
     path.write_bytes(data.draw(mutated_bytes([bag])))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        outcome(open_log, path)
+        must_read_or_refuse(open_log, path)
 
 
 @given(mutated_bytes([b"# t x y z qx qy qz qw\n1.0 0 0 0 0 0 0 1\n2.0 1 0 0 0 0 0.1 0.99\n"]))
@@ -81,7 +74,7 @@ def test_bags(tmp_path, bag, data):
 def test_trajectories(tmp_path, content):
     path = tmp_path / "a.tum"
     path.write_bytes(content)
-    outcome(read_tum, path)
+    must_read_or_refuse(read_tum, path)
 
 
 @given(mutated_bytes([b"1.0 2.0 0.5 0 0 0 0 0.1\n2.0 3.0 0.5 0 0 0 0 0.1\n"]))
@@ -89,7 +82,7 @@ def test_trajectories(tmp_path, content):
 def test_relations(tmp_path, content):
     path = tmp_path / "a.relations"
     path.write_bytes(content)
-    outcome(read_relations, path)
+    must_read_or_refuse(read_relations, path)
 
 
 @given(mutated_bytes([b"x,y,t\n1,2,0\n2;3;1\n", b"1,2\n2,3 # end\n"]))
@@ -97,7 +90,7 @@ def test_relations(tmp_path, content):
 def test_waypoints(tmp_path, content):
     path = tmp_path / "a.csv"
     path.write_bytes(content)
-    outcome(read_waypoints, path)
+    must_read_or_refuse(read_waypoints, path)
 
 
 @given(mutated_json([{"two_phase": FACTORS, "about": {}}]))
@@ -105,7 +98,7 @@ def test_waypoints(tmp_path, content):
 def test_calibrations(tmp_path, content):
     path = tmp_path / "a.json"
     path.write_bytes(content)
-    outcome(read_calibration, path, TwoPhaseConfig())
+    must_read_or_refuse(read_calibration, path, TwoPhaseConfig())
 
 
 @given(mutated_json([{"sigma": 0.05, "particles": 10, "motion": {"srr": 0.1}}]))
@@ -113,7 +106,7 @@ def test_calibrations(tmp_path, content):
 def test_settings_of_a_replay(tmp_path, content):
     path = tmp_path / "a.json"
     path.write_bytes(content)
-    outcome(lambda: settings_for(LASER, read_overrides(path)))
+    must_read_or_refuse(lambda: settings_for(LASER, read_overrides(path)))
 
 
 def test_good_files_pass(tmp_path, logs):

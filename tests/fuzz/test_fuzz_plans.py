@@ -7,12 +7,11 @@ import tarfile
 
 import cv2
 import numpy as np
-from fuzz.mutations import mutated_bytes, mutated_json
+from fuzz.mutations import must_read_or_refuse, mutated_bytes, mutated_json
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from slamgym.cad import check_plan, open_plans
-from slamgym.core.errors import SlamgymError
 
 PLAN = {
     "verts": [[0, 0], [8, 0], [8, 3], [5, 3], [5, 6], [0, 6]],
@@ -40,15 +39,10 @@ FLOOR = {
 }
 
 
-def outcome(path: object) -> None:
-    """Open, read and check all plans; an error that isn't the user's fails the test."""
-    try:
-        source = open_plans(path)
-        for plan_id in source.ids:
-            check_plan(source.load(plan_id))
-    except SlamgymError as error:
-        assert len(str(error)) < 1000
-        assert "\n" not in str(error)
+def check_all(spec: str) -> None:
+    source = open_plans(spec)
+    for plan_id in source.ids:
+        check_plan(source.load(plan_id))
 
 
 def archive(content: bytes, suffix: str) -> bytes:
@@ -77,7 +71,7 @@ PICTURES = [picture(suffix) for suffix in (".png", ".pgm", ".bmp", ".jpg", ".tif
 def test_plans(tmp_path, content):
     path = tmp_path / "a.json"
     path.write_bytes(content)
-    outcome(path)
+    must_read_or_refuse(check_all, str(path))
 
 
 @given(mutated_bytes(ARCHIVES))
@@ -85,7 +79,7 @@ def test_plans(tmp_path, content):
 def test_archives(tmp_path, content):
     path = tmp_path / "a.tar.gz"
     path.write_bytes(content)
-    outcome(path)
+    must_read_or_refuse(check_all, str(path))
 
 
 @given(mutated_json([FLOOR]), st.booleans())
@@ -93,7 +87,7 @@ def test_archives(tmp_path, content):
 def test_floors_as_rooms(tmp_path, content, compressed):
     path = tmp_path / ("a.jsonl.xz" if compressed else "a.jsonl")
     path.write_bytes(lzma.compress(content, preset=0) if compressed else content)
-    outcome(path)
+    must_read_or_refuse(check_all, str(path))
 
 
 @given(mutated_bytes([lzma.compress(json.dumps(FLOOR).encode(), preset=0)]))
@@ -101,7 +95,7 @@ def test_floors_as_rooms(tmp_path, content, compressed):
 def test_damaged_compression(tmp_path, content):
     path = tmp_path / "a.jsonl.xz"
     path.write_bytes(content)
-    outcome(path)
+    must_read_or_refuse(check_all, str(path))
 
 
 @given(mutated_bytes(PICTURES))
@@ -109,7 +103,7 @@ def test_damaged_compression(tmp_path, content):
 def test_pictures(tmp_path, content):
     path = tmp_path / "a.png"
     path.write_bytes(content)
-    outcome(f"{path}@0.25")
+    must_read_or_refuse(check_all, f"{path}@0.25")
 
 
 @given(mutated_bytes([b"a\nb.json\n\nc"]))
@@ -117,7 +111,4 @@ def test_pictures(tmp_path, content):
 def test_files_of_ids(tmp_path, content):
     path = tmp_path / "ids.txt"
     path.write_bytes(content)
-    try:
-        open_plans("bundled", ids_file=path)
-    except SlamgymError as error:
-        assert len(str(error)) < 1000
+    must_read_or_refuse(open_plans, "bundled", path)
