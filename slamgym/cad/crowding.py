@@ -4,6 +4,8 @@ A polygon of 2,000 random points crosses itself a million times, and repairing i
 teeth is valid, but shrinking it by the robot's radius takes as many.
 """
 
+from typing import Any
+
 import numpy as np
 import shapely
 from shapely import Polygon
@@ -30,7 +32,7 @@ def make_valid(polygon: Polygon, source: str) -> BaseGeometry:
     if not polygon.is_valid:
         segments = np.vstack([_edges(ring) for ring in (polygon.exterior, *polygon.interiors)])
         refuse_crowded(segments, 0.0, source)
-        lines = shapely.linestrings(segments.reshape(-1, 2, 2))
+        lines: Any = shapely.linestrings(segments.reshape(-1, 2, 2))
         tree, crossings = shapely.STRtree(lines), 0
         for start in range(0, len(lines), _AT_ONCE):
             some = lines[start : start + _AT_ONCE]
@@ -55,8 +57,9 @@ def refuse_crowded(segments: FloatArray, margin: float, source: str) -> None:
         return
     low = np.minimum(segments[:, :2], segments[:, 2:])
     high = np.maximum(segments[:, :2], segments[:, 2:])
-    tree = shapely.STRtree(shapely.box(*low.T, *high.T))
-    around = shapely.box(*(low - margin).T, *(high + margin).T)
+    boxes: Any = shapely.box(*low.T, *high.T)
+    tree = shapely.STRtree(boxes)
+    around: Any = shapely.box(*(low - margin).T, *(high + margin).T)
     pairs = 0
     for start in range(0, len(around), _AT_ONCE):
         pairs += tree.query(around[start : start + _AT_ONCE]).shape[1]

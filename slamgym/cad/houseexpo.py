@@ -28,7 +28,7 @@ from slamgym.cad.floorplan import Door, FloorPlan, Room
 from slamgym.core.documents import parse_json
 from slamgym.core.errors import InputFileError, PlanError
 from slamgym.core.files import read_bytes, write_text
-from slamgym.core.limits import DOCUMENT_BYTES, PARTS, VERTICES, shown
+from slamgym.core.limits import DOCUMENT_BYTES, PLAN_PARTS, VERTICES, shown
 from slamgym.core.types import FloatArray
 
 MAX_PLAN_COORDINATE = 10_000.0
@@ -180,7 +180,7 @@ def _list(data: Mapping[str, Any], key: str, source: str) -> list[Any]:
     value = data.get(key, [])
     if not isinstance(value, list):
         raise PlanError(source, f"'{key}' is not a list")
-    PARTS.check(source, len(value), PlanError)
+    PLAN_PARTS.check(source, len(value), PlanError)
     return value
 
 
@@ -225,8 +225,8 @@ def _rooms(data: Mapping[str, Any], source: str, mirror: float) -> tuple[Room, .
             polygon = _rings(entry, source) if key == "room_polygons" else _box(entry, source)
             if polygon.is_valid and polygon.area > 0.0:
                 rooms.append(Room(category, _mirrored(polygon, mirror)))
-        PARTS.check(source, len(rooms), PlanError)
-    VERTICES.check(source, sum(shapely.get_num_coordinates(room.polygon) for room in rooms), PlanError)
+        PLAN_PARTS.check(source, len(rooms), PlanError)
+    VERTICES.check(source, len(shapely.get_coordinates([room.polygon for room in rooms])), PlanError)
     return tuple(rooms)
 
 

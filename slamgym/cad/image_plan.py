@@ -14,7 +14,7 @@ from shapely import Polygon
 from slamgym.cad.floorplan import FloorPlan
 from slamgym.core.errors import InputFileError, PlanError
 from slamgym.core.files import read_bytes
-from slamgym.core.limits import PARTS, RUNS, VERTICES
+from slamgym.core.limits import PLAN_PARTS, RUNS, VERTICES
 from slamgym.core.pictures import decode_picture
 from slamgym.core.types import FREE, BoolArray, GridFrame
 from slamgym.interop.ros_map import read_ros_map
@@ -112,8 +112,8 @@ def trace_plan(
     outline = largest.simplify(smoothing * frame.resolution) if smoothing > 0.0 else largest
     if not isinstance(outline, Polygon) or not outline.is_valid:
         outline = largest
-    PARTS.check(source, len(outline.interiors), PlanError)
-    VERTICES.check(source, shapely.get_num_coordinates(outline), PlanError)
+    PLAN_PARTS.check(source, len(outline.interiors), PlanError)
+    VERTICES.check(source, len(shapely.get_coordinates(outline)), PlanError)
     return FloorPlan(plan_id, outline, source=source)
 
 

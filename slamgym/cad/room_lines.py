@@ -23,7 +23,7 @@ from slamgym.cad.houseexpo import MAX_ID, MAX_PLAN_COORDINATE
 from slamgym.core.compression import DAMAGED, open_expanded
 from slamgym.core.documents import parse_json
 from slamgym.core.errors import InputFileError, PlanError
-from slamgym.core.limits import ENTRIES, PARTS, VERTICES, shown
+from slamgym.core.limits import ENTRIES, MAX_SHOWN, PLAN_PARTS, VERTICES, shown
 from slamgym.core.types import FloatArray
 
 WALL_THICKNESS = 0.15
@@ -62,7 +62,7 @@ class RoomLinesSource:
             OverflowError,
             shapely.GEOSException,
         ) as error:
-            raise PlanError(source, f"its rooms are malformed ({shown(str(error))})") from None
+            raise PlanError(source, f"its rooms are malformed ({str(error)[:MAX_SHOWN]})") from None
 
 
 def _read_lines(path: Path) -> dict[str, Mapping[str, Any]]:
@@ -135,11 +135,11 @@ def _check_size(rooms: Sequence[Mapping[str, Any]], scale: float, source: str) -
     """Refuse a floor that would take too long to build."""
     if not 0.0 < scale < MAX_SCALE:
         raise ValueError(f"m_per_px is {scale}")
-    PARTS.check(source, len(rooms), PlanError)
+    PLAN_PARTS.check(source, len(rooms), PlanError)
     VERTICES.check(source, sum(len(room["polygon"]) + len(room["segments"]) for room in rooms), PlanError)
     for room in rooms:
         # Distances of all portals to all walls are computed at once.
-        PARTS.check(source, sum(segment[4] == "PORTAL" for segment in room["segments"]), PlanError)
+        PLAN_PARTS.check(source, sum(segment[4] == "PORTAL" for segment in room["segments"]), PlanError)
     rings = [_metres(room["polygon"], scale) for room in rooms]
     walls = [np.hstack([ring, np.roll(ring, -1, axis=0)]) for ring in rings]
     if walls:

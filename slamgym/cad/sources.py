@@ -90,7 +90,7 @@ class ArchiveSource:
                         DOCUMENT_BYTES.check(f"{path}:{shown(member.name)}", member.size)
                         content = archive.extractfile(member)
                         self._texts[name.stem] = content.read() if content else b""
-                    archive.members = []  # type: ignore[attr-defined] # which would grow with every entry
+                    archive.members = []  # which would grow with every entry
         except (OSError, ValueError, tarfile.TarError, *DAMAGED) as error:
             raise InputFileError(path, f"is not a readable archive ({error}); download it again") from None
         self.ids: Sequence[str] = sorted(self._texts)

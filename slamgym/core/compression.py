@@ -13,7 +13,7 @@ from slamgym.core.files import open_regular
 from slamgym.core.limits import check_expansion
 
 _OPENERS = {b"\x1f\x8b": gzip.open, b"\xfd7": lzma.open, b"BZ": bz2.open}
-CHUNK_BYTES = 1 << 18
+_CHUNK = 1 << 18
 
 DAMAGED = (EOFError, lzma.LZMAError, zlib.error, gzip.BadGzipFile)
 """What reading damaged compressed data raises."""
@@ -38,7 +38,7 @@ class ExpandedFile:
         Raises:
             InputFileError: If the file expands beyond the limits.
         """
-        chunk = self._content.read(min(size, CHUNK_BYTES))
+        chunk = self._content.read(min(size, _CHUNK))
         self._expanded += len(chunk)
         check_expansion(
             self._path, self._expanded, self._raw.tell() if self._content is not self._raw else 1 << 62
@@ -51,7 +51,7 @@ class ExpandedFile:
         Raises:
             InputFileError: If the file expands beyond the limits.
         """
-        return b"".join(iter(lambda: self.read(CHUNK_BYTES), b""))
+        return b"".join(iter(lambda: self.read(_CHUNK), b""))
 
 
 @contextlib.contextmanager

@@ -9,6 +9,9 @@ import yaml
 from slamgym.core.errors import InputFileError
 from slamgym.core.limits import DEPTH, DOCUMENT_BYTES, YAML_BYTES, Limit
 
+MAX_DIGITS = 300
+"""A longer whole number is no float any more."""
+
 
 def parse_json(
     text: str | bytes,
@@ -29,7 +32,7 @@ def parse_json(
     """
     limit.check(where, len(text), error)
     try:
-        value = json.loads(text)
+        value = json.loads(text, parse_int=_whole_number)
     except (ValueError, RecursionError) as reason:
         raise error(where, f"is not valid JSON ({_one_line(reason)})") from None
     _check_depth(value, where, error)
@@ -71,7 +74,23 @@ class _PlainLoader(yaml.SafeLoader):
             raise yaml.composer.ComposerError(
                 None, None, "aliases are not allowed; write the value out", mark
             )
-        return super().compose_node(parent, index)  # type: ignore[no-untyped-call]
+        return super().compose_node(parent, index)
+
+
+def _whole_number(text: str) -> int:
+    if len(text) > MAX_DIGITS:
+        raise ValueError(f"a whole number of {len(text)} digits")
+    return int(text)
+
+
+def _yaml_number(loader: _PlainLoader, node: yaml.ScalarNode) -> int:
+    number: int = loader.construct_yaml_int(node)
+    if number.bit_length() > 3 * MAX_DIGITS:
+        raise ValueError("a whole number of hundreds of digits")
+    return number
+
+
+_PlainLoader.add_constructor("tag:yaml.org,2002:int", _yaml_number)
 
 
 def _check_depth(value: Any, where: object, error: type[InputFileError]) -> None:

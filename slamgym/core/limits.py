@@ -72,7 +72,7 @@ EXPANSION = Limit(
 ENTRIES = Limit("SLAMGYM_MAX_ENTRIES", 200_000, "entries", "an archive, or a file of one floor a line")
 PIXELS = Limit("SLAMGYM_MAX_PIXELS", 100_000_000, "pixels", "a picture")
 VERTICES = Limit("SLAMGYM_MAX_VERTICES", 50_000, "vertices", "a floor plan, holes and rooms included")
-PARTS = Limit("SLAMGYM_MAX_PARTS", 10_000, "holes, rooms or doors", "a floor plan, of each kind")
+PLAN_PARTS = Limit("SLAMGYM_MAX_PARTS", 10_000, "holes, rooms or doors", "a floor plan, of each kind")
 CROSSINGS = Limit(
     "SLAMGYM_MAX_CROSSINGS", 1000, "places where the outline crosses itself", "an outline to repair"
 )
@@ -87,7 +87,7 @@ SCANS = Limit("SLAMGYM_MAX_SCANS", 1_000_000, "scans", "a log")
 JUMP = Limit("SLAMGYM_MAX_JUMP", 100, "metres between the odometry of two scans", "a log")
 
 LIMITS = (
-    FILE_BYTES, EXPANSION, ENTRIES, DOCUMENT_BYTES, YAML_BYTES, DEPTH, PIXELS, RUNS, VERTICES, PARTS, CROSSINGS,
+    FILE_BYTES, EXPANSION, ENTRIES, DOCUMENT_BYTES, YAML_BYTES, DEPTH, PIXELS, RUNS, VERTICES, PLAN_PARTS, CROSSINGS,
     NEAR_PAIRS, SCANS, JUMP,
 )  # fmt: skip
 """All of them, in the order of the documentation."""

@@ -134,7 +134,10 @@ def test_documents_may_not_be_deep_or_long():
         parse_json("[" * 10**6, "a")
     with pytest.raises(InputFileError, match="SLAMGYM_MAX_YAML_BYTES"):
         parse_yaml("a: b\n" * 20_000, "a")
+    with pytest.raises(InputFileError, match="a whole number of 400 digits"):
+        parse_json("[" + "9" * 400 + "]", "a")
     for text in (
+        f"a: {'9' * 400}",
         "a: 2000-13-45",
         "a: !!int ''",
         "a: [",
