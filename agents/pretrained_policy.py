@@ -17,7 +17,7 @@ import numpy as np
 from slamgym.agents.scoring import FrontierScorer, NetworkConfig
 from slamgym.core.config import from_dict, to_dict
 from slamgym.core.errors import ConfigError, InputFileError
-from slamgym.core.files import write_bytes, write_text
+from slamgym.core.files import read_bytes, write_bytes, write_text
 from slamgym.core.types import Float32Array
 from slamgym.envs.frontier_features import (
     CANDIDATE_FEATURES,
@@ -89,10 +89,7 @@ def read_policy(path: Path | str = PRETRAINED) -> PolicyFile:
         InputFileError: If the file is missing, damaged, or made for another observation space.
     """
     path = Path(path)
-    try:
-        content = path.read_bytes()
-    except OSError as error:
-        raise InputFileError(path, f"can't be read ({error.strerror or error})") from None
+    content = read_bytes(path)
     header, body = _split_header(path, content)
     try:
         configuration = json.loads(header.pop("__metadata__")["slamgym"])

@@ -13,6 +13,7 @@ import shapely
 from shapely import Polygon
 from shapely.geometry.base import BaseGeometry
 
+from slamgym.cad.crowding import refuse_crowded
 from slamgym.core.errors import PlanError
 from slamgym.core.types import FREE, OCCUPIED, BoolArray, ByteArray, FloatArray, GridFrame, OccupancyGrid
 
@@ -191,8 +192,11 @@ def check_plan(plan: FloorPlan, robot_radius: float = 0.22, max_extent: float = 
     if extent > max_extent:
         raise PlanError(
             plan.where,
-            f"the plan is {extent:.1f} m long but the map holds {max_extent:.1f} m; use a larger map",
+            f"the plan is {extent:.1f} m long but the map holds {max_extent:.1f} m; use a larger map "
+            "(observation.map_size; --max-extent of slamgym plans)",
         )
+    # Shrinking by the robot's radius makes every wall meet those nearer than its diameter.
+    refuse_crowded(plan.segments(), 2.0 * robot_radius, plan.where)
     _check_reachable(plan, robot_radius)
 
 

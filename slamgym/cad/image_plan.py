@@ -12,7 +12,10 @@ import shapely
 from shapely import Polygon
 
 from slamgym.cad.floorplan import FloorPlan
-from slamgym.core.errors import PlanError
+from slamgym.core.errors import InputFileError, PlanError
+from slamgym.core.files import read_bytes
+from slamgym.core.limits import PLAN_PARTS, RUNS, VERTICES
+from slamgym.core.pictures import decode_picture
 from slamgym.core.types import FREE, BoolArray, GridFrame
 from slamgym.interop.ros_map import read_ros_map
 
@@ -66,12 +69,10 @@ def read_image_plan(path: Path | str, resolution: float, smoothing: float = PLAN
     if not resolution > 0.0:
         raise PlanError(path, f"the resolution must be above 0 m per pixel, not {resolution}")
     try:
-        data = np.frombuffer(path.read_bytes(), dtype=np.uint8)
-    except OSError as error:
-        raise PlanError(path, f"can't be read ({error.strerror or error})") from error
-    image = cv2.imdecode(data, cv2.IMREAD_GRAYSCALE) if len(data) else None
-    if image is None:
-        raise PlanError(path, "is not a picture that OpenCV can read; give PNG, PGM, BMP, JPEG or TIFF")
+        encoded = read_bytes(path)
+    except InputFileError as error:
+        raise PlanError(error.path, error.reason) from error
+    image = decode_picture(path, encoded, cv2.IMREAD_GRAYSCALE, PlanError)
     inside = _without_outside(image > MAX_GREY)
     height, width = inside.shape
     frame = GridFrame(resolution, 0.0, 0.0, height, width)
@@ -95,7 +96,7 @@ def trace_plan(
     Raises:
         PlanError: If there is no floor, or the largest patch is less than 80 % of it.
     """
-    patches = [patch for patch in _patches(inside, frame) if patch.area >= SALT_NOISE_AREA]
+    patches = [patch for patch in _patches(inside, frame, source) if patch.area >= SALT_NOISE_AREA]
     if not patches:
         raise PlanError(
             source, f"has no free patch of {SALT_NOISE_AREA} m2 or more; check colours and resolution"
@@ -111,15 +112,18 @@ def trace_plan(
     outline = largest.simplify(smoothing * frame.resolution) if smoothing > 0.0 else largest
     if not isinstance(outline, Polygon) or not outline.is_valid:
         outline = largest
+    PLAN_PARTS.check(source, len(outline.interiors), PlanError)
+    VERTICES.check(source, len(shapely.get_coordinates(outline)), PlanError)
     return FloorPlan(plan_id, outline, source=source)
 
 
-def _patches(inside: BoolArray, frame: GridFrame) -> list[Polygon]:
+def _patches(inside: BoolArray, frame: GridFrame, source: str) -> list[Polygon]:
     """The connected patches of cells as polygons; cells that only share a corner are apart."""
     padded = np.pad(inside, ((0, 0), (1, 1))).astype(np.int8)
     change = np.diff(padded, axis=1)  # (height, width + 1): +1 where a run of free cells begins, -1 after it
     row, first = np.nonzero(change == 1)
     _, stop = np.nonzero(change == -1)
+    RUNS.check(source, len(first), PlanError)
     # Rows count from the top; whole numbers keep the union exact, metres come after it.
     runs = shapely.box(first, frame.height_px - 1 - row, stop, frame.height_px - row)
     origin = np.array([frame.origin_x, frame.origin_y])

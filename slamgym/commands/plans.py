@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -12,6 +11,7 @@ import tyro
 
 from slamgym.core.config import Arguments, Count, Within
 from slamgym.core.errors import ConfigError
+from slamgym.envs.config import ObservationConfig
 from slamgym.sim import RobotConfig
 
 if TYPE_CHECKING:
@@ -35,8 +35,8 @@ class _Selection(Arguments):
     """Take only the first so many plans."""
     robot_radius: float = RobotConfig.radius
     """The robot must be able to enter the rooms; the default holds a TurtleBot3 Waffle Pi [m]."""
-    max_extent: Annotated[float, Within(gt=0.0, infinite=True)] = math.inf
-    """Longest side that a plan may have [m]."""
+    max_extent: Annotated[float, Within(gt=0.0, infinite=True)] = ObservationConfig.map_size
+    """Longest side that a plan may have [m]; the default is what ``slamgym generate`` has room for."""
 
 
 class ListPlans(_Selection):

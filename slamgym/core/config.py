@@ -12,6 +12,7 @@ from collections.abc import Iterator, Mapping
 from typing import Annotated, Any, ClassVar, NamedTuple, TypeVar
 
 from slamgym.core.errors import ConfigError
+from slamgym.core.limits import MAX_SHOWN, shown
 
 _T = TypeVar("_T")
 
@@ -113,9 +114,9 @@ def _require(hint: Any, value: Any, name: str) -> None:
     """Refuse a value that doesn't fit what its field declares."""
     for fault in _faults(hint, value, name, Within()):
         choices = [str(choice) for choice in _choices(hint)]
-        close = difflib.get_close_matches(str(fault.value), choices, n=1)
+        close = difflib.get_close_matches(shown(fault.value).strip("'"), choices, n=1)
         advice = f"; did you mean {close[0]!r}?" if close else ""
-        raise ConfigError(f"{fault.name} must be {fault.must_be}, not {fault.value!r}{advice}")
+        raise ConfigError(f"{fault.name} must be {fault.must_be}, not {shown(fault.value)}{advice}")
 
 
 def _choices(hint: Any) -> list[Any]:
@@ -171,7 +172,7 @@ def _faults_inside(hint: Any, value: Any, name: str, bounds: Within) -> Iterator
 def suggest(name: str, known: typing.Iterable[str]) -> str:
     """A sentence part that names the nearest known name, or lists them all."""
     known = list(known)
-    close = difflib.get_close_matches(name, known, n=1)
+    close = difflib.get_close_matches(str(name)[:MAX_SHOWN], known, n=1)
     return f"did you mean {close[0]!r}?" if close else f"known: {', '.join(sorted(known))}"
 
 
@@ -197,7 +198,9 @@ def from_dict(cls: type[_T], values: Mapping[str, Any], where: str = "") -> _T:
     converted = {}
     for name in values:
         if name not in hints:
-            raise ConfigError(f"{prefix}unknown setting {name!r} of {cls.__name__}; {suggest(name, hints)}")
+            raise ConfigError(
+                f"{prefix}unknown setting {shown(name)} of {cls.__name__}; {suggest(name, hints)}"
+            )
         path = f"{where}.{name}" if where else name
         converted[name] = _convert(hints[name], values[name], path)
         if issubclass(cls, Settings):
@@ -226,7 +229,7 @@ def _replace(config: _T, path: str, value: Any, name: str, root: Any) -> _T:
     hints = _hints(type(config))
     current = getattr(config, first) if first in hints else None
     if first not in hints or (rest and not dataclasses.is_dataclass(current)):
-        raise ConfigError(f"unknown setting {name!r}; {suggest(name, setting_names(root))}")
+        raise ConfigError(f"unknown setting {shown(name)}; {suggest(name, setting_names(root))}")
     if rest:
         value = _replace(current, rest, value, name, root)
     else:

@@ -8,11 +8,14 @@ import contextlib
 import errno
 import glob
 import os
+import stat
 from collections.abc import Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import BinaryIO
 
 from slamgym.core.errors import InputFileError
+from slamgym.core.limits import FILE_BYTES, Limit
 
 try:
     import fcntl
@@ -30,6 +33,7 @@ _FIXES = {
     errno.EEXIST: "exists and is not a folder; choose another one",
 }
 _SYNC_THREADS = 16
+_MAX_PATH = 1000
 
 
 class StorageError(InputFileError):
@@ -79,26 +83,62 @@ def staged(path: Path | str, *, durable: bool = False) -> Iterator[Path]:
                 part.unlink(missing_ok=True)
 
 
-def read_bytes(path: Path | str) -> bytes:
+def open_regular(path: Path | str) -> BinaryIO:
+    """Open a file for reading; a device, a pipe or a folder is refused, not waited for.
+
+    Raises:
+        InputFileError: If it can't be read or is no regular file.
+    """
+    try:
+        # A pipe that nobody writes to would block here.
+        file = open(  # noqa: SIM115 - the caller closes it
+            path, "rb", opener=lambda name, flags: os.open(name, flags | getattr(os, "O_NONBLOCK", 0))
+        )
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise InputFileError(shown_path(path), f"can't be read ({reason})") from error
+    if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+        file.close()
+        raise InputFileError(path, "is no regular file but a device, pipe or socket; give a file")
+    return file
+
+
+def shown_path(path: Path | str) -> str:
+    """A path as errors name it, shortened where it is too long for one."""
+    text = str(path)
+    return text if len(text) <= _MAX_PATH else f"{text[:_MAX_PATH]}..."
+
+
+def read_bytes(path: Path | str, limit: Limit = FILE_BYTES) -> bytes:
     """Read a whole file.
 
+    Args:
+        path: The file.
+        limit: Of its bytes.
+
     Raises:
-        InputFileError: If it can't be read.
+        InputFileError: If it can't be read, is no regular file, or is larger than the limit.
     """
-    try:
-        return Path(path).read_bytes()
-    except OSError as error:
-        raise InputFileError(path, f"can't be read ({error.strerror or error})") from error
+    with open_regular(path) as file:
+        limit.check(path, os.fstat(file.fileno()).st_size)
+        try:
+            return file.read(limit.value)
+        except OSError as error:
+            raise InputFileError(path, f"can't be read ({error.strerror or error})") from error
 
 
-def read_text(path: Path | str) -> str:
+def read_text(path: Path | str, limit: Limit = FILE_BYTES) -> str:
     """Read a whole UTF-8 text file.
 
+    Args:
+        path: The file.
+        limit: Of its bytes.
+
     Raises:
-        InputFileError: If it can't be read or is not text.
+        InputFileError: If it can't be read, is not text, or is larger than the limit.
     """
     try:
-        return read_bytes(path).decode()
+        return read_bytes(path, limit).decode()
     except UnicodeDecodeError:
         raise InputFileError(path, "is not a text file") from None
 

@@ -27,14 +27,15 @@ axes are parallel to the world's, so a world point is ``start + map point``. The
 from __future__ import annotations
 
 import hashlib
-import json
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
+from slamgym.core.documents import parse_json
 from slamgym.core.errors import InputFileError
 from slamgym.core.files import read_bytes, write_bytes
+from slamgym.core.limits import DOCUMENT_BYTES
 from slamgym.core.png import read_png
 from slamgym.core.types import ByteArray
 from slamgym.dataset.record import PairRecord
@@ -158,10 +159,7 @@ def read_dataset_config(root: Path | str) -> dict[str, Any]:
         InputFileError: If there is none or it is no JSON object.
     """
     path = Layout(Path(root)).config
-    try:
-        values = json.loads(read_bytes(path))
-    except ValueError as error:
-        raise InputFileError(path, f"is not JSON ({error}); choose another folder") from error
+    values = parse_json(read_bytes(path, DOCUMENT_BYTES), path)
     if not isinstance(values, dict):
         raise InputFileError(path, "is not a JSON object")
     return values

@@ -19,6 +19,7 @@ import numpy as np
 
 from slamgym import __version__
 from slamgym.core.config import from_dict, to_dict
+from slamgym.core.documents import parse_json
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.files import staged
 from slamgym.core.types import GridFrame, Pose2D
@@ -71,7 +72,7 @@ class ManifestLine:
             InputFileError: If the line is no such record.
         """
         try:
-            return from_dict(cls, json.loads(line), where)
+            return from_dict(cls, parse_json(line, where), where)
         except (ValueError, TypeError) as error:
             raise InputFileError(where, f"is not {cls.noun} ({error})") from error
 

@@ -17,11 +17,12 @@ from pathlib import Path
 import numpy as np
 
 from slamgym.core.errors import InputFileError
-from slamgym.core.files import write_bytes
+from slamgym.core.files import open_regular, write_bytes
 from slamgym.core.geometry import between, compose, wrap_angle
+from slamgym.core.limits import SCANS, check_expansion
 from slamgym.core.types import Float32Array, LaserGeometry, LaserScan, Pose2D
 from slamgym.interop.carmen_messages import LaserHints, MalformedMessageError, ScanMessage, parse_scan
-from slamgym.interop.records import Log, LogRecord, LogWarnings, longest_ordered
+from slamgym.interop.records import Log, LogRecord, LogWarnings, longest_ordered, without_jumps
 
 SCAN_MESSAGES = ("FLASER", "ROBOTLASER1")
 IGNORED_MESSAGES = re.compile(
@@ -36,7 +37,7 @@ DEFAULT_RANGE_MAX = 80.0
 COMPRESSION = 4
 """Level of zlib for written logs: 8 % more bytes than at level 6 in a quarter of the time."""
 
-CHUNK_BYTES = 1 << 20
+CHUNK_BYTES = 1 << 16
 MAX_LINE_BYTES = 1 << 22
 GZIP_MAGIC = b"\x1f\x8b"
 
@@ -69,6 +70,9 @@ def read_carmen(path: Path | str) -> Log:
         if index not in kept_set:
             warnings.add("scan left out because time goes backwards", f"{path}:{message.line}")
     messages = [messages[index] for index in kept]
+    places = [f"{path}:{message.line}" for message in messages]
+    near = without_jumps([message.robot_pose for message in messages], places, warnings)
+    messages = [messages[index] for index in near]
     geometry = _geometry(messages, hints)
     records = [_record(path, message, geometry, warnings) for message in messages]
     return Log(str(path), records, geometry, warnings)
@@ -130,6 +134,8 @@ def _read_messages(path: Path, warnings: LogWarnings) -> tuple[LaserHints, list[
     hints = LaserHints()
     messages: list[ScanMessage] = []
     for number, raw in enumerate(_read_lines(path, warnings), start=1):
+        if not raw:
+            continue
         if b"\0" in raw:
             if number == 1 and not messages:
                 raise InputFileError(f"{path}:1", "holds binary data; a CARMEN log is text")
@@ -142,6 +148,7 @@ def _read_messages(path: Path, warnings: LogWarnings) -> tuple[LaserHints, list[
         if fields[0] in SCAN_MESSAGES:
             try:
                 messages.append(parse_scan(fields, number))
+                SCANS.check(path, len(messages))
             except MalformedMessageError as error:
                 warnings.add(str(error), f"{path}:{number}")
         elif fields[0] == "PARAM":
@@ -168,7 +175,7 @@ def _read_lines(path: Path, warnings: LogWarnings) -> Iterator[bytes]:
 
 def _read_chunks(path: Path, warnings: LogWarnings) -> Iterator[bytes]:
     try:
-        with path.open("rb") as file:
+        with open_regular(path) as file:
             chunks = iter(lambda: file.read(CHUNK_BYTES), b"")
             first = next(chunks, b"")
             everything = itertools.chain([first], chunks)
@@ -180,14 +187,19 @@ def _read_chunks(path: Path, warnings: LogWarnings) -> Iterator[bytes]:
 def _inflate(path: Path, chunks: Iterator[bytes], warnings: LogWarnings) -> Iterator[bytes]:
     """Decompress gzip data of one or more members; what was readable before a fault is kept."""
     stream = zlib.decompressobj(16 + zlib.MAX_WBITS)  # 16: with a gzip header
+    compressed = expanded = 0
     for chunk in chunks:
         data = chunk
+        compressed += len(chunk)
         while data:
             try:
-                yield stream.decompress(data, CHUNK_BYTES)
+                content = stream.decompress(data, CHUNK_BYTES)
             except zlib.error:
                 warnings.add("damage in the compressed data, the rest of which is lost", path)
                 return
+            expanded += len(content)
+            check_expansion(path, expanded, compressed)
+            yield content
             data = stream.unused_data if stream.eof else stream.unconsumed_tail
             if stream.eof and data:
                 stream = zlib.decompressobj(16 + zlib.MAX_WBITS)

@@ -26,14 +26,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from slamgym import __version__
 from slamgym.cad import PlanSource, plan_groups
 from slamgym.cad.plan_filter import PlanFilter
 from slamgym.core.config import Count, Settings, replace_setting, setting_names, suggest, to_dict
+from slamgym.core.documents import parse_yaml
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.files import read_text
+from slamgym.core.limits import YAML_BYTES, shown
 from slamgym.core.seeding import uniform_share
 from slamgym.dataset.format import FORMAT_VERSION
 from slamgym.dataset.pair import PairConfig
@@ -72,12 +72,12 @@ def apply_conditions(base: EpisodeConfig, conditions: Mapping[str, Any]) -> Epis
             config = replace_setting(config, name, value)
         elif name in ERROR_LEVELS:
             if not isinstance(value, str):
-                raise ConfigError(f"{name} must be the name of an error level, not {value!r}")
+                raise ConfigError(f"{name} must be the name of an error level, not {shown(value)}")
             config = _with_env(config, name, ERROR_LEVELS[name](value))
         elif name.partition(".")[0] in PARTS:
             config = dataclasses.replace(config, env=replace_setting(config.env, name, value))
         else:
-            raise ConfigError(f"unknown setting {name!r}; {suggest(name, known_settings())}")
+            raise ConfigError(f"unknown setting {shown(name)}; {suggest(name, known_settings())}")
     return config
 
 
@@ -199,10 +199,7 @@ def open_recipe(spec: str) -> Recipe:
         if spec not in names:
             raise ConfigError(f"no recipe {spec!r}; {suggest(spec, names)} (or give a .yaml or .json file)")
         path = RECIPES / f"{spec}.yaml"
-    try:
-        content = yaml.safe_load(read_text(path))  # JSON is YAML
-    except (yaml.YAMLError, RecursionError) as error:
-        raise InputFileError(path, f"is neither YAML nor JSON ({error})".replace("\n", " ")) from None
+    content = parse_yaml(read_text(path, YAML_BYTES), path)  # JSON is YAML
     if not isinstance(content, Mapping) or not content:
         raise InputFileError(path, "is no recipe; give settings, and under each a list of what may be drawn")
     return parse_recipe(content, str(path))
@@ -216,7 +213,7 @@ def parse_recipe(content: Mapping[Any, Any], where: str) -> Recipe:
     """
     factors = {}
     for factor, entries in content.items():
-        place = f"{where}: {factor}"
+        place = f"{where}: {str(factor)[:80]}"
         if not isinstance(entries, Sequence) or isinstance(entries, str) or not entries:
             raise ConfigError(f"{place}: give a list of what may be drawn")
         factors[str(factor)] = tuple(_choice(str(factor), entry, place) for entry in entries)
@@ -234,7 +231,7 @@ def _choice(factor: str, entry: Any, place: str) -> Choice:
     for key in entry:
         if key not in ("value", "between", "set", "weight"):
             raise ConfigError(
-                f"{place}: unknown word {key!r}; {suggest(str(key), ['value', 'between', 'set', 'weight'])}"
+                f"{place}: unknown word {shown(key)}; {suggest(str(key), ['value', 'between', 'set', 'weight'])}"
             )
     if len(kinds) != 1:
         raise ConfigError(
@@ -242,7 +239,7 @@ def _choice(factor: str, entry: Any, place: str) -> Choice:
         )
     weight = entry.get("weight", 1.0)
     if isinstance(weight, bool) or not isinstance(weight, (int, float)) or not 0.0 < weight < math.inf:
-        raise ConfigError(f"{place}: the weight must be a number above 0, not {weight!r}")
+        raise ConfigError(f"{place}: the weight must be a number above 0, not {shown(weight)}")
     settings = _settings(factor, entry, place)
     try:
         for end in (0, -1):
@@ -261,7 +258,7 @@ def _settings(factor: str, entry: Mapping[Any, Any], place: str) -> dict[str, An
             isinstance(value, (int, float)) and not isinstance(value, bool) for value in values
         )
         if not numbers or len(values) != 2 or not values[0] < values[1]:
-            raise ConfigError(f"{place}: 'between' takes two numbers, the smaller first, not {values!r}")
+            raise ConfigError(f"{place}: 'between' takes two numbers, the smaller first, not {shown(values)}")
         return {factor: {"between": list(values)}}
     if not isinstance(entry["set"], Mapping) or not entry["set"]:
         raise ConfigError(f"{place}: 'set' takes settings and their values")

@@ -138,7 +138,7 @@ def test_the_quick_recipe_varies_the_same_with_fewer_particles():
 @pytest.mark.parametrize(
     ("name", "content", "words"),
     [
-        ("r.yaml", "[1, 2", "neither YAML nor JSON"),
+        ("r.yaml", "[1, 2", "is not valid yaml"),
         ("r.yaml", "just words", "is no recipe"),
         ("r.json", "", "is no recipe"),
     ],
