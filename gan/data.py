@@ -22,7 +22,8 @@ import numpy as np
 
 from slamgym.core.errors import InputFileError
 from slamgym.core.types import ByteArray, FloatArray
-from slamgym.gan.encoding import resample_grey, resample_slam
+from slamgym.gan.encoding import resample_grey
+from slamgym.metrics.maps import resample_slam
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".pgm", ".tif", ".tiff")
 
