@@ -20,7 +20,7 @@ from slamgym.core.intervals import Interval, balanced_accuracy, mean_interval
 from slamgym.core.types import BoolArray, FloatArray, IntArray
 
 ClassifierName = Literal["gradient_boosting", "extra_trees"]
-Learner = Callable[[BoolArray, BoolArray, int], FloatArray]
+MapLearner = Callable[[BoolArray, BoolArray, int], FloatArray]
 """Given which samples to learn from (N,), which are of the second kind (N,; only those to learn from may be looked
 at) and a seed: the probability of the second kind for each of the others, in their order."""
 CLASSIFIERS: tuple[ClassifierName, ...] = ("gradient_boosting", "extra_trees")
@@ -100,7 +100,12 @@ class Distinction:
 
 
 def distinguish(
-    of_second: BoolArray, buildings: list[str], learner: Learner, folds: int, repeats: int = 1, seed: int = 0
+    of_second: BoolArray,
+    buildings: list[str],
+    learner: MapLearner,
+    folds: int,
+    repeats: int = 1,
+    seed: int = 0,
 ) -> Distinction:
     """Try to distinguish two kinds of maps by any learner.
 
@@ -132,7 +137,7 @@ def distinguish(
 
 
 def half_against_half(
-    buildings: list[str], learner: Learner, folds: int, halvings: int, seed: int = 0
+    buildings: list[str], learner: MapLearner, folds: int, halvings: int, seed: int = 0
 ) -> Interval:
     """What the test makes of no difference: half of one kind's buildings against the other half.
 
@@ -162,7 +167,7 @@ def half_against_half(
     return Interval(float(np.mean(values)), float(low), float(high))
 
 
-def tree_learner(rows: list[dict[str, float]], trees: int = 200) -> Learner:
+def tree_learner(rows: list[dict[str, float]], trees: int = 100) -> MapLearner:
     """Extremely randomised trees on statistics, both kinds weighing the same.
 
     Args:

@@ -12,7 +12,7 @@ import numpy as np
 import tyro
 
 from slamgym.commands.extras import is_installed
-from slamgym.core.config import Arguments, CountOrZero, Positive
+from slamgym.core.config import Arguments, Count, CountOrZero, Positive
 from slamgym.core.errors import ConfigError
 from slamgym.core.progress import say
 
@@ -27,7 +27,7 @@ SHOWN_STATISTICS = 4
 """The most telling ones, which get examples."""
 SHOWN_PATCHES = 6
 """Of each side."""
-TABLE_WIDTH = 160
+_TABLE_WIDTH = 160
 TREES, NETWORK = "trees on statistics", "network on patches"
 
 
@@ -54,6 +54,8 @@ class RealismArguments(Arguments):
     OUT/mixed.png, with the key in mixed_key.json."""
     network: bool = True
     """Whether to train the network: half a CPU minute a test on 50 maps."""
+    halvings: Count = 10
+    """How often the trees halve a set for its null."""
     seed: int = 0
     """Of folds, halves, learners and the mixture."""
 
@@ -80,7 +82,7 @@ def main(argv: list[str]) -> int:
         say(f"{one.name}: {len(one.maps)} maps of {len(set(one.buildings))} buildings{left_out}")
     statistics = compare_statistics(own, references, arguments.seed)
     report = RealismReport(own, references, arguments.seed, statistics)
-    _test_by_trees(report)
+    _test_by_trees(report, arguments.halvings)
     figures = [draw_examples(own, references, row) for row in report.ranked[:SHOWN_STATISTICS]]
     figures += _test_by_network(report, arguments.network)
     out = arguments.out
@@ -97,7 +99,7 @@ def main(argv: list[str]) -> int:
     return 0
 
 
-def _test_by_trees(report: RealismReport) -> None:
+def _test_by_trees(report: RealismReport, halvings: int) -> None:
     """Add the tests between all sets, and of the halves of each."""
     if not is_installed("sklearn"):
         report.left_out.append(
@@ -112,7 +114,7 @@ def _test_by_trees(report: RealismReport) -> None:
     )
     from slamgym.metrics.two_sample import tree_learner
 
-    config = SetTestConfig(seed=report.seed)
+    config = SetTestConfig(halvings=halvings, seed=report.seed)
     for first, second in itertools.combinations(report.sets, 2):
         found = distinguish_sets(
             first, second, lambda maps: tree_learner([m.statistics for m in maps]), config
@@ -188,7 +190,7 @@ def _print(report: RealismReport) -> None:
 
     from slamgym.dataset.realism.page import statistics_table, tests_table
 
-    console = Console(file=sys.stdout, width=max(Console().width, TABLE_WIDTH), highlight=False)
+    console = Console(file=sys.stdout, width=max(Console().width, _TABLE_WIDTH), highlight=False)
     for headings, rows in (statistics_table(report), tests_table(report)):
         table = Table()
         for number, heading in enumerate(headings):

@@ -9,9 +9,9 @@ from slamgym.core.config import Count, Settings
 from slamgym.core.intervals import Interval, median_interval
 from slamgym.dataset.realism.map_sets import MapSet, MeasuredMap
 from slamgym.metrics.map_look import LOOK_NAMES
-from slamgym.metrics.two_sample import Distinction, Learner, distinguish, half_against_half
+from slamgym.metrics.two_sample import Distinction, MapLearner, distinguish, half_against_half
 
-LearnerOf = Callable[[Sequence[MeasuredMap]], Learner]
+LearnerOf = Callable[[Sequence[MeasuredMap]], MapLearner]
 """A learner for the maps that it is given."""
 
 

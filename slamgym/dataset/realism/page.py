@@ -88,16 +88,20 @@ def to_markdown(report: RealismReport) -> str:
             ["| " + " | ".join(headings) + " |", "|---" * len(headings) + "|"]
             + ["| " + " | ".join(row) + " |" for row in rows]
         )
-        for headings, rows in (statistics_table(report), tests_table(report))
+        for headings, rows in (statistics_table(report, distances=False), tests_table(report))
     )
 
 
-def statistics_table(report: RealismReport) -> tuple[list[str], list[list[str]]]:
-    """Headings and rows: medians with intervals, and how far the dataset lies from each reference."""
+def statistics_table(report: RealismReport, distances: bool = True) -> tuple[list[str], list[list[str]]]:
+    """Headings and rows: medians with intervals, and how far the dataset lies from each reference, if wanted."""
     headings = ["median [95 %]", *(one.name for one in report.sets)]
-    headings += [f"KS from {reference.name}" for reference in report.references]
+    headings += [f"KS from {reference.name}" for reference in report.references if distances]
     rows = [
-        [row.label, *map(_figure, row.medians.values()), *(f"{d:.2f}" for d in row.distances.values())]
+        [
+            row.label,
+            *map(_figure, row.medians.values()),
+            *(f"{d:.2f}" for d in row.distances.values() if distances),
+        ]
         for row in report.statistics
     ]
     return headings, rows
