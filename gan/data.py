@@ -24,7 +24,8 @@ from slamgym.core.errors import InputFileError
 from slamgym.core.files import read_bytes, read_text
 from slamgym.core.pictures import decode_picture
 from slamgym.core.types import ByteArray, FloatArray
-from slamgym.gan.encoding import resample_grey, resample_slam
+from slamgym.gan.encoding import resample_grey
+from slamgym.metrics.maps import resample_slam
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".pgm", ".tif", ".tiff")
 

@@ -103,6 +103,7 @@ TABLE = Group(
                 "check": Command("dataset.check:main", "verify every file and name every fault"),
                 "clean": Command("dataset.clean:main", "decide which pairs are complete enough to keep"),
                 "review": Command("dataset.review:main", "a page on which a person judges doubtful pairs"),
+                "realism": Command("dataset.realism:main", "compare its SLAM maps with those of robots"),
                 "split": Command("dataset.split:main", "put plans, with their near-duplicates, on a side"),
                 "render": Command("dataset.render:main", "make uniform square images for training"),
             },

@@ -32,6 +32,9 @@ MAX_ORIGIN = 1e8
 MIN_UNKNOWN_SHARE = 0.01
 """A grey level between black and white counts as *the* unknown level if this share of the cells has it."""
 
+COMMON_GREYS_SHARE = 0.5
+"""The three commonest greys of a map cover at least this share of it (0.79 or more of a hundred maps in the wild)."""
+
 
 def write_ros_map(destination: Path | str, grid: OccupancyGrid) -> Path:
     """Write ``map.pgm`` and ``map.yaml``.
@@ -107,6 +110,31 @@ def read_ros_map(path: Path | str) -> OccupancyGrid:
     cells[transparent] = UNKNOWN
     frame = GridFrame(resolution, origin_x, origin_y, *grey.shape)
     return OccupancyGrid(cells, frame)
+
+
+def read_bare_map(path: Path | str, resolution: float) -> OccupancyGrid:
+    """Read a map's image that has no yaml file beside it, with its origin at (0, 0).
+
+    Args:
+        path: The image.
+        resolution: Size of a cell [m], which nothing but the user knows.
+
+    Returns:
+        The map with the three values 0, 205 and 254.
+
+    Raises:
+        InputFileError: If the image is missing or malformed, or has too many shades for a map.
+    """
+    path = Path(path)
+    grey, transparent = _read_grey(path)
+    common = np.sort(np.bincount(grey.ravel(), minlength=256))[-3:].sum() / grey.size
+    if common < COMMON_GREYS_SHARE:
+        raise InputFileError(
+            path, f"is no map: its three commonest greys cover {100 * common:.0f} % of it; leave it out"
+        )
+    cells = classify_greys(grey)
+    cells[transparent] = UNKNOWN
+    return OccupancyGrid(cells, GridFrame(resolution, 0.0, 0.0, *grey.shape))
 
 
 def classify_greys(
