@@ -13,6 +13,7 @@ is a plan of its own.
 
 import hashlib
 import json
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -21,6 +22,7 @@ import cv2
 import numpy as np
 
 from slamgym.core.errors import InputFileError
+from slamgym.core.files import read_text
 from slamgym.core.types import ByteArray, FloatArray
 from slamgym.gan.encoding import resample_grey, resample_slam
 
@@ -197,13 +199,16 @@ def _manifest(root: Path) -> dict[str, tuple[str, float]]:
     if not path.is_file():
         return {}
     recorded: dict[str, tuple[str, float]] = {}
-    for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), start=1):
+    for number, line in enumerate(read_text(path).splitlines(), start=1):
         try:
             values = json.loads(line)
             # Near-duplicates of a plan form a group; they must not be separated either.
             plan = values.get("group") or values["plan_id"]
-            recorded[str(values["name"])] = (str(plan), float(values["metres_per_px"]))
-        except (ValueError, TypeError, KeyError) as error:
+            scale = float(values["metres_per_px"])
+            if not 0.0 < scale < math.inf:
+                raise ValueError(f"metres_per_px is {scale}")
+            recorded[str(values["name"])] = (str(plan), scale)
+        except (ValueError, TypeError, KeyError, AttributeError, OverflowError, RecursionError) as error:
             raise InputFileError(f"{path}:{number}", f"is not a record of an image pair ({error})") from error
     return recorded
 

@@ -71,7 +71,9 @@ def load_training_state(path: Path) -> TrainingState:
                 )
             facts = json.loads(header["facts"])
             tensors = {key: file.get_tensor(key) for key in file.keys()}  # noqa: SIM118 - not a mapping
-    except (SafetensorError, OSError, ValueError, KeyError) as error:
+            if not isinstance(facts, dict):
+                raise ValueError("its facts are no object")
+    except (SafetensorError, OSError, ValueError, KeyError, RecursionError) as error:
         raise InputFileError(
             path, f"is damaged or no checkpoint ({error}); train in another folder (-o)"
         ) from error

@@ -24,8 +24,9 @@ import shapely
 from shapely import Polygon
 
 from slamgym.cad.floorplan import Door, FloorPlan, Room
-from slamgym.core.errors import PlanError
+from slamgym.core.errors import InputFileError, PlanError
 from slamgym.core.files import write_text
+from slamgym.core.provenance import check_origin
 from slamgym.core.types import FloatArray
 
 MAX_PLAN_COORDINATE = 10_000.0
@@ -46,9 +47,12 @@ def read_houseexpo(path: Path | str) -> FloorPlan:
     """
     path = Path(path)
     try:
+        check_origin(path)
         text = path.read_bytes()
     except OSError as error:
         raise PlanError(path, f"can't be read ({error.strerror or error})") from error
+    except InputFileError as error:
+        raise PlanError(error.path, error.reason) from None
     return parse_houseexpo(text, str(path), path.stem)
 
 

@@ -13,6 +13,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from slamgym.core.errors import InputFileError, SlamgymError
+from slamgym.core.names import is_file_name
 from slamgym.core.png import read_png
 from slamgym.core.seeding import exploration_seed
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN
@@ -163,7 +164,7 @@ def read_settings(path: Path, version_key: str, version: int) -> tuple[dict[str,
         settings = json.loads(path.read_text(encoding="utf-8"))
     except OSError:
         return {}, [FileFault(path, "is missing")]
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         return {}, [FileFault(path, f"is not JSON ({error})")]
     if not isinstance(settings, dict):
         return {}, [FileFault(path, "is not a JSON object")]
@@ -217,12 +218,15 @@ def _check_sums(folder: Path, sha256: str) -> Iterator[FileFault]:
     listed = {}
     for line in content.decode(errors="replace").splitlines():
         digest, _, name = line.partition("  ")
-        listed[name] = digest
+        if is_file_name(name):
+            listed[name] = digest
+        else:
+            yield FileFault(sums, f"lists {name!r}, which is no file of its folder")
     for name in EPISODE_FILES:
         if name not in listed:
             yield FileFault(sums, f"doesn't list {name}")
     for name, digest in listed.items():
-        path = folder / Path(name).name
+        path = folder / name
         if not path.is_file():
             yield FileFault(path, "is missing")
         elif hashlib.sha256(path.read_bytes()).hexdigest() != digest:
@@ -278,7 +282,7 @@ def _check_lines(path: Path) -> Iterator[FileFault]:
     for number, line in enumerate(path.read_text(encoding="utf-8", errors="replace").splitlines(), start=1):
         try:
             whole = isinstance(json.loads(line), dict)
-        except ValueError:
+        except (ValueError, RecursionError):
             whole = False
         if not whole:
             yield FileFault(Path(f"{path}:{number}"), "is not a JSON object")

@@ -70,7 +70,7 @@ def read_overrides(path: Path | str) -> dict[str, Any]:
     """
     try:
         values = json.loads(Path(path).read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise ConfigError(f"{path}: can't be read as JSON settings ({error})") from error
     if not isinstance(values, dict):
         raise ConfigError(f'{path}: holds no JSON object of settings, e.g. {{"sigma": 0.05}}')

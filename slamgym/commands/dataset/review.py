@@ -77,7 +77,7 @@ def _band(root: Path) -> tuple[float, float]:
         low, high = (float(value) for value in summary["settings"]["band"])
     except FileNotFoundError:
         return CleanConfig().band
-    except (OSError, ValueError, KeyError, TypeError) as error:
+    except (OSError, ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
         raise InputFileError(
             path, f"is malformed ({error}); run `slamgym dataset clean {root}` again"
         ) from error

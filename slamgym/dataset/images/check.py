@@ -94,7 +94,7 @@ def _check_metadata(layout: ImageLayout, records: list[ImageRecord]) -> Iterator
         except OSError:
             yield FileFault(path, "is missing")
             continue
-        except (ValueError, KeyError, TypeError) as error:
+        except (ValueError, KeyError, TypeError, RecursionError) as error:
             yield FileFault(path, f"is malformed ({error})")
             continue
         if names != [record.name for record in records if record.split == split]:
