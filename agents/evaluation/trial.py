@@ -11,6 +11,7 @@ import numpy as np
 from slamgym.agents.evaluation.coverage_curve import COVERAGE_LEVELS, CoverageCurve, CurveRecorder, horizon
 from slamgym.cad import FloorPlan
 from slamgym.core.config import Positive, Settings, config_hash, from_dict
+from slamgym.core.errors import ConfigError
 from slamgym.core.types import Explorer, Float32Array, Observation
 from slamgym.envs import ExploreConfig, ExploreEnv
 from slamgym.envs.episode import episode_steps, explored_env, time_limit
@@ -104,10 +105,14 @@ class Trial:
         """Read the JSON form.
 
         Raises:
-            ConfigError: If a name is unknown.
-            TypeError: If a field is missing.
+            ConfigError: If a name is unknown or missing, or a value can't be.
         """
-        return from_dict(Trial, values)
+        trial = from_dict(Trial, values)
+        try:
+            CoverageCurve.from_dict(trial.curve)
+        except (KeyError, ValueError, TypeError, OverflowError) as error:
+            raise ConfigError(f"curve: {error}") from None
+        return trial
 
 
 def level_name(level: float) -> str:

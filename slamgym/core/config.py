@@ -167,6 +167,9 @@ def _faults_inside(hint: Any, value: Any, name: str, bounds: Within) -> Iterator
     elif isinstance(value, tuple) and hasattr(hint, "_fields"):
         for inner_name, option in _hints(hint).items():
             yield from _faults(option, getattr(value, inner_name), f"{name}.{inner_name}", bounds)
+    elif typing.get_origin(hint) is list:
+        for index, item in enumerate(value):
+            yield from _faults(options[0], item, f"{name}[{index}]", bounds)
     elif isinstance(value, Mapping) and options:
         for key, item in value.items():
             yield from _faults(options[1], item, f"{name}[{key!r}]", bounds)

@@ -112,7 +112,7 @@ DATASET_DAMAGE = {
         lambda t, n: (t.root / "split.json").write_text('{"seed": 0, "test": 0.1, "plans": {}}'),
         ["split.json: doesn't know 4 plans"],
     ),
-    "split torn": (lambda t, n: (t.root / "split.json").write_text("{"), ["split.json: is malformed"]),
+    "split torn": (lambda t, n: (t.root / "split.json").write_text("{"), ["split.json: is not JSON"]),
     "verdicts torn": (lambda t, n: (t.root / "clean.jsonl").write_text("{\n"), ["clean.jsonl:1: is not JSON"]),
     "verdicts of fewer pairs": (lambda t, n: (t.root / "clean.jsonl").touch(), ["clean.jsonl: doesn't know 8 pairs"]),
 }  # fmt: skip
