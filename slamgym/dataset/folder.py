@@ -157,7 +157,7 @@ def open_dataset(root: Path, settings: Mapping[str, Any]) -> Iterator[DatasetFol
             own_folder(part)
         with storage_errors(root):
             shutil.rmtree(layout.incoming, ignore_errors=True)
-            layout.incoming.mkdir()
+            own_folder(layout.incoming)
             incoming = Path(tempfile.mkdtemp(dir=layout.incoming))
             drop_torn_line(layout.timing)
             folder = DatasetFolder(root, incoming)
