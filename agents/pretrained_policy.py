@@ -18,7 +18,7 @@ from safetensors.numpy import save
 from slamgym.agents.scoring import FrontierScorer, NetworkConfig
 from slamgym.core.config import from_dict, to_dict
 from slamgym.core.errors import ConfigError, InputFileError
-from slamgym.core.files import read_bytes, write_bytes, write_text
+from slamgym.core.files import load_json, read_bytes, write_bytes, write_text
 from slamgym.core.provenance import check_origin
 from slamgym.core.types import Float32Array
 from slamgym.envs.frontier_features import (
@@ -81,9 +81,9 @@ def read_policy(path: Path | str = PRETRAINED) -> PolicyFile:
     check_origin(path)
     metadata, weights = _read_tensors(path)
     try:
-        configuration = json.loads(metadata["slamgym"])
+        configuration = load_json(metadata["slamgym"])
         space, about = configuration["space"], configuration["about"]
-    except (KeyError, TypeError, ValueError, RecursionError):
+    except (KeyError, TypeError, ValueError):
         raise InputFileError(path, "holds no frontier policy; slamgym agents train writes one") from None
     _refuse_other_space(path, space)
     try:

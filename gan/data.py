@@ -12,7 +12,6 @@ is a plan of its own.
 """
 
 import hashlib
-import json
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -22,7 +21,7 @@ import cv2
 import numpy as np
 
 from slamgym.core.errors import InputFileError
-from slamgym.core.files import read_text
+from slamgym.core.files import load_json, read_text
 from slamgym.core.types import ByteArray, FloatArray
 from slamgym.gan.encoding import resample_grey, resample_slam
 
@@ -201,14 +200,14 @@ def _manifest(root: Path) -> dict[str, tuple[str, float]]:
     recorded: dict[str, tuple[str, float]] = {}
     for number, line in enumerate(read_text(path).splitlines(), start=1):
         try:
-            values = json.loads(line)
+            values = load_json(line)
             # Near-duplicates of a plan form a group; they must not be separated either.
             plan = values.get("group") or values["plan_id"]
             scale = float(values["metres_per_px"])
             if not 0.0 < scale < math.inf:
                 raise ValueError(f"metres_per_px is {scale}")
             recorded[str(values["name"])] = (str(plan), scale)
-        except (ValueError, TypeError, KeyError, AttributeError, OverflowError, RecursionError) as error:
+        except (ValueError, TypeError, KeyError, AttributeError, OverflowError) as error:
             raise InputFileError(f"{path}:{number}", f"is not a record of an image pair ({error})") from error
     return recorded
 

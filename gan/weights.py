@@ -17,7 +17,7 @@ from torch import Tensor
 from slamgym import __version__
 from slamgym.core.config import from_dict, suggest, to_dict
 from slamgym.core.errors import ConfigError, InputFileError
-from slamgym.core.files import write_bytes, write_text
+from slamgym.core.files import load_json, write_bytes, write_text
 from slamgym.core.names import is_file_name
 from slamgym.core.progress import duration
 from slamgym.core.provenance import check_origin, write_checksums
@@ -223,9 +223,9 @@ def _read_header(path: Path, header: dict[str, str]) -> tuple[TranslatorConfig, 
             )
         raise InputFileError(path, "is a safetensors file, but not of a slamgym translator")
     try:
-        config = from_dict(TranslatorConfig, json.loads(header["config"]), str(path))
-        card = from_dict(ModelCard, json.loads(header["card"]), str(path))
-    except (KeyError, ValueError, RecursionError, ConfigError) as error:
+        config = from_dict(TranslatorConfig, load_json(header["config"]), str(path))
+        card = from_dict(ModelCard, load_json(header["card"]), str(path))
+    except (KeyError, ValueError, ConfigError) as error:
         raise InputFileError(path, f"has settings that can't be used ({error})") from error
     return config, card
 

@@ -19,7 +19,14 @@ from slamgym.cad import FloorPlan, PlanSource, check_plan
 from slamgym.cad.plan_filter import PlanFilter, passes
 from slamgym.core.config import Count, Settings, to_dict
 from slamgym.core.errors import ConfigError, InputFileError, PlanError
-from slamgym.core.files import append_line, exclusive_lock, read_bytes, replace_file, storage_errors
+from slamgym.core.files import (
+    append_line,
+    exclusive_lock,
+    load_json,
+    read_bytes,
+    replace_file,
+    storage_errors,
+)
 from slamgym.core.parallel.engine import run_tasks
 from slamgym.core.progress import show_progress
 from slamgym.core.seeding import exploration_seed, shuffled
@@ -60,8 +67,8 @@ class TrialLog:
                 replace_file(self.path, whole + end)
         for number, line in enumerate(whole.split(b"\n") if whole else [], start=1):
             try:
-                trial = Trial.from_dict(json.loads(line))
-            except (ValueError, RecursionError, ConfigError) as error:
+                trial = Trial.from_dict(load_json(line))
+            except (ValueError, ConfigError) as error:
                 raise InputFileError(
                     f"{self.path}:{number}", f"is no trial of this version ({error}); move the file away"
                 ) from error

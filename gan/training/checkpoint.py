@@ -17,7 +17,7 @@ from torch import Tensor, nn
 from torch.optim import Optimizer
 
 from slamgym.core.errors import ConfigError, InputFileError
-from slamgym.core.files import staged
+from slamgym.core.files import load_json, staged
 from slamgym.gan.training.learner import Learner
 
 STATE_FORMAT = "slamgym-translator-training-2"
@@ -69,11 +69,11 @@ def load_training_state(path: Path) -> TrainingState:
                     path,
                     "is not a checkpoint of this version of `slamgym gan train`; train in another folder (-o)",
                 )
-            facts = json.loads(header["facts"])
+            facts = load_json(header["facts"])
             tensors = {key: file.get_tensor(key) for key in file.keys()}  # noqa: SIM118 - not a mapping
             if not isinstance(facts, dict):
                 raise ValueError("its facts are no object")
-    except (SafetensorError, OSError, ValueError, KeyError, RecursionError) as error:
+    except (SafetensorError, OSError, ValueError, KeyError) as error:
         raise InputFileError(
             path, f"is damaged or no checkpoint ({error}); train in another folder (-o)"
         ) from error

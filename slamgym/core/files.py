@@ -106,6 +106,21 @@ def read_text(path: Path | str) -> str:
         raise InputFileError(path, "is not a text file") from None
 
 
+def load_json(text: str | bytes) -> Any:
+    """``json.loads`` for files of unknown origin.
+
+    Raises:
+        ValueError: If it isn't JSON, is nested beyond reason, or holds half a surrogate pair, which nothing can print.
+    """
+    try:
+        value = json.loads(text)
+    except RecursionError:
+        raise ValueError("it is nested too deeply") from None
+    if (b"\\u" if isinstance(text, bytes) else "\\u") in text:  # type: ignore[operator]
+        json.dumps(value, ensure_ascii=False).encode()
+    return value
+
+
 def parse_json(text: str | bytes, where: object, fix: str = "") -> Any:
     """Read a JSON value.
 
@@ -118,8 +133,8 @@ def parse_json(text: str | bytes, where: object, fix: str = "") -> Any:
         InputFileError: If it isn't JSON, or is nested beyond reason.
     """
     try:
-        return json.loads(text)
-    except (ValueError, RecursionError) as error:
+        return load_json(text)
+    except ValueError as error:
         raise InputFileError(where, f"is not JSON ({error})" + (fix and f"; {fix}")) from None
 
 

@@ -13,6 +13,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from slamgym.core.errors import InputFileError, SlamgymError
+from slamgym.core.files import load_json
 from slamgym.core.names import is_file_name
 from slamgym.core.png import read_png
 from slamgym.core.seeding import exploration_seed
@@ -161,10 +162,10 @@ def read_settings(path: Path, version_key: str, version: int) -> tuple[dict[str,
         version: The version that is known here.
     """
     try:
-        settings = json.loads(path.read_text(encoding="utf-8"))
+        settings = load_json(path.read_text(encoding="utf-8"))
     except OSError:
         return {}, [FileFault(path, "is missing")]
-    except (ValueError, RecursionError) as error:
+    except ValueError as error:
         return {}, [FileFault(path, f"is not JSON ({error})")]
     if not isinstance(settings, dict):
         return {}, [FileFault(path, "is not a JSON object")]
@@ -281,8 +282,8 @@ def _check_lines(path: Path) -> Iterator[FileFault]:
         return
     for number, line in enumerate(path.read_text(encoding="utf-8", errors="replace").splitlines(), start=1):
         try:
-            whole = isinstance(json.loads(line), dict)
-        except (ValueError, RecursionError):
+            whole = isinstance(load_json(line), dict)
+        except ValueError:
             whole = False
         if not whole:
             yield FileFault(Path(f"{path}:{number}"), "is not a JSON object")

@@ -24,6 +24,7 @@ from slamgym.core.files import (
     append_line,
     drop_torn_line,
     exclusive_lock,
+    load_json,
     own_folder,
     read_text,
     remove_leftovers,
@@ -202,9 +203,9 @@ def read_rejected(path: Path) -> dict[int, dict[str, Any]]:
     if not path.exists():
         return {}
     try:
-        entries = [json.loads(line) for line in read_text(path).splitlines()]
+        entries = [load_json(line) for line in read_text(path).splitlines()]
         return {int(entry["index"]): {**entry, **_plan_and_error(entry)} for entry in entries}
-    except (ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
+    except (ValueError, KeyError, TypeError, OverflowError) as error:
         raise InputFileError(
             path, f"is malformed ({error}); delete it to have the plans tried again"
         ) from error
@@ -219,9 +220,9 @@ def read_times(path: Path) -> dict[str, dict[str, Any]]:
     times = {}
     for line in read_text(path).splitlines() if path.is_file() else ():
         try:
-            entry = json.loads(line)
+            entry = load_json(line)
             times[str(entry.pop("name"))] = {"cpu_seconds": float(entry.pop("cpu_seconds")), **entry}
-        except (ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError):
+        except (ValueError, KeyError, TypeError, AttributeError, OverflowError):
             continue  # a killed run may leave an incomplete line
     return times
 

@@ -5,13 +5,12 @@ are kept until they are merged into the file, whose other lines are copied as th
 """
 
 import heapq
-import json
 import re
 from collections.abc import Callable, Iterable, Iterator
 from operator import itemgetter
 from pathlib import Path
 
-from slamgym.core.files import replace_file_by
+from slamgym.core.files import load_json, replace_file_by
 from slamgym.dataset.record import MAX_SLOTS
 
 
@@ -142,8 +141,8 @@ def _index_of(line: bytes) -> int:
     if match is not None:
         return int(match[1])
     try:
-        index = json.loads(line)["index"]
-    except (KeyError, TypeError, RecursionError):
+        index = load_json(line)["index"]
+    except (KeyError, TypeError):
         index = None
     if not isinstance(index, int) or not 0 <= index < MAX_SLOTS:
         raise ValueError("a line is no record")

@@ -19,7 +19,7 @@ import numpy as np
 from slamgym import __version__
 from slamgym.core.config import Within, from_dict, to_dict
 from slamgym.core.errors import ConfigError, InputFileError
-from slamgym.core.files import staged
+from slamgym.core.files import load_json, staged
 from slamgym.core.names import FileName, as_file_name
 from slamgym.core.types import GridFrame, Pose2D
 from slamgym.dataset.pair import MapPair
@@ -73,8 +73,8 @@ class ManifestLine:
             InputFileError: If the line is no such record.
         """
         try:
-            return from_dict(cls, json.loads(line))
-        except (ValueError, RecursionError, ConfigError) as error:
+            return from_dict(cls, load_json(line))
+        except (ValueError, ConfigError) as error:
             raise InputFileError(where, f"is not {cls.noun} ({error})") from error
 
 

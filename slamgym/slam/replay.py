@@ -1,7 +1,6 @@
 """Replaying a recorded log through a mapper."""
 
 import dataclasses
-import json
 import resource
 import sys
 import time
@@ -14,6 +13,7 @@ import numpy as np
 
 from slamgym.core.config import from_dict
 from slamgym.core.errors import ConfigError
+from slamgym.core.files import load_json
 from slamgym.core.geometry import wrap_angle
 from slamgym.core.types import FloatArray, IntArray, LaserGeometry, OccupancyGrid, Pose2D, Trajectory
 from slamgym.interop.records import Log
@@ -69,8 +69,8 @@ def read_overrides(path: Path | str) -> dict[str, Any]:
         ConfigError: If the file can't be read or holds something else.
     """
     try:
-        values = json.loads(Path(path).read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError) as error:
+        values = load_json(Path(path).read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
         raise ConfigError(f"{path}: can't be read as JSON settings ({error})") from error
     if not isinstance(values, dict):
         raise ConfigError(f'{path}: holds no JSON object of settings, e.g. {{"sigma": 0.05}}')

@@ -1,6 +1,5 @@
 """``slamgym dataset review``: a page on which a person judges doubtful maps."""
 
-import json
 import shlex
 import sys
 from pathlib import Path
@@ -10,7 +9,7 @@ import tyro
 
 from slamgym.core.config import Arguments, Count
 from slamgym.core.errors import InputFileError
-from slamgym.core.files import write_text
+from slamgym.core.files import load_json, write_text
 from slamgym.core.progress import say
 from slamgym.dataset.curate.review import Which
 
@@ -73,11 +72,11 @@ def _band(root: Path) -> tuple[float, float]:
 
     path = root / SUMMARY_FILE
     try:
-        summary: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+        summary: dict[str, Any] = load_json(path.read_text(encoding="utf-8"))
         low, high = (float(value) for value in summary["settings"]["band"])
     except FileNotFoundError:
         return CleanConfig().band
-    except (OSError, ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
+    except (OSError, ValueError, KeyError, TypeError, OverflowError) as error:
         raise InputFileError(
             path, f"is malformed ({error}); run `slamgym dataset clean {root}` again"
         ) from error

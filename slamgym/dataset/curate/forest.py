@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from slamgym.core.errors import InputFileError
-from slamgym.core.files import write_bytes
+from slamgym.core.files import load_json, write_bytes
 from slamgym.core.provenance import check_origin
 from slamgym.core.types import FloatArray, IntArray
 
@@ -107,8 +107,8 @@ def read_forest(path: Path | str) -> tuple[Forest, dict[str, Any]]:
         # From memory: where np.load fails it would leave a file open.
         with np.load(io.BytesIO(Path(path).read_bytes()), allow_pickle=False) as file:
             arrays = {name: np.asarray(file[name]) for name in (*_ARRAYS, "about")}
-        about = json.loads(arrays.pop("about").tobytes())
-    except (OSError, ValueError, KeyError, EOFError, RecursionError, *_DAMAGED_ZIP) as error:
+        about = load_json(arrays.pop("about").tobytes())
+    except (OSError, ValueError, KeyError, EOFError, *_DAMAGED_ZIP) as error:
         raise InputFileError(path, f"can't be read as a model of completeness ({error})") from error
     fault = _fault(arrays)
     if fault or not isinstance(about, dict):

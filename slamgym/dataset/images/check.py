@@ -1,9 +1,9 @@
 """Verify a folder of rendered images."""
 
-import json
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+from slamgym.core.files import load_json
 from slamgym.dataset.check import (
     VALUES,
     FileFault,
@@ -90,11 +90,11 @@ def _check_metadata(layout: ImageLayout, records: list[ImageRecord]) -> Iterator
     for split in SPLITS:
         path = layout.root / split / METADATA
         try:
-            names = [json.loads(line)["name"] for line in path.read_text(encoding="utf-8").splitlines()]
+            names = [load_json(line)["name"] for line in path.read_text(encoding="utf-8").splitlines()]
         except OSError:
             yield FileFault(path, "is missing")
             continue
-        except (ValueError, KeyError, TypeError, RecursionError) as error:
+        except (ValueError, KeyError, TypeError) as error:
             yield FileFault(path, f"is malformed ({error})")
             continue
         if names != [record.name for record in records if record.split == split]:
