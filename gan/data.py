@@ -12,6 +12,7 @@ is a plan of its own.
 """
 
 import hashlib
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -192,8 +193,11 @@ def _manifest(root: Path) -> dict[str, tuple[str, float]]:
         try:
             # Near-duplicates of a plan form a group; they must not be separated either.
             plan = values.get("group") or values["plan_id"]
-            recorded[str(values["name"])] = (str(plan), float(values["metres_per_px"]))
-        except (ValueError, TypeError, KeyError) as error:
+            scale = float(values["metres_per_px"])
+            if not 0.0 < scale < math.inf:
+                raise ValueError(f"metres_per_px is {scale}")
+            recorded[str(values["name"])] = (str(plan), scale)
+        except (ValueError, TypeError, KeyError, AttributeError, OverflowError) as error:
             raise InputFileError(f"{path}:{number}", f"is not a record of an image pair ({error})") from error
     return recorded
 

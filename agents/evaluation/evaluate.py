@@ -7,7 +7,6 @@ explorations in flight; a line that was cut short is dropped when the file is op
 import dataclasses
 import functools
 import json
-import os
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -27,8 +26,9 @@ from slamgym.agents.registry import make_explorer
 from slamgym.cad import FloorPlan, PlanSource, check_plan
 from slamgym.cad.plan_filter import PlanFilter, passes
 from slamgym.core.config import Count, Settings, from_dict, to_dict
+from slamgym.core.documents import load_json
 from slamgym.core.errors import ConfigError, InputFileError, PlanError
-from slamgym.core.files import exclusive_lock, replace_file, storage_errors
+from slamgym.core.files import append_line, exclusive_lock, read_bytes, replace_file, storage_errors
 from slamgym.core.parallel.backlog import TASK_TIMEOUT, Lost
 from slamgym.core.parallel.engine import EngineName, open_engine
 from slamgym.core.progress import show_progress
@@ -63,25 +63,19 @@ class TrialLog(Generic[_Entry]):
             StorageError: If it can't be written.
         """
         line = json.dumps(dataclasses.asdict(trial), separators=(",", ":")) + "\n"
-        with storage_errors(self.path):
-            descriptor = os.open(self.path, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o644)
-            try:
-                os.write(descriptor, line.encode())
-                os.fsync(descriptor)
-            finally:
-                os.close(descriptor)
+        append_line(self.path, line, durable=True)
         self.trials[trial.key] = trial
 
     def _read(self) -> None:
-        content = self.path.read_bytes()
+        content = read_bytes(self.path)
         whole, end, torn = content.rpartition(b"\n")
         if torn:
             with storage_errors(self.path):
                 replace_file(self.path, whole + end)
         for number, line in enumerate(whole.split(b"\n") if whole else [], start=1):
             try:
-                trial = from_dict(self._kind, json.loads(line))
-            except (ValueError, TypeError, ConfigError) as error:
+                trial = from_dict(self._kind, load_json(line))
+            except (ValueError, ConfigError) as error:
                 raise InputFileError(
                     f"{self.path}:{number}", f"is no trial of this version ({error}); move the file away"
                 ) from error

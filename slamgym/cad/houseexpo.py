@@ -29,6 +29,7 @@ from slamgym.core.documents import parse_json
 from slamgym.core.errors import InputFileError, PlanError
 from slamgym.core.files import read_bytes, write_text
 from slamgym.core.limits import DOCUMENT_BYTES, PLAN_PARTS, VERTICES, shown
+from slamgym.core.provenance import check_origin
 from slamgym.core.types import FloatArray
 
 MAX_PLAN_COORDINATE = 10_000.0
@@ -51,6 +52,7 @@ def read_houseexpo(path: Path | str) -> FloorPlan:
     """
     path = Path(path)
     try:
+        check_origin(path)
         text = read_bytes(path, DOCUMENT_BYTES)
     except InputFileError as error:
         raise PlanError(error.path, error.reason) from error

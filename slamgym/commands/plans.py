@@ -11,6 +11,7 @@ import tyro
 
 from slamgym.core.config import Arguments, Count, Within
 from slamgym.core.errors import ConfigError
+from slamgym.core.names import as_file_name, is_file_name
 from slamgym.envs.config import ObservationConfig
 from slamgym.sim import RobotConfig
 
@@ -164,7 +165,8 @@ def _write(arguments: WritePlans, source: PlanSource, rejections: Rejections) ->
 
     written = 0
     for plan in _usable(arguments, source, rejections):
-        write_houseexpo(arguments.out / f"{plan.id}.json", plan)
+        name = plan.id if is_file_name(plan.id) else as_file_name(f"plan-{written}-{plan.id}")
+        write_houseexpo(arguments.out / f"{name}.json", plan)
         written += 1
     sys.stdout.write(f"{written} plans written: {arguments.out}\n")
     rejections.write(arguments.out / "rejected.jsonl")

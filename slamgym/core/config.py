@@ -13,6 +13,7 @@ from typing import Annotated, Any, ClassVar, NamedTuple, TypeVar
 
 from slamgym.core.errors import ConfigError
 from slamgym.core.limits import MAX_SHOWN, shown
+from slamgym.core.names import OnePart
 
 _T = TypeVar("_T")
 
@@ -132,6 +133,9 @@ def _faults(hint: Any, value: Any, name: str, bounds: Within) -> Iterator[_Fault
     if origin is Annotated:
         rules = [rule for rule in hint.__metadata__ if isinstance(rule, Within)]
         yield from _faults(hint.__origin__, value, name, rules[0] if rules else bounds)
+        for rule in hint.__metadata__:
+            if isinstance(rule, OnePart) and isinstance(value, str) and not rule.allow(value):
+                yield _Fault(name, str(rule), value)
     elif origin in (types.UnionType, typing.Union):
         faults = [next(_faults(option, value, name, bounds), None) for option in options]
         if None not in faults:
@@ -164,6 +168,9 @@ def _faults_inside(hint: Any, value: Any, name: str, bounds: Within) -> Iterator
     elif isinstance(value, tuple) and hasattr(hint, "_fields"):
         for inner_name, option in _hints(hint).items():
             yield from _faults(option, getattr(value, inner_name), f"{name}.{inner_name}", bounds)
+    elif typing.get_origin(hint) is list:
+        for index, item in enumerate(value):
+            yield from _faults(options[0], item, f"{name}[{index}]", bounds)
     elif isinstance(value, Mapping) and options:
         for key, item in value.items():
             yield from _faults(options[1], item, f"{name}[{key!r}]", bounds)
@@ -191,20 +198,26 @@ def from_dict(cls: type[_T], values: Mapping[str, Any], where: str = "") -> _T:
         where: Where the values stand (a file or a section), for the error.
 
     Raises:
-        ConfigError: If a name is unknown (the error suggests the nearest known one), or a value is refused.
+        ConfigError: If a name is unknown (the error suggests the nearest known one) or one without a default is
+            missing, or a value is refused.
     """
     hints = _hints(cls)
     prefix = f"{where}: " if where else ""
+    if not isinstance(values, Mapping):
+        raise ConfigError(f"{prefix}{cls.__name__} takes an object of settings by name, not {values!r}")
     converted = {}
     for name in values:
         if name not in hints:
             raise ConfigError(
-                f"{prefix}unknown setting {shown(name)} of {cls.__name__}; {suggest(name, hints)}"
+                f"{prefix}unknown setting {shown(name)} of {cls.__name__}; {suggest(str(name), hints)}"
             )
         path = f"{where}.{name}" if where else name
         converted[name] = _convert(hints[name], values[name], path)
-        if issubclass(cls, Settings):
-            _require(hints[name], converted[name], path)
+        _require(hints[name], converted[name], path)
+    for entry in dataclasses.fields(typing.cast(Any, cls)):
+        is_needed = entry.default is dataclasses.MISSING and entry.default_factory is dataclasses.MISSING
+        if is_needed and entry.name not in converted:
+            raise ConfigError(f"{prefix}{entry.name!r} of {cls.__name__} is missing")
     return cls(**converted)
 
 
@@ -262,7 +275,10 @@ def _convert(hint: Any, value: Any, where: str) -> Any:
     if dataclasses.is_dataclass(hint) and isinstance(value, Mapping):
         return from_dict(typing.cast(type, hint), value, where)
     if isinstance(value, list) and isinstance(hint, type) and issubclass(hint, tuple):
-        return hint(*value)
+        try:
+            return hint(*value)
+        except TypeError:  # too few or too many
+            return tuple(value)
     origin, options = typing.get_origin(hint), typing.get_args(hint)
     if isinstance(value, list) and origin is tuple:
         variadic = len(options) == 2 and options[1] is Ellipsis

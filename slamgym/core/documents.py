@@ -2,15 +2,33 @@
 
 import json
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import yaml
 
 from slamgym.core.errors import InputFileError
-from slamgym.core.limits import DEPTH, DOCUMENT_BYTES, YAML_BYTES, Limit
+from slamgym.core.files import read_bytes
+from slamgym.core.limits import DEPTH, DOCUMENT_BYTES, FILE_BYTES, YAML_BYTES, Limit
 
 MAX_DIGITS = 300
 """A longer whole number is no float any more."""
+
+
+def load_json(text: str | bytes) -> Any:
+    """``json.loads`` for texts of unknown origin.
+
+    Raises:
+        ValueError: If it isn't JSON, holds a number of hundreds of digits or half a surrogate pair, which nothing can
+            print, or is nested beyond reason.
+    """
+    try:
+        value = json.loads(text, parse_int=_whole_number)
+    except RecursionError:
+        raise ValueError("it is nested too deeply") from None
+    if (b"\\u" if isinstance(text, bytes) else "\\u") in text:  # type: ignore[operator]
+        json.dumps(value, ensure_ascii=False).encode()
+    return value
 
 
 def parse_json(
@@ -18,6 +36,7 @@ def parse_json(
     where: object,
     error: type[InputFileError] = InputFileError,
     limit: Limit = DOCUMENT_BYTES,
+    fix: str = "",
 ) -> Any:
     """The value of a JSON text.
 
@@ -26,17 +45,31 @@ def parse_json(
         where: The file or the line, for errors.
         error: What to raise.
         limit: Of its bytes.
+        fix: What to do about a text that isn't JSON, for errors.
 
     Raises:
         InputFileError: If it is not JSON, too long, or nested too deeply.
     """
     limit.check(where, len(text), error)
     try:
-        value = json.loads(text, parse_int=_whole_number)
-    except (ValueError, RecursionError) as reason:
-        raise error(where, f"is not valid JSON ({_one_line(reason)})") from None
+        value = load_json(text)
+    except ValueError as reason:
+        raise error(where, f"is not valid JSON ({_one_line(reason)})" + (fix and f"; {fix}")) from None
     _check_depth(value, where, error)
     return value
+
+
+def read_json(path: Path | str, fix: str = "") -> Any:
+    """Read a whole JSON file of the package's own making, which may be as large as any file.
+
+    Args:
+        path: The file.
+        fix: What to do about a file that isn't JSON, for errors.
+
+    Raises:
+        InputFileError: If it can't be read, isn't JSON, or is larger than allowed.
+    """
+    return parse_json(read_bytes(path), path, limit=FILE_BYTES, fix=fix)
 
 
 def parse_yaml(text: str, where: object) -> Any:

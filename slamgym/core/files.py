@@ -72,6 +72,7 @@ def staged(path: Path | str, *, durable: bool = False) -> Iterator[Path]:
     with storage_errors(path):
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
+            part.unlink(missing_ok=True)  # a link that waits here would be written through
             yield part
             if durable:
                 _sync(part)
@@ -188,8 +189,55 @@ def replace_if_changed(path: Path, data: bytes) -> None:
         replace_file(path, data)
 
 
+def own_folder(path: Path) -> Path:
+    """Make a folder, or find that it is there and no link: what is written into it stays where it belongs.
+
+    Raises:
+        StorageError: If it is a link or can't be made.
+    """
+    with storage_errors(path):
+        path.mkdir(parents=True, exist_ok=True)
+    if path.is_symlink():
+        raise StorageError(path, "is a link out of the folder; put a real folder in its place")
+    return path
+
+
+def _refuse_link(path: Path) -> None:
+    """Refuse to change a file in place through a link that somebody put there."""
+    if path.is_symlink():
+        raise StorageError(path, "is a link and would be written through; remove it")
+
+
+def append_line(path: Path, line: str, *, durable: bool = False) -> None:
+    """Add a line to a log, with one call to the system.
+
+    Args:
+        path: The log; made with its first line.
+        line: The line with its end.
+        durable: Also wait until the disk has it.
+
+    Raises:
+        StorageError: If it can't be written, or is a link.
+    """
+    _refuse_link(path)
+    with storage_errors(path):
+        flags = os.O_WRONLY | os.O_APPEND | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0)
+        descriptor = os.open(path, flags, 0o644)
+        try:
+            os.write(descriptor, line.encode())
+            if durable:
+                os.fsync(descriptor)
+        finally:
+            os.close(descriptor)
+
+
 def drop_torn_line(path: Path) -> None:
-    """Cut a log of lines, if there is one, after its last whole line: a run that was killed may have torn it."""
+    """Cut a log of lines, if there is one, after its last whole line: a run that was killed may have torn it.
+
+    Raises:
+        StorageError: If it is a link.
+    """
+    _refuse_link(path)
     if path.exists():
         data = path.read_bytes()
         whole = data.rfind(b"\n") + 1
@@ -248,6 +296,7 @@ def exclusive_lock(path: Path) -> Iterator[None]:
     Raises:
         StorageError: If another process holds it.
     """
+    _refuse_link(path)
     with storage_errors(path):
         file = path.open("a")
     with file:

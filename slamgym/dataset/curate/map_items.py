@@ -87,7 +87,7 @@ def _pair_item(root: Path, record: PairRecord) -> MapItem:
         load=load,
         load_cad=lambda: load_pair(root, record.name)[0],
         record=record,
-        digest=record.sha256["B"],
+        digest=record.sha256.get("B", ""),
     )
 
 

@@ -17,8 +17,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from slamgym.core.config import from_dict, suggest, to_dict
+from slamgym.core.documents import read_json
 from slamgym.core.errors import ConfigError, InputFileError
-from slamgym.core.files import read_bytes, replace_file
+from slamgym.core.files import replace_file
 from slamgym.core.progress import show_progress
 from slamgym.core.seeding import uniform_share
 from slamgym.core.types import Float32Array
@@ -122,14 +123,13 @@ def read_split(root: Path | str) -> SplitTable:
         InputFileError: If it is missing, malformed or of another version.
     """
     path = split_path(root)
+    again = "run `slamgym dataset split` again"
     try:
-        values: dict[str, Any] = json.loads(read_bytes(path))
-        plans = {plan_id: from_dict(PlanSide, place) for plan_id, place in values.pop("plans").items()}
-        table = from_dict(SplitTable, {**values, "plans": plans}, str(path))
-    except (ValueError, TypeError, KeyError, AttributeError) as error:
-        raise InputFileError(path, f"is malformed ({error}); run `slamgym dataset split` again") from error
+        table = from_dict(SplitTable, read_json(path, again))
+    except ConfigError as error:
+        raise InputFileError(path, f"is malformed ({error}); {again}") from error
     if table.split_version != SPLIT_VERSION:
-        raise InputFileError(path, "is of another version of slamgym; run `slamgym dataset split` again")
+        raise InputFileError(path, f"is of another version of slamgym; {again}")
     return table
 
 

@@ -20,7 +20,7 @@ of workers, the order, or from where a run was resumed.
 
 import dataclasses
 import hashlib
-import math
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -110,6 +110,8 @@ def _with_env(config: EpisodeConfig, part: str, value: Any) -> EpisodeConfig:
 
 RECIPES = Path(__file__).parent / "recipes"
 """The recipes that come with the package."""
+_DAMAGED_SCALARS = (ValueError, LookupError, AttributeError, TypeError)
+"""What yaml raises of numbers and dates that are none, such as ``2020-99-99``."""
 RANGE_DECIMALS = 3
 """Decimals of a number that is drawn from a range."""
 
@@ -238,7 +240,7 @@ def _choice(factor: str, entry: Any, place: str) -> Choice:
             f"{place}: an entry has either a 'value', a range 'between', or a 'set' of settings"
         )
     weight = entry.get("weight", 1.0)
-    if isinstance(weight, bool) or not isinstance(weight, (int, float)) or not 0.0 < weight < math.inf:
+    if not _is_number(weight) or not weight > 0.0:
         raise ConfigError(f"{place}: the weight must be a number above 0, not {shown(weight)}")
     settings = _settings(factor, entry, place)
     try:
@@ -251,18 +253,30 @@ def _choice(factor: str, entry: Any, place: str) -> Choice:
 
 def _settings(factor: str, entry: Mapping[Any, Any], place: str) -> dict[str, Any]:
     if "value" in entry:
-        return {factor: entry["value"]}
+        return {factor: _value_or_range(entry["value"], place)}
     if "between" in entry:
-        values: Any = entry["between"]
-        numbers = isinstance(values, Sequence) and all(
-            isinstance(value, (int, float)) and not isinstance(value, bool) for value in values
-        )
-        if not numbers or len(values) != 2 or not values[0] < values[1]:
-            raise ConfigError(f"{place}: 'between' takes two numbers, the smaller first, not {shown(values)}")
-        return {factor: {"between": list(values)}}
+        return {factor: _value_or_range({"between": entry["between"]}, place)}
     if not isinstance(entry["set"], Mapping) or not entry["set"]:
         raise ConfigError(f"{place}: 'set' takes settings and their values")
-    return {str(name): value for name, value in entry["set"].items()}
+    return {str(name): _value_or_range(value, place) for name, value in entry["set"].items()}
+
+
+def _value_or_range(value: Any, place: str) -> Any:
+    """A value as it is; of a range, that it has two ends."""
+    if not isinstance(value, Mapping):
+        return value
+    ends: Any = value.get("between")
+    is_pair = isinstance(ends, Sequence) and not isinstance(ends, str) and len(ends) == 2
+    if len(value) != 1 or not is_pair or not all(map(_is_number, ends)) or not ends[0] < ends[1]:
+        raise ConfigError(f"{place}: 'between' takes two numbers, the smaller first, not {shown(ends)}")
+    return {"between": list(ends)}
+
+
+def _is_number(value: Any) -> bool:
+    """Whether a value is a number that a float can hold."""
+    return (
+        isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) <= sys.float_info.max
+    )
 
 
 def _ends(value: Any) -> list[Any]:
