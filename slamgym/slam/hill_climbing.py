@@ -19,8 +19,8 @@ from slamgym.slam.near_means import (
     END_MASK,
     END_SHIFT,
     MAX_MEANS,
-    SIDE_BITS,
-    SIDE_MASK,
+    SLOT_BITS,
+    SLOT_MASK,
     NearMeans,
     forget,
     gather,
@@ -191,7 +191,7 @@ def score(
         nearest = math.inf
         if u >= 1.0 and v >= 1.0:
             cell_u, cell_v = int(u), int(v)
-            slot = np.uint64(((cell_v & SIDE_MASK) << SIDE_BITS) | (cell_u & SIDE_MASK))
+            slot = np.uint64(((cell_v & SLOT_MASK) << SLOT_BITS) | (cell_u & SLOT_MASK))
             span = near.slots[slot, np.uint64(1)]
             if near.slots[slot, np.uint64(0)] != map_key | (cell_v << COORDINATE_BITS) | cell_u:
                 if near.state[1] + 9 > MAX_MEANS:

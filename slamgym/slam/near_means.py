@@ -15,9 +15,9 @@ from slamgym.core.jit import kernel
 from slamgym.core.types import FloatArray, IntArray
 from slamgym.slam.tiles import EMPTY, MEAN_U, MEAN_UNITS, MEAN_V, NEIGHBOURS, TILE_BITS, TILE_MASK
 
-SIDE_BITS = 7
-SIDE = 1 << SIDE_BITS
-SIDE_MASK = SIDE - 1
+SLOT_BITS = 7
+SLOTS_ACROSS = 1 << SLOT_BITS
+SLOT_MASK = SLOTS_ACROSS - 1
 """Cells this many apart share a slot: 6.4 m at 5 cm, twice what a TurtleBot3 sees, so that few compete."""
 MAX_MEANS = 1 << 13
 """When so many means are kept all are forgotten."""
@@ -30,7 +30,7 @@ class NearMeans(NamedTuple):
     """What one climb after the other remembers of the map that it looks at."""
 
     slots: IntArray
-    """(SIDE * SIDE, 2): number of a cell (map, v and u, COORDINATE_BITS each), and where its means begin and
+    """(SLOTS_ACROSS * SLOTS_ACROSS, 2): number of a cell (map, v and u, COORDINATE_BITS each), and where its means begin and
     end (``begin | end << END_SHIFT``)."""
     means: FloatArray  # (MAX_MEANS, 2) from the corner of their cell [cells]
     state: IntArray  # (2,) number of the map, means kept
@@ -40,7 +40,9 @@ class NearMeans(NamedTuple):
 def empty_means() -> NearMeans:
     """A memory that holds nothing."""
     return NearMeans(
-        np.zeros((SIDE * SIDE, 2), dtype=np.int64), np.empty((MAX_MEANS, 2)), np.zeros(2, dtype=np.int64)
+        np.zeros((SLOTS_ACROSS * SLOTS_ACROSS, 2), dtype=np.int64),
+        np.empty((MAX_MEANS, 2)),
+        np.zeros(2, dtype=np.int64),
     )
 
 
@@ -86,4 +88,4 @@ def gather(
                 means[end, np.uint64(1)] = dv + cells[tile, cell, np.uint64(MEAN_V)] * (1.0 / MEAN_UNITS)
                 end += np.uint64(1)
             left >>= np.uint64(1)
-    return np.int64(end)
+    return int(np.int64(end))
