@@ -30,8 +30,8 @@ class NearMeans(NamedTuple):
     """What one climb after the other remembers of the map that it looks at."""
 
     slots: IntArray
-    """(SLOTS_ACROSS * SLOTS_ACROSS, 2): number of a cell (map, v and u, COORDINATE_BITS each), and where its means begin and
-    end (``begin | end << END_SHIFT``)."""
+    """(SLOTS_ACROSS * SLOTS_ACROSS, 2): number of a cell (map, v and u, COORDINATE_BITS each), and where its
+    means begin and end (``begin | end << END_SHIFT``)."""
     means: FloatArray  # (MAX_MEANS, 2) from the corner of their cell [cells]
     state: IntArray  # (2,) number of the map, means kept
 
