@@ -5,7 +5,7 @@ Convention: everything is in the plan's frame (``world``): metres, x right, y up
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -106,6 +106,28 @@ class FloorPlan:
             Shape (S, 4): x0, y0, x1, y1 [m]; read-only, the same array at every call.
         """
         return self._segments
+
+    def turned(self, degrees: float) -> "FloorPlan":
+        """The same floor, turned counter-clockwise about the frame's origin."""
+        if degrees == 0.0:
+            return self
+        radians = math.radians(degrees)
+        matrix = np.array([[math.cos(radians), -math.sin(radians)], [math.sin(radians), math.cos(radians)]])
+
+        def turn(shape: Polygon) -> Polygon:
+            turned_shape: Polygon = shapely.transform(shape, lambda points: points @ matrix.T)
+            return turned_shape
+
+        def turn_point(point: tuple[float, float]) -> tuple[float, float]:
+            x, y = (matrix @ point).tolist()
+            return x, y
+
+        return replace(
+            self,
+            free_space=turn(self.free_space),
+            rooms=tuple(replace(room, polygon=turn(room.polygon)) for room in self.rooms),
+            doors=tuple(Door(turn_point(door.start), turn_point(door.end)) for door in self.doors),
+        )
 
     def raster(
         self,

@@ -1,8 +1,8 @@
 """The settings of a dataset, and those that are drawn for each exploration.
 
 A recipe is a YAML or JSON file. Its keys are settings of an exploration (``explorer``, ``minutes``,
-``odometry``, ``lidar``, or, with dots, those of the robot, its sensors, SLAM and clutter); under each stands a
-list of what may be drawn::
+``turn_deg``, ``odometry``, ``lidar``, or, with dots, those of the robot, its sensors, SLAM and clutter); under
+each stands a list of what may be drawn::
 
     explorer:
       - {value: explore_lite, weight: 3}
@@ -44,7 +44,7 @@ from slamgym.sim import name_of_odometry
 
 PARTS = ("robot", "lidar", "odometry", "slam", "clutter")
 """Parts of the environment whose settings bear on a map."""
-EPISODE_SETTINGS = ("explorer", "minutes")
+EPISODE_SETTINGS = ("explorer", "minutes", "turn_deg")
 
 
 def known_settings() -> list[str]:
