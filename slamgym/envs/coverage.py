@@ -155,6 +155,9 @@ class ReachableFloor:
     def _part_at(self, x: float, y: float) -> int:
         """Index of the part that holds a point, or is nearest to it; -1 if there is none."""
         if self._passages is not None and self._labels is not None:
+            here = int(self._labels[self._passages.cell(x, y)])
+            if here > 0:
+                return here
             inside = self._labels > 0
             if not inside.any():
                 return -1

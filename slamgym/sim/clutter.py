@@ -9,8 +9,8 @@ import numpy as np
 
 from slamgym.core.config import CountOrZero, NonNegative, Positive, Settings, Share
 from slamgym.core.errors import ConfigError
-from slamgym.core.types import FloatArray
-from slamgym.sim.furnishing import PlacedPiece, furnish, hang_curtains
+from slamgym.core.types import BoolArray, FloatArray, IntArray
+from slamgym.sim.furnishing import PlacedPiece, Wish, furnish, hang_curtains, put_down
 from slamgym.sim.openings import doors_of, draw_windows, has_leaf, is_closed, leaf_boxes
 from slamgym.sim.passages import Passages
 from slamgym.sim.people import PERSON_RADIUS, Person, Walkable
@@ -25,9 +25,9 @@ _logger = logging.getLogger(__name__)
 # Doors' surroundings stay free of furniture for this far to either side [m].
 _DOOR_ROOM = 0.45
 
-# Doors' leaves: places drawn for each, of which one is the first and the others come later; and how often
-# another hinge is tried where the leaf doesn't fit.
-_LEAF_PLACES = 3
+# Places of chairs and doors' leaves that change while the robot drives, the first one among them; and how often
+# another hinge is tried where a leaf doesn't fit.
+_PLACES = 3
 _HINGES = 3
 
 # People walk at least this far from walls [m].
@@ -118,6 +118,8 @@ class Clutter:
 
     def segments(self) -> FloatArray:
         """Outlines of what stands at first, shape (S, 4) as x0, y0, x1, y1 [m]: furniture, then the movables."""
+        if not self.changes:
+            return outlines_of(self.solids())
         parts = [outlines_of(self.furniture), *(outlines_of(places[0]) for places in self.movables)]
         return np.vstack(parts)
 
@@ -127,15 +129,15 @@ class Clutter:
 
 
 def outlines_of(solids: Sequence[FloatArray]) -> FloatArray:
-    """What contacts and scanners meet of solids, shape (S, 4) [m]: their edges, or the diagonals of a leg."""
-    if not solids:
-        return np.empty((0, 4))
-    parts = []
-    for corners in solids:
-        if len(corners) == 4 and np.ptp(corners, axis=0).max() < _LEG:
-            parts.append(np.hstack([corners[:2], corners[2:]]))
-        else:
-            parts.append(np.hstack([corners, np.roll(corners, -1, axis=0)]))
+    """What contacts and scanners meet of solids, shape (S, 4) [m]: the diagonals of legs, and others' edges."""
+    parts = [np.empty((0, 4))]
+    boxes = np.array([corners for corners in solids if len(corners) == 4]).reshape(-1, 4, 2)
+    is_leg = np.ptp(boxes, axis=1).max(axis=1, initial=0.0) < _LEG
+    legs = boxes[is_leg]
+    parts += [legs.reshape(-1, 2, 2, 2).transpose(0, 2, 1, 3).reshape(-1, 4)]
+    others = boxes[~is_leg]
+    parts += [np.concatenate([others, np.roll(others, -1, axis=1)], axis=2).reshape(-1, 4)]
+    parts += [np.hstack([corners, np.roll(corners, -1, axis=0)]) for corners in solids if len(corners) != 4]
     return np.vstack(parts)
 
 
@@ -158,9 +160,9 @@ def make_clutter(
     """
     radius = (robot or RobotConfig()).circumscribed_radius
     walking = PERSON_RADIUS + _WALKING_GAP
-    passages = Passages(plan, max(radius + config.passage, walking) + 0.1)
+    passages = Passages(plan, max(radius + config.passage, walking) + 0.01)
     rooms, labels = room_areas(plan, passages, rng)
-    before = passages.largest_part(radius)
+    before = passages.largest_part(radius) if config.cut_off else None
     leaves: list[list[FloatArray]] = []
     if config.furniture or config.doors:
         doors = doors_of(plan)
@@ -169,31 +171,35 @@ def make_clutter(
             passages.reserve(_surroundings(door))
     glass = draw_windows(rooms, passages, config.windows, rng) if config.windows else np.empty((0, 4))
     placed, left_out = _place_pieces(passages, rooms, glass, radius, config, rng)
-    after = passages.largest_part(radius)
+    furniture, chairs = put_down(placed)
     pieces = [piece.box for piece in placed]
     people, walkable = _populate(passages, walking, config, rng)
     if left_out:
         _logger.info("%s: no room for %d pieces of furniture; %d stand", plan.id, left_out, len(placed))
     return Clutter(
-        furniture=tuple(solid for piece in placed for solid in piece.solids),
+        furniture=furniture,
         outlines=np.array([*pieces, *(leaf for places in leaves for leaf in places)]).reshape(-1, 6),
         movables=(
-            *(chair for piece in placed for chair in piece.chairs),
+            *chairs,
             *(tuple((_corners(leaf),) for leaf in places) for places in leaves),
         ),
         glass=glass,
         people=people,
         walkable=walkable,
         passages=passages,
-        cut_off=tuple(
-            room.name
-            for room in rooms
-            if before[labels == room.label].any() > after[labels == room.label].any()
-        ),
+        cut_off=() if before is None else _newly_unreachable(passages, before, radius, rooms, labels),
         left_out=left_out,
         changes=config.changes / 60.0,
         seed=int(rng.integers(2**32)),
     )
+
+
+def _newly_unreachable(
+    passages: Passages, before: BoolArray, radius: float, rooms: Sequence[RoomArea], labels: IntArray
+) -> tuple[str, ...]:
+    """The rooms in which a disc could be before, and can't be now."""
+    lost = set(np.unique(labels[before])) - set(np.unique(labels[passages.largest_part(radius)]))
+    return tuple(room.name for room in rooms if room.label in lost)
 
 
 def _hang_leaves(
@@ -211,7 +217,7 @@ def _hang_leaves(
             continue
         for _ in range(_HINGES):
             places = []
-            for leaf in leaf_boxes(door, config.closed_doors, rng, _LEAF_PLACES):
+            for leaf in leaf_boxes(door, config.closed_doors, rng, _PLACES):
                 if is_closed(door, leaf):
                     stands = passages.is_clear(leaf) and (
                         config.cut_off or not _cuts_off(passages, leaf, radius)
@@ -262,11 +268,12 @@ def _place_pieces(
     """Curtains and furniture, room after room, and how many pieces found no room."""
     if not config.furniture:
         return [], 0
-    radii = np.array([radius, radius + config.passage])
-    placed = hang_curtains(passages, glass, radii, config.furniture, rng)
+    places = _PLACES if config.changes else 1
+    wish = Wish(config.furniture, np.array([radius, radius + config.passage]), places)
+    placed = hang_curtains(passages, glass, wish, rng)
     left_out = 0
     for room in rooms:
-        pieces, missing = furnish(passages, room, radii, config.furniture, rng)
+        pieces, missing = furnish(passages, room, wish, rng)
         placed += pieces
         left_out += missing
     return placed, left_out

@@ -11,8 +11,6 @@ from typing import Literal
 
 import numpy as np
 
-from slamgym.core.types import FloatArray
-
 Form = Literal["solid", "legs", "panels", "column", "round", "wavy"]
 """``panels``: a back and two sides, as desks and open shelves have; ``column``: one leg in the middle, as of
 round tables and office chairs; ``wavy``: a curtain."""
@@ -53,43 +51,42 @@ class Piece:
     share_of_wall: float = 0.0  # its width is at least this share of its wall, if the range allows it
 
 
+Corners = Sequence[tuple[float, float]]
+
+
 @dataclass(frozen=True)
 class Shape:
     """What stands on the floor, in a frame whose y axis is the piece's back and whose x axis leads away."""
 
     depth: float  # of all it needs, with the room for its chairs [m]
     width: float
-    solids: tuple[FloatArray, ...]  # corners of each, shape (K, 2) [m]
-    chairs: tuple[tuple[tuple[FloatArray, ...], ...], ...] = ()  # per chair, per place: its legs
+    solids: Sequence[Corners]  # corners of each [m]
+    chairs: Sequence[Sequence[Sequence[Corners]]] = ()  # per chair, per place: its legs
 
 
-def shape_of(piece: Piece, width: float, depth: float, rng: np.random.Generator) -> Shape:
-    """Draw the shape of a piece of a size: its form, and where its chairs stand now and later."""
+def shape_of(piece: Piece, width: float, depth: float, rng: np.random.Generator, places: int) -> Shape:
+    """Draw the shape of a piece of a size: its form, and the places of its chairs, of which the first is now."""
     form = piece.forms[int(rng.integers(len(piece.forms)))]
     if not piece.seats:
         return Shape(depth, width, _solids(form, 0.0, width, depth))
     # With its back to a wall a table has chairs on one side only.
     back = _SEAT_ROOM if piece.place != "wall" else 0.0
-    middles = ((np.arange(piece.seats) + 0.5) / piece.seats - 0.5) * width
+    middles = [((seat + 0.5) / piece.seats - 0.5) * width for seat in range(piece.seats)]
     sides = [(back + depth, 1.0)] + ([(back, -1.0)] if back else [])
-    draws = iter(rng.random((len(sides) * piece.seats, _PLACES, 3)).tolist())
+    draws = iter(rng.random((len(sides) * piece.seats, places, 3)).tolist())
     chair_legs = "column" if piece.place == "wall" and rng.random() < 0.6 else "legs"
     chairs = tuple(
-        tuple(_chair(chair_legs, edge, outwards, float(middle), draw) for draw in next(draws))
+        tuple(_chair(chair_legs, edge, outwards, middle, draw) for draw in next(draws))
         for edge, outwards in sides
         for middle in middles
     )
-    reach = max(width, float(np.ptp(middles)) + _SEAT * 1.5 + 2.0 * _ASIDE)
+    reach = max(width, middles[-1] - middles[0] + _SEAT * 1.5 + 2.0 * _ASIDE)
     return Shape(back + depth + _SEAT_ROOM, reach, _solids(form, back, width, depth), chairs)
-
-
-# Places of a chair that are drawn: where it stands first, and where it is moved to.
-_PLACES = 3
 
 
 def _chair(
     legs: str, edge: float, outwards: float, middle: float, draw: Sequence[float]
-) -> tuple[FloatArray, ...]:
+) -> Sequence[Corners]:
     """The legs of a chair at a table's edge."""
     out = _PULLED_OUT[0] + draw[0] * (_PULLED_OUT[1] - _PULLED_OUT[0])
     x, y = edge + outwards * out, middle + (2.0 * draw[1] - 1.0) * _ASIDE
@@ -107,37 +104,38 @@ def _chair(
     return tuple(_square(x + dx, y + dy, _CHAIR_LEG) for dx, dy in corners)
 
 
-def _solids(form: Form, back: float, width: float, depth: float) -> tuple[FloatArray, ...]:
+def _solids(form: Form, back: float, width: float, depth: float) -> Sequence[Corners]:
     """What stands on the floor of a piece whose back lies at x = ``back``."""
     half, front, middle = 0.5 * width, back + depth, back + 0.5 * depth
     if form == "solid":
         return (_box(back, -half, front, half),)
     if form == "round":
-        angles = (np.arange(_CORNERS) + 0.5) * (2.0 * math.pi / _CORNERS)
-        ring = np.column_stack([0.5 * depth * np.cos(angles), half * np.sin(angles)])
-        return (ring + np.array([middle, 0.0]),)
+        angles = [(corner + 0.5) * (2.0 * math.pi / _CORNERS) for corner in range(_CORNERS)]
+        return ([(middle + 0.5 * depth * math.cos(angle), half * math.sin(angle)) for angle in angles],)
     if form == "column":
         return (_square(middle, 0.0, _LEG),)
     if form == "panels":
         sides = [_box(back, y, front, y + _PANEL) for y in (-half, half - _PANEL)]
         return (*sides, _box(back, -half + _PANEL, back + _PANEL, half - _PANEL))
     if form == "wavy":
-        folds = max(2, round(width / _FOLD[1]))
-        y = np.linspace(half, -half, 2 * folds + 1)
-        x = front - np.where(np.arange(len(y)) % 2, 0.0, _FOLD[0])
-        return (np.vstack([[(back, -half), (back, half)], np.column_stack([x, y])]),)
+        points = 2 * max(2, round(width / _FOLD[1])) + 1
+        front_edge = [
+            (front - (0.0 if point % 2 else _FOLD[0]), half - width * point / (points - 1))
+            for point in range(points)
+        ]
+        return ([(back, -half), (back, half), *front_edge],)
     inset = 0.5 * _LEG
     rows = [-half + inset, half - inset] if width < 1.9 else [-half + inset, 0.0, half - inset]
     return tuple(_square(x, y, _LEG) for x in (back + inset, front - inset) for y in rows)
 
 
-def _square(x: float, y: float, side: float) -> FloatArray:
+def _square(x: float, y: float, side: float) -> Corners:
     half = 0.5 * side
     return _box(x - half, y - half, x + half, y + half)
 
 
-def _box(x0: float, y0: float, x1: float, y1: float) -> FloatArray:
-    return np.array([(x0, y0), (x1, y0), (x1, y1), (x0, y1)])
+def _box(x0: float, y0: float, x1: float, y1: float) -> Corners:
+    return (x0, y0), (x1, y0), (x1, y1), (x0, y1)
 
 
 _SHELF = Piece((0.8, 1.6), (0.28, 0.4), chance=0.6)

@@ -1,10 +1,12 @@
 """The rooms of a plan as parts of its floor, with the walls that face each; guessed where the plan names none."""
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from slamgym.core.jit import kernel
 from slamgym.core.types import BoolArray, FloatArray, IntArray
 from slamgym.sim.furniture import likely_category
 from slamgym.sim.passages import CELL, Passages
@@ -56,6 +58,12 @@ class RoomArea:
     label: int
     """Of its cells, as :func:`room_areas` gives them."""
 
+    @cached_property
+    def longest_wall(self) -> FloatArray:
+        """One of ``walls``, of which there must be some."""
+        longest: FloatArray = self.walls[np.argmax(np.hypot(*(self.walls[:, 2:] - self.walls[:, :2]).T))]
+        return longest
+
 
 def room_areas(
     plan: "FloorPlan", passages: Passages, rng: np.random.Generator
@@ -68,20 +76,16 @@ def room_areas(
     if np.count_nonzero(rest) * CELL**2 > _SMALLEST_REST:
         labels[rest] = (_guessed(rest) + len(plan.rooms))[rest]
     count = int(labels.max(initial=0))
-    rows, cols = np.nonzero(labels)
-    flat = labels[rows, cols]
-    cells = np.bincount(flat, minlength=count + 1)
-    x = passages.origin[0] + (cols + 0.5) * CELL
-    y = passages.origin[1] + (rows + 0.5) * CELL
-    sums = [np.bincount(flat, weights, count + 1) for weights in (x, y, x * x, y * y)]
+    moments = _moments(labels, *passages.origin, np.zeros((count + 1, 5)))
     walls = _oriented_walls(plan)
     sides = _labels_before(walls, labels, passages)
     found = []
     for label in range(1, count + 1):
-        area = cells[label] * CELL**2
+        cells, *sums = moments[label].tolist()
+        area = cells * CELL**2
         if area < _SMALLEST_ROOM:
             continue
-        mean_x, mean_y, square_x, square_y = (float(total[label]) / cells[label] for total in sums)
+        mean_x, mean_y, square_x, square_y = (total / cells for total in sums)
         spread = max(square_x - mean_x**2, 1e-4) ** 0.5, max(square_y - mean_y**2, 1e-4) ** 0.5
         name = plan.rooms[label - 1].category if label <= len(plan.rooms) else ""
         category = name
@@ -90,6 +94,22 @@ def room_areas(
         own = walls[sides == label]
         found.append(RoomArea(name or f"room {label}", category, area, (mean_x, mean_y), spread, own, label))
     return found, labels
+
+
+@kernel
+def _moments(labels: IntArray, origin_x: float, origin_y: float, sums: FloatArray) -> FloatArray:
+    """Number of cells, and sums of x, y, x^2 and y^2 [m] for each label."""
+    for row in range(labels.shape[0]):
+        y = origin_y + (row + 0.5) * CELL
+        for col in range(labels.shape[1]):
+            x = origin_x + (col + 0.5) * CELL
+            own = sums[labels[row, col]]
+            own[0] += 1.0
+            own[1] += x
+            own[2] += y
+            own[3] += x * x
+            own[4] += y * y
+    return sums
 
 
 def _named(plan: "FloorPlan", passages: Passages) -> IntArray:

@@ -76,13 +76,15 @@ class World:
         self._discs = self._crowd.discs if self._crowd else np.empty((0, 3))
         # One array: what stays, what may be moved, then the legs of those who walk.
         standing = np.vstack([walls, clutter.segments()])
-        first_movable = len(walls) + len(outlines_of(clutter.furniture))
         legs = self._crowd.legs() if self._crowd else np.empty((0, 4))
         segments = np.vstack([standing, legs])
         self._obstacles = segments[: len(standing)]
         self._legs = segments[len(standing) :]
-        self._furniture = clutter.furniture
-        self._changes = Changes(clutter, self._obstacles[first_movable:]) if clutter.movables else None
+        self._clutter = clutter
+        self._changes = None
+        if clutter.movables and clutter.changes:
+            first_movable = len(walls) + len(outlines_of(clutter.furniture))
+            self._changes = Changes(clutter, self._obstacles[first_movable:])
         self._visible = segments.view()
         self._visible.flags.writeable = False
         self._limits = np.array(
@@ -116,7 +118,8 @@ class World:
 
     def furniture(self) -> tuple[FloatArray, ...]:
         """What stands on the floor now, chairs and doors' leaves too: corners of each, shape (K, 2) [m]."""
-        return (*self._furniture, *(self._changes.solids() if self._changes else ()))
+        clutter = self._clutter
+        return (*clutter.furniture, *self._changes.solids()) if self._changes else clutter.solids()
 
     def reset(self, pose: Pose2D) -> None:
         """Put the robot at rest at a pose.
