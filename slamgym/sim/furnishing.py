@@ -34,12 +34,7 @@ class PlacedPiece:
 
     shape: Shape
     pose: FloatArray  # of the middle of its back: x, y, theta
-
-    @property
-    def box(self) -> FloatArray:
-        """What it covers, as :mod:`slamgym.sim.passages` has boxes."""
-        box: FloatArray = _boxes(self.shape.depth, self.shape.width, self.pose[None])[0]
-        return box
+    box: FloatArray  # what it covers, as :mod:`slamgym.sim.passages` has boxes
 
 
 @dataclass(frozen=True)
@@ -98,8 +93,9 @@ def hang_curtains(
             x = x0 + along * math.cos(angle) - _WALL_GAP[1] * math.sin(angle)
             y = y0 + along * math.sin(angle) + _WALL_GAP[1] * math.cos(angle)
             pose = np.array([[x, y, angle + 0.5 * math.pi]])
-            if passages.first_fit(_boxes(shape.depth, shape.width, pose), wish.radii) == 0:
-                placed.append(PlacedPiece(shape, pose[0]))
+            boxes = _boxes(shape.depth, shape.width, pose)
+            if passages.first_fit(boxes, wish.radii) == 0:
+                placed.append(PlacedPiece(shape, pose[0], boxes[0]))
     return placed
 
 
@@ -122,8 +118,9 @@ def _place(
         poses = _about_middle(shape, room, spread, draws)
     if piece.turned:
         poses[:, 2] += piece.turned * rng.standard_normal(len(poses))
-    found = passages.first_fit(_boxes(shape.depth, shape.width, poses), wish.radii) if len(poses) else -1
-    return PlacedPiece(shape, poses[found]) if found >= 0 else None
+    boxes = _boxes(shape.depth, shape.width, poses)
+    found = passages.first_fit(boxes, wish.radii)
+    return PlacedPiece(shape, poses[found], boxes[found]) if found >= 0 else None
 
 
 @kernel

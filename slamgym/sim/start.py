@@ -21,6 +21,9 @@ if TYPE_CHECKING:
 # Room to spare around the robot at the start [m].
 _MARGIN = 0.02
 
+# Places drawn until one is away from all people.
+_DRAWS = 200
+
 # Detail of the plan's outline that doesn't matter for where a robot fits [m].
 _SIMPLIFICATION = 0.01
 
@@ -100,12 +103,11 @@ def _sample_among(
     """Draw from the cells of the largest part that furniture, doors and people leave."""
     radius = _room_for(robot)
     cells = passages.largest_part(radius)
-    for person in clutter.people:
-        cells &= passages.distance_from(*person.start) >= radius + PERSON_RADIUS
-    if not cells.any():
-        raise _fits_nowhere(plan, robot)
-    x, y = passages.sample_point(cells, rng)
-    return Pose2D(x, y, float(rng.uniform(-math.pi, math.pi)))
+    for _ in range(_DRAWS if cells.any() else 0):
+        x, y = passages.sample_point(cells, rng)
+        if all(math.dist((x, y), person.start) >= radius + PERSON_RADIUS for person in clutter.people):
+            return Pose2D(x, y, float(rng.uniform(-math.pi, math.pi)))
+    raise _fits_nowhere(plan, robot)
 
 
 def _room_for(robot: RobotConfig) -> float:
