@@ -98,16 +98,6 @@ class FloorPlan:
         segments.flags.writeable = False
         return segments
 
-    @cached_property
-    def openings(self) -> tuple[Door, ...]:
-        """The doors and wider openings: those that are known, else those that the walls show."""
-        if self.doors:
-            return self.doors
-        from slamgym.cad.plan_statistics import SIMPLIFY, find_openings
-
-        simple = self.free_space.simplify(SIMPLIFY)
-        return tuple(find_openings(simple)) if isinstance(simple, Polygon) and not simple.is_empty else ()
-
     def segments(self) -> FloatArray:
         """The faces of all walls, outline first, then the holes.
 

@@ -121,8 +121,8 @@ class ReachableFloor:
         self._free: BaseGeometry = plan.free_space
         self._passages = passages
         self._labels = passages.parts(robot_radius)[1] if passages else None
-        parts = [] if passages else shapely.get_parts(fitting_area(plan, robot_radius))
-        self._parts = [part for part in parts if not part.is_empty]
+        area = shapely.Polygon() if passages else fitting_area(plan, robot_radius)
+        self._parts = [part for part in shapely.get_parts(area) if not part.is_empty]
         self._masks: dict[int, BoolArray] = {}
         # The margin keeps beams that end on the outline inside the grid.
         self.frame = GridFrame.covering(plan.bounds, CELL, margin=2.0 * CELL)

@@ -11,7 +11,7 @@ from slamgym.core.config import CountOrZero, NonNegative, Positive, Settings, Sh
 from slamgym.core.errors import ConfigError
 from slamgym.core.types import BoolArray, FloatArray, IntArray
 from slamgym.sim.furnishing import PlacedPiece, Wish, furnish, hang_curtains, put_down
-from slamgym.sim.openings import draw_windows, has_leaf, is_closed, leaf_boxes
+from slamgym.sim.openings import doors_of, draw_windows, has_leaf, is_closed, leaf_boxes
 from slamgym.sim.passages import Passages
 from slamgym.sim.people import PERSON_RADIUS, Person, Walkable
 from slamgym.sim.robot import RobotConfig
@@ -165,8 +165,9 @@ def make_clutter(
     before = passages.largest_part(radius) if config.cut_off else None
     leaves: list[list[FloatArray]] = []
     if config.furniture or config.doors:
-        leaves = _hang_leaves(passages, plan.openings, radius, config, rng)
-        for door in plan.openings:
+        doors = doors_of(plan)
+        leaves = _hang_leaves(passages, doors, radius, config, rng)
+        for door in doors:
             passages.reserve(_surroundings(door))
     glass = draw_windows(rooms, passages, config.windows, rng) if config.windows else np.empty((0, 4))
     placed, left_out = _place_pieces(passages, rooms, glass, radius, config, rng)
@@ -215,7 +216,7 @@ def _hang_leaves(
         if not has_leaf(door) or rng.random() >= config.doors:
             continue
         for _ in range(_HINGES):
-            places = []
+            places: list[FloatArray] = []
             for leaf in leaf_boxes(door, config.closed_doors, rng, _PLACES):
                 if is_closed(door, leaf):
                     stands = passages.is_clear(leaf) and (

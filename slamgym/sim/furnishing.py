@@ -3,7 +3,7 @@
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -71,6 +71,9 @@ def furnish(
             if chance >= piece.chance * wish.share * (1.0 if group == 0 else _LATER_GROUPS):
                 continue
             found = _place(passages, room, piece, wish, rng)
+            if found is None and piece.seats:
+                alone = replace(piece, seats=0, place="wall")
+                found = _place(passages, room, alone, wish, rng)
             if found is None:
                 left_out += 1
             else:

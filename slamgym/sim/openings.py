@@ -10,7 +10,7 @@ from slamgym.sim.passages import Passages
 from slamgym.sim.room_areas import RoomArea
 
 if TYPE_CHECKING:
-    from slamgym.cad.floorplan import Door
+    from slamgym.cad.floorplan import Door, FloorPlan
 
 # Openings of these clear widths have a leaf [m].
 _DOOR_WIDTH = (0.6, 1.15)
@@ -31,6 +31,16 @@ _GLASS_NIB = 0.15
 
 # Behind an outer wall there is no floor at these distances [m].
 _BEHIND = (0.3, 0.6, 1.0, 1.5, 2.5)
+
+
+def doors_of(plan: "FloorPlan") -> list["Door"]:
+    """The openings of a plan: its doors where it has some, else those that its walls show."""
+    if plan.doors:
+        return list(plan.doors)
+    from slamgym.cad.plan_statistics import SIMPLIFY, find_openings
+
+    simple = plan.free_space.simplify(SIMPLIFY)
+    return [] if simple.is_empty else find_openings(simple)
 
 
 def has_leaf(door: "Door") -> bool:

@@ -20,7 +20,7 @@ from slamgym.core.types import BoolArray, ByteArray, FloatArray, GridFrame, IntA
 if TYPE_CHECKING:
     from slamgym.cad.floorplan import FloorPlan
 
-CELL = 0.05
+PASSAGE_CELL = 0.05
 """Side of a cell [m]."""
 
 ROUNDING = 0.005
@@ -44,7 +44,7 @@ class Passages:
         # Here, because help pages read the settings of this package and shapely takes long to import.
         from slamgym.cad.floorplan import fill_segments
 
-        self.frame = GridFrame.covering(plan.bounds, CELL, margin=4.0 * CELL)
+        self.frame = GridFrame.covering(plan.bounds, PASSAGE_CELL, margin=4.0 * PASSAGE_CELL)
         self.walls = plan.segments()
         free = fill_segments(self.walls, self.frame)[::-1]
         self.clearance: FloatArray = np.where(free, far, 0.0)
@@ -122,8 +122,8 @@ class Passages:
 
     def cell(self, x: float, y: float) -> tuple[int, int]:
         """The cell of a point, cut to the raster: row from the bottom, and column."""
-        row = min(max(int((y - self.origin[1]) / CELL), 0), self.frame.height_px - 1)
-        return row, min(max(int((x - self.origin[0]) / CELL), 0), self.frame.width_px - 1)
+        row = min(max(int((y - self.origin[1]) / PASSAGE_CELL), 0), self.frame.height_px - 1)
+        return row, min(max(int((x - self.origin[0]) / PASSAGE_CELL), 0), self.frame.width_px - 1)
 
     def floor_about(self, part: BoolArray, reach: float, frame: GridFrame) -> BoolArray:
         """The floor near a part of the cells, as far as no obstacle covers it, on another raster.
@@ -139,19 +139,19 @@ class Passages:
         import cv2
 
         distance = cv2.distanceTransform((~part).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5)
-        floor = (distance * CELL <= reach) & (self.clearance > 0.0)
+        floor = (distance * PASSAGE_CELL <= reach) & (self.clearance > 0.0)
         x, _ = frame.to_point(0, np.arange(frame.width_px))
         _, y = frame.to_point(np.arange(frame.height_px)[::-1], 0)
-        rows = np.clip(((y - self.origin[1]) / CELL).astype(np.int64), 0, floor.shape[0] - 1)
-        cols = np.clip(((x - self.origin[0]) / CELL).astype(np.int64), 0, floor.shape[1] - 1)
+        rows = np.clip(((y - self.origin[1]) / PASSAGE_CELL).astype(np.int64), 0, floor.shape[0] - 1)
+        cols = np.clip(((x - self.origin[0]) / PASSAGE_CELL).astype(np.int64), 0, floor.shape[1] - 1)
         found: BoolArray = np.ascontiguousarray(floor[np.ix_(rows, cols)])
         return found
 
     def distance_from(self, x: float, y: float) -> FloatArray:
         """Distance of each cell's centre from a point [m]."""
         height, width = self.frame.shape
-        across = self.origin[0] + (np.arange(width) + 0.5) * CELL - x
-        up = self.origin[1] + (np.arange(height) + 0.5) * CELL - y
+        across = self.origin[0] + (np.arange(width) + 0.5) * PASSAGE_CELL - x
+        up = self.origin[1] + (np.arange(height) + 0.5) * PASSAGE_CELL - y
         distance: FloatArray = np.hypot(across[None, :], up[:, None])
         return distance
 
@@ -160,7 +160,7 @@ class Passages:
         rows, cols = np.nonzero(cells)
         index = int(rng.integers(len(rows)))
         x, y = self.origin
-        return x + (float(cols[index]) + 0.5) * CELL, y + (float(rows[index]) + 0.5) * CELL
+        return x + (float(cols[index]) + 0.5) * PASSAGE_CELL, y + (float(rows[index]) + 0.5) * PASSAGE_CELL
 
 
 @kernel
@@ -173,14 +173,14 @@ def _draw_segments(
         x0, y0, x1, y1 = segments[s]
         ex, ey = x1 - x0, y1 - y0
         scale = 1.0 / max(ex * ex + ey * ey, 1e-18)
-        row0 = max(0, int((min(y0, y1) - far - origin_y) / CELL))
-        row1 = min(height, int((max(y0, y1) + far - origin_y) / CELL) + 1)
-        col0 = max(0, int((min(x0, x1) - far - origin_x) / CELL))
-        col1 = min(width, int((max(x0, x1) + far - origin_x) / CELL) + 1)
+        row0 = max(0, int((min(y0, y1) - far - origin_y) / PASSAGE_CELL))
+        row1 = min(height, int((max(y0, y1) + far - origin_y) / PASSAGE_CELL) + 1)
+        col0 = max(0, int((min(x0, x1) - far - origin_x) / PASSAGE_CELL))
+        col1 = min(width, int((max(x0, x1) + far - origin_x) / PASSAGE_CELL) + 1)
         for row in range(row0, row1):
-            y = origin_y + (row + 0.5) * CELL - y0
+            y = origin_y + (row + 0.5) * PASSAGE_CELL - y0
             for col in range(col0, col1):
-                x = origin_x + (col + 0.5) * CELL - x0
+                x = origin_x + (col + 0.5) * PASSAGE_CELL - x0
                 share = min(max((x * ex + y * ey) * scale, 0.0), 1.0)
                 dx, dy = x - share * ex, y - share * ey
                 square = dx * dx + dy * dy
@@ -205,10 +205,10 @@ def _surroundings(
     half_x = abs(box[2]) * box[4] + abs(box[3]) * box[5] + far
     half_y = abs(box[3]) * box[4] + abs(box[2]) * box[5] + far
     found = np.empty(4, np.int64)
-    found[0] = max(0, int((box[1] - half_y - origin_y) / CELL) - 1)
-    found[1] = min(shape[0], int((box[1] + half_y - origin_y) / CELL) + 2)
-    found[2] = max(0, int((box[0] - half_x - origin_x) / CELL) - 1)
-    found[3] = min(shape[1], int((box[0] + half_x - origin_x) / CELL) + 2)
+    found[0] = max(0, int((box[1] - half_y - origin_y) / PASSAGE_CELL) - 1)
+    found[1] = min(shape[0], int((box[1] + half_y - origin_y) / PASSAGE_CELL) + 2)
+    found[2] = max(0, int((box[0] - half_x - origin_x) / PASSAGE_CELL) - 1)
+    found[3] = min(shape[1], int((box[0] + half_x - origin_x) / PASSAGE_CELL) + 2)
     return found
 
 
@@ -218,7 +218,9 @@ def _draw_box(clearance: FloatArray, origin_x: float, origin_y: float, box: Floa
     row0, row1, col0, col1 = _surroundings(clearance.shape, origin_x, origin_y, box, far)
     for row in range(row0, row1):
         for col in range(col0, col1):
-            distance = _box_distance(origin_x + (col + 0.5) * CELL, origin_y + (row + 0.5) * CELL, box)
+            distance = _box_distance(
+                origin_x + (col + 0.5) * PASSAGE_CELL, origin_y + (row + 0.5) * PASSAGE_CELL, box
+            )
             clearance[row, col] = min(clearance[row, col], distance)
 
 
@@ -263,7 +265,7 @@ def _is_clear(
     box: FloatArray,
 ) -> bool:
     """Whether a box lies in the free space and overlaps no other."""
-    row, col = int((box[1] - origin_y) / CELL), int((box[0] - origin_x) / CELL)
+    row, col = int((box[1] - origin_y) / PASSAGE_CELL), int((box[0] - origin_x) / PASSAGE_CELL)
     if row < 0 or col < 0 or row >= clearance.shape[0] or col >= clearance.shape[1]:
         return False
     if clearance[row, col] <= 0.0:
@@ -340,7 +342,10 @@ def _first_fit(
         after = np.empty_like(there)
         for row in range(after.shape[0]):
             for col in range(after.shape[1]):
-                x, y = origin_x + (col0 + col + 0.5) * CELL, origin_y + (row0 + row + 0.5) * CELL
+                x, y = (
+                    origin_x + (col0 + col + 0.5) * PASSAGE_CELL,
+                    origin_y + (row0 + row + 0.5) * PASSAGE_CELL,
+                )
                 after[row, col] = min(there[row, col], _box_distance(x, y, box))
         connected = True
         for radius in radii:

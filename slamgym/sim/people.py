@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from slamgym.core.types import BoolArray, FloatArray
-from slamgym.sim.passages import CELL
+from slamgym.sim.passages import PASSAGE_CELL
 
 PERSON_RADIUS = 0.25
 """A standing or walking person seen from above [m]: half the shoulder width of 0.46 m and some clothes."""
@@ -53,8 +53,8 @@ class Walkable:
 
     def covers(self, here: FloatArray, there: FloatArray) -> bool:
         """Whether a straight path stays on it; points (x, y) [m]."""
-        number = 2 + int(np.hypot(*(there - here)) / (0.5 * CELL))
-        path = (here + np.linspace(0.0, 1.0, number)[:, None] * (there - here) - self.origin) / CELL
+        number = 2 + int(np.hypot(*(there - here)) / (0.5 * PASSAGE_CELL))
+        path = (here + np.linspace(0.0, 1.0, number)[:, None] * (there - here) - self.origin) / PASSAGE_CELL
         cols, rows = np.floor(path).astype(np.int64).T
         height, width = self.cells.shape
         if rows.min() < 0 or cols.min() < 0 or rows.max() >= height or cols.max() >= width:

@@ -9,7 +9,7 @@ import numpy as np
 from slamgym.core.jit import kernel
 from slamgym.core.types import BoolArray, FloatArray, IntArray
 from slamgym.sim.furniture import likely_category
-from slamgym.sim.passages import CELL, Passages
+from slamgym.sim.passages import PASSAGE_CELL, Passages
 
 if TYPE_CHECKING:
     from slamgym.cad.floorplan import FloorPlan
@@ -73,7 +73,7 @@ def room_areas(
     free = passages.clearance > 0.0
     labels[~free] = 0
     rest = free & (labels == 0)
-    if np.count_nonzero(rest) * CELL**2 > _SMALLEST_REST:
+    if np.count_nonzero(rest) * PASSAGE_CELL**2 > _SMALLEST_REST:
         labels[rest] = (_guessed(rest) + len(plan.rooms))[rest]
     count = int(labels.max(initial=0))
     moments = _moments(labels, *passages.origin, np.zeros((count + 1, 5)))
@@ -82,7 +82,7 @@ def room_areas(
     found = []
     for label in range(1, count + 1):
         cells, *sums = moments[label].tolist()
-        area = cells * CELL**2
+        area = cells * PASSAGE_CELL**2
         if area < _SMALLEST_ROOM:
             continue
         mean_x, mean_y, square_x, square_y = (total / cells for total in sums)
@@ -100,9 +100,9 @@ def room_areas(
 def _moments(labels: IntArray, origin_x: float, origin_y: float, sums: FloatArray) -> FloatArray:
     """Number of cells, and sums of x, y, x^2 and y^2 [m] for each label."""
     for row in range(labels.shape[0]):
-        y = origin_y + (row + 0.5) * CELL
+        y = origin_y + (row + 0.5) * PASSAGE_CELL
         for col in range(labels.shape[1]):
-            x = origin_x + (col + 0.5) * CELL
+            x = origin_x + (col + 0.5) * PASSAGE_CELL
             own = sums[labels[row, col]]
             own[0] += 1.0
             own[1] += x
@@ -133,7 +133,7 @@ def _guessed(free: BoolArray) -> IntArray:
     """Labels from 1: wide places, and to each what is nearest to it."""
     import cv2
 
-    distance = cv2.distanceTransform(free.astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5) * CELL
+    distance = cv2.distanceTransform(free.astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5) * PASSAGE_CELL
     _, cores = cv2.connectedComponents((distance > 0.5 * _WIDEST_DOOR).astype(np.uint8))
     _, nearest = cv2.distanceTransformWithLabels(
         (cores == 0).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5, labelType=cv2.DIST_LABEL_PIXEL
@@ -150,7 +150,7 @@ def _oriented_walls(plan: "FloorPlan") -> FloatArray:
     """The plan's longer walls, shape (W, 4), each with the free space on its left."""
     from slamgym.cad.floorplan import ring_segments
 
-    rings = []
+    rings: list[FloatArray] = []
     for ring in (plan.free_space.exterior, *plan.free_space.interiors):
         segments = ring_segments([ring])
         keeps = ring.is_ccw == (len(rings) == 0)
@@ -167,7 +167,7 @@ def _labels_before(walls: FloatArray, labels: IntArray, passages: Passages) -> I
     normal = np.column_stack([-along[:, 1], along[:, 0]]) / np.hypot(*along.T)[:, None]
     x, y = (0.5 * (walls[:, :2] + walls[:, 2:]) + _BEFORE_WALL * normal).T
     height, width = labels.shape
-    rows = np.clip(((y - passages.origin[1]) / CELL).astype(np.int64), 0, height - 1)
-    cols = np.clip(((x - passages.origin[0]) / CELL).astype(np.int64), 0, width - 1)
+    rows = np.clip(((y - passages.origin[1]) / PASSAGE_CELL).astype(np.int64), 0, height - 1)
+    cols = np.clip(((x - passages.origin[0]) / PASSAGE_CELL).astype(np.int64), 0, width - 1)
     found: IntArray = labels[rows, cols]
     return found

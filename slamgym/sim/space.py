@@ -72,7 +72,7 @@ class World:
         walls = np.asarray(plan.segments(), dtype=np.float64)
         clutter = clutter or Clutter()
         self._num_walls = len(walls)
-        self._crowd = Crowd(clutter.people, clutter.walkable) if clutter.people else None
+        self._crowd = Crowd(clutter.people, clutter.walkable) if clutter.walkable else None
         self._discs = self._crowd.discs if self._crowd else np.empty((0, 3))
         # One array: what stays, what may be moved, then the legs of those who walk.
         standing = np.vstack([walls, clutter.segments()])
