@@ -11,13 +11,14 @@ class Changes:
 
     Args:
         clutter: What there is.
-        rows: The world's segments of the movables, shape (S, 4) [m]; changed in place.
+        rows: The world's segments of the clutter, as :meth:`Clutter.segments` gives them; changed in place.
     """
 
     def __init__(self, clutter: Clutter, rows: FloatArray) -> None:
         self._clutter = clutter
-        self._rows = rows
-        self._places = [[outlines_of(solids) for solids in places] for places in clutter.movables]
+        self.movables = clutter.movables if clutter.changes else ()
+        self._places = [[outlines_of(solids) for solids in places] for places in self.movables]
+        self._rows = rows[len(rows) - sum(len(places[0]) for places in self._places) :]
         ends = np.cumsum([len(places[0]) for places in self._places])
         self._slices = [
             slice(int(end) - len(places[0]), int(end)) for end, places in zip(ends, self._places, strict=True)
@@ -31,13 +32,12 @@ class Changes:
         for index in range(len(self._places)):
             self._put(index, 0)
 
-    def solids(self) -> tuple[FloatArray, ...]:
-        """The movables where they stand now: corners of each solid, shape (K, 2) [m]."""
-        return tuple(
-            solid
-            for places, now in zip(self._clutter.movables, self._now, strict=True)
-            for solid in places[now]
-        )
+    def furniture(self) -> tuple[FloatArray, ...]:
+        """What stands on the floor now: corners of each solid, shape (K, 2) [m]."""
+        if not self.movables:
+            return self._clutter.solids()
+        moved = zip(self.movables, self._now, strict=True)
+        return (*self._clutter.furniture, *(solid for places, now in moved for solid in places[now]))
 
     def advance(self, span: float, discs: FloatArray) -> bool:
         """Let time pass, in which something may be moved, but nothing that would come near to somebody.
@@ -49,6 +49,8 @@ class Changes:
         Returns:
             Whether anything was moved.
         """
+        if not self.movables:
+            return False
         moved = False
         for _ in range(int(self._rng.poisson(self._clutter.changes * span))):
             index = int(self._rng.integers(len(self._places)))

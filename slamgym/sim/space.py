@@ -18,7 +18,7 @@ from slamgym.core.geometry import between, wrap_angle
 from slamgym.core.types import FloatArray, Pose2D, Twist2D
 from slamgym.sim import motion
 from slamgym.sim.changes import Changes
-from slamgym.sim.clutter import Clutter, outlines_of
+from slamgym.sim.clutter import Clutter
 from slamgym.sim.contact import SKIN, SUBSTEP_DISTANCE, ContactSolver, Velocity
 from slamgym.sim.people import Crowd
 from slamgym.sim.robot import RobotConfig
@@ -71,7 +71,6 @@ class World:
         self.robot = robot
         walls = np.asarray(plan.segments(), dtype=np.float64)
         clutter = clutter or Clutter()
-        self._num_walls = len(walls)
         self._crowd = Crowd(clutter.people, clutter.walkable) if clutter.walkable else None
         self._discs = self._crowd.discs if self._crowd else np.empty((0, 3))
         # One array: what stays, what may be moved, then the legs of those who walk.
@@ -80,11 +79,7 @@ class World:
         segments = np.vstack([standing, legs])
         self._obstacles = segments[: len(standing)]
         self._legs = segments[len(standing) :]
-        self._clutter = clutter
-        self._changes = None
-        if clutter.movables and clutter.changes:
-            first_movable = len(walls) + len(outlines_of(clutter.furniture))
-            self._changes = Changes(clutter, self._obstacles[first_movable:])
+        self._changes = Changes(clutter, self._obstacles[len(walls) :])
         self._visible = segments.view()
         self._visible.flags.writeable = False
         self._limits = np.array(
@@ -118,8 +113,7 @@ class World:
 
     def furniture(self) -> tuple[FloatArray, ...]:
         """What stands on the floor now, chairs and doors' leaves too: corners of each, shape (K, 2) [m]."""
-        clutter = self._clutter
-        return (*clutter.furniture, *self._changes.solids()) if self._changes else clutter.solids()
+        return self._changes.furniture()
 
     def reset(self, pose: Pose2D) -> None:
         """Put the robot at rest at a pose.
@@ -135,12 +129,11 @@ class World:
         if self._crowd:
             self._crowd.reset()
             self._legs[:] = self._crowd.legs()
-        if self._changes:
-            self._changes.reset()
+        self._changes.reset()
         where = f"start pose ({pose.x:.2f}, {pose.y:.2f}) in plan {self.plan.id}"
         if not np.isfinite(self._state).all():
             raise ConfigError(f"{where} must be finite")
-        if not motion.inside(pose.x, pose.y, self._obstacles[: self._num_walls]):
+        if not motion.inside(pose.x, pose.y, self._obstacles[: len(self.plan.segments())]):
             raise ConfigError(
                 f"{where} is outside the free space; choose another or let the start be sampled"
             )
@@ -167,7 +160,7 @@ class World:
         self._state[motion.LEFT :] = 0.0
         if self._crowd:
             self._let_people_walk(self._crowd, dt)
-        if self._changes and self._changes.advance(dt, self._somebody()):
+        if self._changes.movables and self._changes.advance(dt, self._somebody()):
             self._solver = None  # it holds the obstacles as they stood
         contact = self._drive(target, dt)
         pose = self.pose
