@@ -269,7 +269,7 @@ def _place_pieces(
     if not config.furniture:
         return [], 0
     places = _PLACES if config.changes else 1
-    wish = Wish(config.furniture, np.array([radius, radius + config.passage]), places)
+    wish = Wish(config.furniture, np.array([radius + config.passage, radius]), places)
     placed = hang_curtains(passages, glass, wish, rng)
     left_out = 0
     for room in rooms:
