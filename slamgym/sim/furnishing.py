@@ -14,7 +14,7 @@ from slamgym.sim.passages import Passages
 from slamgym.sim.room_areas import RoomArea
 
 # Places tried for one piece before it is left out.
-_TRIES = 14
+_TRIES = 10
 
 # Floor for one group of furniture [m2], most groups in a room, and how complete further ones are.
 _GROUP_AREA = 18.0

@@ -37,10 +37,12 @@ def doors_of(plan: "FloorPlan") -> list["Door"]:
     """The openings of a plan: its doors where it has some, else those that its walls show."""
     if plan.doors:
         return list(plan.doors)
+    import shapely
+
     from slamgym.cad.plan_statistics import SIMPLIFY, find_openings
 
     simple = plan.free_space.simplify(SIMPLIFY)
-    return [] if simple.is_empty else find_openings(simple)
+    return find_openings(simple) if isinstance(simple, shapely.Polygon) and not simple.is_empty else []
 
 
 def has_leaf(door: "Door") -> bool:
