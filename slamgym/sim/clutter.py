@@ -105,7 +105,7 @@ class Clutter:
     """Where a disc can go, whatever stands in whichever of its places; None without any clutter."""
 
     cut_off: tuple[str, ...] = ()
-    """Rooms that the robot can't enter because of a closed door."""
+    """Rooms that the robot could enter if they were empty: behind a closed door, or too small for what is in them."""
 
     left_out: int = 0
     """Pieces for which there was no room."""
@@ -162,7 +162,9 @@ def make_clutter(
     walking = PERSON_RADIUS + _WALKING_GAP
     passages = Passages(plan, max(radius + config.passage, walking) + 0.01)
     rooms, labels = room_areas(plan, passages, rng)
-    before = passages.largest_part(radius) if config.cut_off else None
+    # Furniture leaves all parts connected, so only closed doors ask for more than a look at what it covers.
+    reach = passages.largest_part if config.cut_off else passages.fits
+    before = _rooms_with(labels, reach(radius))
     leaves: list[list[FloatArray]] = []
     if config.furniture or config.doors:
         doors = doors_of(plan)
@@ -187,19 +189,18 @@ def make_clutter(
         people=people,
         walkable=walkable,
         passages=passages,
-        cut_off=() if before is None else _newly_unreachable(passages, before, radius, rooms, labels),
+        cut_off=tuple(
+            room.name for room in rooms if room.label in before - _rooms_with(labels, reach(radius))
+        ),
         left_out=left_out,
         changes=config.changes / 60.0,
         seed=int(rng.integers(2**32)),
     )
 
 
-def _newly_unreachable(
-    passages: Passages, before: BoolArray, radius: float, rooms: Sequence[RoomArea], labels: IntArray
-) -> tuple[str, ...]:
-    """The rooms in which a disc could be before, and can't be now."""
-    lost = set(np.unique(labels[before])) - set(np.unique(labels[passages.largest_part(radius)]))
-    return tuple(room.name for room in rooms if room.label in lost)
+def _rooms_with(labels: IntArray, cells: BoolArray) -> set[int]:
+    """Labels of the rooms that have some of the cells."""
+    return set(np.flatnonzero(np.bincount(labels[cells])).tolist())
 
 
 def _hang_leaves(

@@ -114,6 +114,11 @@ class Passages:
             return -1, labels
         return 1 + int(np.argmax(figures[1:, cv2.CC_STAT_AREA])), labels
 
+    def fits(self, radius: float) -> BoolArray:
+        """Cells where a disc can be."""
+        cells: BoolArray = self.clearance >= radius + ROUNDING
+        return cells
+
     def largest_part(self, radius: float) -> BoolArray:
         """Cells of the largest part in which a disc can move."""
         largest, labels = self.parts(radius)
