@@ -119,7 +119,7 @@ class Assessment:
         )
         return Scene(
             plan=plan,
-            furniture=clutter.furniture,
+            furniture=simulation.furniture,
             moving=simulation.segments[len(plan.segments()) + len(clutter.segments()) :],
             robot_radius=simulation.radius,
             true_pose=simulation.true_pose,

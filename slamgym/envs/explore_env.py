@@ -325,7 +325,7 @@ class ExploreEnv(gym.Env[Observation, Any]):
         else:
             prepared = self._plan_cache.named(wanted.plan)
         clutter = self.config.clutter
-        if clutter.furniture == 0.0 and clutter.people == 0:
+        if clutter.is_empty:
             return prepared
         robot = self.config.robot
         return PreparedPlan(

@@ -16,7 +16,7 @@ from slamgym.core.errors import ConfigError, PlanError
 from slamgym.core.types import Pose2D
 from slamgym.envs.coverage import ReachableFloor
 from slamgym.sim import Clutter, RobotConfig
-from slamgym.sim.start import sample_pose, start_area
+from slamgym.sim.start import sample_pose, sample_start, start_area
 
 _logger = logging.getLogger(__name__)
 
@@ -47,16 +47,18 @@ class PreparedPlan:
 
     @cached_property
     def _start_area(self) -> shapely.Polygon:
-        return start_area(self.plan, self._robot, self.clutter)
+        return start_area(self.plan, self._robot)
 
     @cached_property
     def floor(self) -> ReachableFloor:
         """What there is to see."""
-        return ReachableFloor(self.plan, self._robot.radius, self.clutter.furniture)
+        return ReachableFloor(self.plan, self._robot.radius, self.clutter.passages)
 
     def sample_start(self, rng: np.random.Generator) -> Pose2D:
         """Draw a start as :func:`slamgym.sim.sample_start` does."""
-        return sample_pose(self._start_area, rng)
+        if self.clutter.passages is None:
+            return sample_pose(self._start_area, rng)
+        return sample_start(self.plan, self._robot, rng, self.clutter)
 
 
 class PlanCache:

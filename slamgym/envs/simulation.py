@@ -160,6 +160,11 @@ class Simulation:
         """Everything that the scanner can see now, shape (S, 4) [m], world frame."""
         return self._world.segments()
 
+    @property
+    def furniture(self) -> tuple[FloatArray, ...]:
+        """What stands on the floor now: corners of each solid, shape (K, 2) [m], world frame."""
+        return self._world.furniture()
+
     def step(self, command: Twist2D) -> Motion:
         """Drive for one control step towards a velocity, then scan and map."""
         motion = self._world.step(command, self._dt)
