@@ -1,13 +1,14 @@
 """How the beams of real robots fail: residuals of recorded logs against the maps made of them.
 
-    python benchmarks/laser_residuals.py LOGS --logs aces intel urg4m_lab [--processed 4000]
+    python benchmarks/laser_residuals.py LOGS --logs aces intel urg4m_lab [--scans 3000]
 
-A log is mapped with the pose graph; then every beam of the processed scans is compared with the map. The range
+A log is mapped with the pose graph; then every beam of scans spread evenly over it is compared with the map. The range
 expected is that of the first occupied cell along the beam, at the line through the mean of the end points in the
 cell. A beam is *short* or *long* if it is off by more than 0.25 m and by a twentieth of the range, and *none* if
 it has no return although the map has a wall within the usable range. Beams within two of a jump of the expected
-ranges are counted apart ("edge"), for there the smallest error of the pose looks like a failure; a beam there is
-*mixed* if it ends between the two surfaces, at least 0.15 m from both.
+ranges are counted apart ("edge"), for there the smallest error of the pose looks like a failure. Edges have a
+figure of their own, from the scans alone: of the jumps between two smooth stretches of neighbouring beams, how many have one
+beam that ends in between, at least a quarter of the jump from either side (*mixed*).
 
 What the map can't say: glass that never returns isn't in it (those beams count as open), what moved counts as
 short or long, and the spread of the inliers holds the error of the poses as well.
@@ -27,18 +28,19 @@ from slamgym.interop import open_log
 from slamgym.slam.replay import replay, settings_for
 
 COLUMNS = (
-    "log", "beams", "part", "short", "long", "none", "sigma [m]", "mixed",
+    "log", "beams", "part", "short", "long", "none", "sigma [m]",
 )  # fmt: skip
 RUN_COLUMNS = (
-    "log", "failing", "mean run", "by chance", "in runs of 3+", "next scan", "next visit", "else", "places with 80 %",
+    "log", "failing", "mean run", "by chance", "alone", "in runs of 3+", "next scan", "next visit", "else", "places with 80 %",
 )  # fmt: skip
 TOLERANCE = 0.25  # [m]
 TOLERANCE_RELATIVE = 0.05
-MIXED_GAP = 0.15  # [m]
+SMOOTH = 0.1  # [m] most between neighbours on one surface
+JUMPS = ((0.3, 0.6), (0.6, 1.2), (1.2, 5.0))  # [m]
 JUMP = 0.3  # [m] between the expected ranges of neighbours
 RANGES = ((0.0, 1.0), (1.0, 2.0), (2.0, 3.5), (3.5, 6.0), (6.0, 12.0))  # [m]
 INCIDENCES = ((0, 30), (30, 60), (60, 75), (75, 85), (85, 90))  # [deg]
-REVISIT = 20  # processed scans after which a place that is seen again counts as visited again
+REVISIT = 50  # scans after which a place that is seen again counts as visited again
 INLIER, SHORT, LONG, NONE, OPEN = range(5)
 
 
@@ -46,31 +48,29 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path)
     parser.add_argument("--logs", nargs="+", required=True)
-    parser.add_argument("--processed", type=int, default=4000, help="processed scans that are looked at")
+    parser.add_argument("--scans", type=int, default=3000, help="scans that are compared")
     arguments = parser.parse_args()
-    rows, runs = [], []
+    rows, runs, mixed = [], [], []
     for name in arguments.logs:
-        beams = log_beams(arguments.folder / f"{name}.log.gz", arguments.processed)
+        beams = log_beams(arguments.folder / f"{name}.log.gz", arguments.scans)
         rows += share_rows(name, beams)
         runs.append(run_row(name, beams))
+        mixed.append(mixed_row(name, beams["measured"]))
     print_and_save("slam/laser_residuals", "beams against the final map, in % of the part's", rows, COLUMNS)
     print_and_save("slam/laser_residual_runs", "how failures keep together", runs, RUN_COLUMNS)
+    title = "jumps with a beam in between, in % by the jump's height"
+    print_and_save("slam/laser_residual_edges", title, mixed, list(mixed[0]))
 
 
 def log_beams(path: Path, most: int) -> dict[str, np.ndarray]:
-    """Every beam of a log's processed scans against the final map; arrays of shape (scans, num_beams)."""
+    """Every beam of a log's scans against the final map; arrays of shape (scans, num_beams)."""
     log = open_log(path)
-    config = settings_for(log.geometry, {"mode": "pose_graph", "linear_update": 0.1, "angular_update": 0.1})
-    processed: list[int] = []
-    result = replay(
-        log,
-        config,
-        np.random.default_rng(0),
-        lambda index, _, is_processed: processed.append(index) if is_processed else None,
-    )
-    count = min(most, len(processed))
-    poses = result.processed.poses[:count]
-    ranges = np.array([log.records[i].scan.ranges for i in processed[:count]], dtype=np.float64)
+    config = settings_for(log.geometry, {"mode": "pose_graph"})
+    result = replay(log, config, np.random.default_rng(0))
+    compared = np.unique(np.linspace(0, len(log.records) - 1, most).astype(np.int64))
+    count = len(compared)
+    poses = result.trajectory.poses[compared]
+    ranges = np.array([log.records[i].scan.ranges for i in compared], dtype=np.float64)
     geometry = log.geometry
     usable = min(config.max_usable_range, 0.95 * geometry.range_max, RANGES[-1][1])
     print(f"{path.name}: {geometry}, {count} scans, usable to {usable:.1f} m", flush=True)
@@ -179,9 +179,7 @@ def classified(ranges: FloatArray, expected: FloatArray, geometry: LaserGeometry
         nearest, furthest = np.minimum(nearest, moved), np.maximum(furthest, moved)
     with np.errstate(invalid="ignore"):
         edge = furthest - nearest > JUMP
-    between = edge & np.isfinite(furthest)
-    between &= (ranges > nearest + MIXED_GAP) & (ranges < furthest - MIXED_GAP)
-    return {"range": expected, "residual": residual, "fate": fate, "edge": edge, "mixed": between}
+    return {"range": expected, "residual": residual, "fate": fate, "edge": edge, "measured": ranges}
 
 
 def share_rows(name: str, beams: dict[str, np.ndarray]) -> list[dict[str, Any]]:
@@ -210,7 +208,6 @@ def share_rows(name: str, beams: dict[str, np.ndarray]) -> list[dict[str, Any]]:
                 "long": percent(fate == LONG),
                 "none": percent(fate == NONE),
                 "sigma [m]": round(float(spread[1] - spread[0]) / 2.0, 4),
-                "mixed": percent(beams["mixed"][mask]),
             }
         )
     return rows
@@ -239,12 +236,31 @@ def run_row(name: str, beams: dict[str, np.ndarray]) -> dict[str, Any]:
         "failing": percent(failing[known]),
         "mean run": round(float(lengths.mean()), 2),
         "by chance": round(1.0 / (1.0 - share), 2),
+        "alone": percent(np.repeat(lengths == 1, lengths)),
         "in runs of 3+": percent(np.repeat(lengths >= 3, lengths)),
         "next scan": round(100 * chance[0], 1),
         "next visit": round(100 * chance[1], 1),
         "else": round(100 * chance[2], 1),
         "places with 80 %": round(100.0 * float(few), 1),
     }
+
+
+def mixed_row(name: str, ranges: FloatArray) -> dict[str, Any]:
+    """Of the jumps between smooth stretches, the share with a beam in between, in % by the jump's height."""
+    row: dict[str, Any] = {"log": name}
+    with np.errstate(invalid="ignore"):
+        step = np.diff(ranges, axis=1)
+        smooth = np.abs(step) < SMOOTH
+        across = ranges[:, 3:-1] - ranges[:, 1:-3]  # from beam i-1 to beam i+1
+        share = (ranges[:, 2:-2] - ranges[:, 1:-3]) / across
+        direct = np.abs(step[:, 1:-1])
+        for low, high in JUMPS:
+            on_one = smooth[:, :-3] & smooth[:, 3:]
+            height = np.abs(across)
+            mixed = on_one & (height >= low) & (height < high) & (share > 0.25) & (share < 0.75)
+            clean = smooth[:, :-2] & smooth[:, 2:] & (direct >= low) & (direct < high)
+            row[f"{low:g}-{high:g} m"] = round(100.0 * float(mixed.sum() / (mixed.sum() + clean.sum())), 1)
+    return row
 
 
 @kernel

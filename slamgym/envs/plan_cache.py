@@ -16,7 +16,7 @@ from slamgym.core.errors import ConfigError, PlanError
 from slamgym.core.types import Pose2D
 from slamgym.envs.coverage import ReachableFloor
 from slamgym.metrics.map_error import ObstacleDistance
-from slamgym.sim import Clutter, RobotConfig, World
+from slamgym.sim import Clutter, RobotConfig, SurfaceConfig, World
 from slamgym.sim.start import sample_pose, start_area
 
 _logger = logging.getLogger(__name__)
@@ -38,13 +38,20 @@ class PreparedPlan:
     Args:
         plan: The building.
         robot: The robot that will explore it.
+        surfaces: What the scanner sees it made of.
         clutter: Furniture and people.
     """
 
-    def __init__(self, plan: FloorPlan, robot: RobotConfig, clutter: Clutter | None = None) -> None:
+    def __init__(
+        self,
+        plan: FloorPlan,
+        robot: RobotConfig,
+        surfaces: SurfaceConfig | None = None,
+        clutter: Clutter | None = None,
+    ) -> None:
         self.plan = plan
         self.clutter = clutter or Clutter()
-        self.world = World(plan, robot, clutter=self.clutter)
+        self.world = World(plan, robot, clutter=self.clutter, surfaces=surfaces)
         self._robot = robot
 
     @cached_property
@@ -74,11 +81,15 @@ class PlanCache:
     Args:
         plans: Where the plans come from.
         robot: The robot that will explore them.
+        surfaces: What the robot's scanner sees them made of.
     """
 
-    def __init__(self, plans: PlansArgument, robot: RobotConfig) -> None:
+    def __init__(
+        self, plans: PlansArgument, robot: RobotConfig, surfaces: SurfaceConfig | None = None
+    ) -> None:
         self._source = _open(plans)
         self._robot = robot
+        self._surfaces = surfaces
         self._plan_cache: OrderedDict[str, PreparedPlan] = OrderedDict()
         self._refused: dict[str, PlanError] = {}
 
@@ -133,7 +144,7 @@ class PlanCache:
 
     def _keep(self, key: str, plan: FloorPlan) -> PreparedPlan:
         check_plan(plan, self._robot.radius)
-        prepared = PreparedPlan(plan, self._robot)
+        prepared = PreparedPlan(plan, self._robot, self._surfaces)
         self._plan_cache[key] = prepared
         self._plan_cache.move_to_end(key)
         if len(self._plan_cache) > _KEPT_SITES:

@@ -21,6 +21,7 @@ from slamgym.sim.clutter import Clutter
 from slamgym.sim.contact import SKIN, SUBSTEP_DISTANCE, ContactSolver, Velocity
 from slamgym.sim.people import Crowd
 from slamgym.sim.robot import RobotConfig
+from slamgym.sim.surfaces import SurfaceConfig, make_surfaces
 
 if TYPE_CHECKING:
     from slamgym.cad.floorplan import FloorPlan
@@ -63,9 +64,20 @@ class World:
         plan: The building. Its walls are obstacles from both sides.
         robot: The robot's measures and limits.
         clutter: Furniture and people; none where left out.
+        surfaces: What all that is made of; plain where left out.
+
+    Attributes:
+        surfaces: The materials of the first of :meth:`segments`; people are plain.
     """
 
-    def __init__(self, plan: "FloorPlan", robot: RobotConfig, *, clutter: Clutter | None = None) -> None:
+    def __init__(
+        self,
+        plan: "FloorPlan",
+        robot: RobotConfig,
+        *,
+        clutter: Clutter | None = None,
+        surfaces: SurfaceConfig | None = None,
+    ) -> None:
         self.plan = plan
         self.robot = robot
         walls = np.asarray(plan.segments(), dtype=np.float64)
@@ -75,6 +87,7 @@ class World:
         self._discs = self._crowd.discs if self._crowd else np.empty((0, 3))
         # One array: obstacles that stand, then the legs of those who walk.
         standing = np.vstack([walls, clutter.segments()])
+        self.surfaces = make_surfaces(plan, standing[len(walls) :], surfaces or SurfaceConfig())
         legs = self._crowd.legs() if self._crowd else np.empty((0, 4))
         segments = np.vstack([standing, legs])
         self._obstacles = segments[: len(standing)]
