@@ -1,8 +1,8 @@
 """How the beams of real robots fail: residuals of recorded logs against the maps made of them.
 
-    python benchmarks/laser_residuals.py LOGS --logs aces intel urg4m_lab [--scans 3000]
+    python benchmarks/laser_residuals.py LOGS --logs aces intel urg4m_lab csail [--simulated 6] [--level real]
 
-A log is mapped with the pose graph; then every beam of scans spread evenly over it is compared with the map. The range
+A log is mapped (with the pose graph, or with the particle filter where the laser is too short for it); then every beam of the processed scans is compared with the map. The range
 expected is that of the first occupied cell along the beam, at the line through the mean of the end points in the
 cell. A beam is *short* or *long* if it is off by more than 0.25 m and by a twentieth of the range, and *none* if
 it has no return although the map has a wall within the usable range. Beams within two of a jump of the expected
@@ -15,6 +15,7 @@ short or long, and the spread of the inliers holds the error of the poses as wel
 """
 
 import argparse
+import dataclasses
 from pathlib import Path
 from typing import Any
 
@@ -22,9 +23,13 @@ import numpy as np
 from report import print_and_save
 from scipy.ndimage import uniform_filter
 
+from slamgym.agents.registry import make_explorer
+from slamgym.cad import PlanGeneratorConfig, generate_plan
 from slamgym.core.jit import kernel
 from slamgym.core.types import OCCUPIED, FloatArray, IntArray, LaserGeometry, OccupancyGrid
-from slamgym.interop import open_log
+from slamgym.envs import EpisodeConfig, ExploreConfig, run_episode
+from slamgym.interop import Log, open_log
+from slamgym.sim import ClutterConfig, lidar_level
 from slamgym.slam.replay import replay, settings_for
 
 COLUMNS = (
@@ -40,7 +45,8 @@ JUMPS = ((0.3, 0.6), (0.6, 1.2), (1.2, 5.0))  # [m]
 JUMP = 0.3  # [m] between the expected ranges of neighbours
 RANGES = ((0.0, 1.0), (1.0, 2.0), (2.0, 3.5), (3.5, 6.0), (6.0, 12.0))  # [m]
 INCIDENCES = ((0, 30), (30, 60), (60, 75), (75, 85), (85, 90))  # [deg]
-REVISIT = 50  # scans after which a place that is seen again counts as visited again
+POSE_GRAPH_RANGE = 10.0  # [m] lasers from this on
+REVISIT = 20  # processed scans after which a place that is seen again counts as visited again
 INLIER, SHORT, LONG, NONE, OPEN = range(5)
 
 
@@ -48,11 +54,23 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path)
     parser.add_argument("--logs", nargs="+", required=True)
-    parser.add_argument("--scans", type=int, default=3000, help="scans that are compared")
+    parser.add_argument("--simulated", type=int, default=0, help="furnished homes of our own, too")
+    parser.add_argument("--level", default="real", help="error level of the simulated laser")
     arguments = parser.parse_args()
+    logs = {name: open_log(arguments.folder / f"{name}.log.gz") for name in arguments.logs}
+    for seed in range(arguments.simulated):
+        logs[f"simulated {seed}"] = simulated(seed, arguments.level)
     rows, runs, mixed = [], [], []
-    for name in arguments.logs:
-        beams = log_beams(arguments.folder / f"{name}.log.gz", arguments.scans)
+    pooled: list[dict[str, np.ndarray]] = []
+    for name, log in logs.items():
+        beams = log_beams(log)
+        if name.startswith("simulated"):
+            beams["place"] += sum(int(other["place"].max()) + 1 for other in pooled) * (beams["place"] >= 0)
+            pooled.append(beams)
+            if len(pooled) < arguments.simulated:
+                continue
+            name = f"simulated, {arguments.level}"
+            beams = {key: np.concatenate([other[key] for other in pooled]) for key in beams}
         rows += share_rows(name, beams)
         runs.append(run_row(name, beams))
         mixed.append(mixed_row(name, beams["measured"]))
@@ -62,18 +80,35 @@ def main() -> None:
     print_and_save("slam/laser_residual_edges", title, mixed, list(mixed[0]))
 
 
-def log_beams(path: Path, most: int) -> dict[str, np.ndarray]:
-    """Every beam of a log's scans against the final map; arrays of shape (scans, num_beams)."""
-    log = open_log(path)
-    config = settings_for(log.geometry, {"mode": "pose_graph"})
-    result = replay(log, config, np.random.default_rng(0))
-    compared = np.unique(np.linspace(0, len(log.records) - 1, most).astype(np.int64))
-    count = len(compared)
-    poses = result.trajectory.poses[compared]
-    ranges = np.array([log.records[i].scan.ranges for i in compared], dtype=np.float64)
+def simulated(seed: int, level: str) -> Log:
+    """Five minutes in a furnished home of its own."""
+    plan = generate_plan(2_000 + seed, PlanGeneratorConfig(kind="home"))
+    env = dataclasses.replace(
+        ExploreConfig().for_explorer(), lidar=lidar_level(level), clutter=ClutterConfig(furniture=1.0)
+    )
+    episode = run_episode(plan, seed, EpisodeConfig("nearest", 5.0, env), make_explorer)
+    return Log(f"simulated {seed}", list(episode.records), episode.geometry)
+
+
+def log_beams(log: Log) -> dict[str, np.ndarray]:
+    """Every beam of a log's processed scans against the final map; arrays of shape (scans, num_beams)."""
+    overrides: dict[str, Any] = {"mode": "pose_graph"}
+    if log.geometry.range_max < POSE_GRAPH_RANGE:
+        overrides = {"linear_update": 0.1, "angular_update": 0.1, "temporal_update": None}
+    config = settings_for(log.geometry, overrides)
+    processed: list[int] = []
+    result = replay(
+        log,
+        config,
+        np.random.default_rng(0),
+        lambda index, _, is_processed: processed.append(index) if is_processed else None,
+    )
+    count = len(processed)
+    poses = result.processed.poses
+    ranges = np.array([log.records[i].scan.ranges for i in processed], dtype=np.float64)
     geometry = log.geometry
     usable = min(config.max_usable_range, 0.95 * geometry.range_max, RANGES[-1][1])
-    print(f"{path.name}: {geometry}, {count} scans, usable to {usable:.1f} m", flush=True)
+    print(f"{log.source}: {geometry}, {count} scans, usable to {usable:.1f} m", flush=True)
     lines = wall_lines(result.grid, poses, ranges, geometry, usable)
     shape = ranges.shape
     expected, incidence, place = np.empty(shape), np.empty(shape), np.empty(shape, dtype=np.int64)
@@ -248,7 +283,7 @@ def run_row(name: str, beams: dict[str, np.ndarray]) -> dict[str, Any]:
 def mixed_row(name: str, ranges: FloatArray) -> dict[str, Any]:
     """Of the jumps between smooth stretches, the share with a beam in between, in % by the jump's height."""
     row: dict[str, Any] = {"log": name}
-    with np.errstate(invalid="ignore"):
+    with np.errstate(invalid="ignore", divide="ignore"):
         step = np.diff(ranges, axis=1)
         smooth = np.abs(step) < SMOOTH
         across = ranges[:, 3:-1] - ranges[:, 1:-3]  # from beam i-1 to beam i+1

@@ -62,7 +62,7 @@ class LidarConfig(Settings, section="lidar"):
     """The part of the error that stays the same at a place, as a multiple of the standard deviation. The data
     sheet's accuracy of 15 mm and 5 % holds both parts: beside the precision 11 mm and 3.6 % are left."""
 
-    beam_width_deg: NonNegative = 0.4
+    beam_width_deg: NonNegative = 0.3
     """Width of a beam's footprint; over an edge it measures a range in between [deg]."""
 
     attenuation: NonNegative = 0.1
@@ -121,7 +121,7 @@ _LEVELS: dict[LidarLevel, dict[str, Any]] = {
     "gazebo": {**_EXACT, "sigma": 0.01},
     "lds01": {**_EXACT, **_DATA_SHEET},
     "real": {
-        **_DATA_SHEET, "beam_width_deg": 0.4, "attenuation": 0.1, "lost": 0.001, "stray": 0.001, "bursts": 0.002,
+        **_DATA_SHEET, "beam_width_deg": 0.3, "attenuation": 0.1, "lost": 0.001, "stray": 0.001, "bursts": 0.002,
         "surfaces": REAL_SURFACES,
     },
 }  # fmt: skip

@@ -38,8 +38,8 @@ _WEAKEST_ECHO, _STRONGEST_ECHO = 0.003, 0.5
 _THICKEST_WALL = 0.6
 
 # What stands outside, before each outer pane: railings, hedges, cars, other houses.
-_THINGS_OUTSIDE = 3
-_NEAREST_OUTSIDE, _FURTHEST_OUTSIDE = 0.3, 8.0  # [m]
+_THINGS_OUTSIDE = 5
+_NEAREST_OUTSIDE, _FURTHEST_OUTSIDE = 0.3, 6.0  # [m]
 
 _FRAME_WIDTH = 0.08  # [m] of a door's frame
 
@@ -223,7 +223,7 @@ def _things_outside(
     away = _NEAREST_OUTSIDE * (_FURTHEST_OUTSIDE / _NEAREST_OUTSIDE) ** rng.random(number)
     centres = middle + away[:, None] * out + rng.normal(0.0, 1.5, (number, 1)) * along
     angles = rng.normal(0.0, 0.4, number)
-    half = rng.uniform(0.1, 1.5, number)[:, None]
+    half = rng.uniform(0.05, 1.0, number)[:, None]
     directions = np.cos(angles)[:, None] * along + np.sin(angles)[:, None] * out
     things: FloatArray = np.hstack([centres - half * directions, centres + half * directions])
     return things
