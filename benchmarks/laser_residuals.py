@@ -2,13 +2,14 @@
 
     python benchmarks/laser_residuals.py LOGS --logs aces intel urg4m_lab csail [--simulated 6] [--level real]
 
-A log is mapped (with the pose graph, or with the particle filter where the laser is too short for it); then every beam of the processed scans is compared with the map. The range
-expected is that of the first occupied cell along the beam, at the line through the mean of the end points in the
-cell. A beam is *short* or *long* if it is off by more than 0.25 m and by a twentieth of the range, and *none* if
-it has no return although the map has a wall within the usable range. Beams within two of a jump of the expected
-ranges are counted apart ("edge"), for there the smallest error of the pose looks like a failure. Edges have a
-figure of their own, from the scans alone: of the jumps between two smooth stretches of neighbouring beams, how many have one
-beam that ends in between, at least a quarter of the jump from either side (*mixed*).
+A log is mapped (with the pose graph, or with the particle filter where the laser is too short for it); then every
+beam of the processed scans is compared with the map. The range expected is that of the first occupied cell along
+the beam, at the line through the mean of the end points in the cell. A beam is *short* or *long* if it is off by
+more than 0.25 m and by a twentieth of the range, and *none* if it has no return although the map has a wall within
+the usable range. Beams within two of a jump of the expected ranges are counted apart ("edge"), for there the smallest
+error of the pose looks like a failure. Edges have a figure of their own, from the scans alone: of the jumps between
+two smooth stretches of neighbouring beams, how many have one beam that ends in between, at least a quarter of the
+jump from either side.
 
 What the map can't say: glass that never returns isn't in it (those beams count as open), what moved counts as
 short or long, and the spread of the inliers holds the error of the poses as well.
@@ -36,7 +37,8 @@ COLUMNS = (
     "log", "beams", "part", "short", "long", "none", "sigma [m]",
 )  # fmt: skip
 RUN_COLUMNS = (
-    "log", "failing", "mean run", "by chance", "alone", "in runs of 3+", "next scan", "next visit", "else", "places with 80 %",
+    "log", "failing", "mean run", "by chance", "alone", "in runs of 3+", "next scan", "next visit", "else",
+    "places with 80 %",
 )  # fmt: skip
 TOLERANCE = 0.25  # [m]
 TOLERANCE_RELATIVE = 0.05
@@ -45,13 +47,16 @@ JUMPS = ((0.3, 0.6), (0.6, 1.2), (1.2, 5.0))  # [m]
 JUMP = 0.3  # [m] between the expected ranges of neighbours
 RANGES = ((0.0, 1.0), (1.0, 2.0), (2.0, 3.5), (3.5, 6.0), (6.0, 12.0))  # [m]
 INCIDENCES = ((0, 30), (30, 60), (60, 75), (75, 85), (85, 90))  # [deg]
+MANY = 500  # beams that a share is taken of
 POSE_GRAPH_RANGE = 10.0  # [m] lasers from this on
 REVISIT = 20  # processed scans after which a place that is seen again counts as visited again
 INLIER, SHORT, LONG, NONE, OPEN = range(5)
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("folder", type=Path)
     parser.add_argument("--logs", nargs="+", required=True)
     parser.add_argument("--simulated", type=int, default=0, help="furnished homes of our own, too")
@@ -206,7 +211,9 @@ def classified(ranges: FloatArray, expected: FloatArray, geometry: LaserGeometry
         fate[residual < -limit] = SHORT
         fate[residual > limit] = LONG
         # slam_gmapping's drivers give 0 or the largest range for no return.
-        fate[~np.isfinite(ranges) | (ranges >= 0.99 * geometry.range_max) | (ranges < geometry.range_min)] = NONE
+        fate[~np.isfinite(ranges) | (ranges >= 0.99 * geometry.range_max) | (ranges < geometry.range_min)] = (
+            NONE
+        )
     fate[np.isinf(expected)] = OPEN
     nearest, furthest = expected.copy(), expected.copy()
     for shift in (-2, -1, 1, 2):
@@ -230,7 +237,7 @@ def share_rows(name: str, beams: dict[str, np.ndarray]) -> list[dict[str, Any]]:
     rows = []
     for part, mask in parts.items():
         fate = beams["fate"][mask]
-        if len(fate) < 500:
+        if len(fate) < MANY:
             continue
         residuals = beams["residual"][mask & (beams["fate"] == INLIER)]
         spread = np.percentile(residuals, (15.87, 84.13))
@@ -274,8 +281,9 @@ def run_row(name: str, beams: dict[str, np.ndarray]) -> dict[str, Any]:
         "alone": percent(np.repeat(lengths == 1, lengths)),
         "in runs of 3+": percent(np.repeat(lengths >= 3, lengths)),
         "next scan": round(100 * chance[0], 1),
-        "next visit": round(100 * chance[1], 1),
-        "else": round(100 * chance[2], 1),
+        # A log of a minute or two sees too little again.
+        "next visit": round(100 * chance[1], 1) if again[1:, 0].min() > MANY else None,
+        "else": round(100 * chance[2], 1) if again[1:, 0].min() > MANY else None,
         "places with 80 %": round(100.0 * float(few), 1),
     }
 
@@ -299,7 +307,9 @@ def mixed_row(name: str, ranges: FloatArray) -> dict[str, Any]:
 
 
 @kernel
-def follow(place: IntArray, known: np.ndarray, failing: np.ndarray, again: FloatArray, places: FloatArray) -> None:
+def follow(
+    place: IntArray, known: np.ndarray, failing: np.ndarray, again: FloatArray, places: FloatArray
+) -> None:
     """Count beams, and failures among them, that see a place which failed a scan ago, a visit ago, or not then."""
     num_places = len(places)
     last_scan = np.full(num_places, -1)

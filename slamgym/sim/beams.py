@@ -87,7 +87,7 @@ def measure_beams(
         distance, cosine, echo, depth = true[i], 1.0, 1.0, 0.0
         if hits[i] >= 0:
             distance, cosine, echo, depth = _behold(x, y, ux, uy, true[i], hits[i], segments, surfaces, law)
-        if distance <= law.range_max and law.beam_width > 0.0:
+        if distance == true[i] <= law.range_max and law.beam_width > 0.0:
             distance = _blend(x, y, ux, uy, i, distance, true, hits, segments, law)
         if distance > law.range_max:
             out[i] = np.inf
@@ -137,9 +137,11 @@ def _behold(
         kind, own_echo, depth = 0.0, 1.0, 0.0
         if not outdoors:
             kind, own_echo, depth = _patch(surfaces, hit, _along(x, y, ux, uy, length, segments, hit))
-        if kind == GLASS and (cosine > _SPECULAR_COS or _is_dirty(surfaces, x + length * ux, y + length * uy)):
+        if kind == GLASS and (
+            cosine > _SPECULAR_COS or _is_dirty(surfaces, x + length * ux, y + length * uy)
+        ):
             kind = 0.0
-        is_back = 0.0 <= pane and length - pane < _THICKEST_WALL and hit < surfaces.num_walls and not outdoors
+        is_back = pane >= 0.0 and length - pane < _THICKEST_WALL and hit < surfaces.num_walls and not outdoors
         if kind == MIRROR and cosine < _SPECULAR_COS:
             passed += length
             x, y = x + length * ux, y + length * uy
@@ -148,8 +150,9 @@ def _behold(
             pane = -1.0
         elif kind == GLASS or is_back:
             # On through the pane, and through the other face of the wall that it is in.
-            if kind == GLASS:
-                pane, echo = length, echo * _THROUGH_GLASS
+            pane = -1.0 if is_back else length
+            if kind == GLASS and not is_back:
+                echo *= _THROUGH_GLASS
             before = length
             length, hit = next_hit(x, y, ux, uy, before + 1e-6, segments, law.range_max - passed)
             far, thing = next_hit(x, y, ux, uy, before + 1e-6, surfaces.outside, law.range_max - passed)

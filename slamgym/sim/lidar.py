@@ -1,7 +1,7 @@
 """A 2D laser scanner: exact geometry, and the ways in which a measured range differs from it."""
 
 import math
-from dataclasses import field, replace
+from dataclasses import replace
 from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
@@ -14,9 +14,10 @@ from slamgym.sim.beams import BeamLaw, measure_beams
 from slamgym.sim.raycast import cast_hits
 from slamgym.sim.surfaces import SurfaceConfig, Surfaces, no_surfaces
 
-REAL_SURFACES = SurfaceConfig(
-    glazing=0.08, inner_glazing=0.01, mirrors=0.005, dark=0.1, roughness=0.005, frames=0.02
-)
+OPAQUE_SURFACES = SurfaceConfig(dark=0.1, roughness=0.005, frames=0.02)
+"""A building without glass and mirrors, in which an exploration can be completed: the default."""
+
+REAL_SURFACES = replace(OPAQUE_SURFACES, glazing=0.06, inner_glazing=0.01, mirrors=0.005)
 """The materials of the level ``real``."""
 
 # A burst of cross-talk: beams in a row, at least and at most.
@@ -29,7 +30,8 @@ class LidarConfig(Settings, section="lidar"):
     The geometry is the LDS-01's of a TurtleBot3 Waffle Pi, with the 180 degrees of view ahead that Daher et
     al. use. What fails belongs to the place (:mod:`slamgym.sim.surfaces`) and follows from how the beam meets
     it (:mod:`slamgym.sim.beams`); only a small share of the beams fails by itself. The default is the level
-    ``real`` of :func:`lidar_level`; docs/sensor.md says which recorded logs its figures come from.
+    ``real`` of :func:`lidar_level` without glass and mirrors; docs/sensor.md says which recorded logs its
+    figures come from.
     """
 
     num_beams: Annotated[int, Within(ge=2)] = 180
@@ -78,7 +80,7 @@ class LidarConfig(Settings, section="lidar"):
     bursts: Share = 0.002
     """Probability of a burst of cross-talk in a scan: some neighbouring beams read short."""
 
-    surfaces: SurfaceConfig = field(default_factory=lambda: REAL_SURFACES)
+    surfaces: SurfaceConfig = OPAQUE_SURFACES
     """What the building is made of."""
 
     def _check(self) -> None:
@@ -87,7 +89,9 @@ class LidarConfig(Settings, section="lidar"):
                 f"lidar.range_min must be less than lidar.range_max, not {self.range_min} and {self.range_max}"
             )
         if self.lost + self.stray > 1.0:
-            raise ConfigError(f"lidar.lost and stray must not exceed 1 together, not {self.lost} + {self.stray}")
+            raise ConfigError(
+                f"lidar.lost and stray must not exceed 1 together, not {self.lost} + {self.stray}"
+            )
 
     @property
     def geometry(self) -> LaserGeometry:
@@ -246,9 +250,9 @@ class Lidar:
         config, true = self.config, sighting.ranges
         normal = rng.standard_normal((2, len(true)))
         if self._depends_on_place or len(surfaces.first) > 1:
-            sensor, segments, _, hits = sighting
+            (x, y, theta), segments, _, hits = sighting
             measured = np.empty(len(true))
-            measure_beams(tuple(sensor), segments, true, hits, surfaces, self._law, normal, measured)
+            measure_beams((x, y, theta), segments, true, hits, surfaces, self._law, normal, measured)
         else:
             sigma = np.maximum(config.sigma, config.sigma_relative * np.minimum(true, config.range_max))
             measured = true + sigma * normal[0]

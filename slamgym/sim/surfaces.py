@@ -70,7 +70,9 @@ class SurfaceConfig(Settings, section="lidar.surfaces"):
 
     def _check(self) -> None:
         for name in ("glazing", "inner_glazing"):
-            if (getattr(self, name) / _PANE_SHARE) + self.mirrors / _MIRROR_SHARE + self.dark / _DARK_SHARE > 1.0:
+            if (
+                getattr(self, name) / _PANE_SHARE
+            ) + self.mirrors / _MIRROR_SHARE + self.dark / _DARK_SHARE > 1.0:
                 raise ConfigError(
                     f"lidar.surfaces.{name}, mirrors and dark leave no plain wall; lower one of them"
                 )
@@ -166,7 +168,7 @@ def _wall_patches(
     if length < _SHORTEST:
         chances[:2] = 0.0
     ends = np.cumsum(chances)
-    patches = []
+    patches: list[tuple[float, ...]] = []
     for module in range(modules):
         draw, at, share, echo = rng.random(4).tolist()
         kind = int(np.searchsorted(ends, draw, side="right"))
@@ -194,7 +196,7 @@ def _with_frames(
     """Add the frames of windows, and of doors whose jambs lie on the wall; where two overlap, the first counts."""
     if config.frames == 0.0:
         return patches
-    frames = []
+    frames: list[tuple[float, ...]] = []
     for begin, end, kind, *_ in patches:
         if kind == GLASS:
             depth = float(rng.uniform(0.0, config.frames))

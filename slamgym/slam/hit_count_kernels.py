@@ -25,7 +25,7 @@ _FRACTION = 32
 _HALF = 1 << (_FRACTION - 1)
 
 # A gap without return that the scan cuts off may be a pane or a dark wall up to this angle [rad].
-_WIDEST_GAP = math.radians(60.0)
+_WIDEST_GAP = math.radians(90.0)
 
 
 class BeamTable(NamedTuple):
