@@ -82,7 +82,6 @@ class World:
         self.robot = robot
         walls = np.asarray(plan.segments(), dtype=np.float64)
         clutter = clutter or Clutter()
-        self._num_walls = len(walls)
         self._crowd = Crowd(clutter.people, clutter.walkable) if clutter.people else None
         self._discs = self._crowd.discs if self._crowd else np.empty((0, 3))
         # One array: obstacles that stand, then the legs of those who walk.
@@ -140,7 +139,7 @@ class World:
         where = f"start pose ({pose.x:.2f}, {pose.y:.2f}) in plan {self.plan.id}"
         if not np.isfinite(self._state).all():
             raise ConfigError(f"{where} must be finite")
-        if not motion.inside(pose.x, pose.y, self._obstacles[: self._num_walls]):
+        if not motion.inside(pose.x, pose.y, self._obstacles[: len(self.plan.segments())]):
             raise ConfigError(
                 f"{where} is outside the free space; choose another or let the start be sampled"
             )
