@@ -15,8 +15,9 @@ from slamgym.core.config import suggest
 from slamgym.core.errors import ConfigError, PlanError
 from slamgym.core.types import Pose2D
 from slamgym.envs.coverage import ReachableFloor
-from slamgym.sim import Clutter, RobotConfig
+from slamgym.sim import Clutter, RobotConfig, SurfaceConfig
 from slamgym.sim.start import sample_pose, sample_start, start_area
+from slamgym.sim.surfaces import Surfaces, make_surfaces
 
 _logger = logging.getLogger(__name__)
 
@@ -37,13 +38,26 @@ class PreparedPlan:
     Args:
         plan: The building.
         robot: The robot that will explore it.
+        surfaces: What the scanner sees it made of.
         clutter: Furniture and people.
     """
 
-    def __init__(self, plan: FloorPlan, robot: RobotConfig, clutter: Clutter | None = None) -> None:
+    def __init__(
+        self,
+        plan: FloorPlan,
+        robot: RobotConfig,
+        surfaces: SurfaceConfig | None = None,
+        clutter: Clutter | None = None,
+    ) -> None:
         self.plan = plan
         self.clutter = clutter or Clutter()
         self._robot = robot
+        self._surface_config = surfaces or SurfaceConfig()
+
+    @cached_property
+    def surfaces(self) -> Surfaces:
+        """The materials of walls and furniture."""
+        return make_surfaces(self.plan, self.clutter.segments(), self._surface_config)
 
     @cached_property
     def _start_area(self) -> shapely.Polygon:
@@ -69,11 +83,15 @@ class PlanCache:
     Args:
         plans: Where the plans come from.
         robot: The robot that will explore them.
+        surfaces: What the robot's scanner sees them made of.
     """
 
-    def __init__(self, plans: PlansArgument, robot: RobotConfig) -> None:
+    def __init__(
+        self, plans: PlansArgument, robot: RobotConfig, surfaces: SurfaceConfig | None = None
+    ) -> None:
         self._source = _open(plans)
         self._robot = robot
+        self._surfaces = surfaces
         self._plan_cache: OrderedDict[str, PreparedPlan] = OrderedDict()
         self._refused: dict[str, PlanError] = {}
 
@@ -129,7 +147,7 @@ class PlanCache:
 
     def _keep(self, key: str, plan: FloorPlan) -> PreparedPlan:
         check_plan(plan, self._robot.radius)
-        prepared = PreparedPlan(plan, self._robot)
+        prepared = PreparedPlan(plan, self._robot, self._surfaces)
         self._plan_cache[key] = prepared
         self._plan_cache.move_to_end(key)
         if len(self._plan_cache) > _KEPT_SITES:

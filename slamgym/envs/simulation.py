@@ -112,7 +112,7 @@ class Simulation:
     def __init__(
         self, prepared: PreparedPlan, start: Pose2D, config: ExploreConfig, lidar: Lidar, streams: Streams
     ) -> None:
-        self._world = World(prepared.plan, config.robot, clutter=prepared.clutter)
+        self._world = World(prepared.plan, config.robot, clutter=prepared.clutter, surfaces=prepared.surfaces)
         self._world.reset(start)
         self._lidar = lidar
         self._rng = streams.lidar
@@ -181,8 +181,10 @@ class Simulation:
 
     def _sense(self) -> None:
         """Scan from where the robot stands, and let SLAM take it in."""
-        self.true_ranges = self._lidar.true_ranges(self._world.pose, self._world.segments())
-        self.scan: LaserScan = self._lidar.measure(self.true_ranges, self._rng, self.time)
+        world = self._world
+        sighting = self._lidar.look(world.pose, world.segments())
+        self.true_ranges = sighting.ranges
+        self.scan: LaserScan = self._lidar.measure(sighting, self._rng, self.time, world.surfaces)
         odometry = self.true_map_pose if self._believes_truth else self.odometry_pose
         self.is_new_scan_processed = self.mapper.update(odometry, self.scan)
         self.believed_pose = self.mapper.pose

@@ -22,6 +22,7 @@ from slamgym.sim.clutter import Clutter
 from slamgym.sim.contact import SKIN, SUBSTEP_DISTANCE, ContactSolver, Velocity
 from slamgym.sim.people import Crowd
 from slamgym.sim.robot import RobotConfig
+from slamgym.sim.surfaces import Surfaces, no_surfaces
 
 if TYPE_CHECKING:
     from slamgym.cad.floorplan import FloorPlan
@@ -64,9 +65,20 @@ class World:
         plan: The building. Its walls are obstacles from both sides.
         robot: The robot's measures and limits.
         clutter: Furniture and people; none where left out.
+        surfaces: What all that is made of; plain where left out.
+
+    Attributes:
+        surfaces: The materials of the first of :meth:`segments`; people are plain.
     """
 
-    def __init__(self, plan: "FloorPlan", robot: RobotConfig, *, clutter: Clutter | None = None) -> None:
+    def __init__(
+        self,
+        plan: "FloorPlan",
+        robot: RobotConfig,
+        *,
+        clutter: Clutter | None = None,
+        surfaces: Surfaces | None = None,
+    ) -> None:
         self.plan = plan
         self.robot = robot
         walls = np.asarray(plan.segments(), dtype=np.float64)
@@ -75,6 +87,7 @@ class World:
         self._discs = self._crowd.discs if self._crowd else np.empty((0, 3))
         # One array: what stays, what may be moved, then the legs of those who walk.
         standing = np.vstack([walls, clutter.segments()])
+        self.surfaces = no_surfaces() if surfaces is None else surfaces
         legs = self._crowd.legs() if self._crowd else np.empty((0, 4))
         segments = np.vstack([standing, legs])
         self._obstacles = segments[: len(standing)]

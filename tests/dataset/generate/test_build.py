@@ -24,6 +24,7 @@ from slamgym.dataset.generate.build import Execution
 from slamgym.envs import EpisodeConfig, ExploreConfig
 from slamgym.interop import read_carmen, read_ros_map, read_tum
 from slamgym.metrics import absolute_trajectory_error
+from slamgym.sim import lidar_level
 from slamgym.slam import SlamConfig
 
 
@@ -119,7 +120,7 @@ def test_a_map_made_from_true_poses_lies_on_the_plan(tmp_path):
     """Frame and scale of the two sides agree: without errors every wall is within a cell of its place."""
     env = ExploreConfig(
         slam=SlamConfig(mode="ground_truth"),
-        lidar=dataclasses.replace(ExploreConfig().lidar, z_hit=1.0, z_short=0.0, z_max=0.0, z_rand=0.0),
+        lidar=lidar_level("gazebo"),
     )
     build(tmp_path, config=DatasetConfig(episode=EpisodeConfig(minutes=0.5, env=env)), pairs=2)
     for record in read_manifest(tmp_path):
