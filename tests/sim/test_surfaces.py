@@ -85,7 +85,8 @@ class TestDrawing:
 
     def test_contacts_know_nothing_of_glass(self):
         plain, glass = (
-            World(PLAN, RobotConfig(), surfaces=config) for config in (None, SurfaceConfig(glazing=0.6))
+            World(PLAN, RobotConfig(), surfaces=surfaces)
+            for surfaces in (None, make_surfaces(PLAN, np.empty((0, 4)), SurfaceConfig(glazing=0.6)))
         )
         assert np.array_equal(plain.segments(), glass.segments())
         assert len(plain.surfaces.patches) == 0 < len(glass.surfaces.patches)
