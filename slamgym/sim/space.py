@@ -98,7 +98,6 @@ class World:
         self._limits = np.array(
             [robot.linear_acceleration, robot.angular_acceleration, robot.wheel_separation]
         )
-        self._rectangle = np.array(robot.footprint)
         self._contact_radius = robot.circumscribed_radius + SKIN
         # How far from the axle turning moves the outline: a disc turns within itself.
         self._lever = 0.0 if robot.shape == "circle" else robot.circumscribed_radius
@@ -303,7 +302,7 @@ class World:
     def _overlaps(self, state: FloatArray) -> bool:
         """Whether the body, without its skin, would be in an obstacle."""
         if self.robot.shape == "footprint":
-            return motion.rectangle_overlaps(state, self._rectangle, self._obstacles, self._discs)
+            return motion.rectangle_overlaps(state, np.array(self.robot.footprint), self._obstacles, self._discs)
         return (
             motion.clearance(state[motion.X], state[motion.Y], self._obstacles, self._discs)
             < self.robot.radius

@@ -11,7 +11,6 @@ import zlib
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-import shapely
 
 from slamgym.core.config import CountOrZero, NonNegative, Settings, ShareBelowOne
 from slamgym.core.errors import ConfigError
@@ -145,6 +144,8 @@ def make_surfaces(plan: "FloorPlan", furniture: FloatArray, config: SurfaceConfi
 
 def _outer(plan: "FloorPlan", walls: FloatArray) -> list[bool]:
     """Whether there is nothing behind each wall: no other room within the thickness of a wall."""
+    import shapely
+
     middles = 0.5 * (walls[:, :2] + walls[:, 2:])
     along = walls[:, 2:] - walls[:, :2]
     normals = np.column_stack([-along[:, 1], along[:, 0]]) / np.linalg.norm(along, axis=1)[:, None]
@@ -216,6 +217,8 @@ def _things_outside(
     wall: FloatArray, pane: tuple[float, ...], plan: "FloorPlan", rng: np.random.Generator
 ) -> FloatArray:
     """Some short walls before a pane, seen from within the building, shape (K, 4) [m]."""
+    import shapely
+
     along = (wall[2:] - wall[:2]) / np.linalg.norm(wall[2:] - wall[:2])
     out = np.array([along[1], -along[0]])
     middle = wall[:2] + 0.5 * (pane[0] + pane[1]) * along

@@ -91,7 +91,9 @@ def test_the_robot_stays_on_the_floor_whatever_it_does(seed: int, kind: str, fur
     env.action_space.seed(seed)
     env.reset(seed=seed)
     rng = np.random.default_rng(seed)
-    free = env.plan.free_space.difference(shapely.union_all(list(env.clutter.furniture)))
+    free = env.plan.free_space.difference(
+        shapely.union_all([shapely.Polygon(corners) for corners in env.clutter.solids()])
+    )
     for _ in range(15):
         # Held for up to 6 s, as an action that changes at every step leads nowhere.
         action = (9.0 * rng.standard_normal(2)) if kind == "pushing" else env.action_space.sample()
