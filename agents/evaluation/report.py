@@ -117,11 +117,8 @@ def _ratio_table(comparisons: Sequence[Comparison], quantity: str) -> str:
         cells = [f"`{comparison.explorer}`"]
         for level in _RATIO_LEVELS:
             found = level_of(comparison, quantity, level)
-            both = (
-                "-" if found.ratio_of_means is None else f"{with_bounds(found.ratio_of_means)} n={found.both}"
-            )
-            ratios = "-" if found.mean_of_ratios is None else with_bounds(found.mean_of_ratios)
-            cells += [both, ratios, with_bounds(found.censored_ratio_of_means)]
+            both = with_bounds(found.ratio_of_means) + (f" n={found.both}" if found.both else "")
+            cells += [both, with_bounds(found.mean_of_ratios), with_bounds(found.censored_ratio_of_means)]
         rows.append(cells)
     return markdown_table(header, rows)
 
@@ -175,8 +172,10 @@ def level_of(comparison: Comparison, quantity: str, level: str) -> LevelComparis
     return next(x for x in comparison.levels if x.quantity == quantity and x.level == level)
 
 
-def with_bounds(interval: Interval, digits: int = 2, factor: float = 1.0, signed: bool = False) -> str:
-    """``0.85 [0.80, 0.91]``."""
+def with_bounds(interval: Interval | None, digits: int = 2, factor: float = 1.0, signed: bool = False) -> str:
+    """``0.85 [0.80, 0.91]``; a dash where there is none."""
+    if interval is None:
+        return "-"
     sign = "+" if signed else ""
     value, low, high = (factor * x for x in (interval.value, interval.low, interval.high))
     return f"{value:{sign}.{digits}f} [{low:{sign}.{digits}f}, {high:{sign}.{digits}f}]"

@@ -302,7 +302,9 @@ class World:
     def _overlaps(self, state: FloatArray) -> bool:
         """Whether the body, without its skin, would be in an obstacle."""
         if self.robot.shape == "footprint":
-            return motion.rectangle_overlaps(state, np.array(self.robot.footprint), self._obstacles, self._discs)
+            return motion.rectangle_overlaps(
+                state, np.array(self.robot.footprint), self._obstacles, self._discs
+            )
         return (
             motion.clearance(state[motion.X], state[motion.Y], self._obstacles, self._discs)
             < self.robot.radius

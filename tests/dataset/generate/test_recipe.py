@@ -23,7 +23,7 @@ from slamgym.dataset.generate.recipe import (
 )
 from slamgym.dataset.pair import PairConfig, make_pair
 from slamgym.envs.episode import EpisodeConfig, run_episode
-from slamgym.sim import odometry_level
+from slamgym.sim import lidar_level, odometry_level
 from slamgym.slam import SlamConfig
 
 PLAIN = {
@@ -172,7 +172,8 @@ def test_the_papers_recipes_are_gmapping_with_true_odometry(name, beams, view):
     config = apply_conditions(EpisodeConfig(), open_recipe(name).draw(0))
     assert config.env.slam == SlamConfig.gmapping()
     assert (config.env.lidar.num_beams, config.env.lidar.field_of_view_deg) == (beams, view)
-    assert (config.env.lidar.z_hit, config.env.lidar.sigma) == (1.0, 0.01)
+    assert config.env.lidar == lidar_level("gazebo", config.env.lidar)
+    assert config.env.lidar.sigma == 0.01
     assert config.env.odometry == odometry_level("ideal")
 
 
