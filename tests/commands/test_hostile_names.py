@@ -285,14 +285,14 @@ def hostile_plans(request, place):
 
 @pytest.mark.parametrize("command", PLANS)
 def test_names_of_plans_are_no_paths(place, capsys, hostile_plans, command):
-    code, _ = run(PLANS[command], place, capsys, plans=hostile_plans)
+    code, error = run(PLANS[command], place, capsys, plans=hostile_plans)
     if command == "plans write":
         written = list((place / "out" / "plans").rglob("*"))
-        assert code == 0
+        assert code == 0, error
         assert len(written) >= 5
         assert all(path.is_file() and path.parent == place / "out" / "plans" for path in written)
     if command == "generate":
-        assert code == 0
+        assert code == 0, error
         (pair,) = Layout(place / "out" / "dataset").episodes.iterdir()
         assert len(pair.name) <= 200
 
