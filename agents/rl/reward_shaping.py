@@ -22,7 +22,7 @@ from slamgym.agents.rl.validation import PolicyOutcome, explore_plan
 from slamgym.core.config import Count, Settings, config_hash, from_dict, suggest, to_dict
 from slamgym.core.documents import read_json
 from slamgym.core.errors import ConfigError, InputFileError
-from slamgym.core.files import write_text
+from slamgym.core.files import read_text, write_text
 from slamgym.core.progress import say, show_progress
 from slamgym.core.seeding import exploration_seed
 from slamgym.envs import RewardFunction
@@ -185,7 +185,7 @@ def read_curve(folder: Path) -> list[tuple[float, float]]:
     """Steps, and mean duration of the latest hundred episodes of training then [s]."""
     rows = []
     for path in sorted(folder.glob("log/*/progress.csv")):
-        lines = path.read_text().splitlines()
+        lines = read_text(path).splitlines()
         if not lines:
             continue
         names = lines[0].split(",")

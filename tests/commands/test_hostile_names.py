@@ -263,6 +263,9 @@ PLAN_NAMES = {**NAMES, "odd": "Küche ~ 1. OG (alt)"}
 def hostile_plans(request, place):
     """Plans whose names lead elsewhere, in an archive and as lines."""
     names = [name.format(outside=place / "outside", name="x") for name in PLAN_NAMES.values()]
+    # Plans of one name, or with a name too long, are refused before anything is written.
+    names = [f"{name}{number}" if name.endswith("/x") else name for number, name in enumerate(names)]
+    names = [name for name in names if len(name) < 200]
     if request.param == "archive":
         path = place / "dataset" / "plans.tar.gz"
         with tarfile.open(path, "w:gz", format=tarfile.PAX_FORMAT) as archive:

@@ -159,7 +159,7 @@ def test_splits(root, content):
     split = _or_error(read_split, root)
     if split is not None:
         assert sorted(split.of_side("train") + split.of_side("test")) == sorted(split.plans)
-        _or_error(current_split, root)
+        _or_error(current_split, root, split.scaling)
     (root / "split.json").unlink(missing_ok=True)
 
 

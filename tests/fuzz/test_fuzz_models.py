@@ -92,7 +92,7 @@ def test_sizes_of_networks(value):
 def test_trials(folder, content):
     path = folder / "trials.jsonl"
     path.write_bytes(content)
-    log = _or_error(TrialLog, path)
+    log = _or_error(TrialLog, path, Trial)
     for trial in log.trials.values() if log else ():
         _or_error(lambda trial=trial: trial.coverage_curve.final)
 
