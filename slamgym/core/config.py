@@ -185,7 +185,9 @@ def suggest(name: str, known: typing.Iterable[str]) -> str:
     if close:
         return f"did you mean {close[0]!r}?"
     if len(known) > _MOST_LISTED:
-        known = list({f"{first}.*" if rest else first for first, _, rest in (n.partition(".") for n in known)})
+        known = list(
+            {f"{first}.*" if rest else first for first, _, rest in (n.partition(".") for n in known)}
+        )
     return f"known: {', '.join(sorted(known))}"
 
 
