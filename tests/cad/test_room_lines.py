@@ -67,6 +67,7 @@ def test_malformed_floors_are_one_error(tmp_path, floor):
             open_plans(path)
     faults = [
         {**floor, "m_per_px": "wide"},
+        {**floor, "m_per_px": 1e-125},
         {"name": "two/rooms"},
         {**floor, "rooms": [{"label": "A", "polygon": [[0, 0], [1, 0], [None, 1]], "segments": []}]},
         {**floor, "rooms": [{"label": "A", "polygon": [[0, 0], [9, 0], [9, float("nan")]], "segments": []}]},
