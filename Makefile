@@ -11,7 +11,8 @@ export OMP_NUM_THREADS ?= 1
 help:
 	@echo "make demo    explore the bundled plans, write map pairs and a contact sheet to $(DEMO)"
 	@echo "make test    run the tests, the same examples each time"
-	@echo "make fuzz    search for examples that fail, until one is found or Ctrl-C is pressed"
+	@echo "make fuzz    search for examples that fail, until one is found or Ctrl-C is pressed;"
+	@echo "             CASES=1000: try so many damaged files on each reader, and stop"
 	@echo "make check   format, lint and type checks"
 	@echo "make format  fix what the formatter and the linter can"
 	@echo "make clean   remove the virtual environment and the caches"
@@ -40,7 +41,11 @@ test: $(VENV)/.dev
 
 # What was found is kept in .hypothesis and tried first in the next search.
 fuzz: $(VENV)/.dev
+ifdef CASES
+	HYPOTHESIS_PROFILE=fuzz FUZZ_CASES=$(CASES) $(BIN)/python -m pytest tests/fuzz -n 2 --import-mode=importlib
+else
 	while HYPOTHESIS_PROFILE=fuzz $(BIN)/python -m pytest -m hypothesis -n 2 --import-mode=importlib; do :; done; false
+endif
 
 check: $(VENV)/.dev
 	$(BIN)/ruff format --check .

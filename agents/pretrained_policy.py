@@ -19,7 +19,8 @@ from slamgym.agents.scoring import FrontierScorer, NetworkConfig
 from slamgym.core.config import from_dict, to_dict
 from slamgym.core.documents import load_json
 from slamgym.core.errors import ConfigError, InputFileError
-from slamgym.core.files import read_bytes, write_bytes, write_text
+from slamgym.core.files import require_file, write_bytes, write_text
+from slamgym.core.limits import WEIGHT_BYTES
 from slamgym.core.provenance import check_origin
 from slamgym.core.types import Float32Array
 from slamgym.envs.frontier_features import (
@@ -125,7 +126,7 @@ def _refuse_other_space(path: Path, space: Any) -> None:
 
 def _read_tensors(path: Path) -> tuple[dict[str, str], dict[str, Float32Array]]:
     """The metadata of a safetensors file and its tensors, which must be single precision and finite."""
-    read_bytes(path)  # says in our words why a file can't be read
+    require_file(path, WEIGHT_BYTES)
     try:
         with safe_open(path, framework="np") as file:
             weights: dict[str, Float32Array] = {}

@@ -5,8 +5,12 @@
 An action is drawn from the action space and held for a geometrically distributed number of steps, so that the robot
 gets somewhere and pushes against walls. After every step its body must lie on the floor. The resident set is
 read from /proc; what is allocated until all plans were seen (caches) doesn't count as growth.
+
+A resident set also holds memory that was freed and that the C library keeps; so where growth begins to count and at
+the end it is measured once more after `malloc_trim` has given that back to the system.
 """
 
+import ctypes
 import os
 import time
 from collections.abc import Iterator
@@ -47,7 +51,7 @@ def main() -> None:
     arguments = tyro.cli(Arguments)
     env = ExploreEnv(arguments.plans, localization=arguments.localization)
     every = max(1, arguments.steps // 100)
-    samples, episodes, collisions, outside = [], 0, 0, 0
+    samples, trimmed, episodes, collisions, outside = [], [], 0, 0, 0
     began = time.process_time()
     for step, (is_over, on_floor) in enumerate(wander(env, arguments), start=1):
         outside += not on_floor
@@ -55,6 +59,8 @@ def main() -> None:
             episodes, collisions = episodes + 1, collisions + env.simulation.collisions
         if step % every == 0:
             samples.append((step, resident_mb(os.getpid())))
+        if step in (arguments.settle, arguments.steps):
+            trimmed.append(trimmed_mb())
     rate = arguments.steps / (time.process_time() - began)
     table = np.array([sample for sample in samples if sample[0] >= arguments.settle])
     slope = 1e6 * float(np.polyfit(table[:, 0], table[:, 1], 1)[0])
@@ -65,6 +71,7 @@ def main() -> None:
         [
             [arguments.localization, rate, episodes, collisions, outside]
             + [round(float(value), 1) for value in (early, late, most, late - early, slope)]
+            + [round(value, 1) for value in (*trimmed, trimmed[-1] - trimmed[0])]
         ],
         (
             "localisation",
@@ -77,8 +84,17 @@ def main() -> None:
             "most after settling [MB]",
             "growth [MB]",
             "slope [MB per million steps]",
+            f"trimmed at {arguments.settle:,} steps [MB]",
+            "trimmed at the end [MB]",
+            "growth, trimmed [MB]",
         ),
     )
+
+
+def trimmed_mb() -> float:
+    """The resident set after freed memory was given back; of glibc alone."""
+    ctypes.CDLL("libc.so.6").malloc_trim(0)
+    return resident_mb(os.getpid())
 
 
 def wander(env: ExploreEnv, arguments: Arguments) -> Iterator[tuple[bool, bool]]:

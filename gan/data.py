@@ -22,7 +22,7 @@ import numpy as np
 
 from slamgym.core.documents import parse_json
 from slamgym.core.errors import InputFileError
-from slamgym.core.files import read_bytes, read_text
+from slamgym.core.files import read_bytes, text_lines
 from slamgym.core.pictures import decode_picture
 from slamgym.core.types import ByteArray, FloatArray
 from slamgym.gan.encoding import resample_grey
@@ -188,8 +188,8 @@ def _manifest(root: Path) -> dict[str, tuple[str, float]]:
     if not path.is_file():
         return {}
     recorded: dict[str, tuple[str, float]] = {}
-    for number, line in enumerate(read_text(path).splitlines(), start=1):
-        values = parse_json(line, f"{path}:{number}")
+    for line, where in text_lines(path):
+        values = parse_json(line, where)
         try:
             # Near-duplicates of a plan form a group; they must not be separated either.
             plan = values.get("group") or values["plan_id"]
@@ -198,7 +198,7 @@ def _manifest(root: Path) -> dict[str, tuple[str, float]]:
                 raise ValueError(f"metres_per_px is {scale}")
             recorded[str(values["name"])] = (str(plan), scale)
         except (ValueError, TypeError, KeyError, AttributeError, OverflowError) as error:
-            raise InputFileError(f"{path}:{number}", f"is not a record of an image pair ({error})") from error
+            raise InputFileError(where, f"is not a record of an image pair ({error})") from error
     return recorded
 
 

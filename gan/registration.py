@@ -13,7 +13,8 @@ import numpy as np
 from safetensors import SafetensorError
 from safetensors.numpy import load, save
 
-from slamgym.core.files import write_bytes
+from slamgym.core.errors import InputFileError
+from slamgym.core.files import read_bytes, write_bytes
 from slamgym.core.progress import show_progress
 from slamgym.core.types import FREE, ByteArray, FloatArray
 from slamgym.gan.data import PairSet
@@ -82,8 +83,8 @@ def _cached(cache: Path | None, checksum: str, count: int) -> FloatArray | None:
     if cache is None or not cache.is_file():
         return None
     try:
-        found = load(cache.read_bytes()).get(checksum)
-    except (SafetensorError, OSError, KeyError):
+        found = load(read_bytes(cache)).get(checksum)
+    except (SafetensorError, InputFileError, KeyError):
         return None  # whatever it is, finding them again is right
     if found is None or found.dtype != np.float64 or found.shape != (count, 4):
         return None

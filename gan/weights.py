@@ -18,7 +18,8 @@ from slamgym import __version__
 from slamgym.core.config import from_dict, suggest, to_dict
 from slamgym.core.documents import load_json
 from slamgym.core.errors import ConfigError, InputFileError
-from slamgym.core.files import write_bytes, write_text
+from slamgym.core.files import open_regular, require_file, write_bytes, write_text
+from slamgym.core.limits import WEIGHT_BYTES
 from slamgym.core.names import is_file_name
 from slamgym.core.progress import duration
 from slamgym.core.provenance import check_origin, write_checksums
@@ -98,6 +99,7 @@ def load_weights(name_or_path: str | Path, direction: Direction | None = None) -
     """
     path = find_weights(name_or_path)
     check_origin(path)
+    require_file(path, WEIGHT_BYTES)
     try:
         with safe_open(path, framework="pt") as file:
             header = file.metadata() or {}
@@ -256,11 +258,8 @@ def _shapes(tensors: Mapping[str, Tensor]) -> dict[str, tuple[bool, tuple[int, .
 
 
 def _why_unreadable(path: Path, error: Exception) -> str:
-    try:
-        with path.open("rb") as file:
-            start = file.read(4)
-    except OSError:
-        return f"can't be read ({error})"
+    with open_regular(path) as file:
+        start = file.read(4)
     if start[:2] == b"PK" or start[:1] == b"\x80":
         return (
             "is a pickle or a torch.save file, which can run code when it is read; only safetensors are taken"

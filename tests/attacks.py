@@ -17,7 +17,10 @@ import resource, sys, warnings
 import cv2, shapely
 from slamgym.cad import check_plan, open_plans
 from slamgym.cad import houseexpo, image_plan, room_lines
+from pathlib import Path
+from slamgym.agents.pretrained_policy import read_policy
 from slamgym.core.errors import SlamgymError
+from slamgym.dataset.format import read_manifest
 from slamgym.dataset.generate.recipe import open_recipe
 from slamgym.interop import open_log, read_ros_map, ros_map
 shapely.STRtree(shapely.box([0], [0], [1], [1])).query(shapely.box(0, 0, 1, 1))
@@ -26,7 +29,9 @@ def read(kind, path):
         source = open_plans(path)
         check_plan(source.load(source.ids[0]), 0.22, 64.0)
     else:
-        {"map": read_ros_map, "log": open_log, "recipe": open_recipe}[kind](path)
+        readers = {"map": read_ros_map, "log": open_log, "recipe": open_recipe}
+        readers |= {"dataset": lambda path: list(read_manifest(path)), "weights": lambda path: read_policy(Path(path))}
+        readers[kind](path)
 def used():
     usage = resource.getrusage(resource.RUSAGE_SELF)
     return usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1024
@@ -143,6 +148,21 @@ def picture_bomb(folder: Path, side: int = 30_000) -> Path:
         png.write(len(data).to_bytes(4, "big") + kind + data + crc)
     (folder / "huge.png").write_bytes(png.getvalue())
     return _map(folder, "huge.png")
+
+
+def endless_line(folder: Path) -> Path:
+    """A dataset whose manifest is one line of zeros, which take no place on the disk."""
+    with (folder / "manifest.jsonl").open("wb") as file:
+        file.truncate(8 << 30)
+    return folder
+
+
+def huge_weights(folder: Path) -> Path:
+    """Weights of zeros."""
+    path = folder / "policy.safetensors"
+    with path.open("wb") as file:
+        file.truncate(8 << 30)
+    return path
 
 
 def device_as_image(folder: Path) -> Path:

@@ -83,8 +83,12 @@ class CoverageCurve:
 
     @staticmethod
     def from_dict(values: Mapping[str, Any]) -> "CoverageCurve":
-        """Read :meth:`to_dict`'s form."""
-        return CoverageCurve(*(np.array(values[name], dtype=np.float64) for name in _FIELDS))
+        """Read :meth:`to_dict`'s form.
+
+        Raises:
+            ValueError: If it is no curve.
+        """
+        return CoverageCurve(*(np.array(values.get(name, ()), dtype=np.float64) for name in _FIELDS))
 
     def _first(self, values: FloatArray, level: float) -> float | None:
         reached = np.flatnonzero(self.coverage >= level - 1e-12)

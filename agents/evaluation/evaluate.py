@@ -26,7 +26,7 @@ from slamgym.agents.registry import make_explorer
 from slamgym.cad import FloorPlan, PlanSource, check_plan
 from slamgym.cad.plan_filter import PlanFilter, passes
 from slamgym.core.config import Count, Settings, from_dict, to_dict
-from slamgym.core.documents import load_json
+from slamgym.core.documents import parse_json
 from slamgym.core.errors import ConfigError, InputFileError, PlanError
 from slamgym.core.files import append_line, exclusive_lock, read_bytes, replace_file, storage_errors
 from slamgym.core.parallel.backlog import TASK_TIMEOUT, Lost
@@ -74,8 +74,8 @@ class TrialLog(Generic[_Entry]):
                 replace_file(self.path, whole + end)
         for number, line in enumerate(whole.split(b"\n") if whole else [], start=1):
             try:
-                trial = from_dict(self._kind, load_json(line))
-            except (ValueError, ConfigError) as error:
+                trial = from_dict(self._kind, parse_json(line, f"{self.path}:{number}"))
+            except (InputFileError, ConfigError, ValueError) as error:
                 raise InputFileError(
                     f"{self.path}:{number}", f"is no trial of this version ({error}); move the file away"
                 ) from error

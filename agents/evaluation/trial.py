@@ -89,6 +89,9 @@ class Trial:
     curve: dict[str, list[float]]
     """Coverage over time and path."""
 
+    def __post_init__(self) -> None:
+        CoverageCurve.from_dict(self.curve)  # a trial out of a file may have none
+
     @property
     def key(self) -> Key:
         """What makes two trials the same."""

@@ -5,8 +5,10 @@ from typing import Any
 
 import torch
 
+from slamgym.core.compression import check_zip
 from slamgym.core.errors import InputFileError
 from slamgym.core.files import staged
+from slamgym.core.limits import WEIGHT_BYTES
 
 CHECKPOINT = "checkpoint.pt"
 
@@ -37,6 +39,7 @@ def load_checkpoint(folder: Path, model: Any) -> None:
     """
     path = folder / CHECKPOINT
     try:
+        check_zip(path, WEIGHT_BYTES)
         state = torch.load(path, map_location="cpu", weights_only=True)
         for name, module in _modules(model).items():
             module.load_state_dict(state[name])

@@ -8,6 +8,7 @@ Training goes on from its checkpoint after an interruption, and the test from it
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import importlib
 import json
@@ -22,7 +23,7 @@ from slamgym.agents.rl.validation import PolicyOutcome, explore_plan
 from slamgym.core.config import Count, Settings, config_hash, from_dict, suggest, to_dict
 from slamgym.core.documents import read_json
 from slamgym.core.errors import ConfigError, InputFileError
-from slamgym.core.files import write_text
+from slamgym.core.files import own_folder, read_text, write_text
 from slamgym.core.progress import say, show_progress
 from slamgym.core.seeding import exploration_seed
 from slamgym.envs import RewardFunction
@@ -129,6 +130,7 @@ def _run_one(
     left = [plan for plan in plans if plan.id not in outcomes]
     if left:
         say(f"{name}, seed {seed}")
+        own_folder(own_folder(folder.parent) / folder.name)
         _write(folder, identity, outcomes)  # before the training: a term's weight stands nowhere else
         learn(settings, folder, reward_terms=_terms(name, term))
         with show_progress("test explorations", len(plans) - len(left), len(plans)) as advance:
@@ -185,14 +187,15 @@ def read_curve(folder: Path) -> list[tuple[float, float]]:
     """Steps, and mean duration of the latest hundred episodes of training then [s]."""
     rows = []
     for path in sorted(folder.glob("log/*/progress.csv")):
-        lines = path.read_text().splitlines()
+        lines = read_text(path).splitlines()
         if not lines:
             continue
         names = lines[0].split(",")
         for line in lines[1:]:
             row = dict(zip(names, line.split(","), strict=False))
             if row.get("rollout/episode_seconds") and row.get("time/total_timesteps"):
-                rows.append((float(row["time/total_timesteps"]), float(row["rollout/episode_seconds"])))
+                with contextlib.suppress(ValueError):  # a killed run may leave half a line
+                    rows.append((float(row["time/total_timesteps"]), float(row["rollout/episode_seconds"])))
     return rows
 
 

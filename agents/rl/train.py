@@ -36,6 +36,7 @@ from slamgym.agents.rl.training_envs import draw_plans, make_env, make_learning_
 from slamgym.core.config import from_dict, to_dict
 from slamgym.core.documents import read_json
 from slamgym.core.errors import ConfigError, InputFileError
+from slamgym.core.files import own_folder
 from slamgym.core.progress import say, show_progress
 from slamgym.envs import RewardFunction
 from slamgym.envs.explore_frontiers_env import ExploreFrontiersEnv
@@ -76,7 +77,9 @@ def train(
         say(f"going on at step {model.num_timesteps}")
     elif config.start_from:
         _begin_with(config.start_from, model)
-    model.set_logger(configure(str(out / "log" / str(model.num_timesteps)), ["csv", "tensorboard"]))
+    log = own_folder(own_folder(out / "log") / str(model.num_timesteps))
+    (log / "progress.csv").unlink(missing_ok=True)  # begun again in any case, and not through a link
+    model.set_logger(configure(str(log), ["csv", "tensorboard"]))
     if config.imitation_decisions and not is_resumed:
         imitate(model, config, plans)
         save_checkpoint(out, model)

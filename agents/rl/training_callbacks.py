@@ -13,7 +13,8 @@ from slamgym.agents.rl.checkpoint import save_checkpoint
 from slamgym.agents.rl.train_config import TrainConfig
 from slamgym.agents.rl.validation import mean_outcome
 from slamgym.cad import FloorPlan
-from slamgym.core.files import append_line, write_text
+from slamgym.core.errors import InputFileError
+from slamgym.core.files import append_line, read_text, write_text
 from slamgym.core.progress import Advance
 from slamgym.envs.explore_frontiers_env import ExploreFrontiersEnv
 
@@ -148,8 +149,11 @@ def read_validation(folder: Path) -> list[dict[str, float]]:
     path = folder / VALIDATION
     if not path.exists():
         return []
-    with path.open(newline="") as file:
-        return [{name: float(value) for name, value in row.items()} for row in csv.DictReader(file)]
+    try:
+        rows = csv.DictReader(read_text(path).splitlines())
+        return [{name: float(value) for name, value in row.items()} for row in rows]
+    except (TypeError, ValueError, csv.Error) as error:
+        raise InputFileError(path, f"is damaged ({error}); delete it to begin it again") from None
 
 
 def write_json(path: Path, values: Any) -> None:

@@ -18,7 +18,8 @@ from torch.optim import Optimizer
 
 from slamgym.core.documents import load_json
 from slamgym.core.errors import ConfigError, InputFileError
-from slamgym.core.files import staged
+from slamgym.core.files import require_file, staged
+from slamgym.core.limits import WEIGHT_BYTES
 from slamgym.gan.training.learner import Learner
 
 STATE_FORMAT = "slamgym-translator-training-2"
@@ -62,6 +63,7 @@ def load_training_state(path: Path) -> TrainingState:
     Raises:
         InputFileError: If it is missing, damaged or no checkpoint of a training.
     """
+    require_file(path, WEIGHT_BYTES)
     try:
         with safe_open(path, framework="pt") as file:
             header = file.metadata() or {}

@@ -7,11 +7,12 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-import cv2
 import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TimeElapsedColumn
 
+from slamgym.core.files import own_folder, write_bytes
+from slamgym.core.png import encode_png
 from slamgym.core.progress import LINE_INTERVAL, duration, say
 from slamgym.core.types import ByteArray
 
@@ -33,7 +34,7 @@ class TrainingLog:
         self._samples = folder / "samples"
         self._writer: Any = None
         if enabled:
-            self._writer = _open_writer(folder / "tensorboard", first_step)
+            self._writer = _open_writer(own_folder(folder / "tensorboard"), first_step)
 
     def __enter__(self) -> "TrainingLog":
         return self
@@ -53,8 +54,7 @@ class TrainingLog:
     def pictures(self, rows: ByteArray, step: int) -> None:
         """Write a grid of input, translation and target, one row each: (N, H, W) uint8."""
         grid = np.vstack(list(rows))
-        self._samples.mkdir(parents=True, exist_ok=True)
-        cv2.imwrite(str(self._samples / f"{step:07d}.png"), grid)
+        write_bytes(own_folder(self._samples) / f"{step:07d}.png", encode_png(grid))
         if self._writer is not None:
             self._writer.add_image("samples", grid, step, dataformats="HW")
 

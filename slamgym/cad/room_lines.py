@@ -32,8 +32,8 @@ DOOR_WIDTH = 1.0
 """Of a portal [m]."""
 _DOOR_DEPTH = 0.35
 """A door cuts this far to either side [m]: annotated rooms are drawn up to 0.3 m apart."""
-MAX_SCALE = 10.0
-"""Pixels larger than this are taken for a fault [m]."""
+MIN_SCALE, MAX_SCALE = 1e-4, 10.0
+"""Pixels smaller or larger than this are taken for a fault [m]."""
 MIN_CONNECTED_SHARE = 0.8
 """The largest connected part must make up this share of the floor; closets without a portal are dropped."""
 
@@ -53,7 +53,8 @@ class RoomLinesSource:
         """Build one plan."""
         source = f"{self._path}:{plan_id}"
         try:
-            return _build(self._floors[plan_id], plan_id, source)
+            with np.errstate(invalid="ignore"):  # of rooms without any width; the area tells
+                return _build(self._floors[plan_id], plan_id, source)
         except (
             TypeError,
             ValueError,
@@ -110,7 +111,7 @@ def _build(floor: Mapping[str, Any], plan_id: str, source: str) -> FloorPlan:
     space = shapely.union_all([*(room.polygon for room in rooms), *passages])
     parts = [part for part in shapely.get_parts(space) if isinstance(part, Polygon)]
     largest = max(parts, key=lambda part: float(part.area), default=Polygon())
-    if largest.area < MIN_CONNECTED_SHARE * space.area or largest.is_empty:
+    if not largest.area >= MIN_CONNECTED_SHARE * space.area or largest.is_empty:
         raise PlanError(source, f"the free space falls into {len(parts)} disjoint parts; connect them")
     return FloorPlan(
         id=plan_id,
@@ -133,7 +134,7 @@ def _metres(points: Any, scale: float) -> FloatArray:
 
 def _check_size(rooms: Sequence[Mapping[str, Any]], scale: float, source: str) -> None:
     """Refuse a floor that would take too long to build."""
-    if not 0.0 < scale < MAX_SCALE:
+    if not MIN_SCALE <= scale < MAX_SCALE:
         raise ValueError(f"m_per_px is {scale}")
     PLAN_PARTS.check(source, len(rooms), PlanError)
     VERTICES.check(source, sum(len(room["polygon"]) + len(room["segments"]) for room in rooms), PlanError)

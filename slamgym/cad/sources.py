@@ -54,7 +54,8 @@ class FileSource:
         places: dict[str, str] = {}
         self._paths: dict[str, Path] = {}
         for path in sorted(paths):
-            _note_place(places, path.stem, str(path), root or path.parent)
+            place = path.relative_to(root) if root else path.name
+            _note_place(places, path.stem, str(place), root or path.parent)
             self._paths[path.stem] = path
         self.ids: Sequence[str] = list(self._paths)
 

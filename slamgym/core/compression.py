@@ -4,13 +4,17 @@ import bz2
 import contextlib
 import gzip
 import lzma
+import os
+import struct
+import zipfile
 import zlib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import BinaryIO
 
+from slamgym.core.errors import InputFileError
 from slamgym.core.files import open_regular
-from slamgym.core.limits import check_expansion
+from slamgym.core.limits import Limit, check_expansion
 
 _OPENERS = {b"\x1f\x8b": gzip.open, b"\xfd7": lzma.open, b"BZ": bz2.open}
 _CHUNK = 1 << 18
@@ -52,6 +56,22 @@ class ExpandedFile:
             InputFileError: If the file expands beyond the limits.
         """
         return b"".join(iter(lambda: self.read(_CHUNK), b""))
+
+
+def check_zip(path: Path | str, limit: Limit) -> None:
+    """Refuse a zip archive whose entries say that they expand to more than a limit; other files pass.
+
+    Raises:
+        InputFileError: If it can't be read, is no regular file or damaged, or is or becomes too large.
+    """
+    with open_regular(path) as file:
+        limit.check(path, os.fstat(file.fileno()).st_size)
+        if zipfile.is_zipfile(file):
+            try:
+                with zipfile.ZipFile(file) as archive:
+                    limit.check(path, sum(entry.file_size for entry in archive.infolist()))
+            except (zipfile.BadZipFile, NotImplementedError, RuntimeError, struct.error, ValueError) as error:
+                raise InputFileError(path, f"is a damaged archive ({error})") from None
 
 
 @contextlib.contextmanager

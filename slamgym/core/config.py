@@ -16,6 +16,8 @@ from slamgym.core.limits import MAX_SHOWN, shown
 from slamgym.core.names import OnePart
 
 _T = TypeVar("_T")
+_MOST_LISTED = 40
+"""More names than that are no help in a sentence."""
 
 
 class Within(NamedTuple):
@@ -177,10 +179,16 @@ def _faults_inside(hint: Any, value: Any, name: str, bounds: Within) -> Iterator
 
 
 def suggest(name: str, known: typing.Iterable[str]) -> str:
-    """A sentence part that names the nearest known name, or lists them all."""
+    """A sentence part that names the nearest known name, or lists them all; of very many the sections."""
     known = list(known)
     close = difflib.get_close_matches(str(name)[:MAX_SHOWN], known, n=1)
-    return f"did you mean {close[0]!r}?" if close else f"known: {', '.join(sorted(known))}"
+    if close:
+        return f"did you mean {close[0]!r}?"
+    if len(known) > _MOST_LISTED:
+        known = list(
+            {f"{first}.*" if rest else first for first, _, rest in (n.partition(".") for n in known)}
+        )
+    return f"known: {', '.join(sorted(known))}"
 
 
 def to_dict(config: Any) -> dict[str, Any]:
@@ -204,7 +212,7 @@ def from_dict(cls: type[_T], values: Mapping[str, Any], where: str = "") -> _T:
     hints = _hints(cls)
     prefix = f"{where}: " if where else ""
     if not isinstance(values, Mapping):
-        raise ConfigError(f"{prefix}{cls.__name__} takes an object of settings by name, not {values!r}")
+        raise ConfigError(f"{prefix}{cls.__name__} takes an object of settings by name, not {shown(values)}")
     converted = {}
     for name in values:
         if name not in hints:

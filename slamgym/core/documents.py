@@ -9,7 +9,7 @@ import yaml
 
 from slamgym.core.errors import InputFileError
 from slamgym.core.files import read_bytes
-from slamgym.core.limits import DEPTH, DOCUMENT_BYTES, FILE_BYTES, YAML_BYTES, Limit
+from slamgym.core.limits import DEPTH, DOCUMENT_BYTES, YAML_BYTES, Limit
 
 MAX_DIGITS = 300
 """A longer whole number is no float any more."""
@@ -59,17 +59,18 @@ def parse_json(
     return value
 
 
-def read_json(path: Path | str, fix: str = "") -> Any:
-    """Read a whole JSON file of the package's own making, which may be as large as any file.
+def read_json(path: Path | str, fix: str = "", limit: Limit = DOCUMENT_BYTES) -> Any:
+    """Read a whole JSON file.
 
     Args:
         path: The file.
         fix: What to do about a file that isn't JSON, for errors.
+        limit: Of its bytes.
 
     Raises:
         InputFileError: If it can't be read, isn't JSON, or is larger than allowed.
     """
-    return parse_json(read_bytes(path), path, limit=FILE_BYTES, fix=fix)
+    return parse_json(read_bytes(path, limit), path, limit=limit, fix=fix)
 
 
 def parse_yaml(text: str, where: object) -> Any:

@@ -18,7 +18,8 @@ class InputFileError(SlamgymError):
     """
 
     def __init__(self, path: object, reason: str) -> None:
-        super().__init__(f"{path}: {reason}")
+        # One line, also where a file or a plan has a line end in its name.
+        super().__init__(" ".join(f"{path}: {reason}".splitlines()))
         self.path = str(path)
         self.reason = reason
 

@@ -7,15 +7,16 @@ or a disk that fills up, leaves no half-written file under the final name.
 import contextlib
 import errno
 import glob
+import hashlib
 import os
 import stat
 from collections.abc import Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from io import BufferedReader
 from pathlib import Path
-from typing import BinaryIO
 
 from slamgym.core.errors import InputFileError
-from slamgym.core.limits import FILE_BYTES, Limit
+from slamgym.core.limits import DOCUMENT_BYTES, FILE_BYTES, Limit
 
 try:
     import fcntl
@@ -84,7 +85,7 @@ def staged(path: Path | str, *, durable: bool = False) -> Iterator[Path]:
                 part.unlink(missing_ok=True)
 
 
-def open_regular(path: Path | str) -> BinaryIO:
+def open_regular(path: Path | str) -> BufferedReader:
     """Open a file for reading; a device, a pipe or a folder is refused, not waited for.
 
     Raises:
@@ -142,6 +143,59 @@ def read_text(path: Path | str, limit: Limit = FILE_BYTES) -> str:
         return read_bytes(path, limit).decode()
     except UnicodeDecodeError:
         raise InputFileError(path, "is not a text file") from None
+
+
+def byte_lines(path: Path | str, limit: Limit = DOCUMENT_BYTES) -> Iterator[tuple[bytes, str]]:
+    """The lines of a file of any length, with their ends, each with its place for errors: ``manifest.jsonl:7``.
+
+    Args:
+        path: The file.
+        limit: Of the bytes of one line.
+
+    Raises:
+        InputFileError: If it can't be read, is no regular file, or a line is longer than the limit.
+    """
+    with open_regular(path) as file:
+        number = 1
+        while line := file.readline(limit.value + 1):
+            where = f"{path}:{number}"
+            limit.check(where, len(line))
+            yield line, where
+            number += 1
+
+
+def text_lines(path: Path | str, limit: Limit = DOCUMENT_BYTES) -> Iterator[tuple[str, str]]:
+    """The same as :func:`byte_lines` of a UTF-8 file.
+
+    Raises:
+        InputFileError: Also if a line is not text.
+    """
+    for line, where in byte_lines(path, limit):
+        try:
+            text = line.decode()
+        except UnicodeDecodeError:
+            raise InputFileError(where, "is not a line of text") from None
+        yield text, where
+
+
+def require_file(path: Path | str, limit: Limit = FILE_BYTES) -> None:
+    """Refuse what other readers shouldn't open.
+
+    Raises:
+        InputFileError: If it can't be read, is no regular file, or is larger than the limit.
+    """
+    with open_regular(path) as file:
+        limit.check(path, os.fstat(file.fileno()).st_size)
+
+
+def sha256_of(path: Path | str) -> str:
+    """The SHA-256 of a file, of any length.
+
+    Raises:
+        InputFileError: If it can't be read or is no regular file.
+    """
+    with open_regular(path) as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def write_bytes(path: Path | str, content: bytes) -> None:

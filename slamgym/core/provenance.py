@@ -3,11 +3,10 @@
 ``pretrained.sha256``, in the form of ``sha256sum``, names them all; ``python -m slamgym.core.provenance`` writes it.
 """
 
-import hashlib
 from pathlib import Path
 
 from slamgym.core.errors import InputFileError
-from slamgym.core.files import read_bytes, read_text, write_text
+from slamgym.core.files import read_text, sha256_of, write_text
 
 PACKAGE = Path(__file__).parents[1]
 CHECKSUMS = PACKAGE / "pretrained.sha256"
@@ -31,7 +30,7 @@ def check_origin(path: Path | str) -> None:
             path,
             f"is not listed in {CHECKSUMS.name}, so it didn't come with slamgym; move it out of the package",
         )
-    if hashlib.sha256(read_bytes(path)).hexdigest() != expected:
+    if sha256_of(path) != expected:
         raise InputFileError(
             path, f"is not the file that came with slamgym ({CHECKSUMS.name}); install slamgym again"
         )
@@ -51,7 +50,7 @@ def current_checksums() -> dict[str, str]:
     """The same as the files are now."""
     paths = [path for folder in _FOLDERS for path in (PACKAGE / folder).iterdir()]
     names = sorted(path.relative_to(PACKAGE).as_posix() for path in paths if path.suffix not in _NOT_LISTED)
-    return {name: hashlib.sha256(read_bytes(PACKAGE / name)).hexdigest() for name in names}
+    return {name: sha256_of(PACKAGE / name) for name in names}
 
 
 def write_checksums() -> None:

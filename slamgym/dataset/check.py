@@ -12,8 +12,10 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from slamgym.core.documents import load_json
+from slamgym.core.documents import parse_json, read_json
 from slamgym.core.errors import InputFileError, SlamgymError
+from slamgym.core.files import byte_lines, read_bytes, sha256_of
+from slamgym.core.limits import DOCUMENT_BYTES
 from slamgym.core.names import is_file_name
 from slamgym.core.png import read_png
 from slamgym.core.seeding import exploration_seed
@@ -58,7 +60,7 @@ def check_image(
     if not path.is_file():
         yield FileFault(path, "is missing")
         return
-    if hashlib.sha256(path.read_bytes()).hexdigest() != sha256:
+    if sha256_of(path) != sha256:
         yield FileFault(path, "differs from the digest in the manifest")
     try:
         image = read_png(path)
@@ -80,15 +82,17 @@ def read_records(path: Path, parse: Callable[[str, str], _Record]) -> tuple[list
     """Read a manifest, whatever is wrong with some of its lines."""
     records: list[_Record] = []
     faults = []
-    text = path.read_text(encoding="utf-8", errors="replace")
-    if text and not text.endswith("\n"):
+    line = b"\n"
+    try:
+        for line, where in byte_lines(path):
+            try:
+                records.append(parse(line.decode(errors="replace"), where))
+            except SlamgymError as error:
+                faults.append(_as_fault(Path(where), error))
+    except InputFileError as error:  # the rest can't be read
+        faults.append(_as_fault(path, error))
+    if not line.endswith(b"\n"):
         faults.append(FileFault(path, "ends in the middle of a line"))
-    for number, line in enumerate(text.splitlines(), start=1):
-        try:
-            records.append(parse(line, f"{path}:{number}"))
-        except SlamgymError as error:
-            reason = error.reason if isinstance(error, InputFileError) else str(error)
-            faults.append(FileFault(Path(f"{path}:{number}"), reason))
     return records, faults
 
 
@@ -148,7 +152,7 @@ def check_episode(folder: Path, record: PairRecord) -> Iterator[FileFault]:
     own = folder / "episode.json"
     if not own.is_file():
         yield FileFault(own, "is missing")
-    elif own.read_text(encoding="utf-8", errors="replace") != record.to_line():
+    elif sha256_of(own) != hashlib.sha256(record.to_line().encode()).hexdigest():
         yield FileFault(own, "differs from the manifest's line")
     yield from _check_sums(folder, record.sha256.get("episode", ""))
 
@@ -161,12 +165,12 @@ def read_settings(path: Path, version_key: str, version: int) -> tuple[dict[str,
         version_key: Name of the format's version in it.
         version: The version that is known here.
     """
-    try:
-        settings = load_json(path.read_text(encoding="utf-8"))
-    except OSError:
+    if not path.is_file():
         return {}, [FileFault(path, "is missing")]
-    except ValueError as error:
-        return {}, [FileFault(path, f"is not JSON ({error})")]
+    try:
+        settings = read_json(path)
+    except InputFileError as error:
+        return {}, [_as_fault(path, error)]
     if not isinstance(settings, dict):
         return {}, [FileFault(path, "is not a JSON object")]
     found = settings.get(version_key)
@@ -213,7 +217,11 @@ def _check_sums(folder: Path, sha256: str) -> Iterator[FileFault]:
     if not sums.is_file():
         yield FileFault(sums, "is missing")
         return
-    content = sums.read_bytes()
+    try:
+        content = read_bytes(sums, DOCUMENT_BYTES)
+    except InputFileError as error:
+        yield _as_fault(sums, error)
+        return
     if hashlib.sha256(content).hexdigest() != sha256:
         yield FileFault(sums, "differs from the digest in the manifest")
     listed = {}
@@ -230,7 +238,7 @@ def _check_sums(folder: Path, sha256: str) -> Iterator[FileFault]:
         path = folder / name
         if not path.is_file():
             yield FileFault(path, "is missing")
-        elif hashlib.sha256(path.read_bytes()).hexdigest() != digest:
+        elif sha256_of(path) != digest:
             yield FileFault(path, f"differs from its digest in {SUMS}")
     for path in sorted(folder.iterdir()):
         if path.name not in {*listed, SUMS, "episode.json"}:
@@ -280,13 +288,16 @@ def _check_lines(path: Path) -> Iterator[FileFault]:
     """Whether a list of JSON objects is whole."""
     if not path.exists():
         return
-    for number, line in enumerate(path.read_text(encoding="utf-8", errors="replace").splitlines(), start=1):
-        try:
-            whole = isinstance(load_json(line), dict)
-        except ValueError:
-            whole = False
-        if not whole:
-            yield FileFault(Path(f"{path}:{number}"), "is not a JSON object")
+    try:
+        for line, where in byte_lines(path):
+            try:
+                whole = isinstance(parse_json(line, where), dict)
+            except InputFileError:
+                whole = False
+            if not whole:
+                yield FileFault(Path(where), "is not a JSON object")
+    except InputFileError as error:
+        yield _as_fault(path, error)
 
 
 def _check_side_files(root: Path, records: list[PairRecord]) -> Iterator[FileFault]:

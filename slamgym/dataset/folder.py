@@ -19,19 +19,19 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from slamgym.core.documents import load_json
+from slamgym.core.documents import parse_json
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.files import (
     append_line,
     drop_torn_line,
     exclusive_lock,
     own_folder,
-    read_text,
     remove_leftovers,
     replace_file,
     replace_if_changed,
     storage_errors,
     sync_folder,
+    text_lines,
 )
 from slamgym.dataset.format import SIDES, FolderLayout, Layout, read_dataset_config
 from slamgym.dataset.manifest_file import ManifestFile, SlotSet
@@ -203,7 +203,7 @@ def read_rejected(path: Path) -> dict[int, dict[str, Any]]:
     if not path.exists():
         return {}
     try:
-        entries = [load_json(line) for line in read_text(path).splitlines()]
+        entries = [parse_json(line, where) for line, where in text_lines(path)]
         return {int(entry["index"]): {**entry, **_plan_and_error(entry)} for entry in entries}
     except (ValueError, KeyError, TypeError, OverflowError) as error:
         raise InputFileError(
@@ -218,11 +218,11 @@ def _plan_and_error(entry: dict[str, Any]) -> dict[str, str]:
 def read_times(path: Path) -> dict[str, dict[str, Any]]:
     """What each exploration took, by its name, as far as ``timing.jsonl`` has it; times are no part of the data."""
     times = {}
-    for line in read_text(path).splitlines() if path.is_file() else ():
+    for line, where in text_lines(path) if path.is_file() else ():
         try:
-            entry = load_json(line)
+            entry = parse_json(line, where)
             times[str(entry.pop("name"))] = {"cpu_seconds": float(entry.pop("cpu_seconds")), **entry}
-        except (ValueError, KeyError, TypeError, AttributeError, OverflowError):
+        except (InputFileError, ValueError, KeyError, TypeError, AttributeError, OverflowError):
             continue  # a killed run may leave an incomplete line
     return times
 

@@ -26,7 +26,6 @@ axes are parallel to the world's, so a world point is ``start + map point``. The
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -34,7 +33,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from slamgym.core.documents import read_json
 from slamgym.core.errors import InputFileError
-from slamgym.core.files import write_bytes
+from slamgym.core.files import sha256_of, text_lines, write_bytes
 from slamgym.core.png import read_png
 from slamgym.core.types import ByteArray
 from slamgym.dataset.record import PairRecord
@@ -73,13 +72,7 @@ def manifest_lines(manifest: Path, made_by: str) -> Iterator[tuple[str, str]]:
         InputFileError: If it is missing; ``made_by`` names the command that writes such folders.
     """
     require_manifest(manifest, made_by)
-    number = 0
-    try:
-        with manifest.open(encoding="utf-8") as lines:
-            for number, line in enumerate(lines, start=1):
-                yield line, f"{manifest}:{number}"
-    except UnicodeDecodeError:
-        raise InputFileError(f"{manifest}:{number + 1}", "is not a line of text") from None
+    yield from text_lines(manifest)
 
 
 @dataclass(frozen=True)
@@ -214,6 +207,4 @@ def write_episode(folder: Path, episode: Episode) -> bytes:
 def digest_lines(folder: Path) -> bytes:
     """The SHA-256 of every file in a folder, sorted by name, in the form of ``sha256sum``."""
     paths = sorted(path for path in folder.iterdir() if path.is_file())
-    return "".join(
-        f"{hashlib.sha256(path.read_bytes()).hexdigest()}  {path.name}\n" for path in paths
-    ).encode()
+    return "".join(f"{sha256_of(path)}  {path.name}\n" for path in paths).encode()

@@ -11,7 +11,8 @@ from operator import itemgetter
 from pathlib import Path
 
 from slamgym.core.documents import load_json
-from slamgym.core.files import replace_file_by
+from slamgym.core.errors import InputFileError
+from slamgym.core.files import byte_lines, replace_file_by
 from slamgym.dataset.record import MAX_SLOTS
 
 
@@ -69,7 +70,10 @@ class ManifestFile:
         try:
             for index, _ in self._lines():
                 self.listed.add(index)
-        except ValueError:  # somebody has edited it; the pairs' own files say what belongs there
+        except (
+            ValueError,
+            InputFileError,
+        ):  # somebody has edited it; the pairs' own files say what belongs there
             self.listed, self._stale = SlotSet(), True
 
     def agree_with(self, committed: SlotSet, read_line: Callable[[int], bytes]) -> None:
@@ -114,7 +118,7 @@ class ManifestFile:
         """The lines of the file; none if it was not usable, as then all are fresh."""
         try:
             yield from self._lines()
-        except ValueError:
+        except (ValueError, InputFileError):
             return
 
     def _lines(self) -> Iterator[tuple[int, bytes]]:
@@ -122,17 +126,17 @@ class ManifestFile:
 
         Raises:
             ValueError: If a line is no record, or they are out of order.
+            InputFileError: If it can't be read, or a line is too long.
         """
         if not self._path.exists():
             return
         last = -1
-        with self._path.open("rb") as file:
-            for line in file:
-                index = _index_of(line)
-                if index <= last:
-                    raise ValueError(f"line of slot {index} after that of {last}")
-                last = index
-                yield index, line
+        for line, _ in byte_lines(self._path):
+            index = _index_of(line)
+            if index <= last:
+                raise ValueError(f"line of slot {index} after that of {last}")
+            last = index
+            yield index, line
 
 
 def _index_of(line: bytes) -> int:

@@ -4,6 +4,7 @@ import os
 import re
 import stat
 import sys
+import zipfile
 from pathlib import Path
 
 import attacks
@@ -12,10 +13,11 @@ import numpy as np
 import pytest
 
 from slamgym.cad import open_plans
+from slamgym.core.compression import check_zip
 from slamgym.core.documents import parse_json, parse_yaml
 from slamgym.core.errors import ConfigError, InputFileError, PlanError
 from slamgym.core.files import read_bytes
-from slamgym.core.limits import LIMITS, MAX_SHOWN, PIXELS, shown
+from slamgym.core.limits import LIMITS, MAX_SHOWN, PIXELS, WEIGHT_BYTES, shown
 from slamgym.core.pictures import decode_picture, picture_size
 from slamgym.interop import open_log, read_ros_map
 
@@ -39,6 +41,8 @@ ATTACKS = {
     "xz": ("plans", attacks.xz_bomb, "SLAMGYM_MAX_EXPANSION"),
     "log": ("log", attacks.log_bomb, "SLAMGYM_MAX_EXPANSION"),
     "picture": ("map", lambda folder: attacks.picture_bomb(folder, 12_000), "SLAMGYM_MAX_PIXELS"),
+    "endless line": ("dataset", attacks.endless_line, "SLAMGYM_MAX_DOCUMENT_BYTES"),
+    "weights": ("weights", attacks.huge_weights, "SLAMGYM_MAX_WEIGHT_BYTES"),
     "device": ("map", attacks.device_as_image, "no regular file"),
 }
 
@@ -153,3 +157,16 @@ def test_the_documentation_names_every_limit():
     rows = re.findall(r"\| `(SLAMGYM_MAX_\w+)` \| ([\d,]+) ([^|]+) \| ([^|]+) \|", PAGE.read_text())
     assert rows == [(limit.variable, f"{limit.default:,}", limit.unit, limit.of) for limit in LIMITS]
     assert PIXELS in LIMITS
+
+
+def test_an_archive_that_says_it_expands_beyond_the_limit_is_refused(tmp_path, monkeypatch):
+    path = tmp_path / "checkpoint.pt"
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("data", b"\0" * (1 << 20))
+    check_zip(path, WEIGHT_BYTES)
+    monkeypatch.setenv("SLAMGYM_MAX_WEIGHT_BYTES", "1000000")
+    with pytest.raises(InputFileError, match="at least 1,048,576 bytes"):
+        check_zip(path, WEIGHT_BYTES)
+    monkeypatch.undo()
+    path.write_bytes(path.read_bytes()[:-30])
+    check_zip(path, WEIGHT_BYTES)  # no archive any more: whoever reads it says so

@@ -63,7 +63,7 @@ DATASET_DAMAGE = {
     ),
     "image torn": (
         lambda t, n: t.image("A", n).write_bytes(t.image("A", n).read_bytes()[:20]),
-        ["A/{n}.png: differs from the digest", "A/{n}.png: is not a PNG picture"],
+        ["A/{n}.png: differs from the digest", "A/{n}.png: is not a picture"],
     ),
     "other shape": (lambda t, n: write(t.image("B", n), np.zeros((5, 6), np.uint8)), ["B/{n}.png: has shape (5, 6)"]),
     "colours": (lambda t, n: write(t.image("B", n), np.zeros((5, 6, 3), np.uint8)), ["not one channel of uint8"]),
@@ -91,7 +91,7 @@ DATASET_DAMAGE = {
     "work in progress": (lambda t, n: t.incoming.mkdir(), [".incoming: is what a run left"]),
     "manifest torn": (
         lambda t, n: t.manifest.write_text(t.manifest.read_text()[:-9]),
-        ["ends in the middle of a line", "manifest.jsonl:8: is not a record"],
+        ["ends in the middle of a line", "manifest.jsonl:8: is not valid JSON"],
     ),
     "manifest's line doubled": (
         lambda t, n: t.manifest.write_text(t.manifest.read_text() + t.manifest.read_text().splitlines()[1] + "\n"),
@@ -105,15 +105,15 @@ DATASET_DAMAGE = {
     "other settings": (lambda t, n: edit_line(t.manifest, 1, config_hash="0"), ["{n}: was made with other settings"]),
     "other plan": (lambda t, n: edit_line(t.manifest, 1, plan_id="x"), ["give another name", "seed doesn't follow"]),
     "settings missing": (lambda t, n: t.config.unlink(), ["config.json: is missing"]),
-    "settings torn": (lambda t, n: t.config.write_text("{"), ["config.json: is not JSON"]),
+    "settings torn": (lambda t, n: t.config.write_text("{"), ["config.json: is not valid JSON"]),
     "settings of old format": (lambda t, n: t.config.write_text("{}"), ["config.json: has version None"]),
     "rejections torn": (lambda t, n: t.rejected.write_text("{\n"), ["rejected.jsonl:1: is not a JSON object"]),
     "split of fewer plans": (
         lambda t, n: (t.root / "split.json").write_text('{"seed": 0, "test": 0.1, "plans": {}}'),
         ["split.json: doesn't know 4 plans"],
     ),
-    "split torn": (lambda t, n: (t.root / "split.json").write_text("{"), ["split.json: is not JSON"]),
-    "verdicts torn": (lambda t, n: (t.root / "clean.jsonl").write_text("{\n"), ["clean.jsonl:1: is not JSON"]),
+    "split torn": (lambda t, n: (t.root / "split.json").write_text("{"), ["split.json: is not valid JSON"]),
+    "verdicts torn": (lambda t, n: (t.root / "clean.jsonl").write_text("{\n"), ["clean.jsonl:1: is not valid JSON"]),
     "verdicts of fewer pairs": (lambda t, n: (t.root / "clean.jsonl").touch(), ["clean.jsonl: doesn't know 8 pairs"]),
 }  # fmt: skip
 
@@ -134,7 +134,7 @@ IMAGE_DAMAGE = {
         lambda t, r: write(t.image(r.split, "B", r.name), np.zeros((64, 64), np.uint8)),
         ["B/{n}.png: differs from the digest"],
     ),
-    "image torn": (lambda t, r: t.image(r.split, "B", r.name).write_bytes(b""), ["B/{n}.png: is not a PNG"]),
+    "image torn": (lambda t, r: t.image(r.split, "B", r.name).write_bytes(b""), ["B/{n}.png: is not a picture"]),
     "grey in A": (
         lambda t, r: write(t.image(r.split, "A", r.name), np.full((64, 64), 205, np.uint8)),
         ["has the pixel value 205"],
@@ -165,7 +165,7 @@ IMAGE_DAMAGE = {
         lambda t, r: (t.root / "train" / "metadata.jsonl").write_text("{"),
         ["metadata.jsonl: is malformed"],
     ),
-    "settings torn": (lambda t, r: t.config.write_text("{"), ["config.json: is not JSON"]),
+    "settings torn": (lambda t, r: t.config.write_text("{"), ["config.json: is not valid JSON"]),
     "settings missing": (lambda t, r: t.config.unlink(), ["config.json: is missing"]),
     "settings of another version": (lambda t, r: t.config.write_text("{}"), ["config.json: has version None"]),
     "side missing": (lambda t, r: shutil.rmtree(t.root / r.split / "A"), ["/A: is missing"]),

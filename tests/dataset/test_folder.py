@@ -110,7 +110,10 @@ def test_settings_that_can_not_be_read_are_named(tmp_path):
     with open_dataset(tmp_path, SETTINGS):
         pass
     Layout(tmp_path).config.write_bytes(b"\xff{")
-    with pytest.raises(InputFileError, match=r"config\.json: is not JSON"), open_dataset(tmp_path, SETTINGS):
+    with (
+        pytest.raises(InputFileError, match=r"config\.json: is not valid JSON"),
+        open_dataset(tmp_path, SETTINGS),
+    ):
         pass
 
 

@@ -2,45 +2,42 @@
 
 import copy
 import json
+import os
 from collections.abc import Callable
 from typing import Any
 
+from hypothesis import settings
 from hypothesis import strategies as st
 
 from slamgym.core.errors import SlamgymError
 
 ODD_VALUES = st.one_of(
-    st.none(),
-    st.booleans(),
     st.sampled_from(
         [
-            0,
-            -1,
-            1e308,
-            -1e308,
-            1e-308,
-            10**400,
-            float("nan"),
-            float("inf"),
-            2**63,
-            "",
-            "\0",
-            "a/../b",
-            "é" * 300,
+            None, True, False, 0, 1, -1, 0.5, -0.0, 1e308, -1e308, 1e-308, 1e-320, float("nan"), float("inf"), 2**31,
+            2**63, -(2**63), 10**30, 10**400, "", "x", "1", "\0", "a\0b", "..", "../x", "/abs/x", "a/b", "a/../b", ".x",
+            "x" * 300, "é" * 300, "\u202e", "\ud800",
         ]
     ),
-    st.sampled_from([[], {}, [[]], [[[[0]]]], {"": 0}, [None], ["a", 1], {"a": {"a": {"a": []}}}]),
+    st.sampled_from(
+        [
+            [], {}, [[]], [{}], [0], [0, 0], [0, 0, 0], ["x"], [None], ["a", 1], [[[[0]]]], [[[[[[[[1]]]]]]]], {"": 0},
+            {"": None}, {"x": 0}, {"x": {}}, {"a": {"a": {"a": []}}}, {"between": [0, 1]}, {"value": 1},
+        ]
+    ),
     st.integers(-(10**6), 10**6),
+    st.integers(),
     st.floats(-1e4, 1e4),
-    st.text(max_size=5),
-)
+    st.floats(),
+    st.text(max_size=8),
+)  # fmt: skip
 """What stands where something else belongs."""
 
 MAX_SENTENCE = 1000
 """Characters of a refusal, the path included."""
 
 _BYTES = st.tuples(
-    st.sampled_from(["flip", "cut", "drop", "insert", "repeat"]),
+    st.sampled_from([*["flip", "cut", "drop", "insert", "repeat"] * 4, "nest"]),
     st.floats(0.0, 1.0, exclude_max=True),
     st.integers(1, 40),
     st.binary(max_size=12),
@@ -60,6 +57,7 @@ def mutated_bytes(draw: st.DrawFn, files: list[bytes]) -> bytes:
             "drop": before + after,
             "insert": before + extra + hit + after,
             "repeat": before + hit * 3 + after,
+            "nest": before + b"[" * 100_000 + after,
         }[how]
     return content
 
@@ -80,15 +78,33 @@ def mutated_json(draw: st.DrawFn, values: list[Any]) -> bytes:
     return draw(mutated_bytes([text])) if draw(st.integers(0, 4)) == 0 else text
 
 
-def must_read_or_refuse(read: Callable[..., Any], *arguments: Any) -> None:
-    """Call a reader: it must give a value, or a SlamgymError with one sentence of a sensible length."""
-    sentence = ""
+@st.composite
+def mutated_lines(draw: st.DrawFn, values: list[Any]) -> bytes:
+    """A file of one document a line, of which one is not as it should be, or the last line is torn."""
+    lines = [json.dumps(value).encode() for value in values]
+    chosen = draw(st.integers(0, len(lines) - 1))
+    lines[chosen] = draw(mutated_json([values[chosen]]))
+    return b"\n".join(lines) + (b"\n" if draw(st.integers(0, 7)) else b"")
+
+
+def cases(usual: int) -> settings:
+    """How many examples a test tries: ``FUZZ_CASES`` of the environment, or its usual number."""
+    return settings(max_examples=int(os.environ.get("FUZZ_CASES", usual)))
+
+
+def must_read_or_refuse(read: Callable[..., Any], *arguments: Any) -> Any:
+    """Call a reader: it must give a value, or a SlamgymError with one sentence of a sensible length.
+
+    Returns:
+        The value; None if there is none.
+    """
     try:
-        read(*arguments)
+        return read(*arguments)
     except SlamgymError as error:
         sentence = str(error)
-    assert len(sentence) < MAX_SENTENCE
-    assert "\n" not in sentence
+    assert len(sentence) < MAX_SENTENCE, sentence
+    assert "\n" not in sentence, sentence
+    return None
 
 
 def _with_fault(draw: st.DrawFn, document: Any) -> Any:
@@ -103,7 +119,7 @@ def _with_fault(draw: st.DrawFn, document: Any) -> Any:
         if not isinstance(inner, dict | list) or not inner or draw(st.integers(0, 3)) == 0:
             break
         holder = inner
-    how = draw(st.sampled_from(["replace", "replace", "drop", "nest", "double"]))
+    how = draw(st.sampled_from(["replace", "replace", "drop", "nest", "double", "add"]))
     if how == "drop":
         del holder[key]
     elif how == "nest":
@@ -112,6 +128,8 @@ def _with_fault(draw: st.DrawFn, document: Any) -> Any:
         holder[key] = inner
     elif how == "double" and isinstance(holder, list):
         holder.insert(key, copy.deepcopy(inner))
+    elif how == "add" and isinstance(holder, dict):
+        holder[draw(st.text(max_size=8))] = copy.deepcopy(draw(ODD_VALUES))
     else:
         holder[key] = copy.deepcopy(draw(ODD_VALUES))  # which later faults may change
     return document

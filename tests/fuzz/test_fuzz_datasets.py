@@ -1,6 +1,5 @@
 """Whatever lies in a dataset's files, reading them gives a value or an error that the user can fix."""
 
-import contextlib
 import dataclasses
 import io
 import json
@@ -8,13 +7,19 @@ import json
 import numpy as np
 import pytest
 import yaml
-from fuzz.record_mutations import damaged_bytes, damaged_json, damaged_lines, damaged_values
+from fuzz.mutations import (
+    cases,
+    must_read_or_refuse,
+    mutated_bytes,
+    mutated_json,
+    mutated_lines,
+    mutated_value,
+)
 from hypothesis import given
 from hypothesis import strategies as st
 
 from slamgym.commands.dataset.review import _band
 from slamgym.core.config import to_dict
-from slamgym.core.errors import SlamgymError
 from slamgym.core.png import encode_png
 from slamgym.dataset.check import check_dataset
 from slamgym.dataset.curate.completeness import FEATURES
@@ -63,11 +68,6 @@ TIMES = {"name": RECORD.name, "cpu_seconds": 3.0, "wall_seconds": 4.0}
 CONFIG = {"format_version": 2, "version": "0.1.0", "plans": [], **to_dict(DatasetConfig())}
 
 
-def _or_error(read, *arguments):
-    with contextlib.suppress(SlamgymError):
-        return read(*arguments)
-
-
 @pytest.fixture(scope="module")
 def root(tmp_path_factory):
     """A dataset of two pairs without their explorations."""
@@ -92,99 +92,107 @@ def images(tmp_path_factory):
     return root
 
 
-@given(damaged_lines([to_dict(RECORD), to_dict(SECOND)]))
+@cases(100)
+@given(mutated_lines([to_dict(RECORD), to_dict(SECOND)]))
 def test_manifests(root, content):
     manifest = Layout(root).manifest
     before = manifest.read_bytes()
     manifest.write_bytes(content)
     try:
-        _or_error(check_dataset, root)
-        _or_error(describe_pairs, root)
-        _or_error(select_pairs, root)
-        _or_error(dataset_statistics, root)
-        _or_error(ManifestFile, manifest)
-        records = _or_error(lambda: list(read_manifest(root)))
+        must_read_or_refuse(check_dataset, root)
+        must_read_or_refuse(describe_pairs, root)
+        must_read_or_refuse(select_pairs, root)
+        must_read_or_refuse(dataset_statistics, root)
+        must_read_or_refuse(ManifestFile, manifest)
+        records = must_read_or_refuse(lambda: list(read_manifest(root)))
         for record in records or []:
             record_faults(record, Criteria())
             assert record.frame.shape == record.shape
             assert "/" not in record.slot.name
             assert Layout(root).episode(record.name).parent == Layout(root).episodes
-            _or_error(_slam_settings, root, record)
+            must_read_or_refuse(_slam_settings, root, record)
         rows_of(records or [])
-        for item in _or_error(open_items, root) or []:
-            _or_error(item.load)
+        for item in must_read_or_refuse(open_items, root) or []:
+            must_read_or_refuse(item.load)
     finally:
         manifest.write_bytes(before)
 
 
-@given(damaged_lines([to_dict(IMAGE)]))
+@cases(100)
+@given(mutated_lines([to_dict(IMAGE)]))
 def test_manifests_of_images(images, content):
     (images / "manifest.jsonl").write_bytes(content)
     (images / ".rendered.jsonl").write_bytes(content)
     for split in ("train", "test"):
         (images / split / "metadata.jsonl").write_bytes(content)
-    _or_error(check_image_folder, images)
-    _or_error(describe_pairs, images)
-    _or_error(_read_journal, type("Layout", (), {"root": images}))
-    for record in _or_error(read_images, images) or []:
+    must_read_or_refuse(check_image_folder, images)
+    must_read_or_refuse(describe_pairs, images)
+    must_read_or_refuse(_read_journal, type("Layout", (), {"root": images}))
+    for record in must_read_or_refuse(read_images, images) or []:
         assert record.frame.shape == (record.size, record.size)
 
 
-@given(damaged_lines([dataclasses.asdict(VERDICT)]))
+@cases(100)
+@given(mutated_lines([dataclasses.asdict(VERDICT)]))
 def test_verdicts(root, content):
     (root / "clean.jsonl").write_bytes(content)
-    for verdict in (_or_error(read_verdicts, root) or {}).values():
+    for verdict in (must_read_or_refuse(read_verdicts, root) or {}).values():
         assert isinstance(verdict.kind, str)
         [fault.sentence for fault in verdict.faults]
-    _or_error(select_pairs, root)
+    must_read_or_refuse(select_pairs, root)
     (root / "clean.jsonl").unlink()
 
 
-@given(damaged_json({"settings": {"band": [0.4, 0.8]}}))
+@cases(100)
+@given(mutated_json([{"settings": {"band": [0.4, 0.8]}}]))
 def test_summaries_of_cleaning(root, content):
     (root / "clean.json").write_bytes(content)
-    _or_error(_band, root)
+    must_read_or_refuse(_band, root)
 
 
-@given(damaged_json(json.loads(decisions_document([Decision("a", True, "0"), Decision("b", False, "1")]))))
+@cases(100)
+@given(mutated_json([json.loads(decisions_document([Decision("a", True, "0"), Decision("b", False, "1")]))]))
 def test_decisions(root, content):
     (root / DECISIONS_FILE).write_bytes(content)
-    for name, decision in (_or_error(stored_decisions, root) or {}).items():
+    for name, decision in (must_read_or_refuse(stored_decisions, root) or {}).items():
         assert name == decision.name
 
 
-@given(damaged_json(to_dict(SPLIT)))
+@cases(100)
+@given(mutated_json([to_dict(SPLIT)]))
 def test_splits(root, content):
     (root / "split.json").write_bytes(content)
-    split = _or_error(read_split, root)
+    split = must_read_or_refuse(read_split, root)
     if split is not None:
         assert sorted(split.of_side("train") + split.of_side("test")) == sorted(split.plans)
-        _or_error(current_split, root)
+        must_read_or_refuse(current_split, root, split.scaling)
     (root / "split.json").unlink(missing_ok=True)
 
 
-@given(damaged_json(CONFIG))
+@cases(100)
+@given(mutated_json([CONFIG]))
 def test_settings_of_datasets(root, content):
     config = Layout(root).config
     before = config.read_bytes()
     config.write_bytes(content)
     try:
-        _or_error(read_dataset_config, root)
-        _or_error(check_dataset, root)
-        _or_error(_slam_settings, root, RECORD)
+        must_read_or_refuse(read_dataset_config, root)
+        must_read_or_refuse(check_dataset, root)
+        must_read_or_refuse(_slam_settings, root, RECORD)
     finally:
         config.write_bytes(before)
 
 
-@given(damaged_lines([REJECTED, {**REJECTED, "index": 4}]), damaged_lines([TIMES]))
+@cases(100)
+@given(mutated_lines([REJECTED, {**REJECTED, "index": 4}]), mutated_lines([TIMES]))
 def test_rejections_and_times(root, rejected, times):
     layout = Layout(root)
     layout.rejected.write_bytes(rejected)
     layout.timing.write_bytes(times)
-    entries = _or_error(read_rejected, layout.rejected) or {}
+    entries = must_read_or_refuse(read_rejected, layout.rejected) or {}
     assert all({"plan_id", "error"} <= entry.keys() for entry in entries.values())
-    _or_error(read_times, layout.timing)
-    _or_error(describe_pairs, root)
+    must_read_or_refuse(read_times, layout.timing)
+    must_read_or_refuse(describe_pairs, root)
     layout.rejected.unlink()
     layout.timing.unlink()
 
@@ -192,26 +200,28 @@ def test_rejections_and_times(root, rejected, times):
 RECIPE = yaml.safe_load((RECIPES / "reference.yaml").read_text())
 
 
+@cases(100)
 @given(st.data())
 def test_recipes(root, data):
     path = root / data.draw(st.sampled_from(["recipe.yaml", "recipe.json"]))
-    value = data.draw(damaged_values(RECIPE))
+    value = data.draw(mutated_value([RECIPE]))
     as_yaml = path.suffix == ".yaml" and data.draw(st.booleans())
     text = yaml.safe_dump(value) if as_yaml else json.dumps(value)
     content = text.encode(errors="replace")
-    path.write_bytes(data.draw(damaged_bytes(content)) if data.draw(st.integers(0, 7)) == 0 else content)
-    recipe = _or_error(open_recipe, str(path))
+    path.write_bytes(data.draw(mutated_bytes([content])) if data.draw(st.integers(0, 7)) == 0 else content)
+    recipe = must_read_or_refuse(open_recipe, str(path))
     if recipe is not None:
         assert set(recipe.draw(7)) <= recipe.settings
 
 
+@cases(100)
 @given(st.data())
 def test_models_of_completeness(root, data):
     with np.load(PRETRAINED_MODEL) as file:
         arrays = {name: file[name] for name in file.files}
     name = data.draw(st.sampled_from(sorted(arrays)))
     if name == "about":
-        about = data.draw(damaged_json(json.loads(arrays[name].tobytes())))
+        about = data.draw(mutated_json([json.loads(arrays[name].tobytes())]))
         arrays[name] = np.frombuffer(about, np.uint8)
     else:
         kind = data.draw(st.sampled_from([arrays[name].dtype, np.float64, np.int64, np.bool_, np.complex64]))
@@ -223,8 +233,8 @@ def test_models_of_completeness(root, data):
     np.savez_compressed(buffer, **arrays)
     content = buffer.getvalue()
     path = root / "model.npz"
-    path.write_bytes(data.draw(damaged_bytes(content)) if data.draw(st.booleans()) else content)
-    model = _or_error(CompletenessModel.read, path)
+    path.write_bytes(data.draw(mutated_bytes([content])) if data.draw(st.booleans()) else content)
+    model = must_read_or_refuse(CompletenessModel.read, path)
     if model is not None:
         found = model.probabilities(np.zeros((2, len(FEATURES))))
         assert ((found >= 0.0) & (found <= 1.0)).all()

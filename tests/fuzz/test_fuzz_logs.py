@@ -6,8 +6,8 @@ import warnings
 
 import numpy as np
 import pytest
-from fuzz.mutations import must_read_or_refuse, mutated_bytes, mutated_json
-from hypothesis import given, settings
+from fuzz.mutations import cases, must_read_or_refuse, mutated_bytes, mutated_json
+from hypothesis import given
 from hypothesis import strategies as st
 
 from slamgym.core.errors import ConfigError
@@ -52,7 +52,7 @@ def bag(tmp_path_factory):
 
 
 @given(data=st.data())
-@settings(max_examples=200)
+@cases(200)
 def test_carmen_logs(tmp_path, logs, data):
     path = tmp_path / "a.log"
     path.write_bytes(data.draw(mutated_bytes(logs)))
@@ -60,7 +60,7 @@ def test_carmen_logs(tmp_path, logs, data):
 
 
 @given(data=st.data())
-@settings(max_examples=25)
+@cases(25)
 def test_bags(tmp_path, bag, data):
     path = tmp_path / "a.mcap"
     path.write_bytes(data.draw(mutated_bytes([bag])))
@@ -70,7 +70,7 @@ def test_bags(tmp_path, bag, data):
 
 
 @given(mutated_bytes([b"# t x y z qx qy qz qw\n1.0 0 0 0 0 0 0 1\n2.0 1 0 0 0 0 0.1 0.99\n"]))
-@settings(max_examples=100)
+@cases(100)
 def test_trajectories(tmp_path, content):
     path = tmp_path / "a.tum"
     path.write_bytes(content)
@@ -78,7 +78,7 @@ def test_trajectories(tmp_path, content):
 
 
 @given(mutated_bytes([b"1.0 2.0 0.5 0 0 0 0 0.1\n2.0 3.0 0.5 0 0 0 0 0.1\n"]))
-@settings(max_examples=60)
+@cases(60)
 def test_relations(tmp_path, content):
     path = tmp_path / "a.relations"
     path.write_bytes(content)
@@ -86,7 +86,7 @@ def test_relations(tmp_path, content):
 
 
 @given(mutated_bytes([b"x,y,t\n1,2,0\n2;3;1\n", b"1,2\n2,3 # end\n"]))
-@settings(max_examples=60)
+@cases(60)
 def test_waypoints(tmp_path, content):
     path = tmp_path / "a.csv"
     path.write_bytes(content)
@@ -94,7 +94,7 @@ def test_waypoints(tmp_path, content):
 
 
 @given(mutated_json([{"two_phase": FACTORS, "about": {}}]))
-@settings(max_examples=60)
+@cases(60)
 def test_calibrations(tmp_path, content):
     path = tmp_path / "a.json"
     path.write_bytes(content)
@@ -102,7 +102,7 @@ def test_calibrations(tmp_path, content):
 
 
 @given(mutated_json([{"sigma": 0.05, "particles": 10, "motion": {"srr": 0.1}}]))
-@settings(max_examples=100)
+@cases(100)
 def test_settings_of_a_replay(tmp_path, content):
     path = tmp_path / "a.json"
     path.write_bytes(content)

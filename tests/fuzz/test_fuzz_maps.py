@@ -5,8 +5,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 import yaml
-from fuzz.mutations import must_read_or_refuse, mutated_bytes, mutated_value
-from hypothesis import given, settings
+from fuzz.mutations import cases, must_read_or_refuse, mutated_bytes, mutated_value
+from hypothesis import given
 from hypothesis import strategies as st
 
 from slamgym.cad import check_plan, open_plans
@@ -67,7 +67,7 @@ def read_map_and_plan(path: Path) -> None:
 @given(
     st.one_of(mutated_value([MAP]).map(lambda value: yaml.safe_dump(value).encode()), ODD_YAML, st.binary())
 )
-@settings(max_examples=200)
+@cases(200)
 def test_descriptions(tmp_path, content):
     (tmp_path / "a.png").write_bytes(PICTURES[0])
     (tmp_path / "a.yaml").write_bytes(content)
@@ -76,7 +76,7 @@ def test_descriptions(tmp_path, content):
 
 
 @given(mutated_bytes([yaml.safe_dump(MAP).encode()]))
-@settings(max_examples=100)
+@cases(100)
 def test_damaged_descriptions(tmp_path, content):
     (tmp_path / "a.png").write_bytes(PICTURES[0])
     (tmp_path / "a.yaml").write_bytes(content)
@@ -85,7 +85,7 @@ def test_damaged_descriptions(tmp_path, content):
 
 
 @given(mutated_bytes(PICTURES))
-@settings(max_examples=200)
+@cases(200)
 def test_images(tmp_path, content):
     (tmp_path / "a.png").write_bytes(content)
     (tmp_path / "a.yaml").write_text(yaml.safe_dump(MAP))

@@ -1,13 +1,19 @@
 """Whatever lies in the files of translators and explorers, reading them gives a value or an error to fix."""
 
-import contextlib
 import importlib.util
 import json
 import struct
 
 import numpy as np
 import pytest
-from fuzz.record_mutations import damaged_bytes, damaged_json, damaged_lines, damaged_values
+from fuzz.mutations import (
+    cases,
+    must_read_or_refuse,
+    mutated_bytes,
+    mutated_json,
+    mutated_lines,
+    mutated_value,
+)
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -16,7 +22,6 @@ from slamgym.agents.evaluation.trial import Trial
 from slamgym.agents.pretrained_policy import PRETRAINED, read_policy
 from slamgym.agents.scoring import NetworkConfig
 from slamgym.core.config import from_dict, to_dict
-from slamgym.core.errors import SlamgymError
 from slamgym.core.png import encode_png
 from slamgym.gan.config import TranslatorTrainingConfig
 from slamgym.gan.data import load_pairs
@@ -31,11 +36,6 @@ TRIAL = Trial(
     decision_cpu=0.01, decision_cpu_max=0.02, step_cpu=0.001, cpu=2.0,
     curve={"time": [0.0, 60.0], "path": [0.0, 20.0], "coverage": [0.1, 0.99]},
 )  # fmt: skip
-
-
-def _or_error(read, *arguments):
-    with contextlib.suppress(SlamgymError):
-        return read(*arguments)
 
 
 def _split(content):
@@ -56,15 +56,15 @@ def damaged_weights(draw, path, inner):
     if kind == "inner":
         metadata = header["__metadata__"]
         name = draw(st.sampled_from(inner))
-        text = draw(damaged_json(json.loads(metadata[name]))).decode(errors="replace")
+        text = draw(mutated_json([json.loads(metadata[name])])).decode(errors="replace")
         header = {**header, "__metadata__": {**metadata, name: text}}
     elif kind == "header":
         # A few tensors are enough to choose from.
         few = {name: header[name] for name in list(header)[:4]}
-        changed = draw(damaged_values(few))
+        changed = draw(mutated_value([few]))
         header = {**header, **changed} if isinstance(changed, dict) else changed
     content = _joined(json.dumps(header).encode(), body)
-    return draw(damaged_bytes(content)) if kind == "bytes" else content
+    return draw(mutated_bytes([content])) if kind == "bytes" else content
 
 
 @pytest.fixture(scope="module")
@@ -72,59 +72,65 @@ def folder(tmp_path_factory):
     return tmp_path_factory.mktemp("fuzzed")
 
 
+@cases(100)
 @given(damaged_weights(PRETRAINED, ["slamgym"]))
 def test_policies(folder, content):
     path = folder / "policy.safetensors"
     path.write_bytes(content)
-    policy = _or_error(read_policy, path)
+    policy = must_read_or_refuse(read_policy, path)
     if policy is not None:
         policy.scorer()
         assert len(policy.fingerprint) == 12
 
 
-@given(damaged_values(to_dict(NetworkConfig())))
+@cases(100)
+@given(mutated_value([to_dict(NetworkConfig())]))
 def test_sizes_of_networks(value):
-    config = _or_error(from_dict, NetworkConfig, value)
+    config = must_read_or_refuse(from_dict, NetworkConfig, value)
     assert config is None or config.width % config.heads == 0
 
 
-@given(damaged_lines([to_dict(TRIAL), {**to_dict(TRIAL), "seed": 2}]))
+@cases(100)
+@given(mutated_lines([to_dict(TRIAL), {**to_dict(TRIAL), "seed": 2}]))
 def test_trials(folder, content):
     path = folder / "trials.jsonl"
     path.write_bytes(content)
-    log = _or_error(TrialLog, path)
+    log = must_read_or_refuse(TrialLog, path, Trial)
     for trial in log.trials.values() if log else ():
-        _or_error(lambda trial=trial: trial.coverage_curve.final)
+        must_read_or_refuse(lambda trial=trial: trial.coverage_curve.final)
 
 
-@given(damaged_json(to_dict(SlamConfig())))
+@cases(100)
+@given(mutated_json([to_dict(SlamConfig())]))
 def test_overrides_of_slam(folder, content):
     path = folder / "slam.json"
     path.write_bytes(content)
-    values = _or_error(read_overrides, path)
+    values = must_read_or_refuse(read_overrides, path)
     if values is not None:
-        _or_error(from_dict, SlamConfig, values, "slam")
+        must_read_or_refuse(from_dict, SlamConfig, values, "slam")
 
 
+@cases(100)
 @given(
     st.sampled_from(sorted(TRANSLATOR_PRESETS)).flatmap(
-        lambda n: damaged_values(to_dict(TRANSLATOR_PRESETS[n]))
+        lambda n: mutated_value([to_dict(TRANSLATOR_PRESETS[n])])
     )
 )
 def test_settings_of_translators(value):
-    config = _or_error(from_dict, TranslatorTrainingConfig, value, "config.json")
+    config = must_read_or_refuse(from_dict, TranslatorTrainingConfig, value, "config.json")
     assert config is None or config.stages[-1].resolution == config.translator.output_size
 
 
+@cases(100)
 @given(
-    damaged_lines([{"name": "x", "plan_id": "hall", "group": "hall", "metres_per_px": 0.1, "split": "train"}])
+    mutated_lines([{"name": "x", "plan_id": "hall", "group": "hall", "metres_per_px": 0.1, "split": "train"}])
 )
 def test_manifests_of_training_images(folder, content):
     for side in ("A", "B"):
         (folder / "train" / side).mkdir(parents=True, exist_ok=True)
         (folder / "train" / side / "x.png").write_bytes(encode_png(np.zeros((8, 8), np.uint8)))
     (folder / "manifest.jsonl").write_bytes(content)
-    pairs = _or_error(load_pairs, folder, "train", 8)
+    pairs = must_read_or_refuse(load_pairs, folder, "train", 8)
     if pairs is not None:
         pairs.scale_percentiles()
         pairs.split(0.5)
@@ -134,6 +140,7 @@ def test_manifests_of_training_images(folder, content):
 class TestWithTorch:
     """Readers that need torch."""
 
+    @cases(100)
     @given(data=st.data())
     def test_translators(self, folder, data):
         from slamgym.gan.weights import PRETRAINED_FOLDER, load_weights
@@ -142,8 +149,9 @@ class TestWithTorch:
         path.write_bytes(
             data.draw(damaged_weights(PRETRAINED_FOLDER / "slam2cad.safetensors", ["config", "card"]))
         )
-        _or_error(load_weights, path)
+        must_read_or_refuse(load_weights, path)
 
+    @cases(100)
     @given(data=st.data())
     def test_states_of_trainings(self, folder, data):
         import torch
@@ -156,9 +164,10 @@ class TestWithTorch:
         header = {"format": STATE_FORMAT, "facts": json.dumps(facts)}
         whole.write_bytes(save({"torch.cpu": torch.get_rng_state()}, header))
         path.write_bytes(data.draw(damaged_weights(whole, ["facts"])))
-        state = _or_error(load_training_state, path)
+        state = must_read_or_refuse(load_training_state, path)
         assert state is None or isinstance(state.facts, dict)
 
+    @cases(100)
     @given(data=st.data())
     def test_cached_alignments(self, folder, data):
         from safetensors.numpy import save
@@ -171,11 +180,14 @@ class TestWithTorch:
         found = _cached(path, "0", 2)
         assert found is None or found.shape == (2, 4)
 
+    @cases(100)
     @given(data=st.data())
     def test_settings_of_runs_of_explorers(self, folder, data):
         pytest.importorskip("sb3_contrib")
         from slamgym.agents.rl.train import CONFIG, read_config
         from slamgym.agents.rl.train_config import TrainConfig
 
-        (folder / CONFIG).write_bytes(data.draw(damaged_json({"version": "0.1.0", **to_dict(TrainConfig())})))
-        _or_error(read_config, folder)
+        (folder / CONFIG).write_bytes(
+            data.draw(mutated_json([{"version": "0.1.0", **to_dict(TrainConfig())}]))
+        )
+        must_read_or_refuse(read_config, folder)

@@ -7,8 +7,8 @@ import tarfile
 
 import cv2
 import numpy as np
-from fuzz.mutations import must_read_or_refuse, mutated_bytes, mutated_json
-from hypothesis import given, settings
+from fuzz.mutations import cases, must_read_or_refuse, mutated_bytes, mutated_json
+from hypothesis import given
 from hypothesis import strategies as st
 
 from slamgym.cad import check_plan, open_plans
@@ -67,7 +67,7 @@ PICTURES = [picture(suffix) for suffix in (".png", ".pgm", ".bmp", ".jpg", ".tif
 
 
 @given(mutated_json([PLAN, BOW_TIE]))
-@settings(max_examples=200)
+@cases(200)
 def test_plans(tmp_path, content):
     path = tmp_path / "a.json"
     path.write_bytes(content)
@@ -75,7 +75,7 @@ def test_plans(tmp_path, content):
 
 
 @given(mutated_bytes(ARCHIVES))
-@settings(max_examples=60)
+@cases(60)
 def test_archives(tmp_path, content):
     path = tmp_path / "a.tar.gz"
     path.write_bytes(content)
@@ -83,7 +83,7 @@ def test_archives(tmp_path, content):
 
 
 @given(mutated_json([FLOOR]), st.booleans())
-@settings(max_examples=100)
+@cases(100)
 def test_floors_as_rooms(tmp_path, content, compressed):
     path = tmp_path / ("a.jsonl.xz" if compressed else "a.jsonl")
     path.write_bytes(lzma.compress(content, preset=0) if compressed else content)
@@ -91,7 +91,7 @@ def test_floors_as_rooms(tmp_path, content, compressed):
 
 
 @given(mutated_bytes([lzma.compress(json.dumps(FLOOR).encode(), preset=0)]))
-@settings(max_examples=40)
+@cases(40)
 def test_damaged_compression(tmp_path, content):
     path = tmp_path / "a.jsonl.xz"
     path.write_bytes(content)
@@ -99,7 +99,7 @@ def test_damaged_compression(tmp_path, content):
 
 
 @given(mutated_bytes(PICTURES))
-@settings(max_examples=100)
+@cases(100)
 def test_pictures(tmp_path, content):
     path = tmp_path / "a.png"
     path.write_bytes(content)
@@ -107,7 +107,7 @@ def test_pictures(tmp_path, content):
 
 
 @given(mutated_bytes([b"a\nb.json\n\nc"]))
-@settings(max_examples=20)
+@cases(20)
 def test_files_of_ids(tmp_path, content):
     path = tmp_path / "ids.txt"
     path.write_bytes(content)

@@ -136,8 +136,8 @@ def break_manifest(root):
         (break_other_size, "has 64 px a side but the images before it 32"),
         (break_colour, "is coloured"),
         (break_depth, "pixels of type uint16"),
-        (break_garbage, "is not an image"),
-        (break_manifest, "manifest.jsonl:1: is not a record"),
+        (break_garbage, "is not a picture"),
+        (break_manifest, "manifest.jsonl:1: is not valid JSON"),
     ],
 )
 def test_malformed_folders_are_one_clear_error(tmp_path, make_images, damage, message):

@@ -245,7 +245,7 @@ def test_a_folder_of_both_is_translated_once_each(tmp_path, weights, capsys):
     captured = capsys.readouterr()
     assert "2 maps in" in captured.out
     assert "skipped" in captured.err
-    assert "broken.png: is not an image" in captured.err
+    assert "broken.png: is not a picture" in captured.err
 
 
 @pytest.mark.parametrize(
@@ -265,7 +265,7 @@ def test_a_folder_of_both_is_translated_once_each(tmp_path, weights, capsys):
         ),
         (["map.png", "-o", "x.png", "--drift-seed", "1"], ConfigError, "CAD maps to SLAM maps"),
         (["empty", "-o", "x"], InputFileError, "holds no images"),
-        (["broken.png", "-o", "x.png"], InputFileError, "is not an image"),
+        (["broken.png", "-o", "x.png"], InputFileError, "is not a picture"),
         (["colour.png", "-o", "x.png"], InputFileError, "is coloured"),
     ],
 )

@@ -6,6 +6,7 @@ from pathlib import Path
 import tyro
 
 from slamgym.core.config import Arguments
+from slamgym.core.files import open_regular
 from slamgym.core.progress import show_progress
 
 EXIT_FAULTS = 1
@@ -30,7 +31,8 @@ def main(argv: list[str]) -> int:
 
     manifest = arguments.folder / "manifest.jsonl"
     require_manifest(manifest, "slamgym generate` or `slamgym dataset render")
-    total = manifest.read_bytes().count(b"\n")
+    with open_regular(manifest) as file:
+        total = sum(chunk.count(b"\n") for chunk in iter(lambda: file.read(1 << 20), b""))
     check = check_image_folder if is_image_folder(arguments.folder) else check_dataset
     with show_progress("pairs checked", 0, total) as advance:
         faults = check(arguments.folder, advance)

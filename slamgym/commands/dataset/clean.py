@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-import hashlib
 import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import field
@@ -16,7 +15,7 @@ import tyro
 
 from slamgym.core.config import Arguments, Within
 from slamgym.core.errors import ConfigError
-from slamgym.core.files import exclusive_lock
+from slamgym.core.files import exclusive_lock, sha256_of
 from slamgym.core.progress import say
 from slamgym.core.types import FloatArray
 from slamgym.dataset.curate.completeness_model import TreesConfig
@@ -154,7 +153,7 @@ def _classifier(arguments: CleanArguments, items: Sequence[MapItem]) -> tuple[Cl
     def probabilities(features: FloatArray, plan_ids: Sequence[str]) -> FloatArray:  # noqa: ARG001 - of a protocol
         return model.probabilities(features)
 
-    digest = hashlib.sha256(path.read_bytes()).hexdigest()
+    digest = sha256_of(path)
     return probabilities, {"model": path.name, "sha256": digest, **model.about}
 
 

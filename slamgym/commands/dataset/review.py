@@ -3,12 +3,12 @@
 import shlex
 import sys
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import tyro
 
 from slamgym.core.config import Arguments, Count
-from slamgym.core.documents import load_json
+from slamgym.core.documents import read_json
 from slamgym.core.errors import InputFileError
 from slamgym.core.files import write_text
 from slamgym.core.progress import say
@@ -72,12 +72,12 @@ def _band(root: Path) -> tuple[float, float]:
     from slamgym.dataset.curate.verdicts import SUMMARY_FILE
 
     path = root / SUMMARY_FILE
-    try:
-        summary: dict[str, Any] = load_json(path.read_text(encoding="utf-8"))
-        low, high = (float(value) for value in summary["settings"]["band"])
-    except FileNotFoundError:
+    if not path.is_file():
         return CleanConfig().band
-    except (OSError, ValueError, KeyError, TypeError, OverflowError) as error:
+    try:
+        summary = read_json(path)
+        low, high = (float(value) for value in summary["settings"]["band"])
+    except (ValueError, KeyError, TypeError, OverflowError) as error:
         raise InputFileError(
             path, f"is malformed ({error}); run `slamgym dataset clean {root}` again"
         ) from error

@@ -37,7 +37,11 @@ def run_translation(arguments: TranslateArguments) -> int:
     if arguments.input.is_dir():
         _translate_folder(arguments, translator)
     elif arguments.input.suffix.lower() in YAML:
-        sys.stdout.write(f"{translate_ros_map(arguments.input, arguments.out, translator, arguments)}\n")
+        out = arguments.out
+        stem = (
+            out / arguments.input.stem if out.is_dir() else out.with_suffix("") if out.suffix in YAML else out
+        )
+        sys.stdout.write(f"{translate_ros_map(arguments.input, stem, translator, arguments)}\n")
     else:
         out = _image_destination(arguments.out, arguments.input)
         translate_image(arguments.input, out, translator, arguments)
@@ -46,13 +50,13 @@ def run_translation(arguments: TranslateArguments) -> int:
 
 
 def translate_ros_map(
-    source: Path, out: Path, translator: LearnedTranslator, arguments: TranslateArguments
+    source: Path, stem: Path, translator: LearnedTranslator, arguments: TranslateArguments
 ) -> Path:
     """Translate a ROS map; returns the yaml file written.
 
     Args:
         source: The yaml file.
-        out: Folder, or stem of the two files.
+        stem: Of the two files to write.
         translator: What translates.
         arguments: Seed of a drift.
     """
@@ -60,7 +64,6 @@ def translate_ros_map(
     to_cad = translator.config.direction == "slam2cad"
     seen = grid.cells if to_cad else np.where(grid.cells == FREE, FREE, OCCUPIED).astype(np.uint8)
     cells = translator.translate_cells(seen, grid.frame.resolution, drift=_drift(arguments))
-    stem = out / source.stem if out.is_dir() else out.with_suffix("") if out.suffix in YAML else out
     return write_ros_map(stem, OccupancyGrid(cells, grid.frame))
 
 
@@ -110,7 +113,8 @@ def _image_destination(out: Path, source: Path) -> Path:
 
 
 def _translate_folder(arguments: TranslateArguments, translator: LearnedTranslator) -> None:
-    files = sorted(arguments.input.iterdir())
+    # A name like "..yaml" would lead out of the output folder.
+    files = [path for path in sorted(arguments.input.iterdir()) if not path.name.startswith(".")]
     maps = [path for path in files if path.suffix.lower() in YAML]
     belonging = {path.stem for path in maps}
     images = [path for path in files if path.suffix.lower() in SUFFIXES and path.stem not in belonging]

@@ -9,6 +9,7 @@ from typing import Any
 from slamgym.core.documents import read_json
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.files import replace_file
+from slamgym.core.limits import FILE_BYTES
 
 DECISIONS_FILE = "decisions.json"
 DECISIONS_FORMAT = "slamgym-decisions"
@@ -39,7 +40,7 @@ def read_decisions(path: Path | str) -> list[Decision]:
         InputFileError: If the file can't be read or is no such file.
         ConfigError: If it says two things about one map.
     """
-    document = read_json(path)
+    document = read_json(path, limit=FILE_BYTES)
     if not isinstance(document, dict) or document.get("format") != DECISIONS_FORMAT:
         raise InputFileError(path, "is no file of decisions; save one with `slamgym dataset review`")
     if document.get("version") != DECISIONS_VERSION:

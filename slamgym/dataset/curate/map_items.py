@@ -6,6 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from slamgym.core.errors import InputFileError
+from slamgym.core.files import read_bytes, read_text, sha256_of
+from slamgym.core.limits import YAML_BYTES
 from slamgym.core.png import read_png
 from slamgym.core.types import ByteArray, OccupancyGrid
 from slamgym.dataset.format import Layout, load_pair, read_manifest, require_manifest
@@ -95,11 +97,11 @@ def _map_item(root: Path, path: Path) -> MapItem:
     from slamgym.interop import read_ros_map
 
     name = path.relative_to(root).with_suffix("").as_posix()
-    content = path.read_bytes()
+    content = read_bytes(path, YAML_BYTES)
     for suffix in MAP_IMAGE_SUFFIXES:
         image = path.with_suffix(suffix)
         if image.is_file():
-            content += image.read_bytes()
+            content += read_bytes(image)
     digest = hashlib.sha256(content).hexdigest()
     return MapItem(name, lambda: read_ros_map(path), None, None, digest)
 
@@ -108,15 +110,15 @@ def _bare_item(root: Path, path: Path, resolution: float) -> MapItem:
     from slamgym.interop.ros_map import read_bare_map
 
     name = path.relative_to(root).with_suffix("").as_posix()
-    digest = hashlib.sha256(path.read_bytes()).hexdigest()
+    digest = sha256_of(path)
     return MapItem(name, lambda: read_bare_map(path, resolution), None, None, digest)
 
 
 def _described_image(path: Path) -> str:
     """The image that a yaml file names, as it is written there; nothing if it isn't a map's: others may lie about."""
     try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError):
+        text = read_text(path, YAML_BYTES)
+    except InputFileError:
         return ""
     named = [line.removeprefix("image:").strip() for line in text.splitlines() if line.startswith("image:")]
     return (named[0].strip("\"'") or "image") if named else ""

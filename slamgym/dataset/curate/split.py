@@ -20,6 +20,7 @@ from slamgym.core.config import from_dict, suggest, to_dict
 from slamgym.core.documents import read_json
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.files import replace_file
+from slamgym.core.limits import FILE_BYTES
 from slamgym.core.progress import show_progress
 from slamgym.core.seeding import uniform_share
 from slamgym.core.types import Float32Array
@@ -125,7 +126,7 @@ def read_split(root: Path | str) -> SplitTable:
     path = split_path(root)
     again = "run `slamgym dataset split` again"
     try:
-        table = from_dict(SplitTable, read_json(path, again))
+        table = from_dict(SplitTable, read_json(path, again, FILE_BYTES))
     except ConfigError as error:
         raise InputFileError(path, f"is malformed ({error}); {again}") from error
     if table.split_version != SPLIT_VERSION:

@@ -10,7 +10,7 @@ from typing import Any
 from slamgym.core.config import from_dict
 from slamgym.core.documents import parse_json
 from slamgym.core.errors import ConfigError, InputFileError
-from slamgym.core.files import read_text, replace_if_changed
+from slamgym.core.files import replace_if_changed, text_lines
 from slamgym.dataset.faults import MapFault
 
 VERDICTS_FILE = "clean.jsonl"
@@ -72,8 +72,8 @@ def read_verdicts(root: Path | str) -> dict[str, Verdict]:
     if not path.is_file():
         raise InputFileError(root, f"holds no {VERDICTS_FILE}; run `slamgym dataset clean {root}` first")
     verdicts = {}
-    for number, line in enumerate(read_text(path).splitlines(), start=1):
-        entry = parse_json(line, f"{path}:{number}", fix=f"run `slamgym dataset clean {root}` again")
+    for line, where in text_lines(path):
+        entry = parse_json(line, where, fix=f"run `slamgym dataset clean {root}` again")
         if isinstance(entry, dict) and "faults" not in entry:
             raise InputFileError(
                 path, f"was written by an older version; run `slamgym dataset clean {root}` again"
@@ -81,6 +81,6 @@ def read_verdicts(root: Path | str) -> dict[str, Verdict]:
         try:
             verdict = from_dict(Verdict, entry)
         except ConfigError as error:
-            raise InputFileError(f"{path}:{number}", f"is not a verdict ({error})") from error
+            raise InputFileError(where, f"is not a verdict ({error})") from error
         verdicts[verdict.name] = verdict
     return verdicts

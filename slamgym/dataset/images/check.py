@@ -3,7 +3,9 @@
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from slamgym.core.documents import load_json
+from slamgym.core.documents import parse_json
+from slamgym.core.errors import InputFileError
+from slamgym.core.files import text_lines
 from slamgym.dataset.check import (
     VALUES,
     FileFault,
@@ -89,12 +91,12 @@ def _check_metadata(layout: ImageLayout, records: list[ImageRecord]) -> Iterator
     """Whether what Hugging Face's library reads lists the same pairs."""
     for split in SPLITS:
         path = layout.root / split / METADATA
-        try:
-            names = [load_json(line)["name"] for line in path.read_text(encoding="utf-8").splitlines()]
-        except OSError:
+        if not path.is_file():
             yield FileFault(path, "is missing")
             continue
-        except (ValueError, KeyError, TypeError) as error:
+        try:
+            names = [parse_json(line, where)["name"] for line, where in text_lines(path)]
+        except (InputFileError, KeyError, TypeError) as error:
             yield FileFault(path, f"is malformed ({error})")
             continue
         if names != [record.name for record in records if record.split == split]:

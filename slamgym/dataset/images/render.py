@@ -22,9 +22,10 @@ from slamgym.core.files import (
     drop_torn_line,
     exclusive_lock,
     own_folder,
-    read_text,
     replace_file,
+    sha256_of,
     storage_errors,
+    text_lines,
     write_bytes,
 )
 from slamgym.core.parallel.engine import run_tasks
@@ -168,7 +169,7 @@ def render_images(
         fresh, misfits = _draw_all(dataset, layout, todo, split, config, workers, done)
         finished = [done[record.name] for record in records if record.name in done]
         left_out = {**chosen.left_out, **misfits}
-        source = hashlib.sha256(Layout(dataset).manifest.read_bytes()).hexdigest()
+        source = sha256_of(Layout(dataset).manifest)
         _finish(layout, finished, left_out, settings, source)
     return RenderReport(
         images=len(finished),
@@ -284,7 +285,7 @@ def _is_done(layout: ImageLayout, drawn: ImageRecord | None, split: SplitTable, 
         return False
     for side in SIDES:
         path = layout.image(drawn.split, side, drawn.name)
-        if not path.is_file() or hashlib.sha256(path.read_bytes()).hexdigest() != drawn.sha256.get(side):
+        if not path.is_file() or sha256_of(path) != drawn.sha256.get(side):
             return False
     return True
 
@@ -295,8 +296,7 @@ def _read_journal(layout: ImageLayout) -> dict[str, ImageRecord]:
     if not path.exists():
         return {}
     drop_torn_line(path)
-    lines = read_text(path).splitlines()
-    records = (ImageRecord.from_line(line, str(path)) for line in lines)
+    records = [ImageRecord.from_line(line, where) for line, where in text_lines(path)]
     return {record.name: record for record in records}
 
 

@@ -177,7 +177,7 @@ def test_an_image_that_is_broken_is_a_verdict_and_not_the_end(dataset, capsys):
     assert clean(dataset) == 0
     verdict = read_verdicts(dataset)[name]
     assert (verdict.keep, verdict.by, verdict.probability) == (False, "file", None)
-    assert "not a PNG picture" in verdict.reason
+    assert "is not a picture" in verdict.reason
     assert "1 dropped: unreadable" in capsys.readouterr().out
 
 

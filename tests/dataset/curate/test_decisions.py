@@ -39,7 +39,7 @@ def test_nothing_is_stored_at_first(tmp_path):
 @pytest.mark.parametrize(
     ("content", "words"),
     [
-        ("{", "is not JSON"),
+        ("{", "is not valid JSON"),
         ("[]", "is no file of decisions"),
         (json.dumps(document(format="other")), "is no file of decisions"),
         (json.dumps(document(version=2)), "version 2"),
