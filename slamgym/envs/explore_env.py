@@ -328,9 +328,7 @@ class ExploreEnv(gym.Env[Observation, Any]):
         clutter = self.config.clutter
         if clutter.is_empty:
             return prepared
-        robot = self.config.robot
-        placed = make_clutter(prepared.plan, streams.clutter, clutter, robot)
-        return PreparedPlan(prepared.plan, robot, self.config.lidar.surfaces, placed)
+        return prepared.furnished(make_clutter(prepared.plan, streams.clutter, clutter, self.config.robot))
 
     def _refuse_too_large(self, plan: FloorPlan, start: Pose2D) -> None:
         """Refuse a plan that reaches out of the canvas, because its map would be cut off."""
