@@ -68,7 +68,11 @@ def search_path(
     flat = costs.reshape(-1)
     distance = np.full(height * width, np.float32(np.inf), np.float32)
     parent = np.full(height * width, -1, np.int32)
-    closed = np.zeros(height * width, np.bool_)
+    closed = flat >= limit  # entered no more: done with, or an obstacle
+    closed[start] = False
+    steps = np.empty(256, np.float32)
+    for cost in range(256):
+        steps[cost] = 1.0 + factor * cost
     # A cell enters the heap once for each time its distance falls, which is 8 times at most.
     capacity = 4096
     keys, cells = np.empty(capacity, np.float32), np.empty(capacity, np.int32)
@@ -89,20 +93,19 @@ def search_path(
             grown_keys, grown_cells = np.empty(capacity, np.float32), np.empty(capacity, np.int32)
             grown_keys[:size], grown_cells[:size] = keys[:size], cells[:size]
             keys, cells = grown_keys, grown_cells
-        for dr in range(-1, 2):
-            for dc in range(-1, 2):
+        here = distance[cell]
+        for dr in range(-1 if row > 0 else 0, 2 if row < height - 1 else 1):
+            for dc in range(-1 if col > 0 else 0, 2 if col < width - 1 else 1):
                 r, c = row + dr, col + dc
-                if (dr == 0 and dc == 0) or r < 0 or r >= height or c < 0 or c >= width:
-                    continue
-                neighbour = r * width + c
-                if closed[neighbour] or flat[neighbour] >= limit:
+                neighbour = cell + dr * width + dc
+                if closed[neighbour]:  # the cell itself, too
                     continue
                 length = np.float32(1.0)
                 if dr != 0 and dc != 0:
                     if flat[cell + dr * width] >= limit or flat[cell + dc] >= limit:
                         continue
                     length = _SQRT2
-                reached = distance[cell] + length * np.float32(1.0 + factor * flat[neighbour])
+                reached = here + length * steps[flat[neighbour]]
                 if reached < distance[neighbour]:
                     distance[neighbour] = reached
                     parent[neighbour] = cell
