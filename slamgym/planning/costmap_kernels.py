@@ -36,12 +36,14 @@ def known_window(words: np.ndarray, unknown: Any) -> tuple[int, int, int, int]:
     height, width = words.shape
     first_row, end_row, first_col, end_col = 0, 0, width, 0
     for row in range(height):
-        first = 0
-        while first < width and words[row, first] == unknown:
-            first += 1
-        if first == width:
+        differing = unknown ^ unknown
+        for col in range(width):  # without a way out, so that many words are compared at once
+            differing |= words[row, col] ^ unknown
+        if not differing:
             continue
-        last = width - 1
+        first, last = 0, width - 1
+        while words[row, first] == unknown:
+            first += 1
         while words[row, last] == unknown:
             last -= 1
         if end_row == 0:
