@@ -2,7 +2,6 @@
 
 import dataclasses
 import difflib
-import functools
 import hashlib
 import json
 import math
@@ -99,7 +98,6 @@ class Arguments(Settings):
         return f"--{name.replace('_', '-')}"
 
 
-@functools.cache
 def _hints(cls: type) -> dict[str, Any]:
     """Types of the fields of a dataclass or named tuple, with their bounds."""
     names = getattr(cls, "_fields", None) or [entry.name for entry in dataclasses.fields(cls)]

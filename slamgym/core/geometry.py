@@ -17,7 +17,7 @@ _TURN = 2.0 * math.pi
 
 def wrap_angle(angle: Any) -> Any:
     """Wrap an angle or an array of angles [rad] to (-pi, pi]."""
-    if isinstance(angle, (float, int)):  # noqa: UP038 - a union is made anew in every call
+    if isinstance(angle, (float, int)):  # a union would be made in every call
         return math.pi - (math.pi - angle) % (2.0 * math.pi)
     return np.pi - np.mod(np.pi - np.asarray(angle, dtype=np.float64), 2.0 * np.pi)
 

@@ -131,9 +131,9 @@ class GridFrame(NamedTuple):
 
     def to_point(self, row: Any, col: Any) -> tuple[Any, Any]:
         """Convert cells to the points (x, y) [m] of their centres."""
-        if isinstance(row, (float, int)) and isinstance(col, (float, int)):  # noqa: UP038 - see geometry
-            x = self.origin_x + (col + 0.5) * self.resolution
-            return x, self.origin_y + (self.height_px - row - 0.5) * self.resolution
+        if isinstance(row, (float, int)) and isinstance(col, (float, int)):
+            right, up = (col + 0.5) * self.resolution, (self.height_px - row - 0.5) * self.resolution
+            return self.origin_x + right, self.origin_y + up
         x = self.origin_x + (np.asarray(col, dtype=np.float64) + 0.5) * self.resolution
         y = self.origin_y + (self.height_px - np.asarray(row, dtype=np.float64) - 0.5) * self.resolution
         return x, y

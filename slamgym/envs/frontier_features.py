@@ -14,7 +14,16 @@ from typing import NamedTuple
 import numpy as np
 from gymnasium import spaces
 
-from slamgym.core.types import BoolArray, ByteArray, Float32Array, FloatArray, Int32Array, IntArray, Observation, Pose2D
+from slamgym.core.types import (
+    BoolArray,
+    ByteArray,
+    Float32Array,
+    FloatArray,
+    Int32Array,
+    IntArray,
+    Observation,
+    Pose2D,
+)
 from slamgym.envs.frontier_feature_kernels import (
     UnknownRegion,
     classify_costs,

@@ -27,7 +27,7 @@ def clear_body(cells: ByteArray, row: int, col: int, radius_px: float, core_px: 
 
 @kernel
 def known_window(words: np.ndarray, unknown: Any) -> tuple[int, int, int, int]:
-    """A box (first row, end row, first col, end col) round the words of a map that aren't ``unknown``; all 0 without any.
+    """A box (first row, end row, first col, end col) round a map's words that aren't ``unknown``; all 0 without any.
 
     Args:
         words: Cells, one or several in each, shape (H, W).

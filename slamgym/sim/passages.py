@@ -285,7 +285,9 @@ def _is_clear(
 
 
 @kernel
-def _flood(state: ByteArray, least: int, pitch: int, seed: int, label: int, labels: Int32Array, stack: Int32Array) -> None:
+def _flood(
+    state: ByteArray, least: int, pitch: int, seed: int, label: int, labels: Int32Array, stack: Int32Array
+) -> None:
     """Label the part of a small raster with a border that holds a cell, over its eight neighbours.
 
     Args:
