@@ -11,7 +11,6 @@ import numpy as np
 
 from slamgym.core.types import FloatArray, Pose2D
 
-
 _TURN = 2.0 * math.pi
 
 
