@@ -1,4 +1,4 @@
-"""The trained explorer: the decisions of ``slamgym/ExploreFrontiers-v0`` made by a network, without torch."""
+"""The trained explorer: the decisions of ``slamgym/ExploreFrontiers-v1`` made by a network, without torch."""
 
 from pathlib import Path
 

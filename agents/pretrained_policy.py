@@ -99,7 +99,7 @@ def read_policy(path: Path | str = PRETRAINED) -> PolicyFile:
 def _space() -> dict[str, Any]:
     """What the weights take in."""
     return {
-        "env": "slamgym/ExploreFrontiers-v0",
+        "env": "slamgym/ExploreFrontiers-v1",
         "feature_version": FEATURE_VERSION,
         "candidate_features": list(CANDIDATE_FEATURES),
         "global_features": list(GLOBAL_FEATURES),

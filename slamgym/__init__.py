@@ -1,9 +1,9 @@
 """Floor plan in, honest SLAM map out, and the way back to CAD.
 
-Importing the package registers the environments ``slamgym/Explore-v0``, ``slamgym/ExploreDiscrete-v0``
-and ``slamgym/ExploreFrontiers-v0``.
+Importing the package registers the environments ``slamgym/Explore-v1``, ``slamgym/ExploreDiscrete-v1``
+and ``slamgym/ExploreFrontiers-v1``.
 Processes that a vector environment starts afresh may not have imported it: there,
-``gym.make("slamgym:slamgym/Explore-v0")`` does so by itself.
+``gym.make("slamgym:slamgym/Explore-v1")`` does so by itself.
 
 What most programs begin with is here; it is imported when it is first used:
 
@@ -27,12 +27,12 @@ __getattr__, __dir__, __all__ = lazy.attach_stub(__name__, __file__)
 
 # Names rather than classes, so that nothing heavy is imported before an environment is made. The environment
 # ends its episodes itself (time_limit), so Gymnasium's own limit stays off.
-register(id="slamgym/Explore-v0", entry_point="slamgym.envs.explore_env:ExploreEnv")
+register(id="slamgym/Explore-v1", entry_point="slamgym.envs.explore_env:ExploreEnv")
 register(
-    id="slamgym/ExploreDiscrete-v0",
+    id="slamgym/ExploreDiscrete-v1",
     entry_point="slamgym.envs.explore_env:ExploreEnv",
     kwargs={"actions": "discrete"},
 )
 register(
-    id="slamgym/ExploreFrontiers-v0", entry_point="slamgym.envs.explore_frontiers_env:ExploreFrontiersEnv"
+    id="slamgym/ExploreFrontiers-v1", entry_point="slamgym.envs.explore_frontiers_env:ExploreFrontiersEnv"
 )

@@ -140,7 +140,7 @@ class _FrontierHeads:
 
 
 class MaskableFrontierPolicy(_FrontierHeads, MaskableActorCriticPolicy):
-    """For ``MaskablePPO`` on ``slamgym/ExploreFrontiers-v0``."""
+    """For ``MaskablePPO`` on ``slamgym/ExploreFrontiers-v1``."""
 
 
 class FrontierPolicy(_FrontierHeads, ActorCriticPolicy):

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from slamgym.envs.explore_frontiers_env import ExploreFrontiersEnv
 
 Choose = Callable[[dict[str, Any]], int]
-"""From an observation of ``slamgym/ExploreFrontiers-v0`` to an action."""
+"""From an observation of ``slamgym/ExploreFrontiers-v1`` to an action."""
 
 
 @dataclass(frozen=True)

@@ -11,10 +11,12 @@ import numpy as np
 
 from slamgym.core.types import FloatArray, Pose2D
 
+_TURN = 2.0 * math.pi
+
 
 def wrap_angle(angle: Any) -> Any:
     """Wrap an angle or an array of angles [rad] to (-pi, pi]."""
-    if isinstance(angle, float | int):
+    if isinstance(angle, (float, int)):  # a union would be made in every call
         return math.pi - (math.pi - angle) % (2.0 * math.pi)
     return np.pi - np.mod(np.pi - np.asarray(angle, dtype=np.float64), 2.0 * np.pi)
 
@@ -25,7 +27,7 @@ def compose(a: Pose2D, b: Pose2D) -> Pose2D:
     return Pose2D(
         a[0] + cos * b[0] - sin * b[1],
         a[1] + sin * b[0] + cos * b[1],
-        wrap_angle(float(a[2] + b[2])),
+        math.pi - (math.pi - float(a[2] + b[2])) % _TURN,
     )
 
 
@@ -39,7 +41,7 @@ def between(a: Pose2D, b: Pose2D) -> Pose2D:
     """Pose of b seen from a (both given in one parent frame)."""
     cos, sin = math.cos(a[2]), math.sin(a[2])
     dx, dy = b[0] - a[0], b[1] - a[1]
-    return Pose2D(cos * dx + sin * dy, -sin * dx + cos * dy, wrap_angle(float(b[2] - a[2])))
+    return Pose2D(cos * dx + sin * dy, -sin * dx + cos * dy, math.pi - (math.pi - float(b[2] - a[2])) % _TURN)
 
 
 def transform_points(pose: Pose2D, points: FloatArray) -> FloatArray:

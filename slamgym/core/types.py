@@ -7,6 +7,7 @@ Grid arrays are ``[row, col]`` with row 0 at the top (largest y), as ROS map_ser
 What numba kernels take is a NamedTuple: it goes into them whole.
 """
 
+import math
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
 
@@ -117,16 +118,22 @@ class GridFrame(NamedTuple):
             self.origin_y + self.height_px * self.resolution,
         )
 
-    def to_cell(self, x: Any, y: Any) -> tuple[IntArray, IntArray]:
+    def to_cell(self, x: Any, y: Any) -> tuple[Any, Any]:
         """Convert points [m] to (row, col), which may lie outside the grid."""
+        if isinstance(x, float) and isinstance(y, float):  # most calls are for one point
+            across, up = (x - self.origin_x) / self.resolution, (y - self.origin_y) / self.resolution
+            return self.height_px - 1 - math.floor(up), math.floor(across)
         col = np.floor((np.asarray(x) - self.origin_x) / self.resolution).astype(np.int64)
         row = (
             self.height_px - 1 - np.floor((np.asarray(y) - self.origin_y) / self.resolution).astype(np.int64)
         )
         return row, col
 
-    def to_point(self, row: Any, col: Any) -> tuple[FloatArray, FloatArray]:
+    def to_point(self, row: Any, col: Any) -> tuple[Any, Any]:
         """Convert cells to the points (x, y) [m] of their centres."""
+        if isinstance(row, (float, int)) and isinstance(col, (float, int)):
+            right, up = (col + 0.5) * self.resolution, (self.height_px - row - 0.5) * self.resolution
+            return self.origin_x + right, self.origin_y + up
         x = self.origin_x + (np.asarray(col, dtype=np.float64) + 0.5) * self.resolution
         y = self.origin_y + (self.height_px - np.asarray(row, dtype=np.float64) - 0.5) * self.resolution
         return x, y

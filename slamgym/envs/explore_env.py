@@ -51,7 +51,7 @@ class ExploreEnv(gym.Env[Observation, Any]):
     | 1   | turning rate, clockwise to counter-clockwise | -1  | 1   | 1.82 rad/s |
 
     With ``actions="physical"`` the same in m/s and rad/s. What exceeds the limits is cut off; acceleration is
-    limited too (2.5 m/s2, 3.2 rad/s2). With ``actions="discrete"``, as in ``slamgym/ExploreDiscrete-v0``,
+    limited too (2.5 m/s2, 3.2 rad/s2). With ``actions="discrete"``, as in ``slamgym/ExploreDiscrete-v1``,
     ``Discrete(3)``: 0 ahead at full speed, 1 turn left on the spot, 2 turn right, both at 1.82 rad/s.
 
     ## Observation Space
@@ -125,6 +125,7 @@ class ExploreEnv(gym.Env[Observation, Any]):
 
     ## Version History
 
+    * v1: the laser's errors belong to places, and furniture is what a laser near the floor sees.
     * v0: first version.
     """
 
@@ -327,9 +328,7 @@ class ExploreEnv(gym.Env[Observation, Any]):
         clutter = self.config.clutter
         if clutter.is_empty:
             return prepared
-        robot = self.config.robot
-        placed = make_clutter(prepared.plan, streams.clutter, clutter, robot)
-        return PreparedPlan(prepared.plan, robot, self.config.lidar.surfaces, placed)
+        return prepared.furnished(make_clutter(prepared.plan, streams.clutter, clutter, self.config.robot))
 
     def _refuse_too_large(self, plan: FloorPlan, start: Pose2D) -> None:
         """Refuse a plan that reaches out of the canvas, because its map would be cut off."""

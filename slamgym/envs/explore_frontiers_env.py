@@ -243,7 +243,7 @@ class DiscountByTermination(gym.Wrapper[Any, Any, Any, Any]):
     The wrapped environment should have the same discount, so that rewards within a step count alike.
 
     Args:
-        env: ``slamgym/ExploreFrontiers-v0``.
+        env: ``slamgym/ExploreFrontiers-v1``.
         per_second: Discount per second.
         gamma: That of the learner. Steps shorter than ``log(gamma) / log(per_second)`` seconds count as so
             long, for no probability is above 1.

@@ -14,7 +14,16 @@ from typing import NamedTuple
 import numpy as np
 from gymnasium import spaces
 
-from slamgym.core.types import BoolArray, ByteArray, Float32Array, FloatArray, Observation, Pose2D
+from slamgym.core.types import (
+    BoolArray,
+    ByteArray,
+    Float32Array,
+    FloatArray,
+    Int32Array,
+    IntArray,
+    Observation,
+    Pose2D,
+)
 from slamgym.envs.frontier_feature_kernels import (
     UnknownRegion,
     classify_costs,
@@ -222,10 +231,8 @@ def _measure(loop: ExplorationLoop, costmap: Costmap, crops: Float32Array) -> li
     candidates, pose = loop.candidates, loop.pose
     classes = classify_costs(costmap.costs, COARSENING)
     labels = np.full(classes.shape, -1, np.int16)
-    cells = [np.unique(one.frontier.cells // COARSENING, axis=0).astype(np.int64) for one in candidates]
+    cells = [_coarse_cells(one.frontier.cells, classes.shape) for one in candidates]
     for index, coarse in enumerate(cells):
-        coarse[:, 0] = np.minimum(coarse[:, 0], classes.shape[0] - 1)
-        coarse[:, 1] = np.minimum(coarse[:, 1], classes.shape[1] - 1)
         labels[coarse[:, 0], coarse[:, 1]] = index
     middles = np.array([one.frontier.middle for one in candidates])
     apart = np.hypot(*(middles[:, None] - middles[None]).transpose(2, 0, 1))
@@ -237,6 +244,7 @@ def _measure(loop: ExplorationLoop, costmap: Costmap, crops: Float32Array) -> li
     measured = []
     for index, one in enumerate(candidates):
         outward = _outward(one, costmap)
+        clearances = _wall_distances(costmap, np.vstack([one.frontier.middle, one.path]))
         _crop(one, outward, classes, costmap, crops[index])
         distances = apart[index][np.isfinite(apart[index])]
         measured.append(
@@ -252,13 +260,19 @@ def _measure(loop: ExplorationLoop, costmap: Costmap, crops: Float32Array) -> li
                     classes, labels, index, cells[index],
                     (round(NEAR_UNKNOWN / cell), round(FAR_UNKNOWN / cell)), margin, len(candidates),
                 ),
-                clearance=float(_wall_distances(costmap, np.array([one.frontier.middle]))[0]),
-                exposure=float(_wall_distances(costmap, one.path).mean()),
+                clearance=float(clearances[0]),
+                exposure=float(clearances[1:].mean()),
                 others=(float(distances.min()), float(distances.mean())) if len(distances) else (10.0, 20.0),
                 is_target=loop.target is not None and one.target == loop.target.target,
             )
         )  # fmt: skip
     return measured
+
+
+def _coarse_cells(cells: Int32Array, shape: tuple[int, ...]) -> IntArray:
+    """The coarse cells of a frontier, once each, shape (N, 2); those beyond the coarse map moved to its edge."""
+    rows, cols = np.minimum(cells.astype(np.int64) // COARSENING, np.array(shape) - 1).T
+    return np.column_stack(np.divmod(np.unique(rows * shape[1] + cols), shape[1]))
 
 
 def _bearing(candidate: FrontierCandidate, pose: Pose2D) -> tuple[float, float]:

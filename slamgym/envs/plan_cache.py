@@ -17,7 +17,7 @@ from slamgym.core.types import Pose2D
 from slamgym.envs.coverage import ReachableFloor
 from slamgym.sim import Clutter, RobotConfig, SurfaceConfig
 from slamgym.sim.start import sample_pose, sample_start, start_area
-from slamgym.sim.surfaces import Surfaces, make_surfaces
+from slamgym.sim.surfaces import Surfaces, furnished_surfaces, wall_surfaces
 
 _logger = logging.getLogger(__name__)
 
@@ -54,10 +54,20 @@ class PreparedPlan:
         self._robot = robot
         self._surface_config = surfaces or SurfaceConfig()
 
+    def furnished(self, clutter: Clutter) -> "PreparedPlan":
+        """The same building with other furniture and people."""
+        other = PreparedPlan(self.plan, self._robot, self._surface_config, clutter)
+        other._wall_surfaces = self._wall_surfaces
+        return other
+
     @cached_property
     def surfaces(self) -> Surfaces:
         """The materials of walls and furniture."""
-        return make_surfaces(self.plan, self.clutter.segments(), self._surface_config)
+        return furnished_surfaces(self._wall_surfaces, self.clutter.segments(), self._surface_config)
+
+    @cached_property
+    def _wall_surfaces(self) -> Surfaces:
+        return wall_surfaces(self.plan, self._surface_config)
 
     @cached_property
     def _start_area(self) -> shapely.Polygon:

@@ -322,4 +322,4 @@ class _RangeText(dict[int, str]):
         millimetres[exact > self._limit - 0.001] = self._JUST_INSIDE
         millimetres[~(exact < self._limit)] = self._NO_RETURN
         millimetres[~(exact > 0.0)] = 0.0
-        return " ".join([self[key] for key in millimetres.astype(np.int64).tolist()])
+        return " ".join(map(self.__getitem__, millimetres.astype(np.int64).tolist()))

@@ -26,7 +26,13 @@ from slamgym.core.types import (
     OccupancyGrid,
     Pose2D,
 )
-from slamgym.planning.costmap_kernels import clear_beams, clear_body, cost_cells, distance_to_occupied
+from slamgym.planning.costmap_kernels import (
+    clear_beams,
+    clear_body,
+    cost_cells,
+    distance_to_occupied,
+    known_window,
+)
 
 FREE_COST = 0
 INSCRIBED_COST = 253
@@ -210,11 +216,9 @@ def _known_window(cells: ByteArray) -> tuple[int, int, int, int]:
     """
     step = 8 if cells.flags.c_contiguous and cells.shape[1] % 8 == 0 else 1
     word = np.uint64 if step == 8 else np.uint8
-    known = cells.view(word) != np.full(step, UNKNOWN, np.uint8).view(word)[0]
-    rows, cols = np.flatnonzero(known.any(axis=1)), np.flatnonzero(known.any(axis=0))
-    if len(rows) == 0:
-        return 0, 0, 0, 0
-    return int(rows[0]), int(rows[-1]) + 1, int(cols[0]) * step, (int(cols[-1]) + 1) * step
+    unknown = np.full(step, UNKNOWN, np.uint8).view(word)[0]
+    first_row, end_row, first_col, end_col = known_window(cells.view(word), unknown)
+    return first_row, end_row, first_col * step, end_col * step
 
 
 @lru_cache(maxsize=16)

@@ -177,7 +177,7 @@ class ExplorationLoop:
                 (num_beams,) [m], ``"pose"`` (3,) in the map frame, ``"time"`` (1,) [s].
         """
         belief = self._belief
-        belief.pose = Pose2D(*(float(value) for value in observation["pose"]))
+        belief.pose = Pose2D(*observation["pose"].tolist())
         belief.time = float(observation["time"][0])
         belief.scan = observation["scan"]
         self._recovery.note_time(belief.time)

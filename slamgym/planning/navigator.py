@@ -8,6 +8,7 @@ never from its commands. A goal that can't be reached aborts at once.
 import enum
 import math
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -103,6 +104,13 @@ class _Leg:
     def begin(pose: Pose2D, time: float) -> "_Leg":
         """Start to watch."""
         return _Leg(pose, time, pose, time)
+
+
+@lru_cache(maxsize=16)
+def _inscribing(config: CostmapConfig, radius: float) -> CostmapConfig:
+    """The settings for a robot of another radius [m]."""
+    inflation = max(config.inflation_radius, radius)
+    return replace(config, inscribed_radius=radius, inflation_radius=inflation)
 
 
 class Navigator:
@@ -271,11 +279,7 @@ class Navigator:
         self._obstacles = [seen for seen in self._obstacles if time - seen[0] < self.config.obstacle_memory]
         if self._obstacles:
             grid = mark_obstacles(grid, np.vstack([points for _, points in self._obstacles]))
-        config = replace(
-            self.config.costmap,
-            inscribed_radius=self.inscribed_radius,
-            inflation_radius=max(self.config.costmap.inflation_radius, self.inscribed_radius),
-        )
+        config = _inscribing(self.config.costmap, self.inscribed_radius)
         self.costmap = make_costmap(free_body(grid, pose, self.context.robot_radius), config)
         self.reachable = reachable_space(self.costmap, pose)
 

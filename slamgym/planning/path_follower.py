@@ -19,6 +19,7 @@ from slamgym.planning.path_follower_kernels import (
     free_travel,
     lookahead_on_path,
     nearest_on_path,
+    points_within,
     scan_points,
 )
 
@@ -118,7 +119,7 @@ class PathFollower:
             context.max_linear, turn_rate / max(abs(curvature), 1e-6), distance / context.control_step
         )
         angular = linear * curvature
-        near = obstacles[(obstacles**2).sum(axis=1) < self._sight**2]
+        near = points_within(obstacles, self._sight)
         free = self._free_travel(near, linear, angular)
         if free >= config.horizon:
             return Twist2D(linear, angular)
@@ -171,7 +172,8 @@ class PathFollower:
             frame.origin_y + frame.height_px * frame.resolution,
             frame.resolution,
         )
-        dx, dy = self.path[chosen] - (pose.x, pose.y)
+        x, y = self.path[chosen].tolist()
+        dx, dy = x - pose.x, y - pose.y
         cos, sin = math.cos(pose.theta), math.sin(pose.theta)
         return cos * dx + sin * dy, cos * dy - sin * dx
 

@@ -42,6 +42,18 @@ def scan_points(
 
 
 @kernel
+def points_within(points: FloatArray, distance: float) -> FloatArray:
+    """Those points, shape (N, 2) [m], that are nearer to the origin than a distance [m]."""
+    near = np.empty_like(points)
+    count = 0
+    for i in range(len(points)):
+        if points[i, 0] ** 2 + points[i, 1] ** 2 < distance**2:
+            near[count] = points[i]
+            count += 1
+    return near[:count]
+
+
+@kernel
 def nearest_on_path(path: FloatArray, x: float, y: float, begin: int, window: int) -> int:
     """Index of the path point nearest to (x, y) among ``window`` points from ``begin`` on."""
     best, index = np.inf, begin

@@ -43,6 +43,10 @@ _FLATTEST = 0.2
 # Linear interpolation of values that are even in [-1, 1] has a standard deviation of 0.385, over a cell's area.
 _TO_DEVIATION = 1.0 / 0.385
 
+# The least that scatter leaves of an echo, but for draws below so many standard deviations.
+_LEAST_NORMAL = -6.0
+_WEAKEST_SCATTER = 0.99 * math.exp(-_ECHO_BY_PLACE * _TO_DEVIATION + _ECHO_BY_SCAN * _LEAST_NORMAL)
+
 
 class BeamLaw(NamedTuple):
     """A scanner's properties, as the kernels take them; see :class:`slamgym.sim.lidar.LidarConfig`."""
@@ -94,12 +98,15 @@ def measure_beams(
             continue
         px, py = x + distance * ux, y + distance * uy
         if law.attenuation > 0.0:
-            scatter = _ECHO_BY_PLACE * _smooth_noise(surfaces.seed, px / _ECHO_SIZE, py / _ECHO_SIZE)
-            scatter += _ECHO_BY_SCAN * normal[1, i]
             loss = law.attenuation * (distance / law.range_max) ** 2
-            if loss > max(cosine, 1e-9) * echo * math.exp(scatter):
-                out[i] = np.inf
-                continue
+            strength = max(cosine, 1e-9) * echo
+            # Most echoes are heard however they scatter.
+            if loss > _WEAKEST_SCATTER * strength or normal[1, i] < _LEAST_NORMAL:
+                scatter = _ECHO_BY_PLACE * _smooth_noise(surfaces.seed, px / _ECHO_SIZE, py / _ECHO_SIZE)
+                scatter += _ECHO_BY_SCAN * normal[1, i]
+                if loss > strength * math.exp(scatter):
+                    out[i] = np.inf
+                    continue
         if surfaces.roughness > 0.0:
             uneven = _smooth_noise(surfaces.seed + 1, px / _UNEVENNESS, py / _UNEVENNESS)
             depth += surfaces.roughness * uneven

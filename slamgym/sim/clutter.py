@@ -3,6 +3,7 @@
 import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -118,6 +119,10 @@ class Clutter:
 
     def segments(self) -> FloatArray:
         """Outlines of what stands at first, shape (S, 4) as x0, y0, x1, y1 [m]: furniture, then the movables."""
+        return self._segments
+
+    @cached_property
+    def _segments(self) -> FloatArray:
         if not self.changes:
             return outlines_of(self.solids())
         parts = [outlines_of(self.furniture), *(outlines_of(places[0]) for places in self.movables)]
@@ -175,6 +180,7 @@ def make_clutter(
     placed, left_out = _place_pieces(passages, rooms, glass, radius, config, rng)
     furniture, chairs = put_down(placed)
     pieces = [piece.box for piece in placed]
+    lost = before - _rooms_with(labels, reach(radius))
     people, walkable = _populate(passages, walking, config, rng)
     if left_out:
         _logger.info("%s: no room for %d pieces of furniture; %d stand", plan.id, left_out, len(placed))
@@ -189,9 +195,7 @@ def make_clutter(
         people=people,
         walkable=walkable,
         passages=passages,
-        cut_off=tuple(
-            room.name for room in rooms if room.label in before - _rooms_with(labels, reach(radius))
-        ),
+        cut_off=tuple(room.name for room in rooms if room.label in lost),
         left_out=left_out,
         changes=config.changes / 60.0,
         seed=int(rng.integers(2**32)),

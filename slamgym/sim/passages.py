@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from slamgym.core.jit import kernel
-from slamgym.core.types import BoolArray, ByteArray, FloatArray, GridFrame, IntArray
+from slamgym.core.types import BoolArray, ByteArray, FloatArray, GridFrame, Int32Array, IntArray
 
 if TYPE_CHECKING:
     from slamgym.cad.floorplan import FloorPlan
@@ -285,41 +285,67 @@ def _is_clear(
 
 
 @kernel
-def _flood(cells: BoolArray, labels: IntArray, stack: IntArray, seed: int, label: int) -> None:
-    """Label the part of a small raster that holds a cell, over its eight neighbours; cells are flat indices."""
-    height, width = cells.shape
-    flat, marks = cells.reshape(-1), labels.reshape(-1)
+def _flood(
+    state: ByteArray, least: int, pitch: int, seed: int, label: int, labels: Int32Array, stack: Int32Array
+) -> None:
+    """Label the part of a small raster with a border that holds a cell, over its eight neighbours.
+
+    Args:
+        state: Flat; cells of ``least`` and more are open.
+        least: See above.
+        pitch: Length of a row.
+        seed: The cell.
+        label: Its part's.
+        labels: 0 where there is none yet; filled.
+        stack: Room for as many cells.
+    """
     stack[0], top = seed, 1
-    marks[seed] = label
+    labels[seed] = label
     while top > 0:
         top -= 1
-        row, col = stack[top] // width, stack[top] % width
-        for r in range(max(row - 1, 0), min(row + 2, height)):
-            for c in range(max(col - 1, 0), min(col + 2, width)):
-                index = r * width + c
-                if flat[index] and marks[index] == 0:
-                    marks[index] = label
+        cell = stack[top]
+        for middle in range(cell - pitch, cell + pitch + 1, pitch):
+            for index in range(middle - 1, middle + 2):
+                if state[index] >= least and labels[index] == 0:
+                    labels[index] = label
                     stack[top] = index
                     top += 1
 
 
 @kernel
-def _stays_connected(before: BoolArray, after: BoolArray) -> bool:
-    """Whether each connected part of the open cells keeps some of them, and those connected."""
-    old, new = np.zeros(before.shape, np.int64), np.zeros(before.shape, np.int64)
-    stack = np.empty(before.size, np.int64)
-    kept = np.zeros(before.size + 1, np.bool_)
-    was, is_open, old_flat, new_flat = before.reshape(-1), after.reshape(-1), old.reshape(-1), new.reshape(-1)
+def _stays_connected(before: FloatArray, after: FloatArray, radius: float) -> bool:
+    """Whether each connected part of the cells open to a disc keeps some of them, and those connected.
+
+    Args:
+        before: Clearances [m].
+        after: The same with an obstacle more: nowhere larger.
+        radius: Of the disc [m].
+    """
+    height, width = before.shape
+    pitch = width + 2  # with a border of closed cells
+    state = np.zeros((height + 2) * pitch, np.uint8)
+    closes = False
+    for row in range(height):
+        for col in range(width):
+            if before[row, col] >= radius:
+                stays = after[row, col] >= radius
+                state[(row + 1) * pitch + col + 1] = 2 if stays else 1
+                closes = closes or not stays
+    if not closes:
+        return True
+    old, new = np.zeros(len(state), np.int32), np.zeros(len(state), np.int32)
+    stack = np.empty(len(state), np.int32)
+    kept = np.zeros(len(state) + 1, np.bool_)
     count = 0
-    for index in range(before.size):
-        if was[index] and old_flat[index] == 0:
+    for index in range(len(state)):
+        if state[index] >= 1 and old[index] == 0:
             count += 1
-            _flood(before, old, stack, index, count)
-        if is_open[index] and new_flat[index] == 0:
-            if kept[old_flat[index]]:
+            _flood(state, 1, pitch, index, count, old, stack)
+        if state[index] == 2 and new[index] == 0:
+            if kept[old[index]]:
                 return False
-            kept[old_flat[index]] = True
-            _flood(after, new, stack, index, 1)
+            kept[old[index]] = True
+            _flood(state, 2, pitch, index, 1, new, stack)
     for label in range(1, count + 1):  # noqa: SIM110 - as above
         if not kept[label]:
             return False
@@ -354,7 +380,7 @@ def _first_fit(
                 after[row, col] = min(there[row, col], _box_distance(x, y, box))
         connected = True
         for radius in radii:
-            connected = connected and _stays_connected(there >= radius, after >= radius)
+            connected = connected and _stays_connected(there, after, radius)
         if connected:
             there[:] = after
             return index

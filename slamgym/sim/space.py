@@ -99,17 +99,26 @@ class World:
             [robot.linear_acceleration, robot.angular_acceleration, robot.wheel_separation]
         )
         self._contact_radius = robot.circumscribed_radius + SKIN
-        # How far from the axle turning moves the outline: a disc turns within itself.
-        self._lever = 0.0 if robot.shape == "circle" else robot.circumscribed_radius
         self._state = np.zeros(8)
+        self._pose = Pose2D(0.0, 0.0, 0.0)
         self._velocity = Twist2D(0.0, 0.0)
         self._solver: ContactSolver | None = None
 
     @property
     def pose(self) -> Pose2D:
         """True pose of the robot's base frame, world frame."""
+        return self._pose
+
+    def _note_pose(self) -> Pose2D:
+        """Read the pose off the drive state."""
         x, y, theta = self._state[:3].tolist()
-        return Pose2D(x, y, wrap_angle(theta))
+        self._pose = Pose2D(x, y, wrap_angle(theta))
+        return self._pose
+
+    @property
+    def _lever(self) -> float:
+        """How far from the axle turning moves the outline [m]: a disc turns within itself."""
+        return 0.0 if self.robot.shape == "circle" else self.robot.circumscribed_radius
 
     @property
     def velocity(self) -> Twist2D:
@@ -135,6 +144,7 @@ class World:
         """
         self._state[:] = 0.0
         self._state[:3] = pose
+        self._note_pose()
         self._velocity = Twist2D(0.0, 0.0)
         # The solver remembers earlier contacts; without it the next episode can't depend on the last one.
         self._solver = None
@@ -168,14 +178,14 @@ class World:
             ValueError: If the command or the duration is not a number, or the duration is not positive.
         """
         target = self._within_limits(command, dt)
-        before = self.pose
+        before = self._pose
         self._state[motion.LEFT :] = 0.0
         if self._crowd:
             self._let_people_walk(self._crowd, dt)
         if self._changes.movables and self._changes.advance(dt, self._somebody()):
             self._solver = None  # it holds the obstacles as they stood
         contact = self._drive(target, dt)
-        pose = self.pose
+        pose = self._note_pose()
         left, right, distance = self._state[motion.LEFT :].tolist()
         return Motion(pose, between(before, pose), (left, right), contact, distance)
 

@@ -108,11 +108,15 @@ def no_surfaces() -> Surfaces:
 
 
 def make_surfaces(plan: "FloorPlan", furniture: FloatArray, config: SurfaceConfig) -> Surfaces:
-    """Draw the materials of a building.
+    """Draw the materials of a building and of what stands in it: :func:`wall_surfaces`, :func:`furnished_surfaces`."""
+    return furnished_surfaces(wall_surfaces(plan, config), furniture, config)
+
+
+def wall_surfaces(plan: "FloorPlan", config: SurfaceConfig) -> Surfaces:
+    """Draw the materials of an empty building.
 
     Args:
         plan: The building; its geometry and ``config.seed`` decide, so that its materials never change.
-        furniture: Outlines of what stands in it, shape (F, 4) [m]; each closed chain of segments is a piece.
         config: How much of what.
     """
     if config == SurfaceConfig(seed=config.seed):
@@ -128,8 +132,6 @@ def make_surfaces(plan: "FloorPlan", furniture: FloatArray, config: SurfaceConfi
         panes.append(_with_frames(wall, patches, plan, config, rng))
         if is_outer:
             outside += [_things_outside(wall, patch, plan, rng) for patch in patches if patch[2] == GLASS]
-    # Its own stream: moving a chair leaves the walls as they are.
-    panes += _furniture_patches(furniture, config, np.random.default_rng([seed, 1]))
     counts = [len(patches) for patches in panes]
     flat = [patch for patches in panes for patch in patches]
     return Surfaces(
@@ -139,6 +141,31 @@ def make_surfaces(plan: "FloorPlan", furniture: FloatArray, config: SurfaceConfi
         num_walls=len(walls),
         seed=seed,
         roughness=config.roughness,
+    )
+
+
+def furnished_surfaces(walls: Surfaces, furniture: FloatArray, config: SurfaceConfig) -> Surfaces:
+    """Add the materials of furniture: a patch over the whole of each segment of the pieces that are dark or shiny.
+
+    Args:
+        walls: Of the empty building.
+        furniture: Outlines of what stands in it, shape (F, 4) [m]; each closed chain of segments is a piece.
+        config: How much of it is dark.
+    """
+    if len(furniture) == 0 or walls.num_walls == 0:
+        return walls
+    begins = np.ones(len(furniture), np.bool_)
+    begins[1:] = (furniture[:-1, 2:] != furniture[1:, :2]).any(axis=1)
+    # Its own stream: moving a chair leaves the walls as they are.
+    draws = np.random.default_rng([walls.seed, 1]).random((int(begins.sum()), 2)).tolist()
+    by_piece = np.array([_echo(strength) if draw < config.dark else 1.0 for draw, strength in draws])
+    echoes = by_piece[np.cumsum(begins) - 1]
+    is_dark = echoes < 1.0
+    patches = np.zeros((int(is_dark.sum()), 5))
+    patches[:, 1], patches[:, 3] = math.inf, echoes[is_dark]
+    return walls._replace(
+        first=np.append(walls.first, walls.first[-1] + np.cumsum(is_dark)),
+        patches=np.vstack([walls.patches, patches]),
     )
 
 
@@ -232,17 +259,3 @@ def _things_outside(
     directions = np.cos(angles)[:, None] * along + np.sin(angles)[:, None] * out
     things: FloatArray = np.hstack([centres - half * directions, centres + half * directions])
     return things
-
-
-def _furniture_patches(
-    furniture: FloatArray, config: SurfaceConfig, rng: np.random.Generator
-) -> list[list[tuple[float, ...]]]:
-    """A patch over the whole of each segment of the pieces that are dark or shiny."""
-    patches: list[list[tuple[float, ...]]] = []
-    echo = 1.0
-    for index, segment in enumerate(furniture):
-        if index == 0 or (furniture[index - 1, 2:] != segment[:2]).any():
-            draw, strength = rng.random(2).tolist()
-            echo = _echo(strength) if draw < config.dark else 1.0
-        patches.append([(0.0, math.inf, PLAIN, echo, 0.0)] if echo < 1.0 else [])
-    return patches

@@ -90,7 +90,7 @@ def test_the_config_survives_json():
 
 
 def test_gym_make_passes_settings_on(flat: FloorPlan):
-    env = gym.make("slamgym/ExploreDiscrete-v0", plans=flat, localization="ground_truth", time_limit=7.0)
+    env = gym.make("slamgym/ExploreDiscrete-v1", plans=flat, localization="ground_truth", time_limit=7.0)
     assert isinstance(env.action_space, gym.spaces.Discrete)
     assert env.unwrapped.config.slam.mode == "ground_truth"
     assert env.unwrapped.config.time_limit == 7.0
