@@ -6,7 +6,7 @@ import json
 import math
 import sys
 from collections.abc import Callable
-from contextlib import ExitStack, closing
+from contextlib import ExitStack, closing, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -83,9 +83,6 @@ class SlamArguments(Arguments):
     """Scan matcher; hill_climbing is GMapping's own, slower."""
 
 
-SAME_MOMENT = 0.001
-"""A relation whose stamps are those of scans up to this needs no interpolation [s]."""
-
 MAX_FRAMES, MAX_PATHS = 600, 30
 FRAMES_PER_SECOND = 20.0
 """Of the film; paths are those of particles that a picture shows."""
@@ -107,7 +104,7 @@ def main(argv: list[str]) -> int:
         sys.stderr.write(f"slamgym: warning: {sentence}\n")
     config = _config(arguments, log)
     result = _replay(arguments, log, config)
-    accuracy = _accuracy(result.trajectory, relations, truth)
+    accuracy = _accuracy(result, relations, truth)
     summary = _summary(arguments, log, config, result, accuracy)
     _write(arguments.out, result, summary)
     sys.stdout.write(_report(arguments.out, summary))
@@ -184,30 +181,32 @@ def _viewer(screens: list[ShowPicture], total: int) -> Callable[[int, Mapper, bo
 
 
 def _accuracy(
-    trajectory: Trajectory, relations: Relations | None, truth: Trajectory | None
+    result: ReplayResult, relations: Relations | None, truth: Trajectory | None
 ) -> dict[str, Any]:
     from slamgym.metrics import absolute_trajectory_error, relation_error, relative_pose_error
 
     accuracy: dict[str, Any] = {}
     if relations is not None:
         try:
-            accuracy["relations"] = _relation_summary(relation_error(trajectory, *relations))
-            accuracy["relations_at_scans"] = _relation_summary(
-                relation_error(trajectory, *relations, max_gap=SAME_MOMENT)
-            )
+            accuracy["relations"] = _relation_summary(relation_error(result.moments, *relations))
         except ValueError as problem:
-            if "relations" not in accuracy:
-                raise ConfigError(f"--relations: {problem}") from problem
+            raise ConfigError(f"--relations: {problem}") from problem
+        with suppress(ValueError):  # no place was passed twice
+            accuracy["relations_of_revisits"] = _relation_summary(
+                relation_error(result.moments, *relations, revisits=True)
+            )
+        with suppress(ValueError):  # no moment is a scan's
+            accuracy["relations_at_scans"] = _relation_summary(relation_error(result.trajectory, *relations))
     if truth is not None:
-        aligned = absolute_trajectory_error(trajectory, truth)
-        plain = absolute_trajectory_error(trajectory, truth, align=False)
+        aligned = absolute_trajectory_error(result.trajectory, truth)
+        plain = absolute_trajectory_error(result.trajectory, truth, align=False)
         accuracy["truth"] = {
             "ate_rmse_m": aligned.translation.rmse,
             "ate_unaligned_rmse_m": plain.translation.rmse,
             "ate_rotation_rmse_deg": float(np.degrees(aligned.rotation.rmse)),
         }
         if truth.length > 2.0:
-            relative = relative_pose_error(trajectory, truth, delta=1.0)
+            relative = relative_pose_error(result.trajectory, truth, delta=1.0)
             accuracy["truth"]["rpe_per_metre_rmse_m"] = relative.translation.rmse
     return accuracy
 
@@ -281,7 +280,11 @@ def _report(folder: Path, summary: dict[str, Any]) -> str:
     ]
     if "loop_closures" in summary:
         lines.append(f"  loop closures: {summary['loop_closures']}")
-    for key, moments in (("relations", "interpolated"), ("relations_at_scans", "at the scans")):
+    for key, moments in (
+        ("relations", "all"),
+        ("relations_of_revisits", "revisits"),
+        ("relations_at_scans", "at the nearest scan within 0.1 s"),
+    ):
         if key in summary:
             r = summary[key]
             lines.append(

@@ -35,6 +35,8 @@ class ReplayResult:
     """The poses that the mapper estimated, one per processed scan."""
     trajectory: Trajectory
     """A pose for every scan: between processed ones, the odometry's motion fitted to both neighbours."""
+    moments: Trajectory
+    """The same for every moment of which the log holds the odometry, in the order of time."""
     stats: SlamStats
     wall_seconds: float
     peak_memory_bytes: int
@@ -108,13 +110,14 @@ def replay(
     mapper.finish()
     path = mapper.trajectory()
     grid = mapper.occupancy_grid()
-    odometry = np.array([record.odometry for record in log], dtype=np.float64)
-    stamps = np.array([record.stamp for record in log], dtype=np.float64)
-    dense = Trajectory(stamps, poses_between(path.poses, np.array(processed, dtype=np.int64), odometry))
+    track = log.track
+    poses = poses_between(path.poses, track.scans[processed], track.poses)
+    in_time = np.argsort(track.stamps, kind="stable")
     return ReplayResult(
         grid=grid,
         processed=path,
-        trajectory=dense,
+        trajectory=Trajectory(track.stamps[track.scans], poses[track.scans]),
+        moments=Trajectory(track.stamps[in_time], poses[in_time]),
         stats=mapper.stats,
         wall_seconds=time.perf_counter() - begin,
         peak_memory_bytes=_peak_memory(),
@@ -123,26 +126,26 @@ def replay(
 
 
 def poses_between(poses: FloatArray, indices: IntArray, odometry: FloatArray) -> FloatArray:
-    """Fill in the poses of the scans that were not processed.
+    """Fill in the poses of the moments between the processed scans.
 
     Between two processed scans the robot moved as odometry says, up to a small error, the difference of the
-    two corrections, which is spread linearly over the scans in between.
+    two corrections, which is spread linearly over the moments in between.
 
     Args:
         poses: Estimates at the processed scans, shape (P, 3).
-        indices: Which scans those are, shape (P,), ascending, the first 0.
-        odometry: Odometry pose at every scan, shape (N, 3).
+        indices: Which of the moments those are, shape (P,), ascending.
+        odometry: Odometry pose at every moment, shape (N, 3).
 
     Returns:
-        Poses at every scan, shape (N, 3).
+        Poses at every moment, shape (N, 3).
     """
     every = np.arange(len(odometry))
-    before = np.searchsorted(indices, every, side="right") - 1
+    before = np.maximum(np.searchsorted(indices, every, side="right") - 1, 0)
     after = np.minimum(before + 1, len(indices) - 1)
     from_before = _carried(poses, indices, odometry, every, before)
     from_after = _carried(poses, indices, odometry, every, after)
     span = indices[after] - indices[before]
-    share = np.where(span > 0, (every - indices[before]) / np.maximum(span, 1), 0.0)[:, None]
+    share = np.clip((every - indices[before]) / np.maximum(span, 1), 0.0, 1.0)[:, None]
     difference = from_after - from_before
     difference[:, 2] = wrap_angle(difference[:, 2])
     filled: FloatArray = from_before + share * difference
