@@ -95,6 +95,9 @@ class SlamConfig(Settings, section="slam"):
     all of it. The launch values of the noise are several times a wheel robot's real error, so that drawing
     all of it scatters particles that see little. GMapping's: 1."""
 
+    learn_odometry: bool = False
+    """Learn."""
+
     linear_update: float = 1.0
     """A scan is processed after this distance [m] (``linearUpdate``) ..."""
 
