@@ -8,7 +8,15 @@ most of the weight they are resampled.
 import numpy as np
 
 from slamgym.core.geometry import between, compose
-from slamgym.core.types import FloatArray, IntArray, LaserGeometry, LaserScan, Pose2D, Trajectory
+from slamgym.core.types import (
+    Float32Array,
+    FloatArray,
+    IntArray,
+    LaserGeometry,
+    LaserScan,
+    Pose2D,
+    Trajectory,
+)
 from slamgym.slam.config import SlamConfig
 from slamgym.slam.end_points import usable_end_points
 from slamgym.slam.hill_climbing import MatchSettings, Search
@@ -104,6 +112,8 @@ class ParticleFilter(GatedMapper):
         self._match_settings = match_settings(config)
         self._calibration = OdometryCalibration() if config.learn_odometry else None
         self._free_offset = Pose2D(0.0, 0.0, 0.0)
+        self._match_covariance: FloatArray | None = None
+        self._predicted_variances = np.zeros(2)
 
     @property
     def pose(self) -> Pose2D:
@@ -149,11 +159,9 @@ class ParticleFilter(GatedMapper):
         increments = self._gate.take(scan.stamp)
         before = self._poses.copy()
         variance, turn_variance = self._predict(increments)
-        usable = min(self._beams.usable, float(np.nextafter(self._beams.range_max, 0.0)))
-        num_points = usable_end_points(scan.ranges, self._beams, usable, self._end_points)
-        points = self._end_points[:num_points]
-        radius = float(np.abs(points).sum(axis=1).max(initial=0.0))
-        self._maps.cover(self._poses, radius + MATCH_MARGIN)
+        self._predicted_variances = np.array([variance, turn_variance])
+        points = self._usable_points(scan.ranges)
+        self._maps.cover(self._poses, self._radius(points))
         if len(self._tree) > 0:
             best = self._match_and_weigh(points, variance, turn_variance)
             self._learn(increments, before, best, points)
@@ -161,6 +169,16 @@ class ParticleFilter(GatedMapper):
                 self._resample()
         self._tree.append(scan.stamp, self._poses, scan.ranges)
         self._maps.register(self._poses, points)
+
+    def _usable_points(self, ranges: Float32Array) -> FloatArray:
+        """End points (n, 2) in the robot frame that can be matched; valid until the next call."""
+        usable = min(self._beams.usable, float(np.nextafter(self._beams.range_max, 0.0)))
+        return self._end_points[: usable_end_points(ranges, self._beams, usable, self._end_points)]
+
+    @staticmethod
+    def _radius(points: FloatArray) -> float:
+        """How far round the robot the maps are made ready for a scan [m]."""
+        return float(np.abs(points).sum(axis=1).max(initial=0.0)) + MATCH_MARGIN
 
     def _predict(self, increments: FloatArray) -> tuple[float, float]:
         """Move the particles by odometry; returns the variances of position and heading that it leaves."""
@@ -199,6 +217,7 @@ class ParticleFilter(GatedMapper):
         along_variance = float(along @ covariance @ along)
         if score < 0.5 * num_points or num_points < 20 or along_variance > 0.02**2 or covariance[2, 2] > 0.01**2:
             self._calibration.restart()
+            self._match_covariance = None
             return
         moved = between(compose(Pose2D(*before[best]), last_offset), Pose2D(*free[:3]))
         self._calibration.learn(increments, moved, along_variance, float(covariance[2, 2]))
