@@ -70,6 +70,8 @@ HEADING_FLOOR = 0.003
 NULL_LIKELIHOOD = -0.5
 """-d^2 of a beam with nothing near [m^2] (GMapping's ``nullLikelihood``)."""
 POINT_INFORMATION = 125.0
+DOUBT_SHARE = 0.6
+FEW_POINTS = 20
 MATCH_MARGIN = 1.5
 """How far round the scan's end points the maps are made ready [m]; a match that strays further finds nothing."""
 
@@ -114,6 +116,7 @@ class ParticleFilter(GatedMapper):
         self._free_offset = Pose2D(0.0, 0.0, 0.0)
         self._match_covariance: FloatArray | None = None
         self._predicted_variances = np.zeros(2)
+        self._stamp = 0.0
 
     @property
     def pose(self) -> Pose2D:
@@ -159,12 +162,14 @@ class ParticleFilter(GatedMapper):
         increments = self._gate.take(scan.stamp)
         before = self._poses.copy()
         variance, turn_variance = self._predict(increments)
+        predicted = self._poses.copy()
+        self._stamp = scan.stamp
         self._predicted_variances = np.array([variance, turn_variance])
         points = self._usable_points(scan.ranges)
         self._maps.cover(self._poses, self._radius(points))
         if len(self._tree) > 0:
             best = self._match_and_weigh(points, variance, turn_variance)
-            self._learn(increments, before, best, points)
+            self._learn(increments, before, predicted, best, points)
             if self.n_eff < self._config.resample_threshold * len(self._poses):
                 self._resample()
         self._tree.append(scan.stamp, self._poses, scan.ranges)
@@ -199,23 +204,42 @@ class ParticleFilter(GatedMapper):
         pf, hf = float(os.environ.get("PF", POSITION_FLOOR)), float(os.environ.get("HF", HEADING_FLOOR))
         return spread.distance + pf**2, spread.heading + hf**2
 
-    def _learn(self, increments: FloatArray, before: FloatArray, best: int, points: FloatArray) -> None:
+    def _align_freely(self, pose: FloatArray, points: FloatArray, particle: int = 0) -> FloatArray:
+        """What the scan alone says from a pose on: pose, score, binding; see :func:`align_freely`."""
+        free = np.empty(10)
+        align_freely(self._maps.tile_maps, particle, pose, points, self._match_settings, free)
+        return free
+
+    def _resettle(self, increments: FloatArray, predicted: FloatArray, points: FloatArray, share: float) -> float:
+        """Nothing is tried; a mode that can search wider does."""
+        del increments, predicted, points
+        return share
+
+    def _learn(
+        self, increments: FloatArray, before: FloatArray, predicted: FloatArray, best: int, points: FloatArray
+    ) -> None:
         """Compare the best particle's match with the odometry."""
         if self._calibration is None:
             return
-        num_points = len(points)
-        free = np.empty(10)
-        align_freely(self._maps.tile_maps, best, self._poses[best], points, self._match_settings, free)
-        score, uu, uv, vv, ut, vt, tt = free[3:]
+        free = self._align_freely(self._poses[best], points, best)
+        share = free[3] / max(len(points), 1)
+        if share < DOUBT_SHARE and len(points) >= FEW_POINTS:
+            found = self._resettle(increments, predicted[best], points, share)
+            if found > share:
+                free = self._align_freely(self._poses[best], points, best)
+            if found < DOUBT_SHARE:
+                self._stats.doubtful.append(self._stamp)
+            share = found
         last_offset = self._free_offset
         self._free_offset = between(Pose2D(*self._poses[best]), Pose2D(*free[:3]))
+        uu, uv, vv, ut, vt, tt = free[4:]
         information = POINT_INFORMATION * np.array([[uu, uv, ut], [uv, vv, vt], [ut, vt, tt]])
         covariance = np.linalg.inv(information + np.diag([1.0, 1.0, 1.0]))
-        self._match_covariance = covariance
         theta = self._poses[best, 2]
         along = np.array([np.cos(theta), np.sin(theta), 0.0])
         along_variance = float(along @ covariance @ along)
-        if score < 0.5 * num_points or num_points < 20 or along_variance > 0.02**2 or covariance[2, 2] > 0.01**2:
+        self._match_covariance = covariance
+        if share < 0.5 or len(points) < FEW_POINTS or along_variance > 0.02**2 or covariance[2, 2] > 0.01**2:
             self._calibration.restart()
             self._match_covariance = None
             return

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from slamgym.core.geometry import wrap_angle
+from slamgym.core.geometry import compose, wrap_angle
 from slamgym.core.types import FloatArray, IntArray, LaserGeometry, LaserScan, Pose2D
 from slamgym.metrics.trajectory import relative_poses
 from slamgym.slam.config import SlamConfig
@@ -35,6 +35,10 @@ MIN_POINTS = 20
 """A scan with fewer end points isn't matched."""
 ODOMETRY_FLOOR = (0.02, 0.01)
 """Odometry is never trusted further than this [m], [rad]."""
+WIDE_WINDOW = (0.3, 0.15)
+"""Least half width of the search for a scan that fits poorly [m], [rad]."""
+BETTER_SHARE = 0.1
+"""What is found there counts if so many more of the points fit."""
 MATCH_FLOOR = (0.01, 0.01, 0.003)
 """Nor is a match [m], [m], [rad]."""
 RELOCATION = (0.01, 0.003)
@@ -120,6 +124,34 @@ class PoseGraphMapper(ParticleFilter):
         ):
             self._add_node(scan)
 
+    def _resettle(self, increments: FloatArray, predicted: FloatArray, points: FloatArray, share: float) -> float:
+        """Search a wide window round the prediction for a scan that fits poorly where it was matched.
+
+        Odometry may have lied: wheels that slip, a robot that was lifted, lost messages. Then its learned errors say
+        nothing, and the window is that of GMapping's generous motion noise.
+        """
+        if len(points) < MIN_POINTS or len(self._nodes) == 0:
+            return share
+        distance = float(np.hypot(increments[:, 0], increments[:, 1]).sum())
+        turn = float(np.abs(increments[:, 2]).sum())
+        srr, srt, str_, stt = self._noise
+        sigma, sigma_turn = srr * distance + str_ * turn, srt * distance + stt * turn
+        window = (WIDE_WINDOW[0] + 2.0 * sigma, WIDE_WINDOW[1] + 2.0 * sigma_turn)
+        last = len(self._nodes) - 1
+        members = np.arange(max(0, last + 1 - self._settings.local_nodes), last + 1)
+        guess = relative_poses(self._nodes.poses[[last]], predicted[None])[0]
+        prior = np.diag(1.0 / np.square([sigma + 0.05, sigma + 0.05, sigma_turn + 0.02]))
+        match = self._match(points, last, members, guess, prior, *window, least=0.3)
+        if match is None:
+            return share
+        placed = np.array(compose(Pose2D(*self._nodes.poses[last]), Pose2D(*match.pose)))
+        free = self._align_freely(placed, points)
+        if free[3] / len(points) < share + BETTER_SHARE:
+            return share
+        self._poses[0] = free[:3]
+        self._stats.recovered_matches += 1
+        return float(free[3] / len(points))
+
     def _add_node(self, scan: LaserScan) -> None:
         """Make the scan just processed a node, bound to the one before by matching and by odometry."""
         pose = self._poses[0]
@@ -149,14 +181,13 @@ class PoseGraphMapper(ParticleFilter):
         return points[: usable_end_points(scan.ranges, b, usable, points)]
 
     def _match(
-        self, node: int, reference: int, members: IntArray, guess: FloatArray, prior_info: FloatArray,
+        self, points: FloatArray, reference: int, members: IntArray, guess: FloatArray, prior_info: FloatArray,
         window: float, turn: float, least: float,
     ) -> NodeMatch | None:  # fmt: skip
-        """Search a node's scan in a local map of ``members``, in the frame of ``reference``.
+        """Search a scan's end points in a local map of ``members``, in the frame of ``reference``.
 
         A window of zero leaves the search out: the scan is aligned from the guess.
         """
-        points = self._nodes.end_points(node)
         if len(points) < MIN_POINTS:
             return None
         relative = relative_poses(
@@ -203,7 +234,7 @@ class PoseGraphMapper(ParticleFilter):
         guess = relative_poses(self._nodes.poses[[old]], self._nodes.poses[[node]])[0]
         least = least_fit - 0.15  # the search's score is a little lower than the fit after alignment
         match = self._match(
-            node, old, members, guess, np.zeros((3, 3)), candidate.window, candidate.turn, least
+            self._nodes.end_points(node), old, members, guess, np.zeros((3, 3)), candidate.window, candidate.turn, least
         )
         if match is None or match.fit < least_fit:
             return None
