@@ -200,9 +200,7 @@ class ParticleFilter(GatedMapper):
         if rbpf:
             deviations = np.sqrt([spread.random_distance, spread.random_distance, spread.random_heading])
             self._poses += self._config.drawn_noise * deviations * self._rng.standard_normal((count, 3))
-        import os
-        pf, hf = float(os.environ.get("PF", POSITION_FLOOR)), float(os.environ.get("HF", HEADING_FLOOR))
-        return spread.distance + pf**2, spread.heading + hf**2
+        return spread.distance + POSITION_FLOOR**2, spread.heading + HEADING_FLOOR**2
 
     def _align_freely(self, pose: FloatArray, points: FloatArray, particle: int = 0) -> FloatArray:
         """What the scan alone says from a pose on: pose, score, binding; see :func:`align_freely`."""
