@@ -85,7 +85,7 @@ class TrueBuilding:
         costmap = make_costmap(OccupancyGrid(known.cells, frame), config_of_body)
         space = reachable_space(costmap, self.start)
         assert space is not None, "the robot stands in the building"
-        floor = ReachableFloor(plan, robot.radius, clutter.furniture)
+        floor = ReachableFloor(plan, robot.radius, clutter.passages)
         self.paths = CoarsePaths(costmap, space)
         self.planner = CoverageTourPlanner(
             costmap,
@@ -311,11 +311,9 @@ class Oracle:
 
 def _with_furniture(grid: OccupancyGrid, clutter: Clutter, offset: Point) -> OccupancyGrid:
     """A drawing with the furniture in it; ``offset`` is where its origin lies in the world [m]."""
-    if not clutter.furniture:
-        return grid
     cells = grid.cells.copy()
-    for piece in clutter.furniture:
-        corners = np.asarray(piece.exterior.coords) - offset
+    for solid in clutter.solids():
+        corners = solid - offset
         row, col = grid.frame.to_cell(corners[:, 0], corners[:, 1])
         cv2.fillPoly(cells, [np.column_stack([col, row]).astype(np.int32)], int(OCCUPIED))
     return OccupancyGrid(cells, grid.frame)

@@ -6,18 +6,21 @@ that weights of another observation space are refused with one sentence.
 
 import hashlib
 import json
-import struct
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from safetensors import SafetensorError, safe_open
+from safetensors.numpy import save
 
 from slamgym.agents.scoring import FrontierScorer, NetworkConfig
 from slamgym.core.config import from_dict, to_dict
+from slamgym.core.documents import load_json
 from slamgym.core.errors import ConfigError, InputFileError
-from slamgym.core.files import write_bytes, write_text
+from slamgym.core.files import read_bytes, write_bytes, write_text
+from slamgym.core.provenance import check_origin
 from slamgym.core.types import Float32Array
 from slamgym.envs.frontier_features import (
     CANDIDATE_FEATURES,
@@ -28,8 +31,6 @@ from slamgym.envs.frontier_features import (
 
 PRETRAINED = Path(__file__).parent / "pretrained" / "frontier_policy.safetensors"
 """The policy that comes with the package."""
-
-MAX_HEADER = 1 << 20
 
 
 @dataclass(frozen=True)
@@ -65,20 +66,9 @@ def write_policy(
         about: How they were trained.
     """
     configuration = {"space": _space(), "network": to_dict(network), "about": dict(about)}
-    header: dict[str, Any] = {"__metadata__": {"slamgym": json.dumps(configuration, sort_keys=True)}}
-    chunks, offset = [], 0
-    for name in sorted(weights):
-        content = np.ascontiguousarray(weights[name], dtype="<f4").tobytes()
-        header[name] = {
-            "dtype": "F32",
-            "shape": list(weights[name].shape),
-            "data_offsets": [offset, offset + len(content)],
-        }
-        chunks.append(content)
-        offset += len(content)
-    text = json.dumps(header, separators=(",", ":")).encode()
-    text += b" " * (-len(text) % 8)
-    write_bytes(path, struct.pack("<Q", len(text)) + text + b"".join(chunks))
+    metadata = {"slamgym": json.dumps(configuration, sort_keys=True)}
+    tensors = {name: np.ascontiguousarray(value, dtype="<f4") for name, value in weights.items()}
+    write_bytes(path, save(tensors, metadata))
     write_text(path.with_suffix(".json"), json.dumps(configuration, indent=2, sort_keys=True) + "\n")
 
 
@@ -89,22 +79,18 @@ def read_policy(path: Path | str = PRETRAINED) -> PolicyFile:
         InputFileError: If the file is missing, damaged, or made for another observation space.
     """
     path = Path(path)
+    check_origin(path)
+    metadata, weights = _read_tensors(path)
     try:
-        content = path.read_bytes()
-    except OSError as error:
-        raise InputFileError(path, f"can't be read ({error.strerror or error})") from None
-    header, body = _split_header(path, content)
-    try:
-        configuration = json.loads(header.pop("__metadata__")["slamgym"])
+        configuration = load_json(metadata["slamgym"])
         space, about = configuration["space"], configuration["about"]
     except (KeyError, TypeError, ValueError):
         raise InputFileError(path, "holds no frontier policy; slamgym agents train writes one") from None
     _refuse_other_space(path, space)
     try:
-        network = from_dict(NetworkConfig, configuration["network"], f"{path}: network")
-    except (KeyError, TypeError, ConfigError) as error:
+        network = from_dict(NetworkConfig, configuration["network"], "network")
+    except (KeyError, ConfigError) as error:
         raise InputFileError(path, f"describes no network that this version knows ({error})") from None
-    weights = {name: _array(path, name, entry, body) for name, entry in header.items()}
     _refuse_other_shapes(path, network, weights)
     return PolicyFile(network, weights, about)
 
@@ -128,7 +114,8 @@ def _refuse_other_space(path: Path, space: Any) -> None:
         if space.get(name) != value:
             theirs, mine = space.get(name), value
             if isinstance(mine, list):
-                theirs, mine = f"{len(theirs or [])} features", f"{len(mine)}, or others"
+                count = len(theirs) if isinstance(theirs, list) else "no"
+                theirs, mine = f"{count} features", f"{len(mine)}, or others"
             raise InputFileError(
                 path,
                 f"was trained on another observation space ({name} {theirs}, this version has {mine}); "
@@ -136,34 +123,25 @@ def _refuse_other_space(path: Path, space: Any) -> None:
             )
 
 
-def _split_header(path: Path, content: bytes) -> tuple[dict[str, Any], bytes]:
-    """The header of a safetensors file and its data (huggingface.co/docs/safetensors, "Format")."""
-    damaged = InputFileError(path, "is no whole safetensors file; download or train it again")
-    if len(content) < 8:
-        raise damaged
-    (length,) = struct.unpack("<Q", content[:8])
-    if length > min(MAX_HEADER, len(content) - 8):
-        raise damaged
+def _read_tensors(path: Path) -> tuple[dict[str, str], dict[str, Float32Array]]:
+    """The metadata of a safetensors file and its tensors, which must be single precision and finite."""
+    read_bytes(path)  # says in our words why a file can't be read
     try:
-        header = json.loads(content[8 : 8 + length])
-    except ValueError:
-        raise damaged from None
-    if not isinstance(header, dict):
-        raise damaged
-    return header, content[8 + length :]
-
-
-def _array(path: Path, name: str, entry: Any, body: bytes) -> Float32Array:
-    try:
-        begin, end = entry["data_offsets"]
-        if entry["dtype"] != "F32" or not 0 <= begin <= end <= len(body):
-            raise ValueError
-        array = np.frombuffer(body[begin:end], dtype="<f4").reshape(entry["shape"]).astype(np.float32)
-    except (KeyError, TypeError, ValueError):
-        raise InputFileError(path, f"is damaged at {name!r}; download or train it again") from None
-    if not np.isfinite(array).all():
-        raise InputFileError(path, f"has weights that are no numbers at {name!r}; train it again")
-    return array
+        with safe_open(path, framework="np") as file:
+            weights: dict[str, Float32Array] = {}
+            for name in file.keys():  # noqa: SIM118 - not a mapping
+                if file.get_slice(name).get_dtype() != "F32":
+                    raise InputFileError(path, f"is damaged at {name!r}; download or train it again")
+                weights[name] = file.get_tensor(name)
+            metadata = file.metadata() or {}
+    except (SafetensorError, OSError) as error:
+        raise InputFileError(
+            path, f"is no whole safetensors file ({error}); download or train it again"
+        ) from None
+    for name, array in weights.items():
+        if not np.isfinite(array).all():
+            raise InputFileError(path, f"has weights that are no numbers at {name!r}; train it again")
+    return metadata, weights
 
 
 def _refuse_other_shapes(path: Path, network: NetworkConfig, weights: Mapping[str, Float32Array]) -> None:

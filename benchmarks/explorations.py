@@ -42,7 +42,7 @@ PARTS: dict[str, list[tuple[Any, str]]] = {
     "explorer (frontiers, navigation)": [(BatchedExplorer, "predict")],
     "world and sensors": [
         (World, "step"),
-        (Lidar, "true_ranges"),
+        (Lidar, "look"),
         (Lidar, "measure"),
         (WheelOdometry, "update"),
     ],

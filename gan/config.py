@@ -30,6 +30,8 @@ CHANNELS: dict[Encoding, int] = {"grey": 1, "free_occupied": 2, "rgb": 3}
 """Channels of a map in each encoding; all values lie in [-1, 1]."""
 
 MIN_RESOLUTION, MAX_SIZE = 8, 1024
+MAX_WIDTH = 1_000_000
+"""Channels that settings in a file of unknown origin may ask for."""
 Side = Annotated[int, Within(ge=MIN_RESOLUTION, le=MAX_SIZE, power_of_two=True)]
 
 
@@ -53,7 +55,7 @@ class GeneratorConfig(Settings, section="generator"):
     kind: Literal["progressive", "residual"] = "progressive"
     """``progressive``: U-Net with a head per resolution (anime2clothing); ``residual``: one resolution,
     residual blocks, most of the work at half resolution and below."""
-    width: Count = 32
+    width: Annotated[int, Within(ge=1, le=MAX_WIDTH)] = 32
     """Channels of the finest level; the deeper levels have up to four times as many."""
     depth: Annotated[int, Within(ge=1, le=7)] = 4
     """Halvings below the first one (``residual``); ``progressive`` always goes down to 2 x 2."""
@@ -73,16 +75,16 @@ class DiscriminatorConfig(Settings, section="discriminator"):
     """Use the domain discriminator: does the output belong to the input?"""
     real_fake: bool = True
     """Use the real/fake discriminator, which sees patches of the output alone."""
-    width: int = 128
+    width: Annotated[int, Within(ge=8, le=MAX_WIDTH)] = 128
     """Channels of the deepest levels; a level of side s has min(16 * 256 / s * width / 128, width)."""
-    patch_width: int = 128
+    patch_width: Annotated[int, Within(ge=8, le=MAX_WIDTH)] = 128
     """The same for the second and third copy of the real/fake discriminator, which work at full resolution and
     make up nine tenths of its cost."""
     unassociated: bool = True
     """Show the domain discriminator targets of other places as negatives."""
 
     def _check(self) -> None:
-        if self.width < 8 or self.patch_width < 8 or self.width % 8 or self.patch_width % 8:
+        if self.width % 8 or self.patch_width % 8:
             raise ConfigError(
                 "discriminator.width and patch_width must be multiples of 8, "
                 f"not {self.width} and {self.patch_width}"

@@ -12,7 +12,7 @@ is a plan of its own.
 """
 
 import hashlib
-import json
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -20,9 +20,13 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from slamgym.core.documents import parse_json
 from slamgym.core.errors import InputFileError
+from slamgym.core.files import read_bytes, read_text
+from slamgym.core.pictures import decode_picture
 from slamgym.core.types import ByteArray, FloatArray
-from slamgym.gan.encoding import resample_grey, resample_slam
+from slamgym.gan.encoding import resample_grey
+from slamgym.metrics.maps import resample_slam
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".pgm", ".tif", ".tiff")
 
@@ -123,13 +127,7 @@ def read_grey(path: Path) -> ByteArray:
     Raises:
         InputFileError: If it can't be read or is coloured.
     """
-    try:
-        encoded = np.frombuffer(path.read_bytes(), np.uint8)
-    except OSError as error:
-        raise InputFileError(path, f"can't be read ({error.strerror or error})") from error
-    image = _decoded(encoded)
-    if image is None:
-        raise InputFileError(path, "is not an image that OpenCV can read (PNG, JPEG, BMP, PGM, TIFF)")
+    image = decode_picture(path, read_bytes(path), cv2.IMREAD_UNCHANGED)
     if image.dtype != np.uint8:
         raise InputFileError(path, f"has pixels of type {image.dtype}; save it with 8 bits per channel")
     if image.ndim == 3:
@@ -138,13 +136,6 @@ def read_grey(path: Path) -> ByteArray:
             raise InputFileError(path, f"is coloured ({image.shape[2]} channels); maps are grey images")
         image = np.rint(colours.mean(axis=2)).astype(np.uint8)
     return np.asarray(image, dtype=np.uint8)
-
-
-def _decoded(encoded: ByteArray) -> np.ndarray | None:
-    try:
-        return cv2.imdecode(encoded, cv2.IMREAD_UNCHANGED) if encoded.size else None
-    except cv2.error:
-        return None
 
 
 def _split_folder(root: Path, split: str) -> Path:
@@ -197,13 +188,16 @@ def _manifest(root: Path) -> dict[str, tuple[str, float]]:
     if not path.is_file():
         return {}
     recorded: dict[str, tuple[str, float]] = {}
-    for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), start=1):
+    for number, line in enumerate(read_text(path).splitlines(), start=1):
+        values = parse_json(line, f"{path}:{number}")
         try:
-            values = json.loads(line)
             # Near-duplicates of a plan form a group; they must not be separated either.
             plan = values.get("group") or values["plan_id"]
-            recorded[str(values["name"])] = (str(plan), float(values["metres_per_px"]))
-        except (ValueError, TypeError, KeyError) as error:
+            scale = float(values["metres_per_px"])
+            if not 0.0 < scale < math.inf:
+                raise ValueError(f"metres_per_px is {scale}")
+            recorded[str(values["name"])] = (str(plan), scale)
+        except (ValueError, TypeError, KeyError, AttributeError, OverflowError) as error:
             raise InputFileError(f"{path}:{number}", f"is not a record of an image pair ({error})") from error
     return recorded
 

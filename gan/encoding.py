@@ -19,26 +19,8 @@ from torch import Tensor
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, ByteArray, Float32Array
 from slamgym.gan.config import CHANNELS, Encoding
 
-MIN_OCCUPIED_SHARE = 0.3
-"""A shrunk cell is occupied if this share of it was: a wall one cell thick survives shrinking to a third."""
-
 _BACK_PROJECTIONS = 10
 """After these the means are right to a few thousandths."""
-
-
-def resample_slam(cells: ByteArray, shape: tuple[int, int]) -> ByteArray:
-    """Resample a SLAM map to (rows, cols); values stay 0, 205, 254."""
-    if cells.shape == shape:
-        return cells
-    size = (shape[1], shape[0])
-    if shape[0] >= cells.shape[0] and shape[1] >= cells.shape[1]:
-        return np.asarray(cv2.resize(cells, size, interpolation=cv2.INTER_NEAREST_EXACT), dtype=np.uint8)
-    occupied = cv2.resize((cells == OCCUPIED).astype(np.float32), size, interpolation=cv2.INTER_AREA)
-    free = cv2.resize((cells == FREE).astype(np.float32), size, interpolation=cv2.INTER_AREA)
-    result = np.where(free >= 0.5 * (1.0 - occupied), FREE, UNKNOWN)
-    # Nothing of it known: neither share may decide.
-    result[(free == 0.0) & (occupied < MIN_OCCUPIED_SHARE)] = UNKNOWN
-    return np.where(occupied >= MIN_OCCUPIED_SHARE, OCCUPIED, result).astype(np.uint8)
 
 
 def resample_grey(image: ByteArray, shape: tuple[int, int]) -> ByteArray:

@@ -83,6 +83,8 @@ def _cached(cache: Path | None, checksum: str, count: int) -> FloatArray | None:
         return None
     try:
         found = load(cache.read_bytes()).get(checksum)
-    except (SafetensorError, OSError):
+    except (SafetensorError, OSError, KeyError):
         return None  # whatever it is, finding them again is right
-    return found if found is not None and found.shape == (count, 4) else None
+    if found is None or found.dtype != np.float64 or found.shape != (count, 4):
+        return None
+    return found if np.isfinite(found).all() else None

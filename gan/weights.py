@@ -5,9 +5,9 @@ people); only the first is needed. Nothing in the file can run code, and loading
 """
 
 import json
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
 import torch
 from safetensors import SafetensorError, safe_open
@@ -16,9 +16,12 @@ from torch import Tensor
 
 from slamgym import __version__
 from slamgym.core.config import from_dict, suggest, to_dict
+from slamgym.core.documents import load_json
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.files import write_bytes, write_text
+from slamgym.core.names import is_file_name
 from slamgym.core.progress import duration
+from slamgym.core.provenance import check_origin, write_checksums
 from slamgym.gan.config import Direction, TranslatorConfig
 from slamgym.gan.networks.factory import Generator, build_generator
 from slamgym.gan.networks.layers import count_parameters
@@ -94,6 +97,7 @@ def load_weights(name_or_path: str | Path, direction: Direction | None = None) -
         ConfigError: If no pretrained weights have this name, or they translate the other way.
     """
     path = find_weights(name_or_path)
+    check_origin(path)
     try:
         with safe_open(path, framework="pt") as file:
             header = file.metadata() or {}
@@ -125,7 +129,7 @@ def publish(
         InputFileError: If the weights can't be read or written.
         ConfigError: If they are too large, or the name is no plain name.
     """
-    if not name or Path(name).name != name:
+    if not is_file_name(name):
         raise ConfigError(f"{name!r} is no plain name")
     weights = load_weights(run)
     card = replace(weights.card, data=data or weights.card.data, command=command or weights.card.command)
@@ -137,6 +141,8 @@ def publish(
         raise ConfigError(
             f"{run}: the weights have {size / 1e6:.1f} MB; pretrained ones at most {MAX_BYTES / 1e6:.0f}"
         )
+    if folder == PRETRAINED_FOLDER:
+        write_checksums()
     return path
 
 
@@ -218,9 +224,9 @@ def _read_header(path: Path, header: dict[str, str]) -> tuple[TranslatorConfig, 
             )
         raise InputFileError(path, "is a safetensors file, but not of a slamgym translator")
     try:
-        config = from_dict(TranslatorConfig, json.loads(header["config"]), str(path))
-        card = from_dict(ModelCard, json.loads(header["card"]), str(path))
-    except (KeyError, ValueError, TypeError, ConfigError) as error:
+        config = from_dict(TranslatorConfig, load_json(header["config"]), str(path))
+        card = from_dict(ModelCard, load_json(header["card"]), str(path))
+    except (KeyError, ValueError, ConfigError) as error:
         raise InputFileError(path, f"has settings that can't be used ({error})") from error
     return config, card
 
@@ -231,8 +237,7 @@ def _fill(path: Path, config: TranslatorConfig, tensors: dict[str, Tensor]) -> G
         generator = build_generator(config, seed=None)
     if count_parameters(generator) > MAX_PARAMETERS:
         raise InputFileError(path, "asks for a network of unreasonable size")
-    wanted: dict[str, Any] = {name: tuple(value.shape) for name, value in generator.state_dict().items()}
-    found = {name: tuple(value.shape) for name, value in tensors.items()}
+    wanted, found = _shapes(generator.state_dict()), _shapes(tensors)
     if wanted != found:
         odd = sorted(name for name in wanted.keys() | found.keys() if wanted.get(name) != found.get(name))
         raise InputFileError(
@@ -243,6 +248,11 @@ def _fill(path: Path, config: TranslatorConfig, tensors: dict[str, Tensor]) -> G
         raise InputFileError(path, "holds weights that are NaN or infinite")
     generator.load_state_dict(whole, assign=True)
     return generator.eval().requires_grad_(False)
+
+
+def _shapes(tensors: Mapping[str, Tensor]) -> dict[str, tuple[bool, tuple[int, ...]]]:
+    """Of each tensor, whether it holds fractions, and its shape."""
+    return {name: (value.is_floating_point(), tuple(value.shape)) for name, value in tensors.items()}
 
 
 def _why_unreadable(path: Path, error: Exception) -> str:

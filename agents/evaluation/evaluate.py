@@ -7,68 +7,75 @@ explorations in flight; a line that was cut short is dropped when the file is op
 import dataclasses
 import functools
 import json
-import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import NamedTuple
+from typing import Generic, NamedTuple, TypeVar
 
-from slamgym.agents.evaluation.trial import Key, MakeForEpisode, Trial, TrialConfig, run_trial, trial_hash
+from slamgym.agents.evaluation.trial import (
+    FailedTrial,
+    Key,
+    MakeForEpisode,
+    Trial,
+    TrialConfig,
+    run_trial,
+    trial_hash,
+)
 from slamgym.agents.plan_splits import PlanSplit, split_of
 from slamgym.agents.registry import make_explorer
 from slamgym.cad import FloorPlan, PlanSource, check_plan
 from slamgym.cad.plan_filter import PlanFilter, passes
-from slamgym.core.config import Count, Settings, to_dict
+from slamgym.core.config import Count, Settings, from_dict, to_dict
+from slamgym.core.documents import load_json
 from slamgym.core.errors import ConfigError, InputFileError, PlanError
-from slamgym.core.files import exclusive_lock, replace_file, storage_errors
-from slamgym.core.parallel.engine import run_tasks
+from slamgym.core.files import append_line, exclusive_lock, read_bytes, replace_file, storage_errors
+from slamgym.core.parallel.backlog import TASK_TIMEOUT, Lost
+from slamgym.core.parallel.engine import EngineName, open_engine
 from slamgym.core.progress import show_progress
 from slamgym.core.seeding import exploration_seed, shuffled
 from slamgym.envs import ExploreEnv
 
+_Entry = TypeVar("_Entry", Trial, FailedTrial)
 
-class TrialLog:
-    """The trials in a file.
+
+class TrialLog(Generic[_Entry]):
+    """The trials in a file, or those that failed.
 
     Args:
         path: The file; made with the first trial.
+        kind: Class of its entries.
 
     Raises:
         InputFileError: If the file holds something else than trials.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, kind: type[_Entry]) -> None:
         self.path = path
-        self.trials: dict[Key, Trial] = {}
+        self._kind: type[_Entry] = kind
+        self.trials: dict[Key, _Entry] = {}
         if path.exists():
             self._read()
 
-    def append(self, trial: Trial) -> None:
+    def append(self, trial: _Entry) -> None:
         """Add a trial and wait until the disk has it.
 
         Raises:
             StorageError: If it can't be written.
         """
         line = json.dumps(dataclasses.asdict(trial), separators=(",", ":")) + "\n"
-        with storage_errors(self.path):
-            descriptor = os.open(self.path, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o644)
-            try:
-                os.write(descriptor, line.encode())
-                os.fsync(descriptor)
-            finally:
-                os.close(descriptor)
+        append_line(self.path, line, durable=True)
         self.trials[trial.key] = trial
 
     def _read(self) -> None:
-        content = self.path.read_bytes()
+        content = read_bytes(self.path)
         whole, end, torn = content.rpartition(b"\n")
         if torn:
             with storage_errors(self.path):
                 replace_file(self.path, whole + end)
         for number, line in enumerate(whole.split(b"\n") if whole else [], start=1):
             try:
-                trial = Trial.from_dict(json.loads(line))
-            except (ValueError, TypeError, ConfigError) as error:
+                trial = from_dict(self._kind, load_json(line))
+            except (ValueError, ConfigError) as error:
                 raise InputFileError(
                     f"{self.path}:{number}", f"is no trial of this version ({error}); move the file away"
                 ) from error
@@ -136,45 +143,74 @@ class Evaluation:
     """Those of the plans and explorers asked for, by explorer in the order asked for, then by plan."""
     skipped: list[Skipped]
     """Plans that can't be explored."""
+    failed: list[FailedTrial]
+    """Explorations whose process crashed or hung, now or in an earlier run."""
     fresh: int
     """How many trials were done just now; the others had been done before."""
 
 
 def evaluate(
-    source: PlanSource, config: EvaluationConfig, out: Path, workers: int = 1, only_done: bool = False
+    source: PlanSource,
+    config: EvaluationConfig,
+    out: Path,
+    workers: int = 1,
+    only_done: bool = False,
+    *,
+    engine: EngineName = "local",
+    task_timeout: float = TASK_TIMEOUT,
 ) -> Evaluation:
     """Run every explorer on every plan, or what is left of that from an earlier run.
 
     Args:
         source: Floor plans.
         config: What to evaluate.
-        out: Folder of the results: ``trials.jsonl``, ``config.json``.
+        out: Folder of the results: ``trials.jsonl``, ``failed.jsonl``, ``config.json``.
         workers: Processes.
         only_done: Do nothing, and return what an earlier run has done.
+        engine: Where the explorations run; ``in_process`` is for debugging and tests.
+        task_timeout: Longest wall time of an exploration [s].
 
     Raises:
         ConfigError: If there is no explorer of a name, or no plan passes split and filter, or nothing is done.
         StorageError: If the folder can't be written, or another run is at work in it.
+        WorkerLostError: If exploration after exploration fails.
     """
     plans, skipped = choose_plans(source, config)
     hashes = {name: _hash(name, plans[0], config) for name in config.names}
     with storage_errors(out):
         out.mkdir(parents=True, exist_ok=True)
     with exclusive_lock(out / ".lock"):
-        log = TrialLog(out / "trials.jsonl")
+        log, failures = TrialLog(out / "trials.jsonl", Trial), TrialLog(out / "failed.jsonl", FailedTrial)
         wanted = [
             Task(name, plan, seed) for plan in plans for seed in _seeds(plan, config) for name in config.names
         ]
-        tasks = [task for task in wanted if _key(task, hashes) not in log.trials]
+        over = log.trials.keys() | failures.trials.keys()
+        tasks = [task for task in wanted if _key(task, hashes) not in over]
         if only_done:
             wanted, tasks = [task for task in wanted if _key(task, hashes) in log.trials], []
             if not wanted:
                 raise ConfigError(f"{out}: none of these explorations is done yet")
         with storage_errors(out):
             replace_file(out / "config.json", json.dumps(to_dict(config), indent=1).encode() + b"\n")
-        _run(tasks, config, log, workers, done=len(wanted) - len(tasks), total=len(wanted))
+        with (
+            open_engine(engine, max(1, min(workers, len(tasks))), timeout=task_timeout) as pool,
+            show_progress("explorations", len(wanted) - len(tasks), len(wanted)) as advance,
+        ):
+            for outcome in pool.run(functools.partial(_explore, config.trial), tasks):
+                if isinstance(outcome, Lost):
+                    key = _key(outcome.item, hashes)
+                    failures.append(FailedTrial(*key, error=outcome.error, reason=outcome.reason))
+                else:
+                    log.append(outcome)
+                advance()
     order = sorted(wanted, key=lambda task: config.names.index(task.explorer))
-    return Evaluation([log.trials[_key(task, hashes)] for task in order], skipped, len(tasks))
+    keys = [_key(task, hashes) for task in order]
+    return Evaluation(
+        [log.trials[key] for key in keys if key in log.trials],
+        skipped,
+        [failures.trials[key] for key in keys if key in failures.trials],
+        len(tasks),
+    )
 
 
 def choose_plans(source: PlanSource, config: EvaluationConfig) -> tuple[list[FloorPlan], list[Skipped]]:
@@ -237,19 +273,6 @@ def _hash(name: str, plan: FloorPlan, config: EvaluationConfig) -> str:
     if name == ORACLE:
         env.reset(seed=0, options={"plan": plan})
     return trial_hash(config.trial, make_for_episode(name)(env, 0))
-
-
-def _run(
-    tasks: Sequence[Task], config: EvaluationConfig, log: TrialLog, workers: int, done: int, total: int
-) -> None:
-    """Do the tasks and keep each result at once."""
-    if not tasks:
-        return
-    task = functools.partial(_explore, config.trial)
-    with show_progress("explorations", done, total) as advance:
-        for trial in run_tasks(task, tasks, min(workers, len(tasks))):
-            log.append(trial)
-            advance()
 
 
 def _explore(config: TrialConfig, task: Task) -> Trial:

@@ -2,11 +2,12 @@
 
 import dataclasses
 import json
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
 from slamgym import __version__
-from slamgym.agents.evaluation.evaluate import ORACLE, Evaluation, EvaluationConfig, Skipped
+from slamgym.agents.evaluation.evaluate import ORACLE, Evaluation, EvaluationConfig
 from slamgym.agents.evaluation.summary import (
     Comparison,
     ExplorerSummary,
@@ -116,11 +117,8 @@ def _ratio_table(comparisons: Sequence[Comparison], quantity: str) -> str:
         cells = [f"`{comparison.explorer}`"]
         for level in _RATIO_LEVELS:
             found = level_of(comparison, quantity, level)
-            both = (
-                "-" if found.ratio_of_means is None else f"{with_bounds(found.ratio_of_means)} n={found.both}"
-            )
-            ratios = "-" if found.mean_of_ratios is None else with_bounds(found.mean_of_ratios)
-            cells += [both, ratios, with_bounds(found.censored_ratio_of_means)]
+            both = with_bounds(found.ratio_of_means) + (f" n={found.both}" if found.both else "")
+            cells += [both, with_bounds(found.mean_of_ratios), with_bounds(found.censored_ratio_of_means)]
         rows.append(cells)
     return markdown_table(header, rows)
 
@@ -174,8 +172,10 @@ def level_of(comparison: Comparison, quantity: str, level: str) -> LevelComparis
     return next(x for x in comparison.levels if x.quantity == quantity and x.level == level)
 
 
-def with_bounds(interval: Interval, digits: int = 2, factor: float = 1.0, signed: bool = False) -> str:
-    """``0.85 [0.80, 0.91]``."""
+def with_bounds(interval: Interval | None, digits: int = 2, factor: float = 1.0, signed: bool = False) -> str:
+    """``0.85 [0.80, 0.91]``; a dash where there is none."""
+    if interval is None:
+        return "-"
     sign = "+" if signed else ""
     value, low, high = (factor * x for x in (interval.value, interval.low, interval.high))
     return f"{value:{sign}.{digits}f} [{low:{sign}.{digits}f}, {high:{sign}.{digits}f}]"
@@ -201,29 +201,34 @@ def write_report(out: Path, evaluation: Evaluation, config: EvaluationConfig, ag
         StorageError: If the folder can't be written.
     """
     summary = summarise_trials(evaluation.trials, against, yardstick=ORACLE)
-    text = _heading(summary, config, evaluation.skipped) + describe_evaluation(summary)
+    text = _heading(summary, config, evaluation) + describe_evaluation(summary)
     with storage_errors(out):
-        replace_file(out / "results.json", _as_json(summary, config, evaluation.skipped))
+        replace_file(out / "results.json", _as_json(summary, config, evaluation))
         replace_file(out / "results.md", text.encode())
     return text
 
 
-def _heading(summary: Summary, config: EvaluationConfig, skipped: Sequence[Skipped]) -> str:
+def _heading(summary: Summary, config: EvaluationConfig, evaluation: Evaluation) -> str:
     lines = [
         f"{summary.plans} plans (split {config.split or 'all'}, filter {config.plans_filter}), each explored "
         f"{config.repetitions} time(s) by every explorer; SLAM {config.trial.env.slam.mode} with "
         f"{config.trial.env.slam.particles} particles."
     ]
-    if skipped:
-        lines.append(f"{len(skipped)} plan(s) were skipped: the robot can't explore them.")
+    if evaluation.skipped:
+        lines.append(f"{len(evaluation.skipped)} plan(s) were skipped: the robot can't explore them.")
+    for name, count in Counter(trial.explorer for trial in evaluation.failed).items():
+        lines.append(
+            f"{count} exploration(s) of `{name}` crashed or hung and are left out for all explorers."
+        )
     return "\n".join(lines) + "\n\n"
 
 
-def _as_json(summary: Summary, config: EvaluationConfig, skipped: Sequence[Skipped]) -> bytes:
+def _as_json(summary: Summary, config: EvaluationConfig, evaluation: Evaluation) -> bytes:
     document = {
         "version": __version__,
         "config": to_dict(config),
         "summary": dataclasses.asdict(summary),
-        "skipped": [entry._asdict() for entry in skipped],
+        "skipped": [entry._asdict() for entry in evaluation.skipped],
+        "failed": [dataclasses.asdict(entry) for entry in evaluation.failed],
     }
     return json.dumps(document, indent=1).encode() + b"\n"

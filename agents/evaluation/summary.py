@@ -80,9 +80,9 @@ class LevelComparison:
     """Over the pairs in which both reached it; None if there are none."""
     mean_of_ratios: Interval | None
     """Over the same."""
-    censored_ratio_of_means: Interval
-    """Over all pairs."""
-    censored_mean_of_ratios: Interval
+    censored_ratio_of_means: Interval | None
+    """Over all pairs; None if every first scan shows that much."""
+    censored_mean_of_ratios: Interval | None
     """Over all pairs."""
 
 
@@ -260,8 +260,8 @@ def _compare_level(
         len(trials),
         ratio_of_means(*both) if reached else None,
         mean_of_ratios(*both) if reached else None,
-        ratio_of_means(*everything),
-        mean_of_ratios(*everything),
+        ratio_of_means(*everything) if timed else None,
+        mean_of_ratios(*everything) if timed else None,
     )
 
 

@@ -2,7 +2,7 @@
 
 import dataclasses
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from slamgym.agents.evaluation.coverage_curve import COVERAGE_LEVELS, CoverageCurve, CurveRecorder, horizon
 from slamgym.cad import FloorPlan
-from slamgym.core.config import Positive, Settings, config_hash, from_dict
+from slamgym.core.config import Positive, Settings, config_hash
 from slamgym.core.types import Explorer, Float32Array, Observation
 from slamgym.envs import ExploreConfig, ExploreEnv
 from slamgym.envs.episode import episode_steps, explored_env, time_limit
@@ -99,15 +99,24 @@ class Trial:
         """:attr:`curve` as an object."""
         return CoverageCurve.from_dict(self.curve)
 
-    @staticmethod
-    def from_dict(values: Mapping[str, Any]) -> "Trial":
-        """Read the JSON form.
 
-        Raises:
-            ConfigError: If a name is unknown.
-            TypeError: If a field is missing.
-        """
-        return from_dict(Trial, values)
+@dataclass(frozen=True)
+class FailedTrial:
+    """An exploration whose process crashed or hung, so that it is not begun again and again."""
+
+    explorer: str
+    plan: str
+    seed: int
+    settings: str
+    """Hash of the settings of trial and explorer."""
+    error: str
+    """Kind of the failure."""
+    reason: str
+
+    @property
+    def key(self) -> Key:
+        """What makes two trials the same."""
+        return self.explorer, self.plan, self.seed, self.settings
 
 
 def level_name(level: float) -> str:

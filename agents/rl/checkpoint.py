@@ -44,7 +44,16 @@ def load_checkpoint(folder: Path, model: Any) -> None:
             getattr(model, name).data.copy_(state[name])
         model.num_timesteps = int(state["steps"])
         model._n_updates = int(state["updates"])
-    except (OSError, RuntimeError, KeyError, ValueError, EOFError, _unpickling_error()) as error:
+    except (
+        OSError,
+        RuntimeError,
+        LookupError,
+        TypeError,
+        ValueError,
+        EOFError,
+        AttributeError,
+        _unpickling_error(),
+    ) as error:
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise InputFileError(
             path, f"is no checkpoint of this run ({reason}); delete it to begin again"

@@ -20,6 +20,7 @@ from slamgym.agents.rl.reward_presets import REWARD_PRESETS, reward_preset
 from slamgym.agents.rl.train_config import POLICY, Curriculum, TrainConfig
 from slamgym.agents.rl.validation import PolicyOutcome, explore_plan
 from slamgym.core.config import Count, Settings, config_hash, from_dict, suggest, to_dict
+from slamgym.core.documents import read_json
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.files import write_text
 from slamgym.core.progress import say, show_progress
@@ -226,11 +227,11 @@ def _read(folder: Path, identity: str) -> dict[str, PolicyOutcome]:
     path = folder / RESULTS
     if not path.exists():
         return {}
+    document = read_json(path, "delete it to test that run again")
     try:
-        document = json.loads(path.read_text(encoding="utf-8"))
         found = str(document["settings"])
         outcomes = {plan: from_dict(PolicyOutcome, values) for plan, values in document["outcomes"].items()}
-    except (OSError, ValueError, KeyError, TypeError, AttributeError, ConfigError) as error:
+    except (KeyError, TypeError, AttributeError, ConfigError) as error:
         raise InputFileError(path, f"is damaged ({error}); delete it to test that run again") from None
     if found != identity:
         raise ConfigError(

@@ -5,7 +5,6 @@ lets it imitate an expert first where that is asked for, and learns to the end.
 """
 
 import dataclasses
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -35,6 +34,7 @@ from slamgym.agents.rl.training_callbacks import (
 )
 from slamgym.agents.rl.training_envs import draw_plans, make_env, make_learning_envs
 from slamgym.core.config import from_dict, to_dict
+from slamgym.core.documents import read_json
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.progress import say, show_progress
 from slamgym.envs import RewardFunction
@@ -115,12 +115,11 @@ def read_config(folder: Path) -> TrainConfig:
         InputFileError: If the folder holds none.
     """
     path = folder / CONFIG
-    try:
-        values = json.loads(path.read_text(encoding="utf-8"))
-        values.pop("version", None)
-        return from_dict(TrainConfig, values, str(path))
-    except (OSError, ValueError) as error:
-        raise InputFileError(path, f"holds no settings of a training run ({error})") from None
+    values = read_json(path, "choose another folder")
+    if not isinstance(values, dict):
+        raise InputFileError(path, "holds no settings of a training run; choose another folder")
+    values.pop("version", None)
+    return from_dict(TrainConfig, values, str(path))
 
 
 def _refuse_other_run(config: TrainConfig, out: Path) -> None:

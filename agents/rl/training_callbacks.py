@@ -1,6 +1,7 @@
 """What happens beside the learning: curriculum, validation, checkpoints, progress."""
 
 import csv
+import io
 import json
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -12,7 +13,7 @@ from slamgym.agents.rl.checkpoint import save_checkpoint
 from slamgym.agents.rl.train_config import TrainConfig
 from slamgym.agents.rl.validation import mean_outcome
 from slamgym.cad import FloorPlan
-from slamgym.core.files import write_text
+from slamgym.core.files import append_line, write_text
 from slamgym.core.progress import Advance
 from slamgym.envs.explore_frontiers_env import ExploreFrontiersEnv
 
@@ -83,11 +84,12 @@ class Validate(BaseCallback):
             self.logger.record(f"validation/{name}", value)
         path = self._folder / VALIDATION
         fresh = not path.exists()
-        with path.open("a", newline="") as file:
-            writer = csv.DictWriter(file, ["steps", *means])
-            if fresh:
-                writer.writeheader()
-            writer.writerow({"steps": self.model.num_timesteps, **means})
+        rows = io.StringIO(newline="")
+        writer = csv.DictWriter(rows, ["steps", *means])
+        if fresh:
+            writer.writeheader()
+        writer.writerow({"steps": self.model.num_timesteps, **means})
+        append_line(path, rows.getvalue())
         score = means["time_99"] + means["time_95"]
         if score < self._best:
             self._best = score

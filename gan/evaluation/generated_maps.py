@@ -17,10 +17,11 @@ import numpy as np
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.types import UNKNOWN, BoolArray, ByteArray
 from slamgym.gan.data import SUFFIXES, PairSet, read_grey
-from slamgym.gan.encoding import resample_grey, resample_slam
+from slamgym.gan.encoding import resample_grey
 from slamgym.interop import read_ros_map
 from slamgym.interop.ros_map import classify_greys
 from slamgym.metrics import displacement_statistics, map_statistics
+from slamgym.metrics.maps import resample_slam
 
 MINIMUM = 10
 """A test on fewer maps says nothing."""

@@ -59,7 +59,7 @@ def picture_test(
     right: FloatArray = np.zeros(len(labels))
     for k in range(config.folds):
         held_out = torch.from_numpy(fold == k)
-        network = _train(pictures[~held_out], labels[~held_out], seed + k, config)
+        network = train_classifier(pictures[~held_out], labels[~held_out], seed + k, config)
         with torch.inference_mode():
             guess = network(pictures[held_out]).squeeze(1) > 0.0
         right[fold == k] = (guess == (labels[held_out] > 0.5)).numpy()
@@ -77,11 +77,24 @@ def _channels(maps: ByteArray, cads: ByteArray, config: ClassifierConfig) -> Ten
     return torch.from_numpy(2.0 * np.array(small, dtype=np.float32) - 1.0)
 
 
-def _train(pictures: Tensor, labels: Tensor, seed: int, config: ClassifierConfig) -> nn.Module:
-    """Train one network; equal seeds give equal networks on one machine."""
+def train_classifier(
+    pictures: Tensor, labels: Tensor, seed: int, config: ClassifierConfig, block: int = 1
+) -> nn.Module:
+    """Train one network; equal seeds give equal networks on one machine.
+
+    Args:
+        pictures: (N, 3, S, S).
+        labels: 0 or 1, (N,).
+        seed: Of the network and of the order.
+        config: How it is trained.
+        block: Blocks of so many pixels become channels first, which loses nothing and saves time.
+
+    Returns:
+        The network, which gives logits (N, 1).
+    """
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
-        network = _network(config.width)
+        network = _network(config.width, block)
         optimiser = torch.optim.AdamW(network.parameters(), config.learning_rate, weight_decay=1e-2)
         steps = config.epochs * max(1, len(labels) // config.batch)
         schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, config.learning_rate, total_steps=steps)
@@ -98,9 +111,9 @@ def _train(pictures: Tensor, labels: Tensor, seed: int, config: ClassifierConfig
     return network.eval()
 
 
-def _network(width: int) -> nn.Sequential:
-    layers: list[nn.Module] = []
-    channels = 3
+def _network(width: int, block: int) -> nn.Sequential:
+    layers: list[nn.Module] = [nn.PixelUnshuffle(block)] if block > 1 else []
+    channels = 3 * block**2
     for out in (width, 2 * width, 4 * width, 4 * width):
         layers += [nn.Conv2d(channels, out, 3, padding=1, bias=False), nn.BatchNorm2d(out), nn.ReLU()]
         layers.append(nn.MaxPool2d(2))

@@ -12,7 +12,6 @@ import numpy as np
 from slamgym.core.errors import InputFileError, SlamgymError
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, BoolArray, ByteArray, OccupancyGrid
 from slamgym.gan.data import PairSet
-from slamgym.gan.encoding import resample_slam
 from slamgym.gan.evaluation.evaluate import (
     RAW,
     THRESHOLD,
@@ -25,6 +24,7 @@ from slamgym.gan.translation.classical import clean_map
 from slamgym.gan.translation.translate import Translator
 from slamgym.interop import read_ros_map
 from slamgym.metrics import aligned_error
+from slamgym.metrics.maps import resample_slam
 from slamgym.viz.canvas import write_picture
 from slamgym.viz.overlays import draw_agreement
 from slamgym.viz.plots import plot_boxes

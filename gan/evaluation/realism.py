@@ -14,10 +14,10 @@ import numpy as np
 
 from slamgym.core.types import ByteArray
 from slamgym.gan.data import PairSet
-from slamgym.gan.encoding import resample_slam
 from slamgym.gan.evaluation.generated_maps import Sample, Statistics
 from slamgym.gan.translation.elastic import bend
 from slamgym.metrics import two_sample_test
+from slamgym.metrics.maps import resample_slam
 from slamgym.metrics.two_sample import CLASSIFIERS, kernel_distance, statistic_distances
 
 if TYPE_CHECKING:

@@ -16,6 +16,7 @@ from safetensors.torch import save_file
 from torch import Tensor, nn
 from torch.optim import Optimizer
 
+from slamgym.core.documents import load_json
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.files import staged
 from slamgym.gan.training.learner import Learner
@@ -69,8 +70,10 @@ def load_training_state(path: Path) -> TrainingState:
                     path,
                     "is not a checkpoint of this version of `slamgym gan train`; train in another folder (-o)",
                 )
-            facts = json.loads(header["facts"])
+            facts = load_json(header["facts"])
             tensors = {key: file.get_tensor(key) for key in file.keys()}  # noqa: SIM118 - not a mapping
+            if not isinstance(facts, dict):
+                raise ValueError("its facts are no object")
     except (SafetensorError, OSError, ValueError, KeyError) as error:
         raise InputFileError(
             path, f"is damaged or no checkpoint ({error}); train in another folder (-o)"

@@ -19,12 +19,13 @@ from slamgym.core.types import ByteArray
 from slamgym.gan.config import Encoding, TranslatorTrainingConfig
 from slamgym.gan.data import PairSet
 from slamgym.gan.device import Compute
-from slamgym.gan.encoding import encode, resample_slam
+from slamgym.gan.encoding import encode
 from slamgym.gan.networks.factory import Generator, build_discriminators, build_generator
 from slamgym.gan.networks.layers import GeneratorOutput, shrink_to
 from slamgym.gan.training import losses
 from slamgym.gan.training.sampler import Batch, BatchSampler
 from slamgym.gan.training.schedule import Moment, Schedule, Span
+from slamgym.metrics.maps import resample_slam
 
 WARM_UP_STEPS, MEASURED_STEPS = 1, 2
 """Of the measurement of what a step costs."""

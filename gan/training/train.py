@@ -25,8 +25,8 @@ import torch
 
 from slamgym import __version__
 from slamgym.core.config import to_dict
-from slamgym.core.errors import ConfigError, SlamgymError
-from slamgym.core.files import write_text
+from slamgym.core.errors import ConfigError, InputFileError, SlamgymError
+from slamgym.core.files import append_line, write_text
 from slamgym.core.interruption import Interruption, deferred_interrupt
 from slamgym.core.progress import duration, say
 from slamgym.gan.config import TranslatorTrainingConfig
@@ -34,7 +34,12 @@ from slamgym.gan.data import PairSet, load_pairs
 from slamgym.gan.device import Compute, make_deterministic
 from slamgym.gan.networks.factory import Generator
 from slamgym.gan.registration import registered
-from slamgym.gan.training.checkpoint import load_training_state, restore_training_state, save_training_state
+from slamgym.gan.training.checkpoint import (
+    TrainingState,
+    load_training_state,
+    restore_training_state,
+    save_training_state,
+)
 from slamgym.gan.training.learner import Learner, measure_seconds
 from slamgym.gan.training.sampler import BatchSampler, derotated
 from slamgym.gan.training.schedule import Budget, Span, plan_schedule
@@ -149,7 +154,7 @@ class _Training:
                 self._loop(interruption)
             if interruption.requested:
                 say(f"interrupted; the same command goes on at step {self.learner.steps_done:,}")
-                raise KeyboardInterrupt
+                interruption.conclude()
             finished = self.learner.steps_done >= self.schedule.steps
         weights = self._finish() if finished else None
         return TrainingReport(
@@ -219,8 +224,8 @@ class _Training:
         log.scalars("validation", result.figures, step)
         log.pictures(result.pictures, step)
         line = {"step": step, "seconds": round(self.seconds_used, 1), "resolution": resolution}
-        with (self.folder / "figures.jsonl").open("a", encoding="utf-8") as file:
-            file.write(json.dumps(line | {k: round(v, 5) for k, v in result.figures.items()}) + "\n")
+        line |= {name: round(value, 5) for name, value in result.figures.items()}
+        append_line(self.folder / "figures.jsonl", json.dumps(line) + "\n")
 
     def _begin(self, images: Path) -> None:
         """A new run: fit the schedule to the time, write the settings."""
@@ -239,21 +244,28 @@ class _Training:
     def _resume(self) -> None:
         saved = load_training_state(self.checkpoint)
         for name, value in self.identity.items():
-            if saved.facts.get("identity", {}).get(name) != value:
+            identity = saved.facts.get("identity")
+            if not isinstance(identity, dict) or identity.get(name) != value:
                 raise ConfigError(
                     f"{self.folder} holds a training with another {name}; repeat its own command, "
                     "or choose another folder with -o"
                 )
+        try:
+            self._restore(saved)
+        except (KeyError, TypeError, ValueError, AttributeError, RuntimeError, OverflowError) as error:
+            raise InputFileError(self.checkpoint, f"is damaged ({error}); delete it to begin again") from None
+        say(f"going on at step {self.learner.steps_done:,} of {self.schedule.steps:,}")
+
+    def _restore(self, saved: TrainingState) -> None:
         restore_training_state(saved, self.learner)
         facts = saved.facts
         self.sampler.restore(facts["sampler"])
         self.schedule = dataclasses.replace(
             self.schedule, spans=tuple(Span(*span) for span in facts["spans"])
         )
-        self.seconds_used, self.figures = facts["seconds_used"], facts["figures"]
+        self.seconds_used, self.figures = float(facts["seconds_used"]), dict(facts["figures"])
         if facts["step_seconds"] is not None and self.config.minutes is not None:
-            self.budget = Budget(60.0 * self.config.minutes, facts["step_seconds"])
-        say(f"going on at step {self.learner.steps_done:,} of {self.schedule.steps:,}")
+            self.budget = Budget(60.0 * self.config.minutes, [float(s) for s in facts["step_seconds"]])
 
     def _save(self) -> None:
         for name, network in self.learner.networks().items():

@@ -24,7 +24,6 @@ from slamgym.gan.encoding import (
     free_probability,
     resample_grey,
     resample_probability,
-    resample_slam,
 )
 from slamgym.gan.networks.factory import Generator, run_generator
 from slamgym.gan.translation.derotation import (
@@ -39,6 +38,7 @@ from slamgym.gan.translation.derotation import (
 from slamgym.gan.translation.elastic import drifted
 from slamgym.gan.translation.explored import explored_floor
 from slamgym.gan.weights import ModelCard, load_weights
+from slamgym.metrics.maps import resample_slam
 
 OVERLAP = 0.25
 """Least share of a tile that its neighbour sees too."""

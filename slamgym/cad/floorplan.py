@@ -5,7 +5,7 @@ Convention: everything is in the plan's frame (``world``): metres, x right, y up
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -13,6 +13,7 @@ import shapely
 from shapely import Polygon
 from shapely.geometry.base import BaseGeometry
 
+from slamgym.cad.crowding import refuse_crowded
 from slamgym.core.errors import PlanError
 from slamgym.core.types import FREE, OCCUPIED, BoolArray, ByteArray, FloatArray, GridFrame, OccupancyGrid
 
@@ -106,6 +107,28 @@ class FloorPlan:
         """
         return self._segments
 
+    def turned(self, degrees: float) -> "FloorPlan":
+        """The same floor, turned counter-clockwise about the frame's origin."""
+        if degrees == 0.0:
+            return self
+        radians = math.radians(degrees)
+        matrix = np.array([[math.cos(radians), -math.sin(radians)], [math.sin(radians), math.cos(radians)]])
+
+        def turn(shape: Polygon) -> Polygon:
+            turned_shape: Polygon = shapely.transform(shape, lambda points: points @ matrix.T)
+            return turned_shape
+
+        def turn_point(point: tuple[float, float]) -> tuple[float, float]:
+            x, y = (matrix @ point).tolist()
+            return x, y
+
+        return replace(
+            self,
+            free_space=turn(self.free_space),
+            rooms=tuple(replace(room, polygon=turn(room.polygon)) for room in self.rooms),
+            doors=tuple(Door(turn_point(door.start), turn_point(door.end)) for door in self.doors),
+        )
+
     def raster(
         self,
         resolution: float,
@@ -191,8 +214,11 @@ def check_plan(plan: FloorPlan, robot_radius: float = 0.22, max_extent: float = 
     if extent > max_extent:
         raise PlanError(
             plan.where,
-            f"the plan is {extent:.1f} m long but the map holds {max_extent:.1f} m; use a larger map",
+            f"the plan is {extent:.1f} m long but the map holds {max_extent:.1f} m; use a larger map "
+            "(observation.map_size; --max-extent of slamgym plans)",
         )
+    # Shrinking by the robot's radius makes every wall meet those nearer than its diameter.
+    refuse_crowded(plan.segments(), 2.0 * robot_radius, plan.where)
     _check_reachable(plan, robot_radius)
 
 

@@ -23,13 +23,19 @@ import numpy as np
 import shapely
 from shapely import Polygon
 
+from slamgym.cad.crowding import make_valid
 from slamgym.cad.floorplan import Door, FloorPlan, Room
-from slamgym.core.errors import PlanError
-from slamgym.core.files import write_text
+from slamgym.core.documents import parse_json
+from slamgym.core.errors import InputFileError, PlanError
+from slamgym.core.files import read_bytes, write_text
+from slamgym.core.limits import DOCUMENT_BYTES, PLAN_PARTS, VERTICES, shown
+from slamgym.core.provenance import check_origin
 from slamgym.core.types import FloatArray
 
 MAX_PLAN_COORDINATE = 10_000.0
 """Coordinates beyond this [m] are taken for another unit than metres."""
+MAX_ID = 255
+"""Characters of a plan's name: so many fit into the name of a file."""
 MIN_AREA = 0.01
 """Less floor than this [m2] is none."""
 MAX_REPAIRED_SHARE = 0.005
@@ -46,9 +52,10 @@ def read_houseexpo(path: Path | str) -> FloorPlan:
     """
     path = Path(path)
     try:
-        text = path.read_bytes()
-    except OSError as error:
-        raise PlanError(path, f"can't be read ({error.strerror or error})") from error
+        check_origin(path)
+        text = read_bytes(path, DOCUMENT_BYTES)
+    except InputFileError as error:
+        raise PlanError(error.path, error.reason) from error
     return parse_houseexpo(text, str(path), path.stem)
 
 
@@ -67,11 +74,12 @@ def parse_houseexpo(text: str | bytes, source: str, plan_id: str | None = None) 
     data = _parse_json(text, source)
     outline = _points(data["verts"], source, "'verts'", at_least=3)
     holes = [_points(ring, source, "'holes'", at_least=3) for ring in _list(data, "holes", source)]
+    VERTICES.check(source, len(outline) + sum(map(len, holes)), PlanError)
     # Before mirroring, so that errors give places as they stand in the file.
     space = repair_outline(outline, holes, source)
     mirror = float(outline[:, 1].min() + outline[:, 1].max())
     return FloorPlan(
-        id=str(data.get("id", source)) if plan_id is None else plan_id,
+        id=_id(data, source) if plan_id is None else plan_id,
         free_space=_mirrored(space, mirror),
         rooms=_rooms(data, source, mirror),
         doors=_doors(data, source, mirror),
@@ -138,7 +146,7 @@ def repair_outline(outline: FloatArray, holes: list[FloatArray], source: str) ->
         return polygon
     x, y = outline.T
     signed_area = abs(float(np.dot(x, np.roll(y, -1)) - np.dot(np.roll(x, -1), y))) / 2.0
-    repaired = shapely.make_valid(polygon)
+    repaired = make_valid(polygon, source)
     parts = [part for part in _polygons(repaired) if part.area > 0.0]
     area = sum(part.area for part in parts)
     if area < MIN_AREA:
@@ -164,10 +172,7 @@ def _polygons(geometry: Any) -> list[Polygon]:
 
 
 def _parse_json(text: str | bytes, source: str) -> Mapping[str, Any]:
-    try:
-        data = json.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise PlanError(source, f"is not valid JSON ({error})") from None
+    data = parse_json(text, source, PlanError)
     if not isinstance(data, dict) or "verts" not in data:
         raise PlanError(source, "has no 'verts'; a HouseExpo plan is an object with id, verts, room_category")
     return data
@@ -177,14 +182,23 @@ def _list(data: Mapping[str, Any], key: str, source: str) -> list[Any]:
     value = data.get(key, [])
     if not isinstance(value, list):
         raise PlanError(source, f"'{key}' is not a list")
+    PLAN_PARTS.check(source, len(value), PlanError)
     return value
+
+
+def _id(data: Mapping[str, Any], source: str) -> str:
+    """The plan's own name, by default where it came from."""
+    plan_id = data.get("id", source)
+    if not isinstance(plan_id, str | int) or len(str(plan_id)) > MAX_ID:
+        raise PlanError(source, f"'id' is {shown(plan_id)}; it must be a name of up to {MAX_ID} characters")
+    return str(plan_id)
 
 
 def _points(value: Any, source: str, what: str, at_least: int) -> FloatArray:
     """A list of x, y pairs as an array, shape (N, 2)."""
     try:
         points = np.asarray(value if len(value) else np.empty((0, 2)))
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise PlanError(source, f"{what} is not a list of [x, y] pairs of numbers") from None
     if points.ndim != 2 or points.shape[1] != 2 or points.dtype.kind not in "iuf":
         raise PlanError(source, f"{what} is not a list of [x, y] pairs of numbers")
@@ -213,6 +227,8 @@ def _rooms(data: Mapping[str, Any], source: str, mirror: float) -> tuple[Room, .
             polygon = _rings(entry, source) if key == "room_polygons" else _box(entry, source)
             if polygon.is_valid and polygon.area > 0.0:
                 rooms.append(Room(category, _mirrored(polygon, mirror)))
+        PLAN_PARTS.check(source, len(rooms), PlanError)
+    VERTICES.check(source, len(shapely.get_coordinates([room.polygon for room in rooms])), PlanError)
     return tuple(rooms)
 
 
@@ -228,7 +244,7 @@ def _box(entry: Any, source: str) -> Polygon:
     what = "'room_category'"
     try:
         corners = np.asarray(entry)
-    except ValueError:
+    except (ValueError, OverflowError):
         corners = np.empty(0)
     if corners.shape != (4,) or corners.dtype.kind not in "iuf":
         raise PlanError(source, f"{what} has a room that is not [min x, min y, max x, max y]")

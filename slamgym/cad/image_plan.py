@@ -12,7 +12,10 @@ import shapely
 from shapely import Polygon
 
 from slamgym.cad.floorplan import FloorPlan
-from slamgym.core.errors import PlanError
+from slamgym.core.errors import InputFileError, PlanError
+from slamgym.core.files import read_bytes
+from slamgym.core.limits import PLAN_PARTS, RUNS, VERTICES
+from slamgym.core.pictures import decode_picture
 from slamgym.core.types import FREE, BoolArray, GridFrame
 from slamgym.interop.ros_map import read_ros_map
 
@@ -26,6 +29,8 @@ MAX_GREY = 220
 """The lightest grey that isn't white; ROS maps mark the unknown as 205."""
 MIN_ENCLOSED_SHARE = 0.3
 """A building's enclosed floor makes up at least this share of the box round its walls."""
+OUTER_DOOR = 1.5
+"""The outside doesn't reach in through gaps narrower than this [m]."""
 MIN_PATCH_SHARE = 0.8
 """The largest patch must make up this share of the free space, else the space counts as disjoint."""
 
@@ -49,8 +54,9 @@ def read_ros_plan(path: Path | str, smoothing: float = PLAN_SMOOTHING) -> FloorP
 def read_image_plan(path: Path | str, resolution: float, smoothing: float = PLAN_SMOOTHING) -> FloorPlan:
     """Read a black/white picture: white pixels are floor, black and grey ones are not.
 
-    White round the building is distinguished from floor by touching the picture's edge. If an outer door is open, or
-    the floor itself reaches the edge, so that little within the walls is left, all white counts as floor.
+    White round the building is distinguished from floor by touching the picture's edge; outer doors of up to 1.5 m
+    that stand open are taken for shut, so that the robot stays inside. If little within the walls is left even so,
+    because the floor itself reaches the edge, all white counts as floor.
 
     Args:
         path: The picture.
@@ -66,13 +72,11 @@ def read_image_plan(path: Path | str, resolution: float, smoothing: float = PLAN
     if not resolution > 0.0:
         raise PlanError(path, f"the resolution must be above 0 m per pixel, not {resolution}")
     try:
-        data = np.frombuffer(path.read_bytes(), dtype=np.uint8)
-    except OSError as error:
-        raise PlanError(path, f"can't be read ({error.strerror or error})") from error
-    image = cv2.imdecode(data, cv2.IMREAD_GRAYSCALE) if len(data) else None
-    if image is None:
-        raise PlanError(path, "is not a picture that OpenCV can read; give PNG, PGM, BMP, JPEG or TIFF")
-    inside = _without_outside(image > MAX_GREY)
+        encoded = read_bytes(path)
+    except InputFileError as error:
+        raise PlanError(error.path, error.reason) from error
+    image = decode_picture(path, encoded, cv2.IMREAD_GRAYSCALE, PlanError)
+    inside = _without_outside(image > MAX_GREY, resolution)
     height, width = inside.shape
     frame = GridFrame(resolution, 0.0, 0.0, height, width)
     return trace_plan(inside, frame, path.stem, str(path), smoothing)
@@ -95,7 +99,7 @@ def trace_plan(
     Raises:
         PlanError: If there is no floor, or the largest patch is less than 80 % of it.
     """
-    patches = [patch for patch in _patches(inside, frame) if patch.area >= SALT_NOISE_AREA]
+    patches = [patch for patch in _patches(inside, frame, source) if patch.area >= SALT_NOISE_AREA]
     if not patches:
         raise PlanError(
             source, f"has no free patch of {SALT_NOISE_AREA} m2 or more; check colours and resolution"
@@ -111,15 +115,18 @@ def trace_plan(
     outline = largest.simplify(smoothing * frame.resolution) if smoothing > 0.0 else largest
     if not isinstance(outline, Polygon) or not outline.is_valid:
         outline = largest
+    PLAN_PARTS.check(source, len(outline.interiors), PlanError)
+    VERTICES.check(source, len(shapely.get_coordinates(outline)), PlanError)
     return FloorPlan(plan_id, outline, source=source)
 
 
-def _patches(inside: BoolArray, frame: GridFrame) -> list[Polygon]:
+def _patches(inside: BoolArray, frame: GridFrame, source: str) -> list[Polygon]:
     """The connected patches of cells as polygons; cells that only share a corner are apart."""
     padded = np.pad(inside, ((0, 0), (1, 1))).astype(np.int8)
     change = np.diff(padded, axis=1)  # (height, width + 1): +1 where a run of free cells begins, -1 after it
     row, first = np.nonzero(change == 1)
     _, stop = np.nonzero(change == -1)
+    RUNS.check(source, len(first), PlanError)
     # Rows count from the top; whole numbers keep the union exact, metres come after it.
     runs = shapely.box(first, frame.height_px - 1 - row, stop, frame.height_px - row)
     origin = np.array([frame.origin_x, frame.origin_y])
@@ -128,15 +135,36 @@ def _patches(inside: BoolArray, frame: GridFrame) -> list[Polygon]:
     return [patch for patch in shapely.get_parts(metres) if isinstance(patch, Polygon)]
 
 
-def _without_outside(white: BoolArray) -> BoolArray:
+def _without_outside(white: BoolArray, resolution: float) -> BoolArray:
     """Remove white patches that touch the picture's edge, unless they hold the floor."""
-    import cv2
-
-    _, labels = cv2.connectedComponents(white.astype(np.uint8), connectivity=4)
-    at_edge = np.unique(np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]]))
-    enclosed: BoolArray = white & ~np.isin(labels, at_edge)
     rows, cols = np.flatnonzero(~white.all(axis=1)), np.flatnonzero(~white.all(axis=0))
     if len(rows) == 0:
         return white
     box = (rows[-1] - rows[0] + 1) * (cols[-1] - cols[0] + 1)
+    enclosed = white & ~_connected_to_edge(white)
+    if enclosed.sum() < MIN_ENCLOSED_SHARE * box:
+        enclosed = white & ~_reached_from_edge(white, 0.5 * OUTER_DOOR / resolution)
     return enclosed if enclosed.sum() >= MIN_ENCLOSED_SHARE * box else white
+
+
+def _connected_to_edge(white: BoolArray) -> BoolArray:
+    """The white patches (4-connected) that touch the picture's edge."""
+    import cv2
+
+    _, labels = cv2.connectedComponents(white.astype(np.uint8), connectivity=4)
+    at_edge = np.unique(np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]]))
+    touching: BoolArray = white & np.isin(labels, at_edge)
+    return touching
+
+
+def _reached_from_edge(white: BoolArray, radius: float) -> BoolArray:
+    """What a disc of this radius [px] that rolls in from beyond the picture's edge covers."""
+    import cv2
+
+    pad = int(2.0 * radius) + 2
+    around = np.pad(white, pad, constant_values=True).astype(np.uint8)
+    room = cv2.distanceTransform(around, cv2.DIST_L2, cv2.DIST_MASK_PRECISE) > radius
+    centres = _connected_to_edge(room)
+    covered = cv2.distanceTransform((~centres).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE) <= radius
+    inner: BoolArray = covered[pad:-pad, pad:-pad]
+    return inner

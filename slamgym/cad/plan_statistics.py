@@ -7,7 +7,7 @@ import shapely
 from shapely import Polygon
 from shapely.geometry.polygon import orient
 
-from slamgym.cad.floorplan import FloorPlan
+from slamgym.cad.floorplan import Door, FloorPlan
 from slamgym.core.types import BoolArray, FloatArray
 
 SIMPLIFY = 0.03
@@ -59,12 +59,12 @@ def measure_plan(plan: FloorPlan) -> PlanStatistics:
         fill=plan.area / (short * long),
         vertices=sum(corners),
         holes=len(simple.interiors),
-        opening_widths=tuple(find_openings(simple)),
+        opening_widths=tuple(door.width for door in find_openings(simple)),
     )
 
 
-def find_openings(free_space: Polygon) -> list[float]:
-    """Widths of the openings in a plan's walls [m], from geometry alone.
+def find_openings(free_space: Polygon) -> list[Door]:
+    """The openings in a plan's walls, from geometry alone.
 
     An opening has on one side at least the end of a wall: a short edge between two corners that point into
     the free space. Its other side is whatever wall faces that edge, 0.5 to 2.5 m away.
@@ -72,17 +72,19 @@ def find_openings(free_space: Polygon) -> list[float]:
     start, along, is_wall_end = _edges(free_space)
     length = np.hypot(*along.T)
     ends = np.flatnonzero(is_wall_end & (length > JAMB_LENGTH[0]) & (length < JAMB_LENGTH[1]))
-    widths: list[float] = []
+    doors: list[Door] = []
     found: set[int] = set()
     for edge in ends:
         if edge in found:
             continue
         normal = np.array([-along[edge, 1], along[edge, 0]]) / length[edge]
-        distance, facing = _first_hit(start[edge] + 0.5 * along[edge], normal, start, along)
+        jamb = start[edge] + 0.5 * along[edge]
+        distance, facing = _first_hit(jamb, normal, start, along)
         if OPENING_WIDTH[0] <= distance <= OPENING_WIDTH[1]:
-            widths.append(distance)
+            x, y = (jamb + distance * normal).tolist()
+            doors.append(Door((float(jamb[0]), float(jamb[1])), (x, y)))
             found.add(facing)
-    return widths
+    return doors
 
 
 def _edges(free_space: Polygon) -> tuple[FloatArray, FloatArray, BoolArray]:

@@ -7,8 +7,6 @@ Rooms meet without walls between them and a portal is a point, so walls get a th
 here.
 """
 
-import json
-import lzma
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -19,8 +17,13 @@ import shapely
 from shapely import Polygon
 from shapely.geometry.base import BaseGeometry
 
+from slamgym.cad.crowding import make_valid, refuse_crowded
 from slamgym.cad.floorplan import Door, FloorPlan, Room
+from slamgym.cad.houseexpo import MAX_ID, MAX_PLAN_COORDINATE
+from slamgym.core.compression import DAMAGED, open_expanded
+from slamgym.core.documents import parse_json
 from slamgym.core.errors import InputFileError, PlanError
+from slamgym.core.limits import ENTRIES, MAX_SHOWN, PLAN_PARTS, VERTICES, shown
 from slamgym.core.types import FloatArray
 
 WALL_THICKNESS = 0.15
@@ -29,6 +32,8 @@ DOOR_WIDTH = 1.0
 """Of a portal [m]."""
 _DOOR_DEPTH = 0.35
 """A door cuts this far to either side [m]: annotated rooms are drawn up to 0.3 m apart."""
+MAX_SCALE = 10.0
+"""Pixels larger than this are taken for a fault [m]."""
 MIN_CONNECTED_SHARE = 0.8
 """The largest connected part must make up this share of the floor; closets without a portal are dropped."""
 
@@ -49,33 +54,53 @@ class RoomLinesSource:
         source = f"{self._path}:{plan_id}"
         try:
             return _build(self._floors[plan_id], plan_id, source)
-        except (TypeError, ValueError, LookupError, AttributeError) as error:
-            raise PlanError(source, f"its rooms are malformed ({error})") from None
+        except (
+            TypeError,
+            ValueError,
+            LookupError,
+            AttributeError,
+            OverflowError,
+            shapely.GEOSException,
+        ) as error:
+            raise PlanError(source, f"its rooms are malformed ({str(error)[:MAX_SHOWN]})") from None
 
 
 def _read_lines(path: Path) -> dict[str, Mapping[str, Any]]:
     floors: dict[str, Mapping[str, Any]] = {}
     try:
-        content = path.read_bytes()
-        text = (lzma.decompress(content) if path.suffix == ".xz" else content).decode()
-        for number, line in enumerate(text.splitlines(), start=1):
-            if line.strip():
-                floor = json.loads(line)
-                floors[str(floor.get("name", f"line_{number}")).replace("/", "_")] = floor
-    except (OSError, EOFError, lzma.LZMAError, ValueError, AttributeError) as error:
+        with open_expanded(path) as file:
+            lines = file.read_all().decode().split("\n")
+    except (OSError, UnicodeDecodeError, *DAMAGED) as error:
         raise InputFileError(path, f"is not a file of floors, one JSON object a line ({error})") from None
+    ENTRIES.check(path, len(lines))
+    for number, line in enumerate(lines, start=1):
+        if not line.strip():
+            continue
+        floor = parse_json(line, f"{path}:{number}")
+        name = floor.get("name", f"line_{number}") if isinstance(floor, dict) else None
+        if not isinstance(name, str | int) or len(str(name)) > MAX_ID:
+            raise InputFileError(
+                f"{path}:{number}", "is not a floor: a JSON object with a 'name' and 'rooms'"
+            )
+        plan_id = str(name).replace("/", "_")
+        if plan_id in floors:
+            raise InputFileError(
+                f"{path}:{number}", f"holds a second floor called {shown(plan_id)}; rename it"
+            )
+        floors[plan_id] = floor
     return floors
 
 
 def _build(floor: Mapping[str, Any], plan_id: str, source: str) -> FloorPlan:
     scale = float(floor["m_per_px"])
     drawn = [room for room in floor["rooms"] if len(room["polygon"]) >= 3]
+    _check_size(drawn, scale, source)
     rooms = [
         Room(str(room["label"]).title().replace(" ", "_"), polygon)
         for room in drawn
-        if (polygon := _interior(_metres(room["polygon"], scale))) is not None
+        if (polygon := _interior(_metres(room["polygon"], scale), source)) is not None
     ]
-    building = shapely.union_all([_outline(_metres(room["polygon"], scale)) for room in drawn])
+    building = shapely.union_all([_outline(_metres(room["polygon"], scale), source) for room in drawn])
     # Gaps between rooms belong to the building; its outer walls stay closed.
     building = building.buffer(_DOOR_DEPTH, join_style="mitre").buffer(
         -_DOOR_DEPTH - 0.5 * WALL_THICKNESS, join_style="mitre"
@@ -101,16 +126,33 @@ def _metres(points: Any, scale: float) -> FloatArray:
     metres = np.array(points, dtype=np.float64)[:, :2] * [scale, -scale]
     if not np.isfinite(metres).all():
         raise ValueError("a coordinate is NaN or infinite")
+    if np.abs(metres).max(initial=0.0) > MAX_PLAN_COORDINATE:
+        raise ValueError(f"a coordinate is beyond {MAX_PLAN_COORDINATE:.0f} m")
     return np.asarray(metres)
 
 
-def _outline(points: FloatArray) -> BaseGeometry:
-    return shapely.make_valid(Polygon(points))
+def _check_size(rooms: Sequence[Mapping[str, Any]], scale: float, source: str) -> None:
+    """Refuse a floor that would take too long to build."""
+    if not 0.0 < scale < MAX_SCALE:
+        raise ValueError(f"m_per_px is {scale}")
+    PLAN_PARTS.check(source, len(rooms), PlanError)
+    VERTICES.check(source, sum(len(room["polygon"]) + len(room["segments"]) for room in rooms), PlanError)
+    for room in rooms:
+        # Distances of all portals to all walls are computed at once.
+        PLAN_PARTS.check(source, sum(segment[4] == "PORTAL" for segment in room["segments"]), PlanError)
+    rings = [_metres(room["polygon"], scale) for room in rooms]
+    walls = [np.hstack([ring, np.roll(ring, -1, axis=0)]) for ring in rings]
+    if walls:
+        refuse_crowded(np.vstack(walls), 2.0 * _DOOR_DEPTH, source)
 
 
-def _interior(points: FloatArray) -> Polygon | None:
+def _outline(points: FloatArray, source: str) -> BaseGeometry:
+    return make_valid(Polygon(points), source)
+
+
+def _interior(points: FloatArray, source: str) -> Polygon | None:
     """A room without its walls, None if nothing is left."""
-    parts = shapely.get_parts(_outline(points).buffer(-0.5 * WALL_THICKNESS, join_style="mitre"))
+    parts = shapely.get_parts(_outline(points, source).buffer(-0.5 * WALL_THICKNESS, join_style="mitre"))
     polygons = [part for part in parts if isinstance(part, Polygon) and not part.is_empty]
     return max(polygons, key=lambda part: float(part.area), default=None)
 

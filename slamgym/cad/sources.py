@@ -14,9 +14,11 @@ from slamgym.cad.generator import Kind, PlanGeneratorConfig, generate_plan
 from slamgym.cad.houseexpo import parse_houseexpo, read_houseexpo
 from slamgym.cad.image_plan import PLAN_IMAGE_SUFFIXES, read_image_plan, read_ros_plan
 from slamgym.cad.room_lines import RoomLinesSource
+from slamgym.core.compression import DAMAGED, open_expanded
 from slamgym.core.config import suggest
 from slamgym.core.errors import ConfigError, InputFileError, PlanError
 from slamgym.core.files import read_text
+from slamgym.core.limits import DOCUMENT_BYTES, ENTRIES, shown
 
 BUNDLED = Path(__file__).parent / "bundled"
 """The plans that come with the package."""
@@ -48,8 +50,12 @@ class PlanSource(Protocol):
 class FileSource:
     """Plans in HouseExpo files of their own."""
 
-    def __init__(self, paths: Iterable[Path]) -> None:
-        self._paths = {path.stem: path for path in sorted(paths)}
+    def __init__(self, paths: Iterable[Path], root: Path | None = None) -> None:
+        places: dict[str, str] = {}
+        self._paths: dict[str, Path] = {}
+        for path in sorted(paths):
+            _note_place(places, path.stem, str(path), root or path.parent)
+            self._paths[path.stem] = path
         self.ids: Sequence[str] = list(self._paths)
 
     def __len__(self) -> int:
@@ -70,16 +76,22 @@ class ArchiveSource:
     def __init__(self, path: Path, wanted: frozenset[str] | None = None) -> None:
         self._path = path
         self._texts: dict[str, bytes] = {}
+        places: dict[str, str] = {}
         try:
-            with tarfile.open(path, mode="r|*") as archive:
-                for member in archive:
+            # ignore: tarfile asks for no more of a file than read().
+            with open_expanded(path) as file, tarfile.open(fileobj=file, mode="r|") as archive:  # type: ignore[call-overload]
+                for number, member in enumerate(archive, start=1):
+                    ENTRIES.check(path, number)
                     name = Path(member.name)
                     if not member.isfile() or name.suffix != ".json" or name.name.startswith("."):
                         continue
+                    _note_place(places, name.stem, member.name, path)
                     if wanted is None or name.stem in wanted:
+                        DOCUMENT_BYTES.check(f"{path}:{shown(member.name)}", member.size)
                         content = archive.extractfile(member)
                         self._texts[name.stem] = content.read() if content else b""
-        except (OSError, EOFError, tarfile.TarError) as error:
+                    archive.members = []  # which would grow with every entry
+        except (OSError, ValueError, tarfile.TarError, *DAMAGED) as error:
             raise InputFileError(path, f"is not a readable archive ({error}); download it again") from None
         self.ids: Sequence[str] = sorted(self._texts)
 
@@ -89,6 +101,17 @@ class ArchiveSource:
     def load(self, plan_id: str) -> FloorPlan:
         """Read one plan."""
         return parse_houseexpo(self._texts[plan_id], f"{self._path}:{plan_id}.json", plan_id)
+
+
+def _note_place(places: dict[str, str], plan_id: str, place: str, where: Path) -> None:
+    """Refuse a second plan of the same name: splits and seeds go by the names, so neither may be renamed or lost."""
+    if plan_id in places:
+        raise InputFileError(
+            where,
+            f"holds two plans called {shown(plan_id)}, {shown(places[plan_id])} and {shown(place)}; rename one, or "
+            "give the folders as two sources, with a comma between them",
+        )
+    places[plan_id] = place
 
 
 class ProceduralSource:
@@ -181,7 +204,7 @@ def open_plans(spec: Path | str, ids_file: Path | str | None = None) -> PlanSour
     if missing:
         raise InputFileError(
             ids_file,
-            f"{len(missing)} of its {len(wanted)} ids are not in {spec}, the first is {missing[0]!r}",
+            f"{len(missing)} of its {len(wanted)} ids are not in {spec}, the first is {shown(missing[0])}",
         )
     return Subset(source, wanted)
 
@@ -251,7 +274,7 @@ def _open(spec: str, wanted: frozenset[str] | None) -> PlanSource:
     path = Path(spec)
     if path.is_dir():
         # HouseExpo unpacks into a folder within a folder.
-        return FileSource(list(path.glob("*.json")) or path.rglob("*.json"))
+        return FileSource(list(path.glob("*.json")) or path.rglob("*.json"), path)
     if not path.exists():
         if path.suffix or "/" in spec:
             _existing(spec)

@@ -14,9 +14,11 @@ from slamgym import __version__
 from slamgym.commands.extras import LEARNING, TRANSLATING, Extra, require
 from slamgym.core.config import suggest
 from slamgym.core.errors import SlamgymError
+from slamgym.core.interruption import Terminated, termination_as_interrupt
 
 EXIT_USER_ERROR = 2
 EXIT_INTERRUPTED = 130  # 128 + SIGINT, as shells report it
+EXIT_TERMINATED = 143  # 128 + SIGTERM
 EXIT_BROKEN_PIPE = 141  # 128 + SIGPIPE
 
 
@@ -101,6 +103,7 @@ TABLE = Group(
                 "check": Command("dataset.check:main", "verify every file and name every fault"),
                 "clean": Command("dataset.clean:main", "decide which pairs are complete enough to keep"),
                 "review": Command("dataset.review:main", "a page on which a person judges doubtful pairs"),
+                "realism": Command("dataset.realism:main", "compare its SLAM maps with those of robots"),
                 "split": Command("dataset.split:main", "put plans, with their near-duplicates, on a side"),
                 "render": Command("dataset.render:main", "make uniform square images for training"),
             },
@@ -159,19 +162,23 @@ def main(argv: list[str] | None = None) -> int:
         argv: The arguments after the program's name; None takes them from ``sys.argv``.
 
     Returns:
-        The exit code: 0 success, 2 an error that the user can fix, 130 interrupted.
+        The exit code: 0 success, 2 an error that the user can fix, 130 interrupted, 143 ended by SIGTERM.
     """
     arguments = sys.argv[1:] if argv is None else argv
     try:
         if arguments[:1] in (["-V"], ["--version"]):
             sys.stdout.write(f"slamgym {__version__}\n")
             return 0
-        code = TABLE.run("slamgym", arguments)
+        with termination_as_interrupt():
+            code = TABLE.run("slamgym", arguments)
         sys.stdout.flush()
         return code
     except SlamgymError as error:
         _complain(str(error))
         return EXIT_USER_ERROR
+    except Terminated:
+        _complain("ended by SIGTERM")
+        return EXIT_TERMINATED
     except KeyboardInterrupt:
         _complain("interrupted")
         return EXIT_INTERRUPTED

@@ -13,7 +13,7 @@ import tyro
 from slamgym.cad.plan_filter import PlanFilter
 from slamgym.core.config import Arguments, Count, CountOrZero, Positive
 from slamgym.core.errors import ConfigError
-from slamgym.core.parallel.backlog import available_cores
+from slamgym.core.parallel.backlog import TASK_TIMEOUT, available_cores
 from slamgym.core.parallel.engine import EngineName
 from slamgym.core.progress import duration, say
 from slamgym.dataset.pair import PairConfig
@@ -65,9 +65,12 @@ class GenerateArguments(Arguments):
     workers: CountOrZero = 0
     """Processes; 0 takes one per core."""
     engine: EngineName = "local"
-    """``local``: the processes of this machine. ``ray``: a Ray cluster (``pip install 'slamgym[ray]'``)."""
+    """``local``: the processes of this machine. ``ray``: a Ray cluster (``pip install 'slamgym[ray]'``).
+    ``in_process``: this process, for debugging: a crash ends the run."""
     address: str | None = None
     """Address of a Ray cluster that runs already, e.g. ``auto``; without it, one is started here."""
+    task_timeout: Positive = TASK_TIMEOUT
+    """Longest wall time of an exploration [s]; one that hangs is ended and noted in ``rejected.jsonl``."""
     shard: str | None = None
     """``i/n``, e.g. 3/10: make only the fourth tenth of the dataset, in a folder of its own below OUT. When
     all shards are done, ``slamgym dataset merge OUT`` puts them together."""
@@ -108,7 +111,7 @@ def main(argv: list[str]) -> int:
         dataset_config(arguments),
         make_explorer,
         pairs=arguments.pairs,
-        execution=Execution(workers, arguments.engine, arguments.address, shard),
+        execution=Execution(workers, arguments.engine, arguments.address, shard, arguments.task_timeout),
     )
     _report(report, arguments.contact_sheet)
     if arguments.images is not None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -12,6 +11,8 @@ import tyro
 
 from slamgym.core.config import Arguments, Count, Within
 from slamgym.core.errors import ConfigError
+from slamgym.core.names import as_file_name, is_file_name
+from slamgym.envs.config import ObservationConfig
 from slamgym.sim import RobotConfig
 
 if TYPE_CHECKING:
@@ -35,8 +36,8 @@ class _Selection(Arguments):
     """Take only the first so many plans."""
     robot_radius: float = RobotConfig.radius
     """The robot must be able to enter the rooms; the default holds a TurtleBot3 Waffle Pi [m]."""
-    max_extent: Annotated[float, Within(gt=0.0, infinite=True)] = math.inf
-    """Longest side that a plan may have [m]."""
+    max_extent: Annotated[float, Within(gt=0.0, infinite=True)] = ObservationConfig.map_size
+    """Longest side that a plan may have [m]; the default is what ``slamgym generate`` has room for."""
 
 
 class ListPlans(_Selection):
@@ -164,7 +165,8 @@ def _write(arguments: WritePlans, source: PlanSource, rejections: Rejections) ->
 
     written = 0
     for plan in _usable(arguments, source, rejections):
-        write_houseexpo(arguments.out / f"{plan.id}.json", plan)
+        name = plan.id if is_file_name(plan.id) else as_file_name(f"plan-{written}-{plan.id}")
+        write_houseexpo(arguments.out / f"{name}.json", plan)
         written += 1
     sys.stdout.write(f"{written} plans written: {arguments.out}\n")
     rejections.write(arguments.out / "rejected.jsonl")

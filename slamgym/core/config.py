@@ -12,6 +12,8 @@ from collections.abc import Iterator, Mapping
 from typing import Annotated, Any, ClassVar, NamedTuple, TypeVar
 
 from slamgym.core.errors import ConfigError
+from slamgym.core.limits import MAX_SHOWN, shown
+from slamgym.core.names import OnePart
 
 _T = TypeVar("_T")
 
@@ -113,9 +115,9 @@ def _require(hint: Any, value: Any, name: str) -> None:
     """Refuse a value that doesn't fit what its field declares."""
     for fault in _faults(hint, value, name, Within()):
         choices = [str(choice) for choice in _choices(hint)]
-        close = difflib.get_close_matches(str(fault.value), choices, n=1)
+        close = difflib.get_close_matches(shown(fault.value).strip("'"), choices, n=1)
         advice = f"; did you mean {close[0]!r}?" if close else ""
-        raise ConfigError(f"{fault.name} must be {fault.must_be}, not {fault.value!r}{advice}")
+        raise ConfigError(f"{fault.name} must be {fault.must_be}, not {shown(fault.value)}{advice}")
 
 
 def _choices(hint: Any) -> list[Any]:
@@ -131,6 +133,9 @@ def _faults(hint: Any, value: Any, name: str, bounds: Within) -> Iterator[_Fault
     if origin is Annotated:
         rules = [rule for rule in hint.__metadata__ if isinstance(rule, Within)]
         yield from _faults(hint.__origin__, value, name, rules[0] if rules else bounds)
+        for rule in hint.__metadata__:
+            if isinstance(rule, OnePart) and isinstance(value, str) and not rule.allow(value):
+                yield _Fault(name, str(rule), value)
     elif origin in (types.UnionType, typing.Union):
         faults = [next(_faults(option, value, name, bounds), None) for option in options]
         if None not in faults:
@@ -163,6 +168,9 @@ def _faults_inside(hint: Any, value: Any, name: str, bounds: Within) -> Iterator
     elif isinstance(value, tuple) and hasattr(hint, "_fields"):
         for inner_name, option in _hints(hint).items():
             yield from _faults(option, getattr(value, inner_name), f"{name}.{inner_name}", bounds)
+    elif typing.get_origin(hint) is list:
+        for index, item in enumerate(value):
+            yield from _faults(options[0], item, f"{name}[{index}]", bounds)
     elif isinstance(value, Mapping) and options:
         for key, item in value.items():
             yield from _faults(options[1], item, f"{name}[{key!r}]", bounds)
@@ -171,7 +179,7 @@ def _faults_inside(hint: Any, value: Any, name: str, bounds: Within) -> Iterator
 def suggest(name: str, known: typing.Iterable[str]) -> str:
     """A sentence part that names the nearest known name, or lists them all."""
     known = list(known)
-    close = difflib.get_close_matches(name, known, n=1)
+    close = difflib.get_close_matches(str(name)[:MAX_SHOWN], known, n=1)
     return f"did you mean {close[0]!r}?" if close else f"known: {', '.join(sorted(known))}"
 
 
@@ -190,18 +198,26 @@ def from_dict(cls: type[_T], values: Mapping[str, Any], where: str = "") -> _T:
         where: Where the values stand (a file or a section), for the error.
 
     Raises:
-        ConfigError: If a name is unknown (the error suggests the nearest known one), or a value is refused.
+        ConfigError: If a name is unknown (the error suggests the nearest known one) or one without a default is
+            missing, or a value is refused.
     """
     hints = _hints(cls)
     prefix = f"{where}: " if where else ""
+    if not isinstance(values, Mapping):
+        raise ConfigError(f"{prefix}{cls.__name__} takes an object of settings by name, not {values!r}")
     converted = {}
     for name in values:
         if name not in hints:
-            raise ConfigError(f"{prefix}unknown setting {name!r} of {cls.__name__}; {suggest(name, hints)}")
+            raise ConfigError(
+                f"{prefix}unknown setting {shown(name)} of {cls.__name__}; {suggest(str(name), hints)}"
+            )
         path = f"{where}.{name}" if where else name
         converted[name] = _convert(hints[name], values[name], path)
-        if issubclass(cls, Settings):
-            _require(hints[name], converted[name], path)
+        _require(hints[name], converted[name], path)
+    for entry in dataclasses.fields(typing.cast(Any, cls)):
+        is_needed = entry.default is dataclasses.MISSING and entry.default_factory is dataclasses.MISSING
+        if is_needed and entry.name not in converted:
+            raise ConfigError(f"{prefix}{entry.name!r} of {cls.__name__} is missing")
     return cls(**converted)
 
 
@@ -226,7 +242,7 @@ def _replace(config: _T, path: str, value: Any, name: str, root: Any) -> _T:
     hints = _hints(type(config))
     current = getattr(config, first) if first in hints else None
     if first not in hints or (rest and not dataclasses.is_dataclass(current)):
-        raise ConfigError(f"unknown setting {name!r}; {suggest(name, setting_names(root))}")
+        raise ConfigError(f"unknown setting {shown(name)}; {suggest(name, setting_names(root))}")
     if rest:
         value = _replace(current, rest, value, name, root)
     else:
@@ -259,7 +275,10 @@ def _convert(hint: Any, value: Any, where: str) -> Any:
     if dataclasses.is_dataclass(hint) and isinstance(value, Mapping):
         return from_dict(typing.cast(type, hint), value, where)
     if isinstance(value, list) and isinstance(hint, type) and issubclass(hint, tuple):
-        return hint(*value)
+        try:
+            return hint(*value)
+        except TypeError:  # too few or too many
+            return tuple(value)
     origin, options = typing.get_origin(hint), typing.get_args(hint)
     if isinstance(value, list) and origin is tuple:
         variadic = len(options) == 2 and options[1] is Ellipsis

@@ -8,11 +8,14 @@ import contextlib
 import errno
 import glob
 import os
+import stat
 from collections.abc import Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import BinaryIO
 
 from slamgym.core.errors import InputFileError
+from slamgym.core.limits import FILE_BYTES, Limit
 
 try:
     import fcntl
@@ -30,6 +33,7 @@ _FIXES = {
     errno.EEXIST: "exists and is not a folder; choose another one",
 }
 _SYNC_THREADS = 16
+_MAX_PATH = 1000
 
 
 class StorageError(InputFileError):
@@ -68,6 +72,7 @@ def staged(path: Path | str, *, durable: bool = False) -> Iterator[Path]:
     with storage_errors(path):
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
+            part.unlink(missing_ok=True)  # a link that waits here would be written through
             yield part
             if durable:
                 _sync(part)
@@ -79,26 +84,62 @@ def staged(path: Path | str, *, durable: bool = False) -> Iterator[Path]:
                 part.unlink(missing_ok=True)
 
 
-def read_bytes(path: Path | str) -> bytes:
+def open_regular(path: Path | str) -> BinaryIO:
+    """Open a file for reading; a device, a pipe or a folder is refused, not waited for.
+
+    Raises:
+        InputFileError: If it can't be read or is no regular file.
+    """
+    try:
+        # A pipe that nobody writes to would block here.
+        file = open(  # noqa: SIM115 - the caller closes it
+            path, "rb", opener=lambda name, flags: os.open(name, flags | getattr(os, "O_NONBLOCK", 0))
+        )
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise InputFileError(shown_path(path), f"can't be read ({reason})") from error
+    if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+        file.close()
+        raise InputFileError(path, "is no regular file but a device, pipe or socket; give a file")
+    return file
+
+
+def shown_path(path: Path | str) -> str:
+    """A path as errors name it, shortened where it is too long for one."""
+    text = str(path)
+    return text if len(text) <= _MAX_PATH else f"{text[:_MAX_PATH]}..."
+
+
+def read_bytes(path: Path | str, limit: Limit = FILE_BYTES) -> bytes:
     """Read a whole file.
 
+    Args:
+        path: The file.
+        limit: Of its bytes.
+
     Raises:
-        InputFileError: If it can't be read.
+        InputFileError: If it can't be read, is no regular file, or is larger than the limit.
     """
-    try:
-        return Path(path).read_bytes()
-    except OSError as error:
-        raise InputFileError(path, f"can't be read ({error.strerror or error})") from error
+    with open_regular(path) as file:
+        limit.check(path, os.fstat(file.fileno()).st_size)
+        try:
+            return file.read(limit.value)
+        except OSError as error:
+            raise InputFileError(path, f"can't be read ({error.strerror or error})") from error
 
 
-def read_text(path: Path | str) -> str:
+def read_text(path: Path | str, limit: Limit = FILE_BYTES) -> str:
     """Read a whole UTF-8 text file.
 
+    Args:
+        path: The file.
+        limit: Of its bytes.
+
     Raises:
-        InputFileError: If it can't be read or is not text.
+        InputFileError: If it can't be read, is not text, or is larger than the limit.
     """
     try:
-        return read_bytes(path).decode()
+        return read_bytes(path, limit).decode()
     except UnicodeDecodeError:
         raise InputFileError(path, "is not a text file") from None
 
@@ -148,8 +189,55 @@ def replace_if_changed(path: Path, data: bytes) -> None:
         replace_file(path, data)
 
 
+def own_folder(path: Path) -> Path:
+    """Make a folder, or find that it is there and no link: what is written into it stays where it belongs.
+
+    Raises:
+        StorageError: If it is a link or can't be made.
+    """
+    with storage_errors(path):
+        path.mkdir(parents=True, exist_ok=True)
+    if path.is_symlink():
+        raise StorageError(path, "is a link out of the folder; put a real folder in its place")
+    return path
+
+
+def _refuse_link(path: Path) -> None:
+    """Refuse to change a file in place through a link that somebody put there."""
+    if path.is_symlink():
+        raise StorageError(path, "is a link and would be written through; remove it")
+
+
+def append_line(path: Path, line: str, *, durable: bool = False) -> None:
+    """Add a line to a log, with one call to the system.
+
+    Args:
+        path: The log; made with its first line.
+        line: The line with its end.
+        durable: Also wait until the disk has it.
+
+    Raises:
+        StorageError: If it can't be written, or is a link.
+    """
+    _refuse_link(path)
+    with storage_errors(path):
+        flags = os.O_WRONLY | os.O_APPEND | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0)
+        descriptor = os.open(path, flags, 0o644)
+        try:
+            os.write(descriptor, line.encode())
+            if durable:
+                os.fsync(descriptor)
+        finally:
+            os.close(descriptor)
+
+
 def drop_torn_line(path: Path) -> None:
-    """Cut a log of lines, if there is one, after its last whole line: a run that was killed may have torn it."""
+    """Cut a log of lines, if there is one, after its last whole line: a run that was killed may have torn it.
+
+    Raises:
+        StorageError: If it is a link.
+    """
+    _refuse_link(path)
     if path.exists():
         data = path.read_bytes()
         whole = data.rfind(b"\n") + 1
@@ -208,6 +296,7 @@ def exclusive_lock(path: Path) -> Iterator[None]:
     Raises:
         StorageError: If another process holds it.
     """
+    _refuse_link(path)
     with storage_errors(path):
         file = path.open("a")
     with file:

@@ -1,17 +1,36 @@
-"""Ctrl-C, handled only when nothing is half done."""
+"""Ctrl-C and SIGTERM, by which batch systems and people end a command before its time."""
 
 import signal
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
+from typing import Any
+
+
+class Terminated(KeyboardInterrupt):
+    """SIGTERM came; whatever is done after Ctrl-C is done after this, too."""
 
 
 class Interruption:
-    """Whether the user asked to stop."""
+    """Whether the user, or the batch system, asked to stop."""
 
     def __init__(self) -> None:
-        self.requested = False
+        self.signal: int | None = None
+
+    @property
+    def requested(self) -> bool:
+        """Whether a signal came."""
+        return self.signal is not None
+
+    def conclude(self) -> None:
+        """End as the signal would have done, now that nothing is half done.
+
+        Raises:
+            KeyboardInterrupt: If one came; :class:`Terminated` if it was SIGTERM.
+        """
+        if self.signal is not None:
+            raise _error_of(self.signal)
 
 
 @contextmanager
@@ -21,19 +40,49 @@ def deferred_interrupt() -> Iterator[Interruption]:
     Outside the main thread, where signals can't be caught, nothing is deferred.
     """
     interruption = Interruption()
-    if threading.current_thread() is not threading.main_thread():
-        yield interruption
-        return
 
     def note(number: int, frame: FrameType | None) -> None:
-        del number, frame
+        del frame
         if interruption.requested:
-            raise KeyboardInterrupt
-        interruption.requested = True
+            raise _error_of(number)
+        interruption.signal = number
 
-    before = {number: signal.signal(number, note) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
+    with _handlers(note, signal.SIGINT, signal.SIGTERM):
         yield interruption
+
+
+@contextmanager
+def termination_as_interrupt() -> Iterator[None]:
+    """Have SIGTERM raise :class:`Terminated` inside the block, as Ctrl-C raises ``KeyboardInterrupt``."""
+
+    def stop(number: int, frame: FrameType | None) -> None:
+        del frame
+        raise _error_of(number)
+
+    with _handlers(stop, signal.SIGTERM):
+        yield
+
+
+@contextmanager
+def kept_termination() -> Iterator[None]:
+    """Undo what the block makes of SIGTERM."""
+    with _handlers(signal.getsignal(signal.SIGTERM), signal.SIGTERM):
+        yield
+
+
+def _error_of(number: int) -> KeyboardInterrupt:
+    return Terminated() if number == signal.SIGTERM else KeyboardInterrupt()
+
+
+@contextmanager
+def _handlers(handler: Any, *numbers: signal.Signals) -> Iterator[None]:
+    """Handle signals inside the block; outside the main thread, where they can't be caught, nothing happens."""
+    if threading.current_thread() is not threading.main_thread() or handler is None:
+        yield
+        return
+    before = {number: signal.signal(number, handler) for number in numbers}
+    try:
+        yield
     finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
+        for number, old in before.items():
+            signal.signal(number, old)

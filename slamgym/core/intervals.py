@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from slamgym.core.types import FloatArray
+from slamgym.core.types import BoolArray, FloatArray
 
 RESAMPLES = 10_000
 CONFIDENCE = 0.95
@@ -82,6 +82,46 @@ def ratio_of_means(
         plan = np.unique(np.asarray(groups), return_inverse=True)[1]
         table = np.column_stack([np.bincount(plan, weights=column) for column in table.T])
     return _bootstrap(table, lambda means: means[:, 0] / np.maximum(means[:, 1], 1e-12), seed)
+
+
+def balanced_accuracy(right: FloatArray, of_second: BoolArray, groups: ArrayLike, seed: int = 0) -> Interval:
+    """Mean of the accuracies on two classes, however many samples each has: 0.5 for a guess.
+
+    Args:
+        right: Whether each sample was classified rightly, or how often, in [0, 1], shape (N,).
+        of_second: Which samples belong to the second class, shape (N,); both classes have some.
+        groups: What is drawn again, e.g. the building of each sample, shape (N,).
+        seed: Of the resampling.
+    """
+    columns = [w.astype(np.float64) for w in (right * ~of_second, ~of_second, right * of_second, of_second)]
+    group = np.unique(np.asarray(groups), return_inverse=True)[1]
+    table: FloatArray = np.column_stack([np.bincount(group, weights=column) for column in columns])
+
+    def balanced(means: FloatArray) -> FloatArray:
+        counts = np.maximum(means[:, 1::2], 1e-12)
+        mean: FloatArray = (means[:, ::2] / counts).mean(axis=1)
+        return mean
+
+    return _bootstrap(table, balanced, seed)
+
+
+def median_interval(values: FloatArray, seed: int = 0, groups: ArrayLike | None = None) -> Interval:
+    """Median of values, shape (N,).
+
+    Args:
+        values: At least one.
+        seed: Of the resampling.
+        groups: What is drawn again together, e.g. the building of each value, shape (N,); each value without it.
+    """
+    values = np.asarray(values, dtype=np.float64)
+    group = np.arange(len(values)) if groups is None else np.unique(groups, return_inverse=True)[1]
+    order = np.argsort(values)
+    # How often each value is drawn; its median lies where half of the draws are reached.
+    drawn = _fresh_draws(int(group.max()) + 1, seed, _BAND_RESAMPLES)[:, group[order]].cumsum(axis=1)
+    half = 0.5 * drawn[:, -1:]
+    below, above = (drawn >= half).argmax(axis=1), (drawn > half).argmax(axis=1)
+    low, high = _percentiles(0.5 * (values[order][below] + values[order][above]))
+    return Interval(float(np.median(values)), float(low), float(high))
 
 
 def mean_of_ratios(values: FloatArray, reference: FloatArray, seed: int = 0) -> Interval:

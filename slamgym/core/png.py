@@ -2,10 +2,8 @@
 
 from pathlib import Path
 
-import numpy as np
-
-from slamgym.core.errors import InputFileError
 from slamgym.core.files import read_bytes
+from slamgym.core.pictures import decode_picture
 from slamgym.core.types import ByteArray
 
 
@@ -20,15 +18,9 @@ def read_png(path: Path) -> ByteArray:
     """Read a picture as it is, shape (rows, cols) or (rows, cols, channels).
 
     Raises:
-        InputFileError: If it is missing or no picture.
+        InputFileError: If it is missing, no picture, or larger than allowed.
     """
     import cv2
 
-    data = np.frombuffer(read_bytes(path), dtype=np.uint8)
-    try:
-        image = cv2.imdecode(data, cv2.IMREAD_UNCHANGED) if data.size else None
-    except cv2.error:
-        image = None
-    if image is None:
-        raise InputFileError(path, "is not a PNG picture")
+    image: ByteArray = decode_picture(path, read_bytes(path), cv2.IMREAD_UNCHANGED)
     return image

@@ -22,4 +22,4 @@ def shuffled(names: Sequence[str], seed: int | tuple[int, int]) -> list[str]:
 
 
 def _first_64_bits(text: str) -> int:
-    return int.from_bytes(hashlib.sha256(text.encode()).digest()[:8], "big")
+    return int.from_bytes(hashlib.sha256(text.encode(errors="surrogatepass")).digest()[:8], "big")

@@ -12,7 +12,9 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from slamgym.core.documents import load_json
 from slamgym.core.errors import InputFileError, SlamgymError
+from slamgym.core.names import is_file_name
 from slamgym.core.png import read_png
 from slamgym.core.seeding import exploration_seed
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN
@@ -160,7 +162,7 @@ def read_settings(path: Path, version_key: str, version: int) -> tuple[dict[str,
         version: The version that is known here.
     """
     try:
-        settings = json.loads(path.read_text(encoding="utf-8"))
+        settings = load_json(path.read_text(encoding="utf-8"))
     except OSError:
         return {}, [FileFault(path, "is missing")]
     except ValueError as error:
@@ -217,12 +219,15 @@ def _check_sums(folder: Path, sha256: str) -> Iterator[FileFault]:
     listed = {}
     for line in content.decode(errors="replace").splitlines():
         digest, _, name = line.partition("  ")
-        listed[name] = digest
+        if is_file_name(name):
+            listed[name] = digest
+        else:
+            yield FileFault(sums, f"lists {name!r}, which is no file of its folder")
     for name in EPISODE_FILES:
         if name not in listed:
             yield FileFault(sums, f"doesn't list {name}")
     for name, digest in listed.items():
-        path = folder / Path(name).name
+        path = folder / name
         if not path.is_file():
             yield FileFault(path, "is missing")
         elif hashlib.sha256(path.read_bytes()).hexdigest() != digest:
@@ -277,7 +282,7 @@ def _check_lines(path: Path) -> Iterator[FileFault]:
         return
     for number, line in enumerate(path.read_text(encoding="utf-8", errors="replace").splitlines(), start=1):
         try:
-            whole = isinstance(json.loads(line), dict)
+            whole = isinstance(load_json(line), dict)
         except ValueError:
             whole = False
         if not whole:

@@ -19,10 +19,14 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from slamgym.core.documents import load_json
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.files import (
+    append_line,
     drop_torn_line,
     exclusive_lock,
+    own_folder,
+    read_text,
     remove_leftovers,
     replace_file,
     replace_if_changed,
@@ -34,7 +38,7 @@ from slamgym.dataset.manifest_file import ManifestFile, SlotSet
 from slamgym.dataset.record import Slot
 from slamgym.dataset.shard import is_shard_name
 
-_OUR_NAME = re.compile(r"(\d{6,})_[A-Za-z0-9_.-]+")
+_OUR_NAME = re.compile(r"([0-9]{6,8})_[A-Za-z0-9_.-]+")  # below MAX_SLOTS
 _INDEX_SHARE_OF_TIME = 0.02
 """The manifest is rewritten at most so often that it costs this share of the time."""
 _SHOWN = 3
@@ -67,8 +71,7 @@ class DatasetFolder:
             (staged / "episode").rename(layout.episode(name))
             staged.rmdir()
             if timing:
-                with layout.timing.open("a") as file:
-                    file.write(json.dumps({"name": name, **timing}) + "\n")
+                append_line(layout.timing, json.dumps({"name": name, **timing}) + "\n")
             self.committed.add(slot.index)
             self._manifest.add(slot.index, line)
         if time.monotonic() >= self._next_index_time:
@@ -151,11 +154,11 @@ def open_dataset(root: Path, settings: Mapping[str, Any]) -> Iterator[DatasetFol
     with exclusive_lock(layout.lock):
         # The settings first: by them a folder is known, however early the run is killed.
         claim_folder(layout, settings, "pairs", is_shard_name)
+        for part in (layout.root / "A", layout.root / "B", layout.episodes):
+            own_folder(part)
         with storage_errors(root):
-            for part in (layout.root / "A", layout.root / "B", layout.episodes):
-                part.mkdir(exist_ok=True)
             shutil.rmtree(layout.incoming, ignore_errors=True)
-            layout.incoming.mkdir()
+            own_folder(layout.incoming)
             incoming = Path(tempfile.mkdtemp(dir=layout.incoming))
             drop_torn_line(layout.timing)
             folder = DatasetFolder(root, incoming)
@@ -200,22 +203,26 @@ def read_rejected(path: Path) -> dict[int, dict[str, Any]]:
     if not path.exists():
         return {}
     try:
-        entries = [json.loads(line) for line in path.read_text().splitlines()]
-        return {int(entry["index"]): entry for entry in entries}
-    except (ValueError, KeyError, TypeError) as error:
+        entries = [load_json(line) for line in read_text(path).splitlines()]
+        return {int(entry["index"]): {**entry, **_plan_and_error(entry)} for entry in entries}
+    except (ValueError, KeyError, TypeError, OverflowError) as error:
         raise InputFileError(
             path, f"is malformed ({error}); delete it to have the plans tried again"
         ) from error
 
 
+def _plan_and_error(entry: dict[str, Any]) -> dict[str, str]:
+    return {name: str(entry[name]) for name in ("plan_id", "error")}
+
+
 def read_times(path: Path) -> dict[str, dict[str, Any]]:
     """What each exploration took, by its name, as far as ``timing.jsonl`` has it; times are no part of the data."""
     times = {}
-    for line in path.read_text(encoding="utf-8").splitlines() if path.is_file() else ():
+    for line in read_text(path).splitlines() if path.is_file() else ():
         try:
-            entry = json.loads(line)
+            entry = load_json(line)
             times[str(entry.pop("name"))] = {"cpu_seconds": float(entry.pop("cpu_seconds")), **entry}
-        except (ValueError, KeyError, TypeError, AttributeError):
+        except (ValueError, KeyError, TypeError, AttributeError, OverflowError):
             continue  # a killed run may leave an incomplete line
     return times
 

@@ -27,14 +27,14 @@ axes are parallel to the world's, so a world point is ``start + map point``. The
 from __future__ import annotations
 
 import hashlib
-import json
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
+from slamgym.core.documents import read_json
 from slamgym.core.errors import InputFileError
-from slamgym.core.files import read_bytes, write_bytes
+from slamgym.core.files import write_bytes
 from slamgym.core.png import read_png
 from slamgym.core.types import ByteArray
 from slamgym.dataset.record import PairRecord
@@ -73,9 +73,13 @@ def manifest_lines(manifest: Path, made_by: str) -> Iterator[tuple[str, str]]:
         InputFileError: If it is missing; ``made_by`` names the command that writes such folders.
     """
     require_manifest(manifest, made_by)
-    with manifest.open(encoding="utf-8") as lines:
-        for number, line in enumerate(lines, start=1):
-            yield line, f"{manifest}:{number}"
+    number = 0
+    try:
+        with manifest.open(encoding="utf-8") as lines:
+            for number, line in enumerate(lines, start=1):
+                yield line, f"{manifest}:{number}"
+    except UnicodeDecodeError:
+        raise InputFileError(f"{manifest}:{number + 1}", "is not a line of text") from None
 
 
 @dataclass(frozen=True)
@@ -158,10 +162,7 @@ def read_dataset_config(root: Path | str) -> dict[str, Any]:
         InputFileError: If there is none or it is no JSON object.
     """
     path = Layout(Path(root)).config
-    try:
-        values = json.loads(read_bytes(path))
-    except ValueError as error:
-        raise InputFileError(path, f"is not JSON ({error}); choose another folder") from error
+    values = read_json(path, "choose another folder")
     if not isinstance(values, dict):
         raise InputFileError(path, "is not a JSON object")
     return values

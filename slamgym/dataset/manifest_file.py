@@ -5,13 +5,14 @@ are kept until they are merged into the file, whose other lines are copied as th
 """
 
 import heapq
-import json
 import re
 from collections.abc import Callable, Iterable, Iterator
 from operator import itemgetter
 from pathlib import Path
 
+from slamgym.core.documents import load_json
 from slamgym.core.files import replace_file_by
+from slamgym.dataset.record import MAX_SLOTS
 
 
 class SlotSet:
@@ -53,7 +54,7 @@ class SlotSet:
 MOST_FRESH_LINES = 20_000
 """Fresh lines that are kept in memory, 2 kB each."""
 
-_NAME = re.compile(rb'\{"name": "(\d{6,})_')
+_NAME = re.compile(rb'\{"name": "([0-9]{6,8})_')
 
 
 class ManifestFile:
@@ -140,7 +141,10 @@ def _index_of(line: bytes) -> int:
     match = _NAME.match(line)
     if match is not None:
         return int(match[1])
-    record = json.loads(line)
-    if not isinstance(record, dict) or not isinstance(record.get("index"), int):
+    try:
+        index = load_json(line)["index"]
+    except (KeyError, TypeError):
+        index = None
+    if not isinstance(index, int) or not 0 <= index < MAX_SLOTS:
         raise ValueError("a line is no record")
-    return int(record["index"])
+    return index

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from slamgym.core.errors import ConfigError
-from slamgym.core.files import exclusive_lock, storage_errors, sync_tree
+from slamgym.core.errors import ConfigError, InputFileError
+from slamgym.core.files import exclusive_lock, own_folder, read_text, storage_errors, sync_tree
 from slamgym.core.progress import Advance, show_progress
 from slamgym.dataset.folder import (
     DatasetFolder,
@@ -32,7 +32,7 @@ class MergeReport:
     missing: list[str]
     """Names of shards that should be there and are not."""
     broken: list[str]
-    """Pairs of the shards that lack a file, and were left out."""
+    """Pairs of the shards that lack a file or hold a link, and were left out."""
     pairs: int
     """Pairs in the dataset now."""
     fresh: int
@@ -65,6 +65,7 @@ def merge_shards(root: Path | str) -> MergeReport:
         before, broken = len(folder.committed), list[str]()
         with show_progress("pairs", 0, total) as advance:
             for shard in shards:
+                own_folder(shard)
                 with exclusive_lock(Layout(shard).lock):
                     broken += _take_shard(folder, Layout(shard), advance)
         pairs = len(folder.committed)
@@ -88,7 +89,7 @@ def _take_shard(folder: DatasetFolder, shard: Layout, advance: Advance) -> list[
     times = read_times(shard.timing)
     for index, name in pair_names(shard.episodes):
         if index not in folder.committed:
-            if is_whole(shard, name):
+            if is_whole(shard, name) and _is_plain(shard, name):
                 _take_pair(folder, shard, name, times.get(name, {}))
             else:
                 broken.append(name)
@@ -100,7 +101,9 @@ def _take_shard(folder: DatasetFolder, shard: Layout, advance: Advance) -> list[
 
 def _take_pair(folder: DatasetFolder, shard: Layout, name: str, times: dict[str, Any]) -> None:
     line = shard.episode(name) / "episode.json"
-    record = PairRecord.from_line(line.read_text(), str(line))
+    record = PairRecord.from_line(read_text(line), str(line))
+    if record.name != name or record.slot.name != name:
+        raise InputFileError(line, f"is the record of {record.name!r}, not of its folder; take the pair out")
     staged = folder.stage(name)
     with storage_errors(folder.layout.root):
         _link(shard, name, staged)
@@ -117,6 +120,13 @@ def _link(shard: Layout, name: str, staged: Path) -> None:
         linked &= _link_or_copy(shard.image(side, name), staged / f"{side}.png")
     if not linked:
         sync_tree(staged)
+
+
+def _is_plain(shard: Layout, name: str) -> bool:
+    """Whether a pair is made of files alone: no links to what lies elsewhere, no devices."""
+    folder = shard.episode(name)
+    files = [*(shard.image(side, name) for side in SIDES), *folder.iterdir()]
+    return not folder.is_symlink() and all(path.is_file() and not path.is_symlink() for path in files)
 
 
 def _link_or_copy(source: Path, target: Path) -> bool:

@@ -9,18 +9,19 @@ from __future__ import annotations
 import hashlib
 import importlib.util
 import json
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self
 
 import numpy as np
 
 from slamgym import __version__
-from slamgym.core.config import from_dict, to_dict
+from slamgym.core.config import Within, from_dict, to_dict
+from slamgym.core.documents import parse_json
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.files import staged
+from slamgym.core.names import FileName, as_file_name
 from slamgym.core.types import GridFrame, Pose2D
 from slamgym.dataset.pair import MapPair
 
@@ -29,6 +30,8 @@ if TYPE_CHECKING:
 
 GOOD_COVERAGE = 0.95
 """Share of the reachable floor from which an exploration counts as complete."""
+MAX_SLOTS = 10**8
+"""Explorations of a dataset; a set of slots takes a byte each."""
 _DIGITS = 6
 """Decimals of the figures: more than any of them means, fewer than a float has."""
 
@@ -46,7 +49,7 @@ class Slot:
     @property
     def name(self) -> str:
         """Name of the pair's files; sorts by index."""
-        return f"{self.index:06d}_{re.sub(r'[^A-Za-z0-9_.-]+', '-', self.plan_id)}"
+        return as_file_name(f"{self.index:06d}_{self.plan_id}")
 
 
 class ManifestLine:
@@ -71,8 +74,8 @@ class ManifestLine:
             InputFileError: If the line is no such record.
         """
         try:
-            return from_dict(cls, json.loads(line), where)
-        except (ValueError, TypeError) as error:
+            return from_dict(cls, parse_json(line, where))
+        except ConfigError as error:
             raise InputFileError(where, f"is not {cls.noun} ({error})") from error
 
 
@@ -81,9 +84,9 @@ class PairRecord(ManifestLine):
     """One line of the manifest: where a pair comes from and how good it is."""
 
     noun = "a record of a pair"
-    name: str
+    name: FileName
     """Stem of the files in ``A`` and ``B`` and name of the folder in ``episodes``."""
-    index: int
+    index: Annotated[int, Within(ge=0, lt=MAX_SLOTS)]
     """Place in the sequence of explorations; places of rejected plans are missing."""
     plan_id: str
     plan_source: str

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from slamgym.core.errors import ConfigError
 
-FOLDER = re.compile(r"shard-(\d{5,})-of-(\d{5,})")
+FOLDER = re.compile(r"shard-([0-9]{5,7})-of-([0-9]{5,7})")
 """Names of the shards' folders."""
 
 
@@ -34,7 +34,7 @@ class Shard:
         Raises:
             ConfigError: If the text is something else, or ``i`` is not between 0 and ``n - 1``.
         """
-        match = re.fullmatch(r"(\d+)/(\d+)", text.strip())
+        match = re.fullmatch(r"([0-9]{1,7})/([0-9]{1,7})", text.strip())
         if match is None:
             raise ConfigError(f"--shard must look like 3/10 (the fourth of ten), not {text!r}")
         return cls(int(match[1]), int(match[2]))

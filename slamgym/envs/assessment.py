@@ -1,6 +1,7 @@
 """How an exploration goes, measured against the truth: for rewards and ``info``."""
 
 import math
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from slamgym.envs.episode_log import EpisodeLog
 from slamgym.envs.plan_cache import PreparedPlan
 from slamgym.envs.rewards import Reward, StepRecord
 from slamgym.envs.simulation import Simulation
+from slamgym.metrics.map_error import ObstacleDistance
 from slamgym.sim import Motion
 from slamgym.slam import Mapper
 from slamgym.viz.exploration import Scene, SceneFigures
@@ -75,8 +77,15 @@ class Assessment:
     def map_error(self) -> float:
         """Mean distance of the map's occupied cells from the nearest true obstacle [m]."""
         simulation = self._simulation
-        return self._prepared.obstacle_distance.mean_error(
+        return self._obstacle_distance.mean_error(
             simulation.mapper.occupancy_grid(), simulation.world_from_map
+        )
+
+    @cached_property
+    def _obstacle_distance(self) -> ObstacleDistance:
+        # Kept for the episode alone: a field takes megabytes, and an environment keeps dozens of plans ready.
+        return ObstacleDistance(
+            np.vstack([self._prepared.plan.segments(), self._prepared.clutter.segments()])
         )
 
     def info(self) -> dict[str, Any]:
@@ -110,7 +119,7 @@ class Assessment:
         )
         return Scene(
             plan=plan,
-            furniture=clutter.furniture,
+            furniture=simulation.furniture,
             moving=simulation.segments[len(plan.segments()) + len(clutter.segments()) :],
             robot_radius=simulation.radius,
             true_pose=simulation.true_pose,

@@ -20,7 +20,8 @@ from slamgym.cad.floorplan import FloorPlan, fill_segments, ring_segments
 from slamgym.core.geometry import compose
 from slamgym.core.jit import kernel
 from slamgym.core.types import BoolArray, FloatArray, GridFrame, LaserGeometry, Pose2D
-from slamgym.sim.clutter import fitting_area
+from slamgym.sim.passages import Passages
+from slamgym.sim.start import fitting_area
 
 _FRACTION = 32
 _HALF = 1 << (_FRACTION - 1)
@@ -112,18 +113,16 @@ class ReachableFloor:
     Args:
         plan: The building.
         robot_radius: [m].
-        furniture: What stands in it, world frame.
+        passages: What furniture leaves of it, where there is some.
     """
 
-    def __init__(
-        self, plan: FloorPlan, robot_radius: float, furniture: tuple[shapely.Polygon, ...] = ()
-    ) -> None:
+    def __init__(self, plan: FloorPlan, robot_radius: float, passages: Passages | None = None) -> None:
         self._dilation = robot_radius * (1.0 + CORNER)
         self._free: BaseGeometry = plan.free_space
-        if furniture:
-            self._free = self._free.difference(shapely.union_all(list(furniture)))
-        parts = shapely.get_parts(fitting_area(plan, robot_radius, furniture))
-        self._parts = [part for part in parts if not part.is_empty]
+        self._passages = passages
+        self._labels = passages.parts(robot_radius)[1] if passages else None
+        area = shapely.Polygon() if passages else fitting_area(plan, robot_radius)
+        self._parts = [part for part in shapely.get_parts(area) if not part.is_empty]
         self._masks: dict[int, BoolArray] = {}
         # The margin keeps beams that end on the outline inside the grid.
         self.frame = GridFrame.covering(plan.bounds, CELL, margin=2.0 * CELL)
@@ -144,6 +143,8 @@ class ReachableFloor:
         if index not in self._masks:
             if index < 0:
                 cells = np.zeros(self.frame.shape, dtype=np.bool_)
+            elif self._passages is not None and self._labels is not None:
+                cells = self._passages.floor_about(self._labels == index, self._dilation, self.frame)
             else:
                 floor = self._parts[index].buffer(self._dilation, quad_segs=8).intersection(self._free)
                 cells = np.ascontiguousarray(fill_segments(_outlines(floor), self.frame)[::-1])
@@ -153,6 +154,15 @@ class ReachableFloor:
 
     def _part_at(self, x: float, y: float) -> int:
         """Index of the part that holds a point, or is nearest to it; -1 if there is none."""
+        if self._passages is not None and self._labels is not None:
+            here = int(self._labels[self._passages.cell(x, y)])
+            if here > 0:
+                return here
+            inside = self._labels > 0
+            if not inside.any():
+                return -1
+            distance = np.where(inside, self._passages.distance_from(x, y), np.inf)
+            return int(self._labels.flat[int(np.argmin(distance))])
         if len(self._parts) < 2:
             return len(self._parts) - 1
         point = shapely.Point(x, y)

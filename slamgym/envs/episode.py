@@ -3,10 +3,10 @@
 import dataclasses
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import Any, Literal, Protocol
+from typing import Annotated, Any, Literal, Protocol
 
 from slamgym.cad import FloorPlan, PlanSource
-from slamgym.core.config import Positive, Settings
+from slamgym.core.config import Positive, Settings, Within
 from slamgym.core.geometry import transform_poses
 from slamgym.core.types import (
     Explorer,
@@ -50,6 +50,8 @@ class EpisodeConfig(Settings):
     """Name of the explorer."""
     minutes: Literal["auto"] | Positive = "auto"
     """Limit of robot time [min]; ``auto`` grows with the floor area (:func:`time_limit`). The paper has 7."""
+    turn_deg: Annotated[float, Within(ge=-180.0, le=180.0)] = 0.0
+    """The building is turned by this first: people's maps lie as the robot stood when it was switched on [deg]."""
     env: ExploreConfig = field(default_factory=ExploreConfig)
     """Robot, sensors, SLAM, clutter. What concerns learning, such as rewards, has no effect."""
 
@@ -145,6 +147,7 @@ def run_episode(plan: FloorPlan, seed: int, config: EpisodeConfig, make_explorer
         PlanError: If the robot fits nowhere in the plan, or the plan is larger than the map.
         ConfigError: If there is no explorer of that name.
     """
+    plan = plan.turned(config.turn_deg)
     limit = time_limit(plan, config.minutes)
     env = ExploreEnv(plan, dataclasses.replace(config.env, time_limit=limit))
     explorer = make_explorer(config.explorer, env.explorer_context(), seed)

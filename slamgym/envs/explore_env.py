@@ -149,7 +149,7 @@ class ExploreEnv(gym.Env[Observation, Any]):
         self._actions = Actions(self.config)
         self.action_space = self._actions.space
         self._lidar = Lidar(self.config.lidar)
-        self._plan_cache = PlanCache(plans, self.config.robot)
+        self._plan_cache = PlanCache(plans, self.config.robot, self.config.lidar.surfaces)
         self._observer = Observer(self.config)
         self._reward = Reward(self.config.reward, reward_terms)
         self._renderer = Renderer()
@@ -325,12 +325,11 @@ class ExploreEnv(gym.Env[Observation, Any]):
         else:
             prepared = self._plan_cache.named(wanted.plan)
         clutter = self.config.clutter
-        if clutter.furniture == 0.0 and clutter.people == 0:
+        if clutter.is_empty:
             return prepared
         robot = self.config.robot
-        return PreparedPlan(
-            prepared.plan, robot, make_clutter(prepared.plan, streams.clutter, clutter, robot)
-        )
+        placed = make_clutter(prepared.plan, streams.clutter, clutter, robot)
+        return PreparedPlan(prepared.plan, robot, self.config.lidar.surfaces, placed)
 
     def _refuse_too_large(self, plan: FloorPlan, start: Pose2D) -> None:
         """Refuse a plan that reaches out of the canvas, because its map would be cut off."""

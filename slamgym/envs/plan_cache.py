@@ -15,9 +15,9 @@ from slamgym.core.config import suggest
 from slamgym.core.errors import ConfigError, PlanError
 from slamgym.core.types import Pose2D
 from slamgym.envs.coverage import ReachableFloor
-from slamgym.metrics.map_error import ObstacleDistance
-from slamgym.sim import Clutter, RobotConfig, World
-from slamgym.sim.start import sample_pose, start_area
+from slamgym.sim import Clutter, RobotConfig, SurfaceConfig
+from slamgym.sim.start import sample_pose, sample_start, start_area
+from slamgym.sim.surfaces import Surfaces, make_surfaces
 
 _logger = logging.getLogger(__name__)
 
@@ -38,32 +38,41 @@ class PreparedPlan:
     Args:
         plan: The building.
         robot: The robot that will explore it.
+        surfaces: What the scanner sees it made of.
         clutter: Furniture and people.
     """
 
-    def __init__(self, plan: FloorPlan, robot: RobotConfig, clutter: Clutter | None = None) -> None:
+    def __init__(
+        self,
+        plan: FloorPlan,
+        robot: RobotConfig,
+        surfaces: SurfaceConfig | None = None,
+        clutter: Clutter | None = None,
+    ) -> None:
         self.plan = plan
         self.clutter = clutter or Clutter()
-        self.world = World(plan, robot, clutter=self.clutter)
         self._robot = robot
+        self._surface_config = surfaces or SurfaceConfig()
+
+    @cached_property
+    def surfaces(self) -> Surfaces:
+        """The materials of walls and furniture."""
+        return make_surfaces(self.plan, self.clutter.segments(), self._surface_config)
 
     @cached_property
     def _start_area(self) -> shapely.Polygon:
-        return start_area(self.plan, self._robot, self.clutter)
+        return start_area(self.plan, self._robot)
 
     @cached_property
     def floor(self) -> ReachableFloor:
         """What there is to see."""
-        return ReachableFloor(self.plan, self._robot.radius, self.clutter.furniture)
-
-    @cached_property
-    def obstacle_distance(self) -> ObstacleDistance:
-        """Distance to the nearest wall or piece of furniture."""
-        return ObstacleDistance(np.vstack([self.plan.segments(), self.clutter.segments()]))
+        return ReachableFloor(self.plan, self._robot.radius, self.clutter.passages)
 
     def sample_start(self, rng: np.random.Generator) -> Pose2D:
         """Draw a start as :func:`slamgym.sim.sample_start` does."""
-        return sample_pose(self._start_area, rng)
+        if self.clutter.passages is None:
+            return sample_pose(self._start_area, rng)
+        return sample_start(self.plan, self._robot, rng, self.clutter)
 
 
 class PlanCache:
@@ -74,11 +83,15 @@ class PlanCache:
     Args:
         plans: Where the plans come from.
         robot: The robot that will explore them.
+        surfaces: What the robot's scanner sees them made of.
     """
 
-    def __init__(self, plans: PlansArgument, robot: RobotConfig) -> None:
+    def __init__(
+        self, plans: PlansArgument, robot: RobotConfig, surfaces: SurfaceConfig | None = None
+    ) -> None:
         self._source = _open(plans)
         self._robot = robot
+        self._surfaces = surfaces
         self._plan_cache: OrderedDict[str, PreparedPlan] = OrderedDict()
         self._refused: dict[str, PlanError] = {}
 
@@ -98,7 +111,8 @@ class PlanCache:
                 return self.named(plan_id)
             except PlanError as refusal:
                 _logger.warning("left out: %s", refusal)
-                self._refused[plan_id] = error = refusal
+                # Without its traceback, whose frames would keep the plan.
+                self._refused[plan_id] = error = refusal.with_traceback(None)
         assert error is not None
         raise PlanError(
             error.path, f"{error.reason} (and {_TRIES} plans drawn in a row can't be explored either)"
@@ -133,7 +147,7 @@ class PlanCache:
 
     def _keep(self, key: str, plan: FloorPlan) -> PreparedPlan:
         check_plan(plan, self._robot.radius)
-        prepared = PreparedPlan(plan, self._robot)
+        prepared = PreparedPlan(plan, self._robot, self._surfaces)
         self._plan_cache[key] = prepared
         self._plan_cache.move_to_end(key)
         if len(self._plan_cache) > _KEPT_SITES:

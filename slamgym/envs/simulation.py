@@ -10,7 +10,7 @@ from slamgym.core.geometry import between
 from slamgym.core.types import FloatArray, LaserScan, Pose2D, Twist2D
 from slamgym.envs.config import ExploreConfig
 from slamgym.envs.plan_cache import PreparedPlan
-from slamgym.sim import Lidar, Motion, WheelOdometry
+from slamgym.sim import Lidar, Motion, WheelOdometry, World
 from slamgym.slam import make_mapper
 
 EXPECTED_ACTIONS = {
@@ -112,7 +112,7 @@ class Simulation:
     def __init__(
         self, prepared: PreparedPlan, start: Pose2D, config: ExploreConfig, lidar: Lidar, streams: Streams
     ) -> None:
-        self._world = prepared.world
+        self._world = World(prepared.plan, config.robot, clutter=prepared.clutter, surfaces=prepared.surfaces)
         self._world.reset(start)
         self._lidar = lidar
         self._rng = streams.lidar
@@ -160,6 +160,11 @@ class Simulation:
         """Everything that the scanner can see now, shape (S, 4) [m], world frame."""
         return self._world.segments()
 
+    @property
+    def furniture(self) -> tuple[FloatArray, ...]:
+        """What stands on the floor now: corners of each solid, shape (K, 2) [m], world frame."""
+        return self._world.furniture()
+
     def step(self, command: Twist2D) -> Motion:
         """Drive for one control step towards a velocity, then scan and map."""
         motion = self._world.step(command, self._dt)
@@ -176,8 +181,10 @@ class Simulation:
 
     def _sense(self) -> None:
         """Scan from where the robot stands, and let SLAM take it in."""
-        self.true_ranges = self._lidar.true_ranges(self._world.pose, self._world.segments())
-        self.scan: LaserScan = self._lidar.measure(self.true_ranges, self._rng, self.time)
+        world = self._world
+        sighting = self._lidar.look(world.pose, world.segments())
+        self.true_ranges = sighting.ranges
+        self.scan: LaserScan = self._lidar.measure(sighting, self._rng, self.time, world.surfaces)
         odometry = self.true_map_pose if self._believes_truth else self.odometry_pose
         self.is_new_scan_processed = self.mapper.update(odometry, self.scan)
         self.believed_pose = self.mapper.pose

@@ -19,7 +19,7 @@ def warm_up() -> None:
     plan = _two_rooms()
     for mode in ("ground_truth", "rbpf"):
         config = ExploreConfig(slam=SlamConfig(mode=mode, particles=2))
-        env = ExploreEnv(plan, config, reward={"map_error": 1.0}, clutter={"people": 1})
+        env = ExploreEnv(plan, config, reward={"map_error": 1.0}, clutter={"furniture": 1.0, "people": 1})
         env.reset(seed=0)
         for _ in range(12):
             env.step((1.0, 0.5))

@@ -17,8 +17,9 @@ from pathlib import Path
 import numpy as np
 
 from slamgym.core.errors import InputFileError
-from slamgym.core.files import write_bytes
+from slamgym.core.files import open_regular, write_bytes
 from slamgym.core.geometry import between, compose, wrap_angle
+from slamgym.core.limits import SCANS, check_expansion
 from slamgym.core.types import Float32Array, LaserGeometry, LaserScan, Pose2D
 from slamgym.interop.carmen_messages import (
     LaserHints,
@@ -28,7 +29,14 @@ from slamgym.interop.carmen_messages import (
     parse_odometry,
     parse_scan,
 )
-from slamgym.interop.records import Log, LogRecord, LogWarnings, OdometryTrack, longest_ordered
+from slamgym.interop.records import (
+    Log,
+    LogRecord,
+    LogWarnings,
+    OdometryTrack,
+    longest_ordered,
+    without_jumps,
+)
 
 SCAN_MESSAGES = ("FLASER", "ROBOTLASER1")
 IGNORED_MESSAGES = re.compile(
@@ -43,7 +51,7 @@ DEFAULT_RANGE_MAX = 80.0
 COMPRESSION = 4
 """Level of zlib for written logs: 8 % more bytes than at level 6 in a quarter of the time."""
 
-CHUNK_BYTES = 1 << 20
+CHUNK_BYTES = 1 << 16
 MAX_LINE_BYTES = 1 << 22
 GZIP_MAGIC = b"\x1f\x8b"
 
@@ -76,6 +84,9 @@ def read_carmen(path: Path | str) -> Log:
         if index not in kept_set:
             warnings.add("scan left out because time goes backwards", f"{path}:{message.line}")
     messages = [messages[index] for index in kept]
+    places = [f"{path}:{message.line}" for message in messages]
+    near = without_jumps([message.robot_pose for message in messages], places, warnings)
+    messages = [messages[index] for index in near]
     geometry = _geometry(messages, hints)
     records = [_record(path, message, geometry, warnings) for message in messages]
     track = _track(odometry, messages, records) if odometry else None
@@ -141,6 +152,8 @@ def _read_messages(
     messages: list[ScanMessage] = []
     odometry: list[OdometryMessage] = []
     for number, raw in enumerate(_read_lines(path, warnings), start=1):
+        if not raw:
+            continue
         if b"\0" in raw:
             if number == 1 and not messages:
                 raise InputFileError(f"{path}:1", "holds binary data; a CARMEN log is text")
@@ -156,6 +169,7 @@ def _read_messages(
                     odometry.append(parse_odometry(fields, number))
                 else:
                     messages.append(parse_scan(fields, number))
+                SCANS.check(path, len(messages))
             except MalformedMessageError as error:
                 warnings.add(str(error), f"{path}:{number}")
         elif fields[0] == "PARAM":
@@ -182,7 +196,7 @@ def _read_lines(path: Path, warnings: LogWarnings) -> Iterator[bytes]:
 
 def _read_chunks(path: Path, warnings: LogWarnings) -> Iterator[bytes]:
     try:
-        with path.open("rb") as file:
+        with open_regular(path) as file:
             chunks = iter(lambda: file.read(CHUNK_BYTES), b"")
             first = next(chunks, b"")
             everything = itertools.chain([first], chunks)
@@ -194,14 +208,19 @@ def _read_chunks(path: Path, warnings: LogWarnings) -> Iterator[bytes]:
 def _inflate(path: Path, chunks: Iterator[bytes], warnings: LogWarnings) -> Iterator[bytes]:
     """Decompress gzip data of one or more members; what was readable before a fault is kept."""
     stream = zlib.decompressobj(16 + zlib.MAX_WBITS)  # 16: with a gzip header
+    compressed = expanded = 0
     for chunk in chunks:
         data = chunk
+        compressed += len(chunk)
         while data:
             try:
-                yield stream.decompress(data, CHUNK_BYTES)
+                content = stream.decompress(data, CHUNK_BYTES)
             except zlib.error:
                 warnings.add("damage in the compressed data, the rest of which is lost", path)
                 return
+            expanded += len(content)
+            check_expansion(path, expanded, compressed)
+            yield content
             data = stream.unused_data if stream.eof else stream.unconsumed_tail
             if stream.eof and data:
                 stream = zlib.decompressobj(16 + zlib.MAX_WBITS)

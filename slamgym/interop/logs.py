@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from slamgym.core.errors import InputFileError
+from slamgym.core.files import read_text
 from slamgym.core.geometry import wrap_angle
 from slamgym.core.types import FloatArray, Trajectory
 from slamgym.interop.carmen import read_carmen
@@ -79,12 +80,7 @@ def read_relations(path: Path | str) -> Relations:
     Raises:
         InputFileError: If the file is missing or empty, or a line has no eight finite numbers.
     """
-    try:
-        lines = Path(path).read_text(encoding="utf-8").splitlines()
-    except OSError as error:
-        raise InputFileError(path, f"can't be read ({error.strerror or error})") from error
-    except UnicodeDecodeError as error:
-        raise InputFileError(path, "is not a text file; a relations file is expected") from error
+    lines = read_text(path).splitlines()
     rows: list[tuple[float, float, float, float, float]] = []
     for number, line in enumerate(lines, start=1):
         fields = line.split("#", 1)[0].split()

@@ -1,6 +1,7 @@
 """What a recorded log holds, whatever the format it was stored in."""
 
 import bisect
+import math
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
@@ -8,6 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from slamgym.core.errors import InputFileError
+from slamgym.core.limits import JUMP
 from slamgym.core.types import FloatArray, IntArray, LaserGeometry, LaserScan, Pose2D
 
 MAX_BEAMS = 100_000
@@ -94,6 +97,39 @@ class Log:
     def duration(self) -> float:
         """Time between the first and the last scan [s]."""
         return self.records[-1].stamp - self.records[0].stamp if self.records else 0.0
+
+
+def without_jumps(poses: Sequence[Pose2D], places: Sequence[str], warnings: LogWarnings) -> list[int]:
+    """Indices of the scans whose odometry follows from the one before.
+
+    A single scan far away from those around it has a broken pose and is left out. Where the odometry stays away
+    (the robot was carried, its odometry reset, or two logs were joined), no map can come of both parts.
+
+    Args:
+        poses: Odometry in the order of time.
+        places: Where each stands in the file.
+        warnings: Collects what is left out.
+
+    Raises:
+        InputFileError: If the odometry jumps and stays away; it names the place.
+    """
+    kept: list[int] = []
+    for index, pose in enumerate(poses):
+        if not kept or _distance(poses[kept[-1]], pose) <= JUMP.value:
+            kept.append(index)
+        elif index + 1 < len(poses) and _distance(poses[kept[-1]], poses[index + 1]) > JUMP.value:
+            raise InputFileError(
+                places[index],
+                f"the odometry jumps {_distance(poses[kept[-1]], pose):,.0f} m from the scan before; cut the log "
+                f"there and replay the parts one by one (or raise {JUMP.variable}, now {JUMP.value} m)",
+            )
+        else:
+            warnings.add("scan left out because its odometry is far from its neighbours'", places[index])
+    return kept
+
+
+def _distance(a: Pose2D, b: Pose2D) -> float:
+    return math.hypot(a.x - b.x, a.y - b.y)
 
 
 def longest_ordered(stamps: Sequence[float]) -> list[int]:

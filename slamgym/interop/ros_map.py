@@ -12,18 +12,28 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
+from slamgym.core.documents import parse_yaml
 from slamgym.core.errors import InputFileError
-from slamgym.core.files import write_bytes, write_text
+from slamgym.core.files import read_bytes, read_text, write_bytes, write_text
+from slamgym.core.limits import YAML_BYTES, shown
+from slamgym.core.pictures import decode_picture
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, ByteArray, GridFrame, OccupancyGrid
 
 OCCUPIED_THRESHOLD = 0.65
 FREE_THRESHOLD = 0.196
 """map_saver's own thresholds: the grey value 205 lies between them."""
 
+MIN_RESOLUTION, MAX_RESOLUTION = 1e-5, 100.0
+"""Cells of another size are a broken number [m]."""
+MAX_ORIGIN = 1e8
+"""A map farther from the origin than this is a broken number [m]; UTM coordinates go up to 1e7."""
+
 MIN_UNKNOWN_SHARE = 0.01
 """A grey level between black and white counts as *the* unknown level if this share of the cells has it."""
+
+COMMON_GREYS_SHARE = 0.5
+"""The three commonest greys of a map cover at least this share of it (0.79 or more of a hundred maps in the wild)."""
 
 
 def write_ros_map(destination: Path | str, grid: OccupancyGrid) -> Path:
@@ -81,13 +91,15 @@ def read_ros_map(path: Path | str) -> OccupancyGrid:
     description = _read_description(path)
     image = path.parent / _text(path, description, "image")
     resolution = _number(path, description, "resolution")
-    if resolution <= 0.0:
+    if not MIN_RESOLUTION <= resolution <= MAX_RESOLUTION:
         raise InputFileError(
-            path, f"resolution is {resolution}; it must be a positive number of metres per cell"
+            path,
+            f"resolution is {resolution}; it must be a positive number of metres per cell, of at most "
+            f"{MAX_RESOLUTION:.0f}",
         )
     origin_x, origin_y = _origin(path, description)
-    occupied = _number(path, description, "occupied_thresh", OCCUPIED_THRESHOLD)
-    free = _number(path, description, "free_thresh", FREE_THRESHOLD)
+    occupied = _share(path, description, "occupied_thresh", OCCUPIED_THRESHOLD)
+    free = _share(path, description, "free_thresh", FREE_THRESHOLD)
     grey, transparent = _read_grey(image)
     if str(description.get("mode", "trinary")).lower() == "raw":
         cells = _classify_raw(grey, occupied, free)
@@ -98,6 +110,31 @@ def read_ros_map(path: Path | str) -> OccupancyGrid:
     cells[transparent] = UNKNOWN
     frame = GridFrame(resolution, origin_x, origin_y, *grey.shape)
     return OccupancyGrid(cells, frame)
+
+
+def read_bare_map(path: Path | str, resolution: float) -> OccupancyGrid:
+    """Read a map's image that has no yaml file beside it, with its origin at (0, 0).
+
+    Args:
+        path: The image.
+        resolution: Size of a cell [m], which nothing but the user knows.
+
+    Returns:
+        The map with the three values 0, 205 and 254.
+
+    Raises:
+        InputFileError: If the image is missing or malformed, or has too many shades for a map.
+    """
+    path = Path(path)
+    grey, transparent = _read_grey(path)
+    common = np.sort(np.bincount(grey.ravel(), minlength=256))[-3:].sum() / grey.size
+    if common < COMMON_GREYS_SHARE:
+        raise InputFileError(
+            path, f"is no map: its three commonest greys cover {100 * common:.0f} % of it; leave it out"
+        )
+    cells = classify_greys(grey)
+    cells[transparent] = UNKNOWN
+    return OccupancyGrid(cells, GridFrame(resolution, 0.0, 0.0, *grey.shape))
 
 
 def classify_greys(
@@ -150,16 +187,7 @@ def _classify_raw(grey: ByteArray, occupied_thresh: float, free_thresh: float) -
 
 
 def _read_description(path: Path) -> dict[str, Any]:
-    try:
-        description = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputFileError(path, f"can't be read ({error.strerror or error})") from error
-    except UnicodeDecodeError as error:
-        raise InputFileError(path, "is not a text file; give the map's .yaml file") from error
-    except (yaml.YAMLError, RecursionError) as error:
-        mark = getattr(error, "problem_mark", None)
-        where = path if mark is None else f"{path}:{mark.line + 1}"
-        raise InputFileError(where, "is not valid yaml") from error
+    description = parse_yaml(read_text(path, YAML_BYTES), path)
     if not isinstance(description, dict):
         raise InputFileError(path, "is not a map description; it needs the keys image, resolution and origin")
     return description
@@ -179,8 +207,15 @@ def _number(path: Path, description: dict[str, Any], key: str, default: float | 
     except (TypeError, ValueError, OverflowError):
         number = math.nan
     if not math.isfinite(number):
-        raise InputFileError(path, f"{key!r} is {value!r}; it must be a number")
+        raise InputFileError(path, f"{key!r} is {shown(value)}; it must be a number")
     return number
+
+
+def _share(path: Path, description: dict[str, Any], key: str, default: float) -> float:
+    value = _number(path, description, key, default)
+    if not 0.0 <= value <= 1.0:
+        raise InputFileError(path, f"{key!r} is {value:g}; it must be between 0 and 1")
+    return value
 
 
 def _origin(path: Path, description: dict[str, Any]) -> tuple[float, float]:
@@ -189,8 +224,10 @@ def _origin(path: Path, description: dict[str, Any]) -> tuple[float, float]:
         x, y, *yaw = (float(value) for value in origin)
     except (TypeError, ValueError, OverflowError):
         x, y, yaw = math.nan, math.nan, []
-    if not (math.isfinite(x) and math.isfinite(y)):
-        raise InputFileError(path, f"'origin' is {origin!r}; it must be a list [x, y, yaw] of numbers")
+    if not (abs(x) <= MAX_ORIGIN and abs(y) <= MAX_ORIGIN):  # false for nan
+        raise InputFileError(
+            path, f"'origin' is {shown(origin)}; it must be a list [x, y, yaw] of numbers in metres"
+        )
     if yaw and not abs(yaw[0]) < 1e-3:
         raise InputFileError(
             path, f"the map is rotated by {yaw[0]} rad; rotate the image and set the yaw to 0"
@@ -203,15 +240,10 @@ def _read_grey(path: Path) -> tuple[ByteArray, Any]:
     import cv2
 
     try:
-        encoded = np.frombuffer(path.read_bytes(), np.uint8)
-    except OSError as error:
-        raise InputFileError(path, f"the map's image can't be read ({error.strerror or error})") from error
-    try:
-        image = cv2.imdecode(encoded, cv2.IMREAD_UNCHANGED) if encoded.size else None
-    except cv2.error:
-        image = None
-    if image is None or image.size == 0:
-        raise InputFileError(path, "is not an image that OpenCV can read (PGM, PNG, BMP, TIFF)")
+        encoded = read_bytes(path)
+    except InputFileError as error:
+        raise InputFileError(path, f"the map's image {error.reason}") from error
+    image = decode_picture(path, encoded, cv2.IMREAD_UNCHANGED)
     if image.dtype == np.uint16:
         image = (image >> 8).astype(np.uint8)
     if image.dtype != np.uint8:

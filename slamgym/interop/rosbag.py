@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from slamgym.core.errors import ConfigError, InputFileError
+from slamgym.core.limits import SCANS
 from slamgym.core.types import Float32Array, FloatArray, LaserGeometry, LaserScan, Pose2D, Trajectory
 from slamgym.interop.records import (
     MAX_ABS_COORDINATE,
@@ -24,6 +25,7 @@ from slamgym.interop.records import (
     LogRecord,
     LogWarnings,
     longest_ordered,
+    without_jumps,
 )
 from slamgym.interop.transform_tree import TransformTree, clean_frame, planar, rigid_transform
 
@@ -115,7 +117,9 @@ def read_rosbag(
     if not records:
         faults = "; ".join(warnings.sentences()[:3])
         raise InputFileError(path, f"holds no usable scan: {faults}")
-    return Log(str(path), records, geometry, warnings)
+    places = [f"{path} at {record.stamp:.3f} s" for record in records]
+    near = without_jumps([record.odometry for record in records], places, warnings)
+    return Log(str(path), [records[index] for index in near], geometry, warnings)
 
 
 def _read_contents(
@@ -144,6 +148,8 @@ def _read_contents(
                 try:
                     message = reader.deserialize(raw, connection.msgtype)
                     _take(contents, connection, message, stamp_ns)
+                except InputFileError:
+                    raise
                 except _ImpossibleScanError as error:
                     warnings.add(str(error), f"{path} at {stamp_ns} ns")
                 except Exception:  # noqa: BLE001 - a damaged message makes the decoder stumble anywhere
@@ -194,6 +200,7 @@ def _take(contents: _Contents, connection: Any, message: Any, stamp_ns: int) -> 
     if connection.msgtype == SCAN_TYPE:
         _check_scan(message)
         contents.scans.append((_stamp(message.header, stamp_ns), message))
+        SCANS.check(connection.topic, len(contents.scans))
     elif connection.msgtype == ODOMETRY_TYPE:
         pose = message.pose.pose
         contents.odometry.append(

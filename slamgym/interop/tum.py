@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from slamgym.core.errors import InputFileError
-from slamgym.core.files import write_text
+from slamgym.core.files import read_text, write_text
 from slamgym.core.geometry import wrap_angle
 from slamgym.core.types import Trajectory
 
@@ -33,12 +33,7 @@ def read_tum(path: Path | str) -> Trajectory:
     Raises:
         InputFileError: If the file is missing, a line has no eight finite numbers, or time goes backwards.
     """
-    try:
-        text = Path(path).read_text(encoding="utf-8")
-    except OSError as error:
-        raise InputFileError(path, f"can't be read ({error.strerror or error})") from error
-    except UnicodeDecodeError as error:
-        raise InputFileError(path, "is not a text file; a TUM trajectory is expected") from error
+    text = read_text(path)
     stamps: list[float] = []
     poses: list[tuple[float, float, float]] = []
     for number, line in enumerate(text.splitlines(), start=1):

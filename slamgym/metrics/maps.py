@@ -15,6 +15,9 @@ import numpy as np
 
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, BoolArray, ByteArray, FloatArray
 
+MIN_OCCUPIED_SHARE = 0.3
+"""A shrunk cell is occupied if this share of it was: a wall one cell thick survives shrinking to a third."""
+
 _CROSS = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
 
 
@@ -102,6 +105,29 @@ def squared_error(image: FloatArray, target: FloatArray) -> float:
     """Mean squared error of two images with values in [0, 1]."""
     check_same_shape(image, target)
     return float(np.mean((np.asarray(image, dtype=np.float64) - target) ** 2))
+
+
+def resample_slam(
+    cells: ByteArray, shape: tuple[int, int], min_occupied: float = MIN_OCCUPIED_SHARE
+) -> ByteArray:
+    """Resample a SLAM map to (rows, cols); values stay 0, 205, 254.
+
+    Args:
+        cells: Map values, any shape.
+        shape: Rows and columns wanted.
+        min_occupied: Share of a shrunk cell from which on it is occupied.
+    """
+    if cells.shape == shape:
+        return cells
+    size = (shape[1], shape[0])
+    if shape[0] >= cells.shape[0] and shape[1] >= cells.shape[1]:
+        return np.asarray(cv2.resize(cells, size, interpolation=cv2.INTER_NEAREST_EXACT), dtype=np.uint8)
+    occupied = cv2.resize((cells == OCCUPIED).astype(np.float32), size, interpolation=cv2.INTER_AREA)
+    free = cv2.resize((cells == FREE).astype(np.float32), size, interpolation=cv2.INTER_AREA)
+    result = np.where(free >= 0.5 * (1.0 - occupied), FREE, UNKNOWN)
+    # Nothing of it known: neither share may decide.
+    result[(free == 0.0) & (occupied < min_occupied)] = UNKNOWN
+    return np.where(occupied >= min_occupied, OCCUPIED, result).astype(np.uint8)
 
 
 def free_boundary(free: BoolArray) -> BoolArray:

@@ -8,6 +8,7 @@ Beside the test, the maximum mean discrepancy and Wasserstein distances say by h
 statistics differ.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -15,10 +16,13 @@ import numpy as np
 from scipy.spatial.distance import cdist
 
 from slamgym.core.errors import ConfigError
-from slamgym.core.intervals import mean_interval
-from slamgym.core.types import FloatArray
+from slamgym.core.intervals import Interval, balanced_accuracy, mean_interval
+from slamgym.core.types import BoolArray, FloatArray, IntArray
 
 ClassifierName = Literal["gradient_boosting", "extra_trees"]
+MapLearner = Callable[[BoolArray, BoolArray, int], FloatArray]
+"""Given which samples to learn from (N,), which are of the second kind (N,; only those to learn from may be looked
+at) and a seed: the probability of the second kind for each of the others, in their order."""
 CLASSIFIERS: tuple[ClassifierName, ...] = ("gradient_boosting", "extra_trees")
 
 
@@ -83,6 +87,113 @@ def two_sample_test(
     return TwoSampleResult(
         float(right.mean()), accuracy.low, accuracy.high, sorted(distances, key=lambda item: -item[1])
     )
+
+
+@dataclass(frozen=True)
+class Distinction:
+    """How well a learner distinguishes two kinds that may differ in number."""
+
+    accuracy: Interval
+    """Balanced accuracy, held out, with a 95 % bootstrap interval over buildings."""
+    scores: FloatArray
+    """Probability of the second kind of each sample, held out, (N,)."""
+
+
+def distinguish(
+    of_second: BoolArray,
+    buildings: list[str],
+    learner: MapLearner,
+    folds: int,
+    repeats: int = 1,
+    seed: int = 0,
+) -> Distinction:
+    """Try to distinguish two kinds of maps by any learner.
+
+    Args:
+        of_second: Which samples are of the second kind, (N,).
+        buildings: What each shows: maps of one building are learnt from together or not at all.
+        learner: What is trained on some and judges the others.
+        folds: Parts that are held out in turn, if each kind shows so many buildings, else as many as they show.
+        repeats: How often buildings are dealt to folds again.
+        seed: Of the folds and the learner.
+
+    Raises:
+        ConfigError: If a kind shows one building only.
+    """
+    _, group = np.unique(np.array(buildings), return_inverse=True)
+    fewest = min(len(np.unique(group[of_second == kind])) for kind in (False, True))
+    if fewest < 2:
+        raise ConfigError("a test needs maps of at least two buildings of each kind; add maps of others")
+    folds = min(folds, fewest)
+    right, scores = np.zeros(len(of_second)), np.zeros(len(of_second))
+    for repeat in range(repeats):
+        fold = _deal(group, of_second, folds, np.random.default_rng([seed, repeat]))
+        for k in range(folds):
+            held = fold == k
+            found = learner(~held, of_second, seed + repeat * folds + k)
+            scores[held] += found / repeats
+            right[held] += ((found > 0.5) == of_second[held]) / repeats
+    return Distinction(balanced_accuracy(right, of_second, group, seed), scores)
+
+
+def half_against_half(
+    buildings: list[str], learner: MapLearner, folds: int, halvings: int, seed: int = 0
+) -> Interval:
+    """What the test makes of no difference: half of one kind's buildings against the other half.
+
+    Args:
+        buildings: What each sample shows.
+        learner: As for :func:`distinguish`.
+        folds: The same.
+        halvings: How often the buildings are halved.
+        seed: Of the halves.
+
+    Returns:
+        Mean of the balanced accuracies, and the range that 95 % of the halvings lie in; of one halving its bootstrap
+        interval.
+
+    Raises:
+        ConfigError: If there are fewer than four buildings.
+    """
+    names, group = np.unique(np.array(buildings), return_inverse=True)
+    found = []
+    for halving in range(halvings):
+        chosen = np.random.default_rng([seed, halving]).permutation(len(names)) < len(names) // 2
+        found.append(distinguish(chosen[group], buildings, learner, folds, seed=seed).accuracy)
+    if halvings == 1:
+        return found[0]
+    values = [accuracy.value for accuracy in found]
+    low, high = np.percentile(values, [2.5, 97.5])
+    return Interval(float(np.mean(values)), float(low), float(high))
+
+
+def tree_learner(rows: list[dict[str, float]], trees: int = 100) -> MapLearner:
+    """Extremely randomised trees on statistics, both kinds weighing the same.
+
+    Args:
+        rows: Statistics of each sample; all with the same names.
+        trees: How many are grown.
+    """
+    X = np.array([list(row.values()) for row in rows])
+
+    def learn(train: BoolArray, of_second: BoolArray, seed: int) -> FloatArray:
+        model = _make("extra_trees", seed).set_params(n_estimators=trees, class_weight="balanced")
+        model.fit(X[train], of_second[train])
+        probability: FloatArray = model.predict_proba(X[~train])[:, 1]
+        return probability
+
+    return learn
+
+
+def _deal(group: IntArray, of_second: BoolArray, folds: int, rng: np.random.Generator) -> IntArray:
+    """The fold of each sample; the buildings of each kind are spread evenly over the folds."""
+    fold_of_group = np.full(int(group.max()) + 1, -1)
+    for kind in (False, True):
+        left = np.unique(group[of_second == kind])
+        left = left[fold_of_group[left] < 0]
+        fold_of_group[rng.permutation(left)] = np.arange(len(left)) % folds
+    fold: IntArray = fold_of_group[group]
+    return fold
 
 
 def _make(learner: ClassifierName, seed: int) -> Any:

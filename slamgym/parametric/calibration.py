@@ -13,8 +13,10 @@ from pathlib import Path
 import numpy as np
 
 from slamgym.core.config import suggest
+from slamgym.core.documents import parse_json
 from slamgym.core.errors import ConfigError, InputFileError
-from slamgym.core.files import write_text
+from slamgym.core.files import read_bytes, write_text
+from slamgym.core.limits import DOCUMENT_BYTES, shown
 from slamgym.core.types import FloatArray
 from slamgym.parametric.config import TwoPhaseConfig
 
@@ -85,21 +87,20 @@ def read_calibration(path: Path | str, base: TwoPhaseConfig) -> TwoPhaseConfig:
     Raises:
         InputFileError: If the file can't be read or has not the six coefficients.
     """
-    try:
-        document = json.loads(Path(path).read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
-        raise InputFileError(path, f"can't be read as JSON ({error})") from error
+    document = parse_json(read_bytes(path, DOCUMENT_BYTES), path)
     values = document.get("two_phase") if isinstance(document, dict) else None
     names = set(PhaseCoefficients.__dataclass_fields__)
     if not isinstance(values, dict):
         raise InputFileError(path, 'has no section "two_phase"; write it with slamgym calibrate-odometry')
     for name in values:
         if name not in names:
-            raise InputFileError(path, f"unknown coefficient {name!r}; {suggest(name, names)}")
+            raise InputFileError(path, f"unknown coefficient {shown(name)}; {suggest(name, names)}")
     for name in sorted(names):
         value = values.get(name)
         if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 <= value < float("inf"):
-            raise InputFileError(path, f"coefficient {name!r} must be a number of 0 or more, not {value!r}")
+            raise InputFileError(
+                path, f"coefficient {name!r} must be a number of 0 or more, not {shown(value)}"
+            )
     fitted = PhaseCoefficients(**{name: float(values[name]) for name in names})
     return replace(
         base,

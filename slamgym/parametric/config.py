@@ -12,13 +12,13 @@ from typing import Annotated, Literal
 
 from slamgym.core.config import NonNegative, Positive, Settings, Share, Within, suggest
 from slamgym.core.errors import ConfigError
-from slamgym.sim.lidar import LidarConfig, lidar_level
+from slamgym.sim.lidar import LidarConfig
 from slamgym.sim.robot import RobotConfig
 
 ConversionMethod = Literal["two_phase", "ekf", "ekf_schur"]
 PRESET_NAMES = ("faithful", "realistic")
 
-_ROBOT, _SCANNER, _LDS01 = RobotConfig(), LidarConfig(), lidar_level("lds01")
+_ROBOT, _SCANNER = RobotConfig(), LidarConfig()
 """What the simulator drives, with the sources of its figures."""
 
 
@@ -87,17 +87,17 @@ class LidarErrorConfig(Settings, section="lidar"):
     """[rad] cos 2a."""
     b6: float = math.radians(0.01)
     """[rad m] over D."""
-    sigma_range: float = _SCANNER.sigma
+    sigma_range: float = 0.01
     """[m] noise of a range."""
     sigma_bearing: float = math.radians(0.2)
     """[rad] noise of a bearing."""
-    weight_hit: Share = _LDS01.z_hit
+    weight_hit: Share = 0.95
     """[-] share of beams that measure the wall."""
-    weight_short: Share = _LDS01.z_short
+    weight_short: Share = 0.03
     """[-] share of beams that meet something in front of it."""
-    weight_max: Share = _LDS01.z_max
+    weight_max: Share = 0.01
     """[-] share of beams without return."""
-    weight_rand: Share = _LDS01.z_rand
+    weight_rand: Share = 0.01
     """[-] share of beams with any range."""
     lambda_short: float = 0.5
     """[1/m] rate of the short beams' exponential."""
@@ -287,13 +287,13 @@ _REALISTIC = ParametricConfig(
         b4=0.0,
         b5=0.0,
         b6=0.0,
-        sigma_range=_SCANNER.sigma,
+        sigma_range=0.01,
         sigma_bearing=0.0,
-        weight_hit=_SCANNER.z_hit,
-        weight_short=_SCANNER.z_short,
-        weight_max=_SCANNER.z_max,
-        weight_rand=_SCANNER.z_rand,
-        lambda_short=_SCANNER.lambda_short,
+        weight_hit=0.98,
+        weight_short=0.005,
+        weight_max=0.01,
+        weight_rand=0.005,
+        lambda_short=1.0,
     ),
     # What a particle filter makes of the simulator's odometry of level "medium".
     two_phase=TwoPhaseConfig(

@@ -9,6 +9,8 @@ import numpy as np
 import shapely
 
 from slamgym.core.errors import InputFileError, PlanError, SlamgymError
+from slamgym.core.files import read_text
+from slamgym.core.limits import shown
 from slamgym.core.types import FREE, FloatArray
 from slamgym.interop.tum import read_tum
 from slamgym.parametric.config import MotionConfig
@@ -30,10 +32,7 @@ def read_waypoints(path: Path | str) -> Waypoints:
     Raises:
         InputFileError: If the file can't be read or a line has not two or three numbers.
     """
-    try:
-        lines = Path(path).read_text(encoding="utf-8").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputFileError(path, f"can't be read as text ({error})") from error
+    lines = read_text(path).splitlines()
     rows: list[list[float]] = []
     for number, line in enumerate(lines, start=1):
         fields = [field.strip() for field in line.split("#", 1)[0].replace(";", ",").split(",")]
@@ -44,7 +43,9 @@ def read_waypoints(path: Path | str) -> Waypoints:
         except ValueError as error:
             if not rows and number == 1:
                 continue  # the header
-            raise InputFileError(f"{path}:{number}", f"is not a line of numbers x,y[,t]: {line!r}") from error
+            raise InputFileError(
+                f"{path}:{number}", f"is not a line of numbers x,y[,t]: {shown(line)}"
+            ) from error
         if len(row) not in (2, 3) or (rows and len(row) != len(rows[0])):
             raise InputFileError(
                 f"{path}:{number}", "has not two (x,y) or three (x,y,t) numbers like the rest"

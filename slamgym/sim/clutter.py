@@ -1,38 +1,63 @@
-"""What is in a building but not in its drawing: furniture and people."""
+"""What is in a building but not in its drawing: furniture, doors' leaves, windows down to the floor, people."""
 
-from collections.abc import Iterable
+import logging
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
-import shapely
-from shapely.geometry.base import BaseGeometry
 
 from slamgym.core.config import CountOrZero, NonNegative, Positive, Settings, Share
 from slamgym.core.errors import ConfigError
-from slamgym.core.types import FloatArray
-from slamgym.sim.furniture import PlacedPiece, pieces_for, propose_places, room_walls
-from slamgym.sim.people import PERSON_RADIUS, Person
+from slamgym.core.types import BoolArray, FloatArray, IntArray
+from slamgym.sim.furnishing import PlacedPiece, Wish, furnish, hang_curtains, put_down
+from slamgym.sim.openings import doors_of, draw_windows, has_leaf, is_closed, leaf_boxes
+from slamgym.sim.passages import Passages
+from slamgym.sim.people import PERSON_RADIUS, Person, Walkable
 from slamgym.sim.robot import RobotConfig
+from slamgym.sim.room_areas import RoomArea, room_areas
 
 if TYPE_CHECKING:
-    from slamgym.cad.floorplan import FloorPlan
+    from slamgym.cad.floorplan import Door, FloorPlan
 
-# Doors stay free for this far to either side [m].
+_logger = logging.getLogger(__name__)
+
+# Doors' surroundings stay free of furniture for this far to either side [m].
 _DOOR_ROOM = 0.45
+
+# Places of chairs and doors' leaves that change while the robot drives, the first one among them; and how often
+# another hinge is tried where a leaf doesn't fit.
+_PLACES = 3
+_HINGES = 3
 
 # People walk at least this far from walls [m].
 _WALKING_GAP = 0.05
 
-# Detail of the plan's outline that doesn't matter for where a robot fits [m].
-_SIMPLIFICATION = 0.01
+# What is smaller than this is seen as its two diagonals, which have the same shadow as the square about them [m].
+_LEG = 0.1
 
 
 class ClutterConfig(Settings, section="clutter"):
     """How much there is of it. The default is an empty building."""
 
     furniture: Share = 0.0
-    """Share of the usual furniture that is there: 0 an empty building, 1 a furnished one."""
+    """Share of the usual furniture that is there: 0 an empty building, 1 a furnished one. Where the robot couldn't
+    pass any more, less is placed."""
+
+    doors: Share = 0.0
+    """Share of the doors with a leaf in them, which stands open, half open or closed."""
+
+    closed_doors: Share = 0.15
+    """Share of the leaves that are closed, where the robot gets into every room all the same."""
+
+    cut_off: bool = False
+    """Closed doors may cut rooms off; :attr:`Clutter.cut_off` names them."""
+
+    windows: Share = 0.0
+    """Share of the rooms at an outer wall with a window down to the floor or a glass door."""
+
+    changes: NonNegative = 0.0
+    """How often a chair is moved or a door's leaf swings while the robot drives [1/min]."""
 
     people: CountOrZero = 0
     """Number of people who walk about."""
@@ -43,6 +68,11 @@ class ClutterConfig(Settings, section="clutter"):
     walking_speed: tuple[Positive, Positive] = (0.4, 1.2)
     """Range of the people's speeds; unhurried indoors to brisk [m/s]."""
 
+    @property
+    def is_empty(self) -> bool:
+        """Whether there is none of it."""
+        return not (self.furniture or self.doors or self.windows or self.people)
+
     def _check(self) -> None:
         if self.walking_speed[0] > self.walking_speed[1]:
             raise ConfigError(f"clutter.walking_speed must be (slowest, fastest), not {self.walking_speed}")
@@ -50,24 +80,65 @@ class ClutterConfig(Settings, section="clutter"):
 
 @dataclass(frozen=True)
 class Clutter:
-    """Furniture and people of one building, world frame."""
+    """Furniture, doors' leaves, glass and people of one building, world frame."""
 
-    furniture: tuple[shapely.Polygon, ...] = ()
-    """What stands on the floor: bodies and single legs."""
+    furniture: tuple[FloatArray, ...] = ()
+    """What stands on the floor and stays there, bodies and single legs: corners of each, shape (K, 2) [m]."""
 
-    outlines: tuple[shapely.Polygon, ...] = ()
-    """The pieces as seen from above, with what lies between their legs."""
+    outlines: FloatArray = field(default_factory=lambda: np.empty((0, 6)))
+    """What pieces cover as seen from above, with what lies between their legs, the room for their chairs and all
+    places of doors' leaves: boxes as :mod:`slamgym.sim.passages` has them, shape (B, 6)."""
+
+    movables: tuple[tuple[tuple[FloatArray, ...], ...], ...] = ()
+    """Chairs and doors' leaves: of each the places where it may stand, the first one first, and there its solids
+    as in ``furniture``."""
+
+    glass: FloatArray = field(default_factory=lambda: np.empty((0, 4)))
+    """Parts of the plan's walls that are windows down to the floor or glass doors, shape (N, 4) as x0, y0, x1, y1
+    [m], each with the room on its left."""
 
     people: tuple[Person, ...] = ()
-    walkable: shapely.Polygon = field(default_factory=shapely.Polygon)
+    walkable: Walkable | None = None
     """Where the middle of a person may be."""
 
+    passages: Passages | None = None
+    """Where a disc can go, whatever stands in whichever of its places; None without any clutter."""
+
+    cut_off: tuple[str, ...] = ()
+    """Rooms that the robot could enter if they were empty: behind a closed door, or too small for what is in them."""
+
+    left_out: int = 0
+    """Pieces for which there was no room."""
+
+    changes: float = 0.0
+    """How often one of the movables goes to another place [1/s]."""
+
+    seed: int = 0
+    """Of these changes."""
+
     def segments(self) -> FloatArray:
-        """Outlines of the furniture, shape (S, 4) as x0, y0, x1, y1 [m]."""
-        if not self.furniture:
-            return np.empty((0, 4))
-        rings = [np.asarray(piece.exterior.coords) for piece in self.furniture]
-        return np.vstack([np.hstack([ring[:-1], ring[1:]]) for ring in rings])
+        """Outlines of what stands at first, shape (S, 4) as x0, y0, x1, y1 [m]: furniture, then the movables."""
+        if not self.changes:
+            return outlines_of(self.solids())
+        parts = [outlines_of(self.furniture), *(outlines_of(places[0]) for places in self.movables)]
+        return np.vstack(parts)
+
+    def solids(self) -> tuple[FloatArray, ...]:
+        """Everything that stands on the floor at first: corners of each, shape (K, 2) [m]."""
+        return (*self.furniture, *(solid for places in self.movables for solid in places[0]))
+
+
+def outlines_of(solids: Sequence[FloatArray]) -> FloatArray:
+    """What contacts and scanners meet of solids, shape (S, 4) [m]: the diagonals of legs, and others' edges."""
+    parts = [np.empty((0, 4))]
+    boxes = np.array([corners for corners in solids if len(corners) == 4]).reshape(-1, 4, 2)
+    is_leg = np.ptp(boxes, axis=1).max(axis=1, initial=0.0) < _LEG
+    legs = boxes[is_leg]
+    parts += [legs.reshape(-1, 2, 2, 2).transpose(0, 2, 1, 3).reshape(-1, 4)]
+    others = boxes[~is_leg]
+    parts += [np.concatenate([others, np.roll(others, -1, axis=1)], axis=2).reshape(-1, 4)]
+    parts += [np.hstack([corners, np.roll(corners, -1, axis=0)]) for corners in solids if len(corners) != 4]
+    return np.vstack(parts)
 
 
 def make_clutter(
@@ -76,7 +147,7 @@ def make_clutter(
     """Furnish and populate a building.
 
     The robot stays able to reach every part of the building that it could reach empty, but for what the
-    furniture itself covers or shields.
+    furniture itself covers and, where the settings allow it, rooms behind closed doors.
 
     Args:
         plan: The building.
@@ -87,98 +158,143 @@ def make_clutter(
     Returns:
         The clutter.
     """
-    pieces = _furnish(plan, rng, config, robot or RobotConfig()) if config.furniture > 0.0 else []
-    solids = tuple(solid for piece in pieces for solid in piece.solids)
-    outlines = tuple(piece.outline for piece in pieces)
-    if config.people == 0:
-        return Clutter(solids, outlines)
-    walkable = largest_part(fitting_area(plan, PERSON_RADIUS + _WALKING_GAP, outlines))
-    return Clutter(solids, outlines, _populate(walkable, rng, config), walkable)
+    radius = (robot or RobotConfig()).circumscribed_radius
+    walking = PERSON_RADIUS + _WALKING_GAP
+    passages = Passages(plan, max(radius + config.passage, walking) + 0.01)
+    rooms, labels = room_areas(plan, passages, rng)
+    # Furniture leaves all parts connected, so only closed doors ask for more than a look at what it covers.
+    reach = passages.largest_part if config.cut_off else passages.fits
+    before = _rooms_with(labels, reach(radius))
+    leaves: list[list[FloatArray]] = []
+    if config.furniture or config.doors:
+        doors = doors_of(plan)
+        leaves = _hang_leaves(passages, doors, radius, config, rng)
+        for door in doors:
+            passages.reserve(_surroundings(door))
+    glass = draw_windows(rooms, passages, config.windows, rng) if config.windows else np.empty((0, 4))
+    placed, left_out = _place_pieces(passages, rooms, glass, radius, config, rng)
+    furniture, chairs = put_down(placed)
+    pieces = [piece.box for piece in placed]
+    people, walkable = _populate(passages, walking, config, rng)
+    if left_out:
+        _logger.info("%s: no room for %d pieces of furniture; %d stand", plan.id, left_out, len(placed))
+    return Clutter(
+        furniture=furniture,
+        outlines=np.array([*pieces, *(leaf for places in leaves for leaf in places)]).reshape(-1, 6),
+        movables=(
+            *chairs,
+            *(tuple((_corners(leaf),) for leaf in places) for places in leaves),
+        ),
+        glass=glass,
+        people=people,
+        walkable=walkable,
+        passages=passages,
+        cut_off=tuple(
+            room.name for room in rooms if room.label in before - _rooms_with(labels, reach(radius))
+        ),
+        left_out=left_out,
+        changes=config.changes / 60.0,
+        seed=int(rng.integers(2**32)),
+    )
 
 
-def fitting_area(plan: "FloorPlan", radius: float, obstacles: Iterable[BaseGeometry] = ()) -> BaseGeometry:
-    """Where the middle of a disc can be without touching a wall or an obstacle."""
-    area = plan.free_space.simplify(_SIMPLIFICATION).buffer(-radius - _SIMPLIFICATION, quad_segs=4)
-    grown = [obstacle.buffer(radius, quad_segs=4) for obstacle in obstacles]
-    return area.difference(shapely.union_all(grown)) if grown else area
+def _rooms_with(labels: IntArray, cells: BoolArray) -> set[int]:
+    """Labels of the rooms that have some of the cells."""
+    return set(np.flatnonzero(np.bincount(labels[cells])).tolist())
 
 
-def largest_part(area: BaseGeometry) -> shapely.Polygon:
-    """The largest connected part of an area; empty if the area is."""
-    parts = [part for part in shapely.get_parts(area) if isinstance(part, shapely.Polygon)]
-    return max(parts, key=lambda part: float(part.area), default=shapely.Polygon())
-
-
-def sample_point(area: shapely.Polygon, rng: np.random.Generator) -> tuple[float, float]:
-    """A point drawn evenly from an area that isn't empty."""
-    shapely.prepare(area)
-    low, high = np.reshape(area.bounds, (2, 2))
-    for _ in range(100):
-        points = rng.uniform(low, high, (32, 2))
-        inside = np.flatnonzero(shapely.contains_xy(area, points[:, 0], points[:, 1]))
-        if len(inside) > 0:
-            return float(points[inside[0], 0]), float(points[inside[0], 1])
-    # A sliver that thousands of draws miss.
-    point = area.representative_point()
-    return float(point.x), float(point.y)
-
-
-def _furnish(
-    plan: "FloorPlan", rng: np.random.Generator, config: ClutterConfig, robot: RobotConfig
-) -> list[PlacedPiece]:
-    """Furnish room after room and leave the passages free."""
-    radius = robot.circumscribed_radius
-    passages = [_Passages(plan, radius), _Passages(plan, radius + config.passage)]
-    doors = [shapely.LineString([door.start, door.end]).buffer(_DOOR_ROOM) for door in plan.doors]
-    shapely.prepare(plan.free_space)
-    placed: list[PlacedPiece] = []
-    for room in plan.rooms:
-        walls = room_walls(plan, room)
-        for piece in pieces_for(room.category):
-            if rng.random() >= piece.chance * config.furniture:
-                continue
-            for place in propose_places(piece, room, walls, rng):
-                outline = place.outline
-                taken = (*doors, *(other.outline for other in placed))
-                if not plan.free_space.contains(outline) or any(outline.intersects(other) for other in taken):
-                    continue
-                if all(passage.stays_open(outline) for passage in passages):
-                    for passage in passages:
-                        passage.block(outline)
-                    placed.append(place)
+def _hang_leaves(
+    passages: Passages,
+    doors: Sequence["Door"],
+    radius: float,
+    config: ClutterConfig,
+    rng: np.random.Generator,
+) -> list[list[FloatArray]]:
+    """Put leaves into doors: of each the boxes where it may stand, none of which is in the robot's way."""
+    leaves = []
+    radii = np.array([radius])
+    for door in doors:
+        if not has_leaf(door) or rng.random() >= config.doors:
+            continue
+        for _ in range(_HINGES):
+            places: list[FloatArray] = []
+            for leaf in leaf_boxes(door, config.closed_doors, rng, _PLACES):
+                if is_closed(door, leaf):
+                    stands = passages.is_clear(leaf) and (
+                        config.cut_off or not _cuts_off(passages, leaf, radius)
+                    )
+                    if stands:
+                        passages.block(leaf)
+                else:
+                    stands = passages.first_fit(leaf[None], radii, reserve=False) == 0
+                if stands:
+                    places.append(leaf)
+                if stands and config.changes == 0.0:
                     break
-    return placed
+            if places:
+                leaves.append(places)
+                for leaf in places:
+                    passages.reserve(leaf)
+                break
+    return leaves
 
 
-class _Passages:
-    """Where a disc can go, as parts that must each stay in one piece."""
+def _cuts_off(passages: Passages, leaf: FloatArray, radius: float) -> bool:
+    """Whether a closed door would cut the building in two."""
+    count = passages.parts(radius)[1].max()
+    return bool(passages.with_box(leaf).parts(radius)[1].max() > count)
 
-    def __init__(self, plan: "FloorPlan", radius: float) -> None:
-        self._radius = radius
-        self._parts = list(shapely.get_parts(fitting_area(plan, radius)))
 
-    def stays_open(self, outline: shapely.Polygon) -> bool:
-        """Whether an obstacle would neither cut a part in two nor fill it."""
-        grown = outline.buffer(self._radius, quad_segs=4)
-        return all(
-            isinstance(rest, shapely.Polygon) and not rest.is_empty
-            for rest in (part.difference(grown) for part in self._parts if part.intersects(grown))
-        )
+def _surroundings(door: "Door") -> FloatArray:
+    """A door with the room that furniture leaves to either side of it."""
+    (x0, y0), (x1, y1) = door.start, door.end
+    ux, uy = (x1 - x0) / door.width, (y1 - y0) / door.width
+    return np.array([0.5 * (x0 + x1), 0.5 * (y0 + y1), ux, uy, 0.5 * door.width + _DOOR_ROOM, _DOOR_ROOM])
 
-    def block(self, outline: shapely.Polygon) -> None:
-        """Subtract the room that an obstacle takes."""
-        grown = outline.buffer(self._radius, quad_segs=4)
-        self._parts = [part.difference(grown) for part in self._parts]
+
+def _corners(box: FloatArray) -> FloatArray:
+    """The corners of a box, shape (4, 2) [m]."""
+    along, across = box[2:4] * box[4], np.array([-box[3], box[2]]) * box[5]
+    return box[:2] + np.array([-along - across, along - across, along + across, across - along])
+
+
+def _place_pieces(
+    passages: Passages,
+    rooms: Sequence[RoomArea],
+    glass: FloatArray,
+    radius: float,
+    config: ClutterConfig,
+    rng: np.random.Generator,
+) -> tuple[list[PlacedPiece], int]:
+    """Curtains and furniture, room after room, and how many pieces found no room."""
+    if not config.furniture:
+        return [], 0
+    places = _PLACES if config.changes else 1
+    wish = Wish(config.furniture, np.array([radius + config.passage, radius]), places)
+    placed = hang_curtains(passages, glass, wish, rng)
+    left_out = 0
+    for room in rooms:
+        pieces, missing = furnish(passages, room, wish, rng)
+        placed += pieces
+        left_out += missing
+    return placed, left_out
 
 
 def _populate(
-    walkable: shapely.Polygon, rng: np.random.Generator, config: ClutterConfig
-) -> tuple[Person, ...]:
-    if walkable.is_empty:
-        return ()
-    return tuple(
+    passages: Passages, radius: float, config: ClutterConfig, rng: np.random.Generator
+) -> tuple[tuple[Person, ...], Walkable | None]:
+    """People on the largest part of the floor where one can walk; nobody where nobody fits."""
+    if config.people == 0:
+        return (), None
+    cells = passages.largest_part(radius)
+    if not cells.any():
+        return (), None
+    people = tuple(
         Person(
-            sample_point(walkable, rng), float(rng.uniform(*config.walking_speed)), int(rng.integers(2**32))
+            passages.sample_point(cells, rng),
+            float(rng.uniform(*config.walking_speed)),
+            int(rng.integers(2**32)),
         )
         for _ in range(config.people)
     )
+    return people, Walkable(cells, passages.origin)

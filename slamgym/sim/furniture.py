@@ -1,37 +1,39 @@
-"""Furniture: what stands in which kind of room, and where it goes.
+"""Furniture as a scanner 12 to 18 cm above the floor sees it: what stands in which kind of room.
 
-Sizes are those of ordinary European furniture (Neufert, Architects' Data, on dwellings and offices). Pieces
-that a scanner near the floor sees as legs, such as tables and chairs, are legs here.
+Sizes are those of ordinary European furniture (Neufert, Architects' Data, on dwellings and offices). What
+stands on legs is legs here, what reaches the floor is solid, a wall-hung basin isn't there at all.
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import Literal
 
 import numpy as np
-import shapely
-from shapely.geometry.base import BaseGeometry
 
-from slamgym.core.geometry import transform_points
-from slamgym.core.types import FloatArray, Pose2D
+Form = Literal["solid", "legs", "panels", "column", "round", "wavy"]
+"""``panels``: a back and two sides, as desks and open shelves have; ``column``: one leg in the middle, as of
+round tables and office chairs; ``wavy``: a curtain."""
 
-if TYPE_CHECKING:
-    from slamgym.cad.floorplan import FloorPlan, Room
+# Sides of the legs of tables, beds and sofas, and of chairs; thickness of a panel [m].
+_LEG = 0.06
+_CHAIR_LEG = 0.04
+_PANEL = 0.03
 
-# Side of a table leg and of a chair leg, and the side of a seat [m].
-_TABLE_LEG = 0.06
-_CHAIR_LEG = 0.03
+# Side of a seat, and the room before a table in which its chairs are moved about [m].
 _SEAT = 0.42
+_SEAT_ROOM = 0.55
 
-# Places tried for one piece before it is left out.
-_TRIES = 12
+# How far chairs are pushed in (below 0) or pulled out, and to the side [m]; how much they are turned [rad].
+_PULLED_OUT = (-0.15, 0.2)
+_ASIDE = 0.05
+_TURNED = 0.2
 
-# Gap between a piece and its wall [m].
-_WALL_GAP = (0.01, 0.05)
+# Corners of what is round.
+_CORNERS = 8
 
-# A wall counts as a room's if this far before it one stands in the room [m].
-_BEFORE_WALL = 0.1
+# Depth and width of a curtain's folds [m].
+_FOLD = (0.06, 0.1)
 
 
 @dataclass(frozen=True)
@@ -40,65 +42,175 @@ class Piece:
 
     width: tuple[float, float]
     depth: tuple[float, float]
+    forms: tuple[Form, ...] = ("solid",)  # one is drawn
     chance: float = 1.0  # that a furnished room has one
-    at_wall: bool = True  # with its back to a wall, or free in the room
-    on_legs: bool = False
-    seats: int = 0  # chairs at each of the two long sides
+    number: int = 1  # at most
+    place: Literal["wall", "middle", "anywhere"] = "wall"
+    seats: int = 0  # chairs at each long side that isn't at a wall
+    turned: float = 0.0  # standard deviation of its angle [rad]
+    share_of_wall: float = 0.0  # its width is at least this share of its wall, if the range allows it
+
+
+Corners = Sequence[tuple[float, float]]
 
 
 @dataclass(frozen=True)
-class PlacedPiece:
-    """A piece in its place, world frame."""
+class Shape:
+    """What stands on the floor, in a frame whose y axis is the piece's back and whose x axis leads away."""
 
-    outline: shapely.Polygon  # what it covers, seen from above
-    solids: tuple[shapely.Polygon, ...]  # what stands on the floor
+    depth: float  # of all it needs, with the room for its chairs [m]
+    width: float
+    solids: Sequence[Corners]  # corners of each [m]
+    chairs: Sequence[Sequence[Sequence[Corners]]] = ()  # per chair, per place: its legs
 
 
-_TABLE_WITH_CHAIRS = Piece((1.2, 1.8), (0.75, 0.95), 0.9, at_wall=False, on_legs=True, seats=2)
-_SHELF = Piece((0.8, 1.6), (0.28, 0.4), 0.6)
-_DESK = Piece((1.2, 1.6), (0.6, 0.8), 0.8, on_legs=True)
-_TOILET = Piece((0.36, 0.4), (0.55, 0.7))
-_BASIN = Piece((0.5, 0.9), (0.4, 0.5))
+def shape_of(piece: Piece, width: float, depth: float, rng: np.random.Generator, places: int) -> Shape:
+    """Draw the shape of a piece of a size: its form, and the places of its chairs, of which the first is now."""
+    form = piece.forms[int(rng.integers(len(piece.forms)))]
+    if not piece.seats:
+        return Shape(depth, width, _solids(form, 0.0, width, depth))
+    # With its back to a wall a table has chairs on one side only.
+    back = _SEAT_ROOM if piece.place != "wall" else 0.0
+    middles = [((seat + 0.5) / piece.seats - 0.5) * width for seat in range(piece.seats)]
+    sides = [(back + depth, 1.0)] + ([(back, -1.0)] if back else [])
+    draws = iter(rng.random((len(sides) * piece.seats, places, 3)).tolist())
+    chair_legs = "column" if piece.place == "wall" and rng.random() < 0.6 else "legs"
+    chairs = tuple(
+        tuple(_chair(chair_legs, edge, outwards, middle, draw) for draw in next(draws))
+        for edge, outwards in sides
+        for middle in middles
+    )
+    reach = max(width, middles[-1] - middles[0] + _SEAT * 1.5 + 2.0 * _ASIDE)
+    return Shape(back + depth + _SEAT_ROOM, reach, _solids(form, back, width, depth), chairs)
+
+
+def _chair(
+    legs: str, edge: float, outwards: float, middle: float, draw: Sequence[float]
+) -> Sequence[Corners]:
+    """The legs of a chair at a table's edge."""
+    out = _PULLED_OUT[0] + draw[0] * (_PULLED_OUT[1] - _PULLED_OUT[0])
+    x, y = edge + outwards * out, middle + (2.0 * draw[1] - 1.0) * _ASIDE
+    if legs == "column":
+        return (_square(x, y, _LEG),)
+    turn = (2.0 * draw[2] - 1.0) * _TURNED
+    half = 0.5 * (_SEAT - _CHAIR_LEG)
+    cos, sin = half * math.cos(turn), half * math.sin(turn)
+    corners = (
+        (cos - sin, cos + sin),
+        (-sin - cos, cos - sin),
+        (sin - cos, -cos - sin),
+        (sin + cos, sin - cos),
+    )
+    return tuple(_square(x + dx, y + dy, _CHAIR_LEG) for dx, dy in corners)
+
+
+def _solids(form: Form, back: float, width: float, depth: float) -> Sequence[Corners]:
+    """What stands on the floor of a piece whose back lies at x = ``back``."""
+    half, front, middle = 0.5 * width, back + depth, back + 0.5 * depth
+    if form == "solid":
+        return (_box(back, -half, front, half),)
+    if form == "round":
+        angles = [(corner + 0.5) * (2.0 * math.pi / _CORNERS) for corner in range(_CORNERS)]
+        return ([(middle + 0.5 * depth * math.cos(angle), half * math.sin(angle)) for angle in angles],)
+    if form == "column":
+        return (_square(middle, 0.0, _LEG),)
+    if form == "panels":
+        sides = [_box(back, y, front, y + _PANEL) for y in (-half, half - _PANEL)]
+        return (*sides, _box(back, -half + _PANEL, back + _PANEL, half - _PANEL))
+    if form == "wavy":
+        points = 2 * max(2, round(width / _FOLD[1])) + 1
+        front_edge = [
+            (front - (0.0 if point % 2 else _FOLD[0]), half - width * point / (points - 1))
+            for point in range(points)
+        ]
+        return ([(back, -half), (back, half), *front_edge],)
+    inset = 0.5 * _LEG
+    rows = [-half + inset, half - inset] if width < 1.9 else [-half + inset, 0.0, half - inset]
+    return tuple(_square(x, y, _LEG) for x in (back + inset, front - inset) for y in rows)
+
+
+def _square(x: float, y: float, side: float) -> Corners:
+    half = 0.5 * side
+    return _box(x - half, y - half, x + half, y + half)
+
+
+def _box(x0: float, y0: float, x1: float, y1: float) -> Corners:
+    return (x0, y0), (x1, y0), (x1, y1), (x0, y1)
+
+
+_SHELF = Piece((0.8, 1.6), (0.28, 0.4), chance=0.6)
+_BOX = Piece((0.25, 0.5), (0.2, 0.4), chance=0.3, number=2, turned=0.15)
+_BIN = Piece((0.2, 0.3), (0.2, 0.3), ("round",), 0.5)
+_PLANT = Piece((0.22, 0.4), (0.22, 0.4), ("round",), 0.5, number=2)
+_RADIATOR = Piece((0.6, 1.6), (0.08, 0.12), chance=0.7)
+_LAMP = Piece((0.06, 0.06), (0.06, 0.06), ("column",), 0.4)
+_CHAIR = Piece((_SEAT, _SEAT), (_SEAT, _SEAT), ("legs",), 0.5, number=2, turned=0.15)
+_TOYS = Piece((0.1, 0.2), (0.1, 0.2), ("solid", "round"), 0.4, number=3, place="anywhere", turned=1.0)
+_SHOES = Piece((0.1, 0.24), (0.27, 0.3), chance=0.7, number=3, turned=0.1)
+_DINING = Piece((1.2, 1.8), (0.75, 0.95), ("legs",), 0.9, place="middle", seats=2)
+_ROUND_TABLE = Piece((0.9, 1.1), (0.9, 1.1), ("column",), 0.3, place="middle", seats=1)
+_DESK = Piece((1.2, 1.6), (0.6, 0.8), ("legs", "panels"), 0.8, seats=1)
+_SMALL_TABLE = Piece((0.7, 1.1), (0.6, 0.75), ("legs",), 0.5, seats=1)
+_TOILET = Piece((0.28, 0.38), (0.5, 0.7), ("round", "solid"))
+_BASIN = Piece((0.5, 0.9), (0.4, 0.5), ("solid", "column", "legs"))
+CURTAIN = Piece((0.25, 0.5), (0.1, 0.14), ("wavy",), 0.7)
+"""One hangs at either side of a window."""
 
 _CATALOGUE: dict[tuple[str, ...], tuple[Piece, ...]] = {
     ("bed", "child", "guest"): (
-        Piece((0.9, 1.8), (1.95, 2.1)),
-        Piece((1.0, 2.2), (0.58, 0.65), 0.9),
-        Piece((0.4, 0.5), (0.35, 0.45), 0.7),
-        Piece((1.0, 1.4), (0.55, 0.7), 0.4, on_legs=True),
+        Piece((0.9, 1.8), (1.95, 2.1), ("legs", "solid")),
+        Piece((1.0, 2.4), (0.58, 0.65), chance=0.95),
+        Piece((0.4, 0.5), (0.35, 0.45), ("legs", "solid"), 0.8, number=2),
+        Piece((0.8, 1.4), (0.42, 0.5), ("solid", "legs"), 0.6),
+        Piece((1.0, 1.4), (0.55, 0.7), ("legs", "panels"), 0.4, seats=1),
+        _RADIATOR, _CHAIR, _BOX, _PLANT, _TOYS, _LAMP,
     ),
-    ("bath",): (Piece((1.5, 1.75), (0.7, 0.8), 0.8), _BASIN, _TOILET, Piece((0.6, 0.6), (0.55, 0.65), 0.4)),
-    ("toilet", "wc", "restroom"): (_TOILET, _BASIN),
+    ("bath",): (
+        Piece((1.5, 1.75), (0.7, 0.8), chance=0.7), _BASIN, _TOILET,
+        Piece((0.6, 0.6), (0.55, 0.65), chance=0.5), _BIN, _RADIATOR,
+    ),
+    ("toilet", "wc", "restroom"): (_TOILET, _BASIN, Piece((0.12, 0.2), (0.12, 0.2), ("round",), 0.7)),
     ("kitchen", "pantry"): (
-        Piece((1.8, 3.0), (0.6, 0.65)),
+        Piece((1.5, 4.2), (0.56, 0.62), share_of_wall=0.8),
+        Piece((1.2, 3.0), (0.56, 0.62), chance=0.7, share_of_wall=0.6),
         Piece((0.6, 0.75), (0.6, 0.7)),
-        _TABLE_WITH_CHAIRS,
+        _SMALL_TABLE, _DINING, _BIN, _RADIATOR, _CHAIR,
     ),
-    ("living", "lounge"): (
-        Piece((1.7, 2.5), (0.85, 1.0)),
-        Piece((1.2, 1.8), (0.38, 0.5), 0.9),
-        Piece((0.9, 1.2), (0.5, 0.65), 0.8, at_wall=False),
-        Piece((0.75, 0.95), (0.75, 0.9), 0.6),
-        _SHELF,
+    ("living", "lounge", "family"): (
+        Piece((1.7, 2.5), (0.85, 1.0), ("solid", "legs")),
+        Piece((1.2, 2.2), (0.38, 0.5), ("solid", "legs"), 0.9),
+        Piece((0.9, 1.2), (0.5, 0.65), ("legs", "solid"), 0.8, place="middle"),
+        Piece((0.75, 0.95), (0.75, 0.9), ("solid", "legs"), 0.7, number=2, turned=0.3),
+        _SHELF, _RADIATOR, _PLANT, _LAMP, _CHAIR, _BOX, _TOYS, _DINING, _SHELF,
     ),
-    ("dining", "meeting", "conference"): (_TABLE_WITH_CHAIRS, Piece((1.2, 1.8), (0.4, 0.5), 0.7)),
-    ("office", "study", "work"): (_DESK, _DESK, _SHELF, _SHELF),
-    ("hall", "corridor", "entry", "lobby"): (Piece((0.6, 1.1), (0.25, 0.38), 0.5),),
-    ("garage",): (Piece((1.75, 1.9), (4.0, 4.7), 0.6, at_wall=False), _SHELF, _SHELF),
-    ("storage", "boiler", "wardrobe", "closet", "utility"): (
-        _SHELF,
-        Piece((0.4, 0.7), (0.35, 0.6), 0.8),
-        Piece((0.4, 0.7), (0.35, 0.6), 0.5),
+    ("dining", "meeting", "conference"): (
+        Piece((1.4, 2.4), (0.8, 1.0), ("legs",), 0.9, place="middle", seats=3), _ROUND_TABLE,
+        Piece((1.2, 1.8), (0.4, 0.5), ("solid", "legs"), 0.7), _RADIATOR, _PLANT, _CHAIR, _SHELF,
     ),
-}
+    ("office", "study", "work"): (
+        _DESK, _DESK, _SHELF, _SHELF, _BIN, _RADIATOR, _PLANT, _BOX, _CHAIR,
+    ),
+    ("hall", "corridor", "entry", "lobby"): (
+        Piece((0.6, 1.1), (0.25, 0.38), ("solid", "legs"), 0.6), _SHOES, _RADIATOR, _PLANT,
+        Piece((0.2, 0.25), (0.2, 0.25), ("round",), 0.3),
+    ),
+    ("garage", "parking"): (
+        Piece((1.75, 1.9), (4.0, 4.7), ("legs",), 0.6, place="middle"), _SHELF, _SHELF, _BOX, _BOX, _BIN,
+        Piece((0.1, 0.15), (1.5, 1.7), chance=0.4, number=2, turned=0.1),
+    ),
+    ("storage", "boiler", "wardrobe", "closet", "utility", "freight", "laundry"): (
+        _SHELF, Piece((0.6, 0.65), (0.6, 0.65), chance=0.5), _BOX, _BOX, _BIN,
+    ),
+    ("balcony", "terrace", "veranda"): (_PLANT, _PLANT, _SMALL_TABLE, _CHAIR, _BOX),
+}  # fmt: skip
 
 # For rooms of no known category.
 _ANY_ROOM = (
-    Piece((1.2, 2.0), (0.4, 0.6), 0.8),
-    Piece((0.7, 1.0), (0.7, 0.95), 0.6),
-    Piece((1.0, 1.5), (0.6, 0.8), 0.5, at_wall=False, on_legs=True, seats=1),
-    _SHELF,
-)
+    Piece((1.2, 2.0), (0.4, 0.6), ("solid", "legs"), 0.8),
+    Piece((0.7, 1.0), (0.7, 0.95), ("solid", "legs"), 0.6),
+    Piece((1.0, 1.5), (0.6, 0.8), ("legs",), 0.5, place="middle", seats=1),
+    _SHELF, _RADIATOR, _CHAIR, _PLANT, _BOX, _BIN, _LAMP,
+)  # fmt: skip
 
 
 def pieces_for(category: str) -> tuple[Piece, ...]:
@@ -110,100 +222,16 @@ def pieces_for(category: str) -> tuple[Piece, ...]:
     return _ANY_ROOM
 
 
-def propose_places(
-    piece: Piece, room: "Room", walls: FloatArray, rng: np.random.Generator
-) -> Iterator[PlacedPiece]:
-    """Places worth trying for a piece in a room; they may lie in a wall or in another piece.
-
-    Args:
-        piece: What is to be placed.
-        room: Where.
-        walls: The room's walls as :func:`room_walls` gives them.
-        rng: Draws sizes and places.
-    """
-    width, depth = rng.uniform(*piece.width), rng.uniform(*piece.depth)
-    for _ in range(_TRIES):
-        pose = (
-            _pose_at_wall(width, walls, rng)
-            if piece.at_wall
-            else _pose_in_room(room.polygon, walls, depth, rng)
-        )
-        if pose is not None:
-            yield _place(piece, width, depth, pose)
-
-
-def room_walls(plan: "FloorPlan", room: "Room") -> FloatArray:
-    """The plan's walls that face a room, shape (W, 4), each with the free space on its left."""
-    free = shapely.geometry.polygon.orient(plan.free_space)
-    rings = [np.asarray(ring.coords) for ring in (free.exterior, *free.interiors)]
-    walls = np.vstack([np.hstack([ring[:-1, :2], ring[1:, :2]]) for ring in rings])
-    along = walls[:, 2:] - walls[:, :2]
-    length = np.hypot(*along.T)
-    normal = np.column_stack([-along[:, 1], along[:, 0]]) / np.maximum(length, 1e-9)[:, None]
-    before = 0.5 * (walls[:, :2] + walls[:, 2:]) + _BEFORE_WALL * normal
-    facing = shapely.contains_xy(room.polygon, before[:, 0], before[:, 1])
-    found: FloatArray = walls[facing & (length > 0.3)]
-    return found
-
-
-def _pose_at_wall(width: float, walls: FloatArray, rng: np.random.Generator) -> Pose2D | None:
-    """Middle of the piece's back, with x pointing into the room; every second piece goes into a corner."""
-    length = np.hypot(walls[:, 2] - walls[:, 0], walls[:, 3] - walls[:, 1])
-    fitting = np.flatnonzero(length > width + 2 * _WALL_GAP[1])
-    if len(fitting) == 0:
-        return None
-    wall = int(rng.choice(fitting, p=length[fitting] / length[fitting].sum()))
-    near, far = 0.5 * width + _WALL_GAP[0], length[wall] - 0.5 * width - _WALL_GAP[0]
-    along = rng.choice([near, far]) if rng.random() < 0.5 else rng.uniform(near, far)
-    angle = math.atan2(walls[wall, 3] - walls[wall, 1], walls[wall, 2] - walls[wall, 0])
-    gap = rng.uniform(*_WALL_GAP)
-    x = walls[wall, 0] + along * math.cos(angle) - gap * math.sin(angle)
-    y = walls[wall, 1] + along * math.sin(angle) + gap * math.cos(angle)
-    return Pose2D(x, y, angle + 0.5 * math.pi)
-
-
-def _pose_in_room(
-    room: BaseGeometry, walls: FloatArray, depth: float, rng: np.random.Generator
-) -> Pose2D | None:
-    """About the room's middle, parallel to its longest wall."""
-    if len(walls) == 0:
-        return None
-    longest = walls[np.argmax(np.hypot(walls[:, 2] - walls[:, 0], walls[:, 3] - walls[:, 1]))]
-    angle = math.atan2(longest[3] - longest[1], longest[2] - longest[0]) + rng.integers(2) * 0.5 * math.pi
-    min_x, min_y, max_x, max_y = room.bounds
-    x = room.centroid.x + 0.15 * (max_x - min_x) * rng.standard_normal() - 0.5 * depth * math.cos(angle)
-    y = room.centroid.y + 0.15 * (max_y - min_y) * rng.standard_normal() - 0.5 * depth * math.sin(angle)
-    return Pose2D(x, y, angle)
-
-
-def _place(piece: Piece, width: float, depth: float, pose: Pose2D) -> PlacedPiece:
-    """Put a piece down. In its own frame its back lies on the y axis and it reaches along +x."""
-    body = (0.0, -0.5 * width, depth, 0.5 * width)
-    boxes = _legs(body, _TABLE_LEG) if piece.on_legs else [body]
-    boxes += [leg for seat in _seats(piece.seats, width, depth) for leg in _legs(seat, _CHAIR_LEG)]
-    solids = tuple(_box(box, pose) for box in boxes)
-    # Over a table on legs lies its top, so the outline takes the body too.
-    hull = shapely.MultiPolygon([*solids, _box(body, pose)]).convex_hull
-    assert isinstance(hull, shapely.Polygon)
-    return PlacedPiece(hull, solids)
-
-
-def _legs(box: Sequence[float], side: float) -> list[tuple[float, float, float, float]]:
-    """Four square legs at the corners of a box."""
-    x0, y0, x1, y1 = box
-    return [(x, y, x + side, y + side) for x in (x0, x1 - side) for y in (y0, y1 - side)]
-
-
-def _seats(number: int, width: float, depth: float) -> list[tuple[float, float, float, float]]:
-    """Chairs at both long sides of a table, pushed in by half a seat."""
-    if number == 0:
-        return []
-    middles = (np.arange(number) + 0.5) / number * width - 0.5 * width
-    rows = (-0.5 * _SEAT, depth - 0.5 * _SEAT)
-    return [(x, float(y) - 0.5 * _SEAT, x + _SEAT, float(y) + 0.5 * _SEAT) for x in rows for y in middles]
-
-
-def _box(box: Sequence[float], pose: Pose2D) -> shapely.Polygon:
-    x0, y0, x1, y1 = box
-    corners = np.array([(x0, y0), (x1, y0), (x1, y1), (x0, y1)])
-    return shapely.Polygon(transform_points(pose, corners))
+def likely_category(area: float, aspect: float, rng: np.random.Generator) -> str:
+    """Guess what a room without a category is, by its area [m2] and its length over its width."""
+    if aspect > 3.0 and area < 25.0:
+        return "Hallway"
+    guesses: tuple[tuple[float, tuple[str, ...]], ...] = (
+        (2.5, ("Toilet", "Storage")),
+        (6.0, ("Bathroom", "Bathroom", "Storage", "Hallway")),
+        (9.0, ("Kitchen", "Bedroom", "Office", "Bathroom")),
+        (16.0, ("Bedroom", "Bedroom", "Kitchen", "Office", "Dining_Room")),
+        (math.inf, ("Living_Room", "Living_Room", "Dining_Room", "Office", "Bedroom")),
+    )
+    names = next(names for limit, names in guesses if area < limit)
+    return names[int(rng.integers(len(names)))]

@@ -2,26 +2,36 @@
 
 import math
 from dataclasses import replace
-from functools import cached_property
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 
 from slamgym.core.config import NonNegative, Positive, Settings, Share, Within, suggest
 from slamgym.core.errors import ConfigError
 from slamgym.core.geometry import compose
-from slamgym.core.types import Float32Array, FloatArray, LaserGeometry, LaserScan, Pose2D
-from slamgym.sim.raycast import cast_rays
+from slamgym.core.types import Float32Array, FloatArray, IntArray, LaserGeometry, LaserScan, Pose2D
+from slamgym.sim.beams import BeamLaw, measure_beams
+from slamgym.sim.raycast import cast_hits
+from slamgym.sim.surfaces import SurfaceConfig, Surfaces, no_surfaces
+
+OPAQUE_SURFACES = SurfaceConfig(dark=0.1, roughness=0.005, frames=0.02)
+"""A building without glass and mirrors, in which an exploration can be completed: the default."""
+
+REAL_SURFACES = replace(OPAQUE_SURFACES, glazing=0.06, inner_glazing=0.01, mirrors=0.005)
+"""The materials of the level ``real``."""
+
+# A burst of cross-talk: beams in a row, at least and at most.
+_BURST_BEAMS = (3, 12)
 
 
 class LidarConfig(Settings, section="lidar"):
     """A scanner's beams and its errors.
 
     The geometry is the LDS-01's of a TurtleBot3 Waffle Pi, with the 180 degrees of view ahead that Daher et
-    al. use. A beam ends in one of four ways, drawn again for each (Thrun, Burgard and Fox, Probabilistic
-    Robotics, 2005, section 6.3, eq. 6.4 to 6.12): it hits, something unexpected is nearer, it gets no return,
-    or it reads at random. The default errors lie between the two named levels of :func:`lidar_level`: the
-    range noise of ROBOTIS's Gazebo model, and 2 % of all beams failing.
+    al. use. What fails belongs to the place (:mod:`slamgym.sim.surfaces`) and follows from how the beam meets
+    it (:mod:`slamgym.sim.beams`); only a small share of the beams fails by itself. The default is the level
+    ``real`` of :func:`lidar_level` without glass and mirrors; docs/sensor.md says which recorded logs its
+    figures come from.
     """
 
     num_beams: Annotated[int, Within(ge=2)] = 180
@@ -43,39 +53,45 @@ class LidarConfig(Settings, section="lidar"):
     """Sensor in the robot's base frame (x, y, theta), from the Waffle Pi's ``base_scan`` joint [m, m,
     rad]."""
 
-    sigma: NonNegative = 0.01
-    """Least standard deviation of a range (``turtlebot3_waffle_pi.gazebo.xacro``: 0.01) [m]."""
+    sigma: NonNegative = 0.0033
+    """Least standard deviation of a range; the LDS-01 data sheet's precision of 10 mm below 0.5 m, taken for
+    three standard deviations [m]."""
 
-    sigma_relative: NonNegative = 0.0
-    """Standard deviation as a share of the range, where that is more than ``sigma``."""
+    sigma_relative: NonNegative = 0.035 / 3.0
+    """Standard deviation as a share of the range, where that is more than ``sigma``; data sheet: 3.5 %."""
 
-    z_hit: Share = 0.98
-    """Share of beams that measure what is there, with Gaussian noise along the beam (eq. 6.4)."""
+    bias: NonNegative = 1.0
+    """The part of the error that stays the same at a place, as a multiple of the standard deviation. The data
+    sheet's accuracy of 15 mm and 5 % holds both parts: beside the precision 11 mm and 3.6 % are left."""
 
-    z_short: Share = 0.005
-    """Share of beams stopped before it: dust, a fly, a cable; exponential (eq. 6.7)."""
+    beam_width_deg: NonNegative = 0.3
+    """Width of a beam's footprint; over an edge it measures a range in between [deg]."""
 
-    z_max: Share = 0.01
-    """Share of beams without a return: black, glass, mirrors (eq. 6.10)."""
+    attenuation: NonNegative = 0.1
+    """How much of the echo of a matt white wall straight ahead at ``range_max`` is needed to hear it; farther,
+    darker and flatter surfaces are lost. 0: every echo is heard."""
 
-    z_rand: Share = 0.005
-    """Share of beams that read anything: cross-talk, phantom echoes; uniform (eq. 6.11)."""
+    lost: Share = 0.001
+    """Share of the beams without a return for no reason of the place."""
 
-    lambda_short: Positive = 1.0
-    """Decay of the short readings; their mean distance in open space is 1 / lambda_short [1/m]."""
+    stray: Share = 0.001
+    """Share of the beams that read anything up to the true range: dust, cross-talk of a single beam."""
+
+    bursts: Share = 0.002
+    """Probability of a burst of cross-talk in a scan: some neighbouring beams read short."""
+
+    surfaces: SurfaceConfig = OPAQUE_SURFACES
+    """What the building is made of."""
 
     def _check(self) -> None:
         if self.range_min >= self.range_max:
             raise ConfigError(
                 f"lidar.range_min must be less than lidar.range_max, not {self.range_min} and {self.range_max}"
             )
-        if abs(sum(self.mixture) - 1.0) > 1e-6:
-            raise ConfigError(f"lidar z_hit, z_short, z_max, z_rand must sum to 1, not {self.mixture}")
-
-    @property
-    def mixture(self) -> tuple[float, float, float, float]:
-        """Shares of hit, short, max and rand."""
-        return self.z_hit, self.z_short, self.z_max, self.z_rand
+        if self.lost + self.stray > 1.0:
+            raise ConfigError(
+                f"lidar.lost and stray must not exceed 1 together, not {self.lost} + {self.stray}"
+            )
 
     @property
     def geometry(self) -> LaserGeometry:
@@ -97,19 +113,20 @@ class LidarConfig(Settings, section="lidar"):
         )
 
 
-LidarLevel = Literal["exact", "gazebo", "lds01"]
+LidarLevel = Literal["exact", "gazebo", "lds01", "real"]
 
 _EXACT: dict[str, Any] = {
-    "sigma": 0.0, "sigma_relative": 0.0, "z_hit": 1.0, "z_short": 0.0, "z_max": 0.0, "z_rand": 0.0,
+    "sigma": 0.0, "sigma_relative": 0.0, "bias": 0.0, "beam_width_deg": 0.0, "attenuation": 0.0,
+    "lost": 0.0, "stray": 0.0, "bursts": 0.0, "surfaces": SurfaceConfig(),
 }  # fmt: skip
+_DATA_SHEET = {"sigma": 0.0033, "sigma_relative": 0.035 / 3.0, "bias": 1.0}
 _LEVELS: dict[LidarLevel, dict[str, Any]] = {
     "exact": _EXACT,
     "gazebo": {**_EXACT, "sigma": 0.01},
-    # The data sheet's limits are taken for three standard deviations: +-15 mm below 0.5 m, a precision of 3.5
-    # % beyond. (Its accuracy of 5 % holds a constant part too, which isn't noise.) The data sheet is silent
-    # on failing beams; 5 % is AMCL's own share of them (laser_z_hit 0.95), mostly short as in its weights.
-    "lds01": {
-        "sigma": 0.005, "sigma_relative": 0.035 / 3.0, "z_hit": 0.95, "z_short": 0.03, "z_max": 0.01, "z_rand": 0.01,
+    "lds01": {**_EXACT, **_DATA_SHEET},
+    "real": {
+        **_DATA_SHEET, "beam_width_deg": 0.3, "attenuation": 0.1, "lost": 0.001, "stray": 0.001, "bursts": 0.002,
+        "surfaces": REAL_SURFACES,
     },
 }  # fmt: skip
 
@@ -118,8 +135,8 @@ def lidar_level(name: str, geometry: LidarConfig | None = None) -> LidarConfig:
     """A scanner with one of the named error levels.
 
     ``exact`` has no error. ``gazebo`` is ROBOTIS's Gazebo model of the LDS-01: every beam hits, sigma 0.01 m.
-    ``lds01`` follows the LDS-01's data sheet: sigma 5 mm near and 1.2 % of the range beyond, 5 % of all beams
-    failing.
+    ``lds01`` is the LDS-01's data sheet: a constant and a random part of each range's error, no beam failing.
+    ``real`` adds what recorded logs show: glass, mirrors, dark surfaces, edges, lost and stray beams.
 
     Args:
         name: The level.
@@ -134,29 +151,50 @@ def lidar_level(name: str, geometry: LidarConfig | None = None) -> LidarConfig:
     raise ConfigError(f"unknown lidar level {name!r}; {suggest(name, _LEVELS)}")
 
 
+class Sighting(NamedTuple):
+    """What the beams of a scanner meet, without errors."""
+
+    sensor: Pose2D
+    """Pose of the sensor in the frame of the segments."""
+
+    segments: FloatArray
+    """What can be seen, shape (S, 4) [m]."""
+
+    ranges: FloatArray
+    """Distances along the beams, shape (num_beams,) [m]; ``inf`` where nothing is within the range."""
+
+    hits: IntArray
+    """The segments met, shape (num_beams,); -1 where none is."""
+
+
 class Lidar:
     """A scanner on a robot."""
 
     def __init__(self, config: LidarConfig) -> None:
         self.config = config
         self.geometry = config.geometry
+        self._plain = no_surfaces()
+        self._law = BeamLaw(
+            self.geometry.angle_min,
+            self.geometry.angle_increment,
+            float(config.range_max),
+            float(config.sigma),
+            float(config.sigma_relative),
+            float(config.bias),
+            math.radians(config.beam_width_deg),
+            float(config.attenuation),
+        )
+        self._depends_on_place = config.bias > 0.0 or config.beam_width_deg > 0.0 or config.attenuation > 0.0
+        self._is_perfect = config == lidar_level("exact", config)
 
-    @cached_property
-    def _perfect(self) -> bool:
-        config = self.config
-        return config.z_hit == 1.0 and config.sigma == 0.0 and config.sigma_relative == 0.0
-
-    def true_ranges(self, pose: Pose2D, segments: FloatArray) -> FloatArray:
-        """The distance to what each beam meets first.
+    def look(self, pose: Pose2D, segments: FloatArray) -> Sighting:
+        """What each beam meets first.
 
         Convention: ``pose`` is the robot's *base* in the frame of the segments; the mount is applied here.
 
         Args:
             pose: The robot's base.
             segments: What can be seen, shape (S, 4) as x0, y0, x1, y1 [m].
-
-        Returns:
-            Ranges, shape (num_beams,) float64 [m]; ``inf`` where nothing is within ``range_max``.
         """
         geometry = self.geometry
         sensor = compose(pose, geometry.mount)
@@ -165,14 +203,19 @@ class Lidar:
             segments = segments.view()
             segments.flags.writeable = False
         ranges = np.empty(geometry.num_beams)
+        hits = np.empty(geometry.num_beams, dtype=np.int64)
         angle_min, increment = geometry.angle_min, geometry.angle_increment
-        cast_rays(*sensor, angle_min, increment, segments, geometry.range_max, ranges)
-        return ranges
+        cast_hits(*sensor, angle_min, increment, segments, geometry.range_max, ranges, hits)
+        return Sighting(sensor, segments, ranges, hits)
+
+    def true_ranges(self, pose: Pose2D, segments: FloatArray) -> FloatArray:
+        """The ranges of :meth:`look`, shape (num_beams,) [m]."""
+        return self.look(pose, segments).ranges
 
     def scan(self, pose: Pose2D, segments: FloatArray, rng: np.random.Generator, stamp: float) -> LaserScan:
-        """Measure.
+        """Measure in a world of plain surfaces.
 
-        Convention: as :meth:`true_ranges`. Errors lie along the beam: a beam's direction is always exact.
+        Convention: as :meth:`look`. Errors lie along the beam: a beam's direction is always exact.
 
         Args:
             pose: The robot's base.
@@ -183,37 +226,52 @@ class Lidar:
         Returns:
             The scan, with ranges as REP 117 wants them.
         """
-        return self.measure(self.true_ranges(pose, segments), rng, stamp)
+        return self.measure(self.look(pose, segments), rng, stamp)
 
-    def measure(self, true_ranges: FloatArray, rng: np.random.Generator, stamp: float) -> LaserScan:
-        """Make a scan of ranges known already, for a caller who needs both.
+    def measure(
+        self, sighting: Sighting, rng: np.random.Generator, stamp: float, surfaces: Surfaces | None = None
+    ) -> LaserScan:
+        """Make a scan of what the beams meet.
 
         Args:
-            true_ranges: From :meth:`true_ranges`, shape (num_beams,) [m].
+            sighting: From :meth:`look`.
             rng: Source of the errors.
             stamp: Time of the scan [s].
+            surfaces: Materials of the segments; plain where left out.
         """
-        ranges = true_ranges if self._perfect else self._draw_errors(true_ranges, rng)
+        surfaces = surfaces or self._plain
+        if self._is_perfect and len(surfaces.first) == 1:
+            ranges = sighting.ranges
+        else:
+            ranges = self._with_errors(sighting, surfaces, rng)
         return LaserScan(stamp, self._as_rep117(ranges), self.geometry)
 
-    def _draw_errors(self, true: FloatArray, rng: np.random.Generator) -> FloatArray:
-        """Draw a measurement for each beam from the mixture of Probabilistic Robotics, section 6.3."""
-        config = self.config
-        sigma = np.maximum(config.sigma, config.sigma_relative * np.minimum(true, config.range_max))
-        measured = true + sigma * rng.standard_normal(true.shape)  # eq. 6.4
-        fate = rng.random(true.shape)
-        failed = np.flatnonzero(fate >= config.z_hit)
-        if len(failed) == 0:
-            return measured
-        fate = fate[failed]
-        ends = np.cumsum(config.mixture)
-        draws = rng.random(len(failed))
-        # Eq. 6.7, an exponential cut off at the true range, by inversion of its distribution function.
-        mass = -np.expm1(-config.lambda_short * np.minimum(true[failed], config.range_max))
-        short = -np.log1p(-draws * mass) / config.lambda_short
-        anything = draws * config.range_max  # eq. 6.11
-        measured[failed] = np.where(fate < ends[1], short, np.where(fate < ends[2], np.inf, anything))
+    def _with_errors(self, sighting: Sighting, surfaces: Surfaces, rng: np.random.Generator) -> FloatArray:
+        config, true = self.config, sighting.ranges
+        normal = rng.standard_normal((2, len(true)))
+        if self._depends_on_place or len(surfaces.first) > 1:
+            (x, y, theta), segments, _, hits = sighting
+            measured = np.empty(len(true))
+            measure_beams((x, y, theta), segments, true, hits, surfaces, self._law, normal, measured)
+        else:
+            sigma = np.maximum(config.sigma, config.sigma_relative * np.minimum(true, config.range_max))
+            measured = true + sigma * normal[0]
+        fate = rng.random((2, len(true) + 1))
+        failed = np.flatnonzero(fate[0, :-1] < config.lost + config.stray)
+        if len(failed) > 0:
+            reach = np.minimum(measured[failed], config.range_max)
+            is_lost = fate[0, failed] < config.lost
+            measured[failed] = np.where(is_lost, np.inf, fate[1, failed] * reach)
+        if fate[0, -1] < config.bursts:
+            self._burst(measured, rng)
         return measured
+
+    def _burst(self, measured: FloatArray, rng: np.random.Generator) -> None:
+        """Let some beams in a row read the pulses of another scanner, at much the same range."""
+        first = int(rng.integers(len(measured)))
+        burst = measured[first : first + int(rng.integers(_BURST_BEAMS[0], _BURST_BEAMS[1] + 1))]
+        distance = rng.random() * self.config.range_max
+        np.minimum(burst, distance * (1.0 + 0.03 * rng.standard_normal(len(burst))), out=burst)
 
     def _as_rep117(self, ranges: FloatArray) -> Float32Array:
         """Too near to measure is -inf, nothing in range is +inf."""

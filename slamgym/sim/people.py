@@ -4,9 +4,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-import shapely
 
-from slamgym.core.types import FloatArray
+from slamgym.core.types import BoolArray, FloatArray
+from slamgym.sim.passages import PASSAGE_CELL
 
 PERSON_RADIUS = 0.25
 """A standing or walking person seen from above [m]: half the shoulder width of 0.46 m and some clothes."""
@@ -44,6 +44,24 @@ class Person:
     seed: int  # of the paths that the person chooses
 
 
+@dataclass(frozen=True)
+class Walkable:
+    """Where the middle of a person may be: cells of the raster of :mod:`slamgym.sim.passages`."""
+
+    cells: BoolArray  # row 0 at the bottom
+    origin: tuple[float, float]  # lower left corner [m]
+
+    def covers(self, here: FloatArray, there: FloatArray) -> bool:
+        """Whether a straight path stays on it; points (x, y) [m]."""
+        number = 2 + int(np.hypot(*(there - here)) / (0.5 * PASSAGE_CELL))
+        path = (here + np.linspace(0.0, 1.0, number)[:, None] * (there - here) - self.origin) / PASSAGE_CELL
+        cols, rows = np.floor(path).astype(np.int64).T
+        height, width = self.cells.shape
+        if rows.min() < 0 or cols.min() < 0 or rows.max() >= height or cols.max() >= width:
+            return False
+        return bool(self.cells[rows, cols].all())
+
+
 class Crowd:
     """The people of a world while they walk.
 
@@ -52,10 +70,9 @@ class Crowd:
         walkable: Where the middle of a person may be.
     """
 
-    def __init__(self, people: tuple[Person, ...], walkable: shapely.Polygon) -> None:
+    def __init__(self, people: tuple[Person, ...], walkable: Walkable) -> None:
         self._people = people
         self._walkable = walkable
-        shapely.prepare(walkable)
         self.discs = np.empty((len(people), 3))
         """What can be touched, shape (P, 3) as x, y, radius [m]."""
         self.reset()
@@ -138,6 +155,6 @@ class Crowd:
             rng.uniform(-math.pi, math.pi, _TRIES), rng.uniform(0.5, _LONGEST_PATH, _TRIES), strict=True
         ):
             there = here + distance * np.array([math.cos(angle), math.sin(angle)])
-            if distance > best and self._walkable.covers(shapely.LineString([here, there])):
+            if distance > best and self._walkable.covers(here, there):
                 best = distance
                 self._targets[index] = there

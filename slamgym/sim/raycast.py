@@ -12,7 +12,7 @@ import math
 import numpy as np
 
 from slamgym.core.jit import kernel
-from slamgym.core.types import FloatArray
+from slamgym.core.types import FloatArray, IntArray
 
 # Share of a beam spacing by which a wall's interval of beams is widened, so that rounding never lets a beam
 # slip through the corner that two walls share. At 3.5 m and 1 degree it widens a wall by less than 0.1 nm.
@@ -33,7 +33,24 @@ def cast_rays(
     range_max: float,
     out: FloatArray,
 ) -> None:
-    """Write the distance to the nearest segment along each beam.
+    """Write the distance to the nearest segment along each beam: :func:`cast_hits` without the segments."""
+    hits = np.empty(len(out), dtype=np.int64)
+    cast_hits(x, y, theta, angle_min, angle_increment, segments, range_max, out, hits)
+
+
+@kernel
+def cast_hits(
+    x: float,
+    y: float,
+    theta: float,
+    angle_min: float,
+    angle_increment: float,
+    segments: FloatArray,
+    range_max: float,
+    out: FloatArray,
+    hits: IntArray,
+) -> None:
+    """Write the distance to the nearest segment along each beam, and which segment that is.
 
     Convention: ``x, y, theta`` is the pose of the *sensor* in the frame of the segments; beam ``i`` points to
     ``theta + angle_min + i * angle_increment``, counter-clockwise.
@@ -48,6 +65,7 @@ def cast_rays(
         range_max: Longest distance that is reported [m].
         out: Receives the ranges, shape (num_beams,) [m]; ``inf`` where nothing is met within ``range_max``. Its
             beams together span at most one turn.
+        hits: Receives the indices of the segments met, shape (num_beams,); -1 where nothing is.
     """
     num_beams = len(out)
     turn = 2.0 * math.pi
@@ -56,6 +74,7 @@ def cast_rays(
     _fill_directions(angle_min, angle_increment, directions)
     for i in range(num_beams):
         out[i] = np.inf
+        hits[i] = -1
     cos, sin = math.cos(theta), math.sin(theta)
 
     for s in range(segments.shape[0]):
@@ -72,6 +91,7 @@ def cast_rays(
             # The sensor stands on the wall: it blocks every beam at once.
             for i in range(num_beams):
                 out[i] = 0.0
+                hits[i] = s
             return
 
         first = math.atan2(ay, ax)
@@ -98,11 +118,48 @@ def cast_rays(
                 distance = offset / slant if abs(slant) > edge_on else nearest
                 if nearest <= distance < out[i] and distance <= range_max:
                     out[i] = distance
+                    hits[i] = s
                 elif distance < nearest < out[i]:
                     # A wall seen nearly edge-on, where the quotient loses its digits.
                     out[i] = nearest
+                    hits[i] = s
             low -= beams_per_turn
             high -= beams_per_turn
+
+
+@kernel
+def next_hit(
+    x: float, y: float, ux: float, uy: float, beyond: float, segments: FloatArray, range_max: float
+) -> tuple[float, int]:
+    """Distance and index of the first segment that one ray meets further away than ``beyond``.
+
+    Args:
+        x: Start of the ray [m].
+        y: Start of the ray [m].
+        ux: Direction, a unit vector.
+        uy: Direction, a unit vector.
+        beyond: Nearer segments don't count [m].
+        segments: Shape (S, 4) as x0, y0, x1, y1 [m].
+        range_max: Longest distance [m].
+
+    Returns:
+        ``inf`` and -1 where nothing is met within ``range_max``.
+    """
+    nearest, index = np.inf, -1
+    for s in range(segments.shape[0]):
+        ax, ay = segments[s, 0] - x, segments[s, 1] - y
+        # The ends lie on either side of the ray's line.
+        across_a = ux * ay - uy * ax
+        across_b = ux * (segments[s, 3] - y) - uy * (segments[s, 2] - x)
+        if across_a * across_b > 0.0 or across_a == across_b:
+            continue
+        share = across_a / (across_a - across_b)
+        along_a = ux * ax + uy * ay
+        along_b = ux * (segments[s, 2] - x) + uy * (segments[s, 3] - y)
+        distance = along_a + share * (along_b - along_a)
+        if beyond < distance < nearest and distance <= range_max:
+            nearest, index = distance, s
+    return nearest, index
 
 
 @kernel

@@ -17,10 +17,12 @@ from slamgym.core.errors import ConfigError
 from slamgym.core.geometry import between, wrap_angle
 from slamgym.core.types import FloatArray, Pose2D, Twist2D
 from slamgym.sim import motion
+from slamgym.sim.changes import Changes
 from slamgym.sim.clutter import Clutter
 from slamgym.sim.contact import SKIN, SUBSTEP_DISTANCE, ContactSolver, Velocity
 from slamgym.sim.people import Crowd
 from slamgym.sim.robot import RobotConfig
+from slamgym.sim.surfaces import Surfaces, no_surfaces
 
 if TYPE_CHECKING:
     from slamgym.cad.floorplan import FloorPlan
@@ -63,28 +65,39 @@ class World:
         plan: The building. Its walls are obstacles from both sides.
         robot: The robot's measures and limits.
         clutter: Furniture and people; none where left out.
+        surfaces: What all that is made of; plain where left out.
+
+    Attributes:
+        surfaces: The materials of the first of :meth:`segments`; people are plain.
     """
 
-    def __init__(self, plan: "FloorPlan", robot: RobotConfig, *, clutter: Clutter | None = None) -> None:
+    def __init__(
+        self,
+        plan: "FloorPlan",
+        robot: RobotConfig,
+        *,
+        clutter: Clutter | None = None,
+        surfaces: Surfaces | None = None,
+    ) -> None:
         self.plan = plan
         self.robot = robot
         walls = np.asarray(plan.segments(), dtype=np.float64)
         clutter = clutter or Clutter()
-        self._num_walls = len(walls)
-        self._crowd = Crowd(clutter.people, clutter.walkable) if clutter.people else None
+        self._crowd = Crowd(clutter.people, clutter.walkable) if clutter.walkable else None
         self._discs = self._crowd.discs if self._crowd else np.empty((0, 3))
-        # One array: obstacles that stand, then the legs of those who walk.
+        # One array: what stays, what may be moved, then the legs of those who walk.
         standing = np.vstack([walls, clutter.segments()])
+        self.surfaces = no_surfaces() if surfaces is None else surfaces
         legs = self._crowd.legs() if self._crowd else np.empty((0, 4))
         segments = np.vstack([standing, legs])
         self._obstacles = segments[: len(standing)]
         self._legs = segments[len(standing) :]
+        self._changes = Changes(clutter, self._obstacles[len(walls) :])
         self._visible = segments.view()
         self._visible.flags.writeable = False
         self._limits = np.array(
             [robot.linear_acceleration, robot.angular_acceleration, robot.wheel_separation]
         )
-        self._rectangle = np.array(robot.footprint)
         self._contact_radius = robot.circumscribed_radius + SKIN
         # How far from the axle turning moves the outline: a disc turns within itself.
         self._lever = 0.0 if robot.shape == "circle" else robot.circumscribed_radius
@@ -106,9 +119,13 @@ class World:
     def segments(self) -> FloatArray:
         """All that the LIDAR sees now, shape (S, 4) as x0, y0, x1, y1 [m], world frame.
 
-        The array is read-only for the caller, and its last rows follow the people as they walk.
+        The array is read-only for the caller, and its last rows follow what is moved and the people as they walk.
         """
         return self._visible
+
+    def furniture(self) -> tuple[FloatArray, ...]:
+        """What stands on the floor now, chairs and doors' leaves too: corners of each, shape (K, 2) [m]."""
+        return self._changes.furniture()
 
     def reset(self, pose: Pose2D) -> None:
         """Put the robot at rest at a pose.
@@ -124,10 +141,11 @@ class World:
         if self._crowd:
             self._crowd.reset()
             self._legs[:] = self._crowd.legs()
+        self._changes.reset()
         where = f"start pose ({pose.x:.2f}, {pose.y:.2f}) in plan {self.plan.id}"
         if not np.isfinite(self._state).all():
             raise ConfigError(f"{where} must be finite")
-        if not motion.inside(pose.x, pose.y, self._obstacles[: self._num_walls]):
+        if not motion.inside(pose.x, pose.y, self._obstacles[: len(self.plan.segments())]):
             raise ConfigError(
                 f"{where} is outside the free space; choose another or let the start be sampled"
             )
@@ -154,6 +172,8 @@ class World:
         self._state[motion.LEFT :] = 0.0
         if self._crowd:
             self._let_people_walk(self._crowd, dt)
+        if self._changes.movables and self._changes.advance(dt, self._somebody()):
+            self._solver = None  # it holds the obstacles as they stood
         contact = self._drive(target, dt)
         pose = self.pose
         left, right, distance = self._state[motion.LEFT :].tolist()
@@ -178,6 +198,11 @@ class World:
         self._legs[:] = crowd.legs()
         if self._solver is not None:
             self._solver.place_people(crowd.discs)
+
+    def _somebody(self) -> FloatArray:
+        """The robot and the people with their skin, shape (D, 3) as x, y, radius [m]."""
+        robot = [*self._state[:2], self._contact_radius]
+        return np.vstack([robot, self._discs + np.array([0.0, 0.0, SKIN])])
 
     def _drive(self, target: Twist2D, dt: float) -> bool:
         """Drive freely where possible, else in contact substeps; whether contact changed the motion."""
@@ -277,7 +302,9 @@ class World:
     def _overlaps(self, state: FloatArray) -> bool:
         """Whether the body, without its skin, would be in an obstacle."""
         if self.robot.shape == "footprint":
-            return motion.rectangle_overlaps(state, self._rectangle, self._obstacles, self._discs)
+            return motion.rectangle_overlaps(
+                state, np.array(self.robot.footprint), self._obstacles, self._discs
+            )
         return (
             motion.clearance(state[motion.X], state[motion.Y], self._obstacles, self._discs)
             < self.robot.radius

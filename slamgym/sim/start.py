@@ -5,11 +5,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import shapely
+from shapely.geometry.base import BaseGeometry
 
 from slamgym.core.errors import PlanError
 from slamgym.core.types import Pose2D
-from slamgym.sim.clutter import Clutter, fitting_area, largest_part, sample_point
+from slamgym.sim.clutter import Clutter
 from slamgym.sim.contact import SKIN
+from slamgym.sim.passages import Passages
 from slamgym.sim.people import PERSON_RADIUS
 from slamgym.sim.robot import RobotConfig
 
@@ -18,6 +20,12 @@ if TYPE_CHECKING:
 
 # Room to spare around the robot at the start [m].
 _MARGIN = 0.02
+
+# Places drawn until one is away from all people.
+_DRAWS = 200
+
+# Detail of the plan's outline that doesn't matter for where a robot fits [m].
+_SIMPLIFICATION = 0.01
 
 
 def sample_start(
@@ -40,23 +48,20 @@ def sample_start(
     Raises:
         PlanError: If the robot fits nowhere.
     """
-    return sample_pose(start_area(plan, robot, clutter), rng)
+    if clutter is None or clutter.passages is None:
+        return sample_pose(start_area(plan, robot), rng)
+    return _sample_among(clutter.passages, clutter, plan, robot, rng)
 
 
-def start_area(plan: "FloorPlan", robot: RobotConfig, clutter: Clutter | None = None) -> shapely.Polygon:
-    """Where :func:`sample_start` draws from, for a caller who draws often.
+def start_area(plan: "FloorPlan", robot: RobotConfig) -> shapely.Polygon:
+    """Where :func:`sample_start` draws from in an empty building, for a caller who draws often.
 
     Raises:
         PlanError: If the robot fits nowhere.
     """
-    radius = robot.circumscribed_radius + SKIN + _MARGIN
-    furniture = clutter.furniture if clutter else ()
-    area = largest_part(fitting_area(plan, radius, furniture))
-    if clutter and clutter.people:
-        people = [shapely.Point(person.start).buffer(radius + PERSON_RADIUS) for person in clutter.people]
-        area = largest_part(area.difference(shapely.union_all(people)))
+    area = largest_part(fitting_area(plan, _room_for(robot)))
     if area.is_empty:
-        raise PlanError(plan.id, f"a robot of radius {robot.circumscribed_radius:.2f} m fits nowhere in it")
+        raise _fits_nowhere(plan, robot)
     return area
 
 
@@ -64,3 +69,50 @@ def sample_pose(area: shapely.Polygon, rng: np.random.Generator) -> Pose2D:
     """A pose whose place is drawn evenly from an area and whose heading from the full turn."""
     x, y = sample_point(area, rng)
     return Pose2D(x, y, float(rng.uniform(-math.pi, math.pi)))
+
+
+def fitting_area(plan: "FloorPlan", radius: float) -> BaseGeometry:
+    """Where the middle of a disc can be without touching a wall."""
+    area: BaseGeometry = plan.free_space.simplify(_SIMPLIFICATION)
+    return area.buffer(-radius - _SIMPLIFICATION, quad_segs=4)
+
+
+def largest_part(area: BaseGeometry) -> shapely.Polygon:
+    """The largest connected part of an area; empty if the area is."""
+    parts = [part for part in shapely.get_parts(area) if isinstance(part, shapely.Polygon)]
+    return max(parts, key=lambda part: float(part.area), default=shapely.Polygon())
+
+
+def sample_point(area: shapely.Polygon, rng: np.random.Generator) -> tuple[float, float]:
+    """A point drawn evenly from an area that isn't empty."""
+    shapely.prepare(area)
+    low, high = np.reshape(area.bounds, (2, 2))
+    for _ in range(100):
+        points = rng.uniform(low, high, (32, 2))
+        inside = np.flatnonzero(shapely.contains_xy(area, points[:, 0], points[:, 1]))
+        if len(inside) > 0:
+            return float(points[inside[0], 0]), float(points[inside[0], 1])
+    # A sliver that thousands of draws miss.
+    point = area.representative_point()
+    return float(point.x), float(point.y)
+
+
+def _sample_among(
+    passages: Passages, clutter: Clutter, plan: "FloorPlan", robot: RobotConfig, rng: np.random.Generator
+) -> Pose2D:
+    """Draw from the cells of the largest part that furniture, doors and people leave."""
+    radius = _room_for(robot)
+    cells = passages.largest_part(radius)
+    for _ in range(_DRAWS if cells.any() else 0):
+        x, y = passages.sample_point(cells, rng)
+        if all(math.dist((x, y), person.start) >= radius + PERSON_RADIUS for person in clutter.people):
+            return Pose2D(x, y, float(rng.uniform(-math.pi, math.pi)))
+    raise _fits_nowhere(plan, robot)
+
+
+def _room_for(robot: RobotConfig) -> float:
+    return robot.circumscribed_radius + SKIN + _MARGIN
+
+
+def _fits_nowhere(plan: "FloorPlan", robot: RobotConfig) -> PlanError:
+    return PlanError(plan.id, f"a robot of radius {robot.circumscribed_radius:.2f} m fits nowhere in it")

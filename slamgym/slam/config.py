@@ -7,6 +7,7 @@ from slamgym.core.config import Count, CountOrZero, NonNegative, Positive, Setti
 from slamgym.slam.graph.config import PoseGraphConfig
 
 Mode = Literal["rbpf", "pose_graph", "scan_matching", "dead_reckoning", "ground_truth"]
+NoReturn = Literal["clear", "ignore"]
 Matcher = Literal["coarse_to_fine", "hill_climbing"]
 
 
@@ -113,10 +114,11 @@ class SlamConfig(Settings, section="slam"):
     occupied_threshold: Annotated[float, Within(gt=0.0, lt=1.0)] = 0.25
     """A cell is occupied when more than this share of its observations are hits (``occ_thresh``)."""
 
-    no_return_clears: bool = True
-    """Whether a beam without return clears its ray up to the usable range. Stock slam_gmapping skips such
-    beams; then the middle of a room larger than the range stays unknown for ever and exploration never ends
-    there. Turn it off for logs whose missing returns may be glass or errors instead of space."""
+    no_return: NoReturn = "clear"
+    """What a beam without return says. ``clear``: its ray is free up to the line between the returns beside
+    the gap, or up to the usable range where the gap is half a turn wide, as in the middle of a large room.
+    ``ignore``: nothing, as stock slam_gmapping; then the middle of a room larger than the range stays unknown
+    for ever and exploration never ends there. Use it for logs whose missing returns may be errors."""
 
     memory_limit_mb: Positive = 4096.0
     """The maps may take this much memory [MB]; beyond it the mapper stops with a clear error."""
@@ -133,7 +135,7 @@ class SlamConfig(Settings, section="slam"):
             minimum_score=50.0,
             odometry_weight=0.0,
             drawn_noise=1.0,
-            no_return_clears=False,
+            no_return="ignore",
         )
 
     @staticmethod
@@ -155,5 +157,5 @@ class SlamConfig(Settings, section="slam"):
             linear_update=0.1,
             angular_update=0.1,
             temporal_update=None,
-            no_return_clears=False,
+            no_return="ignore",
         )

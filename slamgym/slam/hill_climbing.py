@@ -14,6 +14,17 @@ import numpy as np
 
 from slamgym.core.jit import kernel
 from slamgym.core.types import FloatArray
+from slamgym.slam.near_means import (
+    COORDINATE_BITS,
+    END_MASK,
+    END_SHIFT,
+    MAX_MEANS,
+    SLOT_BITS,
+    SLOT_MASK,
+    NearMeans,
+    forget,
+    gather,
+)
 from slamgym.slam.tiles import (
     COUNT,
     EMPTY,
@@ -138,27 +149,66 @@ def surface_near(pool: TilePool, table: np.ndarray, u: float, v: float) -> tuple
 
 
 @kernel
+def turn_points(points: FloatArray, theta: float, out: FloatArray) -> None:
+    """Turn points (2, n) by theta."""
+    cos, sin = math.cos(theta), math.sin(theta)
+    for i in range(points.shape[1]):
+        out[0, i] = cos * points[0, i] - sin * points[1, i]
+        out[1, i] = sin * points[0, i] + cos * points[1, i]
+
+
+@kernel
 def score(
-    pool: TilePool,
+    cells: np.ndarray,
     table: np.ndarray,
-    points: FloatArray,
-    stride: int,
-    pose: CellPose,
+    near: NearMeans,
+    turned: FloatArray,
+    u0: float,
+    v0: float,
     gain: float,
     to_beat: float,
 ) -> float:
-    """GMapping's matching score of a pose over every ``stride``-th point; ``gain`` in 1/cells^2.
+    """GMapping's matching score of a position; ``gain`` in 1/cells^2.
 
     The count starts at what a perfect fit would score and ends as soon as ``to_beat`` is out of reach; most
-    poses that a climb tries lose, and show it early.
+    poses that a climb tries lose, and show it early. All of the loop stands here: to hand a call this many
+    arrays costs more than the look at a beam.
+
+    Args:
+        cells: The pool's cells.
+        table: (rows, cols) int32, the map.
+        near: The means near the cells looked at so far.
+        turned: (2, n) end points, turned to the heading of the pose [cells].
+        u0: Position [cells].
+        v0: The same upwards.
+        gain: 1 / sigma [1/cells^2].
+        to_beat: Score to give up below.
     """
-    cos, sin = math.cos(pose.theta), math.sin(pose.theta)
-    total = float((len(points) + stride - 1) // stride)
-    for i in range(0, len(points), stride):
-        u = pose.u + cos * points[i, 0] - sin * points[i, 1]
-        v = pose.v + sin * points[i, 0] + cos * points[i, 1]
-        d2, _, _ = surface_near(pool, table, u, v)
-        total -= 1.0 - exp_of_minus(gain * d2) if d2 >= 0.0 else 1.0
+    total = float(turned.shape[1])
+    map_key = near.state[0] << (2 * COORDINATE_BITS)
+    for i in range(turned.shape[1]):
+        u, v = u0 + turned[0, i], v0 + turned[1, i]
+        nearest = math.inf
+        if u >= 1.0 and v >= 1.0:
+            cell_u, cell_v = int(u), int(v)
+            slot = np.uint64(((cell_v & SLOT_MASK) << SLOT_BITS) | (cell_u & SLOT_MASK))
+            span = near.slots[slot, np.uint64(1)]
+            if near.slots[slot, np.uint64(0)] != map_key | (cell_v << COORDINATE_BITS) | cell_u:
+                if near.state[1] + 9 > MAX_MEANS:
+                    forget(near)
+                    map_key = near.state[0] << (2 * COORDINATE_BITS)
+                first = near.state[1]
+                end = gather(cells, table, cell_u, cell_v, near.means, first)
+                near.state[1] = end
+                span = first | (end << END_SHIFT)
+                near.slots[slot, 0] = map_key | (cell_v << COORDINATE_BITS) | cell_u
+                near.slots[slot, 1] = span
+            in_u, in_v = u - cell_u, v - cell_v
+            for k in range(np.uint64(span & END_MASK), np.uint64(span >> END_SHIFT)):
+                du, dv = near.means[k, np.uint64(0)] - in_u, near.means[k, np.uint64(1)] - in_v
+                d2 = du * du + dv * dv
+                nearest = d2 if d2 < nearest else nearest
+        total -= 1.0 - exp_of_minus(gain * nearest) if nearest < math.inf else 1.0
         if total <= to_beat:
             break
     return total
@@ -175,6 +225,7 @@ def prior_cost(prior: Prior, pose: CellPose) -> float:
 def climb(
     pool: TilePool,
     table: np.ndarray,
+    near: NearMeans,
     points: FloatArray,
     stride: int,
     prior: Prior,
@@ -186,29 +237,41 @@ def climb(
     Returns:
         The top.
     """
+    forget(near)
     pose = prior.pose
     linear_step, angular_step = s.linear_step, s.angular_step
-    current = score(pool, table, points, stride, pose, s.gain, -1.0)
-    halved = 0
+    taken = np.ascontiguousarray(points[::stride].T)
+    ahead, aside = np.empty_like(taken), np.empty_like(taken)
+    turn_points(taken, pose.theta, ahead)
+    current = score(pool.cells, table, near, ahead, pose.u, pose.v, s.gain, -1.0)
+    halved, back = 0, -1
     for _ in range(MAX_CLIMB_STEPS):
-        best, best_pose = current, pose
+        best, best_pose, best_move = current, pose, -1
         for move in range(6):
+            if move == back:
+                continue  # where the climb came from, and lower
             sign = 1.0 if move % 2 == 0 else -1.0
             trial = CellPose(
                 pose.u + (sign * linear_step if move < 2 else 0.0),
                 pose.v + (sign * linear_step if 2 <= move < 4 else 0.0),
                 pose.theta + (sign * angular_step if move >= 4 else 0.0),
             )
+            if move >= 4:
+                turn_points(taken, trial.theta, aside)
             cost = prior_cost(prior, trial)
-            value = score(pool, table, points, stride, trial, s.gain, best + cost) - cost
+            turned = ahead if move < 4 else aside
+            value = score(pool.cells, table, near, turned, trial.u, trial.v, s.gain, best + cost) - cost
             if value > best:
-                best, best_pose = value, trial
-        if best > current:
-            current, pose = best, best_pose
+                best, best_pose, best_move = value, trial, move
+        if best_move >= 0:
+            current, pose, back = best, best_pose, best_move ^ 1
+            if best_move >= 4:
+                turn_points(taken, pose.theta, ahead)
             continue
         halved += 1
         if halved > halvings:
             break
+        back = -1
         linear_step *= 0.5
         angular_step *= 0.5
     return pose

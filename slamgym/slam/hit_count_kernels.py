@@ -24,6 +24,9 @@ from slamgym.slam.config import SlamConfig
 _FRACTION = 32
 _HALF = 1 << (_FRACTION - 1)
 
+# A gap without return that the scan cuts off may be a pane or a dark wall up to this angle [rad].
+_WIDEST_GAP = math.radians(90.0)
+
 
 class BeamTable(NamedTuple):
     """What the kernels need to know of a scanner."""
@@ -34,6 +37,7 @@ class BeamTable(NamedTuple):
     range_max: float  # a range of this or more is no return [m]
     usable: float  # longest ray drawn [m]
     no_return_clears: bool  # whether beams without return clear
+    widest_gap: int  # beams; a wider gap without return at the end of a scan is open space
 
     @staticmethod
     def of(geometry: LaserGeometry, config: SlamConfig) -> "BeamTable":
@@ -45,7 +49,8 @@ class BeamTable(NamedTuple):
             range_min=float(geometry.range_min),
             range_max=float(geometry.range_max),
             usable=float(config.max_usable_range),
-            no_return_clears=bool(config.no_return_clears),
+            no_return_clears=config.no_return == "clear",
+            widest_gap=round(_WIDEST_GAP / geometry.angle_increment),
         )
 
 
@@ -54,20 +59,41 @@ def drawn_length(ranges: Float32Array, i: int, beams: BeamTable) -> float:
     """How far beam ``i`` of a scan is drawn [m]; 0 for a beam that is left out, and at most ``usable``.
 
     A beam that returned from within ``usable`` is a hit. A longer one is cut and clears only; so does a beam
-    without return (``+inf``) if ``no_return_clears`` and the beams beside it reach beyond ``usable`` as well:
-    a lone one among hits is a failed measurement and would clear a spike through the wall. nan, ``-inf`` and
+    without return (``+inf``) if ``no_return_clears``, as far as :func:`_open_length` says. nan, ``-inf`` and
     ranges below ``range_min`` are left out.
     """
     r, usable = ranges[i], beams.usable
     if r >= beams.range_max:
-        if not beams.no_return_clears:
-            return 0.0
-        if (i > 0 and ranges[i - 1] <= usable) or (i + 1 < len(ranges) and ranges[i + 1] <= usable):
-            return 0.0
-        return min(usable, beams.range_max)
+        return _open_length(ranges, i, beams) if beams.no_return_clears else 0.0
     if not r >= beams.range_min:
         return 0.0
     return min(r, usable)
+
+
+@kernel
+def _open_length(ranges: Float32Array, i: int, beams: BeamTable) -> float:
+    """How far a beam without return is taken for free [m]: up to the line between the returns beside its gap.
+
+    Behind that line may be a window, a mirror or a dark wall as well as open space. Open to the usable range is a
+    gap that no two returns bound from either side: half a turn or more, or one that reaches the end of the scan and
+    is wider than windows and dark walls are.
+    """
+    longest = min(beams.usable, beams.range_max)
+    low, high, num_beams = i - 1, i + 1, len(ranges)
+    while low >= 0 and not beams.range_min <= ranges[low] < beams.range_max:
+        low -= 1
+    while high < num_beams and not beams.range_min <= ranges[high] < beams.range_max:
+        high += 1
+    if low < 0 or high >= num_beams:
+        return longest if high - low - 1 > beams.widest_gap else 0.0
+    ax, ay = ranges[low] * beams.directions[low, 0], ranges[low] * beams.directions[low, 1]
+    bx, by = ranges[high] * beams.directions[high, 0], ranges[high] * beams.directions[high, 1]
+    ex, ey = bx - ax, by - ay
+    offset = ax * ey - ay * ex
+    slant = beams.directions[i, 0] * ey - beams.directions[i, 1] * ex
+    if offset <= 0.0 or slant <= 0.0:
+        return longest
+    return min(longest, offset / slant)
 
 
 @kernel

@@ -1,7 +1,6 @@
 """Replaying a recorded log through a mapper."""
 
 import dataclasses
-import json
 import resource
 import sys
 import time
@@ -13,7 +12,10 @@ from typing import Any
 import numpy as np
 
 from slamgym.core.config import from_dict
-from slamgym.core.errors import ConfigError
+from slamgym.core.documents import parse_json
+from slamgym.core.errors import ConfigError, InputFileError
+from slamgym.core.files import read_bytes
+from slamgym.core.limits import DOCUMENT_BYTES
 from slamgym.core.types import LaserGeometry, OccupancyGrid, Pose2D, Trajectory
 from slamgym.interop.records import Log
 from slamgym.slam.config import SlamConfig
@@ -70,9 +72,9 @@ def read_overrides(path: Path | str) -> dict[str, Any]:
         ConfigError: If the file can't be read or holds something else.
     """
     try:
-        values = json.loads(Path(path).read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise ConfigError(f"{path}: can't be read as JSON settings ({error})") from error
+        values = parse_json(read_bytes(path, DOCUMENT_BYTES), path)
+    except InputFileError as error:
+        raise ConfigError(f"{error}; give JSON settings") from error
     if not isinstance(values, dict):
         raise ConfigError(f'{path}: holds no JSON object of settings, e.g. {{"sigma": 0.05}}')
     return values

@@ -26,6 +26,7 @@ from slamgym.slam.hill_climbing import (
     exp_of_minus,
     surface_near,
 )
+from slamgym.slam.near_means import NearMeans, empty_means
 from slamgym.slam.tiles import TileMaps, TilePool
 
 TANGENT = 0.1
@@ -181,12 +182,15 @@ def align(
 
 
 @kernel
-def match_scan(pool: TilePool, table: np.ndarray, scan: CellScan, prior: Prior, s: MatchSettings) -> Match:
+def match_scan(
+    pool: TilePool, table: np.ndarray, memory: NearMeans, scan: CellScan, prior: Prior, s: MatchSettings
+) -> Match:
     """Match a scan: ICP on a part of the beams, if it fits poorly a climb and ICP again, then ICP on all.
 
     Args:
         pool: The tiles.
         table: (rows, cols) int32, the map.
+        memory: What a climb looks up.
         scan: The scan.
         prior: The predicted pose and its pull.
         s: Settings.
@@ -199,7 +203,7 @@ def match_scan(pool: TilePool, table: np.ndarray, scan: CellScan, prior: Prior, 
     num_points = (len(scan.points) + stride - 1) // stride
     accepted, better = SURE_SHARES if prior.sure else UNSURE_SHARES
     if near.score < accepted * num_points:
-        top = climb(pool, table, scan.points, stride, soft, COARSE_HALVINGS, s)
+        top = climb(pool, table, memory, scan.points, stride, soft, COARSE_HALVINGS, s)
         far = align(pool, table, scan, stride, top, soft, COARSE_STEPS, s)
         if far.score > near.score + better * num_points:
             near = far
@@ -244,14 +248,15 @@ def match_particles(
     for i in range(len(scaled)):
         square += (scaled[i, 0] ** 2 + scaled[i, 1] ** 2) / len(scaled)
     sure = math.sqrt(variance) * scale + math.sqrt(turn_variance * square) < CAPTURE_CELLS
+    memory = empty_means()
     matched = 0
     for p in range(len(poses)):
         u, v = (poses[p, 0] - origin[0]) * scale, (poses[p, 1] - origin[1]) * scale
         prior = Prior(CellPose(u, v, poses[p, 2]), stiffness, turn_stiffness, sure)
         if s.search == Search.COARSE_TO_FINE:
-            match = match_scan(pool, tables[p], scan, prior, s)
+            match = match_scan(pool, tables[p], memory, scan, prior, s)
         else:
-            top = climb(pool, tables[p], scaled, s.stride, prior, s.halvings, s)
+            top = climb(pool, tables[p], memory, scaled, s.stride, prior, s.halvings, s)
             match = align(pool, tables[p], scan, s.stride, top, prior, 0, s)
         if match.score > s.minimum_score:
             poses[p, 0] = origin[0] + match.pose.u * resolution

@@ -7,7 +7,6 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-from shapely import Polygon
 
 from slamgym.cad.floorplan import FloorPlan
 from slamgym.core.geometry import compose, transform_points
@@ -63,7 +62,7 @@ class Scene:
     """The state of an episode; everything is in the world frame."""
 
     plan: FloorPlan
-    furniture: Sequence[Polygon]
+    furniture: Sequence[FloatArray]  # corners of each solid, shape (K, 2) [m]
     moving: FloatArray  # (S, 4) segments of people [m]
     robot_radius: float  # [m]
     true_pose: Pose2D
@@ -173,7 +172,7 @@ def _draw_world(panel: ByteArray, scene: Scene, view: _View) -> None:
     seen = view.place(scene.seen.astype(np.uint8) * 255, scene.seen_frame, (0, 0, 0), smooth=False) > 0
     panel[seen & (panel == FLOOR_TINT).all(axis=2)] = SEEN_TINT
     for piece in scene.furniture:
-        _fill(panel, view, np.asarray(piece.exterior.coords), FURNITURE_COLOUR)
+        _fill(panel, view, piece, FURNITURE_COLOUR)
     _draw_beams(panel, scene, view)
     thickness = 2 if view.scale > 15 else 1
     walls = view.lines(scene.plan.segments())

@@ -1,4 +1,6 @@
+import contextlib
 import dataclasses
+import functools
 import json
 
 import numpy as np
@@ -13,11 +15,13 @@ from slamgym.agents.evaluation.evaluate import (
     choose_plans,
     evaluate,
 )
-from slamgym.agents.evaluation.trial import TrialConfig, run_trial
+from slamgym.agents.evaluation.report import write_report
+from slamgym.agents.evaluation.trial import Trial, TrialConfig, run_trial
 from slamgym.agents.plan_splits import split_of
 from slamgym.cad import FloorPlan
 from slamgym.commands.agents.evaluate import main, open_source
 from slamgym.core.errors import ConfigError
+from slamgym.core.parallel.backlog import Lost
 from slamgym.envs import ExploreConfig
 from slamgym.envs.plan_cache import ListedPlans
 from slamgym.slam import SlamConfig
@@ -49,8 +53,11 @@ def comparable(trial):
     return dataclasses.replace(trial, decision_cpu=0.0, decision_cpu_max=0.0, step_cpu=0.0, cpu=0.0)
 
 
+run = functools.partial(evaluate, engine="in_process")
+
+
 def test_every_explorer_sees_the_same_plans_and_starts(tmp_path):
-    result = evaluate(source(), config(), tmp_path)
+    result = run(source(), config(), tmp_path)
     assert result.fresh == len(result.trials) == 6
     by_name = {n: [t for t in result.trials if t.explorer == n] for n in ("nearest", "explore_lite")}
     assert [(t.plan, t.seed) for t in by_name["nearest"]] == [
@@ -74,38 +81,62 @@ def test_an_interrupted_evaluation_keeps_what_is_done_and_goes_on(tmp_path, monk
 
     monkeypatch.setattr(evaluation_module, "run_trial", interrupted)
     with pytest.raises(KeyboardInterrupt):
-        evaluate(source(), config(), tmp_path / "resumed")
-    assert len(TrialLog(tmp_path / "resumed" / "trials.jsonl").trials) == 2
+        run(source(), config(), tmp_path / "resumed")
+    assert len(TrialLog(tmp_path / "resumed" / "trials.jsonl", Trial).trials) == 2
     monkeypatch.setattr(evaluation_module, "run_trial", run_trial)
-    resumed = evaluate(source(), config(), tmp_path / "resumed")
+    resumed = run(source(), config(), tmp_path / "resumed")
     assert resumed.fresh == 4
-    at_once = evaluate(source(), config(), tmp_path / "at_once")
+    at_once = run(source(), config(), tmp_path / "at_once")
     assert [comparable(t) for t in resumed.trials] == [comparable(t) for t in at_once.trials]
-    assert evaluate(source(), config(), tmp_path / "resumed").fresh == 0
+    assert run(source(), config(), tmp_path / "resumed").fresh == 0
 
 
 def test_what_is_done_so_far_can_be_looked_at(tmp_path):
     with pytest.raises(ConfigError, match="none of these explorations is done"):
-        evaluate(source(), config(), tmp_path, only_done=True)
-    evaluate(source(), config(count=1), tmp_path)
-    partial = evaluate(source(), config(count=3), tmp_path, only_done=True)
+        run(source(), config(), tmp_path, only_done=True)
+    run(source(), config(count=1), tmp_path)
+    partial = run(source(), config(count=3), tmp_path, only_done=True)
     assert partial.fresh == 0
     assert len(partial.trials) == 2
 
 
 def test_more_explorers_and_plans_add_to_what_is_there(tmp_path):
-    evaluate(source(), config(count=2), tmp_path)
-    assert evaluate(source(), config(count=3), tmp_path).fresh == 2
-    more = evaluate(source(), config(explorers=("nearest", "explore_lite", "random")), tmp_path)
+    run(source(), config(count=2), tmp_path)
+    assert run(source(), config(count=3), tmp_path).fresh == 2
+    more = run(source(), config(explorers=("nearest", "explore_lite", "random")), tmp_path)
     assert more.fresh == 3
     # Other settings are other trials.
     other = config(trial=dataclasses.replace(TRIAL, minutes=0.05))
-    assert evaluate(source(), other, tmp_path).fresh == 6
+    assert run(source(), other, tmp_path).fresh == 6
+
+
+class Unlucky:
+    """An engine whose workers die of one exploration."""
+
+    def run(self, task, items):
+        for item in items:
+            is_deadly = (item.plan.id, item.explorer) == ("room_1", "nearest")
+            yield Lost(item, "a worker process died", "WorkerLostError") if is_deadly else task(item)
+
+
+def test_an_exploration_that_crashes_is_noted_and_not_begun_again(tmp_path, monkeypatch):
+    open_unlucky = lambda *_, **__: contextlib.nullcontext(Unlucky())  # noqa: E731
+    monkeypatch.setattr(evaluation_module, "open_engine", open_unlucky)
+    found = run(source(), config(), tmp_path)
+    assert (len(found.trials), found.fresh) == (5, 6)
+    assert [(t.plan, t.explorer, t.reason) for t in found.failed] == [
+        ("room_1", "nearest", "a worker process died")
+    ]
+    again = run(source(), config(), tmp_path)
+    assert (again.trials, again.failed, again.fresh) == (found.trials, found.failed, 0)
+    report = write_report(tmp_path, again, config(), "nearest")
+    assert "1 exploration(s) of `nearest` crashed or hung and are left out for all explorers." in report
+    assert json.loads((tmp_path / "results.json").read_text())["summary"]["plans"] == 2
 
 
 def test_plans_too_small_for_the_robot_are_skipped_and_counted(tmp_path):
     plans = ListedPlans([room("fine"), FloorPlan("closet", shapely.box(0.0, 0.0, 0.3, 3.0))])
-    result = evaluate(plans, config(explorers=("nearest",)), tmp_path)
+    result = run(plans, config(explorers=("nearest",)), tmp_path)
     assert [t.plan for t in result.trials] == ["fine"]
     assert [s.plan for s in result.skipped] == ["closet"]
     assert "wide enough" in result.skipped[0].reason
@@ -123,7 +154,7 @@ def test_only_plans_of_the_split_are_explored():
 def test_the_privileged_explorer_needs_its_setting(tmp_path):
     with pytest.raises(ConfigError, match="knows the floor plan"):
         config(explorers=("nearest", ORACLE))
-    result = evaluate(source(1), config(explorers=("nearest",), oracle=True), tmp_path)
+    result = run(source(1), config(explorers=("nearest",), oracle=True), tmp_path)
     assert [t.explorer for t in result.trials] == ["nearest", ORACLE]
 
 
@@ -142,14 +173,23 @@ def test_senseless_settings_are_refused(changes, match):
 
 def test_an_unknown_explorer_is_refused_with_the_nearest_name_before_any_work(tmp_path):
     with pytest.raises(ConfigError, match="did you mean 'nearest'"):
-        evaluate(source(), config(explorers=("nearset",)), tmp_path / "out")
+        run(source(), config(explorers=("nearset",)), tmp_path / "out")
     assert not (tmp_path / "out").exists()
 
 
 def test_the_command_writes_tables_figures_and_a_plot(tmp_path, capsys):
     pytest.importorskip("matplotlib")
     argv = ["-o", str(tmp_path), "--count", "2", "--split", "all", "--explorers", "nearest,explore_lite"]
-    argv += ["--minutes", "0.1", "--workers", "1", "--slam.mode", "ground_truth", "--plans-filter", "none"]
+    argv += [
+        "--minutes",
+        "0.1",
+        "--workers",
+        "1",
+        "--slam.mode",
+        "ground_truth",
+        "--plans-filter",
+        "none",
+    ]
     assert main(argv) == 0
     printed = capsys.readouterr().out
     assert "against `explore_lite`" in printed
@@ -163,7 +203,16 @@ def test_the_command_writes_tables_figures_and_a_plot(tmp_path, capsys):
 
 def test_one_explorer_alone_needs_no_reference(tmp_path, capsys):
     argv = ["-o", str(tmp_path), "--count", "1", "--split", "all", "--explorers", "nearest", "--no-plot"]
-    argv += ["--minutes", "0.1", "--workers", "1", "--slam.mode", "ground_truth", "--plans-filter", "none"]
+    argv += [
+        "--minutes",
+        "0.1",
+        "--workers",
+        "1",
+        "--slam.mode",
+        "ground_truth",
+        "--plans-filter",
+        "none",
+    ]
     assert main(argv) == 0
     printed = capsys.readouterr().out
     assert "`nearest`" in printed

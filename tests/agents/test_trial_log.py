@@ -4,16 +4,17 @@ import json
 import pytest
 
 from slamgym.agents.evaluation.evaluate import TrialLog
+from slamgym.agents.evaluation.trial import Trial
 from slamgym.core.errors import InputFileError
 from slamgym.core.files import StorageError
 
 
 def test_what_was_appended_is_read_again(tmp_path, make_trial):
-    log = TrialLog(tmp_path / "trials.jsonl")
+    log = TrialLog(tmp_path / "trials.jsonl", Trial)
     trials = [make_trial(plan=f"p{i}") for i in range(3)]
     for trial in trials:
         log.append(trial)
-    again = TrialLog(tmp_path / "trials.jsonl").trials
+    again = TrialLog(tmp_path / "trials.jsonl", Trial).trials
     assert list(again.values()) == trials
     assert trials[1].key in again
 
@@ -21,11 +22,11 @@ def test_what_was_appended_is_read_again(tmp_path, make_trial):
 @pytest.mark.parametrize("cut", [1, 40, 200])
 def test_a_line_that_a_kill_cut_short_is_dropped_and_the_file_goes_on(tmp_path, make_trial, cut):
     path = tmp_path / "trials.jsonl"
-    log = TrialLog(path)
+    log = TrialLog(path, Trial)
     for i in range(3):
         log.append(make_trial(plan=f"p{i}"))
     path.write_bytes(path.read_bytes()[:-cut])
-    again = TrialLog(path)
+    again = TrialLog(path, Trial)
     assert [t.plan for t in again.trials.values()] == ["p0", "p1"]
     again.append(make_trial(plan="p2"))
     assert [json.loads(line)["plan"] for line in path.read_text().splitlines()] == ["p0", "p1", "p2"]
@@ -34,27 +35,27 @@ def test_a_line_that_a_kill_cut_short_is_dropped_and_the_file_goes_on(tmp_path, 
 def test_a_first_line_cut_short_leaves_an_empty_log(tmp_path):
     path = tmp_path / "trials.jsonl"
     path.write_text('{"explorer": "near')
-    assert TrialLog(path).trials == {}
+    assert TrialLog(path, Trial).trials == {}
     assert path.read_text() == ""
 
 
 def test_the_same_exploration_with_other_settings_is_another(tmp_path, make_trial):
-    log = TrialLog(tmp_path / "trials.jsonl")
+    log = TrialLog(tmp_path / "trials.jsonl", Trial)
     log.append(make_trial())
     log.append(dataclasses.replace(make_trial(), settings="y"))
-    assert len(TrialLog(tmp_path / "trials.jsonl").trials) == 2
+    assert len(TrialLog(tmp_path / "trials.jsonl", Trial).trials) == 2
 
 
 @pytest.mark.parametrize("line", ["no json", "[1, 2]", '{"explorer": "a"}', '{"unknown": 1}'])
 def test_a_file_of_something_else_is_refused_with_its_line(tmp_path, make_trial, line):
     path = tmp_path / "trials.jsonl"
-    TrialLog(path).append(make_trial())
+    TrialLog(path, Trial).append(make_trial())
     with path.open("a") as file:
         file.write(line + "\n")
     with pytest.raises(InputFileError, match=r"trials\.jsonl:2: is no trial"):
-        TrialLog(path)
+        TrialLog(path, Trial)
 
 
 def test_a_folder_that_is_not_there_is_one_clear_error(tmp_path, make_trial):
     with pytest.raises((StorageError, InputFileError), match="missing"):
-        TrialLog(tmp_path / "missing" / "trials.jsonl").append(make_trial())
+        TrialLog(tmp_path / "missing" / "trials.jsonl", Trial).append(make_trial())

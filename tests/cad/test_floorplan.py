@@ -152,3 +152,15 @@ def test_a_small_closet_may_stay_closed():
     check_plan(plan_of(CLOSET), robot_radius=0.22)
     check_plan(plan_of(CLOSET, rooms=(Room("Room", shapely.box(0, 0, 9, 9)),)), robot_radius=0.22)
     check_plan(plan_of(NARROW), robot_radius=0.18)
+
+
+def test_a_turned_plan_keeps_its_measures():
+    plan = generate_plan(3)
+    turned = plan.turned(30.0)
+    assert turned.area == pytest.approx(plan.area)
+    assert [door.width for door in turned.doors] == pytest.approx([door.width for door in plan.doors])
+    assert turned.turned(-30.0).free_space.symmetric_difference(plan.free_space).area < 1e-6
+    steps = np.diff(turned.segments().reshape(-1, 2, 2), axis=1)[:, 0]
+    along = np.degrees(np.arctan2(steps[:, 1], steps[:, 0])) % 90.0
+    assert np.median(along) == pytest.approx(30.0)
+    assert plan.turned(0.0) is plan

@@ -65,7 +65,18 @@ def test_white_round_the_building_is_not_floor(tmp_path):
     assert plan.bounds == pytest.approx((2.2, 2.2, 9.8, 7.8))
 
 
-def test_floor_that_reaches_the_edge_or_an_open_door_counts_all_white(tmp_path):
+def test_an_outer_door_that_stands_open_is_shut(tmp_path):
+    page = np.full((140, 160), 255, np.uint8)
+    page[20:120, 20:140] = 0
+    page[22:118, 22:138] = 255
+    page[118:120, 60:70] = 255  # a door of 1 m
+    plan = read_image_plan(picture(tmp_path, page), 0.1)
+    assert plan.area == pytest.approx(11.6 * 9.6, abs=0.3)
+    page[118:120, 60:90] = 255  # 3 m are no door: the floor can't be told from the ground outside
+    assert read_image_plan(picture(tmp_path, page), 0.1).area > 180.0
+
+
+def test_floor_that_reaches_the_edge_counts_all_white(tmp_path):
     room = np.full((60, 60), 255, np.uint8)
     room[:, 30] = 0
     room[20:30, 30] = 255

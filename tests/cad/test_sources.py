@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from slamgym.cad import FloorPlan, check_plan, open_plans, write_houseexpo
-from slamgym.cad.sources import ProceduralSource
+from slamgym.cad.sources import ProceduralSource, open_plan_mix
 from slamgym.core.errors import ConfigError, InputFileError, PlanError, SlamgymError
 from slamgym.interop.ros_map import write_ros_map
 
@@ -65,6 +65,23 @@ def test_an_archive_a_folder_and_a_file_give_the_same_plans(archive, tmp_path, b
         open_plans(folder / f"{good[0]}.json").load(good[0]).segments().shape
         == bundled[good[0]].segments().shape
     )
+
+
+def test_plans_of_one_name_in_two_folders_are_refused_not_lost(tmp_path, bundled):
+    first, second = list(bundled.values())[:2]
+    write_houseexpo(tmp_path / "in" / "a" / "1.json", first)
+    write_houseexpo(tmp_path / "in" / "b" / "1.json", second)
+    with tarfile.open(tmp_path / "in.tar.gz", "w:gz") as tar:
+        for folder in ("a", "b"):
+            _add(tar, f"in/{folder}/1.json", (tmp_path / "in" / folder / "1.json").read_bytes())
+    for spec in (tmp_path / "in", tmp_path / "in.tar.gz"):
+        with pytest.raises(
+            InputFileError, match=r"holds two plans called '1', '.*a/1\.json' and '.*b/1\.json'"
+        ):
+            open_plans(spec)
+    # As the sentence says: as two sources both are there.
+    mix = open_plan_mix([str(tmp_path / "in" / "a"), str(tmp_path / "in" / "b")])
+    assert list(mix.ids) == ["1", "1~2"]
 
 
 def test_errors_name_the_member_of_an_archive(archive):

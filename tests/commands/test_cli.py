@@ -2,6 +2,7 @@
 
 import importlib
 import os
+import signal
 import subprocess
 import sys
 
@@ -104,6 +105,25 @@ def test_ctrl_c_is_one_line_and_130(command, capsys):
     command(_raise(KeyboardInterrupt()))
     assert cli.main(["probe"]) == 130
     assert capsys.readouterr().err == "slamgym: error: interrupted\n"
+
+
+@pytest.mark.skipif(os.name != "posix", reason="POSIX signals")
+def test_sigterm_ends_a_command_as_ctrl_c_does(command, capsys):
+    cleaned = []
+
+    def work(argv):
+        try:
+            signal.raise_signal(signal.SIGTERM)
+        except KeyboardInterrupt:
+            cleaned.append(argv)
+            raise
+
+    before = signal.getsignal(signal.SIGTERM)
+    command(work)
+    assert cli.main(["probe"]) == 143
+    assert capsys.readouterr().err == "slamgym: error: ended by SIGTERM\n"
+    assert cleaned == [[]]
+    assert signal.getsignal(signal.SIGTERM) is before
 
 
 def test_a_bug_keeps_its_traceback(command):

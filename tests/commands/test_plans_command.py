@@ -5,8 +5,9 @@ import numpy as np
 import pytest
 
 from slamgym.cad import generate_plan, open_plans, write_houseexpo
+from slamgym.commands.generate import main as generate
 from slamgym.commands.plans import main
-from slamgym.core.errors import ConfigError, InputFileError
+from slamgym.core.errors import ConfigError, InputFileError, SlamgymError
 from slamgym.viz.plan_pictures import draw_floor_plan, draw_plan_sheet
 
 FAULTS = {
@@ -116,3 +117,15 @@ def test_mistakes_are_one_error(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(InputFileError, match="can't be written"):
         main(["write", "--count", "1", "--out", str(tmp_path / "file" / "out")])
+
+
+def test_check_and_generate_judge_a_giant_alike(tmp_path, capsys):
+    path = tmp_path / "mall.json"
+    path.write_text('{"verts": [[0, 0], [10000, 0], [10000, 5], [0, 5]]}')
+    assert main(["check", str(path), "--rejected", str(tmp_path / "rejected.jsonl")]) == 1
+    checked = rejected(tmp_path / "rejected.jsonl")["mall"]["reason"]
+    with pytest.raises(SlamgymError, match="none of the 1 plans gave a pair"):
+        generate(["--plans", str(path), "--pairs", "1", "--workers", "1", "--out", str(tmp_path / "out")])
+    generated = json.loads((tmp_path / "out" / "rejected.jsonl").read_text().splitlines()[0])["reason"]
+    assert checked == generated
+    assert "10000.0 m long but the map holds 64.0 m" in checked

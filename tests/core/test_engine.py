@@ -1,6 +1,7 @@
 """What the engines promise, on the processes of this machine."""
 
 import contextlib
+import ctypes
 import os
 import random
 import signal
@@ -71,6 +72,25 @@ def thread_settings(_):
     return cv2.getNumThreads(), os.environ.get("NUMBA_NUM_THREADS"), os.environ.get("OMP_NUM_THREADS")
 
 
+def crash(how):
+    if how == "SIGSEGV":
+        os.kill(os.getpid(), signal.SIGSEGV)
+    if how == "exit":
+        os._exit(0)
+    return how
+
+
+def hang(item):
+    """Without end, in Python, or in native code that never gives the interpreter's lock back."""
+    folder, how = item
+    (folder / f"{how}-{time.monotonic_ns()}").touch()
+    while how == "loop":
+        pass
+    if how == "lock":
+        ctypes.PyDLL(None).sleep(1000)
+    return how
+
+
 def pid_of(_):
     return os.getpid()
 
@@ -81,8 +101,40 @@ def engine():
         yield engine
 
 
-def test_one_worker_does_every_item_in_order():
+@pytest.fixture(scope="module")
+def one_worker():
+    with open_engine("local", 1) as engine:
+        yield engine
+
+
+def test_one_worker_does_every_item_in_order(one_worker):
     assert list(run_tasks(square, range(9), 1)) == [i * i for i in range(9)]
+    assert list(one_worker.run(square, range(9))) == [i * i for i in range(9)]
+    assert set(one_worker.run(pid_of, range(2))) != {os.getpid()}
+    with open_engine("in_process") as engine:
+        assert set(engine.run(pid_of, range(2))) == {os.getpid()}
+
+
+def test_a_crash_costs_one_task_with_one_worker_too(one_worker):
+    """Native code that crashes, or ends its process."""
+    results = list(one_worker.run(crash, ["SIGSEGV", "exit", "well"]))
+    assert [r.item if isinstance(r, Lost) else r for r in results] == ["SIGSEGV", "exit", "well"]
+    assert results[0].reason == f"a worker process died (SIGSEGV) at each of {MAX_ATTEMPTS} attempts"
+    assert results[1].reason == f"a worker process died at each of {MAX_ATTEMPTS} attempts"
+
+
+def test_a_task_that_hangs_is_ended_with_its_worker(tmp_path):
+    with open_engine("local", 1, timeout=1.0) as engine:
+        results = list(engine.run(hang, [(tmp_path, "lock"), (tmp_path, "loop"), (tmp_path, "well")]))
+    assert results == [
+        *(
+            Lost((tmp_path, how), "took longer than 1 s, the --task-timeout", "TimeoutError")
+            for how in ("lock", "loop")
+        ),
+        "well",
+    ]
+    # It would hang again: there is no second attempt.
+    assert len(list(tmp_path.iterdir())) == 3
 
 
 def test_two_workers_do_every_item_once_and_draw_only_a_little_ahead(engine):
@@ -131,7 +183,7 @@ def test_a_task_that_kills_every_worker_is_handed_back_and_the_others_are_done(e
     results = list(engine.run(die_on_three, items))
     lost = [result for result in results if isinstance(result, Lost)]
     assert [entry.item for entry in lost] == [(tmp_path, 3)]
-    assert "killed" in lost[0].reason
+    assert "(SIGKILL)" in lost[0].reason
     assert sorted(result for result in results if not isinstance(result, Lost)) == [0, 1, 2, 4, 5, 6, 7]
     begun = [int(path.name.split("-")[0]) for path in tmp_path.iterdir()]
     # The others are begun once: they don't suffer with their neighbour.
@@ -143,7 +195,7 @@ def test_a_task_that_may_not_be_lost_is_a_clear_error(monkeypatch):
         def run(self, task, items):
             yield from (Lost(item, "a worker process was killed") for item in items)
 
-    monkeypatch.setattr(module, "open_engine", lambda *_: contextlib.nullcontext(Unlucky()))
+    monkeypatch.setattr(module, "open_engine", lambda *_, **__: contextlib.nullcontext(Unlucky()))
     with pytest.raises(WorkerLostError, match="was killed; run the same command again"):
         list(run_tasks(square, range(8), workers=2))
 
@@ -163,7 +215,7 @@ def test_a_task_is_tried_again_before_fresh_ones_and_then_given_up():
 
 def test_task_after_task_lost_is_the_machine_s_fault():
     backlog = Backlog([])
-    last = Attempt("plan", MAX_ATTEMPTS)
+    last = Attempt("plan", MAX_ATTEMPTS, time.monotonic())
     for _ in range(3):  # a result between them shows that the machine is fit
         for _ in range(MAX_LOST_IN_A_ROW - 1):
             assert backlog.worker_died(last, "a worker was killed") is not None
@@ -172,6 +224,15 @@ def test_task_after_task_lost_is_the_machine_s_fault():
         backlog.worker_died(last, "a worker was killed")
     with pytest.raises(WorkerLostError, match="memory is short"):
         backlog.worker_died(last, "a worker was killed")
+
+
+def test_task_after_task_that_takes_too_long_is_the_limit_s_fault():
+    backlog = Backlog([], timeout=60.0)
+    slow = Attempt("plan", 1, time.monotonic() - 61.0)
+    for _ in range(MAX_LOST_IN_A_ROW - 1):
+        assert backlog.worker_died(slow, "a worker died").error == "TimeoutError"
+    with pytest.raises(WorkerLostError, match=r"took longer than 1 min; .* a longer --task-timeout"):
+        backlog.worker_died(slow, "a worker died")
 
 
 def test_workers_killed_from_outside_lose_nothing(engine, tmp_path):
@@ -190,7 +251,7 @@ def _kill_one(folder, rng):
     for pid in rng.sample(pids := sorted(int(path.name) for path in folder.iterdir()), len(pids)):
         (folder / str(pid)).unlink()
         if _is_alive(pid):
-            os.kill(pid, signal.SIGKILL)
+            os.kill(pid, rng.choice([signal.SIGKILL, signal.SIGTERM]))
             return
 
 

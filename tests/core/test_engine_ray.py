@@ -117,11 +117,37 @@ def test_a_killed_worker_s_task_is_tried_again_and_at_last_given_up(cluster, tmp
         results = list(engine.run(die_on_three, [(tmp_path, value) for value in range(8)]))
     lost = [result for result in results if isinstance(result, Lost)]
     assert [entry.item for entry in lost] == [(tmp_path, 3)]
-    assert "killed" in lost[0].reason
+    assert "a worker process died" in lost[0].reason
     assert sorted(result for result in results if not isinstance(result, Lost)) == [0, 1, 2, 4, 5, 6, 7]
     begun = [int(path.name.split("-")[0]) for path in tmp_path.iterdir()]
     assert begun.count(3) == MAX_ATTEMPTS
     assert begun.count(5) == 2
+
+
+def hang_on_one(value):
+    while value == 1:
+        pass
+    return value
+
+
+def test_a_task_that_hangs_is_ended_and_handed_back(cluster):
+    with open_engine("ray", CPUS, timeout=1.0) as engine:
+        results = list(engine.run(hang_on_one, range(4)))
+    lost = [result for result in results if isinstance(result, Lost)]
+    assert lost == [Lost(1, "took longer than 1 s, the --task-timeout", "TimeoutError")]
+    assert sorted(result for result in results if result not in lost) == [0, 2, 3]
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="all of 127.0.0.0/8 is this machine")
+def test_a_cluster_of_this_machine_takes_nobody_else_and_asks_for_a_token(cluster):
+    import ray
+
+    host, port = cluster.split(":")
+    assert {host} == {node["NodeManagerAddress"] for node in ray.nodes()} == {"127.0.0.1"}
+    with pytest.raises(ConnectionRefusedError):
+        socket.create_connection(("127.0.0.2", int(port)), timeout=10.0)
+    assert os.environ["RAY_AUTH_MODE"] == "token"
+    assert signal.getsignal(signal.SIGTERM) == signal.SIG_DFL  # Ray has one of its own
 
 
 def test_nodes_with_another_version_are_refused(cluster, monkeypatch):

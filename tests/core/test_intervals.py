@@ -4,12 +4,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from slamgym.core.intervals import (
+    Interval,
+    balanced_accuracy,
     crossed_mean,
     crossed_ratio,
     mean_band,
     mean_difference,
     mean_interval,
     mean_of_ratios,
+    median_interval,
     ratio_of_means,
 )
 
@@ -96,3 +99,21 @@ def test_the_band_of_curves_is_that_of_each_place():
     for place in range(3):
         interval = mean_interval(rows[:, place])
         assert (low[place], high[place]) == pytest.approx((interval.low, interval.high), abs=0.05)
+
+
+def test_the_median_has_an_interval_that_follows_the_groups():
+    values = np.arange(101.0)
+    found = median_interval(values)
+    assert found.value == 50.0
+    assert 35.0 < found.low < 45.0 < 55.0 < found.high < 65.0
+    assert median_interval(np.ones(4)) == Interval(1.0, 1.0, 1.0)
+    doubled = median_interval(np.repeat(values, 2), groups=np.repeat(np.arange(101), 2))
+    assert (doubled.low, doubled.high) == pytest.approx((found.low, found.high), abs=2.0)
+
+
+def test_balanced_accuracy_weighs_both_classes_alike():
+    right = np.array([1.0] * 90 + [0.0] * 10)
+    of_second = np.arange(100) >= 90
+    found = balanced_accuracy(right, of_second, np.arange(100))
+    assert found.value == 0.5
+    assert balanced_accuracy(np.ones(100), of_second, np.arange(100)).low == 1.0

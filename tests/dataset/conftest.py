@@ -9,6 +9,7 @@ from shapely import Polygon, box
 from slamgym.agents.registry import make_explorer
 from slamgym.cad import FloorPlan
 from slamgym.dataset import DatasetConfig, build_dataset
+from slamgym.dataset.generate.build import Execution
 from slamgym.dataset.generate.recipe import parse_recipe
 from slamgym.envs import EpisodeConfig, ExploreConfig
 from slamgym.slam import SlamConfig
@@ -36,6 +37,8 @@ class SmallPlans:
         return self.plans[plan_id]
 
 
+IN_PROCESS = Execution(engine="in_process")
+
 SMALL = DatasetConfig(
     seed=5,
     episode=EpisodeConfig(minutes=0.2, env=ExploreConfig(slam=SlamConfig(particles=5))),
@@ -48,7 +51,7 @@ SMALL = DatasetConfig(
 def small_dataset(tmp_path_factory):
     """Eight pairs of four plans; not to be changed."""
     root = tmp_path_factory.mktemp("small") / "dataset"
-    build_dataset(root, SmallPlans(), SMALL, make_explorer, pairs=8)
+    build_dataset(root, SmallPlans(), SMALL, make_explorer, pairs=8, execution=IN_PROCESS)
     return root
 
 
@@ -62,5 +65,7 @@ def dataset_copy(small_dataset, tmp_path):
 def longer_small_dataset(small_dataset, tmp_path_factory):
     """The same dataset with two pairs more."""
     root = shutil.copytree(small_dataset, tmp_path_factory.mktemp("longer") / "dataset")
-    build_dataset(root, SmallPlans(), dataclasses.replace(SMALL), make_explorer, pairs=10)
+    build_dataset(
+        root, SmallPlans(), dataclasses.replace(SMALL), make_explorer, pairs=10, execution=IN_PROCESS
+    )
     return root

@@ -112,8 +112,8 @@ DATASET_DAMAGE = {
         lambda t, n: (t.root / "split.json").write_text('{"seed": 0, "test": 0.1, "plans": {}}'),
         ["split.json: doesn't know 4 plans"],
     ),
-    "split torn": (lambda t, n: (t.root / "split.json").write_text("{"), ["split.json: is malformed"]),
-    "verdicts torn": (lambda t, n: (t.root / "clean.jsonl").write_text("{\n"), ["clean.jsonl:1: is not a verdict"]),
+    "split torn": (lambda t, n: (t.root / "split.json").write_text("{"), ["split.json: is not JSON"]),
+    "verdicts torn": (lambda t, n: (t.root / "clean.jsonl").write_text("{\n"), ["clean.jsonl:1: is not JSON"]),
     "verdicts of fewer pairs": (lambda t, n: (t.root / "clean.jsonl").touch(), ["clean.jsonl: doesn't know 8 pairs"]),
 }  # fmt: skip
 
@@ -158,7 +158,7 @@ IMAGE_DAMAGE = {
     ),
     "different sizes": (lambda t, r: edit_line(t.manifest, 1, size=32), ["different sizes: [32, 64]"]),
     "line torn": (lambda t, r: t.manifest.write_text(t.manifest.read_text()[:-4]), ["manifest.jsonl:8"]),
-    "unknown split": (lambda t, r: edit_line(t.manifest, 1, split="val"), ["has the split 'val'"]),
+    "unknown split": (lambda t, r: edit_line(t.manifest, 1, split="val"), ["split must be 'train' or 'test'"]),
     "card missing": (lambda t, r: t.card.unlink(), ["README.md: is missing"]),
     "metadata missing": (lambda t, r: (t.root / "train" / "metadata.jsonl").unlink(), ["metadata.jsonl: is missing"]),
     "metadata torn": (

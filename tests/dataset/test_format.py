@@ -5,7 +5,7 @@ import cv2
 import numpy as np
 import pytest
 
-from slamgym.core.errors import ConfigError, InputFileError
+from slamgym.core.errors import InputFileError
 from slamgym.dataset import Layout, PairRecord, load_pair, read_dataset_config, read_images, read_manifest
 
 RECORD = PairRecord(
@@ -66,7 +66,7 @@ def test_a_malformed_line_is_named_by_file_and_number(tmp_path):
 
 def test_an_unknown_field_is_named_with_a_suggestion():
     line = RECORD.to_line().replace('"coverage"', '"coverge"')
-    with pytest.raises(ConfigError, match="did you mean 'coverage'"):
+    with pytest.raises(InputFileError, match="did you mean 'coverage'"):
         PairRecord.from_line(line)
 
 

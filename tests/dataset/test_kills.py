@@ -1,4 +1,4 @@
-"""kill -9 at any moment: no torn file, no pair twice, none lost, and in the end the same bytes."""
+"""Killed at any moment: no torn file, no pair twice, none lost, and in the end the same bytes."""
 
 import json
 import os
@@ -167,12 +167,14 @@ def plans(tmp_path_factory):
 def steady(plans, tmp_path_factory):
     """The dataset of a run that nothing disturbs."""
     root = tmp_path_factory.mktemp("steady") / "out"
-    assert cli.main(arguments(plans, root, 1)) == 0
+    assert cli.main(arguments(plans, root)) == 0
     return root
 
 
-def arguments(plans, root, workers):
-    return ["generate", "--plans", str(plans), "--out", str(root), *OPTIONS, "--workers", str(workers)]
+def arguments(plans, root, workers=None):
+    """Of a run; one without workers starts at once."""
+    where = ["--engine", "in_process"] if workers is None else ["--workers", str(workers)]
+    return ["generate", "--plans", str(plans), "--out", str(root), *OPTIONS, *where]
 
 
 def committed(root):
@@ -201,7 +203,7 @@ def check_pairs(root):
 def test_a_run_killed_many_times_loses_nothing(plans, steady, tmp_path):
     root, rng, kills = tmp_path / "out", random.Random(0), 0
     starter = subprocess.Popen(
-        [sys.executable, "-c", STARTER, *arguments(plans, root, 1)],
+        [sys.executable, "-c", STARTER, *arguments(plans, root)],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
@@ -218,7 +220,9 @@ def test_a_run_killed_many_times_loses_nothing(plans, steady, tmp_path):
             while time.monotonic() < deadline and committed(root) == before:
                 time.sleep(0.001)
             time.sleep(rng.uniform(0.0, 0.1))
-            os.kill(pid, signal.SIGKILL)  # at the latest now it is a zombie, as nobody has waited for it
+            os.kill(
+                pid, rng.choice([signal.SIGKILL, signal.SIGTERM])
+            )  # at the latest now it is a zombie, as nobody has waited for it
             kills += 1
             assert answers.readline() == "over\n"
             check_pairs(root)
@@ -226,26 +230,36 @@ def test_a_run_killed_many_times_loses_nothing(plans, steady, tmp_path):
             if committed(root) == PAIRS:
                 break
     assert kills > 1  # a busy machine comes far between two looks
-    assert cli.main(arguments(plans, root, 1)) == 0
+    assert cli.main(arguments(plans, root)) == 0
     assert content(root) == content(steady)
 
 
 @pytest.mark.skipif(not Path("/proc").is_dir(), reason="finds the workers in /proc")
-def test_two_workers_and_their_driver_killed_lose_nothing(plans, steady, tmp_path):
+@pytest.mark.parametrize(("workers", "last"), [(1, signal.SIGKILL), (2, signal.SIGTERM)])
+def test_workers_and_their_driver_killed_lose_nothing(plans, steady, tmp_path, workers, last):
     root, rng = tmp_path / "out", random.Random(1)
-    command = [sys.executable, "-m", "slamgym", *arguments(plans, root, 2)]
-    driver = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    # One worker while both are at work, the other when there are pairs, then the driver.
-    for pairs in (1, 4):
+    command = [sys.executable, "-m", "slamgym", *arguments(plans, root, workers)]
+    driver = subprocess.Popen(
+        command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, start_new_session=True
+    )
+    # One worker, another when there are more pairs, then the driver, or all of them as batch systems do.
+    for pairs, number in ((1, signal.SIGTERM), (4, signal.SIGKILL)):
         wait_for_pairs(root, pairs, driver)
         time.sleep(rng.uniform(0.0, 0.1))
-        os.kill(rng.choice(workers_of(driver.pid)), signal.SIGKILL)
+        os.kill(rng.choice(workers_of(driver.pid)), number)
     wait_for_pairs(root, 7, driver)
-    driver.kill()
-    driver.wait()
+    if last == signal.SIGKILL:
+        driver.kill()
+    else:
+        os.killpg(driver.pid, last)
+    _, error = driver.communicate(timeout=300)
     check_pairs(root)
     assert 7 <= committed(root) < PAIRS
-    assert cli.main(arguments(plans, root, 1)) == 0
+    if last == signal.SIGTERM:
+        assert driver.returncode == cli.EXIT_TERMINATED
+        assert error.splitlines()[-1] == "slamgym: error: ended by SIGTERM"
+        assert len(list(read_manifest(root))) == committed(root)
+    assert cli.main(arguments(plans, root)) == 0
     assert content(root) == content(steady)
     assert not Layout(root).rejected.exists()  # a worker that died once does not speak against a plan
 

@@ -50,7 +50,7 @@ class Plans:
 
 
 def build(root, shard=WHOLE, narrow=False):
-    plans, execution = Plans(narrow), Execution(shard=shard)
+    plans, execution = Plans(narrow), Execution(engine="in_process", shard=shard)
     return build_dataset(root, plans, QUICK, make_explorer, pairs=PAIRS, execution=execution)
 
 

@@ -10,6 +10,7 @@ from slamgym.cad import FloorPlan
 from slamgym.core.types import Pose2D
 from slamgym.envs.coverage import CELL, Coverage, ReachableFloor
 from slamgym.sim import Lidar, LidarConfig
+from slamgym.sim.passages import Passages
 
 LIDAR = Lidar(LidarConfig())
 RADIUS = 0.22
@@ -45,8 +46,10 @@ def test_only_the_part_that_the_robot_reaches_counts():
 
 
 def test_furniture_takes_floor_away(hall: FloorPlan):
-    cupboard = shapely.box(0.0, 0.0, 1.0, 1.0)
-    floor = ReachableFloor(hall, RADIUS, (cupboard,)).mask(2.0, 2.0)
+    passages = Passages(hall, 0.5)
+    cupboard = np.array([0.5, 0.5, 1.0, 0.0, 0.5, 0.5])
+    passages.block(cupboard)
+    floor = ReachableFloor(hall, RADIUS, passages).mask(2.0, 2.0)
     assert np.count_nonzero(floor) * CELL**2 == pytest.approx(8.0, abs=0.05)
 
 

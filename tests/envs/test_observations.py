@@ -78,6 +78,7 @@ def observations(env: ExploreEnv, start: tuple, steps: int = 25) -> list:
     return trace
 
 
+# Laser level "gazebo": materials are drawn from the geometry of the whole building.
 @pytest.mark.parametrize("view", ["egocentric", "global"])
 @pytest.mark.parametrize("mode", ["rbpf", "ground_truth"])
 def test_what_was_not_sensed_does_not_show(view: str, mode: str):
@@ -90,7 +91,11 @@ def test_what_was_not_sensed_does_not_show(view: str, mode: str):
     traces = [
         observations(
             ExploreEnv(
-                plan, localization=mode, observation={"map": view, "map_size": 24.0}, slam={"particles": 4}
+                plan,
+                localization=mode,
+                lidar="gazebo",
+                observation={"map": view, "map_size": 24.0},
+                slam={"particles": 4},
             ),
             (1.0, 2.0, 1.5),
         )
@@ -109,7 +114,9 @@ def test_the_place_of_the_plan_in_the_world_does_not_show(mode: str, flat: Floor
     # Few steps: rounding of 1e-13 m may flip a cell's border and, in the end, a particle's fate.
     here, there = (
         observations(
-            ExploreEnv(plan, localization=mode, slam={"particles": 4}), (2.0 + dx, 2.0 + dy, 0.3), steps=10
+            ExploreEnv(plan, localization=mode, lidar="gazebo", slam={"particles": 4}),
+            (2.0 + dx, 2.0 + dy, 0.3),
+            steps=10,
         )
         for plan, (dx, dy) in ((flat, (0.0, 0.0)), (moved, shift))
     )

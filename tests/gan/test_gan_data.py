@@ -14,9 +14,10 @@ from slamgym.core.errors import InputFileError
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN
 from slamgym.gan.config import AugmentConfig
 from slamgym.gan.data import load_pairs, read_grey
-from slamgym.gan.encoding import decode_slam, encode, enlarge_means, free_probability, resample_slam
+from slamgym.gan.encoding import decode_slam, encode, enlarge_means, free_probability
 from slamgym.gan.presets import find_preset
 from slamgym.gan.training.sampler import BatchSampler, derotated
+from slamgym.metrics.maps import resample_slam
 
 
 def training(preset, augment):

@@ -11,7 +11,7 @@ from safetensors.torch import load_file, save_file
 
 from slamgym.commands.gan.main import train_command as main
 from slamgym.core.errors import ConfigError, InputFileError
-from slamgym.core.interruption import deferred_interrupt
+from slamgym.core.interruption import Terminated, deferred_interrupt
 from slamgym.gan.config import (
     AugmentConfig,
     DiscriminatorConfig,
@@ -348,6 +348,10 @@ def test_the_first_ctrl_c_is_noted_and_the_second_breaks_off():
         with pytest.raises(KeyboardInterrupt):
             signal.raise_signal(signal.SIGINT)
     assert signal.getsignal(signal.SIGINT) is before
+    with deferred_interrupt() as interruption:
+        signal.raise_signal(signal.SIGTERM)
+    with pytest.raises(Terminated):
+        interruption.conclude()
 
 
 def test_ctrl_c_saves_a_state_to_go_on_from(tmp_path, images, monkeypatch):

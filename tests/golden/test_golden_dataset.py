@@ -10,6 +10,7 @@ from slamgym.cad import open_plans
 from slamgym.cad.sources import Subset
 from slamgym.dataset import DatasetConfig, Layout, build_dataset, load_pair, read_manifest
 from slamgym.dataset.format import read_dataset_config
+from slamgym.dataset.generate.build import Execution
 from slamgym.envs import EpisodeConfig, ExploreConfig
 from slamgym.interop import read_carmen
 from slamgym.slam import SlamConfig
@@ -23,7 +24,14 @@ CONFIG = DatasetConfig(
 @pytest.fixture(scope="module")
 def dataset(tmp_path_factory):
     root = tmp_path_factory.mktemp("golden") / "dataset"
-    build_dataset(root, Subset(open_plans("bundled"), PLANS), CONFIG, make_explorer, pairs=3, workers=1)
+    build_dataset(
+        root,
+        Subset(open_plans("bundled"), PLANS),
+        CONFIG,
+        make_explorer,
+        pairs=3,
+        execution=Execution(engine="in_process"),
+    )
     return root
 
 

@@ -55,7 +55,7 @@ def test_coefficients_survive_the_file(tmp_path) -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("{", "can't be read as JSON"),
+        ("{", "is not valid JSON"),
         ("{}", 'no section "two_phase"'),
         (json.dumps({"two_phase": {"k_x": 1.0}}), "unknown coefficient 'k_x'"),
         (json.dumps({"two_phase": {"k_l": -1.0}}), "must be a number of 0 or more"),

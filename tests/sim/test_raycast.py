@@ -6,6 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from slamgym.sim import cast_rays
+from slamgym.sim.raycast import cast_hits, next_hit
 
 DEGREE = math.radians(1)
 
@@ -138,3 +139,16 @@ def test_a_point_like_wall_does_no_harm():
 
 def test_without_walls_there_is_no_return():
     assert np.isinf(cast(np.empty((0, 4)))).all()
+
+
+def test_the_segment_of_each_hit_is_the_one_that_a_single_ray_meets():
+    rng = np.random.default_rng(3)
+    segments = rng.uniform(-4, 4, (12, 4))
+    ranges, hits = np.empty(360), np.empty(360, dtype=np.int64)
+    cast_hits(0.1, 0.2, 0.3, -math.pi, DEGREE, segments, 6.0, ranges, hits)
+    assert ((hits < 0) == np.isinf(ranges)).all()
+    for i in range(360):
+        angle = 0.3 - math.pi + i * DEGREE
+        distance, index = next_hit(0.1, 0.2, math.cos(angle), math.sin(angle), 0.0, segments, 6.0)
+        assert distance == pytest.approx(ranges[i], abs=1e-9)
+        assert index == hits[i]

@@ -12,6 +12,7 @@ from slamgym.core.geometry import compose
 from slamgym.core.types import Pose2D, Twist2D
 from slamgym.sim import Clutter, Person, RobotConfig, World, sample_start
 from slamgym.sim.contact import SKIN
+from slamgym.sim.people import Walkable
 
 AHEAD = Twist2D(0.26, 0.0)
 
@@ -167,7 +168,7 @@ class TestContact:
                 assert np.allclose(one.wheels, other.wheels, atol=1e-9, rtol=0)
 
     def test_a_person_blocks_the_way_and_is_not_run_over(self, hall):
-        walkable = shapely.Point(5.0, 3.0).buffer(0.001)
+        walkable = Walkable(np.ones((1, 1), dtype=np.bool_), (4.98, 2.98))
         world = World(
             hall, RobotConfig(), clutter=Clutter(people=(Person((5.0, 3.0), 1.0, 0),), walkable=walkable)
         )

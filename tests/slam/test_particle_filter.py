@@ -177,7 +177,7 @@ def test_faulty_beams_change_nothing(faulty):
     assert seen.sum() < all_seen.sum()
 
 
-def test_missing_returns_clear_open_space_but_no_spike_through_a_wall():
+def test_missing_returns_clear_open_space_but_nothing_behind_the_returns_beside_them():
     scan = scan_at(Pose2D(0, 0, 0), 0.0)
     frame = GridFrame(0.05, -8.0, -8.0, 320, 320)
 
@@ -186,15 +186,24 @@ def test_missing_returns_clear_open_space_but_no_spike_through_a_wall():
             SlamConfig(mode="ground_truth", **settings), GEOMETRY, Pose2D(0, 0, 0), np.random.default_rng(0)
         )
         mapper.update(Pose2D(0, 0, 0), LaserScan(0.0, ranges, GEOMETRY))
-        return mapper.render(frame) != UNKNOWN
+        return mapper.render(frame) == FREE
 
-    lone = scan.ranges.copy()
-    lone[20] = np.inf  # a failed beam among hits on the near wall
-    assert not np.any(seen(lone) & ~seen(scan.ranges))
-    wide = scan.ranges.copy()
-    wide[10:30] = np.inf
-    assert np.any(seen(wide) & ~seen(scan.ranges))
-    assert not np.any(seen(wide, no_return_clears=False) & ~seen(scan.ranges))
+    def without(first, end):
+        ranges = scan.ranges.copy()
+        ranges[first:end] = np.inf
+        return ranges
+
+    count = len(scan.ranges)
+    # A pane in the wall: free up to the wall, and nothing behind it.
+    gap = count // 2
+    pane = seen(without(gap - 5, gap + 5))
+    assert not np.any(pane & ~seen(scan.ranges))
+    assert pane.sum() > seen(without(gap - 5, gap + 5), no_return="ignore").sum()
+    # Nothing at all is in reach: open space.
+    nothing = seen(without(0, count))
+    angle = GEOMETRY.angle_increment * (count - 1)
+    assert nothing.sum() * 0.05**2 == pytest.approx(0.5 * angle * 3.0**2, rel=0.1)
+    assert not seen(without(0, count), no_return="ignore").any()
 
 
 def test_an_unknown_mode_is_refused_with_a_suggestion():

@@ -7,7 +7,8 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from slamgym.slam.hill_climbing import surface_near
+from slamgym.slam.hill_climbing import exp_of_minus, score, surface_near
+from slamgym.slam.near_means import MAX_MEANS, empty_means, forget
 from slamgym.slam.particle_filter import effective_sample_size, normalized_weights, systematic_resample
 from slamgym.slam.particles import ParticleMaps
 from slamgym.slam.tiles import EMPTY, register_scan
@@ -103,6 +104,34 @@ def test_shared_tiles_behave_as_copied_maps(seed):
             expected = dense.nearest(particle, u, v)
             # Means are kept in 16 bits: a few hundred-thousandths of a cell.
             assert math.isclose(math.sqrt(found), math.sqrt(expected), abs_tol=1e-3)
+
+
+def test_a_score_from_remembered_means_is_that_of_the_tiles():
+    rng = np.random.default_rng(3)
+    maps = ParticleMaps(2, 0.05, 100.0)
+    poses = np.zeros((2, 3))
+    maps.cover(poses, 8.0)
+    for _ in range(6):
+        poses[:, :2] = rng.normal(0.0, 0.3, (2, 2))
+        maps.register(poses, rng.uniform(-6.0, 6.0, (400, 2)))
+    near = empty_means()
+    for round_ in range(40):  # more cells than are remembered, and cells that share a slot
+        particle = round_ % 2
+        forget(near)
+        near.state[1] = MAX_MEANS - 500 if round_ == 7 else 0
+        points = rng.uniform(-140.0, 140.0, (2, 300))
+        u, v = -maps.origin / 0.05 + rng.normal(0.0, 3.0, 2)
+        expected = 0.0
+        for x, y in points.T:
+            found, _, _ = surface_near(maps.pool, maps.tables[particle], u + x, v + y)
+            expected += exp_of_minus(0.05 * found) if found >= 0.0 else 0.0
+        for _ in range(2):
+            value = score(maps.pool.cells, maps.tables[particle], near, points, u, v, 0.05, -1.0)
+            assert math.isclose(value, expected, abs_tol=1e-9)
+        assert (
+            score(maps.pool.cells, maps.tables[particle], near, points, u, v, 0.05, expected + 1.0)
+            <= expected + 1.0
+        )
 
 
 def cells_of(maps, particle):

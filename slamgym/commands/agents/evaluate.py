@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import os
 import sys
 from dataclasses import field
 from pathlib import Path
@@ -16,6 +15,7 @@ from slamgym.cad.plan_filter import PlanFilter
 from slamgym.commands.extras import Extra, require
 from slamgym.core.config import Arguments, Count, CountOrZero, Positive
 from slamgym.core.errors import ConfigError
+from slamgym.core.parallel.backlog import TASK_TIMEOUT, available_cores
 from slamgym.core.progress import say
 from slamgym.sim import ClutterConfig, LidarConfig, OdometryLevel, RobotConfig
 from slamgym.slam import SlamConfig
@@ -68,6 +68,8 @@ class EvaluateArguments(Arguments):
     """Decides plans, starts and noise."""
     workers: CountOrZero = 0
     """Processes; 0 takes one per core."""
+    task_timeout: Positive = TASK_TIMEOUT
+    """Longest wall time of an exploration [s]; one that hangs is ended and noted in ``failed.jsonl``."""
     plot: bool = True
     """Draw ``coverage_over_time.png`` (needs matplotlib, which the extra ``agents`` has)."""
     film: str = ""
@@ -96,9 +98,19 @@ def main(argv: list[str]) -> int:
     config = evaluation_config(arguments)
     filmed = _filmed(arguments, config)
     source = open_source(arguments.plans)
-    evaluation = evaluate(source, config, arguments.out, arguments.workers or os.cpu_count() or 1)
+    evaluation = evaluate(
+        source,
+        config,
+        arguments.out,
+        arguments.workers or available_cores(),
+        task_timeout=arguments.task_timeout,
+    )
     if evaluation.skipped:
         say(f"{len(evaluation.skipped)} plans were skipped, the first: {evaluation.skipped[0].reason}")
+    if evaluation.failed:
+        say(
+            f"{len(evaluation.failed)} explorations crashed or hung; {arguments.out / 'failed.jsonl'} says which"
+        )
     sys.stdout.write(write_report(arguments.out, evaluation, config, _reference(arguments.against, config)))
     if arguments.plot:
         from slamgym.agents.evaluation.coverage_plot import draw_coverage

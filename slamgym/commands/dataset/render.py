@@ -73,7 +73,7 @@ def render_and_report(
     selection = _select(dataset, min_coverage)
     if not split_path(dataset).is_file():
         say("The dataset has no split.json yet; making one (`slamgym dataset split` sets its options).")
-    split = current_split(dataset, workers)
+    split = current_split(dataset, config.scaling, workers)
     report = render_images(dataset, out, config, split, selection=selection, workers=workers)
     sides = ", ".join(f"{report.sides.get(side, 0)} {side}" for side in SPLITS)
     sys.stdout.write(f"{out}: {report.images} pairs of images ({sides}), {report.fresh} of them new\n")

@@ -1,6 +1,5 @@
 """``slamgym dataset review``: a page on which a person judges doubtful maps."""
 
-import json
 import shlex
 import sys
 from pathlib import Path
@@ -9,6 +8,7 @@ from typing import Annotated, Any
 import tyro
 
 from slamgym.core.config import Arguments, Count
+from slamgym.core.documents import load_json
 from slamgym.core.errors import InputFileError
 from slamgym.core.files import write_text
 from slamgym.core.progress import say
@@ -73,11 +73,11 @@ def _band(root: Path) -> tuple[float, float]:
 
     path = root / SUMMARY_FILE
     try:
-        summary: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+        summary: dict[str, Any] = load_json(path.read_text(encoding="utf-8"))
         low, high = (float(value) for value in summary["settings"]["band"])
     except FileNotFoundError:
         return CleanConfig().band
-    except (OSError, ValueError, KeyError, TypeError) as error:
+    except (OSError, ValueError, KeyError, TypeError, OverflowError) as error:
         raise InputFileError(
             path, f"is malformed ({error}); run `slamgym dataset clean {root}` again"
         ) from error

@@ -7,13 +7,14 @@ import tyro
 
 from slamgym.core.config import Arguments, CountOrZero
 from slamgym.core.parallel.backlog import available_cores
+from slamgym.dataset.images.format import Scaling
 
 
 class SplitArguments(Arguments):
     """Split a dataset by plan into training and test side and write its split.json.
 
-    Plans that look alike (copies, mirror images, the same home with a wall moved) stay on one side. The same
-    dataset and seed give the same split; plans keep their sides when a dataset grows.
+    Plans that look alike (copies, mirror images, turned ones, the same home with a wall moved) stay on one side.
+    The same dataset and seed give the same split; plans keep their sides when a dataset grows.
     """
 
     dataset: tyro.conf.Positional[Path]
@@ -24,6 +25,9 @@ class SplitArguments(Arguments):
     """Another seed gives another split."""
     test_plans: Path | None = None
     """A file with one plan id a line: these plans, and those that look like them, are for testing."""
+    scaling: Scaling = "fit"
+    """How the images will be scaled (`slamgym dataset render --scaling`). fit: plans look alike whatever their
+    size, which serves both; fixed: only if they are of one size."""
     workers: CountOrZero = 1
     """Processes; 0 takes one per core."""
 
@@ -37,7 +41,12 @@ def main(argv: list[str]) -> int:
     forced = read_ids(arguments.test_plans) if arguments.test_plans is not None else []
     workers = arguments.workers or available_cores()
     table = make_split(
-        arguments.dataset, test=arguments.test, seed=arguments.seed, forced=forced, workers=workers
+        arguments.dataset,
+        test=arguments.test,
+        seed=arguments.seed,
+        forced=forced,
+        scaling=arguments.scaling,
+        workers=workers,
     )
     train, test = len(table.of_side("train")), len(table.of_side("test"))
     alike = len(table.plans) - table.groups

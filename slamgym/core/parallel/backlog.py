@@ -1,14 +1,22 @@
 """Tasks on their way to the workers of an engine: fresh items, and those whose worker died, to be tried again."""
 
+import faulthandler
 import os
+import time
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Generic, TypeVar
 
 from slamgym.core.errors import SlamgymError
+from slamgym.core.progress import duration
 
 _Item = TypeVar("_Item")
+_Result = TypeVar("_Result")
+
+TASK_TIMEOUT = 1800.0
+"""Longest wall time of a task [s]: some 400 times what an exploration of a home takes."""
 
 MAX_ATTEMPTS = 3
 """Most attempts at a task whose workers die."""
@@ -18,15 +26,17 @@ MAX_LOST_IN_A_ROW = 5
 
 
 class WorkerLostError(SlamgymError):
-    """Workers were killed from outside, again and again."""
+    """Workers died or hung, again and again."""
 
 
 @dataclass(frozen=True)
 class Lost(Generic[_Item]):
-    """An item whose worker died at every attempt."""
+    """An item whose worker died at every attempt, or that took too long."""
 
     item: _Item
     reason: str
+    error: str = WorkerLostError.__name__
+    """Kind of the failure, for records."""
 
 
 def available_cores() -> int:
@@ -42,46 +52,90 @@ class Attempt(Generic[_Item]):
 
     item: _Item
     number: int
+    began: float
+    """When it was handed over, by the monotonic clock [s]."""
+
+
+def run_limited(task: Callable[[_Item], _Result], item: _Item, timeout: float | None) -> _Result:
+    """Run a task in a worker, whose process ends where it takes longer, even in native code that never returns.
+
+    Args:
+        task: The function.
+        item: Its argument.
+        timeout: Longest wall time [s]; None for no limit.
+    """
+    if timeout is None:
+        return task(item)
+    with Path(os.devnull).open("w") as nowhere:
+        # The watchdog is a thread of C that needs no interpreter lock.
+        faulthandler.dump_traceback_later(timeout, exit=True, file=nowhere)
+        try:
+            return task(item)
+        finally:
+            faulthandler.cancel_dump_traceback_later()
 
 
 class Backlog(Generic[_Item]):
-    """What an engine submits next: tasks whose worker died, then fresh items."""
+    """What an engine submits next: tasks whose worker died, then fresh items.
 
-    def __init__(self, items: Iterable[_Item]) -> None:
+    Args:
+        items: The tasks' arguments.
+        timeout: Longest wall time of a task [s]; None for no limit.
+    """
+
+    def __init__(self, items: Iterable[_Item], timeout: float | None = None) -> None:
         self._items = iter(items)
-        self._ready: deque[Attempt[_Item]] = deque()
+        self._timeout = timeout
+        self._ready: deque[tuple[_Item, int]] = deque()
         self._lost_in_a_row = 0
 
     def prefetch(self, count: int) -> None:
         """Draw items until so many are ready, while the workers are busy."""
         while len(self._ready) < count:
             try:
-                self._ready.append(Attempt(next(self._items), 1))
+                self._ready.append((next(self._items), 1))
             except StopIteration:
                 return
 
     def pop(self) -> Attempt[_Item] | None:
         """The next task, or None if there is none left."""
         self.prefetch(1)
-        return self._ready.popleft() if self._ready else None
+        return Attempt(*self._ready.popleft(), time.monotonic()) if self._ready else None
 
     def succeeded(self) -> None:
         """Note a result: the machine is fit."""
         self._lost_in_a_row = 0
 
     def worker_died(self, attempt: Attempt[_Item], cause: str) -> Lost[_Item] | None:
-        """Put a task back to be tried again, or give it up.
+        """Put a task back to be tried again, or give it up; one that took too long would do so again.
 
         Raises:
             WorkerLostError: If task after task is lost.
         """
-        if attempt.number < MAX_ATTEMPTS:
-            self._ready.appendleft(Attempt(attempt.item, attempt.number + 1))
+        too_long = self._timeout is not None and time.monotonic() - attempt.began >= self._timeout
+        if not too_long and attempt.number < MAX_ATTEMPTS:
+            self._ready.appendleft((attempt.item, attempt.number + 1))
             return None
         self._lost_in_a_row += 1
         if self._lost_in_a_row >= MAX_LOST_IN_A_ROW:
-            raise WorkerLostError(
-                f"{cause} under {MAX_LOST_IN_A_ROW} tasks in a row, {MAX_ATTEMPTS} times each; perhaps memory "
-                "is short: run the same command again with fewer --workers"
+            raise WorkerLostError(self._advice(cause, too_long))
+        if too_long:
+            return Lost(
+                attempt.item, f"took longer than {self._limit}, the --task-timeout", TimeoutError.__name__
             )
         return Lost(attempt.item, f"{cause} at each of {MAX_ATTEMPTS} attempts")
+
+    @property
+    def _limit(self) -> str:
+        return duration(self._timeout or 0.0)
+
+    def _advice(self, cause: str, too_long: bool) -> str:
+        if too_long:
+            return (
+                f"{MAX_LOST_IN_A_ROW} tasks in a row took longer than {self._limit}; run the same command again "
+                "with a longer --task-timeout"
+            )
+        return (
+            f"{cause} under {MAX_LOST_IN_A_ROW} tasks in a row, {MAX_ATTEMPTS} times each; perhaps memory "
+            "is short: run the same command again with fewer --workers"
+        )

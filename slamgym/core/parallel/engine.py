@@ -3,6 +3,8 @@
 An engine draws items while the work goes on, so that a long sequence never lies in memory, and gives the
 results in any order. When a worker dies, only its current task is lost, which is tried again
 :data:`~slamgym.core.parallel.backlog.MAX_ATTEMPTS` times in all; then the engine hands the item back as :class:`Lost`.
+A task that takes longer than it may is ended with its worker and handed back at once. So it is with one worker, too;
+only the engine ``in_process`` runs the tasks in the caller's process, which dies with them.
 """
 
 from collections.abc import Callable, Iterable, Iterator
@@ -10,12 +12,12 @@ from contextlib import AbstractContextManager
 from typing import Literal, Protocol, TypeVar
 
 from slamgym.core.errors import ConfigError
-from slamgym.core.parallel.backlog import Lost, WorkerLostError
+from slamgym.core.parallel.backlog import TASK_TIMEOUT, Lost, WorkerLostError
 
 _Item = TypeVar("_Item")
 _Result = TypeVar("_Result")
 
-EngineName = Literal["local", "ray"]
+EngineName = Literal["local", "ray", "in_process"]
 
 
 class Engine(Protocol):
@@ -43,15 +45,20 @@ class Engine(Protocol):
 
 
 def open_engine(
-    name: EngineName = "local", workers: int = 1, address: str | None = None
+    name: EngineName = "local",
+    workers: int = 1,
+    address: str | None = None,
+    timeout: float | None = TASK_TIMEOUT,
 ) -> AbstractContextManager[Engine]:
     """Start an engine for the length of a ``with`` block.
 
     Args:
-        name: ``local``: processes of this machine; ``ray``: a Ray cluster.
+        name: ``local``: processes of this machine; ``ray``: a Ray cluster; ``in_process``: this process, for
+            debugging and tests: a crash ends it, and there is no time limit.
         workers: Number of processes. For a Ray cluster that runs already, the most tasks at a time; 0 takes
             all that it has.
         address: Of the Ray cluster, e.g. ``auto`` or ``10.0.0.1:6379``; None starts one on this machine.
+        timeout: Longest wall time of a task [s]; None for no limit.
 
     Raises:
         ConfigError: If an option makes no sense, Ray is not installed or no cluster answers.
@@ -59,21 +66,23 @@ def open_engine(
     if name == "ray":
         from slamgym.core.parallel.ray import RayEngine
 
-        return RayEngine(workers, address)
+        return RayEngine(workers, address, timeout)
     if address is not None:
         raise ConfigError("--address names a Ray cluster; add --engine ray")
-    from slamgym.core.parallel.local import LocalEngine
+    from slamgym.core.parallel.local import InProcessEngine, LocalEngine
 
-    return LocalEngine(workers)
+    return InProcessEngine() if name == "in_process" else LocalEngine(workers, timeout)
 
 
 def run_tasks(task: Callable[[_Item], _Result], items: Iterable[_Item], workers: int) -> Iterator[_Result]:
-    """Apply a function to every item on processes of this machine, for work in which no item may be lost.
+    """Apply a function to every item, for work that can't do without any of them, such as drawing.
+
+    A crash ends it in any case, so with one worker it is done in this process, which starts at once.
 
     Raises:
         WorkerLostError: If the workers of one item died at every attempt.
     """
-    with open_engine("local", workers) as engine:
+    with open_engine("in_process" if workers == 1 else "local", workers, timeout=None) as engine:
         for result in engine.run(task, items):
             if isinstance(result, Lost):
                 raise WorkerLostError(f"{result.reason}; run the same command again to go on")

@@ -5,7 +5,9 @@ known, and the others go on. A common pool would lose every task in flight with 
 """
 
 import contextlib
+import functools
 import os
+import re
 import signal
 import threading
 import time
@@ -18,7 +20,7 @@ import cv2
 from joblib.externals import loky
 
 from slamgym.core.errors import ConfigError
-from slamgym.core.parallel.backlog import Attempt, Backlog, Lost
+from slamgym.core.parallel.backlog import Attempt, Backlog, Lost, run_limited
 
 _Item = TypeVar("_Item")
 _Result = TypeVar("_Result")
@@ -35,11 +37,29 @@ PARENT_CHECK_INTERVAL = 0.5
 """How often a worker looks whether its parent lives [s]."""
 
 
+class InProcessEngine:
+    """This process: nothing to start and everything in reach of a debugger, but a crash ends it."""
+
+    shares_files = True
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        pass
+
+    def run(self, task: Callable[[_Item], _Result], items: Iterable[_Item]) -> Iterator[_Result]:
+        """Run one task after the other."""
+        with _one_opencv_thread():
+            yield from map(task, items)
+
+
 class LocalEngine:
-    """Processes of this machine, one thread each; with one worker everything runs in this process.
+    """Processes of this machine, one thread each; one worker is a process of its own, too.
 
     Args:
         workers: Number of processes.
+        timeout: Longest wall time of a task [s]; None for no limit.
 
     Raises:
         ConfigError: If the number is not positive.
@@ -47,10 +67,11 @@ class LocalEngine:
 
     shares_files = True
 
-    def __init__(self, workers: int) -> None:
+    def __init__(self, workers: int, timeout: float | None = None) -> None:
         if workers < 1:
             raise ConfigError(f"the number of workers must be at least 1, not {workers}")
-        self._workers = [_Worker() for _ in range(workers)] if workers > 1 else []
+        self._workers = [_Worker() for _ in range(workers)]
+        self._timeout = timeout
 
     def __enter__(self) -> Self:
         return self
@@ -63,16 +84,13 @@ class LocalEngine:
         self, task: Callable[[_Item], _Result], items: Iterable[_Item]
     ) -> Iterator[_Result | Lost[_Item]]:
         """Run the task on this machine's workers."""
-        if not self._workers:
-            with _one_opencv_thread():
-                yield from map(task, items)
-            return
-        backlog = Backlog(items)
+        backlog = Backlog(items, self._timeout)
+        limited = functools.partial(run_limited, task, timeout=self._timeout)
         running: dict[Future[_Result], tuple[_Worker, Attempt[_Item]]] = {}
 
         def start(worker: _Worker) -> None:
             if (attempt := backlog.pop()) is not None:
-                running[worker.submit(task, attempt.item)] = (worker, attempt)
+                running[worker.submit(limited, attempt.item)] = (worker, attempt)
 
         try:
             for worker in self._workers:
@@ -100,8 +118,10 @@ def _result_of(
     """What a task gave; None if its worker died and it will be tried again."""
     try:
         result = future.result()
-    except BrokenProcessPool:
-        return backlog.worker_died(attempt, "a worker process was killed")
+    except BrokenProcessPool as error:
+        signal_name = re.search(r"\{(SIG\w+)\(", str(error))
+        how = f" ({signal_name[1]})" if signal_name else ""
+        return backlog.worker_died(attempt, f"a worker process died{how}")
     backlog.succeeded()
     return result
 

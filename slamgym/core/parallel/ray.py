@@ -10,6 +10,7 @@ import os
 import re
 import socket
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from types import ModuleType
 from typing import Any, Self, TypeVar
 
@@ -17,7 +18,8 @@ import cv2
 
 from slamgym import __version__
 from slamgym.core.errors import ConfigError, SlamgymError
-from slamgym.core.parallel.backlog import Attempt, Backlog, Lost, available_cores
+from slamgym.core.interruption import kept_termination
+from slamgym.core.parallel.backlog import Attempt, Backlog, Lost, available_cores, run_limited
 
 LOCAL_STORE_PER_WORKER = 64 << 20
 """Object store of a cluster on this machine, per worker: an exploration's files take a few MB."""
@@ -64,6 +66,7 @@ def connect(ray: ModuleType, workers: int, address: str | None) -> None:
     quiet: dict[str, Any] = {"log_to_driver": False, "logging_level": logging.ERROR}
     address = address or os.environ.get("RAY_ADDRESS")
     joins = address is not None and address != "local"
+    listens: AbstractContextManager[None] = nullcontext()
     if address is not None and joins:
         check_address(address)
         options: dict[str, Any] = {"address": address}
@@ -72,8 +75,10 @@ def connect(ray: ModuleType, workers: int, address: str | None) -> None:
         store = max(SMALLEST_STORE, workers * LOCAL_STORE_PER_WORKER)
         options = {"address": "local", "num_cpus": workers, "object_store_memory": store}
         options["include_dashboard"] = False
+        listens = _listening_here_alone(ray)
     try:
-        ray.init(**options, **quiet)
+        with kept_termination(), listens:  # Ray's own way would be to exit with status 15
+            ray.init(**options, **quiet)
     except (OSError, ValueError, RuntimeError, ray.exceptions.RayError) as error:
         if joins:
             raise _no_answer(str(address), error) from error
@@ -81,6 +86,22 @@ def connect(ray: ModuleType, workers: int, address: str | None) -> None:
             f"Ray could not be started on this machine ({one_line(error)}); its logs are in "
             "/tmp/ray/session_latest/logs, and --engine local does without it"
         ) from error
+
+
+@contextmanager
+def _listening_here_alone(ray: ModuleType) -> Iterator[None]:
+    """Have a cluster that starts inside the block listen on 127.0.0.1 alone.
+
+    Ray does so by itself on Windows and macOS, and takes that address from no option.
+    """
+    constants = ray._private.ray_constants
+    before = constants.ENABLE_RAY_CLUSTER
+    constants.ENABLE_RAY_CLUSTER = False
+    os.environ["RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER"] = "0"  # for the cluster's own processes
+    try:
+        yield
+    finally:
+        constants.ENABLE_RAY_CLUSTER = before
 
 
 def check_address(address: str) -> None:
@@ -130,6 +151,7 @@ class RayEngine:
             for all it has.
         address: Where a cluster runs; None takes the ``RAY_ADDRESS`` of the environment, or starts one here. A
             connection that this process has already is used as it is.
+        timeout: Longest wall time of a task [s]; None for no limit.
 
     Raises:
         ConfigError: If Ray is not installed, or no cluster answers.
@@ -137,13 +159,14 @@ class RayEngine:
 
     shares_files = False
 
-    def __init__(self, workers: int, address: str | None = None) -> None:
+    def __init__(self, workers: int, address: str | None = None, timeout: float | None = None) -> None:
         self._ray = import_ray()
         self._is_ours = not self._ray.is_initialized()
         """Whether the connection was made here, and ends here."""
         if self._is_ours:
             connect(self._ray, workers, address)
         self._most = workers
+        self._timeout = timeout
 
     def __enter__(self) -> Self:
         return self
@@ -162,13 +185,13 @@ class RayEngine:
         """
         # Ray's own retries are off: the count is kept here, the same for crashes, lost nodes and lost results.
         remote = self._ray.remote(num_cpus=1, max_retries=0)(_run_on_node)
-        backlog = Backlog(items)
+        backlog = Backlog(items, self._timeout)
         pending: dict[Any, Attempt[_Item]] = {}
         try:
             while True:
                 limit = self._in_flight_limit()
                 while len(pending) < limit and (attempt := backlog.pop()) is not None:
-                    pending[remote.remote(task, attempt.item, __version__)] = attempt
+                    pending[remote.remote(task, attempt.item, __version__, self._timeout)] = attempt
                 if not pending:
                     return
                 (reference,), _ = self._ray.wait(list(pending), num_returns=1)
@@ -210,7 +233,7 @@ class RayEngine:
             errors.NodeDiedError: "a node was lost",
             errors.ObjectLostError: "a node with a result was lost",
             errors.GetTimeoutError: "a result could not be fetched",
-            errors.WorkerCrashedError: "a worker process was killed",
+            errors.WorkerCrashedError: "a worker process died",
         }
         return next((cause for kind, cause in causes.items() if isinstance(error, kind)), None)
 
@@ -224,11 +247,13 @@ class RayEngine:
         return int(self._ray.cluster_resources().get("CPU", 0))
 
 
-def _run_on_node(task: Callable[[_Item], _Result], item: _Item, version: str) -> _Result:
+def _run_on_node(
+    task: Callable[[_Item], _Result], item: _Item, version: str, timeout: float | None
+) -> _Result:
     """Run a task in a worker of the cluster."""
     if version != __version__:
         raise ConfigError(
             f"a node of the Ray cluster has slamgym {__version__}, the driver has {version}; install the same"
         )
     cv2.setNumThreads(1)
-    return task(item)
+    return run_limited(task, item, timeout)

@@ -98,9 +98,9 @@ class StuckFilter(Settings):
 
 
 def has_clutter(record: PairRecord) -> bool:
-    """Whether furniture or people were about in an exploration."""
+    """Whether furniture, doors' leaves or people were about in an exploration."""
     conditions = record.conditions
-    return bool(conditions.get("clutter.furniture", 0.0) or conditions.get("clutter.people", 0))
+    return any(conditions.get(f"clutter.{kind}") for kind in ("furniture", "doors", "people"))
 
 
 def record_faults(record: PairRecord, criteria: Criteria) -> list[MapFault]:

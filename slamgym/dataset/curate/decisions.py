@@ -6,8 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from slamgym.core.documents import read_json
 from slamgym.core.errors import ConfigError, InputFileError
-from slamgym.core.files import read_bytes, replace_file
+from slamgym.core.files import replace_file
 
 DECISIONS_FILE = "decisions.json"
 DECISIONS_FORMAT = "slamgym-decisions"
@@ -38,10 +39,7 @@ def read_decisions(path: Path | str) -> list[Decision]:
         InputFileError: If the file can't be read or is no such file.
         ConfigError: If it says two things about one map.
     """
-    try:
-        document = json.loads(read_bytes(path))
-    except (ValueError, RecursionError) as error:
-        raise InputFileError(path, f"is not JSON ({error})") from error
+    document = read_json(path)
     if not isinstance(document, dict) or document.get("format") != DECISIONS_FORMAT:
         raise InputFileError(path, "is no file of decisions; save one with `slamgym dataset review`")
     if document.get("version") != DECISIONS_VERSION:

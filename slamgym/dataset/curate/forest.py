@@ -6,7 +6,9 @@ which are stored as an npz file and read without executing anything.
 
 import io
 import json
+import struct
 import zipfile
+import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,14 +16,17 @@ from typing import Any
 
 import numpy as np
 
+from slamgym.core.documents import load_json
 from slamgym.core.errors import InputFileError
-from slamgym.core.files import write_bytes
+from slamgym.core.files import read_bytes, write_bytes
+from slamgym.core.provenance import check_origin
 from slamgym.core.types import FloatArray, IntArray
 
 MAX_FILE_BYTES = 64_000_000
 """Larger files are refused: the pretrained model has a hundredth of it."""
 LEAF = -1
 """Feature index of a leaf."""
+_DAMAGED_ZIP = (zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError, struct.error)
 _ARRAYS = {"feature": np.int64, "threshold": np.float64, "left": np.int64, "right": np.int64}
 _ARRAYS |= {"value": np.float64, "roots": np.int64}
 
@@ -95,15 +100,19 @@ def read_forest(path: Path | str) -> tuple[Forest, dict[str, Any]]:
         InputFileError: If the file is missing, too large, holds something else, or the trees are broken.
     """
     try:
-        if Path(path).stat().st_size > MAX_FILE_BYTES:
+        # From memory: where np.load fails it would leave a file open.
+        content = io.BytesIO(read_bytes(path))
+        with zipfile.ZipFile(content) as archive:
+            expanded = sum(entry.file_size for entry in archive.infolist())
+        if expanded > MAX_FILE_BYTES:
             raise InputFileError(
                 path, f"is larger than {MAX_FILE_BYTES / 1e6:.0f} MB; it is no model of ours"
             )
-        # From memory: where np.load fails it would leave a file open.
-        with np.load(io.BytesIO(Path(path).read_bytes()), allow_pickle=False) as file:
+        check_origin(path)
+        with np.load(content, allow_pickle=False) as file:
             arrays = {name: np.asarray(file[name]) for name in (*_ARRAYS, "about")}
-        about = json.loads(arrays.pop("about").tobytes())
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
+        about = load_json(arrays.pop("about").tobytes())
+    except (OSError, ValueError, KeyError, EOFError, *_DAMAGED_ZIP) as error:
         raise InputFileError(path, f"can't be read as a model of completeness ({error})") from error
     fault = _fault(arrays)
     if fault or not isinstance(about, dict):

@@ -36,12 +36,13 @@ class MapItem:
         return self.record.plan_id if self.record else self.name
 
 
-def open_items(root: Path | str) -> list[MapItem]:
+def open_items(root: Path | str, assumed_resolution: float | None = None) -> list[MapItem]:
     """List what is to be judged in a folder.
 
     Args:
         root: A dataset that ``slamgym generate`` has written, or a folder (with subfolders) of ROS maps
             (``.yaml``).
+        assumed_resolution: Cell size of images that no yaml file describes [m]; without it they are left out.
 
     Returns:
         The items, in the order of the manifest or by name.
@@ -56,12 +57,21 @@ def open_items(root: Path | str) -> list[MapItem]:
         return [_pair_item(root, record) for record in read_manifest(root)]
     if shard_folders(root):
         require_manifest(Layout(root).manifest, "slamgym generate")
-    items = [_map_item(root, path) for path in sorted(root.rglob("*.yaml")) if _describes_a_map(path)]
+    items = [_map_item(root, path) for path in sorted(root.rglob("*.yaml")) if _described_image(path)]
+    if assumed_resolution is not None:
+        items += [_bare_item(root, path, assumed_resolution) for path in bare_images(root)]
     if not items:
         raise InputFileError(
             root, "holds neither a manifest.jsonl nor ROS maps (.yaml with an image beside it)"
         )
     return items
+
+
+def bare_images(root: Path) -> list[Path]:
+    """The images below a folder that no yaml file describes."""
+    described = {path.parent / name for path in root.rglob("*.yaml") if (name := _described_image(path))}
+    images = (path for path in sorted(root.rglob("*")) if path.suffix.lower() in MAP_IMAGE_SUFFIXES)
+    return [path for path in images if path not in described]
 
 
 def _pair_item(root: Path, record: PairRecord) -> MapItem:
@@ -77,7 +87,7 @@ def _pair_item(root: Path, record: PairRecord) -> MapItem:
         load=load,
         load_cad=lambda: load_pair(root, record.name)[0],
         record=record,
-        digest=record.sha256["B"],
+        digest=record.sha256.get("B", ""),
     )
 
 
@@ -94,10 +104,19 @@ def _map_item(root: Path, path: Path) -> MapItem:
     return MapItem(name, lambda: read_ros_map(path), None, None, digest)
 
 
-def _describes_a_map(path: Path) -> bool:
-    """Whether a yaml file is a map's: other yaml files may lie about."""
+def _bare_item(root: Path, path: Path, resolution: float) -> MapItem:
+    from slamgym.interop.ros_map import read_bare_map
+
+    name = path.relative_to(root).with_suffix("").as_posix()
+    digest = hashlib.sha256(path.read_bytes()).hexdigest()
+    return MapItem(name, lambda: read_bare_map(path, resolution), None, None, digest)
+
+
+def _described_image(path: Path) -> str:
+    """The image that a yaml file names, as it is written there; nothing if it isn't a map's: others may lie about."""
     try:
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError):
-        return False
-    return any(line.startswith("image:") for line in text.splitlines())
+        return ""
+    named = [line.removeprefix("image:").strip() for line in text.splitlines() if line.startswith("image:")]
+    return (named[0].strip("\"'") or "image") if named else ""

@@ -161,7 +161,7 @@ def _slam_settings(root: Path, record: PairRecord) -> SlamConfig:
     settings = read_dataset_config(root)
     try:
         values: dict[str, Any] = dict(settings["episode"]["env"]["slam"])
-    except (KeyError, TypeError) as error:
+    except (KeyError, TypeError, ValueError) as error:
         raise InputFileError(Layout(root).config, f"lacks the settings of SLAM ({error})") from error
     for name, value in record.conditions.items():
         part, _, setting = name.partition(".")

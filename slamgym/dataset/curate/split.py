@@ -3,27 +3,34 @@
 A group's side follows from the dataset's split seed and the first plan of the group in the order of the
 schedule. So the same dataset always splits the same way, and when a dataset grows, plans that were there keep
 their sides (unless a new plan joins two groups into one).
+
+Plans are compared as images show them: scaled to fit, a building looks like a larger one of the same form; at a
+fixed scale it does not.
 """
 
 import json
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from slamgym.core.config import from_dict, suggest, to_dict
+from slamgym.core.documents import read_json
 from slamgym.core.errors import ConfigError, InputFileError
-from slamgym.core.files import read_bytes, replace_file
+from slamgym.core.files import replace_file
 from slamgym.core.progress import show_progress
 from slamgym.core.seeding import uniform_share
 from slamgym.core.types import Float32Array
 from slamgym.dataset.format import Layout, read_manifest
-from slamgym.dataset.images.format import Split
+from slamgym.dataset.images.format import Scaling, Split
 from slamgym.dataset.record import PairRecord
 
-SPLIT_VERSION = 1
+if TYPE_CHECKING:
+    from slamgym.dataset.curate.near_duplicates import PlanPrint
+
+SPLIT_VERSION = 2
 _CHUNK = 64
 
 
@@ -46,6 +53,8 @@ class SplitTable:
     plans: Mapping[str, PlanSide] = field(default_factory=dict)
     forced: tuple[str, ...] = ()
     """Plans that were asked for on the test side; their groups went with them."""
+    scaling: Scaling = "fit"
+    """``fit``: plans look alike whatever their size; ``fixed``: only if they are of one size."""
     split_version: int = SPLIT_VERSION
 
     def of_side(self, side: Split) -> list[str]:
@@ -64,7 +73,13 @@ def split_path(root: Path | str) -> Path:
 
 
 def make_split(
-    root: Path | str, *, test: float = 0.1, seed: int = 0, forced: Collection[str] = (), workers: int = 1
+    root: Path | str,
+    *,
+    test: float = 0.1,
+    seed: int = 0,
+    forced: Collection[str] = (),
+    scaling: Scaling = "fit",
+    workers: int = 1,
 ) -> SplitTable:
     """Split the plans of a dataset and write its ``split.json``.
 
@@ -73,6 +88,7 @@ def make_split(
         test: Share of the groups of plans that are for testing.
         seed: Another seed gives another split.
         forced: Plans that shall be on the test side.
+        scaling: How the images will be scaled; ``fit`` serves both.
         workers: Number of processes that read plans.
 
     Raises:
@@ -93,8 +109,9 @@ def make_split(
         )
     prints, sides = read_prints(Path(root), list(first.values()), workers)
     ids = list(first)
-    groups = dict(zip(ids, (ids[index] for index in near_duplicates(prints, sides)), strict=True))
-    table = assign_sides(groups, test=test, seed=seed, forced=forced)
+    alike = near_duplicates(prints, sides if scaling == "fixed" else None)
+    groups = dict(zip(ids, (ids[index] for index in alike), strict=True))
+    table = replace(assign_sides(groups, test=test, seed=seed, forced=forced), scaling=scaling)
     replace_file(split_path(root), (json.dumps(to_dict(table), indent=1) + "\n").encode())
     return table
 
@@ -103,30 +120,43 @@ def read_split(root: Path | str) -> SplitTable:
     """Read a dataset's ``split.json``.
 
     Raises:
-        InputFileError: If it is missing or malformed.
+        InputFileError: If it is missing, malformed or of another version.
     """
     path = split_path(root)
+    again = "run `slamgym dataset split` again"
     try:
-        values: dict[str, Any] = json.loads(read_bytes(path))
-        plans = {plan_id: from_dict(PlanSide, place) for plan_id, place in values.pop("plans").items()}
-        table = from_dict(SplitTable, {**values, "plans": plans}, str(path))
-    except (ValueError, TypeError, KeyError, AttributeError) as error:
-        raise InputFileError(path, f"is malformed ({error}); run `slamgym dataset split` again") from error
+        table = from_dict(SplitTable, read_json(path, again))
+    except ConfigError as error:
+        raise InputFileError(path, f"is malformed ({error}); {again}") from error
+    if table.split_version != SPLIT_VERSION:
+        raise InputFileError(path, f"is of another version of slamgym; {again}")
     return table
 
 
-def current_split(root: Path | str, workers: int = 1) -> SplitTable:
+def current_split(root: Path | str, scaling: Scaling, workers: int = 1) -> SplitTable:
     """The split of a dataset as it is now: made if there is none, made again by the same rule if plans were added.
+
+    Args:
+        root: The dataset.
+        scaling: How the images will be scaled, if there is no split yet.
+        workers: Number of processes that read plans.
 
     Raises:
         InputFileError: If a file of the dataset is missing or malformed.
     """
     if not split_path(root).is_file():
-        return make_split(root, workers=workers)
+        return make_split(root, scaling=scaling, workers=workers)
     split = read_split(root)
     if all(record.plan_id in split.plans for record in read_manifest(root)):
         return split
-    return make_split(root, test=split.test, seed=split.seed, forced=split.forced, workers=workers)
+    return make_split(
+        root,
+        test=split.test,
+        seed=split.seed,
+        forced=split.forced,
+        scaling=split.scaling,
+        workers=workers,
+    )
 
 
 def assign_sides(
@@ -167,13 +197,13 @@ def first_records(records: Iterator[PairRecord]) -> dict[str, PairRecord]:
 
 
 def read_prints(root: Path, records: Sequence[PairRecord], workers: int) -> tuple[Float32Array, Any]:
-    """Prints (N, SIDE, SIDE) and longer sides (N,) [m] of the plans of some pairs."""
+    """Pictures (N, SIDE, SIDE) and longer sides (N,) [m] of the plans of some pairs."""
     from slamgym.core.parallel.engine import run_tasks
 
     layout = Layout(root)
     paths = [layout.episode(record.name) / "plan.json" for record in records]
     chunks = [(start, paths[start : start + _CHUNK]) for start in range(0, len(paths), _CHUNK)]
-    found: dict[int, list[tuple[Float32Array, float]]] = {}
+    found: dict[int, list[PlanPrint]] = {}
     with show_progress("plans compared", 0, len(paths)) as advance:
         for start, prints in run_tasks(_read_chunk, chunks, min(workers, max(1, len(chunks)))):
             found[start] = prints
@@ -184,14 +214,9 @@ def read_prints(root: Path, records: Sequence[PairRecord], workers: int) -> tupl
     return pictures, np.array([side for _, side in entries])
 
 
-def _read_chunk(chunk: tuple[int, list[Path]]) -> tuple[int, list[tuple[Float32Array, float]]]:
+def _read_chunk(chunk: tuple[int, list[Path]]) -> "tuple[int, list[PlanPrint]]":
     from slamgym.cad import read_houseexpo
     from slamgym.dataset.curate.near_duplicates import plan_print
 
     start, paths = chunk
-    found = []
-    for path in paths:
-        plan = read_houseexpo(path)
-        min_x, min_y, max_x, max_y = plan.bounds
-        found.append((plan_print(plan), max(max_x - min_x, max_y - min_y)))
-    return start, found
+    return start, [plan_print(read_houseexpo(path)) for path in paths]

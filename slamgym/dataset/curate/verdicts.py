@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from slamgym.core.config import from_dict
+from slamgym.core.documents import parse_json
 from slamgym.core.errors import ConfigError, InputFileError
-from slamgym.core.files import replace_if_changed
+from slamgym.core.files import read_text, replace_if_changed
 from slamgym.dataset.faults import MapFault
 
 VERDICTS_FILE = "clean.jsonl"
@@ -71,15 +72,15 @@ def read_verdicts(root: Path | str) -> dict[str, Verdict]:
     if not path.is_file():
         raise InputFileError(root, f"holds no {VERDICTS_FILE}; run `slamgym dataset clean {root}` first")
     verdicts = {}
-    for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), start=1):
+    for number, line in enumerate(read_text(path).splitlines(), start=1):
+        entry = parse_json(line, f"{path}:{number}", fix=f"run `slamgym dataset clean {root}` again")
+        if isinstance(entry, dict) and "faults" not in entry:
+            raise InputFileError(
+                path, f"was written by an older version; run `slamgym dataset clean {root}` again"
+            )
         try:
-            entry = json.loads(line)
-            if "faults" not in entry:
-                raise InputFileError(
-                    path, f"was written by an older version; run `slamgym dataset clean {root}` again"
-                )
             verdict = from_dict(Verdict, entry)
-        except (ValueError, TypeError, AttributeError, ConfigError) as error:
+        except ConfigError as error:
             raise InputFileError(f"{path}:{number}", f"is not a verdict ({error})") from error
         verdicts[verdict.name] = verdict
     return verdicts

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from slamgym.cad import PlanSource
 from slamgym.core.jit import is_compiled
-from slamgym.core.parallel.backlog import Lost
+from slamgym.core.parallel.backlog import TASK_TIMEOUT, Lost
 from slamgym.core.parallel.engine import EngineName, open_engine
 from slamgym.core.progress import show_progress
 from slamgym.dataset.folder import DatasetFolder, open_dataset
@@ -33,11 +33,13 @@ class Execution:
     workers: int = 1
     """Processes. Of a Ray cluster that runs already, the most to use; 0 uses all."""
     engine: EngineName = "local"
-    """``local``: this machine; ``ray``: a Ray cluster."""
+    """``local``: this machine; ``ray``: a Ray cluster; ``in_process``: this process, for debugging and tests."""
     address: str | None = None
     """Of the Ray cluster; None starts one on this machine."""
     shard: Shard = WHOLE
     """The part of the dataset to make."""
+    task_timeout: float = TASK_TIMEOUT
+    """Longest wall time of an exploration [s]; one that hangs is rejected."""
 
 
 @dataclass(frozen=True)
@@ -95,7 +97,7 @@ def build_dataset(
     if not is_compiled(cast_rays):
         warm_up()  # here, once, rather than in every worker
     with (
-        open_engine(execution.engine, execution.workers, execution.address) as engine,
+        open_engine(execution.engine, execution.workers, execution.address, execution.task_timeout) as engine,
         open_dataset(root, dataset_settings(config, plans)) as folder,
     ):
         before, wanted = len(folder.committed), shard.share_of(pairs)
@@ -118,7 +120,7 @@ def _take(
 ) -> bool:
     """Commit what a worker made, or note why there is nothing; returns whether there is a pair."""
     if isinstance(outcome, Lost):
-        queue.reject(outcome.item.slot, "WorkerLostError", outcome.reason)
+        queue.reject(outcome.item.slot, outcome.error, outcome.reason)
         return False
     if outcome.error:
         queue.reject(outcome.slot, outcome.error, outcome.reason)

@@ -1,8 +1,8 @@
 """The settings of a dataset, and those that are drawn for each exploration.
 
 A recipe is a YAML or JSON file. Its keys are settings of an exploration (``explorer``, ``minutes``,
-``odometry``, ``lidar``, or, with dots, those of the robot, its sensors, SLAM and clutter); under each stands a
-list of what may be drawn::
+``turn_deg``, ``odometry``, ``lidar``, or, with dots, those of the robot, its sensors, SLAM and clutter); under
+each stands a list of what may be drawn::
 
     explorer:
       - {value: explore_lite, weight: 3}
@@ -20,20 +20,20 @@ of workers, the order, or from where a run was resumed.
 
 import dataclasses
 import hashlib
-import math
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from slamgym import __version__
 from slamgym.cad import PlanSource, plan_groups
 from slamgym.cad.plan_filter import PlanFilter
 from slamgym.core.config import Count, Settings, replace_setting, setting_names, suggest, to_dict
+from slamgym.core.documents import parse_yaml
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.files import read_text
+from slamgym.core.limits import YAML_BYTES, shown
 from slamgym.core.seeding import uniform_share
 from slamgym.dataset.format import FORMAT_VERSION
 from slamgym.dataset.pair import PairConfig
@@ -44,7 +44,7 @@ from slamgym.sim import name_of_odometry
 
 PARTS = ("robot", "lidar", "odometry", "slam", "clutter")
 """Parts of the environment whose settings bear on a map."""
-EPISODE_SETTINGS = ("explorer", "minutes")
+EPISODE_SETTINGS = ("explorer", "minutes", "turn_deg")
 
 
 def known_settings() -> list[str]:
@@ -72,12 +72,12 @@ def apply_conditions(base: EpisodeConfig, conditions: Mapping[str, Any]) -> Epis
             config = replace_setting(config, name, value)
         elif name in ERROR_LEVELS:
             if not isinstance(value, str):
-                raise ConfigError(f"{name} must be the name of an error level, not {value!r}")
+                raise ConfigError(f"{name} must be the name of an error level, not {shown(value)}")
             config = _with_env(config, name, ERROR_LEVELS[name](value))
         elif name.partition(".")[0] in PARTS:
             config = dataclasses.replace(config, env=replace_setting(config.env, name, value))
         else:
-            raise ConfigError(f"unknown setting {name!r}; {suggest(name, known_settings())}")
+            raise ConfigError(f"unknown setting {shown(name)}; {suggest(name, known_settings())}")
     return config
 
 
@@ -110,6 +110,8 @@ def _with_env(config: EpisodeConfig, part: str, value: Any) -> EpisodeConfig:
 
 RECIPES = Path(__file__).parent / "recipes"
 """The recipes that come with the package."""
+_DAMAGED_SCALARS = (ValueError, LookupError, AttributeError, TypeError)
+"""What yaml raises of numbers and dates that are none, such as ``2020-99-99``."""
 RANGE_DECIMALS = 3
 """Decimals of a number that is drawn from a range."""
 
@@ -199,10 +201,7 @@ def open_recipe(spec: str) -> Recipe:
         if spec not in names:
             raise ConfigError(f"no recipe {spec!r}; {suggest(spec, names)} (or give a .yaml or .json file)")
         path = RECIPES / f"{spec}.yaml"
-    try:
-        content = yaml.safe_load(read_text(path))  # JSON is YAML
-    except (yaml.YAMLError, RecursionError) as error:
-        raise InputFileError(path, f"is neither YAML nor JSON ({error})".replace("\n", " ")) from None
+    content = parse_yaml(read_text(path, YAML_BYTES), path)  # JSON is YAML
     if not isinstance(content, Mapping) or not content:
         raise InputFileError(path, "is no recipe; give settings, and under each a list of what may be drawn")
     return parse_recipe(content, str(path))
@@ -216,7 +215,7 @@ def parse_recipe(content: Mapping[Any, Any], where: str) -> Recipe:
     """
     factors = {}
     for factor, entries in content.items():
-        place = f"{where}: {factor}"
+        place = f"{where}: {str(factor)[:80]}"
         if not isinstance(entries, Sequence) or isinstance(entries, str) or not entries:
             raise ConfigError(f"{place}: give a list of what may be drawn")
         factors[str(factor)] = tuple(_choice(str(factor), entry, place) for entry in entries)
@@ -234,15 +233,15 @@ def _choice(factor: str, entry: Any, place: str) -> Choice:
     for key in entry:
         if key not in ("value", "between", "set", "weight"):
             raise ConfigError(
-                f"{place}: unknown word {key!r}; {suggest(str(key), ['value', 'between', 'set', 'weight'])}"
+                f"{place}: unknown word {shown(key)}; {suggest(str(key), ['value', 'between', 'set', 'weight'])}"
             )
     if len(kinds) != 1:
         raise ConfigError(
             f"{place}: an entry has either a 'value', a range 'between', or a 'set' of settings"
         )
     weight = entry.get("weight", 1.0)
-    if isinstance(weight, bool) or not isinstance(weight, (int, float)) or not 0.0 < weight < math.inf:
-        raise ConfigError(f"{place}: the weight must be a number above 0, not {weight!r}")
+    if not _is_number(weight) or not weight > 0.0:
+        raise ConfigError(f"{place}: the weight must be a number above 0, not {shown(weight)}")
     settings = _settings(factor, entry, place)
     try:
         for end in (0, -1):
@@ -254,18 +253,30 @@ def _choice(factor: str, entry: Any, place: str) -> Choice:
 
 def _settings(factor: str, entry: Mapping[Any, Any], place: str) -> dict[str, Any]:
     if "value" in entry:
-        return {factor: entry["value"]}
+        return {factor: _value_or_range(entry["value"], place)}
     if "between" in entry:
-        values: Any = entry["between"]
-        numbers = isinstance(values, Sequence) and all(
-            isinstance(value, (int, float)) and not isinstance(value, bool) for value in values
-        )
-        if not numbers or len(values) != 2 or not values[0] < values[1]:
-            raise ConfigError(f"{place}: 'between' takes two numbers, the smaller first, not {values!r}")
-        return {factor: {"between": list(values)}}
+        return {factor: _value_or_range({"between": entry["between"]}, place)}
     if not isinstance(entry["set"], Mapping) or not entry["set"]:
         raise ConfigError(f"{place}: 'set' takes settings and their values")
-    return {str(name): value for name, value in entry["set"].items()}
+    return {str(name): _value_or_range(value, place) for name, value in entry["set"].items()}
+
+
+def _value_or_range(value: Any, place: str) -> Any:
+    """A value as it is; of a range, that it has two ends."""
+    if not isinstance(value, Mapping):
+        return value
+    ends: Any = value.get("between")
+    is_pair = isinstance(ends, Sequence) and not isinstance(ends, str) and len(ends) == 2
+    if len(value) != 1 or not is_pair or not all(map(_is_number, ends)) or not ends[0] < ends[1]:
+        raise ConfigError(f"{place}: 'between' takes two numbers, the smaller first, not {shown(ends)}")
+    return {"between": list(ends)}
+
+
+def _is_number(value: Any) -> bool:
+    """Whether a value is a number that a float can hold."""
+    return (
+        isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) <= sys.float_info.max
+    )
 
 
 def _ends(value: Any) -> list[Any]:

@@ -163,7 +163,8 @@ class SlotQueue:
         plan_id, plan = slot.plan_id, None
         if plan_id not in self._unfit and (plan := self._read(plan_id)) is not None:
             try:
-                check_plan(plan, self._config.episode.env.robot.radius)
+                env = self._config.episode.env
+                check_plan(plan, env.robot.radius, env.observation.map_size)
             except PlanError as error:
                 self._unfit[plan_id] = error.reason
         if plan_id in self._unfit:

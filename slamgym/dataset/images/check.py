@@ -1,9 +1,9 @@
 """Verify a folder of rendered images."""
 
-import json
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+from slamgym.core.documents import load_json
 from slamgym.dataset.check import (
     VALUES,
     FileFault,
@@ -90,7 +90,7 @@ def _check_metadata(layout: ImageLayout, records: list[ImageRecord]) -> Iterator
     for split in SPLITS:
         path = layout.root / split / METADATA
         try:
-            names = [json.loads(line)["name"] for line in path.read_text(encoding="utf-8").splitlines()]
+            names = [load_json(line)["name"] for line in path.read_text(encoding="utf-8").splitlines()]
         except OSError:
             yield FileFault(path, "is missing")
             continue

@@ -18,9 +18,10 @@ the same place at the same scale.
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, Self
+from typing import Any, Literal
 
 from slamgym.core.errors import InputFileError
+from slamgym.core.names import FileName
 from slamgym.core.png import read_png
 from slamgym.core.types import ByteArray, GridFrame
 from slamgym.dataset.format import SIDES, FolderLayout, manifest_lines
@@ -28,6 +29,7 @@ from slamgym.dataset.record import ManifestLine, PairRecord
 
 IMAGES_VERSION = 1
 Split = Literal["train", "test"]
+Scaling = Literal["fit", "fixed"]
 SPLITS: tuple[Split, Split] = ("train", "test")
 
 
@@ -36,7 +38,7 @@ class ImageRecord(ManifestLine):
     """One line of the manifest: what a pair of images shows, and where it comes from."""
 
     noun = "a record of images"
-    name: str
+    name: FileName
     """Stem of both files, and name of the exploration in the dataset."""
     split: Split
     plan_id: str
@@ -98,18 +100,6 @@ class ImageRecord(ManifestLine):
     def frame(self) -> GridFrame:
         """Where the pixels lie, map frame."""
         return GridFrame(self.metres_per_px, *self.origin, self.size, self.size)
-
-    @classmethod
-    def from_line(cls, line: str, where: str = "manifest line") -> Self:
-        """Read a line of the manifest.
-
-        Raises:
-            InputFileError: If the line is no record.
-        """
-        record = super().from_line(line, where)
-        if record.split not in SPLITS:
-            raise InputFileError(where, f"has the split {record.split!r}; known: train, test")
-        return record
 
 
 @dataclass(frozen=True)

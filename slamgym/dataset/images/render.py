@@ -17,7 +17,16 @@ from slamgym import __version__
 from slamgym.cad import read_houseexpo
 from slamgym.core.config import to_dict
 from slamgym.core.errors import ConfigError
-from slamgym.core.files import drop_torn_line, exclusive_lock, replace_file, storage_errors, write_bytes
+from slamgym.core.files import (
+    append_line,
+    drop_torn_line,
+    exclusive_lock,
+    own_folder,
+    read_text,
+    replace_file,
+    storage_errors,
+    write_bytes,
+)
 from slamgym.core.parallel.engine import run_tasks
 from slamgym.core.png import encode_png
 from slamgym.core.progress import show_progress
@@ -146,7 +155,7 @@ def render_images(
     dataset, layout = Path(dataset), ImageLayout(Path(out))
     chosen = selection or select_pairs(dataset)
     records = [record for record in read_manifest(dataset) if record.name in chosen.kept]
-    _check_split(split, records)
+    _check_split(split, records, config)
     with storage_errors(layout.root):
         layout.root.mkdir(parents=True, exist_ok=True)
     with exclusive_lock(layout.lock):
@@ -194,10 +203,10 @@ def _draw_all(
     done: dict[str, ImageRecord],
 ) -> tuple[int, dict[str, MapFault]]:
     """Draw what is missing; adds to ``done``. Returns how many were drawn, and why others were not."""
-    with storage_errors(layout.root):
-        for side in SPLITS:
-            for image in SIDES:
-                layout.image(side, image, "x").parent.mkdir(parents=True, exist_ok=True)
+    for side in SPLITS:
+        own_folder(layout.root / side)
+        for image in SIDES:
+            own_folder(layout.root / side / image)
     chunks = (
         _Drawing(dataset, layout.root, tuple(todo[i : i + _CHUNK]), split, config)
         for i in range(0, len(todo), _CHUNK)
@@ -206,15 +215,14 @@ def _draw_all(
     journal = layout.root / JOURNAL
     with show_progress("pairs drawn", 0, len(todo)) as advance:
         for drawn in run_tasks(_draw_chunk, chunks, max(1, min(workers, -(-len(todo) // _CHUNK)))):
-            with storage_errors(layout.root), journal.open("a", encoding="utf-8") as file:
-                for entry in drawn:
-                    if entry.fault is not None:
-                        misfits[entry.name] = entry.fault
-                    elif entry.record is not None:
-                        file.write(entry.record.to_line())
-                        done[entry.name] = entry.record
-                        fresh += 1
-                    advance()
+            for entry in drawn:
+                if entry.fault is not None:
+                    misfits[entry.name] = entry.fault
+                elif entry.record is not None:
+                    append_line(journal, entry.record.to_line())
+                    done[entry.name] = entry.record
+                    fresh += 1
+                advance()
     return fresh, misfits
 
 
@@ -276,7 +284,7 @@ def _is_done(layout: ImageLayout, drawn: ImageRecord | None, split: SplitTable, 
         return False
     for side in SIDES:
         path = layout.image(drawn.split, side, drawn.name)
-        if not path.is_file() or hashlib.sha256(path.read_bytes()).hexdigest() != drawn.sha256[side]:
+        if not path.is_file() or hashlib.sha256(path.read_bytes()).hexdigest() != drawn.sha256.get(side):
             return False
     return True
 
@@ -287,12 +295,17 @@ def _read_journal(layout: ImageLayout) -> dict[str, ImageRecord]:
     if not path.exists():
         return {}
     drop_torn_line(path)
-    lines = path.read_text(encoding="utf-8").splitlines()
+    lines = read_text(path).splitlines()
     records = (ImageRecord.from_line(line, str(path)) for line in lines)
     return {record.name: record for record in records}
 
 
-def _check_split(split: SplitTable, records: Sequence[PairRecord]) -> None:
+def _check_split(split: SplitTable, records: Sequence[PairRecord], config: ImageConfig) -> None:
+    if config.scaling == "fit" and split.scaling == "fixed":
+        raise ConfigError(
+            "the split counts plans of different size as different, but images that are scaled to fit don't show "
+            "the size; run `slamgym dataset split --scaling fit`, or render with --scaling fixed"
+        )
     unknown = [record.plan_id for record in records if record.plan_id not in split.plans]
     if unknown:
         raise ConfigError(

@@ -9,7 +9,7 @@ smaller, each shows the cell at its centre. Between unknown and free the larger 
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +28,7 @@ from slamgym.core.types import (
 )
 from slamgym.dataset.curate.completeness import SPIKE_WIDTH
 from slamgym.dataset.faults import MapFault
+from slamgym.dataset.images.format import Scaling
 
 if TYPE_CHECKING:
     from slamgym.cad import FloorPlan
@@ -52,7 +53,7 @@ class ImageConfig(Settings):
 
     size: Annotated[int, Within(ge=16, le=8192)] = 256
     """Rows and columns [px]; the paper's 256."""
-    scaling: Literal["fit", "fixed"] = "fit"
+    scaling: Scaling = "fit"
     """``fit``: both maps together fill the image, so every pair has a scale of its own, as in the paper;
     ``fixed``: all pairs have one scale, and what is larger than the image is left out."""
     metres_per_px: Annotated[float, Within(gt=0.0, lt=100.0)] = 0.1

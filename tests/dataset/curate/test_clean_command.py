@@ -18,6 +18,7 @@ from slamgym.dataset.curate.cleaning import CleanConfig, CleanReport, clean_maps
 from slamgym.dataset.curate.map_items import open_items
 from slamgym.dataset.curate.verdicts import Verdict, read_verdicts, write_verdicts
 from slamgym.dataset.faults import MapFault
+from slamgym.dataset.generate.build import Execution
 from slamgym.envs import EpisodeConfig, ExploreConfig
 from slamgym.interop import write_ros_map
 from slamgym.slam import SlamConfig
@@ -45,7 +46,14 @@ class Plans:
 @pytest.fixture(scope="module")
 def built(tmp_path_factory):
     root = tmp_path_factory.mktemp("clean") / "dataset"
-    build_dataset(root, Plans(), DatasetConfig(seed=2, episode=QUICK), make_explorer, pairs=4)
+    build_dataset(
+        root,
+        Plans(),
+        DatasetConfig(seed=2, episode=QUICK),
+        make_explorer,
+        pairs=4,
+        execution=Execution(engine="in_process"),
+    )
     return root
 
 
@@ -200,7 +208,14 @@ def test_training_judges_each_pair_by_a_model_that_has_not_seen_its_plan(tmp_pat
     plans.plans["closet"] = FloorPlan("closet", box(0, 0, 9, 12))
     dataset = tmp_path / "dataset"
     longer = dataclasses.replace(QUICK, minutes=0.6)
-    build_dataset(dataset, plans, DatasetConfig(seed=2, episode=longer), make_explorer, pairs=2)
+    build_dataset(
+        dataset,
+        plans,
+        DatasetConfig(seed=2, episode=longer),
+        make_explorer,
+        pairs=2,
+        execution=Execution(engine="in_process"),
+    )
     # In so short a time little is seen: what is seen at the end counts as complete, what was before does not.
     goal = 0.98 * min(record.coverage for record in read_manifest(dataset))
     easy = ["--criteria.max-ate", "9", "--criteria.max-map-error", "9", "--criteria.min-coverage", f"{goal}"]

@@ -10,6 +10,7 @@ from slamgym.core.errors import InputFileError
 from slamgym.dataset import DatasetConfig, Layout, build_dataset, load_pair, read_manifest
 from slamgym.dataset.curate.criteria import Criteria, StuckFilter
 from slamgym.dataset.curate.snapshots import label_maps, take_snapshots
+from slamgym.dataset.generate.build import Execution
 from slamgym.envs import EpisodeConfig, ExploreConfig
 from slamgym.envs.episode import run_episode
 from slamgym.slam import SlamConfig
@@ -32,7 +33,14 @@ class OnePlan:
 @pytest.fixture(scope="module")
 def dataset(tmp_path_factory):
     root = tmp_path_factory.mktemp("snapshots") / "dataset"
-    build_dataset(root, OnePlan(), DatasetConfig(seed=1, episode=EPISODE), make_explorer, pairs=2)
+    build_dataset(
+        root,
+        OnePlan(),
+        DatasetConfig(seed=1, episode=EPISODE),
+        make_explorer,
+        pairs=2,
+        execution=Execution(engine="in_process"),
+    )
     return root
 
 

@@ -2,13 +2,14 @@
 
 import json
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from slamgym.commands import cli
 from slamgym.core.errors import ConfigError, InputFileError
-from slamgym.dataset.curate.split import assign_sides, make_split, read_split, split_path
+from slamgym.dataset.curate.split import assign_sides, current_split, make_split, read_split, split_path
 from slamgym.dataset.format import Layout, read_manifest
 
 
@@ -66,6 +67,20 @@ def test_a_dataset_is_split_by_plan_with_mirror_images_together(dataset_copy):
     assert split_path(dataset_copy).read_bytes() == before
 
 
+def test_plans_of_another_size_are_on_one_side_only_where_images_hide_the_size(dataset_copy):
+    """The hall is made a small copy of the rooms, and so looks like them in images that are scaled to fit."""
+    first = {record.plan_id: record.name for record in reversed(list(read_manifest(dataset_copy)))}
+    plan = json.loads((Layout(dataset_copy).episode(first["rooms"]) / "plan.json").read_text())
+    plan["verts"] = (0.8 * np.array(plan["verts"])).tolist()
+    (Layout(dataset_copy).episode(first["hall"]) / "plan.json").write_text(json.dumps(plan))
+    table = make_split(dataset_copy, seed=1)
+    assert table.scaling == "fit"
+    assert table.plans["rooms"] == table.plans["hall"]
+    fixed = make_split(dataset_copy, seed=1, scaling="fixed")
+    assert fixed.plans["rooms"].group != fixed.plans["hall"].group
+    assert read_split(dataset_copy) == current_split(dataset_copy, "fit") == fixed
+
+
 def test_the_command_says_what_it_did(dataset_copy, tmp_path, capsys):
     (tmp_path / "ids.txt").write_text("hall\n")
     command = ["dataset", "split", str(dataset_copy), "--test-plans", str(tmp_path / "ids.txt")]
@@ -93,6 +108,7 @@ def test_wrong_shares_and_broken_files_are_named(dataset_copy):
         "[]",
         json.dumps({"seed": 1}),
         json.dumps({"seed": 1, "test": 0.1, "plans": {"a": {}}}),
+        json.dumps({"seed": 1, "test": 0.1, "plans": {}, "split_version": 1}),
     ):
         split_path(dataset_copy).write_text(text)
         with pytest.raises(InputFileError, match=r"split\.json"):

@@ -5,6 +5,8 @@ import dataclasses
 import errno
 import json
 import math
+import os
+import signal
 from pathlib import Path
 
 import numpy as np
@@ -16,10 +18,13 @@ from slamgym.cad import FloorPlan, read_houseexpo
 from slamgym.core.errors import ConfigError, PlanError, SlamgymError
 from slamgym.core.files import StorageError
 from slamgym.core.parallel.backlog import Lost
+from slamgym.core.seeding import exploration_seed
 from slamgym.dataset import DatasetConfig, Layout, build_dataset, load_pair, read_manifest
+from slamgym.dataset.generate.build import Execution
 from slamgym.envs import EpisodeConfig, ExploreConfig
 from slamgym.interop import read_carmen, read_ros_map, read_tum
 from slamgym.metrics import absolute_trajectory_error
+from slamgym.sim import lidar_level
 from slamgym.slam import SlamConfig
 
 
@@ -48,7 +53,8 @@ QUICK = DatasetConfig(
 
 
 def build(root, plans=None, config=QUICK, pairs=3, workers=1):
-    return build_dataset(root, plans or Plans(), config, make_explorer, pairs=pairs, workers=workers)
+    execution = Execution(workers, "in_process" if workers == 1 else "local")
+    return build_dataset(root, plans or Plans(), config, make_explorer, pairs=pairs, execution=execution)
 
 
 def content(root: Path):
@@ -114,7 +120,7 @@ def test_a_map_made_from_true_poses_lies_on_the_plan(tmp_path):
     """Frame and scale of the two sides agree: without errors every wall is within a cell of its place."""
     env = ExploreConfig(
         slam=SlamConfig(mode="ground_truth"),
-        lidar=dataclasses.replace(ExploreConfig().lidar, z_hit=1.0, z_short=0.0, z_max=0.0, z_rand=0.0),
+        lidar=lidar_level("gazebo"),
     )
     build(tmp_path, config=DatasetConfig(episode=EpisodeConfig(minutes=0.5, env=env)), pairs=2)
     for record in read_manifest(tmp_path):
@@ -233,7 +239,7 @@ class Elsewhere:
     def run(self, task, items):
         for item in items:
             assert item.staged is None
-            yield Lost(item, "a worker process was killed") if item.plan.id == self.deadly else task(item)
+            yield Lost(item, "a worker process died") if item.plan.id == self.deadly else task(item)
 
 
 def test_files_that_come_back_as_bytes_are_the_same(dataset, tmp_path, monkeypatch):
@@ -244,6 +250,21 @@ def test_files_that_come_back_as_bytes_are_the_same(dataset, tmp_path, monkeypat
     assert content(tmp_path) == content(dataset)
 
 
+def crashing_explorer(name, context, seed=0):
+    """Its native code crashes on the plan ``corner``."""
+    if seed == exploration_seed(QUICK.seed, "corner", 0):
+        os.kill(os.getpid(), signal.SIGSEGV)
+    return make_explorer(name, context, seed)
+
+
+def test_a_crash_costs_one_exploration_with_one_worker_and_the_next_run_goes_on(tmp_path):
+    report = build_dataset(tmp_path, Plans(), QUICK, crashing_explorer, pairs=2, workers=1)
+    assert (report.pairs, report.rejected) == (2, {"WorkerLostError": 1})
+    assert "a worker process died (SIGSEGV) at each of" in Layout(tmp_path).rejected.read_text()
+    again = build_dataset(tmp_path, Plans(), QUICK, crashing_explorer, pairs=2, workers=1)
+    assert (again.pairs, again.fresh, again.rejected) == (2, 0, report.rejected)
+
+
 def test_a_plan_that_kills_its_workers_is_skipped_and_listed(tmp_path, monkeypatch):
     engine = Elsewhere(deadly="corner")
     monkeypatch.setattr(
@@ -251,4 +272,4 @@ def test_a_plan_that_kills_its_workers_is_skipped_and_listed(tmp_path, monkeypat
     )
     assert build(tmp_path, pairs=2).rejected == {"WorkerLostError": 1}
     assert {record.plan_id for record in read_manifest(tmp_path)} == {"rooms"}
-    assert "was killed" in Layout(tmp_path).rejected.read_text()
+    assert "process died" in Layout(tmp_path).rejected.read_text()

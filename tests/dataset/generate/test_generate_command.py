@@ -40,7 +40,7 @@ def content(root: Path):
 
 
 def test_pairs_a_summary_and_a_contact_sheet(plans, tmp_path, capsys):
-    command = arguments(plans, tmp_path / "out", "--pairs", "2", "--workers", "1")
+    command = arguments(plans, tmp_path / "out", "--pairs", "2", "--engine", "in_process")
     command[command.index("--contact-sheet") + 1] = "4"
     assert cli.main(command) == 0
     shown = capsys.readouterr().out
@@ -52,13 +52,13 @@ def test_pairs_a_summary_and_a_contact_sheet(plans, tmp_path, capsys):
 
 def test_a_shard_has_a_folder_of_its_own(plans, tmp_path, capsys):
     out = tmp_path / "out"
-    assert cli.main(arguments(plans, out, "--pairs", "3", "--workers", "1", "--shard", "1/2")) == 0
+    assert cli.main(arguments(plans, out, "--pairs", "3", "--engine", "in_process", "--shard", "1/2")) == 0
     assert str(out / "shard-00001-of-00002") in capsys.readouterr().out
     assert [record.index for record in read_manifest(out / "shard-00001-of-00002")] == [1]
 
 
 def test_a_shard_of_fewer_pairs_than_shards_may_be_empty(plans, tmp_path, capsys):
-    command = arguments(plans, tmp_path / "out", "--pairs", "1", "--workers", "1", "--shard", "1/2")
+    command = arguments(plans, tmp_path / "out", "--pairs", "1", "--engine", "in_process", "--shard", "1/2")
     assert cli.main(command) == 0
     shown = capsys.readouterr().out
     assert "no pairs" in shown
@@ -70,8 +70,8 @@ def test_the_settings_reach_the_exploration(plans, tmp_path):
     more = [
         "--pairs",
         "1",
-        "--workers",
-        "1",
+        "--engine",
+        "in_process",
         "--odometry",
         "ideal",
         "--lidar.range-max",
@@ -120,7 +120,7 @@ def test_an_unwritable_folder_is_one_line(plans, tmp_path, capsys):
     if os.access(locked, os.W_OK):  # root may write anywhere but below a file
         locked = tmp_path / "file"
         locked.touch()
-    assert cli.main(arguments(plans, locked / "out", "--workers", "1")) == 2
+    assert cli.main(arguments(plans, locked / "out", "--engine", "in_process")) == 2
     error = capsys.readouterr().err
     assert str(locked) in error
     assert error.count("\n") == 1

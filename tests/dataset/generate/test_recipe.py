@@ -7,6 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from slamgym.agents.registry import make_explorer
+from slamgym.cad import generate_plan
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.dataset.generate.build import DatasetConfig
 from slamgym.dataset.generate.recipe import (
@@ -19,8 +21,10 @@ from slamgym.dataset.generate.recipe import (
     parse_recipe,
     setting_value,
 )
-from slamgym.envs.episode import EpisodeConfig
-from slamgym.sim import odometry_level
+from slamgym.dataset.pair import PairConfig, make_pair
+from slamgym.envs.episode import EpisodeConfig, run_episode
+from slamgym.sim import lidar_level, odometry_level
+from slamgym.slam import SlamConfig
 
 PLAIN = {
     "explorer": ["explore_lite", {"value": "nearest", "weight": 3}],
@@ -138,7 +142,7 @@ def test_the_quick_recipe_varies_the_same_with_fewer_particles():
 @pytest.mark.parametrize(
     ("name", "content", "words"),
     [
-        ("r.yaml", "[1, 2", "neither YAML nor JSON"),
+        ("r.yaml", "[1, 2", "is not valid yaml"),
         ("r.yaml", "just words", "is no recipe"),
         ("r.json", "", "is no recipe"),
     ],
@@ -161,3 +165,25 @@ def test_a_setting_that_the_recipe_would_draw_over_is_refused():
     DatasetConfig(recipe=recipe)
     with pytest.raises(ConfigError, match="explorer is set, but the recipe varies it"):
         DatasetConfig(recipe=recipe, episode=EpisodeConfig(explorer="cost_utility"))
+
+
+@pytest.mark.parametrize(("name", "beams", "view"), [("paper", 180, 180.0), ("paper360", 360, 360.0)])
+def test_the_papers_recipes_are_gmapping_with_true_odometry(name, beams, view):
+    config = apply_conditions(EpisodeConfig(), open_recipe(name).draw(0))
+    assert config.env.slam == SlamConfig.gmapping()
+    assert (config.env.lidar.num_beams, config.env.lidar.field_of_view_deg) == (beams, view)
+    assert config.env.lidar == lidar_level("gazebo", config.env.lidar)
+    assert config.env.lidar.sigma == 0.01
+    assert config.env.odometry == odometry_level("ideal")
+
+
+def test_buildings_are_turned_by_the_recipe():
+    plan = generate_plan(2)
+    recipe = parse_recipe(
+        {"turn_deg": [{"between": [20.0, 60.0]}], "minutes": [0.1], "slam.resolution": [0.08]}, "r"
+    )
+    config = apply_conditions(EpisodeConfig(explorer="nearest"), recipe.draw(1))
+    assert 20.0 <= config.turn_deg <= 60.0
+    episode = run_episode(plan, 1, config, make_explorer)
+    assert episode.plan.bounds == pytest.approx(plan.turned(config.turn_deg).bounds)
+    assert make_pair(episode.plan, episode.start, episode.slam_map, PairConfig()).frame.resolution == 0.08

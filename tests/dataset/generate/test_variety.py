@@ -12,6 +12,7 @@ from slamgym.commands import cli
 from slamgym.core.config import from_dict
 from slamgym.core.errors import ConfigError
 from slamgym.dataset import DatasetConfig, Layout, build_dataset, read_manifest
+from slamgym.dataset.generate.build import Execution
 from slamgym.dataset.generate.recipe import Recipe, parse_recipe
 from slamgym.envs import EpisodeConfig, ExploreConfig
 from slamgym.slam import SlamConfig
@@ -38,7 +39,8 @@ def build(root, recipe=RECIPE, pairs=4, workers=1, **settings):
     config = DatasetConfig(
         seed=2, episode=BASE, recipe=parse_recipe(recipe, "test"), trajectories=3, **settings
     )
-    return build_dataset(root, OnePlan(), config, make_explorer, pairs=pairs, workers=workers)
+    execution = Execution(workers, "in_process" if workers == 1 else "local")
+    return build_dataset(root, OnePlan(), config, make_explorer, pairs=pairs, execution=execution)
 
 
 @pytest.fixture(scope="module")
@@ -111,7 +113,7 @@ def test_the_command_line_takes_sources_weights_recipe_and_trajectories(tmp_path
     command = [
         "generate", "--plans", f"{tmp_path / 'one'}=2", "--plans", str(tmp_path / "two"), "--recipe",
         str(tmp_path / "recipe.yaml"), "--trajectories", "2", "--minutes", "0.1", "--particles", "3",
-        "--pairs", "6", "--workers", "1", "--contact-sheet", "0", "--out", str(out),
+        "--pairs", "6", "--engine", "in_process", "--contact-sheet", "0", "--out", str(out),
     ]  # fmt: skip
     assert cli.main(command) == 0
     records = list(read_manifest(out))

@@ -45,6 +45,16 @@ def content(root):
     }
 
 
+def test_images_that_hide_the_size_need_a_split_that_does_not_look_at_it(dataset_copy, tmp_path):
+    make_split(dataset_copy, test=0.4, seed=1, scaling="fixed")
+    with pytest.raises(ConfigError, match="--scaling fit"):
+        render(dataset_copy, tmp_path / "images")
+    fixed = ImageConfig(size=64, scaling="fixed")
+    assert render(dataset_copy, tmp_path / "fixed", fixed).images == 8
+    make_split(dataset_copy, test=0.4, seed=1, scaling="fit")
+    assert render(dataset_copy, tmp_path / "fixed", fixed).images == 8
+
+
 def test_every_pair_is_there_once_on_the_side_of_its_plan(dataset, tmp_path):
     report = render(dataset, tmp_path / "images")
     pairs = {record.name: record for record in read_manifest(dataset)}
@@ -218,7 +228,8 @@ def test_generate_renders_too_and_goes_on_when_more_pairs_are_asked_for(tmp_path
     for name in ("a", "b", "c"):
         write_houseexpo(tmp_path / "plans" / f"{name}.json", FloorPlan(name, box(0, 0, 3, 2 + ord(name) % 5)))
     command = ["generate", "--plans", str(tmp_path / "plans"), "--minutes", "0.3", "--particles", "3",
-               "--workers", "1", "--contact-sheet", "0", "--out", str(out), "--images", str(images)]  # fmt: skip
+               "--engine", "in_process", "--contact-sheet", "0", "--out", str(out),
+               "--images", str(images)]  # fmt: skip
     assert cli.main([*command, "--pairs", "2"]) == 0
     assert len(read_images(images)) == len(select_pairs(out).kept)
     assert cli.main([*command, "--pairs", "3"]) == 0
@@ -266,7 +277,7 @@ def test_a_record_of_images_survives_its_line(dataset, tmp_path):
     render(dataset, tmp_path / "images")
     record = read_images(tmp_path / "images")[0]
     assert ImageRecord.from_line(record.to_line()) == record
-    with pytest.raises(InputFileError, match="split 'both'"):
+    with pytest.raises(InputFileError, match=r"split must be .*'both'"):
         ImageRecord.from_line(record.to_line().replace(f'"{record.split}"', '"both"', 1))
     with pytest.raises(InputFileError, match="holds no manifest"):
         read_images(tmp_path)

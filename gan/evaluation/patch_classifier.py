@@ -1,0 +1,125 @@
+"""A convolutional network as the learner of the two-sample test between sets of SLAM maps, on patches of them.
+
+Whole maps differ in size and in what they show; patches at native cells show how walls, rays and clutter are drawn.
+A map's score is the mean over its patches; maps of one building are never on both sides.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from slamgym.core.config import Count, PositiveShare, Settings
+from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, BoolArray, ByteArray, FloatArray, IntArray
+from slamgym.gan.evaluation.map_classifier import ClassifierConfig, train_classifier
+from slamgym.metrics.maps import free_boundary
+
+_BLOCK = 2  # 64 cells become 32 x 32 pixels of four times the channels
+
+
+class PatchConfig(Settings):
+    """What the network sees, and how it is trained."""
+
+    side: Count = 64
+    """Of a patch [cells]; a multiple of 32."""
+    per_map: Count = 32
+    """Patches of a map, each around a random cell of the border of its free space."""
+    per_kind: Count = 512
+    """Patches of each kind that a network learns from, shared evenly by its maps."""
+    judged: Count = 12
+    """Patches of a map that are scored where it is held out."""
+    most_unknown: PositiveShare = 0.9
+    """Patches with a larger unknown share are drawn again."""
+    training: ClassifierConfig = ClassifierConfig(size=64, epochs=8, learning_rate=4e-3)
+
+
+DEFAULT_PATCHES = PatchConfig()
+
+
+class PatchLearner:
+    """A learner for :func:`slamgym.metrics.two_sample.distinguish` that remembers how it scored the patches.
+
+    Args:
+        maps: Each (H, W), all at one cell size.
+        seed: Of the patches.
+        config: What is seen, and how the network is trained.
+    """
+
+    def __init__(
+        self, maps: Sequence[ByteArray], seed: int = 0, config: PatchConfig = DEFAULT_PATCHES
+    ) -> None:
+        self.config = config
+        cut = [cut_patches(cells, np.random.default_rng([seed, i]), config) for i, cells in enumerate(maps)]
+        self.patches: ByteArray = np.stack(cut)
+        """(N, per_map, side, side)."""
+        self.scores: FloatArray = np.full((len(maps), min(config.judged, config.per_map)), 0.5)
+        """Held-out probability of the second kind of the judged patches, which come first."""
+
+    def __call__(self, train: BoolArray, of_second: BoolArray, seed: int) -> FloatArray:
+        """Train on some maps and score the others."""
+        rng = np.random.default_rng(seed)
+        kinds = [self._drawn(np.flatnonzero(train & (of_second == kind)), rng) for kind in (False, True)]
+        pictures = _channels(np.concatenate(kinds))
+        labels = torch.cat([torch.full((len(kind),), float(k)) for k, kind in enumerate(kinds)])
+        network = train_classifier(pictures, labels, seed, self.config.training, _BLOCK)
+        held = np.flatnonzero(~train)
+        judged = self.patches[held, : self.scores.shape[1]]
+        with torch.inference_mode():
+            logits = network(_channels(judged.reshape(-1, *judged.shape[2:])))
+        self.scores[held] = torch.sigmoid(logits).numpy().reshape(len(held), -1)
+        # Means of logits: one sure patch weighs more than an undecided one.
+        mean: FloatArray = torch.sigmoid(logits.reshape(len(held), -1).mean(dim=1)).numpy().astype(np.float64)
+        return mean
+
+    def _drawn(self, maps: IntArray, rng: np.random.Generator) -> ByteArray:
+        """Patches of some maps, as many as a kind has, spread evenly over them."""
+        shares = np.arange(self.config.per_kind)
+        of_map = maps[shares % len(maps)]
+        number = (shares // len(maps) + rng.integers(self.config.per_map)) % self.config.per_map
+        chosen: ByteArray = self.patches[of_map, number]
+        return chosen
+
+    def surest(self, second: bool, maps: IntArray, count: int) -> list[tuple[int, ByteArray, float]]:
+        """The patches that the network took for one kind with most confidence, one of each map.
+
+        Args:
+            second: Whether for the second kind.
+            maps: Indices of the maps to look at.
+            count: At most so many.
+
+        Returns:
+            Index of the map, the patch, and the probability of that kind; the surest first.
+        """
+        likely = self.scores[maps] if second else 1.0 - self.scores[maps]
+        best = likely.argmax(axis=1)
+        order = np.argsort(-likely.max(axis=1), kind="stable")[:count]
+        return [(int(maps[i]), self.patches[maps[i], best[i]], float(likely[i, best[i]])) for i in order]
+
+
+def cut_patches(cells: ByteArray, rng: np.random.Generator, config: PatchConfig) -> ByteArray:
+    """Cut patches around random cells of the free space's border; unknown beyond the map.
+
+    Args:
+        cells: A map with some free space, (H, W).
+        rng: Picks the cells.
+        config: How many, and how large.
+
+    Returns:
+        (per_map, side, side).
+    """
+    side = config.side
+    padded = np.pad(cells, side, constant_values=UNKNOWN)
+    centres = np.argwhere(free_boundary(padded == FREE))
+    corners = centres[rng.integers(len(centres), size=4 * config.per_map)] - side // 2
+    cut = np.stack([padded[row : row + side, col : col + side] for row, col in corners])
+    dull = (cut == UNKNOWN).mean(axis=(1, 2)) > config.most_unknown
+    # Dull ones stand last: they are taken only where a map has hardly anything else.
+    chosen: ByteArray = cut[np.argsort(dull, kind="stable")[: config.per_map]]
+    return chosen
+
+
+def _channels(patches: ByteArray) -> Tensor:
+    """Free, occupied and unknown as channels of 0 and 1, (P, 3, side, side)."""
+    classes = np.stack([patches == value for value in (FREE, OCCUPIED, UNKNOWN)], axis=1)
+    return torch.from_numpy(classes.astype(np.float32))

@@ -1,0 +1,202 @@
+"""``slamgym dataset realism``: what tells a dataset's maps from those of robots."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import numpy as np
+import tyro
+
+from slamgym.commands.extras import is_installed
+from slamgym.core.config import Arguments, Count, CountOrZero, Positive
+from slamgym.core.errors import ConfigError
+from slamgym.core.progress import say
+
+if TYPE_CHECKING:
+    from slamgym.dataset.realism.comparison import LearnerOf
+    from slamgym.dataset.realism.map_sets import MapSet
+    from slamgym.dataset.realism.page import RealismReport
+    from slamgym.dataset.realism.pictures import Figure
+    from slamgym.gan.evaluation.patch_classifier import PatchLearner
+
+SHOWN_STATISTICS = 4
+"""The most telling ones, which get examples."""
+SHOWN_PATCHES = 6
+"""Of each side."""
+_TABLE_WIDTH = 160
+TREES, NETWORK = "trees on statistics", "network on patches"
+
+
+class RealismArguments(Arguments):
+    """Compare the SLAM maps of a dataset with maps of robots: statistics, two-sample tests, examples.
+
+    Writes OUT/realism.html, which holds everything, realism.json, realism.md and realism.png. The trees need
+    scikit-learn (extra `clean`), the network torch (extra `gan`); what is missing is left out, and the page says so.
+    """
+
+    dataset: tyro.conf.Positional[Path]
+    """A dataset of `slamgym generate`, or a folder of ROS maps."""
+    against: tuple[Path, ...]
+    """Reference sets: folders (with subfolders) of ROS maps, or datasets."""
+    out: Annotated[Path, tyro.conf.arg(aliases=["-o"])] = Path("realism")
+    """Folder for the page."""
+    assume_resolution: Positive | None = None
+    """Cell size of images without a yaml file [m]; without it they are left out."""
+    building: str | None = None
+    """A regular expression that finds the building in the name of a reference map, such as '^[^_]+'; without it
+    each map is a building of its own. Buildings are never on both sides of a test."""
+    mixed: CountOrZero = 0
+    """Also draw so many maps of the dataset and as many of the references mixed and unlabelled, for a blind look:
+    OUT/mixed.png, with the key in mixed_key.json."""
+    network: bool = True
+    """Whether to train the network: half a CPU minute a test on 50 maps."""
+    halvings: Count = 10
+    """How often the trees halve a set for its null."""
+    seed: int = 0
+    """Of folds, halves, learners and the mixture."""
+
+    def _check(self) -> None:
+        if not self.against:
+            raise ConfigError("--against names no folder; give the reference maps' folders behind it")
+
+
+def main(argv: list[str]) -> int:
+    """Run the command; returns the exit code."""
+    arguments = tyro.cli(RealismArguments, args=argv, prog="slamgym dataset realism")
+    from slamgym.core.files import write_text
+    from slamgym.dataset.realism.comparison import compare_statistics
+    from slamgym.dataset.realism.map_sets import read_map_sets
+    from slamgym.dataset.realism.page import RealismReport, make_page, to_json, to_markdown
+    from slamgym.dataset.realism.pictures import draw_examples, draw_mixed, stack_figures
+    from slamgym.viz.canvas import write_picture
+
+    own, *references = read_map_sets(
+        (arguments.dataset, *arguments.against), arguments.assume_resolution, arguments.building
+    )
+    for one in (own, *references):
+        left_out = "".join(f"; left out: {count} {reason}" for reason, count in one.skipped.items())
+        say(f"{one.name}: {len(one.maps)} maps of {len(set(one.buildings))} buildings{left_out}")
+    statistics = compare_statistics(own, references, arguments.seed)
+    report = RealismReport(own, references, arguments.seed, statistics)
+    _test_by_trees(report, arguments.halvings)
+    figures = [draw_examples(own, references, row) for row in report.ranked[:SHOWN_STATISTICS]]
+    figures += _test_by_network(report, arguments.network)
+    out = arguments.out
+    write_text(out / "realism.json", json.dumps(to_json(report), indent=1) + "\n")
+    write_text(out / "realism.md", to_markdown(report) + "\n")
+    write_picture(out / "realism.png", stack_figures(figures))
+    write_text(out / "realism.html", make_page(report, figures))
+    if arguments.mixed:
+        sheet, key = draw_mixed(own, references, arguments.mixed, arguments.seed)
+        write_picture(out / "mixed.png", sheet)
+        write_text(out / "mixed_key.json", json.dumps([entry._asdict() for entry in key], indent=1) + "\n")
+    _print(report)
+    sys.stdout.write(f"{out / 'realism.html'}\n")
+    return 0
+
+
+def _test_by_trees(report: RealismReport, halvings: int) -> None:
+    """Add the tests between all sets, and of the halves of each."""
+    if not is_installed("sklearn"):
+        report.left_out.append(
+            f"{TREES}: left out, scikit-learn isn't installed; get it with: pip install 'slamgym[clean]'"
+        )
+        return
+    from slamgym.dataset.realism.comparison import (
+        SetTestConfig,
+        SetTestRow,
+        distinguish_halves,
+        distinguish_sets,
+    )
+    from slamgym.metrics.two_sample import tree_learner
+
+    config = SetTestConfig(halvings=halvings, seed=report.seed)
+    for first, second in itertools.combinations(report.sets, 2):
+        found = distinguish_sets(
+            first, second, lambda maps: tree_learner([m.statistics for m in maps]), config
+        )
+        report.tests.append(SetTestRow(first.name, second.name, TREES, found.accuracy))
+    for one in report.sets:
+        null = distinguish_halves(one, lambda maps: tree_learner([m.statistics for m in maps]), config)
+        report.tests.append(SetTestRow(one.name, one.name, TREES, null))
+
+
+def _test_by_network(report: RealismReport, wanted: bool) -> list[Figure]:
+    """Add the tests of the dataset against each reference, and of the halves of each set; draw confident patches."""
+    if not wanted:
+        report.left_out.append(f"{NETWORK}: left out by --no-network")
+        return []
+    if not is_installed("torch"):
+        report.left_out.append(
+            f"{NETWORK}: left out, torch isn't installed; get it with: pip install 'slamgym[gan]'"
+        )
+        return []
+    from slamgym.dataset.realism.comparison import (
+        SetTestConfig,
+        SetTestRow,
+        distinguish_halves,
+        distinguish_sets,
+    )
+    from slamgym.gan.evaluation.patch_classifier import PatchLearner
+
+    config = SetTestConfig(repeats=1, halvings=1, seed=report.seed)
+    figures = []
+    for reference in report.references:
+        say(f"{NETWORK}: {report.own.name} against {reference.name}")
+        learner = PatchLearner([one.cells for one in (*report.own.maps, *reference.maps)], report.seed)
+        found = distinguish_sets(report.own, reference, _always(learner), config)
+        report.tests.append(SetTestRow(report.own.name, reference.name, NETWORK, found.accuracy))
+        figures.append(_surest_patches(report.own, reference, learner))
+    for one in report.sets:
+        say(f"{NETWORK}: {one.name}, half against half")
+        null = distinguish_halves(
+            one, lambda maps: PatchLearner([m.cells for m in maps], report.seed), config
+        )
+        report.tests.append(SetTestRow(one.name, one.name, NETWORK, null))
+    return figures
+
+
+def _always(learner: PatchLearner) -> LearnerOf:
+    """One learner for whatever maps: those that it was made for."""
+    return lambda _: learner
+
+
+def _surest_patches(own: MapSet, reference: MapSet, learner: PatchLearner) -> Figure:
+    from slamgym.dataset.realism.pictures import draw_patches
+
+    maps = [*own.maps, *reference.maps]
+    count = min(SHOWN_PATCHES, len(own.maps), len(reference.maps))
+    bounds = {own.name: (0, len(own.maps)), reference.name: (len(own.maps), len(maps))}
+    sides = {
+        name: [
+            (maps[i].name, patch, probability)
+            for i, patch, probability in learner.surest(name == reference.name, np.arange(*ends), count)
+        ]
+        for name, ends in bounds.items()
+    }
+    return draw_patches(
+        f"Patches that the network was surest of: {own.name} above, {reference.name} below", sides
+    )
+
+
+def _print(report: RealismReport) -> None:
+    """Show both tables."""
+    from rich.console import Console
+    from rich.table import Table
+
+    from slamgym.dataset.realism.page import statistics_table, tests_table
+
+    console = Console(file=sys.stdout, width=max(Console().width, _TABLE_WIDTH), highlight=False)
+    for headings, rows in (statistics_table(report), tests_table(report)):
+        table = Table()
+        for number, heading in enumerate(headings):
+            table.add_column(heading, justify="right" if number else "left")
+        for row in rows:
+            table.add_row(*row)
+        console.print(table)
+    for sentence in report.left_out:
+        console.print(sentence)

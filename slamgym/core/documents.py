@@ -1,0 +1,144 @@
+"""JSON and YAML from outside, parsed within the limits of size and depth."""
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from slamgym.core.errors import InputFileError
+from slamgym.core.files import read_bytes
+from slamgym.core.limits import DEPTH, DOCUMENT_BYTES, FILE_BYTES, YAML_BYTES, Limit
+
+MAX_DIGITS = 300
+"""A longer whole number is no float any more."""
+
+
+def load_json(text: str | bytes) -> Any:
+    """``json.loads`` for texts of unknown origin.
+
+    Raises:
+        ValueError: If it isn't JSON, holds a number of hundreds of digits or half a surrogate pair, which nothing can
+            print, or is nested beyond reason.
+    """
+    try:
+        value = json.loads(text, parse_int=_whole_number)
+    except RecursionError:
+        raise ValueError("it is nested too deeply") from None
+    if (b"\\u" if isinstance(text, bytes) else "\\u") in text:  # type: ignore[operator]
+        json.dumps(value, ensure_ascii=False).encode()
+    return value
+
+
+def parse_json(
+    text: str | bytes,
+    where: object,
+    error: type[InputFileError] = InputFileError,
+    limit: Limit = DOCUMENT_BYTES,
+    fix: str = "",
+) -> Any:
+    """The value of a JSON text.
+
+    Args:
+        text: The text.
+        where: The file or the line, for errors.
+        error: What to raise.
+        limit: Of its bytes.
+        fix: What to do about a text that isn't JSON, for errors.
+
+    Raises:
+        InputFileError: If it is not JSON, too long, or nested too deeply.
+    """
+    limit.check(where, len(text), error)
+    try:
+        value = load_json(text)
+    except ValueError as reason:
+        raise error(where, f"is not valid JSON ({_one_line(reason)})" + (fix and f"; {fix}")) from None
+    _check_depth(value, where, error)
+    return value
+
+
+def read_json(path: Path | str, fix: str = "") -> Any:
+    """Read a whole JSON file of the package's own making, which may be as large as any file.
+
+    Args:
+        path: The file.
+        fix: What to do about a file that isn't JSON, for errors.
+
+    Raises:
+        InputFileError: If it can't be read, isn't JSON, or is larger than allowed.
+    """
+    return parse_json(read_bytes(path), path, limit=FILE_BYTES, fix=fix)
+
+
+def parse_yaml(text: str, where: object) -> Any:
+    """The value of a YAML text of plain values, without aliases: ten lines of them can stand for gigabytes.
+
+    Args:
+        text: The text.
+        where: The file, for errors.
+
+    Raises:
+        InputFileError: If it is not YAML, too long, nested too deeply, or has aliases.
+    """
+    YAML_BYTES.check(where, len(text))
+    try:
+        value = yaml.load(text, Loader=_PlainLoader)
+    except yaml.YAMLError as reason:
+        mark = getattr(reason, "problem_mark", None)
+        line = "" if mark is None else f":{mark.line + 1}"
+        problem = getattr(reason, "problem", None) or "it can't be parsed"
+        raise InputFileError(f"{where}{line}", f"is not valid yaml ({_one_line(problem)})") from None
+    # What PyYAML makes of impossible dates, empty numbers and the like.
+    except (ValueError, TypeError, AttributeError, LookupError, RecursionError) as reason:
+        raise InputFileError(where, f"is not valid yaml ({_one_line(reason)})") from None
+    _check_depth(value, where, InputFileError)
+    return value
+
+
+class _PlainLoader(yaml.SafeLoader):
+    """PyYAML's safe loader without aliases."""
+
+    def compose_node(self, parent: Any, index: Any) -> Any:
+        """The next node; refuses an alias."""
+        if self.check_event(yaml.events.AliasEvent):
+            mark = self.peek_event().start_mark
+            raise yaml.composer.ComposerError(
+                None, None, "aliases are not allowed; write the value out", mark
+            )
+        return super().compose_node(parent, index)
+
+
+def _whole_number(text: str) -> int:
+    if len(text) > MAX_DIGITS:
+        raise ValueError(f"a whole number of {len(text)} digits")
+    return int(text)
+
+
+def _yaml_number(loader: _PlainLoader, node: yaml.ScalarNode) -> int:
+    number: int = loader.construct_yaml_int(node)
+    if number.bit_length() > 3 * MAX_DIGITS:
+        raise ValueError("a whole number of hundreds of digits")
+    return number
+
+
+_PlainLoader.add_constructor("tag:yaml.org,2002:int", _yaml_number)
+
+
+def _check_depth(value: Any, where: object, error: type[InputFileError]) -> None:
+    """Refuse what recursive functions may stumble over, level by level."""
+    level, depth = [value], 0
+    while level := [inner for outer in level for inner in _inside(outer) if isinstance(inner, list | dict)]:
+        depth += 1
+        DEPTH.check(where, depth, error)
+
+
+def _inside(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return value.values()
+    return value if isinstance(value, list) else ()
+
+
+def _one_line(reason: object) -> str:
+    return " ".join(str(reason).split())[:160]

@@ -1,0 +1,55 @@
+"""Names that come from files and become parts of paths.
+
+A dataset's manifest, an archive or a journal may come from anybody. What they call a file is one part of a path,
+never a path: :data:`FileName` is the type of every such field, and :func:`as_file_name` makes one of any text.
+"""
+
+import hashlib
+import re
+from typing import Annotated, NamedTuple
+
+MAX_NAME_BYTES = 200
+"""File systems take 255; this leaves room for suffixes and for the temporary name while a file is written."""
+_FORBIDDEN = frozenset('/\\:*?"<>|')  # separators, and what Windows forbids besides
+_DIGEST_DIGITS = 8
+
+
+class OnePart(NamedTuple):
+    """The rule of :data:`FileName`."""
+
+    max_bytes: int = MAX_NAME_BYTES
+
+    def allow(self, text: str) -> bool:
+        """Whether a text is one part of a path and nothing else."""
+        return (
+            0 < len(text) <= self.max_bytes
+            and text.isprintable()  # neither NUL nor line ends nor half a surrogate pair
+            and len(text.encode()) <= self.max_bytes
+            and not text.startswith(".")
+            and text == text.strip()
+            and _FORBIDDEN.isdisjoint(text)
+        )
+
+    def __str__(self) -> str:
+        return f"a plain file name of at most {self.max_bytes} bytes, without separators or a leading dot"
+
+
+FileName = Annotated[str, OnePart()]
+"""A name out of a file that becomes a part of a path."""
+
+
+def is_file_name(text: str) -> bool:
+    """Whether a text may be a part of a path as it is."""
+    return OnePart().allow(text)
+
+
+def as_file_name(text: str, max_bytes: int = MAX_NAME_BYTES) -> str:
+    """Make a file name of a text: ``-`` for runs of what is neither a letter, a digit nor one of ``_.-``.
+
+    A text that is too long is cut, and gets a digest of the whole so that it stays unique.
+    """
+    name = re.sub(r"[^A-Za-z0-9_.-]+", "-", text)
+    if len(name) > max_bytes:
+        digest = hashlib.sha256(text.encode(errors="surrogatepass")).hexdigest()[:_DIGEST_DIGITS]
+        name = f"{name[: max_bytes - _DIGEST_DIGITS - 1]}-{digest}"
+    return name

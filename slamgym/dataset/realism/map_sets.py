@@ -1,0 +1,171 @@
+"""Sets of SLAM maps to compare: each read, brought to one cell size and measured, or left out for a reason."""
+
+import re
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from slamgym.core.errors import ConfigError, InputFileError
+from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, ByteArray, OccupancyGrid
+from slamgym.dataset.curate.map_items import MapItem, bare_images, open_items
+from slamgym.metrics.map_look import (
+    COARSEST_CELL,
+    LOOK_CELL,
+    at_look_cell,
+    cut_to_floor,
+    look_statistics,
+)
+
+MIN_MAPS = 8
+"""Maps that a set needs: halves of fewer say nothing."""
+MIN_BUILDINGS = 4
+"""Of a set: halves need two each."""
+_LEAST_FREE = 4.0  # [m^2]
+_MOST_OCCUPIED = 0.4  # of the known cells; SLAM maps have a tenth
+
+
+@dataclass(frozen=True)
+class MeasuredMap:
+    """A map of a set."""
+
+    name: str
+    building: str
+    """Maps of one building are never on both sides of a test."""
+    cells: ByteArray
+    """At the common cell size, whole, (H, W)."""
+    statistics: dict[str, float]
+    """Of the part around the floor."""
+
+    @property
+    def floor(self) -> ByteArray:
+        """The part around the largest free space."""
+        return cut_to_floor(self.cells)
+
+
+@dataclass(frozen=True)
+class MapSet:
+    """The maps of a dataset or a folder."""
+
+    name: str
+    root: Path
+    maps: list[MeasuredMap]
+    skipped: dict[str, int]
+    """Reasons why files were left out, and how many each."""
+
+    @property
+    def buildings(self) -> list[str]:
+        """Of each map."""
+        return [one.building for one in self.maps]
+
+    @property
+    def statistics(self) -> list[dict[str, float]]:
+        """Of each map."""
+        return [one.statistics for one in self.maps]
+
+
+def read_map_sets(
+    roots: Sequence[Path], assumed_resolution: float | None = None, building: str | None = None
+) -> list[MapSet]:
+    """Read every map of some folders.
+
+    Args:
+        roots: Datasets, or folders (with subfolders) of ROS maps.
+        assumed_resolution: Cell size of images without a yaml file [m]; without it they are left out.
+        building: A pattern that finds the building in the name of a map from elsewhere; without it, or where
+            it finds nothing, each map is a building of its own.
+
+    Raises:
+        InputFileError: If a folder holds too few maps.
+        ConfigError: If the pattern is malformed, or a folder is named twice.
+    """
+    try:
+        pattern = re.compile(building) if building else None
+    except re.error as error:
+        raise ConfigError(f"--building {building!r} is no regular expression ({error})") from error
+    if len({root.resolve() for root in roots}) < len(roots):
+        raise ConfigError("a folder is named twice: its maps can't be told from themselves; name each once")
+    names = _names(roots)
+    return [_read(root, name, assumed_resolution, pattern) for root, name in zip(roots, names, strict=True)]
+
+
+def _names(roots: Sequence[Path]) -> list[str]:
+    """The folders' names; with their parents' where two are alike."""
+    short = [root.resolve().name for root in roots]
+    return [
+        name if short.count(name) == 1 else "/".join(root.resolve().parts[-2:])
+        for root, name in zip(roots, short, strict=True)
+    ]
+
+
+def _read(
+    root: Path, name: str, assumed_resolution: float | None, building: re.Pattern[str] | None
+) -> MapSet:
+    try:
+        items = open_items(root, assumed_resolution)
+    except InputFileError:
+        if assumed_resolution is not None or not root.is_dir() or not bare_images(root):
+            raise
+        raise InputFileError(
+            root, "holds images without yaml files; say how large their cells are with --assume-resolution"
+        ) from None
+    skipped: Counter[str] = Counter()
+    if assumed_resolution is None and not any(item.record for item in items):
+        skipped["no yaml file, and no --assume-resolution"] = len(bare_images(root))
+    maps = []
+    for item in items:
+        try:
+            grid = item.load()
+        except InputFileError as error:
+            reason = "too many shades for a map" if "greys" in error.reason else "can't be read as a map"
+            skipped[reason] += 1
+            continue
+        fault = _fault(grid)
+        if fault:
+            skipped[fault] += 1
+        else:
+            maps.append(_measure(item, grid, building))
+    reasons = {reason: count for reason, count in skipped.items() if count}
+    _require_enough(root, maps, reasons)
+    return MapSet(name, root, maps, reasons)
+
+
+def _fault(grid: OccupancyGrid) -> str:
+    """Why a file is no map that can be compared; nothing if it is one."""
+    resolution = grid.frame.resolution
+    if resolution > COARSEST_CELL:
+        return f"cells larger than {COARSEST_CELL:g} m"
+    floor = cut_to_floor(grid.cells)
+    if np.count_nonzero(floor == FREE) * resolution**2 < _LEAST_FREE:
+        return f"less than {_LEAST_FREE:g} m2 of free space"
+    occupied = np.count_nonzero(floor == OCCUPIED)
+    if occupied == 0:
+        return "no walls"
+    if occupied > _MOST_OCCUPIED * np.count_nonzero(floor != UNKNOWN):
+        return "more walls than a map has"
+    return ""
+
+
+def _measure(item: MapItem, grid: OccupancyGrid, building: re.Pattern[str] | None) -> MeasuredMap:
+    cells = at_look_cell(grid.cells, grid.frame.resolution)
+    found = building.search(item.name) if building and item.record is None else None
+    return MeasuredMap(
+        item.name, found[0] if found else item.plan_id, cells, look_statistics(cut_to_floor(cells))
+    )
+
+
+def _require_enough(root: Path, maps: list[MeasuredMap], skipped: dict[str, int]) -> None:
+    left_out = "; left out: " + ", ".join(f"{n} {why}" for why, n in skipped.items()) if skipped else ""
+    if len(maps) < MIN_MAPS:
+        raise InputFileError(
+            root,
+            f"holds {len(maps)} maps that can be compared at cells of {LOOK_CELL:g} m; add some: a test needs "
+            f"at least {MIN_MAPS}{left_out}",
+        )
+    buildings = len({one.building for one in maps})
+    if buildings < MIN_BUILDINGS:
+        raise InputFileError(
+            root, f"shows {buildings} buildings; add maps of others: a test needs at least {MIN_BUILDINGS}"
+        )

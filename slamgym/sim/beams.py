@@ -1,0 +1,263 @@
+"""What a beam measures of the surface that it meets: numba kernels.
+
+Whatever is random about a *place* comes from a hash of its coordinates, so that it is the same in every scan and for
+neighbouring beams; only the noise of a measurement is drawn again. One law decides whether an echo is heard: what comes
+back from a matt surface falls with the square of the distance and with the cosine of the angle of incidence, so that
+far, oblique and dark surfaces are lost together.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from slamgym.core.jit import kernel
+from slamgym.core.types import FloatArray, IntArray
+from slamgym.sim.raycast import next_hit
+from slamgym.sim.surfaces import GLASS, MIRROR, Surfaces
+
+# Glass returns a beam from straight ahead, and where it is dirty or has something stuck to it.
+_SPECULAR_COS = math.cos(math.radians(4.0))
+_DIRTY_SHARE = 0.08
+_DIRT_SIZE = 0.08  # [m]
+# Twice through a pane [share of the echo that is left].
+_THROUGH_GLASS = 0.6
+# Panes that a beam passes at most, and the thickest wall that holds one [m].
+_MOST_PANES = 3
+_THICKEST_WALL = 0.6
+
+# Two surfaces in one footprint blend into a range in between where they are less than this apart [m]; of others the
+# larger part counts. In the logs the share of jumps with a beam in between falls by half at 0.6 to 1.2 m and again
+# beyond.
+_BLENDING = 0.8
+# Neighbours' ranges that differ by less are one surface [m, share of the range].
+_JUMP, _JUMP_RELATIVE = 0.05, 0.05
+
+# Lattices of what varies with the place [m], and the scatter of echoes over places and over scans (of the logarithm).
+_UNEVENNESS = 0.25
+_BIAS_SIZE = 0.5
+_ECHO_SIZE = 0.1
+_ECHO_BY_PLACE, _ECHO_BY_SCAN = 0.4, 0.15
+# Flattest incidence at which a wall's unevenness is stretched along the beam (cosine).
+_FLATTEST = 0.2
+# Linear interpolation of values that are even in [-1, 1] has a standard deviation of 0.385, over a cell's area.
+_TO_DEVIATION = 1.0 / 0.385
+
+
+class BeamLaw(NamedTuple):
+    """A scanner's properties, as the kernels take them; see :class:`slamgym.sim.lidar.LidarConfig`."""
+
+    angle_min: float  # [rad]
+    angle_increment: float  # [rad]
+    range_max: float  # [m]
+    sigma: float  # [m]
+    sigma_relative: float
+    bias: float
+    beam_width: float  # [rad]
+    attenuation: float
+
+
+@kernel
+def measure_beams(
+    sensor: tuple[float, float, float],
+    segments: FloatArray,
+    true: FloatArray,
+    hits: IntArray,
+    surfaces: Surfaces,
+    law: BeamLaw,
+    normal: FloatArray,
+    out: FloatArray,
+) -> None:
+    """Write what each beam measures; ``inf`` where no echo is heard.
+
+    Args:
+        sensor: Its pose in the frame of the segments.
+        segments: What can be seen, shape (S, 4) [m].
+        true: Distances along the beams, shape (N,) [m].
+        hits: The segments met, shape (N,).
+        surfaces: Their materials.
+        law: The scanner.
+        normal: Standard normal draws, shape (2, N): of the range, and of the echo's strength.
+        out: Receives the ranges, shape (N,) [m].
+    """
+    x, y, theta = sensor
+    for i in range(len(true)):
+        angle = theta + law.angle_min + i * law.angle_increment
+        ux, uy = math.cos(angle), math.sin(angle)
+        distance, cosine, echo, depth = true[i], 1.0, 1.0, 0.0
+        if hits[i] >= 0:
+            distance, cosine, echo, depth = _behold(x, y, ux, uy, true[i], hits[i], segments, surfaces, law)
+        if distance == true[i] <= law.range_max and law.beam_width > 0.0:
+            distance = _blend(x, y, ux, uy, i, distance, true, hits, segments, law)
+        if distance > law.range_max:
+            out[i] = np.inf
+            continue
+        px, py = x + distance * ux, y + distance * uy
+        if law.attenuation > 0.0:
+            scatter = _ECHO_BY_PLACE * _smooth_noise(surfaces.seed, px / _ECHO_SIZE, py / _ECHO_SIZE)
+            scatter += _ECHO_BY_SCAN * normal[1, i]
+            loss = law.attenuation * (distance / law.range_max) ** 2
+            if loss > max(cosine, 1e-9) * echo * math.exp(scatter):
+                out[i] = np.inf
+                continue
+        if surfaces.roughness > 0.0:
+            uneven = _smooth_noise(surfaces.seed + 1, px / _UNEVENNESS, py / _UNEVENNESS)
+            depth += surfaces.roughness * uneven
+        sigma = max(law.sigma, law.sigma_relative * distance)
+        error = normal[0, i]
+        if law.bias > 0.0:
+            error += law.bias * _smooth_noise(surfaces.seed + 2, px / _BIAS_SIZE, py / _BIAS_SIZE)
+        out[i] = max(0.0, distance - depth / max(cosine, _FLATTEST) + sigma * error)
+
+
+@kernel
+def _behold(
+    x: float,
+    y: float,
+    ux: float,
+    uy: float,
+    distance: float,
+    hit: int,
+    segments: FloatArray,
+    surfaces: Surfaces,
+    law: BeamLaw,
+) -> tuple[float, float, float, float]:
+    """The surface whose echo a beam hears, through glass and by mirrors.
+
+    Returns:
+        Length of its way [m], ``inf`` if it meets nothing; the cosine of its incidence; the echo's strength; how far
+        the surface stands out [m].
+    """
+    passed, echo, length = 0.0, 1.0, distance  # ``passed``: what lies before the last mirror
+    outdoors = False
+    pane = -1.0  # where the last pane was passed
+    for _ in range(_MOST_PANES + 2):
+        scene = surfaces.outside if outdoors else segments
+        cosine = _cosine(ux, uy, scene, hit)
+        kind, own_echo, depth = 0.0, 1.0, 0.0
+        if not outdoors:
+            kind, own_echo, depth = _patch(surfaces, hit, _along(x, y, ux, uy, length, segments, hit))
+        if kind == GLASS and (
+            cosine > _SPECULAR_COS or _is_dirty(surfaces, x + length * ux, y + length * uy)
+        ):
+            kind = 0.0
+        is_back = pane >= 0.0 and length - pane < _THICKEST_WALL and hit < surfaces.num_walls and not outdoors
+        if kind == MIRROR and cosine < _SPECULAR_COS:
+            passed += length
+            x, y = x + length * ux, y + length * uy
+            ux, uy = _mirrored(ux, uy, segments, hit)
+            length, hit = next_hit(x, y, ux, uy, 1e-6, segments, law.range_max - passed)
+            pane = -1.0
+        elif kind == GLASS or is_back:
+            # On through the pane, and through the other face of the wall that it is in.
+            pane = -1.0 if is_back else length
+            if kind == GLASS and not is_back:
+                echo *= _THROUGH_GLASS
+            before = length
+            length, hit = next_hit(x, y, ux, uy, before + 1e-6, segments, law.range_max - passed)
+            far, thing = next_hit(x, y, ux, uy, before + 1e-6, surfaces.outside, law.range_max - passed)
+            if far < length:
+                outdoors, length, hit = True, far, thing
+        else:
+            return passed + length, cosine, echo * own_echo, depth
+        if hit < 0:
+            break
+    return np.inf, 1.0, 1.0, 0.0
+
+
+@kernel
+def _cosine(ux: float, uy: float, segments: FloatArray, s: int) -> float:
+    """Cosine of the angle between a beam and the normal of a segment."""
+    ex, ey = segments[s, 2] - segments[s, 0], segments[s, 3] - segments[s, 1]
+    return abs(ux * ey - uy * ex) / math.sqrt(ex * ex + ey * ey)
+
+
+@kernel
+def _along(x: float, y: float, ux: float, uy: float, length: float, segments: FloatArray, s: int) -> float:
+    """How far along a segment a beam meets it [m]."""
+    ex, ey = segments[s, 2] - segments[s, 0], segments[s, 3] - segments[s, 1]
+    dx, dy = x + length * ux - segments[s, 0], y + length * uy - segments[s, 1]
+    return (dx * ex + dy * ey) / math.sqrt(ex * ex + ey * ey)
+
+
+@kernel
+def _mirrored(ux: float, uy: float, segments: FloatArray, s: int) -> tuple[float, float]:
+    """A direction after a reflection in a segment."""
+    ex, ey = segments[s, 2] - segments[s, 0], segments[s, 3] - segments[s, 1]
+    twice = 2.0 * (ux * ex + uy * ey) / (ex * ex + ey * ey)
+    return twice * ex - ux, twice * ey - uy
+
+
+@kernel
+def _patch(surfaces: Surfaces, s: int, along: float) -> tuple[float, float, float]:
+    """Kind, echo and depth of a place on a segment."""
+    if s + 1 < len(surfaces.first):
+        for k in range(surfaces.first[s], surfaces.first[s + 1]):
+            if surfaces.patches[k, 0] <= along < surfaces.patches[k, 1]:
+                return surfaces.patches[k, 2], surfaces.patches[k, 3], surfaces.patches[k, 4]
+    return 0.0, 1.0, 0.0
+
+
+@kernel
+def _is_dirty(surfaces: Surfaces, x: float, y: float) -> bool:
+    """Whether glass returns a beam at a place from any side."""
+    return _hash(surfaces.seed + 3, math.floor(x / _DIRT_SIZE), math.floor(y / _DIRT_SIZE)) < _DIRTY_SHARE
+
+
+@kernel
+def _blend(
+    x: float,
+    y: float,
+    ux: float,
+    uy: float,
+    i: int,
+    distance: float,
+    true: FloatArray,
+    hits: IntArray,
+    segments: FloatArray,
+    law: BeamLaw,
+) -> float:
+    """The range of a beam whose footprint lies over an edge: in between, by the parts of it on either side."""
+    for j in (i - 1, i + 1):
+        if j < 0 or j >= len(true) or abs(true[j] - true[i]) <= _JUMP + _JUMP_RELATIVE * true[i]:
+            continue
+        is_near = true[i] < true[j]
+        s = hits[i] if is_near else hits[j]
+        # The edge is the end of the nearer segment that lies between the two beams.
+        off = np.inf
+        for end in (0, 2):
+            ex, ey = segments[s, end] - x, segments[s, end + 1] - y
+            angle = math.atan2(ux * ey - uy * ex, ux * ex + uy * ey) * (j - i)
+            if -1e-9 <= angle <= law.angle_increment:
+                off = min(off, max(0.0, angle))
+        if off >= 0.5 * law.beam_width:
+            continue
+        major = 0.5 + off / law.beam_width
+        if is_near and true[j] > law.range_max:
+            continue
+        gap = abs(true[j] - true[i])
+        if gap < _BLENDING:
+            return distance + (1.0 - major) * (true[j] - true[i])
+    return distance
+
+
+@kernel
+def _hash(seed: int, i: int, j: int) -> float:
+    """An even value in [0, 1) that belongs to a cell of a lattice (SplitMix64 of its coordinates)."""
+    h = np.uint64(seed) * np.uint64(0x9E3779B97F4A7C15)
+    for value in (i, j):
+        h = (h ^ np.uint64(np.int64(value))) + np.uint64(0x9E3779B97F4A7C15)
+        h = (h ^ (h >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+        h = (h ^ (h >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+        h ^= h >> np.uint64(31)
+    return float(h >> np.uint64(11)) * (1.0 / 9007199254740992.0)
+
+
+@kernel
+def _smooth_noise(seed: int, x: float, y: float) -> float:
+    """A value that varies smoothly with the place, with mean 0 and a standard deviation of about 1 (at most 2.6)."""
+    col, row = math.floor(x), math.floor(y)
+    fx, fy = x - col, y - row
+    low = (1.0 - fx) * _hash(seed, col, row) + fx * _hash(seed, col + 1, row)
+    high = (1.0 - fx) * _hash(seed, col, row + 1) + fx * _hash(seed, col + 1, row + 1)
+    return _TO_DEVIATION * (2.0 * ((1.0 - fy) * low + fy * high) - 1.0)

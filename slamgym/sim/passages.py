@@ -1,0 +1,361 @@
+"""Where a disc can go among walls and furniture: distances on a raster, and what a new obstacle would cut off.
+
+The raster holds the exact distance of each cell's centre from the nearest obstacle. A disc can go from one open
+cell to its eight neighbours; between them it comes at most 3 mm nearer to a corner, which the robot's radius
+gets on top. An obstacle is tried in its own surroundings alone: where every open part of them stays in one piece,
+the building does, too.
+
+Convention: rasters have row 0 at the *bottom*, so that row and y grow together. A box is a row of six numbers:
+middle x, y, unit vector of its length x, y, half its length, half its width [m].
+"""
+
+import copy
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from slamgym.core.jit import kernel
+from slamgym.core.types import BoolArray, ByteArray, FloatArray, GridFrame, IntArray
+
+if TYPE_CHECKING:
+    from slamgym.cad.floorplan import FloorPlan
+
+PASSAGE_CELL = 0.05
+"""Side of a cell [m]."""
+
+ROUNDING = 0.005
+"""What a path over the raster's cells may come nearer to an obstacle than the cells themselves [m]."""
+
+
+class Passages:
+    """Distances in one building, which grow smaller as it fills.
+
+    Args:
+        plan: The building.
+        far: Distances are known up to here; more than the radius of any disc that is asked about [m].
+
+    Attributes:
+        frame: Where the cells lie.
+        walls: The plan's segments, shape (S, 4) [m].
+        clearance: Distance of each cell's centre from the nearest obstacle, 0 inside, at most ``far`` [m].
+    """
+
+    def __init__(self, plan: "FloorPlan", far: float) -> None:
+        # Here, because help pages read the settings of this package and shapely takes long to import.
+        from slamgym.cad.floorplan import fill_segments
+
+        self.frame = GridFrame.covering(plan.bounds, PASSAGE_CELL, margin=4.0 * PASSAGE_CELL)
+        self.walls = plan.segments()
+        free = fill_segments(self.walls, self.frame)[::-1]
+        self.clearance: FloatArray = np.where(free, far, 0.0)
+        self.origin = self.frame.origin_x, self.frame.origin_y
+        self._far = far
+        _draw_segments(self.clearance, *self.origin, self.walls, far)
+        self._boxes = np.empty((64, 6))
+        self._count = 0
+
+    @property
+    def boxes(self) -> FloatArray:
+        """All boxes that nothing else may overlap, shape (B, 6)."""
+        return self._boxes[: self._count]
+
+    def first_fit(self, boxes: FloatArray, radii: FloatArray, *, reserve: bool = True) -> int:
+        """Place the first of some boxes that overlaps nothing and leaves discs of all radii their ways.
+
+        Args:
+            boxes: Candidates, shape (N, 6).
+            radii: Of the discs [m].
+            reserve: Keep later boxes off it.
+
+        Returns:
+            The box's index, or -1 if none fits.
+        """
+        found: int = _first_fit(
+            self.clearance, *self.origin, self.walls, self.boxes, boxes, radii + ROUNDING, self._far
+        )
+        if found >= 0 and reserve:
+            self.reserve(boxes[found])
+        return found
+
+    def is_clear(self, box: FloatArray) -> bool:
+        """Whether a box lies in the free space and overlaps no other."""
+        clear: bool = _is_clear(self.clearance, *self.origin, self.walls, self.boxes, box)
+        return clear
+
+    def reserve(self, box: FloatArray) -> None:
+        """Keep other boxes off a place, though discs may go there."""
+        if self._count == len(self._boxes):
+            self._boxes = np.vstack([self._boxes, np.empty_like(self._boxes)])
+        self._boxes[self._count] = box
+        self._count += 1
+
+    def block(self, box: FloatArray) -> None:
+        """Put an obstacle somewhere, whatever it cuts off."""
+        _draw_box(self.clearance, *self.origin, box, self._far)
+
+    def with_box(self, box: FloatArray) -> "Passages":
+        """The same with one obstacle more."""
+        other = copy.copy(self)
+        other.clearance = self.clearance.copy()
+        other.block(box)
+        return other
+
+    def parts(self, radius: float) -> tuple[int, IntArray]:
+        """The connected parts in which a disc can move.
+
+        Returns:
+            The label of the largest (-1 if there is none), and the labels of all cells, 0 where it can't be.
+        """
+        import cv2
+
+        cells: ByteArray = (self.clearance >= radius + ROUNDING).astype(np.uint8)
+        count, labels, figures, _ = cv2.connectedComponentsWithStats(cells, connectivity=8)
+        if count < 2:
+            return -1, labels
+        return 1 + int(np.argmax(figures[1:, cv2.CC_STAT_AREA])), labels
+
+    def fits(self, radius: float) -> BoolArray:
+        """Cells where a disc can be."""
+        cells: BoolArray = self.clearance >= radius + ROUNDING
+        return cells
+
+    def largest_part(self, radius: float) -> BoolArray:
+        """Cells of the largest part in which a disc can move."""
+        largest, labels = self.parts(radius)
+        part: BoolArray = labels == largest
+        return part
+
+    def cell(self, x: float, y: float) -> tuple[int, int]:
+        """The cell of a point, cut to the raster: row from the bottom, and column."""
+        row = min(max(int((y - self.origin[1]) / PASSAGE_CELL), 0), self.frame.height_px - 1)
+        return row, min(max(int((x - self.origin[0]) / PASSAGE_CELL), 0), self.frame.width_px - 1)
+
+    def floor_about(self, part: BoolArray, reach: float, frame: GridFrame) -> BoolArray:
+        """The floor near a part of the cells, as far as no obstacle covers it, on another raster.
+
+        Args:
+            part: Where a disc can be, as from :meth:`parts`.
+            reach: How near [m].
+            frame: Of the result.
+
+        Returns:
+            Shape ``frame.shape``, row 0 at the bottom.
+        """
+        import cv2
+
+        distance = cv2.distanceTransform((~part).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5)
+        floor = (distance * PASSAGE_CELL <= reach) & (self.clearance > 0.0)
+        x, _ = frame.to_point(0, np.arange(frame.width_px))
+        _, y = frame.to_point(np.arange(frame.height_px)[::-1], 0)
+        rows = np.clip(((y - self.origin[1]) / PASSAGE_CELL).astype(np.int64), 0, floor.shape[0] - 1)
+        cols = np.clip(((x - self.origin[0]) / PASSAGE_CELL).astype(np.int64), 0, floor.shape[1] - 1)
+        found: BoolArray = np.ascontiguousarray(floor[np.ix_(rows, cols)])
+        return found
+
+    def distance_from(self, x: float, y: float) -> FloatArray:
+        """Distance of each cell's centre from a point [m]."""
+        height, width = self.frame.shape
+        across = self.origin[0] + (np.arange(width) + 0.5) * PASSAGE_CELL - x
+        up = self.origin[1] + (np.arange(height) + 0.5) * PASSAGE_CELL - y
+        distance: FloatArray = np.hypot(across[None, :], up[:, None])
+        return distance
+
+    def sample_point(self, cells: BoolArray, rng: np.random.Generator) -> tuple[float, float]:
+        """The middle of a cell drawn evenly from those that are true."""
+        rows, cols = np.nonzero(cells)
+        index = int(rng.integers(len(rows)))
+        x, y = self.origin
+        return x + (float(cols[index]) + 0.5) * PASSAGE_CELL, y + (float(rows[index]) + 0.5) * PASSAGE_CELL
+
+
+@kernel
+def _draw_segments(
+    clearance: FloatArray, origin_x: float, origin_y: float, segments: FloatArray, far: float
+) -> None:
+    """Take the distance from segments into account."""
+    height, width = clearance.shape
+    for s in range(len(segments)):
+        x0, y0, x1, y1 = segments[s]
+        ex, ey = x1 - x0, y1 - y0
+        scale = 1.0 / max(ex * ex + ey * ey, 1e-18)
+        row0 = max(0, int((min(y0, y1) - far - origin_y) / PASSAGE_CELL))
+        row1 = min(height, int((max(y0, y1) + far - origin_y) / PASSAGE_CELL) + 1)
+        col0 = max(0, int((min(x0, x1) - far - origin_x) / PASSAGE_CELL))
+        col1 = min(width, int((max(x0, x1) + far - origin_x) / PASSAGE_CELL) + 1)
+        for row in range(row0, row1):
+            y = origin_y + (row + 0.5) * PASSAGE_CELL - y0
+            for col in range(col0, col1):
+                x = origin_x + (col + 0.5) * PASSAGE_CELL - x0
+                share = min(max((x * ex + y * ey) * scale, 0.0), 1.0)
+                dx, dy = x - share * ex, y - share * ey
+                square = dx * dx + dy * dy
+                if square < clearance[row, col] * clearance[row, col]:
+                    clearance[row, col] = np.sqrt(square)
+
+
+@kernel
+def _box_distance(x: float, y: float, box: FloatArray) -> float:
+    """Distance of a point from a box, 0 inside."""
+    dx, dy = x - box[0], y - box[1]
+    along = max(abs(dx * box[2] + dy * box[3]) - box[4], 0.0)
+    across = max(abs(dy * box[2] - dx * box[3]) - box[5], 0.0)
+    return float(np.sqrt(along * along + across * across))
+
+
+@kernel
+def _surroundings(
+    shape: tuple[int, int], origin_x: float, origin_y: float, box: FloatArray, far: float
+) -> IntArray:
+    """First and last (exclusive) row and column of the cells that a box can concern, and one more about them."""
+    half_x = abs(box[2]) * box[4] + abs(box[3]) * box[5] + far
+    half_y = abs(box[3]) * box[4] + abs(box[2]) * box[5] + far
+    found = np.empty(4, np.int64)
+    found[0] = max(0, int((box[1] - half_y - origin_y) / PASSAGE_CELL) - 1)
+    found[1] = min(shape[0], int((box[1] + half_y - origin_y) / PASSAGE_CELL) + 2)
+    found[2] = max(0, int((box[0] - half_x - origin_x) / PASSAGE_CELL) - 1)
+    found[3] = min(shape[1], int((box[0] + half_x - origin_x) / PASSAGE_CELL) + 2)
+    return found
+
+
+@kernel
+def _draw_box(clearance: FloatArray, origin_x: float, origin_y: float, box: FloatArray, far: float) -> None:
+    """Take the distance from a box into account."""
+    row0, row1, col0, col1 = _surroundings(clearance.shape, origin_x, origin_y, box, far)
+    for row in range(row0, row1):
+        for col in range(col0, col1):
+            distance = _box_distance(
+                origin_x + (col + 0.5) * PASSAGE_CELL, origin_y + (row + 0.5) * PASSAGE_CELL, box
+            )
+            clearance[row, col] = min(clearance[row, col], distance)
+
+
+@kernel
+def _meets_segment(box: FloatArray, segment: FloatArray) -> bool:
+    """Whether a segment meets a box, by clipping it to the box (Liang and Barsky)."""
+    low, high = 0.0, 1.0
+    dx, dy = segment[0] - box[0], segment[1] - box[1]
+    ex, ey = segment[2] - segment[0], segment[3] - segment[1]
+    for axis in range(2):
+        ux, uy = (box[2], box[3]) if axis == 0 else (-box[3], box[2])
+        start, step, half = dx * ux + dy * uy, ex * ux + ey * uy, box[4 + axis]
+        if abs(step) < 1e-12:
+            if abs(start) > half:
+                return False
+            continue
+        first, second = (-half - start) / step, (half - start) / step
+        low, high = max(low, min(first, second)), min(high, max(first, second))
+    return low <= high
+
+
+@kernel
+def _overlap(a: FloatArray, b: FloatArray) -> bool:
+    """Whether two boxes overlap, by the separating axis theorem."""
+    dx, dy = b[0] - a[0], b[1] - a[1]
+    cos, sin = abs(a[2] * b[2] + a[3] * b[3]), abs(a[2] * b[3] - a[3] * b[2])
+    return (
+        abs(dx * a[2] + dy * a[3]) < a[4] + cos * b[4] + sin * b[5]
+        and abs(dy * a[2] - dx * a[3]) < a[5] + sin * b[4] + cos * b[5]
+        and abs(dx * b[2] + dy * b[3]) < b[4] + cos * a[4] + sin * a[5]
+        and abs(dy * b[2] - dx * b[3]) < b[5] + sin * a[4] + cos * a[5]
+    )
+
+
+@kernel
+def _is_clear(
+    clearance: FloatArray,
+    origin_x: float,
+    origin_y: float,
+    walls: FloatArray,
+    boxes: FloatArray,
+    box: FloatArray,
+) -> bool:
+    """Whether a box lies in the free space and overlaps no other."""
+    row, col = int((box[1] - origin_y) / PASSAGE_CELL), int((box[0] - origin_x) / PASSAGE_CELL)
+    if row < 0 or col < 0 or row >= clearance.shape[0] or col >= clearance.shape[1]:
+        return False
+    if clearance[row, col] <= 0.0:
+        return False
+    for b in range(len(boxes)):
+        if _overlap(box, boxes[b]):
+            return False
+    for s in range(len(walls)):  # noqa: SIM110 - numba has no generators here
+        if _meets_segment(box, walls[s]):
+            return False
+    return True
+
+
+@kernel
+def _flood(cells: BoolArray, labels: IntArray, stack: IntArray, seed: int, label: int) -> None:
+    """Label the part of a small raster that holds a cell, over its eight neighbours; cells are flat indices."""
+    height, width = cells.shape
+    flat, marks = cells.reshape(-1), labels.reshape(-1)
+    stack[0], top = seed, 1
+    marks[seed] = label
+    while top > 0:
+        top -= 1
+        row, col = stack[top] // width, stack[top] % width
+        for r in range(max(row - 1, 0), min(row + 2, height)):
+            for c in range(max(col - 1, 0), min(col + 2, width)):
+                index = r * width + c
+                if flat[index] and marks[index] == 0:
+                    marks[index] = label
+                    stack[top] = index
+                    top += 1
+
+
+@kernel
+def _stays_connected(before: BoolArray, after: BoolArray) -> bool:
+    """Whether each connected part of the open cells keeps some of them, and those connected."""
+    old, new = np.zeros(before.shape, np.int64), np.zeros(before.shape, np.int64)
+    stack = np.empty(before.size, np.int64)
+    kept = np.zeros(before.size + 1, np.bool_)
+    was, is_open, old_flat, new_flat = before.reshape(-1), after.reshape(-1), old.reshape(-1), new.reshape(-1)
+    count = 0
+    for index in range(before.size):
+        if was[index] and old_flat[index] == 0:
+            count += 1
+            _flood(before, old, stack, index, count)
+        if is_open[index] and new_flat[index] == 0:
+            if kept[old_flat[index]]:
+                return False
+            kept[old_flat[index]] = True
+            _flood(after, new, stack, index, 1)
+    for label in range(1, count + 1):  # noqa: SIM110 - as above
+        if not kept[label]:
+            return False
+    return True
+
+
+@kernel
+def _first_fit(
+    clearance: FloatArray,
+    origin_x: float,
+    origin_y: float,
+    walls: FloatArray,
+    boxes: FloatArray,
+    candidates: FloatArray,
+    radii: FloatArray,
+    far: float,
+) -> int:
+    """Draw the first candidate that is clear and leaves all ways, and return its index; -1 if there is none."""
+    for index in range(len(candidates)):
+        box = candidates[index]
+        if not _is_clear(clearance, origin_x, origin_y, walls, boxes, box):
+            continue
+        row0, row1, col0, col1 = _surroundings(clearance.shape, origin_x, origin_y, box, far)
+        there = clearance[row0:row1, col0:col1]
+        after = np.empty_like(there)
+        for row in range(after.shape[0]):
+            for col in range(after.shape[1]):
+                x, y = (
+                    origin_x + (col0 + col + 0.5) * PASSAGE_CELL,
+                    origin_y + (row0 + row + 0.5) * PASSAGE_CELL,
+                )
+                after[row, col] = min(there[row, col], _box_distance(x, y, box))
+        connected = True
+        for radius in radii:
+            connected = connected and _stays_connected(there >= radius, after >= radius)
+        if connected:
+            there[:] = after
+            return index
+    return -1

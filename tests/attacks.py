@@ -1,0 +1,163 @@
+"""Hostile files, each a few kilobytes to make, and a process of its own that measures what reading one costs."""
+
+import gzip
+import io
+import json
+import lzma
+import subprocess
+import sys
+import tarfile
+import zlib
+from pathlib import Path
+
+import numpy as np
+
+MEASURE = """
+import resource, sys, warnings
+import cv2, shapely
+from slamgym.cad import check_plan, open_plans
+from slamgym.cad import houseexpo, image_plan, room_lines
+from slamgym.core.errors import SlamgymError
+from slamgym.dataset.generate.recipe import open_recipe
+from slamgym.interop import open_log, read_ros_map, ros_map
+shapely.STRtree(shapely.box([0], [0], [1], [1])).query(shapely.box(0, 0, 1, 1))
+def read(kind, path):
+    if kind == "plans":
+        source = open_plans(path)
+        check_plan(source.load(source.ids[0]), 0.22, 64.0)
+    else:
+        {"map": read_ros_map, "log": open_log, "recipe": open_recipe}[kind](path)
+def used():
+    usage = resource.getrusage(resource.RUSAGE_SELF)
+    return usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1024
+before = used()
+try:
+    read(*sys.argv[1:])
+    message = "accepted"
+except SlamgymError as error:
+    message = str(error)
+except MemoryError:
+    message = "MemoryError"
+after = used()
+print(after[0] - before[0], after[1] - before[1], message)
+"""
+
+
+def measure(kind: str, path: Path | str, **options) -> tuple[float, float, str]:
+    """CPU seconds, megabytes beyond start-up and the message, or ``accepted``."""
+    command = [sys.executable, "-W", "ignore", "-c", MEASURE, kind, str(path)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, **options)
+    if done.returncode:
+        return 0.0, 0.0, f"exit status {done.returncode}: {done.stderr[-300:]}"
+    seconds, megabytes, message = done.stdout.split(" ", 2)
+    return float(seconds), float(megabytes), message.strip()
+
+
+def aliases(folder: Path) -> Path:
+    """A map's description of 420 bytes in which each of nine lists holds the one before nine times."""
+    lines = ["image: a.pgm", "a0: &a0 [x,x,x,x,x,x,x,x,x]"]
+    lines += [f"a{i}: &a{i} [{','.join([f'*a{i - 1}'] * 9)}]" for i in range(1, 9)]
+    return _write(folder / "aliases.yaml", "\n".join([*lines, "resolution: *a8"]))
+
+
+def aliased_recipe(folder: Path) -> Path:
+    """The same as a recipe."""
+    lines = ["a0: &a0 [x,x,x,x,x,x,x,x,x]"]
+    lines += [f"a{i}: &a{i} [{','.join([f'*a{i - 1}'] * 9)}]" for i in range(1, 9)]
+    return _write(folder / "recipe.yaml", "\n".join([*lines, "lidar.sigma: *a8"]))
+
+
+def random_outline(folder: Path, count: int = 20_000) -> Path:
+    """A polygon that crosses itself some hundred million times."""
+    return _plan(folder / "random.json", np.random.default_rng(0).uniform(0, 20, (count, 2)))
+
+
+def jagged_outline(folder: Path, count: int = 100_000) -> Path:
+    """A valid star whose spikes make every buffer of it explode."""
+    rng = np.random.default_rng(0)
+    angle, radius = np.sort(rng.uniform(0, 2 * np.pi, count)), rng.uniform(5, 15, count)
+    return _plan(folder / "jagged.json", np.column_stack([radius * np.cos(angle), radius * np.sin(angle)]))
+
+
+def comb(folder: Path, count: int = 12_000) -> Path:
+    """A valid comb of narrow teeth, with fewer corners than good plans have."""
+    x = np.linspace(0, 20, count)
+    teeth = np.column_stack([x, np.where(np.arange(count) % 2, 10.0, 0.0)])
+    return _plan(folder / "comb.json", np.vstack([teeth, [[20, -5], [0, -5]]]))
+
+
+def holes(folder: Path, count: int = 90_000) -> Path:
+    """A hall with a pillar every few centimetres."""
+    side = int(np.ceil(np.sqrt(count)))
+    place, size = np.arange(count), 8.0 / side
+    corner = np.column_stack([place % side, place // side]) * 20.0 / side
+    rings = np.stack(
+        [corner, corner + np.array([size, 0]), corner + size, corner + np.array([0, size])], axis=1
+    )
+    hall = np.array([(-1, -1), (21, -1), (21, 21), (-1, 21)], dtype=float)
+    return _plan(folder / "holes.json", hall, rings.round(3).tolist())
+
+
+def archive_bomb(folder: Path, size: int = 6_400_000_000, members: int = 1) -> Path:
+    """A ``.tar.gz`` whose plans are blanks."""
+    path = folder / "bomb.tar.gz"
+    with path.open("wb") as file:
+        stream = zlib.compressobj(1, zlib.DEFLATED, 31)
+        blanks = b" " * (1 << 24)
+        for number in range(members):
+            info = tarfile.TarInfo(f"json/{number}.json")
+            info.size = size // members
+            file.write(stream.compress(info.tobuf()))
+            for start in range(0, info.size, len(blanks)):
+                file.write(stream.compress(blanks[: info.size - start]))
+            file.write(stream.compress(b"\0" * (-info.size % 512)))
+        file.write(stream.flush())
+    return path
+
+
+def xz_bomb(folder: Path, size: int = 64 << 20) -> Path:
+    """A ``.jsonl.xz`` of blanks; xz streams may follow each other, so one is made and repeated."""
+    part = lzma.compress(b" " * (1 << 25), preset=0)
+    path = folder / "bomb.jsonl.xz"
+    path.write_bytes(part * (size >> 25))
+    return path
+
+
+def log_bomb(folder: Path) -> Path:
+    """A log of empty lines."""
+    path = folder / "bomb.log.gz"
+    path.write_bytes(gzip.compress(b"\n" * (1 << 26), 1))
+    return path
+
+
+def picture_bomb(folder: Path, side: int = 30_000) -> Path:
+    """A map with a black PNG of 900 million pixels."""
+    stream = zlib.compressobj(1)
+    row = b"\0" * (side + 1)
+    content = b"".join(stream.compress(row) for _ in range(side)) + stream.flush()
+    header = side.to_bytes(4, "big") * 2 + b"\x08\0\0\0\0"
+    png = io.BytesIO(b"\x89PNG\r\n\x1a\n")
+    png.seek(8)
+    for kind, data in ((b"IHDR", header), (b"IDAT", content), (b"IEND", b"")):
+        crc = zlib.crc32(kind + data).to_bytes(4, "big")
+        png.write(len(data).to_bytes(4, "big") + kind + data + crc)
+    (folder / "huge.png").write_bytes(png.getvalue())
+    return _map(folder, "huge.png")
+
+
+def device_as_image(folder: Path) -> Path:
+    """A map whose image has no end."""
+    return _map(folder, "/dev/zero")
+
+
+def _map(folder: Path, image: str) -> Path:
+    return _write(folder / "map.yaml", f"image: {image}\nresolution: 0.05\norigin: [0, 0, 0]\n")
+
+
+def _plan(path: Path, outline: np.ndarray, rings: list | None = None) -> Path:
+    return _write(path, json.dumps({"id": "a", "verts": outline.round(6).tolist(), "holes": rings or []}))
+
+
+def _write(path: Path, text: str) -> Path:
+    path.write_text(text)
+    return path

@@ -1,0 +1,308 @@
+"""No command writes outside its output folder, whatever names a dataset, an archive or a folder of maps holds.
+
+Around every attack lies a folder ``outside`` with files that an escape would reach; it must stay as it was.
+"""
+
+import io
+import json
+import shutil
+import sys
+import tarfile
+
+import pytest
+from shapely import box
+
+from slamgym.agents.registry import make_explorer
+from slamgym.cad import FloorPlan
+from slamgym.cad.houseexpo import format_houseexpo
+from slamgym.commands.cli import TABLE, Group, main
+from slamgym.core.errors import SlamgymError
+from slamgym.core.files import append_line, drop_torn_line, exclusive_lock
+from slamgym.dataset import DatasetConfig, Layout, build_dataset
+from slamgym.dataset.generate.build import Execution
+from slamgym.dataset.images.format import ImageLayout
+from slamgym.dataset.shard import Shard
+from slamgym.envs import EpisodeConfig, ExploreConfig
+from slamgym.slam import SlamConfig
+
+SMALL = DatasetConfig(
+    seed=5,
+    episode=EpisodeConfig(minutes=0.1, env=ExploreConfig(slam=SlamConfig(mode="ground_truth"))),
+    trajectories=2,
+)
+NAMES = {
+    "absolute": "{outside}/x",
+    "parent": "../x",
+    "sibling": "../episodes/{name}",
+    "out of the dataset": "../../outside/x",
+    "dots": "..",
+    "folder": "a/b",
+    "backslash": "a\\b",
+    "NUL": "a\0b",
+    "hidden": ".lock",
+    "empty": "",
+    "long": "x" * 300,
+}
+DATASET = {
+    "dataset check": ["dataset", "check", "{dataset}"],
+    "dataset stats": ["dataset", "stats", "{dataset}"],
+    "dataset show": ["dataset", "show", "{dataset}", "-o", "{out}/sheet.png"],
+    "dataset clean": ["dataset", "clean", "{dataset}"],
+    "dataset review": ["dataset", "review", "{dataset}", "-o", "{out}/review.html", "--which", "all"],
+    "dataset split": ["dataset", "split", "{dataset}"],
+    "dataset render": ["dataset", "render", "{dataset}", "-o", "{out}/images", "--min-coverage", "0", "--workers", "1"],
+}  # fmt: skip
+PLANS = {
+    "plans list": ["plans", "list", "{plans}"],
+    "plans check": ["plans", "check", "{plans}", "--rejected", "{out}/rejected.jsonl"],
+    "plans draw": ["plans", "draw", "{plans}", "--out", "{out}/plans.png"],
+    "plans write": ["plans", "write", "{plans}", "--out", "{out}/plans"],
+    "generate": ["generate", "--plans", "{plans}", "--pairs", "1", "--minutes", "0.02", "--workers", "1", "--slam.mode",
+                 "ground_truth", "--out", "{out}/dataset"],
+    "deform": ["deform", "{plans}", "-o", "{out}/deformed"],
+}  # fmt: skip
+ELSEWHERE = {
+    "dataset merge": "test_a_merge_takes_no_links_and_no_false_records",
+    "gan train": "takes the names of images from the listing of their folder",
+    "gan evaluate": "takes the names of images from the listing of their folder",
+    "gan translate": "takes the names of images from the listing of their folder",
+    "gan publish": "takes its name from the command line, and refuses all but plain ones",
+    "watch": "writes to the file that the command line names",
+    "agents train": "writes into the folder that the command line names, under names of its own",
+    "agents evaluate": "writes into the folder that the command line names, under names of its own",
+    "agents shape": "writes into the folder that the command line names, under names of presets",
+    "calibrate-odometry": "writes to the file that the command line names",
+    "slam": "writes into the folder that the command line names, under names of its own",
+    "export-log": "writes to the file that the command line names",
+    "warmup": "reads and writes nothing of the user's",
+}
+
+
+def test_every_command_is_tried_or_needs_no_trial():
+    def leaves(group, before=""):
+        for word, command in group.commands.items():
+            if isinstance(command, Group):
+                yield from leaves(command, f"{before}{word} ")
+            else:
+                yield before + word
+
+    tried = {"plans" if name.startswith("plans ") else name for name in (*DATASET, *PLANS, *ELSEWHERE)}
+    assert set(leaves(TABLE)) == tried
+
+
+class OnePlan:
+    ids = ("hall",)
+
+    def __len__(self):
+        return 1
+
+    def load(self, plan_id):
+        return FloorPlan(plan_id, box(0, 0, 4.0, 1.6))
+
+
+def content_of(folder):
+    """Every path below a folder, with what it is and holds."""
+    return {
+        str(path.relative_to(folder)): str(path.readlink())
+        if path.is_symlink()
+        else path.read_bytes() if path.is_file() else None
+        for path in sorted(folder.rglob("*"))
+    }  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def explored(tmp_path_factory):
+    root = tmp_path_factory.mktemp("explored")
+    build_dataset(root / "dataset", OnePlan(), SMALL, make_explorer, pairs=2)
+    part = Execution(shard=Shard(0, 2))
+    build_dataset(root / "parts", OnePlan(), SMALL, make_explorer, pairs=2, execution=part)
+    return root
+
+
+@pytest.fixture
+def place(explored, tmp_path, monkeypatch):
+    """A dataset, a folder for output, and beside them what no command may touch."""
+    dataset = shutil.copytree(explored / "dataset", tmp_path / "dataset")
+    name = next(Layout(dataset).episodes.iterdir()).name
+    outside = tmp_path / "outside"
+    # A whole exploration, so that a name that leads here would be read and its images written beside it.
+    shutil.copytree(Layout(dataset).episode(name), outside / "x")
+    (outside / "log").write_text("a line\nand half a")
+    (tmp_path / "out").mkdir()
+    monkeypatch.chdir(tmp_path / "out")
+    return tmp_path
+
+
+def run(words, place, capsys, **more):
+    """Run a command; what it may not touch is compared, and its error must be one sentence."""
+    kept = [place / "outside", *(path for path in (place / "kept",) if path.exists())]
+    before = [content_of(folder) for folder in kept], {path.name for path in place.iterdir()}
+    folders = {"dataset": place / "dataset", "out": place / "out", **more}
+    code = main([word.format(**folders) for word in words])
+    assert ([content_of(folder) for folder in kept], {path.name for path in place.iterdir()}) == before
+    errors = [line for line in capsys.readouterr().err.splitlines() if line.startswith("slamgym: error")]
+    assert code in (0, 1, 2)
+    assert len(errors) == (code == 2)
+    return code, "".join(errors)
+
+
+@pytest.mark.parametrize("name", NAMES.values(), ids=NAMES)
+def test_names_in_a_manifest_are_no_paths(place, capsys, name):
+    layout = Layout(place / "dataset")
+    first, *others = layout.manifest.read_text().splitlines(keepends=True)
+    record = json.loads(first)
+    record["name"] = name.format(outside=place / "outside", name=record["name"])
+    layout.manifest.write_text(json.dumps(record) + "\n" + "".join(others))
+    inside = content_of(place / "dataset")
+    for command, words in DATASET.items():
+        code, error = run(words, place, capsys)
+        if command == "dataset check":
+            assert code == 1, "a fault, and the checking goes on"
+        else:
+            assert code == 2
+            assert "manifest.jsonl:1" in error
+    assert content_of(place / "dataset").keys() - inside.keys() <= {".lock"}
+    assert not list((place / "out").rglob("*.png"))
+
+
+@pytest.mark.parametrize("name", NAMES.values(), ids=NAMES)
+def test_names_in_the_journal_of_rendering_are_no_paths(place, capsys, name):
+    assert run(DATASET["dataset render"], place, capsys)[0] == 0
+    journal = ImageLayout(place / "out" / "images").root / ".rendered.jsonl"
+    record = json.loads(journal.read_text().splitlines()[0])
+    record["name"] = name.format(outside=place / "outside", name=record["name"])
+    journal.write_text(json.dumps(record) + "\n")
+    code, error = run(DATASET["dataset render"], place, capsys)
+    assert code == 2
+    assert "plain file name" in error
+
+
+LINKS = {
+    "dataset clean": ("clean.jsonl", "clean.json", ".lock"),
+    "dataset split": ("split.json",),
+    "dataset render": ("split.json",),
+    "dataset show": ("contact_sheet.png",),
+}
+
+
+@pytest.mark.parametrize("command", LINKS)
+@pytest.mark.parametrize("target", ["log", "fresh"])
+def test_links_in_a_dataset_are_not_written_through(place, capsys, command, target):
+    words = DATASET[command][:3] if command == "dataset show" else DATASET[command]
+    for name in LINKS[command]:
+        path = place / "dataset" / name
+        path.unlink(missing_ok=True)
+        path.symlink_to(place / "outside" / target)
+        run(words, place, capsys)
+        path.unlink()
+
+
+@pytest.mark.parametrize(
+    "name", ["A", "B", "episodes", "timing.jsonl", ".lock", ".incoming", "manifest.jsonl"]
+)
+def test_links_in_a_dataset_that_grows_are_not_written_through(place, name):
+    path = place / "dataset" / name
+    shutil.rmtree(path) if path.is_dir() else path.unlink(missing_ok=True)
+    path.symlink_to(place / "outside" / ("log" if "." in name else ""))
+    shutil.copytree(place / "outside" / "x", place / "outside" / "000009_x")
+    before = content_of(place / "outside")
+    try:
+        build_dataset(place / "dataset", OnePlan(), SMALL, make_explorer, pairs=3)
+    except SlamgymError as error:
+        assert name in str(error)  # noqa: PT017 - a file may be replaced instead, which harms nothing
+    assert content_of(place / "outside") == before
+
+
+@pytest.mark.parametrize("name", ["train", "train/A", "test/B", ".rendered.jsonl", ".lock"])
+def test_links_in_a_folder_of_images_are_not_written_through(place, capsys, name):
+    assert run(DATASET["dataset render"], place, capsys)[0] == 0
+    path = place / "out" / "images" / name
+    shutil.rmtree(path) if path.is_dir() else path.unlink()
+    path.symlink_to(place / "outside" / ("log" if "." in name else ""))
+    code, error = run(DATASET["dataset render"], place, capsys)
+    assert code == 2
+    assert "is a link" in error
+
+
+def test_a_merge_takes_no_links_and_no_false_records(explored, place, capsys):
+    words = ["dataset", "merge", "{parts}"]
+    merged, shard = place / "dataset" / "parts", place / "dataset" / "parts" / "shard-00000-of-00002"
+
+    def fresh():
+        shutil.rmtree(merged, ignore_errors=True)
+        shutil.copytree(explored / "parts", merged)
+        return next(path for path in (shard / "episodes").iterdir())
+
+    episode = fresh()
+    (episode / "map.pgm").unlink()
+    (episode / "map.pgm").symlink_to(place / "outside" / "log")
+    assert run(words, place, capsys, parts=merged)[0] == 0
+    assert not list((merged / "episodes").iterdir()), "a pair with a link is left out"
+
+    episode = fresh()
+    record = json.loads((episode / "episode.json").read_text())
+    for change in ({"name": "../x"}, {"index": -1}, {"index": 7}, {"plan_id": "../../x"}, {"index": 10**12}):
+        fresh()
+        (episode / "episode.json").write_text(json.dumps({**record, **change}) + "\n")
+        code, error = run(words, place, capsys, parts=merged)
+        assert code == 2
+        assert "episode.json" in error
+
+    fresh()
+    shutil.move(shard, place / "kept")
+    shard.symlink_to(place / "kept")
+    code, error = run(words, place, capsys, parts=merged)
+    assert code == 2
+    assert "is a link" in error
+
+
+PLAN_NAMES = {**NAMES, "odd": "Küche ~ 1. OG (alt)"}
+
+
+@pytest.fixture(params=["archive", "lines"])
+def hostile_plans(request, place):
+    """Plans whose names lead elsewhere, in an archive and as lines."""
+    names = [name.format(outside=place / "outside", name="x") for name in PLAN_NAMES.values()]
+    if request.param == "archive":
+        path = place / "dataset" / "plans.tar.gz"
+        with tarfile.open(path, "w:gz", format=tarfile.PAX_FORMAT) as archive:
+            for name in names:
+                content = format_houseexpo(FloorPlan(name, box(0, 0, 4.0, 1.6))).encode()
+                member = tarfile.TarInfo(f"{name}.json")
+                member.size = len(content)
+                archive.addfile(member, io.BytesIO(content))
+            link = tarfile.TarInfo("link.json")
+            link.type, link.linkname = tarfile.SYMTYPE, str(place / "outside" / "log")
+            archive.addfile(link)
+        return path
+    path = place / "dataset" / "plans.jsonl"
+    corners = [[0, 0], [80, 0], [80, 40], [0, 40]]
+    room = {"polygon": corners, "label": "hall", "segments": []}
+    lines = [{"name": name, "m_per_px": 0.05, "rooms": [room]} for name in names]
+    path.write_text("".join(json.dumps(line) + "\n" for line in lines))
+    return path
+
+
+@pytest.mark.parametrize("command", PLANS)
+def test_names_of_plans_are_no_paths(place, capsys, hostile_plans, command):
+    code, _ = run(PLANS[command], place, capsys, plans=hostile_plans)
+    if command == "plans write":
+        written = list((place / "out" / "plans").rglob("*"))
+        assert code == 0
+        assert len(written) >= 5
+        assert all(path.is_file() and path.parent == place / "out" / "plans" for path in written)
+    if command == "generate":
+        assert code == 0
+        (pair,) = Layout(place / "out" / "dataset").episodes.iterdir()
+        assert len(pair.name) <= 200
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="links need rights there")
+def test_logs_and_locks_are_no_links(tmp_path):
+    (tmp_path / "link").symlink_to(tmp_path / "elsewhere")
+    for write in (lambda path: append_line(path, "x\n"), drop_torn_line):
+        with pytest.raises(SlamgymError, match="is a link"):
+            write(tmp_path / "link")
+    with pytest.raises(SlamgymError, match="is a link"), exclusive_lock(tmp_path / "link"):
+        pass
+    assert not (tmp_path / "elsewhere").exists()

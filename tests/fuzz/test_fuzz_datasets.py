@@ -1,0 +1,230 @@
+"""Whatever lies in a dataset's files, reading them gives a value or an error that the user can fix."""
+
+import contextlib
+import dataclasses
+import io
+import json
+
+import numpy as np
+import pytest
+import yaml
+from fuzz.record_mutations import damaged_bytes, damaged_json, damaged_lines, damaged_values
+from hypothesis import given
+from hypothesis import strategies as st
+
+from slamgym.commands.dataset.review import _band
+from slamgym.core.config import to_dict
+from slamgym.core.errors import SlamgymError
+from slamgym.core.png import encode_png
+from slamgym.dataset.check import check_dataset
+from slamgym.dataset.curate.completeness import FEATURES
+from slamgym.dataset.curate.completeness_model import PRETRAINED_MODEL, CompletenessModel
+from slamgym.dataset.curate.criteria import Criteria, record_faults
+from slamgym.dataset.curate.decisions import DECISIONS_FILE, Decision, decisions_document, stored_decisions
+from slamgym.dataset.curate.map_items import open_items
+from slamgym.dataset.curate.snapshots import _slam_settings
+from slamgym.dataset.curate.split import PlanSide, SplitTable, current_split, read_split
+from slamgym.dataset.curate.verdicts import Verdict, read_verdicts
+from slamgym.dataset.faults import MapFault
+from slamgym.dataset.folder import read_rejected, read_times
+from slamgym.dataset.format import Layout, read_dataset_config, read_manifest
+from slamgym.dataset.generate.recipe import RECIPES, DatasetConfig, open_recipe
+from slamgym.dataset.images.check import check_image_folder
+from slamgym.dataset.images.format import ImageRecord, read_images
+from slamgym.dataset.images.render import _read_journal, select_pairs
+from slamgym.dataset.manifest_file import ManifestFile
+from slamgym.dataset.record import PairRecord, rows_of
+from slamgym.dataset.statistics import dataset_statistics, describe_pairs
+
+RECORD = PairRecord(
+    name="000000_hall", index=0, plan_id="hall", plan_source="plans.tar.gz", repetition=0, seed=1,
+    config_hash="0" * 12, version="0.1.0", explorer="nearest",
+    conditions={"explorer": "nearest", "clutter.furniture": 0.2, "slam.particles": 5}, finished="explored",
+    coverage=0.99, robot_seconds=60.0, time_limit=300.0, path_length=20.0, collisions=0, ate=0.05,
+    odometry_ate=0.2, final_position_error=0.05, map_error=0.02, mse=0.01, area=20.0, rooms=2, resolution=0.05,
+    origin=(-1.0, -1.0), shape=(8, 8), start=(1.0, 1.0, 0.0), sha256={"A": "0", "B": "1", "episode": "2"},
+)  # fmt: skip
+SECOND = dataclasses.replace(RECORD, name="000001_hall", index=1, repetition=1, seed=2)
+IMAGE = ImageRecord.of_pair(RECORD, RECORD.frame, "train", "hall", {"A": "0", "B": "1"})
+VERDICT = Verdict(
+    RECORD.name, False, "coverage", "truth", 0.5, True, False, False, 0.9, 0.1, 0.02,
+    (MapFault("coverage", 0.9, 0.95, "explored"),),
+)  # fmt: skip
+SPLIT = SplitTable(0, 0.1, {"hall": PlanSide("test", "hall"), "room": PlanSide("train", "room")}, ("hall",))
+REJECTED = {
+    "index": 3,
+    "plan_id": "x",
+    "repetition": 0,
+    "seed": 1,
+    "error": "PlanError",
+    "reason": "too small",
+}
+TIMES = {"name": RECORD.name, "cpu_seconds": 3.0, "wall_seconds": 4.0}
+CONFIG = {"format_version": 2, "version": "0.1.0", "plans": [], **to_dict(DatasetConfig())}
+
+
+def _or_error(read, *arguments):
+    with contextlib.suppress(SlamgymError):
+        return read(*arguments)
+
+
+@pytest.fixture(scope="module")
+def root(tmp_path_factory):
+    """A dataset of two pairs without their explorations."""
+    layout = Layout(tmp_path_factory.mktemp("fuzzed"))
+    for side in ("A", "B"):
+        (layout.root / side).mkdir()
+        for record in (RECORD, SECOND):
+            layout.image(side, record.name).write_bytes(encode_png(np.zeros((8, 8), np.uint8)))
+    layout.episodes.mkdir()
+    layout.config.write_text(json.dumps(CONFIG))
+    layout.manifest.write_text(RECORD.to_line() + SECOND.to_line())
+    return layout.root
+
+
+@pytest.fixture(scope="module")
+def images(tmp_path_factory):
+    """A folder of rendered images without a picture."""
+    root = tmp_path_factory.mktemp("images")
+    for side in ("train/A", "train/B", "test/A", "test/B"):
+        (root / side).mkdir(parents=True)
+    (root / "config.json").write_text('{"images_version": 1}')
+    return root
+
+
+@given(damaged_lines([to_dict(RECORD), to_dict(SECOND)]))
+def test_manifests(root, content):
+    manifest = Layout(root).manifest
+    before = manifest.read_bytes()
+    manifest.write_bytes(content)
+    try:
+        _or_error(check_dataset, root)
+        _or_error(describe_pairs, root)
+        _or_error(select_pairs, root)
+        _or_error(dataset_statistics, root)
+        _or_error(ManifestFile, manifest)
+        records = _or_error(lambda: list(read_manifest(root)))
+        for record in records or []:
+            record_faults(record, Criteria())
+            assert record.frame.shape == record.shape
+            assert "/" not in record.slot.name
+            assert Layout(root).episode(record.name).parent == Layout(root).episodes
+            _or_error(_slam_settings, root, record)
+        rows_of(records or [])
+        for item in _or_error(open_items, root) or []:
+            _or_error(item.load)
+    finally:
+        manifest.write_bytes(before)
+
+
+@given(damaged_lines([to_dict(IMAGE)]))
+def test_manifests_of_images(images, content):
+    (images / "manifest.jsonl").write_bytes(content)
+    (images / ".rendered.jsonl").write_bytes(content)
+    for split in ("train", "test"):
+        (images / split / "metadata.jsonl").write_bytes(content)
+    _or_error(check_image_folder, images)
+    _or_error(describe_pairs, images)
+    _or_error(_read_journal, type("Layout", (), {"root": images}))
+    for record in _or_error(read_images, images) or []:
+        assert record.frame.shape == (record.size, record.size)
+
+
+@given(damaged_lines([dataclasses.asdict(VERDICT)]))
+def test_verdicts(root, content):
+    (root / "clean.jsonl").write_bytes(content)
+    for verdict in (_or_error(read_verdicts, root) or {}).values():
+        assert isinstance(verdict.kind, str)
+        [fault.sentence for fault in verdict.faults]
+    _or_error(select_pairs, root)
+    (root / "clean.jsonl").unlink()
+
+
+@given(damaged_json({"settings": {"band": [0.4, 0.8]}}))
+def test_summaries_of_cleaning(root, content):
+    (root / "clean.json").write_bytes(content)
+    _or_error(_band, root)
+
+
+@given(damaged_json(json.loads(decisions_document([Decision("a", True, "0"), Decision("b", False, "1")]))))
+def test_decisions(root, content):
+    (root / DECISIONS_FILE).write_bytes(content)
+    for name, decision in (_or_error(stored_decisions, root) or {}).items():
+        assert name == decision.name
+
+
+@given(damaged_json(to_dict(SPLIT)))
+def test_splits(root, content):
+    (root / "split.json").write_bytes(content)
+    split = _or_error(read_split, root)
+    if split is not None:
+        assert sorted(split.of_side("train") + split.of_side("test")) == sorted(split.plans)
+        _or_error(current_split, root)
+    (root / "split.json").unlink(missing_ok=True)
+
+
+@given(damaged_json(CONFIG))
+def test_settings_of_datasets(root, content):
+    config = Layout(root).config
+    before = config.read_bytes()
+    config.write_bytes(content)
+    try:
+        _or_error(read_dataset_config, root)
+        _or_error(check_dataset, root)
+        _or_error(_slam_settings, root, RECORD)
+    finally:
+        config.write_bytes(before)
+
+
+@given(damaged_lines([REJECTED, {**REJECTED, "index": 4}]), damaged_lines([TIMES]))
+def test_rejections_and_times(root, rejected, times):
+    layout = Layout(root)
+    layout.rejected.write_bytes(rejected)
+    layout.timing.write_bytes(times)
+    entries = _or_error(read_rejected, layout.rejected) or {}
+    assert all({"plan_id", "error"} <= entry.keys() for entry in entries.values())
+    _or_error(read_times, layout.timing)
+    _or_error(describe_pairs, root)
+    layout.rejected.unlink()
+    layout.timing.unlink()
+
+
+RECIPE = yaml.safe_load((RECIPES / "reference.yaml").read_text())
+
+
+@given(st.data())
+def test_recipes(root, data):
+    path = root / data.draw(st.sampled_from(["recipe.yaml", "recipe.json"]))
+    value = data.draw(damaged_values(RECIPE))
+    as_yaml = path.suffix == ".yaml" and data.draw(st.booleans())
+    text = yaml.safe_dump(value) if as_yaml else json.dumps(value)
+    content = text.encode(errors="replace")
+    path.write_bytes(data.draw(damaged_bytes(content)) if data.draw(st.integers(0, 7)) == 0 else content)
+    recipe = _or_error(open_recipe, str(path))
+    if recipe is not None:
+        assert set(recipe.draw(7)) <= recipe.settings
+
+
+@given(st.data())
+def test_models_of_completeness(root, data):
+    with np.load(PRETRAINED_MODEL) as file:
+        arrays = {name: file[name] for name in file.files}
+    name = data.draw(st.sampled_from(sorted(arrays)))
+    if name == "about":
+        about = data.draw(damaged_json(json.loads(arrays[name].tobytes())))
+        arrays[name] = np.frombuffer(about, np.uint8)
+    else:
+        kind = data.draw(st.sampled_from([arrays[name].dtype, np.float64, np.int64, np.bool_, np.complex64]))
+        values = arrays[name].astype(kind)
+        values[data.draw(st.integers(0, len(values) - 1))] = data.draw(st.sampled_from([0, 1, -1, 99, 127]))
+        shape = data.draw(st.sampled_from([(-1,), (1, -1), (-1, 1)]))
+        arrays[name] = values[: data.draw(st.integers(0, len(values)))].reshape(shape)
+    buffer = io.BytesIO()
+    np.savez_compressed(buffer, **arrays)
+    content = buffer.getvalue()
+    path = root / "model.npz"
+    path.write_bytes(data.draw(damaged_bytes(content)) if data.draw(st.booleans()) else content)
+    model = _or_error(CompletenessModel.read, path)
+    if model is not None:
+        found = model.probabilities(np.zeros((2, len(FEATURES))))
+        assert ((found >= 0.0) & (found <= 1.0)).all()

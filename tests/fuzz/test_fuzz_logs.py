@@ -1,0 +1,120 @@
+"""Whatever a log, a trajectory or a file of settings for one holds, reading it gives a value or a SlamgymError."""
+
+import gzip
+import json
+import warnings
+
+import numpy as np
+import pytest
+from fuzz.mutations import must_read_or_refuse, mutated_bytes, mutated_json
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from slamgym.core.errors import ConfigError
+from slamgym.core.types import LaserGeometry, LaserScan, Pose2D, Trajectory
+from slamgym.interop import LogRecord, open_log, write_carmen, write_tum
+from slamgym.interop.logs import read_relations
+from slamgym.interop.rosbag_writer import write_rosbag2
+from slamgym.interop.tum import read_tum
+from slamgym.parametric.calibration import read_calibration
+from slamgym.parametric.config import TwoPhaseConfig
+from slamgym.parametric.paths import read_waypoints
+from slamgym.slam.replay import read_overrides, settings_for
+
+LASER = LaserGeometry(5, -1.5, 0.75, 0.12, 3.5)
+ROBOTLASER = b"ROBOTLASER1 0 -1.5 3.0 0.75 80 0.01 0 5 1 2 3 4 5 0 0 0 0 0 0 0 0 0 0 0 0 %d.5 host 0\n"
+FACTORS = {"k_l": 0.1, "k_lt": 0.1, "k_t": 0.1, "s_l": 0.1, "s_lt": 0.1, "s_t": 0.1}
+
+
+def records() -> list[LogRecord]:
+    ranges = np.array([1.0, 2.0, np.inf, 0.5, np.nan], np.float32)
+    return [
+        LogRecord(stamp, Pose2D(0.1 * stamp, 0.0, 0.01), LaserScan(stamp, ranges, LASER))
+        for stamp in (1.0, 2.0, 3.0)
+    ]
+
+
+@pytest.fixture(scope="module")
+def logs(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("logs")
+    write_carmen(folder / "a.log", records(), LASER)
+    plain = (folder / "a.log").read_bytes()
+    robot = b"PARAM robot_front_laser_max 80\n" + b"".join(ROBOTLASER % number for number in range(4))
+    return [plain, gzip.compress(plain), robot]
+
+
+@pytest.fixture(scope="module")
+def bag(tmp_path_factory):
+    pytest.importorskip("rosbags")
+    folder = tmp_path_factory.mktemp("bags")
+    write_rosbag2(folder / "bag", records(), LASER, storage="mcap")
+    return next((folder / "bag").glob("*.mcap")).read_bytes()
+
+
+@given(data=st.data())
+@settings(max_examples=200)
+def test_carmen_logs(tmp_path, logs, data):
+    path = tmp_path / "a.log"
+    path.write_bytes(data.draw(mutated_bytes(logs)))
+    must_read_or_refuse(open_log, path)
+
+
+@given(data=st.data())
+@settings(max_examples=25)
+def test_bags(tmp_path, bag, data):
+    path = tmp_path / "a.mcap"
+    path.write_bytes(data.draw(mutated_bytes([bag])))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        must_read_or_refuse(open_log, path)
+
+
+@given(mutated_bytes([b"# t x y z qx qy qz qw\n1.0 0 0 0 0 0 0 1\n2.0 1 0 0 0 0 0.1 0.99\n"]))
+@settings(max_examples=100)
+def test_trajectories(tmp_path, content):
+    path = tmp_path / "a.tum"
+    path.write_bytes(content)
+    must_read_or_refuse(read_tum, path)
+
+
+@given(mutated_bytes([b"1.0 2.0 0.5 0 0 0 0 0.1\n2.0 3.0 0.5 0 0 0 0 0.1\n"]))
+@settings(max_examples=60)
+def test_relations(tmp_path, content):
+    path = tmp_path / "a.relations"
+    path.write_bytes(content)
+    must_read_or_refuse(read_relations, path)
+
+
+@given(mutated_bytes([b"x,y,t\n1,2,0\n2;3;1\n", b"1,2\n2,3 # end\n"]))
+@settings(max_examples=60)
+def test_waypoints(tmp_path, content):
+    path = tmp_path / "a.csv"
+    path.write_bytes(content)
+    must_read_or_refuse(read_waypoints, path)
+
+
+@given(mutated_json([{"two_phase": FACTORS, "about": {}}]))
+@settings(max_examples=60)
+def test_calibrations(tmp_path, content):
+    path = tmp_path / "a.json"
+    path.write_bytes(content)
+    must_read_or_refuse(read_calibration, path, TwoPhaseConfig())
+
+
+@given(mutated_json([{"sigma": 0.05, "particles": 10, "motion": {"srr": 0.1}}]))
+@settings(max_examples=100)
+def test_settings_of_a_replay(tmp_path, content):
+    path = tmp_path / "a.json"
+    path.write_bytes(content)
+    must_read_or_refuse(lambda: settings_for(LASER, read_overrides(path)))
+
+
+def test_good_files_pass(tmp_path, logs):
+    for number, content in enumerate(logs):
+        (tmp_path / f"{number}.log").write_bytes(content)
+        assert len(open_log(tmp_path / f"{number}.log")) >= 3
+    write_tum(tmp_path / "a.tum", Trajectory(np.array([1.0]), np.zeros((1, 3))))
+    assert len(read_tum(tmp_path / "a.tum").stamps) == 1
+    (tmp_path / "a.json").write_text(json.dumps({"sigma": -1.0}))
+    with pytest.raises(ConfigError):
+        settings_for(LASER, read_overrides(tmp_path / "a.json"))

@@ -1,0 +1,181 @@
+"""Whatever lies in the files of translators and explorers, reading them gives a value or an error to fix."""
+
+import contextlib
+import importlib.util
+import json
+import struct
+
+import numpy as np
+import pytest
+from fuzz.record_mutations import damaged_bytes, damaged_json, damaged_lines, damaged_values
+from hypothesis import given
+from hypothesis import strategies as st
+
+from slamgym.agents.evaluation.evaluate import TrialLog
+from slamgym.agents.evaluation.trial import Trial
+from slamgym.agents.pretrained_policy import PRETRAINED, read_policy
+from slamgym.agents.scoring import NetworkConfig
+from slamgym.core.config import from_dict, to_dict
+from slamgym.core.errors import SlamgymError
+from slamgym.core.png import encode_png
+from slamgym.gan.config import TranslatorTrainingConfig
+from slamgym.gan.data import load_pairs
+from slamgym.gan.presets import TRANSLATOR_PRESETS
+from slamgym.slam import SlamConfig
+from slamgym.slam.replay import read_overrides
+
+TRIAL = Trial(
+    explorer="nearest", plan="hall", seed=1, settings="0" * 12, area=20.0, rooms=2, time_limit=300.0,
+    finished=True, time=60.0, path=20.0, coverage=0.99, time_to={"0.95": 50.0, "0.99": None},
+    path_to={"0.95": 15.0, "0.99": None}, mean_coverage=0.9, collisions=0, map_error=0.02, ate=0.05, decisions=3,
+    decision_cpu=0.01, decision_cpu_max=0.02, step_cpu=0.001, cpu=2.0,
+    curve={"time": [0.0, 60.0], "path": [0.0, 20.0], "coverage": [0.1, 0.99]},
+)  # fmt: skip
+
+
+def _or_error(read, *arguments):
+    with contextlib.suppress(SlamgymError):
+        return read(*arguments)
+
+
+def _split(content):
+    """Header and data of a safetensors file."""
+    (length,) = struct.unpack("<Q", content[:8])
+    return json.loads(content[8 : 8 + length]), content[8 + length :]
+
+
+def _joined(header, body):
+    return struct.pack("<Q", len(header)) + header + body
+
+
+@st.composite
+def damaged_weights(draw, path, inner):
+    """A safetensors file with damage in its header, in the JSON texts inside the header, or in its bytes."""
+    header, body = _split(path.read_bytes())
+    kind = draw(st.sampled_from(["bytes", "header", "inner", "inner"]))
+    if kind == "inner":
+        metadata = header["__metadata__"]
+        name = draw(st.sampled_from(inner))
+        text = draw(damaged_json(json.loads(metadata[name]))).decode(errors="replace")
+        header = {**header, "__metadata__": {**metadata, name: text}}
+    elif kind == "header":
+        # A few tensors are enough to choose from.
+        few = {name: header[name] for name in list(header)[:4]}
+        changed = draw(damaged_values(few))
+        header = {**header, **changed} if isinstance(changed, dict) else changed
+    content = _joined(json.dumps(header).encode(), body)
+    return draw(damaged_bytes(content)) if kind == "bytes" else content
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("fuzzed")
+
+
+@given(damaged_weights(PRETRAINED, ["slamgym"]))
+def test_policies(folder, content):
+    path = folder / "policy.safetensors"
+    path.write_bytes(content)
+    policy = _or_error(read_policy, path)
+    if policy is not None:
+        policy.scorer()
+        assert len(policy.fingerprint) == 12
+
+
+@given(damaged_values(to_dict(NetworkConfig())))
+def test_sizes_of_networks(value):
+    config = _or_error(from_dict, NetworkConfig, value)
+    assert config is None or config.width % config.heads == 0
+
+
+@given(damaged_lines([to_dict(TRIAL), {**to_dict(TRIAL), "seed": 2}]))
+def test_trials(folder, content):
+    path = folder / "trials.jsonl"
+    path.write_bytes(content)
+    log = _or_error(TrialLog, path)
+    for trial in log.trials.values() if log else ():
+        _or_error(lambda trial=trial: trial.coverage_curve.final)
+
+
+@given(damaged_json(to_dict(SlamConfig())))
+def test_overrides_of_slam(folder, content):
+    path = folder / "slam.json"
+    path.write_bytes(content)
+    values = _or_error(read_overrides, path)
+    if values is not None:
+        _or_error(from_dict, SlamConfig, values, "slam")
+
+
+@given(
+    st.sampled_from(sorted(TRANSLATOR_PRESETS)).flatmap(
+        lambda n: damaged_values(to_dict(TRANSLATOR_PRESETS[n]))
+    )
+)
+def test_settings_of_translators(value):
+    config = _or_error(from_dict, TranslatorTrainingConfig, value, "config.json")
+    assert config is None or config.stages[-1].resolution == config.translator.output_size
+
+
+@given(
+    damaged_lines([{"name": "x", "plan_id": "hall", "group": "hall", "metres_per_px": 0.1, "split": "train"}])
+)
+def test_manifests_of_training_images(folder, content):
+    for side in ("A", "B"):
+        (folder / "train" / side).mkdir(parents=True, exist_ok=True)
+        (folder / "train" / side / "x.png").write_bytes(encode_png(np.zeros((8, 8), np.uint8)))
+    (folder / "manifest.jsonl").write_bytes(content)
+    pairs = _or_error(load_pairs, folder, "train", 8)
+    if pairs is not None:
+        pairs.scale_percentiles()
+        pairs.split(0.5)
+
+
+@pytest.mark.skipif(importlib.util.find_spec("torch") is None, reason="needs torch")
+class TestWithTorch:
+    """Readers that need torch."""
+
+    @given(data=st.data())
+    def test_translators(self, folder, data):
+        from slamgym.gan.weights import PRETRAINED_FOLDER, load_weights
+
+        path = folder / "weights.safetensors"
+        path.write_bytes(
+            data.draw(damaged_weights(PRETRAINED_FOLDER / "slam2cad.safetensors", ["config", "card"]))
+        )
+        _or_error(load_weights, path)
+
+    @given(data=st.data())
+    def test_states_of_trainings(self, folder, data):
+        import torch
+        from safetensors.torch import save
+
+        from slamgym.gan.training.checkpoint import STATE_FORMAT, load_training_state
+
+        facts = {"identity": {"preset": "x"}, "sampler": {"position": 1}, "spans": [[1, 2]], "steps_done": 3}
+        whole, path = folder / "whole.safetensors", folder / "state.safetensors"
+        header = {"format": STATE_FORMAT, "facts": json.dumps(facts)}
+        whole.write_bytes(save({"torch.cpu": torch.get_rng_state()}, header))
+        path.write_bytes(data.draw(damaged_weights(whole, ["facts"])))
+        state = _or_error(load_training_state, path)
+        assert state is None or isinstance(state.facts, dict)
+
+    @given(data=st.data())
+    def test_cached_alignments(self, folder, data):
+        from safetensors.numpy import save
+
+        from slamgym.gan.registration import _cached
+
+        whole, path = folder / "cache.safetensors", folder / "damaged.safetensors"
+        whole.write_bytes(save({"0": np.zeros((2, 4))}, {"x": "{}"}))
+        path.write_bytes(data.draw(damaged_weights(whole, ["x"])))
+        found = _cached(path, "0", 2)
+        assert found is None or found.shape == (2, 4)
+
+    @given(data=st.data())
+    def test_settings_of_runs_of_explorers(self, folder, data):
+        pytest.importorskip("sb3_contrib")
+        from slamgym.agents.rl.train import CONFIG, read_config
+        from slamgym.agents.rl.train_config import TrainConfig
+
+        (folder / CONFIG).write_bytes(data.draw(damaged_json({"version": "0.1.0", **to_dict(TrainConfig())})))
+        _or_error(read_config, folder)

@@ -1,0 +1,47 @@
+"""The network that looks at patches: what it is shown, and that it finds a plain difference, the same one each time."""
+
+import numpy as np
+import pytest
+
+from slamgym.core.types import FREE, OCCUPIED, UNKNOWN
+from slamgym.gan.evaluation.map_classifier import ClassifierConfig
+from slamgym.gan.evaluation.patch_classifier import PatchConfig, PatchLearner, cut_patches
+from slamgym.metrics.two_sample import distinguish
+
+SMALL = PatchConfig(
+    side=32,
+    per_map=8,
+    per_kind=64,
+    judged=4,
+    training=ClassifierConfig(width=4, epochs=10, learning_rate=1e-2),
+)
+
+
+def room(wall: int, side: int):
+    cells = np.full((side + 20, side + 20), UNKNOWN, np.uint8)
+    cells[10 - wall : 10 + side + wall, 10 - wall : 10 + side + wall] = OCCUPIED
+    cells[10 : 10 + side, 10 : 10 + side] = FREE
+    return cells
+
+
+def test_patches_lie_on_the_border_of_the_floor_and_reach_beyond_the_map():
+    patches = cut_patches(room(1, 50), np.random.default_rng(0), SMALL)
+    assert patches.shape == (8, 32, 32)
+    assert all({OCCUPIED, FREE, UNKNOWN} == set(np.unique(patch)) for patch in patches)
+
+
+def test_thick_walls_are_told_from_thin_ones_and_the_surest_patches_are_known():
+    maps = [room(1 + 3 * (i % 2), 40 + i) for i in range(12)]
+    of_second = np.arange(12) % 2 == 1
+    buildings = [str(i) for i in range(12)]
+    found = [distinguish(of_second, buildings, learner, 3) for learner in (PatchLearner(maps, 0, SMALL),) * 2]
+    assert found[0].accuracy.value > 0.9
+    assert np.array_equal(found[0].scores, found[1].scores)
+    learner = PatchLearner(maps, 0, SMALL)
+    distinguish(of_second, buildings, learner, 3)
+    surest = learner.surest(True, np.flatnonzero(of_second), 3)
+    assert len({index for index, _, _ in surest}) == 3
+    assert all(of_second[index] for index, _, _ in surest)
+    probabilities = [probability for _, _, probability in surest]
+    assert probabilities == sorted(probabilities, reverse=True)
+    assert probabilities[0] == pytest.approx(learner.scores[of_second].max())
