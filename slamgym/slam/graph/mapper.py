@@ -26,6 +26,7 @@ from slamgym.slam.graph.loop_closure import (
 from slamgym.slam.graph.matching import NodeMatch, NodeMatcher
 from slamgym.slam.graph.nodes import GraphNodes
 from slamgym.slam.graph.solver import Edges, chi_squared, optimise
+from slamgym.slam.graph.uncertainty import PathUncertainty, advanced
 from slamgym.slam.hit_counts import HitCountMap
 from slamgym.slam.particle_filter import ParticleFilter
 from slamgym.slam.particles import ParticleMaps
@@ -73,6 +74,7 @@ class PoseGraphMapper(ParticleFilter):
         self._steps: list[Closure] = []  # edges between successive nodes
         self._closures: list[Closure] = []
         self._pending: list[Closure] = []
+        self._uncertainty = PathUncertainty()
         self._rejected = 0
         self._last_optimised = 0
         self._stale = False
@@ -155,7 +157,9 @@ class PoseGraphMapper(ParticleFilter):
     def _add_node(self, scan: LaserScan) -> None:
         """Make the scan just processed a node, bound to the one before by matching and by odometry."""
         pose = self._poses[0]
+        step = np.zeros((3, 3))
         if len(self._nodes) > 0:
+            step = self._step_covariance()
             relative = relative_poses(self._nodes.poses[[-1]], pose[None])[0]
             information = np.diag(1.0 / (self._variances[[0, 0, 1]] + np.square([ODOMETRY_FLOOR[0], ODOMETRY_FLOOR[0], ODOMETRY_FLOOR[1]])))
             if self._match_covariance is not None:
@@ -166,6 +170,7 @@ class PoseGraphMapper(ParticleFilter):
             self._steps.append(Closure(node - 1, node, relative, information))
         self._nodes.append(scan, pose, self._points_of(scan))
         self._steps_of_nodes.append(len(self._tree) - 1)
+        self._uncertainty.append(self._nodes.poses, step, self._match_covariance is not None)
         self._variances[:] = 0.0
         self._distance = self._turn = 0.0
         node = len(self._nodes) - 1
@@ -173,6 +178,23 @@ class PoseGraphMapper(ParticleFilter):
             self._close_loops(node)
         if self._stale and node - self._last_optimised > OPTIMISE_INTERVAL:
             self._optimise()
+
+    def _step_covariance(self) -> FloatArray:
+        """Covariance of the motion since the last node, in the map frame."""
+        odometry = np.diag(self._variances[[0, 0, 1]] + np.square(ODOMETRY_FLOOR)[[0, 0, 1]])
+        if self._match_covariance is None:
+            return odometry
+        import os
+        k = float(os.environ.get("KM", "1")); f=float(os.environ.get("KF","0.004")); h=float(os.environ.get("KH","0.001"))
+        match = k * self._match_covariance + np.diag([f**2, f**2, h**2])
+        return np.asarray(np.linalg.inv(np.linalg.inv(odometry) + np.linalg.inv(match)), dtype=np.float64)
+
+    @property
+    def covariance(self) -> FloatArray:
+        """Covariance (3, 3) of the pose at the last processed scan, relative to the start."""
+        if len(self._nodes) == 0:
+            return np.zeros((3, 3))
+        return advanced(Pose2D(*self._poses[0]), self._nodes.poses[-1], self._uncertainty.latest, self._step_covariance())
 
     def _points_of(self, scan: LaserScan) -> FloatArray:
         b = self._beams
@@ -291,6 +313,7 @@ class PoseGraphMapper(ParticleFilter):
         """Move the nodes to ``poses``, the scans between them along, and make the map again from there."""
         old = self._tree.poses_along(np.zeros(len(self._tree), dtype=np.int64))
         self._nodes.poses[:] = poses
+        self._uncertainty.follow(self._nodes.poses)
         corrected = poses_between(poses, np.array(self._steps_of_nodes), old)
         if np.abs(corrected[:, :2] - old[:, :2]).max() < RELOCATION[0] and (
             np.abs(wrap_angle(corrected[:, 2] - old[:, 2])).max() < RELOCATION[1]
