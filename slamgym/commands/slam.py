@@ -17,7 +17,7 @@ from slamgym import __version__
 from slamgym.core.config import Arguments, to_dict
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.files import write_text
-from slamgym.core.types import Trajectory
+from slamgym.core.types import FloatArray, Trajectory
 from slamgym.slam.config import Matcher, Mode, SlamConfig
 
 if TYPE_CHECKING:
@@ -39,9 +39,9 @@ class SlamArguments(Arguments):
     out: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
     """Folder for map.pgm, map.yaml, map.png, trajectory.tum and summary.json."""
 
-    mode: Mode = "rbpf"
-    """rbpf: GMapping's particle filter; pose_graph: global loop closure; scan_matching, dead_reckoning: what
-    these would be without."""
+    mode: Mode = "pose_graph"
+    """pose_graph: one path, whose loops are closed; rbpf: GMapping's particle filter; scan_matching, dead_reckoning:
+    what these would be without."""
 
     particles: int | None = None
     """Number of particles (rbpf); 30 by default."""
@@ -180,9 +180,7 @@ def _viewer(screens: list[ShowPicture], total: int) -> Callable[[int, Mapper, bo
     return show
 
 
-def _accuracy(
-    result: ReplayResult, relations: Relations | None, truth: Trajectory | None
-) -> dict[str, Any]:
+def _accuracy(result: ReplayResult, relations: Relations | None, truth: Trajectory | None) -> dict[str, Any]:
     from slamgym.metrics import absolute_trajectory_error, relation_error, relative_pose_error
 
     accuracy: dict[str, Any] = {}
@@ -243,6 +241,9 @@ def _summary(
         "peak_memory_bytes": result.peak_memory_bytes,
         "resamplings": stats.resamplings,
         "refused_matches": stats.refused_matches,
+        "recovered_matches": stats.recovered_matches,
+        "doubtful_scans": len(stats.doubtful),
+        "doubtful_stamps": [round(stamp, 6) for stamp in stats.doubtful],
         **accuracy,
         **result.extra,
         "warnings": dict(sorted(log.warnings.counts.items())),
@@ -266,8 +267,15 @@ def _write(folder: Path, result: ReplayResult, summary: dict[str, Any]) -> None:
     write_ros_map(folder, result.grid)
     write_tum(folder / "trajectory.tum", result.trajectory)
     caption = f"{Path(summary['log']).name}   {summary['config']['mode']}   {summary['path_length_m']:.0f} m"
-    write_picture(folder / "map.png", draw_map(result.grid, result.trajectory.poses, caption))
+    write_picture(
+        folder / "map.png", draw_map(result.grid, result.trajectory.poses, caption, _doubtful_poses(result))
+    )
     write_text(folder / "summary.json", json.dumps(summary, indent=1) + "\n")
+
+
+def _doubtful_poses(result: ReplayResult) -> FloatArray:
+    """Where the path may be wrong, (D, 3)."""
+    return result.trajectory.poses[np.isin(result.trajectory.stamps, result.stats.doubtful)]
 
 
 def _report(folder: Path, summary: dict[str, Any]) -> str:
@@ -278,6 +286,11 @@ def _report(folder: Path, summary: dict[str, Any]) -> str:
         f"{summary['cpu_seconds']:.1f} CPU s, {summary['cpu_ms_per_processed_scan']:.2f} ms each; "
         f"{summary['resamplings']} resamplings; maps {summary['map_memory_bytes'] / 1e6:.0f} MB",
     ]
+    if summary["doubtful_scans"]:
+        lines.append(
+            f"  {summary['doubtful_scans']} scans fit poorly whatever was tried: the path may be wrong there "
+            "(red crosses in map.png, doubtful_stamps in summary.json)"
+        )
     if "loop_closures" in summary:
         lines.append(f"  loop closures: {summary['loop_closures']}")
     for key, moments in (

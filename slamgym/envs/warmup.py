@@ -17,13 +17,14 @@ def warm_up() -> None:
     """Compile the kernels of exploration: a moment of driving and mapping, and of navigation."""
     announce_compilation(cast_rays)
     plan = _two_rooms()
-    for mode in ("ground_truth", "rbpf"):
+    for mode in ("ground_truth", "rbpf", "pose_graph"):
         config = ExploreConfig(slam=SlamConfig(mode=mode, particles=2))
         env = ExploreEnv(plan, config, reward={"map_error": 1.0}, clutter={"furniture": 1.0, "people": 1})
         env.reset(seed=0)
         for _ in range(12):
             env.step((1.0, 0.5))
-        # Nose to the wall, for the kernels of contact.
+        # Nose to the wall of an empty room, for the kernels of contact.
+        env = ExploreEnv(plan, config)
         env.reset(seed=0, options={"start": (0.24, 1.0, 3.14)})
         env.step((1.0, 0.0))
     _navigate(ExploreEnv(plan, config.for_explorer(), observation={"map_size": 8.0}))

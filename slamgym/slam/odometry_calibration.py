@@ -125,20 +125,26 @@ class OdometryCalibration:
         expected = self.heading_noise * slip + match_variance
         spread = float(shares @ self._heading_covariance @ shares) + expected
         excess = max(min(innovation**2, OUTLIER * spread) - match_variance, 0.0) / slip
-        self.heading_noise = (self._heading_weight * self.heading_noise + excess) / (self._heading_weight + 1.0)
+        self.heading_noise = (self._heading_weight * self.heading_noise + excess) / (
+            self._heading_weight + 1.0
+        )
         self._heading_weight = min(self._heading_weight + 1.0, MEMORY_STRETCHES)
         if innovation**2 > OUTLIER * spread:
             return
         gain = self._heading_covariance @ shares / spread
         self.heading = self.heading + gain * innovation
-        self._heading_covariance = self._heading_covariance - np.outer(gain, shares @ self._heading_covariance)
+        self._heading_covariance = self._heading_covariance - np.outer(
+            gain, shares @ self._heading_covariance
+        )
 
     def _learn_distance(self, error: float, length: float, match_variance: float) -> None:
         slip = SLIP_DISTANCE**2 * self._distance
         innovation = error - self.scale * length
         spread = self._scale_variance * length**2 + self.distance_noise * slip + match_variance
         excess = max(min(innovation**2, OUTLIER * spread) - match_variance, 0.0) / slip
-        self.distance_noise = (self._distance_weight * self.distance_noise + excess) / (self._distance_weight + 1.0)
+        self.distance_noise = (self._distance_weight * self.distance_noise + excess) / (
+            self._distance_weight + 1.0
+        )
         self._distance_weight = min(self._distance_weight + 1.0, MEMORY_STRETCHES)
         if innovation**2 > OUTLIER * spread:
             return

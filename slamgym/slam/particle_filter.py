@@ -208,7 +208,9 @@ class ParticleFilter(GatedMapper):
         align_freely(self._maps.tile_maps, particle, pose, points, self._match_settings, free)
         return free
 
-    def _resettle(self, increments: FloatArray, predicted: FloatArray, points: FloatArray, share: float) -> float:
+    def _resettle(
+        self, increments: FloatArray, predicted: FloatArray, points: FloatArray, share: float
+    ) -> float:
         """Nothing is tried; a mode that can search wider does."""
         del increments, predicted, points
         return share
@@ -232,7 +234,7 @@ class ParticleFilter(GatedMapper):
         self._free_offset = between(Pose2D(*self._poses[best]), Pose2D(*free[:3]))
         uu, uv, vv, ut, vt, tt = free[4:]
         information = POINT_INFORMATION * np.array([[uu, uv, ut], [uv, vv, vt], [ut, vt, tt]])
-        covariance = np.linalg.inv(information + np.diag([1.0, 1.0, 1.0]))
+        covariance = np.asarray(np.linalg.inv(information + np.eye(3)), dtype=np.float64)
         theta = self._poses[best, 2]
         along = np.array([np.cos(theta), np.sin(theta), 0.0])
         along_variance = float(along @ covariance @ along)

@@ -23,9 +23,6 @@ from slamgym.slam.mapper import Mapper, SlamStats
 from slamgym.slam.modes import make_mapper
 from slamgym.slam.path_correction import poses_between
 
-SHORT_RANGE = 4.0
-"""Scanners up to this range [m] get the TurtleBot3 settings, others those for long ranges."""
-
 
 @dataclass(frozen=True)
 class ReplayResult:
@@ -56,11 +53,7 @@ def settings_for(geometry: LaserGeometry, overrides: Mapping[str, Any] | None = 
     Raises:
         ConfigError: If an override has an unknown name or a bad value.
     """
-    if geometry.range_max <= SHORT_RANGE:
-        # TurtleBot3: usable 3.0 m of 3.5 m, so that a return at the limit isn't mistaken for a wall.
-        base = SlamConfig(max_usable_range=min(3.0, geometry.range_max * 3.0 / 3.5))
-    else:
-        base = SlamConfig.for_long_range(geometry.range_max)
+    base = SlamConfig.for_log(geometry.range_max, geometry.num_beams)
     values = {item.name: getattr(base, item.name) for item in dataclasses.fields(base)}
     return from_dict(SlamConfig, {**values, **(overrides or {})}, "slam")
 

@@ -270,7 +270,14 @@ def match_particles(
 
 
 @kernel
-def align_freely(maps: TileMaps, particle: int, pose: FloatArray, points: FloatArray, s: MatchSettings, out: FloatArray) -> None:
+def align_freely(
+    maps: TileMaps,
+    particle: int,
+    pose: FloatArray,
+    points: FloatArray,
+    s: MatchSettings,
+    out: FloatArray,
+) -> None:
     """Align a scan from where it was matched, without the pull of the odometry: what the scan alone says.
 
     Args:
@@ -288,7 +295,9 @@ def align_freely(maps: TileMaps, particle: int, pose: FloatArray, points: FloatA
     surface_normals(points, normals)
     start = CellPose((pose[0] - origin[0]) * scale, (pose[1] - origin[1]) * scale, pose[2])
     free = Prior(start, 0.0, 0.0, True)
-    match = align(pool, tables[particle], CellScan(points * scale, normals), s.stride, start, free, FINE_STEPS, s)
+    match = align(
+        pool, tables[particle], CellScan(points * scale, normals), s.stride, start, free, FINE_STEPS, s
+    )
     out[0], out[1] = origin[0] + match.pose.u * resolution, origin[1] + match.pose.v * resolution
     out[2], out[3] = match.pose.theta, match.score
     h = match.binding

@@ -6,6 +6,7 @@ gives a loop closure. Least squares over all edges corrects the whole path at on
 """
 
 import time
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -26,7 +27,7 @@ from slamgym.slam.graph.loop_closure import (
 from slamgym.slam.graph.matching import NodeMatch, NodeMatcher
 from slamgym.slam.graph.nodes import GraphNodes
 from slamgym.slam.graph.solver import Edges, chi_squared, optimise
-from slamgym.slam.graph.uncertainty import PathUncertainty, advanced
+from slamgym.slam.graph.uncertainty import PathUncertainty, step_covariance
 from slamgym.slam.hit_counts import HitCountMap
 from slamgym.slam.particle_filter import ParticleFilter
 from slamgym.slam.particles import ParticleMaps
@@ -34,15 +35,18 @@ from slamgym.slam.path_correction import poses_between
 
 MIN_POINTS = 20
 """A scan with fewer end points isn't matched."""
-ODOMETRY_FLOOR = (0.02, 0.01)
-"""Odometry is never trusted further than this [m], [rad]."""
+ODOMETRY_FLOOR = (0.005, 0.005, 0.002)
+"""Odometry between two nodes is never trusted further than this [m], [m], [rad]."""
+EXPECTED_METRES, EXPECTED_SIGMAS = 0.25, 3.0
+"""A single closure may move a node so far [m] and so many standard deviations more; beyond, others must agree."""
 WIDE_WINDOW = (0.3, 0.15)
 """Least half width of the search for a scan that fits poorly [m], [rad]."""
 BETTER_SHARE = 0.1
 """What is found there counts if so many more of the points fit."""
 MATCH_FLOOR = (0.01, 0.01, 0.003)
-"""Nor is a match [m], [m], [rad]."""
-RELOCATION = (0.01, 0.003)
+"""Nor is a match as an edge of the graph [m], [m], [rad]."""
+STEP_FLOOR = (0.006, 0.006, 0.002)
+"""What each node adds to the path's uncertainty at least: chosen on twenty simulated homes so that NEES is about 3."""
 NEIGHBOURS = 8
 """A loop is sought in the scans up to so many nodes before and after the candidate."""
 URGENT_CHI2 = 20.0
@@ -126,7 +130,9 @@ class PoseGraphMapper(ParticleFilter):
         ):
             self._add_node(scan)
 
-    def _resettle(self, increments: FloatArray, predicted: FloatArray, points: FloatArray, share: float) -> float:
+    def _resettle(
+        self, increments: FloatArray, predicted: FloatArray, points: FloatArray, share: float
+    ) -> float:
         """Search a wide window round the prediction for a scan that fits poorly where it was matched.
 
         Odometry may have lied: wheels that slip, a robot that was lifted, lost messages. Then its learned errors say
@@ -161,7 +167,7 @@ class PoseGraphMapper(ParticleFilter):
         if len(self._nodes) > 0:
             step = self._step_covariance()
             relative = relative_poses(self._nodes.poses[[-1]], pose[None])[0]
-            information = np.diag(1.0 / (self._variances[[0, 0, 1]] + np.square([ODOMETRY_FLOOR[0], ODOMETRY_FLOOR[0], ODOMETRY_FLOOR[1]])))
+            information = np.diag(1.0 / (self._variances[[0, 0, 1]] + np.square(ODOMETRY_FLOOR)))
             if self._match_covariance is not None:
                 turned = _rotation(-float(self._nodes.poses[-1, 2]))
                 covariance = turned @ self._match_covariance @ turned.T + np.diag(np.square(MATCH_FLOOR))
@@ -170,7 +176,7 @@ class PoseGraphMapper(ParticleFilter):
             self._steps.append(Closure(node - 1, node, relative, information))
         self._nodes.append(scan, pose, self._points_of(scan))
         self._steps_of_nodes.append(len(self._tree) - 1)
-        self._uncertainty.append(self._nodes.poses, step, self._match_covariance is not None)
+        self._uncertainty.append(self._nodes.poses, step)
         self._variances[:] = 0.0
         self._distance = self._turn = 0.0
         node = len(self._nodes) - 1
@@ -181,12 +187,10 @@ class PoseGraphMapper(ParticleFilter):
 
     def _step_covariance(self) -> FloatArray:
         """Covariance of the motion since the last node, in the map frame."""
-        odometry = np.diag(self._variances[[0, 0, 1]] + np.square(ODOMETRY_FLOOR)[[0, 0, 1]])
+        odometry = np.diag(self._variances[[0, 0, 1]] + np.square(ODOMETRY_FLOOR))
         if self._match_covariance is None:
             return odometry
-        import os
-        k = float(os.environ.get("KM", "1")); f=float(os.environ.get("KF","0.004")); h=float(os.environ.get("KH","0.001"))
-        match = k * self._match_covariance + np.diag([f**2, f**2, h**2])
+        match = 2.0 * self._match_covariance + np.diag(np.square(STEP_FLOOR))
         return np.asarray(np.linalg.inv(np.linalg.inv(odometry) + np.linalg.inv(match)), dtype=np.float64)
 
     @property
@@ -194,7 +198,8 @@ class PoseGraphMapper(ParticleFilter):
         """Covariance (3, 3) of the pose at the last processed scan, relative to the start."""
         if len(self._nodes) == 0:
             return np.zeros((3, 3))
-        return advanced(Pose2D(*self._poses[0]), self._nodes.poses[-1], self._uncertainty.latest, self._step_covariance())
+        moved = self._poses[0, :2] - self._nodes.poses[-1, :2]
+        return step_covariance(moved, self._uncertainty.latest, self._step_covariance())
 
     def _points_of(self, scan: LaserScan) -> FloatArray:
         b = self._beams
@@ -237,7 +242,7 @@ class PoseGraphMapper(ParticleFilter):
             closure = self._close(node, candidate, self._settings.loop_fit)
             if closure is None:
                 continue
-            if candidate.window <= self._settings.trusted_window:
+            if candidate.window <= self._settings.trusted_window and self._is_expected(closure):
                 self._accept([closure])
                 continue
             allies = [
@@ -248,6 +253,22 @@ class PoseGraphMapper(ParticleFilter):
                 self._accept([closure, *allies])
                 self._pending.clear()
 
+    def _ties(self) -> Iterator[tuple[int, int, FloatArray]]:
+        """The closures with their covariances in the map frame."""
+        for closure in self._closures:
+            turned = _rotation(float(self._nodes.poses[closure.old, 2]))
+            covariance = np.linalg.inv(closure.information + np.diag([1.0, 1.0, 1.0])) + np.diag(
+                np.square(MATCH_FLOOR)
+            )
+            yield closure.old, closure.new, turned @ covariance @ turned.T
+
+    def _is_expected(self, closure: Closure) -> bool:
+        """Whether a closure moves the newest node no further than its uncertainty allows."""
+        implied = relative_poses(self._nodes.poses[[closure.old]], self._nodes.poses[[closure.new]])[0]
+        moved = float(np.hypot(*(closure.measured[:2] - implied[:2])))
+        covariance = self._uncertainty.latest
+        return moved < EXPECTED_METRES + EXPECTED_SIGMAS * float(np.sqrt(covariance[0, 0] + covariance[1, 1]))
+
     def _close(self, node: int, candidate: LoopCandidate, least_fit: float) -> Closure | None:
         old = candidate.node
         low, high = max(0, old - NEIGHBOURS), min(len(self._nodes), old + NEIGHBOURS + 1)
@@ -256,7 +277,14 @@ class PoseGraphMapper(ParticleFilter):
         guess = relative_poses(self._nodes.poses[[old]], self._nodes.poses[[node]])[0]
         least = least_fit - 0.15  # the search's score is a little lower than the fit after alignment
         match = self._match(
-            self._nodes.end_points(node), old, members, guess, np.zeros((3, 3)), candidate.window, candidate.turn, least
+            self._nodes.end_points(node),
+            old,
+            members,
+            guess,
+            np.zeros((3, 3)),
+            candidate.window,
+            candidate.turn,
+            least,
         )
         if match is None or match.fit < least_fit:
             return None
@@ -265,6 +293,7 @@ class PoseGraphMapper(ParticleFilter):
     def _accept(self, closures: list[Closure]) -> None:
         self._closures += closures
         self._stale = True
+        self._uncertainty.follow(self._nodes.poses, self._ties())
         urgent = chi_squared(self._nodes.poses, _edges([], closures)) > URGENT_CHI2
         if urgent.any() and len(self._nodes) - self._last_optimised > 5:
             self._optimise()
@@ -313,12 +342,8 @@ class PoseGraphMapper(ParticleFilter):
         """Move the nodes to ``poses``, the scans between them along, and make the map again from there."""
         old = self._tree.poses_along(np.zeros(len(self._tree), dtype=np.int64))
         self._nodes.poses[:] = poses
-        self._uncertainty.follow(self._nodes.poses)
+        self._uncertainty.follow(self._nodes.poses, self._ties())
         corrected = poses_between(poses, np.array(self._steps_of_nodes), old)
-        if np.abs(corrected[:, :2] - old[:, :2]).max() < RELOCATION[0] and (
-            np.abs(wrap_angle(corrected[:, 2] - old[:, 2])).max() < RELOCATION[1]
-        ):
-            pass
         self._tree.replace_poses(corrected)
         self._poses[0] = corrected[-1]
         self._maps = ParticleMaps(1, self._config.resolution, self._config.memory_limit_mb)

@@ -1,20 +1,16 @@
 """How far the newest pose of a path may be off, seen from where the path began.
 
 Between nodes the uncertainty grows: by that of the match with the map drawn so far, or by the odometry's where there
-was nothing to match. Where the robot comes back to a place that the map shows already, the match ties it to the node
-that drew the place, and the uncertainty falls back to that node's and the match's. So a corridor is long, a large
+was nothing to match. Where the robot comes back to a place and a loop is closed, the match ties it to the node
+that saw the place first, and the uncertainty falls back to that node's and the match's. So a corridor is long, a large
 room is vague, and a loop that was closed is certain again; nothing is solved for the whole graph.
 """
 
+from collections.abc import Iterable
+
 import numpy as np
 
-from slamgym.core.geometry import wrap_angle
-from slamgym.core.types import FloatArray, Pose2D
-
-NEAR_METRES, NEAR_RADIANS = 2.0, 1.0
-"""A node this near saw the same walls ..."""
-APART_NODES = 10
-"""... and one so many nodes back saw them on its own."""
+from slamgym.core.types import FloatArray
 
 
 def step_covariance(motion: FloatArray, before: FloatArray, added: FloatArray) -> FloatArray:
@@ -35,7 +31,7 @@ class PathUncertainty:
 
     def __init__(self) -> None:
         self._steps: list[FloatArray] = []
-        self._matched: list[bool] = []
+        self._ties: dict[int, list[tuple[int, FloatArray]]] = {}
         self._covariances: list[FloatArray] = []
 
     @property
@@ -43,44 +39,38 @@ class PathUncertainty:
         """Of the newest node; zero before the first."""
         return self._covariances[-1] if self._covariances else np.zeros((3, 3))
 
-    def append(self, poses: FloatArray, step: FloatArray, matched: bool) -> None:
+    def append(self, poses: FloatArray, step: FloatArray) -> None:
         """Add a node.
 
         Args:
             poses: (N, 3) all nodes with the new one.
             step: (3, 3) covariance of the step to it, in the map frame.
-            matched: Whether its scan was matched with the map.
         """
         self._steps.append(step)
-        self._matched.append(matched)
         self._covariances.append(self._covariance_of(len(poses) - 1, poses))
 
-    def follow(self, poses: FloatArray) -> None:
-        """Compute everything again after the nodes were moved."""
+    def follow(self, poses: FloatArray, ties: Iterable[tuple[int, int, FloatArray]]) -> None:
+        """Compute everything again after nodes were moved or loops closed.
+
+        Args:
+            poses: (N, 3) all nodes.
+            ties: Pairs of nodes whose scans were matched with each other, with the covariance (3, 3) of that match
+                in the map frame.
+        """
+        self._ties.clear()
+        for one, other, covariance in ties:
+            self._ties.setdefault(max(one, other), []).append((min(one, other), covariance))
         self._covariances = []
-        for node in range(len(poses)):
+        for node in range(len(self._steps)):
             self._covariances.append(self._covariance_of(node, poses))
 
     def _covariance_of(self, node: int, poses: FloatArray) -> FloatArray:
         if node == 0:
             return np.zeros((3, 3))
         step = self._steps[node]
-        chain = step_covariance(poses[node, :2] - poses[node - 1, :2], self._covariances[node - 1], step)
-        if not self._matched[node] or node <= APART_NODES:
-            return chain
-        old = poses[: node - APART_NODES]
-        away = np.hypot(old[:, 0] - poses[node, 0], old[:, 1] - poses[node, 1])
-        turned = np.abs(wrap_angle(old[:, 2] - poses[node, 2]))
-        near = np.flatnonzero((away < NEAR_METRES) & (turned < NEAR_RADIANS))
-        near = near[np.array([self._matched[other] or other == 0 for other in near], dtype=bool)]
-        if len(near) == 0:
-            return chain
-        sizes = [np.trace(self._covariances[other][:2, :2]) for other in near]
-        best = int(near[int(np.argmin(sizes))])
-        anchored = step_covariance(poses[node, :2] - poses[best, :2], self._covariances[best], 2.0 * step)
-        return anchored if np.trace(anchored[:2, :2]) < np.trace(chain[:2, :2]) else chain
-
-
-def advanced(pose: Pose2D, start: FloatArray, covariance: FloatArray, added: FloatArray) -> FloatArray:
-    """The covariance of a pose some way after a node at ``start`` (3,)."""
-    return step_covariance(np.array([pose.x - start[0], pose.y - start[1]]), covariance, added)
+        best = step_covariance(poses[node, :2] - poses[node - 1, :2], self._covariances[node - 1], step)
+        for old, matched in self._ties.get(node, ()):
+            tied = step_covariance(poses[node, :2] - poses[old, :2], self._covariances[old], matched)
+            if np.trace(tied[:2, :2]) < np.trace(best[:2, :2]):
+                best = tied
+        return best
