@@ -29,7 +29,7 @@ CASES = (("rbpf", 30), ("rbpf", 50), ("pose_graph", 1))
 COLUMNS = (
     "log",
     "mode",
-    "at scans [m]",
+    "relations [m]",
     "rotation [deg]",
     "revisit [m]",
     "worst revisit [m]",
@@ -79,14 +79,14 @@ def real_row(path: Path, mode: str, particles: int, seeds: int) -> dict[str, Any
     at_scans = rotation = None
     if relations_file.exists():
         relations = read_relations(relations_file)
-        errors = [relation_error(result.trajectory, *relations, max_gap=0.001) for result in results]
+        errors = [relation_error(result.moments, *relations) for result in results]
         at_scans = round(float(np.mean([error.translation.mean for error in errors])), 4)
         rotation = round(float(np.degrees(np.mean([error.rotation.mean for error in errors]))), 2)
     revisits = [revisit(log, result) for result in results]
     return {
         "log": path.name.removesuffix(".log.gz"),
         "mode": f"rbpf, {particles} particles" if mode == "rbpf" else mode,
-        "at scans [m]": at_scans,
+        "relations [m]": at_scans,
         "rotation [deg]": rotation,
         "revisit [m]": round(float(np.mean(revisits)), 4),
         "worst revisit [m]": round(max(revisits), 4),

@@ -6,7 +6,7 @@ import json
 import math
 import sys
 from collections.abc import Callable
-from contextlib import ExitStack, closing
+from contextlib import ExitStack, closing, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -17,7 +17,7 @@ from slamgym import __version__
 from slamgym.core.config import Arguments, to_dict
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.files import write_text
-from slamgym.core.types import Trajectory
+from slamgym.core.types import FloatArray, Trajectory
 from slamgym.slam.config import Matcher, Mode, SlamConfig
 
 if TYPE_CHECKING:
@@ -39,9 +39,9 @@ class SlamArguments(Arguments):
     out: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
     """Folder for map.pgm, map.yaml, map.png, trajectory.tum and summary.json."""
 
-    mode: Mode = "rbpf"
-    """rbpf: GMapping's particle filter; pose_graph: global loop closure; scan_matching, dead_reckoning: what
-    these would be without."""
+    mode: Mode = "pose_graph"
+    """pose_graph: one path, whose loops are closed; rbpf: GMapping's particle filter; scan_matching, dead_reckoning:
+    what these would be without."""
 
     particles: int | None = None
     """Number of particles (rbpf); 30 by default."""
@@ -83,9 +83,6 @@ class SlamArguments(Arguments):
     """Scan matcher; hill_climbing is GMapping's own, slower."""
 
 
-SAME_MOMENT = 0.001
-"""A relation whose stamps are those of scans up to this needs no interpolation [s]."""
-
 MAX_FRAMES, MAX_PATHS = 600, 30
 FRAMES_PER_SECOND = 20.0
 """Of the film; paths are those of particles that a picture shows."""
@@ -107,7 +104,7 @@ def main(argv: list[str]) -> int:
         sys.stderr.write(f"slamgym: warning: {sentence}\n")
     config = _config(arguments, log)
     result = _replay(arguments, log, config)
-    accuracy = _accuracy(result.trajectory, relations, truth)
+    accuracy = _accuracy(result, relations, truth)
     summary = _summary(arguments, log, config, result, accuracy)
     _write(arguments.out, result, summary)
     sys.stdout.write(_report(arguments.out, summary))
@@ -183,31 +180,31 @@ def _viewer(screens: list[ShowPicture], total: int) -> Callable[[int, Mapper, bo
     return show
 
 
-def _accuracy(
-    trajectory: Trajectory, relations: Relations | None, truth: Trajectory | None
-) -> dict[str, Any]:
+def _accuracy(result: ReplayResult, relations: Relations | None, truth: Trajectory | None) -> dict[str, Any]:
     from slamgym.metrics import absolute_trajectory_error, relation_error, relative_pose_error
 
     accuracy: dict[str, Any] = {}
     if relations is not None:
         try:
-            accuracy["relations"] = _relation_summary(relation_error(trajectory, *relations))
-            accuracy["relations_at_scans"] = _relation_summary(
-                relation_error(trajectory, *relations, max_gap=SAME_MOMENT)
-            )
+            accuracy["relations"] = _relation_summary(relation_error(result.moments, *relations))
         except ValueError as problem:
-            if "relations" not in accuracy:
-                raise ConfigError(f"--relations: {problem}") from problem
+            raise ConfigError(f"--relations: {problem}") from problem
+        with suppress(ValueError):  # no place was passed twice
+            accuracy["relations_of_revisits"] = _relation_summary(
+                relation_error(result.moments, *relations, revisits=True)
+            )
+        with suppress(ValueError):  # no moment is a scan's
+            accuracy["relations_at_scans"] = _relation_summary(relation_error(result.trajectory, *relations))
     if truth is not None:
-        aligned = absolute_trajectory_error(trajectory, truth)
-        plain = absolute_trajectory_error(trajectory, truth, align=False)
+        aligned = absolute_trajectory_error(result.trajectory, truth)
+        plain = absolute_trajectory_error(result.trajectory, truth, align=False)
         accuracy["truth"] = {
             "ate_rmse_m": aligned.translation.rmse,
             "ate_unaligned_rmse_m": plain.translation.rmse,
             "ate_rotation_rmse_deg": float(np.degrees(aligned.rotation.rmse)),
         }
         if truth.length > 2.0:
-            relative = relative_pose_error(trajectory, truth, delta=1.0)
+            relative = relative_pose_error(result.trajectory, truth, delta=1.0)
             accuracy["truth"]["rpe_per_metre_rmse_m"] = relative.translation.rmse
     return accuracy
 
@@ -244,6 +241,9 @@ def _summary(
         "peak_memory_bytes": result.peak_memory_bytes,
         "resamplings": stats.resamplings,
         "refused_matches": stats.refused_matches,
+        "recovered_matches": stats.recovered_matches,
+        "doubtful_scans": len(stats.doubtful),
+        "doubtful_stamps": [round(stamp, 6) for stamp in stats.doubtful],
         **accuracy,
         **result.extra,
         "warnings": dict(sorted(log.warnings.counts.items())),
@@ -267,8 +267,15 @@ def _write(folder: Path, result: ReplayResult, summary: dict[str, Any]) -> None:
     write_ros_map(folder, result.grid)
     write_tum(folder / "trajectory.tum", result.trajectory)
     caption = f"{Path(summary['log']).name}   {summary['config']['mode']}   {summary['path_length_m']:.0f} m"
-    write_picture(folder / "map.png", draw_map(result.grid, result.trajectory.poses, caption))
+    write_picture(
+        folder / "map.png", draw_map(result.grid, result.trajectory.poses, caption, _doubtful_poses(result))
+    )
     write_text(folder / "summary.json", json.dumps(summary, indent=1) + "\n")
+
+
+def _doubtful_poses(result: ReplayResult) -> FloatArray:
+    """Where the path may be wrong, (D, 3)."""
+    return result.trajectory.poses[np.isin(result.trajectory.stamps, result.stats.doubtful)]
 
 
 def _report(folder: Path, summary: dict[str, Any]) -> str:
@@ -279,9 +286,18 @@ def _report(folder: Path, summary: dict[str, Any]) -> str:
         f"{summary['cpu_seconds']:.1f} CPU s, {summary['cpu_ms_per_processed_scan']:.2f} ms each; "
         f"{summary['resamplings']} resamplings; maps {summary['map_memory_bytes'] / 1e6:.0f} MB",
     ]
+    if summary["doubtful_scans"]:
+        lines.append(
+            f"  {summary['doubtful_scans']} scans fit poorly whatever was tried: the path may be wrong there "
+            "(red crosses in map.png, doubtful_stamps in summary.json)"
+        )
     if "loop_closures" in summary:
         lines.append(f"  loop closures: {summary['loop_closures']}")
-    for key, moments in (("relations", "interpolated"), ("relations_at_scans", "at the scans")):
+    for key, moments in (
+        ("relations", "all"),
+        ("relations_of_revisits", "revisits"),
+        ("relations_at_scans", "at the nearest scan within 0.1 s"),
+    ):
         if key in summary:
             r = summary[key]
             lines.append(

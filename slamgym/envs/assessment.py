@@ -99,6 +99,7 @@ class Assessment:
             "pose_error": latest.pose_error,
             "heading_error": abs(wrap_angle(simulation.believed_pose.theta - pose.theta)),
             "n_eff": latest.n_eff,
+            "doubtful_scans": len(simulation.mapper.stats.doubtful),
             "true_pose": np.array(pose),
         }
         if self._reward.needs_map_error:

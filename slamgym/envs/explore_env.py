@@ -98,8 +98,9 @@ class ExploreEnv(gym.Env[Observation, Any]):
 
     ``coverage`` (share of the reachable floor truly seen, see :mod:`slamgym.envs.coverage`), ``path_length``
     [m], ``collisions`` (contacts begun), ``pose_error`` [m], ``heading_error`` [rad], ``n_eff``,
-    ``true_pose`` (3,) in the world, ``reward_terms``; with the map error measured, or at the end of the
-    episode, ``map_error`` [m]; at the end ``is_success`` (terminated). ``reset`` adds ``plan``, the id.
+    ``doubtful_scans`` (that fit the map poorly: the pose may be wrong), ``true_pose`` (3,) in the world,
+    ``reward_terms``; with the map error measured, or at the end of the episode, ``map_error`` [m]; at the end
+    ``is_success`` (terminated). ``reset`` adds ``plan``, the id.
 
     ## Arguments
 

@@ -17,7 +17,7 @@ def warm_up() -> None:
     """Compile the kernels of exploration: a moment of driving and mapping, and of navigation."""
     announce_compilation(cast_rays)
     plan = _two_rooms()
-    for mode in ("ground_truth", "rbpf"):
+    for mode in ("ground_truth", "rbpf", "pose_graph"):
         config = ExploreConfig(slam=SlamConfig(mode=mode, particles=2))
         env = ExploreEnv(plan, config, reward={"map_error": 1.0}, clutter={"furniture": 1.0, "people": 1})
         env.reset(seed=0)

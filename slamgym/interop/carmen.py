@@ -21,12 +21,26 @@ from slamgym.core.files import open_regular, write_bytes
 from slamgym.core.geometry import between, compose, wrap_angle
 from slamgym.core.limits import SCANS, check_expansion
 from slamgym.core.types import Float32Array, LaserGeometry, LaserScan, Pose2D
-from slamgym.interop.carmen_messages import LaserHints, MalformedMessageError, ScanMessage, parse_scan
-from slamgym.interop.records import Log, LogRecord, LogWarnings, longest_ordered, without_jumps
+from slamgym.interop.carmen_messages import (
+    LaserHints,
+    MalformedMessageError,
+    OdometryMessage,
+    ScanMessage,
+    parse_odometry,
+    parse_scan,
+)
+from slamgym.interop.records import (
+    Log,
+    LogRecord,
+    LogWarnings,
+    OdometryTrack,
+    longest_ordered,
+    without_jumps,
+)
 
 SCAN_MESSAGES = ("FLASER", "ROBOTLASER1")
 IGNORED_MESSAGES = re.compile(
-    r"ODOM|RLASER|R?LASER\d|(RAW|ROBOT)LASER\d|SYNC|TRUEPOS|MARKER|NMEA\w+|GPS\w*|IMU|SONAR|BUMPER|PIXEL|"
+    r"RLASER|R?LASER\d|(RAW|ROBOT)LASER\d|SYNC|TRUEPOS|MARKER|NMEA\w+|GPS\w*|IMU|SONAR|BUMPER|PIXEL|"
     r"VECTORMOVE|ROBOTVELOCITY|FOLLOWTRAJECTORY|BASEVELOCITY|RFID|POSITION"
 )
 """Messages of CARMEN's logger that hold no front laser scan (FLASER and ROBOTLASER1 carry their odometry)."""
@@ -43,7 +57,7 @@ GZIP_MAGIC = b"\x1f\x8b"
 
 
 def read_carmen(path: Path | str) -> Log:
-    """Read the front laser's scans and the odometry.
+    """Read the front laser's scans and the odometry, at the scans and (ODOM lines) between them.
 
     Args:
         path: A log, plain or compressed by gzip (known by its content, not by its name).
@@ -57,7 +71,7 @@ def read_carmen(path: Path | str) -> Log:
     """
     path = Path(path)
     warnings = LogWarnings()
-    hints, messages = _read_messages(path, warnings)
+    hints, messages, odometry = _read_messages(path, warnings)
     messages = _of_one_kind(path, messages, warnings)
     if not messages:
         faults = "; ".join(warnings.sentences()[:3])
@@ -75,7 +89,8 @@ def read_carmen(path: Path | str) -> Log:
     messages = [messages[index] for index in near]
     geometry = _geometry(messages, hints)
     records = [_record(path, message, geometry, warnings) for message in messages]
-    return Log(str(path), records, geometry, warnings)
+    track = _track(odometry, messages, records) if odometry else None
+    return Log(str(path), records, geometry, warnings, track)
 
 
 def write_carmen(
@@ -130,9 +145,12 @@ def write_carmen(
     write_bytes(path, gzip.compress(content, COMPRESSION, mtime=0) if compressed else content)
 
 
-def _read_messages(path: Path, warnings: LogWarnings) -> tuple[LaserHints, list[ScanMessage]]:
+def _read_messages(
+    path: Path, warnings: LogWarnings
+) -> tuple[LaserHints, list[ScanMessage], list[OdometryMessage]]:
     hints = LaserHints()
     messages: list[ScanMessage] = []
+    odometry: list[OdometryMessage] = []
     for number, raw in enumerate(_read_lines(path, warnings), start=1):
         if not raw:
             continue
@@ -145,9 +163,12 @@ def _read_messages(path: Path, warnings: LogWarnings) -> tuple[LaserHints, list[
         fields = text.split()
         if not fields:
             continue
-        if fields[0] in SCAN_MESSAGES:
+        if fields[0] in SCAN_MESSAGES or fields[0] == "ODOM":
             try:
-                messages.append(parse_scan(fields, number))
+                if fields[0] == "ODOM":
+                    odometry.append(parse_odometry(fields, number))
+                else:
+                    messages.append(parse_scan(fields, number))
                 SCANS.check(path, len(messages))
             except MalformedMessageError as error:
                 warnings.add(str(error), f"{path}:{number}")
@@ -157,7 +178,7 @@ def _read_messages(path: Path, warnings: LogWarnings) -> tuple[LaserHints, list[
             hints.read_comment(text)
         elif not IGNORED_MESSAGES.fullmatch(fields[0]):
             warnings.add("line of unknown message type", f"{path}:{number}")
-    return hints, messages
+    return hints, messages, odometry
 
 
 def _read_lines(path: Path, warnings: LogWarnings) -> Iterator[bytes]:
@@ -227,6 +248,17 @@ def _of_one_kind(path: Path, messages: list[ScanMessage], warnings: LogWarnings)
         else:
             kept.append(message)
     return kept
+
+
+def _track(
+    odometry: list[OdometryMessage], scans: list[ScanMessage], records: list[LogRecord]
+) -> OdometryTrack:
+    """ODOM lines and scans in the order of the file."""
+    lines = np.array([message.line for message in odometry] + [message.line for message in scans])
+    stamps = np.array([message.stamp for message in odometry] + [record.stamp for record in records])
+    poses = np.array([message.pose for message in odometry] + [record.odometry for record in records])
+    order = np.argsort(lines)
+    return OdometryTrack(stamps[order], poses[order], np.flatnonzero(order >= len(odometry)))
 
 
 def _geometry(messages: list[ScanMessage], hints: LaserHints) -> LaserGeometry:

@@ -6,12 +6,14 @@ Formats (http://carmen.sourceforge.net, logger module):
   robot's, both in the odometry frame. It has no angles.
 - ``ROBOTLASER1 type start_angle field_of_view resolution max_range accuracy remission_mode n r1..rn
   m remission1..m laser_x laser_y laser_theta robot_x robot_y robot_theta tv rv ... stamp host logger_stamp``.
+- ``ODOM x y theta tv rv acceleration stamp host logger_stamp``: odometry, mostly several times between scans.
 - ``PARAM name value ...`` and comments that start with ``#``.
 """
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -38,6 +40,14 @@ class ScanMessage(NamedTuple):
     angle_min: float | None  # [rad], where the message says so
     angle_increment: float | None  # [rad]
     range_max: float | None  # [m]
+
+
+class OdometryMessage(NamedTuple):
+    """One ODOM message."""
+
+    line: int
+    stamp: float  # [s]
+    pose: Pose2D
 
 
 class MalformedMessageError(ValueError):
@@ -89,14 +99,36 @@ def parse_scan(fields: Sequence[str], line: int) -> ScanMessage:
     Raises:
         MalformedMessageError: If it is truncated or holds a broken number, pose or stamp.
     """
-    try:
+    with _malformed(fields[0]):
         return _parse_flaser(fields, line) if fields[0] == "FLASER" else _parse_robotlaser(fields, line)
+
+
+def parse_odometry(fields: Sequence[str], line: int) -> OdometryMessage:
+    """Parse an ODOM line.
+
+    Args:
+        fields: The line, split at white space.
+        line: Its number, from 1.
+
+    Raises:
+        MalformedMessageError: If it is truncated or holds a broken number, pose or stamp.
+    """
+    with _malformed(fields[0]):
+        x, y, theta = _pose(fields, 1)
+        return OdometryMessage(line, _stamp(fields[7]), Pose2D(x, y, theta))
+
+
+@contextmanager
+def _malformed(kind: str) -> Iterator[None]:
+    """Say of a line that it is cut short or holds no numbers."""
+    try:
+        yield
     except IndexError as error:
-        raise MalformedMessageError(f"truncated {fields[0]} line") from error
+        raise MalformedMessageError(f"truncated {kind} line") from error
     except (ValueError, OverflowError) as error:
         if isinstance(error, MalformedMessageError):
             raise
-        raise MalformedMessageError(f"unreadable {fields[0]} line") from error
+        raise MalformedMessageError(f"unreadable {kind} line") from error
 
 
 def _parse_flaser(fields: Sequence[str], line: int) -> ScanMessage:

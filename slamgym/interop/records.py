@@ -7,9 +7,11 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
+import numpy as np
+
 from slamgym.core.errors import InputFileError
 from slamgym.core.limits import JUMP
-from slamgym.core.types import LaserGeometry, LaserScan, Pose2D
+from slamgym.core.types import FloatArray, IntArray, LaserGeometry, LaserScan, Pose2D
 
 MAX_BEAMS = 100_000
 MAX_ABS_COORDINATE = 1e6
@@ -49,6 +51,17 @@ class LogWarnings:
         ]
 
 
+class OdometryTrack(NamedTuple):
+    """All that a log holds of the odometry, at the scans and between them, in the order of the file.
+
+    Stamps may step back where messages come in bursts; the order of the file is that of the driving.
+    """
+
+    stamps: FloatArray  # (N,) [s]
+    poses: FloatArray  # (N, 3), the robot's base in the odometry frame
+    scans: IntArray  # (S,), where in the track each of the log's scans stands; ascending
+
+
 @dataclass(frozen=True)
 class Log:
     """A recorded run: its scans in the order of time, and what was wrong with the file.
@@ -62,6 +75,17 @@ class Log:
     geometry: LaserGeometry
     warnings: LogWarnings = field(default_factory=LogWarnings)
     """What was wrong with the file; the faulty messages were left out."""
+    recorded_track: OdometryTrack | None = None
+    """Where the log has odometry of its own between the scans."""
+
+    @property
+    def track(self) -> OdometryTrack:
+        """The odometry, at the scans alone where the log holds no other."""
+        if self.recorded_track is not None:
+            return self.recorded_track
+        stamps = np.array([record.stamp for record in self.records], dtype=np.float64)
+        poses = np.array([record.odometry for record in self.records], dtype=np.float64).reshape(-1, 3)
+        return OdometryTrack(stamps, poses, np.arange(len(stamps)))
 
     def __iter__(self) -> Iterator[LogRecord]:
         return iter(self.records)

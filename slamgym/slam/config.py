@@ -11,6 +11,13 @@ NoReturn = Literal["clear", "ignore"]
 Matcher = Literal["coarse_to_fine", "hill_climbing"]
 
 
+SEES_ACROSS_ROOMS = 10.0
+"""A scanner with more range than this sees walls wherever it is indoors, and no return means glass or an error [m]."""
+MOST_RANGE, RANGE_MARGIN = 80.0, 0.05
+"""Returns beyond the first are not used, nor those within the second of the scanner's limit [m]."""
+MANY_BEAMS = 540
+
+
 class MotionNoise(Settings, section="slam.motion"):
     """How far odometry is trusted: standard deviations per odometry increment, as GMapping's motion model.
 
@@ -50,9 +57,10 @@ class SlamConfig(Settings, section="slam"):
     resolution: Positive = 0.05
     """Cell size of the maps [m] (``delta``)."""
 
-    max_usable_range: Positive = 3.0
+    max_usable_range: Positive = 3.45
     """Longer returns are not matched; their rays are cut here and clear free space only [m]
-    (``maxUrange``)."""
+    (``maxUrange``, 3.0 in the launch file). A little less than the scanner's own limit, where noise decides whether
+    a beam returns."""
 
     matcher: Matcher = "coarse_to_fine"
     """``coarse_to_fine``: ICP from the predicted pose, first on a part of the beams, with a short climb where
@@ -86,7 +94,7 @@ class SlamConfig(Settings, section="slam"):
     motion: MotionNoise = field(default_factory=MotionNoise)
     """Noise of the motion model."""
 
-    odometry_weight: NonNegative = 0.3
+    odometry_weight: NonNegative = 0.1
     """Pull of the predicted pose on the match: a pose n standard deviations of the motion model away from it
     costs n^2 / 2 times this many beams of score. It keeps a scan from sliding along a corridor. 0 is
     GMapping."""
@@ -95,6 +103,10 @@ class SlamConfig(Settings, section="slam"):
     """Share of the motion noise that is drawn for each particle; the pull of the predicted pose counts with
     all of it. The launch values of the noise are several times a wheel robot's real error, so that drawing
     all of it scatters particles that see little. GMapping's: 1."""
+
+    learn_odometry: bool = True
+    """Whether systematic and random errors of the odometry are learned from the matches
+    (:class:`slamgym.slam.odometry_calibration.OdometryCalibration`); else ``motion`` stands, as in GMapping."""
 
     linear_update: float = 1.0
     """A scan is processed after this distance [m] (``linearUpdate``) ..."""
@@ -132,6 +144,8 @@ class SlamConfig(Settings, section="slam"):
             minimum_score=50.0,
             odometry_weight=0.0,
             drawn_noise=1.0,
+            max_usable_range=3.0,
+            learn_odometry=False,
             no_return="ignore",
         )
 
@@ -141,18 +155,22 @@ class SlamConfig(Settings, section="slam"):
         return SlamConfig(max_usable_range=80.0, angular_update=0.5, temporal_update=None)
 
     @staticmethod
-    def for_long_range(max_range: float, particles: int = 30) -> "SlamConfig":
-        """Settings for a recorded log of a long-range scanner (SICK LMS and the like).
+    def for_log(max_range: float, num_beams: int) -> "SlamConfig":
+        """Settings for a recorded log: whatever its scanner, a scan is processed every 0.1 m and 0.1 rad.
 
         Args:
             max_range: Largest range the scanner reports [m].
-            particles: Number of particles.
+            num_beams: Beams of a scan; of very many only a part is matched.
         """
+        sees_across_rooms = max_range > SEES_ACROSS_ROOMS
         return SlamConfig(
-            particles=particles,
-            max_usable_range=min(max_range, 80.0) * 0.999,
+            mode="pose_graph",
+            max_usable_range=max(min(max_range, MOST_RANGE) - RANGE_MARGIN, 0.5 * max_range),
+            beam_skip=num_beams // MANY_BEAMS,
             linear_update=0.1,
             angular_update=0.1,
             temporal_update=None,
-            no_return="ignore",
+            no_return="ignore" if sees_across_rooms else "clear",
+            # Short scans of bare walls overlap too little: matching them once more makes the path worse.
+            pose_graph=PoseGraphConfig(final_passes=2 if sees_across_rooms else 0),
         )

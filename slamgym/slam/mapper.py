@@ -37,6 +37,12 @@ class SlamStats:
     refused_matches: int = 0
     """Particle matches below the minimum score, where odometry stood."""
 
+    recovered_matches: int = 0
+    """Scans that fitted poorly where odometry led, and were found by a wider search."""
+
+    doubtful: list[float] = field(default_factory=list)
+    """Times of the scans that fitted poorly whatever was tried [s]: the path may be wrong there."""
+
     resamplings: int = 0
     """How often the particles were resampled."""
 

@@ -7,15 +7,24 @@ most of the weight they are resampled.
 
 import numpy as np
 
-from slamgym.core.geometry import compose
-from slamgym.core.types import FloatArray, IntArray, LaserGeometry, LaserScan, Pose2D, Trajectory
+from slamgym.core.geometry import between, compose
+from slamgym.core.types import (
+    Float32Array,
+    FloatArray,
+    IntArray,
+    LaserGeometry,
+    LaserScan,
+    Pose2D,
+    Trajectory,
+)
 from slamgym.slam.config import SlamConfig
 from slamgym.slam.end_points import usable_end_points
 from slamgym.slam.hill_climbing import MatchSettings, Search
 from slamgym.slam.mapper import GatedMapper
 from slamgym.slam.motion_model import noise_array, sample_motion
+from slamgym.slam.odometry_calibration import OdometryCalibration
 from slamgym.slam.particles import ParticleMaps, TrajectoryTree, trace_lineage
-from slamgym.slam.scan_match import match_particles
+from slamgym.slam.scan_match import align_freely, match_particles
 
 
 def normalized_weights(log_weights: FloatArray, gain: float) -> FloatArray:
@@ -60,6 +69,9 @@ HEADING_FLOOR = 0.003
 """Odometry is never trusted further than this [m], [rad]."""
 NULL_LIKELIHOOD = -0.5
 """-d^2 of a beam with nothing near [m^2] (GMapping's ``nullLikelihood``)."""
+POINT_INFORMATION = 125.0
+DOUBT_SHARE = 0.6
+FEW_POINTS = 20
 MATCH_MARGIN = 1.5
 """How far round the scan's end points the maps are made ready [m]; a match that strays further finds nothing."""
 
@@ -100,6 +112,11 @@ class ParticleFilter(GatedMapper):
         self._drawn_poses: FloatArray = np.zeros((0, 3))
         self._end_points = np.zeros((geometry.num_beams, 2))
         self._match_settings = match_settings(config)
+        self._calibration = OdometryCalibration() if config.learn_odometry else None
+        self._free_offset = Pose2D(0.0, 0.0, 0.0)
+        self._match_covariance: FloatArray | None = None
+        self._predicted_variances = np.zeros(2)
+        self._stamp = 0.0
 
     @property
     def pose(self) -> Pose2D:
@@ -143,23 +160,93 @@ class ParticleFilter(GatedMapper):
     def _process(self, scan: LaserScan) -> None:
         """One step of the filter: predict, match, weigh, resample, register."""
         increments = self._gate.take(scan.stamp)
-        shape = (len(increments), len(self._poses), 3)
-        rbpf = self._config.mode == "rbpf"
-        normals = self._config.drawn_noise * self._rng.standard_normal(shape) if rbpf else np.zeros(shape)
-        variance, turn_variance = sample_motion(self._poses, increments, normals, self._noise)
-        variance += POSITION_FLOOR**2
-        turn_variance += HEADING_FLOOR**2
-        usable = min(self._beams.usable, float(np.nextafter(self._beams.range_max, 0.0)))
-        num_points = usable_end_points(scan.ranges, self._beams, usable, self._end_points)
-        points = self._end_points[:num_points]
-        radius = float(np.abs(points).sum(axis=1).max(initial=0.0))
-        self._maps.cover(self._poses, radius + MATCH_MARGIN)
+        before = self._poses.copy()
+        variance, turn_variance = self._predict(increments)
+        predicted = self._poses.copy()
+        self._stamp = scan.stamp
+        self._predicted_variances = np.array([variance, turn_variance])
+        points = self._usable_points(scan.ranges)
+        self._maps.cover(self._poses, self._radius(points))
         if len(self._tree) > 0:
-            self._match_and_weigh(points, variance, turn_variance)
+            best = self._match_and_weigh(points, variance, turn_variance)
+            self._learn(increments, before, predicted, best, points)
+            if self.n_eff < self._config.resample_threshold * len(self._poses):
+                self._resample()
         self._tree.append(scan.stamp, self._poses, scan.ranges)
         self._maps.register(self._poses, points)
 
-    def _match_and_weigh(self, points: FloatArray, variance: float, turn_variance: float) -> None:
+    def _usable_points(self, ranges: Float32Array) -> FloatArray:
+        """End points (n, 2) in the robot frame that can be matched; valid until the next call."""
+        usable = min(self._beams.usable, float(np.nextafter(self._beams.range_max, 0.0)))
+        return self._end_points[: usable_end_points(ranges, self._beams, usable, self._end_points)]
+
+    @staticmethod
+    def _radius(points: FloatArray) -> float:
+        """How far round the robot the maps are made ready for a scan [m]."""
+        return float(np.abs(points).sum(axis=1).max(initial=0.0)) + MATCH_MARGIN
+
+    def _predict(self, increments: FloatArray) -> tuple[float, float]:
+        """Move the particles by odometry; returns the variances of position and heading that it leaves."""
+        count = len(self._poses)
+        rbpf = self._config.mode == "rbpf"
+        if self._calibration is None:
+            shape = (len(increments), count, 3)
+            normals = self._config.drawn_noise * self._rng.standard_normal(shape) if rbpf else np.zeros(shape)
+            variance, turn_variance = sample_motion(self._poses, increments, normals, self._noise)
+            return variance + POSITION_FLOOR**2, turn_variance + HEADING_FLOOR**2
+        spread = self._calibration.spread(increments)
+        corrected = self._calibration.correct(increments)
+        sample_motion(self._poses, corrected, np.zeros((len(increments), count, 3)), self._noise)
+        if rbpf:
+            deviations = np.sqrt([spread.random_distance, spread.random_distance, spread.random_heading])
+            self._poses += self._config.drawn_noise * deviations * self._rng.standard_normal((count, 3))
+        return spread.distance + POSITION_FLOOR**2, spread.heading + HEADING_FLOOR**2
+
+    def _align_freely(self, pose: FloatArray, points: FloatArray, particle: int = 0) -> FloatArray:
+        """What the scan alone says from a pose on: pose, score, binding; see :func:`align_freely`."""
+        free = np.empty(10)
+        align_freely(self._maps.tile_maps, particle, pose, points, self._match_settings, free)
+        return free
+
+    def _resettle(
+        self, increments: FloatArray, predicted: FloatArray, points: FloatArray, share: float
+    ) -> float:
+        """Nothing is tried; a mode that can search wider does."""
+        del increments, predicted, points
+        return share
+
+    def _learn(
+        self, increments: FloatArray, before: FloatArray, predicted: FloatArray, best: int, points: FloatArray
+    ) -> None:
+        """Compare the best particle's match with the odometry."""
+        if self._calibration is None:
+            return
+        free = self._align_freely(self._poses[best], points, best)
+        share = free[3] / max(len(points), 1)
+        if share < DOUBT_SHARE and len(points) >= FEW_POINTS:
+            found = self._resettle(increments, predicted[best], points, share)
+            if found > share:
+                free = self._align_freely(self._poses[best], points, best)
+            if found < DOUBT_SHARE:
+                self._stats.doubtful.append(self._stamp)
+            share = found
+        last_offset = self._free_offset
+        self._free_offset = between(Pose2D(*self._poses[best]), Pose2D(*free[:3]))
+        uu, uv, vv, ut, vt, tt = free[4:]
+        information = POINT_INFORMATION * np.array([[uu, uv, ut], [uv, vv, vt], [ut, vt, tt]])
+        covariance = np.asarray(np.linalg.inv(information + np.eye(3)), dtype=np.float64)
+        theta = self._poses[best, 2]
+        along = np.array([np.cos(theta), np.sin(theta), 0.0])
+        along_variance = float(along @ covariance @ along)
+        self._match_covariance = covariance
+        if share < 0.5 or len(points) < FEW_POINTS or along_variance > 0.02**2 or covariance[2, 2] > 0.01**2:
+            self._calibration.restart()
+            self._match_covariance = None
+            return
+        moved = between(compose(Pose2D(*before[best]), last_offset), Pose2D(*free[:3]))
+        self._calibration.learn(increments, moved, along_variance, float(covariance[2, 2]))
+
+    def _match_and_weigh(self, points: FloatArray, variance: float, turn_variance: float) -> int:
         c = self._config
         log_likelihoods = np.empty(len(self._poses))
         matched = match_particles(
@@ -177,8 +264,7 @@ class ParticleFilter(GatedMapper):
         self._weights = normalized_weights(self._log_weights, c.likelihood_gain)
         n_eff = effective_sample_size(self._weights)
         self._stats.n_eff.append(n_eff)
-        if n_eff < c.resample_threshold * len(self._poses):
-            self._resample()
+        return self.best_particle
 
     def _resample(self) -> None:
         ancestors = systematic_resample(self._weights, float(self._rng.random()))

@@ -80,6 +80,10 @@ class TrajectoryTree:
         """Note which particle each place descends from, after the last processed scan."""
         self._pending = self._pending[ancestors]
 
+    def replace_poses(self, poses: FloatArray) -> None:
+        """Put the only particle's path elsewhere, (steps, 3)."""
+        self._poses[: self._length, 0] = poses
+
     def poses_along(self, lineage: IntArray, first: int = 0) -> FloatArray:
         """Poses, shape (steps - first, 3), along a lineage from step ``first``."""
         steps = np.arange(first, self._length)

@@ -15,17 +15,13 @@ from slamgym.core.config import from_dict
 from slamgym.core.documents import parse_json
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.files import read_bytes
-from slamgym.core.geometry import wrap_angle
 from slamgym.core.limits import DOCUMENT_BYTES
-from slamgym.core.types import FloatArray, IntArray, LaserGeometry, OccupancyGrid, Pose2D, Trajectory
+from slamgym.core.types import LaserGeometry, OccupancyGrid, Pose2D, Trajectory
 from slamgym.interop.records import Log
-from slamgym.metrics import relative_poses
 from slamgym.slam.config import SlamConfig
 from slamgym.slam.mapper import Mapper, SlamStats
 from slamgym.slam.modes import make_mapper
-
-SHORT_RANGE = 4.0
-"""Scanners up to this range [m] get the TurtleBot3 settings, others those for long ranges."""
+from slamgym.slam.path_correction import poses_between
 
 
 @dataclass(frozen=True)
@@ -37,6 +33,8 @@ class ReplayResult:
     """The poses that the mapper estimated, one per processed scan."""
     trajectory: Trajectory
     """A pose for every scan: between processed ones, the odometry's motion fitted to both neighbours."""
+    moments: Trajectory
+    """The same for every moment of which the log holds the odometry, in the order of time."""
     stats: SlamStats
     wall_seconds: float
     peak_memory_bytes: int
@@ -55,11 +53,7 @@ def settings_for(geometry: LaserGeometry, overrides: Mapping[str, Any] | None = 
     Raises:
         ConfigError: If an override has an unknown name or a bad value.
     """
-    if geometry.range_max <= SHORT_RANGE:
-        # TurtleBot3: usable 3.0 m of 3.5 m, so that a return at the limit isn't mistaken for a wall.
-        base = SlamConfig(max_usable_range=min(3.0, geometry.range_max * 3.0 / 3.5))
-    else:
-        base = SlamConfig.for_long_range(geometry.range_max)
+    base = SlamConfig.for_log(geometry.range_max, geometry.num_beams)
     values = {item.name: getattr(base, item.name) for item in dataclasses.fields(base)}
     return from_dict(SlamConfig, {**values, **(overrides or {})}, "slam")
 
@@ -110,61 +104,18 @@ def replay(
     mapper.finish()
     path = mapper.trajectory()
     grid = mapper.occupancy_grid()
-    odometry = np.array([record.odometry for record in log], dtype=np.float64)
-    stamps = np.array([record.stamp for record in log], dtype=np.float64)
-    dense = Trajectory(stamps, poses_between(path.poses, np.array(processed, dtype=np.int64), odometry))
+    track = log.track
+    poses = poses_between(path.poses, track.scans[processed], track.poses)
+    in_time = np.argsort(track.stamps, kind="stable")
     return ReplayResult(
         grid=grid,
         processed=path,
-        trajectory=dense,
+        trajectory=Trajectory(track.stamps[track.scans], poses[track.scans]),
+        moments=Trajectory(track.stamps[in_time], poses[in_time]),
         stats=mapper.stats,
         wall_seconds=time.perf_counter() - begin,
         peak_memory_bytes=_peak_memory(),
         extra=mapper.report(),
-    )
-
-
-def poses_between(poses: FloatArray, indices: IntArray, odometry: FloatArray) -> FloatArray:
-    """Fill in the poses of the scans that were not processed.
-
-    Between two processed scans the robot moved as odometry says, up to a small error, the difference of the
-    two corrections, which is spread linearly over the scans in between.
-
-    Args:
-        poses: Estimates at the processed scans, shape (P, 3).
-        indices: Which scans those are, shape (P,), ascending, the first 0.
-        odometry: Odometry pose at every scan, shape (N, 3).
-
-    Returns:
-        Poses at every scan, shape (N, 3).
-    """
-    every = np.arange(len(odometry))
-    before = np.searchsorted(indices, every, side="right") - 1
-    after = np.minimum(before + 1, len(indices) - 1)
-    from_before = _carried(poses, indices, odometry, every, before)
-    from_after = _carried(poses, indices, odometry, every, after)
-    span = indices[after] - indices[before]
-    share = np.where(span > 0, (every - indices[before]) / np.maximum(span, 1), 0.0)[:, None]
-    difference = from_after - from_before
-    difference[:, 2] = wrap_angle(difference[:, 2])
-    filled: FloatArray = from_before + share * difference
-    filled[:, 2] = wrap_angle(filled[:, 2])
-    return filled
-
-
-def _carried(
-    poses: FloatArray, indices: IntArray, odometry: FloatArray, every: IntArray, anchor: IntArray
-) -> FloatArray:
-    """Every scan's pose by odometry from the processed scan ``anchor``."""
-    motion = relative_poses(odometry[indices[anchor]], odometry[every])
-    base = poses[anchor]
-    cos, sin = np.cos(base[:, 2]), np.sin(base[:, 2])
-    return np.column_stack(
-        [
-            base[:, 0] + cos * motion[:, 0] - sin * motion[:, 1],
-            base[:, 1] + sin * motion[:, 0] + cos * motion[:, 1],
-            wrap_angle(base[:, 2] + motion[:, 2]),
-        ]
     )
 
 

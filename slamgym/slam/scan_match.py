@@ -56,14 +56,6 @@ class CellScan(NamedTuple):
     normals: FloatArray  # (n, 2) unit normals of the surface there, zero for none
 
 
-class Match(NamedTuple):
-    """A pose and how well it fits."""
-
-    pose: CellPose
-    score: float  # GMapping's, over the points taken
-    log_likelihood: float  # GMapping's, over the points taken
-
-
 class NormalEquations(NamedTuple):
     """The symmetric matrix [[uu, uv, ut], [uv, vv, vt], [ut, vt, tt]]."""
 
@@ -73,6 +65,15 @@ class NormalEquations(NamedTuple):
     ut: float
     vt: float
     tt: float
+
+
+class Match(NamedTuple):
+    """A pose and how well it fits."""
+
+    pose: CellPose
+    score: float  # GMapping's, over the points taken
+    log_likelihood: float  # GMapping's, over the points taken
+    binding: NormalEquations  # what the points bind
 
 
 @kernel
@@ -121,7 +122,7 @@ def align(
     """
     points, normals = scan.points, scan.normals
     u, v, theta = start
-    match = Match(start, 0.0, 0.0)
+    match = Match(start, 0.0, 0.0, NormalEquations(0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
     force = 2.0 * s.gain
     for step in range(steps + 1):
         cos, sin = math.cos(theta), math.sin(theta)
@@ -157,7 +158,7 @@ def align(
             r_u += f_u
             r_v += f_v
             r_t += x * f_v - y * f_u
-        match = Match(CellPose(u, v, theta), total, likelihood)
+        match = Match(CellPose(u, v, theta), total, likelihood, NormalEquations(uu, uv, vv, ut, vt, tt))
         if total == 0.0 or step == steps:
             break
         k, k_t = prior.stiffness, prior.turn_stiffness
@@ -266,3 +267,39 @@ def match_particles(
             match = align(pool, tables[p], scan, s.stride, prior.pose, prior, 0, s)
         log_likelihoods[p] = match.log_likelihood
     return matched
+
+
+@kernel
+def align_freely(
+    maps: TileMaps,
+    particle: int,
+    pose: FloatArray,
+    points: FloatArray,
+    s: MatchSettings,
+    out: FloatArray,
+) -> None:
+    """Align a scan from where it was matched, without the pull of the odometry: what the scan alone says.
+
+    Args:
+        maps: The particles' maps.
+        particle: Whose map.
+        pose: (3,) the match [m, m, rad].
+        points: (n, 2) end points in the robot frame, in the order of the beams [m].
+        s: Settings.
+        out: (10,) receives the pose, the score and what the points bind, the entries
+            of a symmetric matrix in the order of :class:`NormalEquations` [1/m^2], [1/m] and [1].
+    """
+    pool, tables, origin, resolution = maps
+    scale = 1.0 / resolution
+    normals = np.empty_like(points)
+    surface_normals(points, normals)
+    start = CellPose((pose[0] - origin[0]) * scale, (pose[1] - origin[1]) * scale, pose[2])
+    free = Prior(start, 0.0, 0.0, True)
+    match = align(
+        pool, tables[particle], CellScan(points * scale, normals), s.stride, start, free, FINE_STEPS, s
+    )
+    out[0], out[1] = origin[0] + match.pose.u * resolution, origin[1] + match.pose.v * resolution
+    out[2], out[3] = match.pose.theta, match.score
+    h = match.binding
+    out[4], out[5], out[6] = h.uu * scale**2, h.uv * scale**2, h.vv * scale**2
+    out[7], out[8], out[9] = h.ut * scale, h.vt * scale, h.tt

@@ -34,13 +34,19 @@ VIEW_WIDTH, VIEW_HEIGHT = 1024, 768
 """Size of the pictures of a growing map [px]; even, as video encoders want it."""
 
 
-def draw_map(grid: OccupancyGrid, path: FloatArray, caption: str = "") -> ByteArray:
+DOUBTFUL = (220, 30, 30)
+
+
+def draw_map(
+    grid: OccupancyGrid, path: FloatArray, caption: str = "", doubtful: FloatArray | None = None
+) -> ByteArray:
     """Draw a map with the path travelled.
 
     Args:
         grid: The map.
         path: Poses or points in the map frame, shape (N, 2) or (N, 3); blue at the start, red at the end.
         caption: One line below the map.
+        doubtful: Poses (D, 3) at which the path may be wrong; each gets a red cross.
 
     Returns:
         RGB, shape (height, width, 3).
@@ -51,6 +57,10 @@ def draw_map(grid: OccupancyGrid, path: FloatArray, caption: str = "") -> ByteAr
     picture = rescaled(colour_cells(grid.cells), factor)
     rows, cols = picture.shape[:2]
     _draw_gradient_path(picture, frame_pixels(path, grid.frame, factor), max(1, round(cols / 800)))
+    if doubtful is not None:
+        for col, row in frame_pixels(doubtful, grid.frame, factor):
+            place, size = (round(float(col)), round(float(row))), max(6, cols // 120)
+            cv2.drawMarker(picture, place, DOUBTFUL, cv2.MARKER_TILTED_CROSS, size, 2, cv2.LINE_AA)
     page = blank((PAGE_MARGIN_PX + rows + FOOTER_PX, max(cols + 2 * PAGE_MARGIN_PX, 640)), PAPER)
     left = (page.shape[1] - cols) // 2
     page[PAGE_MARGIN_PX : PAGE_MARGIN_PX + rows, left : left + cols] = picture

@@ -22,7 +22,7 @@ WAYS = {
     "ground_truth": SlamConfig(mode="ground_truth"),
     "gmapping": SlamConfig.gmapping(particles=3),
     "ros_defaults": dataclasses.replace(SlamConfig.ros_defaults(), particles=4),
-    "long_range": SlamConfig.for_long_range(3.5, particles=4),
+    "log": SlamConfig.for_log(3.5, 180),
 }
 
 

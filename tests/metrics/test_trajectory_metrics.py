@@ -86,12 +86,21 @@ class TestRelations:
         assert error.translation.deviation == pytest.approx(0.05)
         assert error.rotation.mean == pytest.approx(0.05)
 
-    def test_moments_between_poses_count_only_without_a_largest_gap(self):
+    def test_the_nearest_pose_counts_and_moments_without_one_do_not(self):
         path = Trajectory(np.arange(3.0), np.array([[0, 0, 0], [1, 0, 0], [2, 0, 0]]))
-        starts, ends = np.array([0.0, 0.5]), np.array([1.0, 1.5])
-        relative = np.array([[1.0, 0, 0], [1.0, 0, 0]])
-        assert relation_error(path, starts, ends, relative).missing == 0
-        assert relation_error(path, starts, ends, relative, max_gap=0.01).missing == 1
+        starts, ends = np.array([0.0, 0.5]), np.array([1.04, 1.5])
+        error = relation_error(path, starts, ends, np.array([[1.0, 0, 0], [1.0, 0, 0]]))
+        assert (error.translation.count, error.missing) == (1, 1)
+        assert error.translation.mean == pytest.approx(0.0)
+
+    def test_revisits_are_relations_over_a_long_time(self):
+        path = Trajectory(np.arange(40.0), np.column_stack([np.arange(40.0), np.zeros(40), np.zeros(40)]))
+        starts, ends = np.array([0.0, 0.0]), np.array([1.0, 30.0])
+        relative = np.array([[1.0, 0, 0], [30.5, 0, 0]])
+        assert relation_error(path, starts, ends, relative).translation.mean == pytest.approx(0.25)
+        assert relation_error(path, starts, ends, relative, revisits=True).translation.mean == pytest.approx(
+            0.5
+        )
 
     def test_relations_of_another_log_are_refused(self):
         with pytest.raises(ValueError, match="same log"):

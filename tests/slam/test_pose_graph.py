@@ -79,7 +79,7 @@ def test_two_rounds_of_a_corridor_are_closed(drive, closed):
     dead = absolute_trajectory_error(run(log, mode="dead_reckoning").trajectory, truth).translation.rmse
     result = closed
     error = absolute_trajectory_error(result.trajectory, truth).translation.rmse
-    assert result.extra["loop_closures"] > 50
+    assert result.extra["loop_closures"] > 20
     # Along the bare stretches only odometry measures the distance, 3 % long; niches and closures hold the rest.
     assert error < 0.1
     assert dead > 1.0
@@ -124,3 +124,27 @@ def test_scans_that_see_nothing_leave_the_odometry_standing():
 def test_settings_that_make_no_sense_are_refused():
     with pytest.raises(ConfigError, match="keyframe_distance"):
         PoseGraphConfig(keyframe_distance=0.0)
+
+
+def lying(log: Log, kind: str) -> Log:
+    """The log with odometry that lies for a while, in the middle of the first round."""
+    records, odometry, last = [], log.records[0].odometry, log.records[0].odometry
+    for k, record in enumerate(log.records):
+        moved = between(last, record.odometry)
+        last = record.odometry
+        if 60 <= k < 80 and kind == "scale":
+            moved = Pose2D(1.5 * moved.x, 1.5 * moved.y, 1.5 * moved.theta)
+        if k == 70 and kind == "slip":
+            moved = Pose2D(moved.x, moved.y, moved.theta + np.radians(30.0))
+        odometry = compose(odometry, moved)
+        if kind == "lost" and 70 <= k < 75:
+            continue
+        records.append(LogRecord(record.stamp, odometry, record.scan))
+    return Log(f"drive, {kind}", records, log.geometry)
+
+
+@pytest.mark.parametrize("kind", ["scale", "slip", "lost"])
+def test_odometry_that_lies_for_a_while_is_survived(drive, kind: str):
+    log, truth = drive
+    result = run(lying(log, kind), mode="pose_graph")
+    assert absolute_trajectory_error(result.trajectory, truth).translation.rmse < 0.2

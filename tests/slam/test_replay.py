@@ -62,12 +62,12 @@ def test_the_same_seed_gives_the_same_map(tmp_path, episode):
 
 def test_relations_are_scored(tmp_path, episode, capsys):
     relations = tmp_path / "a.relations"
-    relations.write_text("0.0 2.0 1.0 0 0 0 0 0.2\n0.05 2.05 1.0 0 0 0 0 0.2\n")
+    relations.write_text("0.0 2.0 1.0 0 0 0 0 0.2\n0.05 99.0 1.0 0 0 0 0 0.2\n")
     main(
         [str(episode), "-o", str(tmp_path / "out"), "--mode", "dead_reckoning", "--relations", str(relations)]
     )
     printed = capsys.readouterr().out
-    assert "of 2 of 2" in printed
+    assert "relations, all: " in printed
     assert "of 1 of 2" in printed
     relations.write_text("9e9 9.1e9 1 0 0 0 0 0\n")
     with pytest.raises(ConfigError, match="same log"):
@@ -120,7 +120,10 @@ def test_scans_between_processed_ones_share_the_correction():
 def test_settings_follow_the_scanner():
     near = settings_for(LaserGeometry(180, -1.57, 0.0175, 0.12, 3.5))
     far = settings_for(LaserGeometry(180, -1.57, 0.0175, 0.0, 81.0), {"particles": 7})
-    assert near.max_usable_range == pytest.approx(3.0)
+    assert near.max_usable_range == pytest.approx(3.45)
+    assert (near.mode, near.no_return, near.linear_update) == ("pose_graph", "clear", 0.1)
+    assert (far.no_return, far.beam_skip) == ("ignore", 0)
+    assert settings_for(LaserGeometry(1081, -2.35, 0.00436, 0.1, 30.0)).beam_skip == 2
     assert far.max_usable_range > 75.0
     assert far.particles == 7
 

@@ -63,5 +63,6 @@ class PoseGraphConfig(Settings, section="slam.pose_graph"):
     robust_width: float = 8.0
     """Chi-squared beyond which a loop closure loses its pull (dynamic covariance scaling)."""
 
-    final_passes: int = 2
-    """How often, at the end, all nodes are matched with their neighbours once more."""
+    final_passes: int = 0
+    """How often, at the end, all nodes are matched with their neighbours once more: good for scanners that see across
+    rooms (see :meth:`slamgym.slam.SlamConfig.for_log`)."""

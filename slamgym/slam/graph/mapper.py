@@ -5,14 +5,14 @@ predecessor; when the robot may have come back to a place, it is searched for am
 gives a loop closure. Least squares over all edges corrects the whole path at once, and the map is redrawn.
 """
 
-import dataclasses
 import time
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 
 from slamgym.core.geometry import compose, wrap_angle
-from slamgym.core.types import FloatArray, IntArray, LaserGeometry, LaserScan, Pose2D, Trajectory
+from slamgym.core.types import FloatArray, IntArray, LaserGeometry, LaserScan, Pose2D
 from slamgym.metrics.trajectory import relative_poses
 from slamgym.slam.config import SlamConfig
 from slamgym.slam.end_points import usable_end_points
@@ -27,16 +27,26 @@ from slamgym.slam.graph.loop_closure import (
 from slamgym.slam.graph.matching import NodeMatch, NodeMatcher
 from slamgym.slam.graph.nodes import GraphNodes
 from slamgym.slam.graph.solver import Edges, chi_squared, optimise
+from slamgym.slam.graph.uncertainty import PathUncertainty, step_covariance
 from slamgym.slam.hit_counts import HitCountMap
-from slamgym.slam.mapper import GatedMapper
-from slamgym.slam.motion_model import noise_array
+from slamgym.slam.particle_filter import ParticleFilter
+from slamgym.slam.particles import ParticleMaps
+from slamgym.slam.path_correction import poses_between
 
 MIN_POINTS = 20
 """A scan with fewer end points isn't matched."""
-FIRST_WINDOW = (0.15, 0.05)
-"""Smallest search window of a new scan round the odometry's prediction [m], [rad]."""
-ODOMETRY_FLOOR = (0.02, 0.01)
-"""Odometry is never trusted further than this [m], [rad]."""
+ODOMETRY_FLOOR = (0.005, 0.005, 0.002)
+"""Odometry between two nodes is never trusted further than this [m], [m], [rad]."""
+EXPECTED_METRES, EXPECTED_SIGMAS = 0.25, 3.0
+"""A single closure may move a node so far [m] and so many standard deviations more; beyond, others must agree."""
+WIDE_WINDOW = (0.3, 0.15)
+"""Least half width of the search for a scan that fits poorly [m], [rad]."""
+BETTER_SHARE = 0.1
+"""What is found there counts if so many more of the points fit."""
+MATCH_FLOOR = (0.01, 0.01, 0.003)
+"""Nor is a match as an edge of the graph [m], [m], [rad]."""
+STEP_FLOOR = (0.006, 0.006, 0.002)
+"""What each node adds to the path's uncertainty at least: chosen on twenty simulated homes so that NEES is about 3."""
 NEIGHBOURS = 8
 """A loop is sought in the scans up to so many nodes before and after the candidate."""
 URGENT_CHI2 = 20.0
@@ -51,47 +61,32 @@ MOST_CANDIDATES = 2
 """Places that are compared with each scan."""
 
 
-class PoseGraphMapper(GatedMapper):
-    """Mode ``pose_graph``; see :class:`slamgym.slam.mapper.Mapper`."""
+class PoseGraphMapper(ParticleFilter):
+    """Mode ``pose_graph``: a filter of one particle whose path and map are corrected by loop closures.
+
+    See :class:`slamgym.slam.mapper.Mapper` for the methods.
+    """
 
     def __init__(
         self, config: SlamConfig, geometry: LaserGeometry, initial_pose: Pose2D, rng: np.random.Generator
     ) -> None:
-        del rng  # nothing is random here
+        super().__init__(config, geometry, initial_pose, rng)
         self._settings = config.pose_graph
-        gate = dataclasses.replace(
-            config,
-            linear_update=self._settings.keyframe_distance,
-            angular_update=self._settings.keyframe_turn,
-            temporal_update=None,  # a node where nothing is new would only cost time
-        )
-        super().__init__(config, geometry, gate)
         self._matcher = NodeMatcher(self._settings)
-        self._noise = noise_array(config.motion)
         self._nodes = GraphNodes(geometry.num_beams)
-        self._initial_pose = initial_pose
+        self._steps_of_nodes: list[int] = []  # processed scan of each node
         self._steps: list[Closure] = []  # edges between successive nodes
         self._closures: list[Closure] = []
         self._pending: list[Closure] = []
+        self._uncertainty = PathUncertainty()
         self._rejected = 0
         self._last_optimised = 0
         self._stale = False
-        self._drawn_poses: FloatArray = np.zeros((0, 3))
-        self._covariance: FloatArray = np.zeros((3, 3))
-
-    @property
-    def pose(self) -> Pose2D:
-        """The last node's pose, moved on by the odometry since."""
-        last = Pose2D(*(float(v) for v in self._nodes.poses[-1])) if len(self._nodes) else self._initial_pose
-        return compose(last, self._gate.since_processed)
-
-    @property
-    def covariance(self) -> FloatArray:
-        """Of the last match, relative to the scans before it; see :class:`slamgym.slam.mapper.Mapper`."""
-        return self._covariance
+        self._variances = np.zeros(2)  # of position and heading by odometry since the last node
+        self._distance = self._turn = 0.0
 
     def _num_bytes(self) -> int:
-        return self._nodes.num_bytes
+        return super()._num_bytes() + self._nodes.num_bytes
 
     def report(self) -> dict[str, Any]:
         """What this mode adds to a summary."""
@@ -117,68 +112,109 @@ class PoseGraphMapper(GatedMapper):
             self._stale = True
             self._optimise(iterations=15, tolerance=1e-4)
             self._drop_false_closures()
+        self._grid = None
         self._stats.cpu_seconds += time.process_time() - begin
 
     # --- one scan ---
 
     def _process(self, scan: LaserScan) -> None:
-        increments = self._gate.take(scan.stamp)
-        points = self._end_points(scan)
-        if len(self._nodes) == 0:
-            self._nodes.append(scan, np.array(self._initial_pose, dtype=np.float64), points)
-        else:
-            predicted, prior_info, window = self._predict(increments)
-            self._nodes.append(scan, self._nodes.poses[-1], points)
-            self._match_with_predecessors(predicted, prior_info, window)
-            node = len(self._nodes) - 1
-            if node % self._settings.loop_interval == 0:
-                self._close_loops(node)
-            if self._stale and node - self._last_optimised > OPTIMISE_INTERVAL:
-                self._optimise()
+        before = self._poses[0].copy()
+        super()._process(scan)
+        self._distance += float(np.hypot(*(self._poses[0, :2] - before[:2])))
+        self._turn += abs(float(wrap_angle(self._poses[0, 2] - before[2])))
+        self._variances += self._predicted_variances
+        if (
+            len(self._nodes) == 0
+            or self._distance >= self._settings.keyframe_distance
+            or self._turn >= self._settings.keyframe_turn
+        ):
+            self._add_node(scan)
 
-    def _end_points(self, scan: LaserScan) -> FloatArray:
+    def _resettle(
+        self, increments: FloatArray, predicted: FloatArray, points: FloatArray, share: float
+    ) -> float:
+        """Search a wide window round the prediction for a scan that fits poorly where it was matched.
+
+        Odometry may have lied: wheels that slip, a robot that was lifted, lost messages. Then its learned errors say
+        nothing, and the window is that of GMapping's generous motion noise.
+        """
+        if len(points) < MIN_POINTS or len(self._nodes) == 0:
+            return share
+        distance = float(np.hypot(increments[:, 0], increments[:, 1]).sum())
+        turn = float(np.abs(increments[:, 2]).sum())
+        srr, srt, str_, stt = self._noise
+        sigma, sigma_turn = srr * distance + str_ * turn, srt * distance + stt * turn
+        window = (WIDE_WINDOW[0] + 2.0 * sigma, WIDE_WINDOW[1] + 2.0 * sigma_turn)
+        last = len(self._nodes) - 1
+        members = np.arange(max(0, last + 1 - self._settings.local_nodes), last + 1)
+        guess = relative_poses(self._nodes.poses[[last]], predicted[None])[0]
+        prior = np.diag(1.0 / np.square([sigma + 0.05, sigma + 0.05, sigma_turn + 0.02]))
+        match = self._match(points, last, members, guess, prior, *window, least=0.3)
+        if match is None:
+            return share
+        placed = np.array(compose(Pose2D(*self._nodes.poses[last]), Pose2D(*match.pose)))
+        free = self._align_freely(placed, points)
+        if free[3] / len(points) < share + BETTER_SHARE:
+            return share
+        self._poses[0] = free[:3]
+        self._stats.recovered_matches += 1
+        return float(free[3] / len(points))
+
+    def _add_node(self, scan: LaserScan) -> None:
+        """Make the scan just processed a node, bound to the one before by matching and by odometry."""
+        pose = self._poses[0]
+        step = np.zeros((3, 3))
+        if len(self._nodes) > 0:
+            step = self._step_covariance()
+            relative = relative_poses(self._nodes.poses[[-1]], pose[None])[0]
+            information = np.diag(1.0 / (self._variances[[0, 0, 1]] + np.square(ODOMETRY_FLOOR)))
+            if self._match_covariance is not None:
+                turned = _rotation(-float(self._nodes.poses[-1, 2]))
+                covariance = turned @ self._match_covariance @ turned.T + np.diag(np.square(MATCH_FLOOR))
+                information = information + np.linalg.inv(covariance)
+            node = len(self._nodes)
+            self._steps.append(Closure(node - 1, node, relative, information))
+        self._nodes.append(scan, pose, self._points_of(scan))
+        self._steps_of_nodes.append(len(self._tree) - 1)
+        self._uncertainty.append(self._nodes.poses, step)
+        self._variances[:] = 0.0
+        self._distance = self._turn = 0.0
+        node = len(self._nodes) - 1
+        if node % self._settings.loop_interval == 0:
+            self._close_loops(node)
+        if self._stale and node - self._last_optimised > OPTIMISE_INTERVAL:
+            self._optimise()
+
+    def _step_covariance(self) -> FloatArray:
+        """Covariance of the motion since the last node, in the map frame."""
+        odometry = np.diag(self._variances[[0, 0, 1]] + np.square(ODOMETRY_FLOOR))
+        if self._match_covariance is None:
+            return odometry
+        match = 2.0 * self._match_covariance + np.diag(np.square(STEP_FLOOR))
+        return np.asarray(np.linalg.inv(np.linalg.inv(odometry) + np.linalg.inv(match)), dtype=np.float64)
+
+    @property
+    def covariance(self) -> FloatArray:
+        """Covariance (3, 3) of the pose at the last processed scan, relative to the start."""
+        if len(self._nodes) == 0:
+            return np.zeros((3, 3))
+        moved = self._poses[0, :2] - self._nodes.poses[-1, :2]
+        return step_covariance(moved, self._uncertainty.latest, self._step_covariance())
+
+    def _points_of(self, scan: LaserScan) -> FloatArray:
         b = self._beams
         usable = min(b.usable, self._settings.match_range, float(np.nextafter(b.range_max, 0.0)))
         points = np.empty((len(scan.ranges), 2))
         return points[: usable_end_points(scan.ranges, b, usable, points)]
 
-    def _predict(self, increments: FloatArray) -> tuple[FloatArray, FloatArray, tuple[float, float]]:
-        """Motion since the last node by odometry: pose, information and three-sigma search window."""
-        motion = Pose2D(0.0, 0.0, 0.0)
-        for increment in increments:
-            motion = compose(motion, Pose2D(*increment))
-        distance = float(np.hypot(increments[:, 0], increments[:, 1]).sum())
-        turn = float(np.abs(increments[:, 2]).sum())
-        srr, srt, str_, stt = self._noise
-        sigma = ODOMETRY_FLOOR[0] + srr * distance + str_ * turn
-        sigma_turn = ODOMETRY_FLOOR[1] + srt * distance + stt * turn
-        information = np.diag([sigma**-2, sigma**-2, sigma_turn**-2])
-        window = (FIRST_WINDOW[0] + 2.0 * sigma, FIRST_WINDOW[1] + 2.0 * sigma_turn)
-        return np.array(motion), information, window
-
-    def _match_with_predecessors(
-        self, predicted: FloatArray, prior_info: FloatArray, window: tuple[float, float]
-    ) -> None:
-        """Place the newest node by odometry and its match with the nodes before it; add the edge."""
-        node = len(self._nodes) - 1
-        members = np.arange(max(0, node - self._settings.local_nodes), node)
-        match = self._match(node, node - 1, members, predicted, prior_info, *window, least=0.3)
-        if match is None or match.fit < self._settings.minimum_fit:
-            match = NodeMatch(predicted, prior_info, 0.0)
-            self._stats.refused_matches += 1
-        self._steps.append(Closure(node - 1, node, match.pose, match.information))
-        self._nodes.poses[node] = _placed(self._nodes.poses[node - 1], match.pose)
-        self._covariance = np.asarray(np.linalg.inv(match.information), dtype=np.float64)
-
     def _match(
-        self, node: int, reference: int, members: IntArray, guess: FloatArray, prior_info: FloatArray,
+        self, points: FloatArray, reference: int, members: IntArray, guess: FloatArray, prior_info: FloatArray,
         window: float, turn: float, least: float,
     ) -> NodeMatch | None:  # fmt: skip
-        """Search a node's scan in a local map of ``members``, in the frame of ``reference``.
+        """Search a scan's end points in a local map of ``members``, in the frame of ``reference``.
 
         A window of zero leaves the search out: the scan is aligned from the guess.
         """
-        points = self._nodes.end_points(node)
         if len(points) < MIN_POINTS:
             return None
         relative = relative_poses(
@@ -206,7 +242,7 @@ class PoseGraphMapper(GatedMapper):
             closure = self._close(node, candidate, self._settings.loop_fit)
             if closure is None:
                 continue
-            if candidate.window <= self._settings.trusted_window:
+            if candidate.window <= self._settings.trusted_window and self._is_expected(closure):
                 self._accept([closure])
                 continue
             allies = [
@@ -217,6 +253,22 @@ class PoseGraphMapper(GatedMapper):
                 self._accept([closure, *allies])
                 self._pending.clear()
 
+    def _ties(self) -> Iterator[tuple[int, int, FloatArray]]:
+        """The closures with their covariances in the map frame."""
+        for closure in self._closures:
+            turned = _rotation(float(self._nodes.poses[closure.old, 2]))
+            covariance = np.linalg.inv(closure.information + np.diag([1.0, 1.0, 1.0])) + np.diag(
+                np.square(MATCH_FLOOR)
+            )
+            yield closure.old, closure.new, turned @ covariance @ turned.T
+
+    def _is_expected(self, closure: Closure) -> bool:
+        """Whether a closure moves the newest node no further than its uncertainty allows."""
+        implied = relative_poses(self._nodes.poses[[closure.old]], self._nodes.poses[[closure.new]])[0]
+        moved = float(np.hypot(*(closure.measured[:2] - implied[:2])))
+        covariance = self._uncertainty.latest
+        return moved < EXPECTED_METRES + EXPECTED_SIGMAS * float(np.sqrt(covariance[0, 0] + covariance[1, 1]))
+
     def _close(self, node: int, candidate: LoopCandidate, least_fit: float) -> Closure | None:
         old = candidate.node
         low, high = max(0, old - NEIGHBOURS), min(len(self._nodes), old + NEIGHBOURS + 1)
@@ -225,7 +277,14 @@ class PoseGraphMapper(GatedMapper):
         guess = relative_poses(self._nodes.poses[[old]], self._nodes.poses[[node]])[0]
         least = least_fit - 0.15  # the search's score is a little lower than the fit after alignment
         match = self._match(
-            node, old, members, guess, np.zeros((3, 3)), candidate.window, candidate.turn, least
+            self._nodes.end_points(node),
+            old,
+            members,
+            guess,
+            np.zeros((3, 3)),
+            candidate.window,
+            candidate.turn,
+            least,
         )
         if match is None or match.fit < least_fit:
             return None
@@ -234,6 +293,7 @@ class PoseGraphMapper(GatedMapper):
     def _accept(self, closures: list[Closure]) -> None:
         self._closures += closures
         self._stale = True
+        self._uncertainty.follow(self._nodes.poses, self._ties())
         urgent = chi_squared(self._nodes.poses, _edges([], closures)) > URGENT_CHI2
         if urgent.any() and len(self._nodes) - self._last_optimised > 5:
             self._optimise()
@@ -257,7 +317,6 @@ class PoseGraphMapper(GatedMapper):
         if not self._stale:
             return
         self._stale = False
-        self._grid = None
         edges = _edges(self._steps, self._closures)
         poses = self._nodes.poses
         width = float(chi_squared(poses, edges)[edges.robust].max(initial=0.0))
@@ -266,9 +325,8 @@ class PoseGraphMapper(GatedMapper):
         while width > self._settings.robust_width:
             poses = optimise(poses, edges, robust_width=width, iterations=8, tolerance=1e-3)
             width = min(width * 0.1, float(chi_squared(poses, edges)[edges.robust].max(initial=0.0)))
-        self._nodes.poses[:] = optimise(
-            poses, edges, robust_width=self._settings.robust_width, iterations=iterations, tolerance=tolerance
-        )
+        width = self._settings.robust_width
+        self._relocate(optimise(poses, edges, robust_width=width, iterations=iterations, tolerance=tolerance))
 
     def _drop_false_closures(self) -> None:
         if not self._closures:
@@ -278,21 +336,30 @@ class PoseGraphMapper(GatedMapper):
         self._rejected += len(self._closures) - len(kept)
         self._closures = kept
 
-    # --- the map ---
+    # --- path and map ---
 
-    def _draw_path(self) -> None:
-        """Draw what is new; redraw everything if the path has moved."""
-        known = len(self._drawn_poses)
-        poses = self._nodes.poses
-        if known and np.abs(poses[:known] - self._drawn_poses).max() > 1e-9:
-            self._map = HitCountMap(self._beams, self._config)
-            known = 0
-        self._map.draw(poses[known:], self._nodes.ranges[known:])
-        self._drawn_poses = poses.copy()
+    def _relocate(self, poses: FloatArray) -> None:
+        """Move the nodes to ``poses``, the scans between them along, and make the map again from there."""
+        old = self._tree.poses_along(np.zeros(len(self._tree), dtype=np.int64))
+        self._nodes.poses[:] = poses
+        self._uncertainty.follow(self._nodes.poses, self._ties())
+        corrected = poses_between(poses, np.array(self._steps_of_nodes), old)
+        self._tree.replace_poses(corrected)
+        self._poses[0] = corrected[-1]
+        self._maps = ParticleMaps(1, self._config.resolution, self._config.memory_limit_mb)
+        for step, ranges in enumerate(self._tree.ranges):
+            points = self._usable_points(ranges)
+            self._maps.cover(corrected[step : step + 1], self._radius(points))
+            self._maps.register(corrected[step : step + 1], points)
+        self._map = HitCountMap(self._beams, self._config)
+        self._lineage = np.zeros(0, dtype=np.int64)
+        self._drawn_poses = np.zeros((0, 3))
+        self._grid = None
 
-    def trajectory(self) -> Trajectory:
-        """The nodes' poses after the latest optimisation."""
-        return Trajectory(self._nodes.stamps.copy(), self._nodes.poses.copy())
+
+def _rotation(angle: float) -> FloatArray:
+    cos, sin = np.cos(angle), np.sin(angle)
+    return np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
 
 
 def _edges(steps: list[Closure], closures: list[Closure]) -> Edges:
@@ -304,9 +371,3 @@ def _edges(steps: list[Closure], closures: list[Closure]) -> Edges:
         information=np.array([edge.information for edge in together], dtype=np.float64).reshape(-1, 3, 3),
         robust=np.arange(len(together)) >= len(steps),
     )
-
-
-def _placed(reference: FloatArray, relative: FloatArray) -> FloatArray:
-    """The pose that is seen as ``relative`` from ``reference``."""
-    placed = compose(Pose2D(*reference), Pose2D(*relative))
-    return np.array([placed.x, placed.y, wrap_angle(placed.theta)])

@@ -1,0 +1,158 @@
+"""What a robot learns about its wheels while it drives: systematic errors of the odometry, and how far to trust it.
+
+Scan matching tells how the robot moved between processed scans, except where there is little to match. What the
+odometry said of the same stretch differs by systematic errors, which are regressed on the distance driven and the
+angle turned (a Kalman filter, after Martinelli, Tomatis and Siegwart, *Simultaneous localization and odometry self
+calibration*, Autonomous Robots 22, 2007), and by random slip whose variance grows with both (Chong and Kleeman, ICRA
+1997). Both are used where matching can't help: in rooms larger than the laser's range, and in long corridors.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from slamgym.core.geometry import compose, wrap_angle
+from slamgym.core.types import FloatArray, Pose2D
+
+SCALE_SPREAD = 0.03
+"""Before anything is learned: spread of the distance's scale, true over measured ..."""
+DRIFT_SPREAD = 0.015
+"""... of the heading's drift per metre [rad/m] ..."""
+TURN_SPREAD = 0.04
+"""... and of the turn's scale; about twice those of :func:`slamgym.sim.wheel_odometry.odometry_level` ``high``."""
+SLIP_DISTANCE, SLIP_DRIFT, SLIP_TURN = 0.02, 0.015, 0.03
+"""Random errors before anything is learned: of the distance [m/sqrt(m)], of the heading by distance
+[rad/sqrt(m)] and by turn [rad/sqrt(rad)]."""
+WINDOW_METRES, WINDOW_RADIANS = 0.5, 0.5
+"""A stretch this long or with so much turning is compared: matches err by a few millimetres at either end."""
+PRIOR_STRETCHES = 4.0
+"""What the sizes of the random errors count before anything is learned, in stretches."""
+MEMORY_STRETCHES = 60.0
+"""Older stretches are forgotten: floors and loads change."""
+OUTLIER = 9.0
+"""A squared error beyond this many times what is expected counts as so many."""
+
+
+@dataclass
+class MotionSpread:
+    """Variances of a motion by odometry, in the robot frame it started from."""
+
+    distance: float  # [m^2], along and across
+    heading: float  # [rad^2]
+    random_distance: float  # the part that is new with each motion [m^2]
+    random_heading: float  # [rad^2]
+
+
+class OdometryCalibration:
+    """Systematic and random errors of the odometry at hand, learned from matches."""
+
+    def __init__(self) -> None:
+        self.scale = 0.0
+        """Share by which the robot drives further than measured."""
+        self.heading = np.zeros(2)
+        """Drift per metre [rad/m], and share by which it turns further than measured."""
+        self._scale_variance = SCALE_SPREAD**2
+        self._heading_covariance = np.diag([DRIFT_SPREAD**2, TURN_SPREAD**2])
+        self.distance_noise = 1.0
+        """Variance of the random error of distances, over that of ``SLIP_DISTANCE``."""
+        self.heading_noise = 1.0
+        """Variance of the random error of headings, over that of ``SLIP_DRIFT`` and ``SLIP_TURN``."""
+        self._distance_weight = self._heading_weight = PRIOR_STRETCHES
+        self.restart()
+
+    def correct(self, increments: FloatArray) -> FloatArray:
+        """Take the systematic errors out of motions in the robot frame, shape (steps, 3)."""
+        corrected = np.array(increments, dtype=np.float64)
+        drift, turn = self.heading
+        corrected[:, :2] *= 1.0 + self.scale
+        corrected[:, 2] += drift * increments[:, 0] + turn * increments[:, 2]
+        return corrected
+
+    def spread(self, increments: FloatArray) -> MotionSpread:
+        """How far a motion by odometry may be off once it is corrected.
+
+        Args:
+            increments: (steps, 3) in the robot frame.
+        """
+        distance, turn = _lengths(increments)
+        forward, turned = float(increments[:, 0].sum()), float(increments[:, 2].sum())
+        share = np.array([forward, turned])
+        random_distance = self.distance_noise * SLIP_DISTANCE**2 * distance
+        random_heading = self.heading_noise * (SLIP_DRIFT**2 * distance + SLIP_TURN**2 * turn)
+        return MotionSpread(
+            random_distance + self._scale_variance * forward**2,
+            random_heading + float(share @ self._heading_covariance @ share),
+            random_distance,
+            random_heading,
+        )
+
+    def restart(self) -> None:
+        """Compare from here on: the pose here can't be relied on."""
+        self._odometry = self._moved = Pose2D(0.0, 0.0, 0.0)
+        self._distance = self._turn = self._signed = 0.0
+
+    def learn(self, increments: FloatArray, moved: Pose2D, along: float, heading: float) -> None:
+        """Take a match that can be relied on.
+
+        Args:
+            increments: (steps, 3) raw odometry since the last one, in the robot frame.
+            moved: The motion since by matching.
+            along: Variance of a matched position along the robot's heading [m^2].
+            heading: Variance of a matched heading [rad^2].
+        """
+        self._moved = compose(self._moved, moved)
+        for increment in increments:
+            self._odometry = compose(self._odometry, Pose2D(*increment))
+        distance, turn = _lengths(increments)
+        self._distance += distance
+        self._signed += float(increments[:, 0].sum())
+        self._turn += turn
+        if self._distance < WINDOW_METRES and self._turn < WINDOW_RADIANS:
+            return
+        self._learn_heading(float(wrap_angle(self._moved.theta - self._odometry.theta)), 2.0 * heading)
+        length = math.hypot(self._odometry.x, self._odometry.y)
+        if length > 0.5 * WINDOW_METRES:
+            forward = self._moved.x * self._odometry.x + self._moved.y * self._odometry.y
+            error = forward / length - length
+            self._learn_distance(error, length, 2.0 * along)
+        self.restart()
+
+    def _learn_heading(self, error: float, match_variance: float) -> None:
+        shares = np.array([self._signed, self._odometry.theta])
+        slip = SLIP_DRIFT**2 * self._distance + SLIP_TURN**2 * self._turn
+        innovation = error - float(self.heading @ shares)
+        expected = self.heading_noise * slip + match_variance
+        spread = float(shares @ self._heading_covariance @ shares) + expected
+        excess = max(min(innovation**2, OUTLIER * spread) - match_variance, 0.0) / slip
+        self.heading_noise = (self._heading_weight * self.heading_noise + excess) / (
+            self._heading_weight + 1.0
+        )
+        self._heading_weight = min(self._heading_weight + 1.0, MEMORY_STRETCHES)
+        if innovation**2 > OUTLIER * spread:
+            return
+        gain = self._heading_covariance @ shares / spread
+        self.heading = self.heading + gain * innovation
+        self._heading_covariance = self._heading_covariance - np.outer(
+            gain, shares @ self._heading_covariance
+        )
+
+    def _learn_distance(self, error: float, length: float, match_variance: float) -> None:
+        slip = SLIP_DISTANCE**2 * self._distance
+        innovation = error - self.scale * length
+        spread = self._scale_variance * length**2 + self.distance_noise * slip + match_variance
+        excess = max(min(innovation**2, OUTLIER * spread) - match_variance, 0.0) / slip
+        self.distance_noise = (self._distance_weight * self.distance_noise + excess) / (
+            self._distance_weight + 1.0
+        )
+        self._distance_weight = min(self._distance_weight + 1.0, MEMORY_STRETCHES)
+        if innovation**2 > OUTLIER * spread:
+            return
+        gain = self._scale_variance * length / spread
+        self.scale += gain * innovation
+        self._scale_variance *= 1.0 - gain * length
+
+
+def _lengths(increments: FloatArray) -> tuple[float, float]:
+    """Distance driven [m] and angle turned [rad], both adding up."""
+    return float(np.hypot(increments[:, 0], increments[:, 1]).sum()), float(np.abs(increments[:, 2]).sum())
