@@ -123,7 +123,7 @@ def explore(seed: int, level: str, range_max: float) -> tuple[Log, Trajectory]:
     lidar = dataclasses.replace(env.lidar, range_max=range_max)
     slam = SlamConfig(mode="ground_truth", max_usable_range=range_max - 0.05)
     env = dataclasses.replace(env, odometry=odometry_level(level), lidar=lidar, slam=slam)
-    episode = run_episode(plan, seed, EpisodeConfig("nearest", 7.0, env), make_explorer)
+    episode = run_episode(plan, seed, EpisodeConfig("nearest", 7.0, env=env), make_explorer)
     return Log(f"home {seed}", list(episode.records), episode.geometry), episode.truth
 
 

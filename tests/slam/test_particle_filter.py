@@ -205,8 +205,6 @@ def test_missing_returns_clear_open_space_but_nothing_behind_the_returns_beside_
     angle = GEOMETRY.angle_increment * (count - 1)
     # At the rim rays lie further apart than cells.
     assert nothing.sum() * 0.05**2 == pytest.approx(0.5 * angle * 3.45**2, rel=0.15)
-        0.5 * angle * 3.45**2, rel=0.15
-    )  # at the rim rays lie further apart than cells
     assert not seen(without(0, count), no_return="ignore").any()
 
 
