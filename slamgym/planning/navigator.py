@@ -69,6 +69,10 @@ class NavigatorConfig(Settings):
     """Without coming nearer along the path for so long the robot recovers, moving or not [s]."""
     obstacle_memory: float = 10.0
     """Obstacles that only the scan showed are kept in the costmap for so long [s]."""
+    barrier_gap: float = 0.1
+    """What the robot couldn't pass is taken to be so far ahead of its body [m] ..."""
+    barrier_half_width: float = 0.5
+    """... and to reach so far to either side [m]."""
     views_kept: int = 10
     """So many trusted scans overrule the map."""
     back_up: float = 0.2
@@ -129,6 +133,7 @@ class Navigator:
         self._grid: OccupancyGrid | None = None
         self._views: list[tuple[Pose2D, Float32Array]] = []  # trusted scans and where they were taken
         self._obstacles: list[tuple[float, FloatArray]] = []  # (time, points in the map frame)
+        self._barriers: list[FloatArray] = []  # points in the map frame of what no scan shows
         self._planned_at = -math.inf
         self._leg = _Leg.begin(Pose2D(0.0, 0.0, 0.0), 0.0)
 
@@ -163,6 +168,23 @@ class Navigator:
             time: Now [s].
         """
         self._views = [*self._views[-(self.config.views_kept - 1) :], (pose, ranges.copy())]
+        self._rebuild(pose, time)
+
+    def block_ahead(self, pose: Pose2D, time: float) -> None:
+        """Take what is just ahead on the path for closed, from now on: the robot tried it and didn't get through.
+
+        For what stops the body and not the beams, such as glass.
+        """
+        ahead = self.follower.ahead - np.array(pose[:2])
+        reach = self.inscribed_radius + self.config.barrier_gap
+        beyond = ahead[np.hypot(*ahead.T) > reach]
+        if len(beyond) == 0:
+            return
+        along = beyond[0] / np.hypot(*beyond[0])
+        across = np.array([-along[1], along[0]])
+        half = self.config.barrier_half_width
+        offsets = np.arange(-half, half, 0.5 * self.context.frame.resolution)
+        self._barriers.append(pose[:2] + reach * along + offsets[:, None] * across)
         self._rebuild(pose, time)
 
     def set_inscribed_radius(self, radius: float, pose: Pose2D, time: float) -> None:
@@ -271,6 +293,8 @@ class Navigator:
         self._obstacles = [seen for seen in self._obstacles if time - seen[0] < self.config.obstacle_memory]
         if self._obstacles:
             grid = mark_obstacles(grid, np.vstack([points for _, points in self._obstacles]))
+        if self._barriers:
+            grid = mark_obstacles(grid, np.vstack(self._barriers))
         config = replace(
             self.config.costmap,
             inscribed_radius=self.inscribed_radius,

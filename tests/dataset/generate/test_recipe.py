@@ -172,7 +172,7 @@ def test_the_papers_recipes_are_gmapping_with_true_odometry(name, beams, view):
     config = apply_conditions(EpisodeConfig(), open_recipe(name).draw(0))
     assert config.env.slam == SlamConfig.gmapping()
     assert (config.env.lidar.num_beams, config.env.lidar.field_of_view_deg) == (beams, view)
-    assert (config.env.lidar.z_hit, config.env.lidar.sigma) == (1.0, 0.01)
+    assert (config.env.lidar.sigma, config.env.lidar.sigma_relative) == (0.01, 0.0)
     assert config.env.odometry == odometry_level("ideal")
 
 
