@@ -5,6 +5,7 @@ import pytest
 import shapely
 
 from slamgym.cad.floorplan import FloorPlan, Room
+from slamgym.core.errors import ConfigError
 from slamgym.core.types import Pose2D, Twist2D
 from slamgym.sim import (
     Clutter,
@@ -171,6 +172,12 @@ class TestFurniture:
         for angle in np.linspace(0.0, math.pi, 7):
             across = np.array([-math.sin(angle), math.cos(angle)])
             assert np.ptp(seen.reshape(-1, 2) @ across) == pytest.approx(np.ptp(square @ across))
+
+
+class TestSettings:
+    def test_a_density_beyond_all_is_refused(self):
+        with pytest.raises(ConfigError, match=r"clutter.furniture must be in \[0, 1\], not 1.5"):
+            ClutterConfig(furniture=1.5)
 
 
 class TestDoors:
