@@ -133,6 +133,7 @@ class Navigator:
         self._grid: OccupancyGrid | None = None
         self._views: list[tuple[Pose2D, Float32Array]] = []  # trusted scans and where they were taken
         self._obstacles: list[tuple[float, FloatArray]] = []  # (time, points in the map frame)
+        self._tried: list[Point] = []  # where the robot didn't get through
         self._barriers: list[FloatArray] = []  # points in the map frame of what no scan shows
         self._planned_at = -math.inf
         self._leg = _Leg.begin(Pose2D(0.0, 0.0, 0.0), 0.0)
@@ -171,9 +172,9 @@ class Navigator:
         self._rebuild(pose, time)
 
     def block_ahead(self, pose: Pose2D, time: float) -> None:
-        """Take what is just ahead on the path for closed, from now on: the robot tried it and didn't get through.
+        """Note that the robot didn't get through just ahead on its path; the second time, take it for closed from now on.
 
-        For what stops the body and not the beams, such as glass.
+        For what stops the body and not the beams, such as glass; narrow doors get another try.
         """
         ahead = self.follower.ahead - np.array(pose[:2])
         reach = self.inscribed_radius + self.config.barrier_gap
@@ -182,9 +183,13 @@ class Navigator:
             return
         along = beyond[0] / np.hypot(*beyond[0])
         across = np.array([-along[1], along[0]])
-        half = self.config.barrier_half_width
+        half, centre = self.config.barrier_half_width, pose[:2] + reach * along
+        tried = any(math.dist(centre, place) < 2.0 * half for place in self._tried)
+        self._tried.append((float(centre[0]), float(centre[1])))
+        if not tried:
+            return
         offsets = np.arange(-half, half, 0.5 * self.context.frame.resolution)
-        self._barriers.append(pose[:2] + reach * along + offsets[:, None] * across)
+        self._barriers.append(centre + offsets[:, None] * across)
         self._rebuild(pose, time)
 
     def set_inscribed_radius(self, radius: float, pose: Pose2D, time: float) -> None:

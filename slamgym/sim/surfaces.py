@@ -37,10 +37,10 @@ _WEAKEST_ECHO, _STRONGEST_ECHO = 0.003, 0.5
 # A wall is an outer one if no other face of the plan lies within this behind it [m].
 _THICKEST_WALL = 0.6
 
-# What stands outside, before each outer pane: posts of railings, hedges, cars, other houses; at least and at most.
-_THINGS_OUTSIDE = (4, 20)
-_NEAREST_OUTSIDE, _FURTHEST_OUTSIDE = 0.3, 8.0  # [m]
-_SMALLEST_OUTSIDE, _LARGEST_OUTSIDE = 0.03, 3.0  # [m] a post, a hedge
+# What stands outside, before each outer pane, at most: posts of railings, hedges, cars, other houses.
+_THINGS_OUTSIDE = 12
+_NEAREST_OUTSIDE, _FURTHEST_OUTSIDE = 0.3, 10.0  # [m]
+_SMALLEST_OUTSIDE, _LARGEST_OUTSIDE = 0.03, 2.0  # [m] a post, a hedge
 
 _FRAME_WIDTH = 0.08  # [m] of a door's frame
 
@@ -222,9 +222,9 @@ def _things_outside(
     middle = wall[:2] + 0.5 * (pane[0] + pane[1]) * along
     if shapely.contains_xy(plan.free_space, *(middle + 0.01 * out)):
         out = -out
-    number = int(rng.integers(_THINGS_OUTSIDE[0], _THINGS_OUTSIDE[1] + 1))
+    number = int(rng.integers(_THINGS_OUTSIDE + 1))
     away = _NEAREST_OUTSIDE * (_FURTHEST_OUTSIDE / _NEAREST_OUTSIDE) ** rng.random(number)
-    centres = middle + away[:, None] * out + rng.normal(0.0, 1.0, (number, 1)) * (1.0 + away[:, None]) * along
+    centres = middle + away[:, None] * out + rng.normal(0.0, 1.5, (number, 1)) * along
     angles = rng.normal(0.0, 0.4, number)
     half = 0.5 * _SMALLEST_OUTSIDE * (_LARGEST_OUTSIDE / _SMALLEST_OUTSIDE) ** rng.random((number, 1))
     directions = np.cos(angles)[:, None] * along + np.sin(angles)[:, None] * out
