@@ -172,7 +172,7 @@ class Navigator:
         self._rebuild(pose, time)
 
     def block_ahead(self, pose: Pose2D, time: float) -> None:
-        """Note that the robot didn't get through just ahead on its path; the second time, take it for closed from now on.
+        """Note that the robot didn't get through just ahead on its path; from the second time on, it is closed.
 
         For what stops the body and not the beams, such as glass; narrow doors get another try.
         """

@@ -185,7 +185,10 @@ def test_the_real_recipe_draws_lasers_glass_and_robots_that_stop_early():
         assert 3.5 <= draw["lidar.range_max"] <= 30.0
         assert draw["slam.max_usable_range"] <= draw["lidar.range_max"]
         assert 0.5 <= draw["minutes"] <= 10.0
-        assert apply_conditions(EpisodeConfig(), draw).env.lidar.surfaces.mirrors == draw["lidar.surfaces.mirrors"]
+        assert (
+            apply_conditions(EpisodeConfig(), draw).env.lidar.surfaces.mirrors
+            == draw["lidar.surfaces.mirrors"]
+        )
     assert len({draw["turn_deg"] for draw in drawn}) > 100
     assert 0.3 < sum("slam.matcher" in draw for draw in drawn) / 200 < 0.7
 
