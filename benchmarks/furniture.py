@@ -2,7 +2,7 @@
 
     python benchmarks/furniture.py [--plans json.tar.gz] [--count 12] [--out furniture.png]
 
-Red is what stands, blue what may be moved (chairs, doors' leaves), green the floor that pieces cover, light blue glass.
+Red is what stands, blue what may be moved (chairs, doors' leaves), green the floor that pieces cover.
 """
 
 import time
@@ -21,7 +21,7 @@ from slamgym.sim import Clutter, ClutterConfig, make_clutter
 SIDE = 480
 COLUMNS = 4
 SHIFT = 4
-CLUTTER = ClutterConfig(furniture=1.0, doors=0.7, windows=0.4)
+CLUTTER = ClutterConfig(furniture=1.0, doors=0.7)
 
 
 @dataclass(frozen=True)
@@ -51,9 +51,8 @@ def draw(plan: FloorPlan, clutter: Clutter) -> ByteArray:
     for solids, colour in (*fills, (moving, (200, 60, 60))):
         for corners in solids:
             cv2.fillPoly(image, [pixels(corners)], colour, cv2.LINE_AA, SHIFT)
-    for segments, colour, width in ((plan.segments(), (0, 0, 0), 2), (clutter.glass, (230, 200, 0), 4)):
-        lines = [pixels(segment.reshape(2, 2)) for segment in segments]
-        cv2.polylines(image, lines, False, colour, width, cv2.LINE_AA, SHIFT)
+    lines = [pixels(segment.reshape(2, 2)) for segment in plan.segments()]
+    cv2.polylines(image, lines, False, (0, 0, 0), 2, cv2.LINE_AA, SHIFT)
     return image
 
 

@@ -54,7 +54,9 @@ def main() -> None:
         lidar = LidarConfig() if level == "default" else lidar_level(level)
         env = ExploreConfig().for_explorer()
         env = dataclasses.replace(env, lidar=lidar, clutter=ClutterConfig(furniture=arguments.furniture))
-        episodes = [run_episode(plan, 1, EpisodeConfig("nearest", 7.0, env), make_explorer) for plan in plans]
+        episodes = [
+            run_episode(plan, 1, EpisodeConfig("nearest", 7.0, env=env), make_explorer) for plan in plans
+        ]
         maps = [episode.slam_map.cells for episode in episodes]
         finished = [episode.finished == "explored" for episode in episodes]
         rows.append(row(level, maps) | {"explored": sum(finished)})

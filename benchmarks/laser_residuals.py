@@ -91,7 +91,7 @@ def simulated(seed: int, level: str) -> Log:
     env = dataclasses.replace(
         ExploreConfig().for_explorer(), lidar=lidar_level(level), clutter=ClutterConfig(furniture=1.0)
     )
-    episode = run_episode(plan, seed, EpisodeConfig("nearest", 5.0, env), make_explorer)
+    episode = run_episode(plan, seed, EpisodeConfig("nearest", 5.0, env=env), make_explorer)
     return Log(f"simulated {seed}", list(episode.records), episode.geometry)
 
 

@@ -57,7 +57,7 @@ def drive() -> tuple[list[LogRecord], LaserGeometry]:
     """Seven minutes of scans and wheel odometry in a home."""
     plan = generate_plan(1_001, PlanGeneratorConfig(kind="home"))
     env = dataclasses.replace(ExploreConfig(slam=SlamConfig(mode="ground_truth")).for_explorer())
-    episode = run_episode(plan, 1, EpisodeConfig("explore_lite", 7.0, env), make_explorer)
+    episode = run_episode(plan, 1, EpisodeConfig("explore_lite", 7.0, env=env), make_explorer)
     return list(episode.records), episode.geometry
 
 

@@ -23,7 +23,7 @@ def warm_up() -> None:
         env.reset(seed=0)
         for _ in range(12):
             env.step((1.0, 0.5))
-        # Nose to the wall, for the kernels of contact; without furniture, which may stand there.
+        # Nose to the wall, for the kernels of contact; furniture may stand there.
         env = ExploreEnv(plan, config)
         env.reset(seed=0, options={"start": (0.24, 1.0, 3.14)})
         env.step((1.0, 0.0))

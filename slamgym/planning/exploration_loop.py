@@ -262,6 +262,8 @@ class ExplorationLoop:
         if self.target is None or status not in (GoalStatus.SUCCEEDED, GoalStatus.ABORTED):
             return
         self._growth.futile = 0 if self._growth.grown_at >= self._choice.made_at else self._growth.futile + 1
+        if self.navigator.reason == "stuck":
+            self.navigator.block_ahead(self.pose, self.time)
         self._drop_target()
         self._choice.settles_at = self.time + self.context.map_update_interval + self.context.control_step
 
@@ -275,6 +277,7 @@ class ExplorationLoop:
             return False
         distance = math.dist(self.target.target, self.pose[:2])
         if self._progress.waited(self.target.target, distance, time) > self.config.progress_timeout:
+            self.navigator.block_ahead(self.pose, time)
             self._drop_target()
             return True
         if not self._is_still_there(self.target):

@@ -70,6 +70,10 @@ class NavigatorConfig(Settings):
     """Without coming nearer along the path for so long the robot recovers, moving or not [s]."""
     obstacle_memory: float = 10.0
     """Obstacles that only the scan showed are kept in the costmap for so long [s]."""
+    barrier_gap: float = 0.1
+    """What the robot couldn't pass is taken to be so far ahead of its body [m] ..."""
+    barrier_half_width: float = 0.5
+    """... and to reach so far to either side [m]."""
     views_kept: int = 10
     """So many trusted scans overrule the map."""
     back_up: float = 0.2
@@ -137,6 +141,8 @@ class Navigator:
         self._grid: OccupancyGrid | None = None
         self._views: list[tuple[Pose2D, Float32Array]] = []  # trusted scans and where they were taken
         self._obstacles: list[tuple[float, FloatArray]] = []  # (time, points in the map frame)
+        self._tried: list[Point] = []  # where the robot didn't get through
+        self._barriers: list[FloatArray] = []  # points in the map frame of what no scan shows
         self._planned_at = -math.inf
         self._leg = _Leg.begin(Pose2D(0.0, 0.0, 0.0), 0.0)
 
@@ -171,6 +177,27 @@ class Navigator:
             time: Now [s].
         """
         self._views = [*self._views[-(self.config.views_kept - 1) :], (pose, ranges.copy())]
+        self._rebuild(pose, time)
+
+    def block_ahead(self, pose: Pose2D, time: float) -> None:
+        """Note that the robot didn't get through just ahead on its path; from the second time on, it is closed.
+
+        For what stops the body and not the beams, such as glass; narrow doors get another try.
+        """
+        ahead = self.follower.ahead - np.array(pose[:2])
+        reach = self.inscribed_radius + self.config.barrier_gap
+        beyond = ahead[np.hypot(*ahead.T) > reach]
+        if len(beyond) == 0:
+            return
+        along = beyond[0] / np.hypot(*beyond[0])
+        across = np.array([-along[1], along[0]])
+        half, centre = self.config.barrier_half_width, pose[:2] + reach * along
+        tried = any(math.dist(centre, place) < 2.0 * half for place in self._tried)
+        self._tried.append((float(centre[0]), float(centre[1])))
+        if not tried:
+            return
+        offsets = np.arange(-half, half, 0.5 * self.context.frame.resolution)
+        self._barriers.append(centre + offsets[:, None] * across)
         self._rebuild(pose, time)
 
     def set_inscribed_radius(self, radius: float, pose: Pose2D, time: float) -> None:
@@ -279,6 +306,8 @@ class Navigator:
         self._obstacles = [seen for seen in self._obstacles if time - seen[0] < self.config.obstacle_memory]
         if self._obstacles:
             grid = mark_obstacles(grid, np.vstack([points for _, points in self._obstacles]))
+        if self._barriers:
+            grid = mark_obstacles(grid, np.vstack(self._barriers))
         config = _inscribing(self.config.costmap, self.inscribed_radius)
         self.costmap = make_costmap(free_body(grid, pose, self.context.robot_radius), config)
         self.reachable = reachable_space(self.costmap, pose)

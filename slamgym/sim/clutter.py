@@ -1,4 +1,4 @@
-"""What is in a building but not in its drawing: furniture, doors' leaves, windows down to the floor, people."""
+"""What is in a building but not in its drawing: furniture, doors' leaves, people."""
 
 import logging
 from collections.abc import Sequence
@@ -11,8 +11,8 @@ import numpy as np
 from slamgym.core.config import CountOrZero, NonNegative, Positive, Settings, Share
 from slamgym.core.errors import ConfigError
 from slamgym.core.types import BoolArray, FloatArray, IntArray
-from slamgym.sim.furnishing import PlacedPiece, Wish, furnish, hang_curtains, put_down
-from slamgym.sim.openings import doors_of, draw_windows, has_leaf, is_closed, leaf_boxes
+from slamgym.sim.furnishing import PlacedPiece, Wish, furnish, put_down
+from slamgym.sim.openings import doors_of, has_leaf, is_closed, leaf_boxes
 from slamgym.sim.passages import Passages
 from slamgym.sim.people import PERSON_RADIUS, Person, Walkable
 from slamgym.sim.robot import RobotConfig
@@ -54,9 +54,6 @@ class ClutterConfig(Settings, section="clutter"):
     cut_off: bool = False
     """Closed doors may cut rooms off; :attr:`Clutter.cut_off` names them."""
 
-    windows: Share = 0.0
-    """Share of the rooms at an outer wall with a window down to the floor or a glass door."""
-
     changes: NonNegative = 0.0
     """How often a chair is moved or a door's leaf swings while the robot drives [1/min]."""
 
@@ -72,7 +69,7 @@ class ClutterConfig(Settings, section="clutter"):
     @property
     def is_empty(self) -> bool:
         """Whether there is none of it."""
-        return not (self.furniture or self.doors or self.windows or self.people)
+        return not (self.furniture or self.doors or self.people)
 
     def _check(self) -> None:
         if self.walking_speed[0] > self.walking_speed[1]:
@@ -81,7 +78,7 @@ class ClutterConfig(Settings, section="clutter"):
 
 @dataclass(frozen=True)
 class Clutter:
-    """Furniture, doors' leaves, glass and people of one building, world frame."""
+    """Furniture, doors' leaves and people of one building, world frame."""
 
     furniture: tuple[FloatArray, ...] = ()
     """What stands on the floor and stays there, bodies and single legs: corners of each, shape (K, 2) [m]."""
@@ -93,10 +90,6 @@ class Clutter:
     movables: tuple[tuple[tuple[FloatArray, ...], ...], ...] = ()
     """Chairs and doors' leaves: of each the places where it may stand, the first one first, and there its solids
     as in ``furniture``."""
-
-    glass: FloatArray = field(default_factory=lambda: np.empty((0, 4)))
-    """Parts of the plan's walls that are windows down to the floor or glass doors, shape (N, 4) as x0, y0, x1, y1
-    [m], each with the room on its left."""
 
     people: tuple[Person, ...] = ()
     walkable: Walkable | None = None
@@ -176,8 +169,7 @@ def make_clutter(
         leaves = _hang_leaves(passages, doors, radius, config, rng)
         for door in doors:
             passages.reserve(_surroundings(door))
-    glass = draw_windows(rooms, passages, config.windows, rng) if config.windows else np.empty((0, 4))
-    placed, left_out = _place_pieces(passages, rooms, glass, radius, config, rng)
+    placed, left_out = _place_pieces(passages, rooms, radius, config, rng)
     furniture, chairs = put_down(placed)
     pieces = [piece.box for piece in placed]
     lost = before - _rooms_with(labels, reach(radius))
@@ -191,7 +183,6 @@ def make_clutter(
             *chairs,
             *(tuple((_corners(leaf),) for leaf in places) for places in leaves),
         ),
-        glass=glass,
         people=people,
         walkable=walkable,
         passages=passages,
@@ -265,18 +256,16 @@ def _corners(box: FloatArray) -> FloatArray:
 def _place_pieces(
     passages: Passages,
     rooms: Sequence[RoomArea],
-    glass: FloatArray,
     radius: float,
     config: ClutterConfig,
     rng: np.random.Generator,
 ) -> tuple[list[PlacedPiece], int]:
-    """Curtains and furniture, room after room, and how many pieces found no room."""
+    """Furniture, room after room, and how many pieces found no room."""
     if not config.furniture:
         return [], 0
     places = _PLACES if config.changes else 1
     wish = Wish(config.furniture, np.array([radius + config.passage, radius]), places)
-    placed = hang_curtains(passages, glass, wish, rng)
-    left_out = 0
+    placed, left_out = [], 0
     for room in rooms:
         pieces, missing = furnish(passages, room, wish, rng)
         placed += pieces

@@ -9,7 +9,7 @@ import numpy as np
 
 from slamgym.core.jit import kernel
 from slamgym.core.types import FloatArray
-from slamgym.sim.furniture import CURTAIN, Corners, Piece, Shape, pieces_for, shape_of
+from slamgym.sim.furniture import Corners, Piece, Shape, pieces_for, shape_of
 from slamgym.sim.passages import Passages
 from slamgym.sim.room_areas import RoomArea
 
@@ -79,27 +79,6 @@ def furnish(
             else:
                 placed.append(found)
     return placed, left_out
-
-
-def hang_curtains(
-    passages: Passages, glass: FloatArray, wish: Wish, rng: np.random.Generator
-) -> list[PlacedPiece]:
-    """Curtains at both sides of windows, shape (N, 4), each with the room on its left."""
-    placed = []
-    for x0, y0, x1, y1 in glass.tolist():
-        if rng.random() >= CURTAIN.chance * wish.share:
-            continue
-        length, angle = math.hypot(x1 - x0, y1 - y0), math.atan2(y1 - y0, x1 - x0)
-        width = min(float(rng.uniform(*CURTAIN.width)), 0.4 * length)
-        shape = shape_of(CURTAIN, width, float(rng.uniform(*CURTAIN.depth)), rng, 1)
-        for along in (0.5 * width, length - 0.5 * width):
-            x = x0 + along * math.cos(angle) - _WALL_GAP[1] * math.sin(angle)
-            y = y0 + along * math.sin(angle) + _WALL_GAP[1] * math.cos(angle)
-            pose = np.array([[x, y, angle + 0.5 * math.pi]])
-            boxes = _boxes(shape.depth, shape.width, pose)
-            if passages.first_fit(boxes, wish.radii) == 0:
-                placed.append(PlacedPiece(shape, pose[0], boxes[0]))
-    return placed
 
 
 def _place(

@@ -153,8 +153,7 @@ _DESK = Piece((1.2, 1.6), (0.6, 0.8), ("legs", "panels"), 0.8, seats=1)
 _SMALL_TABLE = Piece((0.7, 1.1), (0.6, 0.75), ("legs",), 0.5, seats=1)
 _TOILET = Piece((0.28, 0.38), (0.5, 0.7), ("round", "solid"))
 _BASIN = Piece((0.5, 0.9), (0.4, 0.5), ("solid", "column", "legs"))
-CURTAIN = Piece((0.25, 0.5), (0.1, 0.14), ("wavy",), 0.7)
-"""One hangs at either side of a window."""
+_CURTAIN = Piece((0.25, 0.5), (0.1, 0.14), ("wavy",), 0.5, number=2)
 
 _CATALOGUE: dict[tuple[str, ...], tuple[Piece, ...]] = {
     ("bed", "child", "guest"): (
@@ -163,7 +162,7 @@ _CATALOGUE: dict[tuple[str, ...], tuple[Piece, ...]] = {
         Piece((0.4, 0.5), (0.35, 0.45), ("legs", "solid"), 0.8, number=2),
         Piece((0.8, 1.4), (0.42, 0.5), ("solid", "legs"), 0.6),
         Piece((1.0, 1.4), (0.55, 0.7), ("legs", "panels"), 0.4, seats=1),
-        _RADIATOR, _CHAIR, _BOX, _PLANT, _TOYS, _LAMP,
+        _RADIATOR, _CURTAIN, _CHAIR, _BOX, _PLANT, _TOYS, _LAMP,
     ),
     ("bath",): (
         Piece((1.5, 1.75), (0.7, 0.8), chance=0.7), _BASIN, _TOILET,
@@ -181,7 +180,7 @@ _CATALOGUE: dict[tuple[str, ...], tuple[Piece, ...]] = {
         Piece((1.2, 2.2), (0.38, 0.5), ("solid", "legs"), 0.9),
         Piece((0.9, 1.2), (0.5, 0.65), ("legs", "solid"), 0.8, place="middle"),
         Piece((0.75, 0.95), (0.75, 0.9), ("solid", "legs"), 0.7, number=2, turned=0.3),
-        _SHELF, _RADIATOR, _PLANT, _LAMP, _CHAIR, _BOX, _TOYS, _DINING, _SHELF,
+        _SHELF, _RADIATOR, _CURTAIN, _PLANT, _LAMP, _CHAIR, _BOX, _TOYS, _DINING, _SHELF,
     ),
     ("dining", "meeting", "conference"): (
         Piece((1.4, 2.4), (0.8, 1.0), ("legs",), 0.9, place="middle", seats=3), _ROUND_TABLE,

@@ -1,4 +1,4 @@
-"""Doors' leaves, and the windows and glass doors that reach the floor."""
+"""Doors' leaves."""
 
 import math
 from typing import TYPE_CHECKING
@@ -6,8 +6,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from slamgym.core.types import FloatArray
-from slamgym.sim.passages import Passages
-from slamgym.sim.room_areas import RoomArea
 
 if TYPE_CHECKING:
     from slamgym.cad.floorplan import Door, FloorPlan
@@ -24,13 +22,6 @@ _LEAF_GAP = 0.03
 _OPEN = (75.0, 90.0)
 _HALF_OPEN = (30.0, 70.0)
 _OPEN_SHARE = 0.65
-
-# Windows and glass doors: clear width, and what is left of the wall at their sides [m].
-_GLASS_WIDTH = (0.8, 2.4)
-_GLASS_NIB = 0.15
-
-# Behind an outer wall there is no floor at these distances [m].
-_BEHIND = (0.3, 0.6, 1.0, 1.5, 2.5)
 
 
 def doors_of(plan: "FloorPlan") -> list["Door"]:
@@ -83,49 +74,3 @@ def is_closed(door: "Door", leaf: FloatArray) -> bool:
     """Whether a leaf lies in its opening."""
     dx, dy = door.end[0] - door.start[0], door.end[1] - door.start[1]
     return bool(abs(dx * leaf[3] - dy * leaf[2]) < 1e-9 * door.width)
-
-
-def draw_windows(
-    rooms: list[RoomArea], passages: Passages, share: float, rng: np.random.Generator
-) -> FloatArray:
-    """Windows down to the floor and glass doors in the outer walls of some rooms.
-
-    Args:
-        rooms: The rooms.
-        passages: The building.
-        share: Probability that a room with an outer wall has one.
-        rng: Draws which rooms, walls and places.
-
-    Returns:
-        Parts of the plan's walls, shape (N, 4) as x0, y0, x1, y1 [m], each with the room on its left.
-    """
-    found = []
-    for room in rooms:
-        has_one, which, width, at = rng.random(4).tolist()
-        if has_one >= share:
-            continue
-        length = np.hypot(room.walls[:, 2] - room.walls[:, 0], room.walls[:, 3] - room.walls[:, 1])
-        walls = [
-            wall
-            for wall, long in zip(room.walls, length, strict=True)
-            if long > _GLASS_WIDTH[0] + 2.0 * _GLASS_NIB and _is_outer(wall, long, passages)
-        ]
-        if not walls:
-            continue
-        x0, y0, x1, y1 = walls[int(which * len(walls))].tolist()
-        long = math.hypot(x1 - x0, y1 - y0)
-        room_for_it = long - 2.0 * _GLASS_NIB
-        wide = min(room_for_it, _GLASS_WIDTH[0] + width * (_GLASS_WIDTH[1] - _GLASS_WIDTH[0]))
-        first = _GLASS_NIB + at * (room_for_it - wide)
-        ux, uy = (x1 - x0) / long, (y1 - y0) / long
-        last = first + wide
-        found.append((x0 + first * ux, y0 + first * uy, x0 + last * ux, y0 + last * uy))
-    return np.array(found).reshape(-1, 4)
-
-
-def _is_outer(wall: FloatArray, length: float, passages: Passages) -> bool:
-    """Whether there is no floor behind a wall."""
-    x, y = 0.5 * (wall[:2] + wall[2:])
-    nx, ny = -(wall[3] - wall[1]) / length, (wall[2] - wall[0]) / length
-    places = [passages.cell(x - back * nx, y - back * ny) for back in _BEHIND]
-    return all(passages.clearance[place] <= 0.0 for place in places)

@@ -36,9 +36,10 @@ _WEAKEST_ECHO, _STRONGEST_ECHO = 0.003, 0.5
 # A wall is an outer one if no other face of the plan lies within this behind it [m].
 _THICKEST_WALL = 0.6
 
-# What stands outside, before each outer pane: railings, hedges, cars, other houses.
-_THINGS_OUTSIDE = 5
-_NEAREST_OUTSIDE, _FURTHEST_OUTSIDE = 0.3, 6.0  # [m]
+# What stands outside, before each outer pane, at most: posts of railings, hedges, cars, other houses.
+_THINGS_OUTSIDE = 12
+_NEAREST_OUTSIDE, _FURTHEST_OUTSIDE = 0.3, 10.0  # [m]
+_SMALLEST_OUTSIDE, _LARGEST_OUTSIDE = 0.03, 2.0  # [m] a post, a hedge
 
 _FRAME_WIDTH = 0.08  # [m] of a door's frame
 
@@ -255,7 +256,7 @@ def _things_outside(
     away = _NEAREST_OUTSIDE * (_FURTHEST_OUTSIDE / _NEAREST_OUTSIDE) ** rng.random(number)
     centres = middle + away[:, None] * out + rng.normal(0.0, 1.5, (number, 1)) * along
     angles = rng.normal(0.0, 0.4, number)
-    half = rng.uniform(0.05, 1.0, number)[:, None]
+    half = 0.5 * _SMALLEST_OUTSIDE * (_LARGEST_OUTSIDE / _SMALLEST_OUTSIDE) ** rng.random((number, 1))
     directions = np.cos(angles)[:, None] * along + np.sin(angles)[:, None] * out
     things: FloatArray = np.hstack([centres - half * directions, centres + half * directions])
     return things

@@ -123,6 +123,10 @@ class SlamConfig(Settings, section="slam"):
     occupied_threshold: Annotated[float, Within(gt=0.0, lt=1.0)] = 0.25
     """A cell is occupied when more than this share of its observations are hits (``occ_thresh``)."""
 
+    min_passes: Count = 1
+    """A cell is known once so many beams have met or crossed it. GMapping: 1; Karto: 3, as more than its
+    ``MinimumPassThrough`` of 2 are needed; Cartographer's cells count as free after some more."""
+
     no_return: NoReturn = "clear"
     """What a beam without return says. ``clear``: its ray is free up to the line between the returns beside
     the gap, or up to the usable range where the gap is half a turn wide, as in the middle of a large room.

@@ -196,13 +196,13 @@ def draw_scans(
 
 
 @kernel
-def classify_counts(counts: np.ndarray, threshold: float, out: ByteArray) -> None:
-    """Cell values from counts: occupied where hits / visits > ``threshold``, unknown where never visited."""
+def classify_counts(counts: np.ndarray, threshold: float, min_passes: int, out: ByteArray) -> None:
+    """Cell values from counts: occupied where hits / visits > ``threshold``, unknown below ``min_passes`` visits."""
     for row in range(counts.shape[0]):
         for col in range(counts.shape[1]):
             hits, visits = counts[row, col, 0], counts[row, col, 1]
             value = OCCUPIED if hits > threshold * visits else FREE
-            out[row, col] = value if visits > 0 else UNKNOWN
+            out[row, col] = value if visits >= min_passes else UNKNOWN
 
 
 @kernel

@@ -29,7 +29,7 @@ class HitCountMap:
     def __init__(self, beams: BeamTable, config: SlamConfig) -> None:
         self._beams = beams
         self._resolution = config.resolution
-        self._threshold = config.occupied_threshold
+        self._threshold, self._min_passes = config.occupied_threshold, config.min_passes
         self._memory_limit = config.memory_limit_mb * 1e6
         self._corner = (0, 0)  # lattice (row, col) of the lower left cell
         self._counts = np.zeros((0, 0, 2), dtype=np.int32)
@@ -96,7 +96,7 @@ class HitCountMap:
             row, col = self._corner
             first_row, first_col, last_row, last_col = self._dirty
             at = (slice(first_row - row, last_row - row), slice(first_col - col, last_col - col))
-            classify_counts(self._counts[at], self._threshold, self._cells[at])
+            classify_counts(self._counts[at], self._threshold, self._min_passes, self._cells[at])
             self._dirty = None
         return self._cells
 

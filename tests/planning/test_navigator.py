@@ -101,6 +101,29 @@ def test_a_robot_that_does_not_move_recovers_and_then_gives_up(make_world):
     assert len(commands) * world.context.control_step < 60.0
 
 
+def test_a_passage_that_the_robot_did_not_get_through_is_closed_from_then_on(make_world):
+    cells = room()
+    cells[:, 60] = OCCUPIED
+    cells[27:53, 60] = FREE  # as a map shows a pane of glass
+    world = make_world(cells)
+    world.place(40, 54)
+    beyond = Goal(*world.point(40, 100))
+    navigator, _ = drive_to(world, beyond, stuck=True)
+    assert navigator.reason == "stuck"
+    row, col = navigator.costmap.frame.to_cell(beyond.x, beyond.y)
+    mask = navigator.reachable.mask.reshape(navigator.costmap.costs.shape)
+    assert mask[row, col]
+    navigator.block_ahead(world.pose, 60.0)
+    assert navigator.reachable.mask.reshape(navigator.costmap.costs.shape)[row, col]  # one more try
+    navigator.block_ahead(world.pose, 60.0)
+    mask = navigator.reachable.mask.reshape(navigator.costmap.costs.shape)
+    assert not mask[row, col]
+    navigator.set_goal(beyond, world.pose, 60.0)
+    assert navigator.reason == "unreachable"
+    navigator.set_goal(Goal(*world.point(40, 20)), world.pose, 60.0)
+    assert navigator.is_active
+
+
 def test_something_new_in_the_way_is_driven_round(make_world):
     world = make_world(room())
     world.place(40, 20)

@@ -5,6 +5,7 @@ import pytest
 import shapely
 
 from slamgym.cad.floorplan import FloorPlan, Room
+from slamgym.core.errors import ConfigError
 from slamgym.core.types import Pose2D, Twist2D
 from slamgym.sim import (
     Clutter,
@@ -24,7 +25,7 @@ from slamgym.sim.people import PERSON_RADIUS, SEGMENTS_PER_PERSON
 from slamgym.sim.start import largest_part
 
 FURNISHED = ClutterConfig(furniture=1.0)
-EVERYTHING = {"furniture": 1.0, "doors": 1.0, "windows": 1.0, "changes": 6.0}
+EVERYTHING = {"furniture": 1.0, "doors": 1.0, "changes": 6.0}
 
 
 def furnish(plan, seed, **settings):
@@ -173,7 +174,13 @@ class TestFurniture:
             assert np.ptp(seen.reshape(-1, 2) @ across) == pytest.approx(np.ptp(square @ across))
 
 
-class TestDoorsAndWindows:
+class TestSettings:
+    def test_a_density_beyond_all_is_refused(self):
+        with pytest.raises(ConfigError, match=r"clutter.furniture must be in \[0, 1\], not 1.5"):
+            ClutterConfig(furniture=1.5)
+
+
+class TestDoors:
     def test_leaves_hang_in_the_doors(self, flat):
         for seed in range(3):
             leaves = furnish(flat, seed, furniture=0.0, doors=1.0, closed_doors=0.0).movables
@@ -192,17 +199,6 @@ class TestDoorsAndWindows:
             shut = furnish(flat, seed, furniture=0.0, doors=1.0, closed_doors=1.0, cut_off=True)
             assert len(shut.cut_off) == 2
             assert set(shut.cut_off) < {room.category for room in flat.rooms}
-
-    def test_windows_lie_on_outer_walls(self, flat):
-        glass = furnish(flat, 0, furniture=0.0, windows=1.0).glass
-        assert 3 <= len(glass) <= 4
-        for x0, y0, x1, y1 in glass:
-            line = shapely.LineString([(x0, y0), (x1, y1)])
-            assert flat.free_space.exterior.buffer(1e-6).covers(line)
-            assert 0.8 <= line.length <= 2.4
-            normal = np.array([y1 - y0, x0 - x1]) / line.length
-            behind = np.array(line.centroid.coords[0]) + 1.0 * normal
-            assert not flat.free_space.contains(shapely.Point(behind))
 
     def test_things_move_while_the_robot_drives_and_a_reset_puts_them_back(self, flat):
         clutter = furnish(flat, 0, **EVERYTHING | {"changes": 60.0})

@@ -177,6 +177,33 @@ def test_the_papers_recipes_are_gmapping_with_true_odometry(name, beams, view):
     assert config.env.odometry == odometry_level("ideal")
 
 
+def test_the_real_recipe_draws_lasers_glass_and_robots_that_stop_early():
+    recipe = open_recipe("real")
+    drawn = [recipe.draw(seed) for seed in range(200)]
+    assert {draw["lidar"] for draw in drawn} == {"real"}
+    assert {draw.get("lidar.field_of_view_deg", 180.0) for draw in drawn} == {180.0, 240.0, 270.0, 360.0}
+    for draw in drawn:
+        assert 3.5 <= draw["lidar.range_max"] <= 30.0
+        assert draw["slam.max_usable_range"] <= draw["lidar.range_max"]
+        assert 0.5 <= draw["minutes"] <= 10.0
+        assert (
+            apply_conditions(EpisodeConfig(), draw).env.lidar.surfaces.mirrors
+            == draw["lidar.surfaces.mirrors"]
+        )
+    assert len({draw["turn_deg"] for draw in drawn}) > 100
+    assert 0.3 < sum("slam.matcher" in draw for draw in drawn) / 200 < 0.7
+
+
+def test_an_exploration_by_the_real_recipe_is_the_same_again():
+    recipe, plan = open_recipe("real"), generate_plan(2)
+    seed = next(seed for seed in range(1000) if recipe.draw(seed)["minutes"] < 0.7)
+    settings, _ = episode_conditions(recipe, EpisodeConfig(), seed)
+    first, again = (run_episode(plan, seed, settings, make_explorer) for _ in range(2))
+    assert first.finished == "time_limit"
+    assert (first.slam_map.cells == again.slam_map.cells).all()
+    assert (first.truth.poses == again.truth.poses).all()
+
+
 def test_buildings_are_turned_by_the_recipe():
     plan = generate_plan(2)
     recipe = parse_recipe(
