@@ -33,8 +33,11 @@ MORE_ATTRIBUTES: dict[str, int] = {
     "slamgym.envs.explore_env.ExploreEnv": 18,
     "slamgym.envs.simulation.Simulation": 21,
     "slamgym.parametric.config.LidarErrorConfig": 18,
-    "slamgym.slam.config.SlamConfig": 24,
+    "slamgym.planning.navigator.Navigator": 16,
+    "slamgym.slam.config.SlamConfig": 26,
     "slamgym.slam.graph.config.PoseGraphConfig": 20,
+    "slamgym.slam.graph.mapper.PoseGraphMapper": 19,
+    "slamgym.slam.particle_filter.ParticleFilter": 17,
 }
 """Settings and records whose fields are names in saved files or options of commands, and what still is to be split."""
 NAMES_IN_TWO_MODULES: dict[str, int] = {}

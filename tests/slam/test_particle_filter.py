@@ -92,7 +92,7 @@ def test_the_filter_corrects_bad_odometry():
 
 def test_the_published_map_equals_a_full_redraw_of_the_best_path():
     # Much noise, so that many particles die.
-    config = SlamConfig(particles=12, resample_threshold=0.95, learn_odometry=False, drawn_noise=0.3)
+    config = SlamConfig(particles=12, resample_threshold=0.95, learn_odometry=False, drawn_noise=1.0)
     grids = []
     mapper, _ = run(
         config, sigma=0.02, odometry_noise=0.5, visit=lambda mapper, _: grids.append(mapper.occupancy_grid())

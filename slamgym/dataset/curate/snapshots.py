@@ -85,6 +85,7 @@ def take_snapshots(
     cad, last_map = load_pair(root, record.name)
     ends = [60.0 * limit for limit in sorted(minutes) if 60.0 * limit < recording.stamps[-1]]
     believed, true = _canvas(recording), _canvas(recording)
+    open_range = np.nextafter(np.float32(recording.geometry.range_max), np.float32(0.0))
     moments: list[tuple[float, ByteArray, int]] = []
     drawn_scans = drawn_poses = 0
     for end in [*ends, float(recording.stamps[-1])]:
@@ -92,7 +93,9 @@ def take_snapshots(
         poses = int(np.searchsorted(recording.estimate.stamps, end + 1e-6, side="right"))
         chosen = recording.scan_of_pose[drawn_poses:poses]
         believed.draw(recording.estimate.poses[drawn_poses:poses], recording.ranges[chosen])
-        true.draw(recording.truth.poses[drawn_scans:scans], recording.ranges[drawn_scans:scans])
+        # What lies open is seen, whatever the mapper makes of beams without return.
+        sight = np.minimum(recording.ranges[drawn_scans:scans], open_range)
+        true.draw(recording.truth.poses[drawn_scans:scans], sight)
         drawn_scans, drawn_poses = scans, poses
         seen = int(np.count_nonzero((true.render(record.frame) == FREE) & (cad == FREE)))
         moments.append((end, believed.render(record.frame), seen))
