@@ -33,7 +33,7 @@ MORE_ATTRIBUTES: dict[str, int] = {
     "slamgym.envs.explore_env.ExploreEnv": 18,
     "slamgym.envs.simulation.Simulation": 21,
     "slamgym.parametric.config.LidarErrorConfig": 18,
-    "slamgym.slam.config.SlamConfig": 24,
+    "slamgym.slam.config.SlamConfig": 25,
     "slamgym.slam.graph.config.PoseGraphConfig": 20,
 }
 """Settings and records whose fields are names in saved files or options of commands, and what still is to be split."""
