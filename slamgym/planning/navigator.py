@@ -141,8 +141,9 @@ class Navigator:
         self._grid: OccupancyGrid | None = None
         self._views: list[tuple[Pose2D, Float32Array]] = []  # trusted scans and where they were taken
         self._obstacles: list[tuple[float, FloatArray]] = []  # (time, points in the map frame)
-        self._tried: list[Point] = []  # where the robot didn't get through
-        self._barriers: list[FloatArray] = []  # points in the map frame of what no scan shows
+        self._barriers: list[
+            tuple[Point, FloatArray]
+        ] = []  # where it didn't get through, and points that close it
         self._planned_at = -math.inf
         self._leg = _Leg.begin(Pose2D(0.0, 0.0, 0.0), 0.0)
 
@@ -192,12 +193,9 @@ class Navigator:
         along = beyond[0] / np.hypot(*beyond[0])
         across = np.array([-along[1], along[0]])
         half, centre = self.config.barrier_half_width, pose[:2] + reach * along
-        tried = any(math.dist(centre, place) < 2.0 * half for place in self._tried)
-        self._tried.append((float(centre[0]), float(centre[1])))
-        if not tried:
-            return
-        offsets = np.arange(-half, half, 0.5 * self.context.frame.resolution)
-        self._barriers.append(centre + offsets[:, None] * across)
+        again = any(math.dist(centre, place) < 2.0 * half for place, _ in self._barriers)
+        offsets = np.arange(-half, half if again else -half, 0.5 * self.context.frame.resolution)
+        self._barriers.append(((float(centre[0]), float(centre[1])), centre + offsets[:, None] * across))
         self._rebuild(pose, time)
 
     def set_inscribed_radius(self, radius: float, pose: Pose2D, time: float) -> None:
@@ -307,7 +305,7 @@ class Navigator:
         if self._obstacles:
             grid = mark_obstacles(grid, np.vstack([points for _, points in self._obstacles]))
         if self._barriers:
-            grid = mark_obstacles(grid, np.vstack(self._barriers))
+            grid = mark_obstacles(grid, np.vstack([points for _, points in self._barriers]))
         config = _inscribing(self.config.costmap, self.inscribed_radius)
         self.costmap = make_costmap(free_body(grid, pose, self.context.robot_radius), config)
         self.reachable = reachable_space(self.costmap, pose)
