@@ -33,7 +33,6 @@ MORE_ATTRIBUTES: dict[str, int] = {
     "slamgym.envs.explore_env.ExploreEnv": 18,
     "slamgym.envs.simulation.Simulation": 21,
     "slamgym.parametric.config.LidarErrorConfig": 18,
-    "slamgym.planning.navigator.Navigator": 16,
     "slamgym.slam.config.SlamConfig": 26,
     "slamgym.slam.graph.config.PoseGraphConfig": 20,
     "slamgym.slam.graph.mapper.PoseGraphMapper": 19,
