@@ -196,7 +196,8 @@ class Navigator:
         again = any(math.dist(centre, place) < 2.0 * half for place, _ in self._barriers)
         offsets = np.arange(-half, half if again else -half, 0.5 * self.context.frame.resolution)
         self._barriers.append(((float(centre[0]), float(centre[1])), centre + offsets[:, None] * across))
-        self._rebuild(pose, time)
+        if again:
+            self._rebuild(pose, time)
 
     def set_inscribed_radius(self, radius: float, pose: Pose2D, time: float) -> None:
         """Plan as if the robot had another radius [m], e.g. to try doors that the map draws too narrow."""
