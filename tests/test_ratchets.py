@@ -36,7 +36,7 @@ MORE_ATTRIBUTES: dict[str, int] = {
     "slamgym.slam.config.SlamConfig": 26,
     "slamgym.slam.graph.config.PoseGraphConfig": 20,
     "slamgym.slam.graph.mapper.PoseGraphMapper": 19,
-    "slamgym.slam.particle_filter.ParticleFilter": 17,
+    "slamgym.slam.particle_filter.ParticleFilter": 16,
 }
 """Settings and records whose fields are names in saved files or options of commands, and what still is to be split."""
 NAMES_IN_TWO_MODULES: dict[str, int] = {}

@@ -5,6 +5,8 @@ noise, then to the best match with its own map; the match's likelihood weighs it
 most of the weight they are resampled.
 """
 
+import math
+
 import numpy as np
 
 from slamgym.core.geometry import between, compose
@@ -70,8 +72,14 @@ HEADING_FLOOR = 0.003
 NULL_LIKELIHOOD = -0.5
 """-d^2 of a beam with nothing near [m^2] (GMapping's ``nullLikelihood``)."""
 POINT_INFORMATION = 125.0
+"""Of a point across the surface that it lies on [1/m^2]: 2 cm, and twenty neighbours that err together."""
 DOUBT_SHARE = 0.6
+"""A match of which less than this share of the points fits is in doubt ..."""
 FEW_POINTS = 20
+"""... and a scan with fewer points says nothing."""
+RELIABLE_SHARE, RELIABLE_METRES, RELIABLE_RADIANS = 0.5, 0.02, 0.01
+"""The odometry is compared with matches of which so much fits, and whose deviation along the heading [m] and in it
+[rad] is no more."""
 MATCH_MARGIN = 1.5
 """How far round the scan's end points the maps are made ready [m]; a match that strays further finds nothing."""
 
@@ -116,7 +124,6 @@ class ParticleFilter(GatedMapper):
         self._free_offset = Pose2D(0.0, 0.0, 0.0)
         self._match_covariance: FloatArray | None = None
         self._predicted_variances = np.zeros(2)
-        self._stamp = 0.0
 
     @property
     def pose(self) -> Pose2D:
@@ -163,21 +170,22 @@ class ParticleFilter(GatedMapper):
         before = self._poses.copy()
         variance, turn_variance = self._predict(increments)
         predicted = self._poses.copy()
-        self._stamp = scan.stamp
         self._predicted_variances = np.array([variance, turn_variance])
         points = self._usable_points(scan.ranges)
         self._maps.cover(self._poses, self._radius(points))
         if len(self._tree) > 0:
             best = self._match_and_weigh(points, variance, turn_variance)
-            self._learn(increments, before, predicted, best, points)
+            if self._calibration is not None:
+                free, share = self._assess_match(scan.stamp, increments, predicted[best], best, points)
+                self._learn(self._calibration, increments, before[best], best, free, share, len(points))
             if self.n_eff < self._config.resample_threshold * len(self._poses):
                 self._resample()
         self._tree.append(scan.stamp, self._poses, scan.ranges)
         self._maps.register(self._poses, points)
 
-    def _usable_points(self, ranges: Float32Array) -> FloatArray:
+    def _usable_points(self, ranges: Float32Array, longest: float = math.inf) -> FloatArray:
         """End points (n, 2) in the robot frame that can be matched; valid until the next call."""
-        usable = min(self._beams.usable, float(np.nextafter(self._beams.range_max, 0.0)))
+        usable = min(self._beams.usable, longest, float(np.nextafter(self._beams.range_max, 0.0)))
         return self._end_points[: usable_end_points(ranges, self._beams, usable, self._end_points)]
 
     @staticmethod
@@ -215,21 +223,30 @@ class ParticleFilter(GatedMapper):
         del increments, predicted, points
         return share
 
-    def _learn(
-        self, increments: FloatArray, before: FloatArray, predicted: FloatArray, best: int, points: FloatArray
-    ) -> None:
-        """Compare the best particle's match with the odometry."""
-        if self._calibration is None:
-            return
+    def _assess_match(
+        self, stamp: float, increments: FloatArray, predicted: FloatArray, best: int, points: FloatArray
+    ) -> tuple[FloatArray, float]:
+        """Align the best particle's scan freely; where it fits poorly, search wider or note the doubt.
+
+        Returns:
+            What :meth:`_align_freely` gives, and the share of the points that fit.
+        """
         free = self._align_freely(self._poses[best], points, best)
         share = free[3] / max(len(points), 1)
         if share < DOUBT_SHARE and len(points) >= FEW_POINTS:
-            found = self._resettle(increments, predicted[best], points, share)
+            found = self._resettle(increments, predicted, points, share)
             if found > share:
                 free = self._align_freely(self._poses[best], points, best)
             if found < DOUBT_SHARE:
-                self._stats.doubtful.append(self._stamp)
+                self._stats.doubtful.append(stamp)
             share = found
+        return free, share
+
+    def _learn(
+        self, calibration: OdometryCalibration, increments: FloatArray, before: FloatArray, best: int,
+        free: FloatArray, share: float, num_points: int,
+    ) -> None:  # fmt: skip
+        """Compare the best particle's match with the odometry, where the match can be relied on."""
         last_offset = self._free_offset
         self._free_offset = between(Pose2D(*self._poses[best]), Pose2D(*free[:3]))
         uu, uv, vv, ut, vt, tt = free[4:]
@@ -237,14 +254,15 @@ class ParticleFilter(GatedMapper):
         covariance = np.asarray(np.linalg.inv(information + np.eye(3)), dtype=np.float64)
         theta = self._poses[best, 2]
         along = np.array([np.cos(theta), np.sin(theta), 0.0])
-        along_variance = float(along @ covariance @ along)
-        self._match_covariance = covariance
-        if share < 0.5 or len(points) < FEW_POINTS or along_variance > 0.02**2 or covariance[2, 2] > 0.01**2:
-            self._calibration.restart()
+        along_variance, turn_variance = float(along @ covariance @ along), float(covariance[2, 2])
+        fits = share >= RELIABLE_SHARE and num_points >= FEW_POINTS
+        if not fits or along_variance > RELIABLE_METRES**2 or turn_variance > RELIABLE_RADIANS**2:
+            calibration.restart()
             self._match_covariance = None
             return
-        moved = between(compose(Pose2D(*before[best]), last_offset), Pose2D(*free[:3]))
-        self._calibration.learn(increments, moved, along_variance, float(covariance[2, 2]))
+        self._match_covariance = covariance
+        moved = between(compose(Pose2D(*before), last_offset), Pose2D(*free[:3]))
+        calibration.learn(increments, moved, along_variance, turn_variance)
 
     def _match_and_weigh(self, points: FloatArray, variance: float, turn_variance: float) -> int:
         c = self._config

@@ -12,10 +12,8 @@ from typing import Any
 import numpy as np
 
 from slamgym.core.config import from_dict
-from slamgym.core.documents import parse_json
+from slamgym.core.documents import read_json
 from slamgym.core.errors import ConfigError, InputFileError
-from slamgym.core.files import read_bytes
-from slamgym.core.limits import DOCUMENT_BYTES
 from slamgym.core.types import LaserGeometry, OccupancyGrid, Pose2D, Trajectory
 from slamgym.interop.records import Log
 from slamgym.slam.config import SlamConfig
@@ -65,7 +63,7 @@ def read_overrides(path: Path | str) -> dict[str, Any]:
         ConfigError: If the file can't be read or holds something else.
     """
     try:
-        values = parse_json(read_bytes(path, DOCUMENT_BYTES), path)
+        values = read_json(path)
     except InputFileError as error:
         raise ConfigError(f"{error}; give JSON settings") from error
     if not isinstance(values, dict):

@@ -15,7 +15,6 @@ from slamgym.core.geometry import compose, wrap_angle
 from slamgym.core.types import FloatArray, IntArray, LaserGeometry, LaserScan, Pose2D
 from slamgym.metrics.trajectory import relative_poses
 from slamgym.slam.config import SlamConfig
-from slamgym.slam.end_points import usable_end_points
 from slamgym.slam.graph.loop_closure import (
     LOOP_EDGE_LENGTH,
     Closure,
@@ -29,12 +28,10 @@ from slamgym.slam.graph.nodes import GraphNodes
 from slamgym.slam.graph.solver import Edges, chi_squared, optimise
 from slamgym.slam.graph.uncertainty import PathUncertainty, step_covariance
 from slamgym.slam.hit_counts import HitCountMap
-from slamgym.slam.particle_filter import ParticleFilter
+from slamgym.slam.particle_filter import FEW_POINTS, ParticleFilter
 from slamgym.slam.particles import ParticleMaps
 from slamgym.slam.path_correction import poses_between
 
-MIN_POINTS = 20
-"""A scan with fewer end points isn't matched."""
 ODOMETRY_FLOOR = (0.005, 0.005, 0.002)
 """Odometry between two nodes is never trusted further than this [m], [m], [rad]."""
 EXPECTED_METRES, EXPECTED_SIGMAS = 0.25, 3.0
@@ -138,7 +135,7 @@ class PoseGraphMapper(ParticleFilter):
         Odometry may have lied: wheels that slip, a robot that was lifted, lost messages. Then its learned errors say
         nothing, and the window is that of GMapping's generous motion noise.
         """
-        if len(points) < MIN_POINTS or len(self._nodes) == 0:
+        if len(self._nodes) == 0:
             return share
         distance = float(np.hypot(increments[:, 0], increments[:, 1]).sum())
         turn = float(np.abs(increments[:, 2]).sum())
@@ -174,7 +171,7 @@ class PoseGraphMapper(ParticleFilter):
                 information = information + np.linalg.inv(covariance)
             node = len(self._nodes)
             self._steps.append(Closure(node - 1, node, relative, information))
-        self._nodes.append(scan, pose, self._points_of(scan))
+        self._nodes.append(scan, pose, self._usable_points(scan.ranges, self._settings.match_range))
         self._steps_of_nodes.append(len(self._tree) - 1)
         self._uncertainty.append(self._nodes.poses, step)
         self._variances[:] = 0.0
@@ -201,12 +198,6 @@ class PoseGraphMapper(ParticleFilter):
         moved = self._poses[0, :2] - self._nodes.poses[-1, :2]
         return step_covariance(moved, self._uncertainty.latest, self._step_covariance())
 
-    def _points_of(self, scan: LaserScan) -> FloatArray:
-        b = self._beams
-        usable = min(b.usable, self._settings.match_range, float(np.nextafter(b.range_max, 0.0)))
-        points = np.empty((len(scan.ranges), 2))
-        return points[: usable_end_points(scan.ranges, b, usable, points)]
-
     def _match(
         self, points: FloatArray, reference: int, members: IntArray, guess: FloatArray, prior_info: FloatArray,
         window: float, turn: float, least: float,
@@ -215,7 +206,7 @@ class PoseGraphMapper(ParticleFilter):
 
         A window of zero leaves the search out: the scan is aligned from the guess.
         """
-        if len(points) < MIN_POINTS:
+        if len(points) < FEW_POINTS:
             return None
         relative = relative_poses(
             np.broadcast_to(self._nodes.poses[reference], (len(members), 3)), self._nodes.poses[members]
