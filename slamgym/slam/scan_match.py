@@ -120,7 +120,7 @@ def align(
         steps: Most steps.
         s: Settings.
     """
-    points, normals = scan.points, scan.normals
+    points, normals, cells = scan.points, scan.normals, pool.cells
     u, v, theta = start
     match = Match(start, 0.0, 0.0, NormalEquations(0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
     force = 2.0 * s.gain
@@ -132,7 +132,7 @@ def align(
         for i in range(0, len(points), stride):
             x = cos * points[i, 0] - sin * points[i, 1]
             y = sin * points[i, 0] + cos * points[i, 1]
-            d2, du, dv = surface_near(pool, table, u + x, v + y)
+            d2, du, dv = surface_near(cells, table, u + x, v + y)
             if d2 < 0.0:
                 likelihood += s.miss
                 continue
