@@ -98,9 +98,16 @@ def _open_length(ranges: Float32Array, i: int, beams: BeamTable) -> float:
 
 @kernel
 def scan_bounds(
-    poses: FloatArray, ranges: Float32Array, beams: BeamTable
+    poses: FloatArray, ranges: Float32Array, beams: BeamTable, lengths: FloatArray
 ) -> tuple[float, float, float, float]:
-    """Bounds (min x, min y, max x, max y) [m] of all that :func:`draw_scans` draws."""
+    """Bounds (min x, min y, max x, max y) [m] of all that :func:`draw_scans` draws.
+
+    Args:
+        poses: (scans, 3) robot poses [m, m, rad].
+        ranges: (scans, num_beams) [m].
+        beams: The scanner.
+        lengths: (scans, num_beams) receives how far each beam is drawn [m].
+    """
     directions, mount = beams.directions, beams.mount
     min_x = min_y = math.inf
     max_x = max_y = -math.inf
@@ -111,7 +118,7 @@ def scan_bounds(
         min_x, max_x = min(min_x, x0), max(max_x, x0)
         min_y, max_y = min(min_y, y0), max(max_y, y0)
         for i in range(ranges.shape[1]):
-            length = drawn_length(ranges[k], i, beams)
+            lengths[k, i] = length = drawn_length(ranges[k], i, beams)
             x = x0 + length * (cos * directions[i, 0] - sin * directions[i, 1])
             y = y0 + length * (sin * directions[i, 0] + cos * directions[i, 1])
             min_x, max_x = min(min_x, x), max(max_x, x)
@@ -147,7 +154,8 @@ def draw_scans(
         Bounds (min x, min y, max x, max y) of the scans [m].
     """
     corner_row, corner_col = corner
-    bounds = scan_bounds(poses, ranges, beams)
+    lengths = np.empty(ranges.shape)
+    bounds = scan_bounds(poses, ranges, beams, lengths)
     min_x, min_y, max_x, max_y = bounds
     if not (
         math.floor(min_y / resolution) >= corner_row
@@ -158,7 +166,7 @@ def draw_scans(
         return bounds
     directions, mount = beams.directions, beams.mount
     cols = counts.shape[1]
-    flat = counts.reshape(-1, 2)
+    flat = counts.reshape(-1)
     scale = 1.0 / resolution
     for k in range(len(poses)):
         cos, sin = math.cos(poses[k, 2]), math.sin(poses[k, 2])
@@ -169,7 +177,7 @@ def draw_scans(
         start = start_row * cols + start_col
         for i in range(ranges.shape[1]):
             r = ranges[k, i]
-            length = drawn_length(ranges[k], i, beams)
+            length = lengths[k, i]
             if length == 0.0:
                 continue
             x = x0 + length * (cos * directions[i, 0] - sin * directions[i, 1])
@@ -185,13 +193,14 @@ def draw_scans(
             slope = (minor << _FRACTION) // max(major, 1)
             offset, cell = _HALF, start
             for _ in range(major):
-                flat[cell + (offset >> _FRACTION) * minor_stride, 1] += sign
+                # An unsigned index isn't asked whether it counts from the end.
+                flat[np.uint64(2 * (cell + (offset >> _FRACTION) * minor_stride) + 1)] += sign
                 cell += major_stride
                 offset += slope
             if r <= beams.usable and r < beams.range_max:
-                end = start + d_row * cols + d_col
-                flat[end, 0] += sign
-                flat[end, 1] += sign
+                end = 2 * (start + d_row * cols + d_col)
+                flat[end] += sign
+                flat[end + 1] += sign
     return bounds
 
 
