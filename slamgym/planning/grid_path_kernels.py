@@ -102,12 +102,13 @@ def search_path(
         for dr in range(-1 if row > 0 else 0, 2 if row < height - 1 else 1):
             for dc in range(-1 if col > 0 else 0, 2 if col < width - 1 else 1):
                 r, c = row + dr, col + dc
-                neighbour = cell + dr * width + dc
+                # An unsigned index isn't asked whether it counts from the end.
+                neighbour = np.uint64(cell + dr * width + dc)
                 if closed[neighbour]:  # the cell itself, too
                     continue
                 length = np.float32(1.0)
                 if dr != 0 and dc != 0:
-                    if flat[cell + dr * width] >= limit or flat[cell + dc] >= limit:
+                    if flat[np.uint64(cell + dr * width)] >= limit or flat[np.uint64(cell + dc)] >= limit:
                         continue
                     length = _SQRT2
                 reached = here + length * steps[flat[neighbour]]

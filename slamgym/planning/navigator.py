@@ -8,7 +8,7 @@ never from its commands. A goal that can't be reached aborts at once.
 import enum
 import math
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -110,6 +110,19 @@ class _Leg:
         return _Leg(pose, time, pose, time)
 
 
+@dataclass(frozen=True)
+class Surroundings:
+    """A costmap and where the robot stood when it was made."""
+
+    costmap: Costmap
+    pose: Pose2D
+
+    @cached_property
+    def reachable(self) -> Reachable | None:
+        """What the robot can get to: searched when first asked for, which only decisions and plans do."""
+        return reachable_space(self.costmap, self.pose)
+
+
 @lru_cache(maxsize=16)
 def _inscribing(config: CostmapConfig, radius: float) -> CostmapConfig:
     """The settings for a robot of another radius [m]."""
@@ -135,8 +148,7 @@ class Navigator:
         self.status = GoalStatus.IDLE
         self.reason = ""  # why the last goal was given up
         self.goal: Goal | None = None
-        self.costmap: Costmap | None = None
-        self.reachable: Reachable | None = None
+        self._surroundings: Surroundings | None = None
         self.inscribed_radius = self.context.robot_radius
         self._grid: OccupancyGrid | None = None
         self._views: list[tuple[Pose2D, Float32Array]] = []  # trusted scans and where they were taken
@@ -146,6 +158,16 @@ class Navigator:
         ] = []  # where it didn't get through, and points that close it
         self._planned_at = -math.inf
         self._leg = _Leg.begin(Pose2D(0.0, 0.0, 0.0), 0.0)
+
+    @property
+    def costmap(self) -> Costmap | None:
+        """What the robot plans on; None without a map."""
+        return self._surroundings and self._surroundings.costmap
+
+    @property
+    def reachable(self) -> Reachable | None:
+        """Where the robot could get to when the costmap was made; None without a map, or if it was walled in."""
+        return self._surroundings and self._surroundings.reachable
 
     @property
     def is_active(self) -> bool:
@@ -308,8 +330,8 @@ class Navigator:
         if self._barriers:
             grid = mark_obstacles(grid, np.vstack([points for _, points in self._barriers]))
         config = _inscribing(self.config.costmap, self.inscribed_radius)
-        self.costmap = make_costmap(free_body(grid, pose, self.context.robot_radius), config)
-        self.reachable = reachable_space(self.costmap, pose)
+        costmap = make_costmap(free_body(grid, pose, self.context.robot_radius), config)
+        self._surroundings = Surroundings(costmap, pose)
 
     def _remember(self, obstacles: FloatArray, pose: Pose2D, time: float) -> None:
         """Keep what the scan shows within 1.5 m for the costmap."""
