@@ -102,7 +102,7 @@ class OdometryCalibration:
             heading: Variance of a matched heading [rad^2].
         """
         self._moved = compose(self._moved, moved)
-        for increment in increments:
+        for increment in increments.tolist():
             self._odometry = compose(self._odometry, Pose2D(*increment))
         distance, turn = _lengths(increments)
         self._distance += distance

@@ -20,7 +20,7 @@ from slamgym.core.types import (
     Trajectory,
 )
 from slamgym.slam.config import SlamConfig
-from slamgym.slam.end_points import usable_end_points
+from slamgym.slam.end_points import farthest, usable_end_points
 from slamgym.slam.hill_climbing import MatchSettings, Search
 from slamgym.slam.mapper import GatedMapper
 from slamgym.slam.motion_model import noise_array, sample_motion
@@ -128,13 +128,12 @@ class ParticleFilter(GatedMapper):
     @property
     def pose(self) -> Pose2D:
         """The best particle's pose, moved on by the odometry since."""
-        x, y, theta = self._poses[self.best_particle]
-        return compose(Pose2D(float(x), float(y), float(theta)), self._gate.since_processed)
+        return compose(Pose2D(*self._poses[self.best_particle].tolist()), self._gate.since_processed)
 
     @property
     def best_particle(self) -> int:
         """The particle whose whole path explains the scans best."""
-        return int(np.argmax(self._path_log_weights))
+        return int(self._path_log_weights.argmax())
 
     def particle_paths(self, most: int) -> list[FloatArray]:
         """Paths of at most so many particles, each (processed scans, 3)."""
@@ -191,7 +190,7 @@ class ParticleFilter(GatedMapper):
     @staticmethod
     def _radius(points: FloatArray) -> float:
         """How far round the robot the maps are made ready for a scan [m]."""
-        return float(np.abs(points).sum(axis=1).max(initial=0.0)) + MATCH_MARGIN
+        return farthest(points) + MATCH_MARGIN
 
     def _predict(self, increments: FloatArray) -> tuple[float, float]:
         """Move the particles by odometry; returns the variances of position and heading that it leaves."""
@@ -248,12 +247,12 @@ class ParticleFilter(GatedMapper):
     ) -> None:  # fmt: skip
         """Compare the best particle's match with the odometry, where the match can be relied on."""
         last_offset = self._free_offset
-        self._free_offset = between(Pose2D(*self._poses[best]), Pose2D(*free[:3]))
-        uu, uv, vv, ut, vt, tt = free[4:]
+        matched, aligned = Pose2D(*self._poses[best].tolist()), Pose2D(*free[:3].tolist())
+        self._free_offset = between(matched, aligned)
+        uu, uv, vv, ut, vt, tt = free[4:].tolist()
         information = POINT_INFORMATION * np.array([[uu, uv, ut], [uv, vv, vt], [ut, vt, tt]])
         covariance = np.asarray(np.linalg.inv(information + np.eye(3)), dtype=np.float64)
-        theta = self._poses[best, 2]
-        along = np.array([np.cos(theta), np.sin(theta), 0.0])
+        along = np.array([math.cos(matched.theta), math.sin(matched.theta), 0.0])
         along_variance, turn_variance = float(along @ covariance @ along), float(covariance[2, 2])
         fits = share >= RELIABLE_SHARE and num_points >= FEW_POINTS
         if not fits or along_variance > RELIABLE_METRES**2 or turn_variance > RELIABLE_RADIANS**2:
@@ -261,7 +260,7 @@ class ParticleFilter(GatedMapper):
             self._match_covariance = None
             return
         self._match_covariance = covariance
-        moved = between(compose(Pose2D(*before), last_offset), Pose2D(*free[:3]))
+        moved = between(compose(Pose2D(*before.tolist()), last_offset), aligned)
         calibration.learn(increments, moved, along_variance, turn_variance)
 
     def _match_and_weigh(self, points: FloatArray, variance: float, turn_variance: float) -> int:
