@@ -65,7 +65,12 @@ def coarse_cells(cells: Int32Array, coarsening: int, shape: tuple[int, int]) -> 
 
 @kernel
 def wall_distances(
-    distance_px: Float32Array, points: FloatArray, left: float, bottom: float, resolution: float, farthest: float
+    distance_px: Float32Array,
+    points: FloatArray,
+    left: float,
+    bottom: float,
+    resolution: float,
+    farthest: float,
 ) -> Float32Array:
     """Distance of points from the nearest occupied cell, shape (N,) [m].
 

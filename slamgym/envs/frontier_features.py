@@ -19,8 +19,6 @@ from slamgym.core.types import (
     ByteArray,
     Float32Array,
     FloatArray,
-    Int32Array,
-    IntArray,
     Observation,
     Pose2D,
 )

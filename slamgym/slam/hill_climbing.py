@@ -134,7 +134,9 @@ def surface_near(cells: np.ndarray, table: np.ndarray, u: float, v: float) -> tu
         du, dv = _DU[k], _DV[k]
         near = tile
         if not inside:
-            near = np.uint64(table[np.uint64((cell_v + dv) >> TILE_BITS), np.uint64((cell_u + du) >> TILE_BITS)])
+            near = np.uint64(
+                table[np.uint64((cell_v + dv) >> TILE_BITS), np.uint64((cell_u + du) >> TILE_BITS)]
+            )
         cell = np.uint64((((in_v + dv) & TILE_MASK) << TILE_BITS) | ((in_u + du) & TILE_MASK))
         offset_u = cell_u - u + du + cells[near, cell, np.uint64(MEAN_U)] * (1.0 / MEAN_UNITS)
         offset_v = cell_v - v + dv + cells[near, cell, np.uint64(MEAN_V)] * (1.0 / MEAN_UNITS)
