@@ -14,7 +14,7 @@ EVERYWHERE: IntArray = np.empty(0, dtype=np.int64)
 
 
 @kernel
-def _push(keys: Float32Array, cells: Int32Array, size: int, key: Any, cell: int) -> int:
+def _push(keys: Float32Array, cells: Int32Array, size: int, key: Any, cell: Any) -> int:
     """Add to a binary heap; returns its new size."""
     child = size
     while child > 0:

@@ -162,12 +162,12 @@ class Navigator:
     @property
     def costmap(self) -> Costmap | None:
         """What the robot plans on; None without a map."""
-        return self._surroundings and self._surroundings.costmap
+        return None if self._surroundings is None else self._surroundings.costmap
 
     @property
     def reachable(self) -> Reachable | None:
         """Where the robot could get to when the costmap was made; None without a map, or if it was walled in."""
-        return self._surroundings and self._surroundings.reachable
+        return None if self._surroundings is None else self._surroundings.reachable
 
     @property
     def is_active(self) -> bool:
