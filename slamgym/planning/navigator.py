@@ -8,7 +8,7 @@ never from its commands. A goal that can't be reached aborts at once.
 import enum
 import math
 from dataclasses import dataclass, field, replace
-from functools import cached_property, lru_cache
+from functools import lru_cache
 
 import numpy as np
 
@@ -26,7 +26,7 @@ from slamgym.planning.costmap import (
     make_costmap,
     mark_obstacles,
 )
-from slamgym.planning.frontiers import Point, Reachable, reachable_space
+from slamgym.planning.frontiers import Point, Reachable, Surroundings
 from slamgym.planning.grid_path import path_is_free, plan_path
 from slamgym.planning.path_follower import FollowerConfig, PathFollower
 
@@ -108,19 +108,6 @@ class _Leg:
     def begin(pose: Pose2D, time: float) -> "_Leg":
         """Start to watch."""
         return _Leg(pose, time, pose, time)
-
-
-@dataclass(frozen=True)
-class Surroundings:
-    """A costmap and where the robot stood when it was made."""
-
-    costmap: Costmap
-    pose: Pose2D
-
-    @cached_property
-    def reachable(self) -> Reachable | None:
-        """What the robot can get to: searched when first asked for, which only decisions and plans do."""
-        return reachable_space(self.costmap, self.pose)
 
 
 @lru_cache(maxsize=16)
