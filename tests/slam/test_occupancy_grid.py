@@ -71,7 +71,7 @@ def test_a_lone_beam_clears_its_way_and_hits_its_end():
     ranges[0, 45] = 1.0
     pose = np.array([[0.06, -0.02, -0.3]])  # the sensor at the origin but for the mount's turn, beams ahead
     cells = np.empty((2 * HALF, 2 * HALF), np.uint8)
-    classify_counts(draw(pose, ranges), 0.25, 1, cells)
+    classify_counts(draw(pose, ranges), 0.25, (0.0, 0.0), 1, cells)
     assert np.count_nonzero(cells == OCCUPIED) == 1
     (row,), (col,) = np.nonzero(cells == OCCUPIED)
     assert np.hypot(row - HALF, col - HALF) * CELL == pytest.approx(1.0, abs=0.1)
