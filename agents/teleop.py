@@ -27,17 +27,19 @@ _TRIES = 5
 class TeleopConfig(Settings):
     """Ranges from which each driver's habits are drawn evenly."""
 
-    speed: tuple[float, float] = (0.12, 0.26)
+    speed: tuple[float, float] = (0.15, 0.26)
     """Forward speed; the keys' limits are 0.22 m/s for a Burger and 0.26 m/s for a Waffle, at 0.01 a press [m/s]."""
-    turn_rate: tuple[float, float] = (0.3, 1.2)
+    turn_rate: tuple[float, float] = (0.4, 1.2)
     """Rate of turn on the spot, at 0.1 a press; few dare the 1.82 that is possible [rad/s]."""
-    opening: tuple[float, float] = (0.5, 1.0)
+    opening: tuple[float, float] = (0.4, 0.7)
     """Narrower open parts of the map are not looked into at first [m]."""
-    visits: tuple[int, int] = (0, 8)
+    visits: tuple[int, int] = (0, 4)
     """Places that are driven to again once nothing is open."""
-    heading_error: float = 0.15
+    heading_error: float = 0.25
     """The driver stops to turn at this error of the heading [rad]."""
-    straight: float = 0.1
+    patience: float = 120.0
+    """For so long a driver goes on who doesn't come nearer: slow, but with a view of the whole way [s]."""
+    straight: float = 0.05
     """Slower turns are no press of a key: the robot goes straight [rad/s]."""
 
 
@@ -63,13 +65,14 @@ class _Driver(Pilot):
     def __init__(self, context: ExplorerContext, config: TeleopConfig, rng: np.random.Generator) -> None:
         habits = _Habits.draw(config, rng)
         follower = FollowerConfig(
-            lookahead=1.0,
             turn_in_place=config.heading_error,
             turned=0.05,
             turn_rate=habits.turn_rate,
         )
         loop = ExplorationLoopConfig(
-            min_frontier_size=habits.opening, navigator=NavigatorConfig(follower=follower)
+            min_frontier_size=habits.opening,
+            progress_timeout=config.patience,
+            navigator=NavigatorConfig(follower=follower, progress_time=config.patience),
         )
         slow = replace(context, max_linear=min(habits.speed, context.max_linear))
         self._config, self._rng = config, rng
