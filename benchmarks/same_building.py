@@ -7,9 +7,9 @@ picture, ``cad_walls_furniture.png``) and ``runs/NAME/slam.yaml``, a map each. A
 drawing, measured, and handed to a classifier that has to tell ours from people's, one of their maps left out at
 a time. The open front door is shut in our world.
 
-Not all of people's maps are GMapping's: its canvas grows by patches of 32 cells, so that both sides of its maps
-are multiples of 32; the others have no fragments, dotted walls and open borders, as probability grids do.
-``--gmapping`` compares with GMapping's alone.
+Not all of people's maps are GMapping's, whose canvas grows by patches of 32 cells. Of the ten, four have such a canvas; four
+have Cartographer's, with 5 cells of margin, grey cells along the walls and hardly a fragment; in two the canvas ends at the
+walls, as Karto's does. ``--gmapping`` compares with GMapping's alone.
 """
 
 import argparse
@@ -46,6 +46,7 @@ SHOWN = (
     "share_unknown",
     "share_occupied",
     "median_blob_px",
+    "wall_thickness_px",
     "run_1",
     "run_2",
     "run_3",
