@@ -2,8 +2,9 @@
 
 TurtleBot3's ``turtlebot3_teleop`` sets a speed by key presses, so people drive straight on, stop, and turn on the
 spot, at a speed of their liking. Here they go to the nearest part of the map that is still open, and then drive
-through rooms once more until the map looks good to them. What differs from person to person is drawn: speed,
-rate of turn, how small an opening is still looked into, and how often they go back.
+through rooms once more until the map looks good to them. They see the floor of the simulator's window, too: where
+a scan meets nothing they drive on, though the map shows nothing there. What differs from person to person is
+drawn: speed, rate of turn, how small an opening is still looked into, and how often they go back.
 """
 
 from dataclasses import replace
@@ -14,12 +15,16 @@ import numpy as np
 from slamgym.agents.explorer import BatchedExplorer, FrontierPilot, Pilot
 from slamgym.agents.rules import Nearest
 from slamgym.core.config import Settings, config_hash
-from slamgym.core.types import Observation, Twist2D
+from slamgym.core.geometry import compose
+from slamgym.core.types import FREE, UNKNOWN, ByteArray, Observation, Pose2D, Twist2D
+from slamgym.envs.coverage import sweep, unit_vectors
 from slamgym.planning.context import ExplorerContext
 from slamgym.planning.exploration_loop import ExplorationLoopConfig
 from slamgym.planning.navigator import Goal, GoalStatus, NavigatorConfig
 from slamgym.planning.path_follower import FollowerConfig
 
+_VIEW = 0.85
+"""Share of the scanner's range that is floor for sure where nothing returned."""
 _TRIES = 5
 """So many places are tried for a visit that no path leads to."""
 
@@ -78,10 +83,15 @@ class _Driver(Pilot):
         self._config, self._rng = config, rng
         self._explorer = FrontierPilot(slow, loop, Nearest())
         self._visits_left = habits.visits
+        self._directions = unit_vectors(context.geometry.angles)
+        self._unseen = np.ones(context.frame.shape, dtype=np.bool_)  # row 0 at the bottom
+        self._published: ByteArray | None = None
+        self._shown: ByteArray | None = None
 
     def act(self, observation: Observation) -> Twist2D:
         """Velocity for the next control step; see :meth:`Pilot.act`."""
         loop = self._explorer.loop
+        observation = {**observation, "map": self._with_floor(observation)}
         if not loop.finished:
             command = self._explorer.act(observation)
             self.decisions = self._explorer.decisions
@@ -93,6 +103,24 @@ class _Driver(Pilot):
         if command.linear > 0.0 and abs(command.angular) < self._config.straight:
             return Twist2D(command.linear, 0.0)
         return command
+
+    def _with_floor(self, observation: Observation) -> ByteArray:
+        """The map, with the floor that was seen where scans met nothing."""
+        published: ByteArray = observation["map"]
+        if self._shown is not None and published is self._published and not published.flags.writeable:
+            return self._shown
+        context = self._explorer.loop.context
+        laser, frame, scan = context.geometry, context.frame, observation["scan"]
+        sensor = compose(Pose2D(*observation["pose"].tolist()), laser.mount)
+        open_ranges = np.where(scan >= laser.range_max, np.inf, 0.0)
+        place = (frame.origin_x, frame.origin_y, frame.resolution)
+        sweep(self._unseen, *place, *sensor, self._directions, open_ranges, _VIEW * laser.range_max)
+        shown = published.copy()
+        cells = shown.reshape(frame.shape)
+        cells[(cells == UNKNOWN) & ~self._unseen[::-1]] = FREE
+        shown.flags.writeable = False
+        self._published, self._shown = published, shown
+        return shown
 
     def _visit(self) -> None:
         """Drive to some place that the robot can get to, or be content."""
