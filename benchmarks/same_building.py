@@ -7,9 +7,9 @@ picture, ``cad_walls_furniture.png``) and ``runs/NAME/slam.yaml``, a map each. A
 drawing, measured, and handed to a classifier that has to tell ours from people's, one of their maps left out at
 a time. The open front door is shut in our world.
 
-Not all of people's maps are GMapping's, whose canvas grows by patches of 32 cells. Of the ten, four have such a canvas; four
-have Cartographer's, with 5 cells of margin, grey cells along the walls and hardly a fragment; in two the canvas ends at the
-walls, as Karto's does. ``--gmapping`` compares with GMapping's alone.
+Not all of people's maps are GMapping's, whose canvas grows by patches of 32 cells. Of the ten, four have such a
+canvas; four have Cartographer's, with 5 cells of margin, grey cells along the walls and hardly a fragment; in two
+the canvas ends at the walls, as Karto's does. ``--gmapping`` compares with GMapping's alone.
 """
 
 import argparse
@@ -38,8 +38,8 @@ GMAPPING_PATCH = 32
 ROUND = ((4.0, 11.29, 0.25), (10.45, 8.27, 0.25))
 LEGS = ((12.5, 9.83), (14.3, 9.85), (12.5, 8.51), (14.3, 8.53))
 LEG = (0.12, 0.08)
-"""Two bins and a table's legs that the drawing leaves out, as people's maps show them: x, y, and radius [m]; x and y of the
-legs, and their sides [m]: in eight maps they are 3.9 x 2.9 cells at the median; two maps have no table."""
+"""Two bins and a table's legs that the drawing leaves out, as people's maps show them: x, y, and radius [m]; x and
+y of the legs, and their sides [m], which are 3.9 x 2.9 cells in the mean of eight maps; two have no table."""
 NO_TABLE = 5
 """Every so many-th of our houses has no table either."""
 SHOWN = (
