@@ -9,6 +9,7 @@ from slamgym.slam.graph.config import PoseGraphConfig
 Mode = Literal["rbpf", "pose_graph", "scan_matching", "dead_reckoning", "ground_truth"]
 NoReturn = Literal["clear", "ignore"]
 Matcher = Literal["coarse_to_fine", "hill_climbing"]
+Counting = Literal["beams", "scans"]
 
 
 SEES_ACROSS_ROOMS = 10.0
@@ -125,7 +126,20 @@ class SlamConfig(Settings, section="slam"):
 
     min_passes: Count = 1
     """A cell is known once so many beams have met or crossed it. GMapping: 1; Karto: 3, as more than its
-    ``MinimumPassThrough`` of 2 are needed; Cartographer's cells count as free after some more."""
+    ``MinimumPassThrough`` of 2 are needed."""
+
+    counting: Counting = "beams"
+    """``beams``: each beam that crosses a cell counts, as in GMapping and Karto; ``scans``: a scan counts once, as
+    a hit if one of its beams ends in the cell, as in Cartographer."""
+
+    occupied_margin: NonNegative = 0.0
+    """A cell is occupied when its hits exceed ``occupied_threshold`` x observations by more than this. Log-odds of
+    a for a hit and -b for a miss that must pass A are a threshold of b / (a + b) and a margin of A / (a + b)."""
+
+    free_margin: NonNegative = 0.0
+    """A cell is free when its hits fall short of ``occupied_threshold`` x observations by this; between the two
+    margins it is unknown, as where map_saver cuts probabilities. 0, as in GMapping: seen is free or occupied. Both
+    margins bear on the map that is saved, not on the one that is driven by: its shades say more."""
 
     no_return: NoReturn = "clear"
     """What a beam without return says. ``clear``: its ray is free up to the line between the returns beside

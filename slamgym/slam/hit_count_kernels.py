@@ -127,6 +127,20 @@ def scan_bounds(
 
 
 @kernel
+def cells_of(
+    bounds: tuple[float, float, float, float], corner: tuple[int, int], resolution: float
+) -> tuple[int, int, int, int]:
+    """First row and column and last row and column that bounds [m] touch in a grid that begins at ``corner``."""
+    min_x, min_y, max_x, max_y = bounds
+    return (
+        math.floor(min_y / resolution) - corner[0],
+        math.floor(min_x / resolution) - corner[1],
+        math.floor(max_y / resolution) - corner[0],
+        math.floor(max_x / resolution) - corner[1],
+    )
+
+
+@kernel
 def draw_scans(
     counts: np.ndarray,
     corner: tuple[int, int],
@@ -156,13 +170,8 @@ def draw_scans(
     corner_row, corner_col = corner
     lengths = np.empty(ranges.shape)
     bounds = scan_bounds(poses, ranges, beams, lengths)
-    min_x, min_y, max_x, max_y = bounds
-    if not (
-        math.floor(min_y / resolution) >= corner_row
-        and math.floor(min_x / resolution) >= corner_col
-        and math.floor(max_y / resolution) < corner_row + counts.shape[0]
-        and math.floor(max_x / resolution) < corner_col + counts.shape[1]
-    ):
+    first_row, first_col, last_row, last_col = cells_of(bounds, corner, resolution)
+    if first_row < 0 or first_col < 0 or last_row >= counts.shape[0] or last_col >= counts.shape[1]:
         return bounds
     directions, mount = beams.directions, beams.mount
     cols = counts.shape[1]
@@ -205,12 +214,52 @@ def draw_scans(
 
 
 @kernel
-def classify_counts(counts: np.ndarray, threshold: float, min_passes: int, out: ByteArray) -> None:
-    """Cell values from counts: occupied where hits / visits > ``threshold``, unknown below ``min_passes`` visits."""
+def draw_scans_once(
+    counts: np.ndarray,
+    corner: tuple[int, int],
+    resolution: float,
+    poses: FloatArray,
+    ranges: Float32Array,
+    beams: BeamTable,
+    sign: int,
+) -> tuple[float, float, float, float]:
+    """As :func:`draw_scans`, but a scan counts a cell once: as a hit if a beam ends there, else as a visit."""
+    bounds = scan_bounds(poses, ranges, beams, np.empty(ranges.shape))
+    first_row, first_col, last_row, last_col = cells_of(bounds, corner, resolution)
+    if first_row < 0 or first_col < 0 or last_row >= counts.shape[0] or last_col >= counts.shape[1]:
+        return bounds
+    of_scan = np.zeros_like(counts)
+    for k in range(len(poses)):
+        box = draw_scans(of_scan, corner, resolution, poses[k : k + 1], ranges[k : k + 1], beams, 1)
+        first_row, first_col, last_row, last_col = cells_of(box, corner, resolution)
+        for row in range(first_row, last_row + 1):
+            for col in range(first_col, last_col + 1):
+                if of_scan[row, col, 1] > 0:
+                    counts[row, col, 0] += sign * min(of_scan[row, col, 0], 1)
+                    counts[row, col, 1] += sign
+                    of_scan[row, col] = 0
+    return bounds
+
+
+@kernel
+def classify_counts(
+    counts: np.ndarray, threshold: float, margins: tuple[float, float], min_passes: int, out: ByteArray
+) -> None:
+    """Cell values from counts.
+
+    Args:
+        counts: (rows, cols, 2) hits and visits.
+        threshold: A cell is occupied where hits exceed this share of the visits, free where they fall short of it.
+        margins: By how many hits it must be exceeded, and missed; unknown between.
+        min_passes: Unknown below so many visits.
+        out: (rows, cols) receives the values.
+    """
+    occupied_margin, free_margin = margins
     for row in range(counts.shape[0]):
         for col in range(counts.shape[1]):
-            hits, visits = counts[row, col, 0], counts[row, col, 1]
-            value = OCCUPIED if hits > threshold * visits else FREE
+            visits = counts[row, col, 1]
+            excess = counts[row, col, 0] - threshold * visits
+            value = OCCUPIED if excess > occupied_margin else FREE if -excess >= free_margin else UNKNOWN
             out[row, col] = value if visits >= min_passes else UNKNOWN
 
 
