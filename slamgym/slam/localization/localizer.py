@@ -1,0 +1,299 @@
+"""A robot that finds itself on a finished map: hypotheses from a global search, tracked by particles, judged openly."""
+
+import math
+import time
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from slamgym.core.geometry import between, compose, wrap_angle
+from slamgym.core.types import FloatArray, LaserGeometry, LaserScan, OccupancyGrid, Pose2D
+from slamgym.slam.config import SlamConfig
+from slamgym.slam.end_points import usable_end_points
+from slamgym.slam.hit_count_kernels import BeamTable
+from slamgym.slam.localization.config import LocalizationConfig
+from slamgym.slam.localization.field import explain_scan, make_field, weigh_poses
+from slamgym.slam.localization.global_search import APART, APART_TURN, GlobalSearch
+from slamgym.slam.localization.hypothesis import FIT_MEMORY, Hypothesis
+from slamgym.slam.localization.recent_scans import RecentScans
+from slamgym.slam.motion_model import OdometryGate
+from slamgym.slam.odometry_calibration import MotionSpread, OdometryCalibration
+
+State = Literal["searching", "ambiguous", "localised", "lost"]
+
+POSITION_FLOOR, HEADING_FLOOR = 0.01, 0.005
+"""Odometry between processed scans is never trusted further than this [m], [rad]."""
+FIELD_FLOOR = (0.01, 0.01, 0.003)
+"""Nor is a pose on a map of cells [m], [m], [rad]."""
+SEED_SPREAD = (0.1, 0.1, 0.05)
+"""Spread of the particles round a place that the search has found [m], [m], [rad]."""
+FEW_POINTS = 20
+"""A scan with fewer points says nothing of the place."""
+NEGLIGIBLE = 12.0
+"""A hypothesis so much below the best one in log-weight is given up."""
+MOST_SCANS_COUNTED = 10
+"""Scans of the memory that count in the comparison of a new place with those followed."""
+MOST_ADVANTAGE = 2.0
+"""A new place begins with no more log-weight than this above the best one."""
+SAME, SAME_TURN = 0.3, 0.25
+"""Hypotheses nearer to each other than this are one [m], [rad]."""
+WIDE_SPREAD = 0.5
+"""A place known no better than this isn't known [m]."""
+RELIABLE_METRES, RELIABLE_RADIANS = 0.03, 0.015
+"""The odometry is learned from stretches between estimates this certain."""
+TURN_METRES = 1.0 / math.pi
+"""What a radian of turning counts as driving [m]: half a turn is a metre."""
+LOST_SCANS = 3
+"""So many scans in a row that fit poorly start a search at once."""
+
+
+class Belief(NamedTuple):
+    """What the robot believes after a scan."""
+
+    stamp: float
+    state: State
+    pose: Pose2D
+    covariance: FloatArray  # (3, 3) of x, y [m] and theta [rad], within the best hypothesis
+    fit: float
+    """Share of the beams that the best hypothesis explains, a mean over the latest scans."""
+    hypotheses: tuple[tuple[Pose2D, float], ...]
+    """Poses with their shares of the weight, the best first."""
+    particles: int
+
+
+class Localizer:
+    """Localises one drive on one map.
+
+    Args:
+        grid: The map.
+        config: Settings.
+        geometry: The scanner.
+        mapping: Settings of the mapper for this scanner: its usable range, and what no return says.
+        rng: Source of all randomness.
+        initial_pose: Where the robot starts, if that is known: x, y [m] and theta [rad] in the map's frame.
+    """
+
+    def __init__(
+        self, grid: OccupancyGrid, config: LocalizationConfig, geometry: LaserGeometry, mapping: SlamConfig,
+        rng: np.random.Generator, initial_pose: Pose2D | None = None,
+    ) -> None:  # fmt: skip
+        self._config, self._rng = config, rng
+        self._beams = BeamTable.of(geometry, mapping)
+        self._longest = min(self._beams.usable, float(np.nextafter(self._beams.range_max, 0.0)))
+        self._field = make_field(grid, config, self._longest)
+        self._search = GlobalSearch(self._field, config)
+        self._gate = OdometryGate(
+            SlamConfig(
+                linear_update=config.linear_update, angular_update=config.angular_update, temporal_update=None
+            )
+        )
+        self._calibration = OdometryCalibration()
+        self._memory = RecentScans(config.search_memory)
+        self._hypotheses: list[Hypothesis] = []
+        self._is_known = self._was_localised = initial_pose is not None
+        if initial_pose is not None:
+            spread = np.array([config.initial_spread, config.initial_spread, config.initial_turn])
+            pose = np.array(initial_pose, dtype=np.float64)
+            first = Hypothesis.around(pose, spread, config.max_particles, 0.0, rng)
+            first.driven = math.inf
+            self._hypotheses.append(first)
+        self._since_search = math.inf if initial_pose is None else 0.0
+        self._poor_scans = 0
+        self._end_points = np.zeros((geometry.num_beams, 2))
+        self.belief = Belief(0.0, "searching", initial_pose or Pose2D(0.0, 0.0, 0.0), np.eye(3), 0.0, (), 0)
+        self.searches = 0
+        """Searches over the whole map so far."""
+        self.cpu_seconds = 0.0
+        """CPU time of all updates [s]."""
+
+    @property
+    def pose(self) -> Pose2D:
+        """The best hypothesis at the last scan, by odometry since the last processed one."""
+        return compose(self.belief.pose, self._gate.since_processed)
+
+    def update(self, odometry: Pose2D, scan: LaserScan) -> bool:
+        """Take a scan and the odometry pose at its time; whether it was processed."""
+        if not self._gate.is_due(odometry, scan.stamp):
+            return False
+        begin = time.process_time()
+        self._process(scan)
+        self.cpu_seconds += time.process_time() - begin
+        return True
+
+    def _process(self, scan: LaserScan) -> None:
+        increments = self._gate.take(scan.stamp)
+        corrected = self._calibration.correct(increments)
+        driven = float(
+            np.hypot(increments[:, 0], increments[:, 1]).sum() + TURN_METRES * np.abs(increments[:, 2]).sum()
+        )
+        before = self.belief
+        points = self._end_points[
+            : usable_end_points(scan.ranges, self._beams, self._longest, self._end_points)
+        ]
+        self._move(corrected, self._calibration.spread(increments), driven)
+        motion = Pose2D(0.0, 0.0, 0.0)
+        for step in corrected:
+            motion = compose(motion, Pose2D(*step))
+        self._memory.append(motion, driven, points)
+        if len(points) >= FEW_POINTS:
+            self._weigh(scan, points)
+        self._since_search += driven
+        self._search_if_due()
+        self._tidy()
+        self.belief = self._judge(scan.stamp)
+        self._learn(before, increments)
+
+    def _move(self, corrected: FloatArray, spread: MotionSpread, driven: float) -> None:
+        spread.distance += POSITION_FLOOR**2
+        spread.heading += HEADING_FLOOR**2
+        for hypothesis in self._hypotheses:
+            hypothesis.move(corrected, spread, self._rng)
+            hypothesis.driven += driven
+
+    def _weigh(self, scan: LaserScan, points: FloatArray) -> None:
+        """Weigh particles and hypotheses by a scan, and note how much of it each explains."""
+        config = self._config
+        chosen = points[np.linspace(0, len(points) - 1, min(len(points), config.max_beams)).astype(int)]
+        step = max(1, len(scan.ranges) // config.max_beams)
+        for hypothesis in self._hypotheses:
+            hypothesis.weigh(self._field, chosen, config.beam_weight)
+            pose = np.array(hypothesis.estimate[0])
+            fit, correction = explain_scan(
+                self._field, pose, scan.ranges, self._beams, step, config.fit_distance
+            )
+            hypothesis.log_weight += config.beam_weight * correction
+            hypothesis.fit += max(FIT_MEMORY, hypothesis.fit == 0.0) * (fit - hypothesis.fit)
+            hypothesis.resample(config, self._rng)
+        if self._hypotheses:
+            poor = max(hypothesis.fit for hypothesis in self._hypotheses) < config.minimum_fit
+            self._poor_scans = self._poor_scans + 1 if poor else 0
+
+    # --- searching ---
+
+    def _search_if_due(self) -> None:
+        config = self._config
+        distance = config.check_distance if self.belief.state == "localised" else config.search_distance
+        if self._poor_scans >= LOST_SCANS and self.belief.state == "localised":
+            # Where the robot was carried off, older scans show another place.
+            self._memory.restart_with_last()
+            distance = 0.0
+        if self._since_search < distance:
+            return
+        points = self._memory.points()
+        if len(points) < FEW_POINTS:
+            return
+        self._since_search = 0.0
+        self.searches += 1
+        self._add_places(points)
+
+    def _add_places(self, points: FloatArray) -> None:
+        """Search the whole map; places that nobody follows yet become hypotheses.
+
+        A new place begins with the weight that the memory's scans give it beside the best hypothesis.
+        """
+        config = self._config
+        known = np.array([hypothesis.estimate[0] for hypothesis in self._hypotheses]).reshape(-1, 3)
+        power = config.beam_weight * config.max_beams * min(len(self._memory), MOST_SCANS_COUNTED)
+        best = int(np.argmax([h.log_weight for h in self._hypotheses])) if self._hypotheses else -1
+        level, reference = 0.0, 0.0
+        if best >= 0:
+            level, reference = (
+                self._hypotheses[best].log_weight,
+                self._mean_log_likelihood(known[best], points),
+            )
+        for place in self._search.find(points):
+            near = np.hypot(*(known[:, :2] - place.pose[:2]).T) < APART
+            if (near & (np.abs(wrap_angle(known[:, 2] - place.pose[2])) < APART_TURN)).any():
+                continue
+            advantage = power * (self._mean_log_likelihood(place.pose, points) - reference)
+            log_weight = level + (min(advantage, MOST_ADVANTAGE) if best >= 0 else advantage)
+            if log_weight < level - NEGLIGIBLE and best >= 0:
+                continue
+            self._hypotheses.append(
+                Hypothesis.around(
+                    place.pose, np.array(SEED_SPREAD), 2 * config.min_particles, log_weight, self._rng
+                )
+            )
+            self._hypotheses[-1].fit = place.score
+
+    def _mean_log_likelihood(self, pose: FloatArray, points: FloatArray) -> float:
+        """Of the points at the best of some poses round one."""
+        near = pose + np.array(SEED_SPREAD) * self._rng.standard_normal((self._config.min_particles, 3))
+        out = np.empty(len(near))
+        weigh_poses(self._field, near, points, out)
+        return float(out.max()) / len(points)
+
+    def _tidy(self) -> None:
+        """Give up what has lost, and join what has met."""
+        ranked = sorted(self._hypotheses, key=lambda h: -h.log_weight)
+        kept: list[Hypothesis] = []
+        poses: list[Pose2D] = []
+        for hypothesis in ranked:
+            if hypothesis.log_weight < ranked[0].log_weight - NEGLIGIBLE:
+                break
+            pose = hypothesis.estimate[0]
+            same = [
+                math.hypot(pose.x - other.x, pose.y - other.y) < SAME
+                and abs(wrap_angle(pose.theta - other.theta)) < SAME_TURN
+                for other in poses
+            ]
+            if any(same):
+                winner = kept[same.index(True)]
+                winner.log_weight = float(np.logaddexp(winner.log_weight, hypothesis.log_weight))
+                winner.driven = max(winner.driven, hypothesis.driven)
+                continue
+            kept.append(hypothesis)
+            poses.append(pose)
+        for hypothesis in kept[1:]:
+            hypothesis.log_weight -= kept[0].log_weight
+        if kept:
+            kept[0].log_weight = 0.0
+        self._hypotheses = kept[: self._config.most_hypotheses]
+
+    # --- judging ---
+
+    def _judge(self, stamp: float) -> Belief:
+        """What is believed now, and how firmly."""
+        config = self._config
+        if not self._hypotheses:
+            pose = compose(self.belief.pose, Pose2D(0.0, 0.0, 0.0))
+            return Belief(stamp, "searching", pose, np.eye(3), 0.0, (), 0)
+        weights = np.exp([h.log_weight for h in self._hypotheses])
+        weights /= weights.sum()
+        best = self._hypotheses[0]
+        pose, covariance = best.estimate
+        covariance = covariance + np.diag(np.square(FIELD_FLOOR))
+        explains = best.fit >= config.minimum_fit
+        spread = math.sqrt(covariance[0, 0] + covariance[1, 1])
+        state: State
+        if not explains:
+            state = "lost" if self._was_localised else "searching"
+        elif weights[0] < config.certain_weight:
+            state = "ambiguous"
+        elif best.driven < config.confirm_distance or spread > WIDE_SPREAD:
+            state = "searching"
+        else:
+            state = "localised"
+            self._was_localised = True
+        hypotheses = tuple(
+            (h.estimate[0], float(weight)) for h, weight in zip(self._hypotheses, weights, strict=True)
+        )
+        particles = sum(len(h.poses) for h in self._hypotheses)
+        return Belief(stamp, state, pose, covariance, best.fit, hypotheses, particles)
+
+    def _learn(self, before: Belief, increments: FloatArray) -> None:
+        """Compare the motion between two certain estimates with the odometry."""
+        certain = all(
+            belief.state == "localised"
+            and np.trace(belief.covariance[:2, :2]) < 2.0 * RELIABLE_METRES**2
+            and belief.covariance[2, 2] < RELIABLE_RADIANS**2
+            for belief in (before, self.belief)
+        )
+        if not certain:
+            self._calibration.restart()
+            return
+        theta = self.belief.pose.theta
+        along = np.array([math.cos(theta), math.sin(theta), 0.0])
+        covariance = self.belief.covariance
+        moved = between(before.pose, self.belief.pose)
+        self._calibration.learn(increments, moved, float(along @ covariance @ along), float(covariance[2, 2]))
