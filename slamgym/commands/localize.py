@@ -20,7 +20,6 @@ from slamgym.core.types import Pose2D
 from slamgym.slam.localization.config import LocalizationConfig
 
 if TYPE_CHECKING:
-    from slamgym.core.types import Trajectory
     from slamgym.interop.records import Log
     from slamgym.interop.ros_map import TurnedMap
     from slamgym.slam.localization.localizer import Belief

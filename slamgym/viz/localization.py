@@ -1,4 +1,4 @@
-"""A picture of a robot that finds itself on a map: where it was sure, where it wasn't, and what it takes for possible."""
+"""A picture of a robot that finds itself on a map: where it was sure, and where it wasn't."""
 
 import math
 from collections.abc import Sequence

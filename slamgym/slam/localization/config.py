@@ -39,6 +39,13 @@ class LocalizationConfig(Settings, section="slam.localization"):
     """Power that the likelihood of a beam is taken to, because neighbouring beams and successive scans err together
     (Thrun et al. 2005, section 6.3.4). Chosen so that NEES is between 2 and 5."""
 
+    evidence: PositiveShare = 0.2
+    """What a scan says for one hypothesis against another, as a share of what it says within one: what isn't on the map
+    speaks against a place in many scans on end."""
+
+    jump_cost: NonNegative = 10.0
+    """Log-weight that a new place begins behind the one that is followed: robots are seldom carried off."""
+
     linear_update: NonNegative = 0.1
     """A scan is processed after this distance [m] (``update_min_d``; 0.25 in Nav2) ..."""
 
@@ -48,8 +55,8 @@ class LocalizationConfig(Settings, section="slam.localization"):
     min_particles: Count = 100
     """Least particles of a hypothesis (``min_particles`` of all)."""
 
-    max_particles: Count = 1000
-    """Most particles of a hypothesis (``max_particles``; 2000 of all in Nav2)."""
+    max_particles: Count = 2000
+    """Most particles of all hypotheses together, but for the least of each (``max_particles``)."""
 
     kld_error: Positive = 0.05
     """Error of the particles' distribution (``pf_err``) ..."""
@@ -76,14 +83,14 @@ class LocalizationConfig(Settings, section="slam.localization"):
     """A search takes the scans of so many metres driven together ..."""
 
     search_distance: Positive = 0.5
-    """... and is repeated after so many while the robot isn't localised [m] ..."""
+    """... and is repeated after so many while the robot isn't localised [m], each time after more, up to ..."""
 
     check_distance: Positive = 5.0
-    """... and after so many while it is, to see whether another place explains more [m]."""
+    """... so many, and after as many while it is, to see whether another place explains more [m]."""
 
     minimum_fit: Share = 0.6
-    """A hypothesis explains the scans if so many of their beams, in a mean over the latest, end at a mapped surface with
-    none in between."""
+    """A hypothesis explains the scans if so many of their beams, in a mean over the latest, end at a mapped surface
+    with none in between."""
 
     fit_distance: Positive = 0.2
     """How near an end point must lie to a surface for that [m]."""
@@ -91,5 +98,6 @@ class LocalizationConfig(Settings, section="slam.localization"):
     certain_weight: PositiveShare = 0.95
     """One hypothesis needs this share of all weight to be the robot's place."""
 
-    confirm_distance: NonNegative = 1.0
-    """So far the robot must have driven with a hypothesis before it is believed [m]; half a turn counts as much."""
+    confirm_distance: NonNegative = 2.0
+    """So far the robot must have driven with one hypothesis certain before it is believed [m]; half a turn counts as
+    much as a metre."""

@@ -14,8 +14,13 @@ from slamgym.core.types import FREE, OCCUPIED, ByteArray, Float32Array, FloatArr
 from slamgym.slam.hit_count_kernels import BeamTable
 from slamgym.slam.localization.config import LocalizationConfig
 
-OFF_THE_FLOOR = 5.0
-"""What it costs a particle to stand where the map has no free floor, in log-likelihood."""
+WALL, FLOOR, UNMAPPED = 0, 1, 2
+IN_A_WALL = 5.0
+"""What it costs a particle to stand in a wall, in log-likelihood."""
+NEUTRAL = -0.3
+"""Log-likelihood of an end point that lies open in what the map doesn't know: about that of one that fits."""
+LEAST_KNOWN = 0.2
+"""If fewer of the beams end where the map is known, nothing can be said of the fit."""
 TRACE_MARGIN = 0.3
 """A ray is followed up to so far before its end: surfaces there are the one that it met [m]."""
 TRACE_SHARE = 0.9
@@ -27,7 +32,7 @@ class LikelihoodField(NamedTuple):
 
     log_likelihood: Float32Array  # (rows, cols) of an end point there; 0 on a surface
     distance: Float32Array  # (rows, cols) from the cell's centre to the nearest surface's [m]
-    floor: ByteArray  # (rows, cols) 1 where the map is free
+    floor: ByteArray  # (rows, cols) 1 where the map is free, 2 where it is unknown, 0 at walls
     origin_x: float  # lower left corner [m]
     origin_y: float  # [m]
     cell: float  # size of a cell [m]
@@ -63,7 +68,7 @@ def make_field(grid: OccupancyGrid, config: LocalizationConfig, longest: float) 
     return LikelihoodField(
         log_likelihood=np.log(likelihood / (density + random)).astype(np.float32),
         distance=distance.astype(np.float32),
-        floor=np.ascontiguousarray(floor).astype(np.uint8),
+        floor=np.where(floor, FLOOR, np.where(cells == OCCUPIED, WALL, UNMAPPED)).astype(np.uint8),
         origin_x=float(grid.frame.origin_x),
         origin_y=float(grid.frame.origin_y),
         cell=float(grid.frame.resolution),
@@ -73,12 +78,14 @@ def make_field(grid: OccupancyGrid, config: LocalizationConfig, longest: float) 
 
 
 @kernel
-def is_floor(field: LikelihoodField, x: float, y: float) -> bool:
-    """Whether the map is free at a point."""
+def kind_of_cell(field: LikelihoodField, x: float, y: float) -> int:
+    """What the map is at a point: ``WALL``, ``FLOOR`` or ``UNMAPPED``."""
     col = math.floor((x - field.origin_x) / field.cell)
     row = math.floor((y - field.origin_y) / field.cell)
     rows, cols = field.floor.shape
-    return 0 <= row < rows and 0 <= col < cols and field.floor[row, col] == 1
+    if row < 0 or col < 0 or row >= rows or col >= cols:
+        return UNMAPPED
+    return int(field.floor[row, col])
 
 
 @kernel
@@ -117,12 +124,12 @@ def weigh_poses(field: LikelihoodField, poses: FloatArray, points: FloatArray, o
 
 
 @kernel
-def floor_cost(field: LikelihoodField, poses: FloatArray) -> FloatArray:
-    """What each pose (n, 3) pays for standing off the floor, (n,)."""
+def wall_cost(field: LikelihoodField, poses: FloatArray) -> FloatArray:
+    """What each pose (n, 3) pays for standing in a wall, (n,)."""
     cost = np.zeros(len(poses))
     for p in range(len(poses)):
-        if not is_floor(field, poses[p, 0], poses[p, 1]):
-            cost[p] = OFF_THE_FLOOR
+        if kind_of_cell(field, poses[p, 0], poses[p, 1]) == WALL:
+            cost[p] = IN_A_WALL
     return cost
 
 
@@ -158,14 +165,15 @@ def explain_scan(
         near: How near an end point must lie to a surface [m].
 
     Returns:
-        Share of the beams with a return that end near a surface with none in between; 1 if there is no such beam.
-        And what must be added to the log-likelihood of the end points, because rays went through surfaces.
+        Share of the beams that end near a surface with none in between, of those with a return where the map is known;
+        negative if too few of them end there. And what must be added to the log-likelihood of the end points,
+        because rays went through surfaces, or ended in the open where the map knows nothing.
     """
     cos, sin = math.cos(pose[2]), math.sin(pose[2])
     x0 = pose[0] + cos * beams.mount[0] - sin * beams.mount[1]
     y0 = pose[1] + sin * beams.mount[0] + cos * beams.mount[1]
     rows, cols = field.distance.shape
-    returned, explained, correction = 0, 0, 0.0
+    returned, explained, unknown, correction = 0, 0, 0, 0.0
     for i in range(0, len(ranges), step):
         r = ranges[i]
         across = cos * beams.directions[i, 0] - sin * beams.directions[i, 1]
@@ -187,4 +195,8 @@ def explain_scan(
         row = math.floor((y - field.origin_y) / field.cell)
         if 0 <= row < rows and 0 <= col < cols and field.distance[row, col] <= near:
             explained += 1
-    return (explained / returned if returned > 0 else 1.0), correction
+        elif kind_of_cell(field, x, y) == UNMAPPED:
+            unknown += 1
+            correction += NEUTRAL - point_log_likelihood(field, x, y)
+    known = returned - unknown
+    return (explained / known if known > LEAST_KNOWN * returned else -1.0), correction

@@ -1,8 +1,8 @@
 """Search for a scan over a whole map and all headings: every place that explains it nearly as well as the best one.
 
-Branch and bound over grids of maxima (Hess et al. 2016, section V-B), which is exact: a block of places is looked into only
-where its bound says that one of them may be good enough. AMCL scatters particles instead, of which enough must
-fall within the basin of the right pose.
+Branch and bound over grids of maxima (Hess et al. 2016, section V-B), which is exact: a block of places is looked
+into only where its bound says that one of them may be good enough. AMCL scatters particles instead, of which enough
+must fall within the basin of the right pose.
 """
 
 import math
@@ -15,7 +15,7 @@ from slamgym.core.jit import kernel
 from slamgym.core.types import ByteArray, FloatArray
 from slamgym.slam.graph.matching import block_score
 from slamgym.slam.localization.config import LocalizationConfig
-from slamgym.slam.localization.field import LikelihoodField
+from slamgym.slam.localization.field import FLOOR, LikelihoodField
 
 HIT = 255
 SEARCH_CELL = 0.1
@@ -137,7 +137,8 @@ class GlobalSearch:
         blocks = (rows, factor, cols, factor)
         distance = np.pad(field.distance, padding, constant_values=1e3).reshape(blocks).min(axis=(1, 3))
         self._score = np.rint(HIT * np.exp(-0.5 * np.square(distance / SEARCH_SIGMA))).astype(np.uint8)
-        self._floor = np.pad(field.floor, padding).reshape(blocks).max(axis=(1, 3))
+        floor = (field.floor == FLOOR).astype(np.uint8)
+        self._floor = np.pad(floor, padding).reshape(blocks).max(axis=(1, 3))
         self._levels: ByteArray = np.zeros((0, 0, 0), dtype=np.uint8)
         self._floors = self._levels
 

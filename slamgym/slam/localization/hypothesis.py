@@ -8,10 +8,10 @@ import numpy as np
 from slamgym.core.geometry import wrap_angle
 from slamgym.core.types import FloatArray, Pose2D
 from slamgym.slam.localization.config import LocalizationConfig
-from slamgym.slam.localization.field import LikelihoodField, floor_cost, weigh_poses
+from slamgym.slam.localization.field import LikelihoodField, wall_cost, weigh_poses
 from slamgym.slam.odometry_calibration import MotionSpread
 
-BIN_METRES, BIN_RADIANS = 0.1, 0.05
+BIN_METRES, BIN_RADIANS = 0.15, 0.1
 """Bins of KLD-sampling: AMCL's are 0.5 m and 10 degrees, which one place never fills."""
 FIT_MEMORY = 0.25
 """What the newest scan counts in the mean of a hypothesis's fit."""
@@ -84,22 +84,35 @@ class Hypothesis:
         self.poses[:, :2] += sigma * noise[:, :2]
         self.poses[:, 2] += math.sqrt(0.5) * turn * noise[:, 3]
 
-    def weigh(self, field: LikelihoodField, points: FloatArray, power: float) -> None:
-        """Correct: weigh each particle, and the hypothesis by the mean, with a scan's end points (k, 2)."""
+    def weigh(self, field: LikelihoodField, points: FloatArray, power: float, evidence: float) -> None:
+        """Correct: weigh each particle, and the hypothesis by the mean, with a scan's end points (k, 2).
+
+        Args:
+            field: The map.
+            points: End points in the robot frame [m].
+            power: That the likelihood of each is taken to.
+            evidence: The same of the hypothesis's own weight, as a share of that.
+        """
         out = np.empty(len(self.poses))
         weigh_poses(field, self.poses, points, out)
         before = _log_sum(self.log_weights)
-        self.log_weights = self.log_weights + power * out - floor_cost(field, self.poses)
-        self.log_weight += _log_sum(self.log_weights) - before
+        self.log_weights = self.log_weights + power * out - wall_cost(field, self.poses)
+        self.log_weight += evidence * (_log_sum(self.log_weights) - before)
 
-    def resample(self, config: LocalizationConfig, rng: np.random.Generator) -> None:
-        """Draw as many particles anew as the spread of the present ones needs, if few of them hold the weight."""
+    def resample(self, config: LocalizationConfig, most: int, rng: np.random.Generator) -> None:
+        """Draw as many particles anew as the spread of the present ones needs, if few of them hold the weight.
+
+        Args:
+            config: Thresholds.
+            most: Most particles.
+            rng: Source of the draw.
+        """
         weights = self.weights
         if 1.0 / float(weights @ weights) >= config.resample_threshold * len(weights):
             return
         totals = np.cumsum(weights)
         drawn = self.poses[_systematic(totals, len(weights), rng)]
-        count = particles_needed(drawn, config)
+        count = min(particles_needed(drawn, config), max(most, config.min_particles))
         if count != len(drawn):
             drawn = self.poses[_systematic(totals, count, rng)]
         self.poses, self.log_weights = drawn.copy(), np.zeros(count)
@@ -118,9 +131,7 @@ def particles_needed(poses: FloatArray, config: LocalizationConfig) -> int:
         return config.min_particles
     share = 2.0 / (9.0 * (k - 1))
     needed = (k - 1) / (2.0 * config.kld_error) * (1.0 - share + math.sqrt(share) * config.kld_quantile) ** 3
-    return int(
-        min(max(math.ceil(needed), config.min_particles), max(config.max_particles, config.min_particles))
-    )
+    return max(math.ceil(needed), config.min_particles)
 
 
 def _systematic(totals: FloatArray, count: int, rng: np.random.Generator) -> np.ndarray:

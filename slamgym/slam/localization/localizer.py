@@ -29,12 +29,12 @@ SEED_SPREAD = (0.1, 0.1, 0.05)
 """Spread of the particles round a place that the search has found [m], [m], [rad]."""
 FEW_POINTS = 20
 """A scan with fewer points says nothing of the place."""
-NEGLIGIBLE = 12.0
+NEGLIGIBLE = 15.0
 """A hypothesis so much below the best one in log-weight is given up."""
 MOST_SCANS_COUNTED = 10
 """Scans of the memory that count in the comparison of a new place with those followed."""
-MOST_ADVANTAGE = 2.0
-"""A new place begins with no more log-weight than this above the best one."""
+SEARCH_GROWTH = 1.5
+"""Each search that leaves the robot without a place makes the next one wait so many times as long."""
 SAME, SAME_TURN = 0.3, 0.25
 """Hypotheses nearer to each other than this are one [m], [rad]."""
 WIDE_SPREAD = 0.5
@@ -90,7 +90,7 @@ class Localizer:
         self._calibration = OdometryCalibration()
         self._memory = RecentScans(config.search_memory)
         self._hypotheses: list[Hypothesis] = []
-        self._is_known = self._was_localised = initial_pose is not None
+        self._was_localised = initial_pose is not None
         if initial_pose is not None:
             spread = np.array([config.initial_spread, config.initial_spread, config.initial_turn])
             pose = np.array(initial_pose, dtype=np.float64)
@@ -98,6 +98,8 @@ class Localizer:
             first.driven = math.inf
             self._hypotheses.append(first)
         self._since_search = math.inf if initial_pose is None else 0.0
+        self._patience = config.search_distance
+        self._led = math.inf if self._was_localised else 0.0
         self._poor_scans = 0
         self._end_points = np.zeros((geometry.num_beams, 2))
         self.belief = Belief(0.0, "searching", initial_pose or Pose2D(0.0, 0.0, 0.0), np.eye(3), 0.0, (), 0)
@@ -138,6 +140,7 @@ class Localizer:
         if len(points) >= FEW_POINTS:
             self._weigh(scan, points)
         self._since_search += driven
+        self._led += driven
         self._search_if_due()
         self._tidy()
         self.belief = self._judge(scan.stamp)
@@ -156,14 +159,15 @@ class Localizer:
         chosen = points[np.linspace(0, len(points) - 1, min(len(points), config.max_beams)).astype(int)]
         step = max(1, len(scan.ranges) // config.max_beams)
         for hypothesis in self._hypotheses:
-            hypothesis.weigh(self._field, chosen, config.beam_weight)
+            hypothesis.weigh(self._field, chosen, config.beam_weight, config.evidence)
             pose = np.array(hypothesis.estimate[0])
             fit, correction = explain_scan(
                 self._field, pose, scan.ranges, self._beams, step, config.fit_distance
             )
-            hypothesis.log_weight += config.beam_weight * correction
-            hypothesis.fit += max(FIT_MEMORY, hypothesis.fit == 0.0) * (fit - hypothesis.fit)
-            hypothesis.resample(config, self._rng)
+            hypothesis.log_weight += config.evidence * config.beam_weight * correction
+            if fit >= 0.0:
+                hypothesis.fit += max(FIT_MEMORY, hypothesis.fit == 0.0) * (fit - hypothesis.fit)
+            hypothesis.resample(config, config.max_particles // len(self._hypotheses), self._rng)
         if self._hypotheses:
             poor = max(hypothesis.fit for hypothesis in self._hypotheses) < config.minimum_fit
             self._poor_scans = self._poor_scans + 1 if poor else 0
@@ -172,7 +176,9 @@ class Localizer:
 
     def _search_if_due(self) -> None:
         config = self._config
-        distance = config.check_distance if self.belief.state == "localised" else config.search_distance
+        if self.belief.state == "localised":
+            self._patience = config.search_distance
+        distance = config.check_distance if self.belief.state == "localised" else self._patience
         if self._poor_scans >= LOST_SCANS and self.belief.state == "localised":
             # Where the robot was carried off, older scans show another place.
             self._memory.restart_with_last()
@@ -183,6 +189,7 @@ class Localizer:
         if len(points) < FEW_POINTS:
             return
         self._since_search = 0.0
+        self._patience = min(self._patience * SEARCH_GROWTH, config.check_distance)
         self.searches += 1
         self._add_places(points)
 
@@ -193,10 +200,17 @@ class Localizer:
         """
         config = self._config
         known = np.array([hypothesis.estimate[0] for hypothesis in self._hypotheses]).reshape(-1, 3)
-        power = config.beam_weight * config.max_beams * min(len(self._memory), MOST_SCANS_COUNTED)
+        power = (
+            config.evidence
+            * config.beam_weight
+            * config.max_beams
+            * min(len(self._memory), MOST_SCANS_COUNTED)
+        )
         best = int(np.argmax([h.log_weight for h in self._hypotheses])) if self._hypotheses else -1
-        level, reference = 0.0, 0.0
+        level, reference, behind = 0.0, 0.0, 0.0
         if best >= 0:
+            is_established = self._hypotheses[best].driven >= config.confirm_distance
+            behind = config.jump_cost if is_established else 0.0
             level, reference = (
                 self._hypotheses[best].log_weight,
                 self._mean_log_likelihood(known[best], points),
@@ -206,7 +220,7 @@ class Localizer:
             if (near & (np.abs(wrap_angle(known[:, 2] - place.pose[2])) < APART_TURN)).any():
                 continue
             advantage = power * (self._mean_log_likelihood(place.pose, points) - reference)
-            log_weight = level + (min(advantage, MOST_ADVANTAGE) if best >= 0 else advantage)
+            log_weight = level + min(advantage, 0.0) - behind
             if log_weight < level - NEGLIGIBLE and best >= 0:
                 continue
             self._hypotheses.append(
@@ -265,12 +279,16 @@ class Localizer:
         covariance = covariance + np.diag(np.square(FIELD_FLOOR))
         explains = best.fit >= config.minimum_fit
         spread = math.sqrt(covariance[0, 0] + covariance[1, 1])
+        if weights[0] < config.certain_weight:
+            self._led = 0.0
         state: State
         if not explains:
             state = "lost" if self._was_localised else "searching"
         elif weights[0] < config.certain_weight:
             state = "ambiguous"
-        elif best.driven < config.confirm_distance or spread > WIDE_SPREAD:
+        elif spread > WIDE_SPREAD and self._was_localised:
+            state = "lost"
+        elif min(best.driven, self._led) < config.confirm_distance or spread > WIDE_SPREAD:
             state = "searching"
         else:
             state = "localised"

@@ -1,13 +1,12 @@
 """Localising a recorded log on a finished map."""
 
-import dataclasses
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from slamgym.core.geometry import compose, inverse
-from slamgym.core.types import FloatArray, OccupancyGrid, Pose2D, Trajectory
+from slamgym.core.types import OccupancyGrid, Pose2D, Trajectory
 from slamgym.interop.records import Log
 from slamgym.slam.config import SlamConfig
 from slamgym.slam.localization.config import LocalizationConfig
