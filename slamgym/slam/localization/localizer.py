@@ -118,12 +118,12 @@ class Localizer:
         if not self._gate.is_due(odometry, scan.stamp):
             return False
         begin = time.process_time()
-        self._process(scan)
+        self.process(self._gate.take(scan.stamp), scan)
         self.cpu_seconds += time.process_time() - begin
         return True
 
-    def _process(self, scan: LaserScan) -> None:
-        increments = self._gate.take(scan.stamp)
+    def process(self, increments: FloatArray, scan: LaserScan) -> None:
+        """Take a scan and the motion (steps, 3) since the one before, in the robot frame; for callers with a gate."""
         corrected = self._calibration.correct(increments)
         driven = float(
             np.hypot(increments[:, 0], increments[:, 1]).sum() + TURN_METRES * np.abs(increments[:, 2]).sum()
