@@ -173,7 +173,7 @@ class ParticleMaps:
         middle = np.array([0.5 * (min_x + max_x), 0.5 * (min_y + max_y), 0.0])
         points = np.column_stack(grid.frame.to_point(rows, cols)) - middle[:2]
         poses = np.tile(middle, (len(self.tables), 1))
-        self.cover(poses, max_x - min_x + max_y - min_y)
+        self.cover(poses, 0.5 * max(max_x - min_x, max_y - min_y) + grid.frame.resolution)
         self.register(poses, points)
 
     def resample(self, ancestors: IntArray) -> None:

@@ -22,7 +22,7 @@ SEARCH_CELL = 0.1
 """Least size of a cell of the search [m]."""
 SEARCH_SIGMA = 0.12
 """Spread of the score round surfaces: wider than a cell, so that no place falls between cells [m]."""
-SEARCH_POINTS = 150
+CLOUD_POINTS = 150
 HEADING_STEPS = (0.015, 0.07)
 """Bounds of the step in heading [rad]."""
 LEVELS = (3, 7)
@@ -156,7 +156,7 @@ class GlobalSearch:
         Args:
             points: (n, 2) end points in the robot frame [m]; at least one.
         """
-        points = points[np.linspace(0, len(points) - 1, min(len(points), SEARCH_POINTS)).astype(int)]
+        points = points[np.linspace(0, len(points) - 1, min(len(points), CLOUD_POINTS)).astype(int)]
         far = float(np.percentile(np.hypot(points[:, 0], points[:, 1]), 80.0))
         step = min(max(self._cell / max(far, self._cell), HEADING_STEPS[0]), HEADING_STEPS[1])
         headings = np.arange(0.0, 2.0 * math.pi, 2.0 * math.pi / math.ceil(2.0 * math.pi / step))

@@ -18,6 +18,7 @@ from slamgym.slam.localization.hypothesis import FIT_MEMORY, Hypothesis
 from slamgym.slam.localization.recent_scans import RecentScans
 from slamgym.slam.motion_model import OdometryGate
 from slamgym.slam.odometry_calibration import MotionSpread, OdometryCalibration
+from slamgym.slam.particle_filter import FEW_POINTS
 
 State = Literal["searching", "ambiguous", "localised", "lost"]
 
@@ -27,8 +28,6 @@ FIELD_FLOOR = (0.01, 0.01, 0.003)
 """Nor is a pose on a map of cells [m], [m], [rad]."""
 SEED_SPREAD = (0.1, 0.1, 0.05)
 """Spread of the particles round a place that the search has found [m], [m], [rad]."""
-FEW_POINTS = 20
-"""A scan with fewer points says nothing of the place."""
 NEGLIGIBLE = 15.0
 """A hypothesis so much below the best one in log-weight is given up."""
 MOST_SCANS_COUNTED = 10

@@ -5,7 +5,7 @@ import numpy as np
 from slamgym.core.geometry import between, compose, transform_points
 from slamgym.core.types import FloatArray, Pose2D
 
-CELL = 0.1
+THINNING_CELL = 0.1
 """Of the points of all scans one is kept in each such cell [m]."""
 MOST_SCANS = 60
 
@@ -48,7 +48,7 @@ class RecentScans:
         """All end points in the robot's present frame, thinned, (n, 2) [m]."""
         moved = [transform_points(between(self._pose, pose), points) for _, pose, points in self._scans]
         together = np.concatenate(moved) if moved else np.zeros((0, 2))
-        cells = np.floor(together / CELL).astype(np.int64)
+        cells = np.floor(together / THINNING_CELL).astype(np.int64)
         _, first = np.unique(cells, axis=0, return_index=True)
         thinned: FloatArray = together[np.sort(first)]
         return thinned
