@@ -1,12 +1,22 @@
 """Small drawn maps and drives through them, for the tests of the localisation."""
 
+import itertools
 import math
 
 import cv2
 import numpy as np
 
 from slamgym.core.geometry import between, compose
-from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, GridFrame, LaserGeometry, LaserScan, OccupancyGrid, Pose2D
+from slamgym.core.types import (
+    FREE,
+    OCCUPIED,
+    UNKNOWN,
+    GridFrame,
+    LaserGeometry,
+    LaserScan,
+    OccupancyGrid,
+    Pose2D,
+)
 from slamgym.interop import Log, LogRecord
 from slamgym.sim.raycast import cast_rays
 
@@ -14,8 +24,8 @@ GEOMETRY = LaserGeometry(180, -math.pi, math.pi / 90, 0.1, 4.0)
 
 # Three rooms that differ: 8 x 5 m, doors in the inner walls, a niche and a pillar.
 FLAT = np.array([
-    (0, 0, 8, 0), (8, 0, 8, 5), (8, 5, 5.5, 5), (5.5, 5, 5.5, 4.4), (5.5, 4.4, 4.5, 4.4), (4.5, 4.4, 4.5, 5), (4.5, 5, 0, 5),
-    (0, 5, 0, 0), (3, 0, 3, 1.8), (3, 2.8, 3, 5), (3, 2.8, 4.2, 2.8), (5.2, 2.8, 8, 2.8),
+    (0, 0, 8, 0), (8, 0, 8, 5), (8, 5, 5.5, 5), (5.5, 5, 5.5, 4.4), (5.5, 4.4, 4.5, 4.4), (4.5, 4.4, 4.5, 5),
+    (4.5, 5, 0, 5), (0, 5, 0, 0), (3, 0, 3, 1.8), (3, 2.8, 3, 5), (3, 2.8, 4.2, 2.8), (5.2, 2.8, 8, 2.8),
     (1.2, 3.4, 1.6, 3.4), (1.6, 3.4, 1.6, 3.8), (1.6, 3.8, 1.2, 3.8), (1.2, 3.8, 1.2, 3.4),
 ], dtype=np.float64)  # fmt: skip
 # The same seen from both ends: a closed corridor.
@@ -56,7 +66,9 @@ def drive(walls, way, seed=0, step=0.05, noise=0.01, carried=None):
                 moved = between(poses[index - 1], pose)
                 slip = noise * rng.standard_normal(3) * (abs(moved.x) + 0.2 * abs(moved.theta))
                 odometry = compose(odometry, Pose2D(moved.x + slip[0], 0.0, moved.theta + 2.0 * slip[2]))
-            records.append(LogRecord(0.2 * len(records), odometry, _scan(walls, pose, 0.2 * len(records), rng)))
+            records.append(
+                LogRecord(0.2 * len(records), odometry, _scan(walls, pose, 0.2 * len(records), rng))
+            )
             truth.append(pose)
     return Log("drive", records, GEOMETRY), np.array(truth)
 
@@ -64,14 +76,16 @@ def drive(walls, way, seed=0, step=0.05, noise=0.01, carried=None):
 def _poses(points, step):
     """Straight legs, and turns on the spot between them."""
     poses = []
-    for start, end in zip(points[:-1], points[1:], strict=True):
+    for start, end in itertools.pairwise(points):
         heading = math.atan2(*(end - start)[::-1])
         if poses:
             turn = math.remainder(heading - poses[-1].theta, 2.0 * math.pi)
-            for share in np.linspace(0.0, 1.0, max(2, math.ceil(abs(turn) / 0.1)))[1:]:
-                poses.append(Pose2D(*start, math.remainder(heading - turn * (1.0 - share), 2.0 * math.pi)))
-        for share in np.arange(0.0, 1.0, step / np.hypot(*(end - start))):
-            poses.append(Pose2D(*(start + share * (end - start)), heading))
+            shares = np.linspace(0.0, 1.0, max(2, math.ceil(abs(turn) / 0.1)))[1:]
+            poses += [
+                Pose2D(*start, math.remainder(heading - turn * (1.0 - s), 2.0 * math.pi)) for s in shares
+            ]
+        shares = np.arange(0.0, 1.0, step / np.hypot(*(end - start)))
+        poses += [Pose2D(*(start + share * (end - start)), heading) for share in shares]
     return [Pose2D(*map(float, pose)) for pose in poses]
 
 

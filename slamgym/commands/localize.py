@@ -22,7 +22,7 @@ from slamgym.slam.localization.config import LocalizationConfig
 if TYPE_CHECKING:
     from slamgym.interop.records import Log
     from slamgym.interop.ros_map import TurnedMap
-    from slamgym.slam.localization.localizer import Belief
+    from slamgym.slam.localization.judge import Belief
     from slamgym.slam.localization.replay import LocalizationResult
 
 

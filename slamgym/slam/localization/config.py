@@ -92,12 +92,15 @@ class LocalizationConfig(Settings, section="slam.localization"):
     """A hypothesis explains the scans if so many of their beams, in a mean over the latest, end at a mapped surface
     with none in between."""
 
+    claim_fit: Share = 0.75
+    """So many must be explained over all scans since a place was found before it is believed for the first time."""
+
     fit_distance: Positive = 0.2
     """How near an end point must lie to a surface for that [m]."""
 
     certain_weight: PositiveShare = 0.95
     """One hypothesis needs this share of all weight to be the robot's place."""
 
-    confirm_distance: NonNegative = 2.0
+    confirm_distance: NonNegative = 3.0
     """So far the robot must have driven with one hypothesis certain before it is believed [m]; half a turn counts as
-    much as a metre."""
+    much as a metre. Twice as far after each place that was believed and given up."""

@@ -17,6 +17,9 @@ from slamgym.slam.replay import OlderMap, ReplayResult, replay
 
 KNOWN_SPREAD, KNOWN_TURN = 0.1, 0.05
 """Spread round the place at which the robot was sure of itself, when it is followed back from there [m], [rad]."""
+SURE_DISTANCE, SURE_FIT = 4.0, 0.7
+"""Before an old map is drawn on, the robot must have driven so far with one place certain [m], and so much of its scans
+must be explained: a mistake would spoil the map."""
 
 
 def continue_map(
@@ -73,13 +76,18 @@ def first_pose(log: Log, grid: OccupancyGrid, config: LocalizationConfig, rng: n
         SlamgymError: If it never is.
     """
     mapping = SlamConfig.for_log(log.geometry.range_max, log.geometry.num_beams)
-    ahead = Localizer(grid, dataclasses.replace(config, start="global"), log.geometry, mapping, rng)
+    strict = dataclasses.replace(
+        config,
+        confirm_distance=max(config.confirm_distance, SURE_DISTANCE),
+        minimum_fit=max(config.minimum_fit, SURE_FIT),
+    )
+    ahead = Localizer(grid, strict, log.geometry, mapping, rng)
     found = next((index for index, record in enumerate(log.records) if _is_found(ahead, record)), None)
     if found is None:
         raise SlamgymError(
             f"{log.source}: never finds itself on the map to continue (at the end: {ahead.belief.state}, "
-            f"{ahead.belief.fit:.0%} of the beams explained); give the map of the same building, or map the log anew "
-            "without --continue"
+            f"{ahead.belief.fit:.0%} of the beams explained); drive at least {SURE_DISTANCE:g} m in the "
+            "mapped part of the same building, or map the log anew without --continue"
         )
     near = dataclasses.replace(config, initial_spread=KNOWN_SPREAD, initial_turn=KNOWN_TURN)
     back = Localizer(grid, near, log.geometry, mapping, rng, ahead.pose)

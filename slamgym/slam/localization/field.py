@@ -152,7 +152,13 @@ def _is_clear(field: LikelihoodField, x: float, y: float, across: float, up: flo
 
 @kernel
 def explain_scan(
-    field: LikelihoodField, pose: FloatArray, ranges: Float32Array, beams: BeamTable, step: int, near: float
+    field: LikelihoodField,
+    pose: FloatArray,
+    ranges: Float32Array,
+    beams: BeamTable,
+    step: int,
+    near: float,
+    excuses: bool,
 ) -> tuple[float, float]:
     """How much of a scan a map explains from a pose.
 
@@ -163,10 +169,11 @@ def explain_scan(
         beams: The scanner.
         step: Every so many beams are looked at.
         near: How near an end point must lie to a surface [m].
+        excuses: Whether what lies where the map knows nothing speaks neither for nor against the pose.
 
     Returns:
-        Share of the beams that end near a surface with none in between, of those with a return where the map is known;
-        negative if too few of them end there. And what must be added to the log-likelihood of the end points,
+        Share of the beams that end near a surface with none in between, of those that return, or should, where the map
+        is known; negative if too few of them end there. And what must be added to the log-likelihood of the end points,
         because rays went through surfaces, or ended in the open where the map knows nothing.
     """
     cos, sin = math.cos(pose[2]), math.sin(pose[2])
@@ -183,6 +190,7 @@ def explain_scan(
                 field, x0, y0, across, up, TRACE_SHARE * beams.usable
             ):
                 correction += field.no_return
+                returned += 1  # something should have returned it
             continue
         if not r >= beams.range_min:
             continue
@@ -195,7 +203,7 @@ def explain_scan(
         row = math.floor((y - field.origin_y) / field.cell)
         if 0 <= row < rows and 0 <= col < cols and field.distance[row, col] <= near:
             explained += 1
-        elif kind_of_cell(field, x, y) == UNMAPPED:
+        elif excuses and kind_of_cell(field, x, y) == UNMAPPED:
             unknown += 1
             correction += NEUTRAL - point_log_likelihood(field, x, y)
     known = returned - unknown

@@ -26,8 +26,14 @@ class Hypothesis:
     log_weight: float  # of the hypothesis, relative to the others
     fit: float = 0.0
     """Share of the beams explained, a mean over the latest scans."""
+    fit_sum: float = 0.0
+    """The same summed over all its scans ..."""
+    scans: int = 0
+    """... and their number."""
     driven: float = 0.0
     """How far the robot has driven with it [m]; a turn by half counts a metre."""
+    was_sure: bool = False
+    """Whether the robot was localised there."""
 
     @staticmethod
     def around(
@@ -44,6 +50,17 @@ class Hypothesis:
         """
         poses = pose + spread * rng.standard_normal((count, 3))
         return Hypothesis(poses, np.zeros(count), log_weight)
+
+    def note_fit(self, fit: float) -> None:
+        """Take the share of a scan's beams that the place explains."""
+        self.fit += (FIT_MEMORY if self.scans else 1.0) * (fit - self.fit)
+        self.fit_sum += fit
+        self.scans += 1
+
+    @property
+    def mean_fit(self) -> float:
+        """Share of the beams explained, over all scans since the place was found."""
+        return self.fit_sum / max(self.scans, 1)
 
     @property
     def weights(self) -> FloatArray:

@@ -2,7 +2,6 @@
 
 import math
 import time
-from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -14,18 +13,15 @@ from slamgym.slam.hit_count_kernels import BeamTable
 from slamgym.slam.localization.config import LocalizationConfig
 from slamgym.slam.localization.field import explain_scan, make_field, weigh_poses
 from slamgym.slam.localization.global_search import APART, APART_TURN, GlobalSearch
-from slamgym.slam.localization.hypothesis import FIT_MEMORY, Hypothesis
+from slamgym.slam.localization.hypothesis import Hypothesis
+from slamgym.slam.localization.judge import Belief, Judge
 from slamgym.slam.localization.recent_scans import RecentScans
 from slamgym.slam.motion_model import OdometryGate
 from slamgym.slam.odometry_calibration import MotionSpread, OdometryCalibration
 from slamgym.slam.particle_filter import FEW_POINTS
 
-State = Literal["searching", "ambiguous", "localised", "lost"]
-
 POSITION_FLOOR, HEADING_FLOOR = 0.01, 0.005
 """Odometry between processed scans is never trusted further than this [m], [rad]."""
-FIELD_FLOOR = (0.01, 0.01, 0.003)
-"""Nor is a pose on a map of cells [m], [m], [rad]."""
 SEED_SPREAD = (0.1, 0.1, 0.05)
 """Spread of the particles round a place that the search has found [m], [m], [rad]."""
 NEGLIGIBLE = 15.0
@@ -36,28 +32,12 @@ SEARCH_GROWTH = 1.5
 """Each search that leaves the robot without a place makes the next one wait so many times as long."""
 SAME, SAME_TURN = 0.3, 0.25
 """Hypotheses nearer to each other than this are one [m], [rad]."""
-WIDE_SPREAD = 0.5
-"""A place known no better than this isn't known [m]."""
 RELIABLE_METRES, RELIABLE_RADIANS = 0.03, 0.015
 """The odometry is learned from stretches between estimates this certain."""
 TURN_METRES = 1.0 / math.pi
 """What a radian of turning counts as driving [m]: half a turn is a metre."""
 LOST_SCANS = 3
 """So many scans in a row that fit poorly start a search at once."""
-
-
-class Belief(NamedTuple):
-    """What the robot believes after a scan."""
-
-    stamp: float
-    state: State
-    pose: Pose2D
-    covariance: FloatArray  # (3, 3) of x, y [m] and theta [rad], within the best hypothesis
-    fit: float
-    """Share of the beams that the best hypothesis explains, a mean over the latest scans."""
-    hypotheses: tuple[tuple[Pose2D, float], ...]
-    """Poses with their shares of the weight, the best first."""
-    particles: int
 
 
 class Localizer:
@@ -89,16 +69,16 @@ class Localizer:
         self._calibration = OdometryCalibration()
         self._memory = RecentScans(config.search_memory)
         self._hypotheses: list[Hypothesis] = []
-        self._was_localised = initial_pose is not None
+
         if initial_pose is not None:
             spread = np.array([config.initial_spread, config.initial_spread, config.initial_turn])
             pose = np.array(initial_pose, dtype=np.float64)
             first = Hypothesis.around(pose, spread, config.max_particles, 0.0, rng)
-            first.driven = math.inf
+            first.driven, first.was_sure = math.inf, True
             self._hypotheses.append(first)
         self._since_search = math.inf if initial_pose is None else 0.0
+        self._judge = Judge(config, self._hypotheses[0] if self._hypotheses else None)
         self._patience = config.search_distance
-        self._led = math.inf if self._was_localised else 0.0
         self._poor_scans = 0
         self._end_points = np.zeros((geometry.num_beams, 2))
         self.belief = Belief(0.0, "searching", initial_pose or Pose2D(0.0, 0.0, 0.0), np.eye(3), 0.0, (), 0)
@@ -139,10 +119,9 @@ class Localizer:
         if len(points) >= FEW_POINTS:
             self._weigh(scan, points)
         self._since_search += driven
-        self._led += driven
         self._search_if_due()
         self._tidy()
-        self.belief = self._judge(scan.stamp)
+        self.belief = self._judge.belief(scan.stamp, driven, self._hypotheses, self.belief.pose)
         self._learn(before, increments)
 
     def _move(self, corrected: FloatArray, spread: MotionSpread, driven: float) -> None:
@@ -160,12 +139,13 @@ class Localizer:
         for hypothesis in self._hypotheses:
             hypothesis.weigh(self._field, chosen, config.beam_weight, config.evidence)
             pose = np.array(hypothesis.estimate[0])
+            # A place that was sure may lead out of the map; one that is sought must lie on it.
             fit, correction = explain_scan(
-                self._field, pose, scan.ranges, self._beams, step, config.fit_distance
+                self._field, pose, scan.ranges, self._beams, step, config.fit_distance, hypothesis.was_sure
             )
             hypothesis.log_weight += config.evidence * config.beam_weight * correction
             if fit >= 0.0:
-                hypothesis.fit += max(FIT_MEMORY, hypothesis.fit == 0.0) * (fit - hypothesis.fit)
+                hypothesis.note_fit(fit)
             hypothesis.resample(config, config.max_particles // len(self._hypotheses), self._rng)
         if self._hypotheses:
             poor = max(hypothesis.fit for hypothesis in self._hypotheses) < config.minimum_fit
@@ -254,6 +234,7 @@ class Localizer:
                 winner = kept[same.index(True)]
                 winner.log_weight = float(np.logaddexp(winner.log_weight, hypothesis.log_weight))
                 winner.driven = max(winner.driven, hypothesis.driven)
+                winner.was_sure |= hypothesis.was_sure
                 continue
             kept.append(hypothesis)
             poses.append(pose)
@@ -262,41 +243,6 @@ class Localizer:
         if kept:
             kept[0].log_weight = 0.0
         self._hypotheses = kept[: self._config.most_hypotheses]
-
-    # --- judging ---
-
-    def _judge(self, stamp: float) -> Belief:
-        """What is believed now, and how firmly."""
-        config = self._config
-        if not self._hypotheses:
-            pose = compose(self.belief.pose, Pose2D(0.0, 0.0, 0.0))
-            return Belief(stamp, "searching", pose, np.eye(3), 0.0, (), 0)
-        weights = np.exp([h.log_weight for h in self._hypotheses])
-        weights /= weights.sum()
-        best = self._hypotheses[0]
-        pose, covariance = best.estimate
-        covariance = covariance + np.diag(np.square(FIELD_FLOOR))
-        explains = best.fit >= config.minimum_fit
-        spread = math.sqrt(covariance[0, 0] + covariance[1, 1])
-        if weights[0] < config.certain_weight:
-            self._led = 0.0
-        state: State
-        if not explains:
-            state = "lost" if self._was_localised else "searching"
-        elif weights[0] < config.certain_weight:
-            state = "ambiguous"
-        elif spread > WIDE_SPREAD and self._was_localised:
-            state = "lost"
-        elif min(best.driven, self._led) < config.confirm_distance or spread > WIDE_SPREAD:
-            state = "searching"
-        else:
-            state = "localised"
-            self._was_localised = True
-        hypotheses = tuple(
-            (h.estimate[0], float(weight)) for h, weight in zip(self._hypotheses, weights, strict=True)
-        )
-        particles = sum(len(h.poses) for h in self._hypotheses)
-        return Belief(stamp, state, pose, covariance, best.fit, hypotheses, particles)
 
     def _learn(self, before: Belief, increments: FloatArray) -> None:
         """Compare the motion between two certain estimates with the odometry."""

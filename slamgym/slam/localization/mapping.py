@@ -18,7 +18,8 @@ from slamgym.core.types import (
     Trajectory,
 )
 from slamgym.slam.config import SlamConfig
-from slamgym.slam.localization.localizer import Belief, Localizer
+from slamgym.slam.localization.judge import Belief
+from slamgym.slam.localization.localizer import Localizer
 from slamgym.slam.mapper import GatedMapper
 
 JUMP, JUMP_TURN = 0.5, 0.3

@@ -10,7 +10,8 @@ from slamgym.core.types import OccupancyGrid, Pose2D, Trajectory
 from slamgym.interop.records import Log
 from slamgym.slam.config import SlamConfig
 from slamgym.slam.localization.config import LocalizationConfig
-from slamgym.slam.localization.localizer import Belief, Localizer
+from slamgym.slam.localization.judge import Belief
+from slamgym.slam.localization.localizer import Localizer
 from slamgym.slam.path_correction import poses_between
 
 SAID_AFTER = 5.0

@@ -67,7 +67,7 @@ def test_a_robot_that_is_carried_off_notices_and_finds_itself_again():
     away, _ = errors(result, truth)
     before = len([index for index in result.processed if index < len(drive(FLAT, ROUND_TRIP[:4])[0])])
     assert states[before - 1] == "localised"
-    assert "localised" != states[before + 8]
+    assert states[before + 8] != "localised"
     assert states[-1] == "localised"
     assert away[-1] < 0.15
 
@@ -117,4 +117,6 @@ def test_the_mode_map_needs_a_map():
     from slamgym.slam import make_mapper
 
     with pytest.raises(SlamgymError, match="finished map"):
-        make_mapper(SlamConfig(mode="map"), drive(FLAT, [(1, 1), (1, 2)])[0].geometry, HERE, np.random.default_rng(0))
+        make_mapper(
+            SlamConfig(mode="map"), drive(FLAT, [(1, 1), (1, 2)])[0].geometry, HERE, np.random.default_rng(0)
+        )
