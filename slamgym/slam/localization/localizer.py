@@ -11,33 +11,22 @@ from slamgym.slam.config import SlamConfig
 from slamgym.slam.end_points import usable_end_points
 from slamgym.slam.hit_count_kernels import BeamTable
 from slamgym.slam.localization.config import LocalizationConfig
-from slamgym.slam.localization.field import explain_scan, make_field, weigh_poses
-from slamgym.slam.localization.global_search import APART, APART_TURN, GlobalSearch
+from slamgym.slam.localization.field import explain_scan, make_field
 from slamgym.slam.localization.hypothesis import Hypothesis
 from slamgym.slam.localization.judge import Belief, Judge
-from slamgym.slam.localization.recent_scans import RecentScans
+from slamgym.slam.localization.seeking import NEGLIGIBLE, Seeker
 from slamgym.slam.motion_model import OdometryGate
 from slamgym.slam.odometry_calibration import MotionSpread, OdometryCalibration
 from slamgym.slam.particle_filter import FEW_POINTS
 
 POSITION_FLOOR, HEADING_FLOOR = 0.01, 0.005
 """Odometry between processed scans is never trusted further than this [m], [rad]."""
-SEED_SPREAD = (0.1, 0.1, 0.05)
-"""Spread of the particles round a place that the search has found [m], [m], [rad]."""
-NEGLIGIBLE = 15.0
-"""A hypothesis so much below the best one in log-weight is given up."""
-MOST_SCANS_COUNTED = 10
-"""Scans of the memory that count in the comparison of a new place with those followed."""
-SEARCH_GROWTH = 1.5
-"""Each search that leaves the robot without a place makes the next one wait so many times as long."""
 SAME, SAME_TURN = 0.3, 0.25
 """Hypotheses nearer to each other than this are one [m], [rad]."""
 RELIABLE_METRES, RELIABLE_RADIANS = 0.03, 0.015
 """The odometry is learned from stretches between estimates this certain."""
 TURN_METRES = 1.0 / math.pi
 """What a radian of turning counts as driving [m]: half a turn is a metre."""
-LOST_SCANS = 3
-"""So many scans in a row that fit poorly start a search at once."""
 
 
 class Localizer:
@@ -60,14 +49,13 @@ class Localizer:
         self._beams = BeamTable.of(geometry, mapping)
         self._longest = min(self._beams.usable, float(np.nextafter(self._beams.range_max, 0.0)))
         self._field = make_field(grid, config, self._longest)
-        self._search = GlobalSearch(self._field, config)
+        self.seeker = Seeker(self._field, config, rng, is_urgent=initial_pose is None)
         self._gate = OdometryGate(
             SlamConfig(
                 linear_update=config.linear_update, angular_update=config.angular_update, temporal_update=None
             )
         )
         self._calibration = OdometryCalibration()
-        self._memory = RecentScans(config.search_memory)
         self._hypotheses: list[Hypothesis] = []
 
         if initial_pose is not None:
@@ -76,14 +64,9 @@ class Localizer:
             first = Hypothesis.around(pose, spread, config.max_particles, 0.0, rng)
             first.driven, first.was_sure = math.inf, True
             self._hypotheses.append(first)
-        self._since_search = math.inf if initial_pose is None else 0.0
         self._judge = Judge(config, self._hypotheses[0] if self._hypotheses else None)
-        self._patience = config.search_distance
-        self._poor_scans = 0
         self._end_points = np.zeros((geometry.num_beams, 2))
         self.belief = Belief(0.0, "searching", initial_pose or Pose2D(0.0, 0.0, 0.0), np.eye(3), 0.0, (), 0)
-        self.searches = 0
-        """Searches over the whole map so far."""
         self.cpu_seconds = 0.0
         """CPU time of all updates [s]."""
 
@@ -115,11 +98,11 @@ class Localizer:
         motion = Pose2D(0.0, 0.0, 0.0)
         for step in corrected:
             motion = compose(motion, Pose2D(*step))
-        self._memory.append(motion, driven, points)
+        self.seeker.append(motion, driven, points)
         if len(points) >= FEW_POINTS:
             self._weigh(scan, points)
-        self._since_search += driven
-        self._search_if_due()
+        if self.seeker.is_due(self._hypotheses, self.belief.state == "localised"):
+            self._hypotheses += self.seeker.find(self._hypotheses)
         self._tidy()
         self.belief = self._judge.belief(scan.stamp, driven, self._hypotheses, self.belief.pose)
         self._learn(before, increments)
@@ -147,74 +130,6 @@ class Localizer:
             if fit >= 0.0:
                 hypothesis.note_fit(fit)
             hypothesis.resample(config, config.max_particles // len(self._hypotheses), self._rng)
-        if self._hypotheses:
-            poor = max(hypothesis.fit for hypothesis in self._hypotheses) < config.minimum_fit
-            self._poor_scans = self._poor_scans + 1 if poor else 0
-
-    # --- searching ---
-
-    def _search_if_due(self) -> None:
-        config = self._config
-        if self.belief.state == "localised":
-            self._patience = config.search_distance
-        distance = config.check_distance if self.belief.state == "localised" else self._patience
-        if self._poor_scans >= LOST_SCANS and self.belief.state == "localised":
-            # Where the robot was carried off, older scans show another place.
-            self._memory.restart_with_last()
-            distance = 0.0
-        if self._since_search < distance:
-            return
-        points = self._memory.points()
-        if len(points) < FEW_POINTS:
-            return
-        self._since_search = 0.0
-        self._patience = min(self._patience * SEARCH_GROWTH, config.check_distance)
-        self.searches += 1
-        self._add_places(points)
-
-    def _add_places(self, points: FloatArray) -> None:
-        """Search the whole map; places that nobody follows yet become hypotheses.
-
-        A new place begins with the weight that the memory's scans give it beside the best hypothesis.
-        """
-        config = self._config
-        known = np.array([hypothesis.estimate[0] for hypothesis in self._hypotheses]).reshape(-1, 3)
-        power = (
-            config.evidence
-            * config.beam_weight
-            * config.max_beams
-            * min(len(self._memory), MOST_SCANS_COUNTED)
-        )
-        best = int(np.argmax([h.log_weight for h in self._hypotheses])) if self._hypotheses else -1
-        level, reference, behind = 0.0, 0.0, 0.0
-        if best >= 0:
-            is_established = self._hypotheses[best].driven >= config.confirm_distance
-            behind = config.jump_cost if is_established else 0.0
-            level, reference = (
-                self._hypotheses[best].log_weight,
-                self._mean_log_likelihood(known[best], points),
-            )
-        for place in self._search.find(points):
-            near = np.hypot(*(known[:, :2] - place.pose[:2]).T) < APART
-            if (near & (np.abs(wrap_angle(known[:, 2] - place.pose[2])) < APART_TURN)).any():
-                continue
-            advantage = power * (self._mean_log_likelihood(place.pose, points) - reference)
-            log_weight = level + min(advantage, 0.0) - behind
-            if log_weight < level - NEGLIGIBLE and best >= 0:
-                continue
-            self._hypotheses.append(
-                Hypothesis.around(
-                    place.pose, np.array(SEED_SPREAD), 2 * config.min_particles, log_weight, self._rng
-                )
-            )
-            self._hypotheses[-1].fit = place.score
-
-    def _mean_log_likelihood(self, pose: FloatArray, points: FloatArray) -> float:
-        """Of the points at the best of some poses round one."""
-        near = pose + np.array(SEED_SPREAD) * self._rng.standard_normal((self._config.min_particles, 3))
-        out = np.empty(len(near))
-        weigh_poses(self._field, near, points, out)
-        return float(out.max()) / len(points)
 
     def _tidy(self) -> None:
         """Give up what has lost, and join what has met."""

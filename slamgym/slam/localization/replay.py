@@ -69,7 +69,11 @@ def localize_log(
         if on_scan is not None:
             on_scan(index, localizer)
     return LocalizationResult(
-        beliefs, processed, _trajectory(log, beliefs, processed), localizer.searches, localizer.cpu_seconds
+        beliefs,
+        processed,
+        _trajectory(log, beliefs, processed),
+        localizer.seeker.searches,
+        localizer.cpu_seconds,
     )
 
 
