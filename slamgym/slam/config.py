@@ -5,8 +5,9 @@ from typing import Annotated, Literal
 
 from slamgym.core.config import Count, CountOrZero, NonNegative, Positive, Settings, Within
 from slamgym.slam.graph.config import PoseGraphConfig
+from slamgym.slam.localization.config import LocalizationConfig
 
-Mode = Literal["rbpf", "pose_graph", "scan_matching", "dead_reckoning", "ground_truth"]
+Mode = Literal["rbpf", "pose_graph", "scan_matching", "dead_reckoning", "map", "ground_truth"]
 NoReturn = Literal["clear", "ignore"]
 Matcher = Literal["coarse_to_fine", "hill_climbing"]
 Counting = Literal["beams", "scans"]
@@ -49,8 +50,8 @@ class SlamConfig(Settings, section="slam"):
 
     mode: Mode = "rbpf"
     """``rbpf``: particle filter as GMapping; ``pose_graph``: closes loops globally; ``scan_matching``: one
-    particle, no motion noise; ``dead_reckoning``: believes the odometry; ``ground_truth``: the same, for a
-    caller who hands it true poses."""
+    particle, no motion noise; ``dead_reckoning``: believes the odometry; ``map``: finds itself on a finished map
+    (:mod:`slamgym.slam.localization`); ``ground_truth``: as dead reckoning, for a caller who hands it true poses."""
 
     particles: Count = 30
     """Number of particles (``particles``)."""
@@ -152,6 +153,9 @@ class SlamConfig(Settings, section="slam"):
 
     pose_graph: PoseGraphConfig = field(default_factory=PoseGraphConfig)
     """Settings of the mode ``pose_graph``."""
+
+    localization: LocalizationConfig = field(default_factory=LocalizationConfig)
+    """Settings of the mode ``map``, and of the search for the place where an older map is continued."""
 
     @staticmethod
     def gmapping(particles: int = 30) -> "SlamConfig":

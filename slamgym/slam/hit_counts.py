@@ -6,6 +6,7 @@ import numpy as np
 
 from slamgym.core.errors import SlamgymError
 from slamgym.core.types import (
+    OCCUPIED,
     UNKNOWN,
     ByteArray,
     Float32Array,
@@ -18,6 +19,9 @@ from slamgym.slam.hit_count_kernels import BeamTable, classify_counts, draw_scan
 
 BLOCK = 64
 """The grid grows by blocks of this many cells, so that it seldom grows."""
+
+KNOWN_COUNT = 10
+"""What a cell of an older map counts, in beams: a wall that is gone takes some thirty beams, a new one four."""
 
 
 class HitCountMap:
@@ -65,6 +69,28 @@ class HitCountMap:
         box = (first_row, first_col, last_row + 1, last_col + 1)
         if self._grow_to(box):
             self._draw_scans(self._counts, self._corner, self._resolution, poses, ranges, self._beams, sign)
+        self._mark(box)
+
+    def add_known(self, grid: OccupancyGrid) -> None:
+        """Take what an older map says as so many observations of each of its cells (``KNOWN_COUNT``).
+
+        Args:
+            grid: Its cells must lie on this map's lattice.
+        """
+        frame = grid.frame
+        row, col = round(frame.origin_y / frame.resolution), round(frame.origin_x / frame.resolution)
+        box = (row, col, row + frame.height_px, col + frame.width_px)
+        self._grow_to(box)
+        cells = grid.cells[::-1]
+        at = self._counts[box[0] - self._corner[0] :, box[1] - self._corner[1] :][
+            : cells.shape[0], : cells.shape[1]
+        ]
+        at[..., 0] += KNOWN_COUNT * (cells == OCCUPIED)
+        at[..., 1] += KNOWN_COUNT * (cells != UNKNOWN)
+        self._mark(box)
+
+    def _mark(self, box: tuple[int, int, int, int]) -> None:
+        """Note that what lies in the lattice's rows and columns ``box`` may have changed."""
         if self._dirty is not None:
             old = self._dirty
             box = (min(box[0], old[0]), min(box[1], old[1]), max(box[2], old[2]), max(box[3], old[3]))

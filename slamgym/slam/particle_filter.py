@@ -16,6 +16,7 @@ from slamgym.core.types import (
     IntArray,
     LaserGeometry,
     LaserScan,
+    OccupancyGrid,
     Pose2D,
     Trajectory,
 )
@@ -159,6 +160,17 @@ class ParticleFilter(GatedMapper):
     def n_eff(self) -> float:
         """Effective number of particles at the last processed scan, before resampling."""
         return self._stats.n_eff[-1] if self._stats.n_eff else float(len(self._poses))
+
+    def know(self, grid: OccupancyGrid) -> None:
+        """Begin with an older map, which scans are matched with, too."""
+        super().know(grid)
+        self._new_particle_maps()
+
+    def _new_particle_maps(self) -> None:
+        """Begin the maps that scans are matched with, on what was known before."""
+        self._maps = ParticleMaps(len(self._poses), self._config.resolution, self._config.memory_limit_mb)
+        if self._known is not None:
+            self._maps.add_known(self._known)
 
     def _num_bytes(self) -> int:
         return self._maps.num_bytes + self._tree.num_bytes

@@ -6,7 +6,7 @@ import numpy as np
 
 from slamgym.core.errors import SlamgymError
 from slamgym.core.jit import kernel
-from slamgym.core.types import FloatArray, IntArray
+from slamgym.core.types import OCCUPIED, FloatArray, IntArray, OccupancyGrid
 from slamgym.slam.tiles import BYTES_PER_TILE, TILE, TileMaps, TilePool, copy_maps, register_scan
 
 
@@ -171,6 +171,16 @@ class ParticleMaps:
                 "use fewer particles, or a coarser resolution"
             )
         self.pool = self.pool.grown(larger)
+
+    def add_known(self, grid: OccupancyGrid) -> None:
+        """Take the occupied cells of an older map for end points that every particle has seen."""
+        rows, cols = np.nonzero(grid.cells == OCCUPIED)
+        min_x, min_y, max_x, max_y = grid.frame.bounds
+        middle = np.array([0.5 * (min_x + max_x), 0.5 * (min_y + max_y), 0.0])
+        points = np.column_stack(grid.frame.to_point(rows, cols)) - middle[:2]
+        poses = np.tile(middle, (len(self.tables), 1))
+        self.cover(poses, 0.5 * max(max_x - min_x, max_y - min_y) + grid.frame.resolution)
+        self.register(poses, points)
 
     def resample(self, ancestors: IntArray) -> None:
         """Give each particle the map of its ancestor."""

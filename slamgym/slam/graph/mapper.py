@@ -27,9 +27,7 @@ from slamgym.slam.graph.matching import NodeMatch, NodeMatcher
 from slamgym.slam.graph.nodes import GraphNodes
 from slamgym.slam.graph.solver import Edges, chi_squared, optimise
 from slamgym.slam.graph.uncertainty import PathUncertainty, step_covariance
-from slamgym.slam.hit_counts import HitCountMap
 from slamgym.slam.particle_filter import FEW_POINTS, ParticleFilter
-from slamgym.slam.particles import ParticleMaps
 from slamgym.slam.path_correction import poses_between
 
 ODOMETRY_FLOOR = (0.005, 0.005, 0.002)
@@ -337,12 +335,12 @@ class PoseGraphMapper(ParticleFilter):
         corrected = poses_between(poses, np.array(self._steps_of_nodes), old)
         self._tree.replace_poses(corrected)
         self._poses[0] = corrected[-1]
-        self._maps = ParticleMaps(1, self._config.resolution, self._config.memory_limit_mb)
+        self._new_particle_maps()
         for step, ranges in enumerate(self._tree.ranges):
             points = self._usable_points(ranges)
             self._maps.cover(corrected[step : step + 1], self._radius(points))
             self._maps.register(corrected[step : step + 1], points)
-        self._map = HitCountMap(self._beams, self._config)
+        self._new_map()
         self._lineage = np.zeros(0, dtype=np.int64)
         self._drawn_poses = np.zeros((0, 3))
         self._grid = None
