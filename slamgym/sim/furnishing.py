@@ -9,7 +9,7 @@ import numpy as np
 
 from slamgym.core.jit import kernel
 from slamgym.core.types import FloatArray
-from slamgym.sim.furniture import Corners, Piece, Shape, pieces_for, shape_of
+from slamgym.sim.furniture import SMALL_THINGS, UNTIDY_TABLES, Corners, Piece, Shape, pieces_for, shape_of
 from slamgym.sim.passages import Passages
 from slamgym.sim.room_areas import RoomArea
 
@@ -20,6 +20,9 @@ _TRIES = 10
 _GROUP_AREA = 18.0
 _MOST_GROUPS = 4
 _LATER_GROUPS = 0.6
+
+# Small things on the floor where it is most untidy [1/m2].
+_SMALL_THINGS = 1.0
 
 # Gap between a piece and its wall [m].
 _WALL_GAP = (0.01, 0.06)
@@ -44,6 +47,7 @@ class Wish:
     share: float  # of the usual furniture
     radii: FloatArray  # discs that must still reach all they reached [m]
     places: int  # of each chair: where it stands first, and where it may be moved to
+    untidiness: float = 0.0  # 0 to 1
 
 
 def furnish(
@@ -78,6 +82,13 @@ def furnish(
                 left_out += 1
             else:
                 placed.append(found)
+    if wish.untidiness:
+        for kind in rng.integers(
+            len(SMALL_THINGS), size=rng.poisson(wish.untidiness * _SMALL_THINGS * room.area)
+        ):
+            found = _place(passages, room, SMALL_THINGS[kind], wish, rng)
+            if found is not None:
+                placed.append(found)
     return placed, left_out
 
 
@@ -91,15 +102,16 @@ def _place(
         width = min(max(width, piece.share_of_wall * longest), longest, piece.width[1])
     if piece.forms == ("round",) and abs(width - depth) < 0.1:
         depth = width
-    shape = shape_of(piece, width, depth, rng, wish.places)
+    shape = shape_of(piece, width, depth, rng, wish.places, wish.untidiness)
     draws = rng.random((_TRIES, 4))
     if piece.place == "wall":
         poses = _at_walls(shape.width, room.walls, _WALL_GAP, _FROM_CORNER, draws)
     else:
         spread = 0.3 if piece.place == "middle" else 1.2
         poses = _about_middle(shape, room, spread, draws)
-    if piece.turned:
-        poses[:, 2] += piece.turned * rng.standard_normal(len(poses))
+    turned = piece.turned or UNTIDY_TABLES * wish.untidiness * (piece.place == "middle")
+    if turned:
+        poses[:, 2] += turned * rng.standard_normal(len(poses))
     boxes = _boxes(shape.depth, shape.width, poses)
     found = passages.first_fit(boxes, wish.radii)
     return PlacedPiece(shape, poses[found], boxes[found]) if found >= 0 else None

@@ -71,9 +71,7 @@ class TestSweep:
         expected = 2.0 / np.maximum(abs(np.cos(angles)), abs(np.sin(angles)))
         # Poses stand for a part of the sweep: half of at most 0.03 rad, on walls seen at up to 45 degrees.
         assert ranges == pytest.approx(expected, abs=0.016 * 2.0 * math.sqrt(2.0))
-        snapshot = 2.0 / np.maximum(
-            abs(np.cos(lidar.geometry.angles)), abs(np.sin(lidar.geometry.angles))
-        )
+        snapshot = 2.0 / np.maximum(abs(np.cos(lidar.geometry.angles)), abs(np.sin(lidar.geometry.angles)))
         assert abs(ranges - snapshot)[:90].max() > 0.4
 
     def test_driving_moves_the_first_beams_back(self):
@@ -83,7 +81,7 @@ class TestSweep:
         assert ranges[[0, 180]] == pytest.approx([2.0 - 0.05, 2.0 + 0.025], abs=0.011)
 
     def test_it_fits_between_two_scans(self):
-        with pytest.raises(ConfigError, match="lidar.sweep must not exceed the time between scans, 0.2 s"):
+        with pytest.raises(ConfigError, match=r"lidar\.sweep must not exceed the time between scans"):
             LidarConfig(sweep=0.3)
 
 
