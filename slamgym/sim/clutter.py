@@ -4,11 +4,11 @@ import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 
-from slamgym.core.config import CountOrZero, NonNegative, Positive, Settings, Share
+from slamgym.core.config import CountOrZero, NonNegative, Positive, Settings, Share, Within
 from slamgym.core.errors import ConfigError
 from slamgym.core.types import BoolArray, FloatArray, IntArray
 from slamgym.sim.furnishing import PlacedPiece, Wish, furnish, put_down
@@ -41,9 +41,10 @@ _LEG = 0.1
 class ClutterConfig(Settings, section="clutter"):
     """How much there is of it. The default is an empty building."""
 
-    furniture: Share = 0.0
-    """Share of the usual furniture that is there: 0 an empty building, 1 a furnished one. Where the robot couldn't
-    pass any more, less is placed."""
+    furniture: Annotated[float, Within(ge=0.0, le=3.0)] = 0.0
+    """Share of the usual furniture that is there: 0 an empty building, 1 a furnished one, 2 a crowded one with twice as
+    many groups in its rooms, of which more is solid down to the floor. Where the robot couldn't pass any more, less is
+    placed."""
 
     untidiness: Share = 0.0
     """How untidy furnished rooms are: chairs stand at any angle about their tables, and small things on the floor,

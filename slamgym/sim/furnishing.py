@@ -44,7 +44,7 @@ class PlacedPiece:
 class Wish:
     """How a building is to be furnished."""
 
-    share: float  # of the usual furniture
+    share: float  # of the usual furniture; more than 1 crowds the rooms
     radii: FloatArray  # discs that must still reach all they reached [m]
     places: int  # of each chair: where it stands first, and where it may be moved to
     untidiness: float = 0.0  # 0 to 1
@@ -69,7 +69,8 @@ def furnish(
     if len(room.walls) == 0:
         return placed, left_out
     # A large room holds several groups of furniture; every further one less complete.
-    groups = 1 + min(int(room.area / _GROUP_AREA), _MOST_GROUPS - 1)
+    crowding = max(1.0, wish.share)
+    groups = round(crowding * (1 + min(int(room.area / _GROUP_AREA), _MOST_GROUPS - 1)))
     for group, piece in itertools.product(range(groups), pieces_for(room.category)):
         for chance in rng.random(piece.number).tolist():
             if chance >= piece.chance * wish.share * (1.0 if group == 0 else _LATER_GROUPS):
@@ -96,6 +97,8 @@ def _place(
     passages: Passages, room: RoomArea, piece: Piece, wish: Wish, rng: np.random.Generator
 ) -> PlacedPiece | None:
     """Draw a piece's size and shape, and put it into the first of some places that has room for it."""
+    if wish.share > 1.0 and "solid" in piece.forms and rng.random() < wish.share - 1.0:
+        piece = replace(piece, forms=("solid",))
     width, depth = float(rng.uniform(*piece.width)), float(rng.uniform(*piece.depth))
     if piece.share_of_wall:
         longest = math.dist(room.longest_wall[:2], room.longest_wall[2:]) - 2.0 * _WALL_GAP[1]

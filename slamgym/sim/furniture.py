@@ -230,10 +230,10 @@ _CATALOGUE: dict[tuple[str, ...], tuple[Piece, ...]] = {
 SMALL_THINGS = (
     Piece((0.1, 0.3), (0.1, 0.3), ("round", "solid"), turned=1.0),
     Piece((0.08, 0.12), (0.25, 0.3), turned=0.5),
-    Piece((0.05, 0.08), (0.05, 0.08), ("column",), place="anywhere"),
+    Piece((0.05, 0.08), (0.05, 0.08), ("column",)),
     Piece((0.3, 0.45), (0.3, 0.45), ("legs",), place="anywhere", turned=1.0),
     Piece((0.2, 0.6), (0.03, 0.05), turned=0.1),
-    Piece((0.1, 0.4), (0.1, 0.3), place="anywhere", turned=1.0),
+    Piece((0.1, 0.4), (0.1, 0.3), turned=1.0),
 )
 """What lies and stands about where it is untidy: bags, toys, shoes, stands, stools, boards against a wall, boxes."""
 
