@@ -75,6 +75,16 @@ class TestFurniture:
             for room in flat.rooms:
                 assert largest_part(ways).intersects(room.polygon)
 
+    def test_a_crowded_flat_has_more_and_is_still_passable(self, flat):
+        usual, crowded = ([furnish(flat, seed, furniture=share) for seed in range(4)] for share in (1.0, 2.0))
+
+        def covered(clutters):
+            return sum(shapely.Polygon(solid).area for c in clutters for solid in c.furniture)
+
+        assert covered(crowded) > 1.3 * covered(usual)
+        radius = RobotConfig().circumscribed_radius
+        assert all(clutter.passages.parts(radius)[1].max() == 1 for clutter in crowded)
+
     def test_an_untidy_room_has_small_things_and_chairs_at_any_angle(self, flat):
         tidy, untidy = ([furnish(flat, seed, untidiness=u) for seed in range(5)] for u in (0.0, 1.0))
 
