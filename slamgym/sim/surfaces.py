@@ -40,12 +40,12 @@ _THICKEST_WALL = 0.6
 
 # What stands outside, before each outer pane, at most: posts of railings, plants, chairs, cars.
 _THINGS_OUTSIDE = 12
-_NEAREST_OUTSIDE, _FURTHEST_OUTSIDE = 0.3, 8.0  # [m]
+_NEAREST_OUTSIDE, _FURTHEST_OUTSIDE = 0.3, 6.0  # [m]
 _SMALLEST_OUTSIDE, _LARGEST_OUTSIDE = 0.03, 1.0  # [m]
 # Behind it hedges, fences and other houses end the view, with gaps: pieces, their distance, and how far they reach to
 # either side for each metre of it.
 _BACKDROP = 5
-_NEAREST_BACKDROP = 1.5  # [m]
+_NEAREST_BACKDROP = 1.0  # [m]
 _BACKDROP_REACH = 0.8
 _BACKDROP_GAPS = 0.25  # share of its length
 
