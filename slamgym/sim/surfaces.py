@@ -56,7 +56,8 @@ class SurfaceConfig(Settings, section="lidar.surfaces"):
     """How much of a building is hard to see for a scanner. The default is matt white everywhere and even."""
 
     glazing: ShareBelowOne = 0.0
-    """Share of the outer walls' length that is glass at the scanner's height: French windows, glass doors."""
+    """Share of the outer walls' length that is glass at the scanner's height: gaps between curtains, French windows,
+    glass doors. At most a third, with all else plain."""
 
     inner_glazing: ShareBelowOne = 0.0
     """The same of the inner walls: glass doors and partitions."""

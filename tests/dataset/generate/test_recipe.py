@@ -185,7 +185,8 @@ def test_the_real_recipe_draws_lasers_glass_and_robots_that_stop_early():
     for draw in drawn:
         assert 3.5 <= draw["lidar.range_max"] <= 30.0
         assert draw["slam.max_usable_range"] <= draw["lidar.range_max"]
-        assert 0.5 <= draw["minutes"] <= 10.0
+        assert 0.5 <= draw["minutes"] <= 12.0
+        assert 0.0 < draw["lidar.sweep"] <= 0.2
         assert (
             apply_conditions(EpisodeConfig(), draw).env.lidar.surfaces.mirrors
             == draw["lidar.surfaces.mirrors"]
