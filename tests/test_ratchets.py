@@ -16,7 +16,7 @@ MAX_FILES_IN_A_FOLDER = 25
 MAX_LINES = 400
 MAX_PARAMETERS = 8
 MAX_ATTRIBUTES = 15
-MAX_CODE_LINES = 26300
+MAX_CODE_LINES = 26370
 """Of all modules together; without docstrings, comments, blank lines and imports."""
 
 MORE_LINES: dict[str, int] = {}
@@ -33,6 +33,7 @@ MORE_ATTRIBUTES: dict[str, int] = {
     "slamgym.envs.explore_env.ExploreEnv": 18,
     "slamgym.envs.simulation.Simulation": 21,
     "slamgym.parametric.config.LidarErrorConfig": 18,
+    "slamgym.sim.lidar.LidarConfig": 16,
     "slamgym.slam.config.SlamConfig": 26,
     "slamgym.slam.graph.config.PoseGraphConfig": 20,
     "slamgym.slam.graph.mapper.PoseGraphMapper": 19,

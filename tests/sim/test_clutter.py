@@ -216,8 +216,8 @@ class TestFurniture:
 
 class TestSettings:
     def test_a_density_beyond_all_is_refused(self):
-        with pytest.raises(ConfigError, match=r"clutter.furniture must be in \[0, 1\], not 1.5"):
-            ClutterConfig(furniture=1.5)
+        with pytest.raises(ConfigError, match=r"clutter.furniture must be in \[0, 3\], not 3.5"):
+            ClutterConfig(furniture=3.5)
 
 
 class TestDoors:

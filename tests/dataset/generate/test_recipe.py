@@ -105,7 +105,7 @@ def test_every_known_name_can_be_read():
         ({"explorer": [{"value": "nearest", "weight": 0}]}, "weight must be a number above 0"),
         ({"explorer": [{"weight": 2}]}, "either a 'value'"),
         ({"clutter.furniture": [{"between": [0.5, 0.2]}]}, "the smaller first"),
-        ({"clutter.furniture": [{"between": [0.5, 1.2]}]}, r"clutter.furniture must be in \[0, 1\], not 1.2"),
+        ({"clutter.furniture": [{"between": [0.5, 3.2]}]}, r"clutter.furniture must be in \[0, 3\], not 3.2"),
         ({"scanner": [{"set": {}}]}, "'set' takes settings"),
         ({"x": [{"set": {"slam.particles": 3}}], "slam.particles": [5]}, "both set 'slam.particles'"),
     ],
