@@ -33,6 +33,7 @@ MORE_ATTRIBUTES: dict[str, int] = {
     "slamgym.envs.explore_env.ExploreEnv": 18,
     "slamgym.envs.simulation.Simulation": 21,
     "slamgym.parametric.config.LidarErrorConfig": 18,
+    "slamgym.sim.lidar.LidarConfig": 16,
     "slamgym.slam.config.SlamConfig": 30,
     "slamgym.slam.graph.config.PoseGraphConfig": 20,
     "slamgym.slam.graph.mapper.PoseGraphMapper": 17,
