@@ -45,7 +45,14 @@ from slamgym.gan.evaluation.realism import (
     realism_table,
     translated_maps,
 )
-from slamgym.gan.evaluation.summary import main_table, markdown, scores_csv, summarise_scores, table_one
+from slamgym.gan.evaluation.summary import (
+    dimensions_table,
+    main_table,
+    markdown,
+    scores_csv,
+    summarise_scores,
+    table_one,
+)
 from slamgym.gan.translation.translate import LearnedTranslator, Translator, load_translator
 from slamgym.viz.canvas import write_picture
 from slamgym.viz.sheets import draw_grid
@@ -128,6 +135,7 @@ def _measure(
             scores[method.name] = evaluate_method(method, pairs, advance)
     summary = summarise_scores(scores)
     _print(f"{len(pairs)} maps of {len(set(pairs.plan_ids))} plans, 95 % intervals", *main_table(summary))
+    _print("Dimensions, after a rigid alignment", *dimensions_table(summary))
     return scores, summary
 
 
@@ -201,7 +209,13 @@ def _write(
     }
     write_text(arguments.out / "evaluation.json", json.dumps(document, indent=1) + "\n")
     write_text(arguments.out / "scores.csv", scores_csv(scores))
-    text = ["# Evaluation\n", markdown(*main_table(summary)), "## Table I\n", markdown(*table_one(scores))]
+    text = [
+        "# Evaluation\n",
+        markdown(*main_table(summary)),
+        "## Dimensions\n",
+        markdown(*dimensions_table(summary)),
+    ]
+    text += ["## Table I\n", markdown(*table_one(scores))]
     if realism is not None:
         text += ["## CAD to SLAM\n", markdown(*realism_table(realism["kinds"]))]
         text += [markdown(*medians_table(realism["reference_medians"], realism["kinds"]))]
