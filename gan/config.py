@@ -188,6 +188,9 @@ class TranslatorConfig(Settings, section="translator"):
     explored_margin: NonNegative = 0.5
     """Floor is predicted at most so far beyond what the robot saw [m], and targets end there (slam2cad); 0 allows it
     anywhere."""
+    face_shift: Annotated[float, Within(ge=0.0, le=8.0)] = 0.0
+    """By how much the network draws the faces of walls inside of the true ones [px of the network's image]: CAD maps
+    are drawn without it (:mod:`slamgym.gan.translation.faces`). 0 for networks that learnt true faces."""
     metres_per_px: tuple[Positive, Positive, Positive] = (0.04, 0.06, 0.1)
     """Smallest, middle and largest scale of the training images (5th, 50th and 95th percentile) [m/px of
     ``input_size``]."""

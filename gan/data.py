@@ -20,7 +20,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from slamgym.core.documents import parse_json
+from slamgym.core.documents import parse_json, read_json
 from slamgym.core.errors import InputFileError
 from slamgym.core.files import read_bytes, text_lines
 from slamgym.core.pictures import decode_picture
@@ -119,6 +119,20 @@ def load_pairs(root: Path | str, split: str, size: int, limit: int | None = None
         scales[index] = recorded.get(name, ("", np.nan))[1] * side / size
     plans = tuple(recorded.get(name, (name, np.nan))[0] for name in names)
     return PairSet(cad, slam, tuple(names), plans, scales)
+
+
+def true_faces(root: Path | str) -> bool:
+    """Whether the CAD maps of a folder have walls as thick as the plan's, without a line along their faces.
+
+    Raises:
+        InputFileError: If its config.json is malformed.
+    """
+    path = Path(root) / "config.json"
+    if not path.is_file():
+        return False
+    settings = read_json(path)
+    images = settings.get("images") if isinstance(settings, dict) else None
+    return isinstance(images, dict) and images.get("edge_px") == 0.0
 
 
 def read_grey(path: Path) -> ByteArray:

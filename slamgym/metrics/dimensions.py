@@ -295,8 +295,7 @@ def _face_length(values: Float32Array, row: float, first: int, last: int, reach:
     wall_side = values[max(0, middle - far) : min(rows, middle + near + 1)]
     wall = 1.0 - wall_side.min(axis=0) if wall_side.size else np.ones(values.shape[1])
     face = floor_side.max(axis=0) * wall
-    length = float(face[first : last + 1].sum())
-    for beyond in (face[:first][::-1], face[last + 1 :]):
-        stop = np.flatnonzero(beyond < FLOOR)
-        length += float(beyond[: stop[0] + 1 if stop.size else None].sum())
-    return length
+    # A thin wall may be grey all along: against that, its ends are where it stops.
+    usual = float(np.median(face[first : last + 1]))
+    runs = floor_runs(np.minimum(face / max(usual, FLOOR), 1.0).astype(np.float32))
+    return sum(run.length for run in runs if run.overlap(first, last) > 0.0)

@@ -94,10 +94,8 @@ def test_a_map_of_the_networks_size_is_not_resampled():
         ((40, 30), 0.1, (40, 30)),  # of a trained scale: as it is
         ((64, 20), 0.01, (13, 4)),  # too fine: the finest that was trained, 0.05
         ((30, 20), 0.4, (60, 40)),  # too coarse: 0.2
-        ((100, 50), 0.1, (64, 32)),  # shrunk to 0.156 it fits into one tile
-        ((150, 50), 0.1, (64, 22)),  # shrunk to 0.234, hardly coarser than was trained
-        ((200, 100), 0.1, (200, 100)),  # doesn't fit even so: tiles at 0.1
-        ((400, 200), 0.05, (200, 100)),
+        ((100, 50), 0.1, (100, 50)),  # its own scale, in tiles
+        ((400, 200), 0.05, (400, 200)),
         ((32, 16), None, (64, 32)),  # of unknown scale: fitted
         ((640, 64), None, (160, 16)),  # but shrunk by 4 at most
     ],

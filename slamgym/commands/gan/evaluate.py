@@ -16,7 +16,7 @@ from slamgym.core.errors import ConfigError
 from slamgym.core.files import write_text
 from slamgym.core.progress import say, show_progress
 from slamgym.core.types import ByteArray
-from slamgym.gan.data import PairSet, load_pairs, read_grey
+from slamgym.gan.data import PairSet, load_pairs, read_grey, true_faces
 from slamgym.gan.evaluation.evaluate import (
     BLURRED,
     MapScore,
@@ -97,7 +97,10 @@ def _load_translators(arguments: EvaluateTranslatorsArguments) -> dict[str, Lear
             name, path = _short_name(argument), argument
         if name in translators or name in {method.name for method in baselines()}:
             raise ConfigError(f"two methods are called {name!r}; choose a name with --weights NAME=PATH")
-        translators[name] = load_translator(path, device=arguments.device, flips=arguments.flips)
+        # Where the CAD maps have a line along every face, translations are compared with such faces, too.
+        translators[name] = load_translator(
+            path, device=arguments.device, flips=arguments.flips, true_faces=true_faces(arguments.images)
+        )
     return translators
 
 
