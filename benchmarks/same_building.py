@@ -97,20 +97,20 @@ def main() -> None:
     print_and_save(name, f"{len(people)} people's maps, {len(ours)} of ours", rows, COLUMNS)
 
 
-def exact_plan(picture: Path, drawing: Path) -> FloorPlan:
-    """The house's floor with the exact walls and furniture, in the picture's frame."""
+def exact_plan(picture: Path, drawing: Path, furniture: bool = True) -> FloorPlan:
+    """The house's floor with the exact walls, and furniture if it is wanted, in the picture's frame."""
     rough = read_image_plan(picture, RESOLUTION)
     shapes = json.loads(drawing.read_text())
-    solid = shapely.union_all(
-        [shapely.Polygon(points) for points in [*shapes["walls"], *shapes["furniture"]]]
-    )
+    drawn = [*shapes["walls"], *(shapes["furniture"] if furniture else [])]
+    solid = shapely.union_all([shapely.Polygon(points) for points in drawn])
     # The picture draws every cell that a wall touches, with the same margin on all sides.
     height, width = cv2.imread(str(picture), cv2.IMREAD_GRAYSCALE).shape
     left, bottom, right, top = solid.bounds
     shift = (0.5 * (width * RESOLUTION - left - right), 0.5 * (height * RESOLUTION - bottom - top))
     bins = [shapely.Point(x, y).buffer(radius, quad_segs=6) for x, y, radius in ROUND]
     legs = [shapely.Point(x, y).buffer(0.5 * side, cap_style="square") for x, y, side in SQUARE]
-    solid = shapely.union_all([shapely.affinity.translate(solid, *shift), *bins, *legs])
+    things = [*bins, *legs] if furniture else []
+    solid = shapely.union_all([shapely.affinity.translate(solid, *shift), *things])
     parts = shapely.get_parts(rough.free_space.buffer(1.5 * RESOLUTION, join_style="mitre").difference(solid))
     return FloorPlan(rough.id, max(parts, key=lambda part: float(part.area)), source=str(drawing))
 

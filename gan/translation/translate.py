@@ -236,6 +236,7 @@ class LearnedTranslator:
             metres_per_px: Scale, if it is known.
         """
         size = self.config.input_size
+        tile = self.config.tile_size or size
         if cells.shape == (size, size) and self._is_usual(metres_per_px):
             return self._with_true_faces(self._run(cells[np.newaxis])[0])
         channels = 1 if self.config.output_encoding == "grey" else 2
@@ -246,7 +247,7 @@ class LearnedTranslator:
             return result
         shape = self._working_shape((part.shape[0], part.shape[1]), metres_per_px)
         resampled = resample_slam(part, shape) if empty == UNKNOWN else resample_grey(part, shape)
-        image = self._with_true_faces(translate_tiled(resampled, size, empty, self._run))
+        image = self._with_true_faces(translate_tiled(resampled, tile, empty, self._run))
         if image.shape[0] == 3:
             image = image.mean(axis=0, keepdims=True)
         for channel in range(channels):
@@ -280,11 +281,12 @@ class LearnedTranslator:
 
     def _run(self, tiles: ByteArray) -> Float32Array:
         """Translate tiles (N, S, S) to (N, C, S, S), the mean over the symmetries."""
-        size = self.config.input_size
+        size = tiles.shape[-1]
+        resolution = self.config.output_size if size == self.config.input_size else size
         outputs: list[np.ndarray] = []
         for symmetry in SYMMETRIES[self.config.flips]:
             seen = np.stack([flipped(tile, symmetry) for tile in tiles])
-            images = run_generator(self._generator, seen, self.config, self._compute, self.config.output_size)
+            images = run_generator(self._generator, seen, self.config, self._compute, resolution)
             outputs.append(np.stack([np.stack([unflipped(c, symmetry) for c in image]) for image in images]))
         mean: Float32Array = np.stack(outputs).mean(axis=0).astype(np.float32)
         if mean.shape[-1] == size:

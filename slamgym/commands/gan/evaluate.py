@@ -16,7 +16,7 @@ from slamgym.core.errors import ConfigError
 from slamgym.core.files import write_text
 from slamgym.core.progress import say, show_progress
 from slamgym.core.types import ByteArray
-from slamgym.gan.data import PairSet, load_pairs, read_grey, true_faces
+from slamgym.gan.data import PairSet, image_side, load_pairs, true_faces
 from slamgym.gan.evaluation.evaluate import (
     BLURRED,
     MapScore,
@@ -110,18 +110,11 @@ def _short_name(argument: str) -> str:
 
 
 def _load(arguments: EvaluateTranslatorsArguments) -> PairSet:
-    size = arguments.size or _native_size(arguments.images, arguments.split)
+    size = arguments.size or image_side(arguments.images, arguments.split)
     pairs = load_pairs(arguments.images, arguments.split, size)
     if arguments.count:
         pairs = pairs.subset(evenly_spaced(len(pairs), arguments.count))
     return pairs
-
-
-def _native_size(root: Path, split: str) -> int:
-    """Side of the images of a folder [px]; 256 where there is none to ask, whose error comes with the pairs."""
-    folder = root / split / "A" if (root / split / "A").is_dir() else root / "A"
-    first = next(iter(sorted(folder.glob("*.png"))), None) if folder.is_dir() else None
-    return read_grey(first).shape[0] if first is not None else 256
 
 
 def _methods(translators: dict[str, LearnedTranslator]) -> list[TranslationMethod]:
