@@ -12,7 +12,7 @@ from slamgym.core.intervals import mean_interval
 from slamgym.core.types import FloatArray
 from slamgym.gan.evaluation.evaluate import RAW, MapScore, evenly_spaced
 from slamgym.metrics import improvement
-from slamgym.metrics.dimensions import TOLERANCES
+from slamgym.metrics.dimensions import LENGTH_TOLERANCES
 
 MEASURES: dict[str, str] = {
     "mse": "aligned MSE",
@@ -87,7 +87,7 @@ def _length_summary(errors: FloatArray) -> dict[str, Any]:
     """Number, median, median of the absolute value, and the shares within the tolerances."""
     if len(errors) == 0:
         return {"count": 0}
-    within = {f"within_{round(100 * t)}cm": float((np.abs(errors) <= t).mean()) for t in TOLERANCES}
+    within = {f"within_{round(100 * t)}cm": float((np.abs(errors) <= t).mean()) for t in LENGTH_TOLERANCES}
     return {
         "count": len(errors),
         "median": float(np.median(errors)),

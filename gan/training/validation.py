@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from slamgym.core.types import FREE, BoolArray, ByteArray, Float32Array
+from slamgym.core.types import FREE, BoolArray, ByteArray, Float32Array, FloatArray
 from slamgym.gan.config import TranslatorConfig
 from slamgym.gan.data import PairSet
 from slamgym.gan.device import Compute
@@ -38,8 +38,9 @@ def validate(
     """Translate held-out pairs and compare.
 
     For ``slam2cad``: ``mse`` of the free space against the CAD map, ``mse_slam`` of the SLAM map itself, their
-    ``mse_ratio`` and ``improved`` share, ``wall_f1`` beside ``wall_f1_slam``, and ``calibration_error``. For ``cad2slam``: the shares of
-    free, occupied and unknown cells, translated less true, and the mean absolute difference of the cells' greys.
+    ``mse_ratio`` and ``improved`` share, ``wall_f1`` beside ``wall_f1_slam``, and ``calibration_error``. For
+    ``cad2slam``: the shares of free, occupied and unknown cells, translated less true, and the mean absolute difference
+    of the cells' greys.
     """
     to_cad = config.direction == "slam2cad"
     inputs, targets = (pairs.slam, pairs.cad) if to_cad else (pairs.cad, pairs.slam)
@@ -83,11 +84,11 @@ def _validate_cad(
         "improved": float(np.mean(mse < mse_slam)),
         "wall_f1": float(f1.mean()),
         "wall_f1_slam": float(f1_slam.mean()),
-        "calibration_error": calibration_error(np.stack(probabilities), pairs.cad / np.float32(FREE)),
+        "calibration_error": calibration_error(np.stack(probabilities), pairs.cad.astype(np.float32) / FREE),
     }
 
 
-def calibration_error(probabilities: Float32Array, shares: Float32Array) -> float:
+def calibration_error(probabilities: Float32Array, shares: FloatArray) -> float:
     """How far probabilities are from what happens: expected calibration error (Guo et al. 2017) of the unsure pixels.
 
     Args:

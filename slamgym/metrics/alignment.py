@@ -141,7 +141,7 @@ class Level(NamedTuple):
 
 COARSE = Level(64, 2.0)
 FINE = Level(128, 1.0)
-FINEST = Level(256, 0.7)
+RIGID_FINE = Level(256, 0.7)
 """Of rigid motions alone: walls shall lie over each other within centimetres."""
 
 
@@ -218,7 +218,7 @@ def search_similarities(
     worst = RIVAL * search.error(refined[0])
     promising = [values for values in _distinct(refined) if search.error(values) <= worst]
     found = promising[:fine_starts]
-    for level in (FINE,) if scaling else (FINE, FINEST):
+    for level in (FINE,) if scaling else (FINE, RIGID_FINE):
         search = _Search(np.pad(_reduce(image, level), 1), _reduce(target, level), pivot, scaling)
         found = [search.refine(start, 1e-3) for start in found]
     return [search.similarity(values) for values in sorted(found, key=search.error)]
@@ -266,8 +266,12 @@ class _Search:
     def refine(self, start: FloatArray, tolerance: float) -> FloatArray:
         """The parameters that Powell's method finds from a start."""
         free = 4 if self.scaling else 3
+
+        def error(values: FloatArray) -> float:
+            return self.error(np.concatenate([values, start[free:]]))
+
         result = minimize(
-            lambda values: self.error(np.concatenate([values, start[free:]])),
+            error,
             start[:free],
             method="Powell",
             options={

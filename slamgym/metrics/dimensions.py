@@ -37,7 +37,7 @@ SEARCH = 0.2
 """A drawn face or wall is looked for so far from the true one [m]: drift moves it."""
 STRAIGHT = 0.3
 """Neighbouring lines whose ends differ by at most so many cells belong to one face."""
-TOLERANCES = (0.02, 0.05, 0.10)
+LENGTH_TOLERANCES = (0.02, 0.05, 0.10)
 """Of the shares of lengths that are right [m]."""
 
 
@@ -183,7 +183,7 @@ class _Lines:
 
 
 @dataclass
-class Piece:
+class StraightPiece:
     """Runs of neighbouring lines that begin and end at the same places: two straight faces opposite each other."""
 
     line: int
@@ -196,17 +196,17 @@ class Piece:
         return range(cut, len(self.runs) - cut)
 
 
-def straight_pieces(runs_by_line: list[list[Run]], min_px: float) -> list[Piece]:
+def straight_pieces(runs_by_line: list[list[Run]], min_px: float) -> list[StraightPiece]:
     """Join runs of neighbouring lines with the same ends; pieces shorter than ``min_px`` are left out."""
-    finished: list[Piece] = []
-    growing: list[Piece] = []
+    finished: list[StraightPiece] = []
+    growing: list[StraightPiece] = []
     for line, runs in enumerate([*runs_by_line, []]):
         left, following = list(growing), []
         for run in runs:
             fitting = (p for p in left if _same_ends(p.runs[-1], run))
             piece = next(fitting, None)
             if piece is None:
-                piece = Piece(line, [])
+                piece = StraightPiece(line, [])
             else:
                 left.remove(piece)
             piece.runs.append(run)

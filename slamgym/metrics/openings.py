@@ -16,8 +16,8 @@ from slamgym.core.types import BoolArray, Float32Array, FloatArray, IntArray
 from slamgym.metrics.dimensions import (
     FLOOR,
     MAX_THICKNESS,
-    Piece,
     Run,
+    StraightPiece,
     floor_runs,
     straight_pieces,
     turned_upright,
@@ -36,7 +36,7 @@ TRIMMED = 0.2
 """What is left out of a wall at both ends, where a door's jamb may be drawn elsewhere [m]."""
 
 
-class Door(NamedTuple):
+class Doorway(NamedTuple):
     """Where two rooms meet, in cells; the opening lies across its line."""
 
     row: int
@@ -121,7 +121,7 @@ def vertex_ratio(vertices: int, true_vertices: int) -> float:
     return vertices / true_vertices if true_vertices else math.nan
 
 
-def find_doors(rooms: IntArray, floor: BoolArray) -> list[Door]:
+def find_doors(rooms: IntArray, floor: BoolArray) -> list[Doorway]:
     """Where the rooms of a plan meet: of each connected border of two rooms the place farthest from any wall.
 
     Args:
@@ -149,7 +149,7 @@ def find_doors(rooms: IntArray, floor: BoolArray) -> list[Door]:
         for number in range(1, count):
             places = [cell for cell in cells if labels[cell] == number]
             row, col = max(places, key=lambda cell: radius[cell])
-            doors.append(Door(row, col, pair))
+            doors.append(Doorway(row, col, pair))
     return doors
 
 
@@ -161,7 +161,7 @@ def _cores(rooms: IntArray, floor: BoolArray, metres_per_px: float) -> IntArray:
     return np.where(away * metres_per_px > 0.2, rooms, 0)
 
 
-def _is_open(door: Door, drawn: BoolArray, cores: IntArray, metres_per_px: float) -> bool:
+def _is_open(door: Doorway, drawn: BoolArray, cores: IntArray, metres_per_px: float) -> bool:
     """Whether drawn floor near a door joins its two rooms."""
     reach = math.ceil(1.0 / metres_per_px)
     window = (
@@ -173,7 +173,7 @@ def _is_open(door: Door, drawn: BoolArray, cores: IntArray, metres_per_px: float
     return bool(sides[0] & sides[1])
 
 
-def _clear_width(door: Door, values: Float32Array, metres_per_px: float) -> float:
+def _clear_width(door: Doorway, values: Float32Array, metres_per_px: float) -> float:
     """The narrowest line across an opening, along either axis [m]; nan if there is none."""
     narrowest = math.nan
     for image, line, place in ((values, door.row, door.col), (values.T, door.col, door.row)):
@@ -212,7 +212,7 @@ def _holes(
     return found
 
 
-def _rooms_beside(piece: Piece, rooms: IntArray) -> tuple[int, int]:
+def _rooms_beside(piece: StraightPiece, rooms: IntArray) -> tuple[int, int]:
     middle = len(piece.runs) // 2
     wall, labels = piece.runs[middle], rooms[piece.line + middle]
     return labels[wall.first - 1], labels[wall.last + 1]
