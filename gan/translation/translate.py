@@ -236,7 +236,6 @@ class LearnedTranslator:
             metres_per_px: Scale, if it is known.
         """
         size = self.config.input_size
-        tile = self.config.tile_size or size
         if cells.shape == (size, size) and self._is_usual(metres_per_px):
             return self._with_true_faces(self._run(cells[np.newaxis])[0])
         channels = 1 if self.config.output_encoding == "grey" else 2
@@ -247,13 +246,19 @@ class LearnedTranslator:
             return result
         shape = self._working_shape((part.shape[0], part.shape[1]), metres_per_px)
         resampled = resample_slam(part, shape) if empty == UNKNOWN else resample_grey(part, shape)
-        image = self._with_true_faces(translate_tiled(resampled, tile, empty, self._run))
+        image = self._with_true_faces(translate_tiled(resampled, self._tile(shape), empty, self._run))
         if image.shape[0] == 3:
             image = image.mean(axis=0, keepdims=True)
         for channel in range(channels):
             share = resample_probability(0.5 * (image[channel] + 1.0), (part.shape[0], part.shape[1]))
             result[channel, rows, cols] = 2.0 * share - 1.0
         return result
+
+    def _tile(self, shape: tuple[int, int]) -> int:
+        """Side of the tiles for a map of this shape: no larger than it takes."""
+        folded = self.config.generator.fold << self.config.generator.depth
+        needed = folded * math.ceil(max(shape) / folded)
+        return max(self.config.input_size, min(self.config.tile_size, needed))
 
     def _with_true_faces(self, image: Float32Array) -> Float32Array:
         """A CAD map (C, H, W) in [-1, 1] with its faces moved to where they truly are."""
