@@ -176,6 +176,8 @@ class LearnedTranslator:
             free[~explored_floor(upright, scale, self.config.explored_margin)] = 0.0
         above, beside = ((a - b) // 2 for a, b in zip(padded.shape, slam.shape, strict=True))
         back = free if straighten else turned_probability(free, angle)
+        # At last: every resampling would lift a wall that is one cell thin above a half.
+        back = moved_faces(back, self._shift_px(upright, metres_per_px))
         return back[above : above + slam.shape[0], beside : beside + slam.shape[1]]
 
     def translate_cells(
@@ -237,7 +239,7 @@ class LearnedTranslator:
         """
         size = self.config.input_size
         if cells.shape == (size, size) and self._is_usual(metres_per_px):
-            return self._with_true_faces(self._run(cells[np.newaxis])[0])
+            return self._run(cells[np.newaxis])[0]
         channels = 1 if self.config.output_encoding == "grey" else 2
         result = np.full((channels, *cells.shape), -1.0, np.float32)
         rows, cols = _content(cells, empty)
@@ -246,7 +248,7 @@ class LearnedTranslator:
             return result
         shape = self._working_shape((part.shape[0], part.shape[1]), metres_per_px)
         resampled = resample_slam(part, shape) if empty == UNKNOWN else resample_grey(part, shape)
-        image = self._with_true_faces(translate_tiled(resampled, self._tile(shape), empty, self._run))
+        image = translate_tiled(resampled, self._tile(shape), empty, self._run)
         if image.shape[0] == 3:
             image = image.mean(axis=0, keepdims=True)
         for channel in range(channels):
@@ -260,12 +262,15 @@ class LearnedTranslator:
         needed = folded * math.ceil(max(shape) / folded)
         return max(self.config.input_size, min(self.config.tile_size, needed))
 
-    def _with_true_faces(self, image: Float32Array) -> Float32Array:
-        """A CAD map (C, H, W) in [-1, 1] with its faces moved to where they truly are."""
-        if self.config.face_shift == 0.0 or self.config.direction != "slam2cad":
-            return image
-        free = free_probability(image, self.config.output_encoding)
-        return 2.0 * moved_faces(free, self.config.face_shift)[np.newaxis] - 1.0
+    def _shift_px(self, cells: ByteArray, metres_per_px: float | None) -> float:
+        """By how much the network draws faces inside of the true ones, in cells of the map."""
+        if cells.shape == (self.config.input_size,) * 2 and self._is_usual(metres_per_px):
+            return self.config.face_shift
+        rows, cols = cells[_content(cells, UNKNOWN)].shape
+        if rows * cols == 0:
+            return 0.0
+        shape = self._working_shape((rows, cols), metres_per_px)
+        return self.config.face_shift * max(rows, cols) / max(shape)
 
     def _is_usual(self, metres_per_px: float | None) -> bool:
         """Whether an image of the network's size may go in as it is: its scale is near those of the training."""

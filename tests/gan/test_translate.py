@@ -17,6 +17,7 @@ from slamgym.gan.config import GeneratorConfig, TranslatorConfig
 from slamgym.gan.device import choose_compute
 from slamgym.gan.networks.factory import build_generator
 from slamgym.gan.networks.layers import GeneratorOutput
+from slamgym.gan.translation.derotation import turned
 from slamgym.gan.translation.translate import (
     LearnedTranslator,
     Translator,
@@ -313,3 +314,26 @@ def test_tiles_without_anything_known_are_left_out():
     assert sum(counted) == 1
     assert whole[0, 15, 15] == pytest.approx(9.0)
     assert whole[0, 200, 200] == -1.0
+
+
+@pytest.mark.parametrize(("scale", "wider_px"), [(0.1, 2.0), (0.025, 4.0), (0.4, 1.0)])
+def test_faces_are_moved_by_pixels_of_the_network(scale, wider_px):
+    """A shift of one pixel on both sides, at the nearest scale that was trained."""
+    config = dataclasses.replace(CONFIG, face_shift=1.0, derotate=False, explored_margin=0.0)
+    cells = np.full((150, 150), UNKNOWN, np.uint8)
+    cells[40:110, 40:110] = FREE
+    free = copying(config).translate(cells, scale)
+    assert free[75].sum() - (copying(CONFIG).translate(cells, scale)[75]).sum() == pytest.approx(
+        wider_px, abs=0.3
+    )
+
+
+def test_a_thin_wall_of_a_turned_map_stays_closed():
+    config = dataclasses.replace(CONFIG, face_shift=1.05)
+    cells = np.full((120, 120), UNKNOWN, np.uint8)
+    cells[20:100, 20:100] = FREE
+    cells[20:100, 58:61] = OCCUPIED
+    slam = turned(cells, 7.0)
+    floor = copying(config).translate(slam, 0.1) >= 0.5
+    count, _ = cv2.connectedComponents(floor.astype(np.uint8), connectivity=4)
+    assert count == 3
