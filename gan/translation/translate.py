@@ -123,6 +123,8 @@ CONTENT_MARGIN = 0.06
 """Border around what is known of a map, in shares of its larger side."""
 MAX_SHRINK = 4.0
 """A map of unknown scale is shrunk at most by this to fit into the network's image; a larger one is tiled."""
+NEAR_SCALE = 1.3
+"""An image of the network's size goes in as it is if its scale is within this factor of what was trained."""
 SYMMETRIES = {1: (0,), 2: (0, 4), 4: (0, 2, 4, 6), 8: tuple(range(8))}
 """Which flips and quarter turns are averaged, by their number."""
 
@@ -275,7 +277,7 @@ class LearnedTranslator:
     def _is_usual(self, metres_per_px: float | None) -> bool:
         """Whether an image of the network's size may go in as it is: its scale is near those of the training."""
         low, _, high = self.config.metres_per_px
-        return metres_per_px is None or 0.5 * low <= metres_per_px <= 2.0 * high
+        return metres_per_px is None or low / NEAR_SCALE <= metres_per_px <= NEAR_SCALE * high
 
     def _working_shape(self, shape: tuple[int, int], metres_per_px: float | None) -> tuple[int, int]:
         """Rows and columns at which a map goes through the network."""
