@@ -152,3 +152,28 @@ def test_padding_keeps_all_corners(angle):
     padded = padded_for_turning(image, angle)
     kept = (turned(padded, angle) == FREE).sum()
     assert kept == pytest.approx(image.size, rel=0.03)  # nearest cells along the borders
+
+
+class TestWindows:
+    def pair(self, side=300):
+        slam = np.full((side, side), UNKNOWN, np.uint8)
+        slam[180:260, 40:140] = FREE
+        return np.where(slam == FREE, FREE, OCCUPIED).astype(np.uint8), slam
+
+    @pytest.mark.parametrize("rotated", [0.0, 1.0])
+    def test_a_window_keeps_its_scale_and_shows_some_of_the_map(self, rotated):
+        config = AugmentConfig(flips=False, windows=True, rotated=rotated)
+        for seed in range(10):
+            cad, slam = augment(*self.pair(), config, np.random.default_rng(seed), side=128)
+            assert cad.shape == slam.shape == (128, 128)
+            assert (slam == FREE).sum() > 500
+            # Turned or not, what is floor in one is floor in the other, but for the cells at its borders.
+            assert np.mean((slam == FREE) != (cad > 127)) < 0.02
+
+    def test_a_turned_sample_is_turned(self):
+        config = AugmentConfig(flips=False, windows=True, rotated=1.0)
+        turned_share = [
+            len(np.unique(augment(*self.pair(), config, np.random.default_rng(seed), side=256)[0])) > 2
+            for seed in range(5)
+        ]
+        assert all(turned_share)  # greys along oblique borders
