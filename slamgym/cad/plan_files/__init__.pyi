@@ -1,0 +1,14 @@
+from .drawn_plan import DrawnPlan, DrawnWalls, floor_of_walls
+from .dxf import read_dxf
+from .geojson import read_geojson
+from .ifc import read_ifc, storeys_of
+
+__all__ = [
+    "DrawnPlan",
+    "DrawnWalls",
+    "floor_of_walls",
+    "read_dxf",
+    "read_geojson",
+    "read_ifc",
+    "storeys_of",
+]
