@@ -1,0 +1,3 @@
+from .comparison import Comparison, ComparisonConfig, compare
+
+__all__ = ["Comparison", "ComparisonConfig", "compare"]
