@@ -188,6 +188,10 @@ class DrawingSource:
     def __len__(self) -> int:
         return len(self.ids)
 
+    def with_layers(self, layers: Sequence[str]) -> "DrawingSource":
+        """The same drawing, with the walls in these layers."""
+        return DrawingSource(self._path, self._unit, layers)
+
     def load(self, plan_id: str) -> FloorPlan:
         """Read one plan.
 

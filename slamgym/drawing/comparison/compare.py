@@ -93,7 +93,6 @@ def _wall_change(
     faces: PlanFaces, i: int, first: FaceReport, second: FaceReport | None, config: ComparisonConfig
 ) -> Change | None:
     """What one or two faces of a wall say about it."""
-    x0, y0, x1, y1 = first.line
     line: Line = _middle_line(faces, i)
     length = float(faces.lengths[i])
     states = {first.state} | ({second.state} if second is not None else set())
@@ -193,7 +192,6 @@ def _new_openings(
     for face in np.flatnonzero(faces.lengths >= config.opening):
         if reports[face].state in ("missing", "moved", "not_seen"):
             continue
-        x0, y0 = faces.segments[face, :2]
         unit = (faces.segments[face, 2:] - faces.segments[face, :2]) / faces.lengths[face]
         for start, stop in open_runs(measured, int(face), config.opening):
             middle = _middle_line(faces, int(face))

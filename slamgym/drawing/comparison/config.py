@@ -34,5 +34,3 @@ class ComparisonConfig(Settings, section="comparison"):
     """Structures from this length on are walls even when they are seen from one side alone [m]."""
     room_seen: Share = 0.3
     """A room of which the robot has seen less is not yet explored."""
-    distortion_radius: Positive = 2.5
-    """The map's local distortion is estimated from the walls within about this distance [m]."""

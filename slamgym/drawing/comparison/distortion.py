@@ -1,86 +1,105 @@
 """The smooth part of a map's errors: SLAM drifts, so all walls of a region lie a little off together.
 
-At each face of a wall the shift and turn are estimated that the *other* walls near it show (least squares, robust,
-weighted by distance, with a prior that maps are right). What remains of the face's own offset is what has moved. Both
-are reported.
+The drift is a smooth random field of shifts (a Gaussian process, or kriging: Rasmussen and Williams, "Gaussian
+Processes for Machine Learning", 2006, chapters 2 and 5.4.2). Every stretch of a wall measures the field's part along its
+normal. What the field is at a wall is predicted from all *other* walls, with a standard error that grows with their
+distance. What remains of the wall's own offset is what has moved. Walls that don't fit what the others say count little
+for the others in turn. Both the offset and the drift are reported.
 """
 
-import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
-from slamgym.core.types import BoolArray, FloatArray, IntArray
+from slamgym.core.types import BoolArray, FloatArray
 
-PRIOR = (0.1, 0.1, math.radians(1.0))
-"""Usual local distortion of a map: shift in x and y [m], turn [rad]."""
-NOISE = 0.025
-"""Standard deviation of a single offset [m]: half a cell, and the wall's own roughness."""
-CORRELATED = 0.25
-"""Offsets nearer to each other than this say the same [m]."""
-ROBUST = 0.05
-"""Offsets this far from what their neighbours say lose half of their weight [m]."""
-ITERATIONS = 8
+DEVIATIONS = (0.01, 0.02, 0.04, 0.08, 0.15)
+"""Standard deviations of the drift that are tried [m]."""
+LENGTHS = (2.0, 4.0, 8.0)
+"""Distances over which the drift changes that are tried [m]."""
+ROUNDS = 6
+OUTLIER = 2.0
+"""A stretch this many standard errors off what the others say counts half [1]."""
 
 
-@dataclass(frozen=True)
-class Offsets:
-    """Measured offsets of points on faces, along their normals [m]."""
+class Stretches(NamedTuple):
+    """Measured offsets of stretches of walls."""
 
-    points: FloatArray  # (S, 2)
-    normals: FloatArray  # (S, 2)
-    face: IntArray  # (S,)
-    values: FloatArray  # (S,); nan where nothing was found
-    spacing: float  # of the points on a face [m]
+    places: FloatArray  # (M, 2) [m]
+    normals: FloatArray  # (M, 2)
+    values: FloatArray  # (M,) offsets along the normals [m]
+    noise: FloatArray  # (M,) their own standard errors [m]
 
 
 @dataclass(frozen=True)
-class LocalDistortion:
-    """The distortion at one place, with its uncertainty."""
+class Drift:
+    """What the other walls predict at each stretch."""
 
-    place: FloatArray  # (2,)
-    motion: FloatArray  # (3,) shift in x and y [m], turn [rad]
-    covariance: FloatArray  # (3, 3)
-
-    def offset(self, points: FloatArray, normals: FloatArray) -> FloatArray:
-        """How far it moves faces along their normals, (N,) [m]."""
-        found: FloatArray = _design(points - self.place, normals) @ self.motion
-        return found
-
-    def deviation(self, normal: FloatArray) -> float:
-        """Standard error of the offset at its place along a normal [m]."""
-        row = np.array([normal[0], normal[1], 0.0])
-        return math.sqrt(float(row @ self.covariance @ row))
+    expected: FloatArray  # (M,) offsets [m]
+    deviation: FloatArray  # (M,) standard errors of that [m]
+    size: float
+    """Standard deviation of the drift over the map [m]."""
+    length: float
+    """Over which it changes [m]."""
 
 
-def local_distortion(
-    offsets: Offsets, place: FloatArray, radius: float, left_out: BoolArray
-) -> LocalDistortion:
-    """Estimate it at one place.
+def estimate_drift(
+    stretches: Stretches, same_wall: BoolArray, asked: Stretches
+) -> tuple[Drift, FloatArray, FloatArray]:
+    """Estimate the drift field; its size and smoothness are those that predict the stretches best.
 
     Args:
-        offsets: Of all faces.
-        place: (2,) [m].
-        radius: Standard deviation of the weight over the distance [m].
-        left_out: (S,) points that don't count: those of the wall itself, and of walls known to have moved.
+        stretches: The measurements.
+        same_wall: (M, M) which stretches belong to one wall, so that they don't predict each other.
+        asked: Other stretches, whose values don't count; (Q,).
+
+    Returns:
+        The prediction at each stretch without its own wall, and at the asked ones: offsets and standard errors, (Q,).
     """
-    arm = offsets.points - place
-    away = np.hypot(*arm.T)
-    use = ~left_out & np.isfinite(offsets.values) & (away < 3.0 * radius)
-    design, values = _design(arm[use], offsets.normals[use]), offsets.values[use]
-    # Each point counts for its share of an independent measurement.
-    base = np.exp(-0.5 * (away[use] / radius) ** 2) * min(1.0, offsets.spacing / CORRELATED) / NOISE**2
-    prior = np.diag(1.0 / np.square(PRIOR))
-    motion = np.zeros(3)
-    for step in range(ITERATIONS):
-        # Wide at first, so that a common shift isn't taken for many outliers.
-        width = max(ROBUST, 0.3 * 0.6**step)
-        weight = base / np.square(1.0 + np.square((values - design @ motion) / width))
-        information = design.T @ (weight[:, None] * design) + prior
-        motion = np.linalg.solve(information, design.T @ (weight * values))
-    return LocalDistortion(place, motion, np.linalg.inv(information))
+    fits = [_Fit(stretches, same_wall, size, length) for size in DEVIATIONS for length in LENGTHS]
+    best = max(fits, key=lambda fit: fit.likelihood)
+    others, errors = best.predict(asked)
+    return Drift(best.expected, best.deviation, best.size, best.length), others, errors
 
 
-def _design(arm: FloatArray, normals: FloatArray) -> FloatArray:
-    """Derivatives of offsets along normals by shift and turn, (N, 3)."""
-    return np.column_stack([normals, normals[:, 1] * arm[:, 0] - normals[:, 0] * arm[:, 1]])
+class _Fit:
+    """The field for one size and smoothness."""
+
+    def __init__(self, stretches: Stretches, same_wall: BoolArray, size: float, length: float) -> None:
+        self.size, self.length, self._stretches = size, length, stretches
+        field = _covariance(stretches, stretches, size, length)
+        noise = stretches.noise**2
+        weight = np.ones(len(noise))
+        blocks = [np.flatnonzero(row) for row in same_wall]
+        for _ in range(ROUNDS):
+            inverse = np.linalg.inv(field + np.diag(noise / weight))
+            pulled = inverse @ stretches.values
+            residual, variance = np.empty(len(noise)), np.empty(len(noise))
+            for i, block in enumerate(blocks):
+                # Prediction of a block from all others (equation 5.12, for blocks).
+                own = np.linalg.inv(inverse[np.ix_(block, block)])
+                at = int(np.flatnonzero(block == i)[0])
+                residual[i] = own[at] @ pulled[block]
+                variance[i] = own[at, at] - noise[i] / weight[i]
+            variance = np.maximum(variance, 1e-6)
+            total = variance + noise
+            weight = 1.0 / np.square(1.0 + residual**2 / (OUTLIER**2 * total))
+        # Student's t with two degrees of freedom: a moved wall says nothing about the drift's size.
+        self.likelihood = float((-0.5 * np.log(total) - 1.5 * np.log1p(residual**2 / (2.0 * total))).sum())
+        self.expected = stretches.values - residual
+        self.deviation = np.sqrt(variance)
+        self._inverse, self._pulled = inverse, pulled
+
+    def predict(self, asked: Stretches) -> tuple[FloatArray, FloatArray]:
+        """Offsets and standard errors elsewhere."""
+        cross = _covariance(asked, self._stretches, self.size, self.length)
+        variance = self.size**2 - ((cross @ self._inverse) * cross).sum(axis=1)
+        return cross @ self._pulled, np.sqrt(np.maximum(variance, 1e-6))
+
+
+def _covariance(first: Stretches, second: Stretches, size: float, length: float) -> FloatArray:
+    """Of the field's parts along two sets of normals; smooth at short distances (Matern 3/2)."""
+    away = np.hypot(*(first.places[:, None] - second.places[None]).transpose(2, 0, 1)) * np.sqrt(3.0) / length
+    found: FloatArray = size**2 * (1.0 + away) * np.exp(-away) * (first.normals @ second.normals.T)
+    return found

@@ -1,4 +1,4 @@
-"""What a map says about walls: points on the faces of what is occupied, with the direction from which they were seen."""
+"""What a map says about walls: points on the faces of what is occupied, and from which side they were seen."""
 
 from dataclasses import dataclass
 

@@ -1,5 +1,6 @@
 """The straight faces of a plan's walls, with points on them."""
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
@@ -86,7 +87,7 @@ def _pieces(whole: FloatArray) -> tuple[FloatArray, IntArray]:
             *(float(np.clip(end, 0.0, lengths[i])) for span in spans for end in span[:2]),
         }
         ends = _far_apart(sorted(cuts))
-        for start, stop in zip(ends[:-1], ends[1:], strict=True):
+        for start, stop in itertools.pairwise(ends):
             middle = 0.5 * (start + stop)
             covering = [span for span in spans if span[0] <= middle <= span[1]]
             nearest = min(covering, key=lambda span: span[2], default=None)

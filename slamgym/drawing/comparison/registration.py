@@ -1,6 +1,6 @@
 """Laying a map over a plan without knowing where it lies.
 
-Coarse: the map's walls and free space, turned by every few degrees, are correlated with the plan's at all shifts at once
+Coarse: the map's walls and free space, turned by every few degrees, are correlated with the plan's at all shifts
 (FFT). Fine: the best distinct poses are refined by iterated closest points on the faces of walls, point to line, with
 normals that agree and far residuals left out (Chetverikov et al., "The trimmed iterative closest point algorithm",
 2002), so that furniture and changes don't pull. What wins must explain the plan's walls where the map shows something.
@@ -18,7 +18,7 @@ from scipy.spatial import KDTree
 
 from slamgym.cad.floorplan import FloorPlan, fill_segments
 from slamgym.core.geometry import transform_points, wrap_angle
-from slamgym.core.types import FREE, OCCUPIED, BoolArray, Float32Array, FloatArray, GridFrame, Pose2D
+from slamgym.core.types import FREE, Float32Array, FloatArray, GridFrame, Pose2D
 from slamgym.drawing.comparison.evidence import MapEvidence
 from slamgym.drawing.comparison.plan_faces import PlanFaces
 

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import KDTree
 
-from slamgym.core.types import FREE, OCCUPIED, BoolArray, FloatArray
+from slamgym.core.types import FREE, OCCUPIED, BoolArray, FloatArray, IntArray
 from slamgym.drawing.comparison.config import ComparisonConfig
-from slamgym.drawing.comparison.distortion import LocalDistortion, Offsets, local_distortion
+from slamgym.drawing.comparison.distortion import Stretches, estimate_drift
 from slamgym.drawing.comparison.evidence import MapEvidence
 from slamgym.drawing.comparison.plan_faces import STEP, PlanFaces
 from slamgym.drawing.comparison.records import FaceReport, FaceState, Line
@@ -26,10 +26,14 @@ THROUGH = (-0.075, -0.025, 0.025, 0.075)
 """Where the map is free so far from a face on both sides, there is no wall [m]."""
 BEFORE = (0.1, 0.2, 0.3)
 """A face is in view where the map is free so far before it [m]."""
+CELL_ROUNDING = 0.05 / np.sqrt(12.0)
+"""A straight wall lies anywhere within its row of cells [m]."""
 MOST, SOME = 0.5, 0.25
 """Shares of what is in view."""
-PLACES_APART = 2.0
-"""The distortion is estimated at every so many metres of a face [m]."""
+STRETCH = 1.5
+"""Walls are measured in stretches of at most this length [m]."""
+CORRELATED = 0.25
+"""Offsets of points nearer to each other than this say the same [m]."""
 USUAL_DISTORTION = 0.4
 """Offsets beyond this say nothing about the map's distortion [m]."""
 
@@ -52,19 +56,14 @@ class Faces:
 
 
 def measure_faces(faces: PlanFaces, evidence: MapEvidence, config: ComparisonConfig) -> Faces:
-    """Measure all faces; the second round knows the distortion and which faces have moved by the first."""
+    """Measure all faces; in the second round the map's distortion is known from the first."""
     expected, deviation = np.zeros(len(faces.points)), np.zeros(len(faces.points))
     pairs = _pairs(faces, evidence, config.search)
-    moved = np.zeros(len(faces.lengths), np.bool_)
+    stretch = _stretches_of(faces)
     for _ in range(2):
-        offsets = _nearest_offsets(pairs, expected)
-        known = np.where(np.abs(offsets - expected) < USUAL_DISTORTION, offsets, np.nan)
-        measured = Offsets(faces.points, faces.point_normals, faces.face, known, STEP)
-        expected, deviation = _expected(faces, measured, moved, config.distortion_radius)
         found = _look(faces, evidence, _nearest_offsets(pairs, expected), expected, deviation)
-        reports = [judge_face(found, face, config) for face in range(len(faces.lengths))]
-        moved = np.array([report.state in ("moved", "missing", "covered") for report in reports])
-    return found
+        expected, deviation = _expected(found, stretch)
+    return _look(faces, evidence, _nearest_offsets(pairs, expected), expected, deviation)
 
 
 def judge_face(found: Faces, face: int, config: ComparisonConfig) -> FaceReport:
@@ -117,13 +116,10 @@ def _near_only(values: FloatArray) -> FloatArray:
 def _standard_error(found: Faces, points: FloatArray, offset: float) -> float:
     """Of a median of correlated offsets, with the rounding to cells and the uncertainty of the distortion [m]."""
     scatter = 1.4826 * float(np.median(np.abs(found.corrected[points] - offset)))
-    independent = max(1.0, len(points) * STEP / 0.25)
-    rounding = CELL_ROUNDING
-    return float(np.sqrt(1.57 * scatter**2 / independent + rounding**2 + found.deviation[points].mean() ** 2))
-
-
-CELL_ROUNDING = 0.05 / np.sqrt(12.0)
-"""A straight wall lies anywhere within its row of cells [m]."""
+    independent = max(1.0, len(points) * STEP / CORRELATED)
+    return float(
+        np.sqrt(1.57 * scatter**2 / independent + CELL_ROUNDING**2 + found.deviation[points].mean() ** 2)
+    )
 
 
 def _pairs(
@@ -156,21 +152,41 @@ def _nearest_offsets(
     return found
 
 
-def _expected(
-    faces: PlanFaces, measured: Offsets, moved: BoolArray, radius: float
-) -> tuple[FloatArray, FloatArray]:
+def _stretches_of(faces: PlanFaces) -> IntArray:
+    """Which stretch of at most :data:`STRETCH` each point belongs to, (S,)."""
+    parts = np.maximum(np.ceil(faces.lengths / STRETCH).astype(np.int64), 1)
+    first = np.cumsum(parts) - parts
+    parts, first, lengths = parts[faces.face], first[faces.face], faces.lengths[faces.face]
+    found: IntArray = first + np.minimum((faces.along / lengths * parts).astype(np.int64), parts - 1)
+    return found
+
+
+def _expected(found: Faces, stretch: IntArray) -> tuple[FloatArray, FloatArray]:
     """The distortion along the normal at every point, from the other walls around, and its standard error."""
-    expected, deviation = np.zeros(len(faces.points)), np.zeros(len(faces.points))
-    for face, length in enumerate(faces.lengths):
-        own = np.flatnonzero(faces.face == face)
-        left_out = (faces.same_wall(face) | moved)[faces.face]
-        for part in np.array_split(own, max(1, round(length / PLACES_APART))):
-            there: LocalDistortion = local_distortion(
-                measured, faces.points[part].mean(axis=0), radius, left_out
+    faces = found.plan
+    first = np.unique(stretch, return_index=True)[1]
+    counts = np.bincount(stretch)
+    places = np.stack([np.bincount(stretch, weights=faces.points[:, k]) / counts for k in (0, 1)], axis=1)
+    owner, values, noise = faces.face[first], np.zeros(len(counts)), np.ones(len(counts))
+    for number, points in enumerate(np.split(np.arange(len(stretch)), first[1:])):
+        known = found.offsets[points]
+        known = known[np.abs(known - found.expected[points]) < USUAL_DISTORTION]
+        if len(known) >= max(3, SOME * len(points)):
+            values[number] = np.median(known)
+            scatter = 1.4826 * np.median(np.abs(known - values[number]))
+            noise[number] = np.hypot(
+                CELL_ROUNDING, scatter / np.sqrt(max(1.0, len(known) * STEP / CORRELATED))
             )
-            expected[part] = there.offset(faces.points[part], faces.point_normals[part])
-            deviation[part] = there.deviation(faces.normals[face])
-    return expected, deviation
+    measured = noise < 1.0
+    all_stretches = Stretches(places, faces.normals[owner], values, noise)
+    chosen = Stretches(*(part[measured] for part in all_stretches))
+    walls = owner[measured]
+    expected, deviation = np.zeros(len(counts)), np.full(len(counts), 0.1)
+    if measured.sum() >= 4:
+        same = np.array([faces.same_wall(face)[walls] for face in walls])
+        drift, expected, deviation = estimate_drift(chosen, same, all_stretches)
+        expected[measured], deviation[measured] = drift.expected, drift.deviation
+    return expected[stretch], deviation[stretch]
 
 
 def _look(

@@ -1,0 +1,1 @@
+"""``slamgym cad``: maps and drawings."""

@@ -1,0 +1,120 @@
+"""``slamgym cad compare``: a robot's map against a floor plan."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import tyro
+
+from slamgym.core.config import Arguments, Positive, suggest
+from slamgym.core.errors import ConfigError, InputFileError
+from slamgym.drawing.comparison.config import ComparisonConfig
+
+if TYPE_CHECKING:
+    from slamgym.cad.floorplan import FloorPlan
+    from slamgym.drawing.comparison.records import Comparison
+
+EXIT_DIFFERENT = 1
+"""Plan and map are of different buildings, it seems."""
+
+
+class CompareArguments(Arguments):
+    """Compare a robot's map with a floor plan: walls moved, missing and extra, doors, rooms not yet explored.
+
+    Where the map lies on the plan is found by itself. Exit status 1 if the two don't fit together.
+    """
+
+    plan: tyro.conf.Positional[str]
+    """DXF, IFC, GeoJSON, HouseExpo JSON, a ROS map's yaml, or a picture with its metres per pixel (plan.png@0.05);
+    a DXF that doesn't say its unit is read as plan.dxf@0.001."""
+    map: tyro.conf.Positional[Path]
+    """The map: a ROS yaml or its folder, Valetudo's JSON or PNG, or a picture (--resolution)."""
+    out: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
+    """Folder for comparison.json, comparison.csv and comparison.png."""
+    resolution: Positive | None = None
+    """Metres of a pixel of a map that doesn't say it."""
+    storey: str | None = None
+    """Which plan of a file with several, an IFC model's storey above all; the first by default."""
+    layers: tuple[str, ...] = ()
+    """Layers of a DXF drawing's walls, where their names don't say it."""
+    scale: bool = False
+    """Fit the map's scale, too (within 10 %)."""
+    comparison: ComparisonConfig = field(default_factory=ComparisonConfig)
+    """What counts as a change."""
+
+
+def main(argv: list[str]) -> int:
+    """Run the command.
+
+    Returns:
+        The exit code: 0, or 1 if plan and map are of different buildings.
+
+    Raises:
+        SlamgymError: If one of them can't be read.
+    """
+    arguments = tyro.cli(CompareArguments, args=argv, prog="slamgym cad compare")
+    from slamgym.drawing.comparison.compare import compare
+    from slamgym.drawing.comparison.picture import draw_comparison
+    from slamgym.drawing.comparison.records import write_comparison
+    from slamgym.interop.map_files import read_map
+    from slamgym.viz.canvas import write_picture
+
+    if arguments.out.exists() and not arguments.out.is_dir():
+        raise InputFileError(arguments.out, "is a file; name a folder for the results")
+    plan, doubts = _read_plan(arguments)
+    robot_map = read_map(arguments.map, arguments.resolution)
+    config = replace(arguments.comparison, scale=arguments.comparison.scale or arguments.scale)
+    found = compare(plan, robot_map.grid, config, str(arguments.map), (*doubts, *robot_map.doubts))
+    write_picture(arguments.out / "comparison.png", draw_comparison(found, plan, robot_map.grid))
+    write_comparison(arguments.out, found)
+    _report(found, arguments.out)
+    return 0 if found.is_confident else EXIT_DIFFERENT
+
+
+def _read_plan(arguments: CompareArguments) -> tuple[FloorPlan, tuple[str, ...]]:
+    """The plan, and what is doubtful about it."""
+    from slamgym.cad.sources import DrawingSource, open_plans
+
+    source = open_plans(arguments.plan)
+    if isinstance(source, DrawingSource) and arguments.layers:
+        source = source.with_layers(arguments.layers)
+    elif arguments.layers:
+        raise ConfigError("--layers needs a DXF drawing")
+    ids = list(source.ids)
+    chosen = arguments.storey
+    if chosen is not None and chosen not in ids:
+        fitting = [plan_id for plan_id in ids if plan_id.endswith(f"-{chosen}")]
+        if not fitting:
+            raise ConfigError(f"{arguments.plan} has no plan {chosen!r}; {suggest(chosen, ids)}")
+        chosen = fitting[0]
+    plan_id = chosen or ids[0]
+    if isinstance(source, DrawingSource):
+        return source.read(plan_id)
+    return source.load(plan_id), ()
+
+
+def _report(found: Comparison, folder: Path) -> None:
+    """Print a table."""
+    from rich.console import Console
+    from rich.table import Table
+
+    from slamgym.drawing.comparison.records import COLUMNS
+
+    for doubt in found.doubts:
+        sys.stderr.write(f"slamgym: doubt: {doubt}\n")
+    console = Console()
+    if found.is_confident:
+        registration = found.registration
+        console.print(
+            f"{registration.explained:.0%} of the plan's walls in view are in the map; {len(found.changes)} changes",
+            highlight=False,
+        )
+        table = Table(*(column.replace("_", " ") for column in COLUMNS))
+        for row in found.table():
+            table.add_row(*row)
+        if found.changes:
+            console.print(table)
+    sys.stdout.write(f"{folder / 'comparison.png'}\n")
