@@ -16,7 +16,7 @@ from slamgym.drawing.comparison.records import Change, Comparison, FaceReport, L
 from slamgym.drawing.comparison.registration import register
 from slamgym.drawing.comparison.walls import Faces, judge_face, measure_faces, open_runs
 
-AGREE = 0.12
+AGREE = 0.15
 """The two faces of a wall have moved together if their offsets agree this well [m]."""
 SEEN_FROM = 0.1
 """Of a room's floor, cells of this size are asked [m]."""
@@ -52,6 +52,7 @@ def compare(
         return Comparison(plan.where, map_name, found, (), (), (), doubts)
     evidence = evidence.moved(found.plan_from_map, found.scale)
     measured = measure_faces(faces, evidence, config)
+    faces = measured.plan
     reports = [judge_face(measured, face, config) for face in range(len(faces.lengths))]
     rooms = tuple(
         (room.category, _seen_share(room.polygon.intersection(plan.free_space), evidence))

@@ -9,7 +9,7 @@ from slamgym.core.types import FREE, OCCUPIED, BoolArray, FloatArray, IntArray
 from slamgym.drawing.comparison.config import ComparisonConfig
 from slamgym.drawing.comparison.distortion import Stretches, estimate_drift
 from slamgym.drawing.comparison.evidence import MapEvidence
-from slamgym.drawing.comparison.plan_faces import STEP, PlanFaces
+from slamgym.drawing.comparison.plan_faces import STEP, PlanFaces, cut_faces
 from slamgym.drawing.comparison.records import FaceReport, FaceState, Line
 
 LATERAL = 0.045
@@ -30,6 +30,8 @@ CELL_ROUNDING = 0.05 / np.sqrt(12.0)
 """A straight wall lies anywhere within its row of cells [m]."""
 MOST, SOME = 0.5, 0.25
 """Shares of what is in view."""
+LONG_PART = 0.5
+"""A part of a face that is this long may have moved by itself [m]."""
 STRETCH = 1.5
 """Walls are measured in stretches of at most this length [m]."""
 CORRELATED = 0.25
@@ -56,7 +58,33 @@ class Faces:
 
 
 def measure_faces(faces: PlanFaces, evidence: MapEvidence, config: ComparisonConfig) -> Faces:
-    """Measure all faces; in the second round the map's distortion is known from the first."""
+    """Measure all faces; those of which only a part has moved are cut in two, and all is measured again."""
+    found = _measured(faces, evidence, config)
+    cuts = {face: places for face in range(len(faces.lengths)) if (places := _cuts(found, face))}
+    return _measured(cut_faces(faces, cuts), evidence, config) if cuts else found
+
+
+def _cuts(found: Faces, face: int) -> list[float]:
+    """Where a part of a face that is at its place meets one that is elsewhere [m]."""
+    own = np.flatnonzero((found.plan.face == face) & np.isfinite(found.offsets))
+    if len(own) * STEP < 2.0 * LONG_PART:
+        return []
+    away = np.abs(found.corrected[own]) > NEAR
+    along = found.plan.along[own]
+    changes = np.flatnonzero(away[1:] != away[:-1]) + 1
+    places = []
+    for at in changes:
+        before, behind = along[at] - along[:at] <= LONG_PART, along[at:] - along[at] <= LONG_PART
+        # Both sides must be of one mind for half a metre.
+        if along[at] < LONG_PART or along[-1] - along[at] < LONG_PART:
+            continue
+        if (away[:at][before] != away[at]).mean() > 0.8 and (away[at:][behind] == away[at]).mean() > 0.8:
+            places.append(float(0.5 * (along[at - 1] + along[at])))
+    return places
+
+
+def _measured(faces: PlanFaces, evidence: MapEvidence, config: ComparisonConfig) -> Faces:
+    """In the second round the map's distortion is known from the first."""
     expected, deviation = np.zeros(len(faces.points)), np.zeros(len(faces.points))
     pairs = _pairs(faces, evidence, config.search)
     stretch = _stretches_of(faces)
