@@ -4,7 +4,7 @@ Walls between two rooms are shifted by a given distance, removed, added, and doo
 as it was drawn; the changed building is what the robot explores.
 """
 
-import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -99,7 +99,9 @@ def _swept(body: Polygon, by: FloatArray) -> Polygon:
 def shift_wall(plan: FloorPlan, slab: Slab, by: float) -> tuple[FloorPlan, Change] | None:
     """Move a piece of wall sideways."""
     offset = by * slab.normal
-    floor = plan.free_space.union(slab.body.buffer(0.001, join_style="mitre")).difference(_moved(slab.body, offset))
+    floor = plan.free_space.union(slab.body.buffer(0.001, join_style="mitre")).difference(
+        _moved(slab.body, offset)
+    )
     changed = _with_floor(plan, floor)
     line = tuple(slab.line.tolist())
     return None if changed is None else (changed, Change("wall_moved", line, by, _swept(slab.body, offset)))
@@ -135,7 +137,7 @@ def add_wall(plan: FloorPlan, rng: np.random.Generator) -> tuple[FloorPlan, Chan
     return None if changed is None else (changed, Change("wall_extra", line, 0.0, body.buffer(0.05)))
 
 
-def _door_slab(plan: FloorPlan, line: FloatArray, thickness: float) -> Polygon:
+def _door_slab(line: FloatArray, thickness: float) -> Polygon:
     return shapely.LineString(line.reshape(2, 2)).buffer(0.5 * thickness, cap_style="flat")
 
 
@@ -160,9 +162,13 @@ def close_door(plan: FloorPlan, rng: np.random.Generator) -> tuple[FloorPlan, Ch
     thickness = _wall_thickness(plan, line)
     if thickness is None:
         return None
-    slab = _door_slab(plan, line, thickness).buffer(0.002, join_style="mitre")
+    slab = _door_slab(line, thickness).buffer(0.002, join_style="mitre")
     changed = _with_floor(plan, plan.free_space.difference(slab))
-    return None if changed is None else (changed, Change("door_blocked", tuple(line.tolist()), 0.0, slab.buffer(0.1)))
+    return (
+        None
+        if changed is None
+        else (changed, Change("door_blocked", tuple(line.tolist()), 0.0, slab.buffer(0.1)))
+    )
 
 
 def move_door(plan: FloorPlan, rng: np.random.Generator) -> tuple[FloorPlan, Change] | None:
@@ -177,8 +183,8 @@ def move_door(plan: FloorPlan, rng: np.random.Generator) -> tuple[FloorPlan, Cha
     by = float(rng.choice([-1.0, 1.0]) * rng.uniform(0.4, 1.2))
     unit = (line[2:] - line[:2]) / np.hypot(*(line[2:] - line[:2]))
     there = line + np.tile(by * unit, 2)
-    old = _door_slab(plan, line, thickness).buffer(0.002, join_style="mitre")
-    new = _door_slab(plan, there, thickness + 0.02)
+    old = _door_slab(line, thickness).buffer(0.002, join_style="mitre")
+    new = _door_slab(there, thickness + 0.02)
     walls_beside = new.difference(old).difference(plan.free_space)
     # What is opened must be wall, and floor must lie on both sides of it.
     whole = shapely.LineString(there.reshape(2, 2)).buffer(0.5 * thickness + 0.3, cap_style="flat")
@@ -194,7 +200,7 @@ def move_door(plan: FloorPlan, rng: np.random.Generator) -> tuple[FloorPlan, Cha
 
 
 def change_building(plan: FloorPlan, rng: np.random.Generator) -> tuple[FloorPlan, list[Change]]:
-    """One wall shifted by each distance, one removed, two added, a door closed and one moved, as far as there is room."""
+    """Shift a wall by each distance, remove one, add two, close a door and move one, as far as there is room."""
     built, changes = plan, []
 
     def accept(result: tuple[FloorPlan, Change] | None) -> bool:
@@ -205,7 +211,7 @@ def change_building(plan: FloorPlan, rng: np.random.Generator) -> tuple[FloorPla
         changes.append(result[1])
         return True
 
-    def attempt(make, tries: int = 30) -> None:
+    def attempt(make: Callable[[], tuple[FloorPlan, Change] | None], tries: int = 30) -> None:
         for _ in range(tries):
             if accept(make()):
                 return
@@ -223,8 +229,3 @@ def change_building(plan: FloorPlan, rng: np.random.Generator) -> tuple[FloorPla
     attempt(lambda: move_door(built, rng))
     attempt(lambda: close_door(built, rng))
     return replace(built, doors=()), changes
-
-
-def length_of(line: tuple[float, float, float, float]) -> float:
-    """[m]"""
-    return math.hypot(line[2] - line[0], line[3] - line[1])

@@ -74,9 +74,9 @@ def _cuts(found: Faces, face: int) -> list[float]:
     changes = np.flatnonzero(away[1:] != away[:-1]) + 1
     places = []
     for at in changes:
-        before, behind = along[at] - along[:at] <= LONG_PART, along[at:] - along[at] <= LONG_PART
-        # Both sides must be of one mind for half a metre.
-        if along[at] < LONG_PART or along[-1] - along[at] < LONG_PART:
+        # Both sides must be of one mind for half a metre, beginning beside the change.
+        before, behind = along[at - 1] - along[:at] <= LONG_PART, along[at:] - along[at] <= LONG_PART
+        if along[at] - along[0] < LONG_PART or along[-1] - along[at] < LONG_PART:
             continue
         if (away[:at][before] != away[at]).mean() > 0.8 and (away[at:][behind] == away[at]).mean() > 0.8:
             places.append(float(0.5 * (along[at - 1] + along[at])))
