@@ -120,6 +120,13 @@ def _line(picture: ByteArray, line: FloatArray, frame: GridFrame, colour: Colour
     cv2.polylines(picture, [pixels], False, colour, thickness, cv2.LINE_AA, SHIFT)
 
 
+def verdict(comparison: Comparison) -> str:
+    """The result in a few words."""
+    return (
+        f"{len(comparison.changes)} changes" if comparison.is_confident else "NOT THE SAME BUILDING, it seems"
+    )
+
+
 def _heading(comparison: Comparison, width: int) -> ByteArray:
     strip = blank((HEADING + LEGEND_ROW * len(comparison.doubts), width))
     found = comparison.registration

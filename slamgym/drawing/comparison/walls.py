@@ -69,16 +69,17 @@ def _cuts(found: Faces, face: int) -> list[float]:
     own = np.flatnonzero((found.plan.face == face) & np.isfinite(found.offsets))
     if len(own) * STEP < 2.0 * LONG_PART:
         return []
-    away = np.abs(found.corrected[own]) > NEAR
+    values = found.corrected[own]
+    away = np.abs(values) > NEAR
     along = found.plan.along[own]
     changes = np.flatnonzero(away[1:] != away[:-1]) + 1
     places = []
     for at in changes:
-        # Both sides must be of one mind for half a metre, beginning beside the change.
+        # Both sides must be of one mind for half a metre, and there must be a step between them: drift has none.
         before, behind = along[at - 1] - along[:at] <= LONG_PART, along[at:] - along[at] <= LONG_PART
-        if along[at] - along[0] < LONG_PART or along[-1] - along[at] < LONG_PART:
-            continue
-        if (away[:at][before] != away[at]).mean() > 0.8 and (away[at:][behind] == away[at]).mean() > 0.8:
+        step = np.median(values[:at][before]) - np.median(values[at:][behind])
+        agree = min((away[:at][before] != away[at]).mean(), (away[at:][behind] == away[at]).mean())
+        if agree > 0.8 and abs(step) > NEAR:
             places.append(float(0.5 * (along[at - 1] + along[at])))
     return places
 
