@@ -79,10 +79,12 @@ def _read_plan(arguments: CompareArguments) -> tuple[FloorPlan, tuple[str, ...]]
     from slamgym.cad.sources import DrawingSource, open_plans
 
     source = open_plans(arguments.plan)
-    if isinstance(source, DrawingSource) and arguments.layers:
+    if arguments.layers:
+        if not isinstance(source, DrawingSource) or not arguments.plan.lower().partition("@")[0].endswith(
+            ".dxf"
+        ):
+            raise ConfigError("--layers needs a DXF drawing")
         source = source.with_layers(arguments.layers)
-    elif arguments.layers:
-        raise ConfigError("--layers needs a DXF drawing")
     ids = list(source.ids)
     chosen = arguments.storey
     if chosen is not None and chosen not in ids:
@@ -98,23 +100,26 @@ def _read_plan(arguments: CompareArguments) -> tuple[FloorPlan, tuple[str, ...]]
 
 def _report(found: Comparison, folder: Path) -> None:
     """Print a table."""
-    from rich.console import Console
-    from rich.table import Table
-
-    from slamgym.drawing.comparison.records import COLUMNS
-
     for doubt in found.doubts:
         sys.stderr.write(f"slamgym: doubt: {doubt}\n")
-    console = Console()
     if found.is_confident:
-        registration = found.registration
-        console.print(
-            f"{registration.explained:.0%} of the plan's walls in view are in the map; {len(found.changes)} changes",
-            highlight=False,
+        share = found.registration.explained
+        sys.stdout.write(
+            f"{share:.0%} of the plan's walls in view are in the map; {len(found.changes)} changes\n"
         )
-        table = Table(*(column.replace("_", " ") for column in COLUMNS))
-        for row in found.table():
-            table.add_row(*row)
         if found.changes:
-            console.print(table)
+            sys.stdout.write(
+                f"{'change':16} {'at x, y m':>14} {'length m':>8} {'by cm':>6} {'+-':>4} {'with drift':>10}  of, note\n"
+            )
+        for change in found.changes:
+            x, y = 0.5 * (change.line[0] + change.line[2]), 0.5 * (change.line[1] + change.line[3])
+            by, error, raw = (
+                "" if value is None else f"{100.0 * value:.0f}"
+                for value in (change.offset, change.error, change.raw_offset)
+            )
+            note = f"{change.what}; {change.note}" if change.note else change.what
+            sys.stdout.write(
+                f"{change.kind.replace('_', ' '):16} {f'{x:.1f}, {y:.1f}':>14} {change.length:8.2f} {by:>6} {error:>4} "
+                f"{raw:>10}  {note}\n"
+            )
     sys.stdout.write(f"{folder / 'comparison.png'}\n")

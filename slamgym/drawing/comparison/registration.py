@@ -37,6 +37,8 @@ MAX_POINTS = 4000
 """Points of a map that the search uses."""
 CLOSE = 0.12
 """A point that is so near to a face, and looks the same way, is explained [m]."""
+MISSED = 0.75
+"""A face that is farther than this from all that the map shows is missing, not moved [m]."""
 BEFORE_FACE = (0.1, 0.2, 0.3)
 """A face is in view where the map is free so far before it [m]."""
 MIN_SCORE = 0.73
@@ -105,8 +107,11 @@ def register(
     rated = sorted(
         ((fitter.score(pose, scale), pose, scale) for pose, scale in found), key=lambda entry: -entry[0][0]
     )
-    (score, explained, inside, supported), pose, scale = rated[0]
-    rivals = [entry[0][0] for entry in rated[1:] if _are_distinct(entry[1], pose, fitter.middle)]
+    # Of poses that are nearly as good, the one whose unexplained walls are nearest to others: moved, not missing.
+    near_best = [entry for entry in rated if rated[0][0][0] - entry[0][0] < RIVAL]
+    best = max(near_best, key=lambda entry: entry[0][4])
+    (score, explained, inside, supported, _), pose, scale = best
+    rivals = [entry[0][0] for entry in rated if _are_distinct(entry[1], pose, fitter.middle)]
     _, fitted = (pose, scale) if fit_scale else fitter.refine(pose, 1.0, True)
     return Registration(pose, scale, fitted, explained, inside, supported, score, max(rivals, default=0.0))
 
@@ -151,8 +156,8 @@ class _Fitter:
             pose, scale = _stepped(pose, centre, step, factor), float(np.clip(scale * factor, 0.9, 1.1))
         return pose, scale
 
-    def score(self, pose: Pose2D, scale: float) -> tuple[float, float, float, float]:
-        """Score, share of the plan's walls in view that are there, of floor inside, of walls supported."""
+    def score(self, pose: Pose2D, scale: float) -> tuple[float, float, float, float, float]:
+        """Score; shares of the plan's walls in view that are there, of floor inside, of walls supported; nearness."""
         evidence = self._evidence.moved(pose, scale)
         moved = transform_points(pose, scale * self.points)
         nearest, residual, _ = self._nearest(
@@ -168,9 +173,11 @@ class _Fitter:
         tree = KDTree(np.hstack([evidence.points, NORMAL_WEIGHT * evidence.normals]))
         asked = np.hstack([faces.points, NORMAL_WEIGHT * faces.point_normals])[in_view]
         if not len(asked):
-            return 0.0, 0.0, inside, supported
-        explained = float((tree.query(asked, distance_upper_bound=2.0 * CLOSE)[0] < 2.0 * CLOSE).mean())
-        return 0.5 * explained + 0.3 * inside + 0.2 * supported, explained, inside, supported
+            return 0.0, 0.0, inside, supported, 0.0
+        away = np.minimum(tree.query(asked, distance_upper_bound=MISSED)[0], MISSED)
+        explained = float((away < 2.0 * CLOSE).mean())
+        score = 0.5 * explained + 0.3 * inside + 0.2 * supported
+        return score, explained, inside, supported, float(1.0 - away.mean() / MISSED)
 
     def _nearest(self, points: FloatArray, normals: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Distance to the nearest face that looks alike, distance along its normal, and the normal."""
