@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 
 import numpy as np
+import shapely
 from scipy.spatial import KDTree
 
 from slamgym.cad.floorplan import Door, FloorPlan
@@ -33,6 +34,10 @@ def door_changes(
         shift = _distortion_at(faces, tree, 0.5 * (np.array(line[:2]) + np.array(line[2:])))
         states = _states(door, unit, evidence, shift)
         along = -BEYOND + STEP * (np.arange(len(states)) + 0.5)
+        # Beyond the ends of the wall lie other rooms.
+        places = np.array(door.start) + along[:, None] * unit
+        is_floor = shapely.contains_xy(plan.free_space, places[:, 0], places[:, 1])
+        states[is_floor & ((along < -STEP) | (along > door.width + STEP))] = 0
         inside = (along > 0.1) & (along < door.width - 0.1)
         if (states[inside] == 0).mean() > 0.5:
             continue

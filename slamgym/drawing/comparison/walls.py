@@ -20,6 +20,8 @@ CORNER = 0.08
 """What is nearer to the ends of a face says little about it [m]."""
 NEAR = 0.1
 """So near to its place a wall is there [m]."""
+NO_OPENING = 0.3
+"""Where a wall stands so near to its place there is no opening in it, whatever is free [m]."""
 SPREAD = 0.06
 """Offsets that differ from the commonest by less belong to one straight face [m]."""
 THROUGH = (-0.075, -0.025, 0.025, 0.075)
@@ -131,15 +133,12 @@ def judge_face(found: Faces, face: int, config: ComparisonConfig) -> FaceReport:
 def open_runs(found: Faces, face: int, shortest: float) -> list[tuple[float, float]]:
     """Gaps in a face through which the map is free: first and last place along it [m]."""
     own = np.flatnonzero(found.plan.face == face)
-    gap = np.concatenate([[False], found.is_open[own] & np.isnan(_near_only(found.corrected[own])), [False]])
+    wall_beside = np.abs(found.corrected[own]) <= NO_OPENING  # false for nan
+    gap = np.concatenate([[False], found.is_open[own] & ~wall_beside, [False]])
     starts, stops = np.flatnonzero(~gap[:-1] & gap[1:]), np.flatnonzero(gap[:-1] & ~gap[1:]) - 1
     step = found.plan.lengths[face] / len(own)
     runs = [(start * step, (stop + 1) * step) for start, stop in zip(starts, stops, strict=True)]
     return [run for run in runs if run[1] - run[0] >= shortest]
-
-
-def _near_only(values: FloatArray) -> FloatArray:
-    return np.where(np.abs(values) <= NEAR, values, np.nan)
 
 
 def _standard_error(found: Faces, points: FloatArray, offset: float) -> float:
