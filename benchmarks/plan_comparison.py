@@ -159,6 +159,8 @@ def offset_error(found: Change, truth: TrueChange) -> float:
 
 def is_false(found: Change, truth: list[TrueChange]) -> bool:
     """Whether nothing has changed where a change is reported."""
+    if found.kind == "room_unexplored":
+        return False
     line = shapely.LineString(np.reshape(found.line, (2, 2)))
     return not any(line.distance(change.touched) < FOLLOWS for change in truth)
 
@@ -209,7 +211,10 @@ def table(cases: list[Case], config: ComparisonConfig) -> list[dict[str, str]]:
     sizes = [("wall_moved", low, high) for low, high in BINS]
     for kind, low, high in [
         *sizes,
-        *((k, 0.0, 9.0) for k in ("wall_missing", "wall_extra", "door_moved", "door_blocked")),
+        *(
+            (k, 0.0, 9.0)
+            for k in ("wall_covered", "wall_missing", "wall_extra", "door_moved", "door_blocked")
+        ),
     ]:
         truths = [
             (t, run) for run, truth in runs for t in truth if t.kind == kind and low <= abs(t.offset) < high

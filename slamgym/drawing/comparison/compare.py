@@ -12,7 +12,7 @@ from slamgym.drawing.comparison.evidence import MapEvidence, map_evidence
 from slamgym.drawing.comparison.extra_walls import extra_structures
 from slamgym.drawing.comparison.openings import door_changes
 from slamgym.drawing.comparison.plan_faces import PlanFaces, plan_faces
-from slamgym.drawing.comparison.records import Change, Comparison, FaceReport, Line
+from slamgym.drawing.comparison.records import Change, ChangeKind, Comparison, FaceReport, Line
 from slamgym.drawing.comparison.registration import register
 from slamgym.drawing.comparison.walls import Faces, judge_face, measure_faces, open_runs
 
@@ -21,7 +21,7 @@ AGREE = 0.15
 SEEN_FROM = 0.1
 """Of a room's floor, cells of this size are asked [m]."""
 FURNITURE = (0.15, 0.8)
-"""A face that stands so far before its place, and whose other side isn't seen, may be furniture [m]."""
+"""What stands so far before the place of a wall whose other side isn't seen may be furniture [m]."""
 
 
 def compare(
@@ -101,6 +101,7 @@ def _wall_change(
         return Change("wall_missing", f"wall of {length:.1f} m", line, length)
     if first.offset is None or first.error is None or first.raw_offset is None:
         return None
+    kind: ChangeKind = "wall_moved"
     offset, error, raw, note = first.offset, first.error, first.raw_offset, "measured on one face"
     if (
         second is not None
@@ -114,10 +115,10 @@ def _wall_change(
         # The distortion is common to both, so two faces aren't twice as sure.
         error, note = 0.8 * min(first.error, second.error), "measured on both faces"
     elif FURNITURE[0] < offset < FURNITURE[1]:
-        note = "seen from one side: may be furniture along the wall"
+        kind, note = "wall_covered", "seen from one side: furniture along the wall, or the wall has moved"
     if abs(offset) <= config.moved or abs(offset) <= config.sure * error:
         return None
-    return Change("wall_moved", f"wall of {length:.1f} m", line, length, offset, error, raw, note)
+    return Change(kind, f"wall of {length:.1f} m", line, length, offset, error, raw, note)
 
 
 def _middle_line(faces: PlanFaces, i: int) -> Line:

@@ -33,6 +33,7 @@ PRESENT: Colour = (47, 158, 68)
 NOT_SEEN: Colour = (134, 142, 150)
 COLOURS: dict[str, tuple[Colour, str]] = {
     "wall_moved": ((240, 140, 0), "wall moved (thin: planned, thick: built)"),
+    "wall_covered": ((252, 196, 25), "covered by furniture, or moved"),
     "wall_missing": ((224, 49, 49), "wall missing"),
     "wall_extra": ((156, 54, 181), "wall not in the plan"),
     "opening_new": ((230, 73, 128), "opening not in the plan"),
@@ -102,7 +103,7 @@ def _draw_change(picture: ByteArray, change: Change, frame: GridFrame) -> None:
         return
     unit = (line[2:] - line[:2]) / max(float(np.hypot(*(line[2:] - line[:2]))), 1e-9)
     moved = line
-    if change.offset is not None and change.kind == "wall_moved":
+    if change.offset is not None and change.kind in ("wall_moved", "wall_covered"):
         # The built wall as the map shows it: with the map's own distortion.
         moved = line + np.tile((change.raw_offset or change.offset) * np.array([-unit[1], unit[0]]), 2)
     elif change.offset is not None and change.kind == "door_moved":
@@ -183,7 +184,7 @@ def table_lines(changes: Sequence[Change]) -> list[str]:
             text += f" at ({x:.1f}, {y:.1f})"
         if change.offset is not None and change.error is not None:
             text += f", by {100.0 * change.offset:+.0f} +- {100.0 * change.error:.0f} cm"
-        if change.raw_offset is not None and change.kind == "wall_moved":
+        if change.raw_offset is not None and change.kind in ("wall_moved", "wall_covered"):
             text += f" ({100.0 * change.raw_offset:+.0f} cm with the map's drift)"
         lines.append(text + (f"; {change.note}" if change.note else ""))
     return lines

@@ -11,10 +11,10 @@ from slamgym.core.files import write_text
 from slamgym.drawing.comparison.registration import Registration
 
 ChangeKind = Literal[
-    "wall_moved", "wall_missing", "wall_extra", "opening_new",
+    "wall_moved", "wall_covered", "wall_missing", "wall_extra", "opening_new",
     "door_moved", "door_blocked", "door_width", "room_unexplored",
 ]  # fmt: skip
-FaceState = Literal["present", "moved", "missing", "covered", "unclear", "not_seen"]
+FaceState = Literal["present", "moved", "missing", "unclear", "not_seen"]
 Line = tuple[float, float, float, float]
 
 COLUMNS = (
