@@ -28,7 +28,7 @@ from slamgym.commands.cli import main as slamgym
 from slamgym.core.errors import PlanError
 from slamgym.core.intervals import wilson_interval
 from slamgym.core.types import GridFrame, OccupancyGrid
-from slamgym.drawing.comparison import Change, ComparisonConfig, compare
+from slamgym.drawing.comparison import Change, ComparisonConfig, compare_with_plan
 from slamgym.interop import read_map
 
 HOMES, OFFICES, HOUSEEXPO = 12, 3, 9
@@ -176,7 +176,7 @@ def kept(found: tuple[Change, ...], moved: float, sure: float) -> list[Change]:
 def choose_threshold(cases: list[Case]) -> tuple[float, float]:
     """The thresholds for moved walls with the best F1."""
     config = ComparisonConfig(moved=0.03, sure=1.0)
-    runs = [(compare(case.plan, case.grid, config).changes, case.truth) for case in cases]
+    runs = [(compare_with_plan(case.plan, case.grid, config).changes, case.truth) for case in cases]
     best, best_score = (0.07, 3.0), -1.0
     for moved, sure in itertools.product((0.04, 0.05, 0.06, 0.07, 0.08, 0.1), (1.5, 2.0, 2.5, 3.0, 3.5)):
         hits = misses = false = 0
@@ -204,7 +204,7 @@ def share(hits: int, total: int) -> str:
 def table(cases: list[Case], config: ComparisonConfig) -> list[dict[str, str]]:
     """Recall by kind and size, and precision by kind and size as reported."""
     begun = time.process_time()
-    runs = [(compare(case.plan, case.grid, config), case.truth) for case in cases]
+    runs = [(compare_with_plan(case.plan, case.grid, config), case.truth) for case in cases]
     seconds = (time.process_time() - begun) / len(cases)
     print(f"  {sum(run.is_confident for run, _ in runs)} of {len(runs)} registered, {seconds:.2f} CPU s each")
     rows = []
@@ -252,7 +252,8 @@ def table(cases: list[Case], config: ComparisonConfig) -> list[dict[str, str]]:
 def different_buildings(cases: list[Case]) -> str:
     """How many maps are matched with the plan of another building."""
     wrong = [
-        compare(cases[(i + 1) % len(cases)].plan, case.grid).is_confident for i, case in enumerate(cases)
+        compare_with_plan(cases[(i + 1) % len(cases)].plan, case.grid).is_confident
+        for i, case in enumerate(cases)
     ]
     return f"{share(sum(wrong), len(wrong))} maps are taken for another building's"
 
@@ -267,7 +268,7 @@ def house_of_turtlebot3(folder: Path, work: Path) -> list[dict[str, str]]:
     drawn = open_plans(drawing).load("tb3_house")
     rows = []
     for run in sorted((folder / "runs").iterdir()):
-        found = compare(drawn, read_map(run / "slam.yaml").grid)
+        found = compare_with_plan(drawn, read_map(run / "slam.yaml").grid)
         kinds = [change.kind for change in found.changes]
         states = [face.state for face in found.faces]
         rows.append(

@@ -1,3 +1,3 @@
-from .comparison import Comparison, ComparisonConfig, compare
+from .comparison import ComparisonConfig, PlanComparison, compare_with_plan
 
-__all__ = ["Comparison", "ComparisonConfig", "compare"]
+__all__ = ["PlanComparison", "ComparisonConfig", "compare_with_plan"]

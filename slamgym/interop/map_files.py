@@ -18,7 +18,7 @@ from slamgym.core.types import FREE, OCCUPIED, OccupancyGrid
 from slamgym.interop.ros_map import MAX_RESOLUTION, MIN_RESOLUTION, read_bare_map, read_ros_map
 from slamgym.interop.valetudo import MapSegment, embedded_map, parse_valetudo
 
-PICTURES = (".png", ".pgm", ".bmp", ".jpg", ".jpeg", ".tif", ".tiff")
+_PICTURES = (".png", ".pgm", ".bmp", ".jpg", ".jpeg", ".tif", ".tiff")
 MIN_FREE = 50
 """Fewer free cells are no map."""
 USUAL_CELLS = (0.008, 0.15)
@@ -68,7 +68,7 @@ def _read(path: Path, resolution: float | None) -> RobotMap:
         _refuse_resolution(path, resolution)
         found = parse_valetudo(parse_json(read_bytes(path, DRAWING_BYTES), path, limit=DRAWING_BYTES), path)
         return RobotMap(found.grid, found.segments)
-    if suffix in PICTURES:
+    if suffix in _PICTURES:
         return _read_picture(path, resolution)
     if suffix == ".pbstream":
         raise InputFileError(

@@ -37,7 +37,7 @@ PIXEL_SIZES = (0.5, 100.0)
 """Cells of another size are a broken number [cm]; robots have 5."""
 MAX_PIXEL = 1 << 20
 """Pixels farther from the origin than this are a broken number."""
-MAX_NAME = 100
+_MAX_NAME = 100
 """Characters of a segment's name."""
 
 
@@ -179,7 +179,7 @@ def _layer(layer: Mapping[str, Any], where: Path | str) -> _Layer:
     else:
         pixels = _numbers(layer, "pixels", 2, where)
     name = about.get("name") or about.get("segmentId") or ""
-    return _Layer(str(kind), str(name)[:MAX_NAME] if isinstance(name, str | int) else "", pixels)
+    return _Layer(str(kind), str(name)[:_MAX_NAME] if isinstance(name, str | int) else "", pixels)
 
 
 def _numbers(layer: Mapping[str, Any], key: str, group: int, where: Path | str) -> IntArray:

@@ -11,7 +11,7 @@ import shapely
 from slamgym.cad import Door, FloorPlan, Room
 from slamgym.core.geometry import inverse, transform_points
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, GridFrame, OccupancyGrid, Pose2D
-from slamgym.drawing.comparison import ComparisonConfig, compare, draw_comparison
+from slamgym.drawing.comparison import ComparisonConfig, compare_with_plan, draw_comparison
 from slamgym.drawing.comparison.distortion import Stretches, estimate_drift
 from slamgym.drawing.comparison.evidence import map_evidence
 from slamgym.drawing.comparison.picture import verdict
@@ -101,7 +101,7 @@ def moved_walls(**offsets):
 
 @pytest.fixture(scope="module")
 def unchanged():
-    return compare(PLAN, robot_map(building()))
+    return compare_with_plan(PLAN, robot_map(building()))
 
 
 def test_a_map_as_planned_has_no_changes(unchanged):
@@ -116,7 +116,7 @@ def test_a_map_as_planned_has_no_changes(unchanged):
     "pose", [Pose2D(0, 0, 0), Pose2D(5, 5, 3.0), Pose2D(-40, 12, -1.3), Pose2D(2, 1, math.pi / 2)]
 )
 def test_the_map_is_found_wherever_it_lies(pose):
-    found = compare(PLAN, robot_map(building(), pose)).registration.plan_from_map
+    found = compare_with_plan(PLAN, robot_map(building(), pose)).registration.plan_from_map
     assert (found.x, found.y) == pytest.approx((pose.x, pose.y), abs=0.04)
     assert math.cos(found.theta - pose.theta) > math.cos(math.radians(0.5))
 
@@ -125,7 +125,7 @@ def test_the_map_is_found_wherever_it_lies(pose):
 def test_a_moved_wall_is_measured(shift):
     walls = moved_walls(left=(0.0, shift))
     doors = {**DOORS, "b": (1.5, 3.5 + shift, 2.4, 3.5 + shift + T)}
-    found = compare(PLAN, robot_map(building(walls, doors)))
+    found = compare_with_plan(PLAN, robot_map(building(walls, doors)))
     moved = of_kind(found, "wall_moved")
     assert moved, found.changes
     for change in moved:
@@ -140,7 +140,7 @@ def test_a_moved_wall_is_measured(shift):
 
 def test_a_missing_wall_and_an_extra_one():
     walls = {name: box for name, box in WALLS.items() if name != "stub"}
-    found = compare(PLAN, robot_map(building(walls, more=[(1.5, 0.0, 1.6, 2.0)])))
+    found = compare_with_plan(PLAN, robot_map(building(walls, more=[(1.5, 0.0, 1.6, 2.0)])))
     (missing,) = of_kind(found, "wall_missing")
     assert missing.line[0] == pytest.approx(7.0 + T / 2, abs=0.01)
     assert missing.length == pytest.approx(7.0 - 4.62, abs=0.15)
@@ -158,7 +158,7 @@ def test_furniture_is_no_wall():
         (0.3, 6.0, 2.1, 7.0),
         (9.4, 1.0, 10.0, 3.0),
     ]
-    found = compare(PLAN, robot_map(building(more=furniture)))
+    found = compare_with_plan(PLAN, robot_map(building(more=furniture)))
     assert found.changes == ()
 
 
@@ -169,7 +169,7 @@ def test_doors_blocked_moved_and_of_another_width():
         "d": (8.5, 4.5, 9.05, 4.5 + T),
         "e": (8.5, 4.5, 9.05, 4.5 + T),
     }
-    found = compare(PLAN, robot_map(building(doors={**doors, "stub": (7.0, 5.5, 7.0 + T, 6.4)})))
+    found = compare_with_plan(PLAN, robot_map(building(doors={**doors, "stub": (7.0, 5.5, 7.0 + T, 6.4)})))
     (moved,) = of_kind(found, "door_moved")
     assert moved.offset == pytest.approx(0.8, abs=0.06)
     (narrower,) = of_kind(found, "door_width")
@@ -183,7 +183,7 @@ def test_doors_blocked_moved_and_of_another_width():
 
 def test_rooms_that_were_not_entered_are_named_and_their_walls_not_judged():
     seen = shapely.box(0, 0, 10, 4.55)
-    found = compare(PLAN, robot_map(building(moved_walls(stub=(0.3, 0.0))), seen=seen))
+    found = compare_with_plan(PLAN, robot_map(building(moved_walls(stub=(0.3, 0.0))), seen=seen))
     assert [change.what for change in of_kind(found, "room_unexplored")] == ["Bedroom", "Bath", "Office"]
     assert len(found.changes) == 3
     assert sum(face.state == "not_seen" for face in found.faces) >= 5
@@ -193,8 +193,8 @@ def test_drift_is_no_moved_wall_but_a_wall_that_moves_beside_it_is():
     def bend(points):
         return np.stack([0.12 * np.sin(points[:, 1] / 4.0), 0.02 * (points[:, 0] - 5.0)], axis=1)
 
-    assert compare(PLAN, robot_map(building(), bend=bend)).changes == ()
-    found = compare(PLAN, robot_map(building(moved_walls(stub=(0.3, 0.0))), bend=bend))
+    assert compare_with_plan(PLAN, robot_map(building(), bend=bend)).changes == ()
+    found = compare_with_plan(PLAN, robot_map(building(moved_walls(stub=(0.3, 0.0))), bend=bend))
     (moved,) = found.changes
     assert moved.kind == "wall_moved"
     assert abs(moved.offset) == pytest.approx(0.3, abs=0.05)
@@ -212,7 +212,7 @@ def test_another_building_is_said_and_not_compared():
         (1, 4.9, 2, 5.2),
     ]
     other = shapely.union_all([shapely.box(*box) for box in rooms])
-    found = compare(FloorPlan("other", other), robot_map(building()))
+    found = compare_with_plan(FloorPlan("other", other), robot_map(building()))
     assert not found.is_confident
     assert found.changes == ()
     assert "different buildings" in found.doubts[0]
@@ -223,7 +223,7 @@ def test_a_symmetric_building_is_doubted():
     floor = shapely.union_all(
         [shapely.box(0, 0, 4, 3), shapely.box(4.1, 0, 8.1, 3), shapely.box(3.9, 1, 4.2, 2)]
     )
-    found = compare(FloorPlan("twins", floor), robot_map(floor))
+    found = compare_with_plan(FloorPlan("twins", floor), robot_map(floor))
     assert found.is_confident
     assert "another place" in found.doubts[0]
 
@@ -231,15 +231,15 @@ def test_a_symmetric_building_is_doubted():
 def test_scale_is_doubted_and_fitted():
     grid = robot_map(building())
     small = dataclasses.replace(grid, frame=grid.frame._replace(resolution=0.05 / 1.06))
-    assert "scale doubtful" in compare(PLAN, small).doubts[0]
-    fitted = compare(PLAN, small, ComparisonConfig(scale=True))
+    assert "scale doubtful" in compare_with_plan(PLAN, small).doubts[0]
+    fitted = compare_with_plan(PLAN, small, ComparisonConfig(scale=True))
     assert fitted.registration.scale == pytest.approx(1.06, abs=0.005)
     assert fitted.changes == ()
 
 
 def test_the_picture_shows_what_has_changed(unchanged):
     grid = robot_map(building(moved_walls(left=(0.0, 0.3))))
-    found = compare(PLAN, grid)
+    found = compare_with_plan(PLAN, grid)
     picture = draw_comparison(found, PLAN, grid)
     orange = (picture == (240, 140, 0)).all(axis=2).sum()
     assert orange > 1000

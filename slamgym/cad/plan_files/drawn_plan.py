@@ -22,7 +22,7 @@ from slamgym.core.errors import PlanError
 from slamgym.core.limits import NEAR_PAIRS, PLAN_PARTS, VERTICES
 from slamgym.core.types import FloatArray
 
-GRID = 1e-3
+LINE_GRID = 1e-3
 """Ends of lines that are closer than this meet [m]."""
 MAX_WALL = 0.7
 """What is narrower than this between lines is a wall [m]."""
@@ -32,7 +32,7 @@ BESIDE_DOOR = (0.02, 0.1, 0.2, 0.3, 0.4, 0.5)
 """How far from a door's middle the spaces that it joins are looked for [m]; a wall may run through it."""
 LINE_WIDTH = 0.01
 """Thickness of a wall that is drawn as one line [m]."""
-MIN_ENCLOSED_SHARE = 0.3
+_MIN_ENCLOSED_SHARE = 0.3
 """Spaces fill at least this share of the box round the walls; else the building has open gaps."""
 OUTER_GAP = 1.5
 """Open gaps in the outer walls up to this width are taken for shut [m]."""
@@ -83,7 +83,7 @@ def floor_of_walls(drawn: DrawnWalls, plan_id: str, source: str) -> DrawnPlan:
     spaces = _spaces(network)
     min_x, min_y, max_x, max_y = shapely.bounds(network).tolist()
     box = (max_x - min_x) * (max_y - min_y)
-    if sum(space.area for space in spaces) < MIN_ENCLOSED_SHARE * box:
+    if sum(space.area for space in spaces) < _MIN_ENCLOSED_SHARE * box:
         spaces = _spaces_with_gaps_shut(network) or spaces
     if not spaces:
         raise PlanError(source, "its walls enclose no space; check the layers, the unit and gaps at corners")
@@ -143,7 +143,7 @@ def _network(walls: FloatArray, doors: FloatArray, windows: FloatArray, source: 
     lines: Any = shapely.linestrings(segments.reshape(-1, 2, 2))
     crossings = shapely.STRtree(lines).query(lines, predicate="intersects").shape[1]
     NEAR_PAIRS.check(source, crossings * 10, PlanError)
-    return shapely.union_all(lines, grid_size=GRID)
+    return shapely.union_all(lines, grid_size=LINE_GRID)
 
 
 def _lengthened(segments: FloatArray) -> FloatArray:
@@ -166,9 +166,9 @@ def _spaces_with_gaps_shut(network: Any) -> list[Polygon]:
     border = around.exterior
     outside = shapely.union_all([part for part in shapely.get_parts(free) if part.intersects(border)])
     # A hair smaller, so that its border doesn't lie on the walls that it touches; the strip between is taken off.
-    outside = outside.buffer(radius - 5.0 * GRID)
-    shut = shapely.union_all([network, outside.boundary], grid_size=GRID)
-    strip = 10.0 * GRID
+    outside = outside.buffer(radius - 5.0 * LINE_GRID)
+    shut = shapely.union_all([network, outside.boundary], grid_size=LINE_GRID)
+    strip = 10.0 * LINE_GRID
     inner = [space for space in _spaces(shut) if not outside.intersects(space.representative_point())]
     opened = [space.buffer(-strip, join_style="mitre").buffer(strip, join_style="mitre") for space in inner]
     return [part for space in opened for part in shapely.get_parts(space) if isinstance(part, Polygon)]
@@ -218,14 +218,14 @@ def _largest_group(spaces: Sequence[Polygon], doorways: Sequence[_Doorway]) -> s
 
 def _floor(spaces: Sequence[Polygon], slabs: Sequence[Polygon], drawn: DrawnWalls, source: str) -> Polygon:
     """The spaces and the doors between them as one polygon; walls of one line get a thickness."""
-    floor = shapely.union_all([*spaces, *slabs], grid_size=GRID)
+    floor = shapely.union_all([*spaces, *slabs], grid_size=LINE_GRID)
     barriers = np.vstack([drawn.walls, drawn.windows])
-    lines = shapely.union_all(shapely.linestrings(barriers.reshape(-1, 2, 2)), grid_size=GRID)
-    inner = lines.intersection(floor.buffer(-3.0 * GRID)).difference(shapely.union_all(list(slabs)))
+    lines = shapely.union_all(shapely.linestrings(barriers.reshape(-1, 2, 2)), grid_size=LINE_GRID)
+    inner = lines.intersection(floor.buffer(-3.0 * LINE_GRID)).difference(shapely.union_all(list(slabs)))
     if not inner.is_empty:
         floor = floor.difference(inner.buffer(0.5 * LINE_WIDTH, cap_style="square", join_style="mitre"))
     parts = [part for part in shapely.get_parts(floor) if isinstance(part, Polygon)]
-    largest = max(parts, key=lambda part: float(part.area)).simplify(GRID)
+    largest = max(parts, key=lambda part: float(part.area)).simplify(LINE_GRID)
     if not isinstance(largest, Polygon) or largest.is_empty or not largest.is_valid:
         raise PlanError(source, "its walls enclose no simple floor; check the layers of the walls")
     PLAN_PARTS.check(source, len(largest.interiors), PlanError)

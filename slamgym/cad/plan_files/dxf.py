@@ -23,9 +23,9 @@ from slamgym.core.files import read_bytes
 from slamgym.core.limits import DEPTH, DRAWING_BYTES, ENTRIES, shown
 from slamgym.core.types import FloatArray
 
-Kind = Literal["wall", "door", "window", "room", "other"]
+LayerKind = Literal["wall", "door", "window", "room", "other"]
 
-LAYERS: dict[Kind, str] = {
+LAYERS: dict[LayerKind, str] = {
     "window": r"window|glaz|fenster|fen[eê]tre|ventana|finestra|janela|raam|vindu",
     "door": r"door|t[uü]e?r(?!m)|porte|puerta|porta|deur|d[oø]rr?",
     "room": r"room|raum|space|pi[eè]ce|locale|zone",
@@ -33,7 +33,7 @@ LAYERS: dict[Kind, str] = {
 }
 """What the names of layers mean, the first that fits; regular expressions, capital letters or not."""
 
-FLATNESS = 0.005
+_FLATNESS = 0.005
 """How far a curve may stray from the lines that stand for it [m]."""
 DOOR_LENGTHS = (0.4, 4.0)
 """Lines of doors of other lengths are leaves, frames and handles [m]."""
@@ -69,7 +69,7 @@ def read_dxf(path: Path | str, unit: float | None = None, layers: Sequence[str] 
     document = _open(path)
     code = document.header.get("$INSUNITS", 0)
     unit = unit or (UNITS.get(code) if isinstance(code, int) else None)
-    found = _Found(str(path), layers, FLATNESS / (unit or UNIT_BY_SIZE[0][1]))
+    found = _Found(str(path), layers, _FLATNESS / (unit or UNIT_BY_SIZE[0][1]))
     try:
         found.take(document.modelspace())
     except (ezdxf_error(), *_DAMAGED):
@@ -131,14 +131,14 @@ class _Found:
     """Lines of a drawing by what they are, in the drawing's unit."""
 
     def __init__(self, source: str, layers: Sequence[str], flatness: float) -> None:
-        self.lines: dict[Kind, list[FloatArray]] = {kind: [] for kind in (*LAYERS, "other")}
+        self.lines: dict[LayerKind, list[FloatArray]] = {kind: [] for kind in (*LAYERS, "other")}
         self.rings: list[FloatArray] = []
         self.swings: list[FloatArray] = []  # (3, 2): hinge, start and end of the arc
         self._layers: set[str] = set()
         self._source, self._chosen, self._flatness = source, tuple(layers), flatness
         self._count = 0
 
-    def take(self, entities: Iterable[Any], parent: Kind | None = None, depth: int = 0) -> None:
+    def take(self, entities: Iterable[Any], parent: LayerKind | None = None, depth: int = 0) -> None:
         """Sort entities into kinds; blocks are exploded, and their layer 0 is that of the block."""
         DEPTH.check(self._source, depth, PlanError)
         for entity in entities:
@@ -181,7 +181,7 @@ class _Found:
         lengths = np.hypot(*(edges[:, 2:] - edges[:, :2]).T)
         return edges[(lengths >= DOOR_LENGTHS[0]) & (lengths <= DOOR_LENGTHS[1])]
 
-    def _kind(self, layer: str) -> Kind:
+    def _kind(self, layer: str) -> LayerKind:
         if any(fnmatch.fnmatch(layer.lower(), pattern.lower()) for pattern in self._chosen):
             return "wall"
         for kind, pattern in LAYERS.items():
@@ -189,7 +189,7 @@ class _Found:
                 return kind
         return "other"
 
-    def _take_curve(self, entity: Any, name: str, kind: Kind) -> None:
+    def _take_curve(self, entity: Any, name: str, kind: LayerKind) -> None:
         from ezdxf import path as paths
 
         if kind == "door" and name == "ARC":

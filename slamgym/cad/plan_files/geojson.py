@@ -20,7 +20,7 @@ from slamgym.core.files import read_bytes
 from slamgym.core.limits import DRAWING_BYTES, ENTRIES, shown
 from slamgym.core.types import FloatArray
 
-MAX_NAME = 100
+_MAX_NAME = 100
 """Characters of a room's name."""
 DEGREES = 0.05
 """A drawing in degrees is smaller than this; one in metres isn't."""
@@ -92,7 +92,7 @@ def _features(value: Any, source: str) -> Iterator[tuple[str, str, Mapping[str, 
                 raise PlanError(
                     source, f"has a feature whose kind or name is no text: {shown(kind)}, {shown(name)}"
                 )
-            yield kind.lower(), name[:MAX_NAME], geometry
+            yield kind.lower(), name[:_MAX_NAME], geometry
 
 
 def _rings(geometry: Mapping[str, Any], source: str) -> list[FloatArray]:

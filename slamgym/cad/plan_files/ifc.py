@@ -16,7 +16,7 @@ from shapely import Polygon
 
 from slamgym.cad.floorplan import Room
 from slamgym.cad.plan_files.drawn_plan import (
-    GRID,
+    LINE_GRID,
     DrawnPlan,
     DrawnWalls,
     edges_of,
@@ -157,7 +157,7 @@ def _across(openings: list[Polygon], wall: list[Polygon]) -> FloatArray | None:
     if wall:
         box = shapely.oriented_envelope(shapely.union_all(wall))
         body = middle_line(box) if isinstance(box, Polygon) else line
-        direction = (body[2:] - body[:2]) / max(float(np.hypot(*(body[2:] - body[:2]))), GRID)
+        direction = (body[2:] - body[:2]) / max(float(np.hypot(*(body[2:] - body[:2]))), LINE_GRID)
         across = (shapely.get_coordinates(opening) - body[:2]) @ direction
         sideways = body[:2] + across.min() * direction, body[:2] + across.max() * direction
         # A curved wall's own axis lies elsewhere; there the opening's is taken.
@@ -181,12 +181,12 @@ def _section(element: Any, height: float) -> list[Polygon]:
     points = np.array(mesh.verts, np.float64).reshape(-1, 3)
     faces = np.array(mesh.faces, np.int64).reshape(-1, 3)
     # Half a grid's step off, so that no triangle lies in the plane.
-    lines = _crossings(points, faces, height + 0.5 * GRID)
+    lines = _crossings(points, faces, height + 0.5 * LINE_GRID)
     if not len(lines):
         return []
-    outlines = shapely.union_all(shapely.linestrings(lines), grid_size=GRID)
+    outlines = shapely.union_all(shapely.linestrings(lines), grid_size=LINE_GRID)
     areas = shapely.build_area(shapely.line_merge(outlines))
-    return [part for part in shapely.get_parts(areas) if isinstance(part, Polygon) and part.area > GRID]
+    return [part for part in shapely.get_parts(areas) if isinstance(part, Polygon) and part.area > LINE_GRID]
 
 
 def _crossings(points: FloatArray, faces: IntArray, height: float) -> FloatArray:

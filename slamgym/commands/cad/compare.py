@@ -15,7 +15,7 @@ from slamgym.drawing.comparison.config import ComparisonConfig
 
 if TYPE_CHECKING:
     from slamgym.cad.floorplan import FloorPlan
-    from slamgym.drawing.comparison.records import Comparison
+    from slamgym.drawing.comparison.records import PlanComparison
 
 EXIT_DIFFERENT = 1
 """Plan and map are of different buildings, it seems."""
@@ -56,7 +56,7 @@ def main(argv: list[str]) -> int:
         SlamgymError: If one of them can't be read.
     """
     arguments = tyro.cli(CompareArguments, args=argv, prog="slamgym cad compare")
-    from slamgym.drawing.comparison.compare import compare
+    from slamgym.drawing.comparison.compare import compare_with_plan
     from slamgym.drawing.comparison.picture import draw_comparison
     from slamgym.drawing.comparison.records import write_comparison
     from slamgym.interop.map_files import read_map
@@ -67,7 +67,7 @@ def main(argv: list[str]) -> int:
     plan, doubts = _read_plan(arguments)
     robot_map = read_map(arguments.map, arguments.resolution)
     config = replace(arguments.comparison, scale=arguments.comparison.scale or arguments.scale)
-    found = compare(plan, robot_map.grid, config, str(arguments.map), (*doubts, *robot_map.doubts))
+    found = compare_with_plan(plan, robot_map.grid, config, str(arguments.map), (*doubts, *robot_map.doubts))
     write_picture(arguments.out / "comparison.png", draw_comparison(found, plan, robot_map.grid))
     write_comparison(arguments.out, found)
     _report(found, arguments.out)
@@ -76,7 +76,8 @@ def main(argv: list[str]) -> int:
 
 def _read_plan(arguments: CompareArguments) -> tuple[FloorPlan, tuple[str, ...]]:
     """The plan, and what is doubtful about it."""
-    from slamgym.cad.sources import DrawingSource, open_plans
+    from slamgym.cad.plan_files.source import DrawingSource
+    from slamgym.cad.sources import open_plans
 
     source = open_plans(arguments.plan)
     if arguments.layers:
@@ -98,7 +99,7 @@ def _read_plan(arguments: CompareArguments) -> tuple[FloorPlan, tuple[str, ...]]
     return source.load(plan_id), ()
 
 
-def _report(found: Comparison, folder: Path) -> None:
+def _report(found: PlanComparison, folder: Path) -> None:
     """Print a table."""
     for doubt in found.doubts:
         sys.stderr.write(f"slamgym: doubt: {doubt}\n")

@@ -1,16 +1,16 @@
-from .compare import compare
+from .compare import compare_with_plan
 from .config import ComparisonConfig
 from .picture import draw_comparison
-from .records import Change, Comparison, FaceReport, write_comparison
+from .records import Change, FaceReport, PlanComparison, write_comparison
 from .registration import Registration, register
 
 __all__ = [
     "Change",
-    "Comparison",
+    "PlanComparison",
     "ComparisonConfig",
     "FaceReport",
     "Registration",
-    "compare",
+    "compare_with_plan",
     "draw_comparison",
     "register",
     "write_comparison",

@@ -4,6 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 import shapely
+from shapely.geometry.base import BaseGeometry
 
 from slamgym.cad.floorplan import FloorPlan
 from slamgym.core.types import FREE, FloatArray, OccupancyGrid
@@ -12,7 +13,7 @@ from slamgym.drawing.comparison.evidence import MapEvidence, map_evidence
 from slamgym.drawing.comparison.extra_walls import extra_structures
 from slamgym.drawing.comparison.openings import door_changes
 from slamgym.drawing.comparison.plan_faces import PlanFaces, plan_faces
-from slamgym.drawing.comparison.records import Change, ChangeKind, Comparison, FaceReport, Line
+from slamgym.drawing.comparison.records import Change, ChangeKind, FaceReport, Line, PlanComparison
 from slamgym.drawing.comparison.registration import register
 from slamgym.drawing.comparison.walls import Faces, judge_face, measure_faces, open_runs
 
@@ -24,13 +25,13 @@ FURNITURE = (0.15, 0.8)
 """What stands so far before the place of a wall whose other side isn't seen may be furniture [m]."""
 
 
-def compare(
+def compare_with_plan(
     plan: FloorPlan,
     grid: OccupancyGrid,
     config: ComparisonConfig | None = None,
     map_name: str = "",
     doubts: tuple[str, ...] = (),
-) -> Comparison:
+) -> PlanComparison:
     """Compare a robot's map with a floor plan.
 
     Args:
@@ -49,7 +50,7 @@ def compare(
     found = register(plan, faces, evidence, config.scale)
     doubts = (*doubts, *found.doubts)
     if not found.is_same_building:
-        return Comparison(plan.where, map_name, found, (), (), (), doubts)
+        return PlanComparison(plan.where, map_name, found, (), (), (), doubts)
     evidence = evidence.moved(found.plan_from_map, found.scale)
     measured = measure_faces(faces, evidence, config)
     faces = measured.plan
@@ -65,7 +66,7 @@ def compare(
         *door_changes(plan, measured, evidence, config),
         *_unexplored(plan, rooms, config),
     ]
-    return Comparison(plan.where, map_name, found, tuple(changes), tuple(reports), rooms, doubts)
+    return PlanComparison(plan.where, map_name, found, tuple(changes), tuple(reports), rooms, doubts)
 
 
 def _wall_changes(measured: Faces, reports: list[FaceReport], config: ComparisonConfig) -> Iterator[Change]:
@@ -204,8 +205,10 @@ def _new_openings(
             if any(line.distance(other) < 0.3 for other in found):
                 continue
             found.append(line)
-            ends = np.array(line.coords).ravel().tolist()
-            yield Change("opening_new", f"opening of {line.length:.1f} m", tuple(ends), float(line.length))
+            (xa, ya), (xb, yb) = line.coords
+            yield Change(
+                "opening_new", f"opening of {line.length:.1f} m", (xa, ya, xb, yb), float(line.length)
+            )
 
 
 def _extra_walls(
@@ -230,7 +233,7 @@ def _extra_walls(
         )
 
 
-def _seen_share(floor: shapely.Geometry, evidence: MapEvidence) -> float:
+def _seen_share(floor: BaseGeometry, evidence: MapEvidence) -> float:
     """Which share of a floor the map shows as free."""
     if floor.is_empty or floor.area < SEEN_FROM**2:
         return 1.0

@@ -19,7 +19,7 @@ DEVIATIONS = (0.01, 0.02, 0.04, 0.08, 0.15)
 LENGTHS = (2.0, 4.0, 8.0)
 """Distances over which the drift changes that are tried [m]."""
 ROUNDS = 6
-OUTLIER = 2.0
+_OUTLIER = 2.0
 """A stretch this many standard errors off what the others say counts half [1]."""
 
 
@@ -84,7 +84,7 @@ class _Fit:
                 variance[i] = own[at, at] - noise[i] / weight[i]
             variance = np.maximum(variance, 1e-6)
             total = variance + noise
-            weight = 1.0 / np.square(1.0 + residual**2 / (OUTLIER**2 * total))
+            weight = 1.0 / np.square(1.0 + residual**2 / (_OUTLIER**2 * total))
         # Student's t with two degrees of freedom: a moved wall says nothing about the drift's size.
         self.likelihood = float((-0.5 * np.log(total) - 1.5 * np.log1p(residual**2 / (2.0 * total))).sum())
         self.expected = stretches.values - residual

@@ -17,7 +17,7 @@ from slamgym.core.types import (
     Pose2D,
 )
 
-BLUR = 1.5
+_BLUR = 1.5
 """Of the free space whose gradient gives the normals [cells]."""
 
 
@@ -62,7 +62,7 @@ def map_evidence(grid: OccupancyGrid) -> MapEvidence:
     """
     free = grid.cells == FREE
     occupied = grid.cells == OCCUPIED
-    blurred = cv2.GaussianBlur(free.astype(np.float32), (0, 0), BLUR)
+    blurred = cv2.GaussianBlur(free.astype(np.float32), (0, 0), _BLUR)
     down, right = np.gradient(blurred)
     found = []
     for row_step, col_step in ((0, 1), (0, -1), (1, 0), (-1, 0)):

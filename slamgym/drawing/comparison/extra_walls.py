@@ -55,7 +55,7 @@ def extra_structures(
         KDTree(explained_by).query(evidence.points)[0] if len(explained_by) else np.full(len(inside), np.inf)
     )
     left = np.unique(np.round(evidence.points[inside & (away > EXPLAINED)], 6), axis=0)
-    found = []
+    found: list[Structure] = []
     while len(left) >= config.extra_wall / BIN * 0.5 and len(found) < MAX_STRUCTURES:
         longest = _longest_row(left, config.extra_wall)
         if longest is None:

@@ -15,8 +15,8 @@ from slamgym.drawing.comparison.walls import Faces
 
 BEYOND = 1.3
 """The wall is looked at this far beyond both jambs [m]."""
-STEP = 0.025
-DEPTH = 0.1
+_STEP = 0.025
+_DEPTH = 0.1
 """A door is open where the map is free this far to both sides of the wall's middle [m]."""
 NARROWEST = 0.45
 """A gap that is narrower is no door [m]."""
@@ -33,11 +33,11 @@ def door_changes(
         unit = np.array([line[2] - line[0], line[3] - line[1]]) / max(door.width, 1e-6)
         shift = _distortion_at(faces, tree, 0.5 * (np.array(line[:2]) + np.array(line[2:])))
         states = _states(door, unit, evidence, shift)
-        along = -BEYOND + STEP * (np.arange(len(states)) + 0.5)
+        along: FloatArray = -BEYOND + _STEP * (np.arange(len(states)) + 0.5)
         # Beyond the ends of the wall lie other rooms.
         places = np.array(door.start) + along[:, None] * unit
         is_floor = shapely.contains_xy(plan.free_space, places[:, 0], places[:, 1])
-        states[is_floor & ((along < -STEP) | (along > door.width + STEP))] = 0
+        states[is_floor & ((along < -_STEP) | (along > door.width + _STEP))] = 0
         inside = (along > 0.1) & (along < door.width - 0.1)
         if (states[inside] == 0).mean() > 0.5:
             continue
@@ -54,10 +54,10 @@ def door_changes(
             abs(offset) > config.door_moved
             and min(abs(gap[0]), abs(gap[1] - door.width)) > 0.5 * config.door_moved
         ):
-            yield Change("door_moved", name, line, door.width, offset, 2 * STEP, offset)
+            yield Change("door_moved", name, line, door.width, offset, 2 * _STEP, offset)
         elif abs(gap[1] - gap[0] - door.width) > config.door_width:
             wider = gap[1] - gap[0] - door.width
-            yield Change("door_width", name, line, door.width, wider, 2 * STEP, wider)
+            yield Change("door_width", name, line, door.width, wider, 2 * _STEP, wider)
 
 
 def _distortion_at(faces: Faces, tree: KDTree, place: FloatArray) -> FloatArray:
@@ -73,8 +73,8 @@ def _distortion_at(faces: Faces, tree: KDTree, place: FloatArray) -> FloatArray:
 def _states(door: Door, unit: FloatArray, evidence: MapEvidence, shift: FloatArray) -> IntArray:
     """Along the wall's middle line: 1 open, -1 closed, 0 unknown."""
     normal = np.array([-unit[1], unit[0]])
-    along = np.arange(-BEYOND + 0.5 * STEP, door.width + BEYOND, STEP)
-    depths = np.arange(-DEPTH, DEPTH + 1e-9, 0.025)
+    along = np.arange(-BEYOND + 0.5 * _STEP, door.width + BEYOND, _STEP)
+    depths = np.arange(-_DEPTH, _DEPTH + 1e-9, 0.025)
     places = np.array(door.start) + shift + along[:, None] * unit
     cells = evidence.values(places[:, None] + depths[:, None] * normal)
     occupied, free = (cells == OCCUPIED).any(axis=1), (cells == FREE).mean(axis=1)
@@ -86,7 +86,7 @@ def _best_gap(states: IntArray, along: FloatArray, width: float) -> tuple[float,
     gap = np.concatenate([[False], states == 1, [False]])
     starts, stops = np.flatnonzero(~gap[:-1] & gap[1:]), np.flatnonzero(gap[:-1] & ~gap[1:]) - 1
     runs = [
-        (float(along[a] - 0.5 * STEP), float(along[b] + 0.5 * STEP))
+        (float(along[a] - 0.5 * _STEP), float(along[b] + 0.5 * _STEP))
         for a, b in zip(starts, stops, strict=True)
     ]
     runs = [run for run in runs if run[1] - run[0] >= NARROWEST]

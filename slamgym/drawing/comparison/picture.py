@@ -8,7 +8,7 @@ import numpy as np
 from slamgym.cad.floorplan import FloorPlan
 from slamgym.core.geometry import transform_points
 from slamgym.core.types import FREE, OCCUPIED, ByteArray, FloatArray, GridFrame, OccupancyGrid
-from slamgym.drawing.comparison.records import Change, Comparison
+from slamgym.drawing.comparison.records import Change, PlanComparison
 from slamgym.viz.canvas import (
     SHIFT,
     Colour,
@@ -43,7 +43,7 @@ COLOURS: dict[str, tuple[Colour, str]] = {
 }
 
 
-def draw_comparison(comparison: Comparison, plan: FloorPlan, grid: OccupancyGrid) -> ByteArray:
+def draw_comparison(comparison: PlanComparison, plan: FloorPlan, grid: OccupancyGrid) -> ByteArray:
     """Draw it.
 
     Returns:
@@ -76,7 +76,7 @@ def draw_comparison(comparison: Comparison, plan: FloorPlan, grid: OccupancyGrid
     return np.vstack(parts)
 
 
-def _map_picture(comparison: Comparison, grid: OccupancyGrid, frame: GridFrame) -> ByteArray:
+def _map_picture(comparison: PlanComparison, grid: OccupancyGrid, frame: GridFrame) -> ByteArray:
     """The map's cells, resampled into the plan's frame."""
     tints = np.full((256, 3), UNKNOWN_TINT, np.uint8)
     tints[FREE], tints[OCCUPIED] = FREE_TINT, OCCUPIED_TINT
@@ -121,14 +121,14 @@ def _line(picture: ByteArray, line: FloatArray, frame: GridFrame, colour: Colour
     cv2.polylines(picture, [pixels], False, colour, thickness, cv2.LINE_AA, SHIFT)
 
 
-def verdict(comparison: Comparison) -> str:
+def verdict(comparison: PlanComparison) -> str:
     """The result in a few words."""
     return (
         f"{len(comparison.changes)} changes" if comparison.is_confident else "NOT THE SAME BUILDING, it seems"
     )
 
 
-def _heading(comparison: Comparison, width: int) -> ByteArray:
+def _heading(comparison: PlanComparison, width: int) -> ByteArray:
     strip = blank((HEADING + LEGEND_ROW * len(comparison.doubts), width))
     found = comparison.registration
     verdict = (
@@ -148,7 +148,7 @@ def _heading(comparison: Comparison, width: int) -> ByteArray:
     return strip
 
 
-def _legend(comparison: Comparison, width: int) -> ByteArray:
+def _legend(comparison: PlanComparison, width: int) -> ByteArray:
     kinds = {"door_moved" if change.kind == "door_width" else change.kind for change in comparison.changes}
     entries = [
         (PRESENT, "wall as planned"),
@@ -164,7 +164,7 @@ def _legend(comparison: Comparison, width: int) -> ByteArray:
     return strip
 
 
-def _table(comparison: Comparison, width: int) -> ByteArray:
+def _table(comparison: PlanComparison, width: int) -> ByteArray:
     lines = table_lines(comparison.changes)
     if len(lines) > TABLE_ROWS:
         lines = [*lines[:TABLE_ROWS], f"... and {len(lines) - TABLE_ROWS} more in comparison.csv"]

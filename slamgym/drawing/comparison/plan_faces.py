@@ -3,6 +3,7 @@
 import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import shapely
@@ -10,9 +11,9 @@ import shapely
 from slamgym.cad.floorplan import FloorPlan
 from slamgym.core.types import BoolArray, FloatArray, IntArray
 
-STEP = 0.05
+FACE_STEP = 0.05
 """Distance of the points on a face [m]."""
-SIMPLIFY = 0.01
+_SIMPLIFY = 0.01
 """Corners that stray less than this from a straight face are none [m]."""
 THICKNESS = (0.01, 0.6)
 """Two faces that look away from each other at such a distance belong to one wall [m]."""
@@ -53,8 +54,8 @@ class PlanFaces:
 
 def plan_faces(plan: FloorPlan) -> PlanFaces:
     """The faces of all walls of a plan."""
-    simple = plan.free_space.simplify(SIMPLIFY)
-    space = shapely.orient_polygons(simple if simple.geom_type == "Polygon" else plan.free_space)
+    simple = plan.free_space.simplify(_SIMPLIFY)
+    space: Any = shapely.orient_polygons(simple if simple.geom_type == "Polygon" else plan.free_space)
     edges = []
     for ring in (space.exterior, *space.interiors):
         corners = shapely.get_coordinates(ring)
@@ -81,7 +82,7 @@ def _with_points(segments: FloatArray, opposite: IntArray) -> PlanFaces:
     direction = segments[:, 2:] - segments[:, :2]
     lengths = np.hypot(*direction.T)
     unit = direction / lengths[:, None]
-    count = np.maximum(np.round(lengths / STEP).astype(np.int64), 1)
+    count = np.maximum(np.round(lengths / FACE_STEP).astype(np.int64), 1)
     face = np.repeat(np.arange(len(segments)), count)
     place = (np.arange(len(face)) - np.repeat(np.cumsum(count) - count, count) + 0.5) / count[face]
     points = segments[face, :2] + place[:, None] * direction[face]

@@ -70,7 +70,7 @@ class FaceReport:
 
 
 @dataclass(frozen=True)
-class Comparison:
+class PlanComparison:
     """As built against as planned."""
 
     plan: str
@@ -123,7 +123,7 @@ class Comparison:
         ]
 
 
-def write_comparison(folder: Path, comparison: Comparison) -> None:
+def write_comparison(folder: Path, comparison: PlanComparison) -> None:
     """Write ``comparison.csv``, a row a change, and ``comparison.json``, which goes last."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")

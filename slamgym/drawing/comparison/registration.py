@@ -33,7 +33,7 @@ GATES = (1.0, 1.0, 0.7, 0.7, 0.5, 0.5, 0.35, 0.35, 0.25, 0.25, 0.25, 0.2, 0.2, 0
 """Points farther from their wall than this are left out, iteration by iteration [m]."""
 NORMAL_WEIGHT = 0.5
 """How many metres a unit of difference between normals counts when the nearest face is looked for."""
-MAX_POINTS = 4000
+_MAX_POINTS = 4000
 """Points of a map that the search uses."""
 CLOSE = 0.12
 """A point that is so near to a face, and looks the same way, is explained [m]."""
@@ -44,7 +44,7 @@ BEFORE_FACE = (0.1, 0.2, 0.3)
 MIN_SCORE = 0.73
 """Below this score plan and map are taken to be of different buildings. Maps of changed buildings score 0.71 to 0.94
 over their own plans, and 0.41 to 0.71 over others."""
-RIVAL = 0.04
+_RIVAL = 0.04
 """Another pose whose score is nearer than this makes the best one ambiguous."""
 SCALE_DOUBT = 0.03
 """A scale that differs from 1 by more is a doubt; good maps of robots fit best 0 to 2 % larger."""
@@ -83,7 +83,7 @@ class Registration:
                 f"plan and map are of different buildings, it seems: {self.explained:.0%} of the plan's walls in view "
                 f"are in the map, and {self.inside:.0%} of its floor is the plan's"
             )
-        elif self.score - self.rival_score < RIVAL:
+        elif self.score - self.rival_score < _RIVAL:
             found.append("the map fits the plan nearly as well at another place (a symmetric building?)")
         if abs(self.fitted_scale - 1.0) > SCALE_DOUBT:
             found.append(f"scale doubtful: the map would fit better {self.fitted_scale:.3f} times as large")
@@ -108,7 +108,7 @@ def register(
         ((fitter.score(pose, scale), pose, scale) for pose, scale in found), key=lambda entry: -entry[0][0]
     )
     # Of poses that are nearly as good, the one whose unexplained walls are nearest to others: moved, not missing.
-    near_best = [entry for entry in rated if rated[0][0][0] - entry[0][0] < RIVAL]
+    near_best = [entry for entry in rated if rated[0][0][0] - entry[0][0] < _RIVAL]
     best = max(near_best, key=lambda entry: entry[0][4])
     (score, explained, inside, supported, _), pose, scale = best
     rivals = [entry[0][0] for entry in rated if _are_distinct(entry[1], pose, fitter.middle)]
@@ -121,10 +121,10 @@ class _Fitter:
 
     def __init__(self, plan: FloorPlan, faces: PlanFaces, evidence: MapEvidence) -> None:
         rng = np.random.default_rng(0)
-        chosen = rng.permutation(len(evidence.points))[:MAX_POINTS]
+        chosen = rng.permutation(len(evidence.points))[:_MAX_POINTS]
         self.points, self.normals = evidence.points[chosen], evidence.normals[chosen]
         row, col = np.nonzero(evidence.cells == FREE)
-        some = rng.permutation(len(row))[:MAX_POINTS]
+        some = rng.permutation(len(row))[:_MAX_POINTS]
         self.free = np.stack(evidence.frame.to_point(row[some], col[some]), axis=1)
         self.middle = self.free.mean(axis=0)
         self._faces, self._evidence = faces, evidence
@@ -182,6 +182,7 @@ class _Fitter:
     def _nearest(self, points: FloatArray, normals: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Distance to the nearest face that looks alike, distance along its normal, and the normal."""
         distance, index = self._tree.query(np.hstack([points, NORMAL_WEIGHT * normals]))
+        distance = np.asarray(distance, np.float64)
         normal = self._faces.point_normals[index]
         residual = ((points - self._faces.points[index]) * normal).sum(axis=1)
         return distance, residual, normal

@@ -1,6 +1,7 @@
 """What has become of each face of the plan's walls: present, moved, missing, covered, or not seen."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.spatial import KDTree
@@ -9,14 +10,14 @@ from slamgym.core.types import FREE, OCCUPIED, BoolArray, FloatArray, IntArray
 from slamgym.drawing.comparison.config import ComparisonConfig
 from slamgym.drawing.comparison.distortion import Stretches, estimate_drift
 from slamgym.drawing.comparison.evidence import MapEvidence
-from slamgym.drawing.comparison.plan_faces import STEP, PlanFaces, cut_faces
+from slamgym.drawing.comparison.plan_faces import FACE_STEP, PlanFaces, cut_faces
 from slamgym.drawing.comparison.records import FaceReport, FaceState, Line
 
 LATERAL = 0.045
 """A point of the map lies before a point of a face if it is no farther to its side [m]."""
 ALIKE = 0.7
 """Cosine of the angle between normals up to which a face of the map may be one of the plan."""
-CORNER = 0.08
+_CORNER = 0.08
 """What is nearer to the ends of a face says little about it [m]."""
 NEAR = 0.1
 """So near to its place a wall is there [m]."""
@@ -69,7 +70,7 @@ def measure_faces(faces: PlanFaces, evidence: MapEvidence, config: ComparisonCon
 def _cuts(found: Faces, face: int) -> list[float]:
     """Where a part of a face that is at its place meets one that is elsewhere [m]."""
     own = np.flatnonzero((found.plan.face == face) & np.isfinite(found.offsets))
-    if len(own) * STEP < 2.0 * LONG_PART:
+    if len(own) * FACE_STEP < 2.0 * LONG_PART:
         return []
     values = found.corrected[own]
     away = np.abs(values) > NEAR
@@ -102,7 +103,7 @@ def judge_face(found: Faces, face: int, config: ComparisonConfig) -> FaceReport:
     plan = found.plan
     line: Line = tuple(float(value) for value in plan.segments[face])  # type: ignore[assignment]
     own = np.flatnonzero(plan.face == face)
-    inner = own[(plan.along[own] > CORNER) & (plan.lengths[face] - plan.along[own] > CORNER)]
+    inner = own[(plan.along[own] > _CORNER) & (plan.lengths[face] - plan.along[own] > _CORNER)]
     own = inner if len(inner) >= 3 else own
     view = own[found.in_view[own]]
     seen = len(view) / len(own)
@@ -141,10 +142,10 @@ def open_runs(found: Faces, face: int, shortest: float) -> list[tuple[float, flo
     return [run for run in runs if run[1] - run[0] >= shortest]
 
 
-def _standard_error(found: Faces, points: FloatArray, offset: float) -> float:
+def _standard_error(found: Faces, points: IntArray, offset: float) -> float:
     """Of a median of correlated offsets, with the rounding to cells and the uncertainty of the distortion [m]."""
     scatter = 1.4826 * float(np.median(np.abs(found.corrected[points] - offset)))
-    independent = max(1.0, len(points) * STEP / CORRELATED)
+    independent = max(1.0, len(points) * FACE_STEP / CORRELATED)
     return float(
         np.sqrt(1.57 * scatter**2 / independent + CELL_ROUNDING**2 + found.deviation[points].mean() ** 2)
     )
@@ -155,7 +156,7 @@ def _pairs(
 ) -> tuple[FloatArray, FloatArray, FloatArray, int]:
     """Points of faces and points of the map before or behind them: number of the first, offset [m]."""
     tree = KDTree(evidence.points)
-    lists = tree.query_ball_point(faces.points, search)
+    lists: Any = tree.query_ball_point(faces.points, search)
     counts = np.array([len(entries) for entries in lists])
     index = np.repeat(np.arange(len(faces.points)), counts)
     other = np.concatenate([np.asarray(entries, np.int64) for entries in lists]) if len(index) else index
@@ -203,7 +204,7 @@ def _expected(found: Faces, stretch: IntArray) -> tuple[FloatArray, FloatArray]:
             values[number] = np.median(known)
             scatter = 1.4826 * np.median(np.abs(known - values[number]))
             noise[number] = np.hypot(
-                CELL_ROUNDING, scatter / np.sqrt(max(1.0, len(known) * STEP / CORRELATED))
+                CELL_ROUNDING, scatter / np.sqrt(max(1.0, len(known) * FACE_STEP / CORRELATED))
             )
     measured = noise < 1.0
     all_stretches = Stretches(places, faces.normals[owner], values, noise)
