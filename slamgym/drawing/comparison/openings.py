@@ -33,7 +33,7 @@ def door_changes(
         unit = np.array([line[2] - line[0], line[3] - line[1]]) / max(door.width, 1e-6)
         shift = _distortion_at(faces, tree, 0.5 * (np.array(line[:2]) + np.array(line[2:])))
         states = _states(door, unit, evidence, shift)
-        along: FloatArray = -BEYOND + _STEP * (np.arange(len(states)) + 0.5)
+        along = -BEYOND + _STEP * (np.arange(len(states), dtype=np.float64) + 0.5)
         # Beyond the ends of the wall lie other rooms.
         places = np.array(door.start) + along[:, None] * unit
         is_floor = shapely.contains_xy(plan.free_space, places[:, 0], places[:, 1])
