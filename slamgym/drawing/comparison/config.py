@@ -12,7 +12,7 @@ class ComparisonConfig(Settings, section="comparison"):
     """Whether the map's scale is fitted, too; without it, a scale other than 1 is a doubt."""
     moved: Positive = 0.06
     """A wall that is farther from its place than this, after the map's own distortion, has moved [m]."""
-    sure: Positive = 3.5
+    sure: Positive = 2.5
     """It must also be farther than so many standard errors."""
     search: Annotated[float, Within(gt=0.1, le=1.5)] = 0.75
     """Walls are looked for up to this far from their place [m]."""
