@@ -191,7 +191,7 @@ def test_rooms_that_were_not_entered_are_named_and_their_walls_not_judged():
 
 def test_drift_is_no_moved_wall_but_a_wall_that_moves_beside_it_is():
     def bend(points):
-        return np.stack([0.12 * np.sin(points[:, 1] / 4.0), 0.02 * (points[:, 0] - 5.0)], axis=1)
+        return np.stack([0.09 * np.sin(points[:, 1] / 4.0), 0.02 * (points[:, 0] - 5.0)], axis=1)
 
     assert compare_with_plan(PLAN, robot_map(building(), bend=bend)).changes == ()
     found = compare_with_plan(PLAN, robot_map(building(moved_walls(stub=(0.3, 0.0))), bend=bend))
