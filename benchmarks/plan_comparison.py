@@ -279,7 +279,7 @@ def house_of_turtlebot3(folder: Path, work: Path) -> list[dict[str, str]]:
                 "faces present": str(states.count("present")),
                 **{
                     kind: str(kinds.count(kind))
-                    for kind in ("wall_moved", "wall_missing", "wall_extra", "opening_new")
+                    for kind in ("wall_moved", "wall_covered", "wall_missing", "wall_extra", "opening_new")
                 },
             }
         )
