@@ -150,6 +150,10 @@ TABLE = Group(
                 ),
             },
         ),
+        "cad": Group(
+            "drawings from maps, and maps against drawings",
+            {"compare": Command("cad.compare:main", "what a map shows that differs from a floor plan")},
+        ),
         "warmup": Command("warmup:main", "compile the numeric kernels, once after an installation"),
     },
     closing="; slamgym --version the version.",
