@@ -55,6 +55,8 @@ class Group:
     commands: Mapping[str, "Command | Group"]
     closing: str = "."
     """How the help's last sentence, which names ``--help`` of the commands, ends."""
+    default: Command | None = None
+    """What runs, also for ``--help``, where the first argument is none of the commands."""
 
     def run(self, name: str, argv: list[str]) -> int:
         """Run one command, or show the help where none is named.
@@ -69,6 +71,8 @@ class Group:
         Raises:
             SlamgymError: If there is no such command; the error suggests the nearest.
         """
+        if self.default is not None and (not argv or argv[0] not in self.commands):
+            return self.default.run(name, argv)
         if not argv or argv[0] in ("-h", "--help", "help"):
             sys.stdout.write(self.usage(name))
             return 0
@@ -148,6 +152,15 @@ TABLE = Group(
                     TRANSLATING,
                 ),
             },
+        ),
+        "cad": Group(
+            "draw a SLAM map with true dimensions: DXF, SVG, IFC, GeoJSON, JSON, PNG",
+            {
+                "draw": Command(
+                    "cad:main", "draw a map or a folder of maps; `slamgym cad MAP` is short for it"
+                )
+            },
+            default=Command("cad:main", "draw a map"),
         ),
         "warmup": Command("warmup:main", "compile the numeric kernels, once after an installation"),
     },

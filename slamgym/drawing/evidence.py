@@ -1,0 +1,252 @@
+"""What of a drawing the map holds evidence of, and what was only inferred.
+
+Along each wall its faces are looked at every few centimetres: where the map has an occupied cell nearby, the wall was
+seen. Floor was observed where the map says free.
+"""
+
+import itertools
+import math
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+import shapely
+from shapely import MultiPolygon, Polygon
+
+from slamgym.cad.floorplan import fill_segments, ring_segments
+from slamgym.core.types import (
+    FREE,
+    OCCUPIED,
+    UNKNOWN,
+    BoolArray,
+    Float32Array,
+    FloatArray,
+    GridFrame,
+    OccupancyGrid,
+)
+from slamgym.drawing.contours import trace_outlines
+from slamgym.drawing.drawing import DrawnWall, Layer
+from slamgym.drawing.polygons import polygon_parts
+from slamgym.drawing.settings import DrawingConfig
+from slamgym.drawing.walls import WallPiece
+
+STEP = 0.05
+"""Between two places that are looked at [m]."""
+SHORTEST_CHANGE = 0.4
+"""A wall is split into seen and inferred pieces of at least this length [m]."""
+HULL_REACH = 3.0
+"""Space between parts of the floor at most so far apart is inside of the building [m]."""
+RIM_CELLS = 1.5
+"""Unknown cells beside a wall are a matter of where its face lies, not floor that nobody saw."""
+
+
+@dataclass(frozen=True)
+class Confidence:
+    """Coefficients of a logistic function: the probability that a wall's faces are right within 10 cm."""
+
+    constant: float
+    seen: float
+    """Of the share of its length that was seen."""
+    certainty: float
+    """Of the model's mean certainty beside its faces: how far the probability is from a half, in [0, 1]."""
+    odd_thickness: float
+    """Of the logarithmic deviation of its thickness from the drawing's median."""
+
+
+CONFIDENCE = Confidence(-2.2, 3.2, 1.0, -0.5)
+
+
+class Evidence:
+    """A map, prepared for the question what was seen."""
+
+    def __init__(self, grid: OccupancyGrid, probability: Float32Array, config: DrawingConfig) -> None:
+        """Measure distances.
+
+        Args:
+            grid: The map.
+            probability: Of being floor, shape of the map.
+            config: Sizes.
+        """
+        self.grid = grid
+        self.config = config
+        self._probability = probability
+        occupied = grid.cells == OCCUPIED
+        distance = cv2.distanceTransform((~occupied).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+        self._to_wall = (
+            distance * grid.frame.resolution if occupied.any() else np.full(occupied.shape, np.inf)
+        )
+
+    def at(self, picture: np.ndarray, points: FloatArray, beyond: float) -> FloatArray:
+        """Values of the cells under points (N, 2) [m]; ``beyond`` outside of the map."""
+        rows, cols = self.grid.frame.to_cell(points[:, 0], points[:, 1])
+        height, width = self.grid.cells.shape
+        inside = (rows >= 0) & (rows < height) & (cols >= 0) & (cols < width)
+        values = np.full(len(points), beyond, dtype=np.float64)
+        values[inside] = picture[rows[inside], cols[inside]]
+        return values
+
+    def seen_along(self, piece: WallPiece) -> BoolArray:
+        """For places along a wall, a step apart, whether there is an occupied cell near either face."""
+        face, other = self._faces(piece)
+        reach = self.config.evidence
+        near = self.at(self._to_wall, face, math.inf) <= reach
+        if piece.known:
+            near |= self.at(self._to_wall, other, math.inf) <= reach
+        return near
+
+    def certainty(self, piece: WallPiece) -> float:
+        """How sure the model is of the floor before a wall and of the wall itself, in [0, 1]."""
+        face, _ = self._faces(piece)
+        start, end = np.array(piece.start), np.array(piece.end)
+        normal = np.array([start[1] - end[1], end[0] - start[0]]) / piece.length
+        reach = 1.5 * self.grid.frame.resolution
+        before = self.at(self._probability, face + reach * normal, 0.0)
+        behind = self.at(self._probability, face - reach * normal, 0.0)
+        return float(np.clip(before - behind, 0.0, 1.0).mean())
+
+    @staticmethod
+    def _faces(piece: WallPiece) -> tuple[FloatArray, FloatArray]:
+        start, end = np.array(piece.start), np.array(piece.end)
+        count = max(2, math.ceil(piece.length / STEP))
+        share = ((np.arange(count) + 0.5) / count)[:, None]
+        face = start + share * (end - start)
+        behind = np.array([end[1] - start[1], start[0] - end[0]]) / piece.length
+        return face, face + piece.thickness * behind
+
+
+def judged_walls(pieces: list[WallPiece], evidence: Evidence) -> list[DrawnWall]:
+    """Split walls where the evidence begins and ends, and say how sure each piece is."""
+    known = [piece.thickness for piece in pieces if piece.known and piece.length > 0.5]
+    usual = float(np.median(known)) if known else evidence.config.outer_thickness
+    walls = []
+    for piece in pieces:
+        for part in _split(piece, evidence.seen_along(piece)):
+            seen = float(evidence.seen_along(part).mean())
+            layer: Layer = "SEEN" if seen >= evidence.config.seen_share else "INFERRED"
+            start, end = part.centre_line
+            odd = abs(math.log(part.thickness / usual)) if part.known else 0.0
+            sure = confidence(seen, evidence.certainty(part), odd)
+            walls.append(DrawnWall(part.body, start, end, part.thickness, part.known, sure, seen, layer))
+    return walls
+
+
+def confidence(seen: float, certainty: float, odd_thickness: float, model: Confidence = CONFIDENCE) -> float:
+    """Probability that a wall is right: rises with the evidence."""
+    logit = (
+        model.constant + model.seen * seen + model.certainty * certainty + model.odd_thickness * odd_thickness
+    )
+    return 1.0 / (1.0 + math.exp(-logit))
+
+
+def _split(piece: WallPiece, seen: BoolArray) -> list[WallPiece]:
+    """Pieces that were seen or not, none shorter than :data:`SHORTEST_CHANGE`."""
+    least = math.ceil(SHORTEST_CHANGE / (piece.length / len(seen)))
+    runs = _runs(seen)
+    while len(runs) > 1 and min(high - low for low, high in runs) < least:
+        shortest = min(range(len(runs)), key=lambda k: runs[k][1] - runs[k][0])
+        low, high = max(shortest - 1, 0), min(shortest + 1, len(runs) - 1)
+        runs[low : high + 1] = [(runs[low][0], runs[high][1])]
+    start, end = np.array(piece.start), np.array(piece.end)
+    parts = []
+    for index, (low, high) in enumerate(runs):
+        first, last = (start + place / len(seen) * (end - start) for place in (low, high))
+        parts.append(
+            replace(
+                piece,
+                start=(float(first[0]), float(first[1])),
+                end=(float(last[0]), float(last[1])),
+                before=piece.before if index == 0 else 0.0,
+                after=piece.after if index == len(runs) - 1 else 0.0,
+            )
+        )
+    return parts
+
+
+def _runs(values: BoolArray) -> list[tuple[int, int]]:
+    changes = np.flatnonzero(np.diff(values)) + 1
+    marks = [0, *changes.tolist(), len(values)]
+    return list(itertools.pairwise(marks))
+
+
+def filled(shape: shapely.Geometry, frame: GridFrame) -> BoolArray:
+    """The cells of a frame whose centres lie in polygons."""
+    rings = [ring for part in polygon_parts(shape) for ring in (part.exterior, *part.interiors)]
+    return fill_segments(ring_segments(rings), frame)
+
+
+def unseen_floor(floor: MultiPolygon, grid: OccupancyGrid, config: DrawingConfig) -> BoolArray:
+    """Cells of the floor that the robot never observed: not free in the map, and not beside a wall's face."""
+    inside = filled(floor, grid.frame)
+    unseen = inside & (grid.cells == UNKNOWN)
+    # Between the map's own last free cell and a wall's face there may be a cell of unknown.
+    wide = cv2.morphologyEx(unseen.astype(np.uint8), cv2.MORPH_OPEN, np.ones((2, 2), np.uint8))
+    result: BoolArray = wide > 0
+    return result
+
+
+def cell_polygons(cells: BoolArray, frame: GridFrame, smallest: float) -> list[Polygon]:
+    """Patches of cells as smooth polygons of at least an area [m2]."""
+    image = cells.astype(np.float32)
+    outlines = trace_outlines(image, 0.5, frame)
+    floors = [outline for outline in outlines if outline.area >= smallest]
+    holes = [Polygon(outline.points) for outline in outlines if outline.area <= -smallest]
+    union = shapely.union_all([Polygon(outline.points) for outline in floors])
+    if holes:
+        union = union.difference(shapely.union_all(holes))
+    simple = shapely.make_valid(union.simplify(0.75 * frame.resolution))
+    return [part for part in polygon_parts(simple) if part.area >= smallest]
+
+
+def unexplored_parts(
+    floor: MultiPolygon, walls: list[DrawnWall], grid: OccupancyGrid, config: DrawingConfig
+) -> list[Polygon]:
+    """Parts inside of the building of which the map says nothing."""
+    hull = floor.buffer(HULL_REACH, quad_segs=4, join_style="mitre").buffer(-HULL_REACH, join_style="mitre")
+    hull = shapely.union_all([Polygon(part.exterior) for part in polygon_parts(hull)])
+    drawn = shapely.union_all([floor, *(wall.polygon for wall in walls)])
+    gaps = hull.difference(drawn.buffer(0.02, join_style="mitre"))
+    half = 0.3
+    wide = shapely.make_valid(gaps.buffer(-half, join_style="mitre").buffer(half, join_style="mitre"))
+    parts = []
+    for part in polygon_parts(wide.intersection(gaps)):
+        if part.area < config.min_unexplored:
+            continue
+        cells = filled(part, grid.frame)
+        if cells.any() and float((grid.cells[cells] == UNKNOWN).mean()) >= 0.5:
+            parts.append(part.simplify(0.02))
+    return parts
+
+
+def share_free(shape: Polygon, grid: OccupancyGrid) -> float:
+    """Share of a polygon that the robot saw free, holes under furniture and noise of up to 20 cm included."""
+    min_x, min_y, max_x, max_y = shape.bounds
+    frame, rows, cols = _window(grid.frame, (min_x, min_y, max_x, max_y))
+    inside = filled(shape, frame)
+    cells = grid.cells[rows, cols]
+    return float((cells[inside] != UNKNOWN).mean()) if inside.any() else 0.0
+
+
+def share_seen_open(line: FloatArray, evidence: Evidence) -> float:
+    """Share of a line (2, 2) [m] that the map shows as free."""
+    share = np.linspace(0.1, 0.9, 17)[:, None]
+    points = line[0] + share * (line[1] - line[0])
+    return float((evidence.at(evidence.grid.cells, points, UNKNOWN) == FREE).mean())
+
+
+def _window(frame: GridFrame, bounds: tuple[float, float, float, float]) -> tuple[GridFrame, slice, slice]:
+    """The part of a frame that covers bounds [m], and its rows and columns."""
+    top, left = frame.to_cell(bounds[0], bounds[3])
+    bottom, right = frame.to_cell(bounds[2], bounds[1])[0], frame.to_cell(bounds[2], bounds[1])[1]
+    top, left = min(max(int(top), 0), frame.height_px - 1), min(max(int(left), 0), frame.width_px - 1)
+    bottom, right = (
+        min(max(int(bottom), top), frame.height_px - 1),
+        min(max(int(right), left), frame.width_px - 1),
+    )
+    window = GridFrame(
+        frame.resolution,
+        frame.origin_x + left * frame.resolution,
+        frame.origin_y + (frame.height_px - 1 - bottom) * frame.resolution,
+        bottom - top + 1,
+        right - left + 1,
+    )
+    return window, slice(top, bottom + 1), slice(left, right + 1)
