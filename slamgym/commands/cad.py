@@ -20,8 +20,7 @@ if TYPE_CHECKING:
 
 YAML = (".yaml", ".yml")
 PICTURES = (".png", ".pgm", ".bmp", ".jpg", ".jpeg", ".tif", ".tiff")
-NEEDS = {"dxf": Extra("cad", ("ezdxf",)), "ifc": Extra("ifc", ("ifcopenshell",))}
-"""Formats that need a package."""
+BUILDING_MODELS = Extra("ifc", ("ifcopenshell",))
 
 
 class CadArguments(Arguments):
@@ -90,9 +89,8 @@ def _formats(text: str) -> list[str]:
     unknown = [name for name in formats if name not in DRAWING_FORMATS]
     if unknown or not formats:
         raise ConfigError(f"--formats must be any of {', '.join(DRAWING_FORMATS)}, not {text!r}")
-    for name in formats:
-        if name in NEEDS:
-            require(NEEDS[name], f"--formats {name}")
+    if "ifc" in formats:
+        require(BUILDING_MODELS, "--formats ifc")
     return formats
 
 

@@ -71,6 +71,6 @@ def _gaps_at(grid: OccupancyGrid, angle_deg: float, factor: float, config: Drawi
     """Widths of what would be doors if cells were larger by a factor [m at that scale]."""
     frame = grid.frame
     scaled = GridFrame(frame.resolution * factor, 0.0, 0.0, *grid.cells.shape)
-    probability = CleanedFloor().translate(grid.cells, scaled.resolution)
+    probability = CleanedFloor().probability(OccupancyGrid(grid.cells, scaled), angle_deg)
     floor = straightened(trace_outlines(probability, 0.5, scaled), [angle_deg], scaled.resolution, config)
     return [gap.width for gap in jamb_gaps(floor, config)]

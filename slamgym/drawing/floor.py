@@ -1,12 +1,15 @@
 """Where the floor is, as a picture of probabilities: by a trained translator, or by cleaning alone."""
 
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import cv2
 import numpy as np
 
 from slamgym.core.types import BoolArray, Float32Array, OccupancyGrid
 from slamgym.gan.translation.classical import clean_map
+
+if TYPE_CHECKING:
+    from slamgym.gan.translation.translate import LearnedTranslator
 
 NO_MODEL = "none"
 """Name of the cleaning without a network."""
@@ -17,21 +20,38 @@ THIN_DEPTH = 0.25
 
 
 class FloorModel(Protocol):
-    """Something that finds the floor: a :class:`slamgym.gan.translation.translate.Translator`."""
+    """Something that finds the floor of a map."""
 
-    def translate(self, slam: np.ndarray, metres_per_px: float | None = None) -> Float32Array:
-        """Probability of being floor, shape (H, W)."""
+    def probability(self, grid: OccupancyGrid, angle_deg: float) -> Float32Array:
+        """Of being floor, for each cell.
+
+        Args:
+            grid: The map.
+            angle_deg: Direction of its main walls, counter-clockwise from the x axis.
+
+        Returns:
+            Shape (rows, cols), in [0, 1]; the faces of walls lie at 0.5.
+        """
         ...
 
 
 class CleanedFloor:
-    """The floor by classical cleaning, borders where the walls' faces are: needs no torch."""
+    """The floor by classical cleaning; needs no torch."""
 
-    def translate(self, slam: np.ndarray, metres_per_px: float | None = None) -> Float32Array:
-        """Probability of being floor, shape (H, W): a half on the faces of walls."""
-        if metres_per_px is None:
-            raise ValueError("cleaning needs the scale of the map")
-        return faces_within_cells(clean_map(slam, metres_per_px))
+    def probability(self, grid: OccupancyGrid, angle_deg: float) -> Float32Array:  # noqa: ARG002 - part of the protocol
+        """Of being floor: a half on the faces of walls."""
+        return faces_within_cells(clean_map(grid.cells, grid.frame.resolution))
+
+
+class TranslatedFloor:
+    """The floor by a trained translator."""
+
+    def __init__(self, translator: "LearnedTranslator") -> None:
+        self._translator = translator
+
+    def probability(self, grid: OccupancyGrid, angle_deg: float) -> Float32Array:
+        """Of being floor, by the network."""
+        return self._translator.translate(grid.cells, grid.frame.resolution, angle_deg=angle_deg)
 
 
 def load_floor_model(name: str) -> FloorModel:
@@ -44,12 +64,7 @@ def load_floor_model(name: str) -> FloorModel:
         return CleanedFloor()
     from slamgym.gan.translation.translate import load_translator
 
-    return load_translator(name, "slam2cad")
-
-
-def floor_probability(grid: OccupancyGrid, model: FloorModel) -> Float32Array:
-    """Probability of being floor for each cell of a map, shape (rows, cols)."""
-    return model.translate(grid.cells, grid.frame.resolution)
+    return TranslatedFloor(load_translator(name, "slam2cad"))
 
 
 def faces_within_cells(free: BoolArray) -> Float32Array:

@@ -23,7 +23,7 @@ from slamgym.drawing.evidence import (
     unexplored_parts,
     unseen_floor,
 )
-from slamgym.drawing.floor import FloorModel, floor_probability, load_floor_model
+from slamgym.drawing.floor import FloorModel, load_floor_model
 from slamgym.drawing.openings import Division, divide
 from slamgym.drawing.polygons import polygon_parts, straightened
 from slamgym.drawing.settings import DEFAULT_DRAWING, DrawingConfig
@@ -68,9 +68,9 @@ def draw_map(
     if not (grid.cells == OCCUPIED).any():
         raise InputFileError(where, "has no occupied cell; a drawing needs walls")
     used = load_floor_model(model) if isinstance(model, str) else model
-    probability = floor_probability(grid, used)
     direction = find_wall_direction(grid.cells)
     angle = direction.angle_deg if angle_deg is None else (angle_deg + 45.0) % 90.0 - 45.0
+    probability = used.probability(grid, angle)
     floor = find_floor(probability, grid, angle, config)
     if floor.is_empty:
         raise InputFileError(
