@@ -153,15 +153,15 @@ def simplified(edges: list[Edge], axes: Sequence[complex], config: DrawingConfig
         changed = False
         index = 0
         while index < len(ring) and len(ring) > 4:
-            if _simplify_at(ring, index, config):
+            if _simplify_at(ring, index, axes, config):
                 changed = True
                 index = max(0, index - 2)
             else:
                 index += 1
-    return _with_connections(ring, axes, config)
+    return _with_connections(ring, axes)
 
 
-def _simplify_at(ring: list[Edge], index: int, config: DrawingConfig) -> bool:
+def _simplify_at(ring: list[Edge], index: int, axes: Sequence[complex], config: DrawingConfig) -> bool:
     """Try one step of simplification on the edge at this place and the two behind it."""
     count = len(ring)
     second, third = (index + 1) % count, (index + 2) % count
@@ -173,6 +173,8 @@ def _simplify_at(ring: list[Edge], index: int, config: DrawingConfig) -> bool:
     if a.axis == FREE_AXIS and b.axis == FREE_AXIS and _is_one_line(a, b, config):
         ring[index] = _one_line(a, b)
         del ring[second]
+        return True
+    if _cap(ring, index, axes, config):
         return True
     short = b.length <= config.chamfer
     if short and b.axis == FREE_AXIS and a.axis != FREE_AXIS and c.axis != FREE_AXIS and a.axis != c.axis:
@@ -186,6 +188,34 @@ def _simplify_at(ring: list[Edge], index: int, config: DrawingConfig) -> bool:
         ring[index] = merged
         for gone in sorted((second, third), reverse=True):
             del ring[gone]
+        return True
+    return False
+
+
+def _cap(ring: list[Edge], index: int, axes: Sequence[complex], config: DrawingConfig) -> bool:
+    """Give the end of a wall, worn to one or two short oblique edges, its straight face; whether there was one."""
+    count, a = len(ring), ring[index]
+    for between in (1, 2):
+        if a.axis == FREE_AXIS or count < between + 4:
+            return False
+        d = ring[(index + between + 1) % count]
+        opposite = d.axis == a.axis and (d.direction * a.direction.conjugate()).real < 0.0
+        places = [(index + k) % count for k in range(1, between + 1)]
+        worn = [ring[k] for k in places]
+        if not opposite or max(edge.length for edge in worn) > config.chamfer:
+            continue
+        if between == 1 and worn[0].axis == a.axis ^ 1:
+            return False
+        points = [point for edge in worn for point in (edge.start, edge.end)]
+        tip = max(points, key=lambda point: (point * a.direction.conjugate()).real)
+        first, second = projected(a, tip), projected(d, tip)
+        if not 1e-6 < abs(second - first) <= config.max_thickness:
+            continue
+        axis = axes[a.axis ^ 1]
+        direction = axis if ((second - first) * axis.conjugate()).real > 0.0 else -axis
+        ring[places[0]] = Edge(direction, offset_of(direction, tip), a.axis ^ 1, first, second)
+        for k in sorted(places[1:], reverse=True):
+            del ring[k]
         return True
     return False
 
@@ -216,7 +246,7 @@ def _one_line(a: Edge, b: Edge) -> Edge:
     return Edge(direction, offset, FREE_AXIS, a.start, b.end)
 
 
-def _with_connections(ring: list[Edge], axes: Sequence[complex], config: DrawingConfig) -> list[Edge]:
+def _with_connections(ring: list[Edge], axes: Sequence[complex]) -> list[Edge]:
     """Put an edge across between two that follow each other along one axis."""
     result: list[Edge] = []
     for index, edge in enumerate(ring):

@@ -37,7 +37,7 @@ def straightened(
         Valid; empty if nothing is large enough.
     """
     axes = main_axes(angles_deg)
-    tolerance = max(config.tolerance, resolution)
+    tolerance = max(config.tolerance, 0.9 * resolution)
     kept = [outline for outline in outlines if _is_drawn(outline, config)]
     rings = []
     for outline in kept:

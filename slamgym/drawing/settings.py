@@ -10,7 +10,7 @@ _Size = Annotated[float, Within(ge=0.0, lt=10.0)]
 class DrawingConfig(Settings, section="drawing"):
     """Sizes of what is drawn, joined and left out."""
 
-    tolerance: Positive = 0.05
+    tolerance: Positive = 0.045
     """An outline strays from its straight lines by at most this, or by a cell where that is more [m]."""
     snap: _Size = 0.05
     """A line is turned to a main direction where that moves its ends by at most this [m]."""
@@ -28,9 +28,10 @@ class DrawingConfig(Settings, section="drawing"):
         Annotated[float, Within(gt=0.0, lt=10.0)], Annotated[float, Within(gt=0.0, lt=10.0)]
     ] = (
         0.55,
-        1.45,
+        1.6,
     )
-    """Narrowest and widest gap in a wall that is a door; doors are 0.6 to 1.4 m wide, and a drawing errs by 5 cm [m]."""
+    """Narrowest and widest gap in a wall that is a door [m]. Doors of homes end at 1.35 m and open passages begin at
+    1.85 m (:class:`slamgym.metrics.RoomRule`)."""
     max_thickness: Positive = 0.5
     """Two faces farther apart aren't those of one wall [m]."""
     outer_thickness: Positive = 0.1
