@@ -10,13 +10,13 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 import shapely
-import shapely.ops
 from shapely import LineString, MultiPolygon, Point, Polygon
 
 from slamgym.cad.floorplan import fill_segments, ring_segments
-from slamgym.core.types import FloatArray, GridFrame
+from slamgym.core.types import Float32Array, FloatArray, GridFrame, IntArray
 from slamgym.drawing.polygons import polygon_parts
 from slamgym.drawing.settings import DrawingConfig
 from slamgym.metrics.rooms import RoomRule, label_rooms
@@ -25,6 +25,12 @@ REACH = 0.02
 """Lines of doors are drawn so far into the walls, so that they cut [m]."""
 PARALLEL = math.cos(math.radians(20.0))
 """Two faces that look at each other are antiparallel within this."""
+CORNER_REACH = 0.35
+"""Lines of doors end in a corner that lies within this of the nearest face [m]."""
+SAME_DOOR = 0.3
+"""Borders of two rooms that lie so near to a door's jambs belong to that door [m]."""
+OPPOSITE = math.cos(math.radians(120.0))
+"""The two ends of a door lie on opposite sides of its middle."""
 WATERSHED_CELL = 0.05
 """[m]"""
 
@@ -73,11 +79,12 @@ def divide(floor: MultiPolygon, config: DrawingConfig) -> Division:
         floor: With straight edges [m].
         config: Sizes.
     """
-    gaps = jamb_gaps(floor, config)
-    parts, gaps = _separated(floor, gaps, config)
+    exact = jamb_gaps(floor, config)
+    parts, gaps = _separated(floor, exact, config)
     worn = [gap for part in parts for gap in _watershed_gaps(part, config)]
     if worn:
-        parts, gaps = _separated(floor, [*gaps, *worn], config)
+        # A gap that separates nothing alone may do so beside others.
+        parts, gaps = _separated(floor, [*gaps, *exact, *worn], config)
     joins = _joins(parts, gaps)
     order = sorted(range(len(parts)), key=lambda i: (-round(parts[i].centroid.y, 3), parts[i].centroid.x))
     number = {old: new for new, old in enumerate(order)}
@@ -125,15 +132,20 @@ def jamb_gaps(floor: MultiPolygon, config: DrawingConfig) -> list[Gap]:
         normal = np.array([-direction[1], direction[0]])  # into the floor
         facing = np.flatnonzero(directions @ direction < -PARALLEL)
         first, second = (points[facing] - starts[jamb] for points in (starts, ends))
-        along = np.stack([first @ direction, second @ direction])
-        low, high = np.maximum(along.min(axis=0), 0.0), np.minimum(along.max(axis=0), length)
-        across = 0.5 * (first @ normal + second @ normal)
+        begins, stops = first @ direction, second @ direction
+        low = np.maximum(np.minimum(begins, stops), 0.0)
+        high = np.minimum(np.maximum(begins, stops), length)
+        middle = 0.5 * (low + high)
+        # The face opposite may be oblique: how far it is at the middle of what the two have in common.
+        share = (middle - begins) / np.where(np.abs(stops - begins) < 1e-9, 1.0, stops - begins)
+        across = (1.0 - share) * (first @ normal) + share * (second @ normal)
         good = (
-            (high - low > 0.3 * length) & (across >= config.door_width[0]) & (across <= config.door_width[1])
+            (high - low > 0.3 * length)
+            & (across >= config.door_width[0])
+            & (across <= config.door_width[1])
         )
         for index in np.flatnonzero(good).tolist():
-            middle = 0.5 * (low[index] + high[index])
-            start = starts[jamb] + middle * direction
+            start = starts[jamb] + middle[index] * direction
             gaps.append((jamb, int(facing[index]), start, start + across[index] * normal, length))
     found: dict[tuple[int, int], Gap] = {}
     for jamb, other, start, end, length in gaps:
@@ -152,7 +164,7 @@ def _separated(
     """Cut along the gaps; those that don't separate two rooms go."""
     chosen: list[Gap] = []
     for gap in gaps:  # of lines that cross, or of both faces of one wall, the first stays
-        if all(gap.line.distance(other.line) > 0.05 for other in chosen):
+        if not any(_is_same(gap, other) for other in chosen):
             chosen.append(gap)
     parts = _cut(floor, chosen)
     while chosen:
@@ -170,6 +182,12 @@ def _separated(
     return parts, chosen
 
 
+def _is_same(gap: Gap, other: Gap) -> bool:
+    """Whether two lines cross, or lie across one passage."""
+    middle, others = (0.5 * (np.array(one.start) + np.array(one.end)) for one in (gap, other))
+    return float(np.hypot(*(middle - others))) <= SAME_DOOR or gap.line.intersects(other.line)
+
+
 def _is_room(part: Polygon, config: DrawingConfig) -> bool:
     return part.area >= config.min_room and not part.buffer(-0.5 * config.min_room_width).is_empty
 
@@ -178,12 +196,12 @@ def _cut(floor: MultiPolygon, gaps: Sequence[Gap]) -> list[Polygon]:
     """The parts of the floor between the lines of the gaps."""
     if not gaps:
         return polygon_parts(floor)
-    lines = shapely.union_all([floor.boundary, *(gap.cut for gap in gaps)])
-    inner = shapely.prepared.prep(floor)
+    shapely.prepare(floor)
+    lines = shapely.union_all([floor.boundary, *(gap.cut for gap in gaps)], grid_size=1e-5)
     return [
         part
-        for part in polygon_parts(shapely.polygonize(shapely.get_parts(lines)))
-        if part.area > 1e-4 and inner.contains(part.representative_point())
+        for part in polygon_parts(shapely.GeometryCollection([shapely.polygonize(shapely.get_parts(lines))]))
+        if part.area > 1e-4 and floor.contains(part.representative_point())
     ]
 
 
@@ -196,9 +214,11 @@ def _joins(parts: Sequence[Polygon], gaps: Sequence[Gap]) -> list[tuple[int, int
         normal = np.array([y0 - y1, x1 - x0]) / gap.width
         middle = 0.5 * np.array([x0 + x1, y0 + y1])
         sides = []
-        for step in (0.01, -0.01):
-            hits = tree.query(Point(*(middle + step * normal)), predicate="intersects")
-            sides.append(int(hits[0]) if len(hits) else -1)
+        for sign in (1.0, -1.0):
+            # Beside a line that lies close along a wall, a step may end in the wall.
+            points = [Point(*(middle + sign * step * normal)) for step in (0.01, 0.03, 0.06, 0.12)]
+            hits = [tree.query(point, predicate="intersects") for point in points]
+            sides.append(next((int(hit[0]) for hit in hits if len(hit)), -1))
         found.append((sides[0], sides[1]))
     return found
 
@@ -209,67 +229,88 @@ def _watershed_gaps(part: Polygon, config: DrawingConfig) -> list[Gap]:
         return []
     cell = max(WATERSHED_CELL, math.sqrt(part.envelope.area / 4e6))
     frame = GridFrame.covering(part.bounds, cell, margin=2.0 * cell)
-    free = fill_segments(ring_segments([part.exterior, *part.interiors]), frame)
+    # Half a cell less, so that no wall is too thin for the cells.
+    inner = polygon_parts(part.buffer(-0.5 * cell, join_style="mitre"))
+    free = fill_segments(ring_segments([ring for one in inner for ring in (one.exterior, *one.interiors)]), frame)
     rule = RoomRule(
-        max_doorway=config.door_width[1], min_area=config.min_room, min_width=config.min_room_width
+        max_doorway=config.door_width[1] - cell,
+        min_area=0.8 * config.min_room,
+        min_width=config.min_room_width - cell,
     )
     labels = label_rooms(free, cell, rule)
     if labels.max(initial=0) < 2:
         return []
     gaps = []
-    for middle in _passes(labels, frame):
+    padded = np.pad(free, 1).astype(np.uint8)
+    clearance = cv2.distanceTransform(padded, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)[1:-1, 1:-1]
+    for middle in _passes(labels, np.asarray(clearance, dtype=np.float32), frame):
         gap = _narrowest(part, middle, config)
         if gap is not None:
             gaps.append(gap)
     return sorted(gaps, key=lambda gap: (gap.width, gap.start))
 
 
-def _passes(labels: np.ndarray, frame: GridFrame) -> list[FloatArray]:
-    """The middle of each border between two rooms, piece by piece [m]."""
-    import cv2
-
-    border = np.zeros(labels.shape, np.uint8)
-    for axis in (0, 1):
-        first, second = (np.delete(labels, index, axis) for index in (-1, 0))
-        differ = (first != second) & (first > 0) & (second > 0)
-        border[: first.shape[0], : first.shape[1]] |= differ.astype(np.uint8)
-    count, _, _, centroids = cv2.connectedComponentsWithStats(border, connectivity=8)
-    return [np.array(frame.to_point(float(row), float(col))) for col, row in centroids[1:count]]
+def _passes(labels: IntArray, clearance: Float32Array, frame: GridFrame) -> list[FloatArray]:
+    """Where two rooms meet: on each border between two, the place farthest from all walls [m]."""
+    borders: dict[tuple[int, int], list[tuple[int, int]]] = {}
+    for step in ((0, 1), (1, 0), (1, 1), (1, -1)):
+        rows, cols = labels.shape
+        here = labels[: rows - step[0], max(0, -step[1]) : cols - max(0, step[1])]
+        there = labels[step[0] :, max(0, step[1]) : cols + min(0, step[1])]
+        at = np.argwhere((here != there) & (here > 0) & (there > 0))
+        for row, col in at.tolist():
+            pair = (int(here[row, col]), int(there[row, col]))
+            borders.setdefault((min(pair), max(pair)), []).append((row, col + max(0, -step[1])))
+    passes = []
+    for _, cells in sorted(borders.items()):
+        places = np.array(cells)
+        high = clearance[places[:, 0], places[:, 1]]
+        while len(places):
+            best = int(np.argmax(high))
+            row, col = places[best]
+            passes.append(np.array(frame.to_point(float(row), float(col))))
+            # Another door between the same rooms lies beyond this one's jambs.
+            apart = np.hypot(*(places - places[best]).T) > high[best] + SAME_DOOR / frame.resolution
+            places, high = places[apart], high[apart]
+    return passes
 
 
 def _narrowest(part: Polygon, middle: FloatArray, config: DrawingConfig) -> Gap | None:
-    """The shortest line from wall to wall near a point of a passage."""
-    outline = part.boundary
-    here = Point(*middle)
-    reach = 0.75 * config.door_width[1]
-    # Corners near the passage, and for each the nearest place of the outline on the other side of the middle.
-    corners = shapely.get_coordinates(outline.intersection(here.buffer(reach)))
-    nearest = outline.interpolate(outline.project(here)) if outline.geom_type == "LineString" else None
-    starts = [*map(tuple, corners.tolist())] + ([(nearest.x, nearest.y)] if nearest is not None else [])
+    """The shortest line from wall to wall through a passage, given a point in its middle."""
+    rings = [shapely.get_coordinates(ring) for ring in (part.exterior, *part.interiors)]
+    starts, ends = np.vstack([ring[:-1] for ring in rings]), np.vstack([ring[1:] for ring in rings])
+    first = _nearest_on(starts, ends, middle, None)
+    if first is None:
+        return None
+    second = _nearest_on(starts, ends, middle, first - middle)
+    if second is None:
+        return None
+    corners = starts[np.hypot(*(starts - middle).T) <= config.door_width[1]]
+    near = [[end, *corners[np.hypot(*(corners - end).T) <= CORNER_REACH]] for end in (first, second)]
     best: Gap | None = None
-    for start in sorted(set(starts)):
-        to_middle = middle - np.array(start)
-        if not 0.1 < float(np.hypot(*to_middle)) < reach:
-            continue
-        # The half plane beyond the middle.
-        across = np.array([-to_middle[1], to_middle[0]])
-        far = middle + 0.1 * to_middle
-        side = Polygon(
-            [
-                far - 9 * across,
-                far + 9 * across,
-                far + 9 * across + 9 * to_middle,
-                far - 9 * across + 9 * to_middle,
-            ]
-        )
-        beyond = outline.intersection(side)
-        if beyond.is_empty:
-            continue
-        end = shapely.ops.nearest_points(Point(start), beyond)[1]
-        gap = Gap(start, (end.x, end.y), config.outer_thickness)
-        if not config.door_width[0] <= gap.width <= config.door_width[1]:
-            continue
-        inner = shapely.line_interpolate_point(gap.line, [0.03, gap.width - 0.03])
-        if part.covers(LineString(inner.tolist())) and (best is None or gap.width < best.width - 1e-6):
-            best = gap
+    for one in near[0]:
+        foot = _nearest_on(starts, ends, middle, one - middle)
+        for other in [*near[1], *([] if foot is None else [foot])]:
+            gap = Gap((float(one[0]), float(one[1])), (float(other[0]), float(other[1])), config.outer_thickness)
+            if not config.door_width[0] <= gap.width <= config.door_width[1]:
+                continue
+            inner = shapely.line_interpolate_point(gap.line, [0.02, gap.width - 0.02])
+            if part.covers(LineString(inner.tolist())) and (best is None or gap.width < best.width - 1e-6):
+                best = gap
     return best
+
+
+def _nearest_on(
+    starts: FloatArray, ends: FloatArray, point: FloatArray, away_from: FloatArray | None
+) -> FloatArray | None:
+    """The nearest point of segments (N, 2), of those that lie about opposite to a direction if one is given."""
+    vectors = ends - starts
+    share = ((point - starts) * vectors).sum(axis=1) / np.maximum((vectors**2).sum(axis=1), 1e-18)
+    places = starts + np.clip(share, 0.0, 1.0)[:, None] * vectors
+    towards = places - point
+    distances = np.hypot(*towards.T)
+    if away_from is not None:
+        cosine = towards @ away_from / np.maximum(distances * np.hypot(*away_from), 1e-12)
+        distances = np.where(cosine < OPPOSITE, distances, np.inf)
+    index = int(np.argmin(distances))
+    return places[index] if np.isfinite(distances[index]) else None
