@@ -1,7 +1,7 @@
 """Outlines of a picture of probabilities, finer than its cells: marching squares with linear interpolation.
 
-Convention: pictures are ``[row, col]`` with row 0 at the top; outlines are closed, run counter-clockwise (x right, y up)
-round what is above the level, and lie in cells: x = column and y = -row of the cells' centres.
+Convention: pictures are ``[row, col]`` with row 0 at the top; outlines are closed and run counter-clockwise (x right,
+y up) round what is above the level.
 """
 
 from typing import NamedTuple

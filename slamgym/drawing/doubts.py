@@ -6,17 +6,21 @@ from slamgym.core.types import GridFrame, OccupancyGrid
 from slamgym.drawing.contours import trace_outlines
 from slamgym.drawing.drawing import Drawing
 from slamgym.drawing.floor import CleanedFloor
-from slamgym.drawing.openings import jamb_gaps
+from slamgym.drawing.openings import divide
 from slamgym.drawing.polygons import straightened
 from slamgym.drawing.settings import DrawingConfig
 from slamgym.gan.translation.wall_direction import WallDirection
 
 USUAL_CELLS = (0.009, 0.11)
 """Cells of robots' maps [m]."""
-SCALES = (0.25, 4.0)
-"""Wrong scales that are tried: doors 20 cm or 4 m wide."""
+SCALES = ((4.0, 0.0, 600.0), (0.25, 160.0, 1e9))
+"""Wrong scales that are tried (doors 20 cm or 4 m wide), and from which to which floor area they may be [m2]."""
 MIN_DOORS = 3
 """So many doors at another scale are evidence."""
+TIMES_MORE = 3
+"""So many times the doors at the map's own scale are."""
+REAL_ROOM = 4.0
+"""Doors between smaller rooms are no evidence: the gaps of clutter [m2]."""
 MUCH_UNSEEN = 0.15
 """Share of the floor."""
 
@@ -55,22 +59,29 @@ def scale_doubt(drawing: Drawing, config: DrawingConfig) -> str | None:
     frame = drawing.grid.frame
     if not USUAL_CELLS[0] <= frame.resolution <= USUAL_CELLS[1]:
         return f"scale doubtful: cells of {frame.resolution:g} m; robots' maps have 0.01 to 0.1 m"
-    own = len(jamb_gaps(drawing.floor, config))
-    for factor in SCALES:
-        other = _gaps_at(drawing.grid, drawing.angle_deg, factor, config)
-        if len(other) >= max(MIN_DOORS, 3 * own + 1):
+    own = len(_doors_at(drawing, 1.0, config))
+    for factor, least, most in SCALES:
+        if not least <= drawing.area <= most:
+            continue
+        other = _doors_at(drawing, factor, config)
+        if len(other) >= max(MIN_DOORS, TIMES_MORE * own):
             width = float(np.median(other)) / factor
             return (
-                f"scale doubtful: {len(other)} gaps between walls are some {width:.2f} m wide, and {own} as wide as "
-                "doors; check the resolution"
+                f"scale doubtful: {len(other)} openings between rooms are some {width:.2f} m wide, and {own} as "
+                "wide as doors; check the resolution"
             )
     return None
 
 
-def _gaps_at(grid: OccupancyGrid, angle_deg: float, factor: float, config: DrawingConfig) -> list[float]:
-    """Widths of what would be doors if cells were larger by a factor [m at that scale]."""
-    frame = grid.frame
-    scaled = GridFrame(frame.resolution * factor, 0.0, 0.0, *grid.cells.shape)
-    probability = CleanedFloor().probability(OccupancyGrid(grid.cells, scaled), angle_deg)
-    floor = straightened(trace_outlines(probability, 0.5, scaled), [angle_deg], scaled.resolution, config)
-    return [gap.width for gap in jamb_gaps(floor, config)]
+def _doors_at(drawing: Drawing, factor: float, config: DrawingConfig) -> list[float]:
+    """Widths of what would be doors if cells were larger by a factor [m at that scale]; by cleaning, to compare."""
+    cells, frame = drawing.grid.cells, drawing.grid.frame
+    scaled = GridFrame(frame.resolution * factor, 0.0, 0.0, *cells.shape)
+    probability = CleanedFloor().probability(OccupancyGrid(cells, scaled), drawing.angle_deg)
+    outlines = trace_outlines(probability, 0.5, scaled)
+    division = divide(straightened(outlines, [drawing.angle_deg], scaled.resolution, config), config)
+    return [
+        gap.width
+        for gap, pair in zip(division.doors, division.joins, strict=True)
+        if min(division.rooms[k].area for k in pair) >= REAL_ROOM
+    ]

@@ -29,6 +29,7 @@ from slamgym.drawing.drawing import DrawnWall, Layer
 from slamgym.drawing.polygons import polygon_parts
 from slamgym.drawing.settings import DrawingConfig
 from slamgym.drawing.walls import WallPiece
+from slamgym.metrics.maps import distance_to
 
 STEP = 0.05
 """Between two places that are looked at [m]."""
@@ -36,8 +37,10 @@ SHORTEST_CHANGE = 0.4
 """A wall is split into seen and inferred pieces of at least this length [m]."""
 HULL_REACH = 3.0
 """Space between parts of the floor at most so far apart is inside of the building [m]."""
-RIM_CELLS = 1.5
-"""Unknown cells beside a wall are a matter of where its face lies, not floor that nobody saw."""
+HULL_CELL = 0.1
+"""Cells of the search for unexplored parts [m]."""
+NARROWEST_GAP = 0.7
+"""Gaps between two floors narrower than this are walls and shafts [m]."""
 
 
 @dataclass(frozen=True)
@@ -174,7 +177,7 @@ def filled(shape: shapely.Geometry, frame: GridFrame) -> BoolArray:
     return fill_segments(ring_segments(rings), frame)
 
 
-def unseen_floor(floor: MultiPolygon, grid: OccupancyGrid, config: DrawingConfig) -> BoolArray:
+def unseen_floor(floor: MultiPolygon, grid: OccupancyGrid) -> BoolArray:
     """Cells of the floor that the robot never observed: not free in the map, and not beside a wall's face."""
     inside = filled(floor, grid.frame)
     unseen = inside & (grid.cells == UNKNOWN)
@@ -197,28 +200,30 @@ def cell_polygons(cells: BoolArray, frame: GridFrame, smallest: float) -> list[P
     return [part for part in polygon_parts(simple) if part.area >= smallest]
 
 
-def unexplored_parts(
-    floor: MultiPolygon, walls: list[DrawnWall], grid: OccupancyGrid, config: DrawingConfig
-) -> list[Polygon]:
-    """Parts inside of the building of which the map says nothing."""
-    hull = floor.buffer(HULL_REACH, quad_segs=4, join_style="mitre").buffer(-HULL_REACH, join_style="mitre")
-    hull = shapely.union_all([Polygon(part.exterior) for part in polygon_parts(hull)])
-    drawn = shapely.union_all([floor, *(wall.polygon for wall in walls)])
-    gaps = hull.difference(drawn.buffer(0.02, join_style="mitre"))
-    half = 0.3
-    wide = shapely.make_valid(gaps.buffer(-half, join_style="mitre").buffer(half, join_style="mitre"))
+def unexplored_parts(floor: MultiPolygon, grid: OccupancyGrid, config: DrawingConfig) -> list[Polygon]:
+    """Parts inside of the building of which the map says nothing: gaps between its floors that are wide enough."""
+    cell = max(HULL_CELL, grid.frame.resolution)
+    frame = GridFrame.covering(floor.bounds, cell, margin=HULL_REACH + cell)
+    inside = filled(floor, frame)
+    reach = HULL_REACH / cell
+    closed = distance_to(distance_to(inside) > reach) > reach
+    outlines, _ = cv2.findContours(closed.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    hull = cv2.drawContours(np.zeros(closed.shape, np.uint8), outlines, -1, 1, cv2.FILLED) > 0
+    # Walls and shafts between two rooms are no unexplored parts.
+    between = hull & ~inside
+    wide = distance_to(~between) > 0.5 * NARROWEST_GAP / cell
+    gaps = between & (distance_to(wide) <= 0.5 * NARROWEST_GAP / cell)
     parts = []
-    for part in polygon_parts(wide.intersection(gaps)):
-        if part.area < config.min_unexplored:
-            continue
-        cells = filled(part, grid.frame)
-        if cells.any() and float((grid.cells[cells] == UNKNOWN).mean()) >= 0.5:
-            parts.append(part.simplify(0.02))
+    for part in cell_polygons(gaps, frame, config.min_unexplored):
+        if share_known(part, grid) <= 0.5:
+            parts += [
+                one for one in polygon_parts(part.difference(floor)) if one.area >= config.min_unexplored
+            ]
     return parts
 
 
-def share_free(shape: Polygon, grid: OccupancyGrid) -> float:
-    """Share of a polygon that the robot saw free, holes under furniture and noise of up to 20 cm included."""
+def share_known(shape: Polygon, grid: OccupancyGrid) -> float:
+    """Share of a polygon of which the map says something."""
     min_x, min_y, max_x, max_y = shape.bounds
     frame, rows, cols = _window(grid.frame, (min_x, min_y, max_x, max_y))
     inside = filled(shape, frame)

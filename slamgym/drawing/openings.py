@@ -95,8 +95,10 @@ def divide(floor: MultiPolygon, config: DrawingConfig) -> Division:
 
 
 def _faces(floor: MultiPolygon) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """All edges with the floor on their left: starts and ends (N, 2), and whether each end is a corner that reaches
-    into the floor (N, 2).
+    """All edges with the floor on their left.
+
+    Returns:
+        Starts and ends, (N, 2) each, and whether each end is a corner that reaches into the floor, (N, 2).
     """
     starts, ends, reflex = [], [], []
     for part in floor.geoms:
@@ -140,19 +142,19 @@ def jamb_gaps(floor: MultiPolygon, config: DrawingConfig) -> list[Gap]:
         share = (middle - begins) / np.where(np.abs(stops - begins) < 1e-9, 1.0, stops - begins)
         across = (1.0 - share) * (first @ normal) + share * (second @ normal)
         good = (
-            (high - low > 0.3 * length)
-            & (across >= config.door_width[0])
-            & (across <= config.door_width[1])
+            (high - low > 0.3 * length) & (across >= config.door_width[0]) & (across <= config.door_width[1])
         )
         for index in np.flatnonzero(good).tolist():
             start = starts[jamb] + middle[index] * direction
             gaps.append((jamb, int(facing[index]), start, start + across[index] * normal, length))
     found: dict[tuple[int, int], Gap] = {}
+    around = floor.buffer(1e-6, join_style="mitre")
+    shapely.prepare(around)
     for jamb, other, start, end, length in gaps:
         gap = Gap((float(start[0]), float(start[1])), (float(end[0]), float(end[1])), float(length))
         key = (min(jamb, other), max(jamb, other))
         inner = shapely.line_interpolate_point(gap.line, [0.03, 0.5 * gap.width, gap.width - 0.03])
-        is_open = floor.buffer(1e-6).covers(LineString(inner.tolist()))
+        is_open = around.covers(LineString(inner.tolist()))
         if is_open and (key not in found or found[key].depth > gap.depth):
             found[key] = gap
     return sorted(found.values(), key=lambda gap: (gap.width, gap.start))
@@ -167,25 +169,47 @@ def _separated(
         if not any(_is_same(gap, other) for other in chosen):
             chosen.append(gap)
     parts = _cut(floor, chosen)
-    while chosen:
-        joins = _joins(parts, chosen)
-        idle = [index for index, (a, b) in enumerate(joins) if a == b or a < 0 or b < 0]
-        if not idle:
-            small = [i for i, part in enumerate(parts) if not _is_room(part, config)]
-            beside = [index for index, pair in enumerate(joins) if set(pair) & set(small)]
-            # The widest goes first: a niche is open, a closet has a door.
-            idle = sorted(beside, key=lambda index: -chosen[index].width)[:1]
-        if not idle:
-            break
-        chosen = [gap for index, gap in enumerate(chosen) if index not in idle]
-        parts = _cut(floor, chosen)
-    return parts, chosen
+    kept = _doors_among(parts, chosen, _joins(parts, chosen), config)
+    parts = _cut(floor, kept)
+    separate = [
+        gap for gap, (a, b) in zip(kept, _joins(parts, kept), strict=True) if a != b and min(a, b) >= 0
+    ]
+    return (parts, kept) if len(separate) == len(kept) else (_cut(floor, separate), separate)
+
+
+def _doors_among(
+    parts: Sequence[Polygon], gaps: Sequence[Gap], joins: Sequence[tuple[int, int]], config: DrawingConfig
+) -> list[Gap]:
+    """The gaps that separate rooms, when parts that are none have been opened to their neighbours."""
+    group = list(range(len(parts)))
+    roomy = [_is_room(part, config) for part in parts]
+
+    def root(k: int) -> int:
+        while group[k] != k:
+            k = group[k]
+        return k
+
+    left = [index for index, (a, b) in enumerate(joins) if min(a, b) >= 0]
+    while True:
+        left = [index for index in left if root(joins[index][0]) != root(joins[index][1])]
+        beside = [index for index in left if not all(roomy[root(k)] for k in joins[index])]
+        if not beside:
+            return [gaps[index] for index in left]
+        # The widest goes first: a niche is open, a closet has a door.
+        opened = max(beside, key=lambda index: gaps[index].width)
+        first, second = (root(k) for k in joins[opened])
+        group[second] = first
+        roomy[first] = roomy[first] or roomy[second]
 
 
 def _is_same(gap: Gap, other: Gap) -> bool:
     """Whether two lines cross, or lie across one passage."""
-    middle, others = (0.5 * (np.array(one.start) + np.array(one.end)) for one in (gap, other))
-    return float(np.hypot(*(middle - others))) <= SAME_DOOR or gap.line.intersects(other.line)
+    across = 0.5 * (gap.start[0] + gap.end[0] - other.start[0] - other.end[0])
+    up = 0.5 * (gap.start[1] + gap.end[1] - other.start[1] - other.end[1])
+    apart = math.hypot(across, up)
+    if apart > 0.5 * (gap.width + other.width):
+        return False
+    return apart <= SAME_DOOR or gap.line.intersects(other.line)
 
 
 def _is_room(part: Polygon, config: DrawingConfig) -> bool:
@@ -231,7 +255,9 @@ def _watershed_gaps(part: Polygon, config: DrawingConfig) -> list[Gap]:
     frame = GridFrame.covering(part.bounds, cell, margin=2.0 * cell)
     # Half a cell less, so that no wall is too thin for the cells.
     inner = polygon_parts(part.buffer(-0.5 * cell, join_style="mitre"))
-    free = fill_segments(ring_segments([ring for one in inner for ring in (one.exterior, *one.interiors)]), frame)
+    free = fill_segments(
+        ring_segments([ring for one in inner for ring in (one.exterior, *one.interiors)]), frame
+    )
     rule = RoomRule(
         max_doorway=config.door_width[1] - cell,
         min_area=0.8 * config.min_room,
@@ -291,7 +317,9 @@ def _narrowest(part: Polygon, middle: FloatArray, config: DrawingConfig) -> Gap 
     for one in near[0]:
         foot = _nearest_on(starts, ends, middle, one - middle)
         for other in [*near[1], *([] if foot is None else [foot])]:
-            gap = Gap((float(one[0]), float(one[1])), (float(other[0]), float(other[1])), config.outer_thickness)
+            gap = Gap(
+                (float(one[0]), float(one[1])), (float(other[0]), float(other[1])), config.outer_thickness
+            )
             if not config.door_width[0] <= gap.width <= config.door_width[1]:
                 continue
             inner = shapely.line_interpolate_point(gap.line, [0.02, gap.width - 0.02])

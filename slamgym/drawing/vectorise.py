@@ -18,7 +18,7 @@ from slamgym.drawing.evidence import (
     Evidence,
     cell_polygons,
     judged_walls,
-    share_free,
+    share_known,
     share_seen_open,
     unexplored_parts,
     unseen_floor,
@@ -80,7 +80,7 @@ def draw_map(
     walls = judged_walls(find_walls(floor, config), evidence)
     division = divide(floor, config)
     rooms = _rooms(division, grid)
-    inferred = tuple(cell_polygons(unseen_floor(floor, grid, config), grid.frame, config.min_inferred))
+    inferred = tuple(cell_polygons(unseen_floor(floor, grid), grid.frame, config.min_inferred))
     kept = {
         **(provenance or {}),
         "model": model if isinstance(model, str) else type(model).__name__,
@@ -95,7 +95,7 @@ def draw_map(
         walls=tuple(walls),
         doors=_doors(division, rooms, walls, evidence),
         rooms=rooms,
-        unexplored=tuple(unexplored_parts(floor, walls, grid, config)),
+        unexplored=tuple(unexplored_parts(floor, grid, config)),
         inferred_floor=inferred,
         dimensions=tuple(_dimensions(floor, rooms, angle)),
         provenance=kept,
@@ -124,11 +124,8 @@ def find_floor(
 
 def _second_direction(floor: MultiPolygon, angle_deg: float, resolution: float) -> float | None:
     """A direction of many walls that don't run along the first."""
-    pieces = []
-    for part in floor.geoms:
-        for ring in (part.exterior, *part.interiors):
-            pieces.append(np.diff(shapely.get_coordinates(ring), axis=0))
-    edges = np.vstack([np.empty((0, 2)), *pieces])
+    rings = [ring for part in floor.geoms for ring in (part.exterior, *part.interiors)]
+    edges = np.vstack([np.empty((0, 2)), *(np.diff(shapely.get_coordinates(ring), axis=0) for ring in rings)])
     angles = (np.degrees(np.arctan2(edges[:, 1], edges[:, 0])) - angle_deg + 45.0) % 90.0 - 45.0
     lengths = np.hypot(*edges.T)
     oblique = np.abs(angles) > 3.0
@@ -140,7 +137,7 @@ def _second_direction(floor: MultiPolygon, angle_deg: float, resolution: float) 
 def _rooms(division: Division, grid: OccupancyGrid) -> tuple[DrawnRoom, ...]:
     rooms = []
     for number, polygon in enumerate(division.rooms, 1):
-        seen = share_free(polygon, grid)
+        seen = share_known(polygon, grid)
         layer: Layer = "SEEN" if seen >= INFERRED_ROOM else "INFERRED"
         rooms.append(DrawnRoom(f"R{number:02d}", shapely.make_valid(polygon), seen, layer))
     return tuple(rooms)

@@ -87,12 +87,15 @@ def find_walls(floor: MultiPolygon, config: DrawingConfig) -> list[WallPiece]:
     taken: list[list[tuple[float, float]]] = [[] for _ in faces]
     starts = np.array([face.start for face in faces]).reshape(-1, 2)
     ends = np.array([face.end for face in faces]).reshape(-1, 2)
+    lines = shapely.linestrings(np.stack([starts, ends], axis=1))
+    pairs = shapely.STRtree(lines).query(lines, predicate="dwithin", distance=config.max_thickness)
+    near = np.split(pairs[1], np.searchsorted(pairs[0], np.arange(1, len(faces))))
     found: list[tuple[int, WallPiece]] = []
     for index in order:
         face = faces[index]
         if face.length < SHORTEST:
             continue
-        pieces = _behind(index, starts, ends, config)
+        pieces = _behind(index, np.sort(near[index]), starts, ends, config)
         direction = (face.end - face.start) / face.length
         for low, high, other, thickness in _free_stretches(face, pieces, taken[index], config):
             if high - low < SHORTEST:
@@ -122,22 +125,30 @@ def _faces_of(floor: MultiPolygon) -> list[_Face]:
             incoming = np.roll(outgoing, 1, axis=0)
             convex = incoming[:, 0] * outgoing[:, 1] - incoming[:, 1] * outgoing[:, 0] > 0.0
             following = np.roll(convex, -1)
-            for k in range(len(points)):
-                faces.append(_Face(points[k], after[k], (bool(convex[k]), bool(following[k]))))
+            turns = zip(convex.tolist(), following.tolist(), strict=True)
+            faces += [_Face(a, b, turn) for a, b, turn in zip(points, after, turns, strict=True)]
     return faces
 
 
 def _behind(
-    index: int, starts: FloatArray, ends: FloatArray, config: DrawingConfig
+    index: int, near: np.ndarray, starts: FloatArray, ends: FloatArray, config: DrawingConfig
 ) -> list[tuple[float, float, int, float]]:
-    """Faces that stand back to back with one: from where to where along it, which, and how far behind [m]."""
+    """Faces that stand back to back with one: from where to where along it, which, and how far behind [m].
+
+    Args:
+        index: The face.
+        near: Numbers of the faces that are near enough.
+        starts: Of all faces, (N, 2).
+        ends: The same.
+        config: Sizes.
+    """
     start, vector = starts[index], ends[index] - starts[index]
     length = float(np.hypot(*vector))
     direction = vector / length
     behind = np.array([direction[1], -direction[0]])
-    others = ends - starts
+    others = ends[near] - starts[near]
     lengths = np.maximum(np.hypot(*others.T), 1e-12)
-    first, second = starts - start, ends - start
+    first, second = starts[near] - start, ends[near] - start
     along = np.stack([first @ direction, second @ direction])
     low, high = np.maximum(along.min(axis=0), 0.0), np.minimum(along.max(axis=0), length)
     depth = 0.5 * (first @ behind + second @ behind)
@@ -149,7 +160,7 @@ def _behind(
     )
     chosen = np.flatnonzero(good)
     chosen = chosen[np.argsort(depth[chosen], kind="stable")]
-    return [(float(low[k]), float(high[k]), int(k), float(depth[k])) for k in chosen]
+    return [(float(low[k]), float(high[k]), int(near[k]), float(depth[k])) for k in chosen]
 
 
 def _free_stretches(

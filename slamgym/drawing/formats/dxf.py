@@ -1,8 +1,8 @@
 """DXF by ezdxf: metres, one layer a kind, dimension lines that measure themselves, the map's echoes as underlay.
 
 Layers: WALLS (closed LWPOLYLINEs of wall bodies), DOORS and WINDOWS (LINEs), ROOMS (closed LWPOLYLINEs, a TEXT with id
-and area), UNEXPLORED, INFERRED (bodies of walls without evidence as on WALLS, floor that nobody saw as HATCH), RAW (one closed LWPOLYLINE for each run of occupied
-cells), DIMENSIONS.
+and area), UNEXPLORED, INFERRED (bodies of walls without evidence as on WALLS; floor that nobody saw as HATCH), RAW (one
+closed LWPOLYLINE for each run of occupied cells), DIMENSIONS.
 """
 
 import io

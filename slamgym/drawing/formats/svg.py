@@ -25,7 +25,8 @@ _TEXT = 180
 STYLE = """
 .room{fill:#fff;stroke:none}.room.INFERRED{fill:#eef2f7}.floor-inferred{fill:url(#hatch);stroke:none}
 .wall{fill:#2b2f36;stroke:none}.wall.INFERRED{fill:#b9c2ce;stroke:#7a8794;stroke-width:15;stroke-dasharray:60 40}
-.door{stroke:#1971c2;stroke-width:30;fill:none}.unexplored{fill:#fff4d6;stroke:#c99b2e;stroke-width:15;stroke-dasharray:90 60}
+.door{stroke:#1971c2;stroke-width:30;fill:none}
+.unexplored{fill:#fff4d6;stroke:#c99b2e;stroke-width:15;stroke-dasharray:90 60}
 .dimension{stroke:#c92a2a;stroke-width:8;fill:none}.raw{fill:#e8590c;fill-opacity:.35}
 text{font-family:sans-serif;fill:#343a40;text-anchor:middle}.size{fill:#c92a2a}
 """
