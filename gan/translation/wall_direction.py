@@ -109,7 +109,7 @@ def main_direction(pieces: FloatArray, shortest: float) -> WallDirection:
     elsewhere = np.abs(_difference(bins, angle)) >= APART_DEG
     rival = int(np.argmax(np.where(elsewhere, scores, -1.0)))
     share = float(scores[rival] / scores.max())
-    return WallDirection(_difference(angle, 0.0), float(scores.max()), float(bins[rival]), share)
+    return WallDirection(float(_difference(angle, 0.0)), float(scores.max()), float(bins[rival]), share)
 
 
 def _difference(angle: FloatArray | float, other: FloatArray | float) -> FloatArray:

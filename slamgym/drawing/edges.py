@@ -22,6 +22,8 @@ DRIFT_DEG = 1.0
 """A wall so near to a main direction is taken for one that drift has turned."""
 TRIM = 0.15
 """Share of an edge's points at each end that don't count: corners are rounded."""
+FEW_POINTS = 6
+"""A face of so many points has no straight middle to fit."""
 MIN_CROSSING = math.sin(math.radians(8.0))
 """Lines that cross at less than this have no well defined corner."""
 
@@ -96,6 +98,10 @@ def _fitted(run: np.ndarray, axes: Sequence[complex], config: DrawingConfig) -> 
             fitted = cmath.exp(0.5j * cmath.phase(spread))
             direction = fitted if (fitted * direction.conjugate()).real > 0.0 else -fitted
     axis, turned = snapped(direction, abs(chord), axes, config)
+    if len(run) <= FEW_POINTS:
+        # Of a short face, as the end of a thin wall, rounded corners leave but the middle.
+        third = (len(run) - 1) // 2
+        middle = complex(run[third : len(run) - third].mean())
     return Edge(turned, offset_of(turned, middle), axis, start, end)
 
 

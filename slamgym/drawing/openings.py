@@ -224,7 +224,7 @@ def _cut(floor: MultiPolygon, gaps: Sequence[Gap]) -> list[Polygon]:
     lines = shapely.union_all([floor.boundary, *(gap.cut for gap in gaps)], grid_size=1e-5)
     return [
         part
-        for part in polygon_parts(shapely.GeometryCollection([shapely.polygonize(shapely.get_parts(lines))]))
+        for part in shapely.get_parts(shapely.polygonize(shapely.get_parts(lines)))
         if part.area > 1e-4 and floor.contains(part.representative_point())
     ]
 

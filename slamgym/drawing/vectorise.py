@@ -34,6 +34,8 @@ SECOND_DIRECTION = 0.2
 """Walls of a second direction are turned to it, too, if they are so long in shares of those along the first."""
 SMALLEST_DIMENSIONED = 1.5
 """Rooms below this get no dimension lines [m2]."""
+BESIDE_DOORS = (0.0, 0.5, -0.5, 0.9, -0.9, 1.3, -1.3)
+"""How far from a room's middle its dimension lines may run [m], the first first."""
 INFERRED_ROOM = 0.5
 """A room of which less than this share was observed is in the layer INFERRED."""
 
@@ -80,6 +82,7 @@ def draw_map(
     walls = judged_walls(find_walls(floor, config), evidence)
     division = divide(floor, config)
     rooms = _rooms(division, grid)
+    doors = _doors(division, rooms, walls, evidence)
     inferred = tuple(cell_polygons(unseen_floor(floor, grid), grid.frame, config.min_inferred))
     kept = {
         **(provenance or {}),
@@ -93,11 +96,11 @@ def draw_map(
         floor=floor,
         angle_deg=float(angle),
         walls=tuple(walls),
-        doors=_doors(division, rooms, walls, evidence),
+        doors=doors,
         rooms=rooms,
         unexplored=tuple(unexplored_parts(floor, grid, config)),
         inferred_floor=inferred,
-        dimensions=tuple(_dimensions(floor, rooms, angle)),
+        dimensions=tuple(_dimensions(floor, rooms, doors, angle)),
         provenance=kept,
     )
     doubts = find_doubts(drawing, direction if angle_deg is None else None, config)
@@ -139,7 +142,7 @@ def _rooms(division: Division, grid: OccupancyGrid) -> tuple[DrawnRoom, ...]:
     for number, polygon in enumerate(division.rooms, 1):
         seen = share_known(polygon, grid)
         layer: Layer = "SEEN" if seen >= INFERRED_ROOM else "INFERRED"
-        rooms.append(DrawnRoom(f"R{number:02d}", shapely.make_valid(polygon), seen, layer))
+        rooms.append(DrawnRoom(f"R{number:02d}", polygon, seen, layer))
     return tuple(rooms)
 
 
@@ -158,17 +161,20 @@ def _doors(
     return tuple(doors)
 
 
-def _dimensions(floor: MultiPolygon, rooms: tuple[DrawnRoom, ...], angle_deg: float) -> list[Dimension]:
+def _dimensions(
+    floor: MultiPolygon, rooms: tuple[DrawnRoom, ...], doors: tuple[DrawnDoor, ...], angle_deg: float
+) -> list[Dimension]:
     """Clear width and depth of each room through its middle, and both lengths of the building."""
     radians = np.radians(angle_deg)
     axes = [np.array([np.cos(radians), np.sin(radians)]), np.array([-np.sin(radians), np.cos(radians)])]
+    shut = shapely.union_all([LineString([door.start, door.end]).buffer(0.02) for door in doors])
     found = []
     for room in rooms:
         if room.area < SMALLEST_DIMENSIONED:
             continue
         circle = shapely.get_coordinates(shapely.maximum_inscribed_circle(room.polygon, tolerance=0.05))
         for axis in axes:
-            line = _clear_line(room.polygon, circle[0], axis)
+            line = _clear_line(room.polygon, circle[0], axis, shut)
             if line is not None:
                 found.append(Dimension(*line, room.id))
     points = shapely.get_coordinates(floor)
@@ -188,15 +194,18 @@ def _pair(point: np.ndarray) -> tuple[float, float]:
 
 
 def _clear_line(
-    room: Polygon, middle: np.ndarray, axis: np.ndarray
+    room: Polygon, middle: np.ndarray, axis: np.ndarray, shut: shapely.Geometry
 ) -> tuple[tuple[float, float], tuple[float, float]] | None:
-    """From wall to wall through a point."""
-    far = LineString([middle - 500.0 * axis, middle + 500.0 * axis])
-    here = shapely.Point(middle)
-    for piece in getattr(far.intersection(room), "geoms", [far.intersection(room)]):
-        if piece.length > 0.3 and piece.distance(here) < 1e-6:
+    """From wall to wall near a point, beside doors: their lines lie in the middle of walls."""
+    across = np.array([-axis[1], axis[0]])
+    for aside in BESIDE_DOORS:
+        place = middle + aside * across
+        far = LineString([place - 500.0 * axis, place + 500.0 * axis])
+        here = shapely.Point(place)
+        for piece in shapely.get_parts(far.intersection(room)):
             ends = shapely.get_coordinates(piece)
-            return _pair(ends[0]), _pair(ends[-1])
+            if piece.length > 0.3 and piece.distance(here) < 1e-6 and not shut.intersects(piece.boundary):
+                return _pair(ends[0]), _pair(ends[-1])
     return None
 
 

@@ -102,6 +102,10 @@ def test_dxf_has_its_layers_in_metres_and_passes_the_audit(drawing, tmp_path):
     assert len(space.query("LWPOLYLINE[layer=='RAW']")) > 0
 
 
+@pytest.mark.filterwarnings(
+    "ignore::pytest.PytestUnraisableExceptionWarning"
+)  # the validator leaves a file open
+@pytest.mark.filterwarnings("ignore::ResourceWarning")
 def test_ifc_is_valid_and_holds_walls_doors_and_spaces(drawing, tmp_path):
     ifcopenshell = pytest.importorskip("ifcopenshell")
     validate = pytest.importorskip("ifcopenshell.validate")
