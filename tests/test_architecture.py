@@ -27,6 +27,7 @@ ROOMS = {
     "dataset": "the format, and wings for generating, curating and images",
     "agents": "explorers, their training and their evaluation",
     "gan": "translators between SLAM maps and CAD maps",
+    "drawing": "from a SLAM map to vectors: walls, doors and rooms with dimensions, and files that CAD reads",
     "commands": "the command line",
 }
 
@@ -64,6 +65,10 @@ ALLOWED = {
     ("gan", "interop"): "ROS maps are translated",
     ("gan", "metrics"): "translations are measured",
     ("gan", "viz"): "translations are shown",
+    ("drawing", "cad"): "a drawing is a floor plan, too",
+    ("drawing", "gan"): "cleaning or a translator finds the floor, and the walls' direction",
+    ("drawing", "metrics"): "rooms are parts that only a doorway joins",
+    ("drawing", "viz"): "drawings are shown over their maps",
 }
 BLIND = ("slam", "planning")
 """Packages that hold beliefs: they must not be able to see what is true."""

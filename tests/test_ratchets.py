@@ -16,7 +16,7 @@ MAX_FILES_IN_A_FOLDER = 25
 MAX_LINES = 400
 MAX_PARAMETERS = 8
 MAX_ATTRIBUTES = 15
-MAX_CODE_LINES = 26300
+MAX_CODE_LINES = 28300
 """Of all modules together; without docstrings, comments, blank lines and imports."""
 
 MORE_LINES: dict[str, int] = {}
@@ -30,6 +30,7 @@ MORE_ATTRIBUTES: dict[str, int] = {
     "slamgym.commands.generate.GenerateArguments": 24,
     "slamgym.commands.slam.SlamArguments": 16,
     "slamgym.dataset.record.PairRecord": 28,
+    "slamgym.drawing.settings.DrawingConfig": 16,
     "slamgym.envs.explore_env.ExploreEnv": 18,
     "slamgym.envs.simulation.Simulation": 21,
     "slamgym.parametric.config.LidarErrorConfig": 18,

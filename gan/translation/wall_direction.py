@@ -25,7 +25,7 @@ PEAK_DEG = 4.0
 """Pieces within this of a peak decide on its place."""
 APART_DEG = 10.0
 """A second peak lies at least so far from the first."""
-RIVAL = 0.7
+SECOND_PEAK = 0.7
 """A second peak of at least this share of the first makes the direction doubtful."""
 _STEP_DEG = 0.5
 
@@ -45,7 +45,7 @@ class WallDirection(NamedTuple):
     @property
     def is_doubtful(self) -> bool:
         """Whether there is no straight wall, or a second direction that is supported nearly as well."""
-        return self.support <= 0.0 or self.rival_share >= RIVAL
+        return self.support <= 0.0 or self.rival_share >= SECOND_PEAK
 
 
 NO_DIRECTION = WallDirection(0.0, 0.0, 0.0, 0.0)

@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from slamgym.core.types import OccupancyGrid
     from slamgym.drawing import Drawing, FloorModel
 
-YAML = (".yaml", ".yml")
-PICTURES = (".png", ".pgm", ".bmp", ".jpg", ".jpeg", ".tif", ".tiff")
+MAP_DESCRIPTIONS = (".yaml", ".yml")
+MAP_PICTURES = (".png", ".pgm", ".bmp", ".jpg", ".jpeg", ".tif", ".tiff")
 BUILDING_MODELS = Extra("ifc", ("ifcopenshell",))
 
 
@@ -97,22 +97,24 @@ def _formats(text: str) -> list[str]:
 def _maps_in(folder: Path) -> list[Path]:
     """ROS maps, and pictures that belong to none."""
     files = [path for path in sorted(folder.iterdir()) if path.is_file() and not path.name.startswith(".")]
-    maps = [path for path in files if path.suffix.lower() in YAML]
+    maps = [path for path in files if path.suffix.lower() in MAP_DESCRIPTIONS]
     belonging = {path.stem for path in maps}
-    maps += [path for path in files if path.suffix.lower() in PICTURES and path.stem not in belonging]
+    maps += [path for path in files if path.suffix.lower() in MAP_PICTURES and path.stem not in belonging]
     if not maps:
-        raise InputFileError(folder, f"holds no ROS maps ({', '.join(YAML)}) and no pictures of maps")
+        raise InputFileError(
+            folder, f"holds no ROS maps ({', '.join(MAP_DESCRIPTIONS)}) and no pictures of maps"
+        )
     return maps
 
 
 def _draw(path: Path, arguments: CadArguments, formats: list[str], model: FloorModel) -> None:
     """Draw one map and say what came of it."""
-    from slamgym.drawing import draw_map, write_drawing
+    from slamgym.drawing import make_drawing, write_drawing
 
     begun = time.process_time()
     grid = read_map(path, arguments.metres_per_px)
     provenance = {"source": str(path), "model": arguments.model}
-    drawing = draw_map(grid, path.stem, model, angle_deg=arguments.angle, provenance=provenance)
+    drawing = make_drawing(grid, path.stem, model, angle_deg=arguments.angle, provenance=provenance)
     files = write_drawing(drawing, arguments.out / path.stem, formats)
     sys.stdout.write(f"{_summary(drawing)}, {time.process_time() - begun:.1f} CPU s: {files[0].parent}\n")
     for doubt in drawing.doubts:
@@ -127,13 +129,14 @@ def read_map(path: Path, metres_per_px: float | None) -> OccupancyGrid:
     """
     from slamgym.interop.ros_map import read_bare_map, read_ros_map
 
-    if path.suffix.lower() in YAML:
+    if path.suffix.lower() in MAP_DESCRIPTIONS:
         return read_ros_map(path)
-    if path.suffix.lower() not in PICTURES:
+    if path.suffix.lower() not in MAP_PICTURES:
         raise InputFileError(
-            path, f"is no map; give a {' or '.join(YAML)} or a picture ({', '.join(PICTURES)})"
+            path,
+            f"is no map; give a {' or '.join(MAP_DESCRIPTIONS)} or a picture ({', '.join(MAP_PICTURES)})",
         )
-    beside = [path.with_suffix(suffix) for suffix in YAML if path.with_suffix(suffix).is_file()]
+    beside = [path.with_suffix(suffix) for suffix in MAP_DESCRIPTIONS if path.with_suffix(suffix).is_file()]
     if metres_per_px is None and beside:
         return read_ros_map(beside[0])
     if metres_per_px is None:

@@ -2,7 +2,7 @@ from .drawing import Dimension, Drawing, DrawnDoor, DrawnRoom, DrawnWall, DrawnW
 from .floor import CleanedFloor, FloorModel, load_floor_model
 from .formats.write import write_drawing
 from .settings import DrawingConfig
-from .vectorise import draw_map
+from .vectorise import make_drawing
 
 __all__ = [
     "CleanedFloor",
@@ -14,7 +14,7 @@ __all__ = [
     "DrawnWall",
     "DrawnWindow",
     "FloorModel",
-    "draw_map",
+    "make_drawing",
     "load_floor_model",
     "write_drawing",
 ]

@@ -7,6 +7,7 @@ Convention: metres, in the frame of the MAP that it was drawn from (x right, y u
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
+import shapely
 from shapely import MultiPolygon, Polygon
 
 from slamgym.cad.floorplan import Door as PlanDoor
@@ -17,7 +18,7 @@ from slamgym.core.types import OccupancyGrid
 Layer = Literal["SEEN", "INFERRED"]
 """SEEN: the map holds evidence of it. INFERRED: drawn because buildings are like that."""
 
-Point = tuple[float, float]
+DrawnPoint = tuple[float, float]
 """x, y [m]."""
 
 
@@ -27,8 +28,8 @@ class DrawnWall:
 
     polygon: Polygon
     """Its body; at corners the bodies of two walls overlap."""
-    start: Point
-    end: Point
+    start: DrawnPoint
+    end: DrawnPoint
     """Ends of its centre line [m]."""
     thickness: float
     """[m]"""
@@ -50,8 +51,8 @@ class DrawnWall:
 class DrawnDoor:
     """A door, or an opening of a door's width: the segment across its middle, from jamb to jamb."""
 
-    start: Point
-    end: Point
+    start: DrawnPoint
+    end: DrawnPoint
     depth: float
     """Thickness of the wall that it is in [m]."""
     rooms: tuple[str, ...]
@@ -72,8 +73,8 @@ class DrawnDoor:
 class DrawnWindow:
     """A window: the segment across its middle. A laser doesn't know of windows; a plan may."""
 
-    start: Point
-    end: Point
+    start: DrawnPoint
+    end: DrawnPoint
 
 
 @dataclass(frozen=True)
@@ -97,8 +98,8 @@ class DrawnRoom:
 class Dimension:
     """A dimension line: a clear width between two faces, or a length of the building."""
 
-    start: Point
-    end: Point
+    start: DrawnPoint
+    end: DrawnPoint
     of: str
     """Id of the room, or ``building``."""
 
@@ -173,6 +174,4 @@ class Drawing:
 
 
 def _middle(door: DrawnDoor) -> Any:
-    from shapely import Point as ShapelyPoint
-
-    return ShapelyPoint(0.5 * (door.start[0] + door.end[0]), 0.5 * (door.start[1] + door.end[1]))
+    return shapely.Point(0.5 * (door.start[0] + door.end[0]), 0.5 * (door.start[1] + door.end[1]))

@@ -22,7 +22,7 @@ DRIFT_DEG = 1.0
 """A wall so near to a main direction is taken for one that drift has turned."""
 TRIM = 0.15
 """Share of an edge's points at each end that don't count: corners are rounded."""
-FEW_POINTS = 6
+FEW_FACE_POINTS = 6
 """A face of so many points has no straight middle to fit."""
 MIN_CROSSING = math.sin(math.radians(8.0))
 """Lines that cross at less than this have no well defined corner."""
@@ -98,7 +98,7 @@ def _fitted(run: np.ndarray, axes: Sequence[complex], config: DrawingConfig) -> 
             fitted = cmath.exp(0.5j * cmath.phase(spread))
             direction = fitted if (fitted * direction.conjugate()).real > 0.0 else -fitted
     axis, turned = snapped(direction, abs(chord), axes, config)
-    if len(run) <= FEW_POINTS:
+    if len(run) <= FEW_FACE_POINTS:
         # Of a short face, as the end of a thin wall, rounded corners leave but the middle.
         third = (len(run) - 1) // 2
         middle = complex(run[third : len(run) - third].mean())
@@ -271,7 +271,9 @@ def _with_connections(ring: list[Edge], axes: Sequence[complex]) -> list[Edge]:
     return result
 
 
-def align(rings: list[list[Edge]], axes: Sequence[complex], reach: float, gap: float) -> list[list[Edge]]:
+def align_edges(
+    rings: list[list[Edge]], axes: Sequence[complex], reach: float, gap: float
+) -> list[list[Edge]]:
     """Give edges on one line one offset: the faces of a wall on both sides of a door.
 
     Args:

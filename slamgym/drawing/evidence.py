@@ -56,7 +56,7 @@ class Confidence:
     """Of the logarithmic deviation of its thickness from the drawing's median."""
 
 
-CONFIDENCE = Confidence(-2.2, 3.2, 1.0, -0.5)
+DEFAULT_CONFIDENCE = Confidence(-2.2, 3.2, 1.0, -0.5)
 
 
 class Evidence:
@@ -133,7 +133,9 @@ def judged_walls(pieces: list[WallPiece], evidence: Evidence) -> list[DrawnWall]
     return walls
 
 
-def confidence(seen: float, certainty: float, odd_thickness: float, model: Confidence = CONFIDENCE) -> float:
+def confidence(
+    seen: float, certainty: float, odd_thickness: float, model: Confidence = DEFAULT_CONFIDENCE
+) -> float:
     """Probability that a wall is right: rises with the evidence."""
     logit = (
         model.constant + model.seen * seen + model.certainty * certainty + model.odd_thickness * odd_thickness

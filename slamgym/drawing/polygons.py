@@ -9,14 +9,14 @@ from shapely import MultiPolygon, Polygon
 
 from slamgym.core.types import FloatArray
 from slamgym.drawing.contours import Outline
-from slamgym.drawing.edges import Edge, align, crossing, fit_edges, main_axes, projected, simplified
+from slamgym.drawing.edges import Edge, align_edges, crossing, fit_edges, main_axes, projected, simplified
 from slamgym.drawing.settings import DrawingConfig
 
 DOOR_GAP = 2.5
 """Faces of one wall that lie so far apart are still brought into line [m]."""
 NECK = 0.005
 """Half the width of what is too narrow to be drawn [m]."""
-GRID = 1e-4
+CORNER_GRID = 1e-4
 """Corners lie on a grid of this [m], so that files that round keep polygons valid."""
 MAX_CHANGE = 0.25
 """An outline whose area changes by more than this share keeps its own points."""
@@ -43,7 +43,7 @@ def straightened(
     for outline in kept:
         edges = fit_edges(outline.points, axes, tolerance, config)
         rings.append(simplified(edges, axes, config) if len(edges) >= 3 else [])
-    rings = align(rings, axes, 0.5 * max(config.merge, resolution), DOOR_GAP)
+    rings = align_edges(rings, axes, 0.5 * max(config.merge, resolution), DOOR_GAP)
     parts = []
     for outline, ring in zip(kept, rings, strict=True):
         parts.append((outline.area > 0.0, _polygon(outline, ring, tolerance)))
@@ -131,7 +131,7 @@ def _assembled(parts: list[tuple[bool, Polygon | MultiPolygon]], config: Drawing
     # Parts that only touch come apart, slits close.
     for step in (-NECK, 2 * NECK, -NECK):
         union = union.buffer(step, join_style="mitre")
-    union = shapely.set_precision(union, GRID)
+    union = shapely.set_precision(union, CORNER_GRID)
     large = [part for part in polygon_parts(union) if part.area >= 0.5 * config.min_floor]
     return MultiPolygon(large)
 

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import shapely
 from shapely import LineString, MultiPolygon, Polygon
+from shapely.geometry.base import BaseGeometry
 
 import slamgym
 from slamgym.core.config import to_dict
@@ -40,7 +41,7 @@ INFERRED_ROOM = 0.5
 """A room of which less than this share was observed is in the layer INFERRED."""
 
 
-def draw_map(
+def make_drawing(
     grid: OccupancyGrid,
     name: str = "map",
     model: str | FloorModel = "slam2cad",
@@ -194,7 +195,7 @@ def _pair(point: np.ndarray) -> tuple[float, float]:
 
 
 def _clear_line(
-    room: Polygon, middle: np.ndarray, axis: np.ndarray, shut: shapely.Geometry
+    room: Polygon, middle: np.ndarray, axis: np.ndarray, shut: BaseGeometry
 ) -> tuple[tuple[float, float], tuple[float, float]] | None:
     """From wall to wall near a point, beside doors: their lines lie in the middle of walls."""
     across = np.array([-axis[1], axis[0]])

@@ -3,6 +3,7 @@
 import itertools
 import math
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import shapely
@@ -87,7 +88,7 @@ def find_walls(floor: MultiPolygon, config: DrawingConfig) -> list[WallPiece]:
     taken: list[list[tuple[float, float]]] = [[] for _ in faces]
     starts = np.array([face.start for face in faces]).reshape(-1, 2)
     ends = np.array([face.end for face in faces]).reshape(-1, 2)
-    lines = np.atleast_1d(shapely.linestrings(np.stack([starts, ends], axis=1)))
+    lines: Any = shapely.linestrings(np.stack([starts, ends], axis=1))
     pairs = shapely.STRtree(lines).query(lines, predicate="dwithin", distance=config.max_thickness)
     near = np.split(pairs[1], np.searchsorted(pairs[0], np.arange(1, len(faces))))
     found: list[tuple[int, WallPiece]] = []

@@ -10,14 +10,14 @@ from drawing.painted import FLAT, painted
 
 from slamgym.cad import check_plan, read_houseexpo
 from slamgym.core.errors import SlamgymError
-from slamgym.drawing import draw_map, write_drawing
+from slamgym.drawing import make_drawing, write_drawing
 from slamgym.drawing.formats.png import draw_picture
 
 
 @pytest.fixture(scope="module")
 def drawing():
     grid, _, model = painted(FLAT, turn_deg=5.0)
-    return draw_map(grid, "flat <1>", model)
+    return make_drawing(grid, "flat <1>", model)
 
 
 @pytest.fixture(scope="module")
@@ -62,7 +62,7 @@ def test_svg_is_true_to_scale(drawing, files):
     name = "{http://www.w3.org/2000/svg}"
     (layer,) = [group for group in root.iter(f"{name}g") if group.get("id") == "DOORS"]
     ends = [tuple(map(float, part[1:].split(","))) for part in layer[0].get("d").split()]
-    assert np.hypot(*np.subtract(*ends)) == pytest.approx(900.0, abs=20.0)
+    assert np.hypot(*np.subtract(*ends)) == pytest.approx(1000.0 * drawing.doors[0].width, abs=0.3)
     (bar,) = [path for path in root.iter(f"{name}path") if path.get("id") == "SCALE"]
     assert f"h{1000 * drawing.scale_bar:.0f}" in bar.get("d")
 

@@ -11,7 +11,7 @@ from shapely import Polygon
 
 from slamgym.core.errors import InputFileError
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, GridFrame, OccupancyGrid
-from slamgym.drawing import draw_map
+from slamgym.drawing import make_drawing
 from slamgym.drawing.contours import trace_outlines
 from slamgym.drawing.evidence import confidence
 
@@ -25,7 +25,7 @@ def num_corners(shape):
 @pytest.mark.parametrize("turn", [0.0, 17.0, -40.0])
 def test_a_flat_has_its_true_corners_doors_and_rooms(turn):
     grid, floor, model = painted(FLAT, turn_deg=turn)
-    drawing = draw_map(grid, model=model)
+    drawing = make_drawing(grid, model=model)
     assert drawing.angle_deg == pytest.approx(turn, abs=0.3)
     assert num_corners(drawing.floor) == num_corners(floor)
     assert drawing.floor.hausdorff_distance(floor) < 0.02
@@ -40,7 +40,7 @@ def test_a_flat_has_its_true_corners_doors_and_rooms(turn):
 
 def test_widths_are_exact_and_on_the_dimension_lines():
     grid, _, model = painted(FLAT)
-    drawing = draw_map(grid, model=model)
+    drawing = make_drawing(grid, model=model)
     small = min(drawing.rooms, key=lambda room: room.area)
     lengths = [line.length for line in drawing.dimensions if line.of == small.id]
     assert sorted(lengths) == pytest.approx([3.0, 3.2], abs=0.02)
@@ -50,7 +50,7 @@ def test_widths_are_exact_and_on_the_dimension_lines():
 
 def test_the_wall_between_two_rooms_has_its_thickness_and_its_door_on_both_sides():
     grid, _, model = painted(FLAT)
-    drawing = draw_map(grid, model=model)
+    drawing = make_drawing(grid, model=model)
     between = [wall for wall in drawing.walls if wall.thickness_known]
     assert [wall.thickness for wall in between] == pytest.approx([0.1, 0.1], abs=0.02)
     assert sorted(wall.length for wall in between) == pytest.approx([0.8, 1.3], abs=0.03)
@@ -60,7 +60,7 @@ def test_the_wall_between_two_rooms_has_its_thickness_and_its_door_on_both_sides
 
 def test_walls_enclose_the_floor_without_gaps_at_corners():
     grid, floor, model = painted(FLAT)
-    drawing = draw_map(grid, model=model)
+    drawing = make_drawing(grid, model=model)
     bodies = shapely.union_all([wall.polygon for wall in drawing.walls])
     band = floor.buffer(0.05, join_style="mitre").difference(floor.buffer(0.01, join_style="mitre"))
     assert band.difference(bodies).area < 0.01 * band.area
@@ -69,7 +69,7 @@ def test_walls_enclose_the_floor_without_gaps_at_corners():
 def test_an_oblique_wall_keeps_its_angle():
     slope = math.tan(math.radians(12.0))
     grid, floor, model = painted(Polygon([(0, 0), (6, 0), (6, 3), (0, 3 + 6 * slope)]))
-    drawing = draw_map(grid, model=model)
+    drawing = make_drawing(grid, model=model)
     assert drawing.floor.hausdorff_distance(floor) < 0.02
     assert num_corners(drawing.floor) == 4
 
@@ -77,7 +77,7 @@ def test_an_oblique_wall_keeps_its_angle():
 def test_a_round_wall_stays_round():
     floor = shapely.Point(0, 0).buffer(3.0, quad_segs=64)
     grid, _, model = painted(floor)
-    drawing = draw_map(grid, model=model, angle_deg=0.0)
+    drawing = make_drawing(grid, model=model, angle_deg=0.0)
     assert drawing.floor.hausdorff_distance(floor) < 0.06
     assert drawing.area == pytest.approx(floor.area, rel=0.01)
     assert 12 <= num_corners(drawing.floor) <= 48
@@ -88,7 +88,7 @@ def test_cleaning_alone_puts_faces_into_the_first_cell_of_the_walls():
     cells = np.full(frame.shape, UNKNOWN, np.uint8)
     cells[20:80, 20:100] = OCCUPIED
     cells[21:79, 21:99] = FREE
-    drawing = draw_map(OccupancyGrid(cells, frame), model="none")
+    drawing = make_drawing(OccupancyGrid(cells, frame), model="none")
     assert drawing.floor.bounds == pytest.approx((1.025, 1.025, 4.975, 3.975), abs=0.005)
 
 
@@ -97,7 +97,7 @@ def test_what_the_map_has_no_evidence_of_is_inferred():
     cells = grid.cells.copy()
     right = np.flatnonzero((cells == FREE).any(axis=0))[-1]
     cells[:, right - 9 :] = UNKNOWN  # the end of the right room: 50 cm of floor, and the wall
-    drawing = draw_map(OccupancyGrid(cells, grid.frame), model=model)
+    drawing = make_drawing(OccupancyGrid(cells, grid.frame), model=model)
     inferred = [wall for wall in drawing.walls if wall.layer == "INFERRED"]
     assert max(wall.end[0] for wall in inferred) > 7.2
     assert max(wall.length for wall in inferred) == pytest.approx(3.0, abs=0.1)
@@ -109,7 +109,7 @@ def test_what_the_map_has_no_evidence_of_is_inferred():
 def test_an_unseen_room_between_others_is_unexplored():
     ring = shapely.box(0, 0, 9, 9).difference(shapely.box(2.5, 2.5, 6.5, 6.5))
     grid, _, model = painted(ring)
-    (part,) = draw_map(grid, model=model).unexplored
+    (part,) = make_drawing(grid, model=model).unexplored
     assert part.area == pytest.approx(16.0, rel=0.1)
 
 
@@ -121,7 +121,7 @@ def test_confidence_rises_with_the_evidence():
 
 def test_drawing_twice_gives_the_same():
     grid, _, _ = painted(FLAT, turn_deg=10.0)
-    first, second = (draw_map(grid, model="none") for _ in range(2))
+    first, second = (make_drawing(grid, model="none") for _ in range(2))
     assert first.floor.equals_exact(second.floor, 0.0)
     assert first.walls == second.walls
     assert first.doors == second.doors
@@ -132,9 +132,9 @@ def test_a_scale_that_makes_no_sense_is_doubted(factor):
     rooms = [shapely.box(3.1 * k, 0, 3.1 * k + 3.0, 4) for k in range(6)]
     doors = [shapely.box(3.1 * k - 0.1, 1, 3.1 * k, 1.9) for k in range(1, 6)]
     grid, _, _ = painted(shapely.union_all([*rooms, *doors]))
-    assert draw_map(grid, model="none").doubts == ()
+    assert make_drawing(grid, model="none").doubts == ()
     frame = grid.frame._replace(resolution=grid.frame.resolution * factor)
-    (doubt, *_) = draw_map(OccupancyGrid(grid.cells, frame), model="none").doubts
+    (doubt, *_) = make_drawing(OccupancyGrid(grid.cells, frame), model="none").doubts
     assert doubt.startswith("scale doubtful")
 
 
@@ -142,8 +142,8 @@ def test_two_directions_of_equal_right_are_doubted():
     room = shapely.box(0, 0, 6, 4)
     other = shapely.affinity.rotate(room, 30.0, origin=(0, 0))
     grid, _, model = painted(shapely.union_all([room, shapely.affinity.translate(other, 9.0, 0.0)]))
-    assert any(doubt.startswith("direction doubtful") for doubt in draw_map(grid, model=model).doubts)
-    assert not any("direction" in doubt for doubt in draw_map(grid, model=model, angle_deg=0.0).doubts)
+    assert any(doubt.startswith("direction doubtful") for doubt in make_drawing(grid, model=model).doubts)
+    assert not any("direction" in doubt for doubt in make_drawing(grid, model=model, angle_deg=0.0).doubts)
 
 
 @pytest.mark.parametrize(
@@ -157,13 +157,13 @@ def test_two_directions_of_equal_right_are_doubted():
 def test_maps_without_content_are_refused(value, shape, message):
     grid = OccupancyGrid(np.full(shape, value, np.uint8), GridFrame(0.05, 0.0, 0.0, *shape))
     with pytest.raises(InputFileError, match=message):
-        draw_map(grid, model="none")
+        make_drawing(grid, model="none")
 
 
 def test_a_map_of_crumbs_is_refused():
     grid, _, _ = painted(shapely.box(0, 0, 0.5, 0.5))
     with pytest.raises(InputFileError, match="check its resolution"):
-        draw_map(grid, model="none")
+        make_drawing(grid, model="none")
 
 
 def test_outlines_lie_between_cells_and_enclose_holes():
@@ -187,6 +187,6 @@ def replace_column(image):
 
 def test_walls_are_sorted_into_layers_by_the_settings():
     grid, _, model = painted(FLAT)
-    drawing = draw_map(grid, model=model)
+    drawing = make_drawing(grid, model=model)
     assert {wall.layer for wall in drawing.walls} == {"SEEN"}
     assert replace(drawing, walls=()).bounds == pytest.approx((0.0, 0.0, 7.3, 5.0), abs=0.02)

@@ -10,7 +10,7 @@ from typing import Any
 
 from shapely import Polygon
 
-from slamgym.drawing.drawing import Drawing, Point
+from slamgym.drawing.drawing import Drawing, DrawnPoint
 from slamgym.drawing.formats.houseexpo_json import polygon_rings, rounded
 
 
@@ -80,6 +80,6 @@ def _area(polygon: Polygon, properties: dict[str, Any], layer: str) -> dict[str,
     return {"type": "Feature", "geometry": geometry, "properties": {**properties, "layer": layer}}
 
 
-def _line(start: Point, end: Point, properties: dict[str, Any]) -> dict[str, Any]:
+def _line(start: DrawnPoint, end: DrawnPoint, properties: dict[str, Any]) -> dict[str, Any]:
     geometry = {"type": "LineString", "coordinates": [rounded(start), rounded(end)]}
     return {"type": "Feature", "geometry": geometry, "properties": properties}

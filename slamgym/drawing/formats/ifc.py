@@ -13,7 +13,7 @@ import shapely
 from shapely import Polygon
 
 from slamgym.core.files import staged
-from slamgym.drawing.drawing import Drawing, DrawnDoor, DrawnWall, Point
+from slamgym.drawing.drawing import Drawing, DrawnDoor, DrawnPoint, DrawnWall
 
 WALL_HEIGHT, DOOR_HEIGHT = 2.5, 2.1
 """Usual in homes [m]; a map has no heights."""
@@ -164,7 +164,7 @@ class _Builder:
         self.run("geometry.assign_representation", self.file, product=entity, representation=shape)
 
 
-def _placement(start: Point, end: Point) -> np.ndarray:
+def _placement(start: DrawnPoint, end: DrawnPoint) -> np.ndarray:
     """The matrix (4, 4) of a frame at the start whose x axis points to the end."""
     length = max(math.hypot(end[0] - start[0], end[1] - start[1]), 1e-9)
     cos, sin = (end[0] - start[0]) / length, (end[1] - start[1]) / length

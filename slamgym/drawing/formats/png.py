@@ -8,7 +8,7 @@ import shapely
 from shapely import Polygon
 
 from slamgym.core.types import FREE, OCCUPIED, ByteArray, FloatArray, GridFrame
-from slamgym.drawing.drawing import Drawing, Point
+from slamgym.drawing.drawing import Drawing, DrawnPoint
 from slamgym.viz.canvas import (
     BELIEVED_COLOUR,
     INK,
@@ -26,9 +26,9 @@ from slamgym.viz.canvas import (
 
 SIDE_PX = 1600
 """Longer side of the drawing."""
-MARGIN = 1.2
+PICTURE_MARGIN = 1.2
 """Round what is drawn [m]."""
-FOOTER_PX = 64
+CAPTION_PX = 64
 
 _FREE_TINT: Colour = (255, 255, 255)
 _UNKNOWN_TINT: Colour = (226, 229, 233)
@@ -52,8 +52,8 @@ def draw_picture(drawing: Drawing, side_px: int = SIDE_PX) -> ByteArray:
         RGB, shape (rows, cols, 3).
     """
     min_x, min_y, max_x, max_y = drawing.bounds
-    metres_per_px = (max(max_x - min_x, max_y - min_y) + 2 * MARGIN) / side_px
-    frame = GridFrame.covering(drawing.bounds, metres_per_px, MARGIN)
+    metres_per_px = (max(max_x - min_x, max_y - min_y) + 2 * PICTURE_MARGIN) / side_px
+    frame = GridFrame.covering(drawing.bounds, metres_per_px, PICTURE_MARGIN)
     page = _ground(drawing, frame)
 
     def to_page(points: FloatArray) -> np.ndarray:
@@ -118,8 +118,8 @@ def _fill(
 
 def _line(
     page: ByteArray,
-    start: Point,
-    end: Point,
+    start: DrawnPoint,
+    end: DrawnPoint,
     colour: Colour,
     width: int,
     to_page: Callable[[FloatArray], np.ndarray],
@@ -128,7 +128,11 @@ def _line(
 
 
 def _draw_dimension(
-    page: ByteArray, start: Point, end: Point, text: str, to_page: Callable[[FloatArray], np.ndarray]
+    page: ByteArray,
+    start: DrawnPoint,
+    end: DrawnPoint,
+    text: str,
+    to_page: Callable[[FloatArray], np.ndarray],
 ) -> None:
     """A thin line with its length a third of the way along."""
     _line(page, start, end, _DIMENSION, 1, to_page)
@@ -138,7 +142,7 @@ def _draw_dimension(
 
 
 def _footer(drawing: Drawing, width: int, metres_per_px: float) -> ByteArray:
-    strip = blank((FOOTER_PX, width), PAPER)
+    strip = blank((CAPTION_PX, width), PAPER)
     right = draw_scale_bar(strip, (16, 22), metres_per_px, 0.25 * width)
     caption = f"{drawing.name}   {len(drawing.rooms)} rooms   {drawing.area:.1f} m2"
     draw_text(strip, caption, right + 24, 27, fitting_size(caption, 0.5, width - right - 40))

@@ -8,14 +8,14 @@ import shapely
 from shapely import MultiPolygon, Polygon
 
 from slamgym.core.types import OCCUPIED
-from slamgym.drawing.drawing import Drawing, Point
+from slamgym.drawing.drawing import Drawing, DrawnPoint
 
-Place = Callable[[Point], str]
+Place = Callable[[DrawnPoint], str]
 """Coordinates of a point [m] as the file has them."""
 
 PRINTED = 100.0
 """Drawn 1 to this on paper."""
-MARGIN = 1.0
+PAPER_MARGIN = 1.0
 """Round the drawing [m]."""
 FOOTER = 1.4
 """For the scale bar and the title [m]."""
@@ -35,10 +35,10 @@ text{font-family:sans-serif;fill:#343a40;text-anchor:middle}.size{fill:#c92a2a}
 def format_svg(drawing: Drawing) -> str:
     """The text of the file."""
     min_x, min_y, max_x, max_y = drawing.bounds
-    left, top = min_x - MARGIN, max_y + MARGIN
-    width, height = max_x - min_x + 2 * MARGIN, max_y - min_y + 2 * MARGIN + FOOTER
+    left, top = min_x - PAPER_MARGIN, max_y + PAPER_MARGIN
+    width, height = max_x - min_x + 2 * PAPER_MARGIN, max_y - min_y + 2 * PAPER_MARGIN + FOOTER
 
-    def place(point: Point) -> str:
+    def place(point: DrawnPoint) -> str:
         return f"{1000 * (point[0] - left):.1f},{1000 * (top - point[1]):.1f}"
 
     lines = [
@@ -53,7 +53,7 @@ def format_svg(drawing: Drawing) -> str:
         'patternTransform="rotate(45)"><line y2="160" stroke="#91a7c4" stroke-width="40"/></pattern></defs>',
         '<rect width="100%" height="100%" fill="#f1f3f5"/>',
         *_layers(drawing, place),
-        *_footer(drawing, 1000 * MARGIN, 1000 * (height - 0.7)),
+        *_footer(drawing, 1000 * PAPER_MARGIN, 1000 * (height - 0.7)),
         "</svg>",
     ]
     return "\n".join(lines) + "\n"
@@ -113,7 +113,7 @@ def _raw(drawing: Drawing, place: Place) -> str:
     return f'<path class="raw" d="{"".join(bars)}"/>'
 
 
-def _readable(start: Point, end: Point) -> float:
+def _readable(start: DrawnPoint, end: DrawnPoint) -> float:
     """Angle of a line's text [deg, clockwise as SVG has it], never upside down."""
     angle = float(-np.degrees(np.arctan2(end[1] - start[1], end[0] - start[0])))
     return (angle + 90.0) % 180.0 - 90.0
