@@ -21,6 +21,8 @@ TIMES_MORE = 3
 """So many times the doors at the map's own scale are."""
 REAL_ROOM = 4.0
 """Doors between smaller rooms are no evidence: the gaps of clutter [m2]."""
+LARGEST_ROOM = 300.0
+"""A scale at which some room is larger than this is no better [m2]."""
 MUCH_UNSEEN = 0.15
 """Share of the floor."""
 
@@ -80,6 +82,8 @@ def _doors_at(drawing: Drawing, factor: float, config: DrawingConfig) -> list[fl
     probability = CleanedFloor().probability(OccupancyGrid(cells, scaled), drawing.angle_deg)
     outlines = trace_outlines(probability, 0.5, scaled)
     division = divide(straightened(outlines, [drawing.angle_deg], scaled.resolution, config), config)
+    if factor > 1.0 and max((room.area for room in division.rooms), default=0.0) > LARGEST_ROOM:
+        return []
     return [
         gap.width
         for gap, pair in zip(division.doors, division.joins, strict=True)

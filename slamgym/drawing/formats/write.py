@@ -9,7 +9,7 @@ from slamgym.drawing.drawing import Drawing
 from slamgym.drawing.formats.names import DRAWING_FORMATS
 
 
-def write_drawing(drawing: Drawing, stem: Path, formats: Sequence[str]) -> list[Path]:
+def write_drawing(drawing: Drawing, stem: Path | str, formats: Sequence[str]) -> list[Path]:
     """Write a drawing in several formats.
 
     Args:
@@ -34,7 +34,7 @@ def write_drawing(drawing: Drawing, stem: Path, formats: Sequence[str]) -> list[
     unknown = [name for name in formats if name not in writers]
     if unknown:
         raise SlamgymError(f"unknown format {unknown[0]!r}; choose from {', '.join(DRAWING_FORMATS)}")
-    paths = []
+    stem, paths = Path(stem), []
     for name in dict.fromkeys(formats):
         path = stem.with_name(f"{stem.name}.{name}")
         writers[name](path, drawing)
