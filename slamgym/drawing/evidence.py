@@ -39,6 +39,8 @@ HULL_REACH = 3.0
 """Space between parts of the floor at most so far apart is inside of the building [m]."""
 HULL_CELL = 0.1
 """Cells of the search for unexplored parts [m]."""
+ENCLOSED_WITHIN, ENCLOSED_SHARE = 0.4, 0.7
+"""An unexplored part has floor within so far [m] along so much of its outline: the outside beside a corner has less."""
 NARROWEST_GAP = 0.7
 """Gaps between two floors narrower than this are walls and shafts [m]."""
 
@@ -216,8 +218,12 @@ def unexplored_parts(floor: MultiPolygon, grid: OccupancyGrid, config: DrawingCo
     wide = distance_to(~between) > 0.5 * NARROWEST_GAP / cell
     gaps = between & (distance_to(wide) <= 0.5 * NARROWEST_GAP / cell)
     parts = []
+    to_floor = distance_to(inside) * cell
     for part in cell_polygons(gaps, frame, config.min_unexplored):
-        if share_known(part, grid) <= 0.5:
+        around = part.segmentize(2.0 * cell).exterior.coords.xy
+        rows, cols = frame.to_cell(np.array(around[0]), np.array(around[1]))
+        enclosed = float((to_floor[rows, cols] <= ENCLOSED_WITHIN).mean()) >= ENCLOSED_SHARE
+        if enclosed and share_known(part, grid) <= 0.5:
             parts += [
                 one for one in polygon_parts(part.difference(floor)) if one.area >= config.min_unexplored
             ]
