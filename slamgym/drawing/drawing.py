@@ -36,7 +36,7 @@ class DrawnWall:
     thickness_known: bool
     """Whether both faces were drawn; else the thickness is that of the settings."""
     confidence: float
-    """Probability that its faces are right within 10 cm, in [0, 1]."""
+    """Probability that a true wall lies within 20 cm, in [0, 1]."""
     share_seen: float
     """Share of its length along which the map has occupied cells."""
     layer: Layer
