@@ -11,7 +11,7 @@ from shapely.geometry.base import BaseGeometry
 import slamgym
 from slamgym.core.config import to_dict
 from slamgym.core.errors import InputFileError
-from slamgym.core.types import FREE, OCCUPIED, Float32Array, OccupancyGrid
+from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, Float32Array, GridFrame, OccupancyGrid
 from slamgym.drawing.contours import trace_outlines
 from slamgym.drawing.doubts import find_doubts
 from slamgym.drawing.drawing import Dimension, Drawing, DrawnDoor, DrawnRoom, DrawnWall, Layer
@@ -37,6 +37,8 @@ SMALLEST_DIMENSIONED = 1.5
 """Rooms below this get no dimension lines [m2]."""
 BESIDE_DOORS = (0.0, 0.5, -0.5, 0.9, -0.9, 1.3, -1.3)
 """How far from a room's middle its dimension lines may run [m], the first first."""
+KNOWN_MARGIN = 1.0
+"""Of unknown cells that stays round what is known [m]."""
 INFERRED_ROOM = 0.5
 """A room of which less than this share was observed is in the layer INFERRED."""
 
@@ -71,6 +73,7 @@ def make_drawing(
     if not (grid.cells == OCCUPIED).any():
         raise InputFileError(where, "has no occupied cell; a drawing needs walls")
     used = load_floor_model(model) if isinstance(model, str) else model
+    grid = known_part(grid)
     direction = find_wall_direction(grid.cells)
     angle = direction.angle_deg if angle_deg is None else (angle_deg + 45.0) % 90.0 - 45.0
     probability = used.probability(grid, angle)
@@ -106,6 +109,24 @@ def make_drawing(
     )
     doubts = find_doubts(drawing, direction if angle_deg is None else None, config)
     return Drawing(**{**vars(drawing), "doubts": tuple(doubts)})
+
+
+def known_part(grid: OccupancyGrid) -> OccupancyGrid:
+    """What of a map is known, with a margin, in the same coordinates: many maps are mostly empty."""
+    known = grid.cells != UNKNOWN
+    rows, cols = np.flatnonzero(known.any(axis=1)), np.flatnonzero(known.any(axis=0))
+    margin = int(np.ceil(KNOWN_MARGIN / grid.frame.resolution))
+    top, bottom = max(int(rows[0]) - margin, 0), min(int(rows[-1]) + margin + 1, grid.frame.height_px)
+    left, right = max(int(cols[0]) - margin, 0), min(int(cols[-1]) + margin + 1, grid.frame.width_px)
+    resolution = grid.frame.resolution
+    frame = GridFrame(
+        resolution,
+        grid.frame.origin_x + left * resolution,
+        grid.frame.origin_y + (grid.frame.height_px - bottom) * resolution,
+        bottom - top,
+        right - left,
+    )
+    return OccupancyGrid(np.ascontiguousarray(grid.cells[top:bottom, left:right]), frame)
 
 
 def find_floor(

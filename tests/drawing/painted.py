@@ -22,11 +22,11 @@ FLAT = shapely.union_all(
 class Painted:
     """A floor model that knows the floor."""
 
-    def __init__(self, floor, frame):
-        self.share = shares(floor, frame)
+    def __init__(self, floor):
+        self.floor = floor
 
     def probability(self, grid, angle_deg):
-        return self.share
+        return shares(self.floor, grid.frame)
 
 
 def shares(floor, frame):
@@ -44,8 +44,7 @@ def painted(floor, resolution=0.05, turn_deg=0.0):
     """A map of a floor turned by an angle, the floor then, and a model that knows it."""
     floor = affinity.rotate(floor, turn_deg, origin=(0, 0))
     frame = GridFrame.covering(floor.bounds, resolution, margin=0.513)
-    model = Painted(floor, frame)
-    cells = np.where(model.share >= 0.5, FREE, UNKNOWN).astype(np.uint8)
+    cells = np.where(shares(floor, frame) >= 0.5, FREE, UNKNOWN).astype(np.uint8)
     near = cv2.dilate((cells == FREE).astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
     cells[near & (cells != FREE)] = OCCUPIED
-    return OccupancyGrid(cells, frame), floor, model
+    return OccupancyGrid(cells, frame), floor, Painted(floor)

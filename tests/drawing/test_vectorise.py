@@ -92,6 +92,17 @@ def test_cleaning_alone_puts_faces_into_the_first_cell_of_the_walls():
     assert drawing.floor.bounds == pytest.approx((1.025, 1.025, 4.975, 3.975), abs=0.005)
 
 
+def test_a_wide_empty_margin_changes_nothing():
+    grid, _, _ = painted(FLAT)
+    frame = grid.frame
+    cells = np.pad(grid.cells, 300, constant_values=UNKNOWN)
+    side = 300 * frame.resolution
+    wide = GridFrame(frame.resolution, frame.origin_x - side, frame.origin_y - side, *cells.shape)
+    drawings = [make_drawing(one, model="none") for one in (grid, OccupancyGrid(cells, wide))]
+    assert drawings[0].floor.equals_exact(drawings[1].floor, 1e-3)
+    assert max(drawings[1].grid.cells.shape) < 300
+
+
 def test_what_the_map_has_no_evidence_of_is_inferred():
     grid, _, model = painted(FLAT)
     cells = grid.cells.copy()
