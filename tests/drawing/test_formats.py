@@ -97,6 +97,13 @@ def test_dxf_has_its_layers_in_metres_and_passes_the_audit(drawing, tmp_path):
     (door,) = space.query("LINE[layer=='DOORS']")
     assert door.dxf.start.distance(door.dxf.end) == pytest.approx(drawing.doors[0].width, abs=1e-6)
     assert len(space.query("LWPOLYLINE[layer=='ROOMS']")) == 2
+    shown = {
+        text.text
+        for line in space.query("DIMENSION")
+        for text in line.get_geometry_block()
+        if text.dxftype() == "MTEXT"
+    }
+    assert shown == {f"{line.length:.2f}" for line in drawing.dimensions}
     measured = sorted(line.get_measurement() for line in space.query("DIMENSION[layer=='DIMENSIONS']"))
     assert measured == pytest.approx(sorted(line.length for line in drawing.dimensions), abs=1e-6)
     assert len(space.query("LWPOLYLINE[layer=='RAW']")) > 0

@@ -102,7 +102,7 @@ def _add_dimensions(space: Any, drawing: Drawing) -> None:
     """Aligned dimension lines; their text is what they measure."""
     override = {
         "dimtxt": _TEXT, "dimasz": 0.12, "dimexe": 0.05, "dimexo": 0.05, "dimgap": 0.05, "dimdec": 2, "dimlfac": 1.0,
-        "dimscale": 1.0, "dimtad": 1, "dimpost": "<>", "dimrnd": 0.0,
+        "dimscale": 1.0, "dimtad": 1, "dimpost": "<>", "dimzin": 0,
     }  # fmt: skip
     for dimension in drawing.dimensions:
         added = space.add_aligned_dim(
