@@ -179,9 +179,12 @@ def unseen_floor(floor: MultiPolygon, grid: OccupancyGrid) -> BoolArray:
     """Cells of the floor that the robot never observed: not free in the map, and not beside a wall's face."""
     inside = filled(floor, grid.frame)
     unseen = inside & (grid.cells == UNKNOWN)
-    # Between the map's own last free cell and a wall's face there may be a cell of unknown.
-    wide = cv2.morphologyEx(unseen.astype(np.uint8), cv2.MORPH_OPEN, np.ones((2, 2), np.uint8))
-    result: BoolArray = wide > 0
+    closed = cv2.morphologyEx(unseen.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8)) & inside
+    # Between the map's last free cell and a wall's face there may be a single cell of unknown: patches have a width.
+    wide = cv2.morphologyEx(closed, cv2.MORPH_OPEN, np.ones((2, 2), np.uint8)) > 0
+    _, labels = cv2.connectedComponents(closed, connectivity=4)
+    patches = np.unique(labels[wide])
+    result: BoolArray = np.isin(labels, patches[patches > 0])
     return result
 
 
@@ -194,7 +197,7 @@ def cell_polygons(cells: BoolArray, frame: GridFrame, smallest: float) -> list[P
     union = shapely.union_all([Polygon(outline.points) for outline in floors])
     if holes:
         union = union.difference(shapely.union_all(holes))
-    simple = shapely.make_valid(union.simplify(0.75 * frame.resolution))
+    simple = shapely.make_valid(union.simplify(0.5 * frame.resolution))
     return [part for part in polygon_parts(simple) if part.area >= smallest]
 
 
