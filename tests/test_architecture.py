@@ -27,7 +27,7 @@ ROOMS = {
     "dataset": "the format, and wings for generating, curating and images",
     "agents": "explorers, their training and their evaluation",
     "gan": "translators between SLAM maps and CAD maps",
-    "drawing": "maps against floor plans: as built against as planned",
+    "drawing": "from a SLAM map to vectors with dimensions, files that CAD reads, and as built against as planned",
     "commands": "the command line",
 }
 
@@ -65,8 +65,10 @@ ALLOWED = {
     ("gan", "interop"): "ROS maps are translated",
     ("gan", "metrics"): "translations are measured",
     ("gan", "viz"): "translations are shown",
-    ("drawing", "cad"): "maps are compared with floor plans",
-    ("drawing", "viz"): "comparisons are drawn",
+    ("drawing", "cad"): "a drawing is a floor plan, too; maps are compared with floor plans",
+    ("drawing", "gan"): "cleaning or a translator finds the floor, and the walls' direction",
+    ("drawing", "metrics"): "rooms are parts that only a doorway joins",
+    ("drawing", "viz"): "drawings and comparisons are shown over their maps",
 }
 BLIND = ("slam", "planning")
 """Packages that hold beliefs: they must not be able to see what is true."""

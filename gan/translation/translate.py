@@ -29,6 +29,7 @@ from slamgym.gan.encoding import (
 from slamgym.gan.networks.factory import TRANSLATION_BATCH, Generator, run_generator
 from slamgym.gan.translation.derotation import (
     MAX_DRIFT_DEG,
+    MIN_TURN_DEG,
     angle_to_undo_deg,
     flipped,
     padded_for_turning,
@@ -149,7 +150,11 @@ class LearnedTranslator:
         self._generator = compute.put(generator)
 
     def translate(
-        self, slam: ByteArray, metres_per_px: float | None = None, straighten: bool = False
+        self,
+        slam: ByteArray,
+        metres_per_px: float | None = None,
+        straighten: bool = False,
+        angle_deg: float | None = None,
     ) -> Float32Array:
         """For each pixel of a SLAM map the probability of being free space of the building.
 
@@ -158,6 +163,7 @@ class LearnedTranslator:
             metres_per_px: Scale of the map, if it is known.
             straighten: Leave the CAD map turned about the image's centre so that most walls lie along the axes,
                 instead of turning it back into the map's frame.
+            angle_deg: Direction of most walls, counter-clockwise from the image's rows; None finds it.
 
         Returns:
             (H, W) in [0, 1]: 1 inside of rooms, 0 in walls and outside.
@@ -168,7 +174,9 @@ class LearnedTranslator:
         if self.config.direction != "slam2cad":
             raise ConfigError("these weights translate CAD maps to SLAM maps; choose others with --weights")
         _require_image(slam)
-        angle = angle_to_undo_deg(slam) if self.config.derotate else 0.0
+        angle = angle_to_undo_deg(slam) if angle_deg is None else angle_deg
+        if not self.config.derotate or abs(angle) < MIN_TURN_DEG:
+            angle = 0.0
         # A small turn cuts nothing off but a sliver of the corners; the training's maps are turned like this, too.
         padded = slam if abs(angle) <= MAX_DRIFT_DEG else padded_for_turning(slam, angle)
         upright = turned(padded, -angle)

@@ -1,4 +1,4 @@
-"""Drawings from maps, and maps against drawings."""
+"""From a SLAM map to a drawing with true dimensions, and what it shows that differs from a floor plan."""
 
 import lazy_loader as lazy
 

@@ -90,7 +90,7 @@ def _read_picture(path: Path, resolution: float | None) -> RobotMap:
             if path.with_suffix(suffix).exists():
                 return RobotMap(read_ros_map(path.with_suffix(suffix)))
         raise InputFileError(
-            path, "is a picture without a yaml beside it; say how many metres a pixel has (0.05)"
+            path, "is a picture without a yaml beside it; give the metres per pixel, e.g. --resolution 0.05"
         )
     if not (math.isfinite(resolution) and MIN_RESOLUTION <= resolution <= MAX_RESOLUTION):
         raise InputFileError(

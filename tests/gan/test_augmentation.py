@@ -11,12 +11,12 @@ from slamgym.core.types import FREE, OCCUPIED, UNKNOWN
 from slamgym.gan.config import AugmentConfig
 from slamgym.gan.training.augmentation import augment
 from slamgym.gan.translation.derotation import (
-    dominant_angle_deg,
     flipped,
     padded_for_turning,
     turned,
     unflipped,
 )
+from slamgym.gan.translation.wall_direction import NO_DIRECTION, find_wall_direction
 
 EVERYTHING = AugmentConfig(
     zoom=0.2,
@@ -134,16 +134,16 @@ def turned_building(angle_deg, noise=0.0):
 @pytest.mark.parametrize("noise", [0.0, 0.005])
 def test_the_direction_of_walls_is_found(angle, noise):
     # Corners are rounded to whole pixels: at most atan(1 / 80) = 0.7 degrees along the shorter walls.
-    assert dominant_angle_deg(turned_building(angle, noise)) == pytest.approx(angle, abs=0.8)
+    assert find_wall_direction(turned_building(angle, noise)).angle_deg == pytest.approx(angle, abs=0.8)
 
 
 def test_a_map_without_walls_has_no_direction():
-    assert dominant_angle_deg(np.full((32, 32), UNKNOWN, np.uint8)) == 0.0
+    assert find_wall_direction(np.full((32, 32), UNKNOWN, np.uint8)) == NO_DIRECTION
 
 
 def test_turning_back_straightens_the_walls():
-    straight = turned(turned_building(20.0), -dominant_angle_deg(turned_building(20.0)))
-    assert dominant_angle_deg(straight) == pytest.approx(0.0, abs=0.8)
+    straight = turned(turned_building(20.0), -find_wall_direction(turned_building(20.0)).angle_deg)
+    assert find_wall_direction(straight).angle_deg == pytest.approx(0.0, abs=0.8)
 
 
 @pytest.mark.parametrize("angle", [10.0, 45.0, 90.0])

@@ -1,4 +1,4 @@
-"""Walls, doors, windows and rooms from the layers of a DXF drawing (ezdxf; extra ``cad``).
+"""Walls, doors, windows and rooms from the layers of a DXF drawing (ezdxf).
 
 Layers are told by their names, in several languages: ``WALLS``, ``A-WALL-FULL`` and ``Wände`` are walls. Blocks are
 exploded, curves are cut into short lines. A door is a line from jamb to jamb or the arc of its swing. The unit is the
@@ -12,13 +12,14 @@ from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
+import ezdxf
 import numpy as np
 import shapely
 from shapely import Polygon
 
 from slamgym.cad.floorplan import Room
 from slamgym.cad.plan_files.drawn_plan import DrawnPlan, DrawnWalls, edges_of, floor_of_walls
-from slamgym.core.errors import ConfigError, InputFileError, PlanError
+from slamgym.core.errors import InputFileError, PlanError
 from slamgym.core.files import read_bytes
 from slamgym.core.limits import DEPTH, DRAWING_BYTES, ENTRIES, shown
 from slamgym.core.types import FloatArray
@@ -72,7 +73,7 @@ def read_dxf(path: Path | str, unit: float | None = None, layers: Sequence[str] 
     found = _Found(str(path), layers, _FLATNESS / (unit or UNIT_BY_SIZE[0][1]))
     try:
         found.take(document.modelspace())
-    except (ezdxf_error(), *_DAMAGED):
+    except (ezdxf.DXFError, *_DAMAGED):
         raise PlanError(path, "is a damaged DXF drawing; save it again") from None
     walls = found.walls()
     doubts: tuple[str, ...] = ()
@@ -99,24 +100,10 @@ def _open(path: Path) -> Any:
         raise PlanError(error.path, error.reason) from error
     try:
         document, _ = recover.read(io.BytesIO(content))
-    except (ezdxf_error(), *_DAMAGED):
+    except (ezdxf.DXFError, *_DAMAGED):
         reason = "is no readable DXF drawing; save it as DXF (a DWG has to be converted)"
         raise PlanError(path, reason) from None
     return document
-
-
-def ezdxf_error() -> type[Exception]:
-    """What ezdxf raises; a plain sentence where the extra isn't installed.
-
-    Raises:
-        ConfigError: If ezdxf isn't installed.
-    """
-    try:
-        import ezdxf
-    except ImportError:
-        raise ConfigError("reading DXF needs the package 'ezdxf': pip install 'slamgym[cad]'") from None
-    error: type[Exception] = ezdxf.DXFError
-    return error
 
 
 def _unit_by_size(walls: FloatArray) -> tuple[float, tuple[str, ...]]:
