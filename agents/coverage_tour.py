@@ -17,7 +17,7 @@ import numpy as np
 from slamgym.agents.open_tour import open_tour
 from slamgym.core.config import Settings
 from slamgym.core.types import BoolArray, FloatArray, GridFrame, IntArray
-from slamgym.envs.coverage import sweep, unit_vectors
+from slamgym.envs.sweep import sweep, unit_vectors
 from slamgym.planning import Costmap, Reachable
 from slamgym.planning.coarse_paths import CoarsePaths
 from slamgym.planning.frontiers import Point

@@ -17,7 +17,7 @@ from slamgym.agents.rules import Nearest
 from slamgym.core.config import Settings, config_hash
 from slamgym.core.geometry import compose
 from slamgym.core.types import FREE, UNKNOWN, ByteArray, Observation, Pose2D, Twist2D
-from slamgym.envs.coverage import sweep, unit_vectors
+from slamgym.envs.sweep import sweep, unit_vectors
 from slamgym.planning.context import ExplorerContext
 from slamgym.planning.exploration_loop import ExplorationLoopConfig
 from slamgym.planning.navigator import Goal, GoalStatus, NavigatorConfig

@@ -57,11 +57,11 @@ def find_wall_direction(cells: ByteArray) -> WallDirection:
     Args:
         cells: SLAM map, shape (H, W): 0 occupied, 205 unknown, 254 free.
     """
-    pieces = straight_pieces(cells == FREE, cells == OCCUPIED)
+    pieces = wall_pieces(cells == FREE, cells == OCCUPIED)
     return main_direction(pieces, SHORTEST_PX)
 
 
-def straight_pieces(free: BoolArray, occupied: BoolArray) -> FloatArray:
+def wall_pieces(free: BoolArray, occupied: BoolArray) -> FloatArray:
     """Straight pieces of the outlines of walls and of the free space beside them.
 
     Args:

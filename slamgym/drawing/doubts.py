@@ -11,8 +11,6 @@ from slamgym.drawing.polygons import straightened
 from slamgym.drawing.settings import DrawingConfig
 from slamgym.gan.translation.wall_direction import WallDirection
 
-USUAL_CELLS = (0.009, 0.11)
-"""Cells of robots' maps [m]."""
 SCALES = ((4.0, 0.0, 600.0), (0.25, 160.0, 1e9))
 """Wrong scales that are tried (doors 20 cm or 4 m wide), and from which to which floor area they may be [m2]."""
 MIN_DOORS = 3
@@ -58,9 +56,6 @@ def find_doubts(drawing: Drawing, direction: WallDirection | None, config: Drawi
 
 def scale_doubt(drawing: Drawing, config: DrawingConfig) -> str | None:
     """A sentence if the map's scale makes no sense: more gaps would be doors if it were another."""
-    frame = drawing.grid.frame
-    if not USUAL_CELLS[0] <= frame.resolution <= USUAL_CELLS[1]:
-        return f"scale doubtful: cells of {frame.resolution:g} m; robots' maps have 0.01 to 0.1 m"
     own = len(_doors_at(drawing, 1.0, config))
     for factor, least, most in SCALES:
         if not least <= drawing.area <= most:

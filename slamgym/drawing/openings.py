@@ -21,9 +21,9 @@ from slamgym.drawing.polygons import polygon_parts
 from slamgym.drawing.settings import DrawingConfig
 from slamgym.metrics.rooms import RoomRule, label_rooms
 
-REACH = 0.02
+INTO_WALLS = 0.02
 """Lines of doors are drawn so far into the walls, so that they cut [m]."""
-PARALLEL = math.cos(math.radians(20.0))
+FACING = math.cos(math.radians(20.0))
 """Two faces that look at each other are antiparallel within this."""
 CORNER_REACH = 0.35
 """Lines of doors end in a corner that lies within this of the nearest face [m]."""
@@ -58,7 +58,7 @@ class Gap:
     def cut(self) -> LineString:
         """A little longer than the line."""
         (x0, y0), (x1, y1) = self.start, self.end
-        dx, dy = (x1 - x0) / self.width * REACH, (y1 - y0) / self.width * REACH
+        dx, dy = (x1 - x0) / self.width * INTO_WALLS, (y1 - y0) / self.width * INTO_WALLS
         return LineString([(x0 - dx, y0 - dy), (x1 + dx, y1 + dy)])
 
 
@@ -132,7 +132,7 @@ def jamb_gaps(floor: MultiPolygon, config: DrawingConfig) -> list[Gap]:
     for jamb in jambs.tolist():
         direction, length = directions[jamb], lengths[jamb]
         normal = np.array([-direction[1], direction[0]])  # into the floor
-        facing = np.flatnonzero(directions @ direction < -PARALLEL)
+        facing = np.flatnonzero(directions @ direction < -FACING)
         first, second = (points[facing] - starts[jamb] for points in (starts, ends))
         begins, stops = first @ direction, second @ direction
         low = np.maximum(np.minimum(begins, stops), 0.0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import sys
 import time
 from pathlib import Path
@@ -29,7 +30,7 @@ class CadArguments(Arguments):
     """
 
     map: Annotated[Path, tyro.conf.Positional]
-    """A ROS map's .yaml, a Valetudo map's .json or .png, a picture of a map (with --resolution), or a folder of those."""
+    """A ROS map's .yaml, Valetudo's .json or .png, a picture of a map (with --resolution), or a folder of those."""
     out: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
     """Folder of the drawings; made if it is missing."""
     formats: str = "dxf,svg,geojson,json,png"
@@ -115,9 +116,10 @@ def _draw(path: Path, arguments: CadArguments, formats: list[str], model: FloorM
     robot_map = read_map(path, arguments.resolution)
     provenance = {"source": str(path), "model": arguments.model}
     drawing = make_drawing(robot_map.grid, path.stem, model, angle_deg=arguments.angle, provenance=provenance)
+    drawing = dataclasses.replace(drawing, doubts=(*robot_map.doubts, *drawing.doubts))
     files = write_drawing(drawing, arguments.out / path.stem, formats)
     sys.stdout.write(f"{_summary(drawing)}, {time.process_time() - begun:.1f} CPU s: {files[0].parent}\n")
-    for doubt in (*robot_map.doubts, *drawing.doubts):
+    for doubt in drawing.doubts:
         say(f"{path}: {doubt}")
 
 

@@ -20,7 +20,7 @@ from slamgym.drawing.drawing import Drawing
 
 METRES = 6
 """Of ``$INSUNITS``."""
-LAYERS = {
+LAYER_COLOURS = {
     "RAW": 30, "ROOMS": 8, "WALLS": 7, "DOORS": 5, "WINDOWS": 4, "INFERRED": 9, "UNEXPLORED": 2, "DIMENSIONS": 1,
 }  # fmt: skip
 """AutoCAD's colour numbers."""
@@ -46,7 +46,7 @@ def dxf_document(drawing: Drawing) -> Any:
     document.header["$INSUNITS"] = METRES
     document.header["$MEASUREMENT"] = 1
     document.header["$LUNITS"] = 2
-    for name, colour in LAYERS.items():
+    for name, colour in LAYER_COLOURS.items():
         document.layers.add(name, color=colour)
     document.layers.get("INFERRED").dxf.linetype = "DASHED"
     document.layers.get("UNEXPLORED").dxf.linetype = "DASHED"

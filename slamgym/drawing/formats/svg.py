@@ -10,7 +10,7 @@ from shapely import MultiPolygon, Polygon
 from slamgym.core.types import OCCUPIED
 from slamgym.drawing.drawing import Drawing, DrawnPoint
 
-Place = Callable[[DrawnPoint], str]
+Placed = Callable[[DrawnPoint], str]
 """Coordinates of a point [m] as the file has them."""
 
 PRINTED = 100.0
@@ -59,7 +59,7 @@ def format_svg(drawing: Drawing) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _layers(drawing: Drawing, place: Place) -> Iterator[str]:
+def _layers(drawing: Drawing, place: Placed) -> Iterator[str]:
     yield '<g id="UNEXPLORED">'
     yield from (_path(part, place, "unexplored") for part in drawing.unexplored)
     yield '</g><g id="ROOMS">'
@@ -95,7 +95,7 @@ def _layers(drawing: Drawing, place: Place) -> Iterator[str]:
     yield "</g>"
 
 
-def _raw(drawing: Drawing, place: Place) -> str:
+def _raw(drawing: Drawing, place: Placed) -> str:
     """The map's occupied cells, a run of cells in a row as one bar."""
     grid = drawing.grid
     occupied = np.pad(grid.cells == OCCUPIED, ((0, 0), (1, 1))).astype(np.int8)
@@ -119,7 +119,7 @@ def _readable(start: DrawnPoint, end: DrawnPoint) -> float:
     return (angle + 90.0) % 180.0 - 90.0
 
 
-def _path(shape: Polygon | MultiPolygon, place: Place, kind: str, title: str = "") -> str:
+def _path(shape: Polygon | MultiPolygon, place: Placed, kind: str, title: str = "") -> str:
     rings = [
         ring
         for part in shapely.get_parts(shape)
