@@ -20,8 +20,8 @@ from slamgym.core.types import Pose2D
 from slamgym.slam.localization.config import LocalizationConfig
 
 if TYPE_CHECKING:
+    from slamgym.interop.map_files import RobotMap
     from slamgym.interop.records import Log
-    from slamgym.interop.ros_map import TurnedMap
     from slamgym.slam.localization.judge import Belief
     from slamgym.slam.localization.replay import LocalizationResult
 
@@ -30,8 +30,8 @@ class LocalizeArguments(Arguments):
     """Find a robot on a finished map by a recorded log."""
 
     map: tyro.conf.Positional[Path]
-    """A ROS map (.yaml, or the image beside it), the folder of a run of `slamgym slam`, or a bare image with
-    --resolution."""
+    """A ROS map (.yaml, or the image beside it), the folder of a run of `slamgym slam`, Valetudo's .json or .png, or a
+    bare image with --resolution."""
 
     log: tyro.conf.Positional[Path]
     """CARMEN log, ROS bag or episode, as for `slamgym slam`."""
@@ -62,6 +62,7 @@ def main(argv: list[str]) -> int:
     """Run the command; returns the exit code."""
     arguments = tyro.cli(LocalizeArguments, args=argv, prog="slamgym localize")
     from slamgym.interop.logs import open_log
+    from slamgym.interop.map_files import read_map
     from slamgym.slam.localization.replay import localize_log
     from slamgym.slam.replay import read_overrides
 
@@ -72,7 +73,7 @@ def main(argv: list[str]) -> int:
     if arguments.initial_pose is not None and not all(map(math.isfinite, arguments.initial_pose)):
         raise ConfigError("--initial-pose must be three finite numbers: x, y, yaw")
     initial = None if arguments.initial_pose is None else Pose2D(*arguments.initial_pose)
-    known = open_map(arguments.map, arguments.resolution)
+    known = read_map(arguments.map, arguments.resolution)
     log = open_log(arguments.log, scan_topic=arguments.scan_topic, odometry_topic=arguments.odometry_topic)
     for sentence in log.warnings.sentences():
         sys.stderr.write(f"slamgym: warning: {sentence}\n")
@@ -82,34 +83,6 @@ def main(argv: list[str]) -> int:
     _write(arguments.out, known, result, summary)
     sys.stdout.write(_report(arguments.out, summary))
     return 0
-
-
-def open_map(path: Path, resolution: float | None = None) -> TurnedMap:
-    """Read the map that a user names.
-
-    Args:
-        path: A yaml file, a folder that holds ``map.yaml``, or an image.
-        resolution: Size of a cell [m], for an image without a yaml file.
-
-    Raises:
-        InputFileError: If there is no map, or an image has neither a yaml file nor a resolution.
-    """
-    from slamgym.interop.ros_map import TurnedMap, read_bare_map, read_turned_map
-
-    if path.is_dir():
-        if not (path / "map.yaml").is_file():
-            raise InputFileError(path, "holds no map.yaml; name a map's yaml file or a run of `slamgym slam`")
-        return read_turned_map(path / "map.yaml")
-    if path.suffix.lower() in (".yaml", ".yml") or not path.exists():
-        return read_turned_map(path)
-    if resolution is not None:
-        return TurnedMap(read_bare_map(path, resolution), Pose2D(0.0, 0.0, 0.0))
-    description = path.with_suffix(".yaml")
-    if not description.is_file():
-        raise InputFileError(
-            path, "has no yaml file beside it that says how large a cell is; give --resolution METRES"
-        )
-    return read_turned_map(description)
 
 
 def _summary(
@@ -144,7 +117,7 @@ MOST_SHOWN = 10
 """Hypotheses that are written out."""
 
 
-def _write(folder: Path, known: TurnedMap, result: LocalizationResult, summary: dict[str, Any]) -> None:
+def _write(folder: Path, known: RobotMap, result: LocalizationResult, summary: dict[str, Any]) -> None:
     """Write the results; the summary goes last, so where it exists everything else is complete."""
     from slamgym.interop.tum import write_tum
     from slamgym.viz.canvas import write_picture

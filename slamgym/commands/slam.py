@@ -118,17 +118,17 @@ def main(argv: list[str]) -> int:
 
 def _older_map(arguments: SlamArguments) -> OccupancyGrid | None:
     """The map to continue."""
-    from slamgym.commands.localize import open_map
+    from slamgym.interop.map_files import read_map
 
     if arguments.continue_ is None:
         return None
-    grid, placement = open_map(arguments.continue_)
-    if placement.theta != 0.0:
+    older = read_map(arguments.continue_)
+    if older.placement.theta != 0.0:
         raise ConfigError(
-            f"--continue {arguments.continue_}: the map is turned by {placement.theta:g} rad, and maps are drawn "
+            f"--continue {arguments.continue_}: the map is turned by {older.placement.theta:g} rad, and maps are drawn "
             "upright; turn its image and set the yaw to 0"
         )
-    return grid
+    return older.grid
 
 
 def _config(arguments: SlamArguments, log: Log, older: OccupancyGrid | None) -> SlamConfig:

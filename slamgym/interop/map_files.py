@@ -5,7 +5,7 @@ ROS; :func:`slamgym.interop.read_ros_map` copes with their greys. Whatever comes
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -14,8 +14,8 @@ from slamgym.core.documents import parse_json
 from slamgym.core.errors import InputFileError
 from slamgym.core.files import read_bytes
 from slamgym.core.limits import DRAWING_BYTES
-from slamgym.core.types import FREE, OCCUPIED, OccupancyGrid
-from slamgym.interop.ros_map import MAX_RESOLUTION, MIN_RESOLUTION, read_bare_map, read_ros_map
+from slamgym.core.types import FREE, OCCUPIED, OccupancyGrid, Pose2D
+from slamgym.interop.ros_map import MAX_RESOLUTION, MIN_RESOLUTION, read_bare_map, read_turned_map
 from slamgym.interop.valetudo import MapSegment, embedded_map, parse_valetudo
 
 _PICTURES = (".png", ".pgm", ".bmp", ".jpg", ".jpeg", ".tif", ".tiff")
@@ -36,6 +36,8 @@ class RobotMap:
     """Rooms that the map itself names."""
     doubts: tuple[str, ...] = ()
     """Sentences about what is odd, the scale above all."""
+    placement: Pose2D = Pose2D(0.0, 0.0, 0.0)
+    """Of the grid's frame in the map frame; zero unless a ROS map's image is turned there."""
 
 
 def read_map(path: Path | str, resolution: float | None = None) -> RobotMap:
@@ -51,7 +53,7 @@ def read_map(path: Path | str, resolution: float | None = None) -> RobotMap:
     """
     path = Path(path)
     found = _read(path, resolution)
-    return RobotMap(found.grid, found.segments, (*found.doubts, *_check(found.grid, path)))
+    return replace(found, doubts=(*found.doubts, *_check(found.grid, path)))
 
 
 def _read(path: Path, resolution: float | None) -> RobotMap:
@@ -63,7 +65,7 @@ def _read(path: Path, resolution: float | None) -> RobotMap:
         return _read(path / "map.yaml" if len(inner) != 1 else inner[0], resolution)
     if suffix in (".yaml", ".yml"):
         _refuse_resolution(path, resolution)
-        return RobotMap(read_ros_map(path))
+        return _read_ros(path)
     if suffix == ".json":
         _refuse_resolution(path, resolution)
         found = parse_valetudo(parse_json(read_bytes(path, DRAWING_BYTES), path, limit=DRAWING_BYTES), path)
@@ -79,6 +81,17 @@ def _read(path: Path, resolution: float | None) -> RobotMap:
     raise InputFileError(path, "is no known kind of map; give a ROS .yaml, a picture or a Valetudo .json")
 
 
+def _read_ros(path: Path) -> RobotMap:
+    grid, placement = read_turned_map(path)
+    if placement.theta == 0.0:
+        return RobotMap(grid)
+    turned = (
+        f"the image is turned by {math.degrees(placement.theta):.1f} deg in the map frame; coordinates are the "
+        "image's, from its lower left corner"
+    )
+    return RobotMap(grid, doubts=(turned,), placement=placement)
+
+
 def _read_picture(path: Path, resolution: float | None) -> RobotMap:
     value = embedded_map(read_bytes(path), path) if path.suffix.lower() == ".png" else None
     if value is not None:
@@ -88,7 +101,7 @@ def _read_picture(path: Path, resolution: float | None) -> RobotMap:
     if resolution is None:
         for suffix in (".yaml", ".yml"):
             if path.with_suffix(suffix).exists():
-                return RobotMap(read_ros_map(path.with_suffix(suffix)))
+                return _read_ros(path.with_suffix(suffix))
         raise InputFileError(
             path, "is a picture without a yaml beside it; give the metres per pixel, e.g. --resolution 0.05"
         )

@@ -150,7 +150,7 @@ def test_a_bare_picture_needs_its_scale(tmp_path):
     path = tmp_path / "bare.png"
     cv2.imwrite(str(path), picture())
     check_room(read_map(path, resolution=0.05).grid)
-    with pytest.raises(InputFileError, match="how many metres"):
+    with pytest.raises(InputFileError, match="metres per pixel"):
         read_map(path)
     for bad in (0.0, -0.05, float("nan"), 1e9):
         with pytest.raises(InputFileError, match="resolution"):
