@@ -316,6 +316,8 @@ class ExplorationLoop:
     def _drop_target(self) -> None:
         assert self.target is not None
         self._blacklist.append(self.target.frontier.centroid)
+        if self.navigator.status is not GoalStatus.SUCCEEDED:
+            self.navigator.keep_hindrances(self.pose)
         self.target = None
         self.navigator.cancel()
         self._choice.is_stale = True
@@ -358,4 +360,5 @@ class ExplorationLoop:
         if behaviour is Recovery.RELAXED_FOOTPRINT and self.round == 1:
             # What was given up may have become possible: people walk on and maps get better.
             self._blacklist.clear()
+            self.navigator.forget_hindrances()
         self.finished = behaviour is Recovery.NOTHING

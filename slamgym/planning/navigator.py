@@ -25,6 +25,7 @@ from slamgym.planning.costmap import (
     free_body,
     make_costmap,
     mark_obstacles,
+    unmapped_points,
 )
 from slamgym.planning.frontiers import Point, Reachable, Surroundings
 from slamgym.planning.grid_path import path_is_free, plan_path
@@ -74,6 +75,8 @@ class NavigatorConfig(Settings):
     """What the robot couldn't pass is taken to be so far ahead of its body [m] ..."""
     barrier_half_width: float = 0.5
     """... and to reach so far to either side [m]."""
+    hindrance_distance: float = 0.4
+    """What the scan shows so near to the body when a goal fails is kept [m]."""
     views_kept: int = 10
     """So many trusted scans overrule the map."""
     back_up: float = 0.2
@@ -139,10 +142,11 @@ class Navigator:
         self.inscribed_radius = self.context.robot_radius
         self._grid: OccupancyGrid | None = None
         self._views: list[tuple[Pose2D, Float32Array]] = []  # trusted scans and where they were taken
-        self._obstacles: list[tuple[float, FloatArray]] = []  # (time, points in the map frame)
+        self._obstacles: list[tuple[float, Pose2D, FloatArray]] = []  # when, from where, points in the map frame
         self._barriers: list[
             tuple[Point, FloatArray]
         ] = []  # where it didn't get through, and points that close it
+        self._hindrances = np.zeros((0, 2))  # points that the scan showed where a goal became unreachable
         self._planned_at = -math.inf
         self._leg = _Leg.begin(Pose2D(0.0, 0.0, 0.0), 0.0)
 
@@ -207,6 +211,35 @@ class Navigator:
         self._barriers.append(((float(centre[0]), float(centre[1])), centre + offsets[:, None] * across))
         if again:
             self._rebuild(pose, time)
+
+    def keep_hindrances(self, pose: Pose2D) -> None:
+        """Keep the obstacles just around the robot, where it gave a goal up, whatever map and scan show later.
+
+        A pane of glass returns only the beams that meet it at right angles. So it comes and goes in the map, and
+        reaches farther across the line of sight than the scan shows.
+        """
+        costmap = self.costmap
+        if costmap is None or self._grid is None:
+            return
+        row, col = np.nonzero(costmap.costs == LETHAL_COST)
+        found = [self._hindrances, np.column_stack(costmap.frame.to_point(row, col))]
+        half, step = self.config.barrier_half_width, 0.5 * costmap.frame.resolution
+        offsets = np.arange(-half, half + step, step)[:, None, None]
+        for _, seen_from, points in self._obstacles:
+            new = unmapped_points(self._grid, points)
+            sight = new - np.array(seen_from[:2])
+            across = sight[:, ::-1] * (-1.0, 1.0) / np.maximum(np.hypot(*sight.T), step)[:, None]
+            found.append((new + offsets * across).reshape(-1, 2))
+        reach = self.context.robot_radius + self.config.hindrance_distance
+        points = np.vstack(found[1:])
+        near = np.hypot(*(points - np.array(pose[:2])).T) < reach
+        # One point for each cell, so that coming again adds next to nothing.
+        cell = costmap.frame.resolution
+        self._hindrances = np.unique(np.round(np.vstack([found[0], points[near]]) / cell - 0.5), axis=0) * cell + 0.5 * cell
+
+    def forget_hindrances(self) -> None:
+        """Take what :meth:`keep_hindrances` kept for passable again."""
+        self._hindrances = np.zeros((0, 2))
 
     def set_inscribed_radius(self, radius: float, pose: Pose2D, time: float) -> None:
         """Plan as if the robot had another radius [m], e.g. to try doors that the map draws too narrow."""
@@ -313,7 +346,9 @@ class Navigator:
             grid = clear_seen(grid, place, ranges, self.context.geometry)
         self._obstacles = [seen for seen in self._obstacles if time - seen[0] < self.config.obstacle_memory]
         if self._obstacles:
-            grid = mark_obstacles(grid, np.vstack([points for _, points in self._obstacles]))
+            grid = mark_obstacles(grid, np.vstack([points for _, _, points in self._obstacles]))
+        if len(self._hindrances):
+            grid = mark_obstacles(grid, self._hindrances, apart=0.0)
         if self._barriers:
             grid = mark_obstacles(grid, np.vstack([points for _, points in self._barriers]))
         config = _inscribing(self.config.costmap, self.inscribed_radius)
@@ -324,7 +359,7 @@ class Navigator:
         """Keep what the scan shows within 1.5 m for the costmap."""
         near = obstacles[(obstacles**2).sum(axis=1) < 1.5**2]
         if len(near):
-            self._obstacles.append((time, transform_points(pose, near)))
+            self._obstacles.append((time, pose, transform_points(pose, near)))
 
     # Recovery: wait for none, plan round what the scan shows, back up, turn; then give up.
 
