@@ -360,5 +360,4 @@ class ExplorationLoop:
         if behaviour is Recovery.RELAXED_FOOTPRINT and self.round == 1:
             # What was given up may have become possible: people walk on and maps get better.
             self._blacklist.clear()
-            self.navigator.forget_hindrances()
         self.finished = behaviour is Recovery.NOTHING

@@ -237,10 +237,6 @@ class Navigator:
         cell = costmap.frame.resolution
         self._hindrances = np.unique(np.round(np.vstack([found[0], points[near]]) / cell - 0.5), axis=0) * cell + 0.5 * cell
 
-    def forget_hindrances(self) -> None:
-        """Take what :meth:`keep_hindrances` kept for passable again."""
-        self._hindrances = np.zeros((0, 2))
-
     def set_inscribed_radius(self, radius: float, pose: Pose2D, time: float) -> None:
         """Plan as if the robot had another radius [m], e.g. to try doors that the map draws too narrow."""
         self.inscribed_radius = radius

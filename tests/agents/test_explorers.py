@@ -93,6 +93,19 @@ def test_frontiers_behind_a_gap_that_the_robot_cannot_pass_end_the_exploration(m
     assert time < 150.0
 
 
+@pytest.mark.parametrize(("name", "pane"), [("nearest", 12), ("nearest", 24), ("cost_utility", 24), ("rl", 24)])
+def test_a_pane_seen_from_straight_ahead_only_is_given_up_for_good(make_world, name, pane):
+    cells = closed(70, 130)
+    cells[:, 60] = OCCUPIED
+    world = make_world(cells)
+    world.glass[30 : 30 + pane, 60] = True
+    world.place(12, 15, 2.0)
+    explorer = make_explorer(name, world.context)
+    explore(world, explorer, 300.0)
+    assert explorer.finished
+    assert share_seen(world, np.s_[:, :60]) > 0.97
+
+
 @pytest.mark.parametrize("name", FRONTIER_EXPLORERS)
 def test_a_room_larger_than_the_range_is_explored_from_its_middle(make_world, name):
     # From the middle everything known is a disc: its frontier's centroid is where the robot stands.
