@@ -24,11 +24,10 @@ from slamgym.planning.costmap import (
     crop_known,
     free_body,
     make_costmap,
-    mark_obstacles,
-    unmapped_points,
 )
 from slamgym.planning.frontiers import Point, Reachable, Surroundings
 from slamgym.planning.grid_path import path_is_free, plan_path
+from slamgym.planning.hindrances import Hindrances
 from slamgym.planning.path_follower import FollowerConfig, PathFollower
 
 _STOP = Twist2D(0.0, 0.0)
@@ -142,11 +141,9 @@ class Navigator:
         self.inscribed_radius = self.context.robot_radius
         self._grid: OccupancyGrid | None = None
         self._views: list[tuple[Pose2D, Float32Array]] = []  # trusted scans and where they were taken
-        self._obstacles: list[tuple[float, Pose2D, FloatArray]] = []  # when, from where, points in the map frame
-        self._barriers: list[
-            tuple[Point, FloatArray]
-        ] = []  # where it didn't get through, and points that close it
-        self._hindrances = np.zeros((0, 2))  # points that the scan showed where a goal became unreachable
+        self._hindrances = Hindrances(
+            self.config.obstacle_memory, self.config.barrier_half_width, 0.5 * self.context.frame.resolution
+        )
         self._planned_at = -math.inf
         self._leg = _Leg.begin(Pose2D(0.0, 0.0, 0.0), 0.0)
 
@@ -204,38 +201,15 @@ class Navigator:
         if len(beyond) == 0:
             return
         along = beyond[0] / np.hypot(*beyond[0])
-        across = np.array([-along[1], along[0]])
-        half, centre = self.config.barrier_half_width, pose[:2] + reach * along
-        again = any(math.dist(centre, place) < 2.0 * half for place, _ in self._barriers)
-        offsets = np.arange(-half, half if again else -half, 0.5 * self.context.frame.resolution)
-        self._barriers.append(((float(centre[0]), float(centre[1])), centre + offsets[:, None] * across))
-        if again:
+        if self._hindrances.note_impassable(pose[:2] + reach * along, along):
             self._rebuild(pose, time)
 
-    def keep_hindrances(self, pose: Pose2D) -> None:
-        """Keep the obstacles just around the robot, where it gave a goal up, whatever map and scan show later.
-
-        A pane of glass returns only the beams that meet it at right angles. So it comes and goes in the map, and
-        reaches farther across the line of sight than the scan shows.
-        """
-        costmap = self.costmap
-        if costmap is None or self._grid is None:
-            return
-        row, col = np.nonzero(costmap.costs == LETHAL_COST)
-        found = [self._hindrances, np.column_stack(costmap.frame.to_point(row, col))]
-        half, step = self.config.barrier_half_width, 0.5 * costmap.frame.resolution
-        offsets = np.arange(-half, half + step, step)[:, None, None]
-        for _, seen_from, points in self._obstacles:
-            new = unmapped_points(self._grid, points)
-            sight = new - np.array(seen_from[:2])
-            across = sight[:, ::-1] * (-1.0, 1.0) / np.maximum(np.hypot(*sight.T), step)[:, None]
-            found.append((new + offsets * across).reshape(-1, 2))
-        reach = self.context.robot_radius + self.config.hindrance_distance
-        points = np.vstack(found[1:])
-        near = np.hypot(*(points - np.array(pose[:2])).T) < reach
-        # One point for each cell, so that coming again adds next to nothing.
-        cell = costmap.frame.resolution
-        self._hindrances = np.unique(np.round(np.vstack([found[0], points[near]]) / cell - 0.5), axis=0) * cell + 0.5 * cell
+    def keep_hindrances(self, pose: Pose2D, time: float) -> None:
+        """Keep the obstacles just around the robot, where it gave a goal up, whatever map and scan show later."""
+        if self.costmap is not None and self._grid is not None:
+            reach = self.context.robot_radius + self.config.hindrance_distance
+            self._hindrances.keep_around(pose, reach, self.costmap, self._grid)
+            self._rebuild(pose, time)
 
     def set_inscribed_radius(self, radius: float, pose: Pose2D, time: float) -> None:
         """Plan as if the robot had another radius [m], e.g. to try doors that the map draws too narrow."""
@@ -340,13 +314,7 @@ class Navigator:
         grid = self._grid
         for place, ranges in self._views:
             grid = clear_seen(grid, place, ranges, self.context.geometry)
-        self._obstacles = [seen for seen in self._obstacles if time - seen[0] < self.config.obstacle_memory]
-        if self._obstacles:
-            grid = mark_obstacles(grid, np.vstack([points for _, _, points in self._obstacles]))
-        if len(self._hindrances):
-            grid = mark_obstacles(grid, self._hindrances, apart=0.0)
-        if self._barriers:
-            grid = mark_obstacles(grid, np.vstack([points for _, points in self._barriers]))
+        grid = self._hindrances.mark(grid, time)
         config = _inscribing(self.config.costmap, self.inscribed_radius)
         costmap = make_costmap(free_body(grid, pose, self.context.robot_radius), config)
         self._surroundings = Surroundings(costmap, pose)
@@ -354,8 +322,7 @@ class Navigator:
     def _remember(self, obstacles: FloatArray, pose: Pose2D, time: float) -> None:
         """Keep what the scan shows within 1.5 m for the costmap."""
         near = obstacles[(obstacles**2).sum(axis=1) < 1.5**2]
-        if len(near):
-            self._obstacles.append((time, pose, transform_points(pose, near)))
+        self._hindrances.note_seen(transform_points(pose, near), pose, time)
 
     # Recovery: wait for none, plan round what the scan shows, back up, turn; then give up.
 

@@ -93,7 +93,9 @@ def test_frontiers_behind_a_gap_that_the_robot_cannot_pass_end_the_exploration(m
     assert time < 150.0
 
 
-@pytest.mark.parametrize(("name", "pane"), [("nearest", 12), ("nearest", 24), ("cost_utility", 24), ("rl", 24)])
+@pytest.mark.parametrize(
+    ("name", "pane"), [("nearest", 12), ("nearest", 24), ("cost_utility", 24), ("rl", 24)]
+)
 def test_a_pane_seen_from_straight_ahead_only_is_given_up_for_good(make_world, name, pane):
     cells = closed(70, 130)
     cells[:, 60] = OCCUPIED
