@@ -8,6 +8,8 @@ from slamgym.core.types import FloatArray, OccupancyGrid, Pose2D
 from slamgym.planning.costmap import LETHAL_COST, Costmap, mark_obstacles, unmapped_points
 from slamgym.planning.frontiers import Point
 
+_NEAR = 0.4  # what stands so near to the body of a robot that gave up is what stopped it [m]
+
 
 class Hindrances:
     """Obstacles beyond those of the map. Points are in the frame of the map [m].
@@ -42,7 +44,7 @@ class Hindrances:
         self._barriers.append(((float(centre[0]), float(centre[1])), centre + offsets[:, None] * across))
         return again
 
-    def keep_around(self, pose: Pose2D, reach: float, costmap: Costmap, grid: OccupancyGrid) -> None:
+    def keep_around(self, pose: Pose2D, radius: float, costmap: Costmap, grid: OccupancyGrid) -> None:
         """Keep the obstacles near the robot for good, whatever map and scan show later.
 
         For where it gave a goal up. A pane of glass returns only the beams that meet it at right angles. So it comes
@@ -50,7 +52,7 @@ class Hindrances:
 
         Args:
             pose: The robot.
-            reach: How near [m].
+            radius: The robot's [m].
             costmap: Map and obstacles as they are now.
             grid: The map alone.
         """
@@ -62,7 +64,7 @@ class Hindrances:
             across = sight[:, ::-1] * (-1.0, 1.0) / np.maximum(np.hypot(*sight.T), 1e-3)[:, None]
             found.append((points + offsets * across).reshape(-1, 2))
         points = np.vstack(found)
-        near = points[np.hypot(*(points - np.array(pose[:2])).T) < reach]
+        near = points[np.hypot(*(points - np.array(pose[:2])).T) < radius + _NEAR]
         # One point for each cell, its centre, so that coming again adds next to nothing.
         row, col = costmap.frame.to_cell(near[:, 0], near[:, 1])
         rows, cols = np.unique(np.column_stack([row, col]), axis=0).T

@@ -74,8 +74,6 @@ class NavigatorConfig(Settings):
     """What the robot couldn't pass is taken to be so far ahead of its body [m] ..."""
     barrier_half_width: float = 0.5
     """... and to reach so far to either side [m]."""
-    hindrance_distance: float = 0.4
-    """What the scan shows so near to the body when a goal fails is kept [m]."""
     views_kept: int = 10
     """So many trusted scans overrule the map."""
     back_up: float = 0.2
@@ -207,8 +205,7 @@ class Navigator:
     def keep_hindrances(self, pose: Pose2D, time: float) -> None:
         """Keep the obstacles just around the robot, where it gave a goal up, whatever map and scan show later."""
         if self.costmap is not None and self._grid is not None:
-            reach = self.context.robot_radius + self.config.hindrance_distance
-            self._hindrances.keep_around(pose, reach, self.costmap, self._grid)
+            self._hindrances.keep_around(pose, self.context.robot_radius, self.costmap, self._grid)
             self._rebuild(pose, time)
 
     def set_inscribed_radius(self, radius: float, pose: Pose2D, time: float) -> None:
