@@ -52,6 +52,7 @@ class GridWorld:
         self.pose = Pose2D(0.0, 0.0, 0.0)
         self.obstacles = np.argwhere(self.truth.cells == OCCUPIED)
         self.contacts = 0
+        self.glass = np.zeros(self.truth.cells.shape, np.bool_)  # of what stops the body: seen along x only
         self.map = np.full(self.truth.cells.shape, UNKNOWN, np.uint8)
 
     def place(self, row, col, theta=0.0):
@@ -76,7 +77,9 @@ class GridWorld:
         values = np.where(
             inside, self.truth.cells[np.where(inside, row, 0), np.where(inside, col, 0)], OCCUPIED
         )
-        hit = values == OCCUPIED
+        through = inside & self.glass[np.where(inside, row, 0), np.where(inside, col, 0)]
+        through &= np.abs(np.sin(angles))[:, None] > math.sin(math.radians(4.0))
+        hit = (values == OCCUPIED) & ~through
         first = np.where(hit.any(1), hit.argmax(1), len(steps))
         seen = np.arange(len(steps)) < first[:, None]
         self.map[row[seen], col[seen]] = FREE

@@ -151,12 +151,17 @@ def mark_obstacles(grid: OccupancyGrid, points: FloatArray, apart: float = 0.15)
     """
     cells = grid.cells.copy()
     if len(points):
-        row, col = grid.frame.to_cell(points[:, 0], points[:, 1])
-        inside = (row >= 0) & (row < grid.frame.height_px) & (col >= 0) & (col < grid.frame.width_px)
-        row, col = row[inside], col[inside]
-        new = distance_to_occupied(cells)[row, col] * grid.frame.resolution > apart
-        cells[row[new], col[new]] = OCCUPIED
+        row, col = grid.frame.to_cell(*unmapped_points(grid, points, apart).T)
+        cells[row, col] = OCCUPIED
     return OccupancyGrid(cells, grid.frame)
+
+
+def unmapped_points(grid: OccupancyGrid, points: FloatArray, apart: float = 0.15) -> FloatArray:
+    """The points (N, 2) [m] that lie on a map and farther than ``apart`` [m] from its walls."""
+    row, col = grid.frame.to_cell(points[:, 0], points[:, 1])
+    inside = (row >= 0) & (row < grid.frame.height_px) & (col >= 0) & (col < grid.frame.width_px)
+    distance = distance_to_occupied(grid.cells)[row[inside], col[inside]]
+    return points[inside][distance * grid.frame.resolution > apart]
 
 
 def clear_seen(

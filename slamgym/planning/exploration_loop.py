@@ -316,6 +316,8 @@ class ExplorationLoop:
     def _drop_target(self) -> None:
         assert self.target is not None
         self._blacklist.append(self.target.frontier.centroid)
+        if self.navigator.status is not GoalStatus.SUCCEEDED:
+            self.navigator.keep_hindrances(self.pose, self.time)
         self.target = None
         self.navigator.cancel()
         self._choice.is_stale = True

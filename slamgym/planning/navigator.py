@@ -24,10 +24,10 @@ from slamgym.planning.costmap import (
     crop_known,
     free_body,
     make_costmap,
-    mark_obstacles,
 )
 from slamgym.planning.frontiers import Point, Reachable, Surroundings
 from slamgym.planning.grid_path import path_is_free, plan_path
+from slamgym.planning.hindrances import Hindrances
 from slamgym.planning.path_follower import FollowerConfig, PathFollower
 
 _STOP = Twist2D(0.0, 0.0)
@@ -139,10 +139,9 @@ class Navigator:
         self.inscribed_radius = self.context.robot_radius
         self._grid: OccupancyGrid | None = None
         self._views: list[tuple[Pose2D, Float32Array]] = []  # trusted scans and where they were taken
-        self._obstacles: list[tuple[float, FloatArray]] = []  # (time, points in the map frame)
-        self._barriers: list[
-            tuple[Point, FloatArray]
-        ] = []  # where it didn't get through, and points that close it
+        self._hindrances = Hindrances(
+            self.config.obstacle_memory, self.config.barrier_half_width, 0.5 * self.context.frame.resolution
+        )
         self._planned_at = -math.inf
         self._leg = _Leg.begin(Pose2D(0.0, 0.0, 0.0), 0.0)
 
@@ -200,12 +199,13 @@ class Navigator:
         if len(beyond) == 0:
             return
         along = beyond[0] / np.hypot(*beyond[0])
-        across = np.array([-along[1], along[0]])
-        half, centre = self.config.barrier_half_width, pose[:2] + reach * along
-        again = any(math.dist(centre, place) < 2.0 * half for place, _ in self._barriers)
-        offsets = np.arange(-half, half if again else -half, 0.5 * self.context.frame.resolution)
-        self._barriers.append(((float(centre[0]), float(centre[1])), centre + offsets[:, None] * across))
-        if again:
+        if self._hindrances.note_impassable(pose[:2] + reach * along, along):
+            self._rebuild(pose, time)
+
+    def keep_hindrances(self, pose: Pose2D, time: float) -> None:
+        """Keep the obstacles just around the robot, where it gave a goal up, whatever map and scan show later."""
+        if self.costmap is not None and self._grid is not None:
+            self._hindrances.keep_around(pose, self.context.robot_radius, self.costmap, self._grid)
             self._rebuild(pose, time)
 
     def set_inscribed_radius(self, radius: float, pose: Pose2D, time: float) -> None:
@@ -311,11 +311,7 @@ class Navigator:
         grid = self._grid
         for place, ranges in self._views:
             grid = clear_seen(grid, place, ranges, self.context.geometry)
-        self._obstacles = [seen for seen in self._obstacles if time - seen[0] < self.config.obstacle_memory]
-        if self._obstacles:
-            grid = mark_obstacles(grid, np.vstack([points for _, points in self._obstacles]))
-        if self._barriers:
-            grid = mark_obstacles(grid, np.vstack([points for _, points in self._barriers]))
+        grid = self._hindrances.mark(grid, time)
         config = _inscribing(self.config.costmap, self.inscribed_radius)
         costmap = make_costmap(free_body(grid, pose, self.context.robot_radius), config)
         self._surroundings = Surroundings(costmap, pose)
@@ -323,8 +319,7 @@ class Navigator:
     def _remember(self, obstacles: FloatArray, pose: Pose2D, time: float) -> None:
         """Keep what the scan shows within 1.5 m for the costmap."""
         near = obstacles[(obstacles**2).sum(axis=1) < 1.5**2]
-        if len(near):
-            self._obstacles.append((time, transform_points(pose, near)))
+        self._hindrances.note_seen(transform_points(pose, near), pose, time)
 
     # Recovery: wait for none, plan round what the scan shows, back up, turn; then give up.
 

@@ -93,6 +93,21 @@ def test_frontiers_behind_a_gap_that_the_robot_cannot_pass_end_the_exploration(m
     assert time < 150.0
 
 
+@pytest.mark.parametrize("name", ["nearest", "cost_utility"])
+def test_an_exploration_between_panes_of_glass_ends(make_world, name):
+    cells = closed(150, 200)
+    cells[20:140:23, 10:190:17] = OCCUPIED  # posts in the garden
+    cells[50:101, 60:131] = OCCUPIED
+    cells[51:100, 61:130] = FREE
+    world = make_world(cells)
+    world.glass[60:70, 60] = world.glass[70:94, 130] = True
+    world.place(75, 90, 2.0)
+    explorer = make_explorer(name, world.context)
+    explore(world, explorer, 320.0)
+    assert explorer.finished
+    assert share_seen(world, np.s_[51:100, 61:130]) > 0.97
+
+
 @pytest.mark.parametrize("name", FRONTIER_EXPLORERS)
 def test_a_room_larger_than_the_range_is_explored_from_its_middle(make_world, name):
     # From the middle everything known is a disc: its frontier's centroid is where the robot stands.

@@ -10,6 +10,7 @@ from slamgym.core.geometry import wrap_angle
 from slamgym.core.types import FREE, OCCUPIED, GridFrame, LaserGeometry, OccupancyGrid, Pose2D, Twist2D
 from slamgym.planning import Goal, GoalStatus, Navigator, PathFollower, make_costmap
 from slamgym.planning.context import ExplorerContext
+from slamgym.planning.hindrances import Hindrances
 from slamgym.planning.path_follower_kernels import free_travel, scan_points
 
 
@@ -122,6 +123,50 @@ def test_a_passage_that_the_robot_did_not_get_through_is_closed_from_then_on(mak
     assert navigator.reason == "unreachable"
     navigator.set_goal(Goal(*world.point(40, 20)), world.pose, 60.0)
     assert navigator.is_active
+
+
+@pytest.mark.parametrize("pane", [slice(27, 53), slice(37, 44)])  # wider and narrower than the robot
+def test_what_the_map_showed_where_a_goal_was_given_up_stays_closed(make_world, pane):
+    cells = room()
+    cells[:, 60] = OCCUPIED
+    world = make_world(cells)
+    world.place(40, 54)
+    navigator = Navigator(world.context)
+    beyond = Goal(*world.point(40, 100))
+    looked_through = world.truth.cells.copy()
+    looked_through[pane, 60] = FREE
+
+    def is_open(cells):
+        navigator.update_map(OccupancyGrid(cells, world.truth.frame), world.pose, 100.0)
+        navigator.set_inscribed_radius(0.13, world.pose, 100.0)
+        navigator.set_goal(beyond, world.pose, 100.0)
+        return navigator.is_active
+
+    assert is_open(looked_through)
+    assert not is_open(world.truth.cells)  # from straight ahead the pane is seen
+    assert is_open(looked_through)
+    assert not is_open(world.truth.cells)
+    navigator.keep_hindrances(world.pose, 100.0)
+    assert not is_open(looked_through)
+    navigator.set_goal(Goal(*world.point(40, 20)), world.pose, 100.0)
+    assert navigator.is_active
+
+
+def test_what_only_the_scan_showed_is_kept_as_a_wall_across_its_line_of_sight(make_world):
+    cells = room()
+    cells[:, 60] = OCCUPIED
+    cells[30:50, 60] = FREE
+    hindrances = Hindrances(memory=10.0, half_width=0.5, spacing=0.025)
+    world = make_world(cells)
+    world.place(40, 54)
+    hindrances.note_seen(np.array([world.point(40, 60)]), world.pose, 0.0)
+    assert (
+        np.count_nonzero(hindrances.mark(world.truth, 5.0).cells == OCCUPIED) == (cells == OCCUPIED).sum() + 1
+    )
+    hindrances.keep_around(world.pose, 0.22, make_costmap(world.truth), world.truth)
+    kept = hindrances.mark(world.truth, 50.0).cells
+    assert np.all(kept[31:49, 60] == OCCUPIED)
+    assert np.all(kept[:, 59] == cells[:, 59])
 
 
 def test_something_new_in_the_way_is_driven_round(make_world):
