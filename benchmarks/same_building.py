@@ -149,6 +149,7 @@ def our_map(plan: FloorPlan, seed: int, keep: Path | None) -> ByteArray:
     end = YARD_END - episode.start.y - episode.slam_map.frame.origin_y
     cells = episode.slam_map.cells[: -max(round(end / RESOLUTION), 1)]  # row 0 at the top
     if file:
+        file.parent.mkdir(parents=True, exist_ok=True)
         cv2.imwrite(str(file), cells)
     return cells
 
