@@ -23,7 +23,7 @@ from slamgym.planning.exploration_loop import ExplorationLoopConfig
 from slamgym.planning.navigator import Goal, GoalStatus, NavigatorConfig
 from slamgym.planning.path_follower import FollowerConfig
 
-_VIEW = 0.85
+_VIEW = 0.15
 """Share of the scanner's range that is floor for sure where nothing returned."""
 _TRIES = 5
 """So many places are tried for a visit that no path leads to."""
