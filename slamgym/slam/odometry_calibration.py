@@ -9,6 +9,7 @@ calibration*, Autonomous Robots 22, 2007), and by random slip whose variance gro
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -32,6 +33,10 @@ MEMORY_STRETCHES = 60.0
 """Older stretches are forgotten: floors and loads change."""
 OUTLIER = 9.0
 """A squared error beyond this many times what is expected counts as so many."""
+
+
+import os
+LEAST = float(os.environ.get('LEAST','.01'))
 
 
 @dataclass
@@ -77,15 +82,41 @@ class OdometryCalibration:
         """
         distance, turn = _lengths(increments)
         forward, turned = float(increments[:, 0].sum()), float(increments[:, 2].sum())
-        share = np.array([forward, turned])
-        random_distance = self.distance_noise * SLIP_DISTANCE**2 * distance
-        random_heading = self.heading_noise * (SLIP_DRIFT**2 * distance + SLIP_TURN**2 * turn)
+        random_distance, random_heading = self._random(distance, turn)
+        systematic_distance, systematic_heading = self._systematic(forward, turned)
         return MotionSpread(
-            random_distance + self._scale_variance * forward**2,
-            random_heading + float(share @ self._heading_covariance @ share),
-            random_distance,
-            random_heading,
+            float(random_distance + systematic_distance),
+            float(random_heading + systematic_heading),
+            float(random_distance),
+            float(random_heading),
         )
+
+    def variances(
+        self, distance: FloatArray, turn: FloatArray, forward: FloatArray, turned: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """The same of many motions: variances of distance [m^2] and heading [rad^2], each (motions,).
+
+        Args:
+            distance: (motions,) driven, adding up [m].
+            turn: (motions,) turned, adding up [rad].
+            forward: (motions,) the same with its sign [m].
+            turned: (motions,) the same with its sign [rad].
+        """
+        random_distance, random_heading = self._random(distance, turn)
+        systematic_distance, systematic_heading = self._systematic(forward, turned)
+        return random_distance + systematic_distance, random_heading + systematic_heading
+
+    def _random(self, distance: Any, turn: Any) -> tuple[Any, Any]:
+        heading = SLIP_DRIFT**2 * distance + SLIP_TURN**2 * turn
+        return (
+            max(self.distance_noise, LEAST) * SLIP_DISTANCE**2 * distance,
+            max(self.heading_noise, LEAST) * heading,
+        )
+
+    def _systematic(self, forward: Any, turned: Any) -> tuple[Any, Any]:
+        (drift, both), (_, turn) = self._heading_covariance
+        heading = drift * forward**2 + 2.0 * both * forward * turned + turn * turned**2
+        return self._scale_variance * forward**2, heading
 
     def restart(self) -> None:
         """Compare from here on: the pose here can't be relied on."""
@@ -122,9 +153,9 @@ class OdometryCalibration:
         shares = np.array([self._signed, self._odometry.theta])
         slip = SLIP_DRIFT**2 * self._distance + SLIP_TURN**2 * self._turn
         innovation = error - float(self.heading @ shares)
-        expected = self.heading_noise * slip + match_variance
+        expected = max(self.heading_noise,LEAST) * slip + match_variance
         spread = float(shares @ self._heading_covariance @ shares) + expected
-        excess = max(min(innovation**2, OUTLIER * spread) - match_variance, 0.0) / slip
+        excess = (min(innovation**2, OUTLIER * spread) - match_variance) / slip
         self.heading_noise = (self._heading_weight * self.heading_noise + excess) / (
             self._heading_weight + 1.0
         )
@@ -140,8 +171,8 @@ class OdometryCalibration:
     def _learn_distance(self, error: float, length: float, match_variance: float) -> None:
         slip = SLIP_DISTANCE**2 * self._distance
         innovation = error - self.scale * length
-        spread = self._scale_variance * length**2 + self.distance_noise * slip + match_variance
-        excess = max(min(innovation**2, OUTLIER * spread) - match_variance, 0.0) / slip
+        spread = self._scale_variance * length**2 + max(self.distance_noise,LEAST) * slip + match_variance
+        excess = (min(innovation**2, OUTLIER * spread) - match_variance) / slip
         self.distance_noise = (self._distance_weight * self.distance_noise + excess) / (
             self._distance_weight + 1.0
         )

@@ -6,6 +6,7 @@ most of the weight they are resampled.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -66,12 +67,14 @@ def systematic_resample(weights: FloatArray, uniform: float) -> IntArray:
     return ancestors
 
 
-POSITION_FLOOR = 0.005
-HEADING_FLOOR = 0.003
+import os
+POSITION_FLOOR = float(os.environ.get('PF','.001'))
+HEADING_FLOOR = float(os.environ.get('HF','.0005'))
 """Odometry is never trusted further than this [m], [rad]."""
 NULL_LIKELIHOOD = -0.5
 """-d^2 of a beam with nothing near [m^2] (GMapping's ``nullLikelihood``)."""
-POINT_INFORMATION = 125.0
+import os
+POINT_INFORMATION = float(os.environ.get('PI','600'))
 """Of a point across the surface that it lies on [1/m^2]: 2 cm, and twenty neighbours that err together."""
 DOUBT_SHARE = 0.6
 """A match of which less than this share of the points fits is in doubt ..."""
@@ -82,6 +85,13 @@ RELIABLE_SHARE, RELIABLE_METRES, RELIABLE_RADIANS = 0.5, 0.02, 0.01
 [rad] is no more."""
 MATCH_MARGIN = 1.5
 """How far round the scan's end points the maps are made ready [m]; a match that strays further finds nothing."""
+
+
+class ScanMatch(NamedTuple):
+    """What a scan alone says of the pose."""
+
+    offset: FloatArray  # (3,) from the pose that odometry and scan agree on, in the robot frame
+    covariance: FloatArray  # (3, 3) in the robot frame
 
 
 def match_settings(config: SlamConfig) -> MatchSettings:
@@ -122,8 +132,9 @@ class ParticleFilter(GatedMapper):
         self._match_settings = match_settings(config)
         self._calibration = OdometryCalibration() if config.learn_odometry else None
         self._free_offset = Pose2D(0.0, 0.0, 0.0)
-        self._match_covariance: FloatArray | None = None
+        self._scan_match: ScanMatch | None = None
         self._predicted_variances = np.zeros(2)
+        self._increments: FloatArray = np.zeros((0, 3))  # odometry of the last processed scan
 
     @property
     def pose(self) -> Pose2D:
@@ -166,7 +177,7 @@ class ParticleFilter(GatedMapper):
 
     def _process(self, scan: LaserScan) -> None:
         """One step of the filter: predict, match, weigh, resample, register."""
-        increments = self._gate.take(scan.stamp)
+        increments = self._increments = self._gate.take(scan.stamp)
         before = self._poses.copy()
         variance, turn_variance = self._predict(increments)
         predicted = self._poses.copy()
@@ -249,20 +260,22 @@ class ParticleFilter(GatedMapper):
         """Compare the best particle's match with the odometry, where the match can be relied on."""
         last_offset = self._free_offset
         self._free_offset = between(Pose2D(*self._poses[best]), Pose2D(*free[:3]))
-        uu, uv, vv, ut, vt, tt = free[4:]
-        information = POINT_INFORMATION * np.array([[uu, uv, ut], [uv, vv, vt], [ut, vt, tt]])
-        covariance = np.asarray(np.linalg.inv(information + np.eye(3)), dtype=np.float64)
-        theta = self._poses[best, 2]
-        along = np.array([np.cos(theta), np.sin(theta), 0.0])
-        along_variance, turn_variance = float(along @ covariance @ along), float(covariance[2, 2])
-        fits = share >= RELIABLE_SHARE and num_points >= FEW_POINTS
-        if not fits or along_variance > RELIABLE_METRES**2 or turn_variance > RELIABLE_RADIANS**2:
+        self._scan_match = None
+        if share < RELIABLE_SHARE or num_points < FEW_POINTS:
             calibration.restart()
-            self._match_covariance = None
             return
-        self._match_covariance = covariance
+        uu, uv, vv, ut, vt, tt = free[4:]
+        cos, sin = np.cos(self._poses[best, 2]), np.sin(self._poses[best, 2])
+        turned = np.array([[cos, sin, 0.0], [-sin, cos, 0.0], [0.0, 0.0, 1.0]])
+        information = POINT_INFORMATION * np.array([[uu, uv, ut], [uv, vv, vt], [ut, vt, tt]])
+        covariance = turned @ np.linalg.inv(information + np.eye(3)) @ turned.T
+        self._scan_match = ScanMatch(np.array(self._free_offset), covariance)
+        along, heading = float(covariance[0, 0]), float(covariance[2, 2])
+        if along > RELIABLE_METRES**2 or heading > RELIABLE_RADIANS**2:
+            calibration.restart()
+            return
         moved = between(compose(Pose2D(*before), last_offset), Pose2D(*free[:3]))
-        calibration.learn(increments, moved, along_variance, turn_variance)
+        calibration.learn(increments, moved, along, heading)
 
     def _match_and_weigh(self, points: FloatArray, variance: float, turn_variance: float) -> int:
         c = self._config

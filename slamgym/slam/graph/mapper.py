@@ -25,25 +25,20 @@ from slamgym.slam.graph.loop_closure import (
 )
 from slamgym.slam.graph.matching import NodeMatch, NodeMatcher
 from slamgym.slam.graph.nodes import GraphNodes
-from slamgym.slam.graph.solver import Edges, chi_squared, optimise
+from slamgym.slam.graph.steps import MATCH_FLOOR, PathSteps, rotation
+from slamgym.slam.graph.solver import Edges, chi_squared, joined, optimise
 from slamgym.slam.graph.uncertainty import PathUncertainty, step_covariance
 from slamgym.slam.hit_counts import HitCountMap
 from slamgym.slam.particle_filter import FEW_POINTS, ParticleFilter
 from slamgym.slam.particles import ParticleMaps
 from slamgym.slam.path_correction import poses_between
 
-ODOMETRY_FLOOR = (0.005, 0.005, 0.002)
-"""Odometry between two nodes is never trusted further than this [m], [m], [rad]."""
 EXPECTED_METRES, EXPECTED_SIGMAS = 0.25, 3.0
 """A single closure may move a node so far [m] and so many standard deviations more; beyond, others must agree."""
 WIDE_WINDOW = (0.3, 0.15)
 """Least half width of the search for a scan that fits poorly [m], [rad]."""
 BETTER_SHARE = 0.1
 """What is found there counts if so many more of the points fit."""
-MATCH_FLOOR = (0.01, 0.01, 0.003)
-"""Nor is a match as an edge of the graph [m], [m], [rad]."""
-STEP_FLOOR = (0.006, 0.006, 0.002)
-"""What each node adds to the path's uncertainty at least: chosen on twenty simulated homes so that NEES is about 3."""
 NEIGHBOURS = 8
 """A loop is sought in the scans up to so many nodes before and after the candidate."""
 URGENT_CHI2 = 20.0
@@ -72,13 +67,13 @@ class PoseGraphMapper(ParticleFilter):
         self._matcher = NodeMatcher(self._settings)
         self._nodes = GraphNodes(geometry.num_beams)
         self._steps_of_nodes: list[int] = []  # processed scan of each node
-        self._steps: list[Closure] = []  # edges between successive nodes
+        self._steps = PathSteps()
+        self._since: list[FloatArray] = []  # raw odometry since the last node
         self._closures: list[Closure] = []
         self._pending: list[Closure] = []
         self._uncertainty = PathUncertainty()
         self._rejected = 0
         self._last_optimised = 0
-        self._stale = False
         self._variances = np.zeros(2)  # of position and heading by odometry since the last node
         self._distance = self._turn = 0.0
 
@@ -106,7 +101,6 @@ class PoseGraphMapper(ParticleFilter):
                     )
                     if closure is not None:
                         self._closures.append(closure)
-            self._stale = True
             self._optimise(iterations=15, tolerance=1e-4)
             self._drop_false_closures()
         self._grid = None
@@ -120,6 +114,7 @@ class PoseGraphMapper(ParticleFilter):
         self._distance += float(np.hypot(*(self._poses[0, :2] - before[:2])))
         self._turn += abs(float(wrap_angle(self._poses[0, 2] - before[2])))
         self._variances += self._predicted_variances
+        self._since.append(self._increments)
         if (
             len(self._nodes) == 0
             or self._distance >= self._settings.keyframe_distance
@@ -160,35 +155,31 @@ class PoseGraphMapper(ParticleFilter):
     def _add_node(self, scan: LaserScan) -> None:
         """Make the scan just processed a node, bound to the one before by matching and by odometry."""
         pose = self._poses[0]
-        step = np.zeros((3, 3))
         if len(self._nodes) > 0:
-            step = self._step_covariance()
-            relative = relative_poses(self._nodes.poses[[-1]], pose[None])[0]
-            information = np.diag(1.0 / (self._variances[[0, 0, 1]] + np.square(ODOMETRY_FLOOR)))
-            if self._match_covariance is not None:
-                turned = _rotation(-float(self._nodes.poses[-1, 2]))
-                covariance = turned @ self._match_covariance @ turned.T + np.diag(np.square(MATCH_FLOOR))
-                information = information + np.linalg.inv(covariance)
-            node = len(self._nodes)
-            self._steps.append(Closure(node - 1, node, relative, information))
+            self._append_step(pose)
+        else:
+            self._steps.begin(self._scan_match)
         self._nodes.append(scan, pose, self._usable_points(scan.ranges, self._settings.match_range))
         self._steps_of_nodes.append(len(self._tree) - 1)
-        self._uncertainty.append(self._nodes.poses, step)
+        self._uncertainty.append(self._nodes.poses, self._step_covariances()[-1])
         self._variances[:] = 0.0
+        self._since.clear()
         self._distance = self._turn = 0.0
         node = len(self._nodes) - 1
         if node % self._settings.loop_interval == 0:
             self._close_loops(node)
-        if self._stale and node - self._last_optimised > OPTIMISE_INTERVAL:
+        if node - self._last_optimised > OPTIMISE_INTERVAL:
             self._optimise()
 
-    def _step_covariance(self) -> FloatArray:
-        """Covariance of the motion since the last node, in the map frame."""
-        odometry = np.diag(self._variances[[0, 0, 1]] + np.square(ODOMETRY_FLOOR))
-        if self._match_covariance is None:
-            return odometry
-        match = 2.0 * self._match_covariance + np.diag(np.square(STEP_FLOOR))
-        return np.asarray(np.linalg.inv(np.linalg.inv(odometry) + np.linalg.inv(match)), dtype=np.float64)
+    def _append_step(self, pose: FloatArray) -> None:
+        before = self._nodes.poses[-1].copy()
+        self._steps.append(before, np.concatenate(self._since), self._variances.copy(), pose, self._scan_match)
+
+    def _step_covariances(self) -> FloatArray:
+        """Covariances (nodes, 3, 3) of the steps to each node, in the map frame; zero for the first."""
+        steps = self._steps.covariances(self._calibration)
+        turned = np.array([rotation(float(theta)) for theta in self._nodes.poses[: len(steps), 2]]).reshape(-1, 3, 3)
+        return np.concatenate([np.zeros((1, 3, 3)), turned @ steps @ turned.transpose(0, 2, 1)])
 
     @property
     def covariance(self) -> FloatArray:
@@ -196,7 +187,12 @@ class PoseGraphMapper(ParticleFilter):
         if len(self._nodes) == 0:
             return np.zeros((3, 3))
         moved = self._poses[0, :2] - self._nodes.poses[-1, :2]
-        return step_covariance(moved, self._uncertainty.latest, self._step_covariance())
+        information = np.diag(1.0 / (self._variances[[0, 0, 1]] + 1e-6))
+        if self._scan_match is not None:
+            turned = rotation(float(self._poses[0, 2]))
+            match = self._scan_match.covariance + np.diag(np.square(MATCH_FLOOR))
+            information = information + np.linalg.inv(turned @ match @ turned.T)
+        return step_covariance(moved, self._uncertainty.latest, np.asarray(np.linalg.inv(information)))
 
     def _match(
         self, points: FloatArray, reference: int, members: IntArray, guess: FloatArray, prior_info: FloatArray,
@@ -247,7 +243,7 @@ class PoseGraphMapper(ParticleFilter):
     def _ties(self) -> Iterator[tuple[int, int, FloatArray]]:
         """The closures with their covariances in the map frame."""
         for closure in self._closures:
-            turned = _rotation(float(self._nodes.poses[closure.old, 2]))
+            turned = rotation(float(self._nodes.poses[closure.old, 2]))
             covariance = np.linalg.inv(closure.information + np.diag([1.0, 1.0, 1.0])) + np.diag(
                 np.square(MATCH_FLOOR)
             )
@@ -283,9 +279,8 @@ class PoseGraphMapper(ParticleFilter):
 
     def _accept(self, closures: list[Closure]) -> None:
         self._closures += closures
-        self._stale = True
-        self._uncertainty.follow(self._nodes.poses, self._ties())
-        urgent = chi_squared(self._nodes.poses, _edges([], closures)) > URGENT_CHI2
+        self._uncertainty.follow(self._nodes.poses, self._step_covariances(), self._ties())
+        urgent = chi_squared(self._nodes.poses, _edges(closures)) > URGENT_CHI2
         if urgent.any() and len(self._nodes) - self._last_optimised > 5:
             self._optimise()
 
@@ -305,10 +300,9 @@ class PoseGraphMapper(ParticleFilter):
 
     def _optimise(self, iterations: int = 10, tolerance: float = 1e-3) -> None:
         self._last_optimised = len(self._nodes)
-        if not self._stale:
+        if len(self._nodes) < 2:
             return
-        self._stale = False
-        edges = _edges(self._steps, self._closures)
+        edges = joined(self._steps.edges(self._calibration), _edges(self._closures))
         poses = self._nodes.poses
         width = float(chi_squared(poses, edges)[edges.robust].max(initial=0.0))
         # Graduated: what may pull shrinks from "anything" to the robust width, so that a large true
@@ -322,7 +316,7 @@ class PoseGraphMapper(ParticleFilter):
     def _drop_false_closures(self) -> None:
         if not self._closures:
             return
-        chi2 = chi_squared(self._nodes.poses, _edges([], self._closures))
+        chi2 = chi_squared(self._nodes.poses, _edges(self._closures))
         kept = [closure for closure, value in zip(self._closures, chi2, strict=True) if value < FALSE_CHI2]
         self._rejected += len(self._closures) - len(kept)
         self._closures = kept
@@ -333,7 +327,7 @@ class PoseGraphMapper(ParticleFilter):
         """Move the nodes to ``poses``, the scans between them along, and make the map again from there."""
         old = self._tree.poses_along(np.zeros(len(self._tree), dtype=np.int64))
         self._nodes.poses[:] = poses
-        self._uncertainty.follow(self._nodes.poses, self._ties())
+        self._uncertainty.follow(self._nodes.poses, self._step_covariances(), self._ties())
         corrected = poses_between(poses, np.array(self._steps_of_nodes), old)
         self._tree.replace_poses(corrected)
         self._poses[0] = corrected[-1]
@@ -348,17 +342,11 @@ class PoseGraphMapper(ParticleFilter):
         self._grid = None
 
 
-def _rotation(angle: float) -> FloatArray:
-    cos, sin = np.cos(angle), np.sin(angle)
-    return np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
-
-
-def _edges(steps: list[Closure], closures: list[Closure]) -> Edges:
-    together = [*steps, *closures]
+def _edges(closures: list[Closure]) -> Edges:
     return Edges(
-        first=np.array([edge.old for edge in together], dtype=np.int64),
-        second=np.array([edge.new for edge in together], dtype=np.int64),
-        measured=np.array([edge.measured for edge in together], dtype=np.float64).reshape(-1, 3),
-        information=np.array([edge.information for edge in together], dtype=np.float64).reshape(-1, 3, 3),
-        robust=np.arange(len(together)) >= len(steps),
+        first=np.array([edge.old for edge in closures], dtype=np.int64),
+        second=np.array([edge.new for edge in closures], dtype=np.int64),
+        measured=np.array([edge.measured for edge in closures], dtype=np.float64).reshape(-1, 3),
+        information=np.array([edge.information for edge in closures], dtype=np.float64).reshape(-1, 3, 3),
+        robust=np.ones(len(closures), dtype=np.bool_),
     )

@@ -1,0 +1,126 @@
+"""What odometry and matching say of the motion between successive nodes: two edges of the graph for each step.
+
+They are kept apart, so that what is learned of the odometry later corrects the beginning of the path, too.
+"""
+
+import numpy as np
+
+from slamgym.core.geometry import wrap_angle
+from slamgym.core.types import FloatArray
+from slamgym.metrics.trajectory import relative_poses
+from slamgym.slam.graph.solver import Edges
+from slamgym.slam.odometry_calibration import OdometryCalibration
+from slamgym.slam.particle_filter import ScanMatch
+
+ODOMETRY_FLOOR = (0.001, 0.001, 0.0005)
+"""Odometry between two nodes is never trusted further than this [m], [m], [rad]."""
+MATCH_FLOOR = (0.01, 0.01, 0.003)
+"""Nor are two matches [m], [m], [rad]."""
+
+
+class PathSteps:
+    """The steps from each node to the next."""
+
+    def __init__(self) -> None:
+        self._increments: list[FloatArray] = []
+        self._variances: list[FloatArray] = []
+        self._matched: list[tuple[int, FloatArray, FloatArray]] = []  # step, relative pose, covariance
+        self._last: ScanMatch | None = None
+
+    def __len__(self) -> int:
+        return len(self._increments)
+
+    def begin(self, match: ScanMatch | None) -> None:
+        """Take the match of the first node."""
+        self._last = match
+
+    def append(
+        self, before: FloatArray, increments: FloatArray, variances: FloatArray, pose: FloatArray, match: ScanMatch | None
+    ) -> None:  # fmt: skip
+        """Add a step.
+
+        Args:
+            before: (3,) the node that it leaves, where it is believed by now.
+            increments: (n, 3) raw odometry, in the robot frame.
+            variances: (2,) of position and heading that the odometry leaves, where nothing is learned of it.
+            pose: (3,) the node that it leads to.
+            match: What the scan alone said there; None where it can't be relied on.
+        """
+        if self._last is not None and match is not None:
+            start = _moved(before, self._last.offset)
+            relative = relative_poses(start[None], _moved(pose, match.offset)[None])[0]
+            turned = rotation(float(relative[2]))
+            covariance = self._last.covariance + turned @ match.covariance @ turned.T
+            self._matched.append((len(self), relative, covariance + np.diag(np.square(MATCH_FLOOR))))
+        self._last = match
+        self._increments.append(increments)
+        self._variances.append(variances)
+
+    def edges(self, calibration: OdometryCalibration | None) -> Edges:
+        """Edges by odometry, corrected by what is known of it, and by matching.
+
+        Odometry that a match contradicts may have lied: those edges are robust.
+        """
+        count, matched = len(self), np.array([step for step, _, _ in self._matched], dtype=np.int64)
+        measured, variances = self._odometry(calibration)
+        by_odometry = np.zeros((count, 3, 3))
+        by_odometry[:, np.arange(3), np.arange(3)] = 1.0 / variances
+        by_match = np.linalg.inv(np.array([c for _, _, c in self._matched]).reshape(-1, 3, 3))
+        first = np.concatenate([np.arange(count), matched])
+        robust = np.zeros(len(first), dtype=np.bool_)
+        robust[matched] = True
+        return Edges(
+            first=first,
+            second=first + 1,
+            measured=np.concatenate(
+                [measured, np.array([relative for _, relative, _ in self._matched]).reshape(-1, 3)]
+            ),
+            information=np.concatenate([by_odometry, by_match]),
+            robust=robust,
+        )
+
+    def covariances(self, calibration: OdometryCalibration | None) -> FloatArray:
+        """Of each step, (steps, 3, 3), in the frame of the node that it leaves."""
+        _, variances = self._odometry(calibration)
+        information = np.zeros((len(self), 3, 3))
+        information[:, np.arange(3), np.arange(3)] = 1.0 / variances
+        for step, _, covariance in self._matched:
+            information[step] += np.linalg.inv(covariance)
+        return np.asarray(np.linalg.inv(information), dtype=np.float64)
+
+    def _odometry(self, calibration: OdometryCalibration | None) -> tuple[FloatArray, FloatArray]:
+        """Motions (steps, 3) by odometry, and their variances along the axes."""
+        increments = np.concatenate(self._increments) if len(self) else np.zeros((0, 3))
+        counts = np.array([len(part) for part in self._increments], dtype=np.int64)
+        variances = np.array(self._variances).reshape(-1, 2)
+        step = np.repeat(np.arange(len(self)), counts)
+        if calibration is not None:
+            sums = np.zeros((len(self), 4))
+            travelled = np.hypot(increments[:, 0], increments[:, 1])
+            parts = [travelled, np.abs(increments[:, 2]), increments[:, 0], increments[:, 2]]
+            for k, part in enumerate(parts):
+                sums[:, k] = np.bincount(step, part, len(self))
+            variances = np.stack(calibration.variances(*sums.T), axis=1)
+            increments = calibration.correct(increments)
+        before = np.cumsum(increments[:, 2]) - increments[:, 2]
+        starts = np.cumsum(counts) - counts
+        heading = before - np.repeat(before[np.minimum(starts, max(len(before) - 1, 0))], counts) if len(before) else before
+        cos, sin = np.cos(heading), np.sin(heading)
+        motion = np.column_stack([
+            np.bincount(step, cos * increments[:, 0] - sin * increments[:, 1], len(self)),
+            np.bincount(step, sin * increments[:, 0] + cos * increments[:, 1], len(self)),
+            wrap_angle(np.bincount(step, increments[:, 2], len(self))),
+        ])  # fmt: skip
+        return motion, variances[:, [0, 0, 1]] + np.square(ODOMETRY_FLOOR)
+
+
+def rotation(angle: float) -> FloatArray:
+    """Matrix (3, 3) that turns x and y and keeps the heading."""
+    cos, sin = np.cos(angle), np.sin(angle)
+    return np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
+
+
+def _moved(pose: FloatArray, offset: FloatArray) -> FloatArray:
+    """A pose moved by an offset in its own frame."""
+    moved = rotation(float(pose[2])) @ offset
+    return np.asarray(pose + moved, dtype=np.float64)
