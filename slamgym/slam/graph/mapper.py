@@ -52,6 +52,10 @@ FINAL_WINDOW = (0.4, 0.08)
 MOST_CANDIDATES = 2
 """Places that are compared with each scan."""
 
+import os
+BS=float(os.environ.get("BS",".1"));UQ=float(os.environ.get("UQ","0"));CHI=float(os.environ.get("CHI","0"))
+RV=float(os.environ.get("RV","0")); RVM=float(os.environ.get("RVM",".15"))
+
 
 class PoseGraphMapper(ParticleFilter):
     """Mode ``pose_graph``: a filter of one particle whose path and map are corrected by loop closures.
@@ -156,7 +160,8 @@ class PoseGraphMapper(ParticleFilter):
         """Make the scan just processed a node, bound to the one before by matching and by odometry."""
         pose = self._poses[0]
         if len(self._nodes) > 0:
-            self._append_step(pose)
+            poses = np.concatenate([self._nodes.poses, pose[None]])
+            self._steps.append(poses, np.concatenate(self._since), self._variances.copy(), self._scan_match)
         else:
             self._steps.begin(self._scan_match)
         self._nodes.append(scan, pose, self._usable_points(scan.ranges, self._settings.match_range))
@@ -168,12 +173,10 @@ class PoseGraphMapper(ParticleFilter):
         node = len(self._nodes) - 1
         if node % self._settings.loop_interval == 0:
             self._close_loops(node)
+        if RV:
+            self._revisit(node)
         if node - self._last_optimised > OPTIMISE_INTERVAL:
             self._optimise()
-
-    def _append_step(self, pose: FloatArray) -> None:
-        before = self._nodes.poses[-1].copy()
-        self._steps.append(before, np.concatenate(self._since), self._variances.copy(), pose, self._scan_match)
 
     def _step_covariances(self) -> FloatArray:
         """Covariances (nodes, 3, 3) of the steps to each node, in the map frame; zero for the first."""
@@ -211,12 +214,20 @@ class PoseGraphMapper(ParticleFilter):
         local = self._matcher.local_map(
             self._nodes.points, self._nodes.counts, members, relative, guess, radius
         )
-        start = guess
-        if window > 0.0:
-            start, score = self._matcher.search(local, points, guess, window, turn, least)
-            if score <= least:
+        near = self._matcher.align(local, points, guess, guess, prior_info)
+        if window == 0.0:
+            return near
+        start, score = self._matcher.search(local, points, guess, window, turn, least)
+        if score <= least:
+            return near
+        far = self._matcher.align(local, points, start, guess, prior_info)
+        if far.fit < near.fit + BS:
+            return near
+        if UQ>0 and np.hypot(*(start-guess)[:2])>.3:
+            other, second = self._matcher.search(local, points, guess, window, turn, score - UQ, start)
+            if second > score - UQ:
                 return None
-        return self._matcher.align(local, points, start, guess, prior_info)
+        return far
 
     # --- loops ---
 
@@ -240,6 +251,23 @@ class PoseGraphMapper(ParticleFilter):
                 self._accept([closure, *allies])
                 self._pending.clear()
 
+    def _revisit(self, node: int) -> None:
+        """Tie the newest node to an old one beside it, where the map has been matched with it already."""
+        poses = self._nodes.poses
+        away = np.hypot(poses[:, 0] - poses[node, 0], poses[:, 1] - poses[node, 1])
+        away += 0.5 * np.abs(wrap_angle(poses[:, 2] - poses[node, 2]))
+        away[max(0, node - self._settings.local_nodes) :] = np.inf
+        old = int(np.argmin(away))
+        if away[old] > RV or any(closure.new == node for closure in self._closures[-2:]):
+            return
+        closure = self._close(node, LoopCandidate(old, 0.0, 0.0), self._settings.loop_fit)
+        if closure is None:
+            return
+        implied = relative_poses(poses[[old]], poses[[node]])[0]
+        moved = float(np.hypot(*(closure.measured[:2] - implied[:2])))
+        if moved < RVM:
+            self._closures.append(closure)
+
     def _ties(self) -> Iterator[tuple[int, int, FloatArray]]:
         """The closures with their covariances in the map frame."""
         for closure in self._closures:
@@ -252,6 +280,11 @@ class PoseGraphMapper(ParticleFilter):
     def _is_expected(self, closure: Closure) -> bool:
         """Whether a closure moves the newest node no further than its uncertainty allows."""
         implied = relative_poses(self._nodes.poses[[closure.old]], self._nodes.poses[[closure.new]])[0]
+        if CHI:
+            error=closure.measured-implied; error[2]=wrap_angle(error[2])
+            turned=rotation(-float(self._nodes.poses[closure.old,2]))
+            cov=turned@self._uncertainty.latest@turned.T+np.linalg.inv(closure.information+np.eye(3))+np.diag(np.square([.05,.05,.02]))
+            return bool(error@np.linalg.solve(cov,error)<CHI)
         moved = float(np.hypot(*(closure.measured[:2] - implied[:2])))
         covariance = self._uncertainty.latest
         return moved < EXPECTED_METRES + EXPECTED_SIGMAS * float(np.sqrt(covariance[0, 0] + covariance[1, 1]))

@@ -17,6 +17,10 @@ ODOMETRY_FLOOR = (0.001, 0.001, 0.0005)
 MATCH_FLOOR = (0.01, 0.01, 0.003)
 """Nor are two matches [m], [m], [rad]."""
 
+import os
+MATCHED_BACK = tuple(eval(os.environ.get("MB","(1,)")))
+FS=float(os.environ.get("FS","0"))
+
 
 class PathSteps:
     """The steps from each node to the next."""
@@ -24,35 +28,39 @@ class PathSteps:
     def __init__(self) -> None:
         self._increments: list[FloatArray] = []
         self._variances: list[FloatArray] = []
-        self._matched: list[tuple[int, FloatArray, FloatArray]] = []  # step, relative pose, covariance
-        self._last: ScanMatch | None = None
+        self._matches: list[ScanMatch | None] = []  # of each node
+        self._matched: list[tuple[int, int, FloatArray, FloatArray]] = []  # nodes, relative pose, covariance
 
     def __len__(self) -> int:
         return len(self._increments)
 
     def begin(self, match: ScanMatch | None) -> None:
         """Take the match of the first node."""
-        self._last = match
+        self._matches.append(match)
 
     def append(
-        self, before: FloatArray, increments: FloatArray, variances: FloatArray, pose: FloatArray, match: ScanMatch | None
-    ) -> None:  # fmt: skip
+        self, poses: FloatArray, increments: FloatArray, variances: FloatArray, match: ScanMatch | None
+    ) -> None:
         """Add a step.
 
         Args:
-            before: (3,) the node that it leaves, where it is believed by now.
+            poses: (N, 3) all nodes where they are believed by now, the last being the one that the step leads to.
             increments: (n, 3) raw odometry, in the robot frame.
             variances: (2,) of position and heading that the odometry leaves, where nothing is learned of it.
-            pose: (3,) the node that it leads to.
             match: What the scan alone said there; None where it can't be relied on.
         """
-        if self._last is not None and match is not None:
-            start = _moved(before, self._last.offset)
-            relative = relative_poses(start[None], _moved(pose, match.offset)[None])[0]
+        node = len(poses) - 1
+        for back in MATCHED_BACK:
+            last = self._matches[node - back] if back <= node else None
+            if last is None or match is None:
+                continue
+            ends = _moved(poses[node - back], last.offset), _moved(poses[node], match.offset)
+            relative = relative_poses(ends[0][None], ends[1][None])[0]
             turned = rotation(float(relative[2]))
-            covariance = self._last.covariance + turned @ match.covariance @ turned.T
-            self._matched.append((len(self), relative, covariance + np.diag(np.square(MATCH_FLOOR))))
-        self._last = match
+            covariance = last.covariance + turned @ match.covariance @ turned.T
+            floor = np.diag(np.square(MATCH_FLOOR))*(1+FS*(back-1))
+            self._matched.append((node - back, node, relative, covariance + floor))
+        self._matches.append(match)
         self._increments.append(increments)
         self._variances.append(variances)
 
@@ -61,19 +69,20 @@ class PathSteps:
 
         Odometry that a match contradicts may have lied: those edges are robust.
         """
-        count, matched = len(self), np.array([step for step, _, _ in self._matched], dtype=np.int64)
+        count = len(self)
+        matched = np.array([match[:2] for match in self._matched], dtype=np.int64).reshape(-1, 2)
         measured, variances = self._odometry(calibration)
         by_odometry = np.zeros((count, 3, 3))
         by_odometry[:, np.arange(3), np.arange(3)] = 1.0 / variances
-        by_match = np.linalg.inv(np.array([c for _, _, c in self._matched]).reshape(-1, 3, 3))
-        first = np.concatenate([np.arange(count), matched])
+        by_match = np.linalg.inv(np.array([match[3] for match in self._matched]).reshape(-1, 3, 3))
+        first = np.concatenate([np.arange(count), matched[:, 0]])
         robust = np.zeros(len(first), dtype=np.bool_)
-        robust[matched] = True
+        robust[matched[matched[:, 1] == matched[:, 0] + 1, 0]] = True
         return Edges(
             first=first,
-            second=first + 1,
+            second=np.concatenate([np.arange(1, count + 1), matched[:, 1]]),
             measured=np.concatenate(
-                [measured, np.array([relative for _, relative, _ in self._matched]).reshape(-1, 3)]
+                [measured, np.array([match[2] for match in self._matched]).reshape(-1, 3)]
             ),
             information=np.concatenate([by_odometry, by_match]),
             robust=robust,
@@ -84,8 +93,9 @@ class PathSteps:
         _, variances = self._odometry(calibration)
         information = np.zeros((len(self), 3, 3))
         information[:, np.arange(3), np.arange(3)] = 1.0 / variances
-        for step, _, covariance in self._matched:
-            information[step] += np.linalg.inv(covariance)
+        for old, new, _, covariance in self._matched:
+            if new == old + 1:
+                information[old] += np.linalg.inv(covariance)
         return np.asarray(np.linalg.inv(information), dtype=np.float64)
 
     def _odometry(self, calibration: OdometryCalibration | None) -> tuple[FloatArray, FloatArray]:
