@@ -36,6 +36,8 @@ OUTLIER = 9.0
 
 
 import os
+QH=float(os.environ.get("QH","0.35"))
+JS=float(os.environ.get("JS","3"))
 LEAST = float(os.environ.get('LEAST','.01'))
 
 
@@ -69,10 +71,22 @@ class OdometryCalibration:
     def correct(self, increments: FloatArray) -> FloatArray:
         """Take the systematic errors out of motions in the robot frame, shape (steps, 3)."""
         corrected = np.array(increments, dtype=np.float64)
-        drift, turn = self.heading
-        corrected[:, :2] *= 1.0 + self.scale
+        share = self.significance
+        drift, turn = share * self.heading
+        corrected[:, :2] *= 1.0 + share * self.scale
         corrected[:, 2] += drift * increments[:, 0] + turn * increments[:, 2]
         return corrected
+
+    @property
+    def significance(self) -> float:
+        """Share of the systematic errors that is believed (positive-part James and Stein).
+
+        Matches err together, and what they say of wheels that are true must not bend the path.
+        """
+        squared = self.scale**2 / self._scale_variance
+        squared += float(self.heading @ np.linalg.solve(self._heading_covariance, self.heading))
+        doubt = JS**2 * min(max((QH - self.heading_noise) / .2, 0.0), 1.0)
+        return max(0.0, 1.0 - doubt / max(squared, 1e-9))
 
     def spread(self, increments: FloatArray) -> MotionSpread:
         """How far a motion by odometry may be off once it is corrected.
@@ -182,6 +196,7 @@ class OdometryCalibration:
         gain = self._scale_variance * length / spread
         self.scale += gain * innovation
         self._scale_variance *= 1.0 - gain * length
+
 
 
 def _lengths(increments: FloatArray) -> tuple[float, float]:

@@ -53,8 +53,8 @@ MOST_CANDIDATES = 2
 """Places that are compared with each scan."""
 
 import os
-BS=float(os.environ.get("BS",".1"));UQ=float(os.environ.get("UQ","0"));CHI=float(os.environ.get("CHI","0"))
-RV=float(os.environ.get("RV","0")); RVM=float(os.environ.get("RVM",".15"))
+BS=float(os.environ.get("BS",".1"));UQ=float(os.environ.get("UQ","0"));CHI=float(os.environ.get("CHI","12"))
+RV=float(os.environ.get("RV","1")); RVM=float(os.environ.get("RVM",".15"))
 
 
 class PoseGraphMapper(ParticleFilter):

@@ -18,7 +18,7 @@ MATCH_FLOOR = (0.01, 0.01, 0.003)
 """Nor are two matches [m], [m], [rad]."""
 
 import os
-MATCHED_BACK = tuple(eval(os.environ.get("MB","(1,)")))
+MATCHED_BACK = tuple(eval(os.environ.get("MB","(1,3,8)")))
 FS=float(os.environ.get("FS","0"))
 
 
