@@ -53,6 +53,7 @@ MOST_CANDIDATES = 2
 """Places that are compared with each scan."""
 
 import os
+CHIA=float(os.environ.get("CHIA","25"))
 BS=float(os.environ.get("BS",".1"));UQ=float(os.environ.get("UQ","0"));CHI=float(os.environ.get("CHI","12"))
 RV=float(os.environ.get("RV","1")); RVM=float(os.environ.get("RVM",".15"))
 
@@ -77,6 +78,7 @@ class PoseGraphMapper(ParticleFilter):
         self._pending: list[Closure] = []
         self._uncertainty = PathUncertainty()
         self._rejected = 0
+        self._refused = 0
         self._last_optimised = 0
         self._variances = np.zeros(2)  # of position and heading by odometry since the last node
         self._distance = self._turn = 0.0
@@ -240,7 +242,10 @@ class PoseGraphMapper(ParticleFilter):
             closure = self._close(node, candidate, self._settings.loop_fit)
             if closure is None:
                 continue
-            if candidate.window <= self._settings.trusted_window and self._is_expected(closure):
+            if not self._is_expected(closure, CHIA):
+                self._refused+=1
+                continue
+            if candidate.window <= self._settings.trusted_window and self._is_expected(closure, CHI):
                 self._accept([closure])
                 continue
             allies = [
@@ -277,14 +282,14 @@ class PoseGraphMapper(ParticleFilter):
             )
             yield closure.old, closure.new, turned @ covariance @ turned.T
 
-    def _is_expected(self, closure: Closure) -> bool:
+    def _is_expected(self, closure: Closure, chi: float) -> bool:
         """Whether a closure moves the newest node no further than its uncertainty allows."""
         implied = relative_poses(self._nodes.poses[[closure.old]], self._nodes.poses[[closure.new]])[0]
-        if CHI:
+        if chi:
             error=closure.measured-implied; error[2]=wrap_angle(error[2])
             turned=rotation(-float(self._nodes.poses[closure.old,2]))
             cov=turned@self._uncertainty.latest@turned.T+np.linalg.inv(closure.information+np.eye(3))+np.diag(np.square([.05,.05,.02]))
-            return bool(error@np.linalg.solve(cov,error)<CHI)
+            return bool(error@np.linalg.solve(cov,error)<chi)
         moved = float(np.hypot(*(closure.measured[:2] - implied[:2])))
         covariance = self._uncertainty.latest
         return moved < EXPECTED_METRES + EXPECTED_SIGMAS * float(np.sqrt(covariance[0, 0] + covariance[1, 1]))
