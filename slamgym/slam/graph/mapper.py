@@ -54,6 +54,7 @@ MOST_CANDIDATES = 2
 
 import os
 CHIA=float(os.environ.get("CHIA","25"))
+STALE=int(os.environ.get("STALE","0"))
 BS=float(os.environ.get("BS",".1"));UQ=float(os.environ.get("UQ","0"));CHI=float(os.environ.get("CHI","12"))
 RV=float(os.environ.get("RV","1")); RVM=float(os.environ.get("RVM",".15"))
 
@@ -78,6 +79,7 @@ class PoseGraphMapper(ParticleFilter):
         self._pending: list[Closure] = []
         self._uncertainty = PathUncertainty()
         self._rejected = 0
+        self._known=0
         self._refused = 0
         self._last_optimised = 0
         self._variances = np.zeros(2)  # of position and heading by odometry since the last node
@@ -338,8 +340,9 @@ class PoseGraphMapper(ParticleFilter):
 
     def _optimise(self, iterations: int = 10, tolerance: float = 1e-3) -> None:
         self._last_optimised = len(self._nodes)
-        if len(self._nodes) < 2:
+        if len(self._nodes) < 2 or (STALE and len(self._closures)-self._known<STALE):
             return
+        self._known=len(self._closures)
         edges = joined(self._steps.edges(self._calibration), _edges(self._closures))
         poses = self._nodes.poses
         width = float(chi_squared(poses, edges)[edges.robust].max(initial=0.0))

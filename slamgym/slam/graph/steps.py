@@ -14,7 +14,9 @@ from slamgym.slam.particle_filter import ScanMatch
 
 ODOMETRY_FLOOR = (0.001, 0.001, 0.0005)
 """Odometry between two nodes is never trusted further than this [m], [m], [rad]."""
-MATCH_FLOOR = (0.01, 0.01, 0.003)
+import os
+MF=float(os.environ.get("MF","1"))
+MATCH_FLOOR = (0.01*MF, 0.01*MF, 0.003*MF)
 """Nor are two matches [m], [m], [rad]."""
 
 import os
