@@ -35,10 +35,12 @@ OUTLIER = 9.0
 """A squared error beyond this many times what is expected counts as so many."""
 
 
-import os
-QH=float(os.environ.get("QH","0.35"))
-JS=float(os.environ.get("JS","3"))
-LEAST = float(os.environ.get('LEAST','.01'))
+LEAST_NOISE = 0.01
+"""Share of the random errors above that stays, however true the odometry seems."""
+TRUE_NOISE, FAULTY_NOISE = 0.15, 0.35
+"""Below the first noise of the heading the odometry seems to be true, above the second it doesn't."""
+SIGNIFICANT = 9.0
+"""Systematic errors of odometry that seems to be true are believed beyond this chi-squared."""
 
 
 @dataclass
@@ -81,12 +83,13 @@ class OdometryCalibration:
     def significance(self) -> float:
         """Share of the systematic errors that is believed (positive-part James and Stein).
 
-        Matches err together, and what they say of wheels that are true must not bend the path.
+        Matches err together, so they always say something of the odometry. Where its random errors are so small that
+        it seems to be true, only significant systematic ones count.
         """
         squared = self.scale**2 / self._scale_variance
         squared += float(self.heading @ np.linalg.solve(self._heading_covariance, self.heading))
-        doubt = JS**2 * min(max((QH - self.heading_noise) / .2, 0.0), 1.0)
-        return max(0.0, 1.0 - doubt / max(squared, 1e-9))
+        truth = (FAULTY_NOISE - self.heading_noise) / (FAULTY_NOISE - TRUE_NOISE)
+        return max(0.0, 1.0 - SIGNIFICANT * min(max(truth, 0.0), 1.0) / max(squared, 1e-9))
 
     def spread(self, increments: FloatArray) -> MotionSpread:
         """How far a motion by odometry may be off once it is corrected.
@@ -123,8 +126,8 @@ class OdometryCalibration:
     def _random(self, distance: Any, turn: Any) -> tuple[Any, Any]:
         heading = SLIP_DRIFT**2 * distance + SLIP_TURN**2 * turn
         return (
-            max(self.distance_noise, LEAST) * SLIP_DISTANCE**2 * distance,
-            max(self.heading_noise, LEAST) * heading,
+            max(self.distance_noise, LEAST_NOISE) * SLIP_DISTANCE**2 * distance,
+            max(self.heading_noise, LEAST_NOISE) * heading,
         )
 
     def _systematic(self, forward: Any, turned: Any) -> tuple[Any, Any]:
@@ -167,7 +170,7 @@ class OdometryCalibration:
         shares = np.array([self._signed, self._odometry.theta])
         slip = SLIP_DRIFT**2 * self._distance + SLIP_TURN**2 * self._turn
         innovation = error - float(self.heading @ shares)
-        expected = max(self.heading_noise,LEAST) * slip + match_variance
+        expected = max(self.heading_noise, LEAST_NOISE) * slip + match_variance
         spread = float(shares @ self._heading_covariance @ shares) + expected
         excess = (min(innovation**2, OUTLIER * spread) - match_variance) / slip
         self.heading_noise = (self._heading_weight * self.heading_noise + excess) / (
@@ -185,7 +188,9 @@ class OdometryCalibration:
     def _learn_distance(self, error: float, length: float, match_variance: float) -> None:
         slip = SLIP_DISTANCE**2 * self._distance
         innovation = error - self.scale * length
-        spread = self._scale_variance * length**2 + max(self.distance_noise,LEAST) * slip + match_variance
+        spread = (
+            self._scale_variance * length**2 + max(self.distance_noise, LEAST_NOISE) * slip + match_variance
+        )
         excess = (min(innovation**2, OUTLIER * spread) - match_variance) / slip
         self.distance_noise = (self._distance_weight * self.distance_noise + excess) / (
             self._distance_weight + 1.0
@@ -196,7 +201,6 @@ class OdometryCalibration:
         gain = self._scale_variance * length / spread
         self.scale += gain * innovation
         self._scale_variance *= 1.0 - gain * length
-
 
 
 def _lengths(increments: FloatArray) -> tuple[float, float]:

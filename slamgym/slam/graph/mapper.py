@@ -1,8 +1,8 @@
 """Graph-based SLAM: the mode that closes loops globally, which GMapping can't.
 
-Every processed scan is a node. It is matched with the scans before it, which gives an edge to its
-predecessor; when the robot may have come back to a place, it is searched for among the old scans there, which
-gives a loop closure. Least squares over all edges corrects the whole path at once, and the map is redrawn.
+Some scans are nodes. Odometry, corrected by what is known of it by now, and matching with the map each give edges
+between successive nodes; when the robot may have come back to a place, it is searched for among the old scans there,
+which gives a loop closure. Least squares over all edges corrects the whole path at once, and the map is redrawn.
 """
 
 import time
@@ -16,6 +16,7 @@ from slamgym.core.types import FloatArray, IntArray, LaserGeometry, LaserScan, P
 from slamgym.metrics.trajectory import relative_poses
 from slamgym.slam.config import SlamConfig
 from slamgym.slam.graph.loop_closure import (
+    HEADING_COST,
     LOOP_EDGE_LENGTH,
     Closure,
     LoopCandidate,
@@ -25,7 +26,7 @@ from slamgym.slam.graph.loop_closure import (
 )
 from slamgym.slam.graph.matching import NodeMatch, NodeMatcher
 from slamgym.slam.graph.nodes import GraphNodes
-from slamgym.slam.graph.steps import MATCH_FLOOR, PathSteps, rotation
+from slamgym.slam.graph.steps import MATCH_FLOOR, ODOMETRY_FLOOR, PathSteps, rotation
 from slamgym.slam.graph.solver import Edges, chi_squared, joined, optimise
 from slamgym.slam.graph.uncertainty import PathUncertainty, step_covariance
 from slamgym.slam.hit_counts import HitCountMap
@@ -33,12 +34,18 @@ from slamgym.slam.particle_filter import FEW_POINTS, ParticleFilter
 from slamgym.slam.particles import ParticleMaps
 from slamgym.slam.path_correction import poses_between
 
-EXPECTED_METRES, EXPECTED_SIGMAS = 0.25, 3.0
-"""A single closure may move a node so far [m] and so many standard deviations more; beyond, others must agree."""
+EXPECTED_CHI2, AGREEING_CHI2 = 12.0, 25.0
+"""A closure may disagree so much with the path and its uncertainty: one alone, and one of several that agree."""
+CLOSURE_FLOOR = (0.05, 0.05, 0.02)
+"""What a closure and the path may disagree by anyway [m], [m], [rad]."""
 WIDE_WINDOW = (0.3, 0.15)
 """Least half width of the search for a scan that fits poorly [m], [rad]."""
 BETTER_SHARE = 0.1
-"""What is found there counts if so many more of the points fit."""
+"""What a search finds counts if so many more of the points fit than where the path says."""
+AMBIGUOUS_METRES, AMBIGUOUS_SCORE = 0.3, 0.08
+"""A search that leads further than this must find no other place whose score is so near [m]."""
+REVISIT_METRES, REVISIT_MOVED = 1.0, 0.15
+"""A node this near to an old one is tied to it, if that moves it no further than this [m]."""
 NEIGHBOURS = 8
 """A loop is sought in the scans up to so many nodes before and after the candidate."""
 URGENT_CHI2 = 20.0
@@ -51,12 +58,6 @@ FINAL_WINDOW = (0.4, 0.08)
 """Search window of the first final pass [m], [rad]."""
 MOST_CANDIDATES = 2
 """Places that are compared with each scan."""
-
-import os
-CHIA=float(os.environ.get("CHIA","25"))
-STALE=int(os.environ.get("STALE","0"))
-BS=float(os.environ.get("BS",".1"));UQ=float(os.environ.get("UQ","0"));CHI=float(os.environ.get("CHI","12"))
-RV=float(os.environ.get("RV","1")); RVM=float(os.environ.get("RVM",".15"))
 
 
 class PoseGraphMapper(ParticleFilter):
@@ -79,8 +80,6 @@ class PoseGraphMapper(ParticleFilter):
         self._pending: list[Closure] = []
         self._uncertainty = PathUncertainty()
         self._rejected = 0
-        self._known=0
-        self._refused = 0
         self._last_optimised = 0
         self._variances = np.zeros(2)  # of position and heading by odometry since the last node
         self._distance = self._turn = 0.0
@@ -177,15 +176,16 @@ class PoseGraphMapper(ParticleFilter):
         node = len(self._nodes) - 1
         if node % self._settings.loop_interval == 0:
             self._close_loops(node)
-        if RV:
-            self._revisit(node)
+        self._revisit(node)
         if node - self._last_optimised > OPTIMISE_INTERVAL:
             self._optimise()
 
     def _step_covariances(self) -> FloatArray:
         """Covariances (nodes, 3, 3) of the steps to each node, in the map frame; zero for the first."""
         steps = self._steps.covariances(self._calibration)
-        turned = np.array([rotation(float(theta)) for theta in self._nodes.poses[: len(steps), 2]]).reshape(-1, 3, 3)
+        turned = np.array([rotation(float(theta)) for theta in self._nodes.poses[: len(steps), 2]]).reshape(
+            -1, 3, 3
+        )
         return np.concatenate([np.zeros((1, 3, 3)), turned @ steps @ turned.transpose(0, 2, 1)])
 
     @property
@@ -194,7 +194,7 @@ class PoseGraphMapper(ParticleFilter):
         if len(self._nodes) == 0:
             return np.zeros((3, 3))
         moved = self._poses[0, :2] - self._nodes.poses[-1, :2]
-        information = np.diag(1.0 / (self._variances[[0, 0, 1]] + 1e-6))
+        information = np.diag(1.0 / (self._variances[[0, 0, 1]] + np.square(ODOMETRY_FLOOR)))
         if self._scan_match is not None:
             turned = rotation(float(self._poses[0, 2]))
             match = self._scan_match.covariance + np.diag(np.square(MATCH_FLOOR))
@@ -225,11 +225,12 @@ class PoseGraphMapper(ParticleFilter):
         if score <= least:
             return near
         far = self._matcher.align(local, points, start, guess, prior_info)
-        if far.fit < near.fit + BS:
+        if far.fit < near.fit + BETTER_SHARE:
             return near
-        if UQ>0 and np.hypot(*(start-guess)[:2])>.3:
-            other, second = self._matcher.search(local, points, guess, window, turn, score - UQ, start)
-            if second > score - UQ:
+        if np.hypot(*(start - guess)[:2]) > AMBIGUOUS_METRES:
+            nearly = score - AMBIGUOUS_SCORE
+            _, second = self._matcher.search(local, points, guess, window, turn, nearly, start)
+            if second > nearly:
                 return None
         return far
 
@@ -244,10 +245,11 @@ class PoseGraphMapper(ParticleFilter):
             closure = self._close(node, candidate, self._settings.loop_fit)
             if closure is None:
                 continue
-            if not self._is_expected(closure, CHIA):
-                self._refused+=1
+            chi2 = self._disagreement(closure)
+            if chi2 > AGREEING_CHI2:
+                self._rejected += 1
                 continue
-            if candidate.window <= self._settings.trusted_window and self._is_expected(closure, CHI):
+            if candidate.window <= self._settings.trusted_window and chi2 < EXPECTED_CHI2:
                 self._accept([closure])
                 continue
             allies = [
@@ -262,17 +264,17 @@ class PoseGraphMapper(ParticleFilter):
         """Tie the newest node to an old one beside it, where the map has been matched with it already."""
         poses = self._nodes.poses
         away = np.hypot(poses[:, 0] - poses[node, 0], poses[:, 1] - poses[node, 1])
-        away += 0.5 * np.abs(wrap_angle(poses[:, 2] - poses[node, 2]))
+        away += HEADING_COST * np.abs(wrap_angle(poses[:, 2] - poses[node, 2]))
         away[max(0, node - self._settings.local_nodes) :] = np.inf
         old = int(np.argmin(away))
-        if away[old] > RV or any(closure.new == node for closure in self._closures[-2:]):
+        if away[old] > REVISIT_METRES or any(closure.new == node for closure in self._closures[-2:]):
             return
         closure = self._close(node, LoopCandidate(old, 0.0, 0.0), self._settings.loop_fit)
         if closure is None:
             return
         implied = relative_poses(poses[[old]], poses[[node]])[0]
         moved = float(np.hypot(*(closure.measured[:2] - implied[:2])))
-        if moved < RVM:
+        if moved < REVISIT_MOVED:
             self._closures.append(closure)
 
     def _ties(self) -> Iterator[tuple[int, int, FloatArray]]:
@@ -284,17 +286,15 @@ class PoseGraphMapper(ParticleFilter):
             )
             yield closure.old, closure.new, turned @ covariance @ turned.T
 
-    def _is_expected(self, closure: Closure, chi: float) -> bool:
-        """Whether a closure moves the newest node no further than its uncertainty allows."""
+    def _disagreement(self, closure: Closure) -> float:
+        """Chi-squared of a closure, given how far off the path may be."""
         implied = relative_poses(self._nodes.poses[[closure.old]], self._nodes.poses[[closure.new]])[0]
-        if chi:
-            error=closure.measured-implied; error[2]=wrap_angle(error[2])
-            turned=rotation(-float(self._nodes.poses[closure.old,2]))
-            cov=turned@self._uncertainty.latest@turned.T+np.linalg.inv(closure.information+np.eye(3))+np.diag(np.square([.05,.05,.02]))
-            return bool(error@np.linalg.solve(cov,error)<chi)
-        moved = float(np.hypot(*(closure.measured[:2] - implied[:2])))
-        covariance = self._uncertainty.latest
-        return moved < EXPECTED_METRES + EXPECTED_SIGMAS * float(np.sqrt(covariance[0, 0] + covariance[1, 1]))
+        error = closure.measured - implied
+        error[2] = wrap_angle(error[2])
+        turned = rotation(-float(self._nodes.poses[closure.old, 2]))
+        covariance = turned @ self._uncertainty.latest @ turned.T
+        covariance += np.linalg.inv(closure.information + np.eye(3)) + np.diag(np.square(CLOSURE_FLOOR))
+        return float(error @ np.linalg.solve(covariance, error))
 
     def _close(self, node: int, candidate: LoopCandidate, least_fit: float) -> Closure | None:
         old = candidate.node
@@ -340,9 +340,8 @@ class PoseGraphMapper(ParticleFilter):
 
     def _optimise(self, iterations: int = 10, tolerance: float = 1e-3) -> None:
         self._last_optimised = len(self._nodes)
-        if len(self._nodes) < 2 or (STALE and len(self._closures)-self._known<STALE):
+        if len(self._nodes) < 2:
             return
-        self._known=len(self._closures)
         edges = joined(self._steps.edges(self._calibration), _edges(self._closures))
         poses = self._nodes.poses
         width = float(chi_squared(poses, edges)[edges.robust].max(initial=0.0))

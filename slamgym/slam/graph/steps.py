@@ -14,14 +14,10 @@ from slamgym.slam.particle_filter import ScanMatch
 
 ODOMETRY_FLOOR = (0.001, 0.001, 0.0005)
 """Odometry between two nodes is never trusted further than this [m], [m], [rad]."""
-import os
-MF=float(os.environ.get("MF","1"))
-MATCH_FLOOR = (0.01*MF, 0.01*MF, 0.003*MF)
+MATCH_FLOOR = (0.01, 0.01, 0.003)
 """Nor are two matches [m], [m], [rad]."""
-
-import os
-MATCHED_BACK = tuple(eval(os.environ.get("MB","(1,3,8)")))
-FS=float(os.environ.get("FS","0"))
+MATCHED_BACK = (1, 3, 8)
+"""A match ties a node to those so many nodes before it: all were matched with the same map."""
 
 
 class PathSteps:
@@ -60,8 +56,8 @@ class PathSteps:
             relative = relative_poses(ends[0][None], ends[1][None])[0]
             turned = rotation(float(relative[2]))
             covariance = last.covariance + turned @ match.covariance @ turned.T
-            floor = np.diag(np.square(MATCH_FLOOR))*(1+FS*(back-1))
-            self._matched.append((node - back, node, relative, covariance + floor))
+            covariance = covariance + np.diag(np.square(MATCH_FLOOR))
+            self._matched.append((node - back, node, relative, covariance))
         self._matches.append(match)
         self._increments.append(increments)
         self._variances.append(variances)
@@ -115,8 +111,7 @@ class PathSteps:
             variances = np.stack(calibration.variances(*sums.T), axis=1)
             increments = calibration.correct(increments)
         before = np.cumsum(increments[:, 2]) - increments[:, 2]
-        starts = np.cumsum(counts) - counts
-        heading = before - np.repeat(before[np.minimum(starts, max(len(before) - 1, 0))], counts) if len(before) else before
+        heading = before - np.repeat(before[np.cumsum(counts) - counts], counts)
         cos, sin = np.cos(heading), np.sin(heading)
         motion = np.column_stack([
             np.bincount(step, cos * increments[:, 0] - sin * increments[:, 1], len(self)),
