@@ -222,7 +222,7 @@ class ParticleFilter(GatedMapper):
 
     def _align_freely(self, pose: FloatArray, points: FloatArray, particle: int = 0) -> FloatArray:
         """What the scan alone says from a pose on: pose, score, binding; see :func:`align_freely`."""
-        free = np.empty(10)
+        free = np.empty(11)
         align_freely(self._maps.tile_maps, particle, pose, points, self._match_settings, free)
         return free
 
@@ -263,7 +263,7 @@ class ParticleFilter(GatedMapper):
         if share < RELIABLE_SHARE or num_points < FEW_POINTS:
             calibration.restart()
             return
-        uu, uv, vv, ut, vt, tt = free[4:]
+        uu, uv, vv, ut, vt, tt = free[5:]
         cos, sin = np.cos(self._poses[best, 2]), np.sin(self._poses[best, 2])
         turned = np.array([[cos, sin, 0.0], [-sin, cos, 0.0], [0.0, 0.0, 1.0]])
         information = POINT_INFORMATION * np.array([[uu, uv, ut], [uv, vv, vt], [ut, vt, tt]])

@@ -169,7 +169,7 @@ class PoseGraphMapper(ParticleFilter):
             self._steps.begin(self._scan_match)
         self._nodes.append(scan, pose, self._usable_points(scan.ranges, self._settings.match_range))
         self._steps_of_nodes.append(len(self._tree) - 1)
-        self._uncertainty.append(self._nodes.poses, self._step_covariances()[-1])
+        self._uncertainty.append(self._nodes.poses, self._step_covariances(len(self._nodes) - 1)[-1])
         self._variances[:] = 0.0
         self._since.clear()
         self._distance = self._turn = 0.0
@@ -180,13 +180,12 @@ class PoseGraphMapper(ParticleFilter):
         if node - self._last_optimised > OPTIMISE_INTERVAL:
             self._optimise()
 
-    def _step_covariances(self) -> FloatArray:
-        """Covariances (nodes, 3, 3) of the steps to each node, in the map frame; zero for the first."""
-        steps = self._steps.covariances(self._calibration)
-        turned = np.array([rotation(float(theta)) for theta in self._nodes.poses[: len(steps), 2]]).reshape(
-            -1, 3, 3
-        )
-        return np.concatenate([np.zeros((1, 3, 3)), turned @ steps @ turned.transpose(0, 2, 1)])
+    def _step_covariances(self, first: int = 0) -> FloatArray:
+        """Covariances (nodes, 3, 3) of the steps to each node from ``first`` on; zero to node 0."""
+        if first > 0:
+            return self._steps.covariances(self._calibration, self._nodes.poses[:, 2], first - 1)
+        steps = self._steps.covariances(self._calibration, self._nodes.poses[:, 2])
+        return np.concatenate([np.zeros((1, 3, 3)), steps])
 
     @property
     def covariance(self) -> FloatArray:

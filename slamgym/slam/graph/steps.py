@@ -86,37 +86,51 @@ class PathSteps:
             robust=robust,
         )
 
-    def covariances(self, calibration: OdometryCalibration | None) -> FloatArray:
-        """Of each step, (steps, 3, 3), in the frame of the node that it leaves."""
-        _, variances = self._odometry(calibration)
-        information = np.zeros((len(self), 3, 3))
-        information[:, np.arange(3), np.arange(3)] = 1.0 / variances
-        for old, new, _, covariance in self._matched:
-            if new == old + 1:
-                information[old] += np.linalg.inv(covariance)
-        return np.asarray(np.linalg.inv(information), dtype=np.float64)
+    def covariances(
+        self, calibration: OdometryCalibration | None, headings: FloatArray, first: int = 0
+    ) -> FloatArray:
+        """Of each step from ``first`` on, (steps, 3, 3), in the map frame.
 
-    def _odometry(self, calibration: OdometryCalibration | None) -> tuple[FloatArray, FloatArray]:
-        """Motions (steps, 3) by odometry, and their variances along the axes."""
-        increments = np.concatenate(self._increments) if len(self) else np.zeros((0, 3))
-        counts = np.array([len(part) for part in self._increments], dtype=np.int64)
-        variances = np.array(self._variances).reshape(-1, 2)
-        step = np.repeat(np.arange(len(self)), counts)
+        Args:
+            calibration: What is known of the odometry.
+            headings: (N,) of the nodes [rad].
+            first: The first step wanted.
+        """
+        _, variances = self._odometry(calibration, first)
+        information = np.zeros((len(self) - first, 3, 3))
+        information[:, np.arange(3), np.arange(3)] = 1.0 / variances
+        for old, new, _, covariance in self._matched if first == 0 else self._matched[-len(MATCHED_BACK) :]:
+            if new == old + 1 and old >= first:
+                information[old - first] += np.linalg.inv(covariance)
+        turned = np.zeros_like(information)
+        cos, sin = np.cos(headings[first : len(self)]), np.sin(headings[first : len(self)])
+        turned[:, 0, 0] = turned[:, 1, 1] = cos
+        turned[:, 0, 1], turned[:, 1, 0], turned[:, 2, 2] = -sin, sin, 1.0
+        return np.asarray(turned @ np.linalg.inv(information) @ turned.transpose(0, 2, 1))
+
+    def _odometry(self, calibration: OdometryCalibration | None, first: int = 0) -> tuple[FloatArray, FloatArray]:
+        """Motions (steps, 3) by odometry from step ``first`` on, and their variances along the axes."""
+        chosen = self._increments[first:]
+        count = len(chosen)
+        increments = np.concatenate(chosen) if chosen else np.zeros((0, 3))
+        counts = np.array([len(part) for part in chosen], dtype=np.int64)
+        variances = np.array(self._variances[first:]).reshape(-1, 2)
+        step = np.repeat(np.arange(count), counts)
         if calibration is not None:
-            sums = np.zeros((len(self), 4))
+            sums = np.zeros((count, 4))
             travelled = np.hypot(increments[:, 0], increments[:, 1])
             parts = [travelled, np.abs(increments[:, 2]), increments[:, 0], increments[:, 2]]
             for k, part in enumerate(parts):
-                sums[:, k] = np.bincount(step, part, len(self))
+                sums[:, k] = np.bincount(step, part, count)
             variances = np.stack(calibration.variances(*sums.T), axis=1)
             increments = calibration.correct(increments)
         before = np.cumsum(increments[:, 2]) - increments[:, 2]
         heading = before - np.repeat(before[np.cumsum(counts) - counts], counts)
         cos, sin = np.cos(heading), np.sin(heading)
         motion = np.column_stack([
-            np.bincount(step, cos * increments[:, 0] - sin * increments[:, 1], len(self)),
-            np.bincount(step, sin * increments[:, 0] + cos * increments[:, 1], len(self)),
-            wrap_angle(np.bincount(step, increments[:, 2], len(self))),
+            np.bincount(step, cos * increments[:, 0] - sin * increments[:, 1], count),
+            np.bincount(step, sin * increments[:, 0] + cos * increments[:, 1], count),
+            wrap_angle(np.bincount(step, increments[:, 2], count)),
         ])  # fmt: skip
         return motion, variances[:, [0, 0, 1]] + np.square(ODOMETRY_FLOOR)
 
