@@ -73,8 +73,8 @@ HEADING_FLOOR = 0.0005
 NULL_LIKELIHOOD = -0.5
 """-d^2 of a beam with nothing near [m^2] (GMapping's ``nullLikelihood``)."""
 POINT_INFORMATION = 600.0
-"""Of a point across the surface that it lies on [1/m^2]: 4 cm, so that matches of a laser with the data sheet's bias err
-as much as they say: by 1 cm and 5 mrad from one stretch of half a metre to the next."""
+"""Of a point across the surface that it lies on [1/m^2]: 4 cm. So matches of a laser with the data sheet's bias err
+as much as they say, by 1 cm and 5 mrad from one stretch of half a metre to the next."""
 DOUBT_SHARE = 0.6
 """A match of which less than this share of the points fits is in doubt ..."""
 FEW_POINTS = 20

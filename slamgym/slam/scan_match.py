@@ -160,7 +160,9 @@ def align(
             r_u += f_u
             r_v += f_v
             r_t += x * f_v - y * f_u
-        match = Match(CellPose(u, v, theta), total, likelihood, NormalEquations(uu, uv, vv, ut, vt, tt), residual)
+        match = Match(
+            CellPose(u, v, theta), total, likelihood, NormalEquations(uu, uv, vv, ut, vt, tt), residual
+        )
         if total == 0.0 or step == steps:
             break
         k, k_t = prior.stiffness, prior.turn_stiffness

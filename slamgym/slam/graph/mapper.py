@@ -26,8 +26,8 @@ from slamgym.slam.graph.loop_closure import (
 )
 from slamgym.slam.graph.matching import NodeMatch, NodeMatcher
 from slamgym.slam.graph.nodes import GraphNodes
-from slamgym.slam.graph.steps import MATCH_FLOOR, ODOMETRY_FLOOR, PathSteps, rotation
 from slamgym.slam.graph.solver import Edges, chi_squared, joined, optimise
+from slamgym.slam.graph.steps import MATCH_FLOOR, ODOMETRY_FLOOR, PathSteps, rotation
 from slamgym.slam.graph.uncertainty import PathUncertainty, step_covariance
 from slamgym.slam.hit_counts import HitCountMap
 from slamgym.slam.particle_filter import FEW_POINTS, ParticleFilter

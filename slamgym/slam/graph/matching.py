@@ -77,7 +77,7 @@ def block_score(level: np.ndarray, low: int, us: np.ndarray, vs: np.ndarray, du:
 
 
 @kernel
-def search_window(
+def search_window(  # noqa: C901 - a branch and bound is one loop
     levels: np.ndarray,
     index: CellIndex,
     points: FloatArray,

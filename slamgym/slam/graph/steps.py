@@ -108,7 +108,9 @@ class PathSteps:
         turned[:, 0, 1], turned[:, 1, 0], turned[:, 2, 2] = -sin, sin, 1.0
         return np.asarray(turned @ np.linalg.inv(information) @ turned.transpose(0, 2, 1))
 
-    def _odometry(self, calibration: OdometryCalibration | None, first: int = 0) -> tuple[FloatArray, FloatArray]:
+    def _odometry(
+        self, calibration: OdometryCalibration | None, first: int = 0
+    ) -> tuple[FloatArray, FloatArray]:
         """Motions (steps, 3) by odometry from step ``first`` on, and their variances along the axes."""
         chosen = self._increments[first:]
         count = len(chosen)
