@@ -265,8 +265,10 @@ class PoseGraphMapper(ParticleFilter):
         away = np.hypot(poses[:, 0] - poses[node, 0], poses[:, 1] - poses[node, 1])
         away += HEADING_COST * np.abs(wrap_angle(poses[:, 2] - poses[node, 2]))
         away[max(0, node - self._settings.local_nodes) :] = np.inf
+        steps = np.hypot(*np.diff(poses[:, :2], axis=0).T)
+        away[:-1][np.cumsum(steps[::-1])[::-1] < self._settings.loop_length] = np.inf
         old = int(np.argmin(away))
-        if away[old] > REVISIT_METRES or any(closure.new == node for closure in self._closures[-2:]):
+        if not away[old] <= REVISIT_METRES or any(closure.new == node for closure in self._closures[-2:]):
             return
         closure = self._close(node, LoopCandidate(old, 0.0, 0.0), self._settings.loop_fit)
         if closure is None:
