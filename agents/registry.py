@@ -15,6 +15,7 @@ from slamgym.agents.rules import (
     NextBestView,
     Repairman,
 )
+from slamgym.agents.teleop import Teleop
 from slamgym.core.config import suggest
 from slamgym.core.errors import ConfigError
 from slamgym.planning.context import ExplorerContext
@@ -47,8 +48,9 @@ EXPLORERS: Mapping[str, Callable[[ExplorerContext, int], BatchedExplorer]] = {
     **CLASSICAL,
     "rl": lambda context, seed: LearnedExplorer(context),  # noqa: ARG005 - the best score is taken
     "random": RandomWalk,
+    "teleop": Teleop,
 }
-"""Name to constructor; each takes the context and a seed, which only the random walk uses."""
+"""Name to constructor; each takes the context and a seed, which only the random walk and the teleop driver use."""
 
 
 def make_explorer(name: str, context: "ExplorerContext", seed: int = 0) -> "BatchedExplorer":
@@ -57,7 +59,7 @@ def make_explorer(name: str, context: "ExplorerContext", seed: int = 0) -> "Batc
     Args:
         name: One of :data:`EXPLORERS`, or ``rl:FILE`` for weights that ``slamgym agents train`` wrote.
         context: What the environment says about the robot and its map.
-        seed: Of the explorer's own random choices; only the random walk makes any.
+        seed: Of the explorer's own random choices; only the random walk and the teleop driver make any.
 
     Raises:
         ConfigError: If there is no explorer of that name; the error suggests the nearest.

@@ -16,7 +16,7 @@ MAX_FILES_IN_A_FOLDER = 25
 MAX_LINES = 400
 MAX_PARAMETERS = 8
 MAX_ATTRIBUTES = 15
-MAX_CODE_LINES = 26300
+MAX_CODE_LINES = 33000
 """Of all modules together; without docstrings, comments, blank lines and imports."""
 
 MORE_LINES: dict[str, int] = {}
@@ -28,14 +28,15 @@ MORE_ATTRIBUTES: dict[str, int] = {
     "slamgym.commands.agents.evaluate.EvaluateArguments": 22,
     "slamgym.commands.deform.DeformArguments": 16,
     "slamgym.commands.generate.GenerateArguments": 24,
-    "slamgym.commands.slam.SlamArguments": 16,
+    "slamgym.commands.slam.SlamArguments": 17,
     "slamgym.dataset.record.PairRecord": 28,
     "slamgym.envs.explore_env.ExploreEnv": 18,
     "slamgym.envs.simulation.Simulation": 21,
     "slamgym.parametric.config.LidarErrorConfig": 18,
-    "slamgym.slam.config.SlamConfig": 26,
+    "slamgym.slam.config.SlamConfig": 30,
     "slamgym.slam.graph.config.PoseGraphConfig": 20,
-    "slamgym.slam.graph.mapper.PoseGraphMapper": 19,
+    "slamgym.slam.graph.mapper.PoseGraphMapper": 17,
+    "slamgym.slam.localization.config.LocalizationConfig": 28,
     "slamgym.slam.particle_filter.ParticleFilter": 16,
 }
 """Settings and records whose fields are names in saved files or options of commands, and what still is to be split."""

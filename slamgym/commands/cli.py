@@ -123,6 +123,7 @@ TABLE = Group(
             "calibrate_odometry:main", "measure the simulated robot's odometry errors"
         ),
         "slam": Command("slam:main", "make a map from a recorded log (CARMEN, ROS bag, episode)"),
+        "localize": Command("localize:main", "find the robot of a log on a finished map"),
         "export-log": Command("export_log:main", "write an episode or a log as CARMEN log or rosbag2"),
         "gan": Group(
             "train and use the translators between SLAM maps and CAD drawings",

@@ -21,6 +21,7 @@ from slamgym.core.types import FloatArray, Trajectory
 from slamgym.slam.config import Matcher, Mode, SlamConfig
 
 if TYPE_CHECKING:
+    from slamgym.core.types import OccupancyGrid
     from slamgym.interop.logs import Relations
     from slamgym.interop.records import Log
     from slamgym.metrics import RelationError
@@ -37,7 +38,7 @@ class SlamArguments(Arguments):
     episode that `slamgym generate` wrote."""
 
     out: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
-    """Folder for map.pgm, map.yaml, map.png, trajectory.tum and summary.json."""
+    """Folder for map.pgm, map.yaml, map.png, trajectory.tum, trajectory_doubt.csv and summary.json."""
 
     mode: Mode = "pose_graph"
     """pose_graph: one path, whose loops are closed; rbpf: GMapping's particle filter; scan_matching, dead_reckoning:
@@ -48,6 +49,9 @@ class SlamArguments(Arguments):
 
     seed: int = 0
     """The same seed gives the same map."""
+
+    continue_: Annotated[Path | None, tyro.conf.arg(name="continue")] = None
+    """Go on with a finished map: a ROS map or the folder of an earlier run. The log must find itself on it."""
 
     relations: Path | None = None
     """File of reference relations (t1 t2 x y z roll pitch yaw): prints the errors over them."""
@@ -102,8 +106,9 @@ def main(argv: list[str]) -> int:
     truth = read_truth(arguments.log)
     for sentence in log.warnings.sentences():
         sys.stderr.write(f"slamgym: warning: {sentence}\n")
-    config = _config(arguments, log)
-    result = _replay(arguments, log, config)
+    older = _older_map(arguments)
+    config = _config(arguments, log, older)
+    result = _replay(arguments, log, config, older)
     accuracy = _accuracy(result, relations, truth)
     summary = _summary(arguments, log, config, result, accuracy)
     _write(arguments.out, result, summary)
@@ -111,10 +116,27 @@ def main(argv: list[str]) -> int:
     return 0
 
 
-def _config(arguments: SlamArguments, log: Log) -> SlamConfig:
+def _older_map(arguments: SlamArguments) -> OccupancyGrid | None:
+    """The map to continue."""
+    from slamgym.commands.localize import open_map
+
+    if arguments.continue_ is None:
+        return None
+    grid, placement = open_map(arguments.continue_)
+    if placement.theta != 0.0:
+        raise ConfigError(
+            f"--continue {arguments.continue_}: the map is turned by {placement.theta:g} rad, and maps are drawn "
+            "upright; turn its image and set the yaw to 0"
+        )
+    return grid
+
+
+def _config(arguments: SlamArguments, log: Log, older: OccupancyGrid | None) -> SlamConfig:
     from slamgym.slam.replay import read_overrides, settings_for
 
-    overrides: dict[str, Any] = read_overrides(arguments.settings) if arguments.settings is not None else {}
+    overrides: dict[str, Any] = {} if older is None else {"resolution": older.frame.resolution}
+    if arguments.settings is not None:
+        overrides |= read_overrides(arguments.settings)
     overrides["mode"] = arguments.mode
     for name in OVERRIDES:
         if getattr(arguments, name) is not None:
@@ -123,14 +145,21 @@ def _config(arguments: SlamArguments, log: Log) -> SlamConfig:
         raise ConfigError(
             "--mode ground_truth is for simulation; a log holds no true poses (try dead_reckoning)"
         )
+    if arguments.mode == "map":
+        raise ConfigError(
+            "--mode map makes no map; use slamgym localize MAP LOG, or --continue MAP to go on with one"
+        )
     return settings_for(log.geometry, overrides)
 
 
-def _replay(arguments: SlamArguments, log: Log, config: SlamConfig) -> ReplayResult:
+def _replay(
+    arguments: SlamArguments, log: Log, config: SlamConfig, older: OccupancyGrid | None
+) -> ReplayResult:
     """Replay with a progress bar and whatever view was asked for."""
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
+    from slamgym.slam.localization.continuation import continue_map
     from slamgym.slam.replay import replay
     from slamgym.viz.films import open_film
     from slamgym.viz.window import Window
@@ -152,7 +181,10 @@ def _replay(arguments: SlamArguments, log: Log, config: SlamConfig) -> ReplayRes
             progress.update(task, completed=index + 1)
             show(index, mapper, is_processed)
 
-        return replay(log, config, np.random.default_rng(arguments.seed), on_scan)
+        rng = np.random.default_rng(arguments.seed)
+        if older is not None:
+            return continue_map(log, older, config, rng, on_scan)
+        return replay(log, config, rng, on_scan)
 
 
 def _viewer(screens: list[ShowPicture], total: int) -> Callable[[int, Mapper, bool], None]:
@@ -228,6 +260,7 @@ def _summary(
     return {
         "version": __version__,
         "log": str(arguments.log),
+        "continued": None if arguments.continue_ is None else str(arguments.continue_),
         "seed": arguments.seed,
         "scans": len(log),
         "processed_scans": stats.processed,
@@ -255,7 +288,7 @@ def _summary(
 def _write(folder: Path, result: ReplayResult, summary: dict[str, Any]) -> None:
     """Write the results; the summary goes last, so where it exists everything else is complete."""
     from slamgym.interop.ros_map import write_ros_map
-    from slamgym.interop.tum import write_tum
+    from slamgym.interop.tum import write_doubt, write_tum
     from slamgym.viz.canvas import write_picture
     from slamgym.viz.map_pictures import draw_map
 
@@ -266,6 +299,8 @@ def _write(folder: Path, result: ReplayResult, summary: dict[str, Any]) -> None:
         raise InputFileError(folder, f"can't be written ({error.strerror or error})") from error
     write_ros_map(folder, result.grid)
     write_tum(folder / "trajectory.tum", result.trajectory)
+    stamps = result.trajectory.stamps
+    write_doubt(folder / "trajectory_doubt.csv", stamps, result.doubtful, result.covariances)
     caption = f"{Path(summary['log']).name}   {summary['config']['mode']}   {summary['path_length_m']:.0f} m"
     write_picture(
         folder / "map.png", draw_map(result.grid, result.trajectory.poses, caption, _doubtful_poses(result))
@@ -289,7 +324,7 @@ def _report(folder: Path, summary: dict[str, Any]) -> str:
     if summary["doubtful_scans"]:
         lines.append(
             f"  {summary['doubtful_scans']} scans fit poorly whatever was tried: the path may be wrong there "
-            "(red crosses in map.png, doubtful_stamps in summary.json)"
+            "(red crosses in map.png, doubtful_stamps in summary.json, trajectory_doubt.csv)"
         )
     if "loop_closures" in summary:
         lines.append(f"  loop closures: {summary['loop_closures']}")

@@ -100,6 +100,7 @@ class Assessment:
             "heading_error": abs(wrap_angle(simulation.believed_pose.theta - pose.theta)),
             "n_eff": latest.n_eff,
             "doubtful_scans": len(simulation.mapper.stats.doubtful),
+            "is_doubtful": simulation.mapper.stats.is_doubtful,
             "true_pose": np.array(pose),
         }
         if self._reward.needs_map_error:

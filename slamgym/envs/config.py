@@ -66,6 +66,10 @@ class ExploreConfig(Settings):
     slam: SlamConfig = field(default_factory=SlamConfig)
     """Localisation and mapping."""
 
+    finished_map: str | None = None
+    """With ``localization="map"``: the yaml file of the map that the robot is given, in the plan's frame. None draws it
+    from the plan, as a drawing from before the furniture came."""
+
     clutter: ClutterConfig = field(default_factory=ClutterConfig)
     """Furniture and people, which no drawing shows."""
 

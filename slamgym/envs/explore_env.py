@@ -72,7 +72,9 @@ class ExploreEnv(gym.Env[Observation, Any]):
     (1, 1280, 1280) for 64 m at 0.05 m, published again every 2 s; with ``shared_map`` it is the same read-only
     array in between.
 
-    With ``localization="ground_truth"`` the believed pose *is* the true pose, by that setting.
+    With ``localization="ground_truth"`` the believed pose *is* the true pose, by that setting. With
+    ``localization="map"`` the robot finds itself on a finished map (``finished_map``; by default drawn from the plan);
+    the observed map shows what it has seen.
 
     ## Rewards
 
@@ -98,8 +100,9 @@ class ExploreEnv(gym.Env[Observation, Any]):
 
     ``coverage`` (share of the reachable floor truly seen, see :mod:`slamgym.envs.coverage`), ``path_length``
     [m], ``collisions`` (contacts begun), ``pose_error`` [m], ``heading_error`` [rad], ``n_eff``,
-    ``doubtful_scans`` (that fit the map poorly: the pose may be wrong), ``true_pose`` (3,) in the world,
-    ``reward_terms``; with the map error measured, or at the end of the episode, ``map_error`` [m]; at the end
+    ``doubtful_scans`` (that fit the map poorly), ``is_doubtful`` (the newest is one: the pose may be wrong),
+    ``true_pose`` (3,) in the world, ``reward_terms``; with the map error measured, or at the end of the episode,
+    ``map_error`` [m]; at the end
     ``is_success`` (terminated). ``reset`` adds ``plan``, the id.
 
     ## Arguments
@@ -112,8 +115,8 @@ class ExploreEnv(gym.Env[Observation, Any]):
         reward_terms: More terms of the reward: name to (weight, function).
         **settings: Fields of :class:`~slamgym.envs.config.ExploreConfig` by name, on top of ``config``: parts
             as dataclasses or as mappings of what differs, ``lidar`` and ``odometry`` also as the name of an
-            error level, and ``localization`` (``"rbpf"``, ``"scan_matching"``, ``"dead_reckoning"``,
-            ``"ground_truth"``).
+            error level, and ``localization`` (``"rbpf"``, ``"pose_graph"``, ``"scan_matching"``,
+            ``"dead_reckoning"``, ``"map"``, ``"ground_truth"``).
 
     Raises:
         ConfigError: If a setting is unknown or makes no sense.

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slamgym.core.jit import kernel
-from slamgym.core.types import BoolArray, ByteArray, Float32Array, Int32Array, IntArray
+from slamgym.core.types import BoolArray, ByteArray, Float32Array, FloatArray, Int32Array, IntArray
 
 Int16Array = NDArray[np.int16]
 
@@ -38,6 +38,58 @@ def classify_costs(costs: ByteArray, coarsening: int) -> ByteArray:
                         found = FREE_CLASS
             classes[row, col] = found
     return classes
+
+
+@kernel
+def coarse_cells(cells: Int32Array, coarsening: int, shape: tuple[int, int]) -> IntArray:
+    """The coarse cells of a frontier, once each, shape (N, 2); those beyond the coarse map moved to its edge.
+
+    Args:
+        cells: The frontier's cells, shape (M, 2).
+        coarsening: Side of a coarse cell [cells].
+        shape: Of the coarse map.
+    """
+    numbers = np.empty(len(cells), np.int64)
+    for i in range(len(cells)):
+        row, col = min(cells[i, 0] // coarsening, shape[0] - 1), min(cells[i, 1] // coarsening, shape[1] - 1)
+        numbers[i] = row * shape[1] + col
+    numbers.sort()
+    coarse = np.empty((len(cells), 2), np.int64)
+    count = 0
+    for i in range(len(cells)):
+        if i == 0 or numbers[i] != numbers[i - 1]:
+            coarse[count, 0], coarse[count, 1] = numbers[i] // shape[1], numbers[i] % shape[1]
+            count += 1
+    return coarse[:count]
+
+
+@kernel
+def wall_distances(
+    distance_px: Float32Array,
+    points: FloatArray,
+    left: float,
+    bottom: float,
+    resolution: float,
+    farthest: float,
+) -> Float32Array:
+    """Distance of points from the nearest occupied cell, shape (N,) [m].
+
+    Args:
+        distance_px: That of each cell, shape (H, W) [cells].
+        points: Shape (N, 2) [m]; those off the map count as at its edge.
+        left: Where the map begins [m].
+        bottom: The same upwards [m].
+        resolution: Cell size [m].
+        farthest: What larger distances become [m].
+    """
+    height, width = distance_px.shape
+    metres = np.empty(len(points), np.float32)
+    for i in range(len(points)):
+        row = height - 1 - int(np.floor((points[i, 1] - bottom) / resolution))
+        col = int(np.floor((points[i, 0] - left) / resolution))
+        row, col = min(max(row, 0), height - 1), min(max(col, 0), width - 1)
+        metres[i] = min(distance_px[row, col] * np.float32(resolution), np.float32(farthest))
+    return metres
 
 
 class UnknownRegion(NamedTuple):

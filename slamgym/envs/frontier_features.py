@@ -19,16 +19,16 @@ from slamgym.core.types import (
     ByteArray,
     Float32Array,
     FloatArray,
-    Int32Array,
-    IntArray,
     Observation,
     Pose2D,
 )
 from slamgym.envs.frontier_feature_kernels import (
     UnknownRegion,
     classify_costs,
+    coarse_cells,
     cut_frontier_crop,
     explore_unknown_region,
+    wall_distances,
 )
 from slamgym.planning.costmap import Costmap
 from slamgym.planning.exploration_loop import ExplorationLoop
@@ -49,6 +49,7 @@ FAR_UNKNOWN = 4.0
 """... and to this one [m]."""
 
 _EXPOSURE_UNIT = 1.5  # [m]
+_FARTHEST_WALL = 3.0  # [m]
 _STRETCH = 0.7  # the direction of a path is taken over so much of it [m]
 
 LIMIT = 10.0
@@ -231,7 +232,7 @@ def _measure(loop: ExplorationLoop, costmap: Costmap, crops: Float32Array) -> li
     candidates, pose = loop.candidates, loop.pose
     classes = classify_costs(costmap.costs, COARSENING)
     labels = np.full(classes.shape, -1, np.int16)
-    cells = [_coarse_cells(one.frontier.cells, classes.shape) for one in candidates]
+    cells = [coarse_cells(one.frontier.cells, COARSENING, classes.shape) for one in candidates]
     for index, coarse in enumerate(cells):
         labels[coarse[:, 0], coarse[:, 1]] = index
     middles = np.array([one.frontier.middle for one in candidates])
@@ -253,7 +254,7 @@ def _measure(loop: ExplorationLoop, costmap: Costmap, crops: Float32Array) -> li
                 bearing=_bearing(one, pose),
                 turns=_turns(one, pose, outward, steps),
                 size=one.frontier.size * resolution,
-                extent=float(np.hypot(*np.ptp(one.points, axis=0))),
+                extent=float(np.hypot(*(one.points.max(axis=0) - one.points.min(axis=0)))),
                 gain=expected_gain(costmap, one.frontier.middle, loop.context.geometry.range_max),
                 cell=cell,
                 unknown=explore_unknown_region(
@@ -267,12 +268,6 @@ def _measure(loop: ExplorationLoop, costmap: Costmap, crops: Float32Array) -> li
             )
         )  # fmt: skip
     return measured
-
-
-def _coarse_cells(cells: Int32Array, shape: tuple[int, ...]) -> IntArray:
-    """The coarse cells of a frontier, once each, shape (N, 2); those beyond the coarse map moved to its edge."""
-    rows, cols = np.minimum(cells.astype(np.int64) // COARSENING, np.array(shape) - 1).T
-    return np.column_stack(np.divmod(np.unique(rows * shape[1] + cols), shape[1]))
 
 
 def _bearing(candidate: FrontierCandidate, pose: Pose2D) -> tuple[float, float]:
@@ -294,16 +289,16 @@ def _turns(candidate: FrontierCandidate, pose: Pose2D, outward: float, steps: in
 
 
 def _wall_distances(costmap: Costmap, points: FloatArray) -> Float32Array:
-    """Distance of points (N, 2) from walls, at most 3 m [m].
+    """Distance of points (N, 2) from walls, at most ``_FARTHEST_WALL`` [m].
 
     A robot localises itself by walls in sight, so the share of the path far from them stands for the pose
     uncertainty that it would bring (Roy et al., "Coastal navigation", 1999).
     """
-    height, width = costmap.costs.shape
-    row, col = costmap.frame.to_cell(points[:, 0], points[:, 1])
-    row, col = np.clip(row, 0, height - 1), np.clip(col, 0, width - 1)
-    metres = costmap.distance[row, col] * np.float32(costmap.frame.resolution)
-    return np.minimum(metres, np.float32(3.0))
+    frame = costmap.frame
+    metres: Float32Array = wall_distances(
+        costmap.distance, points, frame.origin_x, frame.origin_y, frame.resolution, _FARTHEST_WALL
+    )
+    return metres
 
 
 def _outward(candidate: FrontierCandidate, costmap: Costmap) -> float:

@@ -4,6 +4,7 @@ Everything here comes from the mapper, the scanner and the wheels. Nothing takes
 """
 
 import math
+from collections.abc import Sequence
 from typing import Protocol
 
 import numpy as np
@@ -120,8 +121,8 @@ class Observer:
     def __init__(self, config: ExploreConfig) -> None:
         space = observation_space(config)
         self._range_max = np.float32(config.lidar.range_max)
-        self._pose_limit: Float32Array = space["pose"].high  # type: ignore[attr-defined]
-        self._speed_limit: Float32Array = space["velocity"].high  # type: ignore[attr-defined]
+        self._pose_limit: list[float] = space["pose"].high.tolist()  # type: ignore[attr-defined]
+        self._speed_limit: list[float] = space["velocity"].high.tolist()  # type: ignore[attr-defined]
 
     def observe(self, cells: ByteArray, scan: LaserScan, pose: Pose2D, velocity: Twist2D) -> Observation:
         """Put an observation together.
@@ -137,8 +138,8 @@ class Observer:
         return {
             "map": cells,
             "scan": ranges,
-            "pose": _within(np.array(pose, dtype=np.float32), self._pose_limit),
-            "velocity": _within(np.array(velocity, dtype=np.float32), self._speed_limit),
+            "pose": _within(pose, self._pose_limit),
+            "velocity": _within(velocity, self._speed_limit),
             "time": np.array([scan.stamp], dtype=np.float32),
         }
 
@@ -222,7 +223,7 @@ def make_view(config: ExploreConfig) -> MapView:
     return EgocentricView(config.observation, config.slam.resolution)
 
 
-def _within(values: Float32Array, limit: Float32Array) -> Float32Array:
-    np.minimum(values, limit, out=values)
-    np.maximum(values, -limit, out=values)
-    return values
+def _within(values: Sequence[float], limits: Sequence[float]) -> Float32Array:
+    """Values cut off at plus and minus their limits, which single precision holds exactly."""
+    cut = [min(max(value, -limit), limit) for value, limit in zip(values, limits, strict=True)]
+    return np.array(cut, dtype=np.float32)

@@ -9,6 +9,7 @@ from slamgym.core.errors import ActionError
 from slamgym.core.geometry import between
 from slamgym.core.types import FloatArray, LaserScan, Pose2D, Twist2D
 from slamgym.envs.config import ExploreConfig
+from slamgym.envs.finished_map import finished_map
 from slamgym.envs.plan_cache import PreparedPlan
 from slamgym.sim import Lidar, Motion, WheelOdometry, World
 from slamgym.slam import make_mapper
@@ -128,7 +129,8 @@ class Simulation:
         initial = Pose2D(0.0, 0.0, start.theta)
         self._odometry.reset(initial)
         self.odometry_pose = initial
-        self.mapper = make_mapper(config.slam, lidar.geometry, initial, streams.slam)
+        finished = finished_map(prepared.plan, start, config)
+        self.mapper = make_mapper(config.slam, lidar.geometry, initial, streams.slam, finished)
         self.velocity = Twist2D(0.0, 0.0)
         self.path_length = 0.0
         self.collisions = 0

@@ -9,16 +9,17 @@ ambiguous.
 
 import math
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from slamgym.core.documents import parse_yaml
 from slamgym.core.errors import InputFileError
 from slamgym.core.files import read_bytes, read_text, write_bytes, write_text
+from slamgym.core.geometry import wrap_angle
 from slamgym.core.limits import YAML_BYTES, shown
 from slamgym.core.pictures import decode_picture
-from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, ByteArray, GridFrame, OccupancyGrid
+from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, ByteArray, GridFrame, OccupancyGrid, Pose2D
 
 OCCUPIED_THRESHOLD = 0.65
 FREE_THRESHOLD = 0.196
@@ -87,6 +88,27 @@ def read_ros_map(path: Path | str) -> OccupancyGrid:
     Convention: the image's first row is the map's top row (largest y); ``origin`` is the outer corner of its
     bottom-left cell.
     """
+    grid, placement = read_turned_map(path)
+    if placement.theta != 0.0:
+        raise InputFileError(
+            path, f"the map is rotated by {placement.theta} rad; rotate the image and set the yaw to 0"
+        )
+    return grid
+
+
+class TurnedMap(NamedTuple):
+    """A map whose image may be turned in the map frame."""
+
+    grid: OccupancyGrid  # of a turned map the frame's origin is (0, 0)
+    placement: Pose2D  # of the grid's frame in the map frame; zero unless the map is turned
+
+
+def read_turned_map(path: Path | str) -> TurnedMap:
+    """Read a map that may have a yaw; see :func:`read_ros_map`.
+
+    Raises:
+        InputFileError: If the yaml or the image is missing or malformed.
+    """
     path = Path(path)
     description = _read_description(path)
     image = path.parent / _text(path, description, "image")
@@ -97,7 +119,7 @@ def read_ros_map(path: Path | str) -> OccupancyGrid:
             f"resolution is {resolution}; it must be a positive number of metres per cell, of at most "
             f"{MAX_RESOLUTION:.0f}",
         )
-    origin_x, origin_y = _origin(path, description)
+    origin = _origin(path, description)
     occupied = _share(path, description, "occupied_thresh", OCCUPIED_THRESHOLD)
     free = _share(path, description, "free_thresh", FREE_THRESHOLD)
     grey, transparent = _read_grey(image)
@@ -108,8 +130,10 @@ def read_ros_map(path: Path | str) -> OccupancyGrid:
             grey = 255 - grey
         cells = classify_greys(grey, occupied, free)
     cells[transparent] = UNKNOWN
-    frame = GridFrame(resolution, origin_x, origin_y, *grey.shape)
-    return OccupancyGrid(cells, frame)
+    if origin.theta != 0.0:
+        return TurnedMap(OccupancyGrid(cells, GridFrame(resolution, 0.0, 0.0, *grey.shape)), origin)
+    frame = GridFrame(resolution, origin.x, origin.y, *grey.shape)
+    return TurnedMap(OccupancyGrid(cells, frame), Pose2D(0.0, 0.0, 0.0))
 
 
 def read_bare_map(path: Path | str, resolution: float) -> OccupancyGrid:
@@ -218,7 +242,7 @@ def _share(path: Path, description: dict[str, Any], key: str, default: float) ->
     return value
 
 
-def _origin(path: Path, description: dict[str, Any]) -> tuple[float, float]:
+def _origin(path: Path, description: dict[str, Any]) -> Pose2D:
     origin: Any = description.get("origin")
     try:
         x, y, *yaw = (float(value) for value in origin)
@@ -228,11 +252,10 @@ def _origin(path: Path, description: dict[str, Any]) -> tuple[float, float]:
         raise InputFileError(
             path, f"'origin' is {shown(origin)}; it must be a list [x, y, yaw] of numbers in metres"
         )
-    if yaw and not abs(yaw[0]) < 1e-3:
-        raise InputFileError(
-            path, f"the map is rotated by {yaw[0]} rad; rotate the image and set the yaw to 0"
-        )
-    return x, y
+    turn = yaw[0] if yaw else 0.0
+    if not math.isfinite(turn):
+        raise InputFileError(path, f"the yaw of 'origin' is {turn}; it must be a number of radians")
+    return Pose2D(x, y, 0.0 if abs(turn) < 1e-3 else wrap_angle(turn))
 
 
 def _read_grey(path: Path) -> tuple[ByteArray, Any]:

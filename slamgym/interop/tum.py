@@ -8,7 +8,7 @@ import numpy as np
 from slamgym.core.errors import InputFileError
 from slamgym.core.files import read_text, write_text
 from slamgym.core.geometry import wrap_angle
-from slamgym.core.types import Trajectory
+from slamgym.core.types import BoolArray, FloatArray, Trajectory
 
 
 def write_tum(path: Path | str, trajectory: Trajectory) -> None:
@@ -25,6 +25,29 @@ def write_tum(path: Path | str, trajectory: Trajectory) -> None:
         )
     ]
     write_text(path, "# timestamp x y z qx qy qz qw\n" + "".join(lines))
+
+
+def write_doubt(path: Path | str, stamps: FloatArray, doubtful: BoolArray, covariances: FloatArray) -> None:
+    """Write what a trajectory file can't hold: where its poses are in doubt, and how far each may be off.
+
+    A CSV file with a line for each of the trajectory's. Tools that read TUM files expect eight columns.
+
+    Args:
+        path: The file.
+        stamps: (N,) [s].
+        doubtful: (N,) whether the pose may be wrong.
+        covariances: (N, 3, 3) of x, y [m] and theta [rad]; zero where nothing is known.
+
+    Raises:
+        InputFileError: If the file can't be written.
+    """
+    rows, cols = np.triu_indices(3)
+    upper = covariances[:, rows, cols]
+    lines = [
+        f"{stamp:.6f},{int(doubt)},{','.join(f'{value:.9g}' for value in row)}\n"
+        for stamp, doubt, row in zip(stamps, doubtful, upper.tolist(), strict=True)
+    ]
+    write_text(path, "timestamp,doubtful,xx,xy,xt,yy,yt,tt\n" + "".join(lines))
 
 
 def read_tum(path: Path | str) -> Trajectory:

@@ -12,7 +12,7 @@ from slamgym.core.types import BoolArray, Float32Array, FloatArray, Pose2D
 from slamgym.planning.costmap import INSCRIBED_COST, LETHAL_COST, Costmap
 from slamgym.planning.frontier_kernels import nearest_open_cell
 from slamgym.planning.frontiers import Point, Reachable
-from slamgym.planning.grid_path_kernels import search_path, trace_path
+from slamgym.planning.grid_path_kernels import EVERYWHERE, search_path, trace_path
 
 SHRINK = 3
 """Cells of the costmap along the side of a coarse one."""
@@ -66,7 +66,7 @@ class CoarsePaths:
         """
         if place < 0:
             return np.full(self._costs.size, np.inf, dtype=np.float32)
-        lengths, _ = search_path(self._costs, place, -1, INSCRIBED_COST, 0.0)
+        lengths, _ = search_path(self._costs, place, -1, EVERYWHERE, INSCRIBED_COST, 0.0)
         in_metres: Float32Array = lengths * np.float32(self.cell)
         return in_metres
 
@@ -114,7 +114,7 @@ class CoarsePaths:
         first, last = self.place(start), self.place(goal)
         if first < 0 or last < 0:
             return np.zeros((0, 2))
-        lengths, parent = search_path(self._costs, first, last, INSCRIBED_COST, 0.0)
+        lengths, parent = search_path(self._costs, first, last, EVERYWHERE, INSCRIBED_COST, 0.0)
         if not math.isfinite(lengths[last]):
             return np.zeros((0, 2))
         row, col = np.divmod(trace_path(parent, first, last), self._costs.shape[1])

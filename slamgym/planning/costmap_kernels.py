@@ -182,9 +182,10 @@ def _lower_envelope(
         lifted = along_column[col] ** 2 + col**2
         begin = 0
         while count > 0:
-            meeting = (lifted - lift[count - 1]) * half_inverse[col - apex[count - 1]]
+            top = np.uint64(count - 1)  # an unsigned index isn't asked whether it counts from the end
+            meeting = (lifted - lift[top]) * half_inverse[np.uint64(col - apex[top])]
             begin = int(meeting) + 1 if meeting >= 0.0 else 0
-            if begin > first[count - 1]:
+            if begin > first[top]:
                 break
             count -= 1
             begin = 0

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from slamgym.core.config import Count, Positive, Settings, Within
 from slamgym.core.types import ByteArray, Observation, OccupancyGrid, Pose2D, Twist2D
 from slamgym.planning.context import ExplorerContext
-from slamgym.planning.costmap import NO_INFORMATION
+from slamgym.planning.costmap import NO_INFORMATION, Costmap
 from slamgym.planning.frontier_candidates import FrontierCandidate, make_candidates
 from slamgym.planning.frontiers import Point
 from slamgym.planning.navigator import Goal, GoalStatus, Navigator, NavigatorConfig
@@ -78,6 +78,7 @@ class _Choice:
     is_new_map: bool = False  # since the last search of candidates
     is_stale: bool = True  # something but the map has changed since then
     settles_at: float = -math.inf  # when the map shows what the last goal brought [s]
+    checked: tuple[Costmap, FrontierCandidate] | None = None  # a frontier that is still there on a map
 
 
 @dataclass
@@ -330,14 +331,18 @@ class ExplorationLoop:
 
     def _is_still_there(self, candidate: FrontierCandidate) -> bool:
         """Whether enough cells of a frontier are still unknown on the newest map."""
-        costmap = self.navigator.costmap
+        costmap, checked = self.navigator.costmap, self._choice.checked
         assert costmap is not None
+        if checked is not None and checked[0] is costmap and checked[1] is candidate:
+            return True
         row, col = costmap.frame.to_cell(candidate.points[:, 0], candidate.points[:, 1])
         height, width = costmap.costs.shape
         inside = (row >= 0) & (row < height) & (col >= 0) & (col < width)
         unknown = costmap.costs[row[inside], col[inside]] == NO_INFORMATION
         left = int(np.count_nonzero(unknown)) + int(np.count_nonzero(~inside))
-        return left >= 0.5 * len(candidate.points)
+        is_there = left >= 0.5 * len(candidate.points)
+        self._choice.checked = (costmap, candidate) if is_there else None
+        return is_there
 
     def _is_blacklisted(self, point: Point) -> bool:
         within = self.config.blacklist_distance + 0.5 * self.context.frame.resolution

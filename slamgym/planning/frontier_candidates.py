@@ -2,6 +2,7 @@
 
 import functools
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -42,12 +43,21 @@ class PathTree:
     frame: GridFrame
 
     @staticmethod
-    def search(costmap: Costmap, reachable: Reachable) -> "PathTree":
-        """Search the paths from the robot's cell."""
+    def search(costmap: Costmap, reachable: Reachable, places: Sequence[tuple[int, int]] = ()) -> "PathTree":
+        """Search the paths from the robot's cell.
+
+        Args:
+            costmap: The costmap.
+            reachable: The robot's reachable space.
+            places: Cells (row, col) of the costmap; no others need a path. Every cell gets one where left out.
+        """
         costs, frame = coarsen_costmap(costmap.costs, costmap.frame)
         row, col = divmod(int(reachable.order[0]), costmap.frame.width_px)
         start = (row // COARSENING) * frame.width_px + col // COARSENING
-        distance, parent = search_path(costs, start, -1, INSCRIBED_COST, COST_FACTOR)
+        wanted = [row * frame.width_px + col for row, col in (_coarse_cell(place, frame) for place in places)]
+        distance, parent = search_path(
+            costs, start, -1, np.array(wanted, dtype=np.int64), INSCRIBED_COST, COST_FACTOR
+        )
         return PathTree(costs, distance.reshape(costs.shape), parent, start, frame)
 
     def path_to(self, row: int, col: int) -> FloatArray | None:
@@ -104,14 +114,18 @@ def make_candidates(
     Returns:
         The candidates that a path leads to, the cheapest path first.
     """
-    paths = PathTree.search(costmap, reachable)
-    candidates = []
+    places: list[tuple[Frontier, tuple[int, int]]] = []
     for whole in find_frontiers(costmap, pose, min_size, reachable=reachable):
         for frontier in split_frontier(whole, costmap.frame, pose, split_extent):
-            candidate = _candidate(frontier, costmap, reachable, paths, tolerance, keep)
-            if candidate is not None:
-                candidates.append(candidate)
-    return sorted(candidates, key=lambda one: one.path_cost)
+            place = place_near(costmap, frontier.middle, tolerance, reachable)
+            place = place or place_near(costmap, frontier.nearest, tolerance, reachable)
+            if place is not None:
+                places.append((frontier, place))
+    if not places:
+        return []
+    paths = PathTree.search(costmap, reachable, [place for _, place in places])
+    found = [_candidate(frontier, place, costmap, paths, keep) for frontier, place in places]
+    return sorted((one for one in found if one is not None), key=lambda one: one.path_cost)
 
 
 def split_frontier(frontier: Frontier, frame: GridFrame, pose: Pose2D, extent: float) -> list[Frontier]:
@@ -151,21 +165,20 @@ def _describe(cells: Int32Array, frame: GridFrame, pose: Pose2D) -> Frontier:
     )
 
 
+def _coarse_cell(place: tuple[int, int], frame: GridFrame) -> tuple[int, int]:
+    """The coarse cell of a cell (row, col)."""
+    return min(place[0] // COARSENING, frame.height_px - 1), min(place[1] // COARSENING, frame.width_px - 1)
+
+
 def _candidate(
     frontier: Frontier,
+    place: tuple[int, int],
     costmap: Costmap,
-    reachable: Reachable,
     paths: PathTree,
-    tolerance: float,
     keep: Point | None,
 ) -> FrontierCandidate | None:
-    """A frontier with the path to it; None where none leads."""
-    place = place_near(costmap, frontier.middle, tolerance, reachable)
-    if place is None:
-        place = place_near(costmap, frontier.nearest, tolerance, reachable)
-    if place is None:
-        return None
-    row, col = (min(place[i] // COARSENING, paths.frame.shape[i] - 1) for i in (0, 1))
+    """A frontier with the path to the place from which it is visited; None where none leads."""
+    row, col = _coarse_cell(place, paths.frame)
     path = paths.path_to(row, col)
     if path is None:
         return None

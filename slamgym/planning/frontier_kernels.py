@@ -29,10 +29,14 @@ def nearest_open_cell(
     height, width = costs.shape
     if row < 0 or row >= height or col < 0 or col >= width:
         return -1
-    seen = np.zeros(height * width, np.bool_)
-    queue = np.empty(height * width, np.int32)
+    # What the search can come to: its marks, and its queue, are no larger than that.
+    top, left = max(0, row - max_steps - 1), max(0, col - max_steps - 1)
+    span = min(width, col + max_steps + 2) - left
+    cells = (min(height, row + max_steps + 2) - top) * span
+    seen = np.zeros(cells, np.bool_)
+    queue = np.empty(cells, np.int32)
     queue[0] = row * width + col
-    seen[queue[0]] = True
+    seen[(row - top) * span + col - left] = True
     head, tail, end = 0, 1, 1
     best, found, ring = np.inf, -1, 0
     while head < end and ring <= max_steps:
@@ -50,10 +54,10 @@ def nearest_open_cell(
                     rr, cc = r + dr, c + dc
                     if rr < 0 or rr >= height or cc < 0 or cc >= width:
                         continue
-                    neighbour = rr * width + cc
-                    if not seen[neighbour] and costs[rr, cc] != _LETHAL:
-                        seen[neighbour] = True
-                        queue[tail] = neighbour
+                    mark = (rr - top) * span + cc - left
+                    if not seen[mark] and costs[rr, cc] != _LETHAL:
+                        seen[mark] = True
+                        queue[tail] = rr * width + cc
                         tail += 1
         end = tail
         ring += 1
@@ -89,22 +93,25 @@ def flood(costs: ByteArray, start: int, limit: int, descending: bool) -> tuple[I
             limit = flat[cell] + 1
         row = cell // width
         col = cell - row * width
-        # Written out, because this innermost step is most of the cost of a search.
-        if row > 0 and not reached[cell - width] and flat[cell - width] < limit:
-            reached[cell - width] = True
-            queue[tail] = cell - width
+        # Written out, because this innermost step is most of the cost of a search; an unsigned index isn't asked
+        # whether it counts from the end.
+        above, left = np.uint64(cell - width), np.uint64(cell - 1)
+        right, below = np.uint64(cell + 1), np.uint64(cell + width)
+        if row > 0 and not reached[above] and flat[above] < limit:
+            reached[above] = True
+            queue[tail] = above
             tail += 1
-        if col > 0 and not reached[cell - 1] and flat[cell - 1] < limit:
-            reached[cell - 1] = True
-            queue[tail] = cell - 1
+        if col > 0 and not reached[left] and flat[left] < limit:
+            reached[left] = True
+            queue[tail] = left
             tail += 1
-        if col < width - 1 and not reached[cell + 1] and flat[cell + 1] < limit:
-            reached[cell + 1] = True
-            queue[tail] = cell + 1
+        if col < width - 1 and not reached[right] and flat[right] < limit:
+            reached[right] = True
+            queue[tail] = right
             tail += 1
-        if row < height - 1 and not reached[cell + width] and flat[cell + width] < limit:
-            reached[cell + width] = True
-            queue[tail] = cell + width
+        if row < height - 1 and not reached[below] and flat[below] < limit:
+            reached[below] = True
+            queue[tail] = below
             tail += 1
     return queue[:tail], reached
 

@@ -8,6 +8,7 @@ exploration with fast frontier detection", AAMAS 2012), which needs no costmap.
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -150,6 +151,19 @@ def reachable_space(
         widened = cv2.dilate(widened, _CROSS) & passable
     beside = np.flatnonzero(widened.reshape(-1) > mask.view(np.uint8)).astype(np.int32)
     return Reachable(np.append(order, beside), widened.reshape(-1).view(np.bool_), len(order))
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """A costmap and where the robot stood when it was made."""
+
+    costmap: Costmap
+    pose: Pose2D
+
+    @cached_property
+    def reachable(self) -> Reachable | None:
+        """What the robot can get to: searched when first asked for, which only decisions and plans do."""
+        return reachable_space(self.costmap, self.pose)
 
 
 def find_frontiers(

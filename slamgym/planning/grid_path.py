@@ -10,7 +10,7 @@ from slamgym.core.types import FloatArray, Pose2D
 from slamgym.planning.costmap import INSCRIBED_COST, Costmap
 from slamgym.planning.frontier_kernels import nearest_open_cell
 from slamgym.planning.frontiers import Point, Reachable, reachable_space
-from slamgym.planning.grid_path_kernels import line_cost, search_path, shortcut, trace_path
+from slamgym.planning.grid_path_kernels import EVERYWHERE, line_cost, search_path, shortcut, trace_path
 
 COST_FACTOR = 0.8 / 50.0
 """Weight of a cell's cost relative to its length: navfn's COST_FACTOR 0.8 over COST_NEUTRAL 50."""
@@ -57,7 +57,7 @@ def plan_path(
     if place is None:
         return None
     first, last = int(space.order[0]), place[0] * frame.width_px + place[1]
-    distance, parent = search_path(costmap.costs, first, last, INSCRIBED_COST, COST_FACTOR)
+    distance, parent = search_path(costmap.costs, first, last, EVERYWHERE, INSCRIBED_COST, COST_FACTOR)
     if not math.isfinite(distance[last]):
         return None
     cells = np.column_stack(np.divmod(trace_path(parent, first, last), frame.width_px))

@@ -9,9 +9,12 @@ from slamgym.core.types import BoolArray, ByteArray, Float32Array, FloatArray, I
 
 _SQRT2 = np.float32(1.4142135)
 
+EVERYWHERE: IntArray = np.empty(0, dtype=np.int64)
+"""Cells wanted of a search that goes on as far as it can."""
+
 
 @kernel
-def _push(keys: Float32Array, cells: Int32Array, size: int, key: Any, cell: int) -> int:
+def _push(keys: Float32Array, cells: Int32Array, size: int, key: Any, cell: Any) -> int:
     """Add to a binary heap; returns its new size."""
     child = size
     while child > 0:
@@ -51,9 +54,9 @@ def _pop(keys: Float32Array, cells: Int32Array, size: int) -> int:
 
 @kernel
 def search_path(
-    costs: ByteArray, start: int, goal: int, limit: int, factor: float
+    costs: ByteArray, start: int, goal: int, wanted: IntArray, limit: int, factor: float
 ) -> tuple[Float32Array, Int32Array]:
-    """A* from a cell to another, 8-connected; with ``goal`` -1 Dijkstra's search over all that is reachable.
+    """A* from a cell to another, 8-connected; with ``goal`` -1 Dijkstra's search over what is reachable.
 
     A step costs its length times ``1 + factor * cost`` of the cell entered. No step cuts the corner of a cell
     at or above ``limit``.
@@ -62,12 +65,13 @@ def search_path(
         costs: Costmap, shape (H, W).
         start: Flat index of the first cell.
         goal: Flat index of the last cell, or -1.
+        wanted: Flat indices of the cells that Dijkstra's search may end with; of shape (0,) for all, as for A*.
         limit: Cells at or above this cost are not entered.
         factor: Weight of the costs.
 
     Returns:
         The cost from the start to each cell [cells], inf where the search didn't come, and the flat index of
-        each cell's predecessor, -1 where there is none, both of shape (H * W,).
+        each cell's predecessor, -1 where there is none, both of shape (H * W,). They are final for what is wanted.
     """
     height, width = costs.shape
     flat = costs.reshape(-1)
@@ -75,6 +79,10 @@ def search_path(
     parent = np.full(height * width, -1, np.int32)
     closed = flat >= limit  # entered no more: done with, or an obstacle
     closed[start] = False
+    awaited = np.zeros(height * width, np.bool_)
+    for i in range(len(wanted)):
+        awaited[wanted[i]] = True
+    num_awaited = np.count_nonzero(awaited)
     steps = np.empty(256, np.float32)
     for cost in range(256):
         steps[cost] = 1.0 + factor * cost
@@ -90,7 +98,8 @@ def search_path(
         if closed[cell]:
             continue
         closed[cell] = True
-        if cell == goal:
+        num_awaited -= int(awaited[cell])
+        if cell == goal or (len(wanted) > 0 and num_awaited == 0):
             break
         row, col = cell // width, cell % width
         if size + 8 > capacity:
@@ -102,12 +111,13 @@ def search_path(
         for dr in range(-1 if row > 0 else 0, 2 if row < height - 1 else 1):
             for dc in range(-1 if col > 0 else 0, 2 if col < width - 1 else 1):
                 r, c = row + dr, col + dc
-                neighbour = cell + dr * width + dc
+                # An unsigned index isn't asked whether it counts from the end.
+                neighbour = np.uint64(cell + dr * width + dc)
                 if closed[neighbour]:  # the cell itself, too
                     continue
                 length = np.float32(1.0)
                 if dr != 0 and dc != 0:
-                    if flat[cell + dr * width] >= limit or flat[cell + dc] >= limit:
+                    if flat[np.uint64(cell + dr * width)] >= limit or flat[np.uint64(cell + dc)] >= limit:
                         continue
                     length = _SQRT2
                 reached = here + length * steps[flat[neighbour]]

@@ -26,7 +26,7 @@ from slamgym.planning.costmap import (
     make_costmap,
     mark_obstacles,
 )
-from slamgym.planning.frontiers import Point, Reachable, reachable_space
+from slamgym.planning.frontiers import Point, Reachable, Surroundings
 from slamgym.planning.grid_path import path_is_free, plan_path
 from slamgym.planning.path_follower import FollowerConfig, PathFollower
 
@@ -135,8 +135,7 @@ class Navigator:
         self.status = GoalStatus.IDLE
         self.reason = ""  # why the last goal was given up
         self.goal: Goal | None = None
-        self.costmap: Costmap | None = None
-        self.reachable: Reachable | None = None
+        self._surroundings: Surroundings | None = None
         self.inscribed_radius = self.context.robot_radius
         self._grid: OccupancyGrid | None = None
         self._views: list[tuple[Pose2D, Float32Array]] = []  # trusted scans and where they were taken
@@ -146,6 +145,16 @@ class Navigator:
         ] = []  # where it didn't get through, and points that close it
         self._planned_at = -math.inf
         self._leg = _Leg.begin(Pose2D(0.0, 0.0, 0.0), 0.0)
+
+    @property
+    def costmap(self) -> Costmap | None:
+        """What the robot plans on; None without a map."""
+        return None if self._surroundings is None else self._surroundings.costmap
+
+    @property
+    def reachable(self) -> Reachable | None:
+        """Where the robot could get to when the costmap was made; None without a map, or if it was walled in."""
+        return None if self._surroundings is None else self._surroundings.reachable
 
     @property
     def is_active(self) -> bool:
@@ -308,8 +317,8 @@ class Navigator:
         if self._barriers:
             grid = mark_obstacles(grid, np.vstack([points for _, points in self._barriers]))
         config = _inscribing(self.config.costmap, self.inscribed_radius)
-        self.costmap = make_costmap(free_body(grid, pose, self.context.robot_radius), config)
-        self.reachable = reachable_space(self.costmap, pose)
+        costmap = make_costmap(free_body(grid, pose, self.context.robot_radius), config)
+        self._surroundings = Surroundings(costmap, pose)
 
     def _remember(self, obstacles: FloatArray, pose: Pose2D, time: float) -> None:
         """Keep what the scan shows within 1.5 m for the costmap."""

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from slamgym.core.jit import kernel
-from slamgym.core.types import FloatArray, IntArray
+from slamgym.core.types import Float32Array, FloatArray, IntArray
 from slamgym.sim.raycast import next_hit
 from slamgym.sim.surfaces import GLASS, MIRROR, Surfaces
 
@@ -115,6 +115,29 @@ def measure_beams(
         if law.bias > 0.0:
             error += law.bias * _smooth_noise(surfaces.seed + 2, px / _BIAS_SIZE, py / _BIAS_SIZE)
         out[i] = max(0.0, distance - depth / max(cosine, _FLATTEST) + sigma * error)
+
+
+@kernel
+def fail_beams(ranges: FloatArray, fate: FloatArray, lost: float, stray: float, range_max: float) -> None:
+    """Let some beams hear nothing, and some read anything up to what they would have.
+
+    Args:
+        ranges: Shape (N,) [m]; changed in place.
+        fate: Even draws, shape (2, N or more): whether a beam fails and how, and what a stray one reads.
+        lost: Share of the beams without a return.
+        stray: Share of the stray ones.
+        range_max: Longest distance that a stray one reads [m].
+    """
+    for i in range(len(ranges)):
+        if fate[0, i] < lost + stray:
+            ranges[i] = np.inf if fate[0, i] < lost else fate[1, i] * min(ranges[i], range_max)
+
+
+@kernel
+def write_rep117(ranges: FloatArray, range_min: float, range_max: float, out: Float32Array) -> None:
+    """Write ranges as REP 117 has them: too near to measure is -inf, nothing in range is +inf."""
+    for i in range(len(ranges)):
+        out[i] = np.inf if ranges[i] > range_max else (-np.inf if ranges[i] < range_min else ranges[i])
 
 
 @kernel

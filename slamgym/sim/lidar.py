@@ -10,7 +10,7 @@ from slamgym.core.config import NonNegative, Positive, Settings, Share, Within, 
 from slamgym.core.errors import ConfigError
 from slamgym.core.geometry import compose
 from slamgym.core.types import Float32Array, FloatArray, IntArray, LaserGeometry, LaserScan, Pose2D
-from slamgym.sim.beams import BeamLaw, measure_beams
+from slamgym.sim.beams import BeamLaw, fail_beams, measure_beams, write_rep117
 from slamgym.sim.raycast import cast_hits
 from slamgym.sim.surfaces import SurfaceConfig, Surfaces, no_surfaces
 
@@ -257,11 +257,7 @@ class Lidar:
             sigma = np.maximum(config.sigma, config.sigma_relative * np.minimum(true, config.range_max))
             measured = true + sigma * normal[0]
         fate = rng.random((2, len(true) + 1))
-        failed = np.flatnonzero(fate[0, :-1] < config.lost + config.stray)
-        if len(failed) > 0:
-            reach = np.minimum(measured[failed], config.range_max)
-            is_lost = fate[0, failed] < config.lost
-            measured[failed] = np.where(is_lost, np.inf, fate[1, failed] * reach)
+        fail_beams(measured, fate, float(config.lost), float(config.stray), float(config.range_max))
         if fate[0, -1] < config.bursts:
             self._burst(measured, rng)
         return measured
@@ -275,7 +271,6 @@ class Lidar:
 
     def _as_rep117(self, ranges: FloatArray) -> Float32Array:
         """Too near to measure is -inf, nothing in range is +inf."""
-        out = ranges.astype(np.float32)
-        out[ranges < self.config.range_min] = -np.inf
-        out[ranges > self.config.range_max] = np.inf
+        out = np.empty(len(ranges), dtype=np.float32)
+        write_rep117(ranges, float(self.config.range_min), float(self.config.range_max), out)
         return out

@@ -5,10 +5,12 @@ from typing import Annotated, Literal
 
 from slamgym.core.config import Count, CountOrZero, NonNegative, Positive, Settings, Within
 from slamgym.slam.graph.config import PoseGraphConfig
+from slamgym.slam.localization.config import LocalizationConfig
 
-Mode = Literal["rbpf", "pose_graph", "scan_matching", "dead_reckoning", "ground_truth"]
+Mode = Literal["rbpf", "pose_graph", "scan_matching", "dead_reckoning", "map", "ground_truth"]
 NoReturn = Literal["clear", "ignore"]
 Matcher = Literal["coarse_to_fine", "hill_climbing"]
+Counting = Literal["beams", "scans"]
 
 
 SEES_ACROSS_ROOMS = 10.0
@@ -48,8 +50,8 @@ class SlamConfig(Settings, section="slam"):
 
     mode: Mode = "rbpf"
     """``rbpf``: particle filter as GMapping; ``pose_graph``: closes loops globally; ``scan_matching``: one
-    particle, no motion noise; ``dead_reckoning``: believes the odometry; ``ground_truth``: the same, for a
-    caller who hands it true poses."""
+    particle, no motion noise; ``dead_reckoning``: believes the odometry; ``map``: finds itself on a finished map
+    (:mod:`slamgym.slam.localization`); ``ground_truth``: as dead reckoning, for a caller who hands it true poses."""
 
     particles: Count = 30
     """Number of particles (``particles``)."""
@@ -125,7 +127,20 @@ class SlamConfig(Settings, section="slam"):
 
     min_passes: Count = 1
     """A cell is known once so many beams have met or crossed it. GMapping: 1; Karto: 3, as more than its
-    ``MinimumPassThrough`` of 2 are needed; Cartographer's cells count as free after some more."""
+    ``MinimumPassThrough`` of 2 are needed."""
+
+    counting: Counting = "beams"
+    """``beams``: each beam that crosses a cell counts, as in GMapping and Karto; ``scans``: a scan counts once, as
+    a hit if one of its beams ends in the cell, as in Cartographer."""
+
+    occupied_margin: NonNegative = 0.0
+    """A cell is occupied when its hits exceed ``occupied_threshold`` x observations by more than this. Log-odds of
+    a for a hit and -b for a miss that must pass A are a threshold of b / (a + b) and a margin of A / (a + b)."""
+
+    free_margin: NonNegative = 0.0
+    """A cell is free when its hits fall short of ``occupied_threshold`` x observations by this; between the two
+    margins it is unknown, as where map_saver cuts probabilities. 0, as in GMapping: seen is free or occupied. Both
+    margins bear on the map that is saved, not on the one that is driven by: its shades say more."""
 
     no_return: NoReturn = "clear"
     """What a beam without return says. ``clear``: its ray is free up to the line between the returns beside
@@ -138,6 +153,9 @@ class SlamConfig(Settings, section="slam"):
 
     pose_graph: PoseGraphConfig = field(default_factory=PoseGraphConfig)
     """Settings of the mode ``pose_graph``."""
+
+    localization: LocalizationConfig = field(default_factory=LocalizationConfig)
+    """Settings of the mode ``map``, and of the search for the place where an older map is continued."""
 
     @staticmethod
     def gmapping(particles: int = 30) -> "SlamConfig":

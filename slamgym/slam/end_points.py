@@ -37,6 +37,15 @@ def usable_end_points(ranges: Float32Array, beams: BeamTable, longest: float, ou
 
 
 @kernel
+def farthest(points: FloatArray) -> float:
+    """Largest |x| + |y| of points, shape (n, 2) [m]; 0 without any."""
+    most = 0.0
+    for i in range(len(points)):
+        most = max(most, abs(points[i, 0]) + abs(points[i, 1]))
+    return most
+
+
+@kernel
 def surface_normals(points: FloatArray, out: FloatArray) -> None:
     """Unit normals of the surface at each end point, from the points beside it; zero where it isn't straight.
 

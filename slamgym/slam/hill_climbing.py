@@ -106,7 +106,7 @@ def exp_of_minus(x: float) -> float:
 
 
 @kernel
-def surface_near(pool: TilePool, table: np.ndarray, u: float, v: float) -> tuple[float, float, float]:
+def surface_near(cells: np.ndarray, table: np.ndarray, u: float, v: float) -> tuple[float, float, float]:
     """The surface in the 3 x 3 cells round a point.
 
     Returns:
@@ -119,28 +119,29 @@ def surface_near(pool: TilePool, table: np.ndarray, u: float, v: float) -> tuple
     row, col = cell_v >> TILE_BITS, cell_u >> TILE_BITS
     if u < 1.0 or v < 1.0 or row >= table.shape[0] or col >= table.shape[1]:
         return -1.0, 0.0, 0.0
-    tile = table[row, col]
-    if tile == EMPTY:
+    # Indices are unsigned, so that none is asked whether it counts from the end.
+    tile = np.uint64(table[np.uint64(row), np.uint64(col)])
+    if tile == np.uint64(EMPTY):
         return -1.0, 0.0, 0.0
     in_v, in_u = cell_v & TILE_MASK, cell_u & TILE_MASK
-    bits = pool.cells[tile, (in_v << TILE_BITS) | in_u, NEIGHBOURS]
-    if bits == 0:
+    bits = np.uint64(cells[tile, np.uint64((in_v << TILE_BITS) | in_u), np.uint64(NEIGHBOURS)])
+    if bits == np.uint64(0):
         return -1.0, 0.0, 0.0
     nearest, sum_u, sum_v, weight = 1e9, 0.0, 0.0, 0.0
     inside = 0 < in_u < TILE_MASK and 0 < in_v < TILE_MASK
     for b in range(_NUM_NEIGHBOURS[bits]):
-        k = _NEIGHBOURS[bits, b]
+        k = np.uint64(_NEIGHBOURS[bits, np.uint64(b)])
         du, dv = _DU[k], _DV[k]
-        if inside:
-            near, cell = tile, ((in_v + dv) << TILE_BITS) | (in_u + du)
-        else:
-            near_u, near_v = cell_u + du, cell_v + dv
-            near = table[near_v >> TILE_BITS, near_u >> TILE_BITS]
-            cell = ((near_v & TILE_MASK) << TILE_BITS) | (near_u & TILE_MASK)
-        offset_u = cell_u - u + du + pool.cells[near, cell, MEAN_U] * (1.0 / MEAN_UNITS)
-        offset_v = cell_v - v + dv + pool.cells[near, cell, MEAN_V] * (1.0 / MEAN_UNITS)
+        near = tile
+        if not inside:
+            near = np.uint64(
+                table[np.uint64((cell_v + dv) >> TILE_BITS), np.uint64((cell_u + du) >> TILE_BITS)]
+            )
+        cell = np.uint64((((in_v + dv) & TILE_MASK) << TILE_BITS) | ((in_u + du) & TILE_MASK))
+        offset_u = cell_u - u + du + cells[near, cell, np.uint64(MEAN_U)] * (1.0 / MEAN_UNITS)
+        offset_v = cell_v - v + dv + cells[near, cell, np.uint64(MEAN_V)] * (1.0 / MEAN_UNITS)
         d2 = offset_u * offset_u + offset_v * offset_v
-        w = pool.cells[near, cell, COUNT] / ((SQUARE_WIDTH + d2) * (SQUARE_WIDTH + d2))
+        w = cells[near, cell, np.uint64(COUNT)] / ((SQUARE_WIDTH + d2) * (SQUARE_WIDTH + d2))
         sum_u += w * offset_u
         sum_v += w * offset_v
         weight += w

@@ -98,9 +98,16 @@ def _open_length(ranges: Float32Array, i: int, beams: BeamTable) -> float:
 
 @kernel
 def scan_bounds(
-    poses: FloatArray, ranges: Float32Array, beams: BeamTable
+    poses: FloatArray, ranges: Float32Array, beams: BeamTable, lengths: FloatArray
 ) -> tuple[float, float, float, float]:
-    """Bounds (min x, min y, max x, max y) [m] of all that :func:`draw_scans` draws."""
+    """Bounds (min x, min y, max x, max y) [m] of all that :func:`draw_scans` draws.
+
+    Args:
+        poses: (scans, 3) robot poses [m, m, rad].
+        ranges: (scans, num_beams) [m].
+        beams: The scanner.
+        lengths: (scans, num_beams) receives how far each beam is drawn [m].
+    """
     directions, mount = beams.directions, beams.mount
     min_x = min_y = math.inf
     max_x = max_y = -math.inf
@@ -111,12 +118,26 @@ def scan_bounds(
         min_x, max_x = min(min_x, x0), max(max_x, x0)
         min_y, max_y = min(min_y, y0), max(max_y, y0)
         for i in range(ranges.shape[1]):
-            length = drawn_length(ranges[k], i, beams)
+            lengths[k, i] = length = drawn_length(ranges[k], i, beams)
             x = x0 + length * (cos * directions[i, 0] - sin * directions[i, 1])
             y = y0 + length * (sin * directions[i, 0] + cos * directions[i, 1])
             min_x, max_x = min(min_x, x), max(max_x, x)
             min_y, max_y = min(min_y, y), max(max_y, y)
     return min_x, min_y, max_x, max_y
+
+
+@kernel
+def cells_of(
+    bounds: tuple[float, float, float, float], corner: tuple[int, int], resolution: float
+) -> tuple[int, int, int, int]:
+    """First row and column and last row and column that bounds [m] touch in a grid that begins at ``corner``."""
+    min_x, min_y, max_x, max_y = bounds
+    return (
+        math.floor(min_y / resolution) - corner[0],
+        math.floor(min_x / resolution) - corner[1],
+        math.floor(max_y / resolution) - corner[0],
+        math.floor(max_x / resolution) - corner[1],
+    )
 
 
 @kernel
@@ -147,18 +168,14 @@ def draw_scans(
         Bounds (min x, min y, max x, max y) of the scans [m].
     """
     corner_row, corner_col = corner
-    bounds = scan_bounds(poses, ranges, beams)
-    min_x, min_y, max_x, max_y = bounds
-    if not (
-        math.floor(min_y / resolution) >= corner_row
-        and math.floor(min_x / resolution) >= corner_col
-        and math.floor(max_y / resolution) < corner_row + counts.shape[0]
-        and math.floor(max_x / resolution) < corner_col + counts.shape[1]
-    ):
+    lengths = np.empty(ranges.shape)
+    bounds = scan_bounds(poses, ranges, beams, lengths)
+    first_row, first_col, last_row, last_col = cells_of(bounds, corner, resolution)
+    if first_row < 0 or first_col < 0 or last_row >= counts.shape[0] or last_col >= counts.shape[1]:
         return bounds
     directions, mount = beams.directions, beams.mount
     cols = counts.shape[1]
-    flat = counts.reshape(-1, 2)
+    flat = counts.reshape(-1)
     scale = 1.0 / resolution
     for k in range(len(poses)):
         cos, sin = math.cos(poses[k, 2]), math.sin(poses[k, 2])
@@ -169,7 +186,7 @@ def draw_scans(
         start = start_row * cols + start_col
         for i in range(ranges.shape[1]):
             r = ranges[k, i]
-            length = drawn_length(ranges[k], i, beams)
+            length = lengths[k, i]
             if length == 0.0:
                 continue
             x = x0 + length * (cos * directions[i, 0] - sin * directions[i, 1])
@@ -185,23 +202,64 @@ def draw_scans(
             slope = (minor << _FRACTION) // max(major, 1)
             offset, cell = _HALF, start
             for _ in range(major):
-                flat[cell + (offset >> _FRACTION) * minor_stride, 1] += sign
+                # An unsigned index isn't asked whether it counts from the end.
+                flat[np.uint64(2 * (cell + (offset >> _FRACTION) * minor_stride) + 1)] += sign
                 cell += major_stride
                 offset += slope
             if r <= beams.usable and r < beams.range_max:
-                end = start + d_row * cols + d_col
-                flat[end, 0] += sign
-                flat[end, 1] += sign
+                end = 2 * (start + d_row * cols + d_col)
+                flat[end] += sign
+                flat[end + 1] += sign
     return bounds
 
 
 @kernel
-def classify_counts(counts: np.ndarray, threshold: float, min_passes: int, out: ByteArray) -> None:
-    """Cell values from counts: occupied where hits / visits > ``threshold``, unknown below ``min_passes`` visits."""
+def draw_scans_once(
+    counts: np.ndarray,
+    corner: tuple[int, int],
+    resolution: float,
+    poses: FloatArray,
+    ranges: Float32Array,
+    beams: BeamTable,
+    sign: int,
+) -> tuple[float, float, float, float]:
+    """As :func:`draw_scans`, but a scan counts a cell once: as a hit if a beam ends there, else as a visit."""
+    bounds = scan_bounds(poses, ranges, beams, np.empty(ranges.shape))
+    first_row, first_col, last_row, last_col = cells_of(bounds, corner, resolution)
+    if first_row < 0 or first_col < 0 or last_row >= counts.shape[0] or last_col >= counts.shape[1]:
+        return bounds
+    of_scan = np.zeros_like(counts)
+    for k in range(len(poses)):
+        box = draw_scans(of_scan, corner, resolution, poses[k : k + 1], ranges[k : k + 1], beams, 1)
+        first_row, first_col, last_row, last_col = cells_of(box, corner, resolution)
+        for row in range(first_row, last_row + 1):
+            for col in range(first_col, last_col + 1):
+                if of_scan[row, col, 1] > 0:
+                    counts[row, col, 0] += sign * min(of_scan[row, col, 0], 1)
+                    counts[row, col, 1] += sign
+                    of_scan[row, col] = 0
+    return bounds
+
+
+@kernel
+def classify_counts(
+    counts: np.ndarray, threshold: float, margins: tuple[float, float], min_passes: int, out: ByteArray
+) -> None:
+    """Cell values from counts.
+
+    Args:
+        counts: (rows, cols, 2) hits and visits.
+        threshold: A cell is occupied where hits exceed this share of the visits, free where they fall short of it.
+        margins: By how many hits it must be exceeded, and missed; unknown between.
+        min_passes: Unknown below so many visits.
+        out: (rows, cols) receives the values.
+    """
+    occupied_margin, free_margin = margins
     for row in range(counts.shape[0]):
         for col in range(counts.shape[1]):
-            hits, visits = counts[row, col, 0], counts[row, col, 1]
-            value = OCCUPIED if hits > threshold * visits else FREE
+            visits = counts[row, col, 1]
+            excess = counts[row, col, 0] - threshold * visits
+            value = OCCUPIED if excess > occupied_margin else FREE if -excess >= free_margin else UNKNOWN
             out[row, col] = value if visits >= min_passes else UNKNOWN
 
 

@@ -6,6 +6,7 @@ import numpy as np
 
 from slamgym.core.errors import SlamgymError
 from slamgym.core.types import (
+    OCCUPIED,
     UNKNOWN,
     ByteArray,
     Float32Array,
@@ -14,10 +15,13 @@ from slamgym.core.types import (
     OccupancyGrid,
 )
 from slamgym.slam.config import SlamConfig
-from slamgym.slam.hit_count_kernels import BeamTable, classify_counts, draw_scans, regrid
+from slamgym.slam.hit_count_kernels import BeamTable, classify_counts, draw_scans, draw_scans_once, regrid
 
 BLOCK = 64
 """The grid grows by blocks of this many cells, so that it seldom grows."""
+
+KNOWN_COUNT = 10
+"""What a cell of an older map counts, in beams: a wall that is gone takes some thirty beams, a new one four."""
 
 
 class HitCountMap:
@@ -29,7 +33,9 @@ class HitCountMap:
     def __init__(self, beams: BeamTable, config: SlamConfig) -> None:
         self._beams = beams
         self._resolution = config.resolution
+        self._draw_scans = draw_scans if config.counting == "beams" else draw_scans_once
         self._threshold, self._min_passes = config.occupied_threshold, config.min_passes
+        self._margins = float(config.occupied_margin), float(config.free_margin)
         self._memory_limit = config.memory_limit_mb * 1e6
         self._corner = (0, 0)  # lattice (row, col) of the lower left cell
         self._counts = np.zeros((0, 0, 2), dtype=np.int32)
@@ -56,11 +62,35 @@ class HitCountMap:
         """
         if len(poses) == 0:
             return
-        bounds = draw_scans(self._counts, self._corner, self._resolution, poses, ranges, self._beams, sign)
+        bounds = self._draw_scans(
+            self._counts, self._corner, self._resolution, poses, ranges, self._beams, sign
+        )
         first_col, first_row, last_col, last_row = (math.floor(value / self._resolution) for value in bounds)
         box = (first_row, first_col, last_row + 1, last_col + 1)
         if self._grow_to(box):
-            draw_scans(self._counts, self._corner, self._resolution, poses, ranges, self._beams, sign)
+            self._draw_scans(self._counts, self._corner, self._resolution, poses, ranges, self._beams, sign)
+        self._mark(box)
+
+    def add_known(self, grid: OccupancyGrid) -> None:
+        """Take what an older map says as so many observations of each of its cells (``KNOWN_COUNT``).
+
+        Args:
+            grid: Its cells must lie on this map's lattice.
+        """
+        frame = grid.frame
+        row, col = round(frame.origin_y / frame.resolution), round(frame.origin_x / frame.resolution)
+        box = (row, col, row + frame.height_px, col + frame.width_px)
+        self._grow_to(box)
+        cells = grid.cells[::-1]
+        at = self._counts[box[0] - self._corner[0] :, box[1] - self._corner[1] :][
+            : cells.shape[0], : cells.shape[1]
+        ]
+        at[..., 0] += KNOWN_COUNT * (cells == OCCUPIED)
+        at[..., 1] += KNOWN_COUNT * (cells != UNKNOWN)
+        self._mark(box)
+
+    def _mark(self, box: tuple[int, int, int, int]) -> None:
+        """Note that what lies in the lattice's rows and columns ``box`` may have changed."""
         if self._dirty is not None:
             old = self._dirty
             box = (min(box[0], old[0]), min(box[1], old[1]), max(box[2], old[2]), max(box[3], old[3]))
@@ -96,13 +126,16 @@ class HitCountMap:
             row, col = self._corner
             first_row, first_col, last_row, last_col = self._dirty
             at = (slice(first_row - row, last_row - row), slice(first_col - col, last_col - col))
-            classify_counts(self._counts[at], self._threshold, self._min_passes, self._cells[at])
+            classify_counts(self._counts[at], self._threshold, (0.0, 0.0), self._min_passes, self._cells[at])
             self._dirty = None
         return self._cells
 
     def occupancy_grid(self) -> OccupancyGrid:
-        """The map, cropped to the cells known."""
+        """The map as it is saved, cropped to the cells known."""
         cells = self._classified()
+        if any(self._margins):
+            cells = np.empty_like(cells)
+            classify_counts(self._counts, self._threshold, self._margins, self._min_passes, cells)
         rows, cols = (
             np.flatnonzero((cells != UNKNOWN).any(axis=1)),
             np.flatnonzero((cells != UNKNOWN).any(axis=0)),

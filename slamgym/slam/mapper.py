@@ -1,5 +1,6 @@
 """What a SLAM mode offers, whatever its method, and what the modes share."""
 
+import math
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
@@ -43,6 +44,9 @@ class SlamStats:
     doubtful: list[float] = field(default_factory=list)
     """Times of the scans that fitted poorly whatever was tried [s]: the path may be wrong there."""
 
+    last_stamp: float = -math.inf
+    """Time of the last processed scan [s]."""
+
     resamplings: int = 0
     """How often the particles were resampled."""
 
@@ -54,6 +58,11 @@ class SlamStats:
 
     n_eff: list[float] = field(default_factory=list)
     """N_eff at each processed scan, before resampling."""
+
+    @property
+    def is_doubtful(self) -> bool:
+        """Whether the last processed scan is in doubt, and with it the pose."""
+        return bool(self.doubtful) and self.doubtful[-1] == self.last_stamp
 
     @property
     def cpu_ms_per_processed_scan(self) -> float:
@@ -94,6 +103,10 @@ class Mapper(Protocol):
         Returns:
             Whether the scan was processed, i.e. was past the update thresholds.
         """
+        ...
+
+    def know(self, grid: OccupancyGrid) -> None:
+        """Begin with an older map, before the first scan; its cells lie on the lattice of this one."""
         ...
 
     def finish(self) -> None:
@@ -148,6 +161,7 @@ class GatedMapper(ABC):
         self._map = HitCountMap(self._beams, config)
         self._grid: OccupancyGrid | None = None
         self._stats = SlamStats()
+        self._known: OccupancyGrid | None = None
 
     @property
     def covariance(self) -> FloatArray:
@@ -174,8 +188,20 @@ class GatedMapper(ABC):
         self._process(scan)
         self._grid = None
         self._stats.processed += 1
+        self._stats.last_stamp = scan.stamp
         self._stats.cpu_seconds += time.process_time() - begin
         return True
+
+    def know(self, grid: OccupancyGrid) -> None:
+        """Begin with an older map."""
+        self._known, self._grid = grid, None
+        self._new_map()
+
+    def _new_map(self) -> None:
+        """Begin drawing anew, on what was known before."""
+        self._map = HitCountMap(self._beams, self._config)
+        if self._known is not None:
+            self._map.add_known(self._known)
 
     def finish(self) -> None:  # noqa: B027 - most modes have nothing to do
         """Nothing is left to do."""

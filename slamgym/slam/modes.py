@@ -4,9 +4,11 @@ from collections.abc import Callable
 
 import numpy as np
 
-from slamgym.core.types import LaserGeometry, Pose2D
+from slamgym.core.errors import ConfigError
+from slamgym.core.types import LaserGeometry, OccupancyGrid, Pose2D
 from slamgym.slam.config import SlamConfig
 from slamgym.slam.graph.mapper import PoseGraphMapper
+from slamgym.slam.localization.mapping import MapLocalizer
 from slamgym.slam.mapper import Mapper
 from slamgym.slam.particle_filter import ParticleFilter
 from slamgym.slam.pose_tracking import PoseTracker
@@ -24,7 +26,11 @@ MODES: dict[str, MapperFactory] = {
 
 
 def make_mapper(
-    config: SlamConfig, geometry: LaserGeometry, initial_pose: Pose2D, rng: np.random.Generator
+    config: SlamConfig,
+    geometry: LaserGeometry,
+    initial_pose: Pose2D,
+    rng: np.random.Generator,
+    finished: OccupancyGrid | None = None,
 ) -> Mapper:
     """Make the mapper that ``config.mode`` names.
 
@@ -33,5 +39,13 @@ def make_mapper(
         geometry: The scanner.
         initial_pose: Where the robot starts in the map frame.
         rng: Source of all randomness; equal seeds and scans give equal maps.
+        finished: The map on which mode ``map`` localises; its frame is that of the initial pose.
+
+    Raises:
+        ConfigError: If mode ``map`` is given no map.
     """
+    if config.mode == "map":
+        if finished is None:
+            raise ConfigError("slam.mode 'map' needs a finished map to find itself on, and is given none")
+        return MapLocalizer(config, geometry, initial_pose, rng, finished)
     return MODES[config.mode](config, geometry, initial_pose, rng)

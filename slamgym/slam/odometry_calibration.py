@@ -9,7 +9,6 @@ calibration*, Autonomous Robots 22, 2007), and by random slip whose variance gro
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -33,14 +32,6 @@ MEMORY_STRETCHES = 60.0
 """Older stretches are forgotten: floors and loads change."""
 OUTLIER = 9.0
 """A squared error beyond this many times what is expected counts as so many."""
-
-
-LEAST_NOISE = 0.01
-"""Share of the random errors above that stays, however true the odometry seems."""
-TRUE_NOISE, FAULTY_NOISE = 0.15, 0.35
-"""Below the first noise of the heading the odometry seems to be true, above the second it doesn't."""
-SIGNIFICANT = 9.0
-"""Systematic errors of odometry that seems to be true are believed beyond this chi-squared."""
 
 
 @dataclass
@@ -73,23 +64,10 @@ class OdometryCalibration:
     def correct(self, increments: FloatArray) -> FloatArray:
         """Take the systematic errors out of motions in the robot frame, shape (steps, 3)."""
         corrected = np.array(increments, dtype=np.float64)
-        share = self.significance
-        drift, turn = share * self.heading
-        corrected[:, :2] *= 1.0 + share * self.scale
+        drift, turn = self.heading
+        corrected[:, :2] *= 1.0 + self.scale
         corrected[:, 2] += drift * increments[:, 0] + turn * increments[:, 2]
         return corrected
-
-    @property
-    def significance(self) -> float:
-        """Share of the systematic errors that is believed (positive-part James and Stein).
-
-        Matches err together, so they always say something of the odometry. Where its random errors are so small that
-        it seems to be true, only significant systematic ones count.
-        """
-        squared = self.scale**2 / self._scale_variance
-        squared += float(self.heading @ np.linalg.solve(self._heading_covariance, self.heading))
-        truth = (FAULTY_NOISE - self.heading_noise) / (FAULTY_NOISE - TRUE_NOISE)
-        return max(0.0, 1.0 - SIGNIFICANT * min(max(truth, 0.0), 1.0) / max(squared, 1e-9))
 
     def spread(self, increments: FloatArray) -> MotionSpread:
         """How far a motion by odometry may be off once it is corrected.
@@ -99,41 +77,15 @@ class OdometryCalibration:
         """
         distance, turn = _lengths(increments)
         forward, turned = float(increments[:, 0].sum()), float(increments[:, 2].sum())
-        random_distance, random_heading = self._random(distance, turn)
-        systematic_distance, systematic_heading = self._systematic(forward, turned)
+        share = np.array([forward, turned])
+        random_distance = self.distance_noise * SLIP_DISTANCE**2 * distance
+        random_heading = self.heading_noise * (SLIP_DRIFT**2 * distance + SLIP_TURN**2 * turn)
         return MotionSpread(
-            float(random_distance + systematic_distance),
-            float(random_heading + systematic_heading),
-            float(random_distance),
-            float(random_heading),
+            random_distance + self._scale_variance * forward**2,
+            random_heading + float(share @ self._heading_covariance @ share),
+            random_distance,
+            random_heading,
         )
-
-    def variances(
-        self, distance: FloatArray, turn: FloatArray, forward: FloatArray, turned: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
-        """The same of many motions: variances of distance [m^2] and heading [rad^2], each (motions,).
-
-        Args:
-            distance: (motions,) driven, adding up [m].
-            turn: (motions,) turned, adding up [rad].
-            forward: (motions,) the same with its sign [m].
-            turned: (motions,) the same with its sign [rad].
-        """
-        random_distance, random_heading = self._random(distance, turn)
-        systematic_distance, systematic_heading = self._systematic(forward, turned)
-        return random_distance + systematic_distance, random_heading + systematic_heading
-
-    def _random(self, distance: Any, turn: Any) -> tuple[Any, Any]:
-        heading = SLIP_DRIFT**2 * distance + SLIP_TURN**2 * turn
-        return (
-            max(self.distance_noise, LEAST_NOISE) * SLIP_DISTANCE**2 * distance,
-            max(self.heading_noise, LEAST_NOISE) * heading,
-        )
-
-    def _systematic(self, forward: Any, turned: Any) -> tuple[Any, Any]:
-        (drift, both), (_, turn) = self._heading_covariance
-        heading = drift * forward**2 + 2.0 * both * forward * turned + turn * turned**2
-        return self._scale_variance * forward**2, heading
 
     def restart(self) -> None:
         """Compare from here on: the pose here can't be relied on."""
@@ -150,7 +102,7 @@ class OdometryCalibration:
             heading: Variance of a matched heading [rad^2].
         """
         self._moved = compose(self._moved, moved)
-        for increment in increments:
+        for increment in increments.tolist():
             self._odometry = compose(self._odometry, Pose2D(*increment))
         distance, turn = _lengths(increments)
         self._distance += distance
@@ -170,9 +122,9 @@ class OdometryCalibration:
         shares = np.array([self._signed, self._odometry.theta])
         slip = SLIP_DRIFT**2 * self._distance + SLIP_TURN**2 * self._turn
         innovation = error - float(self.heading @ shares)
-        expected = max(self.heading_noise, LEAST_NOISE) * slip + match_variance
+        expected = self.heading_noise * slip + match_variance
         spread = float(shares @ self._heading_covariance @ shares) + expected
-        excess = (min(innovation**2, OUTLIER * spread) - match_variance) / slip
+        excess = max(min(innovation**2, OUTLIER * spread) - match_variance, 0.0) / slip
         self.heading_noise = (self._heading_weight * self.heading_noise + excess) / (
             self._heading_weight + 1.0
         )
@@ -188,10 +140,8 @@ class OdometryCalibration:
     def _learn_distance(self, error: float, length: float, match_variance: float) -> None:
         slip = SLIP_DISTANCE**2 * self._distance
         innovation = error - self.scale * length
-        spread = (
-            self._scale_variance * length**2 + max(self.distance_noise, LEAST_NOISE) * slip + match_variance
-        )
-        excess = (min(innovation**2, OUTLIER * spread) - match_variance) / slip
+        spread = self._scale_variance * length**2 + self.distance_noise * slip + match_variance
+        excess = max(min(innovation**2, OUTLIER * spread) - match_variance, 0.0) / slip
         self.distance_noise = (self._distance_weight * self.distance_noise + excess) / (
             self._distance_weight + 1.0
         )

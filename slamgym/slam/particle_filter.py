@@ -6,7 +6,6 @@ most of the weight they are resampled.
 """
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
@@ -17,11 +16,12 @@ from slamgym.core.types import (
     IntArray,
     LaserGeometry,
     LaserScan,
+    OccupancyGrid,
     Pose2D,
     Trajectory,
 )
 from slamgym.slam.config import SlamConfig
-from slamgym.slam.end_points import usable_end_points
+from slamgym.slam.end_points import farthest, usable_end_points
 from slamgym.slam.hill_climbing import MatchSettings, Search
 from slamgym.slam.mapper import GatedMapper
 from slamgym.slam.motion_model import noise_array, sample_motion
@@ -67,14 +67,13 @@ def systematic_resample(weights: FloatArray, uniform: float) -> IntArray:
     return ancestors
 
 
-POSITION_FLOOR = 0.001
-HEADING_FLOOR = 0.0005
+POSITION_FLOOR = 0.005
+HEADING_FLOOR = 0.003
 """Odometry is never trusted further than this [m], [rad]."""
 NULL_LIKELIHOOD = -0.5
 """-d^2 of a beam with nothing near [m^2] (GMapping's ``nullLikelihood``)."""
-POINT_INFORMATION = 600.0
-"""Of a point across the surface that it lies on [1/m^2]: 4 cm. So matches of a laser with the data sheet's bias err
-as much as they say, by 1 cm and 5 mrad from one stretch of half a metre to the next."""
+POINT_INFORMATION = 125.0
+"""Of a point across the surface that it lies on [1/m^2]: 2 cm, and twenty neighbours that err together."""
 DOUBT_SHARE = 0.6
 """A match of which less than this share of the points fits is in doubt ..."""
 FEW_POINTS = 20
@@ -84,13 +83,6 @@ RELIABLE_SHARE, RELIABLE_METRES, RELIABLE_RADIANS = 0.5, 0.02, 0.01
 [rad] is no more."""
 MATCH_MARGIN = 1.5
 """How far round the scan's end points the maps are made ready [m]; a match that strays further finds nothing."""
-
-
-class ScanMatch(NamedTuple):
-    """What a scan alone says of the pose."""
-
-    offset: FloatArray  # (3,) from the pose that odometry and scan agree on, in the robot frame
-    covariance: FloatArray  # (3, 3) in the robot frame
 
 
 def match_settings(config: SlamConfig) -> MatchSettings:
@@ -131,20 +123,18 @@ class ParticleFilter(GatedMapper):
         self._match_settings = match_settings(config)
         self._calibration = OdometryCalibration() if config.learn_odometry else None
         self._free_offset = Pose2D(0.0, 0.0, 0.0)
-        self._scan_match: ScanMatch | None = None
+        self._match_covariance: FloatArray | None = None
         self._predicted_variances = np.zeros(2)
-        self._increments: FloatArray = np.zeros((0, 3))  # odometry of the last processed scan
 
     @property
     def pose(self) -> Pose2D:
         """The best particle's pose, moved on by the odometry since."""
-        x, y, theta = self._poses[self.best_particle]
-        return compose(Pose2D(float(x), float(y), float(theta)), self._gate.since_processed)
+        return compose(Pose2D(*self._poses[self.best_particle].tolist()), self._gate.since_processed)
 
     @property
     def best_particle(self) -> int:
         """The particle whose whole path explains the scans best."""
-        return int(np.argmax(self._path_log_weights))
+        return int(self._path_log_weights.argmax())
 
     def particle_paths(self, most: int) -> list[FloatArray]:
         """Paths of at most so many particles, each (processed scans, 3)."""
@@ -171,12 +161,23 @@ class ParticleFilter(GatedMapper):
         """Effective number of particles at the last processed scan, before resampling."""
         return self._stats.n_eff[-1] if self._stats.n_eff else float(len(self._poses))
 
+    def know(self, grid: OccupancyGrid) -> None:
+        """Begin with an older map, which scans are matched with, too."""
+        super().know(grid)
+        self._new_particle_maps()
+
+    def _new_particle_maps(self) -> None:
+        """Begin the maps that scans are matched with, on what was known before."""
+        self._maps = ParticleMaps(len(self._poses), self._config.resolution, self._config.memory_limit_mb)
+        if self._known is not None:
+            self._maps.add_known(self._known)
+
     def _num_bytes(self) -> int:
         return self._maps.num_bytes + self._tree.num_bytes
 
     def _process(self, scan: LaserScan) -> None:
         """One step of the filter: predict, match, weigh, resample, register."""
-        increments = self._increments = self._gate.take(scan.stamp)
+        increments = self._gate.take(scan.stamp)
         before = self._poses.copy()
         variance, turn_variance = self._predict(increments)
         predicted = self._poses.copy()
@@ -201,7 +202,7 @@ class ParticleFilter(GatedMapper):
     @staticmethod
     def _radius(points: FloatArray) -> float:
         """How far round the robot the maps are made ready for a scan [m]."""
-        return float(np.abs(points).sum(axis=1).max(initial=0.0)) + MATCH_MARGIN
+        return farthest(points) + MATCH_MARGIN
 
     def _predict(self, increments: FloatArray) -> tuple[float, float]:
         """Move the particles by odometry; returns the variances of position and heading that it leaves."""
@@ -222,7 +223,7 @@ class ParticleFilter(GatedMapper):
 
     def _align_freely(self, pose: FloatArray, points: FloatArray, particle: int = 0) -> FloatArray:
         """What the scan alone says from a pose on: pose, score, binding; see :func:`align_freely`."""
-        free = np.empty(11)
+        free = np.empty(10)
         align_freely(self._maps.tile_maps, particle, pose, points, self._match_settings, free)
         return free
 
@@ -258,23 +259,21 @@ class ParticleFilter(GatedMapper):
     ) -> None:  # fmt: skip
         """Compare the best particle's match with the odometry, where the match can be relied on."""
         last_offset = self._free_offset
-        self._free_offset = between(Pose2D(*self._poses[best]), Pose2D(*free[:3]))
-        self._scan_match = None
-        if share < RELIABLE_SHARE or num_points < FEW_POINTS:
-            calibration.restart()
-            return
-        uu, uv, vv, ut, vt, tt = free[5:]
-        cos, sin = np.cos(self._poses[best, 2]), np.sin(self._poses[best, 2])
-        turned = np.array([[cos, sin, 0.0], [-sin, cos, 0.0], [0.0, 0.0, 1.0]])
+        matched, aligned = Pose2D(*self._poses[best].tolist()), Pose2D(*free[:3].tolist())
+        self._free_offset = between(matched, aligned)
+        uu, uv, vv, ut, vt, tt = free[4:].tolist()
         information = POINT_INFORMATION * np.array([[uu, uv, ut], [uv, vv, vt], [ut, vt, tt]])
-        covariance = turned @ np.linalg.inv(information + np.eye(3)) @ turned.T
-        self._scan_match = ScanMatch(np.array(self._free_offset), covariance)
-        along, heading = float(covariance[0, 0]), float(covariance[2, 2])
-        if along > RELIABLE_METRES**2 or heading > RELIABLE_RADIANS**2:
+        covariance = np.asarray(np.linalg.inv(information + np.eye(3)), dtype=np.float64)
+        along = np.array([math.cos(matched.theta), math.sin(matched.theta), 0.0])
+        along_variance, turn_variance = float(along @ covariance @ along), float(covariance[2, 2])
+        fits = share >= RELIABLE_SHARE and num_points >= FEW_POINTS
+        if not fits or along_variance > RELIABLE_METRES**2 or turn_variance > RELIABLE_RADIANS**2:
             calibration.restart()
+            self._match_covariance = None
             return
-        moved = between(compose(Pose2D(*before), last_offset), Pose2D(*free[:3]))
-        calibration.learn(increments, moved, along, heading)
+        self._match_covariance = covariance
+        moved = between(compose(Pose2D(*before.tolist()), last_offset), aligned)
+        calibration.learn(increments, moved, along_variance, turn_variance)
 
     def _match_and_weigh(self, points: FloatArray, variance: float, turn_variance: float) -> int:
         c = self._config

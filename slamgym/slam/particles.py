@@ -1,10 +1,12 @@
 """What the particles own: maps made of shared tiles, and paths that share their past (GMapping's trajectory tree)."""
 
+import math
+
 import numpy as np
 
 from slamgym.core.errors import SlamgymError
 from slamgym.core.jit import kernel
-from slamgym.core.types import FloatArray, IntArray
+from slamgym.core.types import OCCUPIED, FloatArray, IntArray, OccupancyGrid
 from slamgym.slam.tiles import BYTES_PER_TILE, TILE, TileMaps, TilePool, copy_maps, register_scan
 
 
@@ -97,19 +99,22 @@ GROWTH_TILES = 8
 
 
 class ParticleMaps:
-    """One end-point map per particle, shared copy-on-write (see :mod:`slamgym.slam.tiles`)."""
+    """One end-point map per particle, shared copy-on-write (see :mod:`slamgym.slam.tiles`).
+
+    Attributes:
+        resolution: Cell size [m].
+        pool: The tiles.
+        tables: (particles, rows, cols) int32 tile numbers.
+        origin: (2,) lower left corner of the tables [m].
+    """
 
     def __init__(self, particles: int, resolution: float, memory_limit_mb: float) -> None:
         self.resolution = resolution
         self.pool = TilePool.empty(FIRST_TILES)
         self.tables = np.zeros((particles, 0, 0), dtype=np.int32)
         self._corner = (0, 0)  # tile (row, col) of the lattice where the tables begin
+        self.origin: FloatArray = np.zeros(2)
         self._memory_limit = memory_limit_mb * 1e6
-
-    @property
-    def origin(self) -> FloatArray:
-        """(2,) lower left corner of the tables [m]."""
-        return np.array([self._corner[1], self._corner[0]], dtype=np.float64) * (TILE * self.resolution)
 
     @property
     def tile_maps(self) -> TileMaps:
@@ -124,13 +129,13 @@ class ParticleMaps:
     def cover(self, poses: FloatArray, radius: float) -> None:
         """Let the tables cover all points within ``radius`` [m] of the poses (particles, 3)."""
         side = TILE * self.resolution
-        low = np.floor((poses[:, :2].min(axis=0) - radius) / side).astype(int)
-        high = np.floor((poses[:, :2].max(axis=0) + radius) / side).astype(int) + 1
+        low = [math.floor((value - radius) / side) for value in poses[:, :2].min(axis=0).tolist()]
+        high = [math.floor((value + radius) / side) + 1 for value in poses[:, :2].max(axis=0).tolist()]
         row, col = self._corner
         _, rows, cols = self.tables.shape
         if rows and low[1] >= row and low[0] >= col and high[1] <= row + rows and high[0] <= col + cols:
             return
-        first_row, first_col, last_row, last_col = int(low[1]), int(low[0]), int(high[1]), int(high[0])
+        first_row, first_col, last_row, last_col = low[1], low[0], high[1], high[0]
         if rows:
             first_row = row if first_row >= row else min(first_row, row - GROWTH_TILES)
             first_col = col if first_col >= col else min(first_col, col - GROWTH_TILES)
@@ -141,6 +146,7 @@ class ParticleMaps:
             self.tables
         )
         self.tables, self._corner = tables, (first_row, first_col)
+        self.origin = np.array([first_col, first_row], dtype=np.float64) * (TILE * self.resolution)
 
     def register(self, poses: FloatArray, points: FloatArray) -> None:
         """Add end points (n, 2) [m], given in the robot frame, to each map at its particle's pose.
@@ -165,6 +171,16 @@ class ParticleMaps:
                 "use fewer particles, or a coarser resolution"
             )
         self.pool = self.pool.grown(larger)
+
+    def add_known(self, grid: OccupancyGrid) -> None:
+        """Take the occupied cells of an older map for end points that every particle has seen."""
+        rows, cols = np.nonzero(grid.cells == OCCUPIED)
+        min_x, min_y, max_x, max_y = grid.frame.bounds
+        middle = np.array([0.5 * (min_x + max_x), 0.5 * (min_y + max_y), 0.0])
+        points = np.column_stack(grid.frame.to_point(rows, cols)) - middle[:2]
+        poses = np.tile(middle, (len(self.tables), 1))
+        self.cover(poses, 0.5 * max(max_x - min_x, max_y - min_y) + grid.frame.resolution)
+        self.register(poses, points)
 
     def resample(self, ancestors: IntArray) -> None:
         """Give each particle the map of its ancestor."""

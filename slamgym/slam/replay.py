@@ -7,14 +7,22 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from slamgym.core.config import from_dict
 from slamgym.core.documents import read_json
 from slamgym.core.errors import ConfigError, InputFileError
-from slamgym.core.types import LaserGeometry, OccupancyGrid, Pose2D, Trajectory
+from slamgym.core.types import (
+    BoolArray,
+    FloatArray,
+    GridFrame,
+    LaserGeometry,
+    OccupancyGrid,
+    Pose2D,
+    Trajectory,
+)
 from slamgym.interop.records import Log
 from slamgym.slam.config import SlamConfig
 from slamgym.slam.mapper import Mapper, SlamStats
@@ -33,12 +41,23 @@ class ReplayResult:
     """A pose for every scan: between processed ones, the odometry's motion fitted to both neighbours."""
     moments: Trajectory
     """The same for every moment of which the log holds the odometry, in the order of time."""
+    doubtful: BoolArray
+    """Whether the last processed scan before each scan fits poorly, shape (N,): the pose may be wrong there."""
+    covariances: FloatArray
+    """What the mapper said then of that scan's pose, shape (N, 3, 3); zero where it doesn't know."""
     stats: SlamStats
     wall_seconds: float
     peak_memory_bytes: int
     """Of the whole process."""
     extra: Mapping[str, Any] = field(default_factory=dict)
     """What else the mapper reports, e.g. its loop closures."""
+
+
+class OlderMap(NamedTuple):
+    """A finished map to go on with."""
+
+    grid: OccupancyGrid  # on the lattice: its corner lies at multiples of the resolution
+    start: Pose2D  # where the log's first scan was taken, in the map's frame
 
 
 def settings_for(geometry: LaserGeometry, overrides: Mapping[str, Any] | None = None) -> SlamConfig:
@@ -76,6 +95,7 @@ def replay(
     config: SlamConfig,
     rng: np.random.Generator,
     on_scan: Callable[[int, Mapper, bool], None] | None = None,
+    older: OlderMap | None = None,
 ) -> ReplayResult:
     """Feed a log to a mapper, scan by scan.
 
@@ -84,24 +104,36 @@ def replay(
         config: Settings of the mapper.
         rng: Source of all randomness.
         on_scan: Called after each scan with its index, the mapper, and whether the scan was processed.
+        older: A map to go on with.
 
     Returns:
         The map, the trajectories and the counters. The map frame has its origin at the first scan's pose and
-        the axes of the odometry frame.
+        the axes of the odometry frame; that of an older map stays as it is.
     """
-    start = Pose2D(0.0, 0.0, log.records[0].odometry.theta)
+    start = Pose2D(0.0, 0.0, log.records[0].odometry.theta) if older is None else older.start
     mapper = make_mapper(config, log.geometry, start, rng)
+    if older is not None:
+        mapper.know(older.grid)
     begin = time.perf_counter()
     processed: list[int] = []
+    doubtful = np.zeros(len(log), dtype=bool)
+    covariances = np.zeros((len(log), 3, 3))
     for index, record in enumerate(log):
         is_processed = mapper.update(record.odometry, record.scan)
         if is_processed:
             processed.append(index)
+            covariances[index] = mapper.covariance
+        elif index > 0:
+            covariances[index] = covariances[index - 1]
+        doubtful[index] = mapper.stats.is_doubtful
         if on_scan is not None:
             on_scan(index, mapper, is_processed)
     mapper.finish()
     path = mapper.trajectory()
     grid = mapper.occupancy_grid()
+    if older is not None:
+        frame = _common_frame(grid.frame, older.grid.frame)
+        grid = OccupancyGrid(mapper.render(frame), frame)
     track = log.track
     poses = poses_between(path.poses, track.scans[processed], track.poses)
     in_time = np.argsort(track.stamps, kind="stable")
@@ -110,11 +142,21 @@ def replay(
         processed=path,
         trajectory=Trajectory(track.stamps[track.scans], poses[track.scans]),
         moments=Trajectory(track.stamps[in_time], poses[in_time]),
+        doubtful=doubtful,
+        covariances=covariances,
         stats=mapper.stats,
         wall_seconds=time.perf_counter() - begin,
         peak_memory_bytes=_peak_memory(),
         extra=mapper.report(),
     )
+
+
+def _common_frame(a: GridFrame, b: GridFrame) -> GridFrame:
+    """The smallest frame that covers two on one lattice."""
+    bounds = list(zip(a.bounds, b.bounds, strict=True))
+    (left, bottom), (right, top) = map(min, bounds[:2]), map(max, bounds[2:])
+    step = b.resolution
+    return GridFrame(step, left, bottom, round((top - bottom) / step), round((right - left) / step))
 
 
 def _peak_memory() -> int:

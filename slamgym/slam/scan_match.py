@@ -74,7 +74,6 @@ class Match(NamedTuple):
     score: float  # GMapping's, over the points taken
     log_likelihood: float  # GMapping's, over the points taken
     binding: NormalEquations  # what the points bind
-    residual: float  # weighted sum of d^2 [cells^2]
 
 
 @kernel
@@ -121,26 +120,25 @@ def align(
         steps: Most steps.
         s: Settings.
     """
-    points, normals = scan.points, scan.normals
+    points, normals, cells = scan.points, scan.normals, pool.cells
     u, v, theta = start
-    match = Match(start, 0.0, 0.0, NormalEquations(0.0, 0.0, 0.0, 0.0, 0.0, 0.0), 0.0)
+    match = Match(start, 0.0, 0.0, NormalEquations(0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
     force = 2.0 * s.gain
     for step in range(steps + 1):
         cos, sin = math.cos(theta), math.sin(theta)
-        total, likelihood, residual = 0.0, 0.0, 0.0
+        total, likelihood = 0.0, 0.0
         uu = uv = vv = ut = vt = tt = 0.0  # normal equations
         r_u = r_v = r_t = 0.0
         for i in range(0, len(points), stride):
             x = cos * points[i, 0] - sin * points[i, 1]
             y = sin * points[i, 0] + cos * points[i, 1]
-            d2, du, dv = surface_near(pool, table, u + x, v + y)
+            d2, du, dv = surface_near(cells, table, u + x, v + y)
             if d2 < 0.0:
                 likelihood += s.miss
                 continue
             likelihood -= s.likelihood_gain * d2
             w = exp_of_minus(s.gain * d2)
             total += w
-            residual += w * d2
             # Information of this pair: full across the surface, TANGENT along it; both without a normal.
             n_u = cos * normals[i, 0] - sin * normals[i, 1]
             n_v = sin * normals[i, 0] + cos * normals[i, 1]
@@ -160,9 +158,7 @@ def align(
             r_u += f_u
             r_v += f_v
             r_t += x * f_v - y * f_u
-        match = Match(
-            CellPose(u, v, theta), total, likelihood, NormalEquations(uu, uv, vv, ut, vt, tt), residual
-        )
+        match = Match(CellPose(u, v, theta), total, likelihood, NormalEquations(uu, uv, vv, ut, vt, tt))
         if total == 0.0 or step == steps:
             break
         k, k_t = prior.stiffness, prior.turn_stiffness
@@ -290,8 +286,8 @@ def align_freely(
         pose: (3,) the match [m, m, rad].
         points: (n, 2) end points in the robot frame, in the order of the beams [m].
         s: Settings.
-        out: (11,) receives the pose, the score, the weighted mean of d^2 [m^2] and what the points bind, the entries
-            of a symmetric matrix in the order of :class:`NormalEquations` [1], [m] and [m^2].
+        out: (10,) receives the pose, the score and what the points bind, the entries
+            of a symmetric matrix in the order of :class:`NormalEquations` [1/m^2], [1/m] and [1].
     """
     pool, tables, origin, resolution = maps
     scale = 1.0 / resolution
@@ -304,7 +300,6 @@ def align_freely(
     )
     out[0], out[1] = origin[0] + match.pose.u * resolution, origin[1] + match.pose.v * resolution
     out[2], out[3] = match.pose.theta, match.score
-    out[4] = match.residual / max(match.score, 1.0) * resolution**2
     h = match.binding
-    out[5], out[6], out[7] = h.uu, h.uv, h.vv
-    out[8], out[9], out[10] = h.ut * resolution, h.vt * resolution, h.tt * resolution**2
+    out[4], out[5], out[6] = h.uu * scale**2, h.uv * scale**2, h.vv * scale**2
+    out[7], out[8], out[9] = h.ut * scale, h.vt * scale, h.tt

@@ -99,28 +99,37 @@ def writable_tile(pool: TilePool, table: np.ndarray, row: int, col: int) -> int:
 def insert_point(pool: TilePool, table: np.ndarray, tile: int, u: float, v: float) -> None:
     """Add an end point to a map; ``tile`` is the point's tile, and this table's own."""
     cell_u, cell_v = int(u), int(v)
-    cell = ((cell_v & TILE_MASK) << TILE_BITS) | (cell_u & TILE_MASK)
+    at_u, at_v = cell_u & TILE_MASK, cell_v & TILE_MASK
+    # Indices are unsigned, so that none is asked whether it counts from the end.
+    own, cell = np.uint64(tile), np.uint64((at_v << TILE_BITS) | at_u)
     in_u, in_v = (u - cell_u) * MEAN_UNITS, (v - cell_v) * MEAN_UNITS
-    count = int(pool.cells[tile, cell, COUNT])
+    count = int(pool.cells[own, cell, np.uint64(COUNT)])
     if count == 0:
-        pool.cells[tile, cell, MEAN_U] = np.uint16(in_u)
-        pool.cells[tile, cell, MEAN_V] = np.uint16(in_v)
-        pool.cells[tile, cell, COUNT] = 1
+        pool.cells[own, cell, np.uint64(MEAN_U)] = np.uint16(in_u)
+        pool.cells[own, cell, np.uint64(MEAN_V)] = np.uint16(in_v)
+        pool.cells[own, cell, np.uint64(COUNT)] = 1
+        inside = 0 < at_u < TILE_MASK and 0 < at_v < TILE_MASK
         for dv in range(-1, 2):
             for du in range(-1, 2):
-                near_u, near_v = cell_u + du, cell_v + dv
-                near = writable_tile(pool, table, near_v >> TILE_BITS, near_u >> TILE_BITS)
-                near_cell = ((near_v & TILE_MASK) << TILE_BITS) | (near_u & TILE_MASK)
+                near = tile
+                if not inside:
+                    near = writable_tile(pool, table, (cell_v + dv) >> TILE_BITS, (cell_u + du) >> TILE_BITS)
+                near_cell = np.uint64((((at_v + dv) & TILE_MASK) << TILE_BITS) | ((at_u + du) & TILE_MASK))
                 # Seen from the neighbour, the new mean lies the other way.
-                pool.cells[near, near_cell, NEIGHBOURS] |= np.uint16(1 << (3 * (1 - dv) + 1 - du))
+                pool.cells[np.uint64(near), near_cell, np.uint64(NEIGHBOURS)] |= np.uint16(
+                    1 << (3 * (1 - dv) + 1 - du)
+                )
         return
     gain = 1.0 / (count + 1)
-    mean_u, mean_v = float(pool.cells[tile, cell, MEAN_U]), float(pool.cells[tile, cell, MEAN_V])
+    mean_u = float(pool.cells[own, cell, np.uint64(MEAN_U)])
+    mean_v = float(pool.cells[own, cell, np.uint64(MEAN_V)])
     # A convex combination of values below MEAN_UNITS, half a unit for rounding: never out of range.
-    pool.cells[tile, cell, MEAN_U] = np.uint16(min(mean_u + gain * (in_u - mean_u) + 0.5, MEAN_UNITS - 1.0))
-    pool.cells[tile, cell, MEAN_V] = np.uint16(min(mean_v + gain * (in_v - mean_v) + 0.5, MEAN_UNITS - 1.0))
+    mean_u = min(mean_u + gain * (in_u - mean_u) + 0.5, MEAN_UNITS - 1.0)
+    mean_v = min(mean_v + gain * (in_v - mean_v) + 0.5, MEAN_UNITS - 1.0)
+    pool.cells[own, cell, np.uint64(MEAN_U)] = np.uint16(mean_u)
+    pool.cells[own, cell, np.uint64(MEAN_V)] = np.uint16(mean_v)
     if count < MAX_COUNT:
-        pool.cells[tile, cell, COUNT] = np.uint16(count + 1)
+        pool.cells[own, cell, np.uint64(COUNT)] = np.uint16(count + 1)
 
 
 @kernel
@@ -147,7 +156,7 @@ def register_scan(maps: TileMaps, poses: FloatArray, points: FloatArray, first: 
             return p
         cos, sin = np.cos(poses[p, 2]) * scale, np.sin(poses[p, 2]) * scale
         u0, v0 = (poses[p, 0] - origin[0]) * scale, (poses[p, 1] - origin[1]) * scale
-        row, col, tile = -1, -1, EMPTY
+        row, col, tile, table = -1, -1, EMPTY, tables[p]
         for i in range(len(points)):
             u = u0 + cos * points[i, 0] - sin * points[i, 1]
             v = v0 + sin * points[i, 0] + cos * points[i, 1]
@@ -156,8 +165,8 @@ def register_scan(maps: TileMaps, poses: FloatArray, points: FloatArray, first: 
                 # Neighbouring beams mostly end in the same tile.
                 if at_row != row or at_col != col:
                     row, col = at_row, at_col
-                    tile = writable_tile(pool, tables[p], row, col)
-                insert_point(pool, tables[p], tile, u, v)
+                    tile = writable_tile(pool, table, row, col)
+                insert_point(pool, table, tile, u, v)
     return len(poses)
 
 

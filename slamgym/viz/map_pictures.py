@@ -51,20 +51,31 @@ def draw_map(
     Returns:
         RGB, shape (height, width, 3).
     """
-    longest = max(grid.cells.shape)
-    # Whole factors keep the cells sharp where the map is small; larger maps are averaged down.
-    factor: float = max(1, MIN_SIDE_PX // longest) if longest < MAX_SIDE_PX else MAX_SIDE_PX / longest
-    picture = rescaled(colour_cells(grid.cells), factor)
-    rows, cols = picture.shape[:2]
+    picture, factor = map_picture(grid)
+    cols = picture.shape[1]
     _draw_gradient_path(picture, frame_pixels(path, grid.frame, factor), max(1, round(cols / 800)))
     if doubtful is not None:
         for col, row in frame_pixels(doubtful, grid.frame, factor):
             place, size = (round(float(col)), round(float(row))), max(6, cols // 120)
             cv2.drawMarker(picture, place, DOUBTFUL, cv2.MARKER_TILTED_CROSS, size, 2, cv2.LINE_AA)
+    return page_of(picture, grid.frame.resolution / factor, caption)
+
+
+def map_picture(grid: OccupancyGrid) -> tuple[ByteArray, float]:
+    """A map alone, RGB, and how many pixels a cell has."""
+    longest = max(grid.cells.shape)
+    # Whole factors keep the cells sharp where the map is small; larger maps are averaged down.
+    factor: float = max(1, MIN_SIDE_PX // longest) if longest < MAX_SIDE_PX else MAX_SIDE_PX / longest
+    return rescaled(colour_cells(grid.cells), factor), factor
+
+
+def page_of(picture: ByteArray, metres_per_px: float, caption: str) -> ByteArray:
+    """A picture of a map on a page with a scale bar and a caption."""
+    rows, cols = picture.shape[:2]
     page = blank((PAGE_MARGIN_PX + rows + FOOTER_PX, max(cols + 2 * PAGE_MARGIN_PX, 640)), PAPER)
     left = (page.shape[1] - cols) // 2
     page[PAGE_MARGIN_PX : PAGE_MARGIN_PX + rows, left : left + cols] = picture
-    _draw_footer(page, grid.frame.resolution / factor, caption)
+    _draw_footer(page, metres_per_px, caption)
     return page
 
 

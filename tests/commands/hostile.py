@@ -55,6 +55,7 @@ SHORT = ["--minutes", "0.02", "--slam.mode", "ground_truth"]
 RUNS = {
     "watch": ["watch", *PLANS, *SHORT, "--explorer", "nearest", "-o", "{out}/run/film.gif"],
     "slam": ["slam", "{episode}", "--mode", "dead_reckoning", "-o", "{out}/run"],
+    "localize": ["localize", "{images}/train/B/0.png", "{episode}", "--resolution", "0.1", "-o", "{out}/run"],
     "export-log": ["export-log", "{episode}", "--overwrite", "-o", "{out}/run/a.log.gz"],
     "dataset realism": ["dataset", "realism", "{maps}", "--against", "{robots}", "--no-network", "--halvings", "1",
                         "-o", "{out}/run"],

@@ -13,7 +13,8 @@ from slamgym.planning import (
     reachable_space,
     wavefront_frontiers,
 )
-from slamgym.planning.costmap import LETHAL_COST, NO_INFORMATION
+from slamgym.planning.costmap import INSCRIBED_COST, LETHAL_COST, NO_INFORMATION
+from slamgym.planning.frontier_kernels import nearest_open_cell
 
 RESOLUTION = 0.05
 
@@ -179,3 +180,19 @@ def test_expected_gain_stops_at_walls_and_is_a_disc_in_the_unknown():
     assert everything == pytest.approx(np.pi * 2.0**2, rel=0.05)  # a polar sum of 5 cm rings
     cells[:, 110] = OCCUPIED
     assert 0.5 * everything < expected_gain(make_costmap(grid_of(cells)), point, 2.0) < 0.8 * everything
+
+
+@settings(max_examples=40)
+@given(seed=st.integers(0, 10_000), steps=st.integers(0, 15))
+def test_the_nearest_open_cell_is_the_same_on_a_larger_map(seed, steps):
+    costs = make_costmap(blobs(seed), CostmapConfig(inscribed_radius=0.12)).costs
+    row, col = (int(value) for value in np.random.default_rng(seed).integers(0, costs.shape))
+    anywhere = np.zeros(0, np.bool_)
+    found = nearest_open_cell(costs, row, col, INSCRIBED_COST, anywhere, steps)
+    around = np.pad(costs, 30, constant_values=LETHAL_COST)
+    again = nearest_open_cell(around, row + 30, col + 30, INSCRIBED_COST, anywhere, steps)
+    if found < 0:
+        assert again < 0
+    else:
+        assert tuple(np.subtract(divmod(again, around.shape[1]), 30)) == divmod(found, costs.shape[1])
+        assert np.hypot(*np.subtract(divmod(found, costs.shape[1]), (row, col))) <= np.hypot(steps, steps)

@@ -15,7 +15,7 @@ from slamgym.planning import (
 )
 from slamgym.planning.costmap import INSCRIBED_COST
 from slamgym.planning.grid_path import COST_FACTOR
-from slamgym.planning.grid_path_kernels import line_cost, search_path
+from slamgym.planning.grid_path_kernels import EVERYWHERE, line_cost, search_path, trace_path
 
 RESOLUTION = 0.05
 
@@ -76,12 +76,34 @@ def test_straightening_never_makes_a_path_dearer_than_dijkstra_found_it(seed):
     start = pose_at(grid, 40, 45)
     reachable = reachable_space(costmap, start)
     assume(reachable is not None)
-    distance, _ = search_path(costmap.costs, int(reachable.order[0]), -1, INSCRIBED_COST, COST_FACTOR)
+    distance, _ = search_path(
+        costmap.costs, int(reachable.order[0]), -1, EVERYWHERE, INSCRIBED_COST, COST_FACTOR
+    )
     costs = distance.reshape(costmap.costs.shape) * RESOLUTION
     last = divmod(int(reachable.order[reachable.num_centre - 1]), grid.cells.shape[1])
     path = plan_path(costmap, start, point_at(grid, *last), 0.0, reachable)
     # Lines are sampled twice per cell, steps counted once: the two sums differ by a few per cent.
     assert path.cost <= 1.05 * costs[last] + 0.05
+
+
+@settings(max_examples=15)
+@given(seed=st.integers(0, 10_000), count=st.integers(1, 5))
+def test_a_search_that_ends_early_finds_the_paths_of_the_whole_search(seed, count):
+    grid = cluttered(seed)
+    costmap = make_costmap(grid, CostmapConfig(inscribed_radius=0.12))
+    reachable = reachable_space(costmap, pose_at(grid, 40, 45))
+    assume(reachable is not None)
+    start = int(reachable.order[0])
+    rng = np.random.default_rng(seed)
+    # Among the cells wanted are walls and places that no path leads to.
+    wanted = rng.choice(np.append(reachable.order, rng.integers(0, grid.cells.size, 20)), count)
+    whole, parents = search_path(costmap.costs, start, -1, EVERYWHERE, INSCRIBED_COST, COST_FACTOR)
+    part, their_parents = search_path(
+        costmap.costs, start, -1, wanted.astype(np.int64), INSCRIBED_COST, COST_FACTOR
+    )
+    assert (part[wanted] == whole[wanted]).all()
+    for cell in wanted[np.isfinite(whole[wanted])]:
+        assert (trace_path(parents, start, cell) == trace_path(their_parents, start, cell)).all()
 
 
 def test_goal_in_unknown_space_is_replaced_by_the_nearest_place():

@@ -7,7 +7,14 @@ from hypothesis import strategies as st
 
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, LaserGeometry, Pose2D
 from slamgym.slam.config import SlamConfig
-from slamgym.slam.hit_count_kernels import BeamTable, classify_counts, draw_scans, regrid
+from slamgym.slam.hit_count_kernels import (
+    BeamTable,
+    classify_counts,
+    draw_scans,
+    draw_scans_once,
+    regrid,
+)
+from slamgym.slam.hit_counts import HitCountMap
 
 HALF, CELL = 120, 0.05
 BEAMS = BeamTable.of(
@@ -71,12 +78,49 @@ def test_a_lone_beam_clears_its_way_and_hits_its_end():
     ranges[0, 45] = 1.0
     pose = np.array([[0.06, -0.02, -0.3]])  # the sensor at the origin but for the mount's turn, beams ahead
     cells = np.empty((2 * HALF, 2 * HALF), np.uint8)
-    classify_counts(draw(pose, ranges), 0.25, 1, cells)
+    classify_counts(draw(pose, ranges), 0.25, (0.0, 0.0), 1, cells)
     assert np.count_nonzero(cells == OCCUPIED) == 1
     (row,), (col,) = np.nonzero(cells == OCCUPIED)
     assert np.hypot(row - HALF, col - HALF) * CELL == pytest.approx(1.0, abs=0.1)
     assert 15 <= np.count_nonzero(cells == FREE) <= 21
     assert cells[HALF, HALF] == FREE
+
+
+@settings(max_examples=20)
+@given(seeds)
+def test_a_scan_that_counts_a_cell_once_counts_a_hit_before_a_visit(seed):
+    poses, ranges = scans(seed, 3)
+    once = np.zeros((2 * HALF, 2 * HALF, 2), np.int32)
+    draw_scans_once(once, (-HALF, -HALF), CELL, poses, ranges, BEAMS, 1)
+    singly = [draw(pose, scan[None]) for pose, scan in zip(poses, ranges, strict=True)]
+    np.testing.assert_array_equal(once, sum((counts > 0).astype(np.int32) for counts in singly))
+    draw_scans_once(once, (-HALF, -HALF), CELL, poses, ranges, BEAMS, -1)
+    assert not once.any()
+
+
+def test_nothing_of_several_scans_is_drawn_once_if_one_reaches_out_of_the_grid():
+    poses, ranges = scans(0, 2)
+    poses[1, 0] += 2 * HALF * CELL
+    counts = np.zeros((2 * HALF, 2 * HALF, 2), np.int32)
+    bounds = draw_scans_once(counts, (-HALF, -HALF), CELL, poses, ranges, BEAMS, 1)
+    assert bounds[2] > HALF * CELL
+    assert not counts.any()
+
+
+def test_between_the_margins_a_saved_map_is_unknown_but_not_the_one_to_drive_by():
+    counts = np.zeros((1, 7, 2), np.int32)
+    counts[0, :, 0], counts[0, :, 1] = (0, 0, 1, 3, 5, 6, 0), (10, 16, 10, 10, 10, 10, 0)
+    cells = np.empty((1, 7), np.uint8)
+    classify_counts(counts, 0.2, (3.0, 3.0), 1, cells)
+    assert cells[0].tolist() == [UNKNOWN, FREE, UNKNOWN, UNKNOWN, UNKNOWN, OCCUPIED, UNKNOWN]
+    poses, ranges = scans(1, 4)
+    config = SlamConfig(occupied_margin=1.5, free_margin=0.5, counting="scans")
+    plain, saved = HitCountMap(BEAMS, SlamConfig(counting="scans")), HitCountMap(BEAMS, config)
+    for drawn in (plain, saved):
+        drawn.draw(poses, ranges)
+    frame = plain.occupancy_grid().frame
+    np.testing.assert_array_equal(saved.render(frame), plain.render(frame))
+    assert (saved.occupancy_grid().cells != UNKNOWN).sum() < (plain.occupancy_grid().cells != UNKNOWN).sum()
 
 
 @given(st.floats(0.3, 2.9), st.floats(-np.pi, np.pi))

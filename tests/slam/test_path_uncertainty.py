@@ -36,11 +36,11 @@ def test_a_closed_loop_makes_the_end_as_certain_as_the_place_it_came_back_to():
     poses[20:] = poses[19::-1]
     path = driven(poses)
     before = np.trace(path.latest[:2, :2])
-    path.follow(poses, np.tile(STEP, (len(poses), 1, 1)), [(3, 39, STEP)])
+    path.follow(poses, [(3, 39, STEP)])
     after = np.trace(path.latest[:2, :2])
     assert after < 0.2 * before
     # Whatever the order in which the two nodes are named.
-    path.follow(poses, np.tile(STEP, (len(poses), 1, 1)), [(39, 3, STEP)])
+    path.follow(poses, [(39, 3, STEP)])
     assert np.trace(path.latest[:2, :2]) == after
 
 

@@ -48,7 +48,7 @@ def test_a_log_becomes_a_map_a_path_a_picture_and_a_summary(tmp_path, episode, m
     assert summary["truth"]["ate_rmse_m"] < 0.03
     assert summary["config"]["mode"] == mode
     assert sorted(path.name for path in out.iterdir()) == [
-        "map.pgm", "map.png", "map.yaml", "summary.json", "trajectory.tum",
+        "map.pgm", "map.png", "map.yaml", "summary.json", "trajectory.tum", "trajectory_doubt.csv",
     ]  # fmt: skip
     assert mode in capsys.readouterr().out
 

@@ -96,7 +96,7 @@ def test_shared_tiles_behave_as_copied_maps(seed):
         for cell in list(dense.maps[particle])[:20]:
             u, v = cell[0] + rng.random(), cell[1] + rng.random()
             found, _, _ = surface_near(
-                shared.pool,
+                shared.pool.cells,
                 shared.tables[particle],
                 u - origin[0] / resolution,
                 v - origin[1] / resolution,
@@ -123,7 +123,7 @@ def test_a_score_from_remembered_means_is_that_of_the_tiles():
         u, v = -maps.origin / 0.05 + rng.normal(0.0, 3.0, 2)
         expected = 0.0
         for x, y in points.T:
-            found, _, _ = surface_near(maps.pool, maps.tables[particle], u + x, v + y)
+            found, _, _ = surface_near(maps.pool.cells, maps.tables[particle], u + x, v + y)
             expected += exp_of_minus(0.05 * found) if found >= 0.0 else 0.0
         for _ in range(2):
             value = score(maps.pool.cells, maps.tables[particle], near, points, u, v, 0.05, -1.0)

@@ -1,8 +1,8 @@
 """Graph-based SLAM: the mode that closes loops globally, which GMapping can't.
 
-Some scans are nodes. Odometry, corrected by what is known of it by now, and matching with the map each give edges
-between successive nodes; when the robot may have come back to a place, it is searched for among the old scans there,
-which gives a loop closure. Least squares over all edges corrects the whole path at once, and the map is redrawn.
+Every processed scan is a node. It is matched with the scans before it, which gives an edge to its
+predecessor; when the robot may have come back to a place, it is searched for among the old scans there, which
+gives a loop closure. Least squares over all edges corrects the whole path at once, and the map is redrawn.
 """
 
 import time
@@ -16,7 +16,6 @@ from slamgym.core.types import FloatArray, IntArray, LaserGeometry, LaserScan, P
 from slamgym.metrics.trajectory import relative_poses
 from slamgym.slam.config import SlamConfig
 from slamgym.slam.graph.loop_closure import (
-    HEADING_COST,
     LOOP_EDGE_LENGTH,
     Closure,
     LoopCandidate,
@@ -26,26 +25,23 @@ from slamgym.slam.graph.loop_closure import (
 )
 from slamgym.slam.graph.matching import NodeMatch, NodeMatcher
 from slamgym.slam.graph.nodes import GraphNodes
-from slamgym.slam.graph.solver import Edges, chi_squared, joined, optimise
-from slamgym.slam.graph.steps import MATCH_FLOOR, ODOMETRY_FLOOR, PathSteps, rotation
+from slamgym.slam.graph.solver import Edges, chi_squared, optimise
 from slamgym.slam.graph.uncertainty import PathUncertainty, step_covariance
-from slamgym.slam.hit_counts import HitCountMap
 from slamgym.slam.particle_filter import FEW_POINTS, ParticleFilter
-from slamgym.slam.particles import ParticleMaps
 from slamgym.slam.path_correction import poses_between
 
-EXPECTED_CHI2, AGREEING_CHI2 = 12.0, 25.0
-"""A closure may disagree so much with the path and its uncertainty: one alone, and one of several that agree."""
-CLOSURE_FLOOR = (0.05, 0.05, 0.02)
-"""What a closure and the path may disagree by anyway [m], [m], [rad]."""
+ODOMETRY_FLOOR = (0.005, 0.005, 0.002)
+"""Odometry between two nodes is never trusted further than this [m], [m], [rad]."""
+EXPECTED_METRES, EXPECTED_SIGMAS = 0.25, 3.0
+"""A single closure may move a node so far [m] and so many standard deviations more; beyond, others must agree."""
 WIDE_WINDOW = (0.3, 0.15)
 """Least half width of the search for a scan that fits poorly [m], [rad]."""
 BETTER_SHARE = 0.1
-"""What a search finds counts if so many more of the points fit than where the path says."""
-AMBIGUOUS_METRES, AMBIGUOUS_SCORE = 0.3, 0.08
-"""A search that leads further than this must find no other place whose score is so near [m]."""
-REVISIT_METRES, REVISIT_MOVED = 1.0, 0.15
-"""A node this near to an old one is tied to it, if that moves it no further than this [m]."""
+"""What is found there counts if so many more of the points fit."""
+MATCH_FLOOR = (0.01, 0.01, 0.003)
+"""Nor is a match as an edge of the graph [m], [m], [rad]."""
+STEP_FLOOR = (0.006, 0.006, 0.002)
+"""What each node adds to the path's uncertainty at least: chosen on twenty simulated homes so that NEES is about 3."""
 NEIGHBOURS = 8
 """A loop is sought in the scans up to so many nodes before and after the candidate."""
 URGENT_CHI2 = 20.0
@@ -74,13 +70,13 @@ class PoseGraphMapper(ParticleFilter):
         self._matcher = NodeMatcher(self._settings)
         self._nodes = GraphNodes(geometry.num_beams)
         self._steps_of_nodes: list[int] = []  # processed scan of each node
-        self._steps = PathSteps()
-        self._since: list[FloatArray] = []  # raw odometry since the last node
+        self._steps: list[Closure] = []  # edges between successive nodes
         self._closures: list[Closure] = []
         self._pending: list[Closure] = []
         self._uncertainty = PathUncertainty()
         self._rejected = 0
         self._last_optimised = 0
+        self._stale = False
         self._variances = np.zeros(2)  # of position and heading by odometry since the last node
         self._distance = self._turn = 0.0
 
@@ -108,6 +104,7 @@ class PoseGraphMapper(ParticleFilter):
                     )
                     if closure is not None:
                         self._closures.append(closure)
+            self._stale = True
             self._optimise(iterations=15, tolerance=1e-4)
             self._drop_false_closures()
         self._grid = None
@@ -121,7 +118,6 @@ class PoseGraphMapper(ParticleFilter):
         self._distance += float(np.hypot(*(self._poses[0, :2] - before[:2])))
         self._turn += abs(float(wrap_angle(self._poses[0, 2] - before[2])))
         self._variances += self._predicted_variances
-        self._since.append(self._increments)
         if (
             len(self._nodes) == 0
             or self._distance >= self._settings.keyframe_distance
@@ -162,30 +158,35 @@ class PoseGraphMapper(ParticleFilter):
     def _add_node(self, scan: LaserScan) -> None:
         """Make the scan just processed a node, bound to the one before by matching and by odometry."""
         pose = self._poses[0]
+        step = np.zeros((3, 3))
         if len(self._nodes) > 0:
-            poses = np.concatenate([self._nodes.poses, pose[None]])
-            self._steps.append(poses, np.concatenate(self._since), self._variances.copy(), self._scan_match)
-        else:
-            self._steps.begin(self._scan_match)
+            step = self._step_covariance()
+            relative = relative_poses(self._nodes.poses[[-1]], pose[None])[0]
+            information = np.diag(1.0 / (self._variances[[0, 0, 1]] + np.square(ODOMETRY_FLOOR)))
+            if self._match_covariance is not None:
+                turned = _rotation(-float(self._nodes.poses[-1, 2]))
+                covariance = turned @ self._match_covariance @ turned.T + np.diag(np.square(MATCH_FLOOR))
+                information = information + np.linalg.inv(covariance)
+            node = len(self._nodes)
+            self._steps.append(Closure(node - 1, node, relative, information))
         self._nodes.append(scan, pose, self._usable_points(scan.ranges, self._settings.match_range))
         self._steps_of_nodes.append(len(self._tree) - 1)
-        self._uncertainty.append(self._nodes.poses, self._step_covariances(len(self._nodes) - 1)[-1])
+        self._uncertainty.append(self._nodes.poses, step)
         self._variances[:] = 0.0
-        self._since.clear()
         self._distance = self._turn = 0.0
         node = len(self._nodes) - 1
         if node % self._settings.loop_interval == 0:
             self._close_loops(node)
-        self._revisit(node)
-        if node - self._last_optimised > OPTIMISE_INTERVAL:
+        if self._stale and node - self._last_optimised > OPTIMISE_INTERVAL:
             self._optimise()
 
-    def _step_covariances(self, first: int = 0) -> FloatArray:
-        """Covariances (nodes, 3, 3) of the steps to each node from ``first`` on; zero to node 0."""
-        if first > 0:
-            return self._steps.covariances(self._calibration, self._nodes.poses[:, 2], first - 1)
-        steps = self._steps.covariances(self._calibration, self._nodes.poses[:, 2])
-        return np.concatenate([np.zeros((1, 3, 3)), steps])
+    def _step_covariance(self) -> FloatArray:
+        """Covariance of the motion since the last node, in the map frame."""
+        odometry = np.diag(self._variances[[0, 0, 1]] + np.square(ODOMETRY_FLOOR))
+        if self._match_covariance is None:
+            return odometry
+        match = 2.0 * self._match_covariance + np.diag(np.square(STEP_FLOOR))
+        return np.asarray(np.linalg.inv(np.linalg.inv(odometry) + np.linalg.inv(match)), dtype=np.float64)
 
     @property
     def covariance(self) -> FloatArray:
@@ -193,12 +194,7 @@ class PoseGraphMapper(ParticleFilter):
         if len(self._nodes) == 0:
             return np.zeros((3, 3))
         moved = self._poses[0, :2] - self._nodes.poses[-1, :2]
-        information = np.diag(1.0 / (self._variances[[0, 0, 1]] + np.square(ODOMETRY_FLOOR)))
-        if self._scan_match is not None:
-            turned = rotation(float(self._poses[0, 2]))
-            match = self._scan_match.covariance + np.diag(np.square(MATCH_FLOOR))
-            information = information + np.linalg.inv(turned @ match @ turned.T)
-        return step_covariance(moved, self._uncertainty.latest, np.asarray(np.linalg.inv(information)))
+        return step_covariance(moved, self._uncertainty.latest, self._step_covariance())
 
     def _match(
         self, points: FloatArray, reference: int, members: IntArray, guess: FloatArray, prior_info: FloatArray,
@@ -217,21 +213,12 @@ class PoseGraphMapper(ParticleFilter):
         local = self._matcher.local_map(
             self._nodes.points, self._nodes.counts, members, relative, guess, radius
         )
-        near = self._matcher.align(local, points, guess, guess, prior_info)
-        if window == 0.0:
-            return near
-        start, score = self._matcher.search(local, points, guess, window, turn, least)
-        if score <= least:
-            return near
-        far = self._matcher.align(local, points, start, guess, prior_info)
-        if far.fit < near.fit + BETTER_SHARE:
-            return near
-        if np.hypot(*(start - guess)[:2]) > AMBIGUOUS_METRES:
-            nearly = score - AMBIGUOUS_SCORE
-            _, second = self._matcher.search(local, points, guess, window, turn, nearly, start)
-            if second > nearly:
+        start = guess
+        if window > 0.0:
+            start, score = self._matcher.search(local, points, guess, window, turn, least)
+            if score <= least:
                 return None
-        return far
+        return self._matcher.align(local, points, start, guess, prior_info)
 
     # --- loops ---
 
@@ -244,11 +231,7 @@ class PoseGraphMapper(ParticleFilter):
             closure = self._close(node, candidate, self._settings.loop_fit)
             if closure is None:
                 continue
-            chi2 = self._disagreement(closure)
-            if chi2 > AGREEING_CHI2:
-                self._rejected += 1
-                continue
-            if candidate.window <= self._settings.trusted_window and chi2 < EXPECTED_CHI2:
+            if candidate.window <= self._settings.trusted_window and self._is_expected(closure):
                 self._accept([closure])
                 continue
             allies = [
@@ -259,43 +242,21 @@ class PoseGraphMapper(ParticleFilter):
                 self._accept([closure, *allies])
                 self._pending.clear()
 
-    def _revisit(self, node: int) -> None:
-        """Tie the newest node to an old one beside it, where the map has been matched with it already."""
-        poses = self._nodes.poses
-        away = np.hypot(poses[:, 0] - poses[node, 0], poses[:, 1] - poses[node, 1])
-        away += HEADING_COST * np.abs(wrap_angle(poses[:, 2] - poses[node, 2]))
-        away[max(0, node - self._settings.local_nodes) :] = np.inf
-        steps = np.hypot(*np.diff(poses[:, :2], axis=0).T)
-        away[:-1][np.cumsum(steps[::-1])[::-1] < self._settings.loop_length] = np.inf
-        old = int(np.argmin(away))
-        if not away[old] <= REVISIT_METRES or any(closure.new == node for closure in self._closures[-2:]):
-            return
-        closure = self._close(node, LoopCandidate(old, 0.0, 0.0), self._settings.loop_fit)
-        if closure is None:
-            return
-        implied = relative_poses(poses[[old]], poses[[node]])[0]
-        moved = float(np.hypot(*(closure.measured[:2] - implied[:2])))
-        if moved < REVISIT_MOVED:
-            self._closures.append(closure)
-
     def _ties(self) -> Iterator[tuple[int, int, FloatArray]]:
         """The closures with their covariances in the map frame."""
         for closure in self._closures:
-            turned = rotation(float(self._nodes.poses[closure.old, 2]))
+            turned = _rotation(float(self._nodes.poses[closure.old, 2]))
             covariance = np.linalg.inv(closure.information + np.diag([1.0, 1.0, 1.0])) + np.diag(
                 np.square(MATCH_FLOOR)
             )
             yield closure.old, closure.new, turned @ covariance @ turned.T
 
-    def _disagreement(self, closure: Closure) -> float:
-        """Chi-squared of a closure, given how far off the path may be."""
+    def _is_expected(self, closure: Closure) -> bool:
+        """Whether a closure moves the newest node no further than its uncertainty allows."""
         implied = relative_poses(self._nodes.poses[[closure.old]], self._nodes.poses[[closure.new]])[0]
-        error = closure.measured - implied
-        error[2] = wrap_angle(error[2])
-        turned = rotation(-float(self._nodes.poses[closure.old, 2]))
-        covariance = turned @ self._uncertainty.latest @ turned.T
-        covariance += np.linalg.inv(closure.information + np.eye(3)) + np.diag(np.square(CLOSURE_FLOOR))
-        return float(error @ np.linalg.solve(covariance, error))
+        moved = float(np.hypot(*(closure.measured[:2] - implied[:2])))
+        covariance = self._uncertainty.latest
+        return moved < EXPECTED_METRES + EXPECTED_SIGMAS * float(np.sqrt(covariance[0, 0] + covariance[1, 1]))
 
     def _close(self, node: int, candidate: LoopCandidate, least_fit: float) -> Closure | None:
         old = candidate.node
@@ -320,8 +281,9 @@ class PoseGraphMapper(ParticleFilter):
 
     def _accept(self, closures: list[Closure]) -> None:
         self._closures += closures
-        self._uncertainty.follow(self._nodes.poses, self._step_covariances(), self._ties())
-        urgent = chi_squared(self._nodes.poses, _edges(closures)) > URGENT_CHI2
+        self._stale = True
+        self._uncertainty.follow(self._nodes.poses, self._ties())
+        urgent = chi_squared(self._nodes.poses, _edges([], closures)) > URGENT_CHI2
         if urgent.any() and len(self._nodes) - self._last_optimised > 5:
             self._optimise()
 
@@ -341,9 +303,10 @@ class PoseGraphMapper(ParticleFilter):
 
     def _optimise(self, iterations: int = 10, tolerance: float = 1e-3) -> None:
         self._last_optimised = len(self._nodes)
-        if len(self._nodes) < 2:
+        if not self._stale:
             return
-        edges = joined(self._steps.edges(self._calibration), _edges(self._closures))
+        self._stale = False
+        edges = _edges(self._steps, self._closures)
         poses = self._nodes.poses
         width = float(chi_squared(poses, edges)[edges.robust].max(initial=0.0))
         # Graduated: what may pull shrinks from "anything" to the robust width, so that a large true
@@ -357,7 +320,7 @@ class PoseGraphMapper(ParticleFilter):
     def _drop_false_closures(self) -> None:
         if not self._closures:
             return
-        chi2 = chi_squared(self._nodes.poses, _edges(self._closures))
+        chi2 = chi_squared(self._nodes.poses, _edges([], self._closures))
         kept = [closure for closure, value in zip(self._closures, chi2, strict=True) if value < FALSE_CHI2]
         self._rejected += len(self._closures) - len(kept)
         self._closures = kept
@@ -368,26 +331,32 @@ class PoseGraphMapper(ParticleFilter):
         """Move the nodes to ``poses``, the scans between them along, and make the map again from there."""
         old = self._tree.poses_along(np.zeros(len(self._tree), dtype=np.int64))
         self._nodes.poses[:] = poses
-        self._uncertainty.follow(self._nodes.poses, self._step_covariances(), self._ties())
+        self._uncertainty.follow(self._nodes.poses, self._ties())
         corrected = poses_between(poses, np.array(self._steps_of_nodes), old)
         self._tree.replace_poses(corrected)
         self._poses[0] = corrected[-1]
-        self._maps = ParticleMaps(1, self._config.resolution, self._config.memory_limit_mb)
+        self._new_particle_maps()
         for step, ranges in enumerate(self._tree.ranges):
             points = self._usable_points(ranges)
             self._maps.cover(corrected[step : step + 1], self._radius(points))
             self._maps.register(corrected[step : step + 1], points)
-        self._map = HitCountMap(self._beams, self._config)
+        self._new_map()
         self._lineage = np.zeros(0, dtype=np.int64)
         self._drawn_poses = np.zeros((0, 3))
         self._grid = None
 
 
-def _edges(closures: list[Closure]) -> Edges:
+def _rotation(angle: float) -> FloatArray:
+    cos, sin = np.cos(angle), np.sin(angle)
+    return np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
+
+
+def _edges(steps: list[Closure], closures: list[Closure]) -> Edges:
+    together = [*steps, *closures]
     return Edges(
-        first=np.array([edge.old for edge in closures], dtype=np.int64),
-        second=np.array([edge.new for edge in closures], dtype=np.int64),
-        measured=np.array([edge.measured for edge in closures], dtype=np.float64).reshape(-1, 3),
-        information=np.array([edge.information for edge in closures], dtype=np.float64).reshape(-1, 3, 3),
-        robust=np.ones(len(closures), dtype=np.bool_),
+        first=np.array([edge.old for edge in together], dtype=np.int64),
+        second=np.array([edge.new for edge in together], dtype=np.int64),
+        measured=np.array([edge.measured for edge in together], dtype=np.float64).reshape(-1, 3),
+        information=np.array([edge.information for edge in together], dtype=np.float64).reshape(-1, 3, 3),
+        robust=np.arange(len(together)) >= len(steps),
     )

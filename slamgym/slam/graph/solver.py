@@ -26,17 +26,6 @@ class Edges:
     robust: BoolArray  # (E,) whether the edge may be false and is scaled when it disagrees
 
 
-def joined(one: Edges, other: Edges) -> Edges:
-    """All edges of two graphs over the same nodes."""
-    return Edges(
-        np.concatenate([one.first, other.first]),
-        np.concatenate([one.second, other.second]),
-        np.concatenate([one.measured, other.measured]),
-        np.concatenate([one.information, other.information]),
-        np.concatenate([one.robust, other.robust]),
-    )
-
-
 def edge_errors(poses: FloatArray, edges: Edges) -> FloatArray:
     """Implied minus measured relative poses, (E, 3), in the frame of each first node."""
     a, b = poses[edges.first], poses[edges.second]

@@ -49,18 +49,14 @@ class PathUncertainty:
         self._steps.append(step)
         self._covariances.append(self._covariance_of(len(poses) - 1, poses))
 
-    def follow(
-        self, poses: FloatArray, steps: FloatArray, ties: Iterable[tuple[int, int, FloatArray]]
-    ) -> None:
+    def follow(self, poses: FloatArray, ties: Iterable[tuple[int, int, FloatArray]]) -> None:
         """Compute everything again after nodes were moved or loops closed.
 
         Args:
             poses: (N, 3) all nodes.
-            steps: (N, 3, 3) covariances of the steps to them, in the map frame.
             ties: Pairs of nodes whose scans were matched with each other, with the covariance (3, 3) of that match
                 in the map frame.
         """
-        self._steps = list(steps)
         self._ties.clear()
         for one, other, covariance in ties:
             self._ties.setdefault(max(one, other), []).append((min(one, other), covariance))

@@ -168,13 +168,29 @@ def test_a_setting_that_the_recipe_would_draw_over_is_refused():
 
 
 @pytest.mark.parametrize(("name", "beams", "view"), [("paper", 180, 180.0), ("paper360", 360, 360.0)])
-def test_the_papers_recipes_are_gmapping_with_true_odometry(name, beams, view):
-    config = apply_conditions(EpisodeConfig(), open_recipe(name).draw(0))
-    assert config.env.slam == SlamConfig.gmapping()
-    assert (config.env.lidar.num_beams, config.env.lidar.field_of_view_deg) == (beams, view)
-    assert config.env.lidar == lidar_level("gazebo", config.env.lidar)
-    assert config.env.lidar.sigma == 0.01
-    assert config.env.odometry == odometry_level("ideal")
+def test_the_papers_recipes_have_gazebos_laser_and_true_odometry(name, beams, view):
+    for seed in range(10):
+        config = apply_conditions(EpisodeConfig(), open_recipe(name).draw(seed))
+        assert (config.env.lidar.num_beams, config.env.lidar.field_of_view_deg) == (beams, view)
+        assert config.env.lidar == lidar_level("gazebo", config.env.lidar)
+        assert config.env.lidar.sigma == 0.01
+        assert config.env.odometry == odometry_level("ideal")
+        assert config.env.slam.no_return == "ignore"
+
+
+def test_the_paper_maps_by_gmapping_and_people_by_three_programs():
+    assert apply_conditions(EpisodeConfig(), open_recipe("paper").draw(0)).env.slam == SlamConfig.gmapping()
+    recipe = open_recipe("paper360")
+    drawn = [apply_conditions(EpisodeConfig(), recipe.draw(seed)) for seed in range(100)]
+    assert {config.explorer for config in drawn} == {"teleop"}
+    thresholds = [config.env.slam.occupied_threshold for config in drawn]
+    assert {0.25, 0.166, 0.1} == set(thresholds)
+    assert all(
+        config.env.slam == SlamConfig.gmapping()
+        for config, threshold in zip(drawn, thresholds, strict=True)
+        if threshold == 0.25
+    )
+    assert 0.25 < thresholds.count(0.25) / 100 < 0.55
 
 
 def test_the_real_recipe_draws_lasers_glass_and_robots_that_stop_early():

@@ -1,0 +1,122 @@
+import math
+
+import numpy as np
+import pytest
+from drawn_drives import CORRIDOR, FLAT, OTHER, draw, drive
+
+from slamgym.core.errors import SlamgymError
+from slamgym.core.geometry import compose, wrap_angle
+from slamgym.core.types import FREE, OccupancyGrid, Pose2D
+from slamgym.slam.config import SlamConfig
+from slamgym.slam.localization.config import LocalizationConfig
+from slamgym.slam.localization.replay import localize_log
+
+HERE = Pose2D(0.0, 0.0, 0.0)
+ROUND_TRIP = [(1, 1), (2.2, 2.3), (3.8, 2.3), (4.7, 2.4), (4.7, 3.6), (7, 3.8)]
+UPPER_ROOM = [(7.3, 4.2), (5.0, 3.5), (3.7, 3.6), (3.6, 4.5), (4.6, 3.8), (6.5, 3.4)]
+
+
+def localize(log, grid, seed=0, placement=HERE, **settings):
+    return localize_log(log, grid, placement, LocalizationConfig(**settings), np.random.default_rng(seed))
+
+
+def errors(result, truth):
+    """Position [m] and heading [rad] at the processed scans."""
+    away = np.array([belief.pose for belief in result.beliefs]) - truth[list(result.processed)]
+    return np.hypot(away[:, 0], away[:, 1]), np.abs(wrap_angle(away[:, 2]))
+
+
+def test_the_robot_finds_itself_anywhere_and_knows_how_well():
+    log, truth = drive(FLAT, ROUND_TRIP)
+    result = localize(log, draw(FLAT, (1, 1)))
+    localised = np.array([belief.state == "localised" for belief in result.beliefs])
+    away, turned = errors(result, truth)
+    assert localised[-1]
+    assert localised.mean() > 0.5
+    assert away[localised].max() < 0.1
+    assert turned[localised].max() < math.radians(4.0)
+    deviations = np.array([math.sqrt(belief.covariance[0, 0]) for belief in result.beliefs])
+    assert 0.01 < deviations[-1] < 0.1
+    assert np.array_equal(result.trajectory.stamps[-3:], [record.stamp for record in log.records[-3:]])
+
+
+def test_the_same_seed_gives_the_same_beliefs():
+    log, _ = drive(FLAT, ROUND_TRIP[:3])
+    first, second = (localize(log, draw(FLAT, (1, 1)), seed=4) for _ in range(2))
+    assert [belief.pose for belief in first.beliefs] == [belief.pose for belief in second.beliefs]
+    assert [belief.hypotheses for belief in first.beliefs] == [belief.hypotheses for belief in second.beliefs]
+
+
+def test_a_corridor_that_looks_the_same_from_both_ends_is_ambiguous():
+    log, truth = drive(CORRIDOR, [(1.2, 0.8), (5.6, 0.8), (2.0, 0.8)])
+    result = localize(log, draw(CORRIDOR, (1, 1)))
+    assert {belief.state for belief in result.beliefs} == {"ambiguous"}
+    (first, weight), (second, other) = result.beliefs[-1].hypotheses[:2]
+    assert weight + other > 0.95
+    assert other > 0.05
+    mirrored = Pose2D(7.0 - truth[-1, 0], 1.6 - truth[-1, 1], truth[-1, 2] + math.pi)
+    for wanted in (Pose2D(*truth[-1]), mirrored):
+        assert min(math.hypot(p.x - wanted.x, p.y - wanted.y) for p in (first, second)) < 0.15
+    assert len(result.trajectory) == 0
+
+
+def test_a_robot_that_is_carried_off_notices_and_finds_itself_again():
+    log, truth = drive(FLAT, ROUND_TRIP[:4], carried=UPPER_ROOM)
+    result = localize(log, draw(FLAT, (1, 1)))
+    states = [belief.state for belief in result.beliefs]
+    away, _ = errors(result, truth)
+    before = len([index for index in result.processed if index < len(drive(FLAT, ROUND_TRIP[:4])[0])])
+    assert states[before - 1] == "localised"
+    assert states[before + 8] != "localised"
+    assert states[-1] == "localised"
+    assert away[-1] < 0.15
+
+
+def test_a_log_of_another_building_is_said():
+    log, _ = drive(OTHER, [(2, 1.5), (5.5, 1.6), (5.6, 3), (4.6, 4.8), (2, 4.6)])
+    result = localize(log, draw(FLAT, (1, 1)))
+    assert not result.is_ever_localised
+    assert result.beliefs[-1].state in ("searching", "ambiguous")
+
+
+def test_a_known_start_is_believed_and_followed():
+    log, truth = drive(FLAT, ROUND_TRIP)
+    start = Pose2D(1.2, 0.9, truth[0, 2] + 0.1)
+    config = LocalizationConfig()
+    result = localize_log(log, draw(FLAT, (1, 1)), HERE, config, np.random.default_rng(0), start)
+    assert {belief.state for belief in result.beliefs} == {"localised"}
+    assert errors(result, truth)[0][10:].max() < 0.1
+
+
+def test_poses_come_in_the_frame_of_a_turned_map():
+    log, _ = drive(FLAT, ROUND_TRIP)
+    placement = Pose2D(3.0, -2.0, 0.7)
+    straight, turned = (localize(log, draw(FLAT, (1, 1)), placement=p) for p in (HERE, placement))
+    expected = compose(placement, straight.beliefs[-1].pose)
+    assert turned.beliefs[-1].pose == pytest.approx(expected)
+    assert np.trace(turned.beliefs[-1].covariance) == pytest.approx(np.trace(straight.beliefs[-1].covariance))
+
+
+def test_furniture_that_was_moved_does_not_lose_the_robot():
+    log, truth = drive(FLAT, ROUND_TRIP)
+    without_pillar = FLAT[:-4]
+    moved = np.array([(6.0, 0.6, 6.6, 0.6), (6.6, 0.6, 6.6, 1.4), (4.0, 0.5, 4.0, 1.2)])
+    result = localize(log, draw(np.vstack([without_pillar, moved]), (1, 1)))
+    assert result.beliefs[-1].state == "localised"
+    assert errors(result, truth)[0][-1] < 0.1
+
+
+def test_a_map_without_walls_is_one_clear_error():
+    log, _ = drive(FLAT, ROUND_TRIP[:2])
+    grid = draw(FLAT, (1, 1))
+    with pytest.raises(SlamgymError, match="wall"):
+        localize(log, OccupancyGrid(np.full_like(grid.cells, FREE), grid.frame))
+
+
+def test_the_mode_map_needs_a_map():
+    from slamgym.slam import make_mapper
+
+    with pytest.raises(SlamgymError, match="finished map"):
+        make_mapper(
+            SlamConfig(mode="map"), drive(FLAT, [(1, 1), (1, 2)])[0].geometry, HERE, np.random.default_rng(0)
+        )
