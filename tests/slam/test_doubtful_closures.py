@@ -18,9 +18,10 @@ def scan_at(x: float, pillars: list[float]) -> tuple[LaserScan, np.ndarray]:
     ranges = np.empty(GEOMETRY.num_beams)
     cast_rays(x, 0.0, 0.0, GEOMETRY.angle_min, GEOMETRY.angle_increment, segments, 3.0, ranges)
     angles = GEOMETRY.angle_min + GEOMETRY.angle_increment * np.arange(GEOMETRY.num_beams)
-    points = ranges[:, None] * np.column_stack([np.cos(angles), np.sin(angles)])
+    seen = np.isfinite(ranges)
+    points = ranges[seen, None] * np.column_stack([np.cos(angles), np.sin(angles)])[seen]
     scan = LaserScan(0.0, ranges.astype(np.float32), GEOMETRY)
-    return scan, points[np.isfinite(ranges)]
+    return scan, points
 
 
 @pytest.mark.parametrize(("pillars", "is_found"), [([1.5], True), ([1.5, 4.0], False)])
