@@ -18,7 +18,7 @@ import numpy as np
 from report import print_and_save
 
 from slamgym.commands.gan.main import train_command
-from slamgym.gan.data import PairSet, load_pairs
+from slamgym.gan.data import PairSet, load_pairs, true_faces
 from slamgym.gan.evaluation.evaluate import MapScore, baselines, evaluate_method, learned
 from slamgym.gan.presets import find_preset
 from slamgym.gan.training.train import MAX_VALIDATION_PAIRS
@@ -60,10 +60,13 @@ def main() -> None:
     _, pairs = load_pairs(arguments.images, "train", 256).split(find_preset("slam2cad").validation)
     pairs = pairs.subset(range(min(len(pairs), MAX_VALIDATION_PAIRS)))
     raw = np.array([score.mse for score in evaluate_method(baselines()[0], pairs)])
-    rows = [row(name, load_translator(folder), pairs, raw) for name, folder in folders.items()]
+    true = true_faces(arguments.images)
+    rows = [
+        row(name, load_translator(folder, true_faces=true), pairs, raw) for name, folder in folders.items()
+    ]
     for flips in FLIPS:
         name = "pretrained weights" if flips == 1 else f"pretrained weights, mean over {flips} flips"
-        rows.append(row(name, load_translator("slam2cad", flips=flips), pairs, raw))
+        rows.append(row(name, load_translator("slam2cad", flips=flips, true_faces=true), pairs, raw))
     title = f"Variants of slam2cad, {arguments.minutes:g} minutes each; {len(pairs)} maps of validation plans"
     columns = (
         "variant", "images learnt from", "MSE1 / MSE2", "grey MSE1 / MSE2", "wall F1 10 cm", "room F1", "CPU ms a map",

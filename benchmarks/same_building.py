@@ -104,13 +104,12 @@ def main() -> None:
     print_and_save(name, f"{len(people)} people's maps, {len(ours)} of ours", rows, COLUMNS)
 
 
-def exact_plan(picture: Path, drawing: Path, has_table: bool = True) -> FloorPlan:
-    """The house's floor with the exact walls and furniture, in the picture's frame."""
+def exact_plan(picture: Path, drawing: Path, has_table: bool = True, furniture: bool = True) -> FloorPlan:
+    """The house's floor with the exact walls, and furniture if it is wanted, in the picture's frame."""
     rough = read_image_plan(picture, RESOLUTION)
     shapes = json.loads(drawing.read_text())
-    solid = shapely.union_all(
-        [shapely.Polygon(points) for points in [*shapes["walls"], *shapes["furniture"]]]
-    )
+    drawn = [*shapes["walls"], *(shapes["furniture"] if furniture else [])]
+    solid = shapely.union_all([shapely.Polygon(points) for points in drawn])
     # The picture draws every cell that a wall touches, with the same margin on all sides.
     height, width = cv2.imread(str(picture), cv2.IMREAD_GRAYSCALE).shape
     left, bottom, right, top = solid.bounds
@@ -118,9 +117,8 @@ def exact_plan(picture: Path, drawing: Path, has_table: bool = True) -> FloorPla
     bins = [shapely.Point(x, y).buffer(radius, quad_segs=6) for x, y, radius in ROUND]
     across, along = 0.5 * LEG[0], 0.5 * LEG[1]
     legs = [shapely.box(x - across, y - along, x + across, y + along) for x, y in LEGS]
-    solid = shapely.union_all(
-        [shapely.affinity.translate(solid, *shift), *bins, *(legs if has_table else [])]
-    )
+    things = [*bins, *(legs if has_table else [])] if furniture else []
+    solid = shapely.union_all([shapely.affinity.translate(solid, *shift), *things])
     parts = shapely.get_parts(rough.free_space.buffer(1.5 * RESOLUTION, join_style="mitre").difference(solid))
     return FloorPlan(rough.id, max(parts, key=lambda part: float(part.area)), source=str(drawing))
 

@@ -115,6 +115,9 @@ class LossConfig(Settings, section="loss"):
     """Overlap of the free space and of what isn't free."""
     edge_weight: NonNegative = 0.0
     """Pixels within two of a border count 1 + this in the cross entropy."""
+    wall_weight: NonNegative = 0.0
+    """Pixels in and beside walls of at most seven pixels count as much more in the cross entropy: one hole in such a
+    wall joins two rooms."""
     smoothness: NonNegative = 0.0
     """Squared differences of the displacement field."""
 
@@ -132,6 +135,12 @@ class AugmentConfig(Settings, section="augment"):
     """Enlarge both images by up to this share, or shrink by it."""
     shift: ShareBelowOne = 0.0
     """Shift both images by up to this share of the side."""
+    windows: bool = False
+    """Cut a window of ``translator.input_size`` out of images that are larger, so that they keep their scale: for
+    pairs rendered at one scale. Without it images are shrunk to that size."""
+    rotated: Share = 0.0
+    """Share of the samples of which both images are turned by any angle: a direction that was misjudged, oblique
+    walls."""
     resampled: Share = 1.0
     """Share of the samples that are zoomed, turned and shifted by fractions of a pixel, which moves walls by half a
     pixel at random; the others are shifted by whole pixels, as maps in use lie on their own grid."""
@@ -188,6 +197,12 @@ class TranslatorConfig(Settings, section="translator"):
     explored_margin: NonNegative = 0.5
     """Floor is predicted at most so far beyond what the robot saw [m], and targets end there (slam2cad); 0 allows it
     anywhere."""
+    face_shift: Annotated[float, Within(ge=0.0, le=8.0)] = 0.0
+    """By how much the network draws the faces of walls inside of the true ones [px of the network's image]: CAD maps
+    are drawn without it (:mod:`slamgym.gan.translation.faces`). 0 for networks that learnt true faces."""
+    tile_size: Annotated[int, Within(ge=0, le=4096)] = 0
+    """Side of the tiles in which larger maps are translated [px]; 0 takes ``input_size``. Networks of the kind
+    ``residual`` take any multiple of the pixels that their deepest level folds, and see farther in larger tiles."""
     metres_per_px: tuple[Positive, Positive, Positive] = (0.04, 0.06, 0.1)
     """Smallest, middle and largest scale of the training images (5th, 50th and 95th percentile) [m/px of
     ``input_size``]."""
@@ -198,6 +213,11 @@ class TranslatorConfig(Settings, section="translator"):
             raise ConfigError(
                 f"output_size {self.output_size} is larger than input_size {self.input_size}; "
                 "the decoder ends at the input's size"
+            )
+        folded = self.generator.fold << self.generator.depth
+        if self.tile_size and (self.generator.kind != "residual" or self.tile_size % folded):
+            raise ConfigError(
+                f"tile_size {self.tile_size} needs a residual generator and a multiple of {folded}"
             )
         if self.generator.kind == "residual":
             if self.output_size != self.input_size:

@@ -20,11 +20,11 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from slamgym.core.documents import parse_json
+from slamgym.core.documents import parse_json, read_json
 from slamgym.core.errors import InputFileError
 from slamgym.core.files import read_bytes, text_lines
 from slamgym.core.pictures import decode_picture
-from slamgym.core.types import ByteArray, FloatArray
+from slamgym.core.types import UNKNOWN, ByteArray, FloatArray
 from slamgym.gan.encoding import resample_grey
 from slamgym.metrics.maps import resample_slam
 
@@ -72,6 +72,19 @@ class PairSet:
             metres_per_px=self.metres_per_px * factor,
         )
 
+    def windows(self, side: int) -> "PairSet":
+        """The pairs cut to windows of this side [px] about the middle of what their SLAM maps show."""
+        if self.cad.shape[1] <= side:
+            return self
+        corners = [window_corner(slam, side, _middle_of(slam)) for slam in self.slam]
+        cut = [
+            np.stack(
+                [image[r : r + side, c : c + side] for image, (r, c) in zip(images, corners, strict=True)]
+            )
+            for images in (self.cad, self.slam)
+        ]
+        return replace(self, cad=cut[0], slam=cut[1])
+
     def split(self, share: float) -> tuple["PairSet", "PairSet"]:
         """Hold out the pairs of about this share of the plans; which ones follows from the plans' ids alone.
 
@@ -89,6 +102,19 @@ class PairSet:
             return None
         low, middle, high = np.percentile(known, [5.0, 50.0, 95.0])
         return float(low), float(middle), float(high)
+
+
+def window_corner(image: ByteArray, side: int, centre: tuple[int, int]) -> tuple[int, int]:
+    """First row and column of a window of this side about a place, moved as far as it takes to lie in the image."""
+    row, col = (
+        min(max(at - side // 2, 0), length - side) for at, length in zip(centre, image.shape, strict=True)
+    )
+    return row, col
+
+
+def _middle_of(slam: ByteArray) -> tuple[int, int]:
+    rows, cols = np.nonzero(slam != UNKNOWN)
+    return (int(rows.mean()), int(cols.mean())) if rows.size else (0, 0)
 
 
 def load_pairs(root: Path | str, split: str, size: int, limit: int | None = None) -> PairSet:
@@ -121,6 +147,20 @@ def load_pairs(root: Path | str, split: str, size: int, limit: int | None = None
     return PairSet(cad, slam, tuple(names), plans, scales)
 
 
+def true_faces(root: Path | str) -> bool:
+    """Whether the CAD maps of a folder have walls as thick as the plan's, without a line along their faces.
+
+    Raises:
+        InputFileError: If its config.json is malformed.
+    """
+    path = Path(root) / "config.json"
+    if not path.is_file():
+        return False
+    settings = read_json(path)
+    images = settings.get("images") if isinstance(settings, dict) else None
+    return isinstance(images, dict) and images.get("edge_px") == 0.0
+
+
 def read_grey(path: Path) -> ByteArray:
     """Read an image of one channel, or of several equal ones, 8 bits each.
 
@@ -136,6 +176,14 @@ def read_grey(path: Path) -> ByteArray:
             raise InputFileError(path, f"is coloured ({image.shape[2]} channels); maps are grey images")
         image = np.rint(colours.mean(axis=2)).astype(np.uint8)
     return np.asarray(image, dtype=np.uint8)
+
+
+def image_side(root: Path | str, split: str) -> int:
+    """Side of the images of a folder [px]; 256 where there is none to ask, whose error comes with the pairs."""
+    root = Path(root)
+    folder = root / split / "A" if (root / split / "A").is_dir() else root / "A"
+    first = next(iter(sorted(folder.glob("*.png"))), None) if folder.is_dir() else None
+    return int(read_grey(first).shape[0]) if first is not None else 256
 
 
 def _split_folder(root: Path, split: str) -> Path:

@@ -65,6 +65,14 @@ _SLAM2CAD = TranslatorTrainingConfig(
     register=True,
 )
 
+_METRIC = replace(
+    _SLAM2CAD,
+    preset="slam2cad-metric",
+    loss=replace(_OVERLAP, wall_weight=3.0),
+    augment=replace(REAL_MAPS, windows=True, rotated=0.3, shift=0.0),
+)
+"""For pairs rendered at one scale with true faces (`--scaling fixed --metres-per-px 0.05 --size 512 --edge-px 0`)."""
+
 # A quarter of the width and batches of 8 take two fifths of the time per image. The discriminators at full resolution
 # cost most of a step: thin ones leave time for twice the steps.
 _THIN = DiscriminatorConfig(width=32, patch_width=16)
@@ -89,6 +97,7 @@ TRANSLATOR_PRESETS: dict[str, TranslatorTrainingConfig] = {
         ),
     ),
     "slam2cad": _SLAM2CAD,
+    "slam2cad-metric": _METRIC,
     "slam2cad-cpu": replace(
         _SLAM2CAD,
         preset="slam2cad-cpu",

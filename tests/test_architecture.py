@@ -16,8 +16,8 @@ BEGIN, END = "<!-- edges: begin -->", "<!-- edges: end -->"
 ROOMS = {
     "core": "records, SE(2), errors, settings, files, progress, parallel engines, intervals",
     "metrics": "every measure: trajectories, relations, maps, walls, rooms, two-sample tests",
-    "interop": "ROS maps, CARMEN logs, TUM trajectories, ROS bags",
-    "cad": "floor plans: readers, generator, rasters",
+    "interop": "ROS maps, maps of robot vacuums, CARMEN logs, TUM trajectories, ROS bags",
+    "cad": "floor plans: readers (DXF, IFC, GeoJSON, HouseExpo, pictures), generator, rasters",
     "sim": "world and sensors: robot, contacts, furniture, people, laser, wheel odometry",
     "slam": "the particle filter, the pose graph (`slam/graph`) and simpler modes; log replay",
     "planning": "costmap, paths, frontiers, navigation, the exploration loop",
@@ -27,6 +27,7 @@ ROOMS = {
     "dataset": "the format, and wings for generating, curating and images",
     "agents": "explorers, their training and their evaluation",
     "gan": "translators between SLAM maps and CAD maps",
+    "drawing": "from a SLAM map to vectors with dimensions, files that CAD reads, and as built against as planned",
     "commands": "the command line",
 }
 
@@ -64,6 +65,10 @@ ALLOWED = {
     ("gan", "interop"): "ROS maps are translated",
     ("gan", "metrics"): "translations are measured",
     ("gan", "viz"): "translations are shown",
+    ("drawing", "cad"): "a drawing is a floor plan, too; maps are compared with floor plans",
+    ("drawing", "gan"): "cleaning or a translator finds the floor, and the walls' direction",
+    ("drawing", "metrics"): "rooms are parts that only a doorway joins",
+    ("drawing", "viz"): "drawings and comparisons are shown over their maps",
 }
 BLIND = ("slam", "planning")
 """Packages that hold beliefs: they must not be able to see what is true."""

@@ -1,36 +1,45 @@
 """Measure translated maps against CAD drawings: the paper's aligned error, and what it can't see.
 
 Every method, the SLAM map itself included, goes through the same steps: threshold, the same alignment search on its
-own, keep the better of aligned and unaligned, then all measures in that position.
+own, keep the better of aligned and unaligned, then all measures in that position. That is done twice: with a
+similarity, as in the paper, and with a rigid motion, which can't enlarge a drawing until it fits. Dimensions are
+measured in the second.
 """
 
 import math
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import cv2
 import numpy as np
 
 from slamgym.core.errors import ConfigError
-from slamgym.core.types import FREE, BoolArray, ByteArray, Float32Array
+from slamgym.core.types import FREE, UNKNOWN, BoolArray, ByteArray, Float32Array
 from slamgym.gan.data import PairSet
 from slamgym.gan.translation.classical import clean_map, outline_only
 from slamgym.gan.translation.translate import Translator
 from slamgym.metrics import (
+    Dimensions,
+    Openings,
     Similarity,
     aligned_error,
     apply_similarity,
     boundary_distance,
     boundary_score,
+    compare_openings,
     intersection_over_union,
+    measure_dimensions,
     room_score,
     squared_error,
+    unseen_share,
 )
 from slamgym.metrics.alignment import IDENTITY
 
 TOLERANCES = (0.1, 0.2)
 """Of the wall F1 [m]."""
+RIGID_TOLERANCES = (0.05, 0.1)
+"""Of the wall F1 after a rigid alignment [m]."""
 THRESHOLD = 0.5
 """Probability from which a pixel counts as free."""
 
@@ -50,6 +59,8 @@ class MapScore:
     measures: dict[str, float]
     """By name: those of :data:`slamgym.gan.evaluation.summary.MEASURES`; the numbers ``rooms``, ``true_rooms``; of the
     alignment ``rotation_deg`` (counter-clockwise) and ``scale``."""
+    dimensions: Dimensions = field(default_factory=Dimensions)
+    openings: Openings = field(default_factory=Openings)
 
     def __getitem__(self, measure: str) -> float:
         return self.measures[measure]
@@ -122,30 +133,24 @@ def evaluate_method(
         probability = np.asarray(method.predict(pairs, i))
         seconds = time.process_time() - begun
         _check(method.name, probability, pairs.slam[i].shape)
-        scale, name, plan = pairs.scale(i), pairs.names[i], pairs.plan_ids[i]
-        scores.append(score_map(probability, pairs.cad[i], scale, name, plan, seconds))
+        score = score_map(probability, pairs.cad[i], pairs.scale(i), pairs.slam[i] != UNKNOWN)
+        score.measures["seconds"] = seconds
+        scores.append(replace(score, name=pairs.names[i], plan_id=pairs.plan_ids[i]))
         if advance is not None:
             advance()
     return scores
 
 
 def score_map(
-    predicted: BoolArray | Float32Array,
-    cad: ByteArray,
-    metres_per_px: float,
-    name: str = "",
-    plan_id: str = "",
-    seconds: float = 0.0,
+    predicted: BoolArray | Float32Array, cad: ByteArray, metres_per_px: float, seen: BoolArray | None = None
 ) -> MapScore:
     """Score one map.
 
     Args:
         predicted: Free cells, or the probability of being free, shape (H, W).
-        cad: CAD map of the same shape and frame: 0 walls and outside, 254 inside.
+        cad: CAD map of the same shape and frame: 0 walls and outside, 254 inside, greys where a face crosses a pixel.
         metres_per_px: Scale [m].
-        name: Of the pair.
-        plan_id: Of the pair.
-        seconds: CPU time of the translation.
+        seen: Cells that the robot saw, same shape; without them ``unseen_share`` is nan.
     """
     truth: BoolArray = cad > 127
     free: BoolArray = predicted >= THRESHOLD
@@ -154,6 +159,7 @@ def score_map(
     near = boundary_score(placed, truth, metres_per_px, TOLERANCES[0])
     distance = boundary_distance(placed, truth, metres_per_px)
     rooms = room_score(placed, truth, metres_per_px)
+    rigid, dimensions, openings = _score_rigidly(predicted, cad, metres_per_px)
     measures = {
         "mse": found.mse,
         "mse_grey": _grey_error(predicted, truth, found.similarity),
@@ -172,9 +178,42 @@ def score_map(
         "room_f1": rooms.f1,
         "rotation_deg": math.degrees(found.similarity.angle),
         "scale": math.exp(found.similarity.log_scale),
-        "seconds": seconds,
+        **rigid,
+        "unseen_share": math.nan if seen is None else unseen_share(free, seen),
+        "seconds": 0.0,
     }
-    return MapScore(name, plan_id, metres_per_px, measures)
+    return MapScore("", "", metres_per_px, measures, dimensions, openings)
+
+
+def _score_rigidly(
+    predicted: BoolArray | Float32Array, cad: ByteArray, metres_per_px: float
+) -> tuple[dict[str, float], Dimensions, Openings]:
+    """Errors and dimensions after a rigid motion."""
+    truth: BoolArray = cad > 127
+    free: BoolArray = predicted >= THRESHOLD
+    found = aligned_error(free.astype(np.float64), truth.astype(np.float64), scaling=False)
+    placed = aligned_mask(free, found.similarity)
+    shares = predicted.astype(np.float32)
+    if found.similarity != IDENTITY:
+        shares = apply_similarity(shares.astype(np.float64), found.similarity).astype(np.float32)
+    true_shares = (cad / np.float32(FREE)).astype(np.float32)
+    dimensions = measure_dimensions(shares, true_shares, metres_per_px)
+    openings = compare_openings(shares, true_shares, metres_per_px)
+    measures = {
+        "mse_rigid": found.mse,
+        **{
+            f"wall_f1_{round(100 * t)}cm_rigid": boundary_score(placed, truth, metres_per_px, t).f1
+            for t in RIGID_TOLERANCES
+        },
+        "room_f1_rigid": room_score(placed, truth, metres_per_px).f1,
+        "area_ratio": dimensions.area_ratio,
+        "doors": openings.doors,
+        "doors_kept": openings.doors_kept,
+        "doors_invented": openings.doors_invented,
+        "walls": openings.walls,
+        "walls_opened": openings.walls_opened,
+    }
+    return measures, dimensions, openings
 
 
 def _grey_error(predicted: BoolArray | Float32Array, truth: BoolArray, similarity: Similarity) -> float:

@@ -9,8 +9,10 @@ from typing import Any
 import numpy as np
 
 from slamgym.core.intervals import mean_interval
+from slamgym.core.types import FloatArray
 from slamgym.gan.evaluation.evaluate import RAW, MapScore, evenly_spaced
 from slamgym.metrics import improvement
+from slamgym.metrics.dimensions import LENGTH_TOLERANCES
 
 MEASURES: dict[str, str] = {
     "mse": "aligned MSE",
@@ -26,6 +28,12 @@ MEASURES: dict[str, str] = {
     "hausdorff_95": "wall 95 % Hausdorff distance [m]",
     "room_error": "room count error",
     "room_f1": "room F1",
+    "mse_rigid": "rigidly aligned MSE",
+    "wall_f1_5cm_rigid": "wall F1 5 cm, rigid",
+    "wall_f1_10cm_rigid": "wall F1 10 cm, rigid",
+    "room_f1_rigid": "room F1, rigid",
+    "area_ratio": "floor area ratio",
+    "unseen_share": "floor never seen",
     "seconds": "CPU seconds per map",
 }
 """Name of a measure to the heading of its column."""
@@ -40,8 +48,9 @@ def summarise_scores(scores: dict[str, list[MapScore]]) -> dict[str, dict[str, A
         scores: By method, the maps in the same order; the raw SLAM map must be among the methods.
 
     Returns:
-        JSON form, by method: ``maps``, ``plans``, one interval for each of :data:`MEASURES`, ``rooms_right`` and,
-        but for the raw map, ``improvement`` (of the masks) and ``improvement_grey`` (of the images as drawn).
+        JSON form, by method: ``maps``, ``plans``, one interval for each of :data:`MEASURES`, ``dimensions``,
+        ``rooms_right`` and, but for the raw map, ``improvement`` (of the masks), ``improvement_rigid`` and
+        ``improvement_grey`` (of the images as drawn).
     """
     raw = np.array([score.mse for score in scores[RAW]])
     summary: dict[str, dict[str, Any]] = {}
@@ -51,13 +60,83 @@ def summarise_scores(scores: dict[str, list[MapScore]]) -> dict[str, dict[str, A
         for measure in MEASURES:
             values = np.array([row[measure] for row in rows], dtype=np.float64)
             entry[measure] = asdict(mean_interval(values, groups=plans))
+        entry["dimensions"] = summarise_dimensions(rows)
         entry["rooms_right"] = float(np.mean([row["room_error"] == 0 for row in rows]))
         if method != RAW:
             entry["improvement"] = asdict(improvement(np.array([row.mse for row in rows]), raw, plans))
+            rigid = np.array([[row["mse_rigid"] for row in these] for these in (rows, scores[RAW])])
+            entry["improvement_rigid"] = asdict(improvement(rigid[0], rigid[1], plans))
             grey = np.array([row["mse_grey"] for row in rows])
             entry["improvement_grey"] = asdict(improvement(grey, raw, plans))
         summary[method] = entry
     return summary
+
+
+def summarise_dimensions(rows: Sequence[MapScore]) -> dict[str, Any]:
+    """Errors of lengths and openings of all maps together, in metres; None where nothing was measured."""
+    summary: dict[str, Any] = {}
+    for name in ("room_width", "wall_length", "wall_thickness"):
+        summary[name] = _length_summary(np.concatenate([getattr(row.dimensions, name) for row in rows]))
+    summary["door_width"] = _length_summary(np.concatenate([row.openings.door_width for row in rows]))
+    for name in ("doors", "doors_kept", "doors_closed", "doors_invented", "walls", "walls_opened"):
+        summary[name] = sum(getattr(row.openings, name) for row in rows)
+    return summary
+
+
+def _length_summary(errors: FloatArray) -> dict[str, Any]:
+    """Number, median, median of the absolute value, and the shares within the tolerances."""
+    if len(errors) == 0:
+        return {"count": 0}
+    within = {f"within_{round(100 * t)}cm": float((np.abs(errors) <= t).mean()) for t in LENGTH_TOLERANCES}
+    return {
+        "count": len(errors),
+        "median": float(np.median(errors)),
+        "median_absolute": float(np.median(np.abs(errors))),
+        **within,
+    }
+
+
+def dimensions_table(summary: dict[str, dict[str, Any]]) -> tuple[list[str], list[list[str]]]:
+    """Headings and rows: what is left after a rigid alignment, and the dimensions."""
+    headings = [
+        "method",
+        "MSE ratio, rigid",
+        "F1 5 cm",
+        "F1 10 cm",
+        "room F1",
+        "room width [cm]",
+        "in 2 / 5 / 10 cm",
+    ]
+    headings += ["wall length [cm]", "in 5 cm", "thickness [cm]", "area", "doors kept", "door width [cm]"]
+    headings += ["walls opened", "doors invented", "never seen"]
+    rows = []
+    for method, entry in summary.items():
+        found = entry["dimensions"]
+        width, length = found["room_width"], found["wall_length"]
+        ratio = "1" if method == RAW else _interval(entry["improvement_rigid"]["ratio_of_means"], 2)
+        row = [method, ratio]
+        row += [
+            f"{entry[m]['value']:.2f}" for m in ("wall_f1_5cm_rigid", "wall_f1_10cm_rigid", "room_f1_rigid")
+        ]
+        row += [_cm(width, "median"), " / ".join(_share(width, f"within_{n}cm") for n in (2, 5, 10))]
+        row += [_cm(length, "median"), _share(length, "within_5cm"), _cm(found["wall_thickness"], "median")]
+        row += [f"{entry['area_ratio']['value']:.3f}", _of(found["doors_kept"], found["doors"])]
+        row += [_cm(found["door_width"], "median_absolute"), _of(found["walls_opened"], found["walls"])]
+        row += [str(found["doors_invented"]), f"{100 * entry['unseen_share']['value']:.1f} %"]
+        rows.append(row)
+    return headings, rows
+
+
+def _cm(lengths: dict[str, Any], name: str) -> str:
+    return f"{100 * lengths[name]:+.1f}" if lengths["count"] else "-"
+
+
+def _share(lengths: dict[str, Any], name: str) -> str:
+    return f"{lengths[name]:.2f}" if lengths["count"] else "-"
+
+
+def _of(part: int, whole: int) -> str:
+    return f"{part} of {whole}"
 
 
 def main_table(summary: dict[str, dict[str, Any]]) -> tuple[list[str], list[list[str]]]:

@@ -11,6 +11,7 @@ import numpy as np
 
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, BoolArray, ByteArray, Float32Array
 from slamgym.gan.config import AugmentConfig
+from slamgym.gan.data import window_corner
 from slamgym.gan.translation.derotation import flipped, transformed
 
 DAMAGE_PROBABILITY = 0.35
@@ -23,7 +24,12 @@ CUT_RANGE = (0.1, 0.45)
 
 
 def augment(
-    cad: ByteArray, slam: ByteArray, config: AugmentConfig, rng: np.random.Generator, damage: bool = True
+    cad: ByteArray,
+    slam: ByteArray,
+    config: AugmentConfig,
+    rng: np.random.Generator,
+    damage: bool = True,
+    side: int = 0,
 ) -> tuple[ByteArray, ByteArray]:
     """Change one pair.
 
@@ -33,11 +39,14 @@ def augment(
         config: What to change and how much.
         rng: Source of the draws.
         damage: Whether the SLAM map may be turned, distorted and damaged (it is the input).
+        side: Of the result, if the images are larger [px]; 0 leaves their size.
 
     Returns:
         The pair; the inputs are left as they are.
     """
     is_resampled = config.resampled >= 1.0 or rng.random() < config.resampled
+    if config.windows and side and side < cad.shape[0]:
+        cad, slam = cut_window(cad, slam, min(cad.shape[0], round(1.42 * side)), rng)
     both = (
         _joint_motion(cad.shape[0], config, rng) if is_resampled else _whole_shift(cad.shape[0], config, rng)
     )
@@ -51,6 +60,9 @@ def augment(
         slam = _moved(slam, own, cv2.INTER_NEAREST, UNKNOWN)
     if damage:
         slam = _damaged(slam, config, rng)
+    if side and side < cad.shape[0]:
+        start = (cad.shape[0] - side) // 2
+        cad, slam = (image[start : start + side, start : start + side] for image in (cad, slam))
     if config.flips:
         symmetry = int(rng.integers(8))
         cad, slam = flipped(cad, symmetry), flipped(slam, symmetry)
@@ -58,12 +70,24 @@ def augment(
 
 
 def _joint_motion(side: int, config: AugmentConfig, rng: np.random.Generator) -> np.ndarray:
-    """A zoom and shift as a 3 x 3 matrix on (col, row)."""
-    if config.zoom == 0.0 and config.shift == 0.0:
+    """A zoom, shift and turn as a 3 x 3 matrix on (col, row)."""
+    angle = rng.uniform(-45.0, 45.0) if config.rotated > 0.0 and rng.random() < config.rotated else 0.0
+    if config.zoom == 0.0 and config.shift == 0.0 and angle == 0.0:
         return np.eye(3)
     zoom = math.exp(rng.uniform(-1.0, 1.0) * math.log1p(config.zoom))
     shift = rng.uniform(-config.shift, config.shift, 2) * side
-    return _about_centre(side, 0.0, zoom, (float(shift[0]), float(shift[1])))
+    return _about_centre(side, angle, zoom, (float(shift[0]), float(shift[1])))
+
+
+def cut_window(
+    cad: ByteArray, slam: ByteArray, side: int, rng: np.random.Generator
+) -> tuple[ByteArray, ByteArray]:
+    """A window of both images about a random place of what the SLAM map shows."""
+    known = np.flatnonzero(slam != UNKNOWN)
+    at = int(known[rng.integers(known.size)]) if known.size else slam.size // 2
+    row, col = window_corner(slam, side, divmod(at, slam.shape[1]))
+    window = slice(row, row + side), slice(col, col + side)
+    return cad[window], slam[window]
 
 
 def _whole_shift(side: int, config: AugmentConfig, rng: np.random.Generator) -> np.ndarray:

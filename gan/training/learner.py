@@ -181,7 +181,7 @@ class Learner:
             terms["l1"] = losses.l1_loss(output.image, y)
         if loss.cross_entropy > 0.0:
             terms["cross_entropy"] = losses.cross_entropy_loss(
-                output.image, output.logits, y, loss.edge_weight
+                output.image, output.logits, y, loss.edge_weight, loss.wall_weight
             )
         if loss.dice > 0.0:
             terms["dice"] = losses.dice_loss(output.image, y)

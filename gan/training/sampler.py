@@ -42,6 +42,7 @@ class BatchSampler:
         # A SLAM map that is the input may be damaged, and its target ends where it does; as a target it stays.
         self._damage = config.translator.direction == "slam2cad"
         self._margin = config.translator.explored_margin if self._damage else 0.0
+        self._side = config.translator.input_size
         self._others = config.needs_unassociated
         self._order: IntArray = rng.permutation(len(pairs)).astype(np.int64)
         self._position = 0
@@ -84,7 +85,7 @@ class BatchSampler:
 
     def _changed(self, index: int, rng: np.random.Generator) -> tuple[ByteArray, ByteArray]:
         pairs = self._pairs
-        cad, slam = augment(pairs.cad[index], pairs.slam[index], self._config, rng, self._damage)
+        cad, slam = augment(pairs.cad[index], pairs.slam[index], self._config, rng, self._damage, self._side)
         if self._margin > 0.0:
             # The zoom changes the scale by a few per cent, which the margin needn't know.
             cad = limited_to_explored(cad, slam, pairs.scale(index), self._margin)

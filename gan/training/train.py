@@ -30,7 +30,7 @@ from slamgym.core.files import append_line, write_text
 from slamgym.core.interruption import Interruption, deferred_interrupt
 from slamgym.core.progress import duration, say
 from slamgym.gan.config import TranslatorTrainingConfig
-from slamgym.gan.data import PairSet, load_pairs
+from slamgym.gan.data import PairSet, image_side, load_pairs
 from slamgym.gan.device import Compute, make_deterministic
 from slamgym.gan.networks.factory import Generator
 from slamgym.gan.registration import registered
@@ -304,7 +304,10 @@ class _Training:
 def _training_pairs(images: Path, run: Path, config: TranslatorTrainingConfig) -> tuple[PairSet, PairSet]:
     """(pairs to train on, pairs of held-out plans)."""
     say(f"reading the pairs of {images}")
-    pairs = load_pairs(images, "train", config.translator.input_size)
+    side = config.translator.input_size
+    pairs = load_pairs(
+        images, "train", max(side, image_side(images, "train")) if config.augment.windows else side
+    )
     if config.register:
         pairs = registered(pairs, run / "registration.safetensors", _checksum(pairs))
     elif config.translator.derotate and config.translator.direction == "slam2cad":
@@ -314,7 +317,7 @@ def _training_pairs(images: Path, run: Path, config: TranslatorTrainingConfig) -
         raise ConfigError(
             f"{images}: training needs at least {MIN_PAIRS} pairs beside the held-out ones, not {len(rest)}"
         )
-    return rest, held_out.subset(range(min(len(held_out), MAX_VALIDATION_PAIRS)))
+    return rest, held_out.subset(range(min(len(held_out), MAX_VALIDATION_PAIRS))).windows(side)
 
 
 def _starting_generator(config: TranslatorTrainingConfig) -> Generator:

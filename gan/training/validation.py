@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from slamgym.core.types import FREE, BoolArray, ByteArray, Float32Array
+from slamgym.core.types import FREE, BoolArray, ByteArray, Float32Array, FloatArray
 from slamgym.gan.config import TranslatorConfig
 from slamgym.gan.data import PairSet
 from slamgym.gan.device import Compute
@@ -38,8 +38,9 @@ def validate(
     """Translate held-out pairs and compare.
 
     For ``slam2cad``: ``mse`` of the free space against the CAD map, ``mse_slam`` of the SLAM map itself, their
-    ``mse_ratio`` and ``improved`` share, and ``wall_f1`` beside ``wall_f1_slam``. For ``cad2slam``: the shares of
-    free, occupied and unknown cells, translated less true, and the mean absolute difference of the cells' greys.
+    ``mse_ratio`` and ``improved`` share, ``wall_f1`` beside ``wall_f1_slam``, and ``calibration_error``. For
+    ``cad2slam``: the shares of free, occupied and unknown cells, translated less true, and the mean absolute difference
+    of the cells' greys.
     """
     to_cad = config.direction == "slam2cad"
     inputs, targets = (pairs.slam, pairs.cad) if to_cad else (pairs.cad, pairs.slam)
@@ -57,10 +58,12 @@ def _validate_cad(
 ) -> tuple[ByteArray, dict[str, float]]:
     shape = pairs.cad.shape[1:]
     rows: list[tuple[float, float, float, float]] = []
+    probabilities = []
     shown = np.empty_like(pairs.cad)
     for index, image in enumerate(translated):
         free = enlarge_means(free_probability(image, config.output_encoding), (shape[0], shape[1]))
         shown[index] = np.rint(free * FREE)
+        probabilities.append(free)
         truth = pairs.cad[index] > FREE // 2
         slam = pairs.slam[index] == FREE
         tolerance = _tolerance_px(pairs.scale(index))
@@ -81,7 +84,25 @@ def _validate_cad(
         "improved": float(np.mean(mse < mse_slam)),
         "wall_f1": float(f1.mean()),
         "wall_f1_slam": float(f1_slam.mean()),
+        "calibration_error": calibration_error(np.stack(probabilities), pairs.cad.astype(np.float32) / FREE),
     }
+
+
+def calibration_error(probabilities: Float32Array, shares: FloatArray) -> float:
+    """How far probabilities are from what happens: expected calibration error (Guo et al. 2017) of the unsure pixels.
+
+    Args:
+        probabilities: Of floor, any shape.
+        shares: Of floor in truth, same shape.
+
+    Returns:
+        Mean over pixels between 0.05 and 0.95, in ten bins, of |mean probability - mean share|; 0 if there are none.
+    """
+    unsure = (probabilities > 0.05) & (probabilities < 0.95)
+    given, true = probabilities[unsure].astype(np.float64), shares[unsure].astype(np.float64)
+    bins = np.minimum((given * 10.0).astype(np.int64), 9)
+    differences = np.abs(np.bincount(bins, given, 10) - np.bincount(bins, true, 10))
+    return float(differences.sum() / max(len(given), 1))
 
 
 def _validate_slam(

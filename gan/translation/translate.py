@@ -1,9 +1,10 @@
 """Use a trained translator: maps of any size and scale in, maps of the same frame out.
 
 How an image reaches the network: a SLAM map is turned so that most walls lie along the axes, cut to what is known
-of it, and resampled to a scale that the network was trained at (given by the ROS map's resolution; without it the
-map is fitted into the network's image). What is larger than the network's image goes through in overlapping tiles.
-The translation is resampled and turned back, so that it lies over the input.
+of it, and kept at its scale if the network was trained at such, else resampled to one (given by the ROS map's
+resolution; without it the map is fitted into the network's image). What is larger than the network's image goes
+through in overlapping tiles. Faces are moved to where they truly are, and the translation is resampled and turned
+back, so that it lies over the input.
 """
 
 import dataclasses
@@ -25,9 +26,10 @@ from slamgym.gan.encoding import (
     resample_grey,
     resample_probability,
 )
-from slamgym.gan.networks.factory import Generator, run_generator
+from slamgym.gan.networks.factory import TRANSLATION_BATCH, Generator, run_generator
 from slamgym.gan.translation.derotation import (
     MAX_DRIFT_DEG,
+    MIN_TURN_DEG,
     angle_to_undo_deg,
     flipped,
     padded_for_turning,
@@ -37,6 +39,7 @@ from slamgym.gan.translation.derotation import (
 )
 from slamgym.gan.translation.elastic import drifted
 from slamgym.gan.translation.explored import explored_floor
+from slamgym.gan.translation.faces import moved_faces
 from slamgym.gan.weights import ModelCard, load_weights
 from slamgym.metrics.maps import resample_slam
 
@@ -64,20 +67,30 @@ def translate_tiled(
         run: Turns tiles (N, tile, tile) into (N, C, tile, tile).
 
     Returns:
-        (C, H, W): the mean of the tiles, weighted less towards their borders.
+        (C, H, W): the mean of the tiles, weighted less towards their borders; -1 where a tile would be empty.
     """
     rows, cols = cells.shape
     above, beside = max(0, tile - rows) // 2, max(0, tile - cols) // 2
     below, behind = max(0, tile - rows) - above, max(0, tile - cols) - beside
     padded = np.pad(cells, ((above, below), (beside, behind)), constant_values=fill)
     corners = [(r, c) for r in tile_starts(padded.shape[0], tile) for c in tile_starts(padded.shape[1], tile)]
-    images = run(np.stack([padded[r : r + tile, c : c + tile] for r, c in corners]))
+    corners = [(r, c) for r, c in corners if (padded[r : r + tile, c : c + tile] != fill).any()]
     window = _window(tile)
-    total = np.zeros((images.shape[1], *padded.shape), np.float32)
-    weight = np.zeros(padded.shape, np.float32)
-    for (r, c), part in zip(corners, images, strict=True):
-        total[:, r : r + tile, c : c + tile] += part * window
-        weight[r : r + tile, c : c + tile] += window
+    total: Float32Array | None = None
+    weight = np.full(padded.shape, 1e-9, np.float32)
+    # Some at a time, so that only the result grows with the map.
+    for first in range(0, len(corners), TRANSLATION_BATCH):
+        some = corners[first : first + TRANSLATION_BATCH]
+        images = run(np.stack([padded[r : r + tile, c : c + tile] for r, c in some]))
+        if total is None:
+            total = np.full(
+                (images.shape[1], *padded.shape), -1e-9, np.float32
+            )  # nothing where nothing is known
+        for (r, c), part in zip(some, images, strict=True):
+            total[:, r : r + tile, c : c + tile] += part * window
+            weight[r : r + tile, c : c + tile] += window
+    if total is None:
+        return np.full((1, rows, cols), -1.0, np.float32)
     blended: Float32Array = (total / weight).astype(np.float32)
     return blended[:, above : above + rows, beside : beside + cols]
 
@@ -111,8 +124,8 @@ CONTENT_MARGIN = 0.06
 """Border around what is known of a map, in shares of its larger side."""
 MAX_SHRINK = 4.0
 """A map of unknown scale is shrunk at most by this to fit into the network's image; a larger one is tiled."""
-MAX_COARSENING = 1.3
-"""A map is shrunk by so much beyond the coarsest trained scale (the 95th percentile) before it is tiled."""
+NEAR_SCALE = 1.3
+"""An image of the network's size goes in as it is if its scale is within this factor of what was trained."""
 SYMMETRIES = {1: (0,), 2: (0, 4), 4: (0, 2, 4, 6), 8: tuple(range(8))}
 """Which flips and quarter turns are averaged, by their number."""
 
@@ -137,7 +150,11 @@ class LearnedTranslator:
         self._generator = compute.put(generator)
 
     def translate(
-        self, slam: ByteArray, metres_per_px: float | None = None, straighten: bool = False
+        self,
+        slam: ByteArray,
+        metres_per_px: float | None = None,
+        straighten: bool = False,
+        angle_deg: float | None = None,
     ) -> Float32Array:
         """For each pixel of a SLAM map the probability of being free space of the building.
 
@@ -146,6 +163,7 @@ class LearnedTranslator:
             metres_per_px: Scale of the map, if it is known.
             straighten: Leave the CAD map turned about the image's centre so that most walls lie along the axes,
                 instead of turning it back into the map's frame.
+            angle_deg: Direction of most walls, counter-clockwise from the image's rows; None finds it.
 
         Returns:
             (H, W) in [0, 1]: 1 inside of rooms, 0 in walls and outside.
@@ -156,7 +174,9 @@ class LearnedTranslator:
         if self.config.direction != "slam2cad":
             raise ConfigError("these weights translate CAD maps to SLAM maps; choose others with --weights")
         _require_image(slam)
-        angle = angle_to_undo_deg(slam) if self.config.derotate else 0.0
+        angle = angle_to_undo_deg(slam) if angle_deg is None else angle_deg
+        if not self.config.derotate or abs(angle) < MIN_TURN_DEG:
+            angle = 0.0
         # A small turn cuts nothing off but a sliver of the corners; the training's maps are turned like this, too.
         padded = slam if abs(angle) <= MAX_DRIFT_DEG else padded_for_turning(slam, angle)
         upright = turned(padded, -angle)
@@ -166,6 +186,8 @@ class LearnedTranslator:
             free[~explored_floor(upright, scale, self.config.explored_margin)] = 0.0
         above, beside = ((a - b) // 2 for a, b in zip(padded.shape, slam.shape, strict=True))
         back = free if straighten else turned_probability(free, angle)
+        # At last: every resampling would lift a wall that is one cell thin above a half.
+        back = moved_faces(back, self._shift_px(upright, metres_per_px))
         return back[above : above + slam.shape[0], beside : beside + slam.shape[1]]
 
     def translate_cells(
@@ -236,7 +258,7 @@ class LearnedTranslator:
             return result
         shape = self._working_shape((part.shape[0], part.shape[1]), metres_per_px)
         resampled = resample_slam(part, shape) if empty == UNKNOWN else resample_grey(part, shape)
-        image = translate_tiled(resampled, size, empty, self._run)
+        image = translate_tiled(resampled, self._tile(shape), empty, self._run)
         if image.shape[0] == 3:
             image = image.mean(axis=0, keepdims=True)
         for channel in range(channels):
@@ -244,10 +266,26 @@ class LearnedTranslator:
             result[channel, rows, cols] = 2.0 * share - 1.0
         return result
 
+    def _tile(self, shape: tuple[int, int]) -> int:
+        """Side of the tiles for a map of this shape: no larger than it takes."""
+        folded = self.config.generator.fold << self.config.generator.depth
+        needed = folded * math.ceil(max(shape) / folded)
+        return max(self.config.input_size, min(self.config.tile_size, needed))
+
+    def _shift_px(self, cells: ByteArray, metres_per_px: float | None) -> float:
+        """By how much the network draws faces inside of the true ones, in cells of the map."""
+        if cells.shape == (self.config.input_size,) * 2 and self._is_usual(metres_per_px):
+            return self.config.face_shift
+        rows, cols = cells[_content(cells, UNKNOWN)].shape
+        if rows * cols == 0:
+            return 0.0
+        shape = self._working_shape((rows, cols), metres_per_px)
+        return self.config.face_shift * max(rows, cols) / max(shape)
+
     def _is_usual(self, metres_per_px: float | None) -> bool:
         """Whether an image of the network's size may go in as it is: its scale is near those of the training."""
         low, _, high = self.config.metres_per_px
-        return metres_per_px is None or 0.5 * low <= metres_per_px <= 2.0 * high
+        return metres_per_px is None or low / NEAR_SCALE <= metres_per_px <= NEAR_SCALE * high
 
     def _working_shape(self, shape: tuple[int, int], metres_per_px: float | None) -> tuple[int, int]:
         """Rows and columns at which a map goes through the network."""
@@ -255,20 +293,20 @@ class LearnedTranslator:
         if metres_per_px is None:
             factor = max(size / longest, 1.0 / MAX_SHRINK)
         else:
-            low, middle, high = self.config.metres_per_px
-            # The map's own scale if it was trained; a coarser one if that makes a single tile; else tiles.
-            nearest, to_fit = min(max(metres_per_px, low), high), longest * metres_per_px / size
-            factor = metres_per_px / (max(nearest, to_fit) if to_fit <= MAX_COARSENING * high else middle)
+            low, _, high = self.config.metres_per_px
+            # The map's own scale if it was trained: every coarser one costs walls their place.
+            factor = metres_per_px / min(max(metres_per_px, low), high)
         rows, cols = (max(1, min(math.ceil(side * factor), side * size)) for side in shape)
         return (min(rows, size), min(cols, size)) if factor * longest <= size + 1 else (rows, cols)
 
     def _run(self, tiles: ByteArray) -> Float32Array:
         """Translate tiles (N, S, S) to (N, C, S, S), the mean over the symmetries."""
-        size = self.config.input_size
+        size = tiles.shape[-1]
+        resolution = self.config.output_size if size == self.config.input_size else size
         outputs: list[np.ndarray] = []
         for symmetry in SYMMETRIES[self.config.flips]:
             seen = np.stack([flipped(tile, symmetry) for tile in tiles])
-            images = run_generator(self._generator, seen, self.config, self._compute, self.config.output_size)
+            images = run_generator(self._generator, seen, self.config, self._compute, resolution)
             outputs.append(np.stack([np.stack([unflipped(c, symmetry) for c in image]) for image in images]))
         mean: Float32Array = np.stack(outputs).mean(axis=0).astype(np.float32)
         if mean.shape[-1] == size:
@@ -282,6 +320,7 @@ def load_translator(
     direction: Direction | None = None,
     device: DeviceName = "cpu",
     flips: int | None = None,
+    true_faces: bool = True,
 ) -> LearnedTranslator:
     """Load a translator, ready to use; no network is needed.
 
@@ -290,6 +329,8 @@ def load_translator(
         direction: What it must translate; None takes any.
         device: Where to compute.
         flips: Average over 1, 2, 4 or 8 flips and quarter turns instead of what the weights' settings say.
+        true_faces: Whether walls get their true faces, whatever the network learnt from; without it CAD maps have the
+            faces that the network draws (``translator.face_shift``).
 
     Raises:
         InputFileError: If the file can't be used.
@@ -297,6 +338,8 @@ def load_translator(
     """
     weights = load_weights(name_or_path, direction)
     config = weights.config if flips is None else dataclasses.replace(weights.config, flips=flips)
+    if not true_faces:
+        config = dataclasses.replace(config, face_shift=0.0)
     return LearnedTranslator(weights.generator, config, weights.card, choose_compute(device, "float32"))
 
 

@@ -15,7 +15,16 @@ from shapely.geometry.base import BaseGeometry
 
 from slamgym.cad.crowding import refuse_crowded
 from slamgym.core.errors import PlanError
-from slamgym.core.types import FREE, OCCUPIED, BoolArray, ByteArray, FloatArray, GridFrame, OccupancyGrid
+from slamgym.core.types import (
+    FREE,
+    OCCUPIED,
+    BoolArray,
+    ByteArray,
+    Float32Array,
+    FloatArray,
+    GridFrame,
+    OccupancyGrid,
+)
 
 MIN_REACHED_SHARE = 0.8
 """The robot must be able to drive over this share of the floor, its own width counted."""
@@ -295,6 +304,52 @@ def fill_segments(segments: FloatArray, frame: GridFrame) -> BoolArray:
     parity = (crossings.reshape(height, width + 1) & 1).astype(np.uint8)
     inside: BoolArray = np.bitwise_xor.accumulate(parity, axis=1)[:, :width].astype(np.bool_)
     return inside
+
+
+SHARE_STEPS = 5
+"""Shares of cells are counted on a raster so many times finer."""
+CLOSED_SHARE = 0.45
+"""Most floor that a cell shows through which a wall passes that is thinner than a cell: less than half, so it stays
+closed."""
+
+
+def floor_share(segments: FloatArray, frame: GridFrame) -> Float32Array:
+    """How much of each cell is floor; walls thinner than a cell stay closed.
+
+    Where a straight face passes through a cell, the share says where. Of two neighbouring cells that are floor by
+    their shares but have a wall between their centres, the one with less floor gets :data:`CLOSED_SHARE`.
+
+    Convention: as of :func:`fill_segments`.
+
+    Args:
+        segments: All edges of all rings, shape (S, 4) [m].
+        frame: The grid.
+
+    Returns:
+        Shape (height_px, width_px), in [0, 1].
+    """
+    height, width = frame.shape
+    n = SHARE_STEPS
+    fine_frame = GridFrame(frame.resolution / n, frame.origin_x, frame.origin_y, height * n, width * n)
+    fine = fill_segments(segments, fine_frame)
+    share = fine.reshape(height, n, width, n).mean(axis=(1, 3), dtype=np.float32)
+    for values, steps in ((share, fine), (share.T, fine.T)):  # views: both directions change the same shares
+        _close_thin_walls(values, steps)
+    return np.asarray(share, dtype=np.float32)
+
+
+def _close_thin_walls(share: Float32Array, fine: BoolArray) -> None:
+    """Close the cells along each row of ``share`` that a wall separates; changes it in place."""
+    n, middle = SHARE_STEPS, SHARE_STEPS // 2
+    line = fine[middle::n]  # through the centres
+    cols = share.shape[1]
+    wall_between = np.zeros((share.shape[0], cols - 1), np.bool_)
+    for step in range(n + 1):
+        wall_between |= ~line[:, middle + step :: n][:, : cols - 1]
+    left, right = share[:, :-1], share[:, 1:]
+    separated = wall_between & (left >= 0.5) & (right >= 0.5)
+    left[separated & (left <= right)] = CLOSED_SHARE
+    right[separated & (left > right)] = CLOSED_SHARE
 
 
 def map_values(inside: BoolArray, resolution: float, outside: int, wall_thickness: float) -> ByteArray:

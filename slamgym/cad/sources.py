@@ -1,4 +1,4 @@
-"""Where floor plans come from: files, folders, archives, maps, the generator, and several of them at once."""
+"""Where floor plans come from: files, folders, archives, drawings, maps, the generator, and several of them at once."""
 
 import dataclasses
 import tarfile
@@ -13,6 +13,7 @@ from slamgym.cad.floorplan import FloorPlan
 from slamgym.cad.generator import Kind, PlanGeneratorConfig, generate_plan
 from slamgym.cad.houseexpo import parse_houseexpo, read_houseexpo
 from slamgym.cad.image_plan import PLAN_IMAGE_SUFFIXES, read_image_plan, read_ros_plan
+from slamgym.cad.plan_files.source import DRAWING_SUFFIXES, DrawingSource
 from slamgym.cad.room_lines import RoomLinesSource
 from slamgym.core.compression import DAMAGED, open_expanded
 from slamgym.core.config import suggest
@@ -184,7 +185,9 @@ def open_plans(spec: Path | str, ids_file: Path | str | None = None) -> PlanSour
             after a colon, ``home`` or ``office`` for one kind only, ``loops`` for a loop in every
             plan, and a seed, as in ``procedural:office:loops:7``; a HouseExpo JSON file, a folder of them, or
             an archive of them (``.tar.gz``); a ROS map's ``.yaml``; floors as rooms with portals (``.jsonl``
-            or ``.jsonl.xz``); a black/white picture with its metres per pixel, as in ``plan.png@0.05``.
+            or ``.jsonl.xz``); a black/white picture with its metres per pixel, as in ``plan.png@0.05``; a DXF drawing,
+            with the metres of its unit behind it where it doesn't say them, as in ``plan.dxf@0.001``; an IFC model,
+            each storey a plan; walls as GeoJSON.
         ids_file: A file with one plan id a line, as HouseExpo's ``map_id_train.txt``: only these plans.
 
     Returns:
@@ -231,13 +234,15 @@ def _existing(name: str) -> Path:
 
 
 def _metres_per_pixel(spec: str, text: str) -> float:
-    """The resolution after the ``@``."""
+    """The resolution of a picture, or the unit of a drawing, after the ``@``."""
     try:
         resolution = float(text)
     except ValueError:
         resolution = 0.0
     if not 0.0 < resolution < 10.0:
-        raise ConfigError(f"the metres per pixel in {spec!r} must be a number above 0, as in 'plan.png@0.05'")
+        raise ConfigError(
+            f"the metres per pixel or unit in {spec!r} must be a number above 0, as in 'plan.png@0.05'"
+        )
     return resolution
 
 
@@ -272,6 +277,8 @@ def _open(spec: str, wanted: frozenset[str] | None) -> PlanSource:
     if name.lower().endswith(PLAN_IMAGE_SUFFIXES):
         metres_per_pixel = _metres_per_pixel(spec, resolution)
         return PictureSource(_existing(name), metres_per_pixel)
+    if name.lower().endswith(".dxf"):
+        return DrawingSource(_existing(name), _metres_per_pixel(spec, resolution))
     path = Path(spec)
     if path.is_dir():
         # HouseExpo unpacks into a folder within a folder.
@@ -289,11 +296,14 @@ def _open(spec: str, wanted: frozenset[str] | None) -> PlanSource:
         return RoomLinesSource(path)
     if path.suffix in (".yaml", ".yml"):
         return PictureSource(path)
+    if path.suffix.lower() in DRAWING_SUFFIXES:
+        return DrawingSource(path)
     if spec.lower().endswith(PLAN_IMAGE_SUFFIXES):
         raise InputFileError(spec, f"a picture needs its metres per pixel; write {spec}@0.05, for example")
     raise InputFileError(
         spec,
-        "is no known kind of floor plan; give .json, a folder, .tar.gz, .jsonl, a ROS .yaml or a picture",
+        "is no known kind of floor plan; give .json, .dxf, .ifc, .geojson, a folder, .tar.gz, .jsonl, a ROS .yaml "
+        "or a picture",
     )
 
 

@@ -4,6 +4,7 @@ One table names every command, also those of the groups (``slamgym dataset``, ``
 Nothing is imported before it is needed, so a help page answers at once.
 """
 
+import contextlib
 import importlib
 import os
 import sys
@@ -55,6 +56,8 @@ class Group:
     commands: Mapping[str, "Command | Group"]
     closing: str = "."
     """How the help's last sentence, which names ``--help`` of the commands, ends."""
+    default: Command | None = None
+    """What runs where the first argument is none of the commands; its help follows the list."""
 
     def run(self, name: str, argv: list[str]) -> int:
         """Run one command, or show the help where none is named.
@@ -71,7 +74,12 @@ class Group:
         """
         if not argv or argv[0] in ("-h", "--help", "help"):
             sys.stdout.write(self.usage(name))
+            if self.default is not None:
+                with contextlib.suppress(SystemExit):  # a help page ends the program
+                    self.default.run(name, ["--help"])
             return 0
+        if self.default is not None and argv[0] not in self.commands:
+            return self.default.run(name, argv)
         if argv[0] not in self.commands:
             typed = f"{name} {argv[0]}".removeprefix("slamgym ")
             raise SlamgymError(
@@ -149,6 +157,17 @@ TABLE = Group(
                     TRANSLATING,
                 ),
             },
+        ),
+        "cad": Group(
+            "draw a SLAM map with true dimensions (DXF, SVG, IFC, GeoJSON, JSON, PNG), compare it with a plan",
+            {
+                "draw": Command(
+                    "cad.draw:main", "draw a map or a folder of maps; `slamgym cad MAP` is short for it"
+                ),
+                "compare": Command("cad.compare:main", "what a map shows that differs from a floor plan"),
+            },
+            closing=". `slamgym cad MAP` draws:",
+            default=Command("cad.draw:main", "draw a map"),
         ),
         "warmup": Command("warmup:main", "compile the numeric kernels, once after an installation"),
     },

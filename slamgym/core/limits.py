@@ -63,6 +63,9 @@ FILE_BYTES = Limit("SLAMGYM_MAX_FILE_BYTES", 1 << 30, "bytes", "any file, after 
 DOCUMENT_BYTES = Limit(
     "SLAMGYM_MAX_DOCUMENT_BYTES", 4 << 20, "bytes", "a floor plan, other JSON document, or line of a list"
 )
+DRAWING_BYTES = Limit(
+    "SLAMGYM_MAX_DRAWING_BYTES", 64 << 20, "bytes", "a DXF, IFC or GeoJSON drawing, or a vacuum's map"
+)
 WEIGHT_BYTES = Limit("SLAMGYM_MAX_WEIGHT_BYTES", 4 << 30, "bytes", "weights, or the state of a training")
 YAML_BYTES = Limit("SLAMGYM_MAX_YAML_BYTES", 1 << 16, "bytes", "a YAML file: a map's description, a recipe")
 DEPTH = Limit("SLAMGYM_MAX_DEPTH", 32, "levels of nesting", "a JSON or YAML document")
@@ -90,8 +93,8 @@ SCANS = Limit("SLAMGYM_MAX_SCANS", 1_000_000, "scans", "a log")
 JUMP = Limit("SLAMGYM_MAX_JUMP", 100, "metres between the odometry of two scans", "a log")
 
 LIMITS = (
-    FILE_BYTES, EXPANSION, ENTRIES, WEIGHT_BYTES, DOCUMENT_BYTES, YAML_BYTES, DEPTH, PIXELS, RUNS, VERTICES, PLAN_PARTS,
-    CROSSINGS, NEAR_PAIRS, SCANS, JUMP,
+    FILE_BYTES, EXPANSION, ENTRIES, WEIGHT_BYTES, DRAWING_BYTES, DOCUMENT_BYTES, YAML_BYTES, DEPTH, PIXELS, RUNS,
+    VERTICES, PLAN_PARTS, CROSSINGS, NEAR_PAIRS, SCANS, JUMP,
 )  # fmt: skip
 """All of them, in the order of the documentation."""
 

@@ -98,7 +98,7 @@ class Simulation:
         world_from_map: The map frame in the world.
         mapper: SLAM.
         scan: The newest scan.
-        true_ranges: The same without errors, shape (num_beams,) [m].
+        true_ranges: Without errors, from the robot's pose alone, shape (num_beams,) [m].
         odometry_pose: Integrated wheel odometry; starts in the map frame.
         believed_pose: What SLAM believes, map frame.
         velocity: As measured by the wheel odometry.
@@ -178,14 +178,16 @@ class Simulation:
         self.path_length += motion.distance
         self.collisions += motion.contact and not self._in_contact
         self._in_contact = motion.contact
-        self._sense()
+        self._sense(Twist2D(motion.increment.x / self._dt, motion.increment.theta / self._dt))
         return motion
 
-    def _sense(self) -> None:
-        """Scan from where the robot stands, and let SLAM take it in."""
+    def _sense(self, driven: Twist2D = Twist2D(0.0, 0.0)) -> None:
+        """Scan from where the robot stands or has just ``driven``, and let SLAM take it in."""
         world = self._world
-        sighting = self._lidar.look(world.pose, world.segments())
+        sighting = self._lidar.look(world.pose, world.segments(), driven)
         self.true_ranges = sighting.ranges
+        if len(sighting.sensors) > 1:
+            self.true_ranges = self._lidar.true_ranges(world.pose, world.segments())
         self.scan: LaserScan = self._lidar.measure(sighting, self._rng, self.time, world.surfaces)
         odometry = self.true_map_pose if self._believes_truth else self.odometry_pose
         self.is_new_scan_processed = self.mapper.update(odometry, self.scan)

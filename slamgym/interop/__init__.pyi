@@ -1,18 +1,25 @@
 from .carmen import read_carmen, write_carmen
 from .logs import Relations, open_log, read_relations, read_truth
+from .map_files import RobotMap, read_map
 from .records import Log, LogRecord, LogWarnings
 from .ros_map import read_ros_map, write_ros_map
 from .rosbag import read_rosbag
 from .rosbag_writer import write_rosbag2
 from .tum import read_tum, write_tum
+from .valetudo import MapSegment, VacuumMap, parse_valetudo
 
 __all__ = [
     "Log",
     "LogRecord",
     "LogWarnings",
+    "MapSegment",
     "Relations",
+    "RobotMap",
+    "VacuumMap",
     "open_log",
+    "parse_valetudo",
     "read_carmen",
+    "read_map",
     "read_relations",
     "read_ros_map",
     "read_rosbag",

@@ -1,4 +1,5 @@
 from .alignment import AlignedError, Similarity, aligned_error, apply_similarity
+from .dimensions import Dimensions, measure_dimensions
 from .improvement import Improvement, improvement
 from .map_error import ObstacleDistance, wall_error, wall_faces
 from .map_statistics import displacement_statistics, map_statistics
@@ -16,6 +17,7 @@ from .maps import (
     wall_cells,
     wall_score,
 )
+from .openings import Openings, compare_openings, unseen_share, vertex_ratio
 from .relations import RelationError, end_points, relation_error, revisit_disagreement
 from .rooms import RoomRule, RoomScore, label_rooms, room_score
 from .trajectory import (
@@ -32,6 +34,12 @@ from .trajectory import (
 from .two_sample import TwoSampleResult, two_sample_test
 
 __all__ = [
+    "vertex_ratio",
+    "unseen_share",
+    "measure_dimensions",
+    "compare_openings",
+    "Openings",
+    "Dimensions",
     "AlignedError",
     "ErrorStatistics",
     "Improvement",

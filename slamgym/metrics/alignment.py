@@ -141,6 +141,8 @@ class Level(NamedTuple):
 
 COARSE = Level(64, 2.0)
 FINE = Level(128, 1.0)
+RIGID_FINE = Level(256, 0.7)
+"""Of rigid motions alone: walls shall lie over each other within centimetres."""
 
 
 @dataclass(frozen=True)
@@ -154,7 +156,7 @@ class AlignedError:
     """Brings the image onto the target."""
 
 
-def aligned_error(image: FloatArray, target: FloatArray) -> AlignedError:
+def aligned_error(image: FloatArray, target: FloatArray, scaling: bool = True) -> AlignedError:
     """Mean squared error of ``image`` against ``target`` after the best similarity transform of ``image``.
 
     The better of aligned and unaligned counts, so that the search can only help.
@@ -162,6 +164,8 @@ def aligned_error(image: FloatArray, target: FloatArray) -> AlignedError:
     Args:
         image: Values in [0, 1], shape (rows, cols), e.g. :func:`slamgym.metrics.free_space` of a map.
         target: Same shape.
+        scaling: Whether the image may be scaled, as in the paper's protocol; without it the motion is rigid, and a
+            drawing whose rooms are too small can't be enlarged until they fit.
 
     Raises:
         ValueError: If the shapes differ.
@@ -169,7 +173,7 @@ def aligned_error(image: FloatArray, target: FloatArray) -> AlignedError:
     unaligned = squared_error(image, target)
     best, best_error = IDENTITY, unaligned
     if np.any(image) and np.any(target) and unaligned > 0.0:
-        for found in search_similarities(image, target):
+        for found in search_similarities(image, target, scaling=scaling):
             error = squared_error(apply_similarity(image, found), target)
             if error < best_error:
                 best, best_error = found, error
@@ -182,6 +186,7 @@ def search_similarities(
     start_angles: int = START_ANGLES,
     coarse_starts: int = COARSE_STARTS,
     fine_starts: int = FINE_STARTS,
+    scaling: bool = True,
 ) -> list[Similarity]:
     """Similarities that may bring ``image`` onto ``target``, found from several starts.
 
@@ -191,6 +196,7 @@ def search_similarities(
         start_angles: Rotations that are tried.
         coarse_starts: How many of them are refined on coarse images; the identity always is.
         fine_starts: How many of the results are refined on fine images.
+        scaling: Whether the image may be scaled; rigid motions are refined once more, on finer images.
 
     Returns:
         ``fine_starts`` similarities at most, the one with the least error on blurred images first.
@@ -198,9 +204,9 @@ def search_similarities(
     coarse, coarse_target = _reduce(image, COARSE), _reduce(target, COARSE)
     # Turned and scaled about the middle of what is drawn, the parameters hardly depend on each other.
     pivot, target_centroid = _centroid(coarse), _centroid(coarse_target)
-    search = _Search(np.pad(coarse, 1), coarse_target, pivot)
+    search = _Search(np.pad(coarse, 1), coarse_target, pivot, scaling)
     log_scale = 0.5 * math.log(float(coarse_target.sum()) / float(coarse.sum()))
-    log_scale = min(max(log_scale, -MAX_START_LOG_SCALE), MAX_START_LOG_SCALE)
+    log_scale = min(max(log_scale, -MAX_START_LOG_SCALE), MAX_START_LOG_SCALE) if scaling else 0.0
     starts = [
         np.array([*(target_centroid - pivot), 2.0 * math.pi * turn / start_angles, log_scale])
         for turn in range(start_angles)
@@ -211,8 +217,10 @@ def search_similarities(
     refined.sort(key=search.error)
     worst = RIVAL * search.error(refined[0])
     promising = [values for values in _distinct(refined) if search.error(values) <= worst]
-    search = _Search(np.pad(_reduce(image, FINE), 1), _reduce(target, FINE), pivot)
-    found = [search.refine(start, 1e-3) for start in promising[:fine_starts]]
+    found = promising[:fine_starts]
+    for level in (FINE,) if scaling else (FINE, RIGID_FINE):
+        search = _Search(np.pad(_reduce(image, level), 1), _reduce(target, level), pivot, scaling)
+        found = [search.refine(start, 1e-3) for start in found]
     return [search.similarity(values) for values in sorted(found, key=search.error)]
 
 
@@ -245,6 +253,7 @@ class _Search:
     image: Float32Array  # (rows + 2, cols + 2), with a border of 0
     target: Float32Array  # (rows, cols)
     pivot: FloatArray  # (2,) from the image's middle, shares of the larger side
+    scaling: bool = True
 
     def error(self, values: FloatArray) -> float:
         """Mean squared error after the motion; 1 beyond the bounds."""
@@ -256,13 +265,23 @@ class _Search:
 
     def refine(self, start: FloatArray, tolerance: float) -> FloatArray:
         """The parameters that Powell's method finds from a start."""
+        free = 4 if self.scaling else 3
+
+        def error(values: FloatArray) -> float:
+            return self.error(np.concatenate([values, start[free:]]))
+
         result = minimize(
-            self.error,
-            start,
+            error,
+            start[:free],
             method="Powell",
-            options={"direc": np.diag(FIRST_STEPS), "xtol": tolerance, "ftol": tolerance, "maxfev": 400},
+            options={
+                "direc": np.diag(FIRST_STEPS[:free]),
+                "xtol": tolerance,
+                "ftol": tolerance,
+                "maxfev": 400,
+            },
         )
-        return np.asarray(result.x, dtype=np.float64)
+        return np.concatenate([result.x, start[free:]])
 
     def similarity(self, values: FloatArray) -> Similarity:
         """The same motion about the image's middle."""

@@ -63,7 +63,7 @@ class BeamLaw(NamedTuple):
 
 @kernel
 def measure_beams(
-    sensor: tuple[float, float, float],
+    sensors: FloatArray,
     segments: FloatArray,
     true: FloatArray,
     hits: IntArray,
@@ -75,7 +75,8 @@ def measure_beams(
     """Write what each beam measures; ``inf`` where no echo is heard.
 
     Args:
-        sensor: Its pose in the frame of the segments.
+        sensors: Its poses in the frame of the segments, shape (K, 3), as :func:`slamgym.sim.raycast.cast_sweep` has
+            them.
         segments: What can be seen, shape (S, 4) [m].
         true: Distances along the beams, shape (N,) [m].
         hits: The segments met, shape (N,).
@@ -84,8 +85,9 @@ def measure_beams(
         normal: Standard normal draws, shape (2, N): of the range, and of the echo's strength.
         out: Receives the ranges, shape (N,) [m].
     """
-    x, y, theta = sensor
     for i in range(len(true)):
+        sensor = i * len(sensors) // len(true)
+        x, y, theta = sensors[sensor, 0], sensors[sensor, 1], sensors[sensor, 2]
         angle = theta + law.angle_min + i * law.angle_increment
         ux, uy = math.cos(angle), math.sin(angle)
         distance, cosine, echo, depth = true[i], 1.0, 1.0, 0.0

@@ -4,11 +4,11 @@ import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 
-from slamgym.core.config import CountOrZero, NonNegative, Positive, Settings, Share
+from slamgym.core.config import CountOrZero, NonNegative, Positive, Settings, Share, Within
 from slamgym.core.errors import ConfigError
 from slamgym.core.types import BoolArray, FloatArray, IntArray
 from slamgym.sim.furnishing import PlacedPiece, Wish, furnish, put_down
@@ -41,15 +41,23 @@ _LEG = 0.1
 class ClutterConfig(Settings, section="clutter"):
     """How much there is of it. The default is an empty building."""
 
-    furniture: Share = 0.0
-    """Share of the usual furniture that is there: 0 an empty building, 1 a furnished one. Where the robot couldn't
-    pass any more, less is placed."""
+    furniture: Annotated[float, Within(ge=0.0, le=3.0)] = 0.0
+    """Share of the usual furniture that is there: 0 an empty building, 1 a furnished one, 2 a crowded one with twice as
+    many groups in its rooms, of which more is solid down to the floor. Where the robot couldn't pass any more, less is
+    placed."""
+
+    untidiness: Share = 0.0
+    """How untidy furnished rooms are: chairs stand at any angle about their tables, and small things on the floor,
+    one for each square metre at 1."""
 
     doors: Share = 0.0
     """Share of the doors with a leaf in them, which stands open, half open or closed."""
 
     closed_doors: Share = 0.15
     """Share of the leaves that are closed, where the robot gets into every room all the same."""
+
+    ajar_doors: Share = 0.0
+    """Share of these that stand ajar instead: a scanner sees through the gap, the robot doesn't pass."""
 
     cut_off: bool = False
     """Closed doors may cut rooms off; :attr:`Clutter.cut_off` names them."""
@@ -213,7 +221,7 @@ def _hang_leaves(
             continue
         for _ in range(_HINGES):
             places: list[FloatArray] = []
-            for leaf in leaf_boxes(door, config.closed_doors, rng, _PLACES):
+            for leaf in leaf_boxes(door, (config.closed_doors, config.ajar_doors), rng, _PLACES):
                 if is_closed(door, leaf):
                     stands = passages.is_clear(leaf) and (
                         config.cut_off or not _cuts_off(passages, leaf, radius)
@@ -264,7 +272,7 @@ def _place_pieces(
     if not config.furniture:
         return [], 0
     places = _PLACES if config.changes else 1
-    wish = Wish(config.furniture, np.array([radius + config.passage, radius]), places)
+    wish = Wish(config.furniture, np.array([radius + config.passage, radius]), places, config.untidiness)
     placed, left_out = [], 0
     for room in rooms:
         pieces, missing = furnish(passages, room, wish, rng)

@@ -9,7 +9,7 @@ import numpy as np
 
 from slamgym.core.jit import kernel
 from slamgym.core.types import FloatArray
-from slamgym.sim.furniture import Corners, Piece, Shape, pieces_for, shape_of
+from slamgym.sim.furniture import SMALL_THINGS, UNTIDY_TABLES, Corners, Piece, Shape, pieces_for, shape_of
 from slamgym.sim.passages import Passages
 from slamgym.sim.room_areas import RoomArea
 
@@ -20,6 +20,9 @@ _TRIES = 10
 _GROUP_AREA = 18.0
 _MOST_GROUPS = 4
 _LATER_GROUPS = 0.6
+
+# Small things on the floor where it is most untidy [1/m2].
+_SMALL_THINGS = 1.0
 
 # Gap between a piece and its wall [m].
 _WALL_GAP = (0.01, 0.06)
@@ -41,9 +44,10 @@ class PlacedPiece:
 class Wish:
     """How a building is to be furnished."""
 
-    share: float  # of the usual furniture
+    share: float  # of the usual furniture; more than 1 crowds the rooms
     radii: FloatArray  # discs that must still reach all they reached [m]
     places: int  # of each chair: where it stands first, and where it may be moved to
+    untidiness: float = 0.0  # 0 to 1
 
 
 def furnish(
@@ -65,7 +69,8 @@ def furnish(
     if len(room.walls) == 0:
         return placed, left_out
     # A large room holds several groups of furniture; every further one less complete.
-    groups = 1 + min(int(room.area / _GROUP_AREA), _MOST_GROUPS - 1)
+    crowding = max(1.0, wish.share)
+    groups = round(crowding * (1 + min(int(room.area / _GROUP_AREA), _MOST_GROUPS - 1)))
     for group, piece in itertools.product(range(groups), pieces_for(room.category)):
         for chance in rng.random(piece.number).tolist():
             if chance >= piece.chance * wish.share * (1.0 if group == 0 else _LATER_GROUPS):
@@ -78,6 +83,13 @@ def furnish(
                 left_out += 1
             else:
                 placed.append(found)
+    if wish.untidiness:
+        for kind in rng.integers(
+            len(SMALL_THINGS), size=rng.poisson(wish.untidiness * _SMALL_THINGS * room.area)
+        ):
+            found = _place(passages, room, SMALL_THINGS[kind], wish, rng)
+            if found is not None:
+                placed.append(found)
     return placed, left_out
 
 
@@ -85,21 +97,24 @@ def _place(
     passages: Passages, room: RoomArea, piece: Piece, wish: Wish, rng: np.random.Generator
 ) -> PlacedPiece | None:
     """Draw a piece's size and shape, and put it into the first of some places that has room for it."""
+    if wish.share > 1.0 and "solid" in piece.forms and rng.random() < wish.share - 1.0:
+        piece = replace(piece, forms=("solid",))
     width, depth = float(rng.uniform(*piece.width)), float(rng.uniform(*piece.depth))
     if piece.share_of_wall:
         longest = math.dist(room.longest_wall[:2], room.longest_wall[2:]) - 2.0 * _WALL_GAP[1]
         width = min(max(width, piece.share_of_wall * longest), longest, piece.width[1])
     if piece.forms == ("round",) and abs(width - depth) < 0.1:
         depth = width
-    shape = shape_of(piece, width, depth, rng, wish.places)
+    shape = shape_of(piece, width, depth, rng, wish.places, wish.untidiness)
     draws = rng.random((_TRIES, 4))
     if piece.place == "wall":
         poses = _at_walls(shape.width, room.walls, _WALL_GAP, _FROM_CORNER, draws)
     else:
         spread = 0.3 if piece.place == "middle" else 1.2
         poses = _about_middle(shape, room, spread, draws)
-    if piece.turned:
-        poses[:, 2] += piece.turned * rng.standard_normal(len(poses))
+    turned = piece.turned or UNTIDY_TABLES * wish.untidiness * (piece.place == "middle")
+    if turned:
+        poses[:, 2] += turned * rng.standard_normal(len(poses))
     boxes = _boxes(shape.depth, shape.width, poses)
     found = passages.first_fit(boxes, wish.radii)
     return PlacedPiece(shape, poses[found], boxes[found]) if found >= 0 else None

@@ -29,6 +29,13 @@ _PULLED_OUT = (-0.15, 0.2)
 _ASIDE = 0.05
 _TURNED = 0.2
 
+# What untidiness adds to these: chairs stand anywhere about their table, at any angle; tables are moved a little.
+_UNTIDY_OUT = 0.3
+_UNTIDY_ASIDE = 0.2
+_UNTIDY_TURNED = math.pi
+UNTIDY_TABLES = 0.3
+"""Standard deviation of the angle of what stands in the middle of an untidy room [rad]."""
+
 # Corners of what is round.
 _CORNERS = 8
 
@@ -64,8 +71,24 @@ class Shape:
     chairs: Sequence[Sequence[Sequence[Corners]]] = ()  # per chair, per place: its legs
 
 
-def shape_of(piece: Piece, width: float, depth: float, rng: np.random.Generator, places: int) -> Shape:
-    """Draw the shape of a piece of a size: its form, and the places of its chairs, of which the first is now."""
+def shape_of(
+    piece: Piece,
+    width: float,
+    depth: float,
+    rng: np.random.Generator,
+    places: int,
+    untidiness: float = 0.0,
+) -> Shape:
+    """Draw the shape of a piece of a size: its form, and the places of its chairs, of which the first is now.
+
+    Args:
+        piece: Its kind.
+        width: [m]
+        depth: [m]
+        rng: Draws form and places.
+        places: Of each chair.
+        untidiness: How far chairs are from where they belong, 0 to 1.
+    """
     form = piece.forms[int(rng.integers(len(piece.forms)))]
     if not piece.seats:
         return Shape(depth, width, _solids(form, 0.0, width, depth))
@@ -76,7 +99,7 @@ def shape_of(piece: Piece, width: float, depth: float, rng: np.random.Generator,
     draws = iter(rng.random((len(sides) * piece.seats, places, 3)).tolist())
     chair_legs = "column" if piece.place == "wall" and rng.random() < 0.6 else "legs"
     chairs = tuple(
-        tuple(_chair(chair_legs, edge, outwards, middle, draw) for draw in next(draws))
+        tuple(_chair(chair_legs, edge, outwards, middle, draw, untidiness) for draw in next(draws))
         for edge, outwards in sides
         for middle in middles
     )
@@ -85,14 +108,15 @@ def shape_of(piece: Piece, width: float, depth: float, rng: np.random.Generator,
 
 
 def _chair(
-    legs: str, edge: float, outwards: float, middle: float, draw: Sequence[float]
+    legs: str, edge: float, outwards: float, middle: float, draw: Sequence[float], untidiness: float
 ) -> Sequence[Corners]:
     """The legs of a chair at a table's edge."""
-    out = _PULLED_OUT[0] + draw[0] * (_PULLED_OUT[1] - _PULLED_OUT[0])
-    x, y = edge + outwards * out, middle + (2.0 * draw[1] - 1.0) * _ASIDE
+    out = _PULLED_OUT[0] + draw[0] * (_PULLED_OUT[1] + untidiness * _UNTIDY_OUT - _PULLED_OUT[0])
+    aside = _ASIDE + untidiness * _UNTIDY_ASIDE
+    x, y = edge + outwards * out, middle + (2.0 * draw[1] - 1.0) * aside
     if legs == "column":
         return (_square(x, y, _LEG),)
-    turn = (2.0 * draw[2] - 1.0) * _TURNED
+    turn = (2.0 * draw[2] - 1.0) * (_TURNED + untidiness * _UNTIDY_TURNED)
     half = 0.5 * (_SEAT - _CHAIR_LEG)
     cos, sin = half * math.cos(turn), half * math.sin(turn)
     corners = (
@@ -202,6 +226,16 @@ _CATALOGUE: dict[tuple[str, ...], tuple[Piece, ...]] = {
     ),
     ("balcony", "terrace", "veranda"): (_PLANT, _PLANT, _SMALL_TABLE, _CHAIR, _BOX),
 }  # fmt: skip
+
+SMALL_THINGS = (
+    Piece((0.1, 0.3), (0.1, 0.3), ("round", "solid"), turned=1.0),
+    Piece((0.08, 0.12), (0.25, 0.3), turned=0.5),
+    Piece((0.05, 0.08), (0.05, 0.08), ("column",)),
+    Piece((0.3, 0.45), (0.3, 0.45), ("legs",), place="anywhere", turned=1.0),
+    Piece((0.2, 0.6), (0.03, 0.05), turned=0.1),
+    Piece((0.1, 0.4), (0.1, 0.3), turned=1.0),
+)
+"""What lies and stands about where it is untidy: bags, toys, shoes, stands, stools, boards against a wall, boxes."""
 
 # For rooms of no known category.
 _ANY_ROOM = (

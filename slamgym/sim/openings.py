@@ -23,6 +23,10 @@ _OPEN = (75.0, 90.0)
 _HALF_OPEN = (30.0, 70.0)
 _OPEN_SHARE = 0.65
 
+# Doors that stand ajar [deg]: a gap of 5 to 20 cm, too narrow for a robot.
+_AJAR = (3.0, 14.0)
+_MOST_AJAR = math.sin(math.radians(_AJAR[1] + 1.0))
+
 
 def doors_of(plan: "FloorPlan") -> list["Door"]:
     """The openings of a plan: its doors where it has some, else those that its walls show."""
@@ -41,12 +45,14 @@ def has_leaf(door: "Door") -> bool:
     return _DOOR_WIDTH[0] <= door.width <= _DOOR_WIDTH[1]
 
 
-def leaf_boxes(door: "Door", closed_share: float, rng: np.random.Generator, places: int) -> list[FloatArray]:
+def leaf_boxes(
+    door: "Door", closed_share: tuple[float, float], rng: np.random.Generator, places: int
+) -> list[FloatArray]:
     """Where a door's leaf may stand, each with the same hinge: the places to try, the first the likeliest.
 
     Args:
         door: The opening.
-        closed_share: Probability of each to be closed.
+        closed_share: Probability of each to be closed, and of a closed one to be ajar.
         rng: Draws hinge, side and angles.
         places: How many.
 
@@ -62,7 +68,9 @@ def leaf_boxes(door: "Door", closed_share: float, rng: np.random.Generator, plac
     boxes = []
     for closed, wide, share in rng.random((places, 3)).tolist():
         low, high = _OPEN if wide < _OPEN_SHARE else _HALF_OPEN
-        angle = 0.0 if closed < closed_share else side * math.radians(low + share * (high - low))
+        if closed < closed_share[0]:
+            low, high = _AJAR if wide < closed_share[1] else (0.0, 0.0)
+        angle = side * math.radians(low + share * (high - low))
         cos, sin = math.cos(angle), math.sin(angle)
         ux, uy = along[0] * cos - along[1] * sin, along[0] * sin + along[1] * cos
         x, y = start + _LEAF_GAP * along + 0.5 * length * np.array([ux, uy])
@@ -71,6 +79,6 @@ def leaf_boxes(door: "Door", closed_share: float, rng: np.random.Generator, plac
 
 
 def is_closed(door: "Door", leaf: FloatArray) -> bool:
-    """Whether a leaf lies in its opening."""
+    """Whether a leaf lies in its opening, or ajar."""
     dx, dy = door.end[0] - door.start[0], door.end[1] - door.start[1]
-    return bool(abs(dx * leaf[3] - dy * leaf[2]) < 1e-9 * door.width)
+    return bool(abs(dx * leaf[3] - dy * leaf[2]) < _MOST_AJAR * door.width)

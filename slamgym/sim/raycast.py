@@ -128,6 +128,35 @@ def cast_hits(
 
 
 @kernel
+def cast_sweep(
+    sensors: FloatArray,
+    angle_min: float,
+    angle_increment: float,
+    segments: FloatArray,
+    range_max: float,
+    out: FloatArray,
+    hits: IntArray,
+) -> None:
+    """:func:`cast_hits` of a scanner that moves: each pose casts its part of the beams, one after the other.
+
+    Args:
+        sensors: Poses, shape (K, 3); beam ``i`` of N is cast from pose ``i * K // N``.
+        angle_min: As for :func:`cast_hits`.
+        angle_increment: The same.
+        segments: The same.
+        range_max: The same.
+        out: The same.
+        hits: The same.
+    """
+    count, num_beams = len(sensors), len(out)
+    for k in range(count):
+        begin, end = -(-k * num_beams // count), -(-(k + 1) * num_beams // count)
+        first = angle_min + begin * angle_increment if begin else angle_min
+        x, y, theta = sensors[k, 0], sensors[k, 1], sensors[k, 2]
+        cast_hits(x, y, theta, first, angle_increment, segments, range_max, out[begin:end], hits[begin:end])
+
+
+@kernel
 def next_hit(
     x: float, y: float, ux: float, uy: float, beyond: float, segments: FloatArray, range_max: float
 ) -> tuple[float, int]:

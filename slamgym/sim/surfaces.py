@@ -24,7 +24,9 @@ PLAIN, GLASS, MIRROR = 0.0, 1.0, 2.0
 """Kinds of patches; dark and shiny ones are plain with a weak echo."""
 
 _MODULE = 2.5  # [m] walls are cut into equal modules of at most this
-_PANE_SHARE = 0.7  # of a module that a pane takes: the rest is masonry between windows
+# Of a module that is seen through: a gap between curtains, up to a French window; drawn evenly in its logarithm.
+_NARROWEST_PANE, _WIDEST_PANE = 0.08, 0.9
+_PANE_SHARE = (_WIDEST_PANE - _NARROWEST_PANE) / math.log(_WIDEST_PANE / _NARROWEST_PANE)  # on average
 _MIRROR_SHARE = 0.25
 _DARK_SHARE = 0.5  # of a module, on average
 _SHORTEST = 0.6  # [m] shorter walls have no pane and no mirror
@@ -36,10 +38,16 @@ _WEAKEST_ECHO, _STRONGEST_ECHO = 0.003, 0.5
 # A wall is an outer one if no other face of the plan lies within this behind it [m].
 _THICKEST_WALL = 0.6
 
-# What stands outside, before each outer pane, at most: posts of railings, hedges, cars, other houses.
+# What stands outside, before each outer pane, at most: posts of railings, plants, chairs, cars.
 _THINGS_OUTSIDE = 12
-_NEAREST_OUTSIDE, _FURTHEST_OUTSIDE = 0.3, 10.0  # [m]
-_SMALLEST_OUTSIDE, _LARGEST_OUTSIDE = 0.03, 2.0  # [m] a post, a hedge
+_NEAREST_OUTSIDE, _FURTHEST_OUTSIDE = 0.3, 6.0  # [m]
+_SMALLEST_OUTSIDE, _LARGEST_OUTSIDE = 0.03, 1.0  # [m]
+# Behind it hedges, fences and other houses end the view, with gaps: pieces, their distance, and how far they reach to
+# either side for each metre of it.
+_BACKDROP = 5
+_NEAREST_BACKDROP = 1.0  # [m]
+_BACKDROP_REACH = 0.8
+_BACKDROP_GAPS = 0.25  # share of its length
 
 _FRAME_WIDTH = 0.08  # [m] of a door's frame
 
@@ -48,7 +56,8 @@ class SurfaceConfig(Settings, section="lidar.surfaces"):
     """How much of a building is hard to see for a scanner. The default is matt white everywhere and even."""
 
     glazing: ShareBelowOne = 0.0
-    """Share of the outer walls' length that is glass at the scanner's height: French windows, glass doors."""
+    """Share of the outer walls' length that is glass at the scanner's height: gaps between curtains, French windows,
+    glass doors. At most a third, with all else plain."""
 
     inner_glazing: ShareBelowOne = 0.0
     """The same of the inner walls: glass doors and partitions."""
@@ -203,7 +212,8 @@ def _wall_patches(
         kind = int(np.searchsorted(ends, draw, side="right"))
         if kind == 3:
             continue
-        taken = (_PANE_SHARE, _MIRROR_SHARE, 2.0 * _DARK_SHARE * share)[kind]
+        pane = _NARROWEST_PANE * (_WIDEST_PANE / _NARROWEST_PANE) ** share
+        taken = (pane, _MIRROR_SHARE, 2.0 * _DARK_SHARE * share)[kind]
         begin = (module + at * (1.0 - taken)) * size
         material = ((GLASS, 1.0), (MIRROR, 1.0), (PLAIN, _echo(echo)))[kind]
         patches.append((begin, begin + taken * size, *material, 0.0))
@@ -254,9 +264,16 @@ def _things_outside(
         out = -out
     number = int(rng.integers(_THINGS_OUTSIDE + 1))
     away = _NEAREST_OUTSIDE * (_FURTHEST_OUTSIDE / _NEAREST_OUTSIDE) ** rng.random(number)
-    centres = middle + away[:, None] * out + rng.normal(0.0, 1.5, (number, 1)) * along
-    angles = rng.normal(0.0, 0.4, number)
-    half = 0.5 * _SMALLEST_OUTSIDE * (_LARGEST_OUTSIDE / _SMALLEST_OUTSIDE) ** rng.random((number, 1))
+    aside = (0.5 + 0.5 * away) * rng.normal(0.0, 1.0, number)
+    half = 0.5 * _SMALLEST_OUTSIDE * (_LARGEST_OUTSIDE / _SMALLEST_OUTSIDE) ** rng.random(number)
+    far = _NEAREST_BACKDROP * (_FURTHEST_OUTSIDE / _NEAREST_BACKDROP) ** rng.random()
+    reach = _BACKDROP_REACH * far
+    away = np.append(away, far + rng.normal(0.0, 0.1 * far, _BACKDROP))
+    aside = np.append(aside, reach * np.linspace(-1.0, 1.0, _BACKDROP))
+    half = np.append(half, (1.0 - _BACKDROP_GAPS) * np.full(_BACKDROP, reach / (_BACKDROP - 1)))
+    angles = rng.normal(0.0, 0.4, number + _BACKDROP)
     directions = np.cos(angles)[:, None] * along + np.sin(angles)[:, None] * out
-    things: FloatArray = np.hstack([centres - half * directions, centres + half * directions])
+    centres = middle + away[:, None] * out + aside[:, None] * along
+    ends = half[:, None] * directions
+    things: FloatArray = np.hstack([centres - ends, centres + ends])
     return things

@@ -55,6 +55,7 @@ PLANS = {
 }  # fmt: skip
 ELSEWHERE = {
     "dataset merge": "test_a_merge_takes_no_links_and_no_false_records",
+    "cad draw": "names its files by the stems of the maps' own; tests/commands/test_cad_command.py",
     "calibrate-odometry": "reads no file, and writes the one that the command line names",
     "warmup": "reads and writes nothing of the user's",
 }  # fmt: skip

@@ -1,17 +1,20 @@
 """Whatever a ROS map, a recipe or a file of settings holds, reading it gives a value or a SlamgymError."""
 
+import json
+import struct
+import zlib
 from pathlib import Path
 
 import cv2
 import numpy as np
 import yaml
-from fuzz.mutations import cases, must_read_or_refuse, mutated_bytes, mutated_value
+from fuzz.mutations import cases, must_read_or_refuse, mutated_bytes, mutated_json, mutated_value
 from hypothesis import given
 from hypothesis import strategies as st
 
 from slamgym.cad import check_plan, open_plans
 from slamgym.core.png import read_png
-from slamgym.interop import read_ros_map
+from slamgym.interop import read_map, read_ros_map
 
 MAP = {
     "image": "a.png",
@@ -57,6 +60,31 @@ def pictures() -> list[bytes]:
 
 
 PICTURES = pictures()
+VACUUM = {
+    "__class": "ValetudoMap",
+    "metaData": {"version": 2},
+    "size": {"x": 5120, "y": 5120},
+    "pixelSize": 5,
+    "layers": [
+        {
+            "type": "segment",
+            "metaData": {"segmentId": "1", "name": "Hall"},
+            "compressedPixels": [5, 5, 40, 5, 6, 40],
+        },
+        {"type": "floor", "metaData": {}, "pixels": [5, 7, 6, 7]},
+        {"type": "wall", "metaData": {"area": 1}, "compressedPixels": [5, 4, 40]},
+    ],
+    "entities": [
+        {"type": "path", "points": [10, 10, 20, 20]},
+        {"type": "robot_position", "points": [10, 10]},
+    ],
+}
+
+
+def vacuum_png() -> bytes:
+    data = b"ValetudoMap\0\0" + zlib.compress(json.dumps(VACUUM).encode())
+    chunk = struct.pack(">I", len(data)) + b"zTXt" + data + struct.pack(">I", zlib.crc32(b"zTXt" + data))
+    return PICTURES[0][:33] + chunk + PICTURES[0][33:]
 
 
 def read_map_and_plan(path: Path) -> None:
@@ -92,3 +120,17 @@ def test_images(tmp_path, content):
     must_read_or_refuse(read_ros_map, tmp_path / "a.yaml")
     must_read_or_refuse(read_map_and_plan, tmp_path / "a.yaml")
     must_read_or_refuse(read_png, tmp_path / "a.png")
+
+
+@given(mutated_json([VACUUM]))
+@cases(200)
+def test_maps_of_vacuums(tmp_path, content):
+    (tmp_path / "a.json").write_bytes(content)
+    must_read_or_refuse(read_map, tmp_path / "a.json")
+
+
+@given(mutated_bytes([vacuum_png()]))
+@cases(100)
+def test_pictures_with_maps_of_vacuums(tmp_path, content):
+    (tmp_path / "a.png").write_bytes(content)
+    must_read_or_refuse(read_map, tmp_path / "a.png")

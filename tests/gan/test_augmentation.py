@@ -11,12 +11,12 @@ from slamgym.core.types import FREE, OCCUPIED, UNKNOWN
 from slamgym.gan.config import AugmentConfig
 from slamgym.gan.training.augmentation import augment
 from slamgym.gan.translation.derotation import (
-    dominant_angle_deg,
     flipped,
     padded_for_turning,
     turned,
     unflipped,
 )
+from slamgym.gan.translation.wall_direction import NO_DIRECTION, find_wall_direction
 
 EVERYTHING = AugmentConfig(
     zoom=0.2,
@@ -134,16 +134,16 @@ def turned_building(angle_deg, noise=0.0):
 @pytest.mark.parametrize("noise", [0.0, 0.005])
 def test_the_direction_of_walls_is_found(angle, noise):
     # Corners are rounded to whole pixels: at most atan(1 / 80) = 0.7 degrees along the shorter walls.
-    assert dominant_angle_deg(turned_building(angle, noise)) == pytest.approx(angle, abs=0.8)
+    assert find_wall_direction(turned_building(angle, noise)).angle_deg == pytest.approx(angle, abs=0.8)
 
 
 def test_a_map_without_walls_has_no_direction():
-    assert dominant_angle_deg(np.full((32, 32), UNKNOWN, np.uint8)) == 0.0
+    assert find_wall_direction(np.full((32, 32), UNKNOWN, np.uint8)) == NO_DIRECTION
 
 
 def test_turning_back_straightens_the_walls():
-    straight = turned(turned_building(20.0), -dominant_angle_deg(turned_building(20.0)))
-    assert dominant_angle_deg(straight) == pytest.approx(0.0, abs=0.8)
+    straight = turned(turned_building(20.0), -find_wall_direction(turned_building(20.0)).angle_deg)
+    assert find_wall_direction(straight).angle_deg == pytest.approx(0.0, abs=0.8)
 
 
 @pytest.mark.parametrize("angle", [10.0, 45.0, 90.0])
@@ -152,3 +152,28 @@ def test_padding_keeps_all_corners(angle):
     padded = padded_for_turning(image, angle)
     kept = (turned(padded, angle) == FREE).sum()
     assert kept == pytest.approx(image.size, rel=0.03)  # nearest cells along the borders
+
+
+class TestWindows:
+    def pair(self, side=300):
+        slam = np.full((side, side), UNKNOWN, np.uint8)
+        slam[180:260, 40:140] = FREE
+        return np.where(slam == FREE, FREE, OCCUPIED).astype(np.uint8), slam
+
+    @pytest.mark.parametrize("rotated", [0.0, 1.0])
+    def test_a_window_keeps_its_scale_and_shows_some_of_the_map(self, rotated):
+        config = AugmentConfig(flips=False, windows=True, rotated=rotated)
+        for seed in range(10):
+            cad, slam = augment(*self.pair(), config, np.random.default_rng(seed), side=128)
+            assert cad.shape == slam.shape == (128, 128)
+            assert (slam == FREE).sum() > 500
+            # Turned or not, what is floor in one is floor in the other, but for the cells at its borders.
+            assert np.mean((slam == FREE) != (cad > 127)) < 0.02
+
+    def test_a_turned_sample_is_turned(self):
+        config = AugmentConfig(flips=False, windows=True, rotated=1.0)
+        turned_share = [
+            len(np.unique(augment(*self.pair(), config, np.random.default_rng(seed), side=256)[0])) > 2
+            for seed in range(5)
+        ]
+        assert all(turned_share)  # greys along oblique borders

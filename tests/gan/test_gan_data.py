@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from slamgym.core.errors import InputFileError
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN
 from slamgym.gan.config import AugmentConfig
-from slamgym.gan.data import load_pairs, read_grey
+from slamgym.gan.data import PairSet, image_side, load_pairs, read_grey, true_faces
 from slamgym.gan.encoding import decode_slam, encode, enlarge_means, free_probability
 from slamgym.gan.presets import find_preset
 from slamgym.gan.training.sampler import BatchSampler, derotated
@@ -255,3 +255,23 @@ def test_a_thin_wall_survives_enlarging_where_interpolation_blurs_it_away():
     assert wall.any()
     assert np.flatnonzero(wall).min() >= 29
     assert np.flatnonzero(wall).max() <= 34
+
+
+def test_windows_show_the_middle_of_what_is_known(make_pair):
+    slam = np.full((1, 100, 100), UNKNOWN, np.uint8)
+    slam[0, 60:90, 5:25] = FREE
+    pairs = PairSet(slam.copy(), slam, ("a",), ("a",), np.array([0.05]))
+    cut = pairs.windows(40)
+    assert cut.slam.shape == cut.cad.shape == (1, 40, 40)
+    assert (cut.slam == FREE).sum() == 30 * 20
+    assert cut.scale(0) == 0.05
+    assert pairs.windows(200) is pairs
+
+
+@pytest.mark.parametrize(("edge", "expected"), [(0.0, True), (1.0, False), (None, False)])
+def test_whether_faces_are_true_is_read_from_the_images_settings(edge, expected, make_images, tmp_path):
+    root = make_images(tmp_path)
+    if edge is not None:
+        (root / "config.json").write_text(json.dumps({"images": {"edge_px": edge}}))
+    assert true_faces(root) == expected
+    assert image_side(root, "train") == 32

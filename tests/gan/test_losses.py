@@ -137,3 +137,24 @@ def test_smoothness_of_constant_and_sloped_fields():
     assert float(losses.smoothness_loss(torch.full((1, 2, 4, 4), 3.0))) == 0.0
     slope = torch.arange(4.0).expand(1, 2, 4, 4)  # differs by 1 along x, by 0 along y
     assert float(losses.smoothness_loss(slope)) == pytest.approx(1.0)
+
+
+def test_thin_walls_and_the_floor_beside_them_weigh_more():
+    floor = torch.zeros(1, 1, 40, 60)
+    floor[..., 5:35, 5:55] = 1.0
+    floor[..., 5:20, 28:31] = 0.0  # a wall of three pixels, open at its lower end
+    near = losses.near_thin_walls(floor)
+    assert near[0, 0, 10, 26:33].tolist() == [1.0] * 7
+    assert float(near[0, 0, 10, 25]) == float(near[0, 0, 30, 29]) == 0.0
+    assert float(near[..., :3, :].sum()) == float(near[..., :4].sum()) == 0.0  # outer walls are thick
+    image = torch.where(floor > 0.5, 0.9, -0.9)
+    image[..., 10:12, 28:31] = 0.9  # a hole in the thin wall
+    elsewhere = torch.where(floor > 0.5, 0.9, -0.9)
+    elsewhere[..., 35:37, 28:31] = 0.9  # as large a bulge of the outline
+    target = 2.0 * floor - 1.0
+    for weight, ratio in ((0.0, 1.0), (3.0, 4.0)):
+        right, hole, bulge = (
+            float(losses.cross_entropy_loss(i, None, target, wall_weight=weight))
+            for i in (0.9 * target, image, elsewhere)
+        )
+        assert (hole - right) / (bulge - right) == pytest.approx(ratio, rel=0.01)

@@ -17,6 +17,7 @@ from slamgym.gan.config import GeneratorConfig, TranslatorConfig
 from slamgym.gan.device import choose_compute
 from slamgym.gan.networks.factory import build_generator
 from slamgym.gan.networks.layers import GeneratorOutput
+from slamgym.gan.translation.derotation import turned
 from slamgym.gan.translation.translate import (
     LearnedTranslator,
     Translator,
@@ -94,10 +95,8 @@ def test_a_map_of_the_networks_size_is_not_resampled():
         ((40, 30), 0.1, (40, 30)),  # of a trained scale: as it is
         ((64, 20), 0.01, (13, 4)),  # too fine: the finest that was trained, 0.05
         ((30, 20), 0.4, (60, 40)),  # too coarse: 0.2
-        ((100, 50), 0.1, (64, 32)),  # shrunk to 0.156 it fits into one tile
-        ((150, 50), 0.1, (64, 22)),  # shrunk to 0.234, hardly coarser than was trained
-        ((200, 100), 0.1, (200, 100)),  # doesn't fit even so: tiles at 0.1
-        ((400, 200), 0.05, (200, 100)),
+        ((100, 50), 0.1, (100, 50)),  # its own scale, in tiles
+        ((400, 200), 0.05, (400, 200)),
         ((32, 16), None, (64, 32)),  # of unknown scale: fitted
         ((640, 64), None, (160, 16)),  # but shrunk by 4 at most
     ],
@@ -288,3 +287,53 @@ def test_the_command_line_shows_no_traceback(tmp_path, capsys):
     assert "did you mean 'train'" in capsys.readouterr().err
     assert cli.main(["gan", "--help"]) == 0
     assert "translate" in capsys.readouterr().out
+
+
+def test_large_tiles_are_no_larger_than_the_map(monkeypatch):
+    config = dataclasses.replace(CONFIG, tile_size=128)
+    translator = LearnedTranslator(build_generator(config), config, ModelCard(), CPU)
+    seen = []
+    run = translator._run
+    monkeypatch.setattr(translator, "_run", lambda tiles: seen.append(tiles.shape) or run(tiles))
+    for side in (70, 100, 200):
+        cells = building(side, side)
+        assert agreement(translator.translate(cells, 0.1), cells) > 0.98
+    assert [shape[-1] for shape in seen] == [64, 72, 128]  # of what is known, with its margin
+
+
+def test_tiles_without_anything_known_are_left_out():
+    cells = np.full((300, 300), 7, np.uint8)
+    cells[10:20, 10:20] = 9
+    counted = []
+
+    def run(tiles):
+        counted.append(len(tiles))
+        return tiles[:, None].astype(np.float32)
+
+    whole = translate_tiled(cells, 64, 7, run)
+    assert sum(counted) == 1
+    assert whole[0, 15, 15] == pytest.approx(9.0)
+    assert whole[0, 200, 200] == -1.0
+
+
+@pytest.mark.parametrize(("scale", "wider_px"), [(0.1, 2.0), (0.025, 4.0), (0.4, 1.0)])
+def test_faces_are_moved_by_pixels_of_the_network(scale, wider_px):
+    """A shift of one pixel on both sides, at the nearest scale that was trained."""
+    config = dataclasses.replace(CONFIG, face_shift=1.0, derotate=False, explored_margin=0.0)
+    cells = np.full((150, 150), UNKNOWN, np.uint8)
+    cells[40:110, 40:110] = FREE
+    free = copying(config).translate(cells, scale)
+    assert free[75].sum() - (copying(CONFIG).translate(cells, scale)[75]).sum() == pytest.approx(
+        wider_px, abs=0.3
+    )
+
+
+def test_a_thin_wall_of_a_turned_map_stays_closed():
+    config = dataclasses.replace(CONFIG, face_shift=1.05)
+    cells = np.full((120, 120), UNKNOWN, np.uint8)
+    cells[20:100, 20:100] = FREE
+    cells[20:100, 58:61] = OCCUPIED
+    slam = turned(cells, 7.0)
+    floor = copying(config).translate(slam, 0.1) >= 0.5
+    count, _ = cv2.connectedComponents(floor.astype(np.uint8), connectivity=4)
+    assert count == 3

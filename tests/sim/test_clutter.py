@@ -75,6 +75,46 @@ class TestFurniture:
             for room in flat.rooms:
                 assert largest_part(ways).intersects(room.polygon)
 
+    def test_a_crowded_flat_has_more_and_is_still_passable(self, flat):
+        usual, crowded = ([furnish(flat, seed, furniture=share) for seed in range(4)] for share in (1.0, 2.0))
+
+        def covered(clutters):
+            return sum(shapely.Polygon(solid).area for c in clutters for solid in c.furniture)
+
+        assert covered(crowded) > 1.3 * covered(usual)
+        radius = RobotConfig().circumscribed_radius
+        assert all(clutter.passages.parts(radius)[1].max() == 1 for clutter in crowded)
+
+    def test_an_untidy_room_has_small_things_and_chairs_at_any_angle(self, flat):
+        tidy, untidy = ([furnish(flat, seed, untidiness=u) for seed in range(5)] for u in (0.0, 1.0))
+
+        def small(clutters):
+            return sum(np.ptp(solid, axis=0).max() < 0.35 for c in clutters for solid in c.furniture)
+
+        def angles(clutters):
+            chairs = [places[0] for c in clutters for places in c.movables if len(places[0]) == 4]
+            sides = np.array([legs[1].mean(axis=0) - legs[0].mean(axis=0) for legs in chairs])
+            return abs(np.sin(2.0 * np.arctan2(sides[:, 1], sides[:, 0])))
+
+        assert small(untidy) > small(tidy) + 50
+        assert angles(tidy).max() < math.sin(0.42)
+        assert angles(untidy).max() > 0.8
+
+    def test_a_door_ajar_lets_a_beam_through_but_no_robot(self, flat):
+        closed, ajar = (
+            furnish(flat, 0, furniture=0.0, doors=1.0, closed_doors=1.0, ajar_doors=share, cut_off=True)
+            for share in (0.0, 1.0)
+        )
+        assert len(ajar.movables) == len(closed.movables) > 1
+        assert ajar.cut_off == closed.cut_off != ()
+        turns = [
+            np.ptp(solid, axis=0).min() for clutter in (closed, ajar) for (solid,), *_ in clutter.movables
+        ]
+        count = len(closed.movables)
+        # A leaf is 4 cm thick; 3 degrees turn one of 0.6 m by 3 cm.
+        assert max(turns[:count]) < 0.041
+        assert min(turns[count:]) > 0.06
+
     @pytest.mark.parametrize("seed", range(4))
     def test_no_place_of_doors_and_chairs_cuts_a_room_off(self, flat, seed):
         robot = RobotConfig()
@@ -176,8 +216,8 @@ class TestFurniture:
 
 class TestSettings:
     def test_a_density_beyond_all_is_refused(self):
-        with pytest.raises(ConfigError, match=r"clutter.furniture must be in \[0, 1\], not 1.5"):
-            ClutterConfig(furniture=1.5)
+        with pytest.raises(ConfigError, match=r"clutter.furniture must be in \[0, 3\], not 3.5"):
+            ClutterConfig(furniture=3.5)
 
 
 class TestDoors:

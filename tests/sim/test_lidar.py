@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from slamgym.core.errors import ConfigError
-from slamgym.core.types import Pose2D
+from slamgym.core.types import Pose2D, Twist2D
 from slamgym.sim import Lidar, LidarConfig, lidar_level
 
 ROOM = np.array(
@@ -48,6 +48,41 @@ class TestGeometry:
         ends_x = x - 0.064 * math.cos(theta) - 0.02 * math.sin(theta) + ranges * np.cos(angles)
         ends_y = y - 0.064 * math.sin(theta) + 0.02 * math.cos(theta) + ranges * np.sin(angles)
         assert np.maximum(abs(ends_x), abs(ends_y)) == pytest.approx(2.0, abs=1e-9)
+
+
+class TestSweep:
+    """A scan that takes 0.2 s, of a full turn from behind over the right to behind again."""
+
+    SWEEP = lidar_level(
+        "exact", LidarConfig(num_beams=360, field_of_view_deg=360.0, mount=(0.0, 0.0, 0.0), sweep=0.2)
+    )
+
+    def test_a_robot_that_stands_has_the_snapshot(self):
+        moved, still = Lidar(self.SWEEP), Lidar(replace(self.SWEEP, sweep=0.0))
+        ranges = moved.look(ORIGIN, ROOM, Twist2D(0.0, 0.0)).ranges
+        assert np.array_equal(ranges, still.look(ORIGIN, ROOM, Twist2D(0.2, 1.8)).ranges)
+
+    @pytest.mark.parametrize("rate", [1.8, -1.8])
+    def test_turning_skews_the_scan_by_what_was_turned_since_each_beam(self, rate):
+        lidar = Lidar(self.SWEEP)
+        ranges = lidar.look(ORIGIN, ROOM, Twist2D(0.0, rate)).ranges
+        age = 0.2 * (1.0 - np.arange(360) / 360)
+        angles = lidar.geometry.angles - rate * age
+        expected = 2.0 / np.maximum(abs(np.cos(angles)), abs(np.sin(angles)))
+        # Poses stand for a part of the sweep: half of at most 0.03 rad, on walls seen at up to 45 degrees.
+        assert ranges == pytest.approx(expected, abs=0.016 * 2.0 * math.sqrt(2.0))
+        snapshot = 2.0 / np.maximum(abs(np.cos(lidar.geometry.angles)), abs(np.sin(lidar.geometry.angles)))
+        assert abs(ranges - snapshot)[:90].max() > 0.4
+
+    def test_driving_moves_the_first_beams_back(self):
+        lidar = Lidar(self.SWEEP)
+        ranges = lidar.look(ORIGIN, ROOM, Twist2D(0.25, 0.0)).ranges
+        # The first beam looks back 0.2 s ago, 0.05 m nearer to the wall behind; beam 180 ahead, half of that.
+        assert ranges[[0, 180]] == pytest.approx([2.0 - 0.05, 2.0 + 0.025], abs=0.011)
+
+    def test_it_fits_between_two_scans(self):
+        with pytest.raises(ConfigError, match=r"lidar\.sweep must not exceed the time between scans"):
+            LidarConfig(sweep=0.3)
 
 
 class TestErrors:

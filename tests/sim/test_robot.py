@@ -30,7 +30,7 @@ def test_senseless_measures_are_refused_by_name(name, value):
 
 
 @pytest.mark.parametrize(
-    "values", [{"furniture": 2.0}, {"people": -1}, {"passage": -0.1}, {"walking_speed": (1.0, 0.5)}]
+    "values", [{"furniture": 4.0}, {"people": -1}, {"passage": -0.1}, {"walking_speed": (1.0, 0.5)}]
 )
 def test_senseless_clutter_is_refused(values):
     with pytest.raises(ConfigError, match=next(iter(values))):

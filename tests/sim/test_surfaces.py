@@ -48,6 +48,15 @@ class TestDrawing:
         again = make_surfaces(PLAN, NOTHING, dataclasses.replace(REAL_SURFACES, seed=1))
         assert one.patches.tobytes() != again.patches.tobytes()
 
+    def test_panes_are_of_all_widths_and_the_view_through_them_ends_at_something(self):
+        surfaces = make_surfaces(PLAN, NOTHING, SurfaceConfig(glazing=0.2))
+        widths = surfaces.patches[:, 1] - surfaces.patches[:, 0]
+        assert widths.min() < 0.4
+        assert widths.max() > 1.2
+        assert len(surfaces.outside) >= 5 * len(widths)
+        reach = np.hypot(*(surfaces.outside[:, :2] - np.mean(PLAN.segments()[:, :2], axis=0)).T)
+        assert reach.max() < 40.0
+
     def test_furniture_leaves_the_walls_as_they_are(self):
         chair = np.array([(1.0, 1.0, 1.4, 1.0), (1.4, 1.0, 1.4, 1.4), (1.4, 1.4, 1.0, 1.0)])
         empty, furnished = (make_surfaces(PLAN, pieces, REAL_SURFACES) for pieces in (NOTHING, chair))
@@ -86,7 +95,7 @@ class TestDrawing:
     def test_contacts_know_nothing_of_glass(self):
         plain, glass = (
             World(PLAN, RobotConfig(), surfaces=surfaces)
-            for surfaces in (None, make_surfaces(PLAN, np.empty((0, 4)), SurfaceConfig(glazing=0.6)))
+            for surfaces in (None, make_surfaces(PLAN, np.empty((0, 4)), SurfaceConfig(glazing=0.3)))
         )
         assert np.array_equal(plain.segments(), glass.segments())
         assert len(plain.surfaces.patches) == 0 < len(glass.surfaces.patches)

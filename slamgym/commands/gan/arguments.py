@@ -39,8 +39,8 @@ class TrainTranslatorArguments(Arguments):
     out: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
     """Folder of the run: settings, checkpoint, weights, samples, curves."""
     preset: str = "slam2cad"
-    """model32 and modelprog (the paper's), slam2cad (the default translator), slam2cad-fold4, slam2cad-gan,
-    slam2cad-cpu, model32-cpu, modelprog-cpu."""
+    """model32 and modelprog (the paper's), slam2cad (the default translator), slam2cad-metric (the same, for pairs
+    rendered with true faces), slam2cad-fold4, slam2cad-gan, slam2cad-cpu, model32-cpu, modelprog-cpu."""
     minutes: Annotated[float, Within(gt=0.0, le=1e5)] | None = None
     """Wall-clock time for the whole training: the schedule is stretched so that it ends then. The CPU presets have
     some by default."""

@@ -16,7 +16,7 @@ from slamgym.core.errors import ConfigError
 from slamgym.core.files import write_text
 from slamgym.core.progress import say, show_progress
 from slamgym.core.types import ByteArray
-from slamgym.gan.data import PairSet, load_pairs, read_grey
+from slamgym.gan.data import PairSet, image_side, load_pairs, true_faces
 from slamgym.gan.evaluation.evaluate import (
     BLURRED,
     MapScore,
@@ -45,7 +45,14 @@ from slamgym.gan.evaluation.realism import (
     realism_table,
     translated_maps,
 )
-from slamgym.gan.evaluation.summary import main_table, markdown, scores_csv, summarise_scores, table_one
+from slamgym.gan.evaluation.summary import (
+    dimensions_table,
+    main_table,
+    markdown,
+    scores_csv,
+    summarise_scores,
+    table_one,
+)
 from slamgym.gan.translation.translate import LearnedTranslator, Translator, load_translator
 from slamgym.viz.canvas import write_picture
 from slamgym.viz.sheets import draw_grid
@@ -90,7 +97,10 @@ def _load_translators(arguments: EvaluateTranslatorsArguments) -> dict[str, Lear
             name, path = _short_name(argument), argument
         if name in translators or name in {method.name for method in baselines()}:
             raise ConfigError(f"two methods are called {name!r}; choose a name with --weights NAME=PATH")
-        translators[name] = load_translator(path, device=arguments.device, flips=arguments.flips)
+        # Where the CAD maps have a line along every face, translations are compared with such faces, too.
+        translators[name] = load_translator(
+            path, device=arguments.device, flips=arguments.flips, true_faces=true_faces(arguments.images)
+        )
     return translators
 
 
@@ -100,18 +110,11 @@ def _short_name(argument: str) -> str:
 
 
 def _load(arguments: EvaluateTranslatorsArguments) -> PairSet:
-    size = arguments.size or _native_size(arguments.images, arguments.split)
+    size = arguments.size or image_side(arguments.images, arguments.split)
     pairs = load_pairs(arguments.images, arguments.split, size)
     if arguments.count:
         pairs = pairs.subset(evenly_spaced(len(pairs), arguments.count))
     return pairs
-
-
-def _native_size(root: Path, split: str) -> int:
-    """Side of the images of a folder [px]; 256 where there is none to ask, whose error comes with the pairs."""
-    folder = root / split / "A" if (root / split / "A").is_dir() else root / "A"
-    first = next(iter(sorted(folder.glob("*.png"))), None) if folder.is_dir() else None
-    return read_grey(first).shape[0] if first is not None else 256
 
 
 def _methods(translators: dict[str, LearnedTranslator]) -> list[TranslationMethod]:
@@ -128,6 +131,7 @@ def _measure(
             scores[method.name] = evaluate_method(method, pairs, advance)
     summary = summarise_scores(scores)
     _print(f"{len(pairs)} maps of {len(set(pairs.plan_ids))} plans, 95 % intervals", *main_table(summary))
+    _print("Dimensions, after a rigid alignment", *dimensions_table(summary))
     return scores, summary
 
 
@@ -201,7 +205,13 @@ def _write(
     }
     write_text(arguments.out / "evaluation.json", json.dumps(document, indent=1) + "\n")
     write_text(arguments.out / "scores.csv", scores_csv(scores))
-    text = ["# Evaluation\n", markdown(*main_table(summary)), "## Table I\n", markdown(*table_one(scores))]
+    text = [
+        "# Evaluation\n",
+        markdown(*main_table(summary)),
+        "## Dimensions\n",
+        markdown(*dimensions_table(summary)),
+    ]
+    text += ["## Table I\n", markdown(*table_one(scores))]
     if realism is not None:
         text += ["## CAD to SLAM\n", markdown(*realism_table(realism["kinds"]))]
         text += [markdown(*medians_table(realism["reference_medians"], realism["kinds"]))]

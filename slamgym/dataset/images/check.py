@@ -6,6 +6,7 @@ from pathlib import Path
 from slamgym.core.documents import parse_json
 from slamgym.core.errors import InputFileError
 from slamgym.core.files import text_lines
+from slamgym.core.types import FREE
 from slamgym.dataset.check import (
     VALUES,
     FileFault,
@@ -37,7 +38,7 @@ def check_image_folder(root: Path | str, advance: Callable[[], None] = lambda: N
     """
     layout = ImageLayout(Path(root))
     require_manifest(layout.manifest, "slamgym dataset render")
-    _, faults = read_settings(layout.config, "images_version", IMAGES_VERSION)
+    settings, faults = read_settings(layout.config, "images_version", IMAGES_VERSION)
     records, broken = read_records(layout.manifest, ImageRecord.from_line)
     faults += broken
     faults += doubled(layout.manifest, "name", (record.name for record in records))
@@ -45,8 +46,11 @@ def check_image_folder(root: Path | str, advance: Callable[[], None] = lambda: N
     sizes = {record.size for record in records}
     if len(sizes) > 1:
         faults.append(FileFault(layout.manifest, f"has images of different sizes: {sorted(sizes)}"))
+    allowed = dict(VALUES)
+    if settings.get("images", {}).get("edge_px") == 0.0:
+        allowed["A"] = frozenset(range(FREE + 1))  # shares of floor
     for record in records:
-        for side, values in VALUES.items():
+        for side, values in allowed.items():
             path = layout.image(record.split, side, record.name)
             shape = (record.size, record.size)
             faults += check_image(path, side, record.sha256.get(side, ""), shape, values)

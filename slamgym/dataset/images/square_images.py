@@ -61,8 +61,9 @@ class ImageConfig(Settings):
     margin_px: CountOrZero = 4
     """Free border around the plan and the floor of the SLAM map."""
     edge_px: NonNegative = 1.0
-    """Thickness of the line that is drawn along every face of a wall, half of it on the floor. 1 keeps walls
-    that are thinner than a pixel, more makes all walls thicker, 0 draws them as they are."""
+    """Thickness of the line that is drawn along every face of a wall, half of it on the floor: 1 keeps walls
+    that are thinner than a pixel, more makes all walls thicker. 0 draws no line but the share of floor of every
+    pixel in greys, so that faces are where the plan has them; walls that are thinner than a pixel stay closed."""
 
     def _check(self) -> None:
         if max(2 * self.margin_px, self.edge_px) >= self.size:
@@ -93,6 +94,8 @@ def draw_pair(
     min_x, min_y, max_x, max_y = plan.bounds
     in_map = (min_x - start[0], min_y - start[1], max_x - start[0], max_y - start[1])
     frame = square_frame(union(in_map, mapped_bounds(slam_map)), config)
+    if math.isclose(frame.resolution, slam_map.frame.resolution):
+        frame = on_lattice(frame, slam_map.frame)
     return draw_plan_image(plan, start, frame, config.edge_px), resample_map(slam_map, frame), frame
 
 
@@ -113,6 +116,16 @@ def square_frame(bounds: Bounds, config: ImageConfig) -> GridFrame:
     half = 0.5 * config.size * scale
     origin_x, origin_y = 0.5 * (min_x + max_x) - half, 0.5 * (min_y + max_y) - half
     return GridFrame(scale, round(origin_x, _DIGITS), round(origin_y, _DIGITS), config.size, config.size)
+
+
+def on_lattice(frame: GridFrame, grid: GridFrame) -> GridFrame:
+    """A frame moved by less than a cell so that its cells are those of a grid of the same resolution."""
+    step = grid.resolution
+    x, y = (
+        round(own + step * round((at - own) / step), _DIGITS)
+        for at, own in ((frame.origin_x, grid.origin_x), (frame.origin_y, grid.origin_y))
+    )
+    return GridFrame(step, x, y, frame.height_px, frame.width_px)
 
 
 def mapped_bounds(grid: OccupancyGrid) -> Bounds | None:
@@ -156,6 +169,8 @@ def draw_plan_image(
 ) -> ByteArray:
     """Draw the CAD side: 254 inside, 0 walls and outside, with a line of ``edge_px`` along the faces.
 
+    With an ``edge_px`` of 0, pixels that faces cross have greys (:func:`slamgym.cad.floorplan.floor_share`).
+
     Args:
         plan: World frame.
         start: Origin of the map frame in the world [m].
@@ -167,11 +182,14 @@ def draw_plan_image(
     """
     import cv2
 
-    from slamgym.cad.floorplan import fill_segments
+    from slamgym.cad.floorplan import fill_segments, floor_share
 
+    segments = plan.segments() - np.array([*start, *start])
+    if edge_px == 0.0:
+        return np.rint(FREE * floor_share(segments, frame)).astype(np.uint8)
     rows, cols = frame.shape
     fine = GridFrame(frame.resolution / _SUB, frame.origin_x, frame.origin_y, rows * _SUB, cols * _SUB)
-    inside = fill_segments(plan.segments() - np.array([*start, *start]), fine)
+    inside = fill_segments(segments, fine)
     # From a floor cell's centre to that of the nearest wall cell; the face lies half a cell before it.
     from_face = cv2.distanceTransform(inside.astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE) - 0.5
     middle = from_face[_SUB // 2 :: _SUB, _SUB // 2 :: _SUB]  # at the pixels' centres

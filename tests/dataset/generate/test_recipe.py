@@ -105,7 +105,7 @@ def test_every_known_name_can_be_read():
         ({"explorer": [{"value": "nearest", "weight": 0}]}, "weight must be a number above 0"),
         ({"explorer": [{"weight": 2}]}, "either a 'value'"),
         ({"clutter.furniture": [{"between": [0.5, 0.2]}]}, "the smaller first"),
-        ({"clutter.furniture": [{"between": [0.5, 1.2]}]}, r"clutter.furniture must be in \[0, 1\], not 1.2"),
+        ({"clutter.furniture": [{"between": [0.5, 3.2]}]}, r"clutter.furniture must be in \[0, 3\], not 3.2"),
         ({"scanner": [{"set": {}}]}, "'set' takes settings"),
         ({"x": [{"set": {"slam.particles": 3}}], "slam.particles": [5]}, "both set 'slam.particles'"),
     ],
@@ -201,7 +201,8 @@ def test_the_real_recipe_draws_lasers_glass_and_robots_that_stop_early():
     for draw in drawn:
         assert 3.5 <= draw["lidar.range_max"] <= 30.0
         assert draw["slam.max_usable_range"] <= draw["lidar.range_max"]
-        assert 0.5 <= draw["minutes"] <= 10.0
+        assert 0.5 <= draw["minutes"] <= 12.0
+        assert 0.0 < draw["lidar.sweep"] <= 0.2
         assert (
             apply_conditions(EpisodeConfig(), draw).env.lidar.surfaces.mirrors
             == draw["lidar.surfaces.mirrors"]

@@ -20,6 +20,7 @@ from slamgym.dataset.images.square_images import (
     resample_map,
     square_frame,
 )
+from slamgym.metrics.dimensions import floor_runs
 
 PLAN = FloorPlan("two rooms", box(0, 0, 8, 5).difference(box(3.95, 0, 4.05, 3.8)))
 
@@ -116,10 +117,42 @@ def test_edges_get_the_thickness_that_is_asked_for():
     for edge in (0.0, 1.0, 3.0, 5.0):
         cad = draw_plan_image(PLAN, (0.0, 0.0), frame, edge_px=edge)
         row, col = frame.to_cell([3.0, 5.0], [1.0, 1.0])
-        widths[edge] = int((cad[row[0], col[0] : col[1]] == OCCUPIED).sum())
-    assert widths[0.0] == 2  # 0.1 m
+        widths[edge] = float((1.0 - cad[row[0], col[0] : col[1]] / FREE).sum())
+    assert widths[0.0] == pytest.approx(2.0, abs=0.05)  # 0.1 m
     for edge in (1.0, 3.0, 5.0):
         assert abs(widths[edge] - (2 + edge)) <= 1.0
+
+
+@pytest.mark.parametrize("shift", [0.0, 0.013, 0.031])
+@pytest.mark.parametrize("thickness", [0.02, 0.06, 0.12])
+def test_shares_put_faces_where_the_plan_has_them_and_keep_thin_walls(thickness, shift):
+    west, east = box(0, 0, 3 + shift, 4), box(3 + shift + thickness, 0, 6, 4)
+    door = box(2.9, 1, 3.3, 2)
+    plan = FloorPlan("p", west.union(east).union(door))
+    cad = draw_plan_image(plan, (0.0, 0.0), GridFrame(0.05, -1.0, -1.0, 120, 160), edge_px=0.0)
+    row = cad[40] / FREE  # 3 m up, beside the door
+    assert cad.dtype == np.uint8
+    runs = floor_runs(row.astype(np.float32))
+    assert len(runs) == 2  # the wall is closed
+    if thickness > 0.05:
+        assert [run.length * 0.05 for run in runs] == pytest.approx(
+            [3 + shift, 3 - shift - thickness], abs=0.016
+        )
+    assert len(floor_runs((cad[65] / FREE).astype(np.float32))) == 1  # the door isn't
+
+
+def test_pairs_at_the_maps_own_resolution_keep_its_cells():
+    grid = GridFrame(0.05, -1.23, 0.77, 100, 120)
+    cells = np.random.default_rng(0).choice([OCCUPIED, UNKNOWN, FREE], grid.shape).astype(np.uint8)
+    _, slam, frame = draw_pair(
+        PLAN,
+        (0.0, 0.0),
+        OccupancyGrid(cells, grid),
+        ImageConfig(size=320, scaling="fixed", metres_per_px=0.05),
+    )
+    left = round((grid.origin_x - frame.origin_x) / 0.05)
+    top = round((frame.bounds[3] - grid.bounds[3]) / 0.05)
+    assert (slam[top : top + cells.shape[0], left : left + cells.shape[1]] == cells).all()
 
 
 def test_thickness_does_not_depend_on_the_scale_of_the_pair():

@@ -1,0 +1,147 @@
+"""Which way most walls of a map run: by its long straight walls, not by the outline of what stands about.
+
+The border between free and occupied cells is split into straight pieces; their lengths are counted by direction,
+modulo 90 degrees, since walls of a building are mostly at right angles. What counts is long and straight: clutter is
+short, and rays that leave through a window border on the unknown, not on a wall.
+"""
+
+import math
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+
+from slamgym.core.types import FREE, OCCUPIED, BoolArray, ByteArray, FloatArray
+
+TOLERANCE_PX = 1.5
+"""A straight piece strays by at most this from the border's cells."""
+SHORTEST_PX = 10.0
+"""Shorter pieces say nothing about the walls: the steps of a raster, furniture."""
+REACH_PX = 3
+"""A wall's cells lie within this of the border of the free space; some programs leave a rim of unknown between."""
+SPREAD_DEG = 1.5
+"""Standard deviation of a piece's direction."""
+PEAK_DEG = 4.0
+"""Pieces within this of a peak decide on its place."""
+APART_DEG = 10.0
+"""A second peak lies at least so far from the first."""
+SECOND_PEAK = 0.7
+"""A second peak of at least this share of the first makes the direction doubtful."""
+_STEP_DEG = 0.5
+
+
+class WallDirection(NamedTuple):
+    """The direction of most walls."""
+
+    angle_deg: float
+    """In [-45, 45), counter-clockwise from the x axis."""
+    support: float
+    """Length of the straight pieces along it and across it, in the unit of the pieces."""
+    rival_deg: float
+    """The second best direction."""
+    rival_share: float
+    """How well it is supported, in shares of the best."""
+
+    @property
+    def is_doubtful(self) -> bool:
+        """Whether there is no straight wall, or a second direction that is supported nearly as well."""
+        return self.support <= 0.0 or self.rival_share >= SECOND_PEAK
+
+
+NO_DIRECTION = WallDirection(0.0, 0.0, 0.0, 0.0)
+
+
+def find_wall_direction(cells: ByteArray) -> WallDirection:
+    """The direction of most walls of a map, against the image's axes, counter-clockwise as seen on the screen.
+
+    Args:
+        cells: SLAM map, shape (H, W): 0 occupied, 205 unknown, 254 free.
+    """
+    pieces = straight_pieces(cells == FREE, cells == OCCUPIED)
+    return main_direction(pieces, SHORTEST_PX)
+
+
+def straight_pieces(free: BoolArray, occupied: BoolArray) -> FloatArray:
+    """Straight pieces of the outlines of walls and of the free space beside them.
+
+    Args:
+        free: (H, W).
+        occupied: (H, W).
+
+    Returns:
+        (N, 2): differences of their ends [px], x to the right and y upwards.
+    """
+    side = 2 * REACH_PX + 1
+    near = cv2.dilate(occupied.astype(np.uint8), np.ones((side, side), np.uint8)) > 0
+    found = [np.empty((0, 2))]
+    for mask in (free, occupied):  # walls that no free cell touches have outlines of their own
+        outlines, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
+        for outline in outlines:
+            points = outline[:, 0, :]
+            if len(points) >= SHORTEST_PX:
+                found += [_fitted(part) for part in _runs(points, near[points[:, 1], points[:, 0]])]
+    return np.vstack(found)
+
+
+def main_direction(pieces: FloatArray, shortest: float) -> WallDirection:
+    """The direction, modulo 90 degrees, along which the most length of straight pieces runs.
+
+    Args:
+        pieces: (N, 2), differences of their ends.
+        shortest: Of the pieces that count; what is longer counts with its length beyond this.
+    """
+    lengths = np.hypot(*pieces.T)
+    pieces, lengths = pieces[lengths > shortest], lengths[lengths > shortest]
+    if len(pieces) == 0:
+        return NO_DIRECTION
+    weights = lengths - shortest
+    angles = np.degrees(np.arctan2(pieces[:, 1], pieces[:, 0]))
+    bins = np.arange(-45.0, 45.0, _STEP_DEG)
+    apart = _difference(bins[:, None], angles[None])
+    scores = np.exp(-0.5 * (apart / SPREAD_DEG) ** 2) @ weights
+    # Where two are as good, the one nearer to the axes.
+    order = np.argsort(np.abs(bins), kind="stable")
+    best = bins[order[int(np.argmax(np.round(scores[order], 9)))]]
+    near = np.abs(_difference(angles, best)) <= PEAK_DEG
+    # A long piece's direction is as exact as it is long.
+    exact = weights[near] * lengths[near]
+    angle = best + float(exact @ _difference(angles[near], best) / exact.sum())
+    elsewhere = np.abs(_difference(bins, angle)) >= APART_DEG
+    rival = int(np.argmax(np.where(elsewhere, scores, -1.0)))
+    share = float(scores[rival] / scores.max())
+    return WallDirection(float(_difference(angle, 0.0)), float(scores.max()), float(bins[rival]), share)
+
+
+def _difference(angle: FloatArray | float, other: FloatArray | float) -> FloatArray:
+    """The difference of directions modulo 90 degrees, in [-45, 45)."""
+    return (np.asarray(angle) - other + 45.0) % 90.0 - 45.0
+
+
+def _runs(points: np.ndarray, kept: BoolArray) -> list[np.ndarray]:
+    """The stretches of a closed outline along which all points are kept."""
+    if kept.all():
+        return [np.vstack([points, points[:1]])]
+    first = int(np.argmin(kept))
+    points, kept = np.roll(points, -first, axis=0), np.roll(kept, -first)
+    ends = np.flatnonzero(np.diff(np.concatenate([[0], kept.astype(np.int8), [0]])))
+    return [points[a:b] for a, b in zip(ends[::2], ends[1::2], strict=True) if b - a >= SHORTEST_PX]
+
+
+def _fitted(run: np.ndarray) -> FloatArray:
+    """Straight pieces of a stretch of an outline, each along the line that fits its cells best."""
+    corners = cv2.approxPolyDP(run.astype(np.int32), TOLERANCE_PX, False)[:, 0, :]
+    places = {(int(x), int(y)): index for index, (x, y) in reversed(list(enumerate(run)))}
+    found = []
+    for (x0, y0), (x1, y1) in zip(corners[:-1].tolist(), corners[1:].tolist(), strict=True):
+        length = math.hypot(x1 - x0, y1 - y0)
+        if length < SHORTEST_PX:
+            continue
+        first, last = places[x0, y0], places[x1, y1]
+        part = run[first : last + 1].astype(np.float64) if last > first else np.empty((0, 2))
+        if len(part) < 3:
+            found.append((x1 - x0, y0 - y1))
+            continue
+        x, y = (part - part.mean(axis=0)).T
+        angle = 0.5 * math.atan2(2.0 * float(x @ y), float(x @ x - y @ y))
+        found.append((length * math.cos(angle), -length * math.sin(angle)))
+    return np.array(found, dtype=np.float64).reshape(-1, 2)

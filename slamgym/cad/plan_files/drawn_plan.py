@@ -1,0 +1,238 @@
+"""From the walls of a CAD drawing to a floor plan: which of the areas between lines is floor.
+
+Drawings show walls in three forms: closed bodies, two lines for the two faces, one line. All are taken as lines
+that divide the plane. What they enclose is a wall where it is narrow, else a space. Doors and windows are lines
+that close gaps; two spaces with a door between them are one floor, and what lies behind an outer door isn't.
+
+Convention: metres, x right, y up, as in a :class:`FloorPlan`.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+import shapely
+from shapely import Polygon
+
+from slamgym.cad.crowding import refuse_crowded
+from slamgym.cad.floorplan import Door, FloorPlan, Room
+from slamgym.cad.houseexpo import MAX_PLAN_COORDINATE
+from slamgym.core.errors import PlanError
+from slamgym.core.limits import NEAR_PAIRS, PLAN_PARTS, VERTICES
+from slamgym.core.types import FloatArray
+
+LINE_GRID = 1e-3
+"""Ends of lines that are closer than this meet [m]."""
+MAX_WALL = 0.7
+"""What is narrower than this between lines is a wall [m]."""
+JAMB = 0.05
+"""Doors and windows are drawn this much longer at both ends, into the walls beside them [m]."""
+BESIDE_DOOR = (0.02, 0.1, 0.2, 0.3, 0.4, 0.5)
+"""How far from a door's middle the spaces that it joins are looked for [m]; a wall may run through it."""
+LINE_WIDTH = 0.01
+"""Thickness of a wall that is drawn as one line [m]."""
+_MIN_ENCLOSED_SHARE = 0.3
+"""Spaces fill at least this share of the box round the walls; else the building has open gaps."""
+OUTER_GAP = 1.5
+"""Open gaps in the outer walls up to this width are taken for shut [m]."""
+MIN_JOINED_SHARE = 0.5
+"""The spaces that doors join make up at least this share of all."""
+
+
+@dataclass(frozen=True)
+class DrawnWalls:
+    """What a reader found in a drawing; segments have shape (N, 4): x0, y0, x1, y1 [m]."""
+
+    walls: FloatArray
+    doors: FloatArray = field(default_factory=lambda: np.empty((0, 4)))
+    windows: FloatArray = field(default_factory=lambda: np.empty((0, 4)))
+    rooms: tuple[Room, ...] = ()
+    doubts: tuple[str, ...] = ()
+    """Sentences about what the drawing left open, its unit above all."""
+
+
+class DrawnPlan(NamedTuple):
+    """A floor plan and what is doubtful about how it was read."""
+
+    plan: FloorPlan
+    doubts: tuple[str, ...]
+
+
+class _Doorway(NamedTuple):
+    """A door between two spaces."""
+
+    door: int  # its number
+    spaces: tuple[int, int]
+    slab: Polygon  # what has to be opened between them
+
+
+def floor_of_walls(drawn: DrawnWalls, plan_id: str, source: str) -> DrawnPlan:
+    """Make a plan of a drawing's walls.
+
+    Args:
+        drawn: The walls, doors and windows.
+        plan_id: Name of the plan.
+        source: Named in errors.
+
+    Raises:
+        PlanError: If the walls enclose nothing, or doors join too little of it.
+    """
+    _check(drawn, source)
+    network = _network(drawn.walls, drawn.doors, drawn.windows, source)
+    spaces = _spaces(network)
+    min_x, min_y, max_x, max_y = shapely.bounds(network).tolist()
+    box = (max_x - min_x) * (max_y - min_y)
+    if sum(space.area for space in spaces) < _MIN_ENCLOSED_SHARE * box:
+        spaces = _spaces_with_gaps_shut(network) or spaces
+    if not spaces:
+        raise PlanError(source, "its walls enclose no space; check the layers, the unit and gaps at corners")
+    doorways = _doorways(drawn.doors, spaces)
+    joined = _largest_group(spaces, doorways)
+    total = sum(space.area for space in spaces)
+    floor_area = sum(spaces[i].area for i in joined)
+    if floor_area < MIN_JOINED_SHARE * total:
+        raise PlanError(
+            source,
+            f"its doors join only {floor_area:.1f} of {total:.1f} m2 between the walls; "
+            "check that the doors are read (their layer) and lie in the walls",
+        )
+    used = [way for way in doorways if way.spaces[0] in joined]
+    floor = _floor([spaces[i] for i in joined], [way.slab for way in used], drawn, source)
+    rooms = tuple(room for room in drawn.rooms if room.polygon.intersects(floor))
+    doors = tuple(_door(drawn.doors[way.door]) for way in used)
+    return DrawnPlan(FloorPlan(plan_id, floor, rooms, doors, source), drawn.doubts)
+
+
+def edges_of(points: FloatArray, closed: bool) -> FloatArray:
+    """The edges of a line through points (N, 2), shape (N - 1, 4), or (N, 4) of a closed one."""
+    after = np.roll(points, -1, axis=0)
+    edges = np.hstack([points, after])
+    return edges if closed else edges[:-1]
+
+
+def middle_line(polygon: Polygon) -> FloatArray:
+    """The long middle line of a polygon that is roughly a rectangle, shape (4,)."""
+    box = shapely.get_coordinates(shapely.oriented_envelope(polygon))
+    if len(box) < 5:
+        return np.concatenate([box[0], box[-1]])
+    first, second = box[1] - box[0], box[2] - box[1]
+    centre, along = box[:4].mean(axis=0), first if np.hypot(*first) >= np.hypot(*second) else second
+    return np.concatenate([centre - 0.5 * along, centre + 0.5 * along])
+
+
+def _check(drawn: DrawnWalls, source: str) -> None:
+    segments = np.vstack([drawn.walls, drawn.doors, drawn.windows])
+    if not np.isfinite(segments).all() or np.abs(segments).max(initial=0.0) > MAX_PLAN_COORDINATE:
+        raise PlanError(
+            source,
+            f"has a coordinate that is no number or beyond {MAX_PLAN_COORDINATE:.0f} m; check its unit",
+        )
+    VERTICES.check(source, len(segments), PlanError)
+    for parts in (drawn.doors, drawn.windows, drawn.rooms):
+        PLAN_PARTS.check(source, len(parts), PlanError)
+    if len(drawn.walls) < 3:
+        raise PlanError(source, "has no walls; name their layer, or check the kind of its objects")
+
+
+def _network(walls: FloatArray, doors: FloatArray, windows: FloatArray, source: str) -> Any:
+    """All lines, cut where they cross; the union's ends lie on a grid of a millimetre."""
+    closures = _lengthened(np.vstack([doors, windows]))
+    segments = np.vstack([walls, closures])
+    refuse_crowded(segments, 0.0, source)
+    lines: Any = shapely.linestrings(segments.reshape(-1, 2, 2))
+    crossings = shapely.STRtree(lines).query(lines, predicate="intersects").shape[1]
+    NEAR_PAIRS.check(source, crossings * 10, PlanError)
+    return shapely.union_all(lines, grid_size=LINE_GRID)
+
+
+def _lengthened(segments: FloatArray) -> FloatArray:
+    direction = segments[:, 2:] - segments[:, :2]
+    unit = direction / np.maximum(np.hypot(*direction.T), 1e-9)[:, None]
+    return np.hstack([segments[:, :2] - JAMB * unit, segments[:, 2:] + JAMB * unit])
+
+
+def _spaces(network: Any) -> list[Polygon]:
+    """What the lines enclose, without the bodies of walls."""
+    faces = shapely.get_parts(shapely.polygonize([network]))
+    return [face for face in faces if not face.buffer(-0.5 * MAX_WALL, join_style="mitre").is_empty]
+
+
+def _spaces_with_gaps_shut(network: Any) -> list[Polygon]:
+    """The same where the outer walls have gaps: the outside is what a disc that can't pass them covers."""
+    radius = 0.5 * OUTER_GAP
+    around = shapely.box(*shapely.bounds(network)).buffer(4.0 * OUTER_GAP, join_style="mitre")
+    free = around.difference(network.buffer(radius))
+    border = around.exterior
+    outside = shapely.union_all([part for part in shapely.get_parts(free) if part.intersects(border)])
+    # A hair smaller, so that its border doesn't lie on the walls that it touches; the strip between is taken off.
+    outside = outside.buffer(radius - 5.0 * LINE_GRID)
+    shut = shapely.union_all([network, outside.boundary], grid_size=LINE_GRID)
+    strip = 10.0 * LINE_GRID
+    inner = [space for space in _spaces(shut) if not outside.intersects(space.representative_point())]
+    opened = [space.buffer(-strip, join_style="mitre").buffer(strip, join_style="mitre") for space in inner]
+    return [part for space in opened for part in shapely.get_parts(space) if isinstance(part, Polygon)]
+
+
+def _doorways(doors: FloatArray, spaces: Sequence[Polygon]) -> list[_Doorway]:
+    """Which spaces each door joins."""
+    tree = shapely.STRtree(spaces)
+    found = []
+    for index, (x0, y0, x1, y1) in enumerate(doors):
+        length = float(np.hypot(x1 - x0, y1 - y0))
+        if length < 0.1:
+            continue
+        normal = np.array([y0 - y1, x1 - x0]) / length
+        middle = np.array([0.5 * (x0 + x1), 0.5 * (y0 + y1)])
+        before, behind = (_space_beside(tree, middle, side * normal) for side in (1.0, -1.0))
+        if before is None or behind is None or before[0] == behind[0]:
+            continue
+        (first, there), (second, here) = before, behind
+        ends = np.array([[x0, y0], [x1, y1]])
+        ring = np.vstack([ends + there * normal, (ends - here * normal)[::-1]])
+        found.append(_Doorway(index, (first, second), Polygon(ring)))
+    return found
+
+
+def _space_beside(tree: Any, middle: FloatArray, normal: FloatArray) -> tuple[int, float] | None:
+    """The space on one side of a door, and how far from its middle it begins [m]."""
+    for distance in BESIDE_DOOR:
+        hits = tree.query(shapely.Point(middle + distance * normal), predicate="within")
+        if len(hits):
+            return int(hits[0]), distance
+    return None
+
+
+def _largest_group(spaces: Sequence[Polygon], doorways: Sequence[_Doorway]) -> set[int]:
+    """The spaces that doors join to the largest floor."""
+    group = list(range(len(spaces)))
+    for way in doorways:
+        first, second = group[way.spaces[0]], group[way.spaces[1]]
+        group = [first if member == second else member for member in group]
+    areas: dict[int, float] = {}
+    for index, space in enumerate(spaces):
+        areas[group[index]] = areas.get(group[index], 0.0) + space.area
+    largest = max(areas, key=lambda name: areas[name])
+    return {index for index, member in enumerate(group) if member == largest}
+
+
+def _floor(spaces: Sequence[Polygon], slabs: Sequence[Polygon], drawn: DrawnWalls, source: str) -> Polygon:
+    """The spaces and the doors between them as one polygon; walls of one line get a thickness."""
+    floor = shapely.union_all([*spaces, *slabs], grid_size=LINE_GRID)
+    barriers = np.vstack([drawn.walls, drawn.windows])
+    lines = shapely.union_all(shapely.linestrings(barriers.reshape(-1, 2, 2)), grid_size=LINE_GRID)
+    inner = lines.intersection(floor.buffer(-3.0 * LINE_GRID)).difference(shapely.union_all(list(slabs)))
+    if not inner.is_empty:
+        floor = floor.difference(inner.buffer(0.5 * LINE_WIDTH, cap_style="square", join_style="mitre"))
+    parts = [part for part in shapely.get_parts(floor) if isinstance(part, Polygon)]
+    largest = max(parts, key=lambda part: float(part.area)).simplify(LINE_GRID)
+    if not isinstance(largest, Polygon) or largest.is_empty or not largest.is_valid:
+        raise PlanError(source, "its walls enclose no simple floor; check the layers of the walls")
+    PLAN_PARTS.check(source, len(largest.interiors), PlanError)
+    VERTICES.check(source, len(shapely.get_coordinates(largest)), PlanError)
+    return largest
+
+
+def _door(segment: FloatArray) -> Door:
+    x0, y0, x1, y1 = (float(value) for value in segment)
+    return Door((x0, y0), (x1, y1))

@@ -1,0 +1,225 @@
+"""Walls, doors, windows and rooms from the layers of a DXF drawing (ezdxf).
+
+Layers are told by their names, in several languages: ``WALLS``, ``A-WALL-FULL`` and ``Wände`` are walls. Blocks are
+exploded, curves are cut into short lines. A door is a line from jamb to jamb or the arc of its swing. The unit is the
+header's ``$INSUNITS`` (AutoCAD DXF reference, HEADER section); where that says nothing, the size decides, with a doubt.
+"""
+
+import fnmatch
+import io
+import re
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import Any, Literal
+
+import ezdxf
+import numpy as np
+import shapely
+from shapely import Polygon
+
+from slamgym.cad.floorplan import Room
+from slamgym.cad.plan_files.drawn_plan import DrawnPlan, DrawnWalls, edges_of, floor_of_walls
+from slamgym.core.errors import InputFileError, PlanError
+from slamgym.core.files import read_bytes
+from slamgym.core.limits import DEPTH, DRAWING_BYTES, ENTRIES, shown
+from slamgym.core.types import FloatArray
+
+LayerKind = Literal["wall", "door", "window", "room", "other"]
+
+LAYERS: dict[LayerKind, str] = {
+    "window": r"window|glaz|fenster|fen[eê]tre|ventana|finestra|janela|raam|vindu",
+    "door": r"door|t[uü]e?r(?!m)|porte|puerta|porta|deur|d[oø]rr?",
+    "room": r"room|raum|space|pi[eè]ce|locale|zone",
+    "wall": r"wall|\bmur|wand|w[aä]e?nd|muro|pared|parete|vegg|cloison|inferred",
+}
+"""What the names of layers mean, the first that fits; regular expressions, capital letters or not."""
+
+_FLATNESS = 0.005
+"""How far a curve may stray from the lines that stand for it [m]."""
+DOOR_LENGTHS = (0.4, 4.0)
+"""Lines of doors of other lengths are leaves, frames and handles [m]."""
+HINGED = 0.03
+"""The end of a swing that is so near to the other leaf's is where both close [m]."""
+UNITS = {1: 0.0254, 2: 0.3048, 4: 1e-3, 5: 1e-2, 6: 1.0, 10: 0.9144, 14: 0.1}
+"""Metres of what ``$INSUNITS`` stands for: inch, foot, millimetre, centimetre, metre, yard, decimetre."""
+UNIT_BY_SIZE = ((1500.0, 0.001, "millimetres"), (150.0, 0.01, "centimetres"), (0.0, 1.0, "metres"))
+"""A building whose drawing is longer than this is taken to be drawn in that unit."""
+MAX_COORDINATE = 1e8
+"""In the drawing's unit; what lies farther is a broken number."""
+CURVES = frozenset({"LINE", "LWPOLYLINE", "POLYLINE", "ARC", "CIRCLE", "ELLIPSE", "SPLINE"})
+
+# What ezdxf raises on damaged files, beside its own errors.
+_DAMAGED = (
+    ValueError, TypeError, LookupError, AttributeError, ArithmeticError, RecursionError, OSError, AssertionError,
+)  # fmt: skip
+
+
+def read_dxf(path: Path | str, unit: float | None = None, layers: Sequence[str] = ()) -> DrawnPlan:
+    """Read a floor plan from a DXF file.
+
+    Args:
+        path: The file, text or binary.
+        unit: Metres of one unit of the drawing; None takes the header's, or guesses by the size, with a doubt.
+        layers: Names or patterns (``A-WALL*``) of the layers that hold the walls; by default those that are called
+            like walls, or the whole drawing if it has one layer.
+
+    Raises:
+        PlanError: If it is no DXF, has no walls or encloses no floor.
+    """
+    path = Path(path)
+    document = _open(path)
+    code = document.header.get("$INSUNITS", 0)
+    unit = unit or (UNITS.get(code) if isinstance(code, int) else None)
+    found = _Found(str(path), layers, _FLATNESS / (unit or UNIT_BY_SIZE[0][1]))
+    try:
+        found.take(document.modelspace())
+    except (ezdxf.DXFError, *_DAMAGED):
+        raise PlanError(path, "is a damaged DXF drawing; save it again") from None
+    walls = found.walls()
+    doubts: tuple[str, ...] = ()
+    if unit is None:
+        unit, doubts = _unit_by_size(walls)
+    walls = walls * unit
+    windows = np.vstack([np.empty((0, 4)), *found.lines["window"]]) * unit
+    doors = found.doors(walls / unit, unit)
+    rooms = tuple(
+        Room("Room", ring) for ring in map(Polygon, found.rings) if ring.is_valid and ring.area > 0.0
+    )
+    scaled = tuple(
+        Room(room.category, shapely.transform(room.polygon, lambda points: points * unit)) for room in rooms
+    )
+    return floor_of_walls(DrawnWalls(walls, doors, windows, scaled, doubts), path.stem, str(path))
+
+
+def _open(path: Path) -> Any:
+    from ezdxf import recover
+
+    try:
+        content = read_bytes(path, DRAWING_BYTES)
+    except InputFileError as error:
+        raise PlanError(error.path, error.reason) from error
+    try:
+        document, _ = recover.read(io.BytesIO(content))
+    except (ezdxf.DXFError, *_DAMAGED):
+        reason = "is no readable DXF drawing; save it as DXF (a DWG has to be converted)"
+        raise PlanError(path, reason) from None
+    return document
+
+
+def _unit_by_size(walls: FloatArray) -> tuple[float, tuple[str, ...]]:
+    """The likely unit of a drawing that doesn't say it."""
+    points = walls.reshape(-1, 2)
+    size = float((points.max(axis=0) - points.min(axis=0)).max())
+    unit, name = next((unit, name) for least, unit, name in UNIT_BY_SIZE if size >= least)
+    return unit, (f"the drawing doesn't say its unit ($INSUNITS); by its size of {size:.0f} it is in {name}",)
+
+
+class _Found:
+    """Lines of a drawing by what they are, in the drawing's unit."""
+
+    def __init__(self, source: str, layers: Sequence[str], flatness: float) -> None:
+        self.lines: dict[LayerKind, list[FloatArray]] = {kind: [] for kind in (*LAYERS, "other")}
+        self.rings: list[FloatArray] = []
+        self.swings: list[FloatArray] = []  # (3, 2): hinge, start and end of the arc
+        self._layers: set[str] = set()
+        self._source, self._chosen, self._flatness = source, tuple(layers), flatness
+        self._count = 0
+
+    def take(self, entities: Iterable[Any], parent: LayerKind | None = None, depth: int = 0) -> None:
+        """Sort entities into kinds; blocks are exploded, and their layer 0 is that of the block."""
+        DEPTH.check(self._source, depth, PlanError)
+        for entity in entities:
+            self._count += 1
+            ENTRIES.check(self._source, self._count, PlanError)
+            layer, name = str(entity.dxf.get("layer", "0")), entity.dxftype()
+            kind = parent if parent is not None and layer == "0" else self._kind(layer)
+            if parent in ("door", "window") and not self._chosen:
+                kind = parent
+            if name == "INSERT":
+                copies = entity.multi_insert() if entity.mcount > 1 else (entity,)
+                for copy in copies:
+                    self.take(copy.virtual_entities(), kind, depth + 1)
+            elif name == "MLINE":
+                self.take(entity.virtual_entities(), kind, depth + 1)
+            elif name in CURVES:
+                self._layers.add(layer)
+                self._take_curve(entity, name, kind)
+
+    def walls(self) -> FloatArray:
+        """All lines of walls, shape (N, 4).
+
+        Raises:
+            PlanError: If there are none; it names the layers that there are.
+        """
+        found = self.lines["wall"]
+        if not found and not self._chosen and len(self._layers) == 1:
+            found = self.lines["other"]
+        if not found:
+            names = ", ".join(shown(name) for name in sorted(self._layers)[:8]) or "none with lines"
+            raise PlanError(
+                self._source, f"has no layer that is called like walls; name it (--layers), it has {names}"
+            )
+        return np.vstack(found)
+
+    def doors(self, walls: FloatArray, unit: float) -> FloatArray:
+        """The doors, from jamb to jamb [m]: lines, and closed positions of swings."""
+        chords = [self._closed_leaf(swing, walls, HINGED / unit) for swing in self.swings]
+        edges = np.vstack([np.empty((0, 4)), *self.lines["door"], *(chord[None] for chord in chords)]) * unit
+        lengths = np.hypot(*(edges[:, 2:] - edges[:, :2]).T)
+        return edges[(lengths >= DOOR_LENGTHS[0]) & (lengths <= DOOR_LENGTHS[1])]
+
+    def _kind(self, layer: str) -> LayerKind:
+        if any(fnmatch.fnmatch(layer.lower(), pattern.lower()) for pattern in self._chosen):
+            return "wall"
+        for kind, pattern in LAYERS.items():
+            if not (kind == "wall" and self._chosen) and re.search(pattern, layer, re.IGNORECASE):
+                return kind
+        return "other"
+
+    def _take_curve(self, entity: Any, name: str, kind: LayerKind) -> None:
+        from ezdxf import path as paths
+
+        if kind == "door" and name == "ARC":
+            self.swings.append(
+                np.array([tuple(p)[:2] for p in (entity.dxf.center, entity.start_point, entity.end_point)])
+            )
+            return
+        if name in ("ARC", "CIRCLE") and not abs(float(entity.dxf.radius)) < MAX_COORDINATE:
+            raise PlanError(self._source, "has an arc without bounds; delete it")
+        curve = paths.make_path(entity)
+        points = np.array([tuple(point)[:2] for point in self._some(curve.flattening(self._flatness, 8))])
+        if len(points) < 2 or not np.abs(points).max() < MAX_COORDINATE:
+            return
+        closed = bool(curve.is_closed or (name in ("LWPOLYLINE", "POLYLINE") and entity.is_closed))
+        if kind == "room" and closed:
+            self.rings.append(points)
+            return
+        width = float(entity.dxf.get("const_width", 0.0) or 0.0) if name == "LWPOLYLINE" else 0.0
+        if width > 0.0:
+            line = shapely.LineString(np.vstack([points, points[:1]]) if closed else points)
+            body = line.buffer(0.5 * width, cap_style="flat", join_style="mitre")
+            for ring in [
+                ring for part in shapely.get_parts(body) for ring in (part.exterior, *part.interiors)
+            ]:
+                self.lines[kind].append(edges_of(shapely.get_coordinates(ring), closed=False))
+            return
+        self.lines[kind].append(edges_of(points, closed))
+
+    def _some(self, points: Iterable[Any]) -> Iterator[Any]:
+        """Counts what curves are made of."""
+        for point in points:
+            self._count += 1
+            ENTRIES.check(self._source, self._count, PlanError)
+            yield point
+
+    def _closed_leaf(self, swing: FloatArray, walls: FloatArray, near: float) -> FloatArray:
+        """From the hinge to that end of the arc that lies at a wall, or at the end of the other leaf's arc."""
+        hinge, *ends = swing
+        others = np.array([end for other in self.swings if other is not swing for end in other[1:]]).reshape(
+            -1, 2
+        )
+        lines = shapely.multilinestrings(walls.reshape(-1, 2, 2))
+        away = [float(shapely.distance(lines, shapely.Point(end))) for end in ends]
+        meets = [bool((np.hypot(*(others - end).T) < near).any()) for end in ends]
+        best = min(range(2), key=lambda i: (not meets[i], away[i]))
+        return np.concatenate([hinge, ends[best]])

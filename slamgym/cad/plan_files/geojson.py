@@ -1,0 +1,121 @@
+"""Walls, doors, windows and rooms from GeoJSON (RFC 7946) in local metres.
+
+Features say what they are by ``properties.kind``: wall, door, window or room; others are passed over.
+Where no feature has a kind all are walls: a plain MultiLineString or Polygon of walls is a plan, too.
+"""
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import shapely
+from shapely import Polygon
+
+from slamgym.cad.floorplan import Room
+from slamgym.cad.plan_files.drawn_plan import DrawnPlan, DrawnWalls, edges_of, floor_of_walls, middle_line
+from slamgym.core.documents import parse_json
+from slamgym.core.errors import InputFileError, PlanError
+from slamgym.core.files import read_bytes
+from slamgym.core.limits import DRAWING_BYTES, ENTRIES, shown
+from slamgym.core.types import FloatArray
+
+_MAX_NAME = 100
+"""Characters of a room's name."""
+DEGREES = 0.05
+"""A drawing in degrees is smaller than this; one in metres isn't."""
+
+_NESTING = {"LineString": 1, "MultiLineString": 2, "Polygon": 2, "MultiPolygon": 3}
+"""How many lists stand around the points of a geometry."""
+
+
+def read_geojson(path: Path | str) -> DrawnPlan:
+    """Read a floor plan from a GeoJSON file.
+
+    Raises:
+        PlanError: If it is no GeoJSON in metres, has no walls or encloses no floor.
+    """
+    path = Path(path)
+    source = str(path)
+    try:
+        content = read_bytes(path, DRAWING_BYTES)
+    except InputFileError as error:
+        raise PlanError(error.path, error.reason) from error
+    features = list(_features(parse_json(content, path, PlanError, DRAWING_BYTES), source))
+    named = any(kind for kind, _, _ in features)
+    lines: dict[str, list[FloatArray]] = {"wall": [], "door": [], "window": []}
+    rooms: list[Room] = []
+    for kind, name, geometry in features:
+        rings = _rings(geometry, source)
+        if kind == "room":
+            rooms += [Room(name, polygon) for polygon in map(Polygon, rings) if _is_area(polygon)]
+        elif kind in lines or not named:
+            is_opening = kind in ("door", "window") and "Polygon" in geometry["type"]
+            lines[kind or "wall"] += [
+                middle_line(Polygon(ring))[None] if is_opening else edges_of(ring, closed=False)
+                for ring in rings
+            ]
+    found = {kind: np.vstack([np.empty((0, 4)), *parts]) for kind, parts in lines.items()}
+    walls = found["wall"].reshape(-1, 2)
+    if len(walls) and max(walls.max(axis=0) - walls.min(axis=0)) < DEGREES:
+        raise PlanError(
+            source, "is smaller than 5 cm: its coordinates are degrees; project it to metres first"
+        )
+    drawn = DrawnWalls(found["wall"], found["door"], found["window"], tuple(rooms))
+    return floor_of_walls(drawn, path.stem, source)
+
+
+def _features(value: Any, source: str) -> Iterator[tuple[str, str, Mapping[str, Any]]]:
+    """Kind (empty where it has none), name and geometry of everything in the file."""
+    if not isinstance(value, dict):
+        raise PlanError(source, "is no GeoJSON; it must be a FeatureCollection, a Feature or a geometry")
+    if value.get("type") == "FeatureCollection":
+        features = value.get("features")
+        if not isinstance(features, list):
+            raise PlanError(source, "'features' is not a list")
+        ENTRIES.check(source, len(features), PlanError)
+    else:
+        features = [value if value.get("type") == "Feature" else {"geometry": value}]
+    for feature in features:
+        if not isinstance(feature, dict):
+            raise PlanError(source, f"has the feature {shown(feature)}, which is no object")
+        properties = feature.get("properties") or {}
+        geometry = feature.get("geometry")
+        if not isinstance(properties, dict) or not isinstance(geometry, dict | None):
+            raise PlanError(source, "has a feature whose properties or geometry are no object")
+        if geometry and str(geometry.get("type")) in _NESTING:
+            kind, name = (
+                properties.get("kind", ""),
+                properties.get("name") or properties.get("category") or "Room",
+            )
+            if not isinstance(kind, str) or not isinstance(name, str):
+                raise PlanError(
+                    source, f"has a feature whose kind or name is no text: {shown(kind)}, {shown(name)}"
+                )
+            yield kind.lower(), name[:_MAX_NAME], geometry
+
+
+def _rings(geometry: Mapping[str, Any], source: str) -> list[FloatArray]:
+    """The lines or rings of a geometry, each of shape (N, 2)."""
+    kind = geometry["type"]
+    level: list[Any] = [geometry.get("coordinates")]
+    for _ in range(_NESTING[kind] - 1):
+        if not all(isinstance(part, list) for part in level):
+            raise PlanError(source, f"has a {kind} whose coordinates are not nested as RFC 7946 says")
+        level = [inner for part in level for inner in part]
+    return [points for part in level if len(points := _points(part, kind, source)) >= 2]
+
+
+def _points(value: Any, kind: str, source: str) -> FloatArray:
+    try:
+        points = np.array([[x, y] for x, y, *_ in value])
+    except (TypeError, ValueError, OverflowError):
+        points = np.array(None)
+    if points.dtype.kind not in "iuf" or (points.size and points.ndim != 2):
+        raise PlanError(source, f"has a {kind} whose coordinates are not lists of numbers")
+    return points.reshape(-1, 2).astype(np.float64)
+
+
+def _is_area(polygon: Polygon) -> bool:
+    points = shapely.get_coordinates(polygon)
+    return bool(np.isfinite(points).all() and polygon.is_valid and polygon.area > 0.0)

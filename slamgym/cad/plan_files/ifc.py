@@ -1,0 +1,214 @@
+"""Walls, doors, windows and rooms from IFC building models (ifcopenshell; extra ``ifc``).
+
+A model is cut where a robot's laser looks: 0.2 m above the storey's floor. What the cut meets of walls, columns and
+curtain walls are bodies of walls; openings that reach down to it are doors, or windows where a window fills them.
+
+Schema: ISO 16739-1 (IFC 4): IfcBuildingStorey, IfcWall, IfcRelVoidsElement, IfcRelFillsElement, IfcSpace.
+"""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import shapely
+from shapely import Polygon
+
+from slamgym.cad.floorplan import Room
+from slamgym.cad.plan_files.drawn_plan import (
+    LINE_GRID,
+    DrawnPlan,
+    DrawnWalls,
+    edges_of,
+    floor_of_walls,
+    middle_line,
+)
+from slamgym.core.errors import ConfigError, PlanError
+from slamgym.core.files import require_file
+from slamgym.core.limits import DRAWING_BYTES, ENTRIES, PLAN_PARTS, shown
+from slamgym.core.types import FloatArray, IntArray
+
+LASER_HEIGHT = 0.2
+"""Where the model is cut above the storey's floor [m]."""
+SOLIDS = ("IfcWall", "IfcColumn", "IfcCurtainWall", "IfcPlate", "IfcMember")
+"""What a laser sees of a building."""
+MIN_LENGTH = 0.4
+"""Openings narrower than this are no doors [m]."""
+
+_DAMAGED = (ValueError, TypeError, LookupError, AttributeError, RuntimeError, ArithmeticError, OSError)
+
+
+def storeys_of(path: Path | str) -> list[str]:
+    """Names of the storeys that have walls, from the lowest up.
+
+    Raises:
+        PlanError: If the file is no IFC model.
+    """
+    return [name for name, _, _ in _storeys(_open(Path(path)), Path(path))]
+
+
+def read_ifc(path: Path | str, storey: str | None = None) -> DrawnPlan:
+    """Read one storey of an IFC model.
+
+    Args:
+        path: The file.
+        storey: Its name; None takes the lowest that has walls.
+
+    Raises:
+        PlanError: If it is no IFC model, has no such storey, or its walls enclose no floor.
+    """
+    path = Path(path)
+    model = _open(path)  # kept to the end: ifcopenshell's elements are no longer there without it
+    storeys = _storeys(model, path)
+    chosen = [entry for entry in storeys if storey in (None, entry[0])]
+    if not chosen:
+        names = ", ".join(shown(name) for name, _, _ in storeys[:8])
+        raise PlanError(path, f"has no storey called {shown(storey)}; it has {names}")
+    name, elevation, elements = chosen[0]
+    try:
+        drawn = _cut(elements, elevation + LASER_HEIGHT, str(path))
+    except _DAMAGED as error:
+        raise PlanError(
+            path, f"has geometry that can't be computed ({shown(str(error))}); export it again"
+        ) from None
+    plan_id = path.stem if len(storeys) == 1 else f"{path.stem}-{name}"
+    return floor_of_walls(drawn, plan_id, f"{path}, storey {shown(name)}" if len(storeys) > 1 else str(path))
+
+
+def _open(path: Path) -> Any:
+    try:
+        import ifcopenshell
+    except ImportError:
+        raise ConfigError(
+            "reading IFC needs the package 'ifcopenshell': pip install 'slamgym[ifc]'"
+        ) from None
+    require_file(path, DRAWING_BYTES)
+    with path.open("rb") as file:
+        if b"ISO-10303-21" not in file.read(1024):
+            raise PlanError(path, "is no IFC model in STEP form (it must begin with ISO-10303-21)")
+    try:
+        return ifcopenshell.open(str(path))
+    except (ifcopenshell.Error, *_DAMAGED) as error:
+        raise PlanError(path, f"is no readable IFC model ({shown(str(error))}); export it again") from None
+
+
+def _storeys(model: Any, path: Path) -> list[tuple[str, float, list[Any]]]:
+    """Name, elevation [m] and elements of the storeys with walls, from the lowest up."""
+    from ifcopenshell.util.element import get_decomposition
+    from ifcopenshell.util.placement import get_storey_elevation
+    from ifcopenshell.util.unit import calculate_unit_scale
+
+    try:
+        scale = float(calculate_unit_scale(model))
+        found = []
+        for number, storey in enumerate(model.by_type("IfcBuildingStorey"), start=1):
+            elements = list(get_decomposition(storey))
+            ENTRIES.check(path, len(elements), PlanError)
+            if any(element.is_a("IfcWall") for element in elements):
+                name = str(storey.Name or f"storey {number}")
+                found.append((name, scale * float(get_storey_elevation(storey)), elements))
+    except _DAMAGED as error:
+        raise PlanError(
+            path, f"has storeys that can't be read ({shown(str(error))}); export it again"
+        ) from None
+    if not found:
+        raise PlanError(path, "has no storey with walls (IfcBuildingStorey with IfcWall)")
+    return sorted(found, key=lambda entry: entry[1])
+
+
+def _cut(elements: list[Any], height: float, source: str) -> DrawnWalls:
+    """What the plane at a height meets."""
+    walls: list[FloatArray] = []
+    doors: list[FloatArray] = []
+    windows: list[FloatArray] = []
+    rooms: list[Room] = []
+    PLAN_PARTS.check(source, len(elements), PlanError)
+    for element in elements:
+        if any(element.is_a(kind) for kind in SOLIDS):
+            section = _section(element, height)
+            walls += [edges_of(np.array(ring.coords), closed=False) for ring in _rings(section)]
+            for opening, is_window in _openings(element):
+                line = _across(_section(opening, height), section)
+                if line is not None:
+                    (windows if is_window else doors).append(line[None])
+        elif element.is_a("IfcSpace"):
+            name = str(element.LongName or element.Name or "Room")[:100]
+            rooms += [Room(name, part) for part in _section(element, height)]
+    none = np.empty((0, 4))
+    return DrawnWalls(
+        np.vstack([none, *walls]), np.vstack([none, *doors]), np.vstack([none, *windows]), tuple(rooms)
+    )
+
+
+def _openings(wall: Any) -> Iterator[tuple[Any, bool]]:
+    """The openings of a wall, and whether a window fills them."""
+    for relation in getattr(wall, "HasOpenings", ()) or ():
+        opening = relation.RelatedOpeningElement
+        fillings = [filled.RelatedBuildingElement for filled in getattr(opening, "HasFillings", ()) or ()]
+        yield opening, any(filling.is_a("IfcWindow") for filling in fillings)
+
+
+def _across(openings: list[Polygon], wall: list[Polygon]) -> FloatArray | None:
+    """The line from jamb to jamb through an opening, along the middle of the wall."""
+    if not openings:
+        return None
+    opening = max(openings, key=lambda part: float(part.area))
+    line = middle_line(opening)
+    if wall:
+        box = shapely.oriented_envelope(shapely.union_all(wall))
+        body = middle_line(box) if isinstance(box, Polygon) else line
+        direction = (body[2:] - body[:2]) / max(float(np.hypot(*(body[2:] - body[:2]))), LINE_GRID)
+        across = (shapely.get_coordinates(opening) - body[:2]) @ direction
+        sideways = body[:2] + across.min() * direction, body[:2] + across.max() * direction
+        # A curved wall's own axis lies elsewhere; there the opening's is taken.
+        if shapely.LineString(sideways).intersects(opening):
+            line = np.concatenate(sideways)
+    return line if float(np.hypot(*(line[2:] - line[:2]))) >= MIN_LENGTH else None
+
+
+def _section(element: Any, height: float) -> list[Polygon]:
+    """The polygons in which a horizontal plane [m] cuts an element."""
+    import ifcopenshell.geom
+
+    if getattr(element, "Representation", None) is None:
+        return []
+    settings = ifcopenshell.geom.settings()
+    settings.set("use-world-coords", True)
+    try:
+        mesh = ifcopenshell.geom.create_shape(settings, element).geometry
+    except RuntimeError:  # an element without a body
+        return []
+    points = np.array(mesh.verts, np.float64).reshape(-1, 3)
+    faces = np.array(mesh.faces, np.int64).reshape(-1, 3)
+    # Half a grid's step off, so that no triangle lies in the plane.
+    lines = _crossings(points, faces, height + 0.5 * LINE_GRID)
+    if not len(lines):
+        return []
+    outlines = shapely.union_all(shapely.linestrings(lines), grid_size=LINE_GRID)
+    areas = shapely.build_area(shapely.line_merge(outlines))
+    return [part for part in shapely.get_parts(areas) if isinstance(part, Polygon) and part.area > LINE_GRID]
+
+
+def _crossings(points: FloatArray, faces: IntArray, height: float) -> FloatArray:
+    """Where triangles cross a horizontal plane, shape (N, 2, 2)."""
+    above = points[:, 2] > height
+    count = above[faces].sum(axis=1)
+    crossed = faces[(count == 1) | (count == 2)]
+    if not len(crossed):
+        return np.empty((0, 2, 2))
+    ends = []
+    lone = above[crossed] == (above[crossed].sum(axis=1) == 1)[:, None]  # the corner on a side of its own
+    first = np.argmax(lone, axis=1)
+    rows = np.arange(len(crossed))
+    tip = points[crossed[rows, first]]
+    for step in (1, 2):
+        other = points[crossed[rows, (first + step) % 3]]
+        share = ((height - tip[:, 2]) / (other[:, 2] - tip[:, 2]))[:, None]
+        ends.append((tip + share * (other - tip))[:, :2])
+    return np.stack(ends, axis=1)
+
+
+def _rings(polygons: list[Polygon]) -> Iterator[Any]:
+    for polygon in polygons:
+        yield polygon.exterior
+        yield from polygon.interiors

@@ -1,0 +1,3 @@
+"""``slamgym cad``: maps and drawings."""
+
+__all__: list[str] = []

@@ -1,0 +1,126 @@
+"""``slamgym cad compare``: a robot's map against a floor plan."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import tyro
+
+from slamgym.core.config import Arguments, Positive, suggest
+from slamgym.core.errors import ConfigError, InputFileError
+from slamgym.drawing.comparison.config import ComparisonConfig
+
+if TYPE_CHECKING:
+    from slamgym.cad.floorplan import FloorPlan
+    from slamgym.drawing.comparison.records import PlanComparison
+
+EXIT_DIFFERENT = 1
+"""Plan and map are of different buildings, it seems."""
+
+
+class CompareArguments(Arguments):
+    """Compare a robot's map with a floor plan: walls moved, missing and extra, doors, rooms not yet explored.
+
+    Where the map lies on the plan is found by itself. Exit status 1 if the two don't fit together.
+    """
+
+    plan: tyro.conf.Positional[str]
+    """DXF, IFC, GeoJSON, HouseExpo JSON, a ROS map's yaml, or a picture with its metres per pixel (plan.png@0.05);
+    a DXF that doesn't say its unit is read as plan.dxf@0.001."""
+    map: tyro.conf.Positional[Path]
+    """The map: a ROS yaml or its folder, Valetudo's JSON or PNG, or a picture (--resolution)."""
+    out: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
+    """Folder for comparison.json, comparison.csv and comparison.png."""
+    resolution: Positive | None = None
+    """Metres of a pixel of a map that doesn't say it."""
+    storey: str | None = None
+    """Which plan of a file with several, an IFC model's storey above all; the first by default."""
+    layers: tuple[str, ...] = ()
+    """Layers of a DXF drawing's walls, where their names don't say it."""
+    scale: bool = False
+    """Fit the map's scale, too (within 10 %)."""
+    comparison: ComparisonConfig = field(default_factory=ComparisonConfig)
+    """What counts as a change."""
+
+
+def main(argv: list[str]) -> int:
+    """Run the command.
+
+    Returns:
+        The exit code: 0, or 1 if plan and map are of different buildings.
+
+    Raises:
+        SlamgymError: If one of them can't be read.
+    """
+    arguments = tyro.cli(CompareArguments, args=argv, prog="slamgym cad compare")
+    from slamgym.drawing.comparison.compare import compare_with_plan
+    from slamgym.drawing.comparison.picture import draw_comparison
+    from slamgym.drawing.comparison.records import write_comparison
+    from slamgym.interop.map_files import read_map
+    from slamgym.viz.canvas import write_picture
+
+    if arguments.out.exists() and not arguments.out.is_dir():
+        raise InputFileError(arguments.out, "is a file; name a folder for the results")
+    plan, doubts = _read_plan(arguments)
+    robot_map = read_map(arguments.map, arguments.resolution)
+    config = replace(arguments.comparison, scale=arguments.comparison.scale or arguments.scale)
+    found = compare_with_plan(plan, robot_map.grid, config, str(arguments.map), (*doubts, *robot_map.doubts))
+    write_picture(arguments.out / "comparison.png", draw_comparison(found, plan, robot_map.grid))
+    write_comparison(arguments.out, found)
+    _report(found, arguments.out)
+    return 0 if found.is_confident else EXIT_DIFFERENT
+
+
+def _read_plan(arguments: CompareArguments) -> tuple[FloorPlan, tuple[str, ...]]:
+    """The plan, and what is doubtful about it."""
+    from slamgym.cad.plan_files.source import DrawingSource
+    from slamgym.cad.sources import open_plans
+
+    source = open_plans(arguments.plan)
+    if arguments.layers:
+        if not isinstance(source, DrawingSource) or not arguments.plan.lower().partition("@")[0].endswith(
+            ".dxf"
+        ):
+            raise ConfigError("--layers needs a DXF drawing")
+        source = source.with_layers(arguments.layers)
+    ids = list(source.ids)
+    chosen = arguments.storey
+    if chosen is not None and chosen not in ids:
+        fitting = [plan_id for plan_id in ids if plan_id.endswith(f"-{chosen}")]
+        if not fitting:
+            raise ConfigError(f"{arguments.plan} has no plan {chosen!r}; {suggest(chosen, ids)}")
+        chosen = fitting[0]
+    plan_id = chosen or ids[0]
+    if isinstance(source, DrawingSource):
+        return source.read(plan_id)
+    return source.load(plan_id), ()
+
+
+def _report(found: PlanComparison, folder: Path) -> None:
+    """Print a table."""
+    for doubt in found.doubts:
+        sys.stderr.write(f"slamgym: doubt: {doubt}\n")
+    if found.is_confident:
+        share = found.registration.explained
+        sys.stdout.write(
+            f"{share:.0%} of the plan's walls in view are in the map; {len(found.changes)} changes\n"
+        )
+        if found.changes:
+            sys.stdout.write(
+                f"{'change':16} {'at x, y m':>14} {'length m':>8} {'by cm':>6} {'+-':>4} {'with drift':>10}  of, note\n"
+            )
+        for change in found.changes:
+            x, y = 0.5 * (change.line[0] + change.line[2]), 0.5 * (change.line[1] + change.line[3])
+            by, error, raw = (
+                "" if value is None else f"{100.0 * value:.0f}"
+                for value in (change.offset, change.error, change.raw_offset)
+            )
+            note = f"{change.what}; {change.note}" if change.note else change.what
+            sys.stdout.write(
+                f"{change.kind.replace('_', ' '):16} {f'{x:.1f}, {y:.1f}':>14} {change.length:8.2f} {by:>6} {error:>4} "
+                f"{raw:>10}  {note}\n"
+            )
+    sys.stdout.write(f"{folder / 'comparison.png'}\n")

@@ -1,0 +1,17 @@
+from .compare import compare_with_plan
+from .config import ComparisonConfig
+from .picture import draw_comparison
+from .records import Change, FaceReport, PlanComparison, write_comparison
+from .registration import Registration, register
+
+__all__ = [
+    "Change",
+    "PlanComparison",
+    "ComparisonConfig",
+    "FaceReport",
+    "Registration",
+    "compare_with_plan",
+    "draw_comparison",
+    "register",
+    "write_comparison",
+]

@@ -1,0 +1,130 @@
+"""Straight structures of a map that the plan doesn't have, and which of them are walls rather than furniture.
+
+A wall is thin and seen from both sides, or long. What is seen from one side alone, with the unknown behind it, is the
+front of a cupboard or a sofa.
+"""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import shapely
+from scipy.spatial import KDTree
+
+from slamgym.cad.floorplan import FloorPlan
+from slamgym.core.types import FREE, BoolArray, FloatArray
+from slamgym.drawing.comparison.config import ComparisonConfig
+from slamgym.drawing.comparison.evidence import MapEvidence
+from slamgym.drawing.comparison.records import Line
+
+EXPLAINED = 0.15
+"""Points of the map that are so near to a wall of the plan, or to where it has moved, belong to it [m]."""
+BIN, GAP = 0.05, 0.2
+"""Width of a straight structure, and the widest gap in it [m]."""
+TURNS = 60
+"""Directions in which structures are looked for."""
+MAX_STRUCTURES = 60
+"""A map with more has no structure at all."""
+
+
+@dataclass(frozen=True)
+class Structure:
+    """A straight row of occupied cells."""
+
+    line: Line
+    length: float
+    free_left: float
+    """Share of its length with free space on the left side within the thickness of a wall."""
+    free_right: float
+
+
+def extra_structures(
+    plan: FloorPlan, evidence: MapEvidence, explained_by: FloatArray, config: ComparisonConfig
+) -> list[Structure]:
+    """The walls that the plan doesn't have.
+
+    Args:
+        plan: The plan; what lies outside its floor isn't looked at.
+        evidence: The map over the plan.
+        explained_by: (N, 2) points of the plan's walls where the map is expected to show them [m].
+        config: The settings.
+    """
+    inner = plan.free_space.buffer(-0.5 * EXPLAINED)
+    inside = shapely.contains_xy(inner, evidence.points[:, 0], evidence.points[:, 1])
+    away = (
+        KDTree(explained_by).query(evidence.points)[0] if len(explained_by) else np.full(len(inside), np.inf)
+    )
+    left = np.unique(np.round(evidence.points[inside & (away > EXPLAINED)], 6), axis=0)
+    found: list[Structure] = []
+    while len(left) >= config.extra_wall / BIN * 0.5 and len(found) < MAX_STRUCTURES:
+        longest = _longest_row(left, config.extra_wall)
+        if longest is None:
+            break
+        members, line = longest
+        left = left[~members]
+        structure = _seen_from(line, evidence, config.extra_thickness)
+        if _is_wall(structure, config):
+            found.append(structure)
+    return _without_doubles(found, config.extra_thickness)
+
+
+def _longest_row(points: FloatArray, shortest: float) -> tuple[BoolArray, Line] | None:
+    """The longest straight row of points: which they are, and its ends."""
+    best, best_length = None, shortest
+    for angle in np.pi * np.arange(TURNS) / TURNS:
+        along = points @ [np.cos(angle), np.sin(angle)]
+        across = points @ [-np.sin(angle), np.cos(angle)]
+        for shift in (0.0, 0.5):
+            bins = np.floor(across / BIN + shift).astype(np.int64)
+            order = np.lexsort((along, bins))
+            breaks = np.flatnonzero((np.diff(bins[order]) != 0) | (np.diff(along[order]) > GAP)) + 1
+            starts, stops = np.r_[0, breaks], np.r_[breaks, len(order)] - 1
+            lengths = along[order[stops]] - along[order[starts]]
+            run = int(lengths.argmax())
+            if lengths[run] > best_length:
+                best_length, best = float(lengths[run]), order[starts[run] : stops[run] + 1]
+    if best is None:
+        return None
+    return _fitted(points, points[best])
+
+
+def _fitted(points: FloatArray, row: FloatArray) -> tuple[BoolArray, Line]:
+    """The line through a row, and all points that belong to it."""
+    vx, vy, x, y = cv2.fitLine(row.astype(np.float32), cv2.DIST_L1, 0, 0.01, 0.01).ravel().tolist()
+    unit, centre = np.array([vx, vy]), np.array([x, y])
+    along, row_along = (points - centre) @ unit, (row - centre) @ unit
+    across = (points - centre) @ [-vy, vx]
+    low, high = float(row_along.min()), float(row_along.max())
+    members = (np.abs(across) < 1.5 * BIN) & (along >= low - 0.1) & (along <= high + 0.1)
+    start, end = centre + low * unit, centre + high * unit
+    return members, (float(start[0]), float(start[1]), float(end[0]), float(end[1]))
+
+
+def _seen_from(line: Line, evidence: MapEvidence, thickness: float) -> Structure:
+    start, end = np.array(line[:2]), np.array(line[2:])
+    length = float(np.hypot(*(end - start)))
+    normal = np.array([start[1] - end[1], end[0] - start[0]]) / length
+    points = start + np.linspace(0.05, 0.95, max(5, round(length / 0.05)))[:, None] * (end - start)
+    depths = np.arange(0.1, thickness + 0.1, 0.05)[:, None] * normal
+    sides = [
+        (evidence.values(points[:, None] + side * depths) == FREE).any(axis=1).mean() for side in (1.0, -1.0)
+    ]
+    return Structure(line, length, float(sides[0]), float(sides[1]))
+
+
+def _is_wall(structure: Structure, config: ComparisonConfig) -> bool:
+    both = min(structure.free_left, structure.free_right)
+    return both >= 0.6 or (
+        structure.length >= config.long_wall and max(structure.free_left, structure.free_right) >= 0.6
+    )
+
+
+def _without_doubles(found: list[Structure], thickness: float) -> list[Structure]:
+    """The two faces of one wall count once, by the longer."""
+    kept: list[Structure] = []
+    for structure in sorted(found, key=lambda entry: -entry.length):
+        line = shapely.LineString(np.reshape(structure.line, (2, 2)))
+        near = [shapely.LineString(np.reshape(other.line, (2, 2))).buffer(thickness) for other in kept]
+        if not any(line.intersection(area).length > 0.7 * line.length for area in near):
+            kept.append(structure)
+    return kept

@@ -1,0 +1,133 @@
+"""What a comparison says, and its files."""
+
+import csv
+import io
+import json
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from slamgym.core.files import write_text
+from slamgym.drawing.comparison.registration import Registration
+
+ChangeKind = Literal[
+    "wall_moved", "wall_covered", "wall_missing", "wall_extra", "opening_new",
+    "door_moved", "door_blocked", "door_width", "room_unexplored",
+]  # fmt: skip
+FaceState = Literal["present", "moved", "missing", "unclear", "not_seen"]
+Line = tuple[float, float, float, float]
+
+COLUMNS = (
+    "kind",
+    "what",
+    "x0_m",
+    "y0_m",
+    "x1_m",
+    "y1_m",
+    "length_m",
+    "offset_cm",
+    "error_cm",
+    "raw_offset_cm",
+    "note",
+)
+
+
+@dataclass(frozen=True)
+class Change:
+    """One difference between plan and map, in the plan's frame."""
+
+    kind: ChangeKind
+    what: str
+    """What it is of: a room's name, or which wall or door."""
+    line: Line
+    """The wall or door as planned; the extra wall as found; a room's middle twice [m]."""
+    length: float
+    """[m]"""
+    offset: float | None = None
+    """How far it moved: a wall to its left (seen from its first end), a door along its line; or how much wider it is
+    [m]. Without the map's own distortion."""
+    error: float | None = None
+    """Standard error of the offset [m]."""
+    raw_offset: float | None = None
+    """The offset with the map's distortion [m]."""
+    note: str = ""
+
+
+@dataclass(frozen=True)
+class FaceReport:
+    """One straight face of a wall of the plan."""
+
+    line: Line
+    state: FaceState
+    seen: float
+    """Share of it that is in view."""
+    offset: float | None
+    """Towards the floor, without the map's distortion [m]."""
+    error: float | None
+    raw_offset: float | None
+    distortion: float | None
+    """How far the map's distortion moves it towards the floor [m]."""
+
+
+@dataclass(frozen=True)
+class PlanComparison:
+    """As built against as planned."""
+
+    plan: str
+    map: str
+    registration: Registration
+    changes: tuple[Change, ...]
+    faces: tuple[FaceReport, ...]
+    rooms: tuple[tuple[str, float], ...]
+    """Names, and which share of each the robot has seen."""
+    doubts: tuple[str, ...]
+
+    @property
+    def is_confident(self) -> bool:
+        """Whether plan and map are of one building; else there are no changes in it."""
+        return self.registration.is_same_building
+
+    def document(self) -> dict[str, Any]:
+        """The JSON form."""
+        pose = self.registration.plan_from_map
+        states = [face.state for face in self.faces]
+        return {
+            "plan": self.plan,
+            "map": self.map,
+            "confident": self.is_confident,
+            "doubts": list(self.doubts),
+            "registration": {
+                **{k: v for k, v in asdict(self.registration).items() if k != "plan_from_map"},
+                "plan_from_map": {"x_m": pose.x, "y_m": pose.y, "theta_rad": pose.theta},
+            },
+            "faces_by_state": {state: states.count(state) for state in sorted(set(states))},
+            "changes": [asdict(change) for change in self.changes],
+            "faces": [asdict(face) for face in self.faces],
+            "rooms": [{"name": name, "seen": share} for name, share in self.rooms],
+        }
+
+    def table(self) -> list[list[str]]:
+        """A row a change: :data:`COLUMNS`, as text."""
+        return [
+            [
+                change.kind,
+                change.what,
+                *(f"{value:.2f}" for value in (*change.line, change.length)),
+                *(
+                    "" if value is None else f"{100.0 * value:.1f}"
+                    for value in (change.offset, change.error, change.raw_offset)
+                ),
+                change.note,
+            ]
+            for change in self.changes
+        ]
+
+
+def write_comparison(folder: Path, comparison: PlanComparison) -> None:
+    """Write ``comparison.csv``, a row a change, and ``comparison.json``, which goes last."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(COLUMNS)
+    writer.writerows(comparison.table())
+    write_text(folder / "comparison.csv", text.getvalue())
+    write_text(folder / "comparison.json", json.dumps(comparison.document(), indent=1) + "\n")

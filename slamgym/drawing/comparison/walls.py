@@ -1,0 +1,242 @@
+"""What has become of each face of the plan's walls: present, moved, missing, covered, or not seen."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.spatial import KDTree
+
+from slamgym.core.types import FREE, OCCUPIED, BoolArray, FloatArray, IntArray
+from slamgym.drawing.comparison.config import ComparisonConfig
+from slamgym.drawing.comparison.distortion import Stretches, estimate_drift
+from slamgym.drawing.comparison.evidence import MapEvidence
+from slamgym.drawing.comparison.plan_faces import FACE_STEP, PlanFaces, cut_faces
+from slamgym.drawing.comparison.records import FaceReport, FaceState, Line
+
+LATERAL = 0.045
+"""A point of the map lies before a point of a face if it is no farther to its side [m]."""
+ALIKE = 0.7
+"""Cosine of the angle between normals up to which a face of the map may be one of the plan."""
+_CORNER = 0.08
+"""What is nearer to the ends of a face says little about it [m]."""
+NEAR = 0.1
+"""So near to its place a wall is there [m]."""
+NO_OPENING = 0.3
+"""Where a wall stands so near to its place there is no opening in it, whatever is free [m]."""
+SPREAD = 0.06
+"""Offsets that differ from the commonest by less belong to one straight face [m]."""
+THROUGH = (-0.075, -0.025, 0.025, 0.075)
+"""Where the map is free so far from a face on both sides, there is no wall [m]."""
+BEFORE = (0.1, 0.2, 0.3)
+"""A face is in view where the map is free so far before it [m]."""
+CELL_ROUNDING = 0.05 / np.sqrt(12.0)
+"""A straight wall lies anywhere within its row of cells [m]."""
+MOST, SOME = 0.5, 0.25
+"""Shares of what is in view."""
+LONG_PART = 0.5
+"""A part of a face that is this long may have moved by itself [m]."""
+STRETCH = 1.5
+"""Walls are measured in stretches of at most this length [m]."""
+CORRELATED = 0.25
+"""Offsets of points nearer to each other than this say the same [m]."""
+USUAL_DISTORTION = 0.4
+"""Offsets beyond this say nothing about the map's distortion [m]."""
+
+
+@dataclass(frozen=True)
+class Faces:
+    """Everything that was measured at the points of the faces, (S,)."""
+
+    plan: PlanFaces
+    offsets: FloatArray  # [m]; nan where the map has no such face nearby
+    expected: FloatArray  # [m] offset by the map's distortion
+    deviation: FloatArray  # standard error of that [m]
+    in_view: BoolArray
+    is_open: BoolArray  # free on both sides of the face
+
+    @property
+    def corrected(self) -> FloatArray:
+        """Offsets without the distortion [m]."""
+        return self.offsets - self.expected
+
+
+def measure_faces(faces: PlanFaces, evidence: MapEvidence, config: ComparisonConfig) -> Faces:
+    """Measure all faces; those of which only a part has moved are cut in two, and all is measured again."""
+    found = _measured(faces, evidence, config)
+    cuts = {face: places for face in range(len(faces.lengths)) if (places := _cuts(found, face))}
+    return _measured(cut_faces(faces, cuts), evidence, config) if cuts else found
+
+
+def _cuts(found: Faces, face: int) -> list[float]:
+    """Where a part of a face that is at its place meets one that is elsewhere [m]."""
+    own = np.flatnonzero((found.plan.face == face) & np.isfinite(found.offsets))
+    if len(own) * FACE_STEP < 2.0 * LONG_PART:
+        return []
+    values = found.corrected[own]
+    away = np.abs(values) > NEAR
+    along = found.plan.along[own]
+    changes = np.flatnonzero(away[1:] != away[:-1]) + 1
+    places = []
+    for at in changes:
+        # Both sides must be of one mind for half a metre, and there must be a step between them: drift has none.
+        before, behind = along[at - 1] - along[:at] <= LONG_PART, along[at:] - along[at] <= LONG_PART
+        step = np.median(values[:at][before]) - np.median(values[at:][behind])
+        agree = min((away[:at][before] != away[at]).mean(), (away[at:][behind] == away[at]).mean())
+        if agree > 0.8 and abs(step) > NEAR:
+            places.append(float(0.5 * (along[at - 1] + along[at])))
+    return places
+
+
+def _measured(faces: PlanFaces, evidence: MapEvidence, config: ComparisonConfig) -> Faces:
+    """In the second round the map's distortion is known from the first."""
+    expected, deviation = np.zeros(len(faces.points)), np.zeros(len(faces.points))
+    pairs = _pairs(faces, evidence, config.search)
+    stretch = _stretches_of(faces)
+    for _ in range(2):
+        found = _look(faces, evidence, _nearest_offsets(pairs, expected), expected, deviation)
+        expected, deviation = _expected(found, stretch)
+    return _look(faces, evidence, _nearest_offsets(pairs, expected), expected, deviation)
+
+
+def judge_face(found: Faces, face: int, config: ComparisonConfig) -> FaceReport:
+    """What the points of a face say together."""
+    plan = found.plan
+    line: Line = tuple(float(value) for value in plan.segments[face])  # type: ignore[assignment]
+    own = np.flatnonzero(plan.face == face)
+    inner = own[(plan.along[own] > _CORNER) & (plan.lengths[face] - plan.along[own] > _CORNER)]
+    own = inner if len(inner) >= 3 else own
+    view = own[found.in_view[own]]
+    seen = len(view) / len(own)
+    if seen < config.seen or len(view) < 3:
+        return FaceReport(line, "not_seen", seen, None, None, None, None)
+    values = found.corrected[view]
+    centre, support = _commonest(values)
+    near = float((np.abs(values) <= NEAR).mean())
+    if support < MOST and near < SOME and found.is_open[view].mean() >= MOST:
+        return FaceReport(line, "missing", seen, None, None, None, None)
+    if near >= SOME and abs(centre) > NEAR:
+        # Part of it stands at its place: what is before the rest is furniture.
+        centre = float(np.median(values[np.abs(values) <= NEAR]))
+        support = near
+    if support < SOME:
+        state: FaceState = "unclear"
+        return FaceReport(line, state, seen, None, None, None, None)
+    close = view[np.abs(found.corrected[view] - centre) <= SPREAD]
+    offset = float(np.median(found.corrected[close]))
+    distortion = float(found.expected[close].mean())
+    error = _standard_error(found, close, offset)
+    is_moved = abs(offset) > config.moved and abs(offset) > config.sure * error and support >= MOST
+    return FaceReport(
+        line, "moved" if is_moved else "present", seen, offset, error, offset + distortion, distortion
+    )
+
+
+def open_runs(found: Faces, face: int, shortest: float) -> list[tuple[float, float]]:
+    """Gaps in a face through which the map is free: first and last place along it [m]."""
+    own = np.flatnonzero(found.plan.face == face)
+    wall_beside = np.abs(found.corrected[own]) <= NO_OPENING  # false for nan
+    gap = np.concatenate([[False], found.is_open[own] & ~wall_beside, [False]])
+    starts, stops = np.flatnonzero(~gap[:-1] & gap[1:]), np.flatnonzero(gap[:-1] & ~gap[1:]) - 1
+    step = found.plan.lengths[face] / len(own)
+    runs = [(start * step, (stop + 1) * step) for start, stop in zip(starts, stops, strict=True)]
+    return [run for run in runs if run[1] - run[0] >= shortest]
+
+
+def _standard_error(found: Faces, points: IntArray, offset: float) -> float:
+    """Of a median of correlated offsets, with the rounding to cells and the uncertainty of the distortion [m]."""
+    scatter = 1.4826 * float(np.median(np.abs(found.corrected[points] - offset)))
+    independent = max(1.0, len(points) * FACE_STEP / CORRELATED)
+    return float(
+        np.sqrt(1.57 * scatter**2 / independent + CELL_ROUNDING**2 + found.deviation[points].mean() ** 2)
+    )
+
+
+def _pairs(
+    faces: PlanFaces, evidence: MapEvidence, search: float
+) -> tuple[FloatArray, FloatArray, FloatArray, int]:
+    """Points of faces and points of the map before or behind them: number of the first, offset [m]."""
+    tree = KDTree(evidence.points)
+    lists: Any = tree.query_ball_point(faces.points, search)
+    counts = np.array([len(entries) for entries in lists])
+    index = np.repeat(np.arange(len(faces.points)), counts)
+    other = np.concatenate([np.asarray(entries, np.int64) for entries in lists]) if len(index) else index
+    normal = faces.point_normals[index]
+    difference = evidence.points[other] - faces.points[index]
+    offset = (difference * normal).sum(axis=1)
+    sideways = np.abs(difference[:, 0] * normal[:, 1] - difference[:, 1] * normal[:, 0])
+    alike = (evidence.normals[other] * normal).sum(axis=1) > ALIKE
+    keep = alike & (sideways < LATERAL)
+    return index[keep], offset[keep], sideways[keep], len(faces.points)
+
+
+def _nearest_offsets(
+    pairs: tuple[FloatArray, FloatArray, FloatArray, int], expected: FloatArray
+) -> FloatArray:
+    """For each point the offset that is nearest to what is expected, (S,); nan where there is none."""
+    index, offset, _, size = pairs
+    order = np.lexsort((np.abs(offset - expected[index]), index))
+    first = order[np.unique(index[order], return_index=True)[1]]
+    found = np.full(size, np.nan)
+    found[index[first]] = offset[first]
+    return found
+
+
+def _stretches_of(faces: PlanFaces) -> IntArray:
+    """Which stretch of at most :data:`STRETCH` each point belongs to, (S,)."""
+    parts = np.maximum(np.ceil(faces.lengths / STRETCH).astype(np.int64), 1)
+    first = np.cumsum(parts) - parts
+    parts, first, lengths = parts[faces.face], first[faces.face], faces.lengths[faces.face]
+    found: IntArray = first + np.minimum((faces.along / lengths * parts).astype(np.int64), parts - 1)
+    return found
+
+
+def _expected(found: Faces, stretch: IntArray) -> tuple[FloatArray, FloatArray]:
+    """The distortion along the normal at every point, from the other walls around, and its standard error."""
+    faces = found.plan
+    first = np.unique(stretch, return_index=True)[1]
+    counts = np.bincount(stretch)
+    places = np.stack([np.bincount(stretch, weights=faces.points[:, k]) / counts for k in (0, 1)], axis=1)
+    owner, values, noise = faces.face[first], np.zeros(len(counts)), np.ones(len(counts))
+    for number, points in enumerate(np.split(np.arange(len(stretch)), first[1:])):
+        known = found.offsets[points]
+        known = known[np.abs(known - found.expected[points]) < USUAL_DISTORTION]
+        if len(known) >= max(3, SOME * len(points)):
+            values[number] = np.median(known)
+            scatter = 1.4826 * np.median(np.abs(known - values[number]))
+            noise[number] = np.hypot(
+                CELL_ROUNDING, scatter / np.sqrt(max(1.0, len(known) * FACE_STEP / CORRELATED))
+            )
+    measured = noise < 1.0
+    all_stretches = Stretches(places, faces.normals[owner], values, noise)
+    chosen = Stretches(*(part[measured] for part in all_stretches))
+    walls = owner[measured]
+    expected, deviation = np.zeros(len(counts)), np.full(len(counts), 0.1)
+    if measured.sum() >= 4:
+        same = np.array([faces.same_wall(face)[walls] for face in walls])
+        drift, expected, deviation = estimate_drift(chosen, same, all_stretches)
+        expected[measured], deviation[measured] = drift.expected, drift.deviation
+    return expected[stretch], deviation[stretch]
+
+
+def _look(
+    faces: PlanFaces, evidence: MapEvidence, offsets: FloatArray, expected: FloatArray, deviation: FloatArray
+) -> Faces:
+    """What is in view, and where the map is free through a face."""
+    normals = faces.point_normals
+    place = faces.points + expected[:, None] * normals
+    through = evidence.values(place[:, None] + np.array(THROUGH)[:, None] * normals[:, None])
+    before = evidence.values(place[:, None] + np.array(BEFORE)[:, None] * normals[:, None])
+    is_open = (through == FREE).mean(axis=1) > 0.7
+    is_open &= ~(through == OCCUPIED).any(axis=1)
+    in_view = (before == FREE).any(axis=1) | is_open | (np.abs(offsets - expected) < NEAR)
+    return Faces(faces, offsets, expected, deviation, in_view, is_open)
+
+
+def _commonest(values: FloatArray) -> tuple[float, float]:
+    """The offset that most points agree on, and their share of all, those without any included."""
+    known = values[np.isfinite(values)]
+    if not len(known):
+        return 0.0, 0.0
+    agree = (np.abs(known[:, None] - known) <= SPREAD).sum(axis=1) - 0.05 * np.abs(known)
+    centre = float(known[agree.argmax()])
+    return centre, float((np.abs(known - centre) <= SPREAD).sum() / len(values))

@@ -1,0 +1,91 @@
+"""What a person should check in a drawing: its scale, its direction, and how much of it was never seen."""
+
+import numpy as np
+
+from slamgym.core.types import GridFrame, OccupancyGrid
+from slamgym.drawing.contours import trace_outlines
+from slamgym.drawing.drawing import Drawing
+from slamgym.drawing.floor import CleanedFloor
+from slamgym.drawing.openings import divide
+from slamgym.drawing.polygons import straightened
+from slamgym.drawing.settings import DrawingConfig
+from slamgym.gan.translation.wall_direction import WallDirection
+
+USUAL_CELLS = (0.009, 0.11)
+"""Cells of robots' maps [m]."""
+SCALES = ((4.0, 0.0, 600.0), (0.25, 160.0, 1e9))
+"""Wrong scales that are tried (doors 20 cm or 4 m wide), and from which to which floor area they may be [m2]."""
+MIN_DOORS = 3
+"""So many doors at another scale are evidence."""
+TIMES_MORE = 3
+"""So many times the doors at the map's own scale are."""
+REAL_ROOM = 4.0
+"""Doors between smaller rooms are no evidence: the gaps of clutter [m2]."""
+LARGEST_ROOM = 300.0
+"""A scale at which some room is larger than this is no better [m2]."""
+MUCH_UNSEEN = 0.15
+"""Share of the floor."""
+
+
+def find_doubts(drawing: Drawing, direction: WallDirection | None, config: DrawingConfig) -> list[str]:
+    """One sentence for each doubt.
+
+    Args:
+        drawing: What was drawn.
+        direction: Of the walls, as it was found; None if it was given.
+        config: Sizes.
+    """
+    doubts = []
+    scale = scale_doubt(drawing, config)
+    if scale:
+        doubts.append(scale)
+    if direction is not None and direction.support <= 0.0:
+        doubts.append("direction doubtful: no long straight wall was found; give it with --angle")
+    elif direction is not None and direction.is_doubtful:
+        doubts.append(
+            f"direction doubtful: walls run along {direction.angle_deg:.1f} and, nearly as many, along "
+            f"{direction.rival_deg:.1f} degrees; choose with --angle"
+        )
+    unseen = sum(float(part.area) for part in drawing.inferred_floor)
+    if unseen > MUCH_UNSEEN * drawing.area:
+        doubts.append(
+            f"{unseen / drawing.area:.0%} of the floor was never observed; it is in the layer INFERRED"
+        )
+    if len(drawing.floor.geoms) > 1:
+        doubts.append(f"the floor falls into {len(drawing.floor.geoms)} parts that no opening joins")
+    return doubts
+
+
+def scale_doubt(drawing: Drawing, config: DrawingConfig) -> str | None:
+    """A sentence if the map's scale makes no sense: more gaps would be doors if it were another."""
+    frame = drawing.grid.frame
+    if not USUAL_CELLS[0] <= frame.resolution <= USUAL_CELLS[1]:
+        return f"scale doubtful: cells of {frame.resolution:g} m; robots' maps have 0.01 to 0.1 m"
+    own = len(_doors_at(drawing, 1.0, config))
+    for factor, least, most in SCALES:
+        if not least <= drawing.area <= most:
+            continue
+        other = _doors_at(drawing, factor, config)
+        if len(other) >= max(MIN_DOORS, TIMES_MORE * own):
+            width = float(np.median(other)) / factor
+            return (
+                f"scale doubtful: {len(other)} openings between rooms are some {width:.2f} m wide, and {own} as "
+                "wide as doors; check the resolution"
+            )
+    return None
+
+
+def _doors_at(drawing: Drawing, factor: float, config: DrawingConfig) -> list[float]:
+    """Widths of what would be doors if cells were larger by a factor [m at that scale]; by cleaning, to compare."""
+    cells, frame = drawing.grid.cells, drawing.grid.frame
+    scaled = GridFrame(frame.resolution * factor, 0.0, 0.0, *cells.shape)
+    probability = CleanedFloor().probability(OccupancyGrid(cells, scaled), drawing.angle_deg)
+    outlines = trace_outlines(probability, 0.5, scaled)
+    division = divide(straightened(outlines, [drawing.angle_deg], scaled.resolution, config), config)
+    if factor > 1.0 and max((room.area for room in division.rooms), default=0.0) > LARGEST_ROOM:
+        return []
+    return [
+        gap.width
+        for gap, pair in zip(division.doors, division.joins, strict=True)
+        if min(division.rooms[k].area for k in pair) >= REAL_ROOM
+    ]

@@ -1,0 +1,177 @@
+"""A drawing that dimensions can be taken from: walls, doors, rooms, and what nobody has seen.
+
+Convention: metres, in the frame of the MAP that it was drawn from (x right, y up, the origin of its yaml), not turned;
+``angle_deg`` says how far its main walls are turned against the x axis, counter-clockwise.
+"""
+
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import shapely
+from shapely import MultiPolygon, Polygon
+
+from slamgym.cad.floorplan import Door as PlanDoor
+from slamgym.cad.floorplan import FloorPlan
+from slamgym.cad.floorplan import Room as PlanRoom
+from slamgym.core.types import OccupancyGrid
+
+Layer = Literal["SEEN", "INFERRED"]
+"""SEEN: the map holds evidence of it. INFERRED: drawn because buildings are like that."""
+
+DrawnPoint = tuple[float, float]
+"""x, y [m]."""
+
+
+@dataclass(frozen=True)
+class DrawnWall:
+    """A straight piece of wall."""
+
+    polygon: Polygon
+    """Its body; at corners the bodies of two walls overlap."""
+    start: DrawnPoint
+    end: DrawnPoint
+    """Ends of its centre line [m]."""
+    thickness: float
+    """[m]"""
+    thickness_known: bool
+    """Whether both faces were drawn; else the thickness is that of the settings."""
+    confidence: float
+    """Probability that a true wall lies within 20 cm, in [0, 1]."""
+    share_seen: float
+    """Share of its length along which the map has occupied cells."""
+    layer: Layer
+
+    @property
+    def length(self) -> float:
+        """Of the centre line [m]."""
+        return float(((self.end[0] - self.start[0]) ** 2 + (self.end[1] - self.start[1]) ** 2) ** 0.5)
+
+
+@dataclass(frozen=True)
+class DrawnDoor:
+    """A door, or an opening of a door's width: the segment across its middle, from jamb to jamb."""
+
+    start: DrawnPoint
+    end: DrawnPoint
+    depth: float
+    """Thickness of the wall that it is in [m]."""
+    rooms: tuple[str, ...]
+    """Ids of the rooms that it joins."""
+    walls: tuple[int, ...]
+    """Numbers of the walls at its jambs."""
+    confidence: float
+    """Share of the opening that the robot saw free, in [0, 1]."""
+    layer: Layer
+
+    @property
+    def width(self) -> float:
+        """Clear width [m]."""
+        return float(((self.end[0] - self.start[0]) ** 2 + (self.end[1] - self.start[1]) ** 2) ** 0.5)
+
+
+@dataclass(frozen=True)
+class DrawnWindow:
+    """A window: the segment across its middle. A laser doesn't know of windows; a plan may."""
+
+    start: DrawnPoint
+    end: DrawnPoint
+
+
+@dataclass(frozen=True)
+class DrawnRoom:
+    """A room, closed by walls and by the lines of its doors."""
+
+    id: str
+    polygon: Polygon
+    """Valid; its holes are pillars, islands and cores."""
+    share_seen: float
+    """Share of its area that the robot saw."""
+    layer: Layer
+
+    @property
+    def area(self) -> float:
+        """[m2]."""
+        return float(self.polygon.area)
+
+
+@dataclass(frozen=True)
+class Dimension:
+    """A dimension line: a clear width between two faces, or a length of the building."""
+
+    start: DrawnPoint
+    end: DrawnPoint
+    of: str
+    """Id of the room, or ``building``."""
+
+    @property
+    def length(self) -> float:
+        """[m]."""
+        return float(((self.end[0] - self.start[0]) ** 2 + (self.end[1] - self.start[1]) ** 2) ** 0.5)
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """Everything that is drawn of one map."""
+
+    name: str
+    grid: OccupancyGrid
+    """The map that it was drawn from."""
+    floor: MultiPolygon
+    """All floor between the walls."""
+    angle_deg: float
+    """Direction of the main walls in [-45, 45), counter-clockwise from the x axis."""
+    walls: tuple[DrawnWall, ...] = ()
+    doors: tuple[DrawnDoor, ...] = ()
+    rooms: tuple[DrawnRoom, ...] = ()
+    windows: tuple[DrawnWindow, ...] = ()
+    unexplored: tuple[Polygon, ...] = ()
+    """Parts inside of the building of which the map says nothing."""
+    inferred_floor: tuple[Polygon, ...] = ()
+    """Floor that the robot never observed."""
+    dimensions: tuple[Dimension, ...] = ()
+    doubts: tuple[str, ...] = ()
+    """What a person should check, one sentence each."""
+    provenance: dict[str, Any] = field(default_factory=dict)
+    """Source, model, settings, version."""
+
+    @property
+    def bounds(self) -> tuple[float, float, float, float]:
+        """(min x, min y, max x, max y) of what is drawn [m]."""
+        shapes = [self.floor, *(wall.polygon for wall in self.walls)]
+        boxes = [shape.bounds for shape in shapes if not shape.is_empty]
+        if not boxes:
+            return self.grid.frame.bounds
+        low_x, low_y, high_x, high_y = zip(*boxes, strict=True)
+        return min(low_x), min(low_y), max(high_x), max(high_y)
+
+    @property
+    def area(self) -> float:
+        """Of the floor [m2]."""
+        return float(self.floor.area)
+
+    @property
+    def scale_bar(self) -> float:
+        """A round length of about a fifth of the drawing's width [m]."""
+        min_x, _, max_x, _ = self.bounds
+        fitting = [
+            length for length in (0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0) if length <= 0.25 * (max_x - min_x)
+        ]
+        return max(fitting, default=0.1)
+
+    def as_plan(self) -> FloorPlan:
+        """The largest part of the floor as a plan that can be explored; rooms are called ``Room``."""
+        largest = max(self.floor.geoms, key=lambda part: float(part.area))
+        inside = largest.buffer(0.05)
+        rooms = [room for room in self.rooms if room.polygon.representative_point().within(inside)]
+        doors = [door for door in self.doors if _middle(door).within(inside)]
+        return FloorPlan(
+            self.name,
+            largest,
+            tuple(PlanRoom("Room", room.polygon) for room in rooms),
+            tuple(PlanDoor(door.start, door.end) for door in doors),
+            str(self.provenance.get("source", self.name)),
+        )
+
+
+def _middle(door: DrawnDoor) -> Any:
+    return shapely.Point(0.5 * (door.start[0] + door.end[0]), 0.5 * (door.start[1] + door.end[1]))

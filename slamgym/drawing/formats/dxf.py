@@ -1,0 +1,132 @@
+"""DXF by ezdxf: metres, one layer a kind, dimension lines that measure themselves, the map's echoes as underlay.
+
+Layers: WALLS (closed LWPOLYLINEs of wall bodies), DOORS and WINDOWS (LINEs), ROOMS (closed LWPOLYLINEs, a TEXT with id
+and area), UNEXPLORED, INFERRED (bodies of walls without evidence as on WALLS; floor that nobody saw as HATCH), RAW (one
+closed LWPOLYLINE for each run of occupied cells), DIMENSIONS.
+"""
+
+import io
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import shapely
+from shapely import Polygon
+
+from slamgym.core.files import write_text
+from slamgym.core.types import OCCUPIED, FloatArray, OccupancyGrid
+from slamgym.drawing.drawing import Drawing
+
+METRES = 6
+"""Of ``$INSUNITS``."""
+LAYERS = {
+    "RAW": 30, "ROOMS": 8, "WALLS": 7, "DOORS": 5, "WINDOWS": 4, "INFERRED": 9, "UNEXPLORED": 2, "DIMENSIONS": 1,
+}  # fmt: skip
+"""AutoCAD's colour numbers."""
+_TEXT = 0.18
+"""Height of letters [m]."""
+_APP = "SLAMGYM"
+"""Name under which walls carry thickness, confidence and share seen (extended data)."""
+
+
+def write_dxf(path: Path, drawing: Drawing) -> None:
+    """Write a DXF file (R2018)."""
+    stream = io.StringIO()
+    dxf_document(drawing).write(stream)
+    write_text(path, stream.getvalue())
+
+
+def dxf_document(drawing: Drawing) -> Any:
+    """The drawing as ezdxf's document."""
+    import ezdxf
+    from ezdxf import units
+
+    document = ezdxf.new("R2018", setup=["linetypes", "dimstyles"], units=METRES)
+    document.header["$INSUNITS"] = METRES
+    document.header["$MEASUREMENT"] = 1
+    document.header["$LUNITS"] = 2
+    for name, colour in LAYERS.items():
+        document.layers.add(name, color=colour)
+    document.layers.get("INFERRED").dxf.linetype = "DASHED"
+    document.layers.get("UNEXPLORED").dxf.linetype = "DASHED"
+    document.appids.add(_APP)
+    space = document.modelspace()
+    space.units = units.M
+    for outline in _echo_runs(drawing.grid):
+        space.add_lwpolyline(outline, close=True, dxfattribs={"layer": "RAW"})
+    for room in drawing.rooms:
+        _add_polygons(space, [room.polygon], "ROOMS")
+        place = room.polygon.representative_point()
+        text = space.add_text(f"{room.id} {room.area:.2f} m2", height=_TEXT, dxfattribs={"layer": "ROOMS"})
+        text.set_placement((place.x, place.y))
+    for wall in drawing.walls:
+        layer = "WALLS" if wall.layer == "SEEN" else "INFERRED"
+        for line in _add_polygons(space, [wall.polygon], layer):
+            line.set_xdata(_APP, [(1040, wall.thickness), (1040, wall.confidence), (1040, wall.share_seen)])
+    for door in drawing.doors:
+        space.add_line(door.start, door.end, dxfattribs={"layer": "DOORS"})
+    for window in drawing.windows:
+        space.add_line(window.start, window.end, dxfattribs={"layer": "WINDOWS"})
+    for part in drawing.inferred_floor:
+        _add_hatch(space, part, "INFERRED")
+    _add_polygons(space, drawing.unexplored, "UNEXPLORED")
+    _add_dimensions(space, drawing)
+    min_x, min_y, max_x, max_y = drawing.bounds
+    document.set_modelspace_vport(
+        height=max_y - min_y + 2.0, center=(0.5 * (min_x + max_x), 0.5 * (min_y + max_y))
+    )
+    return document
+
+
+def _add_polygons(space: Any, shapes: Iterable[Polygon], layer: str) -> list[Any]:
+    """Outlines and holes as closed LWPOLYLINEs."""
+    added = []
+    for shape in shapes:
+        for ring in (shape.exterior, *shape.interiors):
+            points = shapely.get_coordinates(ring)[:-1].tolist()
+            added.append(space.add_lwpolyline(points, close=True, dxfattribs={"layer": layer}))
+    return added
+
+
+def _add_hatch(space: Any, shape: Polygon, layer: str) -> None:
+    """A hatched area: floor, which is no wall's body."""
+    hatch = space.add_hatch(dxfattribs={"layer": layer})
+    hatch.set_pattern_fill("ANSI31", scale=0.05)
+    for number, ring in enumerate((shape.exterior, *shape.interiors)):
+        points = shapely.get_coordinates(ring)[:-1].tolist()
+        hatch.paths.add_polyline_path(points, is_closed=True, flags=1 if number == 0 else 16)
+
+
+def _add_dimensions(space: Any, drawing: Drawing) -> None:
+    """Aligned dimension lines; their text is what they measure."""
+    override = {
+        "dimtxt": _TEXT, "dimasz": 0.12, "dimexe": 0.05, "dimexo": 0.05, "dimgap": 0.05, "dimdec": 2, "dimlfac": 1.0,
+        "dimscale": 1.0, "dimtad": 1, "dimpost": "<>", "dimzin": 0,
+    }  # fmt: skip
+    for dimension in drawing.dimensions:
+        added = space.add_aligned_dim(
+            p1=dimension.start,
+            p2=dimension.end,
+            distance=0.0,
+            dimstyle="EZDXF",
+            override=override,
+            dxfattribs={"layer": "DIMENSIONS"},
+        )
+        added.render()
+
+
+def _echo_runs(grid: OccupancyGrid) -> list[FloatArray]:
+    """A rectangle (4, 2) for each run of occupied cells in a row [m]."""
+    occupied = np.pad(grid.cells == OCCUPIED, ((0, 0), (1, 1))).astype(np.int8)
+    change = np.diff(occupied, axis=1)
+    rows, firsts = np.nonzero(change == 1)
+    _, stops = np.nonzero(change == -1)
+    left, _, _, top = grid.frame.bounds
+    res = grid.frame.resolution
+    x0, x1, y1 = left + firsts * res, left + stops * res, top - rows * res
+    y0 = y1 - res
+    corners = np.stack(
+        [np.stack([x0, y0], 1), np.stack([x1, y0], 1), np.stack([x1, y1], 1), np.stack([x0, y1], 1)], 1
+    )
+    return list(np.round(corners, 4))

@@ -1,0 +1,6 @@
+"""The formats of drawings by their names."""
+
+from typing import Literal, get_args
+
+DrawingFormat = Literal["dxf", "svg", "ifc", "geojson", "json", "png"]
+DRAWING_FORMATS: tuple[str, ...] = get_args(DrawingFormat)

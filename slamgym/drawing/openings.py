@@ -1,0 +1,344 @@
+"""Doors and rooms of a floor: gaps between two jambs that separate one part of it from another.
+
+A jamb is the end of a wall: a short face between two corners that reach into the floor. Opposite a jamb stands
+another, or the face of a wall that runs across. The lines of all such gaps cut the floor into parts; a gap with the
+same part on both sides, or that cuts off a niche, is no door. Where a jamb was too worn to be found, the watershed of
+:mod:`slamgym.metrics.rooms` finds the passage.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import shapely
+from shapely import LineString, MultiPolygon, Point, Polygon
+
+from slamgym.cad.floorplan import fill_segments, ring_segments
+from slamgym.core.types import Float32Array, FloatArray, GridFrame, IntArray
+from slamgym.drawing.polygons import polygon_parts
+from slamgym.drawing.settings import DrawingConfig
+from slamgym.metrics.rooms import RoomRule, label_rooms
+
+REACH = 0.02
+"""Lines of doors are drawn so far into the walls, so that they cut [m]."""
+PARALLEL = math.cos(math.radians(20.0))
+"""Two faces that look at each other are antiparallel within this."""
+CORNER_REACH = 0.35
+"""Lines of doors end in a corner that lies within this of the nearest face [m]."""
+SAME_DOOR = 0.3
+"""Borders of two rooms that lie so near to a door's jambs belong to that door [m]."""
+OPPOSITE = math.cos(math.radians(120.0))
+"""The two ends of a door lie on opposite sides of its middle."""
+WATERSHED_CELL = 0.05
+"""[m]"""
+
+
+@dataclass(frozen=True)
+class Gap:
+    """A line across the floor from face to face."""
+
+    start: tuple[float, float]
+    end: tuple[float, float]
+    depth: float
+    """Thickness of the wall [m]."""
+
+    @property
+    def line(self) -> LineString:
+        """From face to face."""
+        return LineString([self.start, self.end])
+
+    @property
+    def width(self) -> float:
+        """[m]."""
+        return math.hypot(self.end[0] - self.start[0], self.end[1] - self.start[1])
+
+    @property
+    def cut(self) -> LineString:
+        """A little longer than the line."""
+        (x0, y0), (x1, y1) = self.start, self.end
+        dx, dy = (x1 - x0) / self.width * REACH, (y1 - y0) / self.width * REACH
+        return LineString([(x0 - dx, y0 - dy), (x1 + dx, y1 + dy)])
+
+
+@dataclass(frozen=True)
+class Division:
+    """The floor cut into rooms."""
+
+    rooms: tuple[Polygon, ...]
+    doors: tuple[Gap, ...]
+    joins: tuple[tuple[int, int], ...]
+    """Of each door the two rooms, by their numbers."""
+
+
+def divide(floor: MultiPolygon, config: DrawingConfig) -> Division:
+    """Find doors, and the rooms between them.
+
+    Args:
+        floor: With straight edges [m].
+        config: Sizes.
+    """
+    exact = jamb_gaps(floor, config)
+    parts, gaps = _separated(floor, exact, config)
+    worn = [gap for part in parts for gap in _watershed_gaps(part, config)]
+    if worn:
+        # A gap that separates nothing alone may do so beside others.
+        parts, gaps = _separated(floor, [*gaps, *exact, *worn], config)
+    joins = _joins(parts, gaps)
+    order = sorted(range(len(parts)), key=lambda i: (-round(parts[i].centroid.y, 3), parts[i].centroid.x))
+    number = {old: new for new, old in enumerate(order)}
+    kept = [(gap, (number[a], number[b])) for gap, (a, b) in zip(gaps, joins, strict=True)]
+    return Division(
+        tuple(parts[i] for i in order), tuple(gap for gap, _ in kept), tuple(pair for _, pair in kept)
+    )
+
+
+def _faces(floor: MultiPolygon) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """All edges with the floor on their left.
+
+    Returns:
+        Starts and ends, (N, 2) each, and whether each end is a corner that reaches into the floor, (N, 2).
+    """
+    starts, ends, reflex = [], [], []
+    for part in floor.geoms:
+        oriented = shapely.geometry.polygon.orient(part)
+        for ring in (oriented.exterior, *oriented.interiors):
+            points = shapely.get_coordinates(ring)[:-1]
+            before, after = np.roll(points, 1, axis=0), np.roll(points, -1, axis=0)
+            incoming, outgoing = points - before, after - points
+            turn = incoming[:, 0] * outgoing[:, 1] - incoming[:, 1] * outgoing[:, 0]
+            lengths = np.hypot(*incoming.T) * np.hypot(*outgoing.T)
+            sharp = turn < -0.4 * lengths
+            starts.append(points)
+            ends.append(after)
+            reflex.append(np.column_stack([sharp, np.roll(sharp, -1)]))
+    if not starts:
+        empty = np.empty((0, 2))
+        return empty, empty, empty
+    return np.vstack(starts), np.vstack(ends), np.vstack(reflex)
+
+
+def jamb_gaps(floor: MultiPolygon, config: DrawingConfig) -> list[Gap]:
+    """Gaps as wide as a door between a jamb and what stands opposite, the narrowest first."""
+    starts, ends, reflex = _faces(floor)
+    if len(starts) == 0:
+        return []
+    vectors = ends - starts
+    lengths = np.hypot(*vectors.T)
+    directions = vectors / np.maximum(lengths, 1e-12)[:, None]
+    jambs = np.flatnonzero((lengths <= config.max_thickness) & reflex.all(axis=1) & (lengths > 0.01))
+    gaps = []
+    for jamb in jambs.tolist():
+        direction, length = directions[jamb], lengths[jamb]
+        normal = np.array([-direction[1], direction[0]])  # into the floor
+        facing = np.flatnonzero(directions @ direction < -PARALLEL)
+        first, second = (points[facing] - starts[jamb] for points in (starts, ends))
+        begins, stops = first @ direction, second @ direction
+        low = np.maximum(np.minimum(begins, stops), 0.0)
+        high = np.minimum(np.maximum(begins, stops), length)
+        middle = 0.5 * (low + high)
+        # The face opposite may be oblique: how far it is at the middle of what the two have in common.
+        share = (middle - begins) / np.where(np.abs(stops - begins) < 1e-9, 1.0, stops - begins)
+        across = (1.0 - share) * (first @ normal) + share * (second @ normal)
+        good = (
+            (high - low > 0.3 * length) & (across >= config.door_width[0]) & (across <= config.door_width[1])
+        )
+        for index in np.flatnonzero(good).tolist():
+            start = starts[jamb] + middle[index] * direction
+            gaps.append((jamb, int(facing[index]), start, start + across[index] * normal, length))
+    found: dict[tuple[int, int], Gap] = {}
+    around = floor.buffer(1e-6, join_style="mitre")
+    shapely.prepare(around)
+    for jamb, other, start, end, length in gaps:
+        gap = Gap((float(start[0]), float(start[1])), (float(end[0]), float(end[1])), float(length))
+        key = (min(jamb, other), max(jamb, other))
+        inner = shapely.line_interpolate_point(gap.line, [0.03, 0.5 * gap.width, gap.width - 0.03])
+        is_open = around.covers(LineString(inner.tolist()))
+        if is_open and (key not in found or found[key].depth > gap.depth):
+            found[key] = gap
+    return sorted(found.values(), key=lambda gap: (gap.width, gap.start))
+
+
+def _separated(
+    floor: MultiPolygon, gaps: Sequence[Gap], config: DrawingConfig
+) -> tuple[list[Polygon], list[Gap]]:
+    """Cut along the gaps; those that don't separate two rooms go."""
+    chosen: list[Gap] = []
+    for gap in gaps:  # of lines that cross, or of both faces of one wall, the first stays
+        if not any(_is_same(gap, other) for other in chosen):
+            chosen.append(gap)
+    parts = _cut(floor, chosen)
+    kept = _doors_among(parts, chosen, _joins(parts, chosen), config)
+    parts = _cut(floor, kept)
+    separate = [
+        gap for gap, (a, b) in zip(kept, _joins(parts, kept), strict=True) if a != b and min(a, b) >= 0
+    ]
+    return (parts, kept) if len(separate) == len(kept) else (_cut(floor, separate), separate)
+
+
+def _doors_among(
+    parts: Sequence[Polygon], gaps: Sequence[Gap], joins: Sequence[tuple[int, int]], config: DrawingConfig
+) -> list[Gap]:
+    """The gaps that separate rooms, when parts that are none have been opened to their neighbours."""
+    group = list(range(len(parts)))
+    roomy = [_is_room(part, config) for part in parts]
+
+    def root(k: int) -> int:
+        while group[k] != k:
+            k = group[k]
+        return k
+
+    left = [index for index, (a, b) in enumerate(joins) if min(a, b) >= 0]
+    while True:
+        left = [index for index in left if root(joins[index][0]) != root(joins[index][1])]
+        beside = [index for index in left if not all(roomy[root(k)] for k in joins[index])]
+        if not beside:
+            return [gaps[index] for index in left]
+        # The widest goes first: a niche is open, a closet has a door.
+        opened = max(beside, key=lambda index: gaps[index].width)
+        first, second = (root(k) for k in joins[opened])
+        group[second] = first
+        roomy[first] = roomy[first] or roomy[second]
+
+
+def _is_same(gap: Gap, other: Gap) -> bool:
+    """Whether two lines cross, or lie across one passage."""
+    across = 0.5 * (gap.start[0] + gap.end[0] - other.start[0] - other.end[0])
+    up = 0.5 * (gap.start[1] + gap.end[1] - other.start[1] - other.end[1])
+    apart = math.hypot(across, up)
+    if apart > 0.5 * (gap.width + other.width):
+        return False
+    return apart <= SAME_DOOR or gap.line.intersects(other.line)
+
+
+def _is_room(part: Polygon, config: DrawingConfig) -> bool:
+    return part.area >= config.min_room and not part.buffer(-0.5 * config.min_room_width).is_empty
+
+
+def _cut(floor: MultiPolygon, gaps: Sequence[Gap]) -> list[Polygon]:
+    """The parts of the floor between the lines of the gaps."""
+    if not gaps:
+        return polygon_parts(floor)
+    shapely.prepare(floor)
+    lines = shapely.union_all([floor.boundary, *(gap.cut for gap in gaps)], grid_size=1e-5)
+    return [
+        part
+        for part in shapely.get_parts(shapely.polygonize(shapely.get_parts(lines)))
+        if part.area > 1e-4 and floor.contains(part.representative_point())
+    ]
+
+
+def _joins(parts: Sequence[Polygon], gaps: Sequence[Gap]) -> list[tuple[int, int]]:
+    """Which part lies on either side of each gap; -1 for none."""
+    tree = shapely.STRtree(list(parts))
+    found = []
+    for gap in gaps:
+        (x0, y0), (x1, y1) = gap.start, gap.end
+        normal = np.array([y0 - y1, x1 - x0]) / gap.width
+        middle = 0.5 * np.array([x0 + x1, y0 + y1])
+        sides = []
+        for sign in (1.0, -1.0):
+            # Beside a line that lies close along a wall, a step may end in the wall.
+            points = [Point(*(middle + sign * step * normal)) for step in (0.01, 0.03, 0.06, 0.12)]
+            hits = [tree.query(point, predicate="intersects") for point in points]
+            sides.append(next((int(hit[0]) for hit in hits if len(hit)), -1))
+        found.append((sides[0], sides[1]))
+    return found
+
+
+def _watershed_gaps(part: Polygon, config: DrawingConfig) -> list[Gap]:
+    """Passages of a door's width between two hills of a part's distance from its walls."""
+    if part.area < 2.0 * config.min_room:
+        return []
+    cell = max(WATERSHED_CELL, math.sqrt(part.envelope.area / 4e6))
+    frame = GridFrame.covering(part.bounds, cell, margin=2.0 * cell)
+    # Half a cell less, so that no wall is too thin for the cells.
+    inner = polygon_parts(part.buffer(-0.5 * cell, join_style="mitre"))
+    free = fill_segments(
+        ring_segments([ring for one in inner for ring in (one.exterior, *one.interiors)]), frame
+    )
+    rule = RoomRule(
+        max_doorway=config.door_width[1] - cell,
+        min_area=0.8 * config.min_room,
+        min_width=config.min_room_width - cell,
+    )
+    labels = label_rooms(free, cell, rule)
+    if labels.max(initial=0) < 2:
+        return []
+    gaps = []
+    padded = np.pad(free, 1).astype(np.uint8)
+    clearance = cv2.distanceTransform(padded, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)[1:-1, 1:-1]
+    for middle in _passes(labels, np.asarray(clearance, dtype=np.float32), frame):
+        gap = _narrowest(part, middle, config)
+        if gap is not None:
+            gaps.append(gap)
+    return sorted(gaps, key=lambda gap: (gap.width, gap.start))
+
+
+def _passes(labels: IntArray, clearance: Float32Array, frame: GridFrame) -> list[FloatArray]:
+    """Where two rooms meet: on each border between two, the place farthest from all walls [m]."""
+    borders: dict[tuple[int, int], list[tuple[int, int]]] = {}
+    for step in ((0, 1), (1, 0), (1, 1), (1, -1)):
+        rows, cols = labels.shape
+        here = labels[: rows - step[0], max(0, -step[1]) : cols - max(0, step[1])]
+        there = labels[step[0] :, max(0, step[1]) : cols + min(0, step[1])]
+        at = np.argwhere((here != there) & (here > 0) & (there > 0))
+        for row, col in at.tolist():
+            pair = (int(here[row, col]), int(there[row, col]))
+            borders.setdefault((min(pair), max(pair)), []).append((row, col + max(0, -step[1])))
+    passes = []
+    for _, cells in sorted(borders.items()):
+        places = np.array(cells)
+        high = clearance[places[:, 0], places[:, 1]]
+        while len(places):
+            best = int(np.argmax(high))
+            row, col = places[best]
+            passes.append(np.array(frame.to_point(float(row), float(col))))
+            # Another door between the same rooms lies beyond this one's jambs.
+            apart = np.hypot(*(places - places[best]).T) > high[best] + SAME_DOOR / frame.resolution
+            places, high = places[apart], high[apart]
+    return passes
+
+
+def _narrowest(part: Polygon, middle: FloatArray, config: DrawingConfig) -> Gap | None:
+    """The shortest line from wall to wall through a passage, given a point in its middle."""
+    rings = [shapely.get_coordinates(ring) for ring in (part.exterior, *part.interiors)]
+    starts, ends = np.vstack([ring[:-1] for ring in rings]), np.vstack([ring[1:] for ring in rings])
+    first = _nearest_on(starts, ends, middle, None)
+    if first is None:
+        return None
+    second = _nearest_on(starts, ends, middle, first - middle)
+    if second is None:
+        return None
+    corners = starts[np.hypot(*(starts - middle).T) <= config.door_width[1]]
+    near = [[end, *corners[np.hypot(*(corners - end).T) <= CORNER_REACH]] for end in (first, second)]
+    best: Gap | None = None
+    for one in near[0]:
+        foot = _nearest_on(starts, ends, middle, one - middle)
+        for other in [*near[1], *([] if foot is None else [foot])]:
+            gap = Gap(
+                (float(one[0]), float(one[1])), (float(other[0]), float(other[1])), config.outer_thickness
+            )
+            if not config.door_width[0] <= gap.width <= config.door_width[1]:
+                continue
+            inner = shapely.line_interpolate_point(gap.line, [0.02, gap.width - 0.02])
+            if part.covers(LineString(inner.tolist())) and (best is None or gap.width < best.width - 1e-6):
+                best = gap
+    return best
+
+
+def _nearest_on(
+    starts: FloatArray, ends: FloatArray, point: FloatArray, away_from: FloatArray | None
+) -> FloatArray | None:
+    """The nearest point of segments (N, 2), of those that lie about opposite to a direction if one is given."""
+    vectors = ends - starts
+    share = ((point - starts) * vectors).sum(axis=1) / np.maximum((vectors**2).sum(axis=1), 1e-18)
+    places = starts + np.clip(share, 0.0, 1.0)[:, None] * vectors
+    towards = places - point
+    distances = np.hypot(*towards.T)
+    if away_from is not None:
+        cosine = towards @ away_from / np.maximum(distances * np.hypot(*away_from), 1e-12)
+        distances = np.where(cosine < OPPOSITE, distances, np.inf)
+    index = int(np.argmin(distances))
+    return places[index] if np.isfinite(distances[index]) else None

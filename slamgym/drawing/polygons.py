@@ -1,0 +1,149 @@
+"""From outlines to valid polygons with straight edges: the floor."""
+
+import cmath
+from collections.abc import Sequence
+
+import numpy as np
+import shapely
+from shapely import MultiPolygon, Polygon
+
+from slamgym.core.types import FloatArray
+from slamgym.drawing.contours import Outline
+from slamgym.drawing.edges import Edge, align_edges, crossing, fit_edges, main_axes, projected, simplified
+from slamgym.drawing.settings import DrawingConfig
+
+DOOR_GAP = 2.5
+"""Faces of one wall that lie so far apart are still brought into line [m]."""
+NECK = 0.005
+"""Half the width of what is too narrow to be drawn [m]."""
+CORNER_GRID = 1e-4
+"""Corners lie on a grid of this [m], so that files that round keep polygons valid."""
+MAX_CHANGE = 0.25
+"""An outline whose area changes by more than this share keeps its own points."""
+
+
+def straightened(
+    outlines: Sequence[Outline], angles_deg: Sequence[float], resolution: float, config: DrawingConfig
+) -> MultiPolygon:
+    """The floor with straight edges.
+
+    Args:
+        outlines: Closed outlines, free on their left [m].
+        angles_deg: The main directions.
+        resolution: Of the map [m/cell].
+        config: Sizes.
+
+    Returns:
+        Valid; empty if nothing is large enough.
+    """
+    axes = main_axes(angles_deg)
+    tolerance = max(config.tolerance, 0.9 * resolution)
+    kept = [outline for outline in outlines if _is_drawn(outline, config)]
+    rings = []
+    for outline in kept:
+        edges = fit_edges(outline.points, axes, tolerance, config)
+        rings.append(simplified(edges, axes, config) if len(edges) >= 3 else [])
+    rings = align_edges(rings, axes, 0.5 * max(config.merge, resolution), DOOR_GAP)
+    parts = []
+    for outline, ring in zip(kept, rings, strict=True):
+        parts.append((outline.area > 0.0, _polygon(outline, ring, tolerance)))
+    return _assembled(parts, config)
+
+
+def _is_drawn(outline: Outline, config: DrawingConfig) -> bool:
+    return outline.area >= config.min_floor or outline.area <= -config.min_hole
+
+
+def _polygon(outline: Outline, ring: list[Edge], tolerance: float) -> Polygon | MultiPolygon:
+    """The area that edges enclose; what the outline itself does, where they go astray."""
+    own = Polygon(outline.points)
+    if len(ring) >= 3:
+        corners = ring_corners(ring, 4.0 * tolerance)
+        if len(corners) >= 3:
+            drawn = _polygonal(shapely.make_valid(Polygon(corners)))
+            drawn = _polygonal(drawn.buffer(0))
+            different = float(drawn.symmetric_difference(shapely.make_valid(own)).area)
+            if different <= MAX_CHANGE * abs(outline.area):
+                return drawn
+    return _polygonal(shapely.make_valid(own.simplify(tolerance)))
+
+
+def ring_corners(ring: list[Edge], most: float) -> FloatArray:
+    """The corners of a closed ring of edges: where they cross, if that is near to where they meet.
+
+    Args:
+        ring: The edges in their order.
+        most: Farthest that a corner may lie from the outline's own [m].
+
+    Returns:
+        (N, 2) [m].
+    """
+    edges = list(ring)
+    for _ in range(len(ring)):
+        corners = _corners(edges, most)
+        turned = [
+            index
+            for index, (edge, (start, end)) in enumerate(zip(edges, corners, strict=True))
+            if ((end - start) * edge.direction.conjugate()).real < -1e-9
+        ]
+        if not turned or len(edges) <= 4:
+            break
+        # An edge that its neighbours have eaten up runs backwards: it goes, the shortest first.
+        gone = min(turned, key=lambda index: edges[index].length)
+        del edges[gone]
+    points: list[complex] = []
+    for start, end in _corners(edges, most):
+        for point in (start, end):
+            if not points or abs(point - points[-1]) > 1e-6:
+                points.append(point)
+    while len(points) > 1 and abs(points[0] - points[-1]) <= 1e-6:
+        points.pop()
+    return np.array([(point.real, point.imag) for point in points], dtype=np.float64).reshape(-1, 2)
+
+
+def _corners(edges: list[Edge], most: float) -> list[tuple[complex, complex]]:
+    """Where each edge begins and ends."""
+    ends = []
+    for edge, following in zip(edges, [*edges[1:], edges[0]], strict=True):
+        place = 0.5 * (edge.end + following.start)
+        corner = crossing(edge, following)
+        if corner is not None and abs(corner - place) <= max(most, abs(edge.end - following.start)):
+            ends.append((corner, corner))
+        elif abs(cmath.phase(following.direction * edge.direction.conjugate())) < 0.5:
+            middle = 0.5 * (projected(edge, place) + projected(following, place))
+            ends.append((middle, middle))
+        else:
+            ends.append((projected(edge, edge.end), projected(following, following.start)))
+    return [(ends[index - 1][1], ends[index][0]) for index in range(len(edges))]
+
+
+def _assembled(parts: list[tuple[bool, Polygon | MultiPolygon]], config: DrawingConfig) -> MultiPolygon:
+    """Floors less the holes in them; a floor inside of another's hole stays."""
+    floors = sorted((part for is_floor, part in parts if is_floor), key=lambda part: -float(part.area))
+    holes = [part for is_floor, part in parts if not is_floor and not part.is_empty]
+    tree = shapely.STRtree(holes)
+    pieces = []
+    for floor in floors:
+        inside = [holes[index] for index in sorted(tree.query(floor, predicate="intersects").tolist())]
+        inside = [hole for hole in inside if hole.area < floor.area]
+        pieces.append(floor.difference(shapely.union_all(inside)) if inside else floor)
+    union = shapely.make_valid(shapely.union_all(pieces))
+    # Parts that only touch come apart, slits close.
+    for step in (-NECK, 2 * NECK, -NECK):
+        union = union.buffer(step, join_style="mitre")
+    union = shapely.set_precision(union, CORNER_GRID)
+    large = [part for part in polygon_parts(union) if part.area >= 0.5 * config.min_floor]
+    return MultiPolygon(large)
+
+
+def polygon_parts(geometry: shapely.Geometry) -> list[Polygon]:
+    """All polygons in a geometry."""
+    if isinstance(geometry, Polygon):
+        return [] if geometry.is_empty else [geometry]
+    return [part for piece in getattr(geometry, "geoms", ()) for part in polygon_parts(piece)]
+
+
+def _polygonal(geometry: shapely.Geometry) -> Polygon | MultiPolygon:
+    """What of a geometry has an area."""
+    parts = polygon_parts(geometry)
+    return parts[0] if len(parts) == 1 else MultiPolygon(parts)

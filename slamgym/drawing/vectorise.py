@@ -1,0 +1,238 @@
+"""A map in, a drawing out."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import shapely
+from shapely import LineString, MultiPolygon, Polygon
+from shapely.geometry.base import BaseGeometry
+
+import slamgym
+from slamgym.core.config import to_dict
+from slamgym.core.errors import InputFileError
+from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, Float32Array, GridFrame, OccupancyGrid
+from slamgym.drawing.contours import trace_outlines
+from slamgym.drawing.doubts import find_doubts
+from slamgym.drawing.drawing import Dimension, Drawing, DrawnDoor, DrawnRoom, DrawnWall, Layer
+from slamgym.drawing.evidence import (
+    Evidence,
+    cell_polygons,
+    judged_walls,
+    share_known,
+    share_seen_open,
+    unexplored_parts,
+    unseen_floor,
+)
+from slamgym.drawing.floor import FloorModel, load_floor_model
+from slamgym.drawing.openings import Division, divide
+from slamgym.drawing.polygons import polygon_parts, straightened
+from slamgym.drawing.settings import DEFAULT_DRAWING, DrawingConfig
+from slamgym.drawing.walls import find_walls
+from slamgym.gan.translation.wall_direction import SHORTEST_PX, find_wall_direction, main_direction
+
+SECOND_DIRECTION = 0.2
+"""Walls of a second direction are turned to it, too, if they are so long in shares of those along the first."""
+SMALLEST_DIMENSIONED = 1.5
+"""Rooms below this get no dimension lines [m2]."""
+BESIDE_DOORS = (0.0, 0.5, -0.5, 0.9, -0.9, 1.3, -1.3)
+"""How far from a room's middle its dimension lines may run [m], the first first."""
+KNOWN_MARGIN = 1.0
+"""Of unknown cells that stays round what is known [m]."""
+INFERRED_ROOM = 0.5
+"""A room of which less than this share was observed is in the layer INFERRED."""
+
+
+def make_drawing(
+    grid: OccupancyGrid,
+    name: str = "map",
+    model: str | FloorModel = "slam2cad",
+    config: DrawingConfig = DEFAULT_DRAWING,
+    angle_deg: float | None = None,
+    provenance: Mapping[str, Any] | None = None,
+) -> Drawing:
+    """Draw a SLAM map: walls, doors and rooms with true dimensions.
+
+    Args:
+        grid: The map: 0 occupied, 205 unknown, 254 free.
+        name: Of the drawing.
+        model: ``slam2cad`` or other weights, ``none`` for cleaning alone (no torch), or a translator.
+        config: Sizes.
+        angle_deg: Direction of the main walls against the x axis, counter-clockwise; None finds it.
+        provenance: Anything to keep with the drawing, e.g. the source.
+
+    Returns:
+        The drawing, in the frame of the map.
+
+    Raises:
+        InputFileError: If the map holds no floor or no walls.
+    """
+    where = (provenance or {}).get("source", name)
+    if not (grid.cells == FREE).any():
+        raise InputFileError(where, "has no free cell; a map needs some that the robot saw free")
+    if not (grid.cells == OCCUPIED).any():
+        raise InputFileError(where, "has no occupied cell; a drawing needs walls")
+    used = load_floor_model(model) if isinstance(model, str) else model
+    grid = known_part(grid)
+    direction = find_wall_direction(grid.cells)
+    angle = direction.angle_deg if angle_deg is None else (angle_deg + 45.0) % 90.0 - 45.0
+    probability = used.probability(grid, angle)
+    floor = find_floor(probability, grid, angle, config)
+    if floor.is_empty:
+        raise InputFileError(
+            where, f"holds no floor of {config.min_floor:g} m2 or more; check its resolution and its greys"
+        )
+    evidence = Evidence(grid, probability, config)
+    walls = judged_walls(find_walls(floor, config), evidence)
+    division = divide(floor, config)
+    rooms = _rooms(division, grid)
+    doors = _doors(division, rooms, walls, evidence)
+    inferred = tuple(cell_polygons(unseen_floor(floor, grid), grid.frame, config.min_inferred))
+    kept = {
+        **(provenance or {}),
+        "model": model if isinstance(model, str) else type(model).__name__,
+        "settings": to_dict(config),
+        "slamgym": slamgym.__version__,
+    }
+    drawing = Drawing(
+        name=name,
+        grid=grid,
+        floor=floor,
+        angle_deg=float(angle),
+        walls=tuple(walls),
+        doors=doors,
+        rooms=rooms,
+        unexplored=tuple(unexplored_parts(floor, grid, config)),
+        inferred_floor=inferred,
+        dimensions=tuple(_dimensions(floor, rooms, doors, angle)),
+        provenance=kept,
+    )
+    doubts = find_doubts(drawing, direction if angle_deg is None else None, config)
+    return Drawing(**{**vars(drawing), "doubts": tuple(doubts)})
+
+
+def known_part(grid: OccupancyGrid) -> OccupancyGrid:
+    """What of a map is known, with a margin, in the same coordinates: many maps are mostly empty."""
+    known = grid.cells != UNKNOWN
+    rows, cols = np.flatnonzero(known.any(axis=1)), np.flatnonzero(known.any(axis=0))
+    margin = int(np.ceil(KNOWN_MARGIN / grid.frame.resolution))
+    top, bottom = max(int(rows[0]) - margin, 0), min(int(rows[-1]) + margin + 1, grid.frame.height_px)
+    left, right = max(int(cols[0]) - margin, 0), min(int(cols[-1]) + margin + 1, grid.frame.width_px)
+    resolution = grid.frame.resolution
+    frame = GridFrame(
+        resolution,
+        grid.frame.origin_x + left * resolution,
+        grid.frame.origin_y + (grid.frame.height_px - bottom) * resolution,
+        bottom - top,
+        right - left,
+    )
+    return OccupancyGrid(np.ascontiguousarray(grid.cells[top:bottom, left:right]), frame)
+
+
+def find_floor(
+    probability: Float32Array, grid: OccupancyGrid, angle_deg: float, config: DrawingConfig
+) -> MultiPolygon:
+    """The floor with straight edges.
+
+    Args:
+        probability: Of being floor, shape of the map.
+        grid: The map.
+        angle_deg: Direction of the main walls.
+        config: Sizes.
+    """
+    frame = grid.frame
+    outlines = trace_outlines(probability, 0.5, frame)
+    plain = straightened(outlines, [angle_deg], frame.resolution, config)
+    second = _second_direction(plain, angle_deg, frame.resolution)
+    return plain if second is None else straightened(outlines, [angle_deg, second], frame.resolution, config)
+
+
+def _second_direction(floor: MultiPolygon, angle_deg: float, resolution: float) -> float | None:
+    """A direction of many walls that don't run along the first."""
+    rings = [ring for part in floor.geoms for ring in (part.exterior, *part.interiors)]
+    edges = np.vstack([np.empty((0, 2)), *(np.diff(shapely.get_coordinates(ring), axis=0) for ring in rings)])
+    angles = (np.degrees(np.arctan2(edges[:, 1], edges[:, 0])) - angle_deg + 45.0) % 90.0 - 45.0
+    lengths = np.hypot(*edges.T)
+    oblique = np.abs(angles) > 3.0
+    found = main_direction(edges[oblique], SHORTEST_PX * resolution)
+    enough = found.support >= SECOND_DIRECTION * float(lengths[~oblique].sum())
+    return found.angle_deg if enough else None
+
+
+def _rooms(division: Division, grid: OccupancyGrid) -> tuple[DrawnRoom, ...]:
+    rooms = []
+    for number, polygon in enumerate(division.rooms, 1):
+        seen = share_known(polygon, grid)
+        layer: Layer = "SEEN" if seen >= INFERRED_ROOM else "INFERRED"
+        rooms.append(DrawnRoom(f"R{number:02d}", polygon, seen, layer))
+    return tuple(rooms)
+
+
+def _doors(
+    division: Division, rooms: tuple[DrawnRoom, ...], walls: list[DrawnWall], evidence: Evidence
+) -> tuple[DrawnDoor, ...]:
+    bodies = shapely.STRtree([wall.polygon for wall in walls])
+    doors = []
+    for gap, pair in zip(division.doors, division.joins, strict=True):
+        ends = [shapely.Point(point).buffer(0.05) for point in (gap.start, gap.end)]
+        beside = sorted({int(k) for end in ends for k in bodies.query(end, predicate="intersects")})
+        seen = share_seen_open(np.array([gap.start, gap.end]), evidence)
+        layer: Layer = "SEEN" if seen >= evidence.config.seen_share else "INFERRED"
+        names = tuple(rooms[k].id for k in pair)
+        doors.append(DrawnDoor(gap.start, gap.end, gap.depth, names, tuple(beside), seen, layer))
+    return tuple(doors)
+
+
+def _dimensions(
+    floor: MultiPolygon, rooms: tuple[DrawnRoom, ...], doors: tuple[DrawnDoor, ...], angle_deg: float
+) -> list[Dimension]:
+    """Clear width and depth of each room through its middle, and both lengths of the building."""
+    radians = np.radians(angle_deg)
+    axes = [np.array([np.cos(radians), np.sin(radians)]), np.array([-np.sin(radians), np.cos(radians)])]
+    shut = shapely.union_all([LineString([door.start, door.end]).buffer(0.02) for door in doors])
+    found = []
+    for room in rooms:
+        if room.area < SMALLEST_DIMENSIONED:
+            continue
+        circle = shapely.get_coordinates(shapely.maximum_inscribed_circle(room.polygon, tolerance=0.05))
+        for axis in axes:
+            line = _clear_line(room.polygon, circle[0], axis, shut)
+            if line is not None:
+                found.append(Dimension(*line, room.id))
+    points = shapely.get_coordinates(floor)
+    along, across = points @ axes[0], points @ axes[1]
+    low, high, bottom, top = along.min(), along.max(), across.min(), across.max()
+    edge = bottom - 0.8
+    ends = [low * axes[0] + edge * axes[1], high * axes[0] + edge * axes[1]]
+    found.append(Dimension(_pair(ends[0]), _pair(ends[1]), "building"))
+    edge = low - 0.8
+    ends = [edge * axes[0] + bottom * axes[1], edge * axes[0] + top * axes[1]]
+    found.append(Dimension(_pair(ends[0]), _pair(ends[1]), "building"))
+    return found
+
+
+def _pair(point: np.ndarray) -> tuple[float, float]:
+    return float(point[0]), float(point[1])
+
+
+def _clear_line(
+    room: Polygon, middle: np.ndarray, axis: np.ndarray, shut: BaseGeometry
+) -> tuple[tuple[float, float], tuple[float, float]] | None:
+    """From wall to wall near a point, beside doors: their lines lie in the middle of walls."""
+    across = np.array([-axis[1], axis[0]])
+    for aside in BESIDE_DOORS:
+        place = middle + aside * across
+        far = LineString([place - 500.0 * axis, place + 500.0 * axis])
+        here = shapely.Point(place)
+        for piece in shapely.get_parts(far.intersection(room)):
+            ends = shapely.get_coordinates(piece)
+            if piece.length > 0.3 and piece.distance(here) < 1e-6 and not shut.intersects(piece.boundary):
+                return _pair(ends[0]), _pair(ends[-1])
+    return None
+
+
+def floor_parts(drawing: Drawing, layer: Layer) -> list[Polygon]:
+    """The floor that was seen, or that was inferred."""
+    inferred = shapely.union_all(list(drawing.inferred_floor))
+    shape = drawing.floor.difference(inferred) if layer == "SEEN" else drawing.floor.intersection(inferred)
+    return polygon_parts(shape)

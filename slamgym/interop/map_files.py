@@ -1,0 +1,124 @@
+"""A person's map of any kind: from ROS, from cartographer or slam_toolbox, from a robot vacuum, or a bare picture.
+
+cartographer (``cartographer_pbstream_to_ros_map``) and slam_toolbox (``save_map``) write the yaml and the picture of
+ROS; :func:`slamgym.interop.read_ros_map` copes with their greys. Whatever comes, what is no map is refused here, once.
+"""
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from slamgym.core.documents import parse_json
+from slamgym.core.errors import InputFileError
+from slamgym.core.files import read_bytes
+from slamgym.core.limits import DRAWING_BYTES
+from slamgym.core.types import FREE, OCCUPIED, OccupancyGrid
+from slamgym.interop.ros_map import MAX_RESOLUTION, MIN_RESOLUTION, read_bare_map, read_ros_map
+from slamgym.interop.valetudo import MapSegment, embedded_map, parse_valetudo
+
+_PICTURES = (".png", ".pgm", ".bmp", ".jpg", ".jpeg", ".tif", ".tiff")
+MIN_FREE = 50
+"""Fewer free cells are no map."""
+USUAL_CELLS = (0.008, 0.15)
+"""Cells of maps of buildings; others are doubtful [m]."""
+USUAL_EXTENT = (2.0, 500.0)
+"""Longest side of what is free in a map of a building; others are doubtful [m]."""
+
+
+@dataclass(frozen=True)
+class RobotMap:
+    """A robot's map, ready for use."""
+
+    grid: OccupancyGrid
+    segments: tuple[MapSegment, ...] = ()
+    """Rooms that the map itself names."""
+    doubts: tuple[str, ...] = ()
+    """Sentences about what is odd, the scale above all."""
+
+
+def read_map(path: Path | str, resolution: float | None = None) -> RobotMap:
+    """Read a map.
+
+    Args:
+        path: A ROS map's yaml, or its picture with the yaml of the same name beside it; the folder of ``map.yaml``; a
+            Valetudo map (``.json``, or a ``.png`` that holds it); a picture without any of these.
+        resolution: Metres of a cell. Needed for a picture alone; else the file's own counts, so it must be None.
+
+    Raises:
+        InputFileError: If it can't be read, says no size of its cells, or is no map: nothing free, nothing occupied.
+    """
+    path = Path(path)
+    found = _read(path, resolution)
+    return RobotMap(found.grid, found.segments, (*found.doubts, *_check(found.grid, path)))
+
+
+def _read(path: Path, resolution: float | None) -> RobotMap:
+    suffix = path.suffix.lower()
+    if path.is_dir():
+        inner = sorted([*path.glob("*.yaml"), *path.glob("*.yml")])
+        if len(inner) != 1 and path / "map.yaml" not in inner:
+            raise InputFileError(path, f"holds {len(inner)} yaml files; name the one that describes the map")
+        return _read(path / "map.yaml" if len(inner) != 1 else inner[0], resolution)
+    if suffix in (".yaml", ".yml"):
+        _refuse_resolution(path, resolution)
+        return RobotMap(read_ros_map(path))
+    if suffix == ".json":
+        _refuse_resolution(path, resolution)
+        found = parse_valetudo(parse_json(read_bytes(path, DRAWING_BYTES), path, limit=DRAWING_BYTES), path)
+        return RobotMap(found.grid, found.segments)
+    if suffix in _PICTURES:
+        return _read_picture(path, resolution)
+    if suffix == ".pbstream":
+        raise InputFileError(
+            path,
+            "is cartographer's own state; write a map of it by cartographer_pbstream_to_ros_map "
+            "-pbstream_filename FILE -map_filestem map, and give map.yaml",
+        )
+    raise InputFileError(path, "is no known kind of map; give a ROS .yaml, a picture or a Valetudo .json")
+
+
+def _read_picture(path: Path, resolution: float | None) -> RobotMap:
+    value = embedded_map(read_bytes(path), path) if path.suffix.lower() == ".png" else None
+    if value is not None:
+        _refuse_resolution(path, resolution)
+        found = parse_valetudo(value, path)
+        return RobotMap(found.grid, found.segments)
+    if resolution is None:
+        for suffix in (".yaml", ".yml"):
+            if path.with_suffix(suffix).exists():
+                return RobotMap(read_ros_map(path.with_suffix(suffix)))
+        raise InputFileError(
+            path, "is a picture without a yaml beside it; give the metres per pixel, e.g. --resolution 0.05"
+        )
+    if not (math.isfinite(resolution) and MIN_RESOLUTION <= resolution <= MAX_RESOLUTION):
+        raise InputFileError(
+            path, f"its resolution is given as {resolution}; it must be metres per pixel, above 0"
+        )
+    return RobotMap(read_bare_map(path, resolution))
+
+
+def _refuse_resolution(path: Path, resolution: float | None) -> None:
+    if resolution is not None:
+        raise InputFileError(path, "says itself how large its cells are; leave the resolution out")
+
+
+def _check(grid: OccupancyGrid, path: Path) -> tuple[str, ...]:
+    """Refuse what is no map, and say what is doubtful."""
+    free, occupied = grid.cells == FREE, grid.cells == OCCUPIED
+    cell = grid.frame.resolution
+    if not free.any():
+        raise InputFileError(path, "is no map: none of its cells is free; check its thresholds, or negate it")
+    if not occupied.any():
+        raise InputFileError(path, "is no map: none of its cells is occupied; check its thresholds")
+    if free.sum() < MIN_FREE:
+        raise InputFileError(path, f"is no map: only {free.sum()} of its cells are free")
+    rows, cols = np.flatnonzero(free.any(axis=1)), np.flatnonzero(free.any(axis=0))
+    extent = cell * max(int(rows[-1] - rows[0]), int(cols[-1] - cols[0])) + cell
+    doubts = []
+    if not USUAL_CELLS[0] <= cell <= USUAL_CELLS[1]:
+        doubts.append(f"scale doubtful: its cells measure {cell:g} m")
+    if not USUAL_EXTENT[0] <= extent <= USUAL_EXTENT[1]:
+        doubts.append(f"scale doubtful: what is free measures {extent:.1f} m")
+    return tuple(doubts)

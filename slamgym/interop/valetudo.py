@@ -1,0 +1,222 @@
+"""Maps of robot vacuums as Valetudo exports them: JSON, or a PNG that carries it.
+
+Sources: https://valetudo.cloud/pages/development/valetudo-core-concepts.html (whole numbers, centimetres, origin at the
+top left); ``MapLayer.js`` and ``ValetudoMap.openapi.json`` of https://github.com/Hypfer/Valetudo; its release notes
+2021.12.0: version 1 stores ``pixels`` as x, y, x, y, ...; version 2 stores ``compressedPixels`` as x, y, count, ...,
+``count`` pixels from x to the right. Layers are ``floor``, ``segment`` (a room; ``metaData`` has its id and perhaps a
+name) and ``wall``; entities are points and lines in centimetres. A PNG that the map card of Home Assistant shows has
+the deflated JSON in a ``zTXt`` chunk of the name ``ValetudoMap``.
+"""
+
+import struct
+import zlib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from slamgym.core.documents import parse_json
+from slamgym.core.errors import InputFileError
+from slamgym.core.limits import DRAWING_BYTES, ENTRIES, PIXELS, shown
+from slamgym.core.types import (
+    FREE,
+    OCCUPIED,
+    UNKNOWN,
+    BoolArray,
+    FloatArray,
+    GridFrame,
+    IntArray,
+    OccupancyGrid,
+)
+
+CHUNK = b"ValetudoMap"
+"""Name of the text chunk that holds the map in a PNG."""
+PIXEL_SIZES = (0.5, 100.0)
+"""Cells of another size are a broken number [cm]; robots have 5."""
+MAX_PIXEL = 1 << 20
+"""Pixels farther from the origin than this are a broken number."""
+_MAX_NAME = 100
+"""Characters of a segment's name."""
+
+
+@dataclass(frozen=True)
+class MapSegment:
+    """A room that the robot, or its owner, has marked."""
+
+    name: str
+    cells: BoolArray  # (rows, cols), the shape of the map
+
+
+@dataclass(frozen=True)
+class VacuumMap:
+    """What a Valetudo map holds; coordinates are metres, x right, y up."""
+
+    grid: OccupancyGrid
+    segments: tuple[MapSegment, ...] = ()
+    points: Mapping[str, FloatArray] | None = None
+    """``robot_position``, ``charger_location`` and ``path``, each (N, 2) [m], where the map has them."""
+
+
+def is_valetudo(value: Any) -> bool:
+    """Whether a JSON value is a Valetudo map."""
+    return isinstance(value, dict) and "pixelSize" in value and "layers" in value
+
+
+def parse_valetudo(value: Any, where: Path | str) -> VacuumMap:
+    """A map from its JSON value.
+
+    Args:
+        value: The value.
+        where: The file, for errors.
+
+    Raises:
+        InputFileError: If it isn't a Valetudo map, or one of its numbers makes no sense.
+    """
+    if not is_valetudo(value):
+        raise InputFileError(where, "is no Valetudo map; it needs the keys pixelSize and layers")
+    resolution = 0.01 * _pixel_size(value["pixelSize"], where)
+    height = _height(value, where)
+    layers = [_layer(layer, where) for layer in _objects(value, "layers", where)]
+    layers = [layer for layer in layers if len(layer.pixels)]
+    if not layers:
+        raise InputFileError(
+            where, "has no pixels of floor, rooms or walls; let the robot map its home first"
+        )
+    pixels = np.vstack([layer.pixels for layer in layers])
+    low, high = pixels.min(axis=0), pixels.max(axis=0)
+    cols, rows = (high - low + 1).tolist()
+    PIXELS.check(where, rows * cols)
+    cells = np.full((rows, cols), UNKNOWN, np.uint8)
+    for kind, grey in (("floor", FREE), ("segment", FREE), ("wall", OCCUPIED)):
+        for layer in layers:
+            if layer.kind == kind:
+                cells[layer.pixels[:, 1] - low[1], layer.pixels[:, 0] - low[0]] = grey
+    frame = GridFrame(
+        resolution, float(low[0]) * resolution, height - float(high[1] + 1) * resolution, rows, cols
+    )
+    segments = [
+        _segment(layer, low, cells, number) for number, layer in enumerate(layers) if layer.kind == "segment"
+    ]
+    return VacuumMap(OccupancyGrid(cells, frame), tuple(segments), _entities(value, height, where))
+
+
+def embedded_map(content: bytes, where: Path | str) -> Any:
+    """The JSON value of the map in a PNG; None if it has none.
+
+    Args:
+        content: The PNG file.
+        where: Its name, for errors.
+
+    Raises:
+        InputFileError: If the chunk is damaged or expands too much.
+    """
+    place = 8
+    while place + 12 <= len(content):
+        (length,) = struct.unpack_from(">I", content, place)
+        kind, data = content[place + 4 : place + 8], content[place + 8 : place + 8 + length]
+        if kind == b"zTXt" and data.startswith(CHUNK + b"\0"):
+            inflate = zlib.decompressobj()
+            try:
+                text = inflate.decompress(data[len(CHUNK) + 2 :], DRAWING_BYTES.value + 1)
+            except zlib.error:
+                raise InputFileError(where, "has a damaged ValetudoMap chunk; export the map again") from None
+            return parse_json(text, where, limit=DRAWING_BYTES)
+        place += 12 + length
+    return None
+
+
+@dataclass(frozen=True)
+class _Layer:
+    kind: str
+    name: str
+    pixels: IntArray  # (N, 2) x, y
+
+
+def _pixel_size(value: Any, where: Path | str) -> float:
+    if (
+        isinstance(value, bool)
+        or not isinstance(value, int | float)
+        or not PIXEL_SIZES[0] <= value <= PIXEL_SIZES[1]
+    ):
+        raise InputFileError(where, f"'pixelSize' is {shown(value)}; it must be the centimetres of a pixel")
+    return float(value)
+
+
+def _height(value: Mapping[str, Any], where: Path | str) -> float:
+    """Where y = 0 of the map's frame lies below its top [m]; 0 where the size isn't known."""
+    size = value.get("size")
+    height = size.get("y", 0) if isinstance(size, dict) else 0
+    if isinstance(height, bool) or not isinstance(height, int | float) or not abs(height) < 1e7:
+        raise InputFileError(where, f"'size' is {shown(size)}; it must be x and y in centimetres")
+    return 0.01 * height
+
+
+def _objects(value: Mapping[str, Any], key: str, where: Path | str) -> list[dict[str, Any]]:
+    entries = value.get(key) or []
+    if not isinstance(entries, list) or not all(isinstance(entry, dict) for entry in entries):
+        raise InputFileError(where, f"'{key}' is not a list of objects")
+    ENTRIES.check(where, len(entries))
+    return entries
+
+
+def _layer(layer: Mapping[str, Any], where: Path | str) -> _Layer:
+    kind, about = layer.get("type"), layer.get("metaData") or {}
+    if kind not in ("floor", "segment", "wall"):
+        return _Layer("other", "", np.empty((0, 2), np.int64))
+    if not isinstance(about, dict):
+        raise InputFileError(where, f"has a layer whose metaData is {shown(about)}; it must be an object")
+    runs = _numbers(layer, "compressedPixels", 3, where)
+    if len(runs):
+        count = runs[:, 2]
+        if (count < 0).any():
+            raise InputFileError(where, "has a run of pixels of a negative length")
+        PIXELS.check(where, int(count.sum()))
+        step = np.arange(int(count.sum())) - np.repeat(np.cumsum(count) - count, count)
+        pixels = np.repeat(runs[:, :2], count, axis=0)
+        pixels[:, 0] += step
+    else:
+        pixels = _numbers(layer, "pixels", 2, where)
+    name = about.get("name") or about.get("segmentId") or ""
+    return _Layer(str(kind), str(name)[:_MAX_NAME] if isinstance(name, str | int) else "", pixels)
+
+
+def _numbers(layer: Mapping[str, Any], key: str, group: int, where: Path | str) -> IntArray:
+    """A flat list of whole numbers in groups, shape (N, group)."""
+    values = layer.get(key) or []
+    try:
+        numbers = np.asarray(values)
+    except (ValueError, OverflowError):
+        numbers = np.array(None)
+    if numbers.size == 0:
+        return np.empty((0, group), np.int64)
+    if (
+        numbers.ndim != 1
+        or numbers.dtype.kind not in "iu"
+        or len(numbers) % group
+        or abs(numbers).max() > MAX_PIXEL
+    ):
+        raise InputFileError(where, f"'{key}' of a layer is no list of whole numbers in groups of {group}")
+    return numbers.astype(np.int64).reshape(-1, group)
+
+
+def _segment(layer: _Layer, low: IntArray, cells: Any, number: int) -> MapSegment:
+    mask = np.zeros(cells.shape, np.bool_)
+    mask[layer.pixels[:, 1] - low[1], layer.pixels[:, 0] - low[0]] = True
+    return MapSegment(layer.name or f"segment {number}", mask)
+
+
+def _entities(value: Mapping[str, Any], height: float, where: Path | str) -> dict[str, FloatArray]:
+    found = {}
+    for entity in _objects(value, "entities", where):
+        kind, points = entity.get("type"), entity.get("points")
+        if kind in ("robot_position", "charger_location", "path") and isinstance(points, list):
+            try:
+                array = np.asarray(points, dtype=np.float64)
+            except (ValueError, TypeError, OverflowError):
+                array = np.array(np.nan)
+            if array.ndim != 1 or len(array) % 2 or not np.isfinite(array).all():
+                raise InputFileError(where, f"has a {kind} whose points are no list of x, y in centimetres")
+            found[str(kind)] = np.array([0.0, height]) + 0.01 * array.reshape(-1, 2) * [1.0, -1.0]
+    return found

@@ -1,0 +1,301 @@
+"""Dimensions of a drawn floor plan against the true one: widths of rooms, lengths and thicknesses of walls, areas.
+
+Both plans are images on one frame whose values are the share of each cell that is floor: true and false, greys of a
+drawing whose faces lie within cells, or the probabilities of a network. A face lies where the shares of the two cells
+beside it put it, so it is found within a cell; what is 0.5 or more counts as floor. Polygons are measured by drawing
+them (:func:`slamgym.cad.floorplan.floor_share`).
+
+What is measured is found in the true plan: pairs of facing walls of a room, straight faces, walls with floor on both
+sides. At the same place the drawn plan is asked for the same length. Lines run along the image's axes; a building at
+another angle is turned first (``angle_deg``).
+"""
+
+import itertools
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+
+from slamgym.core.types import BoolArray, Float32Array, FloatArray, IntArray
+from slamgym.metrics.maps import check_same_shape
+from slamgym.metrics.rooms import label_rooms
+
+FLOOR = 0.5
+"""Share of floor from which a cell counts as floor."""
+MIN_PIECE = 0.3
+"""Two faces count as facing each other, and as a wall, from this length on [m]."""
+MIN_WALL = 0.5
+"""Shorter faces are no walls whose length is measured [m]."""
+MIN_WIDTH = 0.5
+"""Narrower spaces are niches, not rooms [m]."""
+MAX_THICKNESS = 0.5
+"""What is thicker is no wall between two rooms [m]."""
+SEARCH = 0.2
+"""A drawn face or wall is looked for so far from the true one [m]: drift moves it."""
+STRAIGHT = 0.3
+"""Neighbouring lines whose ends differ by at most so many cells belong to one face."""
+LENGTH_TOLERANCES = (0.02, 0.05, 0.10)
+"""Of the shares of lengths that are right [m]."""
+
+
+@dataclass(frozen=True)
+class Dimensions:
+    """Errors of the lengths of one drawing, drawn less true [m]; one value for each thing that was measured."""
+
+    room_width: FloatArray = field(default_factory=lambda: np.empty(0))
+    """Distance of two facing walls of a room."""
+    wall_length: FloatArray = field(default_factory=lambda: np.empty(0))
+    """Length of a straight face."""
+    wall_thickness: FloatArray = field(default_factory=lambda: np.empty(0))
+    """Of walls with floor on both sides, where the drawing has one."""
+    floor_area: float = 0.0
+    """[m2]"""
+    true_floor_area: float = 0.0
+    """[m2]"""
+
+    @property
+    def area_ratio(self) -> float:
+        """Drawn over true floor area; nan if there is no true floor."""
+        return self.floor_area / self.true_floor_area if self.true_floor_area > 0.0 else math.nan
+
+
+def measure_dimensions(
+    floor: BoolArray | Float32Array,
+    true_floor: BoolArray | Float32Array,
+    metres_per_px: float,
+    angle_deg: float = 0.0,
+) -> Dimensions:
+    """Compare the lengths of a drawing with the true ones.
+
+    Args:
+        floor: Share of floor of each cell of the drawing, shape (rows, cols), laid over the truth without scaling.
+        true_floor: The same of the true plan.
+        metres_per_px: Scale of both [m].
+        angle_deg: Direction of the building's walls against the axes, counter-clockwise on the screen.
+
+    Raises:
+        ValueError: If the shapes differ.
+    """
+    check_same_shape(floor, true_floor)
+    drawn, truth = (turned_upright(values, angle_deg) for values in (floor, true_floor))
+    rooms = label_rooms(truth >= FLOOR, metres_per_px)
+    widths, lengths, thicknesses = [], [], []
+    for a, b, labels in ((drawn, truth, rooms), (drawn.T, truth.T, rooms.T)):
+        lines = _Lines(a, metres_per_px)
+        widths += list(_width_errors(lines, b, labels, metres_per_px))
+        thicknesses += list(_thickness_errors(lines, b, metres_per_px))
+        lengths += list(_length_errors(a, b, metres_per_px))
+    return Dimensions(
+        room_width=np.array(widths) * metres_per_px,
+        wall_length=np.array(lengths) * metres_per_px,
+        wall_thickness=np.array(thicknesses) * metres_per_px,
+        floor_area=floor_area(drawn) * metres_per_px**2,
+        true_floor_area=floor_area(truth) * metres_per_px**2,
+    )
+
+
+def turned_upright(floor: BoolArray | Float32Array, angle_deg: float) -> Float32Array:
+    """An image of shares turned by minus an angle about its centre, on a canvas that holds all of it."""
+    values = np.asarray(floor, dtype=np.float32)
+    if angle_deg == 0.0:
+        return values
+    border = math.ceil(0.21 * max(values.shape)) + 1
+    padded = np.pad(values, border)
+    rows, cols = padded.shape
+    matrix = cv2.getRotationMatrix2D((0.5 * (cols - 1), 0.5 * (rows - 1)), -angle_deg, 1.0)
+    return np.asarray(cv2.warpAffine(padded, matrix, (cols, rows), flags=cv2.INTER_LINEAR), dtype=np.float32)
+
+
+def floor_area(values: Float32Array) -> float:
+    """Area of the floor [cells]: whole cells inside, the share of those at its faces.
+
+    A faint share of cells far from any floor doesn't add up to some.
+    """
+    inside = (values >= FLOOR).astype(np.uint8)
+    core = cv2.erode(inside, np.ones((3, 3), np.uint8), borderValue=0) > 0
+    rim = (cv2.dilate(inside, np.ones((3, 3), np.uint8)) > 0) & ~core
+    return float(np.count_nonzero(core) + values[rim].sum(dtype=np.float64))
+
+
+class Run(NamedTuple):
+    """Cells of one kind, one beside the other, in a line."""
+
+    first: int
+    last: int
+    start: float
+    """Where it begins [cells; the centre of a cell is at its index]."""
+    end: float
+
+    @property
+    def length(self) -> float:
+        """[cells]."""
+        return self.end - self.start
+
+    def overlap(self, low: float, high: float) -> float:
+        """What lies between two places [cells]; negative if nothing does."""
+        return min(self.end, high) - max(self.start, low)
+
+
+def floor_runs(line: Float32Array) -> list[Run]:
+    """The runs of floor in a line of shares, their ends within cells.
+
+    The share that is missing in the last cell of floor, and the share that is there in the first cell of wall, move
+    the face: exact where a cell's value is its covered share.
+    """
+    inside = np.zeros(len(line) + 2, np.int8)
+    inside[1:-1] = line >= FLOOR
+    change = np.diff(inside)
+    firsts, lasts = np.flatnonzero(change == 1), np.flatnonzero(change == -1) - 1
+    padded = np.concatenate([[0.0], line.astype(np.float64), [0.0]])
+    starts = firsts + 0.5 - padded[firsts + 1] - padded[firsts]
+    ends = lasts - 0.5 + padded[lasts + 1] + padded[lasts + 2]
+    return [
+        Run(*run) for run in zip(firsts.tolist(), lasts.tolist(), starts.tolist(), ends.tolist(), strict=True)
+    ]
+
+
+def wall_runs(line: Float32Array, runs: list[Run] | None = None) -> list[Run]:
+    """What isn't floor between two runs of floor; its thickness is by the shares of its cells and their neighbours."""
+    runs = floor_runs(line) if runs is None else runs
+    walls = []
+    for before, behind in itertools.pairwise(runs):
+        first, last = before.last + 1, behind.first - 1
+        if first == last:  # one cell is all the wall there is: its share counts once
+            half = 0.5 * (
+                1.0 - float(line[first]) + 2.0 - float(line[before.last]) - float(line[behind.first])
+            )
+            walls.append(Run(first, last, first - half, first + half))
+        else:
+            walls.append(Run(first, last, before.end, behind.start))
+    return walls
+
+
+class _Lines:
+    """The runs of every line of a drawing."""
+
+    def __init__(self, values: Float32Array, metres_per_px: float) -> None:
+        self.floor = [floor_runs(line) for line in values]
+        self.walls = [wall_runs(line, runs) for line, runs in zip(values, self.floor, strict=True)]
+        self.search_px = SEARCH / metres_per_px
+
+
+@dataclass
+class StraightPiece:
+    """Runs of neighbouring lines that begin and end at the same places: two straight faces opposite each other."""
+
+    line: int
+    runs: list[Run]
+
+    @property
+    def trimmed(self) -> range:
+        """Numbers of its runs without a fifth at both ends, where drawn corners may lie elsewhere."""
+        cut = len(self.runs) // 5
+        return range(cut, len(self.runs) - cut)
+
+
+def straight_pieces(runs_by_line: list[list[Run]], min_px: float) -> list[StraightPiece]:
+    """Join runs of neighbouring lines with the same ends; pieces shorter than ``min_px`` are left out."""
+    finished: list[StraightPiece] = []
+    growing: list[StraightPiece] = []
+    for line, runs in enumerate([*runs_by_line, []]):
+        left, following = list(growing), []
+        for run in runs:
+            fitting = (p for p in left if _same_ends(p.runs[-1], run))
+            piece = next(fitting, None)
+            if piece is None:
+                piece = StraightPiece(line, [])
+            else:
+                left.remove(piece)
+            piece.runs.append(run)
+            following.append(piece)
+        finished += left
+        growing = following
+    return [piece for piece in finished if len(piece.runs) >= min_px]
+
+
+def _same_ends(a: Run, b: Run) -> bool:
+    return abs(a.start - b.start) <= STRAIGHT and abs(a.end - b.end) <= STRAIGHT
+
+
+def _width_errors(
+    lines: _Lines, truth: Float32Array, rooms: IntArray, metres_per_px: float
+) -> Iterator[float]:
+    """Of every pair of facing walls of one room, the median over its lines [cells]."""
+    shortest = MIN_WIDTH / metres_per_px
+    runs_by_line = [
+        [
+            run
+            for run in floor_runs(line)
+            if run.length >= shortest and _in_one_room(labels[run.first : run.last + 1])
+        ]
+        for line, labels in zip(truth, rooms, strict=True)
+    ]
+    for piece in straight_pieces(runs_by_line, MIN_PIECE / metres_per_px):
+        errors = []
+        for number in piece.trimmed:
+            run = piece.runs[number]
+            drawn = max(
+                lines.floor[piece.line + number],
+                key=lambda found: found.overlap(run.start, run.end),
+                default=None,
+            )
+            there = drawn is not None and drawn.overlap(run.start, run.end) > 0.0
+            errors.append((drawn.length if drawn is not None and there else 0.0) - run.length)
+        yield float(np.median(errors))
+
+
+def _in_one_room(labels: IntArray) -> bool:
+    """Whether nearly all cells belong to the room of the middle one."""
+    room = labels[len(labels) // 2]
+    return bool(room > 0 and np.count_nonzero(labels == room) >= 0.95 * len(labels))
+
+
+def _thickness_errors(lines: _Lines, truth: Float32Array, metres_per_px: float) -> Iterator[float]:
+    """Of every straight wall with floor on both sides that is drawn, the median over its lines [cells]."""
+    thickest, search = MAX_THICKNESS / metres_per_px, lines.search_px
+    runs_by_line = [[run for run in wall_runs(line) if run.length <= thickest] for line in truth]
+    for piece in straight_pieces(runs_by_line, MIN_PIECE / metres_per_px):
+        errors = []
+        for number in piece.trimmed:
+            run = piece.runs[number]
+            drawn = max(
+                lines.walls[piece.line + number],
+                key=lambda wall: wall.overlap(run.start - search, run.end + search),
+                default=None,
+            )
+            if drawn is not None and drawn.overlap(run.start - search, run.end + search) > 0.0:
+                errors.append(drawn.length - run.length)
+        if errors:
+            yield float(np.median(errors))
+
+
+def _length_errors(drawn: Float32Array, truth: Float32Array, metres_per_px: float) -> Iterator[float]:
+    """Of every straight face along the columns' axis [cells]: how much of it is drawn, and how far beyond its ends."""
+    reach = SEARCH / metres_per_px
+    for values, other in ((truth, drawn), (truth[::-1], drawn[::-1])):
+        faces = [[Run(r.first, r.first, r.start, r.start) for r in floor_runs(column)] for column in values.T]
+        for piece in straight_pieces(faces, MIN_WALL / metres_per_px):
+            row = float(np.median([run.start for run in piece.runs]))
+            first, last = piece.line, piece.line + len(piece.runs) - 1
+            yield _face_length(other, row, first, last, reach) - _face_length(values, row, first, last, reach)
+
+
+def _face_length(values: Float32Array, row: float, first: int, last: int, reach: float) -> float:
+    """Length of the face near a row between two columns, and beyond them as far as it goes on [cells].
+
+    A column counts by the share of floor on the one side (below) and of wall on the other: at an inner corner the
+    floor ends within a column, at an outer one the wall does.
+    """
+    rows = values.shape[0]
+    middle, near, far = round(row), max(1, round(0.25 * reach)), math.ceil(reach) + 1
+    floor_side = values[max(0, middle - near) : min(rows, middle + far)]
+    wall_side = values[max(0, middle - far) : min(rows, middle + near + 1)]
+    wall = 1.0 - wall_side.min(axis=0) if wall_side.size else np.ones(values.shape[1])
+    face = floor_side.max(axis=0) * wall
+    # A thin wall may be grey all along: against that, its ends are where it stops.
+    usual = float(np.median(face[first : last + 1]))
+    runs = floor_runs(np.minimum(face / max(usual, FLOOR), 1.0).astype(np.float32))
+    return sum(run.length for run in runs if run.overlap(first, last) > 0.0)

@@ -1,0 +1,174 @@
+"""The same flat from DXF, IFC and GeoJSON, in the forms in which walls and doors are drawn."""
+
+import json
+
+import drawn_flat as flat
+import numpy as np
+import pytest
+
+from slamgym.cad import check_plan, open_plans
+from slamgym.cad.plan_files import read_dxf, read_geojson, read_ifc, storeys_of
+from slamgym.core.errors import PlanError
+
+
+def check_flat(plan, doors=1, tolerance=0.05):
+    check_plan(plan)
+    assert plan.area == pytest.approx(flat.AREA, abs=tolerance)
+    x0, _, x1, y1 = plan.bounds
+    assert (x0, x1, y1) == pytest.approx((0.0, 7.0, 4.0), abs=0.011)
+    assert len(plan.doors) == doors
+    if doors:
+        ends = np.array([plan.doors[0].start, plan.doors[0].end])
+        assert np.abs(ends - np.reshape(flat.DOOR, (2, 2))).max() < 0.07
+        assert plan.doors[0].width == pytest.approx(0.9, abs=0.01)
+
+
+@pytest.fixture
+def write(tmp_path):
+    def write(name, text):
+        path = tmp_path / name
+        path.write_text(text)
+        return path
+
+    return write
+
+
+@pytest.mark.parametrize(
+    "how",
+    [
+        {},
+        {"unit": "mm"},
+        {"walls": "A-WALL-FULL", "doors": "A-DOOR"},
+        {"walls": "Wände", "doors": "TÜREN"},
+        {"swings": True},
+        {"block": True, "unit": "mm"},
+    ],
+)
+def test_dxf(write, how):
+    path = write("flat.dxf", flat.dxf(**how))
+    plan, doubts = read_dxf(path)
+    assert doubts == ()
+    check_flat(plan)
+    assert open_plans(path).load("flat").free_space.equals(plan.free_space)
+
+
+def test_dxf_without_a_unit_is_guessed_with_a_doubt_and_refused_as_a_source(write):
+    path = write("flat.dxf", flat.dxf(unit=""))
+    plan, doubts = read_dxf(path)
+    check_flat(plan)
+    assert "millimetres" in doubts[0]
+    with pytest.raises(PlanError, match=r"flat\.dxf@0\.001"):
+        open_plans(path).load("flat")
+    check_flat(open_plans(f"{path}@0.001").load("flat"))
+
+
+def test_dxf_layers_are_named_or_chosen(write):
+    path = write("flat.dxf", flat.dxf(walls="L1"))
+    with pytest.raises(PlanError, match="it has 'DOORS', 'L1'"):
+        read_dxf(path)
+    check_flat(read_dxf(path, layers=["l*"]).plan)
+
+
+def test_dxf_walls_as_single_lines_and_wide_polylines(write):
+    import io
+
+    import ezdxf
+
+    document = ezdxf.new(units=6)
+    space = document.modelspace()
+    wall = {"layer": "WALL"}
+    space.add_lwpolyline([(0, 0), (7, 0), (7, 4), (0, 4)], close=True, dxfattribs=wall)
+    space.add_line((4, 0), (4, 1), dxfattribs=wall)
+    space.add_lwpolyline([(4, 1.9), (4, 4.05)], dxfattribs={**wall, "const_width": 0.1})
+    space.add_circle((1.0, 3.0), 0.3, dxfattribs=wall)
+    text = io.StringIO()
+    document.write(text)
+    plan, _ = read_dxf(write("thin.dxf", text.getvalue()))
+    check_plan(plan)
+    assert plan.area == pytest.approx(28.0 - 0.01 - 0.21 - 0.283, abs=0.02)
+    assert plan.free_space.bounds == pytest.approx((0, 0, 7, 4))
+
+
+def test_geojson(write):
+    path = write("flat.geojson", flat.geojson_text())
+    plan, _ = read_geojson(path)
+    check_flat(plan)
+    assert sorted(room.category for room in plan.rooms) == ["Bedroom", "Kitchen"]
+    assert open_plans(path).ids == ["flat"]
+
+
+def test_geojson_of_walls_alone_shuts_the_entrance(write):
+    walls = {"type": "MultiPolygon", "coordinates": [[flat.ring(box)] for box in flat.bodies()]}
+    plan, _ = read_geojson(write("walls.geojson", json.dumps(walls)))
+    check_flat(plan, doors=0, tolerance=0.15)
+    lines = {"type": "MultiLineString", "coordinates": [flat.ring(box) for box in flat.bodies()]}
+    check_flat(read_geojson(write("lines.geojson", json.dumps(lines))).plan, doors=0, tolerance=0.15)
+
+
+def test_geojson_walls_that_run_through_a_door_are_opened(write):
+    document = flat.geojson()
+    document["features"] = [f for f in document["features"] if f["geometry"]["type"] != "Polygon"]
+    boxes = [*flat.bodies()[:5], (4.0 - flat.T / 2, 0.0, 4.0 + flat.T / 2, 4.0)]
+    for box in boxes:
+        geometry = {"type": "Polygon", "coordinates": [flat.ring(box)]}
+        document["features"].append({"type": "Feature", "properties": {"kind": "wall"}, "geometry": geometry})
+    check_flat(read_geojson(write("flat.geojson", json.dumps(document))).plan)
+
+
+def test_ifc(write):
+    path = write("house.ifc", flat.ifc(storeys=2))
+    assert storeys_of(path) == ["Level 0", "Level 1"]
+    for storey in (None, "Level 1"):
+        check_flat(read_ifc(path, storey).plan)
+    source = open_plans(path)
+    assert source.ids == ["house-Level 0", "house-Level 1"]
+    check_flat(source.load("house-Level 1"))
+    with pytest.raises(PlanError, match="no storey called 'Attic'"):
+        read_ifc(path, "Attic")
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "sentence"),
+    [
+        ("a.dxf", "hello", "no readable DXF|no layer"),
+        ("a.ifc", "hello", "no IFC model"),
+        ("a.ifc", "ISO-10303-21;\nhello", "IFC"),
+        ("a.geojson", "[1]", "no GeoJSON"),
+        ("a.geojson", '{"type": "FeatureCollection", "features": []}', "no walls"),
+        ("a.geojson", '{"type": "LineString", "coordinates": [[0, 0], [1, "x"]]}', "not lists of numbers"),
+        ("a.geojson", '{"type": "MultiLineString", "coordinates": [[[8, 48], [8.01, 48], [8.01, 48.01]]]}', "degrees"),
+        ("a.geojson", '{"type": "LineString", "coordinates": [[0, 0], [9, 0], [9, 5], [9, 6]]}', "enclose no space"),
+        ("a.geojson", '{"type": "LineString", "coordinates": [[0, 0], [1e9, 0], [0, 5], [0, 0]]}', "beyond 10000 m"),
+    ],
+)  # fmt: skip
+def test_bad_drawings_are_refused_with_a_sentence(write, name, content, sentence):
+    path = write(name, content)
+    with pytest.raises(PlanError, match=sentence):
+        open_plans(path).load("a")
+
+
+def test_rooms_that_no_door_joins_are_refused(write):
+    boxes = [(0, 0, 4, 0.1), (0, 3.9, 4, 4), (0, 0, 0.1, 4), (3.9, 0, 4, 4)]
+    rooms = [[flat.ring((x + a, b, x + c, d))] for x in (0, 3.9, 7.8) for a, b, c, d in boxes]
+    path = write("cells.geojson", json.dumps({"type": "MultiPolygon", "coordinates": rooms}))
+    with pytest.raises(PlanError, match="join only 14"):
+        read_geojson(path)
+
+
+def test_blocks_within_blocks_without_end_are_refused(write, monkeypatch):
+    import io
+
+    import ezdxf
+
+    monkeypatch.setenv("SLAMGYM_MAX_ENTRIES", "5000")
+    document = ezdxf.new()
+    document.blocks.new("B0").add_line((0, 0), (1, 0))
+    for number in range(1, 9):
+        block = document.blocks.new(f"B{number}")
+        for _ in range(10):
+            block.add_blockref(f"B{number - 1}", (0, 0))
+    document.modelspace().add_blockref("B8", (0, 0))
+    text = io.StringIO()
+    document.write(text)
+    with pytest.raises(PlanError, match="SLAMGYM_MAX_ENTRIES"):
+        read_dxf(write("bomb.dxf", text.getvalue()))

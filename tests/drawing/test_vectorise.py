@@ -1,0 +1,203 @@
+"""Drawings of floors that are known have their corners, dimensions, doors and rooms."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import shapely
+from drawing.painted import FLAT, painted
+from shapely import Polygon
+
+from slamgym.core.errors import InputFileError
+from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, GridFrame, OccupancyGrid
+from slamgym.drawing import make_drawing
+from slamgym.drawing.contours import trace_outlines
+from slamgym.drawing.evidence import confidence
+
+
+def num_corners(shape):
+    return sum(
+        len(ring.coords) - 1 for part in shapely.get_parts(shape) for ring in (part.exterior, *part.interiors)
+    )
+
+
+@pytest.mark.parametrize("turn", [0.0, 17.0, -40.0])
+def test_a_flat_has_its_true_corners_doors_and_rooms(turn):
+    grid, floor, model = painted(FLAT, turn_deg=turn)
+    drawing = make_drawing(grid, model=model)
+    assert drawing.angle_deg == pytest.approx(turn, abs=0.3)
+    assert num_corners(drawing.floor) == num_corners(floor)
+    assert drawing.floor.hausdorff_distance(floor) < 0.02
+    (door,) = drawing.doors
+    assert door.width == pytest.approx(0.9, abs=0.02)
+    assert door.depth == pytest.approx(0.1, abs=0.02)
+    assert set(door.rooms) == {room.id for room in drawing.rooms}
+    assert sorted(room.area for room in drawing.rooms) == pytest.approx([9.6, 17.0], abs=0.2)
+    assert all(room.polygon.is_valid and room.layer == "SEEN" for room in drawing.rooms)
+    assert drawing.doubts == ()
+
+
+def test_widths_are_exact_and_on_the_dimension_lines():
+    grid, _, model = painted(FLAT)
+    drawing = make_drawing(grid, model=model)
+    small = min(drawing.rooms, key=lambda room: room.area)
+    lengths = [line.length for line in drawing.dimensions if line.of == small.id]
+    assert sorted(lengths) == pytest.approx([3.0, 3.2], abs=0.02)
+    overall = [line.length for line in drawing.dimensions if line.of == "building"]
+    assert overall == pytest.approx([7.3, 5.0], abs=0.02)
+
+
+def test_the_wall_between_two_rooms_has_its_thickness_and_its_door_on_both_sides():
+    grid, _, model = painted(FLAT)
+    drawing = make_drawing(grid, model=model)
+    between = [wall for wall in drawing.walls if wall.thickness_known]
+    assert [wall.thickness for wall in between] == pytest.approx([0.1, 0.1], abs=0.02)
+    assert sorted(wall.length for wall in between) == pytest.approx([0.8, 1.3], abs=0.03)
+    (door,) = drawing.doors
+    assert {drawing.walls.index(wall) for wall in between} <= set(door.walls)
+
+
+def test_walls_enclose_the_floor_without_gaps_at_corners():
+    grid, floor, model = painted(FLAT)
+    drawing = make_drawing(grid, model=model)
+    bodies = shapely.union_all([wall.polygon for wall in drawing.walls])
+    band = floor.buffer(0.05, join_style="mitre").difference(floor.buffer(0.01, join_style="mitre"))
+    assert band.difference(bodies).area < 0.01 * band.area
+
+
+def test_an_oblique_wall_keeps_its_angle():
+    slope = math.tan(math.radians(12.0))
+    grid, floor, model = painted(Polygon([(0, 0), (6, 0), (6, 3), (0, 3 + 6 * slope)]))
+    drawing = make_drawing(grid, model=model)
+    assert drawing.floor.hausdorff_distance(floor) < 0.02
+    assert num_corners(drawing.floor) == 4
+
+
+def test_a_round_wall_stays_round():
+    floor = shapely.Point(0, 0).buffer(3.0, quad_segs=64)
+    grid, _, model = painted(floor)
+    drawing = make_drawing(grid, model=model, angle_deg=0.0)
+    assert drawing.floor.hausdorff_distance(floor) < 0.06
+    assert drawing.area == pytest.approx(floor.area, rel=0.01)
+    assert 12 <= num_corners(drawing.floor) <= 48
+
+
+def test_cleaning_alone_puts_faces_into_the_first_cell_of_the_walls():
+    frame = GridFrame(0.05, 0.0, 0.0, 100, 120)
+    cells = np.full(frame.shape, UNKNOWN, np.uint8)
+    cells[20:80, 20:100] = OCCUPIED
+    cells[21:79, 21:99] = FREE
+    drawing = make_drawing(OccupancyGrid(cells, frame), model="none")
+    assert drawing.floor.bounds == pytest.approx((1.025, 1.025, 4.975, 3.975), abs=0.005)
+
+
+def test_a_wide_empty_margin_changes_nothing():
+    grid, _, _ = painted(FLAT)
+    frame = grid.frame
+    cells = np.pad(grid.cells, 300, constant_values=UNKNOWN)
+    side = 300 * frame.resolution
+    wide = GridFrame(frame.resolution, frame.origin_x - side, frame.origin_y - side, *cells.shape)
+    drawings = [make_drawing(one, model="none") for one in (grid, OccupancyGrid(cells, wide))]
+    assert drawings[0].floor.equals_exact(drawings[1].floor, 1e-3)
+    assert max(drawings[1].grid.cells.shape) < 300
+
+
+def test_what_the_map_has_no_evidence_of_is_inferred():
+    grid, _, model = painted(FLAT)
+    cells = grid.cells.copy()
+    right = np.flatnonzero((cells == FREE).any(axis=0))[-1]
+    cells[:, right - 9 :] = UNKNOWN  # the end of the right room: 50 cm of floor, and the wall
+    drawing = make_drawing(OccupancyGrid(cells, grid.frame), model=model)
+    inferred = [wall for wall in drawing.walls if wall.layer == "INFERRED"]
+    assert max(wall.end[0] for wall in inferred) > 7.2
+    assert max(wall.length for wall in inferred) == pytest.approx(3.0, abs=0.1)
+    seen = [wall.confidence for wall in drawing.walls if wall.layer == "SEEN"]
+    assert max(wall.confidence for wall in inferred) < min(seen)
+    assert sum(part.area for part in drawing.inferred_floor) == pytest.approx(1.5, abs=0.2)
+
+
+def test_an_unseen_room_between_others_is_unexplored():
+    ring = shapely.box(0, 0, 9, 9).difference(shapely.box(2.5, 2.5, 6.5, 6.5))
+    grid, _, model = painted(ring)
+    (part,) = make_drawing(grid, model=model).unexplored
+    assert part.area == pytest.approx(16.0, rel=0.1)
+
+
+def test_confidence_rises_with_the_evidence():
+    rising = [confidence(seen, 0.8) for seen in (0.0, 0.3, 0.7, 1.0)]
+    assert rising == sorted(rising)
+    assert 0.0 < rising[0] < rising[-1] < 1.0
+
+
+def test_drawing_twice_gives_the_same():
+    grid, _, _ = painted(FLAT, turn_deg=10.0)
+    first, second = (make_drawing(grid, model="none") for _ in range(2))
+    assert first.floor.equals_exact(second.floor, 0.0)
+    assert first.walls == second.walls
+    assert first.doors == second.doors
+
+
+@pytest.mark.parametrize("factor", [0.25, 4.0])
+def test_a_scale_that_makes_no_sense_is_doubted(factor):
+    rooms = [shapely.box(3.1 * k, 0, 3.1 * k + 3.0, 4) for k in range(6)]
+    doors = [shapely.box(3.1 * k - 0.1, 1, 3.1 * k, 1.9) for k in range(1, 6)]
+    grid, _, _ = painted(shapely.union_all([*rooms, *doors]))
+    assert make_drawing(grid, model="none").doubts == ()
+    frame = grid.frame._replace(resolution=grid.frame.resolution * factor)
+    (doubt, *_) = make_drawing(OccupancyGrid(grid.cells, frame), model="none").doubts
+    assert doubt.startswith("scale doubtful")
+
+
+def test_two_directions_of_equal_right_are_doubted():
+    room = shapely.box(0, 0, 6, 4)
+    other = shapely.affinity.rotate(room, 30.0, origin=(0, 0))
+    grid, _, model = painted(shapely.union_all([room, shapely.affinity.translate(other, 9.0, 0.0)]))
+    assert any(doubt.startswith("direction doubtful") for doubt in make_drawing(grid, model=model).doubts)
+    assert not any("direction" in doubt for doubt in make_drawing(grid, model=model, angle_deg=0.0).doubts)
+
+
+@pytest.mark.parametrize(
+    ("value", "shape", "message"),
+    [
+        (UNKNOWN, (50, 50), "no free cell"),
+        (FREE, (50, 50), "no occupied cell"),
+        (OCCUPIED, (1, 1), "no free cell"),
+    ],
+)
+def test_maps_without_content_are_refused(value, shape, message):
+    grid = OccupancyGrid(np.full(shape, value, np.uint8), GridFrame(0.05, 0.0, 0.0, *shape))
+    with pytest.raises(InputFileError, match=message):
+        make_drawing(grid, model="none")
+
+
+def test_a_map_of_crumbs_is_refused():
+    grid, _, _ = painted(shapely.box(0, 0, 0.5, 0.5))
+    with pytest.raises(InputFileError, match="check its resolution"):
+        make_drawing(grid, model="none")
+
+
+def test_outlines_lie_between_cells_and_enclose_holes():
+    image = np.zeros((20, 30), np.float32)
+    image[5:15, 4:20] = 1.0
+    image[8:12, 8:12] = 0.0
+    outer, hole = trace_outlines(image, 0.5, GridFrame(0.1, 1.0, 2.0, 20, 30))
+    assert outer.points.min(axis=0) == pytest.approx([1.4, 2.5])
+    assert outer.points.max(axis=0) == pytest.approx([3.0, 3.5])
+    assert outer.area > 0.0 > hole.area
+    image[:, 19] = 0.25  # an edge on which the probability falls slowly lies nearer to the cells of 1
+    outer, _ = trace_outlines(replace_column(image), 0.5, GridFrame(0.1, 1.0, 2.0, 20, 30))
+    assert outer.points.max(axis=0)[0] == pytest.approx(1.0 + 0.1 * (18.5 + 2.0 / 3.0))
+
+
+def replace_column(image):
+    """The same image with nothing above or below the floor in its last column."""
+    image[:5, 19] = image[15:, 19] = 0.0
+    return image
+
+
+def test_walls_are_sorted_into_layers_by_the_settings():
+    grid, _, model = painted(FLAT)
+    drawing = make_drawing(grid, model=model)
+    assert {wall.layer for wall in drawing.walls} == {"SEEN"}
+    assert replace(drawing, walls=()).bounds == pytest.approx((0.0, 0.0, 7.3, 5.0), abs=0.02)
