@@ -32,7 +32,7 @@ from slamgym.slam.path_correction import poses_between
 
 ODOMETRY_FLOOR = (0.005, 0.005, 0.002)
 """Odometry between two nodes is never trusted further than this [m], [m], [rad]."""
-EXPECTED_CHI2, AGREEING_CHI2 = 12.0, 16.0
+EXPECTED_CHI2, AGREEING_CHI2 = 12.0, 25.0
 """A closure may disagree so much with the path and its uncertainty: one alone, and one of several that agree."""
 CLOSURE_FLOOR = (0.2, 0.2, 0.05)
 """What a closure and the path may disagree by anyway [m], [m], [rad]: not each slip of a wheel is noticed."""
