@@ -147,7 +147,7 @@ class OdometryCalibration:
         spread = float(shares @ self._heading_covariance @ shares) + expected
         # Not cut off at zero: that would make true odometry seem noisy.
         excess = (min(innovation**2, OUTLIER * spread) - match_variance) / slip
-        share = (slip / (slip + match_variance)) ** 2
+        share = 1.0 if innovation**2 > OUTLIER * spread else (slip / (slip + match_variance)) ** 2
         weight = self._heading_weight + share
         self.heading_noise += share * (excess - self.heading_noise) / weight
         self._heading_weight = min(weight, MEMORY_STRETCHES)
@@ -166,7 +166,7 @@ class OdometryCalibration:
         spread = self._scale_variance * length**2 + expected
         # Not cut off at zero: that would make true odometry seem noisy.
         excess = (min(innovation**2, OUTLIER * spread) - match_variance) / slip
-        share = (slip / (slip + match_variance)) ** 2
+        share = 1.0 if innovation**2 > OUTLIER * spread else (slip / (slip + match_variance)) ** 2
         weight = self._distance_weight + share
         self.distance_noise += share * (excess - self.distance_noise) / weight
         self._distance_weight = min(weight, MEMORY_STRETCHES)

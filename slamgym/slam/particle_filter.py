@@ -74,9 +74,9 @@ NULL_LIKELIHOOD = -0.5
 """-d^2 of a beam with nothing near [m^2] (GMapping's ``nullLikelihood``)."""
 POINT_INFORMATION = 50_000.0
 """Of a point across the surface that it lies on, in an edge of the graph [1/m^2]: 4.5 mm."""
-COMMON_ERROR = 30.0
+COMMON_ERROR = 40.0
 """A laser's bias moves all points of a surface together: where a match is compared with the odometry, its variances
-are so many times larger. Matches of the default laser err by 1 cm and 5 mrad over half a metre; 0.6 of
+are so many times larger. Matches of the default laser err by 1 cm and 5 mrad over half a metre; 0.7 of
 that is taken, for there are better lasers."""
 DOUBT_SHARE = 0.6
 """A match of which less than this share of the points fits is in doubt ..."""
