@@ -32,6 +32,12 @@ MEMORY_STRETCHES = 60.0
 """Older stretches are forgotten: floors and loads change."""
 OUTLIER = 9.0
 """A squared error beyond this many times what is expected counts as so many."""
+LEAST_NOISE = 0.01
+"""Share of the random errors above that stays, however true the odometry seems."""
+TRUE_NOISE, FAULTY_NOISE = 0.15, 0.35
+"""Below the first noise of the heading the odometry seems to be true, above the second it doesn't."""
+SIGNIFICANT = 9.0
+"""Systematic errors of odometry that seems to be true are believed beyond this chi-squared."""
 
 
 @dataclass
@@ -64,10 +70,23 @@ class OdometryCalibration:
     def correct(self, increments: FloatArray) -> FloatArray:
         """Take the systematic errors out of motions in the robot frame, shape (steps, 3)."""
         corrected = np.array(increments, dtype=np.float64)
-        drift, turn = self.heading
-        corrected[:, :2] *= 1.0 + self.scale
+        share = self.significance
+        drift, turn = share * self.heading
+        corrected[:, :2] *= 1.0 + share * self.scale
         corrected[:, 2] += drift * increments[:, 0] + turn * increments[:, 2]
         return corrected
+
+    @property
+    def significance(self) -> float:
+        """Share of the systematic errors that is believed (positive-part James and Stein).
+
+        A laser's bias moves all matches alike and looks like an error of the wheels. Where the random errors are so
+        small that the odometry seems to be true, only significant systematic ones count.
+        """
+        squared = self.scale**2 / self._scale_variance
+        squared += float(self.heading @ np.linalg.solve(self._heading_covariance, self.heading))
+        truth = (FAULTY_NOISE - self.heading_noise) / (FAULTY_NOISE - TRUE_NOISE)
+        return max(0.0, 1.0 - SIGNIFICANT * min(max(truth, 0.0), 1.0) / max(squared, 1e-9))
 
     def spread(self, increments: FloatArray) -> MotionSpread:
         """How far a motion by odometry may be off once it is corrected.
@@ -78,8 +97,10 @@ class OdometryCalibration:
         distance, turn = _lengths(increments)
         forward, turned = float(increments[:, 0].sum()), float(increments[:, 2].sum())
         share = np.array([forward, turned])
-        random_distance = self.distance_noise * SLIP_DISTANCE**2 * distance
-        random_heading = self.heading_noise * (SLIP_DRIFT**2 * distance + SLIP_TURN**2 * turn)
+        random_distance = max(self.distance_noise, LEAST_NOISE) * SLIP_DISTANCE**2 * distance
+        random_heading = max(self.heading_noise, LEAST_NOISE) * (
+            SLIP_DRIFT**2 * distance + SLIP_TURN**2 * turn
+        )
         return MotionSpread(
             random_distance + self._scale_variance * forward**2,
             random_heading + float(share @ self._heading_covariance @ share),
@@ -122,13 +143,14 @@ class OdometryCalibration:
         shares = np.array([self._signed, self._odometry.theta])
         slip = SLIP_DRIFT**2 * self._distance + SLIP_TURN**2 * self._turn
         innovation = error - float(self.heading @ shares)
-        expected = self.heading_noise * slip + match_variance
+        expected = max(self.heading_noise, LEAST_NOISE) * slip + match_variance
         spread = float(shares @ self._heading_covariance @ shares) + expected
-        excess = max(min(innovation**2, OUTLIER * spread) - match_variance, 0.0) / slip
-        self.heading_noise = (self._heading_weight * self.heading_noise + excess) / (
-            self._heading_weight + 1.0
-        )
-        self._heading_weight = min(self._heading_weight + 1.0, MEMORY_STRETCHES)
+        # Not cut off at zero: that would make true odometry seem noisy.
+        excess = (min(innovation**2, OUTLIER * spread) - match_variance) / slip
+        share = 1.0 if innovation**2 > OUTLIER * spread else (slip / (slip + match_variance)) ** 2
+        weight = self._heading_weight + share
+        self.heading_noise += share * (excess - self.heading_noise) / weight
+        self._heading_weight = min(weight, MEMORY_STRETCHES)
         if innovation**2 > OUTLIER * spread:
             return
         gain = self._heading_covariance @ shares / spread
@@ -140,12 +162,14 @@ class OdometryCalibration:
     def _learn_distance(self, error: float, length: float, match_variance: float) -> None:
         slip = SLIP_DISTANCE**2 * self._distance
         innovation = error - self.scale * length
-        spread = self._scale_variance * length**2 + self.distance_noise * slip + match_variance
-        excess = max(min(innovation**2, OUTLIER * spread) - match_variance, 0.0) / slip
-        self.distance_noise = (self._distance_weight * self.distance_noise + excess) / (
-            self._distance_weight + 1.0
-        )
-        self._distance_weight = min(self._distance_weight + 1.0, MEMORY_STRETCHES)
+        expected = max(self.distance_noise, LEAST_NOISE) * slip + match_variance
+        spread = self._scale_variance * length**2 + expected
+        # Not cut off at zero: that would make true odometry seem noisy.
+        excess = (min(innovation**2, OUTLIER * spread) - match_variance) / slip
+        share = 1.0 if innovation**2 > OUTLIER * spread else (slip / (slip + match_variance)) ** 2
+        weight = self._distance_weight + share
+        self.distance_noise += share * (excess - self.distance_noise) / weight
+        self._distance_weight = min(weight, MEMORY_STRETCHES)
         if innovation**2 > OUTLIER * spread:
             return
         gain = self._scale_variance * length / spread

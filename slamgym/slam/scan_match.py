@@ -287,7 +287,7 @@ def align_freely(
         points: (n, 2) end points in the robot frame, in the order of the beams [m].
         s: Settings.
         out: (10,) receives the pose, the score and what the points bind, the entries
-            of a symmetric matrix in the order of :class:`NormalEquations` [1/m^2], [1/m] and [1].
+            of a symmetric matrix in the order of :class:`NormalEquations` [1], [m] and [m^2].
     """
     pool, tables, origin, resolution = maps
     scale = 1.0 / resolution
@@ -301,5 +301,5 @@ def align_freely(
     out[0], out[1] = origin[0] + match.pose.u * resolution, origin[1] + match.pose.v * resolution
     out[2], out[3] = match.pose.theta, match.score
     h = match.binding
-    out[4], out[5], out[6] = h.uu * scale**2, h.uv * scale**2, h.vv * scale**2
-    out[7], out[8], out[9] = h.ut * scale, h.vt * scale, h.tt
+    out[4], out[5], out[6] = h.uu, h.uv, h.vv
+    out[7], out[8], out[9] = h.ut * resolution, h.vt * resolution, h.tt * resolution**2

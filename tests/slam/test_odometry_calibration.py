@@ -71,3 +71,14 @@ def test_restarting_forgets_the_stretch_and_keeps_what_was_learned():
     start = compose(Pose2D(0.0, 0.0, 0.0), Pose2D(0.3, 0.0, 0.0))
     calibration.learn(np.array([start]), Pose2D(0.306, 0.0, 0.0), 1e-6, 1e-6)
     assert calibration.scale == pytest.approx(0.02, abs=0.002)
+
+
+def test_a_bias_of_the_matches_is_not_taken_for_an_error_of_true_odometry():
+    noisy, rng = OdometryCalibration(), np.random.default_rng(2)
+    for _ in range(120):
+        said = Pose2D(0.5, 0.0, 0.0)
+        moved = Pose2D(0.502 + 0.005 * rng.standard_normal(), 0.0, 0.003 * rng.standard_normal())
+        noisy.learn(np.array([said]), moved, 0.01**2, 0.005**2)
+    # Residuals no larger than the matches' own errors leave no noise to the wheels.
+    assert noisy.heading_noise < 0.1
+    assert noisy.significance < 0.5

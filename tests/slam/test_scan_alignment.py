@@ -10,7 +10,7 @@ from slamgym.slam.graph.matching import NodeMatcher
 from slamgym.slam.graph.surface_map import solve_symmetric
 from slamgym.slam.particle_filter import match_settings
 from slamgym.slam.particles import ParticleMaps
-from slamgym.slam.scan_match import match_particles
+from slamgym.slam.scan_match import align_freely, match_particles
 
 ROOM = np.array(
     [(-4, -3, 5, -3), (5, -3, 5, 2), (5, 2, 1, 2), (1, 2, 1, 4), (1, 4, -4, 4), (-4, 4, -4, -3),
@@ -83,16 +83,23 @@ def test_branch_and_bound_finds_what_brute_force_finds():
         levels = np.empty((4, 40, 50), np.uint8)
         paint_levels(index, levels)
         pose = np.empty(3)
-        found = search_window(levels, CellIndex(index, 0.0, 0.0, 0.1), points, centre, 7, angles, 0.0, pose)
-        best = 0
+        grid, away = CellIndex(index, 0.0, 0.0, 0.1), np.array([2.4, 2.2, 0.3])
+        found = search_window(levels, grid, points, centre, 7, angles, 0.0, np.zeros(3), pose)
+        elsewhere = search_window(levels, grid, points, centre, 7, angles, 0.0, away, pose)
+        assert np.hypot(*(pose - away)[:2]) >= 0.3
+        best = best_elsewhere = 0
         for angle in angles:
             c, s = np.cos(0.3 + angle), np.sin(0.3 + angle)
             u = np.floor((2.5 + c * points[:, 0] - s * points[:, 1]) / 0.1).astype(np.int32)
             v = np.floor((2.0 + s * points[:, 0] + c * points[:, 1]) / 0.1).astype(np.int32)
             for du in range(-7, 8):
                 for dv in range(-7, 8):
-                    best = max(best, block_score(levels[0], 1, u, v, du, dv))
+                    score = block_score(levels[0], 1, u, v, du, dv)
+                    best = max(best, score)
+                    if np.hypot(2.5 + 0.1 * du - 2.4, 2.0 + 0.1 * dv - 2.2) >= 0.3:
+                        best_elsewhere = max(best_elsewhere, score)
         assert found == pytest.approx(best / (255 * 25))
+        assert elsewhere == pytest.approx(best_elsewhere / (255 * 25))
 
 
 @given(st.lists(st.floats(-2.0, 2.0), min_size=9, max_size=9), st.tuples(*[st.floats(-50.0, 50.0)] * 3))
@@ -205,3 +212,16 @@ def test_along_a_corridor_odometry_decides():
     assert abs(found[1] - truth[1]) < 0.01
     assert abs(found[2] - truth[2]) < 0.005
     assert found[0] == pytest.approx(0.3, abs=0.03)
+
+
+def test_what_points_bind_has_the_unit_of_their_noise(known_room):
+    rng, sigma, truth = np.random.default_rng(0), 0.01, np.array([0.1, 0.2, 0.4])
+    points, found, binding = scan_points(truth), [], np.empty(10)
+    for _ in range(200):
+        noisy = points + sigma * rng.standard_normal(points.shape)
+        align_freely(known_room.tile_maps, 0, truth, noisy, match_settings(SlamConfig()), binding)
+        found.append(binding[:3].copy())
+    uu, uv, vv, ut, vt, tt = binding[4:]
+    covariance = sigma**2 * np.linalg.inv(np.array([[uu, uv, ut], [uv, vv, vt], [ut, vt, tt]]))
+    ratio = np.std(found, axis=0) / np.sqrt(np.diag(covariance))
+    assert ratio == pytest.approx(np.ones(3), rel=0.4)

@@ -32,12 +32,18 @@ from slamgym.slam.path_correction import poses_between
 
 ODOMETRY_FLOOR = (0.005, 0.005, 0.002)
 """Odometry between two nodes is never trusted further than this [m], [m], [rad]."""
-EXPECTED_METRES, EXPECTED_SIGMAS = 0.25, 3.0
-"""A single closure may move a node so far [m] and so many standard deviations more; beyond, others must agree."""
+EXPECTED_CHI2, AGREEING_CHI2 = 12.0, 25.0
+"""A closure may disagree so much with the path and its uncertainty: one alone, and one of several that agree."""
+CLOSURE_FLOOR = (0.2, 0.2, 0.05)
+"""What a closure and the path may disagree by anyway [m], [m], [rad]: not each slip of a wheel is noticed."""
+AGREEING_METRES = 2.0
+"""Closures that agree were found over so much driving: seen from one spot, a like room agrees with itself [m]."""
+AMBIGUOUS_METRES, AMBIGUOUS_SCORE = 0.3, 0.08
+"""A search that leads further than this must find no other place whose score is so near [m]."""
 WIDE_WINDOW = (0.3, 0.15)
 """Least half width of the search for a scan that fits poorly [m], [rad]."""
 BETTER_SHARE = 0.1
-"""What is found there counts if so many more of the points fit."""
+"""What a search finds counts if so many more of the points fit than where the path says."""
 MATCH_FLOOR = (0.01, 0.01, 0.003)
 """Nor is a match as an edge of the graph [m], [m], [rad]."""
 STEP_FLOOR = (0.006, 0.006, 0.002)
@@ -202,7 +208,8 @@ class PoseGraphMapper(ParticleFilter):
     ) -> NodeMatch | None:  # fmt: skip
         """Search a scan's end points in a local map of ``members``, in the frame of ``reference``.
 
-        A window of zero leaves the search out: the scan is aligned from the guess.
+        A window of zero leaves the search out: the scan is aligned from the guess. So it is where the search finds
+        nothing that fits clearly better. None if two places fit alike.
         """
         if len(points) < FEW_POINTS:
             return None
@@ -213,12 +220,21 @@ class PoseGraphMapper(ParticleFilter):
         local = self._matcher.local_map(
             self._nodes.points, self._nodes.counts, members, relative, guess, radius
         )
-        start = guess
-        if window > 0.0:
-            start, score = self._matcher.search(local, points, guess, window, turn, least)
-            if score <= least:
+        near = self._matcher.align(local, points, guess, guess, prior_info)
+        if window == 0.0:
+            return near
+        start, score = self._matcher.search(local, points, guess, window, turn, least)
+        if score <= least:
+            return near
+        far = self._matcher.align(local, points, start, guess, prior_info)
+        if far.fit < near.fit + BETTER_SHARE:
+            return near
+        if np.hypot(*(start - guess)[:2]) > AMBIGUOUS_METRES:
+            nearly = score - AMBIGUOUS_SCORE
+            _, second = self._matcher.search(local, points, guess, window, turn, nearly, start)
+            if second > nearly:
                 return None
-        return self._matcher.align(local, points, start, guess, prior_info)
+        return far
 
     # --- loops ---
 
@@ -231,14 +247,18 @@ class PoseGraphMapper(ParticleFilter):
             closure = self._close(node, candidate, self._settings.loop_fit)
             if closure is None:
                 continue
-            if candidate.window <= self._settings.trusted_window and self._is_expected(closure):
+            chi2 = self._disagreement(closure)
+            if chi2 > AGREEING_CHI2:
+                self._rejected += 1
+                continue
+            if candidate.window <= self._settings.trusted_window and chi2 < EXPECTED_CHI2:
                 self._accept([closure])
                 continue
             allies = [
                 other for other in self._pending if agree(closure, other, self._nodes.poses, self._settings)
             ]
             self._pending.append(closure)
-            if len(allies) >= self._settings.agreeing:
+            if len(allies) >= self._settings.agreeing and self._driven_since(allies) >= AGREEING_METRES:
                 self._accept([closure, *allies])
                 self._pending.clear()
 
@@ -251,12 +271,20 @@ class PoseGraphMapper(ParticleFilter):
             )
             yield closure.old, closure.new, turned @ covariance @ turned.T
 
-    def _is_expected(self, closure: Closure) -> bool:
-        """Whether a closure moves the newest node no further than its uncertainty allows."""
+    def _driven_since(self, closures: list[Closure]) -> float:
+        """How far the robot drove since the first of some closures was found [m]."""
+        first = min(closure.new for closure in closures)
+        return float(np.hypot(*np.diff(self._nodes.poses[first:, :2], axis=0).T).sum())
+
+    def _disagreement(self, closure: Closure) -> float:
+        """Chi-squared of a closure with the newest node, given how far off the path may be."""
         implied = relative_poses(self._nodes.poses[[closure.old]], self._nodes.poses[[closure.new]])[0]
-        moved = float(np.hypot(*(closure.measured[:2] - implied[:2])))
-        covariance = self._uncertainty.latest
-        return moved < EXPECTED_METRES + EXPECTED_SIGMAS * float(np.sqrt(covariance[0, 0] + covariance[1, 1]))
+        error = closure.measured - implied
+        error[2] = wrap_angle(error[2])
+        turned = _rotation(-float(self._nodes.poses[closure.old, 2]))
+        covariance = turned @ self._uncertainty.latest @ turned.T
+        covariance += np.linalg.inv(closure.information + np.eye(3)) + np.diag(np.square(CLOSURE_FLOOR))
+        return float(error @ np.linalg.solve(covariance, error))
 
     def _close(self, node: int, candidate: LoopCandidate, least_fit: float) -> Closure | None:
         old = candidate.node

@@ -77,7 +77,7 @@ def block_score(level: np.ndarray, low: int, us: np.ndarray, vs: np.ndarray, du:
 
 
 @kernel
-def search_window(
+def search_window(  # noqa: C901 - a branch and bound is one loop
     levels: np.ndarray,
     index: CellIndex,
     points: FloatArray,
@@ -85,6 +85,7 @@ def search_window(
     window: int,
     angles: FloatArray,
     least: float,
+    away_from: FloatArray,
     pose: FloatArray,
 ) -> float:
     """Find the best pose in a window.
@@ -97,6 +98,7 @@ def search_window(
         window: Largest offset in x and in y [cells].
         angles: (a,) turns to try, added to the centre's heading [rad].
         least: Score below which nothing is of interest, 0 to 1.
+        away_from: (3,) x, y [m] and a distance: poses nearer to that place don't count.
         pose: (3,) receives the best pose.
 
     Returns:
@@ -139,6 +141,9 @@ def search_window(
             if bound <= best:
                 continue
             if h == 0:
+                x, y = centre[0] + du * cell - away_from[0], centre[1] + dv * cell - away_from[1]
+                if x * x + y * y < away_from[2] ** 2:
+                    continue
                 best = bound
                 pose[0], pose[1], pose[2] = (
                     centre[0] + du * cell,
@@ -169,6 +174,8 @@ MARGIN_CELLS = 3
 MOST_LEVELS = 6
 SEARCH_POINTS = 120
 """The search takes about this many of a scan's points."""
+ELSEWHERE = 0.35
+"""A place so far from another is another [m]."""
 ANGULAR_STEPS = (0.008, 0.06)
 """Bounds of the search's step in heading [rad]."""
 
@@ -238,8 +245,11 @@ class NodeMatcher:
         window: float,
         turn: float,
         least: float,
+        away_from: FloatArray | None = None,
     ) -> tuple[FloatArray, float]:
         """Find the best pose in a window of ``window`` [m] and ``turn`` [rad] round ``centre``.
+
+        With ``away_from``, a pose (3,), only what lies elsewhere counts.
 
         Returns:
             The pose (3,) to the precision of a cell, and its score, ``least`` if no pose is better.
@@ -257,5 +267,8 @@ class NodeMatcher:
         count = math.ceil(turn / step)
         angles = step * np.arange(-count, count + 1, dtype=np.float64)
         pose = np.empty(3)
-        score = search_window(levels, local.grid, points, centre, cells, angles, least, pose)
+        avoided = np.zeros(3)
+        if away_from is not None:
+            avoided[:2], avoided[2] = away_from[:2], ELSEWHERE
+        score = search_window(levels, local.grid, points, centre, cells, angles, least, avoided, pose)
         return pose, float(score)
