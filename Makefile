@@ -27,7 +27,7 @@ $(VENV)/.base: pyproject.toml constraints.txt | $(VENV)/bin/python
 
 # What a developer needs: every extra that the tests exercise.
 $(VENV)/.dev: pyproject.toml constraints.txt | $(VENV)/bin/python
-	$(BIN)/pip install --quiet --constraint constraints.txt --editable ".[agents,gan,hub,ray,ros,human,dev]"
+	$(BIN)/pip install --quiet --constraint constraints.txt --editable ".[agents,gan,hub,ifc,ray,ros,human,dev]"
 	@touch $@ $(VENV)/.base
 
 setup: $(VENV)/.dev

@@ -4,6 +4,7 @@ import io
 import json
 
 import numpy as np
+import pytest
 
 T = 0.12
 """Thickness of the walls [m]."""
@@ -79,6 +80,7 @@ def dxf(unit="m", walls="WALLS", doors="DOORS", swings=False, block=False):
 
 def ifc(storeys=1):
     """The flat as the text of an IFC model: walls that run through, with openings for doors and a window."""
+    pytest.importorskip("ifcopenshell")
     import ifcopenshell.api.aggregate
     import ifcopenshell.api.context
     import ifcopenshell.api.feature
