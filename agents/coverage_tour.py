@@ -16,8 +16,9 @@ import numpy as np
 
 from slamgym.agents.open_tour import open_tour
 from slamgym.core.config import Settings
+from slamgym.core.geometry import unit_vectors
 from slamgym.core.types import BoolArray, FloatArray, GridFrame, IntArray
-from slamgym.envs.sweep import sweep, unit_vectors
+from slamgym.envs.sweep import sweep
 from slamgym.planning import Costmap, Reachable
 from slamgym.planning.coarse_paths import CoarsePaths
 from slamgym.planning.frontiers import Point

@@ -15,9 +15,9 @@ import numpy as np
 from slamgym.agents.explorer import BatchedExplorer, FrontierPilot, Pilot
 from slamgym.agents.rules import Nearest
 from slamgym.core.config import Settings, config_hash
-from slamgym.core.geometry import compose
+from slamgym.core.geometry import compose, unit_vectors
 from slamgym.core.types import FREE, UNKNOWN, ByteArray, Observation, Pose2D, Twist2D
-from slamgym.envs.sweep import sweep, unit_vectors
+from slamgym.envs.sweep import sweep
 from slamgym.planning.context import ExplorerContext
 from slamgym.planning.exploration_loop import ExplorationLoopConfig
 from slamgym.planning.navigator import Goal, GoalStatus, NavigatorConfig

@@ -153,15 +153,22 @@ def _wall_thickness(plan: FloorPlan, line: FloatArray) -> float | None:
     return None
 
 
-def close_door(plan: FloorPlan, rng: np.random.Generator) -> tuple[FloorPlan, Change] | None:
-    """Wall a door up."""
+def _draw_door(plan: FloorPlan, rng: np.random.Generator) -> tuple[FloatArray, float] | None:
+    """One of the doors from jamb to jamb, and how thick its wall is."""
     if not plan.doors:
         return None
     door = plan.doors[rng.integers(len(plan.doors))]
     line = np.array([*door.start, *door.end])
     thickness = _wall_thickness(plan, line)
-    if thickness is None:
+    return None if thickness is None else (line, thickness)
+
+
+def close_door(plan: FloorPlan, rng: np.random.Generator) -> tuple[FloorPlan, Change] | None:
+    """Wall a door up."""
+    drawn = _draw_door(plan, rng)
+    if drawn is None:
         return None
+    line, thickness = drawn
     slab = _door_slab(line, thickness).buffer(0.002, join_style="mitre")
     changed = _with_floor(plan, plan.free_space.difference(slab))
     return (
@@ -173,13 +180,10 @@ def close_door(plan: FloorPlan, rng: np.random.Generator) -> tuple[FloorPlan, Ch
 
 def move_door(plan: FloorPlan, rng: np.random.Generator) -> tuple[FloorPlan, Change] | None:
     """Move a door along its wall by 0.4 to 1.2 m."""
-    if not plan.doors:
+    drawn = _draw_door(plan, rng)
+    if drawn is None:
         return None
-    door = plan.doors[rng.integers(len(plan.doors))]
-    line = np.array([*door.start, *door.end])
-    thickness = _wall_thickness(plan, line)
-    if thickness is None:
-        return None
+    line, thickness = drawn
     by = float(rng.choice([-1.0, 1.0]) * rng.uniform(0.4, 1.2))
     unit = (line[2:] - line[:2]) / np.hypot(*(line[2:] - line[:2]))
     there = line + np.tile(by * unit, 2)

@@ -19,8 +19,6 @@ from slamgym.core.pictures import decode_picture
 from slamgym.core.types import FREE, BoolArray, GridFrame
 from slamgym.interop.ros_map import read_ros_map
 
-PLAN_IMAGE_SUFFIXES = (".png", ".pgm", ".bmp", ".jpg", ".jpeg", ".tif", ".tiff")
-
 PLAN_SMOOTHING = 0.75
 """Default tolerance of smoothing [cells]: just above the 0.71 cells by which a diagonal staircase strays."""
 SALT_NOISE_AREA = 0.5

@@ -12,7 +12,7 @@ import numpy as np
 from slamgym.cad.floorplan import FloorPlan
 from slamgym.cad.generator import Kind, PlanGeneratorConfig, generate_plan
 from slamgym.cad.houseexpo import parse_houseexpo, read_houseexpo
-from slamgym.cad.image_plan import PLAN_IMAGE_SUFFIXES, read_image_plan, read_ros_plan
+from slamgym.cad.image_plan import read_image_plan, read_ros_plan
 from slamgym.cad.plan_files.source import DRAWING_SUFFIXES, DrawingSource
 from slamgym.cad.room_lines import RoomLinesSource
 from slamgym.core.compression import DAMAGED, open_expanded
@@ -20,6 +20,7 @@ from slamgym.core.config import suggest
 from slamgym.core.errors import ConfigError, InputFileError, PlanError
 from slamgym.core.files import read_text
 from slamgym.core.limits import DOCUMENT_BYTES, ENTRIES, shown
+from slamgym.core.pictures import PICTURE_SUFFIXES
 
 BUNDLED = Path(__file__).parent / "bundled"
 """The plans that come with the package."""
@@ -274,7 +275,7 @@ def _open(spec: str, wanted: frozenset[str] | None) -> PlanSource:
     if spec == "procedural" or spec.startswith("procedural:"):
         return _procedural(spec)
     name, _, resolution = spec.rpartition("@")
-    if name.lower().endswith(PLAN_IMAGE_SUFFIXES):
+    if name.lower().endswith(PICTURE_SUFFIXES):
         metres_per_pixel = _metres_per_pixel(spec, resolution)
         return PictureSource(_existing(name), metres_per_pixel)
     if name.lower().endswith(".dxf"):
@@ -298,7 +299,7 @@ def _open(spec: str, wanted: frozenset[str] | None) -> PlanSource:
         return PictureSource(path)
     if path.suffix.lower() in DRAWING_SUFFIXES:
         return DrawingSource(path)
-    if spec.lower().endswith(PLAN_IMAGE_SUFFIXES):
+    if spec.lower().endswith(PICTURE_SUFFIXES):
         raise InputFileError(spec, f"a picture needs its metres per pixel; write {spec}@0.05, for example")
     raise InputFileError(
         spec,

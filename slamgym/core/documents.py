@@ -11,6 +11,7 @@ from slamgym.core.errors import InputFileError
 from slamgym.core.files import read_bytes
 from slamgym.core.limits import DEPTH, DOCUMENT_BYTES, YAML_BYTES, Limit
 
+YAML_SUFFIXES = (".yaml", ".yml")
 MAX_DIGITS = 300
 """A longer whole number is no float any more."""
 

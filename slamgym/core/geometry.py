@@ -21,6 +21,11 @@ def wrap_angle(angle: Any) -> Any:
     return np.pi - np.mod(np.pi - np.asarray(angle, dtype=np.float64), 2.0 * np.pi)
 
 
+def unit_vectors(angles: FloatArray) -> FloatArray:
+    """Directions at angles [rad], shape (N, 2)."""
+    return np.column_stack([np.cos(angles), np.sin(angles)])
+
+
 def compose(a: Pose2D, b: Pose2D) -> Pose2D:
     """Pose of b, given in frame a, expressed in the parent frame of a."""
     cos, sin = math.cos(a[2]), math.sin(a[2])

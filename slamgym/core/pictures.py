@@ -13,6 +13,8 @@ import numpy as np
 from slamgym.core.errors import InputFileError
 from slamgym.core.limits import PIXELS
 
+PICTURE_SUFFIXES = (".png", ".pgm", ".bmp", ".jpg", ".jpeg", ".tif", ".tiff")
+"""What pictures of maps and plans are called."""
 _FRAMES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
 """Markers of a JPEG's frame headers (ITU T.81, table B.1)."""
 _STANDALONE = frozenset({0x01, *range(0xD0, 0xD9)})

@@ -78,9 +78,10 @@ class Evidence:
         self.config = config
         self._probability = probability
         occupied = grid.cells == OCCUPIED
-        distance = cv2.distanceTransform((~occupied).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
         self._to_wall = (
-            distance * grid.frame.resolution if occupied.any() else np.full(occupied.shape, np.inf)
+            distance_to(occupied) * grid.frame.resolution
+            if occupied.any()
+            else np.full(occupied.shape, np.inf)
         )
 
     def at(self, picture: np.ndarray, points: FloatArray, beyond: float) -> FloatArray:

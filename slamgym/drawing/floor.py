@@ -7,6 +7,7 @@ import numpy as np
 
 from slamgym.core.types import BoolArray, Float32Array, OccupancyGrid
 from slamgym.gan.translation.classical import clean_map
+from slamgym.metrics.maps import distance_to
 
 if TYPE_CHECKING:
     from slamgym.gan.translation.translate import LearnedTranslator
@@ -76,12 +77,6 @@ def faces_within_cells(free: BoolArray) -> Float32Array:
     walls = np.pad((~free).astype(np.uint8), 2, constant_values=1)
     thick = cv2.morphologyEx(walls, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))[2:-2, 2:-2] > 0
     depth = np.where(thick, FACE_DEPTH, THIN_DEPTH)
-    inside, outside = (_distance_to(mask) - 0.5 for mask in (~free, free))
+    inside, outside = (distance_to(mask) - 0.5 for mask in (~free, free))
     signed = np.where(free, inside, depth - outside)
     return (0.5 + 0.5 * np.clip(signed, -1.0, 1.0)).astype(np.float32)
-
-
-def _distance_to(mask: BoolArray) -> Float32Array:
-    """Distance of each cell to the nearest one of the mask [cells]."""
-    distance = cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-    return np.asarray(distance, dtype=np.float32)

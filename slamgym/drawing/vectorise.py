@@ -1,6 +1,7 @@
 """A map in, a drawing out."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -108,7 +109,7 @@ def make_drawing(
         provenance=kept,
     )
     doubts = find_doubts(drawing, direction if angle_deg is None else None, config)
-    return Drawing(**{**vars(drawing), "doubts": tuple(doubts)})
+    return replace(drawing, doubts=tuple(doubts))
 
 
 def known_part(grid: OccupancyGrid) -> OccupancyGrid:

@@ -17,9 +17,9 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 
 from slamgym.cad.floorplan import FloorPlan, fill_segments, ring_segments
-from slamgym.core.geometry import compose
+from slamgym.core.geometry import compose, unit_vectors
 from slamgym.core.types import BoolArray, FloatArray, GridFrame, LaserGeometry, Pose2D
-from slamgym.envs.sweep import sweep, unit_vectors
+from slamgym.envs.sweep import sweep
 from slamgym.sim.passages import Passages
 from slamgym.sim.start import fitting_area
 

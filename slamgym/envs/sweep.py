@@ -2,8 +2,6 @@
 
 import math
 
-import numpy as np
-
 from slamgym.core.jit import kernel
 from slamgym.core.types import BoolArray, FloatArray
 
@@ -77,8 +75,3 @@ def sweep(
             along += major_stride
             offset += slope
     return fresh
-
-
-def unit_vectors(angles: FloatArray) -> FloatArray:
-    """Directions of beams, shape (num_beams, 2)."""
-    return np.column_stack([np.cos(angles), np.sin(angles)])

@@ -10,15 +10,15 @@ from pathlib import Path
 
 import numpy as np
 
-from slamgym.core.documents import parse_json
+from slamgym.core.documents import YAML_SUFFIXES, parse_json
 from slamgym.core.errors import InputFileError
 from slamgym.core.files import read_bytes
 from slamgym.core.limits import DRAWING_BYTES
+from slamgym.core.pictures import PICTURE_SUFFIXES
 from slamgym.core.types import FREE, OCCUPIED, OccupancyGrid, Pose2D
 from slamgym.interop.ros_map import MAX_RESOLUTION, MIN_RESOLUTION, read_bare_map, read_turned_map
 from slamgym.interop.valetudo import MapSegment, embedded_map, parse_valetudo
 
-_PICTURES = (".png", ".pgm", ".bmp", ".jpg", ".jpeg", ".tif", ".tiff")
 MIN_FREE = 50
 """Fewer free cells are no map."""
 USUAL_CELLS = (0.008, 0.15)
@@ -63,14 +63,14 @@ def _read(path: Path, resolution: float | None) -> RobotMap:
         if len(inner) != 1 and path / "map.yaml" not in inner:
             raise InputFileError(path, f"holds {len(inner)} yaml files; name the one that describes the map")
         return _read(path / "map.yaml" if len(inner) != 1 else inner[0], resolution)
-    if suffix in (".yaml", ".yml"):
+    if suffix in YAML_SUFFIXES:
         _refuse_resolution(path, resolution)
         return _read_ros(path)
     if suffix == ".json":
         _refuse_resolution(path, resolution)
         found = parse_valetudo(parse_json(read_bytes(path, DRAWING_BYTES), path, limit=DRAWING_BYTES), path)
         return RobotMap(found.grid, found.segments)
-    if suffix in _PICTURES:
+    if suffix in PICTURE_SUFFIXES:
         return _read_picture(path, resolution)
     if suffix == ".pbstream":
         raise InputFileError(
@@ -99,7 +99,7 @@ def _read_picture(path: Path, resolution: float | None) -> RobotMap:
         found = parse_valetudo(value, path)
         return RobotMap(found.grid, found.segments)
     if resolution is None:
-        for suffix in (".yaml", ".yml"):
+        for suffix in YAML_SUFFIXES:
             if path.with_suffix(suffix).exists():
                 return _read_ros(path.with_suffix(suffix))
         raise InputFileError(

@@ -237,14 +237,15 @@ def _width_errors(
         errors = []
         for number in piece.trimmed:
             run = piece.runs[number]
-            drawn = max(
-                lines.floor[piece.line + number],
-                key=lambda found: found.overlap(run.start, run.end),
-                default=None,
-            )
-            there = drawn is not None and drawn.overlap(run.start, run.end) > 0.0
-            errors.append((drawn.length if drawn is not None and there else 0.0) - run.length)
+            drawn = _most_overlapping(lines.floor[piece.line + number], run.start, run.end)
+            errors.append((drawn.length if drawn is not None else 0.0) - run.length)
         yield float(np.median(errors))
+
+
+def _most_overlapping(runs: list[Run], start: float, end: float) -> Run | None:
+    """The run that covers most of an interval; None if none touches it."""
+    best = max(runs, key=lambda run: run.overlap(start, end), default=None)
+    return best if best is not None and best.overlap(start, end) > 0.0 else None
 
 
 def _in_one_room(labels: IntArray) -> bool:
@@ -261,12 +262,8 @@ def _thickness_errors(lines: _Lines, truth: Float32Array, metres_per_px: float) 
         errors = []
         for number in piece.trimmed:
             run = piece.runs[number]
-            drawn = max(
-                lines.walls[piece.line + number],
-                key=lambda wall: wall.overlap(run.start - search, run.end + search),
-                default=None,
-            )
-            if drawn is not None and drawn.overlap(run.start - search, run.end + search) > 0.0:
+            drawn = _most_overlapping(lines.walls[piece.line + number], run.start - search, run.end + search)
+            if drawn is not None:
                 errors.append(drawn.length - run.length)
         if errors:
             yield float(np.median(errors))

@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from slamgym.core.geometry import unit_vectors
 from slamgym.core.jit import kernel
 from slamgym.core.types import (
     FREE,
@@ -44,7 +45,7 @@ class BeamTable(NamedTuple):
         """The table of a scanner."""
         angles = geometry.angles + geometry.mount.theta
         return BeamTable(
-            directions=np.column_stack([np.cos(angles), np.sin(angles)]),
+            directions=unit_vectors(angles),
             mount=np.array([geometry.mount.x, geometry.mount.y]),
             range_min=float(geometry.range_min),
             range_max=float(geometry.range_max),

@@ -145,12 +145,9 @@ class OdometryCalibration:
         innovation = error - float(self.heading @ shares)
         expected = max(self.heading_noise, LEAST_NOISE) * slip + match_variance
         spread = float(shares @ self._heading_covariance @ shares) + expected
-        # Not cut off at zero: that would make true odometry seem noisy.
-        excess = (min(innovation**2, OUTLIER * spread) - match_variance) / slip
-        share = 1.0 if innovation**2 > OUTLIER * spread else (slip / (slip + match_variance)) ** 2
-        weight = self._heading_weight + share
-        self.heading_noise += share * (excess - self.heading_noise) / weight
-        self._heading_weight = min(weight, MEMORY_STRETCHES)
+        self.heading_noise, self._heading_weight = _learned_noise(
+            self.heading_noise, self._heading_weight, (innovation, spread), slip, match_variance
+        )
         if innovation**2 > OUTLIER * spread:
             return
         gain = self._heading_covariance @ shares / spread
@@ -164,17 +161,34 @@ class OdometryCalibration:
         innovation = error - self.scale * length
         expected = max(self.distance_noise, LEAST_NOISE) * slip + match_variance
         spread = self._scale_variance * length**2 + expected
-        # Not cut off at zero: that would make true odometry seem noisy.
-        excess = (min(innovation**2, OUTLIER * spread) - match_variance) / slip
-        share = 1.0 if innovation**2 > OUTLIER * spread else (slip / (slip + match_variance)) ** 2
-        weight = self._distance_weight + share
-        self.distance_noise += share * (excess - self.distance_noise) / weight
-        self._distance_weight = min(weight, MEMORY_STRETCHES)
+        self.distance_noise, self._distance_weight = _learned_noise(
+            self.distance_noise, self._distance_weight, (innovation, spread), slip, match_variance
+        )
         if innovation**2 > OUTLIER * spread:
             return
         gain = self._scale_variance * length / spread
         self.scale += gain * innovation
         self._scale_variance *= 1.0 - gain * length
+
+
+def _learned_noise(
+    noise: float, weight: float, found: tuple[float, float], slip: float, match_variance: float
+) -> tuple[float, float]:
+    """A random error's size and the weight of what it was learned from, after one more stretch.
+
+    Args:
+        noise: Its size so far, as a share of ``slip``.
+        weight: The weight so far [stretches].
+        found: Innovation of the stretch and the variance that was expected of it.
+        slip: Variance that an error of size 1 has over the stretch.
+        match_variance: Variance of the matches.
+    """
+    innovation, spread = found
+    # Not cut off at zero: that would make true odometry seem noisy.
+    excess = (min(innovation**2, OUTLIER * spread) - match_variance) / slip
+    share = 1.0 if innovation**2 > OUTLIER * spread else (slip / (slip + match_variance)) ** 2
+    weight += share
+    return noise + share * (excess - noise) / weight, min(weight, MEMORY_STRETCHES)
 
 
 def _lengths(increments: FloatArray) -> tuple[float, float]:

@@ -12,14 +12,14 @@ import tyro
 
 from slamgym.commands.extras import TRANSLATING, Extra, require
 from slamgym.core.config import Arguments, Positive, Within
+from slamgym.core.documents import YAML_SUFFIXES
 from slamgym.core.errors import ConfigError, InputFileError, SlamgymError
+from slamgym.core.pictures import PICTURE_SUFFIXES
 from slamgym.core.progress import say
 
 if TYPE_CHECKING:
     from slamgym.drawing import Drawing, FloorModel
 
-MAP_DESCRIPTIONS = (".yaml", ".yml")
-MAP_PICTURES = (".png", ".pgm", ".bmp", ".jpg", ".jpeg", ".tif", ".tiff")
 BUILDING_MODELS = Extra("ifc", ("ifcopenshell",))
 
 
@@ -97,12 +97,12 @@ def _formats(text: str) -> list[str]:
 def _maps_in(folder: Path) -> list[Path]:
     """ROS maps, and pictures that belong to none."""
     files = [path for path in sorted(folder.iterdir()) if path.is_file() and not path.name.startswith(".")]
-    maps = [path for path in files if path.suffix.lower() in MAP_DESCRIPTIONS]
+    maps = [path for path in files if path.suffix.lower() in YAML_SUFFIXES]
     belonging = {path.stem for path in maps}
-    maps += [path for path in files if path.suffix.lower() in MAP_PICTURES and path.stem not in belonging]
+    maps += [path for path in files if path.suffix.lower() in PICTURE_SUFFIXES and path.stem not in belonging]
     if not maps:
         raise InputFileError(
-            folder, f"holds no ROS maps ({', '.join(MAP_DESCRIPTIONS)}) and no pictures of maps"
+            folder, f"holds no ROS maps ({', '.join(YAML_SUFFIXES)}) and no pictures of maps"
         )
     return maps
 

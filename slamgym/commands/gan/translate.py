@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 
 from slamgym.commands.gan.arguments import TranslateArguments
+from slamgym.core.documents import YAML_SUFFIXES
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.files import write_bytes
 from slamgym.core.progress import say, show_progress
@@ -14,8 +15,6 @@ from slamgym.core.types import FREE, OCCUPIED, ByteArray, OccupancyGrid
 from slamgym.gan.data import SUFFIXES, read_grey
 from slamgym.gan.translation.translate import LearnedTranslator, load_translator
 from slamgym.interop.ros_map import classify_greys, read_ros_map, write_ros_map
-
-YAML = (".yaml", ".yml")
 
 
 def run_translation(arguments: TranslateArguments) -> int:
@@ -36,10 +35,14 @@ def run_translation(arguments: TranslateArguments) -> int:
         raise ConfigError("--drift-seed needs weights that translate CAD maps to SLAM maps")
     if arguments.input.is_dir():
         _translate_folder(arguments, translator)
-    elif arguments.input.suffix.lower() in YAML:
+    elif arguments.input.suffix.lower() in YAML_SUFFIXES:
         out = arguments.out
         stem = (
-            out / arguments.input.stem if out.is_dir() else out.with_suffix("") if out.suffix in YAML else out
+            out / arguments.input.stem
+            if out.is_dir()
+            else out.with_suffix("")
+            if out.suffix in YAML_SUFFIXES
+            else out
         )
         sys.stdout.write(f"{translate_ros_map(arguments.input, stem, translator, arguments)}\n")
     else:
@@ -115,7 +118,7 @@ def _image_destination(out: Path, source: Path) -> Path:
 def _translate_folder(arguments: TranslateArguments, translator: LearnedTranslator) -> None:
     # A name like "..yaml" would lead out of the output folder.
     files = [path for path in sorted(arguments.input.iterdir()) if not path.name.startswith(".")]
-    maps = [path for path in files if path.suffix.lower() in YAML]
+    maps = [path for path in files if path.suffix.lower() in YAML_SUFFIXES]
     belonging = {path.stem for path in maps}
     images = [path for path in files if path.suffix.lower() in SUFFIXES and path.stem not in belonging]
     if not maps and not images:
