@@ -14,6 +14,7 @@ from shapely import Polygon
 from shapely.geometry.base import BaseGeometry
 
 from slamgym.cad.crowding import refuse_crowded
+from slamgym.cad.polygons import largest_part
 from slamgym.core.errors import PlanError
 from slamgym.core.types import (
     FREE,
@@ -201,8 +202,7 @@ def robot_space(plan: FloorPlan, robot_radius: float) -> Polygon:
     # 1 cm staircases, of which curved walls of HouseExpo consist, cost time and change nothing at this scale.
     outline = plan.free_space.simplify(0.005) if plan.num_vertices > 200 else plan.free_space
     shrunk = outline.buffer(-robot_radius, quad_segs=4)
-    parts = [part for part in shapely.get_parts(shrunk) if isinstance(part, Polygon)]
-    return max(parts, key=lambda part: float(part.area), default=Polygon())
+    return largest_part(shrunk)
 
 
 def check_plan(plan: FloorPlan, robot_radius: float = 0.22, max_extent: float = math.inf) -> None:

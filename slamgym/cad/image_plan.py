@@ -12,6 +12,7 @@ import shapely
 from shapely import Polygon
 
 from slamgym.cad.floorplan import FloorPlan
+from slamgym.cad.polygons import polygon_parts
 from slamgym.core.errors import InputFileError, PlanError
 from slamgym.core.files import read_bytes
 from slamgym.core.limits import PLAN_PARTS, RUNS, VERTICES
@@ -130,7 +131,7 @@ def _patches(inside: BoolArray, frame: GridFrame, source: str) -> list[Polygon]:
     origin = np.array([frame.origin_x, frame.origin_y])
     union = shapely.union_all(runs).simplify(0.0)
     metres = shapely.transform(union, lambda points: points * frame.resolution + origin)
-    return [patch for patch in shapely.get_parts(metres) if isinstance(patch, Polygon)]
+    return polygon_parts(metres)
 
 
 def _without_outside(white: BoolArray, resolution: float) -> BoolArray:

@@ -20,6 +20,7 @@ from shapely.geometry.base import BaseGeometry
 from slamgym.cad.crowding import make_valid, refuse_crowded
 from slamgym.cad.floorplan import Door, FloorPlan, Room
 from slamgym.cad.houseexpo import MAX_ID, MAX_PLAN_COORDINATE
+from slamgym.cad.polygons import largest_part, polygon_parts
 from slamgym.core.compression import DAMAGED, open_expanded
 from slamgym.core.documents import parse_json
 from slamgym.core.errors import InputFileError, PlanError
@@ -109,10 +110,11 @@ def _build(floor: Mapping[str, Any], plan_id: str, source: str) -> FloorPlan:
     doors = [door for room in drawn for door in _doors(room, scale)]
     passages = [_passage(door).intersection(building) for door in doors]
     space = shapely.union_all([*(room.polygon for room in rooms), *passages])
-    parts = [part for part in shapely.get_parts(space) if isinstance(part, Polygon)]
-    largest = max(parts, key=lambda part: float(part.area), default=Polygon())
+    largest = largest_part(space)
     if not largest.area >= MIN_CONNECTED_SHARE * space.area or largest.is_empty:
-        raise PlanError(source, f"the free space falls into {len(parts)} disjoint parts; connect them")
+        raise PlanError(
+            source, f"the free space falls into {len(polygon_parts(space))} disjoint parts; connect them"
+        )
     return FloorPlan(
         id=plan_id,
         free_space=largest,

@@ -14,6 +14,7 @@ import shapely
 from shapely import MultiPolygon, Polygon
 
 from slamgym.cad.floorplan import fill_segments, ring_segments
+from slamgym.cad.polygons import polygon_parts
 from slamgym.core.types import (
     FREE,
     OCCUPIED,
@@ -26,7 +27,6 @@ from slamgym.core.types import (
 )
 from slamgym.drawing.contours import trace_outlines
 from slamgym.drawing.drawing import DrawnWall, Layer
-from slamgym.drawing.polygons import polygon_parts
 from slamgym.drawing.settings import DrawingConfig
 from slamgym.drawing.walls import WallPiece
 from slamgym.metrics.maps import distance_to

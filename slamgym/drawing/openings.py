@@ -16,8 +16,8 @@ import shapely
 from shapely import LineString, MultiPolygon, Point, Polygon
 
 from slamgym.cad.floorplan import fill_segments, ring_segments
+from slamgym.cad.polygons import polygon_parts
 from slamgym.core.types import Float32Array, FloatArray, GridFrame, IntArray
-from slamgym.drawing.polygons import polygon_parts
 from slamgym.drawing.settings import DrawingConfig
 from slamgym.metrics.rooms import RoomRule, label_rooms
 

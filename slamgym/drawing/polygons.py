@@ -7,6 +7,7 @@ import numpy as np
 import shapely
 from shapely import MultiPolygon, Polygon
 
+from slamgym.cad.polygons import polygon_parts
 from slamgym.core.types import FloatArray
 from slamgym.drawing.contours import Outline
 from slamgym.drawing.edges import Edge, align_edges, crossing, fit_edges, main_axes, projected, simplified
@@ -134,13 +135,6 @@ def _assembled(parts: list[tuple[bool, Polygon | MultiPolygon]], config: Drawing
     union = shapely.set_precision(union, CORNER_GRID)
     large = [part for part in polygon_parts(union) if part.area >= 0.5 * config.min_floor]
     return MultiPolygon(large)
-
-
-def polygon_parts(geometry: shapely.Geometry) -> list[Polygon]:
-    """All polygons in a geometry."""
-    if isinstance(geometry, Polygon):
-        return [] if geometry.is_empty else [geometry]
-    return [part for piece in getattr(geometry, "geoms", ()) for part in polygon_parts(piece)]
 
 
 def _polygonal(geometry: shapely.Geometry) -> Polygon | MultiPolygon:

@@ -10,6 +10,7 @@ from shapely import LineString, MultiPolygon, Polygon
 from shapely.geometry.base import BaseGeometry
 
 import slamgym
+from slamgym.cad.polygons import polygon_parts
 from slamgym.core.config import to_dict
 from slamgym.core.errors import InputFileError
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, Float32Array, GridFrame, OccupancyGrid
@@ -27,7 +28,7 @@ from slamgym.drawing.evidence import (
 )
 from slamgym.drawing.floor import FloorModel, load_floor_model
 from slamgym.drawing.openings import Division, divide
-from slamgym.drawing.polygons import polygon_parts, straightened
+from slamgym.drawing.polygons import straightened
 from slamgym.drawing.settings import DEFAULT_DRAWING, DrawingConfig
 from slamgym.drawing.walls import find_walls
 from slamgym.gan.translation.wall_direction import SHORTEST_PX, find_wall_direction, main_direction

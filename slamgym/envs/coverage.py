@@ -17,6 +17,7 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 
 from slamgym.cad.floorplan import FloorPlan, fill_segments, ring_segments
+from slamgym.cad.polygons import polygon_parts
 from slamgym.core.geometry import compose, unit_vectors
 from slamgym.core.types import BoolArray, FloatArray, GridFrame, LaserGeometry, Pose2D
 from slamgym.envs.sweep import sweep
@@ -153,5 +154,4 @@ class Coverage:
 
 def _outlines(area: BaseGeometry) -> FloatArray:
     """All edges of an area's polygons, shape (S, 4) [m]."""
-    polygons = [part for part in shapely.get_parts(area) if isinstance(part, shapely.Polygon)]
-    return ring_segments([ring for part in polygons for ring in (part.exterior, *part.interiors)])
+    return ring_segments([ring for part in polygon_parts(area) for ring in (part.exterior, *part.interiors)])

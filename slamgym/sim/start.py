@@ -7,6 +7,7 @@ import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
+from slamgym.cad.polygons import largest_part
 from slamgym.core.errors import PlanError
 from slamgym.core.types import Pose2D
 from slamgym.sim.clutter import Clutter
@@ -75,12 +76,6 @@ def fitting_area(plan: "FloorPlan", radius: float) -> BaseGeometry:
     """Where the middle of a disc can be without touching a wall."""
     area: BaseGeometry = plan.free_space.simplify(_SIMPLIFICATION)
     return area.buffer(-radius - _SIMPLIFICATION, quad_segs=4)
-
-
-def largest_part(area: BaseGeometry) -> shapely.Polygon:
-    """The largest connected part of an area; empty if the area is."""
-    parts = [part for part in shapely.get_parts(area) if isinstance(part, shapely.Polygon)]
-    return max(parts, key=lambda part: float(part.area), default=shapely.Polygon())
 
 
 def sample_point(area: shapely.Polygon, rng: np.random.Generator) -> tuple[float, float]:

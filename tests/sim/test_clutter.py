@@ -5,6 +5,7 @@ import pytest
 import shapely
 
 from slamgym.cad.floorplan import FloorPlan, Room
+from slamgym.cad.polygons import largest_part
 from slamgym.core.errors import ConfigError
 from slamgym.core.types import Pose2D, Twist2D
 from slamgym.sim import (
@@ -22,7 +23,6 @@ from slamgym.sim.clutter import outlines_of
 from slamgym.sim.furniture import pieces_for
 from slamgym.sim.passages import PASSAGE_CELL, Passages
 from slamgym.sim.people import PERSON_RADIUS, SEGMENTS_PER_PERSON
-from slamgym.sim.start import largest_part
 
 FURNISHED = ClutterConfig(furniture=1.0)
 EVERYTHING = {"furniture": 1.0, "doors": 1.0, "changes": 6.0}

@@ -18,6 +18,7 @@ from shapely import Polygon
 from slamgym.cad.crowding import refuse_crowded
 from slamgym.cad.floorplan import Door, FloorPlan, Room
 from slamgym.cad.houseexpo import MAX_PLAN_COORDINATE
+from slamgym.cad.polygons import largest_part, polygon_parts
 from slamgym.core.errors import PlanError
 from slamgym.core.limits import NEAR_PAIRS, PLAN_PARTS, VERTICES
 from slamgym.core.types import FloatArray
@@ -171,7 +172,7 @@ def _spaces_with_gaps_shut(network: Any) -> list[Polygon]:
     strip = 10.0 * LINE_GRID
     inner = [space for space in _spaces(shut) if not outside.intersects(space.representative_point())]
     opened = [space.buffer(-strip, join_style="mitre").buffer(strip, join_style="mitre") for space in inner]
-    return [part for space in opened for part in shapely.get_parts(space) if isinstance(part, Polygon)]
+    return [part for space in opened for part in polygon_parts(space)]
 
 
 def _doorways(doors: FloatArray, spaces: Sequence[Polygon]) -> list[_Doorway]:
@@ -224,8 +225,7 @@ def _floor(spaces: Sequence[Polygon], slabs: Sequence[Polygon], drawn: DrawnWall
     inner = lines.intersection(floor.buffer(-3.0 * LINE_GRID)).difference(shapely.union_all(list(slabs)))
     if not inner.is_empty:
         floor = floor.difference(inner.buffer(0.5 * LINE_WIDTH, cap_style="square", join_style="mitre"))
-    parts = [part for part in shapely.get_parts(floor) if isinstance(part, Polygon)]
-    largest = max(parts, key=lambda part: float(part.area)).simplify(LINE_GRID)
+    largest = largest_part(floor).simplify(LINE_GRID)
     if not isinstance(largest, Polygon) or largest.is_empty or not largest.is_valid:
         raise PlanError(source, "its walls enclose no simple floor; check the layers of the walls")
     PLAN_PARTS.check(source, len(largest.interiors), PlanError)

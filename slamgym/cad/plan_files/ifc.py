@@ -23,6 +23,7 @@ from slamgym.cad.plan_files.drawn_plan import (
     floor_of_walls,
     middle_line,
 )
+from slamgym.cad.polygons import polygon_parts
 from slamgym.core.errors import ConfigError, PlanError
 from slamgym.core.files import require_file
 from slamgym.core.limits import DRAWING_BYTES, ENTRIES, PLAN_PARTS, shown
@@ -186,7 +187,7 @@ def _section(element: Any, height: float) -> list[Polygon]:
         return []
     outlines = shapely.union_all(shapely.linestrings(lines), grid_size=LINE_GRID)
     areas = shapely.build_area(shapely.line_merge(outlines))
-    return [part for part in shapely.get_parts(areas) if isinstance(part, Polygon) and part.area > LINE_GRID]
+    return [part for part in polygon_parts(areas) if part.area > LINE_GRID]
 
 
 def _crossings(points: FloatArray, faces: IntArray, height: float) -> FloatArray:

@@ -12,6 +12,7 @@ import shapely
 from shapely import Polygon
 
 from slamgym.cad.houseexpo import MAX_ID, format_houseexpo
+from slamgym.cad.polygons import largest_part
 from slamgym.drawing.drawing import Drawing
 
 
@@ -77,8 +78,7 @@ def format_json(drawing: Drawing) -> str:
 
 def polygon_rings(polygon: Polygon) -> list[list[list[float]]]:
     """Outline and holes of a polygon, each closed, to a tenth of a millimetre."""
-    parts = [part for part in shapely.get_parts(polygon) if isinstance(part, Polygon)]
-    largest = max(parts, key=lambda part: float(part.area))
+    largest = largest_part(polygon)
     return [
         [rounded(point) for point in shapely.get_coordinates(ring).tolist()]
         for ring in (largest.exterior, *largest.interiors)
