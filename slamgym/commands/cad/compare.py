@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from dataclasses import field, replace
+from dataclasses import field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -40,9 +40,7 @@ class CompareArguments(Arguments):
     """Which plan of a file with several, an IFC model's storey above all; the first by default."""
     layers: tuple[str, ...] = ()
     """Layers of a DXF drawing's walls, where their names don't say it."""
-    scale: bool = False
-    """Fit the map's scale, too (within 10 %)."""
-    comparison: ComparisonConfig = field(default_factory=ComparisonConfig)
+    config: Annotated[ComparisonConfig, tyro.conf.arg(name="")] = field(default_factory=ComparisonConfig)
     """What counts as a change."""
 
 
@@ -66,8 +64,8 @@ def main(argv: list[str]) -> int:
         raise InputFileError(arguments.out, "is a file; name a folder for the results")
     plan, doubts = _read_plan(arguments)
     robot_map = read_map(arguments.map, arguments.resolution)
-    config = replace(arguments.comparison, scale=arguments.comparison.scale or arguments.scale)
-    found = compare_with_plan(plan, robot_map.grid, config, str(arguments.map), (*doubts, *robot_map.doubts))
+    notes = (*doubts, *robot_map.doubts)
+    found = compare_with_plan(plan, robot_map.grid, arguments.config, str(arguments.map), notes)
     write_picture(arguments.out / "comparison.png", draw_comparison(found, plan, robot_map.grid))
     write_comparison(arguments.out, found)
     _report(found, arguments.out)

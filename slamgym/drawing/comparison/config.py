@@ -9,7 +9,7 @@ class ComparisonConfig(Settings, section="comparison"):
     """What counts as a change. Defaults were chosen on half of the plans of ``benchmarks/plan_comparison.py``."""
 
     scale: bool = False
-    """Whether the map's scale is fitted, too; without it, a scale other than 1 is a doubt."""
+    """Whether the map's scale is fitted, too (within 10 %); without it, a scale other than 1 is a doubt."""
     moved: Positive = 0.06
     """A wall that is farther from its place than this, after the map's own distortion, has moved [m]."""
     sure: Positive = 2.5
