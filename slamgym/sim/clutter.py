@@ -11,8 +11,8 @@ import numpy as np
 from slamgym.core.config import CountOrZero, NonNegative, Positive, Settings, Share, Within
 from slamgym.core.errors import ConfigError
 from slamgym.core.types import BoolArray, FloatArray, IntArray
+from slamgym.sim.door_leaves import doors_of, has_leaf, is_closed, leaf_boxes
 from slamgym.sim.furnishing import PlacedPiece, Wish, furnish, put_down
-from slamgym.sim.openings import doors_of, has_leaf, is_closed, leaf_boxes
 from slamgym.sim.passages import Passages
 from slamgym.sim.people import PERSON_RADIUS, Person, Walkable
 from slamgym.sim.robot import RobotConfig

@@ -9,9 +9,9 @@ from shapely.geometry.base import BaseGeometry
 from slamgym.cad.floorplan import FloorPlan
 from slamgym.core.types import FREE, FloatArray, OccupancyGrid
 from slamgym.drawing.comparison.config import ComparisonConfig
+from slamgym.drawing.comparison.door_changes import door_changes
 from slamgym.drawing.comparison.evidence import MapEvidence, map_evidence
 from slamgym.drawing.comparison.extra_walls import extra_structures
-from slamgym.drawing.comparison.openings import door_changes
 from slamgym.drawing.comparison.plan_faces import PlanFaces, plan_faces
 from slamgym.drawing.comparison.records import Change, ChangeKind, FaceReport, Line, PlanComparison
 from slamgym.drawing.comparison.registration import register
