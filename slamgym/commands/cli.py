@@ -100,7 +100,7 @@ class Group:
 TABLE = Group(
     "floor plan in, honest SLAM map out, and the way back to CAD",
     {
-        "plans": Command("plans:main", "list, check, draw and write floor plans"),
+        "plans": Command("plans:main", "fetch, list, check, draw and write floor plans"),
         "generate": Command("generate:main", "explore floor plans and write SLAM/CAD map pairs"),
         "dataset": Group(
             "render, clean, split, check and describe what generate has made",
