@@ -170,6 +170,10 @@ TABLE = Group(
             default=Command("cad.draw:main", "draw a map"),
         ),
         "warmup": Command("warmup:main", "compile the numeric kernels, once after an installation"),
+        "doctor": Command("doctor:main", "what is installed, what works, and the fix for what doesn't"),
+        "completion": Command(
+            "completion:main", "a script by which bash or zsh completes commands and options"
+        ),
     },
     closing="; slamgym --version the version.",
 )
