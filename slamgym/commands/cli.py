@@ -100,7 +100,7 @@ class Group:
 TABLE = Group(
     "floor plan in, honest SLAM map out, and the way back to CAD",
     {
-        "plans": Command("plans:main", "list, check, draw and write floor plans"),
+        "plans": Command("plans:main", "fetch, list, check, draw and write floor plans"),
         "generate": Command("generate:main", "explore floor plans and write SLAM/CAD map pairs"),
         "dataset": Group(
             "render, clean, split, check and describe what generate has made",
@@ -170,6 +170,10 @@ TABLE = Group(
             default=Command("cad.draw:main", "draw a map"),
         ),
         "warmup": Command("warmup:main", "compile the numeric kernels, once after an installation"),
+        "doctor": Command("doctor:main", "what is installed, what works, and the fix for what doesn't"),
+        "completion": Command(
+            "completion:main", "a script by which bash or zsh completes commands and options"
+        ),
     },
     closing="; slamgym --version the version.",
 )

@@ -1,11 +1,11 @@
-"""``slamgym plans``: list, check, draw and write floor plans."""
+"""``slamgym plans``: fetch, list, check, draw and write floor plans."""
 
 from __future__ import annotations
 
 import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
@@ -69,11 +69,23 @@ class WritePlans(_Selection):
     """The folder; made if it is missing. The plans left out are listed in its ``rejected.jsonl``."""
 
 
+class FetchPlans(Arguments):
+    """Download a public archive of floor plans; a download that broke off goes on where it stopped."""
+
+    archive: tyro.conf.Positional[Literal["houseexpo"]] = "houseexpo"
+    """Which one."""
+    out: Path | None = None
+    """Where it goes; by default under its own name, json.tar.gz, into this folder."""
+    url: str | None = None
+    """Another address of the same file, such as a mirror's."""
+
+
 _Arguments = (
     Annotated[ListPlans, tyro.conf.subcommand("list")]
     | Annotated[CheckPlans, tyro.conf.subcommand("check")]
     | Annotated[DrawPlans, tyro.conf.subcommand("draw")]
     | Annotated[WritePlans, tyro.conf.subcommand("write")]
+    | Annotated[FetchPlans, tyro.conf.subcommand("fetch")]
 )
 
 MAX_DRAWN = 60
@@ -93,8 +105,11 @@ def main(argv: list[str]) -> int:
         _Arguments,
         args=argv,
         prog="slamgym plans",
-        description="List, check, draw and write floor plans.",
+        description="Fetch, list, check, draw and write floor plans.",
     )
+    if isinstance(arguments, FetchPlans):
+        _fetch(arguments)
+        return 0
     from slamgym.cad.plan_filter import Rejections
     from slamgym.cad.sources import open_plans
 
@@ -110,6 +125,28 @@ def main(argv: list[str]) -> int:
     else:
         _write(arguments, source, rejections)
     return 0
+
+
+def _fetch(arguments: FetchPlans) -> None:
+    from rich.console import Console
+    from rich.progress import Progress
+
+    from slamgym.cad.public_archives import PUBLIC_ARCHIVES, fetch_plans
+
+    archive = PUBLIC_ARCHIVES[arguments.archive]
+    sys.stdout.write(archive.licence + "\n")
+    sys.stdout.flush()
+    path = arguments.out or Path(archive.file_name)
+    console = Console(stderr=True)
+    with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
+        task = progress.add_task(path.name, total=None)
+        count = fetch_plans(
+            archive,
+            path,
+            arguments.url,
+            lambda done, total: progress.update(task, completed=done, total=total or None),
+        )
+    sys.stdout.write(f"{path}: {count:,} plans, SHA-256 in {path.name}.sha256; use it as --plans {path}\n")
 
 
 def _usable(arguments: _Selection, source: PlanSource, rejections: Rejections) -> Iterator[FloorPlan]:

@@ -1,0 +1,85 @@
+"""Archives of floor plans that others publish: where they are, under which licence, and whether one arrived whole."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from slamgym.cad.sources import ArchiveSource
+from slamgym.core.download import download
+from slamgym.core.errors import InputFileError
+from slamgym.core.files import read_text, sha256_of, write_text
+
+
+@dataclass(frozen=True)
+class PublicArchive:
+    """One archive of HouseExpo files."""
+
+    url: str
+    file_name: str
+    min_plans: int
+    """An archive with fewer is not the one."""
+    id_length: int
+    """Characters of an id."""
+    licence: str
+    """Licence, source and paper, as the user is shown them."""
+
+
+PUBLIC_ARCHIVES = {
+    "houseexpo": PublicArchive(
+        url="https://raw.githubusercontent.com/TeaganLi/HouseExpo/master/HouseExpo/json.tar.gz",
+        file_name="json.tar.gz",
+        # The paper counts 35,126 plans, the repository's page has said 35,357.
+        min_plans=35_000,
+        id_length=32,
+        licence=(
+            "HouseExpo, https://github.com/TeaganLi/HouseExpo: MIT licence, copyright (c) 2019 Tingguang Li; the "
+            "plans were made from SUNCG.\nCite: T. Li et al., HouseExpo: A Large-scale 2D Indoor Layout Dataset for "
+            "Learning-based Algorithms on Mobile Robots, arXiv:1903.09845, 2019."
+        ),
+    )
+}
+
+
+def fetch_plans(
+    archive: PublicArchive,
+    path: Path,
+    url: str | None = None,
+    advance: Callable[[int, int], None] | None = None,
+) -> int:
+    """Download an archive unless it is there, and verify it.
+
+    Its publishers give no checksum. What is verified on the first fetch is the structure: enough plans, ids of the
+    right form, and a first plan that can be read. Its SHA-256 is then written beside it (``NAME.sha256``, as
+    ``sha256sum -c`` reads it) and compared from then on.
+
+    Args:
+        archive: Which one.
+        path: Where it goes.
+        url: Another address of the same file.
+        advance: As :func:`slamgym.core.download.download` takes it.
+
+    Returns:
+        How many plans it holds.
+
+    Raises:
+        DownloadError: If it can't be fetched.
+        InputFileError: If what arrived, or what is there, is not the archive.
+    """
+    if not path.exists():
+        download(url or archive.url, path, advance)
+    source = ArchiveSource(path)
+    if len(source) < archive.min_plans or any(len(plan_id) != archive.id_length for plan_id in source.ids):
+        raise InputFileError(
+            path, f"holds {len(source)} plans and is not the public archive; delete it and fetch it again"
+        )
+    source.load(source.ids[0])
+    sums, digest = path.with_name(f"{path.name}.sha256"), sha256_of(path)
+    if not sums.exists():
+        write_text(sums, f"{digest}  {path.name}\n")
+    elif read_text(sums).split()[:1] != [digest]:
+        raise InputFileError(
+            path, f"has changed since it was fetched ({sums.name}); delete both and fetch it again"
+        )
+    return len(source)

@@ -1,0 +1,188 @@
+"""``slamgym doctor``: what is installed, what works, and the fix for what doesn't."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import os
+import platform
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Literal, NamedTuple
+
+import tyro
+
+from slamgym.core.config import Arguments
+from slamgym.core.errors import SlamgymError
+
+_GIB = 1 << 30
+_LEAST_DISK = _GIB
+_NAME = re.compile(r"[A-Za-z0-9_.-]+")
+_EXTRA = re.compile(r"extra == [\"']([a-z]+)[\"']")
+_FOR_DEVELOPERS = ("dev", "all", "site")
+
+
+class Finding(NamedTuple):
+    """One line of the report."""
+
+    what: str
+    state: Literal["ok", "missing", "broken"]
+    """``missing``: an option that isn't installed; ``broken``: something that every user needs."""
+    found: str
+    fix: str = ""
+
+
+class DoctorArguments(Arguments):
+    """Say what is installed, what works, and the fix for what doesn't.
+
+    The exit status is 1 if something is broken that every command needs; extras may be missing.
+    """
+
+
+def main(argv: list[str]) -> int:
+    """Run the command; returns the exit code."""
+    tyro.cli(DoctorArguments, args=argv, prog="slamgym doctor")
+    states = []
+    for finding in findings():
+        states.append(finding.state)
+        fix = f"\n{'':>9}fix: {finding.fix}" if finding.fix else ""
+        sys.stdout.write(f"{finding.state:<7}  {finding.what}: {finding.found}{fix}\n")
+        sys.stdout.flush()
+    return 1 if "broken" in states else 0
+
+
+def findings() -> Iterator[Finding]:
+    """Everything that is looked at, in the order in which a user needs it."""
+    from slamgym import __version__
+
+    system = f"Python {platform.python_version()}, {platform.system()} {platform.machine()}, {os.cpu_count()} cores"
+    yield Finding("slamgym", "ok", f"{__version__} in {Path(__file__).parents[1]}; {system}")
+    yield from _distributions()
+    yield _try("what comes with the package", _pretrained, "install slamgym again")
+    yield _try("numeric kernels", _kernels, "run slamgym warmup, and see what it says")
+    yield _try("films (ffmpeg)", _films, "pip install --force-reinstall imageio-ffmpeg")
+    yield _disk(Path.cwd())
+    yield _disk(Path(tempfile.gettempdir()))
+    if _version("torch"):
+        yield _try("torch", _torch, "install torch again, see https://pytorch.org/get-started", "missing")
+    if _version("pygame"):
+        yield _display()
+
+
+def _distributions() -> Iterator[Finding]:
+    """The packages of the base installation in one line, and those of each extra."""
+    try:
+        requirements = importlib.metadata.requires("slamgym") or []
+    except importlib.metadata.PackageNotFoundError:
+        yield Finding("packages", "broken", "slamgym is not installed, only on the path", "pip install .")
+        return
+    groups: dict[str, list[str]] = {}
+    for requirement in requirements:
+        extra, name = _EXTRA.search(requirement), _NAME.match(requirement)
+        if name is not None:
+            groups.setdefault(extra[1] if extra else "", []).append(name[0])
+    for extra_name, names in sorted(groups.items()):
+        if extra_name in _FOR_DEVELOPERS:
+            continue
+        found = {name: _version(name) for name in names}
+        missing = [name for name, version in found.items() if not version]
+        shown = ", ".join(f"{name} {version or 'missing'}" for name, version in found.items())
+        what = f"extra {extra_name}" if extra_name else "packages"
+        install = (
+            f"pip install 'slamgym[{extra_name}]'" if extra_name else "pip install --force-reinstall slamgym"
+        )
+        state: Literal["missing", "broken"] = "missing" if extra_name else "broken"
+        yield Finding(what, state if missing else "ok", shown, install if missing else "")
+
+
+def _version(package: str) -> str:
+    """The installed version; empty where there is none."""
+    try:
+        return importlib.metadata.version(package)
+    except importlib.metadata.PackageNotFoundError:
+        return ""
+
+
+def _try(
+    what: str, check: Callable[[], str], fix: str, otherwise: Literal["missing", "broken"] = "broken"
+) -> Finding:
+    """Run a check; whatever a damaged installation raises is the finding."""
+    try:
+        return Finding(what, "ok", check())
+    except (
+        SlamgymError,
+        ImportError,
+        OSError,
+        RuntimeError,
+        ValueError,
+        subprocess.SubprocessError,
+    ) as error:
+        return Finding(what, otherwise, " ".join(str(error).split()) or type(error).__name__, fix)
+
+
+def _pretrained() -> str:
+    from slamgym.core.provenance import current_checksums, read_checksums
+
+    expected, found = read_checksums(), current_checksums()
+    wrong = sorted(name for name in expected if found.get(name) != expected[name])
+    if wrong:
+        raise SlamgymError(f"{len(wrong)} files are missing or changed, such as {wrong[0]}")
+    return f"{len(expected)} files, as their authors left them"
+
+
+def _kernels() -> str:
+    from slamgym.core.jit import is_compiled, kernel_cache
+    from slamgym.sim.raycast import cast_rays
+
+    folder = kernel_cache(cast_rays)
+    folder.mkdir(parents=True, exist_ok=True)
+    with tempfile.NamedTemporaryFile(dir=folder):
+        pass
+    state = "compiled" if is_compiled(cast_rays) else "not compiled yet (slamgym warmup does it)"
+    return f"{state}, kept in {folder}"
+
+
+def _films() -> str:
+    import imageio_ffmpeg
+
+    program = imageio_ffmpeg.get_ffmpeg_exe()
+    shown = subprocess.run(
+        [program, "-version"], capture_output=True, text=True, check=True, timeout=30
+    ).stdout
+    return " ".join(shown.split()[:3])
+
+
+def _disk(folder: Path) -> Finding:
+    """Whether a folder can be written to and has room."""
+    what = f"folder {folder}"
+    if not os.access(folder, os.W_OK):
+        return Finding(
+            what, "broken", "can't be written to", "choose another folder, or TMPDIR for temporary files"
+        )
+    free = shutil.disk_usage(folder).free
+    if free < _LEAST_DISK:
+        return Finding(what, "broken", f"{free / _GIB:.2f} GiB free", "free some space")
+    return Finding(what, "ok", f"{free / _GIB:.0f} GiB free")
+
+
+def _torch() -> str:
+    import torch
+
+    total = float(torch.ones(3).sum())
+    if total != 3.0:
+        raise RuntimeError(f"the sum of three ones is {total}")
+    devices = [torch.cuda.get_device_name(number) for number in range(torch.cuda.device_count())]
+    return f"{torch.__version__}, {', '.join(devices) or 'no GPU'}, {torch.get_num_threads()} threads"
+
+
+def _display() -> Finding:
+    """Whether a window can open."""
+    if sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+        return Finding("display", "missing", "none", "slamgym watch --out exploration.mp4 needs no window")
+    return Finding(
+        "display", "ok", os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY") or sys.platform
+    )
