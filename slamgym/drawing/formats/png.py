@@ -41,12 +41,13 @@ _ECHO: Colour = (232, 89, 12)
 _DIMENSION: Colour = (201, 42, 42)
 
 
-def draw_picture(drawing: Drawing, side_px: int = SIDE_PX) -> ByteArray:
+def draw_picture(drawing: Drawing, side_px: int = SIDE_PX, with_text: bool = True) -> ByteArray:
     """Draw the map with the drawing on top: echoes orange, walls black (seen) or grey (inferred), doors blue.
 
     Args:
         drawing: What to draw.
         side_px: Longer side.
+        with_text: Whether to write sizes, rooms and a footer; a thumbnail has none.
 
     Returns:
         RGB, shape (rows, cols, 3).
@@ -67,6 +68,8 @@ def draw_picture(drawing: Drawing, side_px: int = SIDE_PX) -> ByteArray:
     _draw_echoes(page, drawing, frame)
     for door in drawing.doors:
         _line(page, door.start, door.end, _DOOR, 3, to_page)
+    if not with_text:
+        return page
     for dimension in drawing.dimensions:
         _draw_dimension(page, dimension.start, dimension.end, f"{dimension.length:.2f}", to_page)
     for room in drawing.rooms:

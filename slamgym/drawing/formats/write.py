@@ -30,6 +30,7 @@ def write_drawing(drawing: Drawing, stem: Path | str, formats: Sequence[str]) ->
         "png": _write_png,
         "dxf": _write_dxf,
         "ifc": _write_ifc,
+        "html": _write_html,
     }
     unknown = [name for name in formats if name not in writers]
     if unknown:
@@ -77,3 +78,9 @@ def _write_ifc(path: Path, drawing: Drawing) -> None:
     from slamgym.drawing.formats.ifc import write_ifc
 
     write_ifc(path, drawing)
+
+
+def _write_html(path: Path, drawing: Drawing) -> None:
+    from slamgym.drawing.report.page import format_html
+
+    write_text(path, format_html(drawing))
