@@ -24,8 +24,8 @@ if TYPE_CHECKING:
     from slamgym.drawing import Drawing, FloorModel
 
 BUILDING_MODELS = Extra("ifc", ("ifcopenshell",))
-VALETUDO_CLASS, VALETUDO_WITHIN = b"ValetudoMap", 1 << 16
-"""Names itself so, within its first bytes."""
+VALETUDO_KEY, VALETUDO_WITHIN = b'"pixelSize"', 1 << 16
+"""Of its maps, within their first bytes."""
 
 
 class CadArguments(Arguments):
@@ -143,7 +143,7 @@ def _may_be_map(path: Path) -> bool:
     suffix = path.suffix.lower()
     if suffix == ".json":
         with path.open("rb") as file:
-            return VALETUDO_CLASS in file.read(VALETUDO_WITHIN)
+            return VALETUDO_KEY in file.read(VALETUDO_WITHIN)
     return suffix in PICTURE_SUFFIXES
 
 

@@ -120,6 +120,7 @@ def readable_angle(start: DrawnPoint, end: DrawnPoint) -> float:
 
 
 def svg_path(shape: Polygon | MultiPolygon, place: Placed, kind: str, title: str = "") -> str:
+    """Outline and holes of a shape as one path of a class, with a title that shows where the pointer rests."""
     rings = [
         ring
         for part in shapely.get_parts(shape)

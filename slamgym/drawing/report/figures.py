@@ -1,6 +1,6 @@
 """The figures of a report as SVG within the page, each to a round scale on paper.
 
-User units are millimetres of the building, as in :mod:`slamgym.drawing.formats.svg`; text and lines have a size on paper.
+User units are millimetres of the building, as in :mod:`slamgym.drawing.formats.svg`; text has a size on paper.
 """
 
 from collections.abc import Iterator, Sequence
@@ -18,12 +18,32 @@ from slamgym.viz.pages import inline_picture
 
 Paper = tuple[float, float]
 """Width and height that a figure may take of a page [mm]."""
-PAGE: Paper = (180.0, 200.0)
+BESIDE_TEXT: Paper = (180.0, 160.0)
 LEFT_HALF, UPPER_HALF = (88.0, 190.0), (180.0, 92.0)
-"""Of A4, of two figures beside or below each other."""
+"""Of A4: below some text, and of two figures beside or below each other."""
 PLACES = (0.25, 0.75, 0.5, 0.14, 0.86)
 """Along a dimension line, where its length may stand; where most room is, the first first."""
-SCALES = (20, 50, 100, 150, 200, 250, 300, 400, 500, 750, 1000, 1500, 2000, 5000, 10_000, 50_000)
+SCALES = (
+    20,
+    50,
+    75,
+    100,
+    125,
+    150,
+    200,
+    250,
+    300,
+    400,
+    500,
+    600,
+    750,
+    1000,
+    1500,
+    2000,
+    5000,
+    10_000,
+    50_000,
+)
 """Drawn 1 to one of these."""
 LETTERS = 2.4
 """Height of letters on paper [mm]."""
@@ -36,7 +56,8 @@ SURE = 0.7
 
 FIGURE_STYLE = """
 figure { margin: .5rem 0; break-inside: avoid } figcaption { color: #495057; font-size: .9em; max-width: 60rem }
-figure svg { display: block; width: 100%; height: auto; max-height: 92vh; background: #f1f3f5; border: 1px solid #dee2e6 }
+figure svg { display: block; width: 100%; height: auto; max-height: 92vh; background: #f1f3f5 }
+figure svg { border: 1px solid #dee2e6 }
 @media print { figure svg { width: var(--paper); max-height: none } }
 .floor { fill: #fff } .floor-inferred { fill: #ffd8a8 } .unexplored { fill: #e9d8fd; stroke: #9775fa }
 .wall { fill: #2b2f36 } .wall.INFERRED { fill: #fd7e14 } .wall.unsure { fill: #adb5bd; stroke: #2b2f36 }
@@ -60,7 +81,7 @@ class Sheet(NamedTuple):
     scale: int  # on paper it is drawn 1 to this
 
     @classmethod
-    def of(cls, bounds: tuple[float, float, float, float], paper: Paper = PAGE) -> "Sheet":
+    def of(cls, bounds: tuple[float, float, float, float], paper: Paper = BESIDE_TEXT) -> "Sheet":
         """A sheet for (min x, min y, max x, max y) [m] with a margin, and a strip for the scale bar."""
         min_x, min_y, max_x, max_y = bounds
         width, height = max_x - min_x + 2 * MARGIN, max_y - min_y + 2 * MARGIN
@@ -125,10 +146,8 @@ def map_image(drawing: Drawing, sheet: Sheet) -> str:
 
 def input_and_overlay(drawing: Drawing) -> tuple[str, str]:
     """The map as it came, cut to what is known; and the drawing over it, by what was seen and what is inferred."""
-    boxes = np.array([drawing.grid.frame.bounds, drawing.bounds])
-    (min_x, min_y), (max_x, max_y) = boxes[:, :2].min(axis=0), boxes[:, 2:].max(axis=0)
-    paper = LEFT_HALF if max_y - min_y > max_x - min_x else UPPER_HALF
-    sheet = Sheet.of((float(min_x), float(min_y), float(max_x), float(max_y)), paper)
+    bounds = _box(drawing.grid.frame.bounds, drawing.bounds)
+    sheet = Sheet.of(bounds, LEFT_HALF if is_tall(drawing) else UPPER_HALF)
     ground = map_image(drawing, sheet)
     words = "the drawing over its map, seen and inferred"
     return sheet.svg([ground], f"the map {drawing.name}"), sheet.svg(
@@ -136,9 +155,15 @@ def input_and_overlay(drawing: Drawing) -> tuple[str, str]:
     )
 
 
+def is_tall(drawing: Drawing) -> bool:
+    """Whether map and drawing stand beside each other."""
+    return drawing.grid.frame.height_px > drawing.grid.frame.width_px
+
+
 def dimensioned_figure(drawing: Drawing) -> str:
     """Rooms, walls, doors and dimension lines."""
-    sheet = Sheet.of(drawing.bounds)
+    ends = np.array([end for line in drawing.dimensions for end in (line.start, line.end)]).reshape(-1, 2)
+    sheet = Sheet.of(_box(drawing.bounds, (*ends.min(axis=0), *ends.max(axis=0))))
     middles = [_middle(room) for room in drawing.rooms]
     parts = [*_shapes(drawing, sheet)]
     labels = [at for at, _ in middles]
@@ -204,7 +229,8 @@ def _dimension(dimension: Dimension, sheet: Sheet, labels: list[DrawnPoint]) -> 
     strokes = [(start, end), (start - slant, start + slant), (end - slant, end + slant)]
     data = " ".join(f"M{sheet.place(_point(a))} L{sheet.place(_point(b))}" for a, b in strokes)
     yield f'<path class="dimension" stroke-width="{0.08 * sheet.letters:.0f}" d="{data}"/>'
-    places = [start + share * (end - start) for share in PLACES]
+    shares = sorted(PLACES, key=lambda share: abs(share - 0.5)) if dimension.of == "building" else PLACES
+    places = [start + share * (end - start) for share in shares]
     others = np.array(labels).reshape(-1, 2)
     clear = [float(np.hypot(*(others - place).T).min(initial=np.inf)) for place in places]
     enough = 3.0e-3 * sheet.letters
@@ -228,6 +254,13 @@ def _room_label(room: DrawnRoom, at: DrawnPoint, across: float, sheet: Sheet) ->
         yield sheet.text((at[0], at[1] - 0.5 * line), area, "halo")
     else:
         yield sheet.text(at, room.id, "halo", 1.0 if sheet.fits(room.id, across) else 0.7)
+
+
+def _box(first: tuple[float, ...], second: tuple[float, ...]) -> tuple[float, float, float, float]:
+    """What holds two boxes (min x, min y, max x, max y)."""
+    low = np.minimum(first[:2], second[:2]).tolist()
+    high = np.maximum(first[2:], second[2:]).tolist()
+    return low[0], low[1], high[0], high[1]
 
 
 def _between(start: DrawnPoint, end: DrawnPoint) -> DrawnPoint:

@@ -7,13 +7,17 @@ from typing import NamedTuple
 from urllib.parse import quote
 
 from slamgym.drawing.drawing import Drawing
-from slamgym.drawing.formats.png import draw_picture
+from slamgym.drawing.formats.png import Look, draw_picture
 from slamgym.drawing.report.page import REPORT_STYLE, checks, figures_part, key_figures
 from slamgym.viz.pages import bullets, inline_picture, make_page, paragraph
 
 GALLERY = Path("index.html")
 """Of a folder of drawings."""
 THUMBNAIL_PX = 320
+_THUMBNAIL = Look((253, 126, 20), (255, 216, 168), (233, 216, 253), is_thumbnail=True)
+_LEGEND = (
+    "Orange: inferred walls and floor, which nobody has seen; violet: inside, but unexplored; blue: doors."
+)
 _STYLE = """
 .cards { display: grid; grid-template-columns: repeat(auto-fill, minmax(19rem, 1fr)); gap: 1.2rem }
 .card { border: 1px solid #dee2e6; border-top: 4px solid #40c057; padding: .6rem .9rem; break-inside: avoid }
@@ -36,7 +40,7 @@ class GalleryCard(NamedTuple):
     @classmethod
     def of(cls, drawing: Drawing) -> "GalleryCard":
         """The card of a drawing, which isn't kept."""
-        picture = draw_picture(drawing, THUMBNAIL_PX, with_text=False)
+        picture = draw_picture(drawing, THUMBNAIL_PX, _THUMBNAIL)
         return cls(drawing.name, checks(drawing), key_figures(drawing), inline_picture(picture))
 
 
@@ -54,7 +58,7 @@ def format_gallery(title: str, cards: Sequence[GalleryCard], failures: Sequence[
         f"<h1>{escape(title)}</h1>",
         paragraph(
             f"{len(cards)} maps drawn, {doubtful} of them with something to check, {len(failures)} refused. "
-            "The maps with most to check come first."
+            f"The maps with most to check come first. {_LEGEND}"
         ),
         f"<h2>Refused</h2>{bullets(failures)}" if failures else "",
         '<div class="cards">',

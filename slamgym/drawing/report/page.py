@@ -10,6 +10,7 @@ from slamgym.drawing.report.figures import (
     SURE,
     dimensioned_figure,
     input_and_overlay,
+    is_tall,
     numbered_figure,
 )
 from slamgym.viz.pages import bullets, figure, make_page, make_table, paragraph
@@ -22,7 +23,8 @@ BADLY_SEEN = 0.5
 
 REPORT_STYLE = """
 h1 { margin-bottom: .2rem } .lead { margin-top: 0; font-size: 1.1em }
-.doubts { background: #fff4e6; border-left: 5px solid #fd7e14; padding: .4rem 1rem; margin: 1rem 0; break-inside: avoid }
+.doubts { background: #fff4e6; border-left: 5px solid #fd7e14; padding: .4rem 1rem; margin: 1rem 0 }
+.doubts { break-inside: avoid } td { white-space: nowrap } td:last-child { white-space: normal }
 .doubts.none { background: #ebfbee; border-color: #40c057 } .doubts ul { margin: .3rem 0; padding-left: 1.2rem }
 .figures { display: flex; flex-wrap: wrap; gap: .5rem 2.2rem; margin: 1rem 0; padding: 0; list-style: none }
 .figures b { display: block; font-size: 1.5em } .legend { list-style: none; padding: 0; display: flex; flex-wrap: wrap }
@@ -31,7 +33,8 @@ border: 1px solid #868e96 } .key.line { height: 0; border: 0; border-top: 3px so
 .columns { display: flex; flex-wrap: wrap; gap: 0 2.5rem; align-items: flex-start } .columns table { margin-top: 0 }
 .INFERRED td:first-child { border-left: 4px solid #fd7e14 } code { overflow-wrap: anywhere }
 .pair { display: flex; gap: 1rem } .pair figure { flex: 1 }
-@media print { .sheet { break-before: page } .columns { gap: 0 1.5rem } .columns th, .columns td { padding: .1rem .4rem } }
+@media print { .sheet { break-before: page } .columns { gap: 0 1.5rem } }
+@media print { .columns th, .columns td { padding: .1rem .4rem } }
 """
 
 
@@ -42,7 +45,7 @@ def format_html(drawing: Drawing) -> str:
         f'<p class="lead">{_lead(drawing)}</p>',
         doubts_part(checks(drawing)),
         figures_part(key_figures(drawing)),
-        figure(dimensioned_figure(drawing), _DIMENSIONS),
+        figure(dimensioned_figure(drawing), _DIMENSIONS) if drawing.dimensions else "",
         '<h2 class="sheet">The map, what was seen and what is inferred</h2>',
         *_evidence_part(drawing),
         "<h2>Rooms</h2>",
@@ -122,7 +125,8 @@ def provenance_part(provenance: dict[str, Any]) -> Iterator[str]:
     """The command, the version and the settings."""
     if "command" in provenance:
         yield f"<p>This page was made by</p><pre><code>{escape(str(provenance['command']))}</code></pre>"
-    yield paragraph(f"slamgym {provenance.get('slamgym', '')}, model {provenance.get('model', 'none')}.")
+    model = f", model {provenance['model']}" if "model" in provenance else ""
+    yield paragraph(f"slamgym {provenance.get('slamgym', '')}{model}.")
     settings = provenance.get("settings", {})
     if settings:
         rows = [(name, ", ".join(map(str, value)) if isinstance(value, list | tuple) else str(value))
@@ -157,8 +161,7 @@ def _map_words(drawing: Drawing) -> str:
 def _evidence_part(drawing: Drawing) -> Iterator[str]:
     shown, drawn = input_and_overlay(drawing)
     pair = [figure(shown, _map_words(drawing)), figure(drawn, "The drawing over that map.")]
-    is_tall = drawing.grid.frame.height_px > drawing.grid.frame.width_px
-    yield f'<div class="{"pair" if is_tall else ""}">{"".join(pair)}</div>'
+    yield f'<div class="{"pair" if is_tall(drawing) else ""}">{"".join(pair)}</div>'
     yield (
         '<ul class="legend"><li><span class="key" style="background:#2b2f36"></span>wall, seen</li>'
         '<li><span class="key" style="background:#fd7e14"></span>wall, inferred</li>'
@@ -204,8 +207,8 @@ def _rooms_part(drawing: Drawing) -> Iterator[str]:
     rows = [_room_row(room, drawing) for room in rooms]
     table = make_table(["room", "area", "width", "depth", "seen", "doors"], rows, [r.layer for r in rooms])
     yield paragraph(
-        "Width and depth are the clear lengths of the dimension lines through the middle of the room; rooms have corners "
-        "and niches beside them. An orange edge marks rooms of which less than half was seen."
+        "Width and depth are the clear lengths of the dimension lines through the middle of the room; corners and "
+        "niches lie beside them. An orange edge marks rooms of which less than half was seen."
     )
     yield table
     yield from _left_out(len(drawing.rooms), LISTED_ROOMS, "rooms")
