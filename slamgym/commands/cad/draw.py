@@ -39,7 +39,7 @@ class CadArguments(Arguments):
     out: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
     """Folder of the drawings; made if it is missing."""
     formats: str = "dxf,svg,geojson,json,png,html"
-    """Any of dxf, svg, ifc, geojson, json, png, html (the report), with commas between."""
+    """Any of dxf, svg, ifc, geojson, json, png, html (the report), yaml (a ROS map of the drawing)."""
     model: str = "slam2cad"
     """``slam2cad`` or other weights; ``none`` cleans the map without a network (needs no torch)."""
     angle: Annotated[float, Within(ge=-360.0, le=360.0)] | None = None
@@ -156,7 +156,8 @@ def _draw(path: Path, job: _Job) -> Drawing:
     begun = time.process_time()
     robot_map = read_map(path, arguments.resolution)
     stem = arguments.out / path.stem
-    _spare_input(path, [stem.with_name(f"{stem.name}.{name}") for name in job.formats])
+    suffixes = [*job.formats, "pgm"] if "yaml" in job.formats else job.formats
+    _spare_input(path, [stem.with_name(f"{stem.name}.{suffix}") for suffix in suffixes])
     provenance = {"source": str(path), "model": arguments.model, "command": job.command}
     drawing = make_drawing(
         robot_map.grid, path.stem, job.model, angle_deg=arguments.angle, provenance=provenance

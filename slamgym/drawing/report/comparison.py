@@ -43,9 +43,7 @@ def format_comparison(
         *_changes_part(found),
         *_rooms_part(found),
         "<h2>How it was made</h2>",
-        *provenance_part(
-            {"command": command, "slamgym": slamgym.__version__, "settings": to_dict(config)}
-        ),
+        *provenance_part({"command": command, "slamgym": slamgym.__version__, "settings": to_dict(config)}),
     ]
     return make_page(f"{found.map} against {found.plan}", parts, FIGURE_STYLE + REPORT_STYLE)
 
