@@ -67,6 +67,7 @@ ALLOWED = {
     ("gan", "viz"): "translations are shown",
     ("drawing", "cad"): "a drawing is a floor plan, too; maps are compared with floor plans",
     ("drawing", "gan"): "cleaning or a translator finds the floor, and the walls' direction",
+    ("drawing", "interop"): "a drawing is a ROS map, too",
     ("drawing", "metrics"): "rooms are parts that only a doorway joins",
     ("drawing", "viz"): "drawings and comparisons are shown over their maps",
 }

@@ -1,6 +1,7 @@
 from .comparison import ComparisonConfig, PlanComparison, compare_with_plan
 from .drawing import Dimension, Drawing, DrawnDoor, DrawnRoom, DrawnWall, DrawnWindow
 from .floor import CleanedFloor, FloorModel, load_floor_model
+from .formats.ros_map import drawing_map
 from .formats.write import write_drawing
 from .settings import DrawingConfig
 from .vectorise import make_drawing
@@ -18,6 +19,7 @@ __all__ = [
     "FloorModel",
     "PlanComparison",
     "compare_with_plan",
+    "drawing_map",
     "load_floor_model",
     "make_drawing",
     "write_drawing",

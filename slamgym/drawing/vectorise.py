@@ -91,10 +91,10 @@ def make_drawing(
     doors = _doors(division, rooms, walls, evidence)
     inferred = tuple(cell_polygons(unseen_floor(floor, grid), grid.frame, config.min_inferred))
     kept = {
-        **(provenance or {}),
         "model": model if isinstance(model, str) else type(model).__name__,
         "settings": to_dict(config),
         "slamgym": slamgym.__version__,
+        **(provenance or {}),
     }
     drawing = Drawing(
         name=name,

@@ -226,6 +226,10 @@ def _text(path: Path, description: dict[str, Any], key: str) -> str:
 
 def _number(path: Path, description: dict[str, Any], key: str, default: float | None = None) -> float:
     value: Any = description.get(key, default)
+    if value is None:
+        raise InputFileError(
+            path, f"has no {key!r}; a map's yaml needs the keys image, resolution and origin"
+        )
     try:
         number = float(value)
     except (TypeError, ValueError, OverflowError):

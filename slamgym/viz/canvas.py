@@ -80,7 +80,7 @@ def draw_scale_bar(
         The column where the text ends.
     """
     left, bottom = place
-    length = _round_length(metres_per_px * most_px)
+    length = round_length(metres_per_px * most_px)
     width = round(length / metres_per_px)
     label = f"{length:g} m"
     right = left + width + 8 + text_width(label, 0.45)
@@ -94,7 +94,7 @@ def draw_scale_bar(
     return right
 
 
-def _round_length(metres: float) -> float:
+def round_length(metres: float) -> float:
     """The largest of 1, 2, 5 times a power of ten that is not above."""
     power = 10.0 ** math.floor(math.log10(max(metres, 1e-6)))
     return max(step * power for step in (1.0, 2.0, 5.0) if step * power <= metres * (1 + 1e-9))

@@ -13,7 +13,7 @@ from slamgym.commands.cli import main
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN
 from slamgym.interop import write_ros_map
 
-FILES = ("comparison.csv", "comparison.json", "comparison.png")
+FILES = ("comparison.csv", "comparison.html", "comparison.json", "comparison.png")
 
 
 @pytest.fixture
@@ -52,6 +52,11 @@ def test_a_moved_wall_is_reported(files, capsys, plan):
     assert all(abs(float(row["offset_cm"])) == pytest.approx(30, abs=3) for row in moved)
     picture = cv2.imread(str(out / "comparison.png"))
     assert picture.shape[0] > 500
+    page = (out / "comparison.html").read_text()
+    assert "<script" not in page
+    assert "://" not in page
+    assert all(row["what"] in page for row in rows)
+    assert f"slamgym cad compare {files / plan}" in page
 
 
 def test_another_building_gives_another_exit_code(files, capsys):
@@ -67,6 +72,9 @@ def test_another_building_gives_another_exit_code(files, capsys):
     assert "different buildings" in capsys.readouterr().err
     document = json.loads((out / "comparison.json").read_text())
     assert (document["confident"], document["changes"]) == (False, [])
+    page = (out / "comparison.html").read_text()
+    assert "NOT THE SAME BUILDING" in page
+    assert "as planned" not in page.split("</style>")[1].split('<ul class="legend">')[0]
 
 
 @pytest.mark.parametrize(

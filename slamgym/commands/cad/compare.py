@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import sys
 from dataclasses import field
 from pathlib import Path
@@ -11,6 +12,7 @@ import tyro
 
 from slamgym.core.config import Arguments, Positive, suggest
 from slamgym.core.errors import ConfigError, InputFileError
+from slamgym.core.files import write_text
 from slamgym.drawing.comparison.config import ComparisonConfig
 
 if TYPE_CHECKING:
@@ -33,7 +35,7 @@ class CompareArguments(Arguments):
     map: tyro.conf.Positional[Path]
     """The map: a ROS yaml or its folder, Valetudo's JSON or PNG, or a picture (--resolution)."""
     out: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
-    """Folder for comparison.json, comparison.csv and comparison.png."""
+    """Folder for comparison.html, comparison.json, comparison.csv and comparison.png."""
     resolution: Positive | None = None
     """Metres of a pixel of a map that doesn't say it."""
     storey: str | None = None
@@ -57,6 +59,7 @@ def main(argv: list[str]) -> int:
     from slamgym.drawing.comparison.compare import compare_with_plan
     from slamgym.drawing.comparison.picture import draw_comparison
     from slamgym.drawing.comparison.records import write_comparison
+    from slamgym.drawing.report.comparison import format_comparison
     from slamgym.interop.map_files import read_map
     from slamgym.viz.canvas import write_picture
 
@@ -67,6 +70,9 @@ def main(argv: list[str]) -> int:
     notes = (*doubts, *robot_map.doubts)
     found = compare_with_plan(plan, robot_map.grid, arguments.config, str(arguments.map), notes)
     write_picture(arguments.out / "comparison.png", draw_comparison(found, plan, robot_map.grid))
+    command = shlex.join(["slamgym", "cad", "compare", *argv])
+    page = format_comparison(found, plan, robot_map.grid, config, command)
+    write_text(arguments.out / "comparison.html", page)
     write_comparison(arguments.out, found)
     _report(found, arguments.out)
     return 0 if found.is_confident else EXIT_DIFFERENT
@@ -121,4 +127,4 @@ def _report(found: PlanComparison, folder: Path) -> None:
                 f"{change.kind.replace('_', ' '):16} {f'{x:.1f}, {y:.1f}':>14} {change.length:8.2f} {by:>6} {error:>4} "
                 f"{raw:>10}  {note}\n"
             )
-    sys.stdout.write(f"{folder / 'comparison.png'}\n")
+    sys.stdout.write(f"{folder / 'comparison.html'}\n")

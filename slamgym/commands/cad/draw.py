@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import dataclasses
+import shlex
 import sys
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import tyro
 
 from slamgym.commands.extras import TRANSLATING, Extra, require
 from slamgym.core.config import Arguments, Positive, Within
-from slamgym.core.documents import YAML_SUFFIXES
+from slamgym.core.documents import YAML_SUFFIXES, parse_yaml
 from slamgym.core.errors import ConfigError, InputFileError, SlamgymError
+from slamgym.core.files import read_text, write_text
+from slamgym.core.limits import YAML_BYTES
 from slamgym.core.pictures import PICTURE_SUFFIXES
 from slamgym.core.progress import say
 
@@ -21,6 +24,8 @@ if TYPE_CHECKING:
     from slamgym.drawing import Drawing, FloorModel
 
 BUILDING_MODELS = Extra("ifc", ("ifcopenshell",))
+VALETUDO_KEY, VALETUDO_WITHIN = b'"pixelSize"', 1 << 16
+"""Of its maps, within their first bytes."""
 
 
 class CadArguments(Arguments):
@@ -33,8 +38,8 @@ class CadArguments(Arguments):
     """A ROS map's .yaml, Valetudo's .json or .png, a picture of a map (with --resolution), or a folder of those."""
     out: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
     """Folder of the drawings; made if it is missing."""
-    formats: str = "dxf,svg,geojson,json,png"
-    """Any of dxf, svg, ifc, geojson, json, png, with commas between."""
+    formats: str = "dxf,svg,geojson,json,png,html"
+    """Any of dxf, svg, ifc, geojson, json, png, html (the report), yaml (a ROS map of the drawing)."""
     model: str = "slam2cad"
     """``slam2cad`` or other weights; ``none`` cleans the map without a network (needs no torch)."""
     angle: Annotated[float, Within(ge=-360.0, le=360.0)] | None = None
@@ -64,22 +69,47 @@ def main(argv: list[str]) -> int:
         )
     from slamgym.drawing import load_floor_model
 
-    maps = _maps_in(arguments.map) if arguments.map.is_dir() else [arguments.map]
-    model = load_floor_model(arguments.model)
-    if not arguments.map.is_dir():
-        _draw(maps[0], arguments, formats, model)
-        return 0
-    failed = 0
+    job = _Job(arguments, formats, load_floor_model(arguments.model), shlex.join(["slamgym", "cad", *argv]))
+    if arguments.map.is_dir():
+        return _draw_folder(_maps_in(arguments.map), job)
+    _draw(arguments.map, job)
+    return 0
+
+
+class _Job(NamedTuple):
+    """What is done with every map."""
+
+    arguments: CadArguments
+    formats: list[str]
+    model: FloorModel
+    command: str
+
+
+def _draw_folder(maps: list[Path], job: _Job) -> int:
+    """Draw what can be drawn, and a gallery of it; returns the exit code."""
+    from slamgym.drawing.report.gallery import GALLERY, GalleryCard, format_gallery
+
+    arguments, with_gallery = job.arguments, "html" in job.formats
+    cards, failures, drawn = [], [], 0
     for path in maps:
         try:
-            _draw(path, arguments, formats, model)
+            if with_gallery and path.stem == GALLERY.stem:
+                raise InputFileError(path, f"is called like the gallery, {GALLERY}; rename it")
+            drawing = _draw(path, job)
         except SlamgymError as error:
-            failed += 1
+            failures.append(str(error))
             say(f"skipped {error}")
-    if failed == len(maps):
+            continue
+        drawn += 1
+        if with_gallery:
+            cards.append(GalleryCard.of(drawing))
+    if not drawn:
         raise InputFileError(arguments.map, "holds nothing that could be drawn; see the lines above")
-    sys.stdout.write(f"{len(maps) - failed} of {len(maps)} maps drawn in {arguments.out}\n")
-    return 1 if failed else 0
+    if with_gallery:
+        page = format_gallery(arguments.map.resolve().name, cards, failures, job.command)
+        write_text(arguments.out / GALLERY, page)
+    sys.stdout.write(f"{drawn} of {len(maps)} maps drawn in {arguments.out}\n")
+    return 1 if failures else 0
 
 
 def _formats(text: str) -> list[str]:
@@ -95,32 +125,59 @@ def _formats(text: str) -> list[str]:
 
 
 def _maps_in(folder: Path) -> list[Path]:
-    """ROS maps, and pictures that belong to none."""
+    """ROS maps, and pictures and vacuums' maps that belong to none."""
     files = [path for path in sorted(folder.iterdir()) if path.is_file() and not path.name.startswith(".")]
     maps = [path for path in files if path.suffix.lower() in YAML_SUFFIXES]
     belonging = {path.stem for path in maps}
-    maps += [path for path in files if path.suffix.lower() in PICTURE_SUFFIXES and path.stem not in belonging]
+    maps += [path for path in files if path.stem not in belonging and _may_be_map(path)]
     if not maps:
         raise InputFileError(
-            folder, f"holds no ROS maps ({', '.join(YAML_SUFFIXES)}) and no pictures of maps"
+            folder,
+            f"holds no ROS maps ({', '.join(YAML_SUFFIXES)}), no maps of Valetudo and no pictures of maps",
         )
     return maps
 
 
-def _draw(path: Path, arguments: CadArguments, formats: list[str], model: FloorModel) -> None:
+def _may_be_map(path: Path) -> bool:
+    """Whether a file without a yaml is a picture or a Valetudo map; folders hold other JSON, too."""
+    suffix = path.suffix.lower()
+    if suffix == ".json":
+        with path.open("rb") as file:
+            return VALETUDO_KEY in file.read(VALETUDO_WITHIN)
+    return suffix in PICTURE_SUFFIXES
+
+
+def _draw(path: Path, job: _Job) -> Drawing:
     """Draw one map and say what came of it."""
     from slamgym.drawing import make_drawing, write_drawing
     from slamgym.interop.map_files import read_map
 
+    arguments = job.arguments
     begun = time.process_time()
     robot_map = read_map(path, arguments.resolution)
-    provenance = {"source": str(path), "model": arguments.model}
-    drawing = make_drawing(robot_map.grid, path.stem, model, angle_deg=arguments.angle, provenance=provenance)
+    stem = arguments.out / path.stem
+    suffixes = [*job.formats, "pgm"] if "yaml" in job.formats else job.formats
+    _spare_input(path, [stem.with_name(f"{stem.name}.{suffix}") for suffix in suffixes])
+    provenance = {"source": str(path), "model": arguments.model, "command": job.command}
+    drawing = make_drawing(
+        robot_map.grid, path.stem, job.model, angle_deg=arguments.angle, provenance=provenance
+    )
     drawing = dataclasses.replace(drawing, doubts=(*robot_map.doubts, *drawing.doubts))
-    files = write_drawing(drawing, arguments.out / path.stem, formats)
+    files = write_drawing(drawing, stem, job.formats)
     sys.stdout.write(f"{_summary(drawing)}, {time.process_time() - begun:.1f} CPU s: {files[0].parent}\n")
     for doubt in drawing.doubts:
         say(f"{path}: {doubt}")
+    return drawing
+
+
+def _spare_input(path: Path, targets: list[Path]) -> None:
+    """Refuse to write over the map, or over the picture that its yaml names."""
+    sources = [path]
+    if path.suffix.lower() in YAML_SUFFIXES:
+        sources.append(path.parent / str(parse_yaml(read_text(path, YAML_BYTES), path)["image"]))
+    for target in targets:
+        if target.exists() and any(source.exists() and target.samefile(source) for source in sources):
+            raise InputFileError(target, "is the map itself and would be written over; name another --out")
 
 
 def _summary(drawing: Drawing) -> str:

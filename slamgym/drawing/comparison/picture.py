@@ -49,6 +49,23 @@ def draw_comparison(comparison: PlanComparison, plan: FloorPlan, grid: Occupancy
     Returns:
         RGB, shape (rows, cols, 3).
     """
+    picture = draw_changes(comparison, plan, grid)
+    width = max(picture.shape[1], 900)
+    parts = [
+        _heading(comparison, width),
+        _padded(picture, width),
+        _legend(comparison, width),
+        _table(comparison, width),
+    ]
+    return np.vstack(parts)
+
+
+def draw_changes(comparison: PlanComparison, plan: FloorPlan, grid: OccupancyGrid) -> ByteArray:
+    """Draw the map and the plan's walls by what has become of them, without heading, legend and table.
+
+    Returns:
+        RGB, shape (rows, cols, 3).
+    """
     min_x, min_y, max_x, max_y = plan.bounds
     size = max(max_x - min_x, max_y - min_y) + 2.0 * MARGIN
     frame = GridFrame.covering(plan.bounds, size / SIZE, MARGIN)
@@ -66,14 +83,7 @@ def draw_comparison(comparison: PlanComparison, plan: FloorPlan, grid: Occupancy
     draw_scale_bar(
         picture, (24, picture.shape[0] - 24), frame.resolution, 0.2 * picture.shape[1], backed=True
     )
-    width = max(picture.shape[1], 900)
-    parts = [
-        _heading(comparison, width),
-        _padded(picture, width),
-        _legend(comparison, width),
-        _table(comparison, width),
-    ]
-    return np.vstack(parts)
+    return picture
 
 
 def _map_picture(comparison: PlanComparison, grid: OccupancyGrid, frame: GridFrame) -> ByteArray:
@@ -130,11 +140,7 @@ def verdict(comparison: PlanComparison) -> str:
 
 def _heading(comparison: PlanComparison, width: int) -> ByteArray:
     strip = blank((HEADING + LEGEND_ROW * len(comparison.doubts), width))
-    found = comparison.registration
-    verdict = (
-        f"{len(comparison.changes)} changes" if comparison.is_confident else "NOT THE SAME BUILDING, it seems"
-    )
-    text = f"{verdict}; {found.explained:.0%} of the plan's walls in view are there"
+    text = f"{verdict(comparison)}; {comparison.registration.explained:.0%} of the plan's walls in view are there"
     draw_text(strip, text, 12, 30, fitting_size(text, 0.7, width - 24))
     for row, doubt in enumerate(comparison.doubts):
         draw_text(
@@ -148,13 +154,18 @@ def _heading(comparison: PlanComparison, width: int) -> ByteArray:
     return strip
 
 
-def _legend(comparison: PlanComparison, width: int) -> ByteArray:
+def legend_entries(comparison: PlanComparison) -> list[tuple[Colour, str]]:
+    """Colours that the picture uses, and what they mean."""
     kinds = {"door_moved" if change.kind == "door_width" else change.kind for change in comparison.changes}
-    entries = [
+    return [
         (PRESENT, "wall as planned"),
         (NOT_SEEN, "not seen"),
         *(COLOURS[kind] for kind in COLOURS if kind in kinds),
     ]
+
+
+def _legend(comparison: PlanComparison, width: int) -> ByteArray:
+    entries = legend_entries(comparison)
     columns = max(1, width // 450)
     strip = blank((LEGEND_ROW * -(-len(entries) // columns) + 14, width))
     for number, (colour, text) in enumerate(entries):

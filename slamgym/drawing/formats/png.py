@@ -1,6 +1,7 @@
 """A picture of the drawing over the map that it was made from."""
 
 from collections.abc import Callable, Iterable
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -33,20 +34,31 @@ CAPTION_PX = 64
 _FREE_TINT: Colour = (255, 255, 255)
 _UNKNOWN_TINT: Colour = (226, 229, 233)
 _SEEN_WALL: Colour = (33, 37, 41)
-_INFERRED_WALL: Colour = (150, 162, 178)
-_INFERRED_FLOOR: Colour = (203, 218, 240)
-_UNEXPLORED: Colour = (250, 232, 184)
 _DOOR: Colour = (25, 113, 194)
 _ECHO: Colour = (232, 89, 12)
 _DIMENSION: Colour = (201, 42, 42)
 
 
-def draw_picture(drawing: Drawing, side_px: int = SIDE_PX) -> ByteArray:
+class Look(NamedTuple):
+    """What a picture shows, and how."""
+
+    inferred_wall: Colour = (150, 162, 178)
+    inferred_floor: Colour = (203, 218, 240)
+    unexplored: Colour = (250, 232, 184)
+    is_thumbnail: bool = False
+    """Without echoes, sizes, names and footer."""
+
+
+DEFAULT_LOOK = Look()
+
+
+def draw_picture(drawing: Drawing, side_px: int = SIDE_PX, look: Look = DEFAULT_LOOK) -> ByteArray:
     """Draw the map with the drawing on top: echoes orange, walls black (seen) or grey (inferred), doors blue.
 
     Args:
         drawing: What to draw.
         side_px: Longer side.
+        look: Colours, and whether it is a thumbnail.
 
     Returns:
         RGB, shape (rows, cols, 3).
@@ -59,14 +71,17 @@ def draw_picture(drawing: Drawing, side_px: int = SIDE_PX) -> ByteArray:
     def to_page(points: FloatArray) -> np.ndarray:
         return fixed_point(frame_pixels(points, frame, 1.0) - 0.5)
 
-    _fill(page, drawing.unexplored, _UNEXPLORED, to_page)
+    _fill(page, drawing.unexplored, look.unexplored, to_page)
     _fill(page, drawing.floor.geoms, _FREE_TINT, to_page)
-    _fill(page, drawing.inferred_floor, _INFERRED_FLOOR, to_page)
+    _fill(page, drawing.inferred_floor, look.inferred_floor, to_page)
     for wall in drawing.walls:
-        _fill(page, [wall.polygon], _SEEN_WALL if wall.layer == "SEEN" else _INFERRED_WALL, to_page)
-    _draw_echoes(page, drawing, frame)
+        _fill(page, [wall.polygon], _SEEN_WALL if wall.layer == "SEEN" else look.inferred_wall, to_page)
+    if not look.is_thumbnail:
+        _draw_echoes(page, drawing, frame)
     for door in drawing.doors:
         _line(page, door.start, door.end, _DOOR, 3, to_page)
+    if look.is_thumbnail:
+        return page
     for dimension in drawing.dimensions:
         _draw_dimension(page, dimension.start, dimension.end, f"{dimension.length:.2f}", to_page)
     for room in drawing.rooms:

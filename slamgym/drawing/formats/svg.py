@@ -61,17 +61,17 @@ def format_svg(drawing: Drawing) -> str:
 
 def _layers(drawing: Drawing, place: Placed) -> Iterator[str]:
     yield '<g id="UNEXPLORED">'
-    yield from (_path(part, place, "unexplored") for part in drawing.unexplored)
+    yield from (svg_path(part, place, "unexplored") for part in drawing.unexplored)
     yield '</g><g id="ROOMS">'
-    yield from (_path(part, place, "room") for part in drawing.floor.geoms)
+    yield from (svg_path(part, place, "room") for part in drawing.floor.geoms)
     for room in drawing.rooms:
-        yield _path(room.polygon, place, f"room {room.layer}", f"{room.id}: {room.area:.2f} m2")
+        yield svg_path(room.polygon, place, f"room {room.layer}", f"{room.id}: {room.area:.2f} m2")
     yield '</g><g id="INFERRED">'
-    yield from (_path(part, place, "floor-inferred") for part in drawing.inferred_floor)
+    yield from (svg_path(part, place, "floor-inferred") for part in drawing.inferred_floor)
     yield '</g><g id="WALLS">'
     for wall in drawing.walls:
         title = f"{wall.length:.3f} m, {wall.thickness:.3f} m thick, confidence {wall.confidence:.2f}"
-        yield _path(wall.polygon, place, f"wall {wall.layer}", title)
+        yield svg_path(wall.polygon, place, f"wall {wall.layer}", title)
     yield '</g><g id="DOORS">'
     for door in drawing.doors:
         yield f'<path class="door" d="M{place(door.start)} L{place(door.end)}"><title>{door.width:.3f} m</title></path>'
@@ -83,7 +83,7 @@ def _layers(drawing: Drawing, place: Placed) -> Iterator[str]:
         share = 0.5 if dimension.of == "building" else 0.3
         at = tuple(a + share * (b - a) for a, b in zip(dimension.start, dimension.end, strict=True))
         x, y = place((at[0], at[1])).split(",")
-        turn = _readable(dimension.start, dimension.end)
+        turn = readable_angle(dimension.start, dimension.end)
         yield (
             f'<text class="size" font-size="{_TEXT}" transform="translate({x} {y}) rotate({turn:.2f})" '
             f'dy="-40">{dimension.length:.2f}</text>'
@@ -113,13 +113,14 @@ def _raw(drawing: Drawing, place: Placed) -> str:
     return f'<path class="raw" d="{"".join(bars)}"/>'
 
 
-def _readable(start: DrawnPoint, end: DrawnPoint) -> float:
+def readable_angle(start: DrawnPoint, end: DrawnPoint) -> float:
     """Angle of a line's text [deg, clockwise as SVG has it], never upside down."""
     angle = float(-np.degrees(np.arctan2(end[1] - start[1], end[0] - start[0])))
     return (angle + 90.0) % 180.0 - 90.0
 
 
-def _path(shape: Polygon | MultiPolygon, place: Placed, kind: str, title: str = "") -> str:
+def svg_path(shape: Polygon | MultiPolygon, place: Placed, kind: str, title: str = "") -> str:
+    """Outline and holes of a shape as one path of a class, with a title that shows where the pointer rests."""
     rings = [
         ring
         for part in shapely.get_parts(shape)

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from slamgym.core.errors import SlamgymError
+from slamgym.core.errors import InputFileError, SlamgymError
 from slamgym.core.files import write_text
 from slamgym.drawing.drawing import Drawing
 from slamgym.drawing.formats.names import DRAWING_FORMATS
@@ -30,6 +30,8 @@ def write_drawing(drawing: Drawing, stem: Path | str, formats: Sequence[str]) ->
         "png": _write_png,
         "dxf": _write_dxf,
         "ifc": _write_ifc,
+        "html": _write_html,
+        "yaml": _write_ros_map,
     }
     unknown = [name for name in formats if name not in writers]
     if unknown:
@@ -77,3 +79,19 @@ def _write_ifc(path: Path, drawing: Drawing) -> None:
     from slamgym.drawing.formats.ifc import write_ifc
 
     write_ifc(path, drawing)
+
+
+def _write_html(path: Path, drawing: Drawing) -> None:
+    from slamgym.drawing.report.page import format_html
+
+    write_text(path, format_html(drawing))
+
+
+def _write_ros_map(path: Path, drawing: Drawing) -> None:
+    from slamgym.drawing.formats.ros_map import drawing_map
+    from slamgym.interop.ros_map import write_ros_map
+
+    stem = path.with_suffix("")
+    if stem.is_dir():
+        raise InputFileError(stem, "is a folder, into which the ROS map would be written; name another --out")
+    write_ros_map(stem, drawing_map(drawing))

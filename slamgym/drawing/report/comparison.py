@@ -1,0 +1,102 @@
+"""A comparison of a map with a plan as a page."""
+
+from collections.abc import Iterator
+from html import escape
+
+import numpy as np
+
+import slamgym
+from slamgym.cad.floorplan import FloorPlan
+from slamgym.core.config import to_dict
+from slamgym.core.types import OccupancyGrid
+from slamgym.drawing.comparison.config import ComparisonConfig
+from slamgym.drawing.comparison.picture import draw_changes, legend_entries, verdict
+from slamgym.drawing.comparison.records import Change, PlanComparison
+from slamgym.drawing.report.figures import FIGURE_STYLE
+from slamgym.drawing.report.page import REPORT_STYLE, doubts_part, figures_part, provenance_part
+from slamgym.viz.pages import figure, inline_picture, make_page, make_table, paragraph
+
+
+def format_comparison(
+    found: PlanComparison, plan: FloorPlan, grid: OccupancyGrid, config: ComparisonConfig, command: str
+) -> str:
+    """The text of the page.
+
+    Args:
+        found: What was found.
+        plan: As planned.
+        grid: The map.
+        config: What counted as a change.
+        command: That made it.
+    """
+    doubts = [f"{doubt[:1].upper()}{doubt[1:]}." for doubt in found.doubts]
+    picture = f'<img alt="the map over its plan" src="{inline_picture(draw_changes(found, plan, grid))}">'
+    words = "Green: as planned. " if found.is_confident else "The map where it fits best; don't rely on it. "
+    parts = [
+        f"<h1>{escape(verdict(found))}</h1>",
+        f'<p class="lead"><code>{escape(found.map)}</code>, a robot\'s map, against the plan '
+        f"<code>{escape(found.plan)}</code>.</p>",
+        doubts_part(doubts),
+        figures_part(_figures(found)),
+        figure(picture, f"{words}The map is grey: white is free, unknown is darker."),
+        _legend(found),
+        *_changes_part(found),
+        *_rooms_part(found),
+        "<h2>How it was made</h2>",
+        *provenance_part({"command": command, "slamgym": slamgym.__version__, "settings": to_dict(config)}),
+    ]
+    return make_page(f"{found.map} against {found.plan}", parts, FIGURE_STYLE + REPORT_STYLE)
+
+
+def _figures(found: PlanComparison) -> list[tuple[str, str]]:
+    states = [face.state for face in found.faces]
+    pose = found.registration.plan_from_map
+    shown = [(f"{found.registration.explained:.0%}", "of the walls in view are there")]
+    if found.is_confident:
+        shown += [
+            (str(len(found.changes)), "changes"),
+            (f"{states.count('present')} of {len(states)}", "faces of walls at their place"),
+            (str(states.count("not_seen")), "faces not seen"),
+        ]
+    turn = np.degrees(pose.theta)
+    return [*shown, (f"{pose.x:.2f}, {pose.y:.2f} m, {turn:.1f}°", "the map's origin lies on the plan at")]
+
+
+def _legend(found: PlanComparison) -> str:
+    entries = "".join(
+        f'<li><span class="key line" style="color: rgb{colour}"></span>{escape(text)}</li>'
+        for colour, text in legend_entries(found)
+    )
+    return f'<ul class="legend">{entries}</ul>'
+
+
+def _changes_part(found: PlanComparison) -> Iterator[str]:
+    yield "<h2>Changes</h2>"
+    if not found.is_confident:
+        yield paragraph("None is reported, because plan and map don't seem to be of one building.")
+    elif not found.changes:
+        yield paragraph("None was found. Walls that nobody has seen may have changed all the same.")
+    else:
+        yield paragraph(
+            "A wall moves to the left of its line, a door along it. The first length is without the map's own drift, "
+            "with its standard error; the second is what the map shows."
+        )
+        headings = ["change", "of", "at x, y", "length", "by", "with drift", "note"]
+        yield make_table(headings, [_change_row(change) for change in found.changes])
+
+
+def _change_row(change: Change) -> tuple[str, ...]:
+    x, y = 0.5 * (change.line[0] + change.line[2]), 0.5 * (change.line[1] + change.line[3])
+    moved = "" if change.offset is None else f"{100 * change.offset:+.0f} cm"
+    if moved and change.error is not None:
+        moved += f" ± {100 * change.error:.0f}"
+    raw = "" if change.raw_offset is None else f"{100 * change.raw_offset:+.0f} cm"
+    length = f"{change.length:.2f} m" if change.length else ""
+    kind = change.kind.replace("_", " ")
+    return kind, change.what, f"{x:.1f}, {y:.1f} m", length, moved, raw, change.note
+
+
+def _rooms_part(found: PlanComparison) -> Iterator[str]:
+    if found.rooms and found.is_confident:
+        yield "<h2>Rooms of the plan</h2>"
+        yield make_table(["room", "seen"], [(name, f"{share:.0%}") for name, share in found.rooms])

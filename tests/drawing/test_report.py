@@ -1,0 +1,130 @@
+"""The report of a drawing: whole in itself, with the drawing's own figures, and with what to check."""
+
+import base64
+import dataclasses
+import re
+import xml.etree.ElementTree as ET
+
+import cv2
+import numpy as np
+import pytest
+import shapely
+from drawing.painted import FLAT, painted
+
+from slamgym.core.types import OCCUPIED
+from slamgym.drawing import make_drawing
+from slamgym.drawing.report.figures import Sheet
+from slamgym.drawing.report.gallery import GalleryCard, format_gallery
+from slamgym.drawing.report.page import checks, format_html
+
+
+@pytest.fixture(scope="module")
+def drawing():
+    grid, _, model = painted(FLAT)
+    provenance = {"source": "maps/flat <1>.yaml", "command": "slamgym cad 'maps/flat <1>.yaml'"}
+    return make_drawing(grid, "flat <1>", model, provenance=provenance)
+
+
+@pytest.fixture(scope="module")
+def page(drawing):
+    return format_html(drawing)
+
+
+def test_the_page_is_whole_in_itself(page):
+    assert "<script" not in page
+    assert "://" not in page
+    assert "url(" not in page
+    assert re.findall(r'(?:src|href)="(?!data:image/png;base64,)', page) == []
+    assert "default-src 'none'" in page
+
+
+def test_names_from_outside_are_text(page):
+    assert "flat <1>" not in page
+    assert "flat &lt;1&gt;" in page
+
+
+def test_its_tables_hold_the_figures_of_the_drawing(drawing, page):
+    cells = re.findall(r"<td[^>]*>([^<]*)", page)
+    for room in drawing.rooms:
+        assert f"{room.area:.2f} m²" in cells
+    assert f"{drawing.doors[0].width:.2f} m" in cells
+    assert cells.count("R01 and R02") + cells.count("R02 and R01") == 1
+    for wall in drawing.walls:
+        assert f"{wall.length:.2f} m" in cells
+    assert {"tolerance", "0.045"} <= set(cells)
+    assert "slamgym cad &#x27;maps/flat &lt;1&gt;.yaml&#x27;" in page
+
+
+def test_shares_of_what_was_seen_add_up(drawing):
+    part = dataclasses.replace(drawing, inferred_floor=(shapely.box(0, 0, 2, 1),))
+    cells = re.findall(r"<td[^>]*>([^<]*)", format_html(part))
+    at = cells.index("floor")
+    seen, inferred = (float(cell.split()[0]) for cell in cells[at + 1 : at + 3])
+    assert inferred == pytest.approx(2.0)
+    assert seen + inferred == pytest.approx(drawing.area, abs=0.11)
+
+
+def test_figures_are_true_to_scale_on_paper(drawing, page):
+    figures = [ET.fromstring(text) for text in re.findall(r"<svg.*?</svg>", page, re.DOTALL)]
+    assert len(figures) == 4
+    for root in figures:
+        paper = float(re.search(r"--paper: ([0-9.]+)mm", root.get("style"))[1])
+        width, height = (float(value) for value in root.get("viewBox").split()[2:])
+        scale = int(re.search(r"1:(\d+) on A4", root.findall("text")[-1].text)[1])
+        assert width / paper == pytest.approx(scale, rel=2e-3)
+        assert paper <= 180.0
+        assert height / scale <= 190.0
+        bar = re.search(r"h([0-9.]+)v-", root.find("path[@class='bar']").get("d"))[1]
+        assert f"{float(bar) / 1000:g} m;" in root.findall("text")[-1].text
+    shown = {text.text for text in figures[0].iter("text")}
+    assert {f"{line.length:.2f}" for line in drawing.dimensions if line.of == "building"} <= shown
+
+
+def test_the_map_is_in_it_cell_by_cell(drawing, page):
+    data = base64.b64decode(re.search(r'href="data:image/png;base64,([^"]*)', page)[1])
+    cells = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+    assert np.array_equal(cells, drawing.grid.cells)
+    assert (cells == OCCUPIED).any()
+
+
+def test_what_to_check_is_said(drawing):
+    assert "No doubt was found" in format_html(drawing)
+    unseen = dataclasses.replace(drawing.rooms[0], share_seen=0.2, layer="INFERRED")
+    closed = dataclasses.replace(drawing.doors[0], layer="INFERRED")
+    walls = tuple(dataclasses.replace(wall, confidence=0.5) for wall in drawing.walls)
+    worse = dataclasses.replace(
+        drawing,
+        rooms=(unseen, *drawing.rooms[1:]),
+        doors=(closed,),
+        walls=walls,
+        unexplored=(shapely.box(0, 0, 1, 3),),
+        doubts=("scale doubtful: say so",),
+    )
+    found = checks(worse)
+    for text in ("Scale doubtful", f"{unseen.id} (20%)", "3.0 m²", "D1", "100% of the walls"):
+        assert any(text in sentence for sentence in found), text
+    shown = format_html(worse)
+    assert all(sentence.replace("'", "&#x27;") in shown for sentence in found)
+
+
+def test_a_drawing_without_rooms_and_doors_is_reported_too(drawing):
+    bare = dataclasses.replace(drawing, rooms=(), doors=(), walls=(), dimensions=(), provenance={})
+    assert "No room was found" in format_html(bare)
+
+
+def test_a_sheet_fits_on_paper_at_any_size():
+    for side in (0.5, 7.0, 90.0, 3000.0):
+        sheet = Sheet.of((0.0, 0.0, side, 0.7 * side))
+        assert 1000.0 * sheet.width / sheet.scale <= 180.0
+        assert 1000.0 * sheet.height / sheet.scale <= 160.0 + 1e-6
+
+
+def test_the_gallery_shows_the_most_doubtful_first(drawing):
+    doubtful = dataclasses.replace(drawing, name="zeta & co", doubts=("direction doubtful",))
+    cards = [GalleryCard.of(one) for one in (drawing, doubtful)]
+    page = format_gallery("homes", cards, ["broken.yaml: is <no> map"], "slamgym cad homes")
+    assert page.index("zeta &amp; co") < page.index("flat &lt;1&gt;")
+    assert 'href="./zeta%20%26%20co.html"' in page
+    assert "is &lt;no&gt; map" in page
+    assert page.count("data:image/png") == 2
+    assert "1 of them with something to check, 1 refused" in page
