@@ -40,6 +40,8 @@ class DrawingConfig(Settings, section="drawing"):
     """Smaller parts of the floor aren't rooms of their own [m2]."""
     min_room_width: Positive = 0.7
     """Nor are narrower ones [m]."""
+    leaf_thickness: _Size = 0.25
+    """The leaf of an open door is drawn no thicker [m]; 0 keeps leaves as walls."""
     evidence: Positive = 0.15
     """A piece of wall was seen if the map has an occupied cell within this [m]."""
     seen_share: Share = 0.5

@@ -27,6 +27,7 @@ from slamgym.drawing.evidence import (
     unseen_floor,
 )
 from slamgym.drawing.floor import FloorModel, load_floor_model
+from slamgym.drawing.leaves import without_leaves
 from slamgym.drawing.openings import Division, divide
 from slamgym.drawing.polygons import straightened
 from slamgym.drawing.settings import DEFAULT_DRAWING, DrawingConfig
@@ -144,9 +145,13 @@ def find_floor(
     """
     frame = grid.frame
     outlines = trace_outlines(probability, 0.5, frame)
-    plain = straightened(outlines, [angle_deg], frame.resolution, config)
-    second = _second_direction(plain, angle_deg, frame.resolution)
-    return plain if second is None else straightened(outlines, [angle_deg, second], frame.resolution, config)
+    angles = [angle_deg]
+    floor = straightened(outlines, angles, frame.resolution, config)
+    second = _second_direction(floor, angle_deg, frame.resolution)
+    if second is not None:
+        angles.append(second)
+        floor = straightened(outlines, angles, frame.resolution, config)
+    return without_leaves(floor, angles, config)
 
 
 def _second_direction(floor: MultiPolygon, angle_deg: float, resolution: float) -> float | None:
