@@ -1,0 +1,97 @@
+"""HTML pages that are whole in themselves: no script, no other file, no address; they print on A4."""
+
+import base64
+import html
+from collections.abc import Sequence
+
+from slamgym.core.png import encode_png
+from slamgym.core.types import ByteArray
+
+_POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
+"""What a browser may load for the page: nothing."""
+_STYLE = """
+body { font: 15px/1.45 system-ui, sans-serif; margin: 2rem auto; max-width: 76rem; padding: 0 1rem; color: #212529 }
+table { border-collapse: collapse; margin: 1rem 0; font-variant-numeric: tabular-nums }
+th, td { padding: .2rem .7rem; text-align: right }
+th { border-bottom: 2px solid #868e96 } td { border-bottom: 1px solid #dee2e6 }
+th:first-child, td:first-child { text-align: left } tr { break-inside: avoid } thead { display: table-header-group }
+small { color: #868e96 } img, svg { max-width: 100% } h2, h3 { break-after: avoid }
+@page { size: A4; margin: 14mm }
+@media print { body { margin: 0; max-width: none; padding: 0; font-size: 10pt; print-color-adjust: exact } }
+"""
+
+
+def make_page(title: str, parts: Sequence[str], style: str = "") -> str:
+    """A page of parts that are HTML already.
+
+    Args:
+        title: Plain text.
+        parts: Below each other.
+        style: CSS, beside what all pages have.
+    """
+    head = [
+        "<!doctype html>",
+        '<html lang="en"><head><meta charset="utf-8">',
+        f'<meta http-equiv="Content-Security-Policy" content="{_POLICY}">',
+        '<meta name="viewport" content="width=device-width, initial-scale=1">',
+        f"<title>{html.escape(title)}</title><style>{_STYLE}{style}</style></head><body>",
+    ]
+    return "\n".join([*head, *parts, "</body></html>"]) + "\n"
+
+
+def make_table(
+    headings: Sequence[str],
+    rows: Sequence[Sequence[str]],
+    row_classes: Sequence[str] = (),
+    cell_classes: Sequence[Sequence[str]] = (),
+) -> str:
+    """A table of plain text.
+
+    Args:
+        headings: Of the columns.
+        rows: As many cells each.
+        row_classes: CSS classes of the rows, where they have some.
+        cell_classes: The same of their cells, row by row.
+    """
+    lines = ["<table><thead><tr>" + "".join(f"<th>{html.escape(text)}</th>" for text in headings)]
+    lines.append("</tr></thead><tbody>")
+    for number, row in enumerate(rows):
+        classes = cell_classes[number] if cell_classes else [""] * len(row)
+        cells = [f"<td{_class(kind)}>{html.escape(text)}" for text, kind in zip(row, classes, strict=True)]
+        lines.append(f"<tr{_class(row_classes[number] if row_classes else '')}>{''.join(cells)}</tr>")
+    return "\n".join([*lines, "</tbody></table>"])
+
+
+def _class(name: str) -> str:
+    return f' class="{html.escape(name)}"' if name else ""
+
+
+def paragraph(text: str) -> str:
+    """Plain text as a paragraph."""
+    return f"<p>{html.escape(text)}</p>"
+
+
+def bullets(sentences: Sequence[str], kind: str = "ul") -> str:
+    """Plain sentences as a list; nothing if there are none.
+
+    Args:
+        sentences: The entries.
+        kind: ``ul``, or ``ol`` for a numbered list.
+    """
+    entries = "".join(f"<li>{html.escape(sentence)}</li>" for sentence in sentences)
+    return f"<{kind}>{entries}</{kind}>" if entries else ""
+
+
+def inline_picture(picture: ByteArray) -> str:
+    """A picture as an address that holds it.
+
+    Args:
+        picture: Grey, shape (rows, cols), or RGB, shape (rows, cols, 3).
+    """
+    bgr = picture[:, :, ::-1] if picture.ndim == 3 else picture
+    return f"data:image/png;base64,{base64.b64encode(encode_png(bgr)).decode()}"
+
+
+def figure(content: str, caption: str) -> str:
+    """A picture or SVG, which is HTML, over its caption, which is plain text."""
+    return f"<figure>{content}<figcaption>{html.escape(caption)}</figcaption></figure>"
