@@ -124,6 +124,9 @@ TABLE = Group(
             {
                 "train": Command("agents.train:main", "train a policy by reinforcement learning", LEARNING),
                 "evaluate": Command("agents.evaluate:main", "compare explorers on the same plans and seeds"),
+                "record": Command(
+                    "agents.record:main", "explorations as a Minari dataset, for offline learning"
+                ),
                 "shape": Command("agents.shape:main", "compare reward presets over several seeds"),
             },
         ),

@@ -143,7 +143,7 @@ def test_a_ros_map_and_a_picture_are_plans(tmp_path, bundled):
 
 
 def test_a_folder_of_ros_maps_is_a_source_and_a_yaw_turns_the_plan(tmp_path, bundled):
-    plan = bundled.load(bundled.ids[0])
+    plan = next(iter(bundled.values()))
     for name in ("first", "second"):
         write_ros_map(tmp_path / name, plan.raster(0.05))
     path = tmp_path / "second.yaml"

@@ -60,6 +60,8 @@ from datasets import load_dataset
 pairs = load_dataset("PACK", streaming=True)  # this folder, or its name on the hub
 first = next(iter(pairs["train"]))
 first["A"], first["B"], first["metres_per_px"]
+shards = load_dataset("webdataset", data_files={"train": "PACK/train-*.tar"}, streaming=True)
+next(iter(shards["train"]))["cad.png"]
 ```
 
 ## Known faults
@@ -265,16 +267,10 @@ def _card(images_card: str, paths: Sequence[Path], parquet: bool) -> str:
 
     _, head_text, body = images_card.split("---\n", 2)
     head = yaml.safe_load(head_text)
-    formats = {"default": "parquet/{}-*.parquet", "webdataset": "{}-*.tar"}
     splits = [split for split in SPLITS if any(path.name.startswith(f"{split}-") for path in paths)]
-    head["configs"] = [
-        {
-            "config_name": name,
-            "data_files": [{"split": split, "path": place.format(split)} for split in splits],
-        }
-        for name, place in formats.items()
-        if parquet or name != "default"
-    ]
+    place = "parquet/{}-*.parquet" if parquet else "{}-*.tar"
+    files = [{"split": split, "path": place.format(split)} for split in splits]
+    head["configs"] = [{"config_name": "default", "data_files": files}]
     body = "".join(_without_section(body.splitlines(keepends=True), "## Files"))
     return f"---\n{yaml.safe_dump(head, sort_keys=False).strip()}\n---\n{body.rstrip()}\n\n{_READING}"
 

@@ -23,8 +23,12 @@ STREAM = """
 import json, sys
 import datasets
 datasets.disable_progress_bars()
-pack = datasets.load_dataset(sys.argv[1], sys.argv[2], streaming=True)
-if sys.argv[2] == "default":
+files = {s: f"{sys.argv[1]}/{s}-*.tar" for s in ("train", "test")}
+if sys.argv[2] == "folder":
+    pack = datasets.load_dataset(sys.argv[1], streaming=True)
+else:
+    pack = datasets.load_dataset("webdataset", data_files=files, streaming=True)
+if sys.argv[2] == "folder":
     rows = {s: [[r["name"], r["A"].size[0], r["B"].size[0]] for r in pack[s]] for s in pack}
 else:
     rows = {s: [[r["json"]["name"], r["cad.png"].size[0], r["slam.png"].size[0]] for r in pack[s]] for s in pack}
@@ -71,7 +75,7 @@ def test_the_shards_hold_every_pair_once_and_the_same_bytes_again(images, tmp_pa
     assert paths[2].stat().st_mtime_ns == stamp
 
 
-@pytest.mark.parametrize("config", ["default", "webdataset"])
+@pytest.mark.parametrize("config", ["folder", "webdataset"])
 def test_datasets_streams_the_folder(images, tmp_path, config):
     pytest.importorskip("datasets")
     pack_images(images, tmp_path / "pack", SMALL)
