@@ -45,7 +45,7 @@ def on_page_markdown(markdown: str, **_: Any) -> str:
 
 def brought_in(path: Path) -> str:
     """A page of the repository's top as it has to be within docs/."""
-    text = path.read_text().replace("](docs/", "](").replace("](LICENSE)", "](contributing.md)")
+    text = path.read_text().replace("](docs/", "](").replace("](CITATION.cff)", "](faq.md#how-do-i-cite-it)")
     for source, name in BROUGHT_IN.items():
         text = text.replace(f"]({source})", f"]({name})")
     return text

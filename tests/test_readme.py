@@ -14,6 +14,8 @@ import pytest
 from slamgym.commands import cli
 
 ROOT = Path(__file__).parents[1]
+MOST_WIDE_TABLE = 120
+"""Characters of a line of a table in the README."""
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
 
 
@@ -91,6 +93,11 @@ def test_every_fence_has_a_language_and_included_files_exist(page):
     assert all(fences[::2]), f"{page.name}: a fence without a language"
     for path in re.findall(r'^--8<-- "(.+)"$', page.read_text(), re.MULTILINE):
         assert (ROOT / path).is_file()
+
+
+def test_tables_of_the_readme_are_narrow():
+    lines = (ROOT / "README.md").read_text().splitlines()
+    assert [line for line in lines if line.startswith("|") and len(line) > MOST_WIDE_TABLE] == []
 
 
 def test_linked_files_exist():

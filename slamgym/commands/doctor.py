@@ -64,7 +64,7 @@ def findings() -> Iterator[Finding]:
     yield from _distributions()
     yield _try("what comes with the package", _pretrained, "install slamgym again")
     yield _try("numeric kernels", _kernels, "run slamgym warmup, and see what it says")
-    yield _try("films (ffmpeg)", _films, "pip install --force-reinstall imageio-ffmpeg")
+    yield _try("films (ffmpeg)", _films, "pip install 'slamgym[films]'", "missing")
     yield _disk(Path.cwd())
     yield _disk(Path(tempfile.gettempdir()))
     if _version("torch"):
