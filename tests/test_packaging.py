@@ -30,7 +30,7 @@ DATA = (
     "gan/pretrained/slam2cad.safetensors",
     "pretrained.sha256",
 )
-BUILD = "import setuptools.build_meta as b, sys; b.build_wheel(sys.argv[1]); b.build_sdist(sys.argv[1])"
+BUILD = "import setuptools.build_meta as b, sys; out = sys.argv[1]; b.build_wheel(out); b.build_sdist(out)"
 BESIDE = (
     "pyproject.toml", "README.md", "LICENSE", "MANIFEST.in", "CITATION.cff", "CHANGELOG.md", "CONTRIBUTING.md",
     "Makefile", "constraints.txt", "mkdocs.yml",

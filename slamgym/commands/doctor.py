@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import importlib.metadata
 import os
 import platform
@@ -170,8 +171,7 @@ def _disk(folder: Path) -> Finding:
 
 
 def _torch() -> str:
-    import torch
-
+    torch = importlib.import_module("torch")
     total = float(torch.ones(3).sum())
     if total != 3.0:
         raise RuntimeError(f"the sum of three ones is {total}")

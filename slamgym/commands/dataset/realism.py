@@ -70,7 +70,7 @@ def main(argv: list[str]) -> int:
     from slamgym.core.files import write_text
     from slamgym.dataset.realism.comparison import compare_statistics
     from slamgym.dataset.realism.map_sets import read_map_sets
-    from slamgym.dataset.realism.page import RealismReport, make_page, to_json, to_markdown
+    from slamgym.dataset.realism.page import RealismReport, realism_page, to_json, to_markdown
     from slamgym.dataset.realism.pictures import draw_examples, draw_mixed, stack_figures
     from slamgym.viz.canvas import write_picture
 
@@ -89,7 +89,7 @@ def main(argv: list[str]) -> int:
     write_text(out / "realism.json", json.dumps(to_json(report), indent=1) + "\n")
     write_text(out / "realism.md", to_markdown(report) + "\n")
     write_picture(out / "realism.png", stack_figures(figures))
-    write_text(out / "realism.html", make_page(report, figures))
+    write_text(out / "realism.html", realism_page(report, figures))
     if arguments.mixed:
         sheet, key = draw_mixed(own, references, arguments.mixed, arguments.seed)
         write_picture(out / "mixed.png", sheet)

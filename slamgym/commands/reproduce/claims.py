@@ -19,7 +19,7 @@ PAPER_SECONDS = {"ekf": "15-94", "two_phase": "2.6-3.6"}
 _NULL = "simulated, other maps"
 _SECONDS = re.compile(r"at most, ([0-9.]+) s$", re.MULTILINE)
 
-Verdict = Literal["holds", "does not hold", "too few maps to say"]
+ClaimVerdict = Literal["holds", "does not hold", "too few maps to say"]
 
 
 class Claim(NamedTuple):
@@ -28,7 +28,7 @@ class Claim(NamedTuple):
     what: str
     paper: str
     own: str
-    verdict: Verdict
+    verdict: ClaimVerdict
 
 
 def judge_claims(
@@ -130,13 +130,13 @@ def _percent(share: Mapping[str, float]) -> str:
     return f"{100 * share['value']:.0f} % [{100 * share['low']:.0f}, {100 * share['high']:.0f}]"
 
 
-def _above(interval: Mapping[str, float], limit: float) -> Verdict:
+def _above(interval: Mapping[str, float], limit: float) -> ClaimVerdict:
     if interval["low"] > limit:
         return "holds"
     return "does not hold" if interval["high"] < limit else "too few maps to say"
 
 
-def _below(interval: Mapping[str, float], limit: float) -> Verdict:
+def _below(interval: Mapping[str, float], limit: float) -> ClaimVerdict:
     if interval["high"] < limit:
         return "holds"
     return "does not hold" if interval["low"] > limit else "too few maps to say"

@@ -9,7 +9,7 @@ from typing import Annotated
 
 import tyro
 
-from slamgym.commands.reproduce.scales import SCALES, ScaleName
+from slamgym.commands.reproduce.scales import REPRODUCTION_SCALES, ScaleName
 from slamgym.core.config import Arguments, CountOrZero
 from slamgym.core.errors import ConfigError
 from slamgym.core.parallel.backlog import available_cores
@@ -44,7 +44,7 @@ def main(argv: list[str]) -> int:
         SlamgymError: If the plans are missing, a step fails, or the folder holds another reproduction.
     """
     arguments = tyro.cli(ReproduceArguments, args=argv, prog="slamgym reproduce")
-    scale = SCALES[arguments.scale]
+    scale = REPRODUCTION_SCALES[arguments.scale]
     if arguments.plans is not None:
         scale = dataclasses.replace(scale, plans=arguments.plans)
     elif scale.plans != "bundled" and not Path(scale.plans).exists():

@@ -13,7 +13,7 @@ import cv2
 
 from slamgym import __version__
 from slamgym.commands.reproduce.claims import PAPER_SECONDS, Claim, conversion_seconds, judge_claims
-from slamgym.commands.reproduce.steps import CONVERSIONS, Reproduction, State
+from slamgym.commands.reproduce.steps import CONVERSIONS, Reproduction, ReproductionState
 from slamgym.core.config import to_dict
 from slamgym.core.documents import read_json
 from slamgym.core.files import read_bytes, read_text, write_text
@@ -27,7 +27,7 @@ _MOST_WIDE = 1600
 _STYLE = ".holds { background: #d3f9d8 } .does { background: #ffe3e3 } pre { overflow-x: auto }"
 
 
-def write_reproduction(run: Reproduction, state: State) -> Path:
+def write_reproduction(run: Reproduction, state: ReproductionState) -> Path:
     """Write ``report.html``; returns its path.
 
     Raises:
@@ -108,7 +108,7 @@ def _pictures(run: Reproduction) -> Iterator[str]:
         ),
         *(
             (path, "Drawn as vectors from the SLAM map.")
-            for path in sorted((run.out / "drawings").glob("*/*/*.png"))
+            for path in sorted((run.out / "drawings").rglob("*.png"))
         ),
     ]
     for path, caption in shown:
@@ -132,7 +132,7 @@ def _conversions_table(times: dict[str, list[float]]) -> str:
     return make_table(["method", "map [px]", "this run [s]", "the paper [s], Matlab"], rows)
 
 
-def _commands_table(state: State) -> str:
+def _commands_table(state: ReproductionState) -> str:
     rows: list[list[Any]] = [
         [
             command,

@@ -30,7 +30,7 @@ class Scale(Settings):
     """Rows of the picture grids, and maps that are drawn as vectors."""
 
 
-SCALES: dict[ScaleName, Scale] = {
+REPRODUCTION_SCALES: dict[ScaleName, Scale] = {
     "smoke": Scale(
         plans="bundled", plans_filter="none", recipe="quick", pairs=24, trajectories=1, test=0.7,
         train_preset="slam2cad-cpu", train_minutes=0.5,

@@ -89,7 +89,7 @@ def clean_pairs(run: Reproduction) -> Commands:
     ]
 
 
-def train_translator(run: Reproduction) -> Commands:
+def train_own_translator(run: Reproduction) -> Commands:
     """A translator of one's own, if wanted."""
     options = {"preset": run.scale.train_preset, "minutes": run.scale.train_minutes, "seed": run.seed}
     return [command("gan", "train", run.images, **options, out=run.out / "run")] if run.train else []
@@ -138,7 +138,7 @@ def compare_explorers(run: Reproduction) -> Commands:
 STEPS: Mapping[str, Callable[[Reproduction], Commands]] = {
     "explorations": generate_pairs,
     "cleaning": clean_pairs,
-    "training": train_translator,
+    "training": train_own_translator,
     "translators": judge_translators,
     "parametric": deform_plans,
     "drawings": draw_maps,
@@ -148,7 +148,7 @@ STEPS: Mapping[str, Callable[[Reproduction], Commands]] = {
 
 
 @dataclass
-class State:
+class ReproductionState:
     """What is done, kept in ``state.json`` so that the same command goes on."""
 
     path: Path
@@ -157,7 +157,7 @@ class State:
     """By name: ``commands``, ``seconds`` and ``cpu_seconds`` of the machine's time."""
 
     @classmethod
-    def open(cls, run: Reproduction) -> State:
+    def open(cls, run: Reproduction) -> ReproductionState:
         """Read the state of a folder, or begin one.
 
         Raises:
@@ -178,13 +178,13 @@ class State:
         replace_file(self.path, text.encode())
 
 
-def run_steps(run: Reproduction) -> State:
+def run_steps(run: Reproduction) -> ReproductionState:
     """Run what isn't done yet.
 
     Raises:
         SlamgymError: If a step fails; what is done is kept.
     """
-    state = State.open(run)
+    state = ReproductionState.open(run)
     state.save()
     for number, (name, commands) in enumerate(STEPS.items(), start=1):
         if name in state.steps:

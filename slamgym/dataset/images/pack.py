@@ -33,18 +33,11 @@ from slamgym.dataset.images.format import SPLITS, ImageLayout, ImageRecord, iter
 from slamgym.dataset.record import require_parquet
 
 WEBDATASET_NAMES = {"A": "cad.png", "B": "slam.png"}
-_FIGURES = (
-    "name",
-    "plan_id",
-    "group",
-    "repetition",
-    "seed",
-    "size",
-    "metres_per_px",
-    "coverage",
-    "ate",
-    "map_error",
-)
+_COLUMNS = {
+    "name": "string", "plan_id": "string", "group": "string", "repetition": "int64", "seed": "int64", "size": "int64",
+    "metres_per_px": "float64", "coverage": "float64", "ate": "float64", "map_error": "float64", "conditions": "string",
+}  # fmt: skip
+"""Of Parquet, beside the pictures."""
 _ROWS_IN_A_GROUP = 100
 """Of Parquet: what a reader has to fetch at once."""
 
@@ -224,41 +217,27 @@ def _write_table(path: Path, records: Sequence[ImageRecord], pictures: Sequence[
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    rows = [
-        {
-            **{
-                side: {"bytes": content, "path": f"{record.name}.png"}
-                for side, content in zip(SIDES, pair, strict=True)
-            },
-            **{name: getattr(record, name) for name in _FIGURES},
-            "conditions": json.dumps(record.conditions),
-        }
-        for record, pair in zip(records, pictures, strict=True)
+    rows: list[dict[str, Any]] = []
+    for record, pair in zip(records, pictures, strict=True):
+        row = {name: getattr(record, name) for name in _COLUMNS}
+        row["conditions"] = json.dumps(record.conditions)
+        named = [{"bytes": png, "path": f"{record.name}.png"} for png in pair]
+        rows.append({**row, "A": named[0], "B": named[1]})
+    picture = pa.struct([("bytes", pa.binary()), ("path", pa.string())])
+    columns = [
+        *((side, picture) for side in SIDES),
+        *((name, _arrow(pa, kind)) for name, kind in _COLUMNS.items()),
     ]
-    features = {side: {"_type": "Image"} for side in SIDES}
-    features |= {
-        name: {"dtype": _dtype(rows[0][name]), "_type": "Value"} for name in (*_FIGURES, "conditions")
-    }
+    features = {side: {"_type": "Image"} for side in "AB"}
+    features |= {name: {"dtype": kind, "_type": "Value"} for name, kind in _COLUMNS.items()}
     about = {"huggingface": json.dumps({"info": {"features": features}})}
     with staged(path) as part:
-        table = pa.Table.from_pylist(rows, schema=_schema(pa)).replace_schema_metadata(about)
+        table = pa.Table.from_pylist(rows, schema=pa.schema(columns)).replace_schema_metadata(about)
         pq.write_table(table, part, row_group_size=_ROWS_IN_A_GROUP)
 
 
-def _dtype(value: object) -> str:
-    return "string" if isinstance(value, str) else "int64" if isinstance(value, int) else "float64"
-
-
-def _schema(pa: Any) -> Any:
-    """Types of the columns, the same in every shard."""
-    picture = pa.struct([("bytes", pa.binary()), ("path", pa.string())])
-    whole = {"repetition", "seed", "size"}
-    words = {"name", "plan_id", "group"}
-    kinds = {
-        name: pa.string() if name in words else pa.int64() if name in whole else pa.float64()
-        for name in _FIGURES
-    }
-    return pa.schema([*((side, picture) for side in SIDES), *kinds.items(), ("conditions", pa.string())])
+def _arrow(pa: Any, kind: str) -> Any:
+    return {"string": pa.string(), "int64": pa.int64(), "float64": pa.float64()}[kind]
 
 
 def _card(images_card: str, paths: Sequence[Path], parquet: bool) -> str:

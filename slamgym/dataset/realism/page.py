@@ -1,6 +1,5 @@
 """The realism page: one HTML file with everything in it, and the same figures as JSON and Markdown."""
 
-import base64
 import html
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
@@ -8,19 +7,13 @@ from typing import Any
 
 from slamgym import __version__
 from slamgym.core.intervals import Interval
-from slamgym.core.png import encode_png
 from slamgym.dataset.realism.comparison import SetTestRow, StatisticRow
 from slamgym.dataset.realism.map_sets import MapSet
 from slamgym.dataset.realism.pictures import Figure
 from slamgym.metrics.map_look import LOOK_CELL
+from slamgym.viz.pages import bullets, inline_picture, make_page, make_table, paragraph
 
-_STYLE = """
-body { font: 15px/1.45 system-ui, sans-serif; margin: 2rem auto; max-width: 76rem; padding: 0 1rem; color: #212529 }
-table { border-collapse: collapse; margin: 1rem 0 } th, td { padding: .2rem .7rem; text-align: right }
-th { border-bottom: 2px solid #868e96 } td { border-bottom: 1px solid #dee2e6 }
-th:first-child, td:first-child { text-align: left } .apart { background: #ffe3e3 } .null { color: #868e96 }
-small { color: #868e96 } img { max-width: 100% }
-"""
+_STYLE = ".apart { background: #ffe3e3 } .null { color: #868e96 }"
 
 
 @dataclass
@@ -116,7 +109,7 @@ def tests_table(report: RealismReport) -> tuple[list[str], list[list[str]]]:
     return ["balanced accuracy [95 %]", *report.learners], rows
 
 
-def make_page(report: RealismReport, figures: Sequence[Figure]) -> str:
+def realism_page(report: RealismReport, figures: Sequence[Figure]) -> str:
     """Make the page; it names no other file and no address.
 
     Args:
@@ -125,26 +118,24 @@ def make_page(report: RealismReport, figures: Sequence[Figure]) -> str:
     """
     own = html.escape(report.own.name)
     parts = [
-        f"<!doctype html><meta charset=utf-8><title>Realism of {own}</title><style>{_STYLE}</style>",
         f"<h1>Realism of {own}</h1>",
         *(_set_line(one) for one in report.sets),
         "<h2>Can a learner tell the maps apart?</h2>",
         "<p>0.5: it can't; 1: always. Held out by building. A null is the same test between halves of one set; "
         "its interval is over halvings, or over buildings where there was one.</p>",
-        _table(*tests_table(report)),
-        *(f"<p>{html.escape(sentence)}</p>" for sentence in report.left_out),
+        _tests_part(report),
+        *map(paragraph, report.left_out),
         "<h2>Statistics side by side</h2>",
         f"<p>At cells of {100 * LOOK_CELL:g} cm, over the map cut to its largest free part. Red: the interval lies "
         "apart from the dataset's. KS: Kolmogorov-Smirnov distance; a threshold on this statistic alone tells the "
         "sets apart with a balanced accuracy of (1 + KS) / 2.</p>",
-        _table(*statistics_table(report), [_apart(row, report.own.name) for row in report.statistics]),
-        "<h2>The most telling</h2><ol>",
-        *(f"<li>{html.escape(row.label)}: {row.telling:.2f}</li>" for row in report.ranked[:8]),
-        "</ol>",
+        _statistics_part(report),
+        "<h2>The most telling</h2>",
+        bullets([f"{row.label}: {row.telling:.2f}" for row in report.ranked[:8]], "ol"),
         *(_figure_part(figure) for figure in figures),
         f"<p><small>slamgym {__version__}, seed {report.seed}</small></p>",
     ]
-    return "\n".join(parts) + "\n"
+    return make_page(f"Realism of {report.own.name}", parts, _STYLE)
 
 
 def _set_line(one: MapSet) -> str:
@@ -154,23 +145,20 @@ def _set_line(one: MapSet) -> str:
     return f"<p><b>{html.escape(one.name)}</b>: {html.escape(text)}</p>"
 
 
-def _apart(row: StatisticRow, own: str) -> list[bool]:
-    """Which cells of a row are marked."""
-    mine = row.medians[own]
-    marks = [other.low > mine.high or other.high < mine.low for other in row.medians.values()]
-    return [False, *marks]
+def _tests_part(report: RealismReport) -> str:
+    headings, rows = tests_table(report)
+    return make_table(headings, rows, ["null" if row[0].startswith("null") else "" for row in rows])
 
 
-def _table(headings: list[str], rows: list[list[str]], marks: Sequence[list[bool]] = ()) -> str:
-    lines = ["<table><tr>" + "".join(f"<th>{html.escape(text)}</th>" for text in headings) + "</tr>"]
-    for number, row in enumerate(rows):
-        marked = marks[number] if marks else []
-        cells = [
-            f"<td{' class=apart' if column < len(marked) and marked[column] else ''}>{html.escape(text)}</td>"
-            for column, text in enumerate(row)
-        ]
-        lines.append(f"<tr{' class=null' if row[0].startswith('null') else ''}>{''.join(cells)}</tr>")
-    return "\n".join([*lines, "</table>"])
+def _statistics_part(report: RealismReport) -> str:
+    """The table with a mark where the interval of another set lies apart from the dataset's."""
+    headings, rows = statistics_table(report)
+    marks = []
+    for statistic, row in zip(report.statistics, rows, strict=True):
+        mine = statistic.medians[report.own.name]
+        apart = [other.low > mine.high or other.high < mine.low for other in statistic.medians.values()]
+        marks.append(["", *("apart" if mark else "" for mark in apart)] + [""] * (len(row) - len(apart) - 1))
+    return make_table(headings, rows, cell_classes=marks)
 
 
 def _figure(found: Interval) -> str:
@@ -178,5 +166,4 @@ def _figure(found: Interval) -> str:
 
 
 def _figure_part(figure: Figure) -> str:
-    data = base64.b64encode(encode_png(figure.picture[:, :, ::-1])).decode()
-    return f"<h3>{html.escape(figure.heading)}</h3>\n<img alt='' src='data:image/png;base64,{data}'>"
+    return f'<h3>{html.escape(figure.heading)}</h3>\n<img alt="" src="{inline_picture(figure.picture)}">'
