@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import sys
+import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -17,6 +18,7 @@ from slamgym.core.progress import show_progress
 
 if TYPE_CHECKING:
     import numpy as np
+    from minari.data_collector import EpisodeBuffer
 
 OFFLINE = Extra("offline", ("minari", "pyarrow"))
 ENVIRONMENT = "slamgym/ExploreFrontiers-v1"
@@ -61,22 +63,26 @@ def main(argv: list[str]) -> int:
 
     import slamgym  # noqa: F401 - registers the environments
 
-    env = minari.DataCollector(
-        gym.make(ENVIRONMENT, plans=arguments.plans, localization=LOCALIZATION[arguments.localization]),
-        data_format="arrow",
-    )
-    with contextlib.closing(env):
+    where = LOCALIZATION[arguments.localization]
+    with contextlib.closing(gym.make(ENVIRONMENT, plans=arguments.plans, localization=where)) as env:
         rng = np.random.default_rng(arguments.seed)
+        episodes = []
         with show_progress("episodes", 0, arguments.episodes) as advance:
-            for episode in range(arguments.episodes):
-                _record_episode(env, arguments, rng, arguments.seed + episode)
+            for number in range(arguments.episodes):
+                episodes.append(_record_episode(env, arguments, rng, number))
                 advance()
         try:
-            dataset = env.create_dataset(
-                dataset_id=arguments.minari,
-                algorithm_name=f"{arguments.expert}, {100 * arguments.random_share:g} % at random",
-                description=f"{arguments.episodes} explorations of {arguments.plans}",
-            )
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", UserWarning)  # Minari misses author, code and scores
+                # Not by Minari's DataCollector, which would need jax.
+                dataset = minari.create_dataset_from_buffers(
+                    dataset_id=arguments.minari,
+                    buffer=episodes,
+                    env=env,
+                    algorithm_name=f"{arguments.expert}, {100 * arguments.random_share:g} % at random",
+                    description=f"{arguments.episodes} explorations of {arguments.plans}",
+                    data_format="arrow",
+                )
         except ValueError as error:
             reason = " ".join(str(error).split())
             raise ConfigError(f"--minari {arguments.minari}: {reason}; choose another id") from None
@@ -84,15 +90,38 @@ def main(argv: list[str]) -> int:
     return 0
 
 
-def _record_episode(env: Any, arguments: RecordArguments, rng: np.random.Generator, seed: int) -> None:
+def _record_episode(
+    env: Any, arguments: RecordArguments, rng: np.random.Generator, number: int
+) -> EpisodeBuffer:
+    """Explore one building."""
+    import numpy as np
+    from minari.data_collector import EpisodeBuffer
+
     from slamgym.agents.rl.imitation import EXPERTS
 
+    seed = arguments.seed + number
     observation, _ = env.reset(seed=seed)
     answer = EXPERTS[arguments.expert](env.unwrapped)
+    observations, actions = [observation], []
+    rewards, terminations, truncations = [], [], []
     ended = False
     while not ended:
         at_random = rng.random() < arguments.random_share
         offered = (observation["mask"] > 0.5).nonzero()[0]
-        choice = rng.choice(offered) if at_random and len(offered) else answer(observation)
-        observation, _, terminated, truncated, _ = env.step(int(choice))
+        action = int(rng.choice(offered)) if at_random and len(offered) else answer(observation)
+        observation, reward, terminated, truncated, _ = env.step(action)
+        observations.append(observation)
+        actions.append(action)
+        rewards.append(float(reward))
+        terminations.append(terminated)
+        truncations.append(truncated)
         ended = terminated or truncated
+    return EpisodeBuffer(
+        id=number,
+        seed=seed,
+        observations={key: np.stack([one[key] for one in observations]) for key in observation},
+        actions=np.array(actions),
+        rewards=rewards,
+        terminations=terminations,
+        truncations=truncations,
+    )
