@@ -6,11 +6,13 @@ DEMO ?= out/demo
 # One thread per process: the programs run one process per core.
 export OMP_NUM_THREADS ?= 1
 
-.PHONY: help setup demo test fuzz check format clean
+.PHONY: help setup demo test smoke site fuzz check format clean
 
 help:
 	@echo "make demo    explore the bundled plans, write map pairs and a contact sheet to $(DEMO)"
 	@echo "make test    run the tests, the same examples each time"
+	@echo "make smoke   the paper's experiments at the smallest scale: out/smoke/report.html"
+	@echo "make site    build the documentation: out/site/index.html"
 	@echo "make fuzz    search for examples that fail, until one is found or Ctrl-C is pressed;"
 	@echo "             CASES=1000: try so many damaged files on each reader, and stop"
 	@echo "make check   format, lint and type checks"
@@ -27,7 +29,7 @@ $(VENV)/.base: pyproject.toml constraints.txt | $(VENV)/bin/python
 
 # What a developer needs: every extra that the tests exercise.
 $(VENV)/.dev: pyproject.toml constraints.txt | $(VENV)/bin/python
-	$(BIN)/pip install --quiet --constraint constraints.txt --editable ".[agents,gan,hub,ifc,ray,ros,human,dev]"
+	$(BIN)/pip install --quiet --constraint constraints.txt --editable ".[films,agents,gan,hub,offline,ifc,ray,ros,human,site,dev]"
 	@touch $@ $(VENV)/.base
 
 setup: $(VENV)/.dev
@@ -38,6 +40,12 @@ demo: $(VENV)/.base
 test: $(VENV)/.dev
 	$(BIN)/slamgym warmup
 	$(BIN)/python -m pytest -n 2 --import-mode=importlib
+
+smoke: $(VENV)/.dev
+	$(BIN)/slamgym reproduce --scale smoke --out out/smoke
+
+site: $(VENV)/.dev
+	$(BIN)/mkdocs build --quiet --strict
 
 # What was found is kept in .hypothesis and tried first in the next search.
 fuzz: $(VENV)/.dev

@@ -35,7 +35,7 @@ def test_names_are_unique_and_in_order():
     assert names == sorted(set(names))
 
 
-@pytest.mark.parametrize("page", sorted((ROOT / "docs").glob("*.md")), ids=lambda page: page.name)
+@pytest.mark.parametrize("page", sorted((ROOT / "docs").rglob("*.md")), ids=lambda page: page.name)
 def test_modules_and_files_named_in_the_docs_exist(page):
     text = page.read_text()
     for name in re.findall(r"`(slamgym(?:\.[a-z_]+)+)`", text):

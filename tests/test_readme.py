@@ -14,7 +14,9 @@ import pytest
 from slamgym.commands import cli
 
 ROOT = Path(__file__).parents[1]
-PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
+MOST_WIDE_TABLE = 120
+"""Characters of a line of a table in the README."""
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
 
 
 def blocks(language: str) -> list[tuple[str, str]]:
@@ -83,6 +85,19 @@ def test_make_targets_named_in_the_readme_exist():
     }
     assert {"demo", "test"} <= targets
     assert all(re.search(rf"^{target}:", makefile, re.MULTILINE) for target in targets)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_every_fence_has_a_language_and_included_files_exist(page):
+    fences = re.findall(r"^```(.*)$", page.read_text(), re.MULTILINE)
+    assert all(fences[::2]), f"{page.name}: a fence without a language"
+    for path in re.findall(r'^--8<-- "(.+)"$', page.read_text(), re.MULTILINE):
+        assert (ROOT / path).is_file()
+
+
+def test_tables_of_the_readme_are_narrow():
+    lines = (ROOT / "README.md").read_text().splitlines()
+    assert [line for line in lines if line.startswith("|") and len(line) > MOST_WIDE_TABLE] == []
 
 
 def test_linked_files_exist():

@@ -5,6 +5,7 @@ gives the picture's free cells back. By default it is then smoothed by less than
 staircases of oblique walls into straight lines and leaves straight walls alone.
 """
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -15,10 +16,11 @@ from slamgym.cad.floorplan import FloorPlan
 from slamgym.cad.polygons import polygon_parts
 from slamgym.core.errors import InputFileError, PlanError
 from slamgym.core.files import read_bytes
+from slamgym.core.geometry import transform_points
 from slamgym.core.limits import PLAN_PARTS, RUNS, VERTICES
 from slamgym.core.pictures import decode_picture
 from slamgym.core.types import FREE, BoolArray, GridFrame
-from slamgym.interop.ros_map import read_ros_map
+from slamgym.interop.ros_map import read_turned_map
 
 PLAN_SMOOTHING = 0.75
 """Default tolerance of smoothing [cells]: just above the 0.71 cells by which a diagonal staircase strays."""
@@ -35,7 +37,7 @@ MIN_PATCH_SHARE = 0.8
 
 
 def read_ros_plan(path: Path | str, smoothing: float = PLAN_SMOOTHING) -> FloorPlan:
-    """Read the free space of a ROS map; unknown cells count as walls.
+    """Read the free space of a ROS map, which may have a yaw; unknown cells count as walls.
 
     Args:
         path: The map's yaml file; the image lies beside it.
@@ -46,8 +48,12 @@ def read_ros_plan(path: Path | str, smoothing: float = PLAN_SMOOTHING) -> FloorP
         PlanError: If it has no free space, or several disjoint parts of it.
     """
     path = Path(path)
-    grid = read_ros_map(path)
-    return trace_plan(grid.cells == FREE, grid.frame, path.stem, str(path), smoothing)
+    grid, placement = read_turned_map(path)
+    plan = trace_plan(grid.cells == FREE, grid.frame, path.stem, str(path), smoothing)
+    if placement.theta == 0.0:
+        return plan
+    placed = shapely.transform(plan.free_space, lambda points: transform_points(placement, points))
+    return FloorPlan(plan.id, placed, source=plan.source)
 
 
 def read_image_plan(path: Path | str, resolution: float, smoothing: float = PLAN_SMOOTHING) -> FloorPlan:
@@ -167,3 +173,27 @@ def _reached_from_edge(white: BoolArray, radius: float) -> BoolArray:
     covered = cv2.distanceTransform((~centres).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE) <= radius
     inner: BoolArray = covered[pad:-pad, pad:-pad]
     return inner
+
+
+class PictureSource:
+    """Plans that are traced from ROS maps or a picture when they are asked for."""
+
+    def __init__(self, paths: Sequence[Path], resolution: float | None = None) -> None:
+        self._paths = {path.stem: path for path in sorted(paths)}
+        self._resolution = resolution
+        self.ids: Sequence[str] = list(self._paths)
+
+    def __len__(self) -> int:
+        return len(self.ids)
+
+    def load(self, plan_id: str) -> FloorPlan:
+        """Trace the plan."""
+        path = self._paths[plan_id]
+        if self._resolution is not None:
+            return read_image_plan(path, self._resolution)
+        try:
+            return read_ros_plan(path)
+        except PlanError:
+            raise
+        except InputFileError as error:
+            raise PlanError(error.path, error.reason) from error

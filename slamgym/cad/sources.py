@@ -12,12 +12,12 @@ import numpy as np
 from slamgym.cad.floorplan import FloorPlan
 from slamgym.cad.generator import Kind, PlanGeneratorConfig, generate_plan
 from slamgym.cad.houseexpo import parse_houseexpo, read_houseexpo
-from slamgym.cad.image_plan import read_image_plan, read_ros_plan
+from slamgym.cad.image_plan import PictureSource
 from slamgym.cad.plan_files.source import DRAWING_SUFFIXES, DrawingSource
 from slamgym.cad.room_lines import RoomLinesSource
 from slamgym.core.compression import DAMAGED, open_expanded
 from slamgym.core.config import suggest
-from slamgym.core.errors import ConfigError, InputFileError, PlanError
+from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.files import read_text
 from slamgym.core.limits import DOCUMENT_BYTES, ENTRIES, shown
 from slamgym.core.pictures import PICTURE_SUFFIXES
@@ -139,30 +139,6 @@ class ProceduralSource:
         return generate_plan(np.random.default_rng(self._indices[plan_id]), self._config, plan_id)
 
 
-class PictureSource:
-    """One plan, traced from a ROS map or a picture when it is asked for."""
-
-    def __init__(self, path: Path, resolution: float | None = None) -> None:
-        self._path, self._resolution = path, resolution
-        self.ids: Sequence[str] = [path.stem]
-
-    def __len__(self) -> int:
-        return 1
-
-    def load(self, plan_id: str) -> FloorPlan:
-        """Trace the plan."""
-        if plan_id != self._path.stem:
-            raise KeyError(plan_id)
-        if self._resolution is not None:
-            return read_image_plan(self._path, self._resolution)
-        try:
-            return read_ros_plan(self._path)
-        except PlanError:
-            raise
-        except InputFileError as error:
-            raise PlanError(error.path, error.reason) from error
-
-
 class Subset:
     """Some plans of another source."""
 
@@ -185,7 +161,8 @@ def open_plans(spec: Path | str, ids_file: Path | str | None = None) -> PlanSour
         spec: ``bundled``; ``procedural``, plans that the generator makes on the fly, and behind it, each
             after a colon, ``home`` or ``office`` for one kind only, ``loops`` for a loop in every
             plan, and a seed, as in ``procedural:office:loops:7``; a HouseExpo JSON file, a folder of them, or
-            an archive of them (``.tar.gz``); a ROS map's ``.yaml``; floors as rooms with portals (``.jsonl``
+            an archive of them (``.tar.gz``); a ROS map's ``.yaml``, or a
+            folder of them; floors as rooms with portals (``.jsonl``
             or ``.jsonl.xz``); a black/white picture with its metres per pixel, as in ``plan.png@0.05``; a DXF drawing,
             with the metres of its unit behind it where it doesn't say them, as in ``plan.dxf@0.001``; an IFC model,
             each storey a plan; walls as GeoJSON.
@@ -277,13 +254,12 @@ def _open(spec: str, wanted: frozenset[str] | None) -> PlanSource:
     name, _, resolution = spec.rpartition("@")
     if name.lower().endswith(PICTURE_SUFFIXES):
         metres_per_pixel = _metres_per_pixel(spec, resolution)
-        return PictureSource(_existing(name), metres_per_pixel)
+        return PictureSource([_existing(name)], metres_per_pixel)
     if name.lower().endswith(".dxf"):
         return DrawingSource(_existing(name), _metres_per_pixel(spec, resolution))
     path = Path(spec)
     if path.is_dir():
-        # HouseExpo unpacks into a folder within a folder.
-        return FileSource(list(path.glob("*.json")) or path.rglob("*.json"), path)
+        return _open_folder(path)
     if not path.exists():
         if path.suffix or "/" in spec:
             _existing(spec)
@@ -296,7 +272,7 @@ def _open(spec: str, wanted: frozenset[str] | None) -> PlanSource:
     if path.name.endswith((".jsonl", ".jsonl.xz")):
         return RoomLinesSource(path)
     if path.suffix in (".yaml", ".yml"):
-        return PictureSource(path)
+        return PictureSource([path])
     if path.suffix.lower() in DRAWING_SUFFIXES:
         return DrawingSource(path)
     if spec.lower().endswith(PICTURE_SUFFIXES):
@@ -306,6 +282,15 @@ def _open(spec: str, wanted: frozenset[str] | None) -> PlanSource:
         "is no known kind of floor plan; give .json, .dxf, .ifc, .geojson, a folder, .tar.gz, .jsonl, a ROS .yaml "
         "or a picture",
     )
+
+
+def _open_folder(path: Path) -> PlanSource:
+    """HouseExpo plans, or else ROS maps."""
+    plans, maps = list(path.glob("*.json")), list(path.glob("*.yaml"))
+    if maps and not plans:
+        return PictureSource(maps)
+    # HouseExpo unpacks into a folder within a folder.
+    return FileSource(plans or path.rglob("*.json"), path)
 
 
 @dataclass(frozen=True)

@@ -114,6 +114,7 @@ TABLE = Group(
                 "realism": Command("dataset.realism:main", "compare its SLAM maps with those of robots"),
                 "split": Command("dataset.split:main", "put plans, with their near-duplicates, on a side"),
                 "render": Command("dataset.render:main", "make uniform square images for training"),
+                "pack": Command("dataset.pack:main", "images as shards that stream (WebDataset, Parquet)"),
             },
             closing=". `slamgym generate` makes a dataset.",
         ),
@@ -123,6 +124,9 @@ TABLE = Group(
             {
                 "train": Command("agents.train:main", "train a policy by reinforcement learning", LEARNING),
                 "evaluate": Command("agents.evaluate:main", "compare explorers on the same plans and seeds"),
+                "record": Command(
+                    "agents.record:main", "explorations as a Minari dataset, for offline learning"
+                ),
                 "shape": Command("agents.shape:main", "compare reward presets over several seeds"),
             },
         ),
@@ -168,6 +172,11 @@ TABLE = Group(
             },
             closing=". `slamgym cad MAP` draws:",
             default=Command("cad.draw:main", "draw a map"),
+        ),
+        "reproduce": Command(
+            "reproduce.main:main",
+            "the paper's experiments, from plans to a report, by one command",
+            TRANSLATING,
         ),
         "warmup": Command("warmup:main", "compile the numeric kernels, once after an installation"),
         "doctor": Command("doctor:main", "what is installed, what works, and the fix for what doesn't"),

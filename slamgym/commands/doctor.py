@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import importlib.metadata
 import os
 import platform
@@ -64,7 +65,7 @@ def findings() -> Iterator[Finding]:
     yield from _distributions()
     yield _try("what comes with the package", _pretrained, "install slamgym again")
     yield _try("numeric kernels", _kernels, "run slamgym warmup, and see what it says")
-    yield _try("films (ffmpeg)", _films, "pip install --force-reinstall imageio-ffmpeg")
+    yield _try("films (ffmpeg)", _films, "pip install 'slamgym[films]'", "missing")
     yield _disk(Path.cwd())
     yield _disk(Path(tempfile.gettempdir()))
     if _version("torch"):
@@ -170,8 +171,7 @@ def _disk(folder: Path) -> Finding:
 
 
 def _torch() -> str:
-    import torch
-
+    torch = importlib.import_module("torch")
     total = float(torch.ones(3).sum())
     if total != 3.0:
         raise RuntimeError(f"the sum of three ones is {total}")

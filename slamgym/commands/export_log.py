@@ -7,10 +7,15 @@ from typing import Annotated, Literal
 import tyro
 
 from slamgym.commands.extras import Extra, require
-from slamgym.core.config import Arguments
+from slamgym.core.config import Arguments, NonNegative
 from slamgym.core.errors import InputFileError
-from slamgym.core.types import OccupancyGrid
+from slamgym.core.types import OccupancyGrid, Trajectory
 from slamgym.interop.rosbag_writer import Storage
+
+FIRST_STAMP = 1.7e9
+"""14 November 2023, 22:13:20 UTC: the same every time, so that the same episode gives the same bag [s since 1970]."""
+SIMULATED_CLOCK = 1e8
+"""Logs that begin before have no date [s]."""
 
 
 class ExportArguments(Arguments):
@@ -23,7 +28,8 @@ class ExportArguments(Arguments):
     """The file (CARMEN; compressed if it ends in .gz) or folder (rosbag2) to write."""
 
     format: Literal["carmen", "rosbag2"] = "carmen"
-    """What to write. A rosbag2 holds /scan, /odom, /tf, /tf_static and, if the episode has a map, /map."""
+    """What to write. A rosbag2 holds /scan, /odom with speeds, /tf, /tf_static, /clock and, of an episode, /map and
+    /ground_truth."""
 
     message: Literal["FLASER", "ROBOTLASER1"] | None = None
     """CARMEN: the message type. By default FLASER for a scanner of 180 degrees, else ROBOTLASER1."""
@@ -34,6 +40,14 @@ class ExportArguments(Arguments):
     map: Path | None = None
     """rosbag2: the yaml file of the map to publish. By default the episode's own."""
 
+    localised: bool = False
+    """rosbag2: also publish map -> odom as the episode's own SLAM estimated it, to look at the run without a SLAM
+    program, which would publish that transform itself."""
+
+    first_stamp: NonNegative = FIRST_STAMP
+    """rosbag2: time of the first scan of a log whose clock starts near zero [s since 1970]; logs with stamps of their
+    own keep them."""
+
     overwrite: bool = False
     """CARMEN: replace an existing file."""
 
@@ -43,7 +57,7 @@ def main(argv: list[str]) -> int:
     arguments = tyro.cli(ExportArguments, args=argv, prog="slamgym export-log")
     from slamgym.interop.carmen import write_carmen
     from slamgym.interop.logs import open_log
-    from slamgym.interop.rosbag_writer import write_rosbag2
+    from slamgym.interop.rosbag_writer import BagTracks, write_rosbag2
 
     if arguments.format == "rosbag2":
         require(Extra("ros", ("rosbags",)), "--format rosbag2")
@@ -55,11 +69,32 @@ def main(argv: list[str]) -> int:
             raise InputFileError(arguments.out, "exists already; give --overwrite to replace it")
         write_carmen(arguments.out, log.records, log.geometry, message=arguments.message)
     else:
+        undated = bool(log.records) and log.records[0].stamp < SIMULATED_CLOCK
         write_rosbag2(
-            arguments.out, log.records, log.geometry, grid=_map(arguments), storage=arguments.storage
+            arguments.out,
+            log.records,
+            log.geometry,
+            grid=_map(arguments),
+            tracks=BagTracks(_track(arguments, "truth"), _track(arguments, "estimate", arguments.localised)),
+            first_stamp=arguments.first_stamp if undated else None,
+            storage=arguments.storage,
         )
     sys.stdout.write(f"{arguments.out}: {len(log)} scans over {log.duration:.1f} s\n")
     return 0
+
+
+def _track(arguments: ExportArguments, name: str, wanted: bool = True) -> Trajectory | None:
+    """A trajectory of the episode, if it is one and the track is wanted."""
+    from slamgym.interop.tum import read_tum
+
+    path = arguments.log / f"{name}.tum"
+    if not wanted:
+        return None
+    if path.is_file():
+        return read_tum(path)
+    if arguments.localised:
+        raise InputFileError(path, "is missing; --localised needs an episode that `slamgym generate` wrote")
+    return None
 
 
 def _map(arguments: ExportArguments) -> OccupancyGrid | None:

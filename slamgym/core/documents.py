@@ -56,7 +56,10 @@ def parse_json(
         value = load_json(text)
     except ValueError as reason:
         raise error(where, f"is not valid JSON ({_one_line(reason)})" + (fix and f"; {fix}")) from None
-    _check_depth(value, where, error)
+    # Fewer brackets than the limit can't be nested deeper.
+    brackets = (b"[", b"{") if isinstance(text, bytes) else ("[", "{")
+    if sum(map(text.count, brackets)) > DEPTH.value:  # type: ignore[arg-type]
+        _check_depth(value, where, error)
     return value
 
 

@@ -155,11 +155,13 @@ def byte_lines(path: Path | str, limit: Limit = DOCUMENT_BYTES) -> Iterator[tupl
     Raises:
         InputFileError: If it can't be read, is no regular file, or a line is longer than the limit.
     """
+    shown, most = str(path), limit.value
     with open_regular(path) as file:
         number = 1
-        while line := file.readline(limit.value + 1):
-            where = f"{path}:{number}"
-            limit.check(where, len(line))
+        while line := file.readline(most + 1):
+            where = f"{shown}:{number}"
+            if len(line) > most:
+                limit.check(where, len(line))
             yield line, where
             number += 1
 

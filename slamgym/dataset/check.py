@@ -5,7 +5,7 @@ A fault is a sentence about one file. Checking goes on after it, so that all fau
 
 import hashlib
 import json
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
@@ -22,6 +22,7 @@ from slamgym.core.seeding import exploration_seed
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN
 from slamgym.dataset.folder import is_whole, pair_names
 from slamgym.dataset.format import FORMAT_VERSION, SUMS, Layout, require_manifest
+from slamgym.dataset.manifest_file import SlotSet
 from slamgym.dataset.record import PairRecord
 from slamgym.dataset.shard import shard_folders
 
@@ -78,22 +79,23 @@ def check_image(
         yield FileFault(path, f"has the pixel value {strange[0]}; side {side} has {known} only")
 
 
-def read_records(path: Path, parse: Callable[[str, str], _Record]) -> tuple[list[_Record], list[FileFault]]:
-    """Read a manifest, whatever is wrong with some of its lines."""
-    records: list[_Record] = []
-    faults = []
+def iterate_records(
+    path: Path, parse: Callable[[str, str], _Record], faults: list[FileFault]
+) -> Iterator[_Record]:
+    """Read a manifest one record at a time, whatever is wrong with some of its lines; that is added to the faults."""
     line = b"\n"
     try:
         for line, where in byte_lines(path):
             try:
-                records.append(parse(line.decode(errors="replace"), where))
+                record = parse(line.decode(errors="replace"), where)
             except SlamgymError as error:
                 faults.append(_as_fault(Path(where), error))
+            else:
+                yield record
     except InputFileError as error:  # the rest can't be read
         faults.append(_as_fault(path, error))
     if not line.endswith(b"\n"):
         faults.append(FileFault(path, "ends in the middle of a line"))
-    return records, faults
 
 
 def doubled(path: Path, what: str, values: Iterable[Any]) -> Iterator[FileFault]:
@@ -126,22 +128,53 @@ def check_dataset(root: Path | str, advance: Callable[[], None] = lambda: None) 
     layout = Layout(Path(root))
     require_manifest(layout.manifest, "slamgym generate")
     settings, faults = read_settings(layout.config, "format_version", FORMAT_VERSION)
-    records, broken = read_records(layout.manifest, PairRecord.from_line)
-    faults += broken
-    faults += _repetitions(layout.manifest, records)
-    for record in records:
+    listed = _Listed(layout)
+    for record in iterate_records(layout.manifest, PairRecord.from_line, faults):
+        listed.add(record)
         faults += _check_record(layout, record, settings)
         faults += _check_pair_images(layout, record)
         faults += check_episode(layout.episode(record.name), record)
         advance()
-    names = {record.name for record in records}
-    faults += _unexpected_files(layout, names)
-    faults += _unmerged(layout, names)
-    faults += same_images((layout.image("B", r.name), r.sha256.get("B", ""), r.name) for r in records)
+    faults += listed.faults
+    faults += _unexpected_files(layout, listed.names)
+    faults += _unmerged(layout, listed.names)
     for path in (layout.rejected, layout.timing):
         faults += _check_lines(path)
-    faults += _check_side_files(layout.root, records)
+    faults += _check_side_files(layout.root, listed)
     return faults
+
+
+class _Listed:
+    """What is kept of a million records to see whether they agree with each other."""
+
+    def __init__(self, layout: Layout) -> None:
+        self._layout = layout
+        self.names: dict[str, None] = {}
+        """In the order of the manifest."""
+        self.plans: set[str] = set()
+        self.faults: list[FileFault] = []
+        self._indices, self._seeds, self._last = SlotSet(), set[int](), -1
+        self._owners: dict[int, str] = {}
+
+    def add(self, record: PairRecord) -> None:
+        """Compare a record with those before it."""
+        manifest = self._layout.manifest
+        known = {"name": record.name in self.names, "index": record.index in self._indices}
+        known["seed"] = record.seed in self._seeds
+        for what, again in known.items():
+            if again:
+                self.faults.append(FileFault(manifest, f"has the {what} {getattr(record, what)} twice"))
+        if record.index < self._last:
+            self.faults.append(FileFault(manifest, f"is not in the order of the index at {record.name}"))
+        self.names[record.name] = None
+        self.plans.add(record.plan_id)
+        self._indices.add(record.index)
+        self._seeds.add(record.seed)
+        self._last = max(self._last, record.index)
+        picture, path = hash(record.sha256.get("B", "")), self._layout.image("B", record.name)
+        if picture in self._owners:
+            self.faults.append(FileFault(path, f"is the same picture as that of {self._owners[picture]}"))
+        self._owners.setdefault(picture, record.name)
 
 
 def check_episode(folder: Path, record: PairRecord) -> Iterator[FileFault]:
@@ -182,14 +215,6 @@ def dataset_settings_hash(settings: Mapping[str, Any]) -> str:
     """The hash that every record of a dataset with this ``config.json`` carries."""
     inner = {name: value for name, value in settings.items() if name not in _SETTINGS_BESIDE}
     return hashlib.sha256(json.dumps(inner, sort_keys=True).encode()).hexdigest()[:12]
-
-
-def _repetitions(path: Path, records: list[PairRecord]) -> Iterator[FileFault]:
-    yield from doubled(path, "name", (record.name for record in records))
-    yield from doubled(path, "index", (record.index for record in records))
-    yield from doubled(path, "seed", (record.seed for record in records))
-    if [r.index for r in records] != sorted(r.index for r in records):
-        yield FileFault(path, "is not in the order of the index")
 
 
 def _check_record(layout: Layout, record: PairRecord, settings: Mapping[str, Any]) -> Iterator[FileFault]:
@@ -245,7 +270,7 @@ def _check_sums(folder: Path, sha256: str) -> Iterator[FileFault]:
             yield FileFault(path, "is no file of an exploration")
 
 
-def _unexpected_files(layout: Layout, names: set[str]) -> Iterator[FileFault]:
+def _unexpected_files(layout: Layout, names: Collection[str]) -> Iterator[FileFault]:
     """Files and folders that no record speaks of."""
     for side in VALUES:
         folder = layout.root / side
@@ -259,7 +284,7 @@ def _unexpected_files(layout: Layout, names: set[str]) -> Iterator[FileFault]:
         yield FileFault(layout.incoming, "is what a run left that is at work or was killed; run it again")
 
 
-def _unmerged(layout: Layout, names: set[str]) -> Iterator[FileFault]:
+def _unmerged(layout: Layout, names: Collection[str]) -> Iterator[FileFault]:
     """Shards below the dataset may stay, but hold nothing that was not put into it."""
     for folder in shard_folders(layout.root):
         shard = Layout(folder)
@@ -300,24 +325,24 @@ def _check_lines(path: Path) -> Iterator[FileFault]:
         yield _as_fault(path, error)
 
 
-def _check_side_files(root: Path, records: list[PairRecord]) -> Iterator[FileFault]:
+def _check_side_files(root: Path, listed: _Listed) -> Iterator[FileFault]:
     """Whether the split and the verdicts, where there are any, know the pairs."""
     # Imported here, as reading a dataset needs neither.
     from slamgym.dataset.curate.split import read_split, split_path
-    from slamgym.dataset.curate.verdicts import VERDICTS_FILE, read_verdicts
+    from slamgym.dataset.curate.verdicts import VERDICTS_FILE, iterate_verdicts
 
     if split_path(root).exists():
         try:
             plans = read_split(root).plans
-            missing = sorted({record.plan_id for record in records} - plans.keys())
+            missing = sorted(listed.plans - plans.keys())
             if missing:
                 yield FileFault(split_path(root), f"doesn't know {len(missing)} plans, such as {missing[0]}")
         except SlamgymError as error:
             yield _as_fault(split_path(root), error)
     if (root / VERDICTS_FILE).exists():
         try:
-            names = read_verdicts(root).keys()
-            missing = [record.name for record in records if record.name not in names]
+            names = {verdict.name for verdict in iterate_verdicts(root)}
+            missing = [name for name in listed.names if name not in names]
             if missing:
                 yield FileFault(
                     root / VERDICTS_FILE, f"doesn't know {len(missing)} pairs, such as {missing[0]}"

@@ -227,6 +227,16 @@ def read_times(path: Path) -> dict[str, dict[str, Any]]:
     return times
 
 
+def read_seconds(path: Path) -> Iterator[tuple[str, float]]:
+    """Name and CPU seconds of each exploration, one by one."""
+    for line, where in text_lines(path) if path.is_file() else ():
+        try:
+            entry = parse_json(line, where)
+            yield str(entry["name"]), float(entry["cpu_seconds"])
+        except (InputFileError, ValueError, KeyError, TypeError, OverflowError):
+            continue
+
+
 def claim_folder(
     layout: FolderLayout,
     settings: Mapping[str, Any],

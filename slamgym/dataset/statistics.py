@@ -1,27 +1,27 @@
 """What lies in a dataset: tables by condition, a few lines of text, and one picture of many pairs."""
 
+import io
 from array import array
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from slamgym.core.files import replace_file
+from slamgym.core.files import open_regular, replace_file
 from slamgym.core.png import encode_png
-from slamgym.core.types import FloatArray
-from slamgym.dataset.curate.verdicts import VERDICTS_FILE, read_verdicts
-from slamgym.dataset.folder import read_rejected, read_times
-from slamgym.dataset.format import Layout, load_pair, read_manifest
+from slamgym.core.types import FloatArray, IntArray
+from slamgym.dataset.columns import RecordColumns
+from slamgym.dataset.curate.verdicts import VERDICTS_FILE, iterate_verdicts
+from slamgym.dataset.folder import read_rejected, read_seconds
+from slamgym.dataset.format import SIDES, Layout, load_pair, read_manifest
 from slamgym.dataset.record import GOOD_COVERAGE, PairRecord
 from slamgym.interop import read_tum
 from slamgym.viz.sheets import SheetEntry, draw_contact_sheet
 
-MAX_VALUES = 6
-"""A condition with more different numbers is shown in ranges."""
-RANGES = 4
+MOST_MEASURED = 20_000
+"""Of more pairs the bytes on disk are those of so many, evenly spaced, scaled up."""
 
 
 @dataclass(frozen=True)
@@ -62,134 +62,112 @@ class DatasetStatistics:
     left_out: dict[str, int]
     """Pairs that cleaning drops, by reason."""
     bytes: dict[str, int]
-    """Bytes on disk: ``A``, ``B``, and the files of the explorations by name."""
+    """Bytes on disk: ``A``, ``B``, and the files of the explorations by name; of many pairs an estimate."""
     by_condition: dict[str, dict[str, GroupStatistics]] = field(default_factory=dict)
     """For each condition that varies, the figures by its value; also by kind of plan."""
 
 
 def dataset_statistics(root: Path | str) -> DatasetStatistics:
-    """Summarise a dataset.
+    """Summarise a dataset of any size; a million records take half a minute and half a gigabyte.
 
     Raises:
         InputFileError: If the folder holds no dataset or a list is malformed.
     """
     layout = Layout(Path(root))
-    records = list(read_manifest(root))
-    verdicts = read_verdicts(root) if (layout.root / VERDICTS_FILE).is_file() else {}
-    kept = {name: verdict.keep for name, verdict in verdicts.items()}
-    seconds = {name: float(entry["cpu_seconds"]) for name, entry in read_times(layout.timing).items()}
+    measured = _spread_over(layout)
+    sizes: Counter[str] = Counter()
+    columns = RecordColumns.of(_count_bytes(layout, measured, sizes))
+    dropped: Counter[str] = Counter()
+    kept = columns.joined(_verdicts(layout.root, dropped))
+    seconds = columns.joined(read_seconds(layout.timing))
     rejected = {entry["plan_id"]: entry["error"] for entry in read_rejected(layout.rejected).values()}
-    dropped = Counter(verdict.kind for verdict in verdicts.values() if not verdict.keep)
+    everything = np.arange(len(columns))
+    endings = (
+        np.bincount(np.frombuffer(columns.endings.codes, dtype=np.int32)) if len(columns) else np.empty(0)
+    )
+    scale = len(columns) / min(max(len(columns), 1), MOST_MEASURED)
     return DatasetStatistics(
         dataset=str(root),
-        whole=_summarise(records, kept, seconds),
-        endings=dict(Counter(record.finished for record in records).most_common()),
+        whole=_summarise(columns, everything, kept, seconds),
+        endings=dict(Counter(dict(zip(columns.endings.known, endings.tolist(), strict=True))).most_common()),
         rejected=dict(Counter(rejected.values()).most_common()),
         left_out=dict(dropped.most_common()),
-        bytes=bytes_on_disk(layout, records),
+        bytes={name: round(size * scale) for name, size in sizes.most_common()},
         by_condition={
-            name: {label: _summarise(group, kept, seconds) for label, group in groups.items()}
-            for name, groups in _groupings(records)
+            name: {label: _summarise(columns, places, kept, seconds) for label, places in groups.items()}
+            for name, groups in _groupings(columns)
         },
     )
 
 
-def bytes_on_disk(layout: Layout, records: Sequence[PairRecord]) -> dict[str, int]:
-    """Sizes of the pairs' files, added up by kind; files that are missing count nothing."""
-    sizes: Counter[str] = Counter()
-    for record in records:
-        for side in ("A", "B"):
-            path = layout.image(side, record.name)
-            sizes[side] += path.stat().st_size if path.is_file() else 0
-        folder = layout.episode(record.name)
-        for path in folder.iterdir() if folder.is_dir() else ():
-            sizes[path.name] += path.stat().st_size
-    return dict(sizes.most_common())
+def _spread_over(layout: Layout) -> Callable[[int], bool]:
+    """Which places of the manifest are looked at on the disk: all, or so many evenly spaced ones."""
+    with open_regular(layout.manifest) if layout.manifest.is_file() else io.BytesIO() as file:
+        count = sum(chunk.count(b"\n") for chunk in iter(lambda: file.read(1 << 20), b""))
+    if count <= MOST_MEASURED:
+        return lambda place: True  # noqa: ARG005 - all of them
+    chosen = frozenset(np.linspace(0, count - 1, MOST_MEASURED).astype(int).tolist())
+    return chosen.__contains__
 
 
-def group_by_condition(records: Sequence[PairRecord], name: str) -> dict[str, list[PairRecord]]:
-    """The pairs by the value of one condition; many different numbers are gathered in ranges."""
-    values = [record.conditions.get(name) for record in records]
-    label = _labeller(values)
-    groups: dict[str, list[PairRecord]] = {}
-    order = sorted(range(len(records)), key=lambda index: _sort_key(values[index]))
-    for index in order:
-        groups.setdefault(label(values[index]), []).append(records[index])
-    return groups
+def _count_bytes(
+    layout: Layout, measured: Callable[[int], bool], sizes: Counter[str]
+) -> Iterator[PairRecord]:
+    """The records, and on the way the sizes of their files, added up by kind; missing files count nothing."""
+    for place, record in enumerate(read_manifest(layout.root)):
+        if measured(place):
+            for side in SIDES:
+                path = layout.image(side, record.name)
+                sizes[side] += path.stat().st_size if path.is_file() else 0
+            folder = layout.episode(record.name)
+            for path in folder.iterdir() if folder.is_dir() else ():
+                sizes[path.name] += path.stat().st_size
+        yield record
 
 
-def _groupings(records: Sequence[PairRecord]) -> Iterator[tuple[str, dict[str, list[PairRecord]]]]:
+def _verdicts(root: Path, dropped: Counter[str]) -> Iterator[tuple[str, float]]:
+    """Name and whether it is kept, of what was cleaned; the reasons of the others are counted."""
+    for verdict in iterate_verdicts(root) if (root / VERDICTS_FILE).is_file() else ():
+        if not verdict.keep:
+            dropped[verdict.kind] += 1
+        yield verdict.name, float(verdict.keep)
+
+
+def _groupings(columns: RecordColumns) -> Iterator[tuple[str, dict[str, IntArray]]]:
     """Every way to group the pairs that gives more than one group."""
-    kinds: dict[str, list[PairRecord]] = {}
-    for record in records:
-        kinds.setdefault(_kind_of_plan(record), []).append(record)
-    if len(kinds) > 1:
-        yield "plans", dict(sorted(kinds.items()))
-    for name in sorted({name for record in records for name in record.conditions}):
-        groups = group_by_condition(records, name)
+    if len(columns.kinds.known) > 1:
+        codes = np.frombuffer(columns.kinds.codes, dtype=np.int32)
+        yield (
+            "plans",
+            {kind: np.flatnonzero(codes == code) for kind, code in sorted(columns.kinds.known.items())},
+        )
+    for name, column in sorted(columns.conditions.items()):
+        groups = column.groups()
         if len(groups) > 1:
             yield name, groups
 
 
-def _kind_of_plan(record: PairRecord) -> str:
-    """Generated plans by their kind, all others as files."""
-    if record.plan_source.startswith("generator:"):
-        return "generated " + record.plan_id.rstrip("0123456789~").rstrip("_").rstrip("0123456789").rstrip(
-            "_"
-        )
-    return "from files"
-
-
-def _labeller(values: Sequence[Any]) -> Any:
-    """A function from a value to the name of its group."""
-    numbers = sorted({value for value in values if isinstance(value, (int, float))})
-    if len(numbers) <= MAX_VALUES or any(isinstance(value, str) for value in values):
-        return lambda value: "not set" if value is None else str(value)
-    low, high = numbers[0], numbers[-1]
-    if low == 0:
-        low = numbers[1]  # nothing at all is a case of its own
-    edges = np.linspace(low, high, RANGES + 1)
-
-    def label(value: Any) -> str:
-        if value is None:
-            return "not set"
-        if value < low:
-            return str(value)
-        place = min(int(np.searchsorted(edges, value, side="right")), RANGES) - 1
-        return f"{edges[place]:.2g} to {edges[place + 1]:.2g}"
-
-    return label
-
-
-def _sort_key(value: Any) -> tuple[int, float, str]:
-    if isinstance(value, (int, float)):
-        return 0, float(value), ""
-    return (1, 0.0, str(value)) if value is not None else (2, 0.0, "")
-
-
 def _summarise(
-    records: Sequence[PairRecord], kept: Mapping[str, bool], seconds: Mapping[str, float]
+    columns: RecordColumns, places: IntArray, kept: FloatArray, seconds: FloatArray
 ) -> GroupStatistics:
-    times = [seconds[record.name] for record in records if record.name in seconds]
-    judged = [kept[record.name] for record in records if record.name in kept]
-    minutes = _column(records, "robot_seconds") / 60.0
+    times, judged = (values[places][~np.isnan(values[places])] for values in (seconds, kept))
+    minutes = columns.column("robot_seconds")[places] / 60.0
+    coverage = columns.column("coverage")[places]
     return GroupStatistics(
-        pairs=len(records),
-        plans=len({record.plan_id for record in records}),
+        pairs=len(places),
+        plans=len(np.unique(np.frombuffer(columns.plans.codes, dtype=np.int32)[places]))
+        if len(places)
+        else 0,
         robot_hours=float(minutes.sum() / 60.0),
-        complete=float(np.mean(_column(records, "coverage") >= GOOD_COVERAGE)) if records else 0.0,
-        kept=float(np.mean(judged)) if judged else None,
-        coverage=_percentiles(_column(records, "coverage"), 5, 50),
-        ate=_percentiles(_column(records, "ate"), 50, 95),
-        odometry_ate=_percentiles(_column(records, "odometry_ate"), 50, 50)[0],
-        map_error=_percentiles(_column(records, "map_error"), 50, 95),
+        complete=float(np.mean(coverage >= GOOD_COVERAGE)) if len(places) else 0.0,
+        kept=float(np.mean(judged)) if len(judged) else None,
+        coverage=_percentiles(coverage, 5, 50),
+        ate=_percentiles(columns.column("ate")[places], 50, 95),
+        odometry_ate=_percentiles(columns.column("odometry_ate")[places], 50, 50)[0],
+        map_error=_percentiles(columns.column("map_error")[places], 50, 95),
         minutes=_percentiles(minutes, 50, 100),
-        cpu_seconds=float(np.mean(times)) if times else None,
+        cpu_seconds=float(np.mean(times)) if len(times) else None,
     )
-
-
-def _column(records: Sequence[PairRecord], name: str) -> FloatArray:
-    return np.array([getattr(record, name) for record in records], dtype=np.float64)
 
 
 def _percentiles(values: FloatArray, first: float, second: float) -> tuple[float, float]:

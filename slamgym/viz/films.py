@@ -1,5 +1,6 @@
 """Films: pictures written as an MP4 or a GIF."""
 
+import importlib.util
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -18,13 +19,17 @@ ShowPicture = Callable[[ByteArray], None]
 
 
 def check_film_name(path: Path) -> None:
-    """Refuse a name that no film can have.
+    """Refuse a name that no film can have, or that this installation can't write.
 
     Raises:
-        ConfigError: If it ends neither in .mp4 nor in .gif.
+        ConfigError: If it ends neither in .mp4 nor in .gif, or in .mp4 and ffmpeg isn't installed.
     """
     if path.suffix.lower() not in FILM_SUFFIXES:
         raise ConfigError(f"{path}: a film's name must end in {' or '.join(FILM_SUFFIXES)}")
+    if path.suffix.lower() == ".mp4" and importlib.util.find_spec("imageio_ffmpeg") is None:
+        raise ConfigError(
+            f"{path}: an MP4 needs ffmpeg; install it with: pip install 'slamgym[films]', or write a .gif"
+        )
 
 
 @contextmanager
@@ -32,7 +37,7 @@ def open_film(path: Path, frames_per_second: float) -> Iterator[ShowPicture]:
     """Give a function that appends an RGB picture; the film appears when the block ends well.
 
     Raises:
-        ConfigError: If the film's name ends neither in .mp4 nor in .gif.
+        ConfigError: If the film's name ends neither in .mp4 nor in .gif, or ffmpeg is missing.
         InputFileError: If it can't be written.
     """
     check_film_name(path)

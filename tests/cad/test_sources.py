@@ -7,6 +7,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from shapely import affinity
 
 from slamgym.cad import FloorPlan, check_plan, open_plans, write_houseexpo
 from slamgym.cad.sources import ProceduralSource, open_plan_mix
@@ -139,6 +140,22 @@ def test_a_ros_map_and_a_picture_are_plans(tmp_path, bundled):
     cv2.imwrite(str(tmp_path / "flat.png"), grid.cells)
     from_picture = open_plans(f"{tmp_path / 'flat.png'}@0.05")
     assert from_picture.load("flat").area == pytest.approx(plan.area, rel=0.02)
+
+
+def test_a_folder_of_ros_maps_is_a_source_and_a_yaw_turns_the_plan(tmp_path, bundled):
+    plan = next(iter(bundled.values()))
+    for name in ("first", "second"):
+        write_ros_map(tmp_path / name, plan.raster(0.05))
+    path = tmp_path / "second.yaml"
+    path.write_text(path.read_text().replace(", 0.0]", ", 0.5]"))
+    source = open_plans(tmp_path)
+    assert source.ids == ["first", "second"]
+    straight, turned = (source.load(plan_id).free_space for plan_id in source.ids)
+    assert turned.area == pytest.approx(straight.area)
+    frame = plan.raster(0.05).frame
+    corner = (frame.origin_x, frame.origin_y)
+    expected = affinity.rotate(straight, 0.5, origin=corner, use_radians=True)
+    assert turned.symmetric_difference(expected).area < 1e-6 * straight.area
 
 
 @pytest.mark.parametrize(

@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 
 from slamgym.commands import cli
+from slamgym.dataset import statistics
+from slamgym.dataset.columns import ConditionColumn, RecordColumns
 from slamgym.dataset.folder import open_dataset
 from slamgym.dataset.format import Layout, read_manifest
 from slamgym.dataset.record import Slot
-from slamgym.dataset.statistics import dataset_statistics, group_by_condition
+from slamgym.dataset.statistics import dataset_statistics
 
 
 def test_the_whole_is_the_sum_of_its_groups(small_dataset):
@@ -40,11 +42,49 @@ def test_bytes_are_those_on_disk(small_dataset):
     assert sum(sizes.values()) - sizes["A"] - sizes["B"] == on_disk
 
 
-def test_many_numbers_are_reported_in_ranges(small_dataset):
+def groups_of(*values):
+    column = ConditionColumn(0)
+    for value in values:
+        column.append(value)
+    return {label: len(places) for label, places in column.groups().items()}
+
+
+def test_words_few_numbers_and_what_is_missing_are_groups_of_their_own():
+    assert groups_of("b", None, "a", 2, "b", 10) == {"2": 1, "10": 1, "a": 1, "b": 2, "not set": 1}
+    assert groups_of(True, False, True) == {"False": 1, "True": 2}
+    assert groups_of(5, 0.5, 5) == {"0.5": 1, "5": 2}
+    assert groups_of("w", *range(8)) == {**{str(i): 1 for i in range(8)}, "w": 1}
+
+
+def test_a_condition_that_comes_late_is_missing_before(small_dataset):
     record = next(iter(read_manifest(small_dataset)))
-    values = [0.0] * 5 + list(np.linspace(0.2, 1.0, 9)) + [None]
-    records = [dataclasses.replace(record, conditions={"x": value}) for value in values]
-    groups = {label: len(group) for label, group in group_by_condition(records, "x").items()}
+    columns = RecordColumns.of(dataclasses.replace(record, conditions=c) for c in ({}, {"x": 1}, {"x": 2}))
+    assert {label: places.tolist() for label, places in columns.conditions["x"].groups().items()} == {
+        "1": [1],
+        "2": [2],
+        "not set": [0],
+    }
+
+
+def test_lists_are_joined_by_name(small_dataset):
+    records = list(read_manifest(small_dataset))
+    columns = RecordColumns.of(records)
+    joined = columns.joined([("stranger", 9.0), *((r.name, r.ate) for r in reversed(records[1:]))])
+    assert np.isnan(joined[0])
+    assert joined[1:].tolist() == [r.ate for r in records[1:]]
+    assert np.isnan(columns.joined([])).all()
+
+
+def test_the_bytes_of_very_many_pairs_are_scaled_up(small_dataset, monkeypatch):
+    whole = dataset_statistics(small_dataset).bytes
+    monkeypatch.setattr(statistics, "MOST_MEASURED", 4)
+    estimate = dataset_statistics(small_dataset).bytes
+    assert estimate.keys() == whole.keys()
+    assert estimate["A"] == pytest.approx(whole["A"], rel=0.5)
+
+
+def test_many_numbers_are_reported_in_ranges():
+    groups = groups_of(*[0.0] * 5, *np.linspace(0.2, 1.0, 9).tolist(), None)
     assert groups == {
         "0.0": 5,
         "0.2 to 0.4": 2,

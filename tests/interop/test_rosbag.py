@@ -7,8 +7,10 @@ from hypothesis import strategies as st
 
 from slamgym.commands.export_log import main as export_log
 from slamgym.core.errors import ConfigError, InputFileError
-from slamgym.core.types import GridFrame, OccupancyGrid, Pose2D
+from slamgym.core.geometry import compose
+from slamgym.core.types import GridFrame, OccupancyGrid, Pose2D, Trajectory
 from slamgym.interop import open_log, read_rosbag, write_rosbag2
+from slamgym.interop.rosbag_writer import BagTracks
 from slamgym.interop.transform_tree import TransformTree, planar, rigid_transform
 
 pytest.importorskip("rosbags")
@@ -46,9 +48,75 @@ def test_the_map_is_published_with_row_zero_at_the_bottom(tmp_path, records, geo
         connection = next(c for c in reader.connections if c.topic == "/map")
         _, _, raw = next(reader.messages([connection]))
         message = reader.deserialize(raw, connection.msgtype)
-    assert topics == {"/scan", "/odom", "/tf", "/tf_static", "/map"}
+    assert topics == {"/scan", "/odom", "/tf", "/tf_static", "/clock", "/map"}
     assert message.data.tolist() == [100, -1, 0]
     assert (message.info.origin.position.x, message.info.origin.position.y) == (-1.0, 2.0)
+
+
+def messages_of(bag):
+    """Topic, time of writing [s] and message of everything in a bag."""
+    from rosbags.highlevel import AnyReader
+
+    with AnyReader([bag]) as reader:
+        return [(c.topic, t * 1e-9, reader.deserialize(raw, c.msgtype)) for c, t, raw in reader.messages()]
+
+
+def test_a_bag_has_speeds_truth_clock_and_a_whole_tree_of_frames(tmp_path, records, geometry):
+    stamps = np.array([record.stamp for record in records])
+    circle = np.column_stack([np.sin(stamps - 100), 1 - np.cos(stamps - 100), stamps - 100])  # 1 m/s, 1 rad/s
+    driven = [r._replace(odometry=Pose2D(*pose)) for r, pose in zip(records, circle, strict=True)]
+    shifted = Trajectory(stamps[[0, -1]], circle[[0, -1]])
+    tracks = BagTracks(Trajectory(stamps, circle + np.array([5.0, 0.0, 0.0])), shifted)
+    write_rosbag2(tmp_path / "bag", driven, geometry, tracks=tracks, first_stamp=1.7e9)
+    found = messages_of(tmp_path / "bag")
+    assert found[0][1] == 1.7e9
+    odometry = [message for topic, _, message in found if topic == "/odom"]
+    assert odometry[0].twist.twist.linear.x == 0.0
+    assert odometry[5].twist.twist.linear.x == pytest.approx(1.0, rel=1e-6)
+    assert odometry[5].twist.twist.angular.z == pytest.approx(1.0)
+    assert (np.diag(odometry[5].pose.covariance.reshape(6, 6)) > 0.0).all()
+    truth = [message for topic, _, message in found if topic == "/ground_truth"]
+    assert truth[3].header.frame_id == "map"
+    assert truth[3].pose.pose.position.x == pytest.approx(circle[3, 0] + 5.0)
+    clock = [message.clock for topic, _, message in found if topic == "/clock"]
+    assert (clock[1].sec, clock[1].nanosec) == (1_700_000_000, 200_000_000)
+    frames = {
+        (t.header.frame_id, t.child_frame_id) for topic, _, m in found if "tf" in topic for t in m.transforms
+    }
+    assert frames == {("map", "odom"), ("odom", "base_footprint"), ("base_footprint", "base_scan")}
+    scan = next(message for topic, _, message in found if topic == "/scan")
+    assert scan.scan_time == pytest.approx(0.2)
+
+
+def test_map_and_odom_together_give_the_estimate(tmp_path, records, geometry):
+    stamps = np.array([record.stamp for record in records])
+    estimate = np.column_stack([stamps - 99, 0.1 * stamps, 0.01 * (stamps - 100)])
+    write_rosbag2(tmp_path / "bag", records, geometry, tracks=BagTracks(None, Trajectory(stamps, estimate)))
+    trees = [m.transforms[0] for topic, _, m in messages_of(tmp_path / "bag") if topic == "/tf"]
+    at = [
+        Pose2D(t.transform.translation.x, t.transform.translation.y, 2 * np.arctan2(q.z, q.w))
+        for t in trees
+        for q in (t.transform.rotation,)
+    ]
+    assert compose(at[9], at[8]) == pytest.approx(Pose2D(*estimate[4]), abs=1e-6)
+
+
+def test_an_episode_is_dated_and_localised_on_demand(tmp_path, records, geometry):
+    from slamgym.interop import write_tum
+
+    folder = tmp_path / "episode"
+    folder.mkdir()
+    write_rosbag2(folder / "bag", records, geometry)
+    track = Trajectory(np.array([100.0, 102.0]), np.zeros((2, 3)))
+    bag = folder / "bag"
+    with pytest.raises(InputFileError, match="--localised needs an episode"):
+        export_log([str(bag), "--format", "rosbag2", "--localised", "-o", str(tmp_path / "out")])
+    write_tum(bag / "truth.tum", track)
+    write_tum(bag / "estimate.tum", track)
+    assert export_log([str(bag), "--format", "rosbag2", "--localised", "-o", str(tmp_path / "out")]) == 0
+    found = messages_of(tmp_path / "out")
+    assert found[0][1] == 1.7e9
+    assert {"/ground_truth", "/tf", "/odom"} <= {topic for topic, _, _ in found}
 
 
 def write_rosbag1(path, records, geometry, *, with_odometry):

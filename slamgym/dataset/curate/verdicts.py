@@ -2,15 +2,15 @@
 
 import dataclasses
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from slamgym.core.config import from_dict
 from slamgym.core.documents import parse_json
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.files import replace_if_changed, text_lines
+from slamgym.core.json_records import read_record
 from slamgym.dataset.faults import MapFault
 
 VERDICTS_FILE = "clean.jsonl"
@@ -68,10 +68,18 @@ def read_verdicts(root: Path | str) -> dict[str, Verdict]:
     Raises:
         InputFileError: If the folder wasn't cleaned or a line is malformed.
     """
+    return {verdict.name: verdict for verdict in iterate_verdicts(root)}
+
+
+def iterate_verdicts(root: Path | str) -> Iterator[Verdict]:
+    """The same one by one, for folders of a million maps.
+
+    Raises:
+        InputFileError: If the folder wasn't cleaned or a line is malformed.
+    """
     path = Path(root) / VERDICTS_FILE
     if not path.is_file():
         raise InputFileError(root, f"holds no {VERDICTS_FILE}; run `slamgym dataset clean {root}` first")
-    verdicts = {}
     for line, where in text_lines(path):
         entry = parse_json(line, where, fix=f"run `slamgym dataset clean {root}` again")
         if isinstance(entry, dict) and "faults" not in entry:
@@ -79,8 +87,6 @@ def read_verdicts(root: Path | str) -> dict[str, Verdict]:
                 path, f"was written by an older version; run `slamgym dataset clean {root}` again"
             )
         try:
-            verdict = from_dict(Verdict, entry)
+            yield read_record(Verdict, entry)
         except ConfigError as error:
             raise InputFileError(where, f"is not a verdict ({error})") from error
-        verdicts[verdict.name] = verdict
-    return verdicts

@@ -12,7 +12,7 @@ from slamgym.dataset.check import (
     FileFault,
     check_image,
     doubled,
-    read_records,
+    iterate_records,
     read_settings,
     same_images,
 )
@@ -39,7 +39,8 @@ def check_image_folder(root: Path | str, advance: Callable[[], None] = lambda: N
     layout = ImageLayout(Path(root))
     require_manifest(layout.manifest, "slamgym dataset render")
     settings, faults = read_settings(layout.config, "images_version", IMAGES_VERSION)
-    records, broken = read_records(layout.manifest, ImageRecord.from_line)
+    broken: list[FileFault] = []
+    records = list(iterate_records(layout.manifest, ImageRecord.from_line, broken))
     faults += broken
     faults += doubled(layout.manifest, "name", (record.name for record in records))
     faults += doubled(layout.manifest, "seed", (record.seed for record in records))

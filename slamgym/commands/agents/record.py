@@ -1,0 +1,127 @@
+"""``slamgym agents record``: explorations as a Minari dataset, for offline reinforcement learning."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import sys
+import warnings
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import tyro
+
+from slamgym.commands.extras import LEARNING, Extra, require
+from slamgym.core.config import Arguments, Count, CountOrZero, Share
+from slamgym.core.errors import ConfigError
+from slamgym.core.progress import show_progress
+
+if TYPE_CHECKING:
+    import numpy as np
+    from minari.data_collector import EpisodeBuffer
+
+OFFLINE = Extra("offline", ("minari", "pyarrow"))
+ENVIRONMENT = "slamgym/ExploreFrontiers-v1"
+LOCALIZATION = {"slam": "rbpf", "ground_truth": "ground_truth"}
+
+
+class RecordArguments(Arguments):
+    """Record explorations as a Minari dataset: observations, choices and rewards of slamgym/ExploreFrontiers-v1.
+
+    `minari.load_dataset(ID)` reads it, and so do the libraries for offline reinforcement learning. The same seed gives
+    the same episodes.
+    """
+
+    minari: str
+    """Id of the dataset: NAMESPACE/NAME-vN, such as homes/next-best-view-v0."""
+    out: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None
+    """Folder of Minari datasets; by default Minari's own (MINARI_DATASETS_PATH, or ~/.minari/datasets)."""
+    plans: str = "bundled"
+    """Floor plans, as `slamgym generate` takes them."""
+    episodes: Count = 20
+    """Explorations."""
+    expert: Literal["gain_per_metre", "oracle"] = "gain_per_metre"
+    """Who chooses: ``gain_per_metre``, the next best view; ``oracle``, who knows the building."""
+    random_share: Share = 0.1
+    """So many choices are drawn at random instead, so that the data hold other choices, too."""
+    localization: Literal["slam", "ground_truth"] = "slam"
+    """``slam`` maps with the particle filter; ``ground_truth`` is faster."""
+    seed: CountOrZero = 0
+    """Of plans, starts, noise and random choices."""
+
+
+def main(argv: list[str]) -> int:
+    """Run the command; returns the exit code."""
+    arguments = tyro.cli(RecordArguments, args=argv, prog="slamgym agents record")
+    require(OFFLINE, "slamgym agents record")
+    require(LEARNING, "slamgym agents record")
+    if arguments.out is not None:
+        os.environ["MINARI_DATASETS_PATH"] = str(arguments.out.absolute())  # the only way that Minari offers
+    import gymnasium as gym
+    import minari
+    import numpy as np
+
+    import slamgym  # noqa: F401 - registers the environments
+
+    where = LOCALIZATION[arguments.localization]
+    with contextlib.closing(gym.make(ENVIRONMENT, plans=arguments.plans, localization=where)) as env:
+        rng = np.random.default_rng(arguments.seed)
+        episodes = []
+        with show_progress("episodes", 0, arguments.episodes) as advance:
+            for number in range(arguments.episodes):
+                episodes.append(_record_episode(env, arguments, rng, number))
+                advance()
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", UserWarning)  # Minari misses author, code and scores
+                # Not by Minari's DataCollector, which would need jax.
+                dataset = minari.create_dataset_from_buffers(
+                    dataset_id=arguments.minari,
+                    buffer=episodes,
+                    env=env,
+                    algorithm_name=f"{arguments.expert}, {100 * arguments.random_share:g} % at random",
+                    description=f"{arguments.episodes} explorations of {arguments.plans}",
+                    data_format="arrow",
+                )
+        except ValueError as error:
+            reason = " ".join(str(error).split())
+            raise ConfigError(f"--minari {arguments.minari}: {reason}; choose another id") from None
+    sys.stdout.write(f"{arguments.minari}: {dataset.total_episodes} episodes, {dataset.total_steps} steps\n")
+    return 0
+
+
+def _record_episode(
+    env: Any, arguments: RecordArguments, rng: np.random.Generator, number: int
+) -> EpisodeBuffer:
+    """Explore one building."""
+    import numpy as np
+    from minari.data_collector import EpisodeBuffer
+
+    from slamgym.agents.rl.imitation import EXPERTS
+
+    seed = arguments.seed + number
+    observation, _ = env.reset(seed=seed)
+    answer = EXPERTS[arguments.expert](env.unwrapped)
+    observations, actions = [observation], []
+    rewards, terminations, truncations = [], [], []
+    ended = False
+    while not ended:
+        at_random = rng.random() < arguments.random_share
+        offered = (observation["mask"] > 0.5).nonzero()[0]
+        action = int(rng.choice(offered)) if at_random and len(offered) else answer(observation)
+        observation, reward, terminated, truncated, _ = env.step(action)
+        observations.append(observation)
+        actions.append(action)
+        rewards.append(float(reward))
+        terminations.append(terminated)
+        truncations.append(truncated)
+        ended = terminated or truncated
+    return EpisodeBuffer(
+        id=number,
+        seed=seed,
+        observations={key: np.stack([one[key] for one in observations]) for key in observation},
+        actions=np.array(actions),
+        rewards=rewards,
+        terminations=terminations,
+        truncations=truncations,
+    )

@@ -1,0 +1,133 @@
+"""Records by the million: dataclasses of plain values from their JSON form, ten times faster than by ``from_dict``.
+
+What a class declares is turned into one test a field, once. A value that fails its test, or a declaration that is not
+known here, goes to :func:`slamgym.core.config.from_dict`, which says what is wrong.
+"""
+
+import dataclasses
+import functools
+import math
+import types
+import typing
+from collections.abc import Callable, Hashable, Mapping
+from typing import Annotated, Any, NamedTuple, TypeVar, cast
+
+from slamgym.core.config import Within, from_dict
+from slamgym.core.errors import ConfigError
+from slamgym.core.names import OnePart
+
+_T = TypeVar("_T")
+_Fits = Callable[[Any], bool]
+
+
+class _Field(NamedTuple):
+    name: str
+    convert: Callable[[Any], Any] | None
+    """From its JSON form, where that differs."""
+    fits: _Fits
+
+
+def read_record(cls: type[_T], values: Any) -> _T:
+    """Build a record from its JSON form, as :func:`slamgym.core.config.from_dict` does.
+
+    Raises:
+        ConfigError: As ``from_dict`` raises it.
+    """
+    fields = _fields_of(cast(Hashable, cls))
+    if fields is None or type(values) is not dict or len(values) != len(fields):
+        return from_dict(cls, values)
+    converted = {}
+    try:
+        for name, convert, fits in fields:
+            value = values[name]
+            if convert is not None:
+                value = convert(value)
+            if not fits(value):
+                return from_dict(cls, values)
+            converted[name] = value
+    except (KeyError, TypeError, ConfigError):
+        return from_dict(cls, values)
+    return cls(**converted)
+
+
+@functools.cache
+def _fields_of(cls: Any) -> tuple[_Field, ...] | None:
+    """The tests of a class; None if it declares what isn't known here."""
+    hints = typing.get_type_hints(cls, include_extras=True)
+    fields = []
+    for entry in dataclasses.fields(cls):
+        fits = _test_of(hints[entry.name])
+        if fits is None:
+            return None
+        fields.append(_Field(entry.name, _conversion_of(hints[entry.name]), fits))
+    return tuple(fields)
+
+
+def _conversion_of(hint: Any) -> Callable[[Any], Any] | None:
+    if typing.get_origin(hint) is not tuple:
+        return None
+    item: Any = typing.get_args(hint)[0]
+    if dataclasses.is_dataclass(item):
+        return lambda value: (
+            tuple(read_record(cast(type, item), inner) for inner in value) if type(value) is list else value
+        )
+    return lambda value: tuple(value) if type(value) is list else value
+
+
+def _test_of(hint: Any) -> _Fits | None:
+    """Whether a value is of a declared type and within its bounds; None if the declaration isn't known here."""
+    origin, options = typing.get_origin(hint), typing.get_args(hint)
+    if origin is Annotated:
+        return _bounded(options[0], options[1]) if len(options) == 2 else None
+    if origin in (types.UnionType, typing.Union):
+        tests = [_test_of(option) for option in options]
+        known = [test for test in tests if test is not None]
+        return (lambda value: any(test(value) for test in known)) if len(known) == len(tests) else None
+    if origin is typing.Literal:
+        return lambda value: type(value) is str and value in options
+    if origin is tuple:
+        return _items(options)
+    if origin in (dict, Mapping):
+        return _values(options[1])
+    if hint in (int, float):
+        return _bounded(hint, Within())
+    if hint is Any:
+        return lambda value: True  # noqa: ARG005 - of a protocol
+    return (lambda value: type(value) is hint) if hint in (str, bool, types.NoneType) else None
+
+
+def _bounded(hint: Any, rule: Any) -> _Fits | None:
+    if hint is str and isinstance(rule, OnePart):
+        return lambda value: type(value) is str and rule.allow(value)
+    if not isinstance(rule, Within) or hint not in (int, float):
+        return None
+    kinds = (int,) if hint is int else (float, int)
+    if rule == Within():
+        return lambda value: type(value) in kinds and -math.inf < value < math.inf
+    return lambda value: type(value) in kinds and rule.allow(value)
+
+
+def _items(options: tuple[Any, ...]) -> _Fits | None:
+    variadic = options[1:] == (Ellipsis,)
+    if dataclasses.is_dataclass(options[0]):
+        return (lambda value: type(value) is tuple) if variadic else None  # its items were read as records
+    tests = [_test_of(option) for option in (options[:1] if variadic else options)]
+    known = [test for test in tests if test is not None]
+    if len(known) != len(tests):
+        return None
+    if variadic:
+        return lambda value: type(value) is tuple and all(map(known[0], value))
+    return lambda value: (
+        type(value) is tuple
+        and len(value) == len(known)
+        and all(test(item) for test, item in zip(known, value, strict=True))
+    )
+
+
+def _values(hint: Any) -> _Fits | None:
+    test = _test_of(hint)
+    if hint is Any:
+        return lambda value: type(value) is dict
+    return (
+        (lambda value: type(value) is dict and all(map(test, value.values()))) if test is not None else None
+    )

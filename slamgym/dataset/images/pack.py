@@ -1,0 +1,267 @@
+"""Rendered images as shards that stream: WebDataset tar files, Parquet files with the pictures inside, and a card.
+
+::
+
+    PACK/
+      README.md                    data sheet, with what the Hugging Face hub needs
+      pack.json                    what it was made from
+      train-000000.tar, ...        NAME.cad.png, NAME.slam.png, NAME.json of each pair (WebDataset)
+      parquet/train-000000.parquet the same pairs: columns A and B (PNG bytes), the figures, conditions as JSON
+
+The pairs of a side are shuffled by the seed, so that a program that reads the shards one after the other sees mixed
+plans. Each shard is there whole or not at all; the same command goes on where it stopped, and the same images and
+settings give the same bytes.
+"""
+
+import hashlib
+import io
+import json
+import tarfile
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from slamgym import __version__
+from slamgym.core.config import Count, CountOrZero, Settings, to_dict
+from slamgym.core.documents import read_json
+from slamgym.core.errors import ConfigError, InputFileError
+from slamgym.core.files import read_bytes, read_text, replace_file, sha256_of, staged, write_text
+from slamgym.dataset.format import SIDES
+from slamgym.dataset.images.format import SPLITS, ImageLayout, ImageRecord, iterate_images
+from slamgym.dataset.record import require_parquet
+
+WEBDATASET_NAMES = {"A": "cad.png", "B": "slam.png"}
+_COLUMNS = {
+    "name": "string", "plan_id": "string", "group": "string", "repetition": "int64", "seed": "int64", "size": "int64",
+    "metres_per_px": "float64", "coverage": "float64", "ate": "float64", "map_error": "float64", "conditions": "string",
+}  # fmt: skip
+"""Of Parquet, beside the pictures."""
+_ROWS_IN_A_GROUP = 100
+"""Of Parquet: what a reader has to fetch at once."""
+
+_READING = """\
+## Reading
+
+Every tar file is a WebDataset shard (`NAME.cad.png`, `NAME.slam.png`, `NAME.json`); every Parquet file holds the same
+pairs. The sides are split by floor plan.
+
+```python
+from datasets import load_dataset
+
+pairs = load_dataset("PACK", streaming=True)  # this folder, or its name on the hub
+first = next(iter(pairs["train"]))
+first["A"], first["B"], first["metres_per_px"]
+shards = load_dataset("webdataset", data_files={"train": "PACK/train-*.tar"}, streaming=True)
+next(iter(shards["train"]))["cad.png"]
+```
+
+## Known faults
+
+The SLAM maps are simulated. What tells them from maps of robots is measured in slamgym's docs/realism.md; pairs whose
+maps are incomplete or bent too much were left out.
+"""
+
+
+class PackConfig(Settings, section="pack"):
+    """How images are packed."""
+
+    pairs_per_shard: Count = 2000
+    """About 30 MB at 256 px."""
+    seed: CountOrZero = 0
+    """Of the order."""
+    parquet: bool = True
+    """Also write Parquet files (needs pyarrow, extra `hub`)."""
+
+
+def pack_images(
+    images: Path, out: Path, config: PackConfig, advance: Callable[[], None] = lambda: None
+) -> list[Path]:
+    """Pack a folder of rendered images.
+
+    Args:
+        images: What ``slamgym dataset render`` has written.
+        out: The folder of the shards.
+        config: The settings.
+        advance: Called after each pair.
+
+    Returns:
+        All files of shards.
+
+    Raises:
+        InputFileError: If the images are incomplete, or differ from their digests.
+        ConfigError: If the folder holds other shards, or pyarrow is missing.
+    """
+    if config.parquet:
+        require_parquet()
+    layout = ImageLayout(images)
+    _claim(out, {"version": __version__, "images": sha256_of(layout.manifest), **to_dict(config)})
+    paths = []
+    for split in SPLITS:
+        # Places alone are held: a million records are too many.
+        places = [i for i, record in enumerate(iterate_images(images)) if record.split == split]
+        order = np.random.default_rng(config.seed).permutation(len(places))
+        shard_of = {
+            places[place]: rank // config.pairs_per_shard for rank, place in enumerate(order.tolist())
+        }
+        for shard in range(-(-len(places) // config.pairs_per_shard)):
+            records = _shuffled(layout, shard_of, shard, config.seed)
+            paths += _write_shard(layout, out, f"{split}-{shard:06d}", records, config.parquet, advance)
+    write_text(out / "README.md", _card(read_text(layout.card), paths, config.parquet))
+    return paths
+
+
+def push_to_hub(pack: Path, repository: str, private: bool) -> str:
+    """Upload a pack to the Hugging Face hub; an upload that broke off goes on where it stopped.
+
+    Args:
+        pack: The folder.
+        repository: ``NAME`` or ``USER/NAME``.
+        private: Whether only its owner sees it.
+
+    Returns:
+        Its address.
+
+    Raises:
+        ConfigError: If ``huggingface_hub`` isn't installed, nobody is logged in, or the hub refuses.
+    """
+    try:
+        import huggingface_hub
+        from huggingface_hub.errors import HfHubHTTPError, HFValidationError, LocalTokenNotFoundError
+    except ImportError:
+        raise ConfigError(
+            "--push-to-hub needs huggingface_hub; install it by `pip install 'slamgym[hub]'`"
+        ) from None
+    try:
+        api = huggingface_hub.HfApi(library_name="slamgym", library_version=__version__)
+        made = api.create_repo(repository, repo_type="dataset", private=private, exist_ok=True)
+        api.upload_large_folder(
+            repo_id=made.repo_id, folder_path=pack, repo_type="dataset", print_report=False
+        )
+    except (LocalTokenNotFoundError, HfHubHTTPError, HFValidationError, OSError) as error:
+        reason = " ".join(str(error).split())[:200]
+        raise ConfigError(
+            f"{repository}: the hub refuses ({reason}); log in by `hf auth login` and try again"
+        ) from None
+    return str(made)
+
+
+def _claim(out: Path, settings: dict[str, Any]) -> None:
+    """Note what the shards are made from, or find that those that are there were made from the same."""
+    path = out / "pack.json"
+    if path.exists():
+        if read_json(path) != settings:
+            raise ConfigError(f"{out}: holds shards of other images or settings; choose a new folder")
+        return
+    if out.exists() and any(out.iterdir()):
+        raise ConfigError(f"{out}: is not empty and holds no shards; choose a new folder")
+    out.mkdir(parents=True, exist_ok=True)
+    replace_file(path, (json.dumps(settings, indent=1) + "\n").encode())
+
+
+def _shuffled(layout: ImageLayout, shard_of: dict[int, int], shard: int, seed: int) -> list[ImageRecord]:
+    chosen = [r for place, r in enumerate(iterate_images(layout.root)) if shard_of.get(place) == shard]
+    order = np.random.default_rng([seed, shard]).permutation(len(chosen))
+    return [chosen[i] for i in order.tolist()]
+
+
+def _write_shard(
+    layout: ImageLayout,
+    out: Path,
+    name: str,
+    records: Sequence[ImageRecord],
+    parquet: bool,
+    advance: Callable[[], None],
+) -> list[Path]:
+    """Write the files of a shard that aren't there yet."""
+    archive, table = out / f"{name}.tar", out / "parquet" / f"{name}.parquet"
+    wanted = [archive, *([table] if parquet else [])]
+    if not all(path.exists() for path in wanted):
+        pictures = [_pictures(layout, record) for record in records]
+        with staged(archive) as part, tarfile.open(part, "w", format=tarfile.USTAR_FORMAT) as tar:
+            for record, (cad, slam) in zip(records, pictures, strict=True):
+                key = record.name.replace(".", "_")  # WebDataset ends the key at the first dot
+                line = json.dumps(to_dict(record)).encode()
+                for ending, content in zip(
+                    (*WEBDATASET_NAMES.values(), "json"), (cad, slam, line), strict=True
+                ):
+                    _add(tar, f"{key}.{ending}", content)
+        if parquet:
+            _write_table(table, records, pictures)
+    for _ in records:
+        advance()
+    return wanted
+
+
+def _pictures(layout: ImageLayout, record: ImageRecord) -> tuple[bytes, bytes]:
+    """The PNG files of a pair, verified."""
+    contents = []
+    for side in SIDES:
+        path = layout.image(record.split, side, record.name)
+        content = read_bytes(path)
+        if hashlib.sha256(content).hexdigest() != record.sha256.get(side):
+            raise InputFileError(path, f"differs from its digest; run `slamgym dataset check {layout.root}`")
+        contents.append(content)
+    return contents[0], contents[1]
+
+
+def _add(tar: tarfile.TarFile, name: str, content: bytes) -> None:
+    entry = tarfile.TarInfo(name)
+    entry.size, entry.mode = len(content), 0o644
+    tar.addfile(entry, io.BytesIO(content))
+
+
+def _write_table(path: Path, records: Sequence[ImageRecord], pictures: Sequence[tuple[bytes, bytes]]) -> None:
+    """One Parquet file; ``datasets`` reads A and B as images."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    rows: list[dict[str, Any]] = []
+    for record, pair in zip(records, pictures, strict=True):
+        row = {name: getattr(record, name) for name in _COLUMNS}
+        row["conditions"] = json.dumps(record.conditions)
+        named = [{"bytes": png, "path": f"{record.name}.png"} for png in pair]
+        rows.append({**row, "A": named[0], "B": named[1]})
+    picture = pa.struct([("bytes", pa.binary()), ("path", pa.string())])
+    columns = [
+        *((side, picture) for side in SIDES),
+        *((name, _arrow(pa, kind)) for name, kind in _COLUMNS.items()),
+    ]
+    features = {side: {"_type": "Image"} for side in "AB"}
+    features |= {name: {"dtype": kind, "_type": "Value"} for name, kind in _COLUMNS.items()}
+    about = {"huggingface": json.dumps({"info": {"features": features}})}
+    with staged(path) as part:
+        table = pa.Table.from_pylist(rows, schema=pa.schema(columns)).replace_schema_metadata(about)
+        pq.write_table(table, part, row_group_size=_ROWS_IN_A_GROUP)
+
+
+def _arrow(pa: Any, kind: str) -> Any:
+    return {"string": pa.string(), "int64": pa.int64(), "float64": pa.float64()}[kind]
+
+
+def _card(images_card: str, paths: Sequence[Path], parquet: bool) -> str:
+    """The card of the images with the shards in its head, and how to read them."""
+    import yaml
+
+    _, head_text, body = images_card.split("---\n", 2)
+    head = yaml.safe_load(head_text)
+    splits = [split for split in SPLITS if any(path.name.startswith(f"{split}-") for path in paths)]
+    place = "parquet/{}-*.parquet" if parquet else "{}-*.tar"
+    files = [{"split": split, "path": place.format(split)} for split in splits]
+    head["configs"] = [{"config_name": "default", "data_files": files}]
+    body = "".join(_without_section(body.splitlines(keepends=True), "## Files"))
+    return f"---\n{yaml.safe_dump(head, sort_keys=False).strip()}\n---\n{body.rstrip()}\n\n{_READING}"
+
+
+def _without_section(lines: Sequence[str], heading: str) -> Iterator[str]:
+    """Everything but one section and the code in it; what follows its code stays."""
+    inside = fences = 0
+    for line in lines:
+        if line.strip() == heading:
+            inside = 1
+        if not inside:
+            yield line
+        elif line.startswith("```"):
+            fences += 1
+            inside = int(fences < 2)

@@ -1,0 +1,26 @@
+"""Explorations as Minari reads them."""
+
+import numpy as np
+import pytest
+
+from slamgym.commands import cli
+from slamgym.core.errors import ConfigError
+
+minari = pytest.importorskip("minari")
+pytest.importorskip("stable_baselines3")
+
+
+def test_explorations_become_a_minari_dataset(tmp_path, monkeypatch, capsys):
+    monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path / "unused"))
+    words = ["agents", "record", "--minari", "homes/test-v0", "--out", str(tmp_path), "--episodes", "2"]
+    assert cli.main([*words, "--localization", "ground_truth", "--random-share", "0.3"]) == 0
+    dataset = minari.load_dataset("homes/test-v0")
+    assert dataset.total_episodes == 2
+    assert f"2 episodes, {dataset.total_steps} steps" in capsys.readouterr().out
+    episode = next(iter(dataset.iterate_episodes()))
+    assert len(episode.rewards) == len(episode.actions) == len(episode.observations["mask"]) - 1
+    offered = np.take_along_axis(episode.observations["mask"][:-1], episode.actions[:, None], axis=1)
+    assert (offered > 0.5).all()
+    assert dataset.spec.env_spec.id == "slamgym/ExploreFrontiers-v1"
+    with pytest.raises(ConfigError, match=r"homes/test-v0.*choose another id"):
+        cli.TABLE.run("slamgym", [*words[:-1], "1", "--localization", "ground_truth"])

@@ -1,0 +1,143 @@
+"""The reproduction: its steps resume, its verdicts follow from the intervals, its report is whole."""
+
+import json
+
+import pytest
+
+from slamgym.commands import cli
+from slamgym.commands.reproduce import main as command
+from slamgym.commands.reproduce import steps
+from slamgym.commands.reproduce.claims import conversion_seconds, judge_claims
+from slamgym.commands.reproduce.report import claims_table, markdown_parts
+from slamgym.commands.reproduce.scales import REPRODUCTION_SCALES
+from slamgym.commands.reproduce.steps import STEPS, Reproduction, run_steps
+from slamgym.core.errors import ConfigError, SlamgymError
+
+
+def interval(value, low, high):
+    return {"value": value, "low": low, "high": high}
+
+
+def method(share, ratio, count=200):
+    return {
+        "improvement": {
+            "count": count, "share_improved": share, "ratio_of_means": ratio, "sign_p": 0.01, "wilcoxon_p": 0.02,
+        }
+    }  # fmt: skip
+
+
+EVALUATION = {
+    "methods": {
+        "model32": method(interval(0.6, 0.45, 0.7), interval(1.1, 1.05, 1.2)),
+        "slam2cad": method(interval(0.9, 0.85, 0.95), interval(0.4, 0.3, 0.5)),
+    },
+    "realism": {
+        "kinds": [
+            {"name": "simulated, other maps", "extra_trees": {"accuracy": 0.49, "low": 0.45, "high": 0.53}},
+            {"name": "modelprog at 64 px", "extra_trees": {"accuracy": 0.97, "low": 0.95, "high": 0.99}},
+            {"name": "modelprog at 64 px, bent", "extra_trees": {"accuracy": 0.9, "low": 0.8, "high": 0.99}},
+        ]
+    },
+}
+STATISTICS = {"whole": {"cpu_seconds": 3.6, "kept": 0.94, "pairs": 100}}
+
+
+@pytest.fixture
+def run(tmp_path):
+    return Reproduction(tmp_path / "out", REPRODUCTION_SCALES["smoke"], train=False, seed=1, workers=1)
+
+
+@pytest.fixture
+def commands(monkeypatch):
+    """Commands are noted, not run; the one named by ``broken`` fails."""
+    lines, broken = [], [""]
+    monkeypatch.setattr(steps, "read_images", lambda *_: [])
+
+    def note(step, line):
+        if step == broken[0]:
+            raise SlamgymError("broken")
+        lines.append(line)
+        return f"output of {step}\n"
+
+    monkeypatch.setattr(steps, "_run_command", note)
+    return lines, broken
+
+
+def test_every_step_runs_once_and_an_interrupted_run_goes_on(run, commands):
+    lines, broken = commands
+    broken[0] = "translators"
+    with pytest.raises(SlamgymError, match="broken"):
+        run_steps(run)
+    done = len(lines)
+    assert list(json.loads((run.out / "state.json").read_text())["steps"]) == [
+        "explorations",
+        "cleaning",
+        "training",
+    ]
+    broken[0] = ""
+    state = run_steps(run)
+    assert list(state.steps) == list(STEPS)
+    assert lines[done][:2] == ["gan", "evaluate"]
+    assert (run.out / "logs" / "cleaning.txt").read_text() == "output of cleaning\n" * 4
+    assert all(line[0] != "train" for line in lines)
+    count = len(lines)
+    run_steps(run)
+    assert len(lines) == count
+
+
+def test_another_seed_needs_another_folder(run, commands, tmp_path):
+    run_steps(run)
+    with pytest.raises(ConfigError, match="choose a new folder"):
+        run_steps(Reproduction(run.out, run.scale, train=False, seed=2, workers=1))
+
+
+def test_training_makes_a_translator_that_is_measured(run, commands):
+    lines, _ = commands
+    run_steps(Reproduction(run.out, run.scale, train=True, seed=1, workers=1))
+    assert ["gan", "train"] in [line[:2] for line in lines]
+    evaluate = next(line for line in lines if line[:2] == ["gan", "evaluate"])
+    assert f"trained={run.out / 'run'}" in evaluate
+
+
+@pytest.mark.parametrize("scale", REPRODUCTION_SCALES)
+@pytest.mark.parametrize("name", STEPS)
+def test_the_commands_know_their_options(name, scale, commands, tmp_path, capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "200")
+    for line in STEPS[name](
+        Reproduction(tmp_path, REPRODUCTION_SCALES[scale], train=True, seed=1, workers=1)
+    ):
+        words = line[: 1 + (line[0] in {"dataset", "gan", "cad", "agents"})]
+        with pytest.raises(SystemExit):
+            cli.main([*words, "--help"])
+        shown = capsys.readouterr().out
+        assert all(word in shown for word in line if word.startswith("--")), line
+
+
+def test_verdicts_follow_from_the_intervals():
+    log = "000: 38.8 m driven, walls displaced 0.1 m rms, 0.3 m at most, 0.50 s\n" * 3
+    log += "000: 38.8 m driven, walls displaced 0.1 m rms, 0.3 m at most, 0.10 s\n" * 3
+    times = conversion_seconds(log)
+    assert times == {"ekf": [0.5] * 3, "two_phase": [0.1] * 3}
+    claims = judge_claims(EVALUATION, STATISTICS, times)
+    assert [claim.verdict for claim in claims] == [
+        "too few maps to say", "does not hold", "holds", "holds", "does not hold", "holds", *["does not hold"] * 2,
+    ]  # fmt: skip
+    assert claims[2].own.startswith("180 of 200: 90 % [85, 95]")
+    assert claims[6].own == "1000 maps an hour on one core (3.6 CPU s each)"
+    table = claims_table(claims)
+    assert table.count('class="holds"') == 3
+    assert "0.97 [0.95, 0.99] apart" in table
+
+
+def test_markdown_of_our_own_becomes_html():
+    parts = list(markdown_parts("# A <b>\n\n| `a` | b |\n|---|--:|\n| 1 | x & y |\nwords\n"))
+    assert parts[0] == "<h3>A &lt;b&gt;</h3>"
+    assert "<th>a</th>" in parts[1]
+    assert "x &amp; y" in parts[1]
+    assert parts[2] == "<p>words</p>"
+
+
+def test_without_houseexpo_the_command_says_where_it_is(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(ConfigError, match="slamgym plans fetch houseexpo"):
+        command.main(["--scale", "laptop", "--out", "out"])

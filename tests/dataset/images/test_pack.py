@@ -1,0 +1,142 @@
+"""Shards hold what the images hold, stream, resume, and go to a stand-in of the hub."""
+
+import json
+import os
+import subprocess
+import sys
+import tarfile
+from types import SimpleNamespace
+
+import pytest
+
+from slamgym.commands import cli
+from slamgym.core.errors import ConfigError, InputFileError
+from slamgym.dataset.curate.split import make_split
+from slamgym.dataset.images.format import ImageLayout, read_images
+from slamgym.dataset.images.pack import PackConfig, pack_images, push_to_hub
+from slamgym.dataset.images.render import render_images, select_pairs
+from slamgym.dataset.images.square_images import ImageConfig
+
+pytest.importorskip("pyarrow")
+SMALL = PackConfig(pairs_per_shard=3)
+STREAM = """
+import json, sys
+import datasets
+datasets.disable_progress_bars()
+files = {s: f"{sys.argv[1]}/{s}-*.tar" for s in ("train", "test")}
+if sys.argv[2] == "folder":
+    pack = datasets.load_dataset(sys.argv[1], streaming=True)
+else:
+    pack = datasets.load_dataset("webdataset", data_files=files, streaming=True)
+if sys.argv[2] == "folder":
+    rows = {s: [[r["name"], r["A"].size[0], r["B"].size[0]] for r in pack[s]] for s in pack}
+else:
+    rows = {s: [[r["json"]["name"], r["cad.png"].size[0], r["slam.png"].size[0]] for r in pack[s]] for s in pack}
+print(json.dumps(rows))
+"""
+
+
+@pytest.fixture
+def images(dataset_copy, tmp_path):
+    split = make_split(dataset_copy, test=0.4, seed=1)
+    render_images(
+        dataset_copy,
+        tmp_path / "images",
+        ImageConfig(size=64),
+        split,
+        selection=select_pairs(dataset_copy, 0.0),
+    )
+    return tmp_path / "images"
+
+
+def test_the_shards_hold_every_pair_once_and_the_same_bytes_again(images, tmp_path):
+    paths = pack_images(images, tmp_path / "pack", SMALL)
+    assert [p.name for p in paths[:4]] == [
+        "train-000000.tar",
+        "train-000000.parquet",
+        "train-000001.tar",
+        "train-000001.parquet",
+    ]
+    found = {}
+    for path in paths[::2]:
+        with tarfile.open(path) as tar:
+            found |= {name: tar.extractfile(name).read() for name in tar.getnames()}
+    records = read_images(images)
+    assert len(found) == 3 * len(records) == 24
+    for record in records:
+        image = ImageLayout(images).image(record.split, "A", record.name)
+        assert found[f"{record.name}.cad.png"] == image.read_bytes()
+        assert json.loads(found[f"{record.name}.json"])["plan_id"] == record.plan_id
+    before = {path: path.read_bytes() for path in paths}
+    paths[0].unlink()
+    stamp = paths[2].stat().st_mtime_ns
+    assert pack_images(images, tmp_path / "pack", SMALL) == paths
+    assert {path: path.read_bytes() for path in paths} == before
+    assert paths[2].stat().st_mtime_ns == stamp
+
+
+@pytest.mark.parametrize("config", ["folder", "webdataset"])
+def test_datasets_streams_the_folder(images, tmp_path, config):
+    pytest.importorskip("datasets")
+    pack_images(images, tmp_path / "pack", SMALL)
+    done = subprocess.run(
+        [sys.executable, "-c", STREAM, str(tmp_path / "pack"), config],
+        env=os.environ | {"HF_HOME": str(tmp_path / "home"), "HF_HUB_OFFLINE": "1", "HF_DATASETS_OFFLINE": "1"},
+        capture_output=True, text=True, timeout=300, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    rows = json.loads(done.stdout)
+    for split in ("train", "test"):
+        assert sorted(rows[split]) == sorted([r.name, 64, 64] for r in read_images(images, split))
+
+
+def test_other_images_a_foreign_folder_and_damage_are_refused(images, tmp_path):
+    pack_images(images, tmp_path / "pack", SMALL)
+    with pytest.raises(ConfigError, match="other images or settings"):
+        pack_images(images, tmp_path / "pack", PackConfig(pairs_per_shard=4))
+    with pytest.raises(ConfigError, match="is not empty"):
+        pack_images(images, images, SMALL)
+    record = read_images(images)[0]
+    ImageLayout(images).image(record.split, "B", record.name).write_bytes(b"")
+    with pytest.raises(InputFileError, match="differs from its digest"):
+        pack_images(images, tmp_path / "again", SMALL)
+
+
+def test_the_command_packs_and_pushes_to_the_hub(images, tmp_path, monkeypatch, capsys):
+    hub = pytest.importorskip("huggingface_hub")
+    calls = []
+
+    class StandIn:
+        def __init__(self, **about):
+            calls.append(about["library_name"])
+
+        def create_repo(self, name, **options):
+            calls.append((name, options))
+            return SimpleNamespace(repo_id=f"me/{name}", __str__=lambda: "")
+
+        def upload_large_folder(self, **options):
+            calls.append((options["repo_id"], sorted(path.name for path in options["folder_path"].iterdir())))
+
+    monkeypatch.setattr(hub, "HfApi", StandIn)
+    out = tmp_path / "pack"
+    assert (
+        cli.main(["dataset", "pack", str(images), "-o", str(out), "--push-to-hub", "maps", "--private"]) == 0
+    )
+    assert "8 pairs in 4 files" in capsys.readouterr().out
+    assert calls[0] == "slamgym"
+    assert calls[1] == ("maps", {"repo_type": "dataset", "private": True, "exist_ok": True})
+    assert calls[2] == (
+        "me/maps",
+        ["README.md", "pack.json", "parquet", "test-000000.tar", "train-000000.tar"],
+    )
+
+
+def test_what_the_hub_refuses_is_one_sentence(tmp_path, monkeypatch):
+    hub = pytest.importorskip("huggingface_hub")
+
+    def refuse(self, *arguments, **options):
+        raise hub.errors.LocalTokenNotFoundError("no token\nat all")
+
+    monkeypatch.setattr(hub.HfApi, "create_repo", refuse)
+    with pytest.raises(ConfigError, match=r"me/maps: the hub refuses \(no token at all\); log in"):
+        push_to_hub(tmp_path, "me/maps", private=False)
