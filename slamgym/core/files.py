@@ -31,6 +31,7 @@ _FIXES = {
     errno.EPERM: "permission denied; choose a folder that you may write to",
     errno.EROFS: "the file system is read-only; choose another folder",
     errno.ENOTDIR: "a part of the path is a file, not a folder; choose another folder",
+    errno.ENOENT: "the folder can't be made there; choose another one",
     errno.EEXIST: "exists and is not a folder; choose another one",
 }
 _SYNC_THREADS = 16

@@ -47,10 +47,14 @@ def decode_picture(
     if size is None:
         raise unreadable
     PIXELS.check(where, size[0] * size[1], error)
+    logging = cv2.utils.logging
+    level = logging.setLogLevel(logging.LOG_LEVEL_SILENT)  # the error below says it in one sentence
     try:
         image = cv2.imdecode(np.frombuffer(encoded, np.uint8), flags)
     except cv2.error:
         image = None
+    finally:
+        logging.setLogLevel(level)
     if image is None or image.size == 0:
         raise unreadable
     return image

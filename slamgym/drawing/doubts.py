@@ -21,8 +21,12 @@ REAL_ROOM = 4.0
 """Doors between smaller rooms are no evidence: the gaps of clutter [m2]."""
 LARGEST_ROOM = 300.0
 """A scale at which some room is larger than this is no better [m2]."""
+SMALLEST_FLOOR = 5.0
+"""A building has more floor than this [m2]."""
 MUCH_UNSEEN = 0.15
 """Share of the floor."""
+MUCH_INFERRED = 0.5
+"""Share of the walls' length."""
 
 
 def find_doubts(drawing: Drawing, direction: WallDirection | None, config: DrawingConfig) -> list[str]:
@@ -49,13 +53,19 @@ def find_doubts(drawing: Drawing, direction: WallDirection | None, config: Drawi
         doubts.append(
             f"{unseen / drawing.area:.0%} of the floor was never observed; it is in the layer INFERRED"
         )
+    lengths = [wall.length for wall in drawing.walls]
+    inferred = sum(wall.length for wall in drawing.walls if wall.layer == "INFERRED")
+    if inferred > MUCH_INFERRED * sum(lengths):
+        doubts.append(f"{inferred / sum(lengths):.0%} of the walls' length is inferred: few walls were seen")
     if len(drawing.floor.geoms) > 1:
         doubts.append(f"the floor falls into {len(drawing.floor.geoms)} parts that no opening joins")
     return doubts
 
 
 def scale_doubt(drawing: Drawing, config: DrawingConfig) -> str | None:
-    """A sentence if the map's scale makes no sense: more gaps would be doors if it were another."""
+    """A sentence if the map's scale makes no sense: too little floor, or more gaps would be doors at another."""
+    if drawing.area < SMALLEST_FLOOR:
+        return f"scale doubtful: the whole floor measures {drawing.area:.1f} m2; check the resolution"
     own = len(_doors_at(drawing, 1.0, config))
     for factor, least, most in SCALES:
         if not least <= drawing.area <= most:

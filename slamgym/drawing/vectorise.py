@@ -75,6 +75,9 @@ def make_drawing(
         raise InputFileError(where, "has no free cell; a map needs some that the robot saw free")
     if not (grid.cells == OCCUPIED).any():
         raise InputFileError(where, "has no occupied cell; a drawing needs walls")
+    no_floor = f"holds no floor of {config.min_floor:g} m2 or more; check its resolution and its greys"
+    if (grid.cells == FREE).sum() * grid.frame.resolution**2 < config.min_floor:
+        raise InputFileError(where, no_floor)
     used = load_floor_model(model) if isinstance(model, str) else model
     grid = known_part(grid)
     direction = find_wall_direction(grid.cells)
@@ -82,9 +85,7 @@ def make_drawing(
     probability = used.probability(grid, angle)
     floor = find_floor(probability, grid, angle, config)
     if floor.is_empty:
-        raise InputFileError(
-            where, f"holds no floor of {config.min_floor:g} m2 or more; check its resolution and its greys"
-        )
+        raise InputFileError(where, no_floor)
     evidence = Evidence(grid, probability, config)
     walls = judged_walls(find_walls(floor, config), evidence)
     division = divide(floor, config)

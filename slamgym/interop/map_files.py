@@ -126,7 +126,7 @@ def _check(grid: OccupancyGrid, path: Path) -> tuple[str, ...]:
     if not occupied.any():
         raise InputFileError(path, "is no map: none of its cells is occupied; check its thresholds")
     if free.sum() < MIN_FREE:
-        raise InputFileError(path, f"is no map: only {free.sum()} of its cells are free")
+        raise InputFileError(path, f"is no map: it has {free.sum()} free cells, fewer than {MIN_FREE}")
     rows, cols = np.flatnonzero(free.any(axis=1)), np.flatnonzero(free.any(axis=0))
     extent = cell * max(int(rows[-1] - rows[0]), int(cols[-1] - cols[0])) + cell
     doubts = []

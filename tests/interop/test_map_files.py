@@ -164,7 +164,7 @@ def test_a_bare_picture_needs_its_scale(tmp_path):
         (np.full((20, 20), 254, np.uint8), "none of its cells is occupied"),
         (np.full((1, 1), 254, np.uint8), "none of its cells is occupied"),
         (np.full((1, 1), 0, np.uint8), "none of its cells is free"),
-        (np.array([[0, 254]], np.uint8), "are free"),
+        (np.array([[0, 254]], np.uint8), "has 1 free cells"),
     ],
 )
 def test_what_is_no_map(tmp_path, image, sentence):

@@ -23,7 +23,7 @@ LEFT_HALF, UPPER_HALF = (88.0, 190.0), (180.0, 92.0)
 """Of A4: below some text, and of two figures beside or below each other."""
 PLACES = (0.25, 0.75, 0.5, 0.14, 0.86)
 """Along a dimension line, where its length may stand; where most room is, the first first."""
-SCALES = (
+PAPER_SCALES = (
     20,
     50,
     75,
@@ -49,7 +49,7 @@ LETTERS = 2.4
 """Height of letters on paper [mm]."""
 LETTER_WIDTH = 0.56
 """Of a letter in heights."""
-MARGIN = 1.2
+SHEET_MARGIN = 1.2
 """Round what is drawn [m]."""
 SURE = 0.7
 """Walls below this confidence are drawn apart."""
@@ -84,10 +84,12 @@ class Sheet(NamedTuple):
     def of(cls, bounds: tuple[float, float, float, float], paper: Paper = BESIDE_TEXT) -> "Sheet":
         """A sheet for (min x, min y, max x, max y) [m] with a margin, and a strip for the scale bar."""
         min_x, min_y, max_x, max_y = bounds
-        width, height = max_x - min_x + 2 * MARGIN, max_y - min_y + 2 * MARGIN
+        width, height = max_x - min_x + 2 * SHEET_MARGIN, max_y - min_y + 2 * SHEET_MARGIN
         least = 1000.0 * max(width / paper[0], height / (paper[1] - 2.5 * LETTERS))
-        scale = next((scale for scale in SCALES if scale >= least), SCALES[-1])
-        return cls(min_x - MARGIN, max_y + MARGIN, width, height + 2.5e-3 * LETTERS * scale, scale)
+        scale = next((scale for scale in PAPER_SCALES if scale >= least), PAPER_SCALES[-1])
+        return cls(
+            min_x - SHEET_MARGIN, max_y + SHEET_MARGIN, width, height + 2.5e-3 * LETTERS * scale, scale
+        )
 
     @property
     def letters(self) -> float:
