@@ -14,6 +14,7 @@ from slamgym.core.config import to_dict
 from slamgym.core.errors import InputFileError
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, Float32Array, GridFrame, OccupancyGrid
 from slamgym.drawing.contours import trace_outlines
+from slamgym.drawing.corrections import corrected
 from slamgym.drawing.doubts import find_doubts
 from slamgym.drawing.drawing import Dimension, Drawing, DrawnDoor, DrawnRoom, DrawnWall, Layer
 from slamgym.drawing.evidence import (
@@ -78,7 +79,7 @@ def make_drawing(
     grid = known_part(grid)
     direction = find_wall_direction(grid.cells)
     angle = direction.angle_deg if angle_deg is None else (angle_deg + 45.0) % 90.0 - 45.0
-    probability = used.probability(grid, angle)
+    probability = corrected(used.probability(grid, angle), grid, angle, config)
     floor = find_floor(probability, grid, angle, config)
     if floor.is_empty:
         raise InputFileError(
