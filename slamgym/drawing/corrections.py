@@ -17,7 +17,7 @@ from slamgym.metrics.maps import distance_to
 
 WIDEST_GAP = 2.0
 """Unseen places between free cells at most so far apart may be floor: under a bed, behind a wardrobe [m]."""
-BEYOND = 0.5
+BEYOND = 0.6
 """Floor goes on beyond what was seen free by at most this: behind a wall's echoes, drift, furniture [m]."""
 SMALLEST_FREE = 0.5
 """Separate wide free space smaller than this is left to the rays [m2]."""

@@ -44,6 +44,8 @@ KNOWN_MARGIN = 1.0
 """Of unknown cells that stays round what is known [m]."""
 INFERRED_ROOM = 0.5
 """A room of which less than this share was observed is in the layer INFERRED."""
+OPEN_ROOM = 0.4
+"""And one of whose outline, doors left out, less was: what was seen through a door or a window from afar."""
 
 
 def make_drawing(
@@ -88,7 +90,7 @@ def make_drawing(
     evidence = Evidence(grid, probability, config)
     walls = judged_walls(find_walls(floor, config), evidence)
     division = divide(floor, config)
-    rooms = _rooms(division, grid)
+    rooms = _rooms(division, evidence)
     doors = _doors(division, rooms, walls, evidence)
     inferred = tuple(cell_polygons(unseen_floor(floor, grid), grid.frame, config.min_inferred))
     kept = {
@@ -166,12 +168,13 @@ def _second_direction(floor: MultiPolygon, angle_deg: float, resolution: float) 
     return found.angle_deg if enough else None
 
 
-def _rooms(division: Division, grid: OccupancyGrid) -> tuple[DrawnRoom, ...]:
+def _rooms(division: Division, evidence: Evidence) -> tuple[DrawnRoom, ...]:
     rooms = []
+    doors = shapely.union_all([gap.line for gap in division.doors])
     for number, polygon in enumerate(division.rooms, 1):
-        seen = share_known(polygon, grid)
-        layer: Layer = "SEEN" if seen >= INFERRED_ROOM else "INFERRED"
-        rooms.append(DrawnRoom(f"R{number:02d}", polygon, seen, layer))
+        seen = share_known(polygon, evidence.grid)
+        observed = seen >= INFERRED_ROOM and evidence.share_walled(polygon, doors) >= OPEN_ROOM
+        rooms.append(DrawnRoom(f"R{number:02d}", polygon, seen, "SEEN" if observed else "INFERRED"))
     return tuple(rooms)
 
 
