@@ -30,9 +30,9 @@ from slamgym.interop import read_map
 from slamgym.metrics import unseen_share
 from slamgym.viz.canvas import draw_text, fixed_point, frame_pixels, write_picture
 
-PANEL = (560, 470)
+PANEL = (430, 470)
 """Height and width of a map or a drawing [px]."""
-TILES = (2, 2)
+TILES = (3, 2)
 """Rows and columns of a sheet."""
 GRADES = ("usable", "partly", "useless")
 ROOM_COLOURS = ((255, 236, 210), (214, 236, 255), (221, 246, 221), (250, 221, 240), (240, 240, 200), (225, 225, 250))

@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 import shapely
 from shapely import MultiPolygon, Polygon
+from shapely.geometry.base import BaseGeometry
 
 from slamgym.cad.floorplan import fill_segments, ring_segments
 from slamgym.cad.polygons import polygon_parts
@@ -101,6 +102,15 @@ class Evidence:
         if piece.known:
             near |= self.at(self._to_wall, other, math.inf) <= reach
         return near
+
+    def share_walled(self, room: Polygon, doors: BaseGeometry) -> float:
+        """Share of a room's outline, doors left out, along which the map has occupied cells."""
+        lines = [shapely.LineString(ring) for ring in (room.exterior, *room.interiors)]
+        outline = shapely.union_all(lines).difference(doors.buffer(2.0 * STEP))
+        if outline.is_empty:
+            return 0.0
+        points = shapely.get_coordinates(shapely.segmentize(outline, STEP))
+        return float((self.at(self._to_wall, points, math.inf) <= self.config.evidence + STEP).mean())
 
     def certainty(self, piece: WallPiece) -> float:
         """How sure the model is of the floor before a wall and of the wall itself, in [0, 1]."""

@@ -8,7 +8,7 @@ from shapely import MultiPolygon
 
 from slamgym.core.types import FloatArray
 from slamgym.drawing.edges import main_axes
-from slamgym.drawing.polygons import polygon_parts
+from slamgym.drawing.polygons import without_necks
 from slamgym.drawing.settings import DrawingConfig
 
 LENGTHS = (0.35, 1.3)
@@ -38,8 +38,7 @@ def without_leaves(floor: MultiPolygon, angles_deg: Sequence[float], config: Dra
     if not leaves:
         return floor
     # A little wider, so that no slit is left.
-    union = shapely.union_all([floor, *(shapely.make_valid(leaf).buffer(1e-3) for leaf in leaves)])
-    return MultiPolygon(polygon_parts(shapely.set_precision(union.buffer(-1e-3, join_style="mitre"), 1e-4)))
+    return without_necks(shapely.union_all([floor, *(shapely.make_valid(leaf).buffer(1e-3) for leaf in leaves)]), config)
 
 
 def _leaves_of(points: FloatArray, axes: np.ndarray, thickest: float) -> list[shapely.Polygon]:

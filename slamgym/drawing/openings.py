@@ -21,6 +21,8 @@ from slamgym.core.types import Float32Array, FloatArray, GridFrame, IntArray
 from slamgym.drawing.settings import DrawingConfig
 from slamgym.metrics.rooms import RoomRule, label_rooms
 
+NARROWEST = 0.1
+"""Of the gaps that separate rooms [m]; those that are narrower than a door are gaps of the map."""
 INTO_WALLS = 0.02
 """Lines of doors are drawn so far into the walls, so that they cut [m]."""
 FACING = math.cos(math.radians(20.0))
@@ -88,7 +90,11 @@ def divide(floor: MultiPolygon, config: DrawingConfig) -> Division:
     joins = _joins(parts, gaps)
     order = sorted(range(len(parts)), key=lambda i: (-round(parts[i].centroid.y, 3), parts[i].centroid.x))
     number = {old: new for new, old in enumerate(order)}
-    kept = [(gap, (number[a], number[b])) for gap, (a, b) in zip(gaps, joins, strict=True)]
+    kept = [
+        (gap, (number[a], number[b]))
+        for gap, (a, b) in zip(gaps, joins, strict=True)
+        if gap.width >= config.door_width[0]
+    ]
     return Division(
         tuple(parts[i] for i in order), tuple(gap for gap, _ in kept), tuple(pair for _, pair in kept)
     )
@@ -142,7 +148,7 @@ def jamb_gaps(floor: MultiPolygon, config: DrawingConfig) -> list[Gap]:
         share = (middle - begins) / np.where(np.abs(stops - begins) < 1e-9, 1.0, stops - begins)
         across = (1.0 - share) * (first @ normal) + share * (second @ normal)
         good = (
-            (high - low > 0.3 * length) & (across >= config.door_width[0]) & (across <= config.door_width[1])
+            (high - low > 0.3 * length) & (across >= NARROWEST) & (across <= config.door_width[1])
         )
         for index in np.flatnonzero(good).tolist():
             start = starts[jamb] + middle[index] * direction
@@ -320,7 +326,7 @@ def _narrowest(part: Polygon, middle: FloatArray, config: DrawingConfig) -> Gap 
             gap = Gap(
                 (float(one[0]), float(one[1])), (float(other[0]), float(other[1])), config.outer_thickness
             )
-            if not config.door_width[0] <= gap.width <= config.door_width[1]:
+            if not NARROWEST <= gap.width <= config.door_width[1]:
                 continue
             inner = shapely.line_interpolate_point(gap.line, [0.02, gap.width - 0.02])
             if part.covers(LineString(inner.tolist())) and (best is None or gap.width < best.width - 1e-6):

@@ -15,8 +15,10 @@ from slamgym.drawing.settings import DrawingConfig
 
 DOOR_GAP = 2.5
 """Faces of one wall that lie so far apart are still brought into line [m]."""
-NECK = 0.005
-"""Half the width of what is too narrow to be drawn [m]."""
+NECK = 0.1
+"""Half the width of floor that is too narrow to be drawn: nobody passes a slit between two walls [m]."""
+SLIT = 0.005
+"""Half the width of a wall that is [m]."""
 CORNER_GRID = 1e-4
 """Corners lie on a grid of this [m], so that files that round keep polygons valid."""
 MAX_CHANGE = 0.25
@@ -129,12 +131,20 @@ def _assembled(parts: list[tuple[bool, Polygon | MultiPolygon]], config: Drawing
         inside = [hole for hole in inside if hole.area < floor.area]
         pieces.append(floor.difference(shapely.union_all(inside)) if inside else floor)
     union = shapely.make_valid(shapely.union_all(pieces))
-    # Parts that only touch come apart, slits close.
-    for step in (-NECK, 2 * NECK, -NECK):
-        union = union.buffer(step, join_style="mitre")
-    union = shapely.set_precision(union, CORNER_GRID)
-    large = [part for part in polygon_parts(union) if part.area >= 0.5 * config.min_floor]
-    return MultiPolygon(large)
+    return without_necks(union, config)
+
+
+def without_necks(floor: shapely.Geometry, config: DrawingConfig) -> MultiPolygon:
+    """A floor without slits and parts that only touch, its corners on the grid.
+
+    Args:
+        floor: Valid polygons [m].
+        config: Sizes.
+    """
+    for step in (-NECK, NECK + SLIT, -SLIT):
+        floor = floor.buffer(step, join_style="mitre")
+    floor = shapely.set_precision(floor, CORNER_GRID)
+    return MultiPolygon([part for part in polygon_parts(floor) if part.area >= 0.5 * config.min_floor])
 
 
 def _polygonal(geometry: shapely.Geometry) -> Polygon | MultiPolygon:

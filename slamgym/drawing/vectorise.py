@@ -15,6 +15,7 @@ from slamgym.core.config import to_dict
 from slamgym.core.errors import InputFileError
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, Float32Array, GridFrame, OccupancyGrid
 from slamgym.drawing.contours import trace_outlines
+from slamgym.drawing.corrections import corrected
 from slamgym.drawing.doubts import find_doubts
 from slamgym.drawing.drawing import Dimension, Drawing, DrawnDoor, DrawnRoom, DrawnWall, Layer
 from slamgym.drawing.evidence import (
@@ -44,6 +45,8 @@ KNOWN_MARGIN = 1.0
 """Of unknown cells that stays round what is known [m]."""
 INFERRED_ROOM = 0.5
 """A room of which less than this share was observed is in the layer INFERRED."""
+OPEN_ROOM = 0.4
+"""And one of whose outline, doors left out, less was: what was seen through a door or a window from afar."""
 
 
 def make_drawing(
@@ -82,14 +85,14 @@ def make_drawing(
     grid = known_part(grid)
     direction = find_wall_direction(grid.cells)
     angle = direction.angle_deg if angle_deg is None else (angle_deg + 45.0) % 90.0 - 45.0
-    probability = used.probability(grid, angle)
+    probability = corrected(used.probability(grid, angle), grid, angle, config)
     floor = find_floor(probability, grid, angle, config)
     if floor.is_empty:
         raise InputFileError(where, no_floor)
     evidence = Evidence(grid, probability, config)
     walls = judged_walls(find_walls(floor, config), evidence)
     division = divide(floor, config)
-    rooms = _rooms(division, grid)
+    rooms = _rooms(division, evidence)
     doors = _doors(division, rooms, walls, evidence)
     inferred = tuple(cell_polygons(unseen_floor(floor, grid), grid.frame, config.min_inferred))
     kept = {
@@ -167,12 +170,13 @@ def _second_direction(floor: MultiPolygon, angle_deg: float, resolution: float) 
     return found.angle_deg if enough else None
 
 
-def _rooms(division: Division, grid: OccupancyGrid) -> tuple[DrawnRoom, ...]:
+def _rooms(division: Division, evidence: Evidence) -> tuple[DrawnRoom, ...]:
     rooms = []
+    doors = shapely.union_all([gap.line for gap in division.doors])
     for number, polygon in enumerate(division.rooms, 1):
-        seen = share_known(polygon, grid)
-        layer: Layer = "SEEN" if seen >= INFERRED_ROOM else "INFERRED"
-        rooms.append(DrawnRoom(f"R{number:02d}", polygon, seen, layer))
+        seen = share_known(polygon, evidence.grid)
+        observed = seen >= INFERRED_ROOM and evidence.share_walled(polygon, doors) >= OPEN_ROOM
+        rooms.append(DrawnRoom(f"R{number:02d}", polygon, seen, "SEEN" if observed else "INFERRED"))
     return tuple(rooms)
 
 
