@@ -64,6 +64,7 @@ def cut_crop(
         out: Receives the crop, shape (h, w).
     """
     rows, cols = cells.shape
+    end_row, end_col = np.uint64(rows), np.uint64(cols)
     flat = cells.reshape(-1)
     height, width = out.shape
     # Positions in the map in 1 / 2^32 of a cell. From sample to sample: (sin, cos) to the right in the crop,
@@ -80,9 +81,10 @@ def cut_crop(
                 col = first_col - a * cos + j * samples * sin
                 row = first_row + a * sin + j * samples * cos
                 for _ in range(samples):
-                    r, c = row >> _FRACTION, col >> _FRACTION
-                    if 0 <= r < rows and 0 <= c < cols:
-                        cell = flat[r * cols + c]
+                    # Unsigned, what lies before the first row is beyond the last.
+                    r, c = np.uint64(row >> _FRACTION), np.uint64(col >> _FRACTION)
+                    if r < end_row and c < end_col:
+                        cell = flat[r * end_col + c]
                         if cell == OCCUPIED:
                             value = OCCUPIED
                         elif cell == FREE and value == UNKNOWN:

@@ -181,6 +181,7 @@ def draw_scans(
     Returns:
         Bounds (min x, min y, max x, max y) of the scans [m].
     """
+    beams = BeamTable(*beams)
     corner_row, corner_col = corner
     lengths = np.empty(ranges.shape)
     bounds = scan_bounds(poses, ranges, beams, lengths)
@@ -238,6 +239,7 @@ def draw_scans_once(
     sign: int,
 ) -> tuple[float, float, float, float]:
     """As :func:`draw_scans`, but a scan counts a cell once: as a hit if a beam ends there, else as a visit."""
+    beams = BeamTable(*beams)
     bounds = scan_bounds(poses, ranges, beams, np.empty(ranges.shape))
     first_row, first_col, last_row, last_col = cells_of(bounds, corner, resolution)
     if first_row < 0 or first_col < 0 or last_row >= counts.shape[0] or last_col >= counts.shape[1]:

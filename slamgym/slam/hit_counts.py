@@ -5,6 +5,7 @@ import math
 import numpy as np
 
 from slamgym.core.errors import SlamgymError
+from slamgym.core.jit import plain
 from slamgym.core.types import (
     OCCUPIED,
     UNKNOWN,
@@ -31,7 +32,7 @@ class HitCountMap:
     """
 
     def __init__(self, beams: BeamTable, config: SlamConfig) -> None:
-        self._beams = beams
+        self._beams = plain(beams)
         self._resolution = config.resolution
         self._draw_scans = draw_scans if config.counting == "beams" else draw_scans_once
         self._threshold, self._min_passes = config.occupied_threshold, config.min_passes

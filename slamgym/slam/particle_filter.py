@@ -20,6 +20,7 @@ from slamgym.core.types import (
     Pose2D,
     Trajectory,
 )
+from slamgym.core.jit import plain
 from slamgym.slam.config import SlamConfig
 from slamgym.slam.end_points import farthest, usable_end_points
 from slamgym.slam.hill_climbing import MatchSettings, Search
@@ -124,7 +125,7 @@ class ParticleFilter(GatedMapper):
         self._lineage: IntArray = np.zeros(0, dtype=np.int64)  # of the path drawn
         self._drawn_poses: FloatArray = np.zeros((0, 3))
         self._end_points = np.zeros((geometry.num_beams, 2))
-        self._match_settings = match_settings(config)
+        self._match_settings = plain(match_settings(config))
         self._calibration = OdometryCalibration() if config.learn_odometry else None
         self._free_offset = Pose2D(0.0, 0.0, 0.0)
         self._match_covariance: FloatArray | None = None
@@ -201,7 +202,7 @@ class ParticleFilter(GatedMapper):
     def _usable_points(self, ranges: Float32Array, longest: float = math.inf) -> FloatArray:
         """End points (n, 2) in the robot frame that can be matched; valid until the next call."""
         usable = min(self._beams.usable, longest, float(np.nextafter(self._beams.range_max, 0.0)))
-        return self._end_points[: usable_end_points(ranges, self._beams, usable, self._end_points)]
+        return self._end_points[: usable_end_points(ranges, plain(self._beams), usable, self._end_points)]
 
     @staticmethod
     def _radius(points: FloatArray) -> float:
@@ -228,7 +229,7 @@ class ParticleFilter(GatedMapper):
     def _align_freely(self, pose: FloatArray, points: FloatArray, particle: int = 0) -> FloatArray:
         """What the scan alone says from a pose on: pose, score, binding; see :func:`align_freely`."""
         free = np.empty(10)
-        align_freely(self._maps.tile_maps, particle, pose, points, self._match_settings, free)
+        align_freely(plain(self._maps.tile_maps), particle, pose, points, self._match_settings, free)
         return free
 
     def _resettle(
@@ -283,7 +284,7 @@ class ParticleFilter(GatedMapper):
         c = self._config
         log_likelihoods = np.empty(len(self._poses))
         matched = match_particles(
-            self._maps.tile_maps,
+            plain(self._maps.tile_maps),
             self._poses,
             points,
             variance,
