@@ -137,10 +137,8 @@ class HitCountMap:
         if any(self._margins):
             cells = np.empty_like(cells)
             classify_counts(self._counts, self._threshold, self._margins, self._min_passes, cells)
-        rows, cols = (
-            np.flatnonzero((cells != UNKNOWN).any(axis=1)),
-            np.flatnonzero((cells != UNKNOWN).any(axis=0)),
-        )
+        known = cells != UNKNOWN
+        rows, cols = np.flatnonzero(known.any(axis=1)), np.flatnonzero(known.any(axis=0))
         if len(rows) == 0:
             frame = GridFrame(self._resolution, 0.0, 0.0, 1, 1)
             return OccupancyGrid(np.full((1, 1), UNKNOWN, dtype=np.uint8), frame)

@@ -88,6 +88,7 @@ RELIABLE_SHARE, RELIABLE_METRES, RELIABLE_RADIANS = 0.5, 0.02, 0.01
 [rad] is no more."""
 MATCH_MARGIN = 1.5
 """How far round the scan's end points the maps are made ready [m]; a match that strays further finds nothing."""
+_IDENTITY = np.eye(3)
 
 
 def match_settings(config: SlamConfig) -> MatchSettings:
@@ -268,7 +269,7 @@ class ParticleFilter(GatedMapper):
         self._free_offset = between(matched, aligned)
         uu, uv, vv, ut, vt, tt = free[4:].tolist()
         information = POINT_INFORMATION * np.array([[uu, uv, ut], [uv, vv, vt], [ut, vt, tt]])
-        covariance = np.asarray(np.linalg.inv(information + np.eye(3)), dtype=np.float64)
+        covariance = np.asarray(np.linalg.inv(information + _IDENTITY), dtype=np.float64)
         along = np.array([math.cos(matched.theta), math.sin(matched.theta), 0.0])
         along_variance, turn_variance = float(along @ covariance @ along), float(covariance[2, 2])
         fits = share >= RELIABLE_SHARE and num_points >= FEW_POINTS
