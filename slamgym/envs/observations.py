@@ -12,7 +12,6 @@ from gymnasium import spaces
 
 from slamgym.core.jit import kernel
 from slamgym.core.types import (
-    FREE,
     OCCUPIED,
     UNKNOWN,
     ByteArray,

@@ -10,6 +10,7 @@ import math
 import numpy as np
 
 from slamgym.core.geometry import between, compose
+from slamgym.core.jit import plain
 from slamgym.core.types import (
     Float32Array,
     FloatArray,
@@ -20,7 +21,6 @@ from slamgym.core.types import (
     Pose2D,
     Trajectory,
 )
-from slamgym.core.jit import plain
 from slamgym.slam.config import SlamConfig
 from slamgym.slam.end_points import farthest, usable_end_points
 from slamgym.slam.hill_climbing import MatchSettings, Search
