@@ -27,12 +27,12 @@ _SOLVER_STEP = 0.01
 Velocity = tuple[float, float, float]
 """Of a rigid body in the world's axes: x [m/s], y [m/s], turning [rad/s]."""
 
-_set_position = pymunk.Body.position.__set__
-_set_angle = pymunk.Body.angle.__set__
-_set_velocity = pymunk.Body.velocity.__set__
-_set_angular_velocity = pymunk.Body.angular_velocity.__set__
-_set_force = pymunk.Body.force.__set__
-_set_torque = pymunk.Body.torque.__set__
+_set_position = vars(pymunk.Body)["position"].__set__
+_set_angle = vars(pymunk.Body)["angle"].__set__
+_set_velocity = vars(pymunk.Body)["velocity"].__set__
+_set_angular_velocity = vars(pymunk.Body)["angular_velocity"].__set__
+_set_force = vars(pymunk.Body)["force"].__set__
+_set_torque = vars(pymunk.Body)["torque"].__set__
 
 
 class ContactSolver:
