@@ -138,6 +138,12 @@ class GridFrame(NamedTuple):
         y = self.origin_y + (self.height_px - np.asarray(row, dtype=np.float64) - 0.5) * self.resolution
         return x, y
 
+    def to_points(self, row: Any, col: Any) -> FloatArray:
+        """Convert arrays of cells, each of shape (N,), to the points of their centres, shape (N, 2) [m]."""
+        points = np.empty((len(row), 2))
+        points[:, 0], points[:, 1] = self.to_point(row, col)
+        return points
+
     @staticmethod
     def covering(
         bounds: tuple[float, float, float, float], resolution: float, margin: float = 0.0

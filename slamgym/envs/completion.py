@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from slamgym.core.types import FREE, UNKNOWN, FloatArray, OccupancyGrid, Pose2D
+from slamgym.core.jit import kernel
+from slamgym.core.types import FREE, UNKNOWN, ByteArray, FloatArray, OccupancyGrid, Pose2D
 from slamgym.planning import (
     CostmapConfig,
     Frontier,
@@ -11,6 +12,35 @@ from slamgym.planning import (
     make_costmap,
     reachable_space,
 )
+
+
+@kernel
+def open_cells_left(
+    cells: ByteArray, points: FloatArray, left: float, bottom: float, resolution: float
+) -> int:
+    """How many of some points lie on unknown cells beside free ones.
+
+    Args:
+        cells: ROS map values, shape (H, W); unknown beyond.
+        points: Shape (N, 2) [m].
+        left: Where the map begins [m].
+        bottom: The same upwards [m].
+        resolution: Cell size [m].
+    """
+    height, width = cells.shape
+    count = 0
+    for i in range(len(points)):
+        row = height - 1 - int(np.floor((points[i, 1] - bottom) / resolution))
+        col = int(np.floor((points[i, 0] - left) / resolution))
+        if 0 <= row < height and 0 <= col < width and cells[row, col] != UNKNOWN:
+            continue
+        beside_free = False
+        for down, right in ((-1, 0), (1, 0), (0, -1), (0, 1)):
+            r, c = row + down, col + right
+            if 0 <= r < height and 0 <= c < width and cells[r, c] == FREE:
+                beside_free = True
+        count += int(beside_free)
+    return count
 
 
 class CompletionDetector:
@@ -54,13 +84,8 @@ class CompletionDetector:
 
     def _is_still_there(self, grid: OccupancyGrid, points: FloatArray) -> bool:
         """Whether enough of a frontier is still unknown beside free space."""
-        frame, cells = grid.frame, grid.cells
-        row, col = frame.to_cell(points[:, 0], points[:, 1])
-        known = _lookup(cells, row, col) != UNKNOWN
-        beside_free = np.zeros(len(points), dtype=np.bool_)
-        for down, right in ((-1, 0), (1, 0), (0, -1), (0, 1)):
-            beside_free |= _lookup(cells, row + down, col + right) == FREE
-        left = np.count_nonzero(~known & beside_free)
+        frame = grid.frame
+        left = open_cells_left(grid.cells, points, frame.origin_x, frame.origin_y, frame.resolution)
         return bool(left * frame.resolution >= self._min_size - 1e-6 and left >= 0.5 * len(points))
 
 
@@ -82,11 +107,3 @@ def _with_border(grid: OccupancyGrid) -> OccupancyGrid:
 
 def _centres(frontier: Frontier, grid: OccupancyGrid) -> FloatArray:
     return np.column_stack(grid.frame.to_point(frontier.cells[:, 0], frontier.cells[:, 1]))
-
-
-def _lookup(cells: np.ndarray, row: np.ndarray, col: np.ndarray) -> np.ndarray:
-    """Cell values; unknown outside the map."""
-    inside = (row >= 0) & (row < cells.shape[0]) & (col >= 0) & (col < cells.shape[1])
-    values = np.full(len(row), UNKNOWN, dtype=np.uint8)
-    values[inside] = cells[row[inside], col[inside]]
-    return values

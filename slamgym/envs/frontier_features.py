@@ -236,8 +236,7 @@ def _measure(loop: ExplorationLoop, costmap: Costmap, crops: Float32Array) -> li
     for index, coarse in enumerate(cells):
         labels[coarse[:, 0], coarse[:, 1]] = index
     middles = np.array([one.frontier.middle for one in candidates])
-    apart = np.hypot(*(middles[:, None] - middles[None]).transpose(2, 0, 1))
-    np.fill_diagonal(apart, np.inf)
+    others = _nearest_and_mean(middles)
     resolution = costmap.frame.resolution
     cell = resolution * COARSENING
     margin = round(0.5 / cell)  # what a costmap keeps about the known part
@@ -245,9 +244,10 @@ def _measure(loop: ExplorationLoop, costmap: Costmap, crops: Float32Array) -> li
     measured = []
     for index, one in enumerate(candidates):
         outward = _outward(one, costmap)
-        clearances = _wall_distances(costmap, np.vstack([one.frontier.middle, one.path]))
+        places = np.empty((1 + len(one.path), 2))
+        places[0], places[1:] = one.frontier.middle, one.path
+        clearances = _wall_distances(costmap, places)
         _crop(one, outward, classes, costmap, crops[index])
-        distances = apart[index][np.isfinite(apart[index])]
         measured.append(
             _Measured(
                 candidate=one,
@@ -262,12 +262,22 @@ def _measure(loop: ExplorationLoop, costmap: Costmap, crops: Float32Array) -> li
                     (round(NEAR_UNKNOWN / cell), round(FAR_UNKNOWN / cell)), margin, len(candidates),
                 ),
                 clearance=float(clearances[0]),
-                exposure=float(clearances[1:].mean()),
-                others=(float(distances.min()), float(distances.mean())) if len(distances) else (10.0, 20.0),
+                exposure=float(clearances[1:].sum() / len(one.path)),
+                others=others[index],
                 is_target=loop.target is not None and one.target == loop.target.target,
             )
         )  # fmt: skip
     return measured
+
+
+def _nearest_and_mean(places: FloatArray) -> list[tuple[float, float]]:
+    """Distance of each place, shape (N, 2), to the nearest of the others and to all others in the mean [m]."""
+    count = len(places)
+    if count == 1:
+        return [(10.0, 20.0)]
+    apart = np.hypot(*(places[:, None] - places[None]).transpose(2, 0, 1))
+    apart = apart[~np.eye(count, dtype=np.bool_)].reshape(count, count - 1)
+    return list(zip(apart.min(axis=1).tolist(), apart.mean(axis=1).tolist(), strict=True))
 
 
 def _bearing(candidate: FrontierCandidate, pose: Pose2D) -> tuple[float, float]:

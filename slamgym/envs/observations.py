@@ -12,7 +12,6 @@ from gymnasium import spaces
 
 from slamgym.core.jit import kernel
 from slamgym.core.types import (
-    FREE,
     OCCUPIED,
     UNKNOWN,
     ByteArray,
@@ -64,6 +63,7 @@ def cut_crop(
         out: Receives the crop, shape (h, w).
     """
     rows, cols = cells.shape
+    end_row, end_col = np.uint64(rows), np.uint64(cols)
     flat = cells.reshape(-1)
     height, width = out.shape
     # Positions in the map in 1 / 2^32 of a cell. From sample to sample: (sin, cos) to the right in the crop,
@@ -73,23 +73,25 @@ def cut_crop(
     ahead, left = height * samples - 1, width * samples - 1
     first_col = round((x - origin_x) / resolution * _ONE) + (ahead * cos - left * sin) // 2
     first_row = round((rows - (y - origin_y) / resolution) * _ONE) - (ahead * sin + left * cos) // 2
+    is_inside = True
+    for a, b in ((0, 0), (0, left), (ahead, 0), (ahead, left)):
+        col, row = first_col - a * cos + b * sin, first_row + a * sin + b * cos
+        is_inside &= 0 <= row >> _FRACTION < rows and 0 <= col >> _FRACTION < cols
     for i in range(height):
         for j in range(width):
-            value = UNKNOWN
+            least, most = np.uint8(UNKNOWN), np.uint8(UNKNOWN)  # occupied is less than that, free is more
             for a in range(i * samples, (i + 1) * samples):
                 col = first_col - a * cos + j * samples * sin
                 row = first_row + a * sin + j * samples * cos
                 for _ in range(samples):
-                    r, c = row >> _FRACTION, col >> _FRACTION
-                    if 0 <= r < rows and 0 <= c < cols:
-                        cell = flat[r * cols + c]
-                        if cell == OCCUPIED:
-                            value = OCCUPIED
-                        elif cell == FREE and value == UNKNOWN:
-                            value = FREE
+                    # Unsigned, what lies before the first row is beyond the last.
+                    r, c = np.uint64(row >> _FRACTION), np.uint64(col >> _FRACTION)
+                    if is_inside or (r < end_row and c < end_col):
+                        cell = flat[r * end_col + c]
+                        least, most = min(least, cell), max(most, cell)
                     col += sin
                     row += cos
-            out[i, j] = value
+            out[i, j] = least if least == OCCUPIED else most
 
 
 FURTHEST = 1000.0

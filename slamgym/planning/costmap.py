@@ -32,6 +32,7 @@ from slamgym.planning.costmap_kernels import (
     cost_cells,
     distance_to_occupied,
     known_window,
+    stand_apart,
 )
 
 FREE_COST = 0
@@ -160,8 +161,8 @@ def unmapped_points(grid: OccupancyGrid, points: FloatArray, apart: float = 0.15
     """The points (N, 2) [m] that lie on a map and farther than ``apart`` [m] from its walls."""
     row, col = grid.frame.to_cell(points[:, 0], points[:, 1])
     inside = (row >= 0) & (row < grid.frame.height_px) & (col >= 0) & (col < grid.frame.width_px)
-    distance = distance_to_occupied(grid.cells)[row[inside], col[inside]]
-    return points[inside][distance * grid.frame.resolution > apart]
+    is_apart = stand_apart(grid.cells, row[inside], col[inside], grid.frame.resolution, apart)
+    return points[inside][is_apart]
 
 
 def clear_seen(

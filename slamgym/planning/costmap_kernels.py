@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from slamgym.core.jit import kernel
-from slamgym.core.types import ByteArray, Float32Array, FloatArray, Int32Array
+from slamgym.core.types import BoolArray, ByteArray, Float32Array, FloatArray, Int32Array, IntArray
 
 _OCCUPIED = np.uint8(0)
 _FREE = np.uint8(254)
@@ -115,6 +115,33 @@ def clear_beams(
             if 0 <= row < height and 0 <= col < width and cells[row, col] == _OCCUPIED:
                 cells[row, col] = _FREE
             step += 0.5
+
+
+@kernel
+def stand_apart(
+    cells: ByteArray, rows: IntArray, cols: IntArray, resolution: float, apart: float
+) -> BoolArray:
+    """Which of some cells are farther than ``apart`` from every occupied one, shape (N,).
+
+    Args:
+        cells: ROS map values, shape (H, W).
+        rows: Of the cells asked about, shape (N,).
+        cols: The same.
+        resolution: Cell size [m].
+        apart: Between the centres of two cells [m].
+    """
+    height, width = cells.shape
+    half = int(apart / resolution) + 1
+    is_apart = np.ones(len(rows), np.bool_)
+    for i in range(len(rows)):
+        for row in range(max(0, rows[i] - half), min(height, rows[i] + half + 1)):
+            for col in range(max(0, cols[i] - half), min(width, cols[i] + half + 1)):
+                if cells[row, col] == _OCCUPIED:
+                    squared = np.float32((row - rows[i]) ** 2 + (col - cols[i]) ** 2)
+                    # In single precision, as distance fields are.
+                    if not np.sqrt(squared) * np.float32(resolution) > np.float32(apart):
+                        is_apart[i] = False
+    return is_apart
 
 
 @kernel

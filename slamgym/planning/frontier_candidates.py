@@ -65,7 +65,7 @@ class PathTree:
         if not math.isfinite(self.distance[row, col]):
             return None
         cells: IntArray = trace_path(self.parent, self.start, row * self.frame.width_px + col)
-        return np.column_stack(self.frame.to_point(*np.divmod(cells, self.frame.width_px)))
+        return self.frame.to_points(*np.divmod(cells, self.frame.width_px))
 
 
 def coarsen_costmap(costs: ByteArray, frame: GridFrame) -> tuple[ByteArray, GridFrame]:
@@ -133,7 +133,7 @@ def split_frontier(frontier: Frontier, frame: GridFrame, pose: Pose2D, extent: f
     parts, done = [frontier.cells], []
     while parts:
         cells = parts.pop()
-        spread = np.ptp(cells, axis=0)
+        spread = cells.max(axis=0) - cells.min(axis=0)
         if float(spread.max()) * frame.resolution <= extent:
             done.append(cells)
             continue
@@ -146,7 +146,7 @@ def split_frontier(frontier: Frontier, frame: GridFrame, pose: Pose2D, extent: f
 
 def _describe(cells: Int32Array, frame: GridFrame, pose: Pose2D) -> Frontier:
     """A frontier of given cells."""
-    points = np.column_stack(frame.to_point(cells[:, 0], cells[:, 1]))
+    points = frame.to_points(cells[:, 0], cells[:, 1])
     centroid = points.mean(axis=0)
     from_robot = np.hypot(*(points - np.array(pose[:2])).T)
     nearest, middle = np.argmin(from_robot), np.argmin(np.hypot(*(points - centroid).T))
@@ -182,7 +182,7 @@ def _candidate(
     path = paths.path_to(row, col)
     if path is None:
         return None
-    points = np.column_stack(costmap.frame.to_point(frontier.cells[:, 0], frontier.cells[:, 1]))
+    points = costmap.frame.to_points(frontier.cells[:, 0], frontier.cells[:, 1])
     target = frontier.middle if math.dist(frontier.centroid, frontier.middle) > _BEND else frontier.centroid
     if keep is not None and np.abs(points - np.array(keep)).max(axis=1).min() <= 0.25:
         target = keep
@@ -191,7 +191,7 @@ def _candidate(
         points=points,
         target=target,
         place=place,
-        path_length=float(np.hypot(*np.diff(path, axis=0).T).sum()),
+        path_length=float(np.hypot(*(path[1:] - path[:-1]).T).sum()),
         path_cost=float(paths.distance[row, col]) * paths.frame.resolution,
         path=path,
     )

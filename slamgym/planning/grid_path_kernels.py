@@ -3,9 +3,12 @@
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from slamgym.core.jit import kernel
 from slamgym.core.types import BoolArray, ByteArray, Float32Array, FloatArray, Int32Array, IntArray
+
+UInt64Array = NDArray[np.uint64]
 
 _SQRT2 = np.float32(1.4142135)
 
@@ -13,42 +16,49 @@ EVERYWHERE: IntArray = np.empty(0, dtype=np.int64)
 """Cells wanted of a search that goes on as far as it can."""
 
 
+# An entry of the heap is one number: the bits of its key, a positive float32, above those of its cell. Such bits are
+# in the order of the floats. All is unsigned, for an unsigned index isn't asked whether it counts from the end.
+_ONE, _HALF = np.uint64(1), np.uint64(32)
+_CELL = np.uint64(0xFFFFFFFF)
+
+
 @kernel
-def _push(keys: Float32Array, cells: Int32Array, size: int, key: Any, cell: Any) -> int:
-    """Add to a binary heap; returns its new size."""
+def _push(heap: UInt64Array, size: Any, entry: Any, key: Any) -> Any:
+    """Add to a binary heap, below all whose keys are no larger than ``key``; returns its new size."""
     child = size
     while child > 0:
-        parent = (child - 1) >> 1
-        if keys[parent] <= key:
+        parent = (child - _ONE) >> _ONE
+        if heap[parent] >> _HALF <= key:
             break
-        keys[child], cells[child] = keys[parent], cells[parent]
+        heap[child] = heap[parent]
         child = parent
-    keys[child], cells[child] = key, cell
-    return size + 1
+    heap[child] = entry
+    return size + _ONE
 
 
 @kernel
-def _pop(keys: Float32Array, cells: Int32Array, size: int) -> int:
+def _pop(heap: UInt64Array, size: Any) -> Any:
     """Take the root, already read, off a binary heap; returns its new size.
 
     The last entry takes its place: the smaller children move up as far as there are some, then the entry climbs from
     the bottom, where it nearly always belongs, so that each level costs one comparison (Wegener 1993).
     """
-    size -= 1
-    key, cell = keys[size], cells[size]
-    hole, child = 0, 1
+    size -= _ONE
+    entry = heap[size]
+    key = entry >> _HALF
+    hole, child = np.uint64(0), _ONE
     while child < size:
-        if child + 1 < size:
-            child += int(keys[child + 1] < keys[child])
-        keys[hole], cells[hole] = keys[child], cells[child]
-        hole, child = child, 2 * child + 1
+        if child + _ONE < size:
+            child += np.uint64(heap[child + _ONE] >> _HALF < heap[child] >> _HALF)
+        heap[hole] = heap[child]
+        hole, child = child, (child << _ONE) + _ONE
     while hole > 0:
-        parent = (hole - 1) >> 1
-        if keys[parent] < key:
+        parent = (hole - _ONE) >> _ONE
+        if heap[parent] >> _HALF < key:
             break
-        keys[hole], cells[hole] = keys[parent], cells[parent]
+        heap[hole] = heap[parent]
         hole = parent
-    keys[hole], cells[hole] = key, cell
+    heap[hole] = entry
     return size
 
 
@@ -88,30 +98,30 @@ def search_path(
         steps[cost] = 1.0 + factor * cost
     # A cell enters the heap once for each time its distance falls, which is 8 times at most.
     capacity = 4096
-    keys, cells = np.empty(capacity, np.float32), np.empty(capacity, np.int32)
+    heap = np.empty(capacity, np.uint64)
+    single = np.zeros(1, np.float32)
+    bits = single.view(np.uint32)
     goal_row, goal_col = goal // width, goal % width
     distance[start] = 0.0
-    size = _push(keys, cells, 0, np.float32(0.0), start)
+    size = _push(heap, np.uint64(0), np.uint64(start), np.uint64(0))
     while size > 0:
-        cell = cells[0]
-        size = _pop(keys, cells, size)
-        if closed[cell]:
+        cell = np.int64(heap[0] & _CELL)
+        size = _pop(heap, size)
+        here = np.uint64(cell)
+        if closed[here]:
             continue
-        closed[cell] = True
-        num_awaited -= int(awaited[cell])
+        closed[here] = True
+        num_awaited -= int(awaited[here])
         if cell == goal or (len(wanted) > 0 and num_awaited == 0):
             break
         row, col = cell // width, cell % width
-        if size + 8 > capacity:
-            capacity *= 2
-            grown_keys, grown_cells = np.empty(capacity, np.float32), np.empty(capacity, np.int32)
-            grown_keys[:size], grown_cells[:size] = keys[:size], cells[:size]
-            keys, cells = grown_keys, grown_cells
-        here = distance[cell]
+        if np.int64(size) + 8 > capacity:
+            grown = np.empty(2 * capacity, np.uint64)
+            grown[:capacity] = heap
+            heap, capacity = grown, 2 * capacity
+        so_far = distance[here]
         for dr in range(-1 if row > 0 else 0, 2 if row < height - 1 else 1):
             for dc in range(-1 if col > 0 else 0, 2 if col < width - 1 else 1):
-                r, c = row + dr, col + dc
-                # An unsigned index isn't asked whether it counts from the end.
                 neighbour = np.uint64(cell + dr * width + dc)
                 if closed[neighbour]:  # the cell itself, too
                     continue
@@ -120,15 +130,19 @@ def search_path(
                     if flat[np.uint64(cell + dr * width)] >= limit or flat[np.uint64(cell + dc)] >= limit:
                         continue
                     length = _SQRT2
-                reached = here + length * steps[flat[neighbour]]
+                reached = so_far + length * steps[flat[neighbour]]
                 if reached < distance[neighbour]:
                     distance[neighbour] = reached
                     parent[neighbour] = cell
-                    key = reached
+                    key = np.float64(reached)
                     if goal >= 0:
-                        down, across = abs(r - goal_row), abs(c - goal_col)
+                        down, across = abs(row + dr - goal_row), abs(col + dc - goal_col)
                         key += max(down, across) + (_SQRT2 - np.float32(1.0)) * min(down, across)
-                    size = _push(keys, cells, size, key, neighbour)
+                    single[0] = key
+                    kept = np.uint64(bits[0])
+                    # A key that was rounded up stays behind those that are larger than what it was.
+                    compared = kept - _ONE if single[0] > key else kept
+                    size = _push(heap, size, (kept << _HALF) | neighbour, compared)
     return distance, parent
 
 

@@ -85,6 +85,7 @@ def measure_beams(
         normal: Standard normal draws, shape (2, N): of the range, and of the echo's strength.
         out: Receives the ranges, shape (N,) [m].
     """
+    surfaces, law = Surfaces(*surfaces), BeamLaw(*law)
     for i in range(len(true)):
         sensor = i * len(sensors) // len(true)
         x, y, theta = sensors[sensor, 0], sensors[sensor, 1], sensors[sensor, 2]

@@ -9,6 +9,7 @@ import numpy as np
 from slamgym.core.config import NonNegative, Positive, Settings, Share, Within, suggest
 from slamgym.core.errors import ConfigError
 from slamgym.core.geometry import compose
+from slamgym.core.jit import plain
 from slamgym.core.types import (
     Float32Array,
     FloatArray,
@@ -196,7 +197,7 @@ class Lidar:
         self.config = config
         self.geometry = config.geometry
         self._plain = no_surfaces()
-        self._law = BeamLaw(
+        law = BeamLaw(
             self.geometry.angle_min,
             self.geometry.angle_increment,
             float(config.range_max),
@@ -206,6 +207,7 @@ class Lidar:
             math.radians(config.beam_width_deg),
             float(config.attenuation),
         )
+        self._law = plain(law)
         self._depends_on_place = config.bias > 0.0 or config.beam_width_deg > 0.0 or config.attenuation > 0.0
         self._is_perfect = config == lidar_level("exact", config)
 
@@ -289,7 +291,7 @@ class Lidar:
         if self._depends_on_place or len(surfaces.first) > 1:
             sensors, segments, _, hits = sighting
             measured = np.empty(len(true))
-            measure_beams(sensors, segments, true, hits, surfaces, self._law, normal, measured)
+            measure_beams(sensors, segments, true, hits, plain(surfaces), self._law, normal, measured)
         else:
             sigma = np.maximum(config.sigma, config.sigma_relative * np.minimum(true, config.range_max))
             measured = true + sigma * normal[0]

@@ -109,6 +109,30 @@ def ramp(velocity: float, target: float, acceleration: float, span: float) -> tu
 
 
 @kernel
+def wished(
+    state: FloatArray, target_linear: float, target_angular: float, limits: FloatArray, span: float
+) -> tuple[float, float, float, float, float, float, float]:
+    """What the drive does towards a target velocity over a short span, if nothing is in the way.
+
+    Args:
+        state: Drive state.
+        target_linear: As for :func:`drive_freely`.
+        target_angular: The same.
+        limits: The same.
+        span: Time to drive [s].
+
+    Returns:
+        Displacement in the frame of the obstacles (two) [m]; distance [m]; turn [rad]; mean turning rate [rad/s]; speed
+        [m/s] and turning rate [rad/s] at the end.
+    """
+    mean_linear, linear = ramp(state[LINEAR], target_linear, limits[0], span)
+    mean_angular, angular = ramp(state[ANGULAR], target_angular, limits[1], span)
+    distance, turn = mean_linear * span, mean_angular * span
+    dx, dy = chord(state[THETA], distance, turn)
+    return dx, dy, distance, turn, mean_angular, linear, angular
+
+
+@kernel
 def drive_freely(
     state: FloatArray,
     target_linear: float,

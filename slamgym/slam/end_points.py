@@ -26,6 +26,7 @@ def usable_end_points(ranges: Float32Array, beams: BeamTable, longest: float, ou
     Returns:
         The number of points.
     """
+    beams = BeamTable(*beams)
     n = 0
     for i in range(len(ranges)):
         r = ranges[i]

@@ -56,36 +56,47 @@ class BeamTable(NamedTuple):
 
 
 @kernel
-def drawn_length(ranges: Float32Array, i: int, beams: BeamTable) -> float:
-    """How far beam ``i`` of a scan is drawn [m]; 0 for a beam that is left out, and at most ``usable``.
+def drawn_lengths(ranges: Float32Array, beams: BeamTable, out: FloatArray) -> None:
+    """How far each beam of a scan is drawn [m]; 0 for a beam that is left out, and at most ``usable``.
 
     A beam that returned from within ``usable`` is a hit. A longer one is cut and clears only; so does a beam
     without return (``+inf``) if ``no_return_clears``, as far as :func:`_open_length` says. nan, ``-inf`` and
     ranges below ``range_min`` are left out.
+
+    Args:
+        ranges: Shape (num_beams,) [m].
+        beams: The scanner.
+        out: Receives the lengths, shape (num_beams,) [m].
     """
-    r, usable = ranges[i], beams.usable
-    if r >= beams.range_max:
-        return _open_length(ranges, i, beams) if beams.no_return_clears else 0.0
-    if not r >= beams.range_min:
-        return 0.0
-    return min(r, usable)
+    low, high, num_beams = -1, 0, len(ranges)  # the returns beside a gap
+    for i in range(num_beams):
+        r = ranges[i]
+        if r >= beams.range_max:
+            length = 0.0
+            if beams.no_return_clears:
+                high = max(high, i + 1)
+                while high < num_beams and not beams.range_min <= ranges[high] < beams.range_max:
+                    high += 1
+                length = _open_length(ranges, i, low, high, beams)
+            out[i] = length
+        elif r >= beams.range_min:
+            low = i
+            out[i] = r if r < beams.usable else beams.usable
+        else:
+            out[i] = 0.0
 
 
 @kernel
-def _open_length(ranges: Float32Array, i: int, beams: BeamTable) -> float:
+def _open_length(ranges: Float32Array, i: int, low: int, high: int, beams: BeamTable) -> float:
     """How far a beam without return is taken for free [m]: up to the line between the returns beside its gap.
 
     Behind that line may be a window, a mirror or a dark wall as well as open space. Open to the usable range is a
     gap that no two returns bound from either side: half a turn or more, or one that reaches the end of the scan and
-    is wider than windows and dark walls are.
+    is wider than windows and dark walls are. ``low`` and ``high`` are the returns, -1 and the number of beams
+    where there is none.
     """
     longest = min(beams.usable, beams.range_max)
-    low, high, num_beams = i - 1, i + 1, len(ranges)
-    while low >= 0 and not beams.range_min <= ranges[low] < beams.range_max:
-        low -= 1
-    while high < num_beams and not beams.range_min <= ranges[high] < beams.range_max:
-        high += 1
-    if low < 0 or high >= num_beams:
+    if low < 0 or high >= len(ranges):
         return longest if high - low - 1 > beams.widest_gap else 0.0
     ax, ay = ranges[low] * beams.directions[low, 0], ranges[low] * beams.directions[low, 1]
     bx, by = ranges[high] * beams.directions[high, 0], ranges[high] * beams.directions[high, 1]
@@ -113,17 +124,19 @@ def scan_bounds(
     min_x = min_y = math.inf
     max_x = max_y = -math.inf
     for k in range(len(poses)):
+        drawn_lengths(ranges[k], beams, lengths[k])
         cos, sin = math.cos(poses[k, 2]), math.sin(poses[k, 2])
         x0 = poses[k, 0] + cos * mount[0] - sin * mount[1]
         y0 = poses[k, 1] + sin * mount[0] + cos * mount[1]
         min_x, max_x = min(min_x, x0), max(max_x, x0)
         min_y, max_y = min(min_y, y0), max(max_y, y0)
         for i in range(ranges.shape[1]):
-            lengths[k, i] = length = drawn_length(ranges[k], i, beams)
+            length = lengths[k, i]
             x = x0 + length * (cos * directions[i, 0] - sin * directions[i, 1])
             y = y0 + length * (sin * directions[i, 0] + cos * directions[i, 1])
-            min_x, max_x = min(min_x, x), max(max_x, x)
-            min_y, max_y = min(min_y, y), max(max_y, y)
+            # min and max would ask each number whether it is one.
+            min_x, max_x = x if x < min_x else min_x, x if x > max_x else max_x
+            min_y, max_y = y if y < min_y else min_y, y if y > max_y else max_y
     return min_x, min_y, max_x, max_y
 
 
@@ -168,6 +181,7 @@ def draw_scans(
     Returns:
         Bounds (min x, min y, max x, max y) of the scans [m].
     """
+    beams = BeamTable(*beams)
     corner_row, corner_col = corner
     lengths = np.empty(ranges.shape)
     bounds = scan_bounds(poses, ranges, beams, lengths)
@@ -225,19 +239,22 @@ def draw_scans_once(
     sign: int,
 ) -> tuple[float, float, float, float]:
     """As :func:`draw_scans`, but a scan counts a cell once: as a hit if a beam ends there, else as a visit."""
+    beams = BeamTable(*beams)
     bounds = scan_bounds(poses, ranges, beams, np.empty(ranges.shape))
     first_row, first_col, last_row, last_col = cells_of(bounds, corner, resolution)
     if first_row < 0 or first_col < 0 or last_row >= counts.shape[0] or last_col >= counts.shape[1]:
         return bounds
-    of_scan = np.zeros_like(counts)
+    drawn = counts[first_row : last_row + 1, first_col : last_col + 1]
+    of_scan = np.zeros((drawn.shape[0], drawn.shape[1], 2), counts.dtype)
+    begin = corner[0] + first_row, corner[1] + first_col
     for k in range(len(poses)):
-        box = draw_scans(of_scan, corner, resolution, poses[k : k + 1], ranges[k : k + 1], beams, 1)
-        first_row, first_col, last_row, last_col = cells_of(box, corner, resolution)
+        box = draw_scans(of_scan, begin, resolution, poses[k : k + 1], ranges[k : k + 1], beams, 1)
+        first_row, first_col, last_row, last_col = cells_of(box, begin, resolution)
         for row in range(first_row, last_row + 1):
             for col in range(first_col, last_col + 1):
                 if of_scan[row, col, 1] > 0:
-                    counts[row, col, 0] += sign * min(of_scan[row, col, 0], 1)
-                    counts[row, col, 1] += sign
+                    drawn[row, col, 0] += sign * min(of_scan[row, col, 0], 1)
+                    drawn[row, col, 1] += sign
                     of_scan[row, col] = 0
     return bounds
 

@@ -5,6 +5,7 @@ import math
 import numpy as np
 
 from slamgym.core.errors import SlamgymError
+from slamgym.core.jit import plain
 from slamgym.core.types import (
     OCCUPIED,
     UNKNOWN,
@@ -31,7 +32,7 @@ class HitCountMap:
     """
 
     def __init__(self, beams: BeamTable, config: SlamConfig) -> None:
-        self._beams = beams
+        self._beams = plain(beams)
         self._resolution = config.resolution
         self._draw_scans = draw_scans if config.counting == "beams" else draw_scans_once
         self._threshold, self._min_passes = config.occupied_threshold, config.min_passes
@@ -136,10 +137,8 @@ class HitCountMap:
         if any(self._margins):
             cells = np.empty_like(cells)
             classify_counts(self._counts, self._threshold, self._margins, self._min_passes, cells)
-        rows, cols = (
-            np.flatnonzero((cells != UNKNOWN).any(axis=1)),
-            np.flatnonzero((cells != UNKNOWN).any(axis=0)),
-        )
+        known = cells != UNKNOWN
+        rows, cols = np.flatnonzero(known.any(axis=1)), np.flatnonzero(known.any(axis=0))
         if len(rows) == 0:
             frame = GridFrame(self._resolution, 0.0, 0.0, 1, 1)
             return OccupancyGrid(np.full((1, 1), UNKNOWN, dtype=np.uint8), frame)

@@ -65,6 +65,8 @@ class OdometryCalibration:
         self.heading_noise = 1.0
         """Variance of the random error of headings, over that of ``SLIP_DRIFT`` and ``SLIP_TURN``."""
         self._distance_weight = self._heading_weight = PRIOR_STRETCHES
+        self.significance = self._believed_share()
+        """Share of the systematic errors that is believed."""
         self.restart()
 
     def correct(self, increments: FloatArray) -> FloatArray:
@@ -76,8 +78,7 @@ class OdometryCalibration:
         corrected[:, 2] += drift * increments[:, 0] + turn * increments[:, 2]
         return corrected
 
-    @property
-    def significance(self) -> float:
+    def _believed_share(self) -> float:
         """Share of the systematic errors that is believed (positive-part James and Stein).
 
         A laser's bias moves all matches alike and looks like an error of the wheels. Where the random errors are so
@@ -137,6 +138,7 @@ class OdometryCalibration:
             forward = self._moved.x * self._odometry.x + self._moved.y * self._odometry.y
             error = forward / length - length
             self._learn_distance(error, length, 2.0 * along)
+        self.significance = self._believed_share()
         self.restart()
 
     def _learn_heading(self, error: float, match_variance: float) -> None:

@@ -10,6 +10,7 @@ import math
 import numpy as np
 
 from slamgym.core.geometry import between, compose
+from slamgym.core.jit import plain
 from slamgym.core.types import (
     Float32Array,
     FloatArray,
@@ -87,6 +88,7 @@ RELIABLE_SHARE, RELIABLE_METRES, RELIABLE_RADIANS = 0.5, 0.02, 0.01
 [rad] is no more."""
 MATCH_MARGIN = 1.5
 """How far round the scan's end points the maps are made ready [m]; a match that strays further finds nothing."""
+_IDENTITY = np.eye(3)
 
 
 def match_settings(config: SlamConfig) -> MatchSettings:
@@ -124,7 +126,7 @@ class ParticleFilter(GatedMapper):
         self._lineage: IntArray = np.zeros(0, dtype=np.int64)  # of the path drawn
         self._drawn_poses: FloatArray = np.zeros((0, 3))
         self._end_points = np.zeros((geometry.num_beams, 2))
-        self._match_settings = match_settings(config)
+        self._match_settings = plain(match_settings(config))
         self._calibration = OdometryCalibration() if config.learn_odometry else None
         self._free_offset = Pose2D(0.0, 0.0, 0.0)
         self._match_covariance: FloatArray | None = None
@@ -201,7 +203,7 @@ class ParticleFilter(GatedMapper):
     def _usable_points(self, ranges: Float32Array, longest: float = math.inf) -> FloatArray:
         """End points (n, 2) in the robot frame that can be matched; valid until the next call."""
         usable = min(self._beams.usable, longest, float(np.nextafter(self._beams.range_max, 0.0)))
-        return self._end_points[: usable_end_points(ranges, self._beams, usable, self._end_points)]
+        return self._end_points[: usable_end_points(ranges, plain(self._beams), usable, self._end_points)]
 
     @staticmethod
     def _radius(points: FloatArray) -> float:
@@ -228,7 +230,7 @@ class ParticleFilter(GatedMapper):
     def _align_freely(self, pose: FloatArray, points: FloatArray, particle: int = 0) -> FloatArray:
         """What the scan alone says from a pose on: pose, score, binding; see :func:`align_freely`."""
         free = np.empty(10)
-        align_freely(self._maps.tile_maps, particle, pose, points, self._match_settings, free)
+        align_freely(plain(self._maps.tile_maps), particle, pose, points, self._match_settings, free)
         return free
 
     def _resettle(
@@ -267,7 +269,7 @@ class ParticleFilter(GatedMapper):
         self._free_offset = between(matched, aligned)
         uu, uv, vv, ut, vt, tt = free[4:].tolist()
         information = POINT_INFORMATION * np.array([[uu, uv, ut], [uv, vv, vt], [ut, vt, tt]])
-        covariance = np.asarray(np.linalg.inv(information + np.eye(3)), dtype=np.float64)
+        covariance = np.asarray(np.linalg.inv(information + _IDENTITY), dtype=np.float64)
         along = np.array([math.cos(matched.theta), math.sin(matched.theta), 0.0])
         along_variance, turn_variance = float(along @ covariance @ along), float(covariance[2, 2])
         fits = share >= RELIABLE_SHARE and num_points >= FEW_POINTS
@@ -283,7 +285,7 @@ class ParticleFilter(GatedMapper):
         c = self._config
         log_likelihoods = np.empty(len(self._poses))
         matched = match_particles(
-            self._maps.tile_maps,
+            plain(self._maps.tile_maps),
             self._poses,
             points,
             variance,

@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from slamgym.core.errors import SlamgymError
-from slamgym.core.jit import kernel
+from slamgym.core.jit import kernel, plain
 from slamgym.core.types import OCCUPIED, FloatArray, IntArray, OccupancyGrid
 from slamgym.slam.tiles import BYTES_PER_TILE, TILE, TileMaps, TilePool, copy_maps, register_scan
 
@@ -156,7 +156,7 @@ class ParticleMaps:
         """
         particle = 0
         while True:
-            particle = register_scan(self.tile_maps, poses, points, particle)
+            particle = register_scan(plain(self.tile_maps), poses, points, particle)
             if particle == len(poses):
                 return
             self._grow_pool(4 * len(points))

@@ -235,7 +235,8 @@ def match_particles(
     Returns:
         How many particles were matched; the others keep their pose.
     """
-    pool, tables, origin, resolution = maps
+    parts, tables, origin, resolution = maps
+    pool, s = TilePool(*parts), MatchSettings(*s)
     scale = 1.0 / resolution
     scaled = points * scale
     normals = np.empty_like(points)
@@ -289,7 +290,8 @@ def align_freely(
         out: (10,) receives the pose, the score and what the points bind, the entries
             of a symmetric matrix in the order of :class:`NormalEquations` [1], [m] and [m^2].
     """
-    pool, tables, origin, resolution = maps
+    parts, tables, origin, resolution = maps
+    pool, s = TilePool(*parts), MatchSettings(*s)
     scale = 1.0 / resolution
     normals = np.empty_like(points)
     surface_normals(points, normals)

@@ -146,8 +146,8 @@ def register_scan(maps: TileMaps, poses: FloatArray, points: FloatArray, first: 
         The particle that the pool had too few free tiles for, or the number of particles when done. The
         caller lets the pool grow and calls again from there.
     """
-    pool, tables, origin, resolution = maps
-    scale = 1.0 / resolution
+    parts, tables, origin, resolution = maps
+    pool, scale = TilePool(*parts), 1.0 / resolution
     # An end point touches at most four tiles: its own and those of its neighbour cells.
     most = min(4 * len(points), tables.shape[1] * tables.shape[2])
     max_u, max_v = tables.shape[2] * TILE - 1.0, tables.shape[1] * TILE - 1.0
