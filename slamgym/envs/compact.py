@@ -11,8 +11,6 @@ from gymnasium import spaces
 
 from slamgym.core.jit import kernel
 from slamgym.core.types import (
-    FREE,
-    OCCUPIED,
     ByteArray,
     Float32Array,
     FloatArray,
@@ -35,6 +33,7 @@ _ONE = float(1 << _FRACTION)
 @kernel
 def write_compact(
     cells: ByteArray,
+    grows_upward: bool,
     corner: tuple[int, int],
     resolution: float,
     pose: FloatArray,
@@ -46,11 +45,12 @@ def write_compact(
 ) -> None:
     """Write the observation.
 
-    Convention: ``cells`` has row 0 at the bottom. In the crop the robot is in the middle, ahead is up, its left is left.
+    Convention: in the crop the robot is in the middle, ahead is up, its left is left.
 
     Args:
-        cells: The map, shape (H, W).
-        corner: Row and column of the map's lattice at which ``cells`` begins.
+        cells: The map, shape (H, W), contiguous.
+        grows_upward: Whether its row 0 is at the bottom, else at the top.
+        corner: Row, counted upwards, and column of the map's lattice at which ``cells`` begins at its lower left.
         resolution: Cell size [m].
         pose: The robot in the map frame, shape (3,) [m, m, rad].
         side: Of the crop [m].
@@ -59,31 +59,7 @@ def write_compact(
         limits: Largest speed [m/s], largest turning rate [rad/s] and largest range [m], shape (3,).
         out: Receives the blocks' shares of free space, row by row, those of occupied space, the ranges, and the velocity.
     """
-    rows, cols = cells.shape
-    count = BLOCKS * _POINTS
-    # Positions on the lattice in 1 / 2^32 of a cell, the same whatever part of the map is given.
-    step = side / (count * resolution) * _ONE
-    cos, sin = round(step * math.cos(pose[2])), round(step * math.sin(pose[2]))
-    last = count - 1
-    first_col = round(pose[0] / resolution * _ONE) + (last * cos - last * sin) // 2 - (corner[1] << _FRACTION)
-    first_row = round(pose[1] / resolution * _ONE) + (last * sin + last * cos) // 2 - (corner[0] << _FRACTION)
-    share = np.float32(1.0 / (_POINTS * _POINTS))
-    for i in range(BLOCKS):
-        for j in range(BLOCKS):
-            free, occupied = 0, 0
-            for a in range(i * _POINTS, (i + 1) * _POINTS):
-                col = first_col - a * cos + j * _POINTS * sin
-                row = first_row - a * sin - j * _POINTS * cos
-                for _ in range(_POINTS):
-                    r, c = row >> _FRACTION, col >> _FRACTION
-                    if 0 <= r < rows and 0 <= c < cols:
-                        value = cells[np.uint64(r), np.uint64(c)]
-                        free += value == FREE
-                        occupied += value == OCCUPIED
-                    col += sin
-                    row -= cos
-            out[i * BLOCKS + j] = share * np.float32(free)
-            out[(BLOCKS + i) * BLOCKS + j] = share * np.float32(occupied)
+    _write_shares(cells, grows_upward, corner, side / (BLOCKS * _POINTS * resolution), resolution, pose, out)
     groups = min(RANGES, len(ranges))
     begin = 2 * BLOCKS * BLOCKS
     for g in range(groups):
@@ -93,6 +69,53 @@ def write_compact(
         out[begin + g] = max(nearest, 0.0) / limits[2]
     for k in range(2):
         out[begin + groups + k] = min(max(velocity[k] / limits[k], -1.0), 1.0)
+
+
+@kernel
+def _write_shares(
+    cells: ByteArray,
+    grows_upward: bool,
+    corner: tuple[int, int],
+    pitch: float,
+    resolution: float,
+    pose: FloatArray,
+    out: Float32Array,
+) -> None:
+    """Write the blocks' shares of free and occupied space, read at points ``pitch`` cells apart."""
+    rows, cols = cells.shape
+    flat = cells.reshape(-1)
+    first, stride = (0, cols) if grows_upward else ((rows - 1) * cols, -cols)
+    # Positions in 1 / 2^32 of a cell, exact to the lattice whatever part of the map is given. From point to point:
+    # (sin, -cos) to the right, (-cos, -sin) down.
+    cos, sin = round(pitch * _ONE * math.cos(pose[2])), round(pitch * _ONE * math.sin(pose[2]))
+    last = BLOCKS * _POINTS - 1
+    left = round(pose[0] / resolution * _ONE) + (last * cos - last * sin) // 2 - (corner[1] << _FRACTION)
+    top = round(pose[1] / resolution * _ONE) + (last * sin + last * cos) // 2 - (corner[0] << _FRACTION)
+    is_inside = True
+    for a in (0, last):
+        for b in (0, last):
+            r, c = (top - a * sin - b * cos) >> _FRACTION, (left - a * cos + b * sin) >> _FRACTION
+            is_inside = is_inside and 0 <= r < rows and 0 <= c < cols
+    share = np.float32(1.0 / (_POINTS * _POINTS))
+    for i in range(BLOCKS):
+        for j in range(BLOCKS):
+            free, clear = 0, 0
+            for a in range(i * _POINTS, (i + 1) * _POINTS):
+                col = left - a * cos + j * _POINTS * sin
+                row = top - a * sin - j * _POINTS * cos
+                for _ in range(_POINTS):
+                    r, c = row >> _FRACTION, col >> _FRACTION
+                    if is_inside or (0 <= r < rows and 0 <= c < cols):
+                        value = np.int64(flat[np.uint64(first + r * stride + c)])
+                        # Bits that tell 254, 205 and 0 apart, without a branch.
+                        free += (value >> 1) & 1
+                        clear += value >> 7
+                    else:
+                        clear += 1
+                    col += sin
+                    row -= cos
+            out[i * BLOCKS + j] = share * np.float32(free)
+            out[(BLOCKS + i) * BLOCKS + j] = share * np.float32(_POINTS * _POINTS - clear)
 
 
 def compact_size(num_beams: int) -> int:
@@ -142,7 +165,7 @@ class CompactObserver:
         out = np.empty(self._size, dtype=np.float32)
         corner = round(frame.origin_y / frame.resolution), round(frame.origin_x / frame.resolution)
         write_compact(
-            cells[::-1], corner, frame.resolution, np.array(pose), self.side, ranges, np.array(velocity),
+            cells, False, corner, frame.resolution, np.array(pose), self.side, ranges, np.array(velocity),
             self.limits, out,
         )  # fmt: skip
         return out

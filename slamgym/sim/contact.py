@@ -41,6 +41,7 @@ class ContactSolver:
         self._space.iterations = _ITERATIONS
         self._space.collision_slop = _SLOP
         self._body, shape = _robot_body(robot)
+        self._mass, self._moment = self._body.mass, self._body.moment
         self._people = [pymunk.Body(body_type=pymunk.Body.KINEMATIC) for _ in discs]
         people = [pymunk.Circle(body, float(disc[2])) for body, disc in zip(self._people, discs, strict=True)]
         walls = [
@@ -70,8 +71,8 @@ class ContactSolver:
         body.angle = pose.theta
         body.velocity = 0.0, 0.0
         body.angular_velocity = 0.0
-        body.force = wish[0] * body.mass / _SOLVER_STEP, wish[1] * body.mass / _SOLVER_STEP
-        body.torque = wish[2] * body.moment / _SOLVER_STEP
+        body.force = wish[0] * self._mass / _SOLVER_STEP, wish[1] * self._mass / _SOLVER_STEP
+        body.torque = wish[2] * self._moment / _SOLVER_STEP
         self._space.step(_SOLVER_STEP)
         velocity, position = body.velocity, body.position
         # The step moved the body before it solved, from rest: that is the push which the last overlap asked

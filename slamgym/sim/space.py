@@ -101,6 +101,8 @@ class World:
             [robot.linear_acceleration, robot.angular_acceleration, robot.wheel_separation]
         )
         self._contact_radius = robot.circumscribed_radius + SKIN
+        # How far from the axle turning moves the outline [m]: a disc turns within itself.
+        self._lever = 0.0 if robot.shape == "circle" else robot.circumscribed_radius
         self._state = np.zeros(8) if state is None else state
         self._pose = Pose2D(0.0, 0.0, 0.0)
         self._velocity = Twist2D(0.0, 0.0)
@@ -116,11 +118,6 @@ class World:
         x, y, theta = self._state[:3].tolist()
         self._pose = Pose2D(x, y, wrap_angle(theta))
         return self._pose
-
-    @property
-    def _lever(self) -> float:
-        """How far from the axle turning moves the outline [m]: a disc turns within itself."""
-        return 0.0 if self.robot.shape == "circle" else self.robot.circumscribed_radius
 
     @property
     def velocity(self) -> Twist2D:
@@ -161,7 +158,7 @@ class World:
             raise ConfigError(
                 f"{where} is outside the free space; choose another or let the start be sampled"
             )
-        if self._overlaps(self._state):
+        if self._overlaps(pose):
             raise ConfigError(
                 f"{where} leaves no room for the robot's body; choose another or let the start be sampled"
             )
@@ -263,23 +260,26 @@ class World:
         wish = (dx / span, dy / span, mean_angular)
         velocity, contact = self._solve_contact(Pose2D(x, y, theta), wish)
 
-        trial = self._state.copy()
-        trial[:3] += self._bounded(velocity, span)
-        if self._overlaps(trial):
+        moved = self._bounded(velocity, span)
+        after = Pose2D(x + moved[0], y + moved[1], theta + moved[2])
+        if self._overlaps(after):
             contact = True
-            trial[:2] = x, y
-            if self._overlaps(trial):
-                trial[motion.THETA] = theta
+            after = Pose2D(x, y, after.theta)
+            if self._overlaps(after):
+                after = Pose2D(x, y, theta)
         self._account(
-            trial, (mean_linear * span, mean_angular * span), Twist2D(linear, angular), contact, span
+            after, (mean_linear * span, mean_angular * span), Twist2D(linear, angular), contact, span
         )
         return contact
 
-    def _bounded(self, velocity: Velocity, span: float) -> FloatArray:
+    def _bounded(self, velocity: Velocity, span: float) -> Velocity:
         """The displacement of a substep, cut to what the skin allows, whatever the solver returns."""
-        displacement = np.multiply(velocity, span)
-        distance = math.hypot(displacement[0], displacement[1]) + self._lever * abs(displacement[2])
-        return displacement if distance <= SKIN else displacement * (SKIN / distance)
+        dx, dy, turn = velocity[0] * span, velocity[1] * span, velocity[2] * span
+        distance = math.hypot(dx, dy) + self._lever * abs(turn)
+        if distance <= SKIN:
+            return dx, dy, turn
+        share = SKIN / distance
+        return dx * share, dy * share, turn * share
 
     def _solve_contact(self, pose: Pose2D, wish: Velocity) -> tuple[Velocity, bool]:
         """The velocity that contact leaves of a wish, and whether it took something away."""
@@ -287,45 +287,46 @@ class World:
             self._solver = ContactSolver(self._obstacles, self._discs, self.robot)
             self._solver.place_people(self._discs)
         left, push = self._solver.solve(pose, wish)
-        contact = max(abs(a - b) for a, b in zip(left, wish, strict=True)) > _CONTACT_TOLERANCE
+        off = max(abs(left[0] - wish[0]), abs(left[1] - wish[1]), abs(left[2] - wish[2]))
+        contact = off > _CONTACT_TOLERANCE
         if contact and self.robot.contact == "stop":
             return (0.0, 0.0, wish[2] if self.robot.shape == "circle" else 0.0), True
         return (left[0] + push[0], left[1] + push[1], left[2] + push[2]), contact
 
     def _account(
-        self, after: FloatArray, driven: tuple[float, float], drive: Twist2D, contact: bool, span: float
+        self, after: Pose2D, driven: tuple[float, float], drive: Twist2D, contact: bool, span: float
     ) -> None:
-        """Take over the state after a contact substep, and record what body, wheels and drive did.
+        """Take over the pose after a contact substep, and record what body, wheels and drive did.
 
         Args:
-            after: State with the new pose.
+            after: The new pose.
             driven: Distance [m] and turn [rad] that the drive asked for.
             drive: Drive velocity at the end, had nothing been in the way.
             contact: Whether something was.
             span: Duration [s].
         """
-        dx, dy, turn = (after[:3] - self._state[:3]).tolist()
-        middle = float(self._state[motion.THETA]) + 0.5 * turn
+        x, y, theta, _, _, left, right, path = self._state.tolist()
+        dx, dy, turn = after.x - x, after.y - y, after.theta - theta
+        middle = theta + 0.5 * turn
         distance = dx * math.cos(middle) + dy * math.sin(middle)
-        self._velocity = Twist2D(distance / span, turn / span)
+        self._velocity = velocity = Twist2D(distance / span, turn / span)
         slip = self.robot.contact_slip if contact else 1.0
         rolled = distance + slip * (driven[0] - distance)
         rolled_turn = turn + slip * (driven[1] - turn)
         half = 0.5 * self.robot.wheel_separation
-        after[motion.LEFT] += rolled - half * rolled_turn
-        after[motion.RIGHT] += rolled + half * rolled_turn
-        after[motion.DISTANCE] += math.hypot(dx, dy)
-        after[motion.LINEAR] = self._velocity.linear + slip * (drive.linear - self._velocity.linear)
-        after[motion.ANGULAR] = self._velocity.angular + slip * (drive.angular - self._velocity.angular)
-        self._state[:] = after
+        self._state[:] = (
+            *after,
+            velocity.linear + slip * (drive.linear - velocity.linear),
+            velocity.angular + slip * (drive.angular - velocity.angular),
+            left + (rolled - half * rolled_turn),
+            right + (rolled + half * rolled_turn),
+            path + math.hypot(dx, dy),
+        )
 
-    def _overlaps(self, state: FloatArray) -> bool:
+    def _overlaps(self, pose: Pose2D) -> bool:
         """Whether the body, without its skin, would be in an obstacle."""
         if self.robot.shape == "footprint":
             return motion.rectangle_overlaps(
-                state, np.array(self.robot.footprint), self._obstacles, self._discs
+                np.array(pose), np.array(self.robot.footprint), self._obstacles, self._discs
             )
-        return (
-            motion.clearance(state[motion.X], state[motion.Y], self._obstacles, self._discs)
-            < self.robot.radius
-        )
+        return motion.clearance(pose.x, pose.y, self._obstacles, self._discs) < self.robot.radius

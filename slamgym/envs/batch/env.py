@@ -193,8 +193,10 @@ class BatchExploreEnv(VectorEnv[Any, Any, Any]):
             complete = fleet.shares >= config.coverage_goal
         if config.terminate_when_explored:
             for i in np.flatnonzero(published & ~complete).tolist():
-                pose = Pose2D(*fleet.maps.believed[i].tolist())
-                complete[i] = self._detectors[i].is_explored(fleet.occupancy_grid(i), pose)
+                detector, pose = self._detectors[i], Pose2D(*fleet.maps.believed[i].tolist())
+                complete[i] = not detector.is_last_one_left(fleet.whole_grid(i)) and not detector.finds_one(
+                    fleet.occupancy_grid(i), pose
+                )
         return complete
 
     def _rewards(

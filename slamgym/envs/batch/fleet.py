@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from slamgym.core.geometry import unit_vectors
-from slamgym.core.types import UNKNOWN, FloatArray, IntArray, LaserScan, OccupancyGrid, Pose2D, Twist2D
+from slamgym.core.types import UNKNOWN, FloatArray, GridFrame, IntArray, LaserScan, OccupancyGrid, Pose2D, Twist2D
 from slamgym.envs.batch.arrays import MapLaw, Maps, Robots, Scanner, Scans, Scenes, WheelLaw, put
 from slamgym.envs.batch.kernels import ScanKind, drive_all, look_all, map_all, publish_all, read_wheels
 from slamgym.envs.config import ExploreConfig
@@ -114,16 +114,22 @@ class Fleet:
         """Effective numbers of particles, shape (N,)."""
         return np.array([robot.mapper.n_eff if robot.mapper else 1.0 for robot in self.each])
 
-    def occupancy_grid(self, index: int) -> OccupancyGrid:
-        """One robot's map, cropped to what is known; the same for all purposes as its mapper's would be."""
-        mapper, maps = self.each[index].mapper, self.maps
+    def whole_grid(self, index: int) -> OccupancyGrid:
+        """One robot's map, with what is unknown around it."""
+        mapper, maps, resolution = self.each[index].mapper, self.maps, self.map_law.resolution
         if mapper is not None:
             return mapper.occupancy_grid()
-        rows, cols = maps.shape[index].tolist()
-        corner = tuple(maps.corner[index].tolist())
-        return known_part(
-            maps.cells[index, : rows * cols].reshape(rows, cols), corner, self.map_law.resolution
-        )
+        (rows, cols), (row, col) = maps.shape[index].tolist(), maps.corner[index].tolist()
+        frame = GridFrame(resolution, col * resolution, row * resolution, rows, cols)
+        return OccupancyGrid(maps.cells[index, : rows * cols].reshape(rows, cols)[::-1], frame)
+
+    def occupancy_grid(self, index: int) -> OccupancyGrid:
+        """One robot's map, cropped to what is known."""
+        mapper = self.each[index].mapper
+        if mapper is not None:
+            return mapper.occupancy_grid()
+        row, col = self.maps.corner[index].tolist()
+        return known_part(self.whole_grid(index).cells[::-1], (row, col), self.map_law.resolution)
 
     def begin(self, index: int, prepared: PreparedPlan, start: Pose2D, streams: Streams) -> None:
         """Put one robot down in a building; :meth:`sense` takes its first scan.

@@ -294,6 +294,7 @@ def compact_all(
         corner = (maps.corner[i, 0], maps.corner[i, 1])
         write_compact(
             cells,
+            True,
             corner,
             resolution,
             maps.believed[i],
