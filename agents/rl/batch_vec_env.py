@@ -32,8 +32,8 @@ class BatchVecEnv(VecEnv):
     ) -> None:
         if env.metadata["autoreset_mode"] != AutoresetMode.SAME_STEP:
             raise ConfigError("Stable-Baselines3 needs autoreset_mode='same_step'")
+        self.env = env  # which the base class asks for its render mode
         super().__init__(env.num_envs, env.single_observation_space, env.single_action_space)
-        self.env = env
         self._hold, self._seconds = hold, seconds
         self._rng = np.random.default_rng(seed)
         self._first_seed: int | None = seed
