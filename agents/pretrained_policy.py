@@ -45,14 +45,19 @@ class PolicyFile:
     @property
     def fingerprint(self) -> str:
         """The first 12 hex digits of the SHA-256 of the weights in the order of their names."""
-        digest = hashlib.sha256()
-        for name in sorted(self.weights):
-            digest.update(name.encode() + np.ascontiguousarray(self.weights[name], "<f4").tobytes())
-        return digest.hexdigest()[:12]
+        return fingerprint_of(self.weights)
 
     def scorer(self) -> FrontierScorer:
         """The network, ready to choose."""
         return FrontierScorer(self.weights, self.network.heads)
+
+
+def fingerprint_of(weights: Mapping[str, Float32Array]) -> str:
+    """The first 12 hex digits of the SHA-256 of weights in the order of their names."""
+    digest = hashlib.sha256()
+    for name in sorted(weights):
+        digest.update(name.encode() + np.ascontiguousarray(weights[name], "<f4").tobytes())
+    return digest.hexdigest()[:12]
 
 
 def write_policy(
@@ -81,7 +86,7 @@ def read_policy(path: Path | str = PRETRAINED) -> PolicyFile:
     """
     path = Path(path)
     check_origin(path)
-    metadata, weights = _read_tensors(path)
+    metadata, weights = read_tensors(path)
     try:
         configuration = load_json(metadata["slamgym"])
         space, about = configuration["space"], configuration["about"]
@@ -124,7 +129,7 @@ def _refuse_other_space(path: Path, space: Any) -> None:
             )
 
 
-def _read_tensors(path: Path) -> tuple[dict[str, str], dict[str, Float32Array]]:
+def read_tensors(path: Path) -> tuple[dict[str, str], dict[str, Float32Array]]:
     """The metadata of a safetensors file and its tensors, which must be single precision and finite."""
     require_file(path, WEIGHT_BYTES)
     try:

@@ -16,6 +16,7 @@ from slamgym.agents.rules import (
     Repairman,
 )
 from slamgym.agents.teleop import Teleop
+from slamgym.agents.wheels.explorer import WheelsExplorer
 from slamgym.core.config import suggest
 from slamgym.core.errors import ConfigError
 from slamgym.planning.context import ExplorerContext
@@ -47,6 +48,7 @@ CLASSICAL: dict[str, HandWritten] = {
 EXPLORERS: Mapping[str, Callable[[ExplorerContext, int], BatchedExplorer]] = {
     **CLASSICAL,
     "rl": lambda context, seed: LearnedExplorer(context),  # noqa: ARG005 - the best score is taken
+    "wheels": lambda context, seed: WheelsExplorer(context),  # noqa: ARG005 - the best action is taken
     "random": RandomWalk,
     "teleop": Teleop,
 }
@@ -57,7 +59,7 @@ def make_explorer(name: str, context: "ExplorerContext", seed: int = 0) -> "Batc
     """Build an explorer.
 
     Args:
-        name: One of :data:`EXPLORERS`, or ``rl:FILE`` for weights that ``slamgym agents train`` wrote.
+        name: One of :data:`EXPLORERS`, or ``rl:FILE`` or ``wheels:FILE`` for weights that ``slamgym agents train`` wrote.
         context: What the environment says about the robot and its map.
         seed: Of the explorer's own random choices; only the random walk and the teleop driver make any.
 
@@ -67,6 +69,8 @@ def make_explorer(name: str, context: "ExplorerContext", seed: int = 0) -> "Batc
     """
     if name.startswith("rl:"):
         return LearnedExplorer(context, name.removeprefix("rl:"))
+    if name.startswith("wheels:"):
+        return WheelsExplorer(context, name.removeprefix("wheels:"))
     if name not in EXPLORERS:
         raise ConfigError(f"no explorer {name!r}; {suggest(name, EXPLORERS)}")
     return EXPLORERS[name](context, seed)

@@ -27,10 +27,15 @@ __getattr__, __dir__, __all__ = lazy.attach_stub(__name__, __file__)
 
 # Names rather than classes, so that nothing heavy is imported before an environment is made. The environment
 # ends its episodes itself (time_limit), so Gymnasium's own limit stays off.
-register(id="slamgym/Explore-v1", entry_point="slamgym.envs.explore_env:ExploreEnv")
+register(
+    id="slamgym/Explore-v1",
+    entry_point="slamgym.envs.explore_env:ExploreEnv",
+    vector_entry_point="slamgym.envs.batch.env:BatchExploreEnv",
+)
 register(
     id="slamgym/ExploreDiscrete-v1",
     entry_point="slamgym.envs.explore_env:ExploreEnv",
+    vector_entry_point="slamgym.envs.batch.env:BatchExploreEnv",
     kwargs={"actions": "discrete"},
 )
 register(

@@ -19,7 +19,6 @@ DATA = (
     "agents/__init__.pyi",
     "agents/pretrained/frontier_policy.safetensors",
     "agents/rl/hyperparams/ppo.yml",
-    "agents/rl/hyperparams/sac.yml",
     "cad/bundled/home_000000.json",
     "dataset/curate/pretrained/completeness.npz",
     "dataset/curate/review_page/page.html",

@@ -23,6 +23,9 @@ def save_checkpoint(folder: Path, model: Any) -> None:
     state = {"steps": model.num_timesteps, "updates": getattr(model, "_n_updates", 0)}
     state |= {name: module.state_dict() for name, module in _modules(model).items()}
     state |= {name: getattr(model, name).detach().clone() for name in _tensors(model)}
+    for name, statistics in _statistics(model).items():
+        numbers = {key: torch.as_tensor(getattr(statistics, key)) for key in _STATISTICS}
+        state[name] = numbers
     with staged(folder / CHECKPOINT) as part:
         torch.save(state, part)
 
@@ -45,6 +48,9 @@ def load_checkpoint(folder: Path, model: Any) -> None:
             module.load_state_dict(state[name])
         for name in _tensors(model):
             getattr(model, name).data.copy_(state[name])
+        for name, statistics in _statistics(model).items():
+            for key in _STATISTICS:
+                setattr(statistics, key, state[name][key].numpy())
         model.num_timesteps = int(state["steps"])
         model._n_updates = int(state["updates"])
     except (
@@ -84,6 +90,15 @@ def _tensors(model: Any) -> list[str]:
     """Learned numbers that belong to no network, such as the entropy's weight in SAC."""
     _, names = model._get_torch_save_params()
     return [name for name in names if isinstance(getattr(model, name, None), torch.Tensor)]
+
+
+_STATISTICS = ("mean", "var", "count")
+
+
+def _statistics(model: Any) -> dict[str, Any]:
+    """What normalises observations and rewards, where the environments do."""
+    envs = model.get_vec_normalize_env()
+    return {} if envs is None else {"observations": envs.obs_rms, "returns": envs.ret_rms}
 
 
 def _unpickling_error() -> type[Exception]:

@@ -11,7 +11,7 @@ from typing import Any
 
 import torch
 from sb3_contrib import MaskablePPO
-from stable_baselines3 import PPO, SAC
+from stable_baselines3 import PPO
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.logger import configure
@@ -22,6 +22,7 @@ from slamgym.agents.pretrained_policy import PRETRAINED, read_policy, write_poli
 from slamgym.agents.rl.checkpoint import has_checkpoint, load_checkpoint, save_checkpoint
 from slamgym.agents.rl.imitation import imitate
 from slamgym.agents.rl.policy import FrontierPolicy, MaskableFrontierPolicy
+from slamgym.agents.rl.run_folder import begin_run
 from slamgym.agents.rl.semi_markov import MaskableSemiMarkovBuffer, SemiMarkovBuffer, SemiMarkovDiscounting
 from slamgym.agents.rl.train_config import POLICY, TrainConfig
 from slamgym.agents.rl.training_callbacks import (
@@ -30,18 +31,13 @@ from slamgym.agents.rl.training_callbacks import (
     SaveCheckpoints,
     ShowProgress,
     Validate,
-    write_json,
 )
 from slamgym.agents.rl.training_envs import draw_plans, make_env, make_learning_envs
-from slamgym.core.config import from_dict, to_dict
-from slamgym.core.documents import read_json
-from slamgym.core.errors import ConfigError, InputFileError
+from slamgym.core.config import to_dict
+from slamgym.core.errors import ConfigError
 from slamgym.core.files import own_folder
 from slamgym.core.progress import say, show_progress
 from slamgym.envs import RewardFunction
-from slamgym.envs.explore_frontiers_env import ExploreFrontiersEnv
-
-CONFIG = "config.json"
 
 
 def train(
@@ -63,9 +59,8 @@ def train(
         InputFileError: If plans or the checkpoint can't be read.
     """
     torch.set_num_threads(1)
-    _refuse_other_run(config, out)
+    begin_run(config, out)
     plans = draw_plans(config.plans, "train", config.plan_count, config.seed)
-    write_json(out / CONFIG, {"version": __version__, **to_dict(config)})
     say(f"{len(plans)} floor plans, {sum(plan.area for plan in plans) / len(plans):.0f} m2 on average")
     envs = make_learning_envs(config, plans, reward_terms)
     model = _make_model(config, envs)
@@ -96,10 +91,7 @@ def train(
     finally:
         envs.close()
         model.logger.close()
-    if config.env == "explore_frontiers":
-        export_policy(config, model, out / POLICY)
-    else:
-        model.save(out / "model.zip")
+    export_policy(config, model, out / POLICY)
     return model
 
 
@@ -111,44 +103,8 @@ def export_policy(config: TrainConfig, model: BaseAlgorithm, path: Path) -> None
     write_policy(path, network.config, weights, about)
 
 
-def read_config(folder: Path) -> TrainConfig:
-    """The settings of a run.
-
-    Raises:
-        InputFileError: If the folder holds none.
-    """
-    path = folder / CONFIG
-    values = read_json(path, "choose another folder")
-    if not isinstance(values, dict):
-        raise InputFileError(path, "holds no settings of a training run; choose another folder")
-    values.pop("version", None)
-    return from_dict(TrainConfig, values, str(path))
-
-
-def _refuse_other_run(config: TrainConfig, out: Path) -> None:
-    """Refuse a folder that holds a run with other settings."""
-    if not (out / CONFIG).exists():
-        return
-    old = read_config(out)
-    for entry in dataclasses.fields(TrainConfig):
-        mine, theirs = getattr(config, entry.name), getattr(old, entry.name)
-        if mine != theirs and entry.name != "workers":
-            raise ConfigError(
-                f"{out} holds a run with {entry.name} = {theirs}, not {mine}; choose another folder"
-            )
-
-
 def _make_model(config: TrainConfig, envs: VecEnv) -> BaseAlgorithm:
     """The learner on its environments."""
-    if config.algo == "sac":
-        return SAC(
-            "MultiInputPolicy",
-            envs,
-            buffer_size=20_000,
-            learning_starts=1_000,
-            gamma=config.discount,
-            seed=config.seed,
-        )
     settings: dict[str, Any] = {
         **dataclasses.asdict(config.ppo),
         "gamma": config.discount,
@@ -157,8 +113,6 @@ def _make_model(config: TrainConfig, envs: VecEnv) -> BaseAlgorithm:
     }
     rate = config.ppo.learning_rate
     settings["learning_rate"] = lambda left: rate * left
-    if config.env == "explore":
-        return PPO("MultiInputPolicy", envs, **settings)
     kwargs = {"policy_kwargs": {"network": config.network}, **settings}
     if config.algo == "ppo":
         return PPO(FrontierPolicy, envs, rollout_buffer_class=SemiMarkovBuffer, **kwargs)
@@ -185,14 +139,15 @@ def _begin_with(start_from: str, model: BaseAlgorithm) -> None:
 
 
 def _callbacks(config: TrainConfig, out: Path, model: BaseAlgorithm) -> list[BaseCallback]:
-    callbacks: list[BaseCallback] = [FollowCurriculum(config), SaveCheckpoints(out, config.checkpoint_every)]
-    if config.env != "explore_frontiers":
-        return callbacks
-    callbacks += [SemiMarkovDiscounting(), LogEpisodes()]
+    callbacks: list[BaseCallback] = [
+        FollowCurriculum(config),
+        SaveCheckpoints(out, config.checkpoint_every),
+        SemiMarkovDiscounting(),
+        LogEpisodes(),
+    ]
     if config.evaluate_every:
         plans = draw_plans(config.plans, "validation", config.evaluate_plans)
         env = make_env(config, plans, coverage_goal=None)
-        assert isinstance(env, ExploreFrontiersEnv)
         callbacks.append(
             Validate(env, plans, config.evaluate_every, out, lambda path: export_policy(config, model, path))
         )

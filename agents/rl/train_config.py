@@ -12,8 +12,7 @@ from slamgym.sim import OdometryLevel
 POLICY = "policy.safetensors"
 """Name of a frontier policy's weights in the folder of a run."""
 
-Algorithm = Literal["maskable_ppo", "ppo", "sac"]
-EnvName = Literal["explore_frontiers", "explore"]
+Algorithm = Literal["maskable_ppo", "ppo"]
 
 
 class Curriculum(Settings, section="curriculum"):
@@ -62,16 +61,16 @@ class TrainConfig(Settings):
     """A training run."""
 
     algo: Algorithm = "maskable_ppo"
-    """``maskable_ppo``, ``ppo`` or, for ``--env explore``, ``sac``."""
-    env: EnvName = "explore_frontiers"
-    """``explore_frontiers``: choose frontiers; ``explore``: drive the wheels."""
+    """``maskable_ppo`` or ``ppo``."""
+    env: Literal["explore_frontiers"] = "explore_frontiers"
+    """Choose frontiers; ``--env explore`` drives the wheels, with settings of its own (``--env explore --help``)."""
     plans: tuple[str, ...] = ("procedural",)
     """Floor plans: ``procedural``, or a HouseExpo archive, ...; as many are drawn from each. Only those of the
     split ``train`` are learned on (:mod:`slamgym.agents.plan_splits`)."""
     plan_count: Count = 1500
     """So many plans are learned on."""
     steps: Count = 100_000
-    """Steps of all environments together; on ``explore_frontiers`` these are decisions."""
+    """Decisions of all environments together."""
     seed: int = 0
     """Seed of everything random."""
     num_envs: Count = 8
@@ -86,13 +85,13 @@ class TrainConfig(Settings):
     """Particles, where there is a filter."""
     resolution: Positive = 0.1
     """Cell size of the robot's map while training [m]: twice that of exploration halves the time, and the
-    features are in metres. On ``explore_frontiers`` only."""
+    features are in metres."""
     coverage_goal: PositiveShare | None = 0.995
     """An episode of training ends at this true coverage; privileged, never observed."""
     time_limit: Positive = 1000.0
     """Robot time of an episode of training [s]."""
     discount: PositiveShare = 0.998
-    """Per second on ``explore_frontiers``; per step on ``explore``."""
+    """Per second."""
     curriculum: Curriculum = field(default_factory=Curriculum)
     """Order of the plans."""
     reward: RewardConfig = FRONTIER_REWARD
@@ -103,7 +102,7 @@ class TrainConfig(Settings):
     """The network."""
     start_from: str = ""
     """Weights to begin with: ``pretrained``, or a file that an earlier run wrote; by default those of an untrained
-    network. On ``explore_frontiers`` only."""
+    network."""
     imitation_decisions: CountOrZero = 0
     """So many decisions of an expert are imitated first; 0 for none."""
     imitation_rounds: int = 1
@@ -119,17 +118,3 @@ class TrainConfig(Settings):
     """Plans of an evaluation."""
     checkpoint_every: Count = 4_000
     """Steps between two checkpoints."""
-
-    def _check(self) -> None:
-        if self.algo == "sac" and self.env != "explore":
-            raise ConfigError(
-                "algo 'sac' needs continuous actions; give --env explore, or --algo maskable_ppo"
-            )
-        if self.algo == "maskable_ppo" and self.env != "explore_frontiers":
-            raise ConfigError(
-                "algo 'maskable_ppo' needs masked actions; give --algo ppo or sac for --env explore"
-            )
-        if self.start_from and self.env != "explore_frontiers":
-            raise ConfigError(
-                "start_from names weights of a frontier policy; it needs --env explore_frontiers"
-            )

@@ -13,7 +13,7 @@ from slamgym.agents.rl.train_config import Curriculum, TrainConfig
 from slamgym.cad import FloorPlan, check_plan, open_plans
 from slamgym.cad.plan_filter import AREA, LONG_SIDE, passes
 from slamgym.core.errors import ConfigError, PlanError
-from slamgym.envs import ExploreEnv, RewardFunction
+from slamgym.envs import RewardFunction
 from slamgym.envs.explore_frontiers_env import ExploreFrontiersEnv
 from slamgym.sim import RobotConfig
 
@@ -109,12 +109,12 @@ class Staged(gym.Wrapper[Any, Any, Any, Any]):
         self._plans.set_stage(stage)
 
     def action_masks(self) -> Any:
-        """What sb3-contrib asks for; only ``explore_frontiers`` has it."""
+        """What sb3-contrib asks for."""
         return self.env.get_wrapper_attr("action_masks")()
 
 
-def make_env(config: TrainConfig, plans: Any, **changes: Any) -> ExploreFrontiersEnv | ExploreEnv:
-    """The environment that a configuration names, without wrappers.
+def make_env(config: TrainConfig, plans: Any, **changes: Any) -> ExploreFrontiersEnv:
+    """The environment of a run, without wrappers.
 
     Args:
         config: The run.
@@ -124,17 +124,15 @@ def make_env(config: TrainConfig, plans: Any, **changes: Any) -> ExploreFrontier
     settings: dict[str, Any] = {
         "localization": config.localization,
         "odometry": config.odometry,
-        "slam": {"particles": config.particles},
+        "slam": {"particles": config.particles, "resolution": config.resolution},
+        "observation": {"map_resolution": config.resolution},
+        "discount": config.discount,
         "reward": config.reward,
         "coverage_goal": config.coverage_goal,
         "time_limit": config.time_limit,
         **changes,
     }
-    if config.env == "explore":
-        return ExploreEnv(plans, **settings)
-    settings["slam"] |= {"resolution": config.resolution}
-    settings["observation"] = {"map_resolution": config.resolution}
-    return ExploreFrontiersEnv(plans, **{"discount": config.discount, **settings})
+    return ExploreFrontiersEnv(plans, **settings)
 
 
 def make_learning_envs(
@@ -154,8 +152,7 @@ def make_learning_envs(
         def make() -> gym.Env[Any, Any]:
             staged = StagedPlans(plans, config.curriculum)
             wrapped = Staged(make_env(config, staged, reward_terms=reward_terms), staged)
-            keywords = EPISODE_INFO if config.env == "explore_frontiers" else EPISODE_INFO[1:]
-            return Monitor(wrapped, info_keywords=keywords)
+            return Monitor(wrapped, info_keywords=EPISODE_INFO)
 
         return make
 

@@ -1,3 +1,4 @@
+from .batch.env import BatchExploreEnv
 from .config import ExploreConfig, ObservationConfig
 from .coverage import Coverage, ReachableFloor
 from .episode import Episode, EpisodeConfig, run_episode
@@ -7,6 +8,7 @@ from .explore_frontiers_env import DiscountByTermination, ExploreFrontiersEnv
 from .rewards import RewardConfig, RewardFunction, StepRecord
 
 __all__ = [
+    "BatchExploreEnv",
     "Episode",
     "EpisodeConfig",
     "run_episode",

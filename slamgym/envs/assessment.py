@@ -169,6 +169,7 @@ class Assessment:
             map_error=self._measured[1],
             previous_map_error=before[1],
             position_sigma=_position_sigma(mapper) if self._reward.needs_covariance else math.nan,
+            floor_area=self.coverage.floor_area,
             exposure=self.exposure,
         )
 

@@ -70,17 +70,23 @@ class CompletionDetector:
             grid: The map.
             pose: The believed pose.
         """
-        if self._remembered is not None and self._is_still_there(grid, self._remembered):
-            return False
+        return not self.is_last_one_left(grid) and not self.finds_one(grid, pose)
+
+    def is_last_one_left(self, grid: OccupancyGrid) -> bool:
+        """Whether the frontier that was found last is still there."""
+        return self._remembered is not None and self._is_still_there(grid, self._remembered)
+
+    def finds_one(self, grid: OccupancyGrid, pose: Pose2D) -> bool:
+        """Search, whatever was found before; as if there were one where the robot finds no place for itself."""
         grid = free_body(_with_border(grid), pose, self._radius)
         costmap = make_costmap(grid, self._costs)
         space = reachable_space(costmap, pose)
         if space is None:
             self._remembered = None
-            return False
+            return True
         frontiers = find_frontiers(costmap, pose, self._min_size, reachable=space)
         self._remembered = _centres(frontiers[-1], grid) if frontiers else None
-        return not frontiers
+        return bool(frontiers)
 
     def _is_still_there(self, grid: OccupancyGrid, points: FloatArray) -> bool:
         """Whether enough of a frontier is still unknown beside free space."""

@@ -15,7 +15,11 @@ from slamgym.slam import SlamConfig
 
 
 class ObservationConfig(Settings, section="observation"):
-    """What the observation's ``"map"`` shows."""
+    """What is observed, and what its map shows."""
+
+    preset: Literal["dict", "map", "compact"] = "dict"
+    """``dict``: map, scan, pose, velocity and time in their units; ``map``: the map alone, a picture of bytes;
+    ``compact``: a vector in [-1, 1] for perceptrons (:mod:`slamgym.envs.compact`)."""
 
     map: Literal["egocentric", "global"] = "egocentric"
     """``egocentric``: a crop of the newest map about the believed pose, turned so that ahead is up;
@@ -36,6 +40,11 @@ class ObservationConfig(Settings, section="observation"):
     shared_map: bool = False
     """Observations between two publications hold the very same read-only global map. That saves copies of
     some megabytes a second, but Gymnasium's checks want observations that share nothing."""
+
+    @property
+    def crop_side(self) -> float:
+        """Side of the egocentric crop [m]."""
+        return self.crop_px * self.crop_resolution
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -133,7 +142,7 @@ class ExploreConfig(Settings):
         """
         return dataclasses.replace(
             self,
-            observation=dataclasses.replace(self.observation, map="global", shared_map=True),
+            observation=dataclasses.replace(self.observation, preset="dict", map="global", shared_map=True),
             actions="physical" if self.actions == "discrete" else self.actions,
             coverage_goal=None,
             terminate_when_explored=False,

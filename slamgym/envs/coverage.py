@@ -119,6 +119,11 @@ class Coverage:
         self._seen = 0
 
     @property
+    def floor_area(self) -> float:
+        """The floor that counts [m2]."""
+        return self._total * CELL**2
+
+    @property
     def share(self) -> float:
         """Share of the floor's cells that were seen, in [0, 1]; 1 where there is no floor."""
         return self._seen / self._total if self._total else 1.0

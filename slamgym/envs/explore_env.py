@@ -10,8 +10,9 @@ from slamgym.cad import FloorPlan
 from slamgym.core.config import suggest
 from slamgym.core.errors import ConfigError, PlanError
 from slamgym.core.jit import announce_compilation
-from slamgym.core.types import ByteArray, LaserScan, Observation, Pose2D
+from slamgym.core.types import ByteArray, LaserScan, Pose2D
 from slamgym.envs.assessment import Assessment
+from slamgym.envs.compact import CompactObserver
 from slamgym.envs.completion import CompletionDetector
 from slamgym.envs.config import ExploreConfig, resolve_config
 from slamgym.envs.coverage import Coverage
@@ -29,7 +30,7 @@ from slamgym.viz.window import Window
 RENDER_MODES = ("rgb_array", "human")
 
 
-class ExploreEnv(gym.Env[Observation, Any]):
+class ExploreEnv(gym.Env[Any, Any]):
     """A TurtleBot3-class robot explores an unknown building and maps it with a particle filter.
 
     ## Description
@@ -155,7 +156,8 @@ class ExploreEnv(gym.Env[Observation, Any]):
         self.action_space = self._actions.space
         self._lidar = Lidar(self.config.lidar)
         self._plan_cache = PlanCache(plans, self.config.robot, self.config.lidar.surfaces)
-        self._observer = Observer(self.config)
+        is_compact = self.config.observation.preset == "compact"
+        self._observer = CompactObserver.of(self.config) if is_compact else Observer(self.config)
         self._reward = Reward(self.config.reward, reward_terms)
         self._renderer = Renderer()
         self._window: Window | None = None
@@ -163,7 +165,7 @@ class ExploreEnv(gym.Env[Observation, Any]):
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[Observation, dict[str, Any]]:
+    ) -> tuple[Any, dict[str, Any]]:
         """Begin an episode.
 
         Args:
@@ -193,7 +195,7 @@ class ExploreEnv(gym.Env[Observation, Any]):
         self._show()
         return observation, {**self._assessment.info(), "plan": prepared.plan.id}
 
-    def step(self, action: Any) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+    def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Drive for one control step; see :class:`gymnasium.Env`."""
         config, simulation, assessment = self.config, self.simulation, self._assessment
         motion = simulation.step(self._actions.to_command(action))
@@ -300,14 +302,15 @@ class ExploreEnv(gym.Env[Observation, Any]):
                 actions are not velocities.
         """
         config = self.config
-        if config.observation.map != "global" or config.actions == "discrete":
+        observation = config.observation
+        if (observation.preset, observation.map) != ("dict", "global") or config.actions == "discrete":
             raise ConfigError(
-                'explorers need observation={"map": "global"} and velocities as actions; '
+                'explorers need observation={"preset": "dict", "map": "global"} and velocities as actions; '
                 "ExploreConfig.for_explorer() sets both"
             )
         robot = config.robot
         return ExplorerContext(
-            frame=config.observation.frame(),
+            frame=observation.frame(),
             geometry=self._lidar.geometry,
             robot_radius=robot.circumscribed_radius,
             max_linear=robot.max_linear,
@@ -323,12 +326,7 @@ class ExploreEnv(gym.Env[Observation, Any]):
 
     def _choose_site(self, wanted: ResetOptions, streams: Streams) -> PreparedPlan:
         """The building, furnished and populated where the settings want it."""
-        if wanted.plan is None:
-            prepared = self._plan_cache.draw(streams.plan)
-        elif isinstance(wanted.plan, FloorPlan):
-            prepared = self._plan_cache.of(wanted.plan)
-        else:
-            prepared = self._plan_cache.named(wanted.plan)
+        prepared = self._plan_cache.choose(wanted.plan, streams.plan)
         clutter = self.config.clutter
         if clutter.is_empty:
             return prepared
@@ -358,11 +356,17 @@ class ExploreEnv(gym.Env[Observation, Any]):
             return False
         return self._frontiers.is_explored(simulation.mapper.occupancy_grid(), simulation.believed_pose)
 
-    def _observe(self, is_publication_due: bool) -> Observation:
+    def _observe(self, is_publication_due: bool) -> Any:
         simulation = self.simulation
-        pose = simulation.believed_pose
-        cells = self._view.view(simulation.mapper, pose, simulation.is_new_scan_processed, is_publication_due)
-        return self._observer.observe(cells, simulation.scan, pose, simulation.velocity)
+        pose, velocity = simulation.believed_pose, simulation.velocity
+        map_now = simulation.mapper, pose, simulation.is_new_scan_processed, is_publication_due
+        if isinstance(self._observer, CompactObserver):
+            window, frame = self._view.window(*map_now)
+            return self._observer.observe(window, frame, simulation.scan.ranges, pose, velocity)
+        cells = self._view.view(*map_now)
+        if self.config.observation.preset == "map":
+            return cells
+        return self._observer.observe(cells, simulation.scan, pose, velocity)
 
     def _record(self) -> None:
         if self.log is not None:

@@ -5,7 +5,7 @@ Everything here comes from the mapper, the scanner and the wheels. Nothing takes
 
 import math
 from collections.abc import Sequence
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from gymnasium import spaces
@@ -22,6 +22,7 @@ from slamgym.core.types import (
     Pose2D,
     Twist2D,
 )
+from slamgym.envs.compact import CompactObserver
 from slamgym.envs.config import ExploreConfig, ObservationConfig
 from slamgym.slam import Mapper
 
@@ -97,12 +98,20 @@ def cut_crop(
 FURTHEST = 1000.0
 """Believed positions are cut off here [m], because Gymnasium wants bounds."""
 
-# Spare width of the egocentric window, so that it is cut from the map again only every few steps [m].
-_WINDOW_MARGIN = 0.5
+WINDOW_MARGIN = 0.5
+"""Spare width of the egocentric window, so that it is cut from the map again only every few steps [m]."""
 
 
-def observation_space(config: ExploreConfig) -> spaces.Dict:
-    """The space of the observations."""
+def observation_space(config: ExploreConfig) -> spaces.Space[Any]:
+    """The space of the observations of the preset."""
+    if config.observation.preset == "compact":
+        return CompactObserver.of(config).space
+    space = dict_space(config)
+    return space["map"] if config.observation.preset == "map" else space
+
+
+def dict_space(config: ExploreConfig) -> spaces.Dict:
+    """The space of the preset ``dict``."""
     extent = np.array([FURTHEST, FURTHEST, math.pi], dtype=np.float32)
     speed = 2.0 * np.array([config.robot.max_linear, config.robot.max_angular], dtype=np.float32)
     limit = np.finfo(np.float32).max if config.max_steps is None else config.max_steps * config.control_step
@@ -118,10 +127,10 @@ def observation_space(config: ExploreConfig) -> spaces.Dict:
 
 
 class Observer:
-    """Makes observations that lie in :func:`observation_space`."""
+    """Makes observations that lie in :func:`dict_space`."""
 
     def __init__(self, config: ExploreConfig) -> None:
-        space = observation_space(config)
+        space = dict_space(config)
         self._range_max = np.float32(config.lidar.range_max)
         self._pose_limit: list[float] = space["pose"].high.tolist()  # type: ignore[attr-defined]
         self._speed_limit: list[float] = space["velocity"].high.tolist()  # type: ignore[attr-defined]
@@ -160,6 +169,12 @@ class MapView(Protocol):
         """
         ...
 
+    def window(
+        self, mapper: Mapper, pose: Pose2D, is_new: bool, is_publication_due: bool
+    ) -> tuple[ByteArray, GridFrame]:
+        """The cells that an observation is made from, shape (H, W), and where they lie; arguments as above."""
+        ...
+
 
 class GlobalView:
     """The whole map on a fixed canvas, as last published."""
@@ -171,12 +186,18 @@ class GlobalView:
 
     def view(self, mapper: Mapper, pose: Pose2D, is_new: bool, is_publication_due: bool) -> ByteArray:
         """The canvas as it was last published."""
+        cells = self.window(mapper, pose, is_new, is_publication_due)[0][np.newaxis]
+        return cells if self._shared else cells.copy()
+
+    def window(
+        self, mapper: Mapper, pose: Pose2D, is_new: bool, is_publication_due: bool
+    ) -> tuple[ByteArray, GridFrame]:
+        """The canvas, read-only."""
         del pose, is_new  # what was processed shows at the next publication
         if is_publication_due or self._cells is None:
-            cells = mapper.render(self._frame)
-            cells.flags.writeable = False
-            self._cells = cells[np.newaxis]
-        return self._cells if self._shared else self._cells.copy()
+            self._cells = mapper.render(self._frame)
+            self._cells.flags.writeable = False
+        return self._cells, self._frame
 
 
 class EgocentricView:
@@ -185,27 +206,31 @@ class EgocentricView:
     def __init__(self, config: ObservationConfig, map_resolution: float) -> None:
         self._config = config
         self._resolution = map_resolution
-        # Half the diagonal of the crop, plus the margin in which the window serves again.
-        radius = 0.5 * math.sqrt(2.0) * config.crop_px * config.crop_resolution + _WINDOW_MARGIN
-        self._radius_px = math.ceil(radius / map_resolution) + 1
-        self._samples = max(1, math.ceil(config.crop_resolution / map_resolution - 1e-9))
+        self._radius_px, self._samples = window_sizes(config, map_resolution)
         self._window: ByteArray | None = None
         self._window_frame = GridFrame(map_resolution, 0.0, 0.0, 1, 1)
         self._window_centre = (0.0, 0.0)
 
     def view(self, mapper: Mapper, pose: Pose2D, is_new: bool, is_publication_due: bool) -> ByteArray:
         """A crop round the robot of the newest map, not of the last published one."""
-        del is_publication_due
-        off = math.hypot(pose.x - self._window_centre[0], pose.y - self._window_centre[1])
-        if is_new or self._window is None or off > _WINDOW_MARGIN:
-            self._window = self._cut_window(mapper, pose)
-        frame, config = self._window_frame, self._config
+        window, frame = self.window(mapper, pose, is_new, is_publication_due)
+        config = self._config
         crop: ByteArray = np.empty((1, config.crop_px, config.crop_px), dtype=np.uint8)
         cut_crop(
-            self._window, frame.origin_x, frame.origin_y, frame.resolution, pose.x, pose.y, pose.theta,
+            window, frame.origin_x, frame.origin_y, frame.resolution, pose.x, pose.y, pose.theta,
             config.crop_resolution, self._samples, crop[0],
         )  # fmt: skip
         return crop
+
+    def window(
+        self, mapper: Mapper, pose: Pose2D, is_new: bool, is_publication_due: bool
+    ) -> tuple[ByteArray, GridFrame]:
+        """What lies round the robot on the newest map."""
+        del is_publication_due
+        off = math.hypot(pose.x - self._window_centre[0], pose.y - self._window_centre[1])
+        if is_new or self._window is None or off > WINDOW_MARGIN:
+            self._window = self._cut_window(mapper, pose)
+        return self._window, self._window_frame
 
     def _cut_window(self, mapper: Mapper, pose: Pose2D) -> ByteArray:
         """The part of the map that the crop can need, on the map's own lattice."""
@@ -216,6 +241,14 @@ class EgocentricView:
             resolution, col * resolution, row * resolution, 2 * size + 1, 2 * size + 1
         )
         return mapper.render(self._window_frame)
+
+
+def window_sizes(config: ObservationConfig, map_resolution: float) -> tuple[int, int]:
+    """Cells from the middle of the egocentric window to its border, and points read along a cell of the crop."""
+    # Half the diagonal of the crop, plus the margin in which the window serves again.
+    radius = 0.5 * math.sqrt(2.0) * config.crop_side + WINDOW_MARGIN
+    samples = max(1, math.ceil(config.crop_resolution / map_resolution - 1e-9))
+    return math.ceil(radius / map_resolution) + 1, samples
 
 
 def make_view(config: ExploreConfig) -> MapView:

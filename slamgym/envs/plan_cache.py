@@ -24,9 +24,8 @@ _logger = logging.getLogger(__name__)
 PlansArgument = str | Path | FloorPlan | Sequence[FloorPlan] | PlanSource
 """What ``plans`` may be: what :func:`slamgym.cad.open_plans` takes, a source of plans, or plans."""
 
-# Sites kept ready. One takes some hundred kilobytes; a training run on more plans rebuilds them, at some
-# milliseconds each.
-_KEPT_SITES = 64
+KEPT_SITES = 64
+"""Sites kept ready. One takes some hundred kilobytes; a run on more plans rebuilds them, at some milliseconds each."""
 
 # Plans tried in a row before a source counts as useless.
 _TRIES = 100
@@ -94,11 +93,17 @@ class PlanCache:
         plans: Where the plans come from.
         robot: The robot that will explore them.
         surfaces: What the robot's scanner sees them made of.
+        kept: So many are kept.
     """
 
     def __init__(
-        self, plans: PlansArgument, robot: RobotConfig, surfaces: SurfaceConfig | None = None
+        self,
+        plans: PlansArgument,
+        robot: RobotConfig,
+        surfaces: SurfaceConfig | None = None,
+        kept: int = KEPT_SITES,
     ) -> None:
+        self._kept = kept
         self._source = _open(plans)
         self._robot = robot
         self._surfaces = surfaces
@@ -127,6 +132,17 @@ class PlanCache:
         raise PlanError(
             error.path, f"{error.reason} (and {_TRIES} plans drawn in a row can't be explored either)"
         )
+
+    def choose(self, wanted: str | FloorPlan | None, rng: np.random.Generator) -> PreparedPlan:
+        """The plan of this id, this plan, or one that is drawn.
+
+        Raises:
+            ConfigError: If the source has no such plan.
+            PlanError: If it can't be explored.
+        """
+        if wanted is None:
+            return self.draw(rng)
+        return self.of(wanted) if isinstance(wanted, FloorPlan) else self.named(wanted)
 
     def named(self, plan_id: str) -> PreparedPlan:
         """A plan by its id.
@@ -160,7 +176,7 @@ class PlanCache:
         prepared = PreparedPlan(plan, self._robot, self._surfaces)
         self._plan_cache[key] = prepared
         self._plan_cache.move_to_end(key)
-        if len(self._plan_cache) > _KEPT_SITES:
+        if len(self._plan_cache) > self._kept:
             self._plan_cache.popitem(last=False)
         return prepared
 

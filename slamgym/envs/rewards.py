@@ -1,7 +1,8 @@
 """Rewards: small functions of one transition, summed by weights.
 
 Each term is signed so that a positive weight asks for what most users want: gains are positive, costs
-negative. Coverage and map error come from the truth, which is legitimate for a training signal and never
+negative. They compute without branches, so that a record may hold arrays, a number for each of many environments.
+Coverage and map error come from the truth, which is legitimate for a training signal and never
 reaches an observation; information gain and pose uncertainty are what a robot can know itself.
 """
 
@@ -11,8 +12,11 @@ from dataclasses import dataclass
 from functools import partial
 from typing import NamedTuple
 
+import numpy as np
+
 from slamgym.core.config import Settings, Share, suggest
 from slamgym.core.errors import ConfigError
+from slamgym.core.types import FloatArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,6 +52,8 @@ class StepRecord:
     previous_map_error: float = math.nan
     position_sigma: float = math.nan
     """Root of the trace of the particles' position covariance [m]; 0 where there are no particles."""
+    floor_area: float = math.nan
+    """The reachable floor [m2]."""
     exposure: float = 0.0
     """Mean distance from walls of the path to the chosen frontier, on the robot's own map, at most 3 [m]; 0 where
     no frontiers are chosen."""
@@ -59,6 +65,11 @@ RewardFunction = Callable[[StepRecord], float]
 def coverage_gain(step: StepRecord) -> float:
     """Share of the reachable floor seen for the first time; sums to the final coverage."""
     return step.coverage - step.previous_coverage
+
+
+def floor_gain(step: StepRecord) -> float:
+    """Floor seen for the first time [m2]: :func:`coverage_gain` without the size of the building."""
+    return (step.coverage - step.previous_coverage) * step.floor_area
 
 
 def information_gain(step: StepRecord) -> float:
@@ -78,7 +89,7 @@ def path_cost(step: StepRecord) -> float:
 
 def collision_cost(step: StepRecord) -> float:
     """Minus one for a step with contact."""
-    return -1.0 if step.contact else 0.0
+    return 0.0 - step.contact
 
 
 def map_error_cost(step: StepRecord) -> float:
@@ -103,7 +114,7 @@ def exposure_cost(step: StepRecord) -> float:
 
 def completion_bonus(step: StepRecord) -> float:
     """One when the exploration is complete."""
-    return 1.0 if step.terminated else 0.0
+    return 0.0 + step.terminated
 
 
 def potential_shaping(step: StepRecord, discount: float) -> float:
@@ -116,7 +127,7 @@ def potential_shaping(step: StepRecord, discount: float) -> float:
         step: The transition.
         discount: Gamma of the learner.
     """
-    after = 0.0 if step.terminated else step.coverage - 1.0
+    after = (step.coverage - 1.0) * (1.0 - step.terminated)
     return discount * after - (step.previous_coverage - 1.0)
 
 
@@ -125,6 +136,9 @@ class RewardConfig(Settings, section="reward"):
 
     coverage_gain: float = 10.0
     """Per share of the reachable floor (:func:`coverage_gain`); a whole exploration earns this much."""
+
+    floor_gain: float = 0.0
+    """Per m2 of floor (:func:`floor_gain`)."""
 
     information_gain: float = 0.0
     """Per m2 of new map (:func:`information_gain`)."""
@@ -164,6 +178,7 @@ FRONTIER_REWARD = RewardConfig(
 
 FUNCTIONS: dict[str, RewardFunction] = {
     "coverage_gain": coverage_gain,
+    "floor_gain": floor_gain,
     "information_gain": information_gain,
     "time": time_cost,
     "path_length": path_cost,
@@ -224,6 +239,15 @@ class Reward:
         """The reward of a transition, and what each term contributed to it."""
         contributions = {term.name: term.weight * float(term.function(step)) for term in self.terms}
         return float(sum(contributions.values())), contributions
+
+    def of_many(self, steps: StepRecord) -> tuple[FloatArray, dict[str, FloatArray]]:
+        """The same of many transitions, of a record whose fields are arrays, shape (N,)."""
+        count = np.shape(steps.coverage)
+        contributions = {
+            term.name: np.broadcast_to(term.weight * np.asarray(term.function(steps), np.float64), count)
+            for term in self.terms
+        }
+        return sum(contributions.values(), np.zeros(count)), contributions
 
 
 def _own_term(

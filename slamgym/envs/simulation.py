@@ -57,6 +57,22 @@ class Actions:
         except (TypeError, ValueError, KeyError):
             raise ActionError(action, EXPECTED_ACTIONS[self._kind]) from None
 
+    def to_commands(self, actions: Any) -> FloatArray:
+        """The velocities that the actions of many robots ask for, shape (N, 2).
+
+        Raises:
+            ActionError: If they are of another kind than the actions of the space.
+        """
+        try:
+            if self._commands:
+                return np.array([self._commands[int(action)] for action in actions])
+            commands: FloatArray = (
+                np.asarray(actions, dtype=np.float64).reshape(len(actions), 2) * self._scale
+            )
+        except (TypeError, ValueError, KeyError):
+            raise ActionError(actions, EXPECTED_ACTIONS[self._kind]) from None
+        return commands
+
 
 class Streams(NamedTuple):
     """Independent sources of randomness of one episode.

@@ -5,6 +5,7 @@ import shapely
 from slamgym.cad import FloorPlan
 from slamgym.core.jit import announce_compilation
 from slamgym.core.types import OccupancyGrid, Pose2D
+from slamgym.envs.batch.env import BatchExploreEnv
 from slamgym.envs.config import ExploreConfig
 from slamgym.envs.explore_env import ExploreEnv
 from slamgym.envs.explore_frontiers_env import ExploreFrontiersEnv
@@ -27,6 +28,10 @@ def warm_up() -> None:
         env = ExploreEnv(plan, config)
         env.reset(seed=0, options={"start": (0.24, 1.0, 3.14)})
         env.step((1.0, 0.0))
+    for preset in ("compact", "map"):
+        batch = BatchExploreEnv(1, plan, localization="ground_truth", observation={"preset": preset})
+        batch.reset(seed=0)
+        batch.step(batch.action_space.sample())
     _navigate(ExploreEnv(plan, config.for_explorer(), observation={"map_size": 8.0}))
     decisions = ExploreFrontiersEnv(plan, localization="ground_truth", observation={"map_size": 10.0})
     decisions.reset(seed=0, options={"start": (0.8, 1.0, 0.0)})

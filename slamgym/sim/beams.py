@@ -86,6 +86,7 @@ def measure_beams(
         out: Receives the ranges, shape (N,) [m].
     """
     surfaces, law = Surfaces(*surfaces), BeamLaw(*law)
+    rough, biased = _no_corners(), _no_corners()
     for i in range(len(true)):
         sensor = i * len(sensors) // len(true)
         x, y, theta = sensors[sensor, 0], sensors[sensor, 1], sensors[sensor, 2]
@@ -105,18 +106,20 @@ def measure_beams(
             strength = max(cosine, 1e-9) * echo
             # Most echoes are heard however they scatter.
             if loss > _WEAKEST_SCATTER * strength or normal[1, i] < _LEAST_NORMAL:
-                scatter = _ECHO_BY_PLACE * _smooth_noise(surfaces.seed, px / _ECHO_SIZE, py / _ECHO_SIZE)
+                scatter = _ECHO_BY_PLACE * _smooth_noise(
+                    surfaces.seed, px / _ECHO_SIZE, py / _ECHO_SIZE, _no_corners()
+                )
                 scatter += _ECHO_BY_SCAN * normal[1, i]
                 if loss > strength * math.exp(scatter):
                     out[i] = np.inf
                     continue
         if surfaces.roughness > 0.0:
-            uneven = _smooth_noise(surfaces.seed + 1, px / _UNEVENNESS, py / _UNEVENNESS)
+            uneven = _smooth_noise(surfaces.seed + 1, px / _UNEVENNESS, py / _UNEVENNESS, rough)
             depth += surfaces.roughness * uneven
         sigma = max(law.sigma, law.sigma_relative * distance)
         error = normal[0, i]
         if law.bias > 0.0:
-            error += law.bias * _smooth_noise(surfaces.seed + 2, px / _BIAS_SIZE, py / _BIAS_SIZE)
+            error += law.bias * _smooth_noise(surfaces.seed + 2, px / _BIAS_SIZE, py / _BIAS_SIZE, biased)
         out[i] = max(0.0, distance - depth / max(cosine, _FLATTEST) + sigma * error)
 
 
@@ -287,10 +290,27 @@ def _hash(seed: int, i: int, j: int) -> float:
 
 
 @kernel
-def _smooth_noise(seed: int, x: float, y: float) -> float:
-    """A value that varies smoothly with the place, with mean 0 and a standard deviation of about 1 (at most 2.6)."""
+def _no_corners() -> FloatArray:
+    """What :func:`_smooth_noise` remembers, before its first call."""
+    return np.full(6, np.nan)
+
+
+@kernel
+def _smooth_noise(seed: int, x: float, y: float, corners: FloatArray) -> float:
+    """A value that varies smoothly with the place, with mean 0 and a standard deviation of about 1 (at most 2.6).
+
+    Args:
+        seed: Of the lattice.
+        x: The place [cells of the lattice].
+        y: The place [cells of the lattice].
+        corners: The last cell and the values at its corners, shape (6,): neighbouring beams mostly meet the same one.
+    """
     col, row = math.floor(x), math.floor(y)
     fx, fy = x - col, y - row
-    low = (1.0 - fx) * _hash(seed, col, row) + fx * _hash(seed, col + 1, row)
-    high = (1.0 - fx) * _hash(seed, col, row + 1) + fx * _hash(seed, col + 1, row + 1)
+    if corners[0] != col or corners[1] != row:
+        corners[0], corners[1] = col, row
+        corners[2], corners[3] = _hash(seed, col, row), _hash(seed, col + 1, row)
+        corners[4], corners[5] = _hash(seed, col, row + 1), _hash(seed, col + 1, row + 1)
+    low = (1.0 - fx) * corners[2] + fx * corners[3]
+    high = (1.0 - fx) * corners[4] + fx * corners[5]
     return _TO_DEVIATION * (2.0 * ((1.0 - fy) * low + fy * high) - 1.0)

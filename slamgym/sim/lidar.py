@@ -34,8 +34,8 @@ REAL_SURFACES = replace(OPAQUE_SURFACES, glazing=0.06, inner_glazing=0.01, mirro
 _PART_DISTANCE, _PART_TURN = 0.02, 0.03
 _MOST_PARTS = 16
 
-# A burst of cross-talk: beams in a row, at least and at most.
-_BURST_BEAMS = (3, 12)
+SHORTEST_BURST, LONGEST_BURST = 3, 12
+"""A burst of cross-talk: beams in a row, at least and at most."""
 
 
 class LidarConfig(Settings, section="lidar"):
@@ -191,13 +191,20 @@ class Sighting(NamedTuple):
 
 
 class Lidar:
-    """A scanner on a robot."""
+    """A scanner on a robot.
+
+    Attributes:
+        geometry: The beams.
+        law: What decides about an echo.
+        depends_on_place: Whether errors belong to places.
+        is_perfect: Whether there are none.
+    """
 
     def __init__(self, config: LidarConfig) -> None:
         self.config = config
         self.geometry = config.geometry
         self._plain = no_surfaces()
-        law = BeamLaw(
+        self.law = BeamLaw(
             self.geometry.angle_min,
             self.geometry.angle_increment,
             float(config.range_max),
@@ -207,9 +214,9 @@ class Lidar:
             math.radians(config.beam_width_deg),
             float(config.attenuation),
         )
-        self._law = plain(law)
-        self._depends_on_place = config.bias > 0.0 or config.beam_width_deg > 0.0 or config.attenuation > 0.0
-        self._is_perfect = config == lidar_level("exact", config)
+        self._law = plain(self.law)
+        self.depends_on_place = config.bias > 0.0 or config.beam_width_deg > 0.0 or config.attenuation > 0.0
+        self.is_perfect = config == lidar_level("exact", config)
 
     def look(self, pose: Pose2D, segments: FloatArray, velocity: Twist2D = Twist2D(0.0, 0.0)) -> Sighting:
         """What each beam meets first.
@@ -279,7 +286,7 @@ class Lidar:
             surfaces: Materials of the segments; plain where left out.
         """
         surfaces = surfaces or self._plain
-        if self._is_perfect and len(surfaces.first) == 1:
+        if self.is_perfect and len(surfaces.first) == 1:
             ranges = sighting.ranges
         else:
             ranges = self._with_errors(sighting, surfaces, rng)
@@ -288,7 +295,7 @@ class Lidar:
     def _with_errors(self, sighting: Sighting, surfaces: Surfaces, rng: np.random.Generator) -> FloatArray:
         config, true = self.config, sighting.ranges
         normal = rng.standard_normal((2, len(true)))
-        if self._depends_on_place or len(surfaces.first) > 1:
+        if self.depends_on_place or len(surfaces.first) > 1:
             sensors, segments, _, hits = sighting
             measured = np.empty(len(true))
             measure_beams(sensors, segments, true, hits, plain(surfaces), self._law, normal, measured)
@@ -298,15 +305,22 @@ class Lidar:
         fate = rng.random((2, len(true) + 1))
         fail_beams(measured, fate, float(config.lost), float(config.stray), float(config.range_max))
         if fate[0, -1] < config.bursts:
-            self._burst(measured, rng)
+            first, pulses = self.draw_burst(rng)
+            burst = measured[first : first + len(pulses)]
+            np.minimum(burst, pulses, out=burst)
         return measured
 
-    def _burst(self, measured: FloatArray, rng: np.random.Generator) -> None:
-        """Let some beams in a row read the pulses of another scanner, at much the same range."""
-        first = int(rng.integers(len(measured)))
-        burst = measured[first : first + int(rng.integers(_BURST_BEAMS[0], _BURST_BEAMS[1] + 1))]
+    def draw_burst(self, rng: np.random.Generator) -> tuple[int, FloatArray]:
+        """Draw the pulses of another scanner: the first beam that they hit, and the ranges that it and the next read.
+
+        They are at much the same range; a beam that hears something nearer reads that.
+        """
+        num_beams = self.geometry.num_beams
+        first = int(rng.integers(num_beams))
+        count = min(int(rng.integers(SHORTEST_BURST, LONGEST_BURST + 1)), num_beams - first)
         distance = rng.random() * self.config.range_max
-        np.minimum(burst, distance * (1.0 + 0.03 * rng.standard_normal(len(burst))), out=burst)
+        pulses: FloatArray = distance * (1.0 + 0.03 * rng.standard_normal(count))
+        return first, pulses
 
     def _as_rep117(self, ranges: FloatArray) -> Float32Array:
         """Too near to measure is -inf, nothing in range is +inf."""

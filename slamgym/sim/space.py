@@ -78,6 +78,7 @@ class World:
         robot: The robot's measures and limits.
         clutter: Furniture and people; none where left out.
         surfaces: What all that is made of; plain where left out.
+        state: Where the drive state is kept, shape (8,), as a kernel over many robots wants it; of its own where left out.
 
     Attributes:
         surfaces: The materials of the first of :meth:`segments`; people are plain.
@@ -90,6 +91,7 @@ class World:
         *,
         clutter: Clutter | None = None,
         surfaces: Surfaces | None = None,
+        state: FloatArray | None = None,
     ) -> None:
         self.plan = plan
         self.robot = robot
@@ -111,7 +113,9 @@ class World:
             [robot.linear_acceleration, robot.angular_acceleration, robot.wheel_separation]
         )
         self._contact_radius = robot.circumscribed_radius + SKIN
-        self._state = np.zeros(8)
+        # How far from the axle turning moves the outline [m]: a disc turns within itself.
+        self._lever = 0.0 if robot.shape == "circle" else robot.circumscribed_radius
+        self._state = np.zeros(8) if state is None else state
         self._pose = Pose2D(0.0, 0.0, 0.0)
         self._velocity = Twist2D(0.0, 0.0)
         self._solver: ContactSolver | None = None
@@ -126,11 +130,6 @@ class World:
         x, y, theta = self._state[:3].tolist()
         self._pose = Pose2D(x, y, wrap_angle(theta))
         return self._pose
-
-    @property
-    def _lever(self) -> float:
-        """How far from the axle turning moves the outline [m]: a disc turns within itself."""
-        return 0.0 if self.robot.shape == "circle" else self.robot.circumscribed_radius
 
     @property
     def velocity(self) -> Twist2D:
@@ -196,7 +195,7 @@ class World:
             self._let_people_walk(self._crowd, dt)
         if self._changes.movables and self._changes.advance(dt, self._somebody()):
             self._solver = None  # it holds the obstacles as they stood
-        contact = self._drive(target, dt)
+        contact = self.drive(target, dt)
         pose = self._note_pose()
         left, right, distance = self._state[motion.LEFT :].tolist()
         return Motion(pose, between(before, pose), (left, right), contact, distance)
@@ -226,8 +225,16 @@ class World:
         robot = [*self._state[:2], self._contact_radius]
         return np.vstack([robot, self._discs + np.array([0.0, 0.0, SKIN])])
 
-    def _drive(self, target: Twist2D, dt: float) -> bool:
-        """Drive freely where possible, else in contact substeps; whether contact changed the motion."""
+    def drive(self, target: Twist2D, dt: float) -> bool:
+        """Drive freely where possible, else in contact substeps; the part of :meth:`step` that moves the robot.
+
+        Args:
+            target: Wished velocity within the limits.
+            dt: Duration [s].
+
+        Returns:
+            Whether contact changed the motion.
+        """
         state, contact, left = self._state, False, dt
         while left > _NO_TIME:
             before = left
@@ -306,7 +313,7 @@ class World:
         dx, dy, turn = after.x - x, after.y - y, after.theta - theta
         middle = theta + 0.5 * turn
         distance = dx * math.cos(middle) + dy * math.sin(middle)
-        self._velocity = Twist2D(distance / span, turn / span)
+        self._velocity = velocity = Twist2D(distance / span, turn / span)
         slip = self.robot.contact_slip if contact else 1.0
         rolled = distance + slip * (drive.distance - distance)
         rolled_turn = turn + slip * (drive.turn - turn)

@@ -130,6 +130,8 @@ class WheelOdometry:
         diameter_ratio: This robot's E_d.
         wheelbase_ratio: This robot's E_b.
         scale: This robot's ratio of measured to true distance.
+        gains: Distance that the left and the right nominal wheel would have rolled over what the real one did.
+        believed_base: The wheel base that the odometry believes in [m].
     """
 
     def __init__(self, config: OdometryConfig, robot: RobotConfig, rng: np.random.Generator) -> None:
@@ -141,10 +143,10 @@ class WheelOdometry:
         self.scale = config.scale + config.scale_std * scale
         # Distance that the nominal wheel would have rolled over what the real one did. D_L = 2 / (E_d + 1) D
         # and D_R = 2 / (1 / E_d + 1) D (Borenstein and Feng 1996, the inverse of their correction factors).
-        self._left_gain = self.scale * 0.5 * (self.diameter_ratio + 1.0)
-        self._right_gain = self.scale * 0.5 * (1.0 / self.diameter_ratio + 1.0)
+        left_gain = self.scale * 0.5 * (self.diameter_ratio + 1.0)
+        self.gains = left_gain, self.scale * 0.5 * (1.0 / self.diameter_ratio + 1.0)
         # The robot's true wheel base is the configured one, so the odometry believes in a wrong one.
-        self._believed_base = robot.wheel_separation / self.wheelbase_ratio
+        self.believed_base = robot.wheel_separation / self.wheelbase_ratio
         ticks = config.ticks_per_revolution
         self._tick = 2.0 * math.pi * robot.wheel_radius / ticks if ticks else 0.0
         self._pose = Pose2D(0.0, 0.0, 0.0)
@@ -174,7 +176,7 @@ class WheelOdometry:
             self._pose = compose(self._pose, motion.increment)
             return self._pose
         left, right = self._read_encoders(motion.wheels)
-        distance, turn = 0.5 * (left + right), (right - left) / self._believed_base
+        distance, turn = 0.5 * (left + right), (right - left) / self.believed_base
         slip, slip_drift, slip_turn = rng.standard_normal(3).tolist()
         config = self.config
         root_distance, root_turn = math.sqrt(abs(distance)), math.sqrt(abs(turn))
@@ -186,7 +188,7 @@ class WheelOdometry:
     def _read_encoders(self, wheels: tuple[float, float]) -> tuple[float, float]:
         """Distance of each wheel by its ticks [m]; a fraction of a tick is carried over to the next reading."""
         before = self._rolled
-        self._rolled = (before[0] + self._left_gain * wheels[0], before[1] + self._right_gain * wheels[1])
+        self._rolled = (before[0] + self.gains[0] * wheels[0], before[1] + self.gains[1] * wheels[1])
         if self._tick == 0.0:
             return self._rolled[0] - before[0], self._rolled[1] - before[1]
         left = math.floor(self._rolled[0] / self._tick) - math.floor(before[0] / self._tick)

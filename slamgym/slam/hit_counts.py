@@ -137,21 +137,7 @@ class HitCountMap:
         if any(self._margins):
             cells = np.empty_like(cells)
             classify_counts(self._counts, self._threshold, self._margins, self._min_passes, cells)
-        known = cells != UNKNOWN
-        rows, cols = np.flatnonzero(known.any(axis=1)), np.flatnonzero(known.any(axis=0))
-        if len(rows) == 0:
-            frame = GridFrame(self._resolution, 0.0, 0.0, 1, 1)
-            return OccupancyGrid(np.full((1, 1), UNKNOWN, dtype=np.uint8), frame)
-        first_row, last_row, first_col, last_col = int(rows[0]), int(rows[-1]), int(cols[0]), int(cols[-1])
-        frame = GridFrame(
-            resolution=self._resolution,
-            origin_x=(self._corner[1] + first_col) * self._resolution,
-            origin_y=(self._corner[0] + first_row) * self._resolution,
-            height_px=last_row - first_row + 1,
-            width_px=last_col - first_col + 1,
-        )
-        crop = cells[first_row : last_row + 1, first_col : last_col + 1]
-        return OccupancyGrid(np.ascontiguousarray(crop[::-1]), frame)
+        return known_part(cells, self._corner, self._resolution)
 
     def render(self, frame: GridFrame) -> ByteArray:
         """The map on another grid; see :meth:`slamgym.slam.mapper.Mapper.render`."""
@@ -176,3 +162,30 @@ class HitCountMap:
             target.append(slice(begin - first, max(end, begin) - first))
         out[::-1][tuple(target)] = cells[tuple(source)]
         return out
+
+
+def known_part(cells: ByteArray, corner: tuple[int, int], resolution: float) -> OccupancyGrid:
+    """The part of a map that is known; a single unknown cell where nothing is.
+
+    Args:
+        cells: Shape (rows, cols), row 0 at the bottom.
+        corner: Row and column of the map's lattice at which they begin.
+        resolution: Cell size [m].
+    """
+    rows, cols = (
+        np.flatnonzero((cells != UNKNOWN).any(axis=1)),
+        np.flatnonzero((cells != UNKNOWN).any(axis=0)),
+    )
+    if len(rows) == 0:
+        frame = GridFrame(resolution, 0.0, 0.0, 1, 1)
+        return OccupancyGrid(np.full((1, 1), UNKNOWN, dtype=np.uint8), frame)
+    first_row, last_row, first_col, last_col = int(rows[0]), int(rows[-1]), int(cols[0]), int(cols[-1])
+    frame = GridFrame(
+        resolution=resolution,
+        origin_x=(corner[1] + first_col) * resolution,
+        origin_y=(corner[0] + first_row) * resolution,
+        height_px=last_row - first_row + 1,
+        width_px=last_col - first_col + 1,
+    )
+    crop = cells[first_row : last_row + 1, first_col : last_col + 1]
+    return OccupancyGrid(np.ascontiguousarray(crop[::-1]), frame)

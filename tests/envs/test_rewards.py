@@ -4,6 +4,7 @@ import math
 from dataclasses import fields, replace
 from itertools import pairwise
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -31,6 +32,7 @@ records = st.builds(
     map_error=share,
     previous_map_error=share,
     position_sigma=share,
+    floor_area=st.floats(0.0, 300.0),
     exposure=share,
 )
 configs = st.builds(
@@ -87,12 +89,14 @@ def test_costs_are_negative_and_gains_positive():
         map_error=0.05,
         previous_map_error=0.03,
         position_sigma=0.5,
+        floor_area=50.0,
         exposure=0.5,
     )
     values = {name: function(step) for name, function in FUNCTIONS.items()}
     assert values == pytest.approx(
         {
             "coverage_gain": 0.1,
+            "floor_gain": 5.0,
             "information_gain": 2.0,
             "time": -0.2,
             "path_length": -0.1,
@@ -103,6 +107,21 @@ def test_costs_are_negative_and_gains_positive():
             "completion": 1.0,
         }
     )
+
+
+def test_a_record_of_arrays_gives_the_rewards_of_each():
+    config = RewardConfig(floor_gain=1.0, path_length=0.5, shaping=2.0, discount=0.9)
+    contact = replace(AT_REST, distance=0.1, contact=True, coverage=0.6, floor_area=50.0)
+    done = replace(AT_REST, coverage=0.9, floor_area=20.0, terminated=True)
+    values = {
+        entry.name: np.array([getattr(one, entry.name) for one in (contact, done)])
+        for entry in fields(StepRecord)
+    }
+    totals, terms = Reward(config).of_many(StepRecord(**values))
+    for i, one in enumerate((contact, done)):
+        total, parts = Reward(config)(one)
+        assert totals[i] == total
+        assert {name: value[i] for name, value in terms.items()} == parts
 
 
 def test_what_no_term_needs_is_not_measured_and_own_terms_get_everything(flat: FloorPlan):

@@ -1,5 +1,6 @@
 """Whatever lies in the files of translators and explorers, reading them gives a value or an error to fix."""
 
+import functools
 import importlib.util
 import json
 import struct
@@ -184,10 +185,10 @@ class TestWithTorch:
     @given(data=st.data())
     def test_settings_of_runs_of_explorers(self, folder, data):
         pytest.importorskip("sb3_contrib")
-        from slamgym.agents.rl.train import CONFIG, read_config
+        from slamgym.agents.rl.run_folder import CONFIG, read_run
         from slamgym.agents.rl.train_config import TrainConfig
 
         (folder / CONFIG).write_bytes(
             data.draw(mutated_json([{"version": "0.1.0", **to_dict(TrainConfig())}]))
         )
-        must_read_or_refuse(read_config, folder)
+        must_read_or_refuse(functools.partial(read_run, TrainConfig), folder)

@@ -2,13 +2,16 @@
 
 import dataclasses
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import tyro
 
 from slamgym.agents.rl.train_config import TrainConfig
+from slamgym.agents.wheels.config import WheelsConfig
 from slamgym.core.config import Arguments
 from slamgym.core.progress import say
+
+_Out = Annotated[Path, tyro.conf.arg(aliases=["-o"])]
 
 
 class TrainArguments(Arguments):
@@ -16,22 +19,42 @@ class TrainArguments(Arguments):
 
     ``--plans procedural`` needs no files; give a HouseExpo archive (``--plans procedural json.tar.gz``) for
     policies that shall explore real homes. Only plans of the training split are learned on. The same command
-    again goes on where a run was interrupted.
+    again goes on where a run was interrupted. ``--env explore --help`` shows the settings of driving the wheels.
     """
 
-    out: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
+    out: _Out
     """Folder of the run."""
     config: Annotated[TrainConfig, tyro.conf.arg(name="")] = dataclasses.field(default_factory=TrainConfig)
     """The run."""
 
 
+class TrainWheelsArguments(Arguments):
+    """Train a policy that drives the wheels, on a batch of environments.
+
+    Plans, splits and interruptions are as without ``--env explore``.
+    """
+
+    out: _Out
+    """Folder of the run."""
+    env: Literal["explore"] = "explore"
+    """``explore``: drive the wheels."""
+    config: Annotated[WheelsConfig, tyro.conf.arg(name="")] = dataclasses.field(default_factory=WheelsConfig)
+    """The run."""
+
+
 def main(argv: list[str]) -> int:
     """Run the command; returns the exit code."""
+    if "--env=explore" in argv or ("--env", "explore") in zip(argv, argv[1:], strict=False):
+        wheels = tyro.cli(TrainWheelsArguments, args=argv, prog="slamgym agents train")
+        from slamgym.agents.wheels.train import POLICY, train_wheels
+
+        train_wheels(wheels.config, wheels.out)
+        say(f"policy: {wheels.out / POLICY}")
+        return 0
     arguments = tyro.cli(TrainArguments, args=argv, prog="slamgym agents train")
     from slamgym.agents.rl.train import train
-    from slamgym.agents.rl.train_config import POLICY
+    from slamgym.agents.rl.train_config import POLICY as FRONTIER_POLICY
 
     train(arguments.config, arguments.out)
-    if arguments.config.env == "explore_frontiers":
-        say(f"policy: {arguments.out / POLICY}")
+    say(f"policy: {arguments.out / FRONTIER_POLICY}")
     return 0

@@ -1,0 +1,130 @@
+"""The batched environment with Stable-Baselines3's interface."""
+
+import time
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from gymnasium.vector import AutoresetMode
+from stable_baselines3.common.vec_env import VecEnv
+
+from slamgym.core.errors import ConfigError
+from slamgym.core.types import FloatArray
+from slamgym.envs.batch.env import BatchExploreEnv
+
+
+class BatchVecEnv(VecEnv):
+    """A batch of environments as a ``VecEnv``.
+
+    ``infos`` hold what Stable-Baselines3 looks at, at the end of an episode: ``terminal_observation``,
+    ``TimeLimit.truncated`` and, as its ``Monitor`` does, ``episode``, with coverage and contacts besides.
+
+    Args:
+        env: The batch; it must begin the next episode in the same step.
+        hold: An action holds for so many control steps; what is rewarded in them is added up.
+        seconds: Shortest and longest episode [s], each cut off at a time drawn evenly between, the first ones earlier so
+            that they don't end together; None leaves that to the environment.
+        seed: Of that draw and, until :meth:`seed` is called, of the environments.
+    """
+
+    def __init__(
+        self, env: BatchExploreEnv, hold: int = 1, seconds: tuple[float, float] | None = None, seed: int = 0
+    ) -> None:
+        if env.metadata["autoreset_mode"] != AutoresetMode.SAME_STEP:
+            raise ConfigError("Stable-Baselines3 needs autoreset_mode='same_step'")
+        self.env = env  # which the base class asks for its render mode
+        super().__init__(env.num_envs, env.single_observation_space, env.single_action_space)
+        self._hold, self._seconds = hold, seconds
+        self._rng = np.random.default_rng(seed)
+        self._first_seed: int | None = seed
+        self._actions: Any = None
+        self._returns, self._lengths = np.zeros(env.num_envs), np.zeros(env.num_envs, dtype=np.int64)
+        self._limits = np.full(env.num_envs, np.inf)
+        self._begun = time.time()
+
+    def reset(self) -> Any:
+        """Begin episodes in all environments."""
+        observations, self.reset_infos = self.env.reset(seed=self._first_seed)
+        self._first_seed = None
+        self._returns[:], self._lengths[:] = 0.0, 0
+        self._limits = self._draw_limits(self.num_envs) * self._rng.uniform(0.1, 1.0, self.num_envs)
+        return observations
+
+    def seed(self, seed: int | None = None) -> Sequence[int | None]:
+        """Seed the environments at the next reset."""
+        self._first_seed = seed
+        return [None if seed is None else seed + i for i in range(self.num_envs)]
+
+    def step_async(self, actions: Any) -> None:
+        """Take the actions."""
+        self._actions = actions
+
+    def step_wait(self) -> tuple[Any, FloatArray, Any, list[dict[str, Any]]]:
+        """Step; see :class:`stable_baselines3.common.vec_env.VecEnv`."""
+        rewards, over = np.zeros(self.num_envs), np.zeros(self.num_envs, dtype=np.bool_)
+        infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
+        for _ in range(self._hold):
+            observations, reward, terminations, truncations, all_infos = self.env.step(self._actions)
+            rewards += np.where(over, 0.0, reward)  # what follows an end belongs to nobody
+            for i in np.flatnonzero((terminations | truncations) & ~over).tolist():
+                last = {name: all_infos["final_info"][name][i] for name in ("coverage", "collisions")}
+                infos[i] = {"terminal_observation": all_infos["final_obs"][i], **last}
+                infos[i]["TimeLimit.truncated"] = bool(truncations[i] and not terminations[i])
+            over |= terminations | truncations
+        self._returns += rewards
+        self._lengths += 1
+        late = (self._lengths * self._hold * self.env.config.control_step >= self._limits) & ~over
+        if late.any():
+            for i in np.flatnonzero(late).tolist():
+                last = {name: all_infos[name][i] for name in ("coverage", "collisions")}
+                infos[i] = {"terminal_observation": _row(observations, i), "TimeLimit.truncated": True, **last}
+            observations, _ = self.env.reset(options={"reset_mask": late})
+        self._close_episodes(np.flatnonzero(over | late), infos)
+        return observations, rewards.astype(np.float32), over | late, infos
+
+    def _close_episodes(self, ids: Any, infos: list[dict[str, Any]]) -> None:
+        """Add what the monitor of Stable-Baselines3 would, and begin to count again."""
+        for i in ids.tolist():
+            infos[i]["episode"] = {
+                "r": float(self._returns[i]),
+                "l": int(self._lengths[i]),
+                "t": round(time.time() - self._begun, 3),
+                "coverage": float(infos[i].pop("coverage")),
+                "collisions": int(infos[i].pop("collisions")),
+            }
+        self._returns[ids], self._lengths[ids] = 0.0, 0
+        self._limits[ids] = self._draw_limits(len(ids))
+
+    def _draw_limits(self, count: int) -> FloatArray:
+        if self._seconds is None:
+            return np.full(count, np.inf)
+        return self._rng.uniform(*self._seconds, count)
+
+    def close(self) -> None:
+        """Close the environments."""
+        self.env.close()
+
+    def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
+        """An attribute of the batch, once for each environment."""
+        return [getattr(self.env, attr_name)] * self._count(indices)
+
+    def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
+        """Refused: environments of a batch are alike."""
+        raise ConfigError(f"environments of a batch are alike; {attr_name} of one can't be set")
+
+    def env_method(self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any) -> list[Any]:
+        """Refused: environments of a batch have no methods of their own."""
+        raise ConfigError(f"environments of a batch have no methods of their own, so no {method_name}")
+
+    def env_is_wrapped(self, wrapper_class: Any, indices: Any = None) -> list[bool]:
+        """Whether environments are monitored: they are, by this class."""
+        return [wrapper_class.__name__ == "Monitor"] * self._count(indices)
+
+    def _count(self, indices: Any) -> int:
+        return len(list(self._get_indices(indices)))
+
+
+def _row(observations: Any, index: int) -> Any:
+    if isinstance(observations, dict):
+        return {name: value[index] for name, value in observations.items()}
+    return observations[index]

@@ -1,0 +1,79 @@
+"""Everything that decides a training run of the wheels; saved beside it as JSON."""
+
+from dataclasses import field
+from typing import Literal
+
+from slamgym.agents.wheels.policy import WheelsNetwork
+from slamgym.core.config import Count, CountOrZero, NonNegative, Positive, PositiveShare, Settings
+from slamgym.core.errors import ConfigError
+from slamgym.envs.rewards import RewardConfig
+from slamgym.sim import OdometryLevel
+
+WHEELS_REWARD = RewardConfig(coverage_gain=0.0, floor_gain=1.0, time=0.0, collision=0.2, completion=0.0)
+"""A point for each new square metre of floor, a fifth of one off for each control step in contact."""
+
+
+class WheelsPPO(Settings, section="ppo"):
+    """Proximal policy optimisation (Schulman et al. 2017)."""
+
+    n_steps: Count = 128
+    """Decisions of each environment between two updates."""
+    batch_size: Count = 256
+    """Decisions in a minibatch."""
+    n_epochs: Count = 5
+    """Passes over a rollout."""
+    learning_rate: Positive = 5e-4
+    """Of Adam; falls linearly to a tenth."""
+    gae_lambda: PositiveShare = 0.95
+    """Lambda of the advantages."""
+    clip_range: Positive = 0.2
+    """How far the probability of an action may change in an update."""
+    ent_coef: NonNegative = 0.001
+    """Weight of the entropy."""
+    target_kl: Positive = 0.03
+    """An update ends where the policy has moved so far."""
+
+
+class WheelsConfig(Settings):
+    """A training run on ``slamgym/Explore-v1`` with the observations ``compact``."""
+
+    plans: tuple[str, ...] = ("procedural",)
+    """Floor plans: ``procedural``, or a HouseExpo archive, ...; as many are drawn from each. Only those of the
+    split ``train`` are learned on."""
+    plan_count: Count = 600
+    """So many plans are learned on."""
+    steps: Count = 2_000_000
+    """Decisions of all environments together."""
+    seed: int = 0
+    """Seed of everything random."""
+    num_envs: Count = 32
+    """Environments, all in one batch."""
+    localization: Literal["ground_truth", "scan_matching", "dead_reckoning"] = "ground_truth"
+    """Where the pose comes from while training."""
+    odometry: OdometryLevel = "medium"
+    """Errors of the wheel odometry."""
+    episode_seconds: tuple[Positive, Positive] = (90.0, 180.0)
+    """Shortest and longest episode [s]; each is cut off at a time drawn evenly between, and the value of what would have
+    followed counts."""
+    coverage_goal: PositiveShare = 0.98
+    """An episode ends at this true coverage; privileged, never observed."""
+    discount: PositiveShare = 0.99
+    """Per decision."""
+    reward: RewardConfig = WHEELS_REWARD
+    """Weights of the reward terms."""
+    ppo: WheelsPPO = field(default_factory=WheelsPPO)
+    """The learner."""
+    network: WheelsNetwork = field(default_factory=WheelsNetwork)
+    """The network."""
+    evaluate_every: CountOrZero = 100_000
+    """Decisions between two evaluations on validation plans; 0 for none."""
+    evaluate_plans: Count = 32
+    """Plans of an evaluation."""
+    evaluate_seconds: Positive = 90.0
+    """How long each is explored [s]."""
+    checkpoint_every: Count = 20_000
+    """Decisions between two checkpoints."""
+
+    def _check(self) -> None:
+        if self.episode_seconds[0] > self.episode_seconds[1]:
+            raise ConfigError(f"episode_seconds must be (shortest, longest), not {self.episode_seconds}")

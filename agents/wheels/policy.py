@@ -1,0 +1,116 @@
+"""The network that drives the wheels, with numpy alone, and its weights on disk."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from safetensors.numpy import save
+
+from slamgym.agents.pretrained_policy import fingerprint_of, read_tensors
+from slamgym.core.config import Count, Positive, Settings, from_dict, to_dict
+from slamgym.core.documents import load_json
+from slamgym.core.errors import ConfigError, InputFileError
+from slamgym.core.files import write_bytes, write_text
+from slamgym.core.provenance import check_origin
+from slamgym.core.types import Float32Array
+from slamgym.envs.compact import BLOCKS, RANGES, compact_size
+
+WHEELS = Path(__file__).parents[1] / "pretrained" / "wheels_policy.safetensors"
+"""The policy that comes with the package."""
+
+CLIP = 5.0
+"""Normalised observations are cut off here."""
+_EPSILON = 1e-8
+
+
+class WheelsNetwork(Settings, section="network"):
+    """What the network takes in, and its size."""
+
+    crop_side: Positive = 8.4
+    """Side of the map's crop [m]."""
+    hold: Count = 3
+    """An action holds for so many control steps."""
+    first: Count = 128
+    """Units of the first layer, which action and value share."""
+    second: Count = 64
+    """Units of the second layer of each."""
+
+
+_SPACE = {"env": "slamgym/Explore-v1", "preset": "compact", "blocks": BLOCKS, "ranges": RANGES}
+
+
+@dataclass(frozen=True)
+class WheelsPolicy:
+    """Weights and what they are for."""
+
+    network: WheelsNetwork
+    weights: Mapping[str, Float32Array]
+    about: Mapping[str, Any]  # how they were trained
+
+    @property
+    def fingerprint(self) -> str:
+        """The first 12 hex digits of the SHA-256 of the weights in the order of their names."""
+        return fingerprint_of(self.weights)
+
+    def act(self, observation: Float32Array) -> Float32Array:
+        """Shares of the largest speed and turning rate, shape (..., 2) in [-1, 1].
+
+        Args:
+            observation: Of the preset ``compact``, shape (..., n).
+        """
+        w = self.weights
+        scaled = (observation - w["mean"]) / np.sqrt(w["variance"] + np.float32(_EPSILON))
+        hidden = np.clip(scaled, -CLIP, CLIP)
+        for name in ("first", "second"):
+            hidden = np.maximum(hidden @ w[f"{name}.weight"].T + w[f"{name}.bias"], 0.0)
+        action: Float32Array = np.clip(hidden @ w["action.weight"].T + w["action.bias"], -1.0, 1.0)
+        return action
+
+
+def shapes(network: WheelsNetwork) -> dict[str, tuple[int, ...]]:
+    """Names and shapes of the weights."""
+    size = compact_size(RANGES)
+    found: dict[str, tuple[int, ...]] = {"mean": (size,), "variance": (size,)}
+    sizes = (size, network.first, network.second, 2)
+    for name, inputs, outputs in zip(("first", "second", "action"), sizes, sizes[1:], strict=False):
+        found |= {f"{name}.weight": (outputs, inputs), f"{name}.bias": (outputs,)}
+    return found
+
+
+def write_wheels(path: Path, policy: WheelsPolicy) -> None:
+    """Write weights with their description, also as JSON beside them."""
+    description = {"space": _SPACE, "network": to_dict(policy.network), "about": dict(policy.about)}
+    tensors = {name: np.ascontiguousarray(value, dtype="<f4") for name, value in policy.weights.items()}
+    write_bytes(path, save(tensors, {"slamgym": json.dumps(description, sort_keys=True)}))
+    write_text(path.with_suffix(".json"), json.dumps(description, indent=2, sort_keys=True) + "\n")
+
+
+def read_wheels(path: Path | str = WHEELS) -> WheelsPolicy:
+    """Read weights and check that they fit this version's observations.
+
+    Raises:
+        InputFileError: If the file is missing, damaged, or made for another observation.
+    """
+    path = Path(path)
+    check_origin(path)
+    metadata, weights = read_tensors(path)
+    try:
+        description = load_json(metadata["slamgym"])
+        space, about = description["space"], description["about"]
+        network = from_dict(WheelsNetwork, description["network"], "network")
+    except (KeyError, TypeError, ValueError, ConfigError):
+        raise InputFileError(
+            path, "holds no policy that drives the wheels; slamgym agents train --env explore writes one"
+        ) from None
+    if space != _SPACE:
+        raise InputFileError(
+            path, f"was trained on other observations ({space}, this version has {_SPACE}); train again"
+        )
+    for name, shape in shapes(network).items():
+        if name not in weights or weights[name].shape != shape:
+            there = f"has shape {weights[name].shape}" if name in weights else "is missing"
+            raise InputFileError(path, f"{name} {there} where its description asks for {shape}")
+    return WheelsPolicy(network, weights, about)

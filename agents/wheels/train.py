@@ -1,0 +1,215 @@
+"""Train the wheels: PPO on a batch of environments, validated on plans that it doesn't learn on."""
+
+import csv
+import io
+import math
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from stable_baselines3 import PPO
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.logger import configure
+from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
+from stable_baselines3.common.vec_env import VecNormalize
+from torch import Tensor, nn
+
+from slamgym import __version__
+from slamgym.agents.rl.batch_vec_env import BatchVecEnv
+from slamgym.agents.rl.checkpoint import has_checkpoint, load_checkpoint, save_checkpoint
+from slamgym.agents.rl.run_folder import begin_run
+from slamgym.agents.rl.training_callbacks import SaveCheckpoints, ShowProgress, read_validation
+from slamgym.agents.rl.training_envs import draw_plans
+from slamgym.agents.wheels.config import WheelsConfig
+from slamgym.agents.wheels.policy import CLIP, WheelsPolicy, write_wheels
+from slamgym.agents.wheels.validation import make_batch, validate
+from slamgym.core.config import to_dict
+from slamgym.core.files import append_line, own_folder
+from slamgym.core.progress import say, show_progress
+
+POLICY, BEST, VALIDATION = "policy.safetensors", "best.safetensors", "validation.csv"
+CONTACT_PRICE = 0.02
+"""What a contact in five minutes takes off the coverage when the best weights are chosen."""
+_FIRST_SPEED = 0.9  # share of the largest that the untrained network drives at: it sees more than one that stands
+
+
+class FirstLayer(BaseFeaturesExtractor):
+    """The layer that action and value share."""
+
+    def __init__(self, observation_space: Any, units: int) -> None:
+        super().__init__(observation_space, units)
+        self.layer = nn.Linear(observation_space.shape[0], units)
+
+    def forward(self, observations: Tensor) -> Tensor:
+        """Units, shape (B, units)."""
+        return torch.relu(self.layer(observations))
+
+
+def train_wheels(config: WheelsConfig, out: Path) -> PPO:
+    """Train; the same command again goes on where the run was interrupted.
+
+    Args:
+        config: The run.
+        out: Its folder: ``config.json``, ``log``, ``validation.csv``, ``checkpoint.pt``, ``policy.safetensors`` and, by
+            validation, ``best.safetensors``.
+
+    Raises:
+        ConfigError: If the folder holds a run with other settings, or a setting makes no sense.
+        InputFileError: If plans or the checkpoint can't be read.
+    """
+    torch.set_num_threads(1)
+    begin_run(config, out)
+    plans = draw_plans(config.plans, "train", config.plan_count, config.seed)
+    say(f"{len(plans)} floor plans, {sum(plan.area for plan in plans) / len(plans):.0f} m2 on average")
+    is_resumed = has_checkpoint(out)
+    batch = BatchVecEnv(
+        make_batch(config, plans, config.num_envs), config.network.hold, config.episode_seconds, config.seed
+    )
+    envs = VecNormalize(batch, clip_obs=CLIP, clip_reward=CLIP, gamma=config.discount)
+    model = make_learner(config, envs)
+    if is_resumed:
+        load_checkpoint(out, model)
+        model.set_random_seed(config.seed + model.num_timesteps)  # not the noise of the beginning once more
+        say(f"going on at decision {model.num_timesteps}")
+    log = own_folder(own_folder(out / "log") / str(model.num_timesteps))
+    model.set_logger(configure(str(log), ["csv", "tensorboard"]))
+    left = max(0, config.steps - model.num_timesteps)
+    try:
+        with show_progress("decisions", model.num_timesteps, config.steps) as advance:
+            callbacks: list[BaseCallback] = [
+                SaveCheckpoints(out, config.checkpoint_every),
+                LogDriving(),
+                ShowProgress(advance),
+            ]
+            if config.evaluate_every:
+                callbacks.append(ValidateWheels(config, out))
+            if left:
+                model.learn(left, callback=callbacks, reset_num_timesteps=False)
+    except KeyboardInterrupt:
+        save_checkpoint(out, model)
+        say(f"interrupted at decision {model.num_timesteps}; the same command goes on from there")
+        raise
+    finally:
+        envs.close()
+        model.logger.close()
+    write_wheels(out / POLICY, exported(config, model))
+    return model
+
+
+def make_learner(config: WheelsConfig, envs: VecNormalize) -> PPO:
+    """The learner on its environments."""
+    ppo, network = config.ppo, config.network
+    model = PPO(
+        "MlpPolicy",
+        envs,
+        learning_rate=lambda left: ppo.learning_rate * max(0.1, left),
+        n_steps=ppo.n_steps,
+        batch_size=ppo.batch_size,
+        n_epochs=ppo.n_epochs,
+        gamma=config.discount,
+        gae_lambda=ppo.gae_lambda,
+        clip_range=ppo.clip_range,
+        ent_coef=ppo.ent_coef,
+        target_kl=ppo.target_kl,
+        seed=config.seed,
+        device="cpu",
+        policy_kwargs={
+            "features_extractor_class": FirstLayer,
+            "features_extractor_kwargs": {"units": network.first},
+            "net_arch": {"pi": [network.second], "vf": [network.second]},
+            "activation_fn": nn.ReLU,
+            "log_std_init": math.log(0.5),
+        },
+    )
+    with torch.no_grad():
+        model.policy.action_net.bias[0] = _FIRST_SPEED
+    return model
+
+
+def exported(config: WheelsConfig, model: PPO) -> WheelsPolicy:
+    """The policy without value and optimiser, with the normalisation of its observations."""
+    policy: Any = model.policy
+    parts = {
+        "first": policy.features_extractor.layer,
+        "second": policy.mlp_extractor.policy_net[0],
+        "action": policy.action_net,
+    }
+    weights = {
+        f"{name}.{kind}": getattr(part, kind).detach().cpu().numpy().copy()
+        for name, part in parts.items()
+        for kind in ("weight", "bias")
+    }
+    statistics: Any = model.get_vec_normalize_env().obs_rms  # type: ignore[union-attr]
+    weights |= {"mean": statistics.mean.astype(np.float32), "variance": statistics.var.astype(np.float32)}
+    about: Mapping[str, Any] = {"version": __version__, "decisions": model.num_timesteps, "training": to_dict(config)}
+    return WheelsPolicy(config.network, weights, about)
+
+
+class LogDriving(BaseCallback):
+    """Logs what the latest episodes of training saw, and how often they touched something."""
+
+    def _on_step(self) -> bool:
+        return True
+
+    def _on_rollout_end(self) -> None:
+        episodes = list(self.model.ep_info_buffer or [])
+        for key in ("coverage", "collisions"):
+            if episodes:
+                self.logger.record(f"rollout/{key}", sum(episode[key] for episode in episodes) / len(episodes))
+        self.logger.record("time/cpu_seconds", time.process_time())
+
+
+class ValidateWheels(BaseCallback):
+    """Explores validation plans now and then, and keeps the weights of the best result.
+
+    Args:
+        config: The run.
+        folder: Of the run.
+    """
+
+    def __init__(self, config: WheelsConfig, folder: Path) -> None:
+        super().__init__()
+        self._config, self._folder = config, folder
+        self._plans = draw_plans(config.plans, "validation", config.evaluate_plans)
+        rows = read_validation(folder)
+        self._next = int(rows[-1]["steps"]) + config.evaluate_every if rows else config.evaluate_every
+        self._best = max((_score(row) for row in rows), default=-math.inf)
+        self._spent = rows[-1]["training_cpu_seconds"] if rows else 0.0
+        self._clock = time.process_time()
+
+    def _on_step(self) -> bool:
+        return True
+
+    def _on_rollout_end(self) -> None:
+        if self.model.num_timesteps >= self._next:
+            self._next += self._config.evaluate_every
+            self._validate()
+
+    def _on_training_end(self) -> None:
+        self._validate()
+
+    def _validate(self) -> None:
+        model: Any = self.model
+        policy = exported(self._config, model)
+        spent = self._spent + time.process_time() - self._clock
+        means = validate(self._config, policy.act, self._plans)
+        for name, value in means.items():
+            self.logger.record(f"validation/{name}", value)
+        row = {"steps": model.num_timesteps, "training_cpu_seconds": round(spent, 1), **means}
+        path = self._folder / VALIDATION
+        text = io.StringIO(newline="")
+        writer = csv.DictWriter(text, list(row))
+        if not path.exists():
+            writer.writeheader()
+        writer.writerow(row)
+        append_line(path, text.getvalue())
+        if _score(row) > self._best:
+            self._best = _score(row)
+            write_wheels(self._folder / BEST, policy)
+
+
+def _score(row: Mapping[str, float]) -> float:
+    return row["coverage"] - CONTACT_PRICE * row["contacts"]

@@ -1,0 +1,1 @@
+"""Many explorations in one process, stepped together by kernels."""

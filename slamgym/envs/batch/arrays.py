@@ -1,0 +1,163 @@
+"""The state of many robots as arrays, one row an environment, as the kernels take it."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from slamgym.core.types import BoolArray, ByteArray, Float32Array, FloatArray, IntArray
+from slamgym.sim.beams import BeamLaw
+from slamgym.slam.hit_count_kernels import BeamTable
+
+
+class Robots(NamedTuple):
+    """Bodies and wheels; poses are true."""
+
+    drive: FloatArray  # (N, 8) drive states, see slamgym.sim.motion
+    pose: FloatArray  # (N, 3) world frame
+    start: FloatArray  # (N, 3) world frame
+    path: FloatArray  # (N,) [m]
+    odometry: FloatArray  # (N, 3) integrated by the wheels, map frame
+    velocity: FloatArray  # (N, 2) measured [m/s, rad/s]
+    rolled: FloatArray  # (N, 2) what the encoders counted [m]
+    wheels: FloatArray  # (N, 3) gains of the left and right encoder, believed wheel base [m]
+    slips: FloatArray  # (N, 3) standard normal draws of this step
+
+    @classmethod
+    def rest(cls, count: int) -> "Robots":
+        """So many robots at rest."""
+        return cls(*(np.zeros((count, k) if k else count) for k in (8, 3, 3, 0, 3, 2, 2, 3, 3)))
+
+
+class Scenes(NamedTuple):
+    """What the robots touch and see; each table has a number of rows that count."""
+
+    segments: FloatArray  # (N, S, 4) [m]
+    num_segments: IntArray  # (N,)
+    first: IntArray  # (N, F) where each segment's patches begin, see slamgym.sim.surfaces
+    num_first: IntArray
+    patches: FloatArray  # (N, P, 5)
+    num_patches: IntArray
+    outside: FloatArray  # (N, K, 4) [m]
+    num_outside: IntArray
+    num_walls: IntArray  # (N,)
+    seed: IntArray  # (N,)
+    roughness: FloatArray  # (N,) [m]
+    unseen: BoolArray  # (N, cells) floor still to be seen, row by row
+    floor_shape: IntArray  # (N, 2) rows and columns
+    floor_corner: FloatArray  # (N, 2) lower left corner [m]
+    seen: IntArray  # (N,) cells seen
+
+    @classmethod
+    def empty(cls, count: int) -> "Scenes":
+        """Room for so many scenes; the tables grow with what is put into them."""
+
+        def numbers() -> IntArray:
+            return np.zeros(count, dtype=np.int64)
+
+        return cls(
+            np.zeros((count, 0, 4)), numbers(), np.zeros((count, 0), dtype=np.int64), numbers(),
+            np.zeros((count, 0, 5)), numbers(), np.zeros((count, 0, 4)), numbers(),
+            numbers(), numbers(), np.zeros(count),
+            np.zeros((count, 0), dtype=np.bool_), np.zeros((count, 2), dtype=np.int64), np.zeros((count, 2)), numbers(),
+        )  # fmt: skip
+
+
+class Scanner(NamedTuple):
+    """What all scanners have in common."""
+
+    law: BeamLaw
+    mount: tuple[float, float, float]  # in the base frame [m, m, rad]
+    directions: FloatArray  # (num_beams, 2) in the sensor frame
+    range_min: float  # [m]
+    lost: float
+    stray: float
+    usable: float  # how far coverage follows a beam [m]
+
+
+class Scans(NamedTuple):
+    """Draws and ranges of the newest scans."""
+
+    kind: IntArray  # (N,) a value of ScanKind
+    normal: FloatArray  # (N, 2, num_beams) standard normal draws
+    fate: FloatArray  # (N, 2, num_beams + 1) even draws
+    burst: IntArray  # (N, 2) first beam and number of beams that a burst of cross-talk hits
+    pulses: FloatArray  # (N, most) the ranges that it makes [m]
+    true: FloatArray  # (N, num_beams) [m]
+    ranges: Float32Array  # (N, num_beams) measured [m]
+
+    @classmethod
+    def blank(cls, count: int, num_beams: int, longest_burst: int) -> "Scans":
+        """So many scans not taken yet."""
+        return cls(
+            np.zeros(count, dtype=np.int64),
+            np.zeros((count, 2, num_beams)),
+            np.zeros((count, 2, num_beams + 1)),
+            np.zeros((count, 2), dtype=np.int64),
+            np.zeros((count, longest_burst)),
+            np.zeros((count, num_beams)),
+            np.zeros((count, num_beams), dtype=np.float32),
+        )
+
+
+class Maps(NamedTuple):
+    """What robots with known poses believe: path and hit counts, see slamgym.slam.pose_tracking."""
+
+    counts: np.ndarray  # (N, cells, 2) int32 hits and visits, row by row, row 0 at the bottom
+    cells: ByteArray  # (N, cells) the map as it is shown
+    shape: IntArray  # (N, 2) rows and columns
+    corner: IntArray  # (N, 2) row and column of the lattice where they begin
+    dirty: IntArray  # (N, 4) rows and columns, half open, that changed since they were classified; empty if none did
+    begun: BoolArray  # (N,) whether a scan was taken
+    last: FloatArray  # (N, 3) odometry of the last scan
+    processed: FloatArray  # (N, 3) odometry of the last processed scan
+    anchor: FloatArray  # (N, 3) estimate at the last processed scan
+    since: FloatArray  # (N, 3) stamp of the last processed scan [s]; distance [m] and turn [rad] since
+    believed: FloatArray  # (N, 3) estimate now
+    is_new: BoolArray  # (N,) whether the newest scan was processed
+
+    @classmethod
+    def blank(cls, count: int) -> "Maps":
+        """So many maps without any cell."""
+        poses = [np.zeros((count, 3)) for _ in range(5)]
+        flags = [np.zeros(count, dtype=np.bool_) for _ in range(2)]
+        pairs = [np.zeros((count, k), dtype=np.int64) for k in (2, 2, 4)]
+        counts, cells = np.zeros((count, 0, 2), dtype=np.int32), np.zeros((count, 0), dtype=np.uint8)
+        return cls(counts, cells, *pairs, flags[0], *poses, flags[1])
+
+
+class MapLaw(NamedTuple):
+    """How maps are drawn, and when."""
+
+    beams: BeamTable
+    resolution: float  # [m]
+    threshold: float
+    min_passes: int
+    linear_update: float  # [m]
+    angular_update: float  # [rad]
+    temporal_update: float  # [s]
+    believes_truth: bool  # else the wheels
+    keeps_current: (
+        bool  # whether the shown cells follow every processed scan, else they wait for a publication
+    )
+
+
+class WheelLaw(NamedTuple):
+    """Random errors of the wheel odometry, which all robots have alike."""
+
+    is_ideal: bool
+    tick: float  # [m]; 0 for a continuous encoder
+    slip_distance: float
+    slip_drift: float
+    slip_turn: float
+
+
+def put(table: Any, index: int, rows: np.ndarray) -> Any:
+    """Write rows to the head of one environment's part of a table (N, capacity, ...); returns the table, grown at need."""
+    if len(rows) > table.shape[1]:
+        larger = np.zeros(
+            (len(table), max(len(rows), 2 * table.shape[1]), *table.shape[2:]), dtype=table.dtype
+        )
+        larger[:, : table.shape[1]] = table
+        table = larger
+    table[index, : len(rows)] = rows
+    return table

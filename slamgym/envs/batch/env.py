@@ -1,0 +1,309 @@
+"""The environment for many robots at once, with Gymnasium's interface of vector environments."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from gymnasium.utils import seeding
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+
+from slamgym.core.config import suggest
+from slamgym.core.errors import ConfigError
+from slamgym.core.geometry import wrap_angle
+from slamgym.core.jit import announce_compilation
+from slamgym.core.types import BoolArray, FloatArray, IntArray, Pose2D
+from slamgym.envs.batch.fleet import Fleet
+from slamgym.envs.batch.observing import BatchObserver
+from slamgym.envs.completion import CompletionDetector
+from slamgym.envs.config import ExploreConfig, resolve_config
+from slamgym.envs.coverage import CELL
+from slamgym.envs.observations import observation_space
+from slamgym.envs.plan_cache import PlanCache, PlansArgument, ResetOptions
+from slamgym.envs.rewards import Reward, StepRecord
+from slamgym.envs.simulation import Actions, Streams
+from slamgym.sim import cast_rays, make_clutter
+
+KEPT_SITES = 1024
+"""Buildings that a batch keeps ready: a training draws from hundreds again and again."""
+
+
+class BatchExploreEnv(VectorEnv[Any, Any, Any]):
+    """Many of :class:`~slamgym.envs.ExploreEnv` in one process, each step computed by kernels over all of them.
+
+    For the same seeds and actions everything observed, rewarded and ended is the same, to the byte, as in the single
+    environments. ``gym.make_vec("slamgym/Explore-v1", num_envs=64, vectorization_mode="vector_entry_point")`` makes it.
+
+    Not in a batch: people and furniture that moves, the whole map as a picture, rewards that measure the map or the
+    filter, terms of one's own, a log of every scan, and rendering; each is refused with one sentence. ``info`` has no
+    ``map_error`` at the end of an episode.
+
+    Args:
+        num_envs: How many.
+        plans: Floor plans, as for the single environment; all robots draw from them.
+        config: Settings; the defaults where None.
+        autoreset_mode: What happens after an episode's end, as in Gymnasium; also by name, ``"next_step"``,
+            ``"same_step"`` or ``"disabled"``.
+        render_mode: None.
+        **settings: As for the single environment.
+
+    Raises:
+        ConfigError: If a setting is unknown, makes no sense, or isn't supported in a batch.
+        InputFileError: If the plans can't be read.
+    """
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        plans: PlansArgument = "bundled",
+        config: ExploreConfig | None = None,
+        *,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        render_mode: str | None = None,
+        **settings: Any,
+    ) -> None:
+        if num_envs < 1:
+            raise ConfigError(f"num_envs must be at least 1, not {num_envs}")
+        announce_compilation(cast_rays)
+        self.config = config = resolve_config(config, settings)
+        self._reward = Reward(config.reward)
+        _refuse_unsupported(config, self._reward, render_mode)
+        self.num_envs, self.render_mode = num_envs, None
+        self.metadata = {"autoreset_mode": _mode(autoreset_mode)}
+        self.single_observation_space = observation_space(config)
+        self._actions = Actions(config)
+        self.single_action_space = self._actions.space
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self._plan_cache = PlanCache(plans, config.robot, config.lidar.surfaces, KEPT_SITES)
+        self._generators: list[np.random.Generator] = []
+        self._detectors: dict[int, CompletionDetector] = {}
+        self._over = np.zeros(num_envs, dtype=np.bool_)
+        self._fleet = Fleet(config, num_envs)
+        self._observer = BatchObserver(config, self._fleet)
+
+    def reset(
+        self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Any, dict[str, Any]]:
+        """Begin episodes.
+
+        Args:
+            seed: Of the first environment, the others count on from there; or one for each.
+            options: As for the single environment, for all alike; ``reset_mask``, shape (N,), begins only some.
+
+        Raises:
+            ConfigError: If an option is unknown, or a start leaves no room for the robot.
+            PlanError: If a plan can't be explored.
+        """
+        options = dict(options or {})
+        mask = self._read_mask(options.pop("reset_mask", None))
+        wanted = ResetOptions.read(options)
+        seeds = [seed + i for i in range(self.num_envs)] if isinstance(seed, int) else seed
+        if seeds is not None and len(seeds) != self.num_envs:
+            raise ConfigError(f"seed must be a number or {self.num_envs} of them, not {len(seeds)}")
+        ids = np.flatnonzero(mask)
+        for i in ids.tolist():
+            one = None if seeds is None else seeds[i]
+            if i == len(self._generators):
+                self._generators.append(seeding.np_random(one)[0])
+            elif one is not None:
+                self._generators[i] = seeding.np_random(one)[0]
+        self._begin(ids, wanted)
+        self._fleet.sense(ids)
+        self._fleet.publish(ids)
+        self._over = self._over & ~mask
+        return self._observer.observe(ids, mask), _entries(self._figures() | self._plans(mask), mask)
+
+    def step(self, actions: Any) -> tuple[Any, FloatArray, BoolArray, BoolArray, dict[str, Any]]:
+        """Drive all robots for one control step.
+
+        Raises:
+            ActionError: If the actions are of another kind than those of the space.
+            gymnasium.error.ResetNeeded: Before the first reset, or where an episode is over and none begins by itself.
+        """
+        fleet, mode, config = self._fleet, self.metadata["autoreset_mode"], self.config
+        if not fleet.each or (mode == AutoresetMode.DISABLED and self._over.any()):
+            raise gym.error.ResetNeeded(
+                "call reset() first, with options['reset_mask'] for those that are over"
+            )
+        fresh = self._over if mode == AutoresetMode.NEXT_STEP else np.zeros_like(self._over)
+        everyone, lived = np.arange(self.num_envs), ~fresh
+        path, coverage = fleet.robots.path.copy(), fleet.shares
+        fleet.drive(np.flatnonzero(lived), self._actions.to_commands(actions))
+        driven = fleet.robots.path - path
+        if fresh.any():
+            self._begin(np.flatnonzero(fresh), ResetOptions())
+        fleet.sense(everyone)
+        is_published = fleet.steps % config.publication_steps == 0
+        fleet.publish(np.flatnonzero(is_published))
+
+        terminations = self._are_complete(is_published & lived) & lived
+        truncations = np.zeros_like(lived)
+        if config.max_steps is not None:
+            truncations = (fleet.steps >= config.max_steps) & lived
+        rewards, terms = self._rewards(driven, coverage, terminations)
+        rewards[fresh] = 0.0
+        self._over = over = terminations | truncations
+        observations = self._observer.observe(everyone, is_published)
+        infos = _entries(self._figures(), np.ones_like(lived)) | _entries(self._plans(fresh), fresh)
+        infos |= _entries({"reward_terms": _entries(terms, lived)}, lived)
+        infos |= _entries({"is_success": terminations}, over)
+        if mode == AutoresetMode.SAME_STEP and over.any():
+            observations, infos = self._renew(over, observations, infos)
+        return observations, rewards, terminations, truncations, infos
+
+    def _renew(self, over: BoolArray, observations: Any, infos: dict[str, Any]) -> tuple[Any, dict[str, Any]]:
+        """Begin the next episodes at once; what the last ones ended with goes into the infos."""
+        ids, fleet = np.flatnonzero(over), self._fleet
+        last = np.full(self.num_envs, None, dtype=object)
+        for i in ids.tolist():
+            is_dict = isinstance(observations, dict)
+            last[i] = {key: value[i] for key, value in observations.items()} if is_dict else observations[i]
+        self._begin(ids, ResetOptions())
+        fleet.sense(ids)
+        fleet.publish(ids)
+        self._over = np.zeros_like(over)
+        infos = {
+            **_entries(self._figures(), np.ones_like(over)),
+            **_entries({"reward_terms": _narrowed(infos["reward_terms"], ~over)}, ~over),
+            **_entries(self._plans(over), over),
+            **_entries({"final_obs": last, "final_info": _narrowed(infos, over)}, over),
+        }
+        return self._observer.observe(ids, over), infos
+
+    def _begin(self, ids: IntArray, wanted: ResetOptions) -> None:
+        """Draw buildings and starts and put robots down; :meth:`Fleet.sense` is still to be called."""
+        config = self.config
+        for i in ids.tolist():
+            streams = Streams.spawn(self._generators[i])
+            prepared = self._plan_cache.choose(wanted.plan, streams.plan)
+            if not config.clutter.is_empty:
+                clutter = make_clutter(prepared.plan, streams.clutter, config.clutter, config.robot)
+                prepared = prepared.furnished(clutter)
+            self._fleet.begin(i, prepared, wanted.start or prepared.sample_start(streams.start), streams)
+            self._detectors[i] = CompletionDetector(config.robot.radius, config.min_frontier_size)
+        self._observer.begin(ids)
+
+    def _are_complete(self, published: BoolArray) -> BoolArray:
+        """Whose exploration is complete by one of the rules in force."""
+        config, fleet = self.config, self._fleet
+        complete = np.zeros(self.num_envs, dtype=np.bool_)
+        if config.coverage_goal is not None:
+            complete = fleet.shares >= config.coverage_goal
+        if config.terminate_when_explored:
+            for i in np.flatnonzero(published & ~complete).tolist():
+                detector, pose = self._detectors[i], Pose2D(*fleet.maps.believed[i].tolist())
+                complete[i] = not detector.is_last_one_left(fleet.whole_grid(i)) and not detector.finds_one(
+                    fleet.occupancy_grid(i), pose
+                )
+        return complete
+
+    def _rewards(
+        self, driven: FloatArray, coverage: FloatArray, terminations: BoolArray
+    ) -> tuple[FloatArray, dict[str, Any]]:
+        """Rewards, shape (N,), and what each term contributed."""
+        fleet = self._fleet
+        arrays: dict[str, Any] = {
+            "time": fleet.times,
+            "distance": driven,
+            "contact": fleet.contact,
+            "coverage": fleet.shares,
+            "previous_coverage": coverage,
+            "floor_area": fleet.floor_cells * CELL**2,
+            "pose_error": fleet.pose_errors,
+            "n_eff": fleet.n_eff,
+            "terminated": terminations,
+        }
+        return self._reward.of_many(StepRecord(duration=self.config.control_step, **arrays))
+
+    def _figures(self) -> dict[str, Any]:
+        """What ``info`` shows of every robot."""
+        fleet = self._fleet
+        stats = [robot.mapper.stats if robot.mapper else None for robot in fleet.each]
+        return {
+            "coverage": fleet.shares,
+            "path_length": fleet.robots.path.copy(),
+            "collisions": fleet.collisions.copy(),
+            "pose_error": fleet.pose_errors,
+            "heading_error": np.abs(wrap_angle(fleet.maps.believed[:, 2] - fleet.robots.pose[:, 2])),
+            "n_eff": fleet.n_eff,
+            "doubtful_scans": np.array([len(one.doubtful) if one else 0 for one in stats]),
+            "is_doubtful": np.array([one.is_doubtful if one else False for one in stats]),
+            "true_pose": fleet.robots.pose.copy(),
+        }
+
+    def _plans(self, mask: BoolArray) -> dict[str, Any]:
+        """The ids of the buildings in which an episode begins."""
+        names = [robot.prepared.plan.id for robot in self._fleet.each]
+        return {"plan": np.where(mask, np.array(names, dtype=object), None)}
+
+    def _read_mask(self, given: Any) -> BoolArray:
+        """Which environments a reset is about."""
+        mask = np.ones(self.num_envs, dtype=np.bool_) if given is None else np.asarray(given)
+        if mask.shape != (self.num_envs,) or mask.dtype != np.bool_ or not mask.any():
+            raise ConfigError(
+                f"reset_mask must be booleans of shape ({self.num_envs},) with one that is true, not {mask!r}"
+            )
+        if not self._fleet.each and not mask.all():
+            raise ConfigError("the first reset must begin all environments; leave out reset_mask")
+        return mask
+
+
+def _entries(values: dict[str, Any], mask: BoolArray) -> dict[str, Any]:
+    """Values with the mask of those to whom they apply, as vector environments give infos; nothing if to none."""
+    entries = dict(values) if mask.any() else {}
+    for name in list(entries):
+        entries[f"_{name}"] = mask.copy()
+    return entries
+
+
+def _narrowed(infos: dict[str, Any], mask: BoolArray) -> dict[str, Any]:
+    """Infos of fewer environments; those of none are left out."""
+    narrowed: dict[str, Any] = {}
+    for name, value in infos.items():
+        if name.startswith("_") or not (infos[f"_{name}"] & mask).any():
+            continue
+        narrowed[name] = _narrowed(value, mask) if isinstance(value, dict) else value
+        narrowed[f"_{name}"] = infos[f"_{name}"] & mask
+    return narrowed
+
+
+def _mode(mode: AutoresetMode | str) -> AutoresetMode:
+    """An autoreset mode by its name."""
+    if isinstance(mode, AutoresetMode):
+        return mode
+    names = {one.name.lower(): one for one in AutoresetMode}
+    if mode.lower() not in names:
+        raise ConfigError(f"unknown autoreset_mode {mode!r}; {suggest(mode.lower(), names)}")
+    return names[mode.lower()]
+
+
+def _refuse_unsupported(config: ExploreConfig, reward: Reward, render_mode: str | None) -> None:
+    """Refuse what single environments have and a batch doesn't."""
+    observation, clutter = config.observation, config.clutter
+    shows_whole_map = observation.map == "global" and observation.preset != "compact"
+    other_cells = observation.map == "global" and observation.map_resolution != config.slam.resolution
+    for is_asked, what in (
+        (render_mode is not None, "pictures; leave out render_mode"),
+        (config.record, "a log of every scan; set record=False"),
+        (
+            clutter.people or clutter.changes,
+            "people, or furniture that is moved; set clutter.people and changes to 0",
+        ),
+        (config.lidar.sweep > 0.0, "scanners that take their time; set lidar.sweep to 0"),
+        (
+            shows_whole_map,
+            "the whole map as a picture; give observation.map='egocentric' or preset='compact'",
+        ),
+        (
+            other_cells,
+            "other cells than the map's; give observation.map_resolution and slam.resolution alike",
+        ),
+        (
+            reward.needs_map_error or reward.needs_known_area or reward.needs_covariance,
+            "rewards that measure the map or the filter; leave out map_error, information_gain and pose_uncertainty",
+        ),
+    ):
+        if is_asked:
+            raise ConfigError(f"a batch of environments has no {what}, or make single environments")

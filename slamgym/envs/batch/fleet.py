@@ -1,0 +1,305 @@
+"""Many robots in their buildings, stepped together: bodies, scanners, wheels, coverage, and maps from known poses."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from slamgym.core.geometry import unit_vectors
+from slamgym.core.types import UNKNOWN, FloatArray, GridFrame, IntArray, LaserScan, OccupancyGrid, Pose2D, Twist2D
+from slamgym.envs.batch.arrays import MapLaw, Maps, Robots, Scanner, Scans, Scenes, WheelLaw, put
+from slamgym.envs.batch.kernels import ScanKind, drive_all, look_all, map_all, publish_all, read_wheels
+from slamgym.envs.config import ExploreConfig
+from slamgym.envs.coverage import CELL
+from slamgym.envs.finished_map import finished_map
+from slamgym.envs.plan_cache import PreparedPlan
+from slamgym.envs.simulation import Streams
+from slamgym.sim import Lidar, WheelOdometry, World
+from slamgym.sim.contact import SKIN
+from slamgym.sim.lidar import LONGEST_BURST
+from slamgym.slam import Mapper, make_mapper
+from slamgym.slam.hit_count_kernels import BeamTable
+from slamgym.slam.hit_counts import known_part
+
+_NO_TIME = 1e-9  # [s]
+_SPARE = 1.0  # [m] that maps reach beyond what the scanner may see from the plan's outline
+
+
+class Robot(NamedTuple):
+    """What one environment has beside the arrays."""
+
+    prepared: PreparedPlan
+    world: World
+    streams: Streams
+    mapper: Mapper | None  # None where kernels map
+
+
+class Fleet:
+    """So many robots.
+
+    Args:
+        config: The settings.
+        count: How many.
+
+    Attributes:
+        robots: Bodies and wheels.
+        scenes: What they touch and see.
+        scans: The newest scans.
+        maps: What they believe; path and map only where kernels map.
+        each: What belongs to one robot alone.
+        steps: Since the episode began, shape (N,).
+        floor_cells: Cells of the reachable floors, shape (N,).
+        contact: Whether the last step had contact, shape (N,).
+        collisions: Contacts begun, shape (N,).
+        map_law: How kernels draw maps.
+        is_mapped_together: Whether kernels map; else each robot has a mapper of its own.
+    """
+
+    def __init__(self, config: ExploreConfig, count: int) -> None:
+        self._config = config
+        self.robots, self.scenes, self.maps = Robots.rest(count), Scenes.empty(count), Maps.blank(count)
+        self.scans = Scans.blank(count, config.lidar.num_beams, LONGEST_BURST)
+        self.each: list[Robot] = []
+        self.steps = np.zeros(count, dtype=np.int64)
+        self.floor_cells = np.zeros(count, dtype=np.int64)
+        self.contact = np.zeros(count, dtype=np.bool_)
+        self.collisions = np.zeros(count, dtype=np.int64)
+        self.lidar = Lidar(config.lidar)
+        self._scanner = Scanner(
+            self.lidar.law,
+            tuple(self.lidar.geometry.mount),  # type: ignore[arg-type]
+            unit_vectors(self.lidar.geometry.angles),
+            float(config.lidar.range_min),
+            float(config.lidar.lost),
+            float(config.lidar.stray),
+            float(config.usable_range),
+        )
+        self.map_law = _map_law(config, self.lidar)
+        self.is_mapped_together = (
+            config.slam.mode in ("ground_truth", "dead_reckoning") and config.slam.counting == "beams"
+        )
+        robot = config.robot
+        self._limits = np.array(
+            [robot.linear_acceleration, robot.angular_acceleration, robot.wheel_separation]
+        )
+        self._fastest = np.array([robot.max_linear, robot.max_angular])
+        self._wheel_law = _wheel_law(config)
+
+    def __len__(self) -> int:
+        return len(self.steps)
+
+    @property
+    def times(self) -> FloatArray:
+        """Robot time, shape (N,) [s]."""
+        times: FloatArray = self.steps * self._config.control_step
+        return times
+
+    @property
+    def shares(self) -> FloatArray:
+        """Shares of the reachable floor that were seen, shape (N,)."""
+        totals = self.floor_cells
+        shares: FloatArray = np.where(totals > 0, self.scenes.seen / np.maximum(totals, 1), 1.0)
+        return shares
+
+    @property
+    def pose_errors(self) -> FloatArray:
+        """Distances of the believed from the true positions, shape (N,) [m]."""
+        true = self.robots.pose[:, :2] - self.robots.start[:, :2]
+        off = self.maps.believed[:, :2] - true
+        errors: FloatArray = np.hypot(off[:, 0], off[:, 1])
+        return errors
+
+    @property
+    def n_eff(self) -> FloatArray:
+        """Effective numbers of particles, shape (N,)."""
+        return np.array([robot.mapper.n_eff if robot.mapper else 1.0 for robot in self.each])
+
+    def whole_grid(self, index: int) -> OccupancyGrid:
+        """One robot's map, with what is unknown around it."""
+        mapper, maps, resolution = self.each[index].mapper, self.maps, self.map_law.resolution
+        if mapper is not None:
+            return mapper.occupancy_grid()
+        (rows, cols), (row, col) = maps.shape[index].tolist(), maps.corner[index].tolist()
+        frame = GridFrame(resolution, col * resolution, row * resolution, rows, cols)
+        return OccupancyGrid(maps.cells[index, : rows * cols].reshape(rows, cols)[::-1], frame)
+
+    def occupancy_grid(self, index: int) -> OccupancyGrid:
+        """One robot's map, cropped to what is known."""
+        mapper = self.each[index].mapper
+        if mapper is not None:
+            return mapper.occupancy_grid()
+        row, col = self.maps.corner[index].tolist()
+        return known_part(self.whole_grid(index).cells[::-1], (row, col), self.map_law.resolution)
+
+    def begin(self, index: int, prepared: PreparedPlan, start: Pose2D, streams: Streams) -> None:
+        """Put one robot down in a building; :meth:`sense` takes its first scan.
+
+        Raises:
+            ConfigError: If the start leaves no room for the robot.
+        """
+        config, robots = self._config, self.robots
+        world = World(
+            prepared.plan, config.robot, clutter=prepared.clutter, surfaces=prepared.surfaces,
+            state=robots.drive[index],
+        )  # fmt: skip
+        world.reset(start)
+        wheels = WheelOdometry(config.odometry, config.robot, streams.odometry)
+        initial = Pose2D(0.0, 0.0, start.theta)
+        robots.pose[index], robots.start[index], robots.odometry[index] = world.pose, start, initial
+        robots.wheels[index] = (*wheels.gains, wheels.believed_base)
+        robots.rolled[index], robots.velocity[index], robots.path[index] = 0.0, 0.0, 0.0
+        self.steps[index], self.contact[index], self.collisions[index] = 0, False, 0
+        self._place(index, prepared, world, start)
+        mapper = None
+        if self.is_mapped_together:
+            self._blank_map(index, prepared, start, initial)
+        else:
+            finished = finished_map(prepared.plan, start, config)
+            mapper = make_mapper(config.slam, self.lidar.geometry, initial, streams.slam, finished)
+        robot = Robot(prepared, world, streams, mapper)
+        if index == len(self.each):
+            self.each.append(robot)
+        else:
+            self.each[index] = robot
+
+    def _place(self, index: int, prepared: PreparedPlan, world: World, start: Pose2D) -> None:
+        """Fill in what one robot touches and sees."""
+        scenes, materials, walls = self.scenes, world.surfaces, world.segments()
+        floor = prepared.floor.mask(start.x, start.y)
+        self.floor_cells[index] = np.count_nonzero(floor)
+        is_plain = len(materials.first) == 1
+        scenes.seen[index] = 0
+        scenes.floor_shape[index] = floor.shape
+        frame = prepared.floor.frame
+        scenes.floor_corner[index] = frame.origin_x, frame.origin_y
+        scenes.num_walls[index], scenes.seed[index] = materials.num_walls, materials.seed
+        scenes.roughness[index] = materials.roughness
+        for counts, rows in (
+            (scenes.num_segments, walls),
+            (scenes.num_first, materials.first),
+            (scenes.num_patches, materials.patches),
+            (scenes.num_outside, materials.outside),
+        ):
+            counts[index] = len(rows)
+        self.scenes = scenes._replace(
+            segments=put(scenes.segments, index, walls),
+            first=put(scenes.first, index, materials.first),
+            patches=put(scenes.patches, index, materials.patches),
+            outside=put(scenes.outside, index, materials.outside),
+            unseen=put(scenes.unseen, index, floor.reshape(-1)),
+        )
+        kind = ScanKind.PLACES if self.lidar.depends_on_place or not is_plain else ScanKind.NOISE
+        self.scans.kind[index] = ScanKind.PERFECT if self.lidar.is_perfect and is_plain else kind
+
+    def _blank_map(self, index: int, prepared: PreparedPlan, start: Pose2D, initial: Pose2D) -> None:
+        """An empty map that reaches as far as a robot in the plan can see."""
+        maps, resolution = self.maps, self.map_law.resolution
+        reach = self._config.lidar.range_max + _SPARE
+        min_x, min_y, max_x, max_y = prepared.plan.bounds
+        corner = [math.floor((low - reach) / resolution) for low in (min_y - start.y, min_x - start.x)]
+        end = [math.ceil((high + reach) / resolution) for high in (max_y - start.y, max_x - start.x)]
+        shape = end[0] - corner[0], end[1] - corner[1]
+        maps.corner[index], maps.shape[index], maps.dirty[index] = corner, shape, 0
+        maps.begun[index], maps.anchor[index], maps.since[index] = False, initial, 0.0
+        cells = shape[0] * shape[1]
+        self.maps = maps._replace(
+            counts=put(maps.counts, index, np.zeros((cells, 2), dtype=np.int32)),
+            cells=put(maps.cells, index, np.full(cells, UNKNOWN, dtype=np.uint8)),
+        )
+
+    def drive(self, ids: IntArray, commands: FloatArray) -> None:
+        """Drive for one control step towards velocities, shape (N, 2) [m/s, rad/s].
+
+        Raises:
+            ValueError: If a command is not a number.
+        """
+        if np.isnan(commands[ids]).any():
+            raise ValueError(f"commands {commands[ids]} hold what is not a number")
+        targets = np.clip(commands, -self._fastest, self._fastest)
+        dt, robots = self._config.control_step, self.robots
+        left = np.zeros(len(self))
+        radius = self._config.robot.circumscribed_radius + SKIN
+        drive_all(robots, self.scenes, ids, targets, self._limits, dt, radius, left)
+        touching, self.contact = self.contact, self.contact.copy()
+        self.contact[ids] = False
+        # What is near something is pymunk's: those worlds go on one by one.
+        for i in np.flatnonzero(left > _NO_TIME).tolist():
+            target = Twist2D(*targets[i].tolist())
+            self.contact[i] = self.each[i].world.drive(target, float(left[i]))
+        self.collisions[ids] += self.contact[ids] & ~touching[ids]
+        if not self._wheel_law.is_ideal:
+            for i in ids.tolist():
+                self.each[i].streams.odometry.standard_normal(out=robots.slips[i])
+        read_wheels(robots, self._wheel_law, ids, dt)
+        self.steps[ids] += 1
+
+    def sense(self, ids: IntArray) -> None:
+        """Scan, and map."""
+        self._draw_noise(ids)
+        look_all(self.robots, self.scenes, self._scanner, self.scans, CELL, ids)
+        if self.is_mapped_together:
+            map_all(self.robots, self.scans, self.maps, self.map_law, ids, self.times)
+            return
+        times, maps = self.times.tolist(), self.maps
+        for i in ids.tolist():
+            mapper = self.each[i].mapper
+            assert mapper is not None, "begin() made one"
+            odometry = Pose2D(*self.robots.odometry[i].tolist())
+            if self.map_law.believes_truth:
+                x, y, theta = self.robots.pose[i].tolist()
+                odometry = Pose2D(
+                    x - float(self.robots.start[i, 0]), y - float(self.robots.start[i, 1]), theta
+                )
+            maps.is_new[i] = mapper.update(odometry, self.scan(i, times[i]))
+            maps.believed[i] = mapper.pose
+
+    def scan(self, index: int, time: float) -> LaserScan:
+        """The newest scan of one robot."""
+        return LaserScan(time, self.scans.ranges[index].copy(), self.lidar.geometry)
+
+    def publish(self, ids: IntArray) -> None:
+        """Bring the maps as they are shown up to date."""
+        if self.is_mapped_together:
+            publish_all(self.maps, self.map_law, ids)
+
+    def _draw_noise(self, ids: IntArray) -> None:
+        """Draw what errs in a scan, each robot from its own stream, in the order of a scanner alone."""
+        scans = self.scans
+        for i in ids[scans.kind[ids] != ScanKind.PERFECT].tolist():
+            rng = self.each[i].streams.lidar
+            rng.standard_normal(out=scans.normal[i])
+            rng.random(out=scans.fate[i])
+        scans.burst[ids] = 0
+        bursts = ids[
+            (scans.fate[ids, 0, -1] < self._config.lidar.bursts) & (scans.kind[ids] != ScanKind.PERFECT)
+        ]
+        for i in bursts.tolist():
+            first, pulses = self.lidar.draw_burst(self.each[i].streams.lidar)
+            scans.burst[i] = first, len(pulses)
+            scans.pulses[i, : len(pulses)] = pulses
+
+
+def _map_law(config: ExploreConfig, lidar: Lidar) -> MapLaw:
+    slam = config.slam
+    return MapLaw(
+        BeamTable.of(lidar.geometry, slam),
+        float(slam.resolution),
+        float(slam.occupied_threshold),
+        int(slam.min_passes),
+        float(slam.linear_update),
+        float(slam.angular_update),
+        math.inf if slam.temporal_update is None else float(slam.temporal_update),
+        slam.mode == "ground_truth",
+        config.observation.map == "egocentric",
+    )
+
+
+def _wheel_law(config: ExploreConfig) -> WheelLaw:
+    odometry, ticks = config.odometry, config.odometry.ticks_per_revolution
+    return WheelLaw(
+        odometry.model == "ideal",
+        2.0 * math.pi * config.robot.wheel_radius / ticks if ticks else 0.0,
+        float(odometry.slip_distance),
+        float(odometry.slip_drift),
+        float(odometry.slip_turn),
+    )

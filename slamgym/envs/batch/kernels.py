@@ -1,0 +1,361 @@
+"""One step of many environments: loops over the kernels that a single environment uses, so that both compute the same.
+
+Every kernel takes ``ids``, the environments that it is about, shape (n,).
+"""
+
+import math
+from enum import IntEnum
+
+import numpy as np
+
+from slamgym.core import geometry
+from slamgym.core.jit import kernel
+from slamgym.core.types import UNKNOWN, ByteArray, Float32Array, FloatArray, IntArray, Pose2D
+from slamgym.envs.batch.arrays import MapLaw, Maps, Robots, Scanner, Scans, Scenes, WheelLaw
+from slamgym.envs.compact import write_compact
+from slamgym.envs.observations import WINDOW_MARGIN, cut_crop
+from slamgym.envs.sweep import sweep
+from slamgym.sim import motion
+from slamgym.sim.beams import fail_beams, measure_beams, write_rep117
+from slamgym.sim.raycast import cast_hits
+from slamgym.sim.surfaces import Surfaces
+from slamgym.slam.hit_count_kernels import cells_of, classify_counts, draw_scans
+
+_compose = kernel(geometry.compose)
+_between = kernel(geometry.between)
+_TURN = 2.0 * math.pi
+
+
+class ScanKind(IntEnum):
+    """How a scan errs."""
+
+    PERFECT = 0
+    NOISE = 1
+    PLACES = 2
+    """Errors that belong to places and materials."""
+
+
+@kernel
+def drive_all(
+    robots: Robots,
+    scenes: Scenes,
+    ids: IntArray,
+    targets: FloatArray,
+    limits: FloatArray,
+    dt: float,
+    radius: float,
+    left: FloatArray,
+) -> None:
+    """Drive freely; see :func:`slamgym.sim.motion.drive_freely`.
+
+    Args:
+        robots: Changed in place.
+        scenes: Obstacles.
+        ids: Environments.
+        targets: Wished velocities within the limits, shape (N, 2).
+        limits: Accelerations and wheel separation, shape (3,).
+        dt: Duration [s].
+        radius: Within which the body touches something [m].
+        left: Receives the time that is left where something is near, shape (N,) [s].
+    """
+    nobody = np.empty((0, 3))
+    for i in ids:
+        state = robots.drive[i]
+        state[motion.LEFT :] = 0.0
+        walls = scenes.segments[i, : scenes.num_segments[i]]
+        left[i] = motion.drive_freely(state, targets[i, 0], targets[i, 1], limits, dt, radius, walls, nobody)
+
+
+@kernel
+def _pose(rows: FloatArray, i: int) -> Pose2D:
+    return Pose2D(rows[i, 0], rows[i, 1], rows[i, 2])
+
+
+@kernel
+def _put_pose(rows: FloatArray, i: int, pose: Pose2D) -> None:
+    rows[i, 0], rows[i, 1], rows[i, 2] = pose.x, pose.y, pose.theta
+
+
+@kernel
+def read_wheels(robots: Robots, law: WheelLaw, ids: IntArray, dt: float) -> None:
+    """Note the poses after a drive and integrate the wheel odometry; see :mod:`slamgym.sim.wheel_odometry`.
+
+    Args:
+        robots: Changed in place.
+        law: Random errors.
+        ids: Environments.
+        dt: Duration of the step [s].
+    """
+    for i in ids:
+        state, before = robots.drive[i], _pose(robots.pose, i)
+        theta = math.pi - (math.pi - state[motion.THETA]) % _TURN
+        now = Pose2D(state[motion.X], state[motion.Y], theta)
+        _put_pose(robots.pose, i, now)
+        robots.path[i] += state[motion.DISTANCE]
+        if law.is_ideal:
+            moved = _between(before, now)
+        else:
+            moved = _rolled(robots, law, i)
+        old = _pose(robots.odometry, i)
+        new = _compose(old, moved)
+        _put_pose(robots.odometry, i, new)
+        moved = _between(old, new)
+        robots.velocity[i, 0], robots.velocity[i, 1] = moved.x / dt, moved.theta / dt
+
+
+@kernel
+def _rolled(robots: Robots, law: WheelLaw, i: int) -> Pose2D:
+    """What the encoders say of a step, with slip."""
+    rolled, wheels, state = robots.rolled[i], robots.wheels[i], robots.drive[i]
+    before_left, before_right = rolled[0], rolled[1]
+    rolled[0] += wheels[0] * state[motion.LEFT]
+    rolled[1] += wheels[1] * state[motion.RIGHT]
+    if law.tick == 0.0:
+        left, right = rolled[0] - before_left, rolled[1] - before_right
+    else:
+        left = (math.floor(rolled[0] / law.tick) - math.floor(before_left / law.tick)) * law.tick
+        right = (math.floor(rolled[1] / law.tick) - math.floor(before_right / law.tick)) * law.tick
+    distance, turn = 0.5 * (left + right), (right - left) / wheels[2]
+    root_distance, root_turn = math.sqrt(abs(distance)), math.sqrt(abs(turn))
+    slip, drift, slip_turn = robots.slips[i, 0], robots.slips[i, 1], robots.slips[i, 2]
+    distance += law.slip_distance * root_distance * slip
+    turn += law.slip_drift * root_distance * drift + law.slip_turn * root_turn * slip_turn
+    dx, dy = motion.chord(0.0, distance, turn)
+    return Pose2D(dx, dy, turn)
+
+
+@kernel
+def look_all(
+    robots: Robots, scenes: Scenes, scanner: Scanner, scans: Scans, cell: float, ids: IntArray
+) -> None:
+    """Scan, and account for the floor that is truly seen.
+
+    Args:
+        robots: Where they stand.
+        scenes: What they see; the floor is changed in place.
+        scanner: The scanner.
+        scans: Draws; receives the ranges.
+        cell: Size of the floor's cells [m].
+        ids: Environments.
+    """
+    num_beams = scans.true.shape[1]
+    hits = np.empty(num_beams, dtype=np.int64)
+    measured = np.empty(num_beams)
+    sensors = np.empty((1, 3))
+    law = scanner.law
+    mount = Pose2D(scanner.mount[0], scanner.mount[1], scanner.mount[2])
+    for i in ids:
+        walls, true = scenes.segments[i, : scenes.num_segments[i]], scans.true[i]
+        sensor = _compose(_pose(robots.pose, i), mount)
+        _put_pose(sensors, 0, sensor)
+        cast_hits(
+            sensor.x,
+            sensor.y,
+            sensor.theta,
+            law.angle_min,
+            law.angle_increment,
+            walls,
+            law.range_max,
+            true,
+            hits,
+        )
+        if scans.kind[i] == ScanKind.PLACES:
+            materials = Surfaces(
+                scenes.first[i, : scenes.num_first[i]],
+                scenes.patches[i, : scenes.num_patches[i]],
+                scenes.outside[i, : scenes.num_outside[i]],
+                scenes.num_walls[i],
+                scenes.seed[i],
+                scenes.roughness[i],
+            )
+            measure_beams(sensors, walls, true, hits, materials, law, scans.normal[i], measured)
+        else:
+            for k in range(num_beams):
+                measured[k] = true[k]
+                if scans.kind[i] == ScanKind.NOISE:
+                    sigma = max(law.sigma, law.sigma_relative * min(true[k], law.range_max))
+                    measured[k] += sigma * scans.normal[i, 0, k]
+        if scans.kind[i] != ScanKind.PERFECT:
+            fail_beams(measured, scans.fate[i], scanner.lost, scanner.stray, law.range_max)
+            first = scans.burst[i, 0]
+            for k in range(scans.burst[i, 1]):
+                measured[first + k] = min(measured[first + k], scans.pulses[i, k])
+        write_rep117(measured, scanner.range_min, law.range_max, scans.ranges[i])
+        rows, cols = scenes.floor_shape[i, 0], scenes.floor_shape[i, 1]
+        unseen = scenes.unseen[i, : rows * cols].reshape(rows, cols)
+        scenes.seen[i] += sweep(
+            unseen, scenes.floor_corner[i, 0], scenes.floor_corner[i, 1], cell, sensor.x, sensor.y, sensor.theta,
+            scanner.directions, true, scanner.usable,
+        )  # fmt: skip
+
+
+@kernel
+def map_all(robots: Robots, scans: Scans, maps: Maps, law: MapLaw, ids: IntArray, times: FloatArray) -> None:
+    """Let the robots believe their poses and draw the scans that are due; see :mod:`slamgym.slam.pose_tracking`.
+
+    Args:
+        robots: Where they stand, or believe to.
+        scans: The newest scans.
+        maps: Changed in place.
+        law: How maps are drawn.
+        ids: Environments.
+        times: Robot time, shape (N,) [s].
+    """
+    for i in ids:
+        if law.believes_truth:
+            true, start = robots.pose[i], robots.start[i]
+            odometry = Pose2D(true[0] - start[0], true[1] - start[1], true[2])
+        else:
+            odometry = _pose(robots.odometry, i)
+        maps.is_new[i] = _is_due(maps, law, i, odometry, times[i])
+        believed = _compose(_pose(maps.anchor, i), _between(_pose(maps.processed, i), odometry))
+        if maps.is_new[i]:
+            _put_pose(maps.anchor, i, believed)
+            _put_pose(maps.processed, i, odometry)
+            maps.since[i, 0], maps.since[i, 1], maps.since[i, 2] = times[i], 0.0, 0.0
+            _draw(maps, law, i, scans.ranges)
+            believed = _compose(believed, _between(odometry, odometry))
+        _put_pose(maps.believed, i, believed)
+
+
+@kernel
+def _is_due(maps: Maps, law: MapLaw, i: int, odometry: Pose2D, time: float) -> bool:
+    """Take the odometry of a scan; whether the scan must be processed."""
+    since = maps.since[i]
+    if not maps.begun[i]:
+        maps.begun[i] = True
+        _put_pose(maps.last, i, odometry)
+        _put_pose(maps.processed, i, odometry)
+        return True
+    increment = _between(_pose(maps.last, i), odometry)
+    _put_pose(maps.last, i, odometry)
+    since[1] += math.hypot(increment.x, increment.y)
+    since[2] += abs(increment.theta)
+    return (
+        since[1] >= law.linear_update
+        or since[2] >= law.angular_update
+        or time - since[0] > law.temporal_update
+    )
+
+
+@kernel
+def _draw(maps: Maps, law: MapLaw, i: int, ranges: Float32Array) -> None:
+    """Draw a scan from the last processed pose."""
+    rows, cols = maps.shape[i, 0], maps.shape[i, 1]
+    counts = maps.counts[i, : rows * cols].reshape(rows, cols, 2)
+    corner = (maps.corner[i, 0], maps.corner[i, 1])
+    bounds = draw_scans(
+        counts, corner, law.resolution, maps.anchor[i : i + 1], ranges[i : i + 1], law.beams, 1
+    )
+    box = cells_of(bounds, corner, law.resolution)
+    dirty = maps.dirty[i]
+    if dirty[0] >= dirty[2]:
+        dirty[0], dirty[1], dirty[2], dirty[3] = rows, cols, 0, 0
+    for k in range(2):
+        dirty[k], dirty[2 + k] = min(dirty[k], box[k]), max(dirty[2 + k], box[2 + k] + 1)
+    if law.keeps_current:
+        _classify(maps, law, i)
+
+
+@kernel
+def _classify(maps: Maps, law: MapLaw, i: int) -> None:
+    """Bring the shown cells up to date."""
+    rows, cols = maps.shape[i, 0], maps.shape[i, 1]
+    top, left, bottom, right = maps.dirty[i, 0], maps.dirty[i, 1], maps.dirty[i, 2], maps.dirty[i, 3]
+    counts = maps.counts[i, : rows * cols].reshape(rows, cols, 2)[top:bottom, left:right]
+    cells = maps.cells[i, : rows * cols].reshape(rows, cols)[top:bottom, left:right]
+    classify_counts(counts, law.threshold, (0.0, 0.0), law.min_passes, cells)
+    maps.dirty[i] = 0
+
+
+@kernel
+def publish_all(maps: Maps, law: MapLaw, ids: IntArray) -> None:
+    """Bring the shown cells up to date."""
+    for i in ids:
+        if maps.dirty[i, 0] < maps.dirty[i, 2]:
+            _classify(maps, law, i)
+
+
+@kernel
+def compact_all(
+    robots: Robots,
+    scans: Scans,
+    maps: Maps,
+    resolution: float,
+    side: float,
+    limits: FloatArray,
+    ids: IntArray,
+    out: Float32Array,
+) -> None:
+    """Write observations of the preset ``compact``; see :func:`slamgym.envs.compact.write_compact`."""
+    for i in ids:
+        rows, cols = maps.shape[i, 0], maps.shape[i, 1]
+        cells = maps.cells[i, : rows * cols].reshape(rows, cols)
+        corner = (maps.corner[i, 0], maps.corner[i, 1])
+        write_compact(
+            cells,
+            True,
+            corner,
+            resolution,
+            maps.believed[i],
+            side,
+            scans.ranges[i],
+            robots.velocity[i],
+            limits,
+            out[i],
+        )
+
+
+@kernel
+def crop_all(
+    maps: Maps,
+    windows: ByteArray,
+    centres: FloatArray,
+    resolution: float,
+    crop_resolution: float,
+    samples: int,
+    ids: IntArray,
+    out: ByteArray,
+) -> None:
+    """Cut the crops about the robots from windows of the maps; see :class:`slamgym.envs.observations.EgocentricView`.
+
+    Args:
+        maps: The maps.
+        windows: What was cut last, shape (N, W, W), row 0 at the top.
+        centres: Where, shape (N, 2) [m].
+        resolution: Cell size of the maps [m].
+        crop_resolution: Cell size of the crops [m].
+        samples: Points along a cell of the crop.
+        ids: Environments.
+        out: Receives the crops, shape (N, 1, h, w).
+    """
+    size = windows.shape[1] // 2
+    for i in ids:
+        pose = maps.believed[i]
+        off = math.hypot(pose[0] - centres[i, 0], pose[1] - centres[i, 1])
+        if maps.is_new[i] or off > WINDOW_MARGIN:
+            centres[i, 0], centres[i, 1] = pose[0], pose[1]
+            _cut_window(maps, i, centres[i], resolution, windows[i])
+        col, row = (
+            math.floor(centres[i, 0] / resolution) - size,
+            math.floor(centres[i, 1] / resolution) - size,
+        )
+        cut_crop(
+            windows[i], col * resolution, row * resolution, resolution, pose[0], pose[1], pose[2], crop_resolution,
+            samples, out[i, 0],
+        )  # fmt: skip
+
+
+@kernel
+def _cut_window(maps: Maps, i: int, centre: FloatArray, resolution: float, window: ByteArray) -> None:
+    """Copy the part of a map about a point; unknown where the map ends."""
+    rows, cols = maps.shape[i, 0], maps.shape[i, 1]
+    cells = maps.cells[i, : rows * cols].reshape(rows, cols)
+    size = window.shape[0]
+    first_row = math.floor(centre[1] / resolution) - size // 2 - maps.corner[i, 0]
+    first_col = math.floor(centre[0] / resolution) - size // 2 - maps.corner[i, 1]
+    begin, end = max(first_col, 0), max(min(first_col + size, cols), 0)
+    window[:] = UNKNOWN
+    for r in range(max(first_row, 0), min(first_row + size, rows)):
+        for c in range(begin, end):
+            window[size - 1 - (r - first_row), c - first_col] = cells[r, c]

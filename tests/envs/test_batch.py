@@ -1,0 +1,182 @@
+"""A batch of environments is the same as single ones, to the byte."""
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.vector import AutoresetMode, SyncVectorEnv
+
+import slamgym
+from slamgym.core.errors import ActionError, ConfigError
+from slamgym.envs import BatchExploreEnv, ExploreEnv
+
+COUNT = 3
+NOT_TO_THE_BYTE = {"pose_error", "heading_error"}  # numpy's hypot isn't Python's to the last bit
+
+
+def assert_same(single, batch, where):
+    if isinstance(single, dict):
+        assert single.keys() == batch.keys(), where
+        for key in single:
+            assert_same(single[key], batch[key], f"{where}/{key}")
+    else:
+        np.testing.assert_array_equal(single, batch, where)
+
+
+def assert_same_infos(single, batch, where):
+    """Compare infos where their masks say that they mean something."""
+    single = {name: value for name, value in single.items() if name not in {"map_error", "_map_error"}}
+    assert single.keys() == batch.keys(), where
+    for name, value in single.items():
+        if name.startswith("_"):
+            np.testing.assert_array_equal(value, batch[name], f"{where}/{name}")
+            continue
+        mask = single[f"_{name}"]
+        if isinstance(value, dict):
+            assert_same_infos(value, batch[name], f"{where}/{name}")
+        elif name == "final_obs":
+            for i in np.flatnonzero(mask):
+                assert_same(value[i], batch[name][i], f"{where}/{name}")
+        elif name in NOT_TO_THE_BYTE:
+            np.testing.assert_allclose(value[mask], batch[name][mask], atol=1e-12)
+        else:
+            np.testing.assert_array_equal(value[mask], batch[name][mask], f"{where}/{name}")
+
+
+def drive_both(mode, steps, **settings):
+    """Step both with the same actions and compare all that they give; returns contacts and ends."""
+    single = SyncVectorEnv([lambda: ExploreEnv("bundled", **settings)] * COUNT, autoreset_mode=mode)
+    batch = BatchExploreEnv(COUNT, "bundled", autoreset_mode=mode, **settings)
+    for one, other, where in zip(single.reset(seed=5), batch.reset(seed=5), ("seen", "info"), strict=True):
+        (assert_same if where == "seen" else assert_same_infos)(one, other, where)
+    rng, turn = np.random.default_rng(0), np.zeros(COUNT)
+    contacts, ends = 0, 0
+    for step in range(steps):
+        turn = 0.9 * turn + 0.2 * rng.standard_normal(COUNT)
+        actions = np.stack([np.full(COUNT, 0.8), turn], axis=1).astype(np.float32)
+        if mode == AutoresetMode.DISABLED and step and over.any():
+            options = {"reset_mask": over}
+            seen, infos = single.reset(options=dict(options))
+            other_seen, other_infos = batch.reset(options=options)
+            assert_same(seen, other_seen, f"{step}/reset")
+            assert_same_infos(infos, other_infos, f"{step}/reset")
+        mine, theirs = single.step(actions), batch.step(actions)
+        for one, other, where in zip(mine[:4], theirs[:4], ("seen", "reward", "over", "late"), strict=True):
+            assert_same(one, other, f"{step}/{where}")
+        assert_same_infos(mine[4], theirs[4], str(step))
+        over = mine[2] | mine[3]
+        ends += over.sum()
+        contacts += mine[4]["collisions"].sum()
+    return contacts, ends
+
+
+CASES = {
+    "compact": (AutoresetMode.NEXT_STEP, {"localization": "ground_truth", "observation": {"preset": "compact"}}),
+    "published": (
+        AutoresetMode.DISABLED,
+        {"localization": "ground_truth", "observation": {"preset": "compact", "map": "global"}},
+    ),
+    "dictionary": (AutoresetMode.SAME_STEP, {"localization": "ground_truth", "lidar": "real"}),
+    "wheels believed": (
+        AutoresetMode.NEXT_STEP,
+        {"localization": "dead_reckoning", "observation": {"preset": "map"}, "lidar": "gazebo"},
+    ),
+    "scan matching": (
+        AutoresetMode.SAME_STEP,
+        {"localization": "scan_matching", "observation": {"preset": "compact"}, "odometry": "high"},
+    ),
+    "particles": (
+        AutoresetMode.SAME_STEP,
+        {"localization": "rbpf", "slam": {"particles": 3}, "odometry": "ideal", "lidar": "exact"},
+    ),
+    "furniture": (
+        AutoresetMode.NEXT_STEP,
+        {"localization": "ground_truth", "clutter": {"furniture": 1.0}, "observation": {"preset": "compact"}},
+    ),
+}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_a_batch_is_the_same_as_single_environments(name):
+    mode, settings = CASES[name]
+    contacts, ends = drive_both(mode, 60, time_limit=8.0, **settings)
+    assert contacts > 0
+    assert ends > 0
+
+
+def test_explorations_end_at_the_same_step():
+    settings = {"localization": "ground_truth", "observation": {"preset": "compact"}, "coverage_goal": 0.25}
+    _, ends = drive_both(AutoresetMode.SAME_STEP, 120, **settings, reward={"shaping": 1.0, "floor_gain": 1.0})
+    assert ends > 0
+
+
+def test_an_explored_room_ends_the_episode(hall):
+    settings = {"lidar": "exact", "localization": "ground_truth"}
+    middle = {"start": (1.5, 1.5, 0.0)}
+    batch, single = BatchExploreEnv(2, hall, autoreset_mode="same_step", **settings), ExploreEnv(hall, **settings)
+    batch.reset(seed=0, options=middle)
+    single.reset(seed=0, options=middle)
+    for _ in range(100):
+        *_, terminated, _, _ = single.step((0.0, 0.5))
+        _, _, terminations, _, infos = batch.step(np.array([(0.0, 0.5)] * 2))
+        assert terminations[0] == terminated
+        if terminated:
+            assert infos["final_info"]["is_success"][0]
+            return
+    pytest.fail("the room wasn't explored")
+
+
+def test_gymnasium_makes_it_by_name():
+    assert slamgym.__version__
+    envs = gym.make_vec(
+        "slamgym/ExploreDiscrete-v1",
+        num_envs=2,
+        vectorization_mode="vector_entry_point",
+        localization="ground_truth",
+        observation={"preset": "compact"},
+    )
+    observations, _ = envs.reset(seed=1)
+    assert observations in envs.observation_space
+    observations, rewards, *_ = envs.step(np.array([0, 1]))
+    assert observations in envs.observation_space
+    assert rewards.shape == (2,)
+    with pytest.raises(ActionError, match="turn left"):
+        envs.step(np.array([0, 7]))
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"clutter": {"people": 1}}, "clutter.people"),
+        ({"clutter": {"furniture": 1.0, "changes": 1.0}}, "furniture that is moved"),
+        ({"observation": {"map": "global"}}, "preset='compact'"),
+        ({"observation": {"map": "global", "preset": "compact", "map_resolution": 0.1}}, "alike"),
+        ({"reward": {"map_error": 1.0}}, "map_error"),
+        ({"record": True}, "record=False"),
+        ({"lidar": {"sweep": 0.1}}, "lidar.sweep"),
+        ({"render_mode": "rgb_array"}, "render_mode"),
+        ({"autoreset_mode": "same_stp"}, "same_step"),
+        ({"num_envs": 0}, "num_envs"),
+        ({"localisation": "ground_truth"}, "localization"),
+    ],
+)
+def test_what_a_batch_has_not_is_refused(settings, message):
+    with pytest.raises(ConfigError, match=message):
+        BatchExploreEnv(**{"num_envs": 2, **settings})
+
+
+def test_resets_are_checked(hall):
+    batch = BatchExploreEnv(2, hall, autoreset_mode="disabled", time_limit=0.2)
+    with pytest.raises(gym.error.ResetNeeded):
+        batch.step(np.zeros((2, 2)))
+    with pytest.raises(ConfigError, match="first reset"):
+        batch.reset(options={"reset_mask": np.array([True, False])})
+    with pytest.raises(ConfigError, match="seed"):
+        batch.reset(seed=[1])
+    batch.reset(seed=0, options={"start": (1.5, 1.5, 0.0)})
+    with pytest.raises(ConfigError, match="reset_mask"):
+        batch.reset(options={"reset_mask": np.array([1, 0])})
+    with pytest.raises(ValueError, match="not a number"):
+        batch.step(np.full((2, 2), np.nan))
+    batch.step(np.zeros((2, 2)))
+    with pytest.raises(gym.error.ResetNeeded):
+        batch.step(np.zeros((2, 2)))
