@@ -30,11 +30,24 @@ def bend(
     Returns:
         Shape (H, W): 0 on the faces of walls, 205 behind them, 254 free.
     """
+    field = _random_field(cad.shape, metres_per_px, rng, displacement, correlation_length)
+    return _pulled(_faces(cad), field, UNKNOWN)
+
+
+def bend_with_field(
+    cad: ByteArray, metres_per_px: float, rng: np.random.Generator
+) -> tuple[ByteArray, Float32Array]:
+    """:func:`bend` with its field, (2, H, W) [m] x, y (up): out(q) = in(q + d(q))."""
+    field = _random_field(cad.shape, metres_per_px, rng, DISPLACEMENT, CORRELATION_LENGTH)
+    upwards = np.array([metres_per_px, -metres_per_px], dtype=np.float32)[:, None, None]
+    return _pulled(_faces(cad), field, UNKNOWN), field * upwards
+
+
+def _faces(cad: ByteArray) -> ByteArray:
+    """The values of a SLAM map that shows every wall's face."""
     free = (cad > 127).astype(np.uint8)
     faces = cv2.dilate(free, np.ones((3, 3), np.uint8)) > free
-    cells = np.where(faces, OCCUPIED, np.where(free > 0, FREE, UNKNOWN)).astype(np.uint8)
-    field = _random_field(cells.shape, metres_per_px, rng, displacement, correlation_length)
-    return _pulled(cells, field, UNKNOWN)
+    return np.where(faces, OCCUPIED, np.where(free > 0, FREE, UNKNOWN)).astype(np.uint8)
 
 
 def drifted(cad: ByteArray, metres_per_px: float, rng: np.random.Generator) -> ByteArray:

@@ -130,7 +130,7 @@ TABLE = Group(
                 "shape": Command("agents.shape:main", "compare reward presets over several seeds"),
             },
         ),
-        "deform": Command("deform:main", "deform a floor plan into SLAM-like maps by the parametric model"),
+        "deform": Command("deform:main", "SLAM maps that a robot might have drawn of a floor plan"),
         "calibrate-odometry": Command(
             "calibrate_odometry:main", "measure the simulated robot's odometry errors"
         ),
@@ -147,12 +147,17 @@ TABLE = Group(
                 ),
                 "translate": Command(
                     "gan.main:translate_command",
-                    "translate an image, a ROS map or a folder of images",
+                    "translate SLAM maps (images, ROS maps, folders) to CAD maps",
                     TRANSLATING,
                 ),
                 "evaluate": Command(
                     "gan.main:evaluate_command",
                     "measure a translator on held-out pairs, beside the baselines",
+                    TRANSLATING,
+                ),
+                "texture": Command(
+                    "gan.texture:main",
+                    "train the network of `slamgym deform --method generator`",
                     TRANSLATING,
                 ),
                 "publish": Command(

@@ -1,12 +1,14 @@
-from .config import ParametricConfig, preset
+from .config import ParametricConfig, SensingConfig
 from .model import Deformation, deform
 from .paths import plan_trajectory, read_waypoints, trajectory_from_file
+from .presets import preset, realistic
 from .trajectory import TimedTrajectory, Waypoints, drive, from_recorded
 from .warp import densify, invert, warp
 
 __all__ = [
     "Deformation",
     "ParametricConfig",
+    "SensingConfig",
     "TimedTrajectory",
     "Waypoints",
     "deform",
@@ -17,6 +19,7 @@ __all__ = [
     "plan_trajectory",
     "preset",
     "read_waypoints",
+    "realistic",
     "trajectory_from_file",
     "warp",
 ]

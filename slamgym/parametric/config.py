@@ -10,13 +10,14 @@ import math
 from dataclasses import field
 from typing import Annotated, Literal
 
-from slamgym.core.config import NonNegative, Positive, Settings, Share, Within, suggest
+from slamgym.core.config import NonNegative, Positive, Settings, Share, Within
 from slamgym.core.errors import ConfigError
-from slamgym.sim.lidar import LidarConfig
+from slamgym.sim.clutter import ClutterConfig
+from slamgym.sim.lidar import LidarConfig, lidar_level
 from slamgym.sim.robot import RobotConfig
+from slamgym.slam.config import MotionNoise, SlamConfig
 
-ConversionMethod = Literal["two_phase", "ekf", "ekf_schur"]
-PRESET_NAMES = ("faithful", "realistic")
+ConversionMethod = Literal["ekf_schur", "ekf", "two_phase", "scan_matching"]
 
 _ROBOT, _SCANNER = RobotConfig(), LidarConfig()
 """What the simulator drives, with the sources of its figures."""
@@ -147,23 +148,6 @@ class TwoPhaseConfig(Settings, section="two_phase"):
     """[rad/sqrt(rad)] random heading error of turning."""
     observe: Literal["first", "mean", "last"] = "first"
     """Which pose places a cell that several poses saw; first anchors it like a landmark."""
-    anchoring: Share = 0.0
-    """[0-1] share of the pose error against the map drawn so far that one scan removes, as a scan matcher
-    does; 0 is plain odometry, which is what the paper's method places the cells with."""
-    matched_beams: int = 50
-    """Scans with fewer beams on known walls are not matched and odometry stands; GMapping's minimumScore on a
-    TurtleBot3, of 180 beams."""
-    matched_range: float = 3.0
-    """[m] Longer beams are not matched; GMapping's maxUrange on a TurtleBot3."""
-    lag: float = 0.0
-    """[-] share of the motion that matching loses in directions that the walls leave open, because a scan
-    overlaps the known map more the less the robot has moved."""
-    thin_wall: float = 0.0
-    """[m] Up to this thickness matching takes a wall's new face for the known one; 0 distinguishes them."""
-    jitter: float = 0.0
-    """[m] white error of a matched position."""
-    jitter_deg: float = 0.0
-    """[deg] white error of a matched heading."""
 
 
 class EkfConfig(Settings, section="ekf"):
@@ -193,6 +177,45 @@ class EkfConfig(Settings, section="ekf"):
     """Linearisations of the Schur solution; the first is about the true path."""
 
 
+class MatchingConfig(Settings, section="matching"):
+    """What a particle filter's scan matcher leaves of the odometry's error (conversion ``scan_matching``).
+
+    Defaults: GMapping's search, fitted to simulated explorations of the recipe ``paper``.
+    """
+
+    gain: Share = 1.0
+    """[0-1] share of the pose error against the map drawn so far that one match removes."""
+    prior: Positive = 5.0
+    """[beams] weight of the pose that the matcher tends to by itself: it holds where walls leave a direction open."""
+    lag: Share = 0.46
+    """[-] share of the motion lost in such directions: a scan overlaps the known map more the less it has moved."""
+    wander: NonNegative = 0.05
+    """[m] random error in such directions."""
+    wander_deg: NonNegative = 2.9
+    """[deg] random error of the heading where walls don't hold it."""
+    thin_wall: NonNegative = 0.0
+    """[m] Up to this thickness matching takes a wall's new face for the known one; 0 distinguishes them."""
+    noise: NonNegative = 0.6
+    """Share of the motion noise that the path of the best particle keeps: others with more of it died out."""
+    motion: MotionNoise = field(default_factory=MotionNoise)
+    """The filter's motion noise."""
+    least_beams: int = 50
+    """Scans with fewer beams on known walls are not matched and odometry stands (GMapping's minimumScore)."""
+    beam_skip: int = 0
+    """Beams left out between two that are matched."""
+    usable_range: Positive = 3.0
+    """[m] Longer beams are not matched."""
+
+
+class SensingConfig(Settings, section="sensing"):
+    """The simulator's laser and furniture, and how SLAM draws (renderer ``scans``, conversion ``scan_matching``)."""
+
+    lidar: LidarConfig = field(default_factory=LidarConfig)
+    clutter: ClutterConfig = field(default_factory=ClutterConfig)
+    slam: SlamConfig = field(default_factory=SlamConfig)
+    """How hits and visits become cells."""
+
+
 class FailureConfig(Settings, section="failures"):
     """What the paper lists as missing: data association that fails, so that a room jumps or a wall breaks.
 
@@ -213,25 +236,23 @@ class RenderConfig(Settings, section="render"):
     """How the displaced map is drawn."""
 
     renderer: Literal["warp", "scans"] = "warp"
-    """warp: the CAD map pulled through the displacement field, unknown where nobody looked; scans: every
-    scan drawn at its believed pose by hit and visit counts, as GMapping publishes its map."""
+    """warp: the CAD map pulled through the displacement field, unknown where nobody looked; scans: the
+    simulator's scans drawn at their believed poses by the mapper's own counts (``sensing``)."""
     smoothing: float = 0.1
     """[m] Gaussian over the densified field; 2 px of a 256 px map at 0.05 m."""
     inversions: int = 6
     """Fixed-point iterations from true to output pixels."""
     lost_walls: Literal["unknown", "free"] = "unknown"
     """What stands where a beam lost its wall (renderer warp)."""
-    usable_range: float = 3.0
-    """[m] up to which scans are drawn; GMapping's maxUrange on a TurtleBot3 (renderer scans)."""
-    occupied_threshold: float = 0.25
-    """[-] hits per visit above which a cell is a wall; GMapping's default (renderer scans)."""
 
 
 class ParametricConfig(Settings):
     """The whole model."""
 
-    method: ConversionMethod = "two_phase"
-    """Conversion of odometry errors to map errors: two_phase, ekf (batched) or ekf_schur."""
+    method: ConversionMethod = "ekf_schur"
+    """Conversion of odometry errors to map errors. ekf: batched EKF-SLAM, as printed; ekf_schur: its answer as
+    one least-squares problem, at any size; two_phase: dead reckoning; scan_matching: what a particle filter
+    leaves of it."""
     resolution: Positive = 0.05
     """[m/px]"""
     margin: float = 0.5
@@ -244,6 +265,8 @@ class ParametricConfig(Settings):
     odometry: OdometryErrorConfig = field(default_factory=OdometryErrorConfig)
     two_phase: TwoPhaseConfig = field(default_factory=TwoPhaseConfig)
     ekf: EkfConfig = field(default_factory=EkfConfig)
+    matching: MatchingConfig = field(default_factory=MatchingConfig)
+    sensing: SensingConfig = field(default_factory=SensingConfig)
     failures: FailureConfig = field(default_factory=FailureConfig)
     render: RenderConfig = field(default_factory=RenderConfig)
 
@@ -254,66 +277,6 @@ class ParametricConfig(Settings):
             raise ConfigError(f"the four beam weights must sum to 1, not {weights}")
 
 
-def preset(name: str) -> ParametricConfig:
-    """The settings of a named preset.
-
-    Args:
-        name: ``faithful``: the paper's model with its misprints corrected; ``realistic``: scans drawn one by
-            one at poses that a scan matcher keeps near the map, with failures of data association; its
-            magnitudes were tuned against simulated SLAM maps (docs/parametric.md).
-
-    Raises:
-        ConfigError: If the name is unknown.
-    """
-    if name == "faithful":
-        return ParametricConfig()
-    if name == "realistic":
-        return _REALISTIC
-    raise ConfigError(f"unknown preset {name!r}; {suggest(name, PRESET_NAMES)}")
-
-
-_REALISTIC = ParametricConfig(
-    motion=MotionConfig(scan_interval=0.5),
-    # The simulator's scanner: no systematic error, 2 % of the beams failing.
-    scanner=ScannerConfig(
-        field_of_view=math.radians(_SCANNER.field_of_view_deg), num_beams=_SCANNER.num_beams
-    ),
-    lidar=LidarErrorConfig(
-        a0=0.0,
-        a1=0.0,
-        b1=0.0,
-        b2=0.0,
-        b3=0.0,
-        b4=0.0,
-        b5=0.0,
-        b6=0.0,
-        sigma_range=0.01,
-        sigma_bearing=0.0,
-        weight_hit=0.98,
-        weight_short=0.005,
-        weight_max=0.01,
-        weight_rand=0.005,
-        lambda_short=1.0,
-    ),
-    # What a particle filter makes of the simulator's odometry of level "medium".
-    two_phase=TwoPhaseConfig(
-        k_l=0.0054,
-        k_lt=0.0054,
-        k_t=0.0162,
-        s_l=0.018,
-        s_lt=0.0072,
-        s_t=0.009,
-        anchoring=0.9,
-        thin_wall=0.2,
-        jitter=0.002,
-        jitter_deg=0.05,
-    ),
-    failures=FailureConfig(rate=0.003, jump=0.2, jump_deg=4.0),
-    # Above GMapping's 0.25: matching draws a wall together a little, which poses drawn at random don't.
-    render=RenderConfig(renderer="scans", occupied_threshold=0.4),
-)
-
-
 def scaled(config: ParametricConfig) -> ParametricConfig:
     """The same settings with the severity multiplied into every magnitude, and severity 1.
 
@@ -321,6 +284,7 @@ def scaled(config: ParametricConfig) -> ParametricConfig:
     """
     s = config.severity
     lidar, odometry, phases, failures = config.lidar, config.odometry, config.two_phase, config.failures
+    matching = config.matching
     stray = lidar.weight_short + lidar.weight_max + lidar.weight_rand
     factor = min(s, 1.0 / stray) if stray > 0.0 else 0.0
     short, long, rand = (w * factor for w in (lidar.weight_short, lidar.weight_max, lidar.weight_rand))
@@ -344,11 +308,26 @@ def scaled(config: ParametricConfig) -> ParametricConfig:
         ),
         two_phase=dataclasses.replace(
             phases,
-            **{
-                name: s * getattr(phases, name)
-                for name in ("k_l", "k_lt", "k_t", "s_l", "s_lt", "s_t", "lag", "jitter", "jitter_deg")
-            },
+            **{name: s * getattr(phases, name) for name in ("k_l", "k_lt", "k_t", "s_l", "s_lt", "s_t")},
         ),
         ekf=dataclasses.replace(config.ekf, noise=s * config.ekf.noise),
+        matching=dataclasses.replace(
+            matching,
+            lag=min(1.0, s * matching.lag),
+            wander=s * matching.wander,
+            wander_deg=s * matching.wander_deg,
+            noise=s * matching.noise,
+        ),
+        sensing=dataclasses.replace(config.sensing, lidar=_scaled_lidar(config.sensing.lidar, s)),
         failures=dataclasses.replace(failures, rate=s * failures.rate),
+    )
+
+
+def _scaled_lidar(lidar: LidarConfig, s: float) -> LidarConfig:
+    """The simulator's laser with its errors multiplied; exact at 0."""
+    if s == 0.0:
+        return lidar_level("exact", lidar)
+    shares = {name: min(1.0, s * getattr(lidar, name)) for name in ("lost", "stray", "bursts")}
+    return dataclasses.replace(
+        lidar, sigma=s * lidar.sigma, sigma_relative=s * lidar.sigma_relative, bias=s * lidar.bias, **shares
     )

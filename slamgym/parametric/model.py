@@ -24,46 +24,17 @@ from slamgym.core.types import (
     Trajectory,
 )
 from slamgym.parametric.config import ParametricConfig, scaled
-from slamgym.parametric.ekf_slam import run_ekf
-from slamgym.parametric.landmarks import landmark_problem
-from slamgym.parametric.lidar_error import HIT, LidarErrors, draw_lidar_errors, wall_beams
-from slamgym.parametric.odometry_error import (
-    Failures,
-    Increments,
-    WheelErrors,
-    believed_increments,
-    draw_failures,
-    draw_wheel_errors,
-    increments_of,
-    integrate,
-)
-from slamgym.parametric.render import hit_count_map, measured_scans, observed_cad, true_ranges
-from slamgym.parametric.schur_slam import solve_schur
+from slamgym.parametric.conversion import Run, Streams, convert, draw_robot
+from slamgym.parametric.lidar_error import HIT, wall_beams
+from slamgym.parametric.odometry_error import draw_failures, increments_of
+from slamgym.parametric.render import observed_cad
+from slamgym.parametric.robot_scans import RobotScans, drawn_map, furniture_beside, take_scans
 from slamgym.parametric.trajectory import TimedTrajectory, check_path_is_free, pick_scans
-from slamgym.parametric.two_phase import (
-    PhaseErrors,
-    anchored_path,
-    disturb,
-    draw_phase_errors,
-    frame_centre,
-    jittered,
-    placement_field,
-    rigid_motions,
-)
-from slamgym.parametric.visibility import Visibility, beam_angles, observe
+from slamgym.parametric.visibility import Visibility, observe
 from slamgym.parametric.warp import densify, invert, warp
 
 if TYPE_CHECKING:
     from slamgym.cad.floorplan import FloorPlan
-
-
-@dataclass(frozen=True)
-class RobotErrors:
-    """The systematic errors of one robot, drawn once."""
-
-    wheels: WheelErrors
-    phases: PhaseErrors
-    lidar: LidarErrors
 
 
 @dataclass(frozen=True)
@@ -77,45 +48,10 @@ class Deformation:
     true: Trajectory  # poses of the scans
     odometry: Trajectory  # what the wheels alone believed
     believed: Trajectory  # where the scans were drawn
+    scans: RobotScans | None  # what the simulator's robot measured, where it was asked for
     parameters: dict[str, Any]  # what was drawn, in JSON form
     config: ParametricConfig
     seconds: dict[str, float]  # wall time of the steps
-
-
-@dataclass(frozen=True)
-class _Streams:
-    """Independent randomness per cause, so that the same seed gives the same robot to every method."""
-
-    wheels: np.random.Generator
-    phases: np.random.Generator
-    lidar: np.random.Generator
-    noise: np.random.Generator
-    failures: np.random.Generator
-    beams: np.random.Generator
-
-
-@dataclass(frozen=True)
-class _Run:
-    """What the conversion of odometry errors to map errors works on."""
-
-    poses: FloatArray  # (T, 3) true poses of the scans
-    motion: Increments  # between them
-    visibility: Visibility
-    occupied: BoolArray  # (H, W)
-    robot: RobotErrors
-    failures: Failures
-    model: ParametricConfig
-    streams: _Streams
-
-
-@dataclass(frozen=True)
-class _Conversion:
-    """What it makes of it."""
-
-    field: Float32Array  # (2, H, W) [m] on true cells, true minus measured
-    known: BoolArray  # (H, W) cells that have a value
-    odometry: FloatArray  # (T, 3)
-    believed: FloatArray  # (T, 3)
 
 
 def deform(
@@ -148,11 +84,14 @@ def deform(
     """
     given = config or ParametricConfig()
     model = scaled(given)
-    streams = _Streams(*(rng or np.random.default_rng(0)).spawn(6))
+    streams = Streams(*(rng or np.random.default_rng(0)).spawn(6))
     clock = _StopWatch()
     check_path_is_free(trajectory.poses[:, :2], plan.free_space, "the trajectory", "pose")
     framed = frame is not None
-    frame = frame or GridFrame.covering(plan.bounds, model.resolution, model.margin)
+    if frame is None:
+        frame = GridFrame.covering(plan.bounds, model.resolution, model.margin)
+        if model.render.renderer == "scans":
+            frame = _on_lattice(frame, trajectory.poses[0, :2])
     cad = plan.raster(frame.resolution, frame)
     occupied = cad.cells != FREE
     if occupied.all():
@@ -163,21 +102,25 @@ def deform(
     visibility, _ = observe(occupied, frame, scans.poses, model.scanner)
     clock.lap("visibility")
 
-    robot = RobotErrors(
-        draw_wheel_errors(model.odometry, streams.wheels),
-        draw_phase_errors(model.two_phase, streams.phases),
-        draw_lidar_errors(model.lidar, streams.lidar),
-    )
+    robot = draw_robot(model, streams)
     motion = increments_of(scans.poses)
     failures = draw_failures(motion, model.failures, streams.failures)
-    run = _Run(scans.poses, motion, visibility, occupied, robot, failures, model, streams)
-    conversion = _two_phase(run) if model.method == "two_phase" else _landmark_slam(run)
+    sensed = None
+    if model.method == "scan_matching" or model.render.renderer == "scans":
+        of_furniture, of_errors = streams.scans.spawn(2)
+        furniture = furniture_beside(trajectory.poses[:, :2], plan, model.sensing.clutter, of_furniture)
+        sensed = take_scans(plan, furniture, scans, model.sensing.lidar, of_errors)
+        clock.lap("scans")
+    run = Run(
+        scans.poses, motion, visibility, occupied, robot, failures, model, streams, scans.stamps, sensed
+    )
+    conversion = convert(run)
     clock.lap("conversion")
 
     beams = wall_beams(visibility, robot.lidar, model.lidar, model.scanner, streams.beams)
     forward = conversion.field
     if model.method == "two_phase":
-        # Landmark SLAM has taken the LIDAR's errors in as measurements; here they are added.
+        # The other methods have taken the LIDAR's errors in as measurements; here they are added.
         forward = forward + densify(beams.field, beams.component == HIT, 0.0)
     forward = densify(forward, conversion.known, model.render.smoothing / frame.resolution)
     # Where the caller leaves the frame open, it grows until no wall drifts out of the picture.
@@ -186,18 +129,13 @@ def deform(
     field = invert(forward, frame.resolution, model.render.inversions)
     clock.lap("field")
 
-    if model.render.renderer == "warp":
+    if model.render.renderer == "scans" and sensed is not None:
+        cells = drawn_map(sensed, conversion.believed, frame, model.sensing.slam)
+    else:
         picture = np.pad(
             observed_cad(occupied, visibility, beams, model.render), pad, constant_values=UNKNOWN
         )
         cells = warp(picture, field, frame.resolution, UNKNOWN)
-    else:
-        angles = beam_angles(model.scanner, frame.resolution)
-        exact = true_ranges(scans.poses, plan.segments(), angles, model.scanner)
-        measured, bearings = measured_scans(
-            exact, angles, robot.lidar, model.lidar, model.scanner, streams.noise
-        )
-        cells = hit_count_map(conversion.believed, measured, bearings, frame, model.scanner, model.render)
     clock.lap("map")
 
     return Deformation(
@@ -208,57 +146,11 @@ def deform(
         true=scans.as_trajectory(),
         odometry=Trajectory(scans.stamps, conversion.odometry),
         believed=Trajectory(scans.stamps, conversion.believed),
+        scans=sensed,
         parameters=to_dict(robot) | {"failures": failures.scans.tolist()},
         config=given,
         seconds=clock.laps,
     )
-
-
-def _two_phase(run: _Run) -> _Conversion:
-    """Empirical odometry errors, and every cell where its scan would have put it."""
-    phases, poses, visibility = run.model.two_phase, run.poses, run.visibility
-    controls = disturb(run.motion, run.robot.phases, phases, run.streams.noise)
-    gain = np.where(run.failures.matched, phases.anchoring, 0.0)
-    path = anchored_path(poses, run.failures.disturb(controls), visibility, run.occupied, gain, phases)
-    believed = jittered(path, phases, run.streams.noise)
-    mean_motion: Float32Array | None = None
-    if phases.observe == "mean":
-        motions = rigid_motions(poses, believed, frame_centre(visibility.frame)).astype(np.float32)
-        _, sums = observe(run.occupied, visibility.frame, poses, run.model.scanner, motions)
-        mean_motion = (sums / np.maximum(visibility.cells.num_scans, 1)[:, :, None]).astype(np.float32)
-    return _Conversion(
-        field=placement_field(poses, believed, visibility, phases.observe, mean_motion),
-        known=visibility.seen,
-        odometry=integrate(poses[0], controls),
-        believed=believed,
-    )
-
-
-def _landmark_slam(run: _Run) -> _Conversion:
-    """EKF-SLAM over wall cells, batched or as one least-squares problem."""
-    model, frame = run.model, run.visibility.frame
-    base, diameter = model.odometry.wheel_base, model.odometry.wheel_diameter
-    controls = believed_increments(run.motion, run.robot.wheels, base, diameter)
-    problem = landmark_problem(
-        run.poses,
-        run.failures.disturb(controls),
-        run.visibility,
-        model.scanner.mount_x,
-        run.robot.lidar,
-        run.failures.matched,
-        model.ekf,
-        run.streams.noise,
-    )
-    if model.method == "ekf":
-        estimate = run_ekf(problem, model.ekf.max_landmarks)
-    else:
-        estimate = solve_schur(problem, model.ekf.iterations)
-    rows, cols = np.divmod(problem.cells, frame.width_px)
-    field = np.zeros((2, *frame.shape), dtype=np.float32)
-    field[:, rows, cols] = (problem.points - estimate.landmarks).T
-    known = np.zeros(frame.shape, dtype=np.bool_)
-    known[rows, cols] = True
-    return _Conversion(field, known, integrate(run.poses[0], controls), estimate.poses)
 
 
 def _drift_px(forward: Float32Array, visibility: Visibility, frame: GridFrame) -> int:
@@ -274,6 +166,16 @@ def _drift_px(forward: Float32Array, visibility: Visibility, frame: GridFrame) -
     )
     # Dead reckoning over kilometres drifts without bound; a picture that follows it is of no use.
     return min(max(0, math.ceil(max(over))), max(frame.shape) // 2)
+
+
+def _on_lattice(frame: GridFrame, start: FloatArray) -> GridFrame:
+    """The frame shifted by less than a cell and grown by one, so that cell borders meet the robot's start (2,)."""
+    r = frame.resolution
+    x, y = (
+        float(s + math.floor((o - s) / r) * r)
+        for o, s in zip((frame.origin_x, frame.origin_y), start, strict=True)
+    )
+    return GridFrame(r, x, y, frame.height_px + 1, frame.width_px + 1)
 
 
 def _padded(frame: GridFrame, pad: int) -> GridFrame:

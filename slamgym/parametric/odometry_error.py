@@ -35,6 +35,15 @@ class WheelErrors:
     alpha_eb: float = 0.0  # [rad] error of a quarter turn through the wheel base
     scale: float = 1.0  # [-] E_s, mean wheel diameter over nominal
 
+    @classmethod
+    def of_unit(cls, config: OdometryErrorConfig, unit: FloatArray) -> "WheelErrors":
+        """The robot of three draws (3,) from the standard normal: wheel diameters, wheel base, scale."""
+        return cls(
+            kappa=math.radians(config.kappa_deg) * float(unit[0]),
+            alpha_eb=math.radians(config.alpha_eb_deg) * float(unit[1]),
+            scale=1.0 + config.scale * float(unit[2]),
+        )
+
     def alpha_ed(self, wheel_base: float) -> float:
         """Error of a quarter turn through unequal wheels [rad]: Jung and Chung's pi b beta / (4 L)."""
         return math.pi * wheel_base * self.kappa / 4.0
@@ -48,16 +57,6 @@ class WheelErrors:
         """E_d = D_right / D_left, eq. (14) with R = 1 / kappa, once per robot."""
         half = 0.5 * self.wheel_base_ratio(wheel_base) * wheel_base
         return (1.0 + self.kappa * half) / (1.0 - self.kappa * half)
-
-
-def draw_wheel_errors(config: OdometryErrorConfig, rng: np.random.Generator) -> WheelErrors:
-    """Draw one robot."""
-    kappa, alpha, scale = rng.standard_normal(3)
-    return WheelErrors(
-        kappa=math.radians(config.kappa_deg) * float(kappa),
-        alpha_eb=math.radians(config.alpha_eb_deg) * float(alpha),
-        scale=1.0 + config.scale * float(scale),
-    )
 
 
 def increments_of(poses: FloatArray) -> Increments:

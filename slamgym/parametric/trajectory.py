@@ -14,7 +14,7 @@ from scipy.interpolate import CubicSpline
 
 from slamgym.core.errors import ConfigError
 from slamgym.core.geometry import wrap_angle
-from slamgym.core.types import FloatArray, Trajectory
+from slamgym.core.types import FloatArray, IntArray, Trajectory
 from slamgym.parametric.config import MotionConfig
 
 _SAMPLE_INTERVAL = 0.05  # [s] of the fine trajectory that scans are picked from
@@ -36,7 +36,7 @@ class TimedTrajectory:
         """The poses alone."""
         return Trajectory(self.stamps, self.poses)
 
-    def pick(self, index: FloatArray) -> "TimedTrajectory":
+    def pick(self, index: IntArray) -> "TimedTrajectory":
         """The samples at ``index`` (N,)."""
         return TimedTrajectory(
             self.stamps[index], self.poses[index], self.twists[index], self.accelerations[index]

@@ -49,6 +49,11 @@ class HitCountMap:
         return self._counts
 
     @property
+    def corner(self) -> tuple[int, int]:
+        """Lattice (row, col) of the counts' lower left cell."""
+        return self._corner
+
+    @property
     def num_bytes(self) -> int:
         """Memory of the grid."""
         return self._counts.nbytes + self._cells.nbytes

@@ -7,11 +7,11 @@ import pytest
 
 from slamgym.cad import open_plans
 from slamgym.gan.translation.elastic import bend, drifted
-from slamgym.parametric.config import preset
 from slamgym.parametric.model import deform
 from slamgym.parametric.paths import plan_trajectory
+from slamgym.parametric.presets import preset
 
-METHODS = ("two_phase", "ekf", "ekf_schur")
+METHODS = ("two_phase", "ekf", "ekf_schur", "scan_matching")
 
 
 @pytest.fixture(scope="module")

@@ -47,9 +47,9 @@ def test_coefficients_survive_the_file(tmp_path) -> None:
     fitted = fit_phases(simulated_runs(TwoPhaseConfig(), robots=5, repeats=4))
     path = tmp_path / "calibration.json"
     write_calibration(path, fitted, {"odometry": "medium"})
-    base = TwoPhaseConfig(anchoring=0.5, observe="last")
+    base = TwoPhaseConfig(observe="last")
     read = read_calibration(path, base)
-    assert (read.k_l, read.s_t, read.anchoring, read.observe) == (fitted.k_l, fitted.s_t, 0.5, "last")
+    assert (read.k_l, read.s_t, read.observe) == (fitted.k_l, fitted.s_t, "last")
 
 
 @pytest.mark.parametrize(

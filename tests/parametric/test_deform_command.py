@@ -9,7 +9,11 @@ import shapely
 from slamgym.cad.floorplan import FloorPlan
 from slamgym.cad.houseexpo import write_houseexpo
 from slamgym.commands.deform import main
-from slamgym.core.errors import ConfigError, InputFileError, PlanError, SlamgymError
+from slamgym.core.errors import InputFileError, PlanError, SlamgymError
+from slamgym.dataset import load_pair, read_manifest
+from slamgym.dataset.curate.split import PlanSide, SplitTable
+from slamgym.dataset.images.render import render_images, select_pairs
+from slamgym.dataset.images.square_images import ImageConfig
 from slamgym.interop import read_ros_map, read_tum, write_tum
 from slamgym.parametric.paths import plan_trajectory, read_waypoints
 
@@ -26,42 +30,63 @@ def csv(path, rows) -> str:
     return str(path)
 
 
-def test_it_writes_whole_samples_that_read_back(plan_file, tmp_path, capsys) -> None:
+def episodes(out):
+    return sorted((out / "episodes").iterdir())
+
+
+def test_it_writes_a_dataset_that_reads_back(plan_file, tmp_path, capsys) -> None:
     out = tmp_path / "out"
-    assert main([str(plan_file), "-o", str(out), "--samples", "2", "--resolution", "0.1", "--seed", "3"]) == 0
+    assert main([str(plan_file), "-o", str(out), "--count", "2", "--resolution", "0.1", "--seed", "3"]) == 0
     assert "2 map(s) of flat" in capsys.readouterr().out
-    assert sorted(path.name for path in out.iterdir()) == ["000", "001"]
-    for sample in out.iterdir():
-        grid = read_ros_map(sample / "map.yaml")
-        field = np.load(sample / "field.npz")["field"]
-        assert field.shape == (2, *grid.cells.shape)
-        true, believed = read_tum(sample / "true.tum"), read_tum(sample / "believed.tum")
+    records = list(read_manifest(out))
+    assert [record.plan_id for record in records] == ["flat", "flat"]
+    maps = []
+    for record, folder in zip(records, episodes(out), strict=True):
+        grid = read_ros_map(folder / "map.yaml")
+        assert np.load(folder / "field.npz")["field"].shape == (2, *grid.cells.shape)
+        true, believed = read_tum(folder / "truth.tum"), read_tum(folder / "estimate.tum")
         assert len(true) == len(believed) > 20
-        np.testing.assert_allclose(true.poses[0], believed.poses[0], atol=1e-5)
-        record = json.loads((sample / "parameters.json").read_text())
-        assert record["plan"] == "flat"
-        assert record["config"]["severity"] == 1.0
-        assert {"wheels", "phases", "lidar", "failures"} <= set(record["parameters"])
-        assert (sample / "cad.png").exists()
-        assert (sample / "overview.png").exists()
-    first, second = (read_ros_map(out / name / "map.yaml").cells for name in ("000", "001"))
-    assert first.shape != second.shape or (first != second).any()
+        np.testing.assert_allclose(
+            true.poses[0, :2], 0.0, atol=1e-5
+        )  # the map frame begins where the robot does
+        cad, slam = load_pair(out, record.name)
+        np.testing.assert_array_equal(slam, grid.cells)
+        assert cad.shape == slam.shape
+        assert record.coverage > 0.5
+        facts = json.loads((folder / "parameters.json").read_text())
+        assert facts["config"]["severity"] == 1.0
+        assert {"wheels", "phases", "lidar", "failures"} <= set(facts["drawn"])
+        assert (folder / "overview.png").exists()
+        maps.append(slam)
+    assert maps[0].shape != maps[1].shape or (maps[0] != maps[1]).any()
 
 
-def test_the_same_seed_writes_the_same_map(plan_file, tmp_path) -> None:
+def test_what_it_writes_can_be_rendered(plan_file, tmp_path) -> None:
+    out, images = tmp_path / "out", tmp_path / "images"
+    main([str(plan_file), "-o", str(out), "--method", "elastic", "--count", "2"])
+    table = SplitTable(0, 0.1, {"flat": PlanSide("train", "flat")})
+    render_images(out, images, ImageConfig(), table, selection=select_pairs(out))
+    assert len(list(images.glob("*/B/*.png"))) == 2
+
+
+@pytest.mark.parametrize("recipe", [[], ["--recipe", "paper"]])
+def test_the_same_seed_writes_the_same_map(plan_file, tmp_path, recipe) -> None:
     for name in ("a", "b"):
-        main([str(plan_file), "-o", str(tmp_path / name), "--resolution", "0.1", "--preset", "realistic"])
-    assert (tmp_path / "a/000/map.pgm").read_bytes() == (tmp_path / "b/000/map.pgm").read_bytes()
-    assert (tmp_path / "a/000/field.npz").read_bytes() == (tmp_path / "b/000/field.npz").read_bytes()
+        main([str(plan_file), "-o", str(tmp_path / name), "--resolution", "0.1", *recipe])
+    for file in ("map.pgm", "field.npz"):
+        first, second = ((episodes(tmp_path / name)[0] / file).read_bytes() for name in ("a", "b"))
+        assert first == second
 
 
-@pytest.mark.parametrize("method", ["two_phase", "ekf", "ekf_schur"])
-def test_a_waypoint_file_and_a_size(plan_file, tmp_path, tour_points, method) -> None:
+@pytest.mark.parametrize("conversion", ["two_phase", "ekf", "ekf_schur"])
+def test_a_waypoint_file_and_a_size(plan_file, tmp_path, tour_points, conversion) -> None:
     way = csv(tmp_path / "way.csv", tour_points)
     out = tmp_path / "out"
-    main([str(plan_file), "-o", str(out), "--trajectory", way, "--size", "64", "--method", method])
-    assert read_ros_map(out / "000/map.yaml").cells.shape == (64, 64)
-    np.testing.assert_allclose(read_tum(out / "000/true.tum").poses[-1, :2], tour_points[-1], atol=1e-5)
+    main([str(plan_file), "-o", str(out), "--trajectory", way, "--size", "64", "--conversion", conversion])
+    folder = episodes(out)[0]
+    assert read_ros_map(folder / "map.yaml").cells.shape == (64, 64)
+    end = read_tum(folder / "truth.tum").poses[-1, :2] + tour_points[0]
+    np.testing.assert_allclose(end, tour_points[-1], atol=1e-5)
 
 
 def test_a_recorded_path_and_an_explorer(plan_file, tmp_path, tour) -> None:
@@ -70,7 +95,7 @@ def test_a_recorded_path_and_an_explorer(plan_file, tmp_path, tour) -> None:
     main([str(plan_file), "-o", str(tmp_path / "a"), "--trajectory", str(recorded), "--resolution", "0.1"])
     by_explorer = ("--explorer", "nearest", "--seed", "5", "--resolution", "0.1")
     main([str(plan_file), "-o", str(tmp_path / "b"), *by_explorer])
-    assert len(read_tum(tmp_path / "b/000/true.tum")) > 20
+    assert len(read_tum(episodes(tmp_path / "b")[0] / "truth.tum")) > 20
 
 
 BAD_PATHS = {
@@ -99,15 +124,22 @@ def test_bad_trajectories_give_one_clear_error_and_write_nothing(plan_file, tmp_
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["--severity", "-1"], "severity must be at least 0, not -1"),
-        (["--samples", "0"], "--samples must be at least 1, not 0"),
-        (["--resolution", "-0.1"], "resolution must be above 0, not -0.1"),
+        (["--severity", "-1"], r"--severity must be in \[0, 10\], not -1"),
+        (["--severity", "11"], r"--severity must be in \[0, 10\], not 11"),
+        (["--severity", "nan"], r"--severity must be in \[0, 10\], not nan"),
+        (["--count", "0"], "--count must be at least 1, not 0"),
+        (["--method", "elastic", "--severity", "2"], "--severity has no effect with --method elastic"),
+        (["--method", "modelprog", "--weights", "slam2cad"], "translate SLAM maps to CAD maps, not"),
+        (["--method", "generator", "--weights", "modelprog"], "holds weights of another method"),
+        (["--recipe", "papper"], "papper"),
+        (["--resolution", "-0.1"], "--resolution must be above 0, not -0.1"),
         (["--size", "3"], "--size must be 0 or at least 16, not 3"),
         (["--seed", "-4"], "--seed must be at least 0, not -4"),
-        (["--prm", "--explorer", "nearest"], "exclude each other"),
+        (["--trajectory", "way.csv", "--explorer", "nearest"], "exclude each other"),
         (["--explorer", "nearst"], "no explorer 'nearst'; did you mean 'nearest'"),
         (["--trajectory", "missing.csv"], "missing.csv"),
-        (["--calibration", "missing.json"], "missing.json"),
+        (["--calibration", "missing.json"], "add --conversion two_phase"),
+        (["--calibration", "missing.json", "--conversion", "two_phase"], "missing.json"),
         (["--plan-id", "nowhere"], "has no plan 'nowhere'"),
     ],
 )
@@ -127,7 +159,7 @@ def test_an_existing_folder_is_kept_unless_overwrite_is_given(plan_file, tmp_pat
         main([str(plan_file), "-o", str(out), "--resolution", "0.2"])
     assert (out / "precious").read_text() == "mine"
     main([str(plan_file), "-o", str(out), "--resolution", "0.2", "--overwrite"])
-    assert [path.name for path in out.iterdir()] == ["000"]
+    assert len(episodes(out)) == 1
 
 
 def test_a_plan_without_free_space_is_refused() -> None:
@@ -141,14 +173,18 @@ def test_a_plan_without_free_space_is_refused() -> None:
         plan_trajectory(hairline, MotionConfig(), np.random.default_rng(0))
 
 
+@pytest.mark.parametrize("method", ["parametric", "elastic", "modelprog"])
+def test_a_plan_without_a_free_cell_is_refused_by_every_method(tmp_path, method) -> None:
+    path = tmp_path / "hairline.json"
+    write_houseexpo(path, FloorPlan("hairline", shapely.box(0.02, 0.02, 6.0, 0.021)))
+    with pytest.raises(PlanError, match="no free cell"):
+        main([str(path), "-o", str(tmp_path / "out"), "--method", method])
+    assert not (tmp_path / "out").exists()
+
+
 def test_waypoint_files_may_have_comments_semicolons_and_times(tmp_path) -> None:
     path = tmp_path / "way.csv"
     path.write_text("# tour\n1;2;0\n3;2;20 # door\n\n")
     waypoints = read_waypoints(path)
     np.testing.assert_allclose(waypoints.points, [[1.0, 2.0], [3.0, 2.0]])
     np.testing.assert_allclose(waypoints.times, [0.0, 20.0])
-
-
-def test_unknown_preset_is_refused_by_the_parser(plan_file, tmp_path) -> None:
-    with pytest.raises((SystemExit, ConfigError)):
-        main([str(plan_file), "-o", str(tmp_path / "out"), "--preset", "real"])

@@ -9,16 +9,17 @@ from slamgym.core.errors import ConfigError
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, GridFrame
 from slamgym.parametric.config import (
     FailureConfig,
+    MatchingConfig,
     ParametricConfig,
     RenderConfig,
     TwoPhaseConfig,
-    preset,
     scaled,
 )
 from slamgym.parametric.model import deform
+from slamgym.parametric.presets import preset
 from slamgym.parametric.trajectory import TimedTrajectory
 
-METHODS = ("two_phase", "ekf_schur", "ekf")
+METHODS = ("two_phase", "ekf_schur", "ekf", "scan_matching")
 
 
 def config_of(method: str, name: str = "faithful", **changes) -> ParametricConfig:
@@ -38,7 +39,9 @@ def test_severity_zero_gives_the_cad_map_back_where_the_robot_looked(flat, tour,
 
 
 def test_scans_without_errors_draw_walls_only_where_walls_are(flat, tour) -> None:
-    result = deform(flat, tour, config_of("two_phase", "realistic", severity=0.0), np.random.default_rng(0))
+    result = deform(
+        flat, tour, config_of("scan_matching", "realistic", severity=0.0), np.random.default_rng(0)
+    )
     near_wall = np.zeros(result.cad.cells.shape, dtype=bool)
     rows, cols = np.nonzero(result.cad.cells == OCCUPIED)
     for i in (-1, 0, 1):  # an exact range can end on the free side of the border between two cells
@@ -70,7 +73,7 @@ def test_a_given_frame_is_kept(flat, tour) -> None:
 
 
 def test_an_open_frame_grows_until_every_displaced_wall_is_inside(flat, tour) -> None:
-    config = config_of("two_phase", severity=4.0)
+    config = config_of("two_phase", severity=8.0)
     result = deform(flat, tour, config, np.random.default_rng(5))
     border = np.ones(result.grid.cells.shape, dtype=bool)
     border[1:-1, 1:-1] = False
@@ -112,17 +115,38 @@ def test_ways_to_place_a_cell_agree_on_its_first_and_only_view(flat, tour, obser
     np.testing.assert_allclose(result.field, first.field, atol=1e-3)
 
 
-def test_anchoring_keeps_the_path_near_the_truth(flat, tour) -> None:
-    def end_error(anchoring: float) -> float:
-        phases = dataclasses.replace(TwoPhaseConfig(), anchoring=anchoring)
-        errors = []
-        for seed in range(8):
-            config = config_of("two_phase", two_phase=phases, severity=2.0)
-            result = deform(flat, tour, config, np.random.default_rng(seed))
-            errors.append(np.hypot(*(result.believed.poses - result.true.poses)[-1, :2]))
-        return float(np.mean(errors))
+def end_error(flat, tour, method: str, **changes) -> float:
+    errors = []
+    for seed in range(8):
+        result = deform(flat, tour, config_of(method, **changes), np.random.default_rng(seed))
+        errors.append(np.hypot(*(result.believed.poses - result.true.poses)[-1, :2]))
+    return float(np.mean(errors))
 
-    assert end_error(0.8) < 0.4 * end_error(0.0)
+
+def test_matching_and_landmarks_keep_the_path_near_the_truth_and_dead_reckoning_does_not(flat, tour) -> None:
+    sure = MatchingConfig(lag=0.0, wander=0.0, wander_deg=0.0)
+    drift = end_error(flat, tour, "two_phase", severity=2.0)
+    assert end_error(flat, tour, "scan_matching", severity=2.0, matching=sure) < 0.4 * drift
+    assert end_error(flat, tour, "ekf_schur", severity=2.0) < 0.7 * drift
+
+
+def test_a_matcher_lags_where_walls_leave_a_direction_open(flat, tour) -> None:
+    def moved(lag: float) -> float:
+        matching = MatchingConfig(lag=lag, wander=0.0, wander_deg=0.0, noise=0.0)
+        return end_error(flat, tour, "scan_matching", matching=matching)
+
+    assert moved(0.5) > 1.5 * moved(0.0)
+
+
+def test_all_conversions_are_given_the_same_robot(flat, tour) -> None:
+    # The wheels of the EKF and the coefficients of the two phases are two descriptions of one robot.
+    quiet = dataclasses.replace(TwoPhaseConfig(), s_l=0.0, s_lt=0.0, s_t=0.0)
+    ends = [
+        deform(flat, tour, config_of(m, two_phase=quiet), np.random.default_rng(3)).odometry.poses[-1]
+        for m in ("two_phase", "ekf_schur")
+    ]
+    errors = [end[:2] - tour.poses[-1, :2] for end in ends]
+    assert np.dot(*errors) > 0.9 * np.linalg.norm(errors[0]) * np.linalg.norm(errors[1])
 
 
 def test_failures_make_maps_that_differ_more_from_the_plan(flat, tour) -> None:
@@ -130,7 +154,7 @@ def test_failures_make_maps_that_differ_more_from_the_plan(flat, tour) -> None:
         largest = []
         for seed in range(8):
             config = config_of(
-                "two_phase",
+                "scan_matching",
                 "realistic",
                 failures=FailureConfig(rate=rate, jump=0.3, jump_deg=5.0),
                 render=RenderConfig(renderer="scans"),
@@ -140,11 +164,6 @@ def test_failures_make_maps_that_differ_more_from_the_plan(flat, tour) -> None:
         return float(np.mean(largest))
 
     assert worst(0.5) > 2.0 * worst(0.0)
-
-
-def test_failures_are_off_in_the_faithful_preset_and_on_in_the_realistic_one() -> None:
-    assert preset("faithful").failures.rate == 0.0
-    assert preset("realistic").failures.rate > 0.0
 
 
 def test_a_path_through_a_wall_is_refused(flat, tour) -> None:
@@ -176,9 +195,11 @@ def test_an_unknown_preset_suggests_the_nearest() -> None:
 def test_scaling_by_zero_leaves_no_magnitude_and_by_one_changes_nothing() -> None:
     nothing = scaled(dataclasses.replace(preset("realistic"), severity=0.0))
     assert nothing.lidar.weight_hit == 1.0
-    assert nothing.failures.rate == nothing.two_phase.jitter == nothing.odometry.kappa_deg == 0.0
+    assert nothing.failures.rate == nothing.matching.wander == nothing.odometry.kappa_deg == 0.0
+    assert nothing.sensing.lidar.sigma == nothing.sensing.lidar.lost == 0.0
     same = scaled(preset("realistic"))
     assert same.two_phase == preset("realistic").two_phase
+    assert same.sensing == preset("realistic").sensing
     assert same.lidar.weight_hit == pytest.approx(preset("realistic").lidar.weight_hit)
     extreme = scaled(dataclasses.replace(preset("faithful"), severity=100.0))
     assert extreme.lidar.weight_hit == pytest.approx(0.0, abs=1e-12)

@@ -64,7 +64,10 @@ class TrainTranslatorArguments(Arguments):
 
 
 class TranslateArguments(Arguments):
-    """Translate maps with trained weights. The output lies over the input: same size, frame and scale."""
+    """Translate SLAM maps to CAD maps. The output lies over the input: same size, frame and scale.
+
+    The way back, from a plan to SLAM maps, is `slamgym deform`.
+    """
 
     input: Annotated[Path, tyro.conf.Positional]
     """An image (PNG, JPEG, BMP, PGM, TIFF), a ROS map's .yaml, or a folder of those."""
@@ -80,8 +83,6 @@ class TranslateArguments(Arguments):
     """Write how likely each pixel is free (0 to 255) instead of a map of walls and floor (images only)."""
     straighten: bool = False
     """Turn the CAD map so that most walls lie along the axes, instead of laying it over the input (images only)."""
-    drift_seed: int | None = None
-    """Bend CAD maps by a random field first, as drift would; each seed gives another SLAM map of the same building."""
     device: DeviceName = "cpu"
     """Where to compute."""
 

@@ -1,4 +1,4 @@
-"""``slamgym gan translate``: an image, a ROS map or a folder in; the same in the other kind of map out."""
+"""``slamgym gan translate``: SLAM maps in (an image, a ROS map or a folder); CAD maps out."""
 
 import sys
 from pathlib import Path
@@ -11,7 +11,7 @@ from slamgym.core.documents import YAML_SUFFIXES
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.files import write_bytes
 from slamgym.core.progress import say, show_progress
-from slamgym.core.types import FREE, OCCUPIED, ByteArray, OccupancyGrid
+from slamgym.core.types import OccupancyGrid
 from slamgym.gan.data import SUFFIXES, read_grey
 from slamgym.gan.translation.translate import LearnedTranslator, load_translator
 from slamgym.interop.ros_map import classify_greys, read_ros_map, write_ros_map
@@ -29,10 +29,11 @@ def run_translation(arguments: TranslateArguments) -> int:
     if not arguments.input.exists():
         raise InputFileError(arguments.input, "doesn't exist; give an image, a ROS map's yaml or a folder")
     translator = load_translator(arguments.weights, device=arguments.device, flips=arguments.flips)
-    if arguments.probability and translator.config.direction != "slam2cad":
-        raise ConfigError("--probability needs weights that translate SLAM maps to CAD maps")
-    if arguments.drift_seed is not None and translator.config.direction != "cad2slam":
-        raise ConfigError("--drift-seed needs weights that translate CAD maps to SLAM maps")
+    if translator.config.direction != "slam2cad":
+        raise ConfigError(
+            f"{arguments.weights} translates CAD maps to SLAM maps; use `slamgym deform PLAN --method modelprog "
+            f"--weights {arguments.weights}`"
+        )
     if arguments.input.is_dir():
         _translate_folder(arguments, translator)
     elif arguments.input.suffix.lower() in YAML_SUFFIXES:
@@ -44,7 +45,7 @@ def run_translation(arguments: TranslateArguments) -> int:
             if out.suffix in YAML_SUFFIXES
             else out
         )
-        sys.stdout.write(f"{translate_ros_map(arguments.input, stem, translator, arguments)}\n")
+        sys.stdout.write(f"{translate_ros_map(arguments.input, stem, translator)}\n")
     else:
         out = _image_destination(arguments.out, arguments.input)
         translate_image(arguments.input, out, translator, arguments)
@@ -52,21 +53,16 @@ def run_translation(arguments: TranslateArguments) -> int:
     return 0
 
 
-def translate_ros_map(
-    source: Path, stem: Path, translator: LearnedTranslator, arguments: TranslateArguments
-) -> Path:
+def translate_ros_map(source: Path, stem: Path, translator: LearnedTranslator) -> Path:
     """Translate a ROS map; returns the yaml file written.
 
     Args:
         source: The yaml file.
         stem: Of the two files to write.
         translator: What translates.
-        arguments: Seed of a drift.
     """
     grid = read_ros_map(source)
-    to_cad = translator.config.direction == "slam2cad"
-    seen = grid.cells if to_cad else np.where(grid.cells == FREE, FREE, OCCUPIED).astype(np.uint8)
-    cells = translator.translate_cells(seen, grid.frame.resolution, drift=_drift(arguments))
+    cells = translator.translate_cells(grid.cells, grid.frame.resolution)
     return write_ros_map(stem, OccupancyGrid(cells, grid.frame))
 
 
@@ -84,27 +80,16 @@ def translate_image(
         translator: What translates.
         arguments: Scale, and what to write.
     """
-    cells = _as_input(read_grey(source), translator)
+    cells = classify_greys(read_grey(source))
     scale, straighten = arguments.metres_per_px, arguments.straighten
     if arguments.probability:
         image = np.rint(255.0 * translator.translate(cells, scale, straighten)).astype(np.uint8)
     else:
-        image = translator.translate_cells(cells, scale, straighten, _drift(arguments))
+        image = translator.translate_cells(cells, scale, straighten)
     written, data = cv2.imencode(out.suffix or ".png", image)
     if not written:
         raise InputFileError(out, "can't be written in this format; choose .png")
     write_bytes(out, data.tobytes())
-
-
-def _drift(arguments: TranslateArguments) -> np.random.Generator | None:
-    return None if arguments.drift_seed is None else np.random.default_rng(arguments.drift_seed)
-
-
-def _as_input(grey: ByteArray, translator: LearnedTranslator) -> ByteArray:
-    if translator.config.direction == "slam2cad":
-        return classify_greys(grey)
-    # In a CAD map all that isn't white is wall or outside.
-    return np.where(grey > FREE // 2, FREE, OCCUPIED).astype(np.uint8)
 
 
 def _image_destination(out: Path, source: Path) -> Path:
@@ -131,7 +116,7 @@ def _translate_folder(arguments: TranslateArguments, translator: LearnedTranslat
         for path in [*maps, *images]:
             try:
                 if path in maps:
-                    translate_ros_map(path, arguments.out / path.stem, translator, arguments)
+                    translate_ros_map(path, arguments.out / path.stem, translator)
                 else:
                     out = arguments.out / f"{path.stem}.png"
                     translate_image(path, out, translator, arguments)

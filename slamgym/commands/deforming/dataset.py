@@ -1,0 +1,231 @@
+"""Hypotheses written as a dataset: what ``slamgym dataset render`` and the trainings take."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import cv2
+import numpy as np
+
+from slamgym import __version__
+from slamgym.cad import write_houseexpo
+from slamgym.core.errors import InputFileError
+from slamgym.core.png import encode_png
+from slamgym.core.seeding import exploration_seed
+from slamgym.core.types import GridFrame, OccupancyGrid, Trajectory
+from slamgym.dataset.format import FORMAT_VERSION, SIDES, SUMS, Layout, digest_lines
+from slamgym.dataset.record import PairRecord, Slot
+from slamgym.interop import write_ros_map, write_tum
+from slamgym.metrics import absolute_trajectory_error, free_space, squared_error, wall_error
+from slamgym.viz.canvas import write_picture
+from slamgym.viz.sheets import draw_deformation
+
+if TYPE_CHECKING:
+    from slamgym.cad.floorplan import FloorPlan
+    from slamgym.commands.deform import DeformArguments
+    from slamgym.commands.deforming.hypotheses import Hypothesis
+
+
+class DeformedDataset:
+    """A dataset of hypotheses of one plan that is being written.
+
+    Args:
+        root: An empty folder.
+        plan: The plan of all of them.
+        arguments: How they are made.
+    """
+
+    def __init__(self, root: Path, plan: FloorPlan, arguments: DeformArguments) -> None:
+        self._layout = Layout(root)
+        self._plan = plan
+        self._arguments = arguments
+        settings = {
+            name: str(value) if isinstance(value, Path) else value
+            for name, value in vars(arguments).items()
+            if name not in ("out", "overwrite", "figures")
+        }
+        config = {"format_version": FORMAT_VERSION, "version": __version__, "deform": settings}
+        self._hash = hashlib.sha256(json.dumps(config, sort_keys=True).encode()).hexdigest()[:12]
+        self._layout.config.write_text(json.dumps(config, indent=1) + "\n", encoding="utf-8")
+        for side in SIDES:
+            (root / side).mkdir()
+        self._count = 0
+
+    def add(self, hypothesis: Hypothesis) -> str:
+        """Write one, and say so in a line."""
+        number = self._count
+        seed = exploration_seed(self._arguments.seed, self._plan.id, number)
+        slot = Slot(number, self._plan.id, number, seed)
+        frame = _moved(hypothesis.grid.frame, hypothesis.start)
+        images = {"A": encode_png(hypothesis.cad.cells), "B": encode_png(hypothesis.grid.cells)}
+        folder = self._layout.episode(slot.name)
+        folder.mkdir(parents=True)
+        _write_episode(folder, self._plan, hypothesis, frame)
+        sums = digest_lines(folder)
+        (folder / SUMS).write_bytes(sums)
+        record = _record(
+            slot, self._plan, hypothesis, frame, {**images, "episode": sums}, self._conditions(), self._hash
+        )
+        line = record.to_line()
+        (folder / "episode.json").write_text(line, encoding="utf-8")
+        for side in SIDES:
+            self._layout.image(side, slot.name).write_bytes(images[side])
+        with self._layout.manifest.open("a", encoding="utf-8") as manifest:
+            manifest.write(line)
+        self._count += 1
+        return _summary(number, hypothesis)
+
+    def _conditions(self) -> dict[str, Any]:
+        arguments = self._arguments
+        return {
+            "method": arguments.method,
+            "explorer": arguments.explorer or "roadmap",
+            "recipe": arguments.recipe or "",
+        }
+
+
+@contextmanager
+def open_new_dataset(root: Path, plan: FloorPlan, arguments: DeformArguments) -> Iterator[DeformedDataset]:
+    """A dataset to fill; the folder appears whole at the end, or not at all."""
+    with staged_folder(root, arguments.overwrite) as folder:
+        yield DeformedDataset(folder, plan, arguments)
+
+
+@contextmanager
+def staged_folder(folder: Path, overwrite: bool = False) -> Iterator[Path]:
+    """Give a temporary folder to fill; move it to ``folder`` if the block ends well, else remove it.
+
+    Raises:
+        InputFileError: If the folder exists with something in it and ``overwrite`` is not set, or it can't be
+            written.
+    """
+    if folder.exists() and not overwrite and (not folder.is_dir() or any(folder.iterdir())):
+        raise InputFileError(folder, "exists already; give --overwrite to replace it")
+    part = folder.with_name(f".{folder.name}.{os.getpid()}.part")
+    try:
+        part.mkdir(parents=True)
+        yield part
+        if folder.is_dir():
+            shutil.rmtree(folder)
+        part.replace(folder)
+    except OSError as error:
+        raise InputFileError(folder, f"can't be written ({error.strerror or error})") from error
+    finally:
+        shutil.rmtree(part, ignore_errors=True)
+
+
+def displacement_summary(hypothesis: Hypothesis) -> dict[str, float]:
+    """How far the map's walls lie from their place: rms, 95th percentile and largest [m]; nothing if not known."""
+    if hypothesis.field is None:
+        return {}
+    length = np.hypot(*hypothesis.field)[hypothesis.grid.cells == 0]
+    if len(length) == 0:
+        return {"rms": 0.0, "p95": 0.0, "max": 0.0}
+    return {
+        "rms": float(np.sqrt(np.mean(length**2))),
+        "p95": float(np.percentile(length, 95)),
+        "max": float(length.max()),
+    }
+
+
+def _summary(number: int, hypothesis: Hypothesis) -> str:
+    parts = []
+    if "truth" in hypothesis.paths:
+        truth = hypothesis.paths["truth"]
+        parts.append(f"{truth.length:.1f} m driven, {len(truth)} scans")
+    moved = displacement_summary(hypothesis)
+    if moved:
+        parts.append(f"walls displaced {moved['rms']:.3f} m rms, {moved['max']:.3f} m at most")
+    return f"{number:03d}: {', '.join(parts) or 'drawn'}"
+
+
+def _write_episode(folder: Path, plan: FloorPlan, hypothesis: Hypothesis, frame: GridFrame) -> None:
+    """``plan.json`` (world frame), the map and the paths (map frame), and what the hypothesis knows beside.
+
+    ``cad.png``: the plan on the map's frame; ``field.npz``: the displacement field (2, H, W) float32 [m], x and y, true
+    minus measured, out(q) = in(q + d(q)); ``parameters.json``: what was drawn, the settings; ``overview.png``.
+    """
+    write_houseexpo(folder / "plan.json", plan)
+    write_ros_map(folder, OccupancyGrid(hypothesis.grid.cells, frame))
+    cv2.imwrite(str(folder / "cad.png"), hypothesis.cad.cells)
+    offset = np.array([*hypothesis.start[:2], 0.0])
+    for name, path in hypothesis.paths.items():
+        write_tum(folder / f"{name}.tum", Trajectory(path.stamps, path.poses - offset))
+    if hypothesis.field is not None:
+        np.savez_compressed(folder / "field.npz", field=hypothesis.field)
+    if hypothesis.field is not None and hypothesis.paths:
+        truth, estimate = (hypothesis.paths[name].poses for name in ("truth", "estimate"))
+        write_picture(
+            folder / "overview.png",
+            draw_deformation(hypothesis.cad, hypothesis.grid, hypothesis.field, truth, estimate),
+        )
+    record = {**hypothesis.parameters, "displacement_m": displacement_summary(hypothesis)}
+    (folder / "parameters.json").write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
+
+
+def _record(
+    slot: Slot,
+    plan: FloorPlan,
+    hypothesis: Hypothesis,
+    frame: GridFrame,
+    files: dict[str, bytes],
+    conditions: dict[str, Any],
+    config_hash: str,
+) -> PairRecord:
+    paths, cad, slam = hypothesis.paths, hypothesis.cad.cells, hypothesis.grid.cells
+    truth = paths.get("truth")
+
+    def error_of(name: str) -> float:
+        if truth is None:
+            return 0.0
+        return float(absolute_trajectory_error(paths[name], truth, align=False).translation.rmse)
+
+    def rounded(value: float) -> float:
+        return round(float(value), 6)
+
+    seconds = float(truth.stamps[-1] - truth.stamps[0]) if truth is not None else 0.0
+    apart = np.hypot(*(paths["estimate"].poses - paths["truth"].poses)[-1, :2]) if truth is not None else 0.0
+    return PairRecord(
+        name=slot.name,
+        index=slot.index,
+        plan_id=slot.plan_id,
+        plan_source=plan.source.rpartition("/")[2],
+        repetition=slot.repetition,
+        seed=slot.seed,
+        config_hash=config_hash,
+        version=__version__,
+        explorer=conditions["explorer"],
+        conditions=conditions,
+        finished="deformed",
+        coverage=rounded(hypothesis.coverage),
+        robot_seconds=rounded(seconds),
+        time_limit=rounded(seconds),
+        path_length=rounded(truth.length) if truth is not None else 0.0,
+        collisions=0,
+        ate=rounded(error_of("estimate")),
+        odometry_ate=rounded(error_of("odometry")),
+        final_position_error=rounded(apart),
+        map_error=rounded(wall_error(slam, cad, frame.resolution)),
+        mse=rounded(squared_error(free_space(slam), free_space(cad))),
+        area=rounded(plan.area),
+        rooms=len(plan.rooms),
+        resolution=frame.resolution,
+        origin=(rounded(frame.origin_x), rounded(frame.origin_y)),
+        shape=frame.shape,
+        start=(rounded(hypothesis.start[0]), rounded(hypothesis.start[1]), rounded(hypothesis.start[2])),
+        sha256={side: hashlib.sha256(data).hexdigest() for side, data in files.items()},
+    )
+
+
+def _moved(frame: GridFrame, start: np.ndarray) -> GridFrame:
+    """A frame of the world in the map frame, whose origin is the start."""
+    return GridFrame(
+        frame.resolution, frame.origin_x - float(start[0]), frame.origin_y - float(start[1]), *frame.shape
+    )

@@ -1,0 +1,92 @@
+"""Ready settings: the paper's model, and one whose maps look like those of the simulator's robot."""
+
+import dataclasses
+import math
+
+from slamgym.core.config import suggest
+from slamgym.core.errors import ConfigError
+from slamgym.parametric.config import (
+    MatchingConfig,
+    MotionConfig,
+    ParametricConfig,
+    RenderConfig,
+    ScannerConfig,
+    SensingConfig,
+    TwoPhaseConfig,
+)
+from slamgym.sim.robot import RobotConfig
+from slamgym.sim.wheel_odometry import OdometryConfig
+from slamgym.slam.config import SlamConfig
+
+PRESET_NAMES = ("faithful", "realistic")
+
+
+def preset(name: str) -> ParametricConfig:
+    """The settings of a named preset.
+
+    Args:
+        name: ``faithful``: the paper's model with its misprints corrected; ``realistic``: :func:`realistic` with
+            the simulator's default robot.
+
+    Raises:
+        ConfigError: If the name is unknown.
+    """
+    if name == "faithful":
+        return ParametricConfig()
+    if name == "realistic":
+        return realistic(SensingConfig(), OdometryConfig())
+    raise ConfigError(f"unknown preset {name!r}; {suggest(name, PRESET_NAMES)}")
+
+
+def realistic(sensing: SensingConfig, odometry: OdometryConfig) -> ParametricConfig:
+    """Maps that look like those of a simulated robot: its sensors and mapper, but for the search of the match.
+
+    Args:
+        sensing: Laser, furniture and mapper.
+        odometry: The robot's wheels.
+    """
+    slam, lidar = sensing.slam, sensing.lidar
+    return ParametricConfig(
+        method="scan_matching",
+        resolution=slam.resolution,
+        motion=MotionConfig(
+            scan_spacing=slam.linear_update,
+            scan_angle=slam.angular_update,
+            scan_interval=math.inf if slam.temporal_update is None else slam.temporal_update,
+        ),
+        scanner=ScannerConfig(
+            field_of_view=math.radians(lidar.field_of_view_deg),
+            range_min=lidar.range_min,
+            range_max=min(lidar.range_max, slam.max_usable_range),
+            num_beams=lidar.num_beams,
+            mount_x=lidar.mount[0],
+        ),
+        two_phase=TwoPhaseConfig(
+            k_l=odometry.scale_std,
+            k_lt=odometry.diameter_ratio_std / RobotConfig().wheel_separation,
+            k_t=odometry.wheelbase_ratio_std,
+            s_l=odometry.slip_distance,
+            s_lt=odometry.slip_drift,
+            s_t=odometry.slip_turn,
+        ),
+        matching=matching_of(slam),
+        sensing=sensing,
+        render=RenderConfig(renderer="scans"),
+    )
+
+
+def matching_of(slam: SlamConfig) -> MatchingConfig:
+    """The matcher that stands for a mapper."""
+    fitted = MatchingConfig()
+    if slam.matcher == "coarse_to_fine":
+        fitted = MatchingConfig(
+            gain=0.9, prior=2.0, lag=0.05, wander=0.015, wander_deg=0.9, thin_wall=0.15, least_beams=10
+        )
+    return dataclasses.replace(
+        fitted,
+        noise=0.0 if slam.mode == "scan_matching" else fitted.noise * slam.drawn_noise,
+        motion=slam.motion,
+        least_beams=round(slam.minimum_score) or fitted.least_beams,
+        beam_skip=slam.beam_skip,
+        usable_range=slam.max_usable_range,
+    )
