@@ -25,6 +25,7 @@ DATA = (
     "gan/pretrained/modelprog.safetensors",
     "gan/pretrained/slam2cad.json",
     "gan/pretrained/slam2cad.safetensors",
+    "planning/pretrained/remaining.safetensors",
     "pretrained.sha256",
 )
 BUILD = "import setuptools.build_meta as b, sys; b.build_wheel(sys.argv[1])"

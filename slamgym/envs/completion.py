@@ -11,6 +11,8 @@ from slamgym.planning import (
     make_costmap,
     reachable_space,
 )
+from slamgym.planning.promise import Promise, is_kept
+from slamgym.planning.remaining import measure_remains
 
 
 class CompletionDetector:
@@ -22,9 +24,15 @@ class CompletionDetector:
     Args:
         robot_radius: [m].
         min_size: Shorter frontiers don't count [m].
+        range_max: The scanner's [m].
+        promise: Enough has been seen when the map keeps it; by default when no frontier is left. It was calibrated
+            on the exploration loop, which also knows where the robot tried in vain.
     """
 
-    def __init__(self, robot_radius: float, min_size: float) -> None:
+    def __init__(
+        self, robot_radius: float, min_size: float, range_max: float = 3.5, promise: Promise | None = None
+    ) -> None:
+        self._range_max, self._promise = range_max, promise
         self._radius = robot_radius
         # Only what is lethal to the robot matters here: no cost beyond its body.
         self._costs = CostmapConfig(inscribed_radius=robot_radius, inflation_radius=robot_radius)
@@ -40,7 +48,8 @@ class CompletionDetector:
             grid: The map.
             pose: The believed pose.
         """
-        if self._remembered is not None and self._is_still_there(grid, self._remembered):
+        remembered = None if self._promise else self._remembered
+        if remembered is not None and self._is_still_there(grid, remembered):
             return False
         grid = free_body(_with_border(grid), pose, self._radius)
         costmap = make_costmap(grid, self._costs)
@@ -49,6 +58,10 @@ class CompletionDetector:
             self._remembered = None
             return False
         frontiers = find_frontiers(costmap, pose, self._min_size, reachable=space)
+        if self._promise is not None:
+            offered = [frontier.middle for frontier in frontiers]
+            remains = measure_remains(grid, pose, self._radius, self._range_max, offered)
+            return is_kept(self._promise, remains)
         self._remembered = _centres(frontiers[-1], grid) if frontiers else None
         return not frontiers
 
