@@ -72,6 +72,8 @@ class CoverageTourPlanner:
         cells: The floor cells that stand for all, flat indices, shape (C,).
         coverable: Which of them can be seen from some place, shape (C,).
         cell_area: Floor that each of them stands for [m2].
+        views: Which cells are seen all round from each place, shape (P, C).
+        lengths: Of the paths between the places, shape (P, P) [m].
     """
 
     def __init__(
@@ -91,13 +93,15 @@ class CoverageTourPlanner:
         self._max_range = max_range
         self.places = _lattice(costmap, reachable, self.config.spacing)
         self.cells: IntArray = _thinned(floor, self.config.every)
-        self._seen = np.vstack([self._in_sight(x, y, floor) for x, y in self.places.tolist()])  # (P, C)
-        self._lists = [np.flatnonzero(seen) for seen in self._seen]
+        self.views: BoolArray = np.vstack(
+            [self._in_sight(x, y, floor) for x, y in self.places.tolist()]
+        )  # (P, C)
+        self._lists = [np.flatnonzero(seen) for seen in self.views]
         self.cell_area = (self.config.every * frame.resolution) ** 2
         self._legs: dict[tuple[int, int], BoolArray] = {}  # what is seen while driving from place to place
-        self.coverable: BoolArray = np.asarray(self._seen.any(axis=0))
+        self.coverable: BoolArray = np.asarray(self.views.any(axis=0))
         at = [self._paths.place((x, y)) for x, y in self.places.tolist()]
-        self._lengths = np.vstack([self._paths.lengths_from(cell)[at] for cell in at])
+        self.lengths: FloatArray = np.vstack([self._paths.lengths_from(cell)[at] for cell in at])
         row, col = np.divmod(self.cells, frame.width_px)
         self._centres = np.column_stack(
             [frame.origin_x + (col + 0.5) * frame.resolution, frame.origin_y + (row + 0.5) * frame.resolution]
@@ -130,8 +134,7 @@ class CoverageTourPlanner:
         if np.count_nonzero(wanted) <= spare:
             return []
         if from_start is None:
-            lengths = self._paths.lengths_from(self._paths.place(start))
-            from_start = self._paths.lengths_to(lengths, self.places)
+            from_start = self.lengths_from(start)
         usable = np.isfinite(from_start)
         usable[list(banned)] = False
         kept = [place for place in previous if usable[place]]
@@ -155,7 +158,7 @@ class CoverageTourPlanner:
             tour: Places in their order.
             from_start: Path length from the start to each place, shape (P,) [m].
         """
-        legs = sum(float(self._lengths[a, b]) for a, b in itertools.pairwise(tour))
+        legs = sum(float(self.lengths[a, b]) for a, b in itertools.pairwise(tour))
         return float(from_start[tour[0]]) + legs if tour else 0.0
 
     def _improved(
@@ -173,7 +176,7 @@ class CoverageTourPlanner:
 
     def _seen_by(self, tour: list[int], start: Point) -> BoolArray:
         """Cells that are seen from the stops of a tour or between them, shape (C,)."""
-        seen: BoolArray = np.asarray(self._seen[tour].any(axis=0)) | self._seen_on_path(tour, start)
+        seen: BoolArray = np.asarray(self.views[tour].any(axis=0)) | self._seen_on_path(tour, start)
         return seen
 
     def middle_of(self, cells: IntArray) -> Point:
@@ -209,7 +212,7 @@ class CoverageTourPlanner:
     def _cover(self, wanted: BoolArray, spare: float, usable: BoolArray) -> list[int]:
         """Greedy set cover: always the place that sees most of what no other sees yet."""
         left = np.flatnonzero(wanted)
-        seen = self._seen[:, left] & usable[:, None]
+        seen = self.views[:, left] & usable[:, None]
         counts = seen.sum(axis=1)
         chosen: list[int] = []
         open_cells = np.ones(len(left), dtype=np.bool_)
@@ -225,7 +228,7 @@ class CoverageTourPlanner:
         """The places in the order of a short open tour."""
         n = len(places)
         lengths = np.zeros((n + 1, n + 1))
-        lengths[1:, 1:] = self._lengths[np.ix_(places, places)]
+        lengths[1:, 1:] = self.lengths[np.ix_(places, places)]
         lengths[0, 1:] = lengths[1:, 0] = from_start[places]
         return [places[i - 1] for i in open_tour(lengths)]
 
@@ -234,26 +237,26 @@ class CoverageTourPlanner:
     ) -> list[int]:
         """Move each place to where it sees all that only it sees and costs the smallest detour."""
         tour = list(tour)
-        times = self._seen[tour].sum(axis=0, dtype=np.int32)
+        times = self.views[tour].sum(axis=0, dtype=np.int32)
         for i, place in enumerate(tour):
-            own = np.flatnonzero(wanted & self._seen[place] & (times == 1))
-            able = usable & self._seen[:, own].all(axis=1)
-            before = from_start if i == 0 else self._lengths[tour[i - 1]]
-            detour = before + (self._lengths[tour[i + 1]] if i + 1 < len(tour) else 0.0)
+            own = np.flatnonzero(wanted & self.views[place] & (times == 1))
+            able = usable & self.views[:, own].all(axis=1)
+            before = from_start if i == 0 else self.lengths[tour[i - 1]]
+            detour = before + (self.lengths[tour[i + 1]] if i + 1 < len(tour) else 0.0)
             best = int(np.argmin(np.where(able, detour, np.inf)))
             if detour[best] < detour[place] - 1e-6:
-                times += self._seen[best].astype(np.int32) - self._seen[place].astype(np.int32)
+                times += self.views[best].astype(np.int32) - self.views[place].astype(np.int32)
                 tour[i] = best
         return list(dict.fromkeys(tour))
 
     def _without_seen_on_path(self, tour: list[int], wanted: BoolArray, start: Point) -> list[int]:
         """Leave out places whose part is seen from the other places or ahead on the path between them."""
         tour = list(tour)
-        for place in sorted(tour, key=lambda p: int((wanted & self._seen[p]).sum())):
+        for place in sorted(tour, key=lambda p: int((wanted & self.views[p]).sum())):
             rest = [other for other in tour if other != place]
             if not rest:
                 break
-            lost = wanted & self._seen[place] & ~self._seen[rest].any(axis=0)
+            lost = wanted & self.views[place] & ~self.views[rest].any(axis=0)
             if lost.any():
                 lost &= ~self._seen_on_path(rest, start)
             if not lost.any():
@@ -262,19 +265,27 @@ class CoverageTourPlanner:
 
     def _seen_on_path(self, tour: list[int], start: Point) -> BoolArray:
         """Cells that lie ahead of the robot, in sight, somewhere on the tour, shape (C,)."""
-        seen = self._seen_on_leg(start, tour[0])
+        seen = self.seen_on_leg(start, tour[0])
         for here, there in itertools.pairwise(tour):
-            if (here, there) not in self._legs:
-                x, y = self.places[here]
-                self._legs[here, there] = self._seen_on_leg((float(x), float(y)), there)
-            seen = seen | self._legs[here, there]
+            seen = seen | self.seen_between(here, there)
         return seen
 
-    def _seen_on_leg(self, start: Point, place: int) -> BoolArray:
+    def seen_between(self, here: int, there: int) -> BoolArray:
+        """Cells that are seen ahead on the path from one place to another, shape (C,)."""
+        if (here, there) not in self._legs:
+            x, y = self.places[here]
+            self._legs[here, there] = self.seen_on_leg((float(x), float(y)), there)
+        return self._legs[here, there]
+
+    def lengths_from(self, start: Point) -> FloatArray:
+        """Path length from a point to each place, shape (P,) [m]."""
+        return self._paths.lengths_to(self._paths.lengths_from(self._paths.place(start)), self.places)
+
+    def seen_on_leg(self, start: Point, place: int) -> BoolArray:
         """Cells that are seen ahead on the path from a point to a place, shape (C,)."""
         x, y = self.places[place]
         path = self._paths.path(start, (float(x), float(y)))
-        seen = np.zeros(self._seen.shape[1], dtype=np.bool_)
+        seen = np.zeros(self.views.shape[1], dtype=np.bool_)
         stride = max(1, round(_APART / self._paths.cell))
         for i in range(stride, len(path), stride):
             ahead = path[i] - path[i - stride]
@@ -288,7 +299,7 @@ class CoverageTourPlanner:
         left = wanted.copy()
         stops = []
         for place in tour:
-            mine = left & self._seen[place]
+            mine = left & self.views[place]
             left &= ~mine
             x, y = self.places[place]
             stops.append(Stop(place, (float(x), float(y)), np.flatnonzero(mine)))

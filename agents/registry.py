@@ -1,10 +1,12 @@
 """Explorers by name: a rule, and settings of the exploration loop where its source has its own."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 
 from slamgym.agents.explorer import BatchedExplorer, FrontierExplorer, Rule
 from slamgym.agents.learned import LearnedExplorer
+from slamgym.agents.pretrained_policy import PRETRAINED
 from slamgym.agents.random_walk import RandomWalk
 from slamgym.agents.rules import (
     EXPLORE_LITE_LOOP,
@@ -21,6 +23,7 @@ from slamgym.core.config import suggest
 from slamgym.core.errors import ConfigError
 from slamgym.planning.context import ExplorerContext
 from slamgym.planning.exploration_loop import ExplorationLoopConfig
+from slamgym.planning.promise import Promise, split_promise
 
 
 @dataclass(frozen=True)
@@ -30,9 +33,9 @@ class HandWritten:
     rule: Rule
     loop: ExplorationLoopConfig = ExplorationLoopConfig()  # settings of the loop
 
-    def __call__(self, context: ExplorerContext, seed: int) -> BatchedExplorer:  # noqa: ARG002 - no rule draws
+    def __call__(self, context: ExplorerContext, seed: int, promise: Promise | None) -> BatchedExplorer:  # noqa: ARG002 - no rule draws
         """Make the explorer."""
-        return FrontierExplorer(context, self.rule, self.loop)
+        return FrontierExplorer(context, self.rule, replace(self.loop, promise=promise))
 
 
 CLASSICAL: dict[str, HandWritten] = {
@@ -45,32 +48,54 @@ CLASSICAL: dict[str, HandWritten] = {
 }
 """Hand-written rules: neither learned, nor the oracle, nor the random walk."""
 
-EXPLORERS: Mapping[str, Callable[[ExplorerContext, int], BatchedExplorer]] = {
+OWN_END = ("explore_lite", "wheels", "random", "teleop")
+"""Explorers that end as their source does: they promise nothing."""
+
+EXPLORERS: Mapping[str, Callable[[ExplorerContext, int, Promise | None], BatchedExplorer]] = {
     **CLASSICAL,
-    "rl": lambda context, seed: LearnedExplorer(context),  # noqa: ARG005 - the best score is taken
-    "wheels": lambda context, seed: WheelsExplorer(context),  # noqa: ARG005 - the best action is taken
-    "random": RandomWalk,
-    "teleop": Teleop,
+    "rl": lambda context, seed, promise: _learned(context, promise),  # noqa: ARG005 - the best score is taken
+    "wheels": lambda context, seed, promise: WheelsExplorer(context),  # noqa: ARG005 - the best action is taken
+    "random": lambda context, seed, promise: RandomWalk(context, seed),  # noqa: ARG005 - it never ends
+    "teleop": lambda context, seed, promise: Teleop(context, seed),  # noqa: ARG005 - a person ends it
 }
-"""Name to constructor; each takes the context and a seed, which only the random walk and the teleop driver use."""
+"""Name to constructor; each takes the context, a seed, which only the random walk and the teleop driver use, and a
+promise."""
 
 
-def make_explorer(name: str, context: "ExplorerContext", seed: int = 0) -> "BatchedExplorer":
+def make_explorer(
+    name: str, context: "ExplorerContext", seed: int = 0, promise: Promise | None = None
+) -> "BatchedExplorer":
     """Build an explorer.
 
     Args:
         name: One of :data:`EXPLORERS`, or ``rl:FILE`` or ``wheels:FILE`` for weights that ``slamgym agents train`` wrote.
+            What follows an ``@`` is a promise, as in ``rl@98%:95%``: the explorer stops when the map keeps it.
         context: What the environment says about the robot and its map.
         seed: Of the explorer's own random choices; only the random walk and the teleop driver make any.
+        promise: For a name without one; those of :data:`OWN_END` pass it over.
 
     Raises:
-        ConfigError: If there is no explorer of that name; the error suggests the nearest.
+        ConfigError: If there is no explorer of that name, the error suggests the nearest, or it can't promise anything.
         InputFileError: If the weights can't be used.
     """
-    if name.startswith("rl:"):
-        return LearnedExplorer(context, name.removeprefix("rl:"))
-    if name.startswith("wheels:"):
-        return WheelsExplorer(context, name.removeprefix("wheels:"))
-    if name not in EXPLORERS:
-        raise ConfigError(f"no explorer {name!r}; {suggest(name, EXPLORERS)}")
-    return EXPLORERS[name](context, seed)
+    base, own = split_promise(name)
+    if own is not None and base in OWN_END:
+        raise ConfigError(
+            f"{base} ends as its source does and promises nothing; leave {name[len(base) :]!r} out"
+        )
+    if base in OWN_END:
+        promise = None
+    promise = own or promise
+    if base.startswith("rl:"):
+        return _learned(context, promise, base.removeprefix("rl:"))
+    if base.startswith("wheels:"):
+        return WheelsExplorer(context, base.removeprefix("wheels:"))
+    if base not in EXPLORERS:
+        raise ConfigError(f"no explorer {base!r}; {suggest(base, EXPLORERS)}")
+    return EXPLORERS[base](context, seed, promise)
+
+
+def _learned(
+    context: ExplorerContext, promise: Promise | None, policy: Path | str = PRETRAINED
+) -> LearnedExplorer:
+    return LearnedExplorer(context, policy, ExplorationLoopConfig(promise=promise))

@@ -27,6 +27,7 @@ DATA = (
     "gan/pretrained/modelprog.safetensors",
     "gan/pretrained/slam2cad.json",
     "gan/pretrained/slam2cad.safetensors",
+    "planning/pretrained/remaining.safetensors",
     "pretrained.sha256",
 )
 BUILD = "import setuptools.build_meta as b, sys; out = sys.argv[1]; b.build_wheel(out); b.build_sdist(out)"

@@ -22,10 +22,10 @@ MAX_CODE_LINES = 33700
 MORE_LINES: dict[str, int] = {}
 MORE_PARAMETERS: dict[str, int] = {}
 MORE_ATTRIBUTES: dict[str, int] = {
-    "slamgym.agents.evaluation.summary.ExplorerSummary": 16,
+    "slamgym.agents.evaluation.summary.ExplorerSummary": 17,
     "slamgym.agents.evaluation.trial.Trial": 23,
     "slamgym.agents.rl.train_config.TrainConfig": 27,
-    "slamgym.commands.agents.evaluate.EvaluateArguments": 22,
+    "slamgym.commands.agents.evaluate.EvaluateArguments": 24,
     "slamgym.commands.deform.DeformArguments": 16,
     "slamgym.commands.generate.GenerateArguments": 24,
     "slamgym.commands.slam.SlamArguments": 17,

@@ -18,14 +18,16 @@ from slamgym.agents.evaluation.trial import (
     MakeForEpisode,
     Trial,
     TrialConfig,
+    bound_trial,
     run_trial,
     trial_hash,
 )
+from slamgym.agents.oracle import OracleConfig
 from slamgym.agents.plan_splits import PlanSplit, split_of
 from slamgym.agents.registry import make_explorer
 from slamgym.cad import FloorPlan, PlanSource, check_plan
 from slamgym.cad.plan_filter import PlanFilter, passes
-from slamgym.core.config import Count, Settings, from_dict, to_dict
+from slamgym.core.config import Count, Settings, config_hash, from_dict, to_dict
 from slamgym.core.documents import parse_json
 from slamgym.core.errors import ConfigError, InputFileError, PlanError
 from slamgym.core.files import append_line, exclusive_lock, read_bytes, replace_file, storage_errors
@@ -34,6 +36,7 @@ from slamgym.core.parallel.engine import EngineName, open_engine
 from slamgym.core.progress import show_progress
 from slamgym.core.seeding import exploration_seed, shuffled
 from slamgym.envs import ExploreEnv
+from slamgym.planning.promise import Promise
 
 _Entry = TypeVar("_Entry", Trial, FailedTrial)
 
@@ -83,7 +86,7 @@ class TrialLog(Generic[_Entry]):
 
 
 ORACLE = "oracle"
-"""Name of the explorer that knows the floor plan."""
+"""Name of the bound among the explorers: the best drive known for one who knows the floor plan."""
 
 
 class EvaluationConfig(Settings):
@@ -102,7 +105,9 @@ class EvaluationConfig(Settings):
     seed: int = 0
     """Decides which plans, starts and noise."""
     oracle: bool = False
-    """Privileged: also run the oracle, which knows the floor plan, as a reference."""
+    """Privileged: also plan what one who knows the floor plan would need at least."""
+    bound: OracleConfig = field(default_factory=OracleConfig)
+    """The oracle's budget."""
     trial: TrialConfig = field(default_factory=TrialConfig)
     """How one exploration is run."""
 
@@ -196,7 +201,7 @@ def evaluate(
             open_engine(engine, max(1, min(workers, len(tasks))), timeout=task_timeout) as pool,
             show_progress("explorations", len(wanted) - len(tasks), len(wanted)) as advance,
         ):
-            for outcome in pool.run(functools.partial(_explore, config.trial), tasks):
+            for outcome in pool.run(functools.partial(_explore, config, hashes.get(ORACLE, "")), tasks):
                 if isinstance(outcome, Lost):
                     key = _key(outcome.item, hashes)
                     failures.append(FailedTrial(*key, error=outcome.error, reason=outcome.reason))
@@ -250,13 +255,9 @@ def choose_plans(source: PlanSource, config: EvaluationConfig) -> tuple[list[Flo
     return plans, skipped
 
 
-def make_for_episode(name: str) -> MakeForEpisode:
-    """The constructor of an explorer for an environment that was just reset."""
-    if name == ORACLE:
-        from slamgym.agents.oracle import Oracle
-
-        return Oracle.of
-    return lambda env, seed: make_explorer(name, env.explorer_context(), seed)
+def make_for_episode(name: str, promise: Promise | None) -> MakeForEpisode:
+    """The constructor of an explorer, with what it promises, for an environment that was just reset."""
+    return lambda env, seed: make_explorer(name, env.explorer_context(), seed, promise)
 
 
 def _seeds(plan: FloorPlan, config: EvaluationConfig) -> Iterator[int]:
@@ -269,12 +270,15 @@ def _key(task: Task, hashes: dict[str, str]) -> Key:
 
 def _hash(name: str, plan: FloorPlan, config: EvaluationConfig) -> str:
     """Settings hash of an explorer; finds a wrong name or unfit weights before any work is done."""
-    env = ExploreEnv(plan, config.trial.env)
     if name == ORACLE:
-        env.reset(seed=0, options={"plan": plan})
-    return trial_hash(config.trial, make_for_episode(name)(env, 0))
+        return config_hash([to_dict(config.trial), to_dict(config.bound)])
+    env = ExploreEnv(plan, config.trial.env)
+    return trial_hash(config.trial, make_for_episode(name, config.trial.promise)(env, 0))
 
 
-def _explore(config: TrialConfig, task: Task) -> Trial:
+def _explore(config: EvaluationConfig, settings: str, task: Task) -> Trial:
     """One task; runs in a worker."""
-    return run_trial(task.plan, task.seed, task.explorer, config, make_for_episode(task.explorer))
+    if task.explorer == ORACLE:
+        return bound_trial(task.plan, task.seed, settings, config.trial, config.bound)
+    make = make_for_episode(task.explorer, config.trial.promise)
+    return run_trial(task.plan, task.seed, task.explorer, config.trial, make)

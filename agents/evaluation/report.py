@@ -9,6 +9,7 @@ from pathlib import Path
 from slamgym import __version__
 from slamgym.agents.evaluation.evaluate import ORACLE, Evaluation, EvaluationConfig
 from slamgym.agents.evaluation.summary import (
+    DONE,
     Comparison,
     ExplorerSummary,
     LevelComparison,
@@ -27,7 +28,9 @@ _RATIO_LEVELS = ("0.95", "0.99")
 def describe_evaluation(summary: Summary) -> str:
     """All tables of an evaluation, as Markdown."""
     parts = [
-        "Time to a share of the floor, mean over explorations [s]; in brackets how many reached it [%]:\n",
+        "Until the explorer is done with at least 98 % of the floor truly seen; a failure counts as the time limit:\n",
+        _done_table(summary),
+        "\nTime to a share of the floor, mean over explorations [s]; in brackets how many reached it [%]:\n",
         _levels_table(summary.explorers, "time"),
         "\nPath driven by then [m]:\n",
         _levels_table(summary.explorers, "path"),
@@ -70,6 +73,28 @@ def markdown_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     return "\n".join([line(header), rule, *map(line, rows)])
 
 
+def _done_table(summary: Summary) -> str:
+    """The headline: success, time and path until done, and what of it comes after 99 % of the floor."""
+    reference = summary.comparisons[0].reference if summary.comparisons else ""
+    against = {comparison.explorer: comparison for comparison in summary.comparisons}
+    header = ["explorer", "success [%]", "time until done [s]", "path until done [m]", "tail after 99 % [s]"]
+    header += [f"time / `{reference}`", f"path / `{reference}`"] if reference else []
+    rows = []
+    for e in summary.explorers:
+        cells = [
+            f"`{e.explorer}`",
+            f"{100 * e.success.value:.0f}",
+            with_margin(e.time_to[DONE], 0),
+            with_margin(e.path_to[DONE], 1),
+            "-" if e.tail is None else with_margin(e.tail, 0),
+        ]
+        for quantity in ("time", "path") if reference else ():
+            found = level_of(against[e.explorer], quantity, DONE) if e.explorer in against else None
+            cells.append("-" if found is None else with_bounds(found.ratio_of_means))
+        rows.append(cells)
+    return markdown_table(header, rows)
+
+
 def _levels_table(explorers: Sequence[ExplorerSummary], quantity: str) -> str:
     header = ["explorer", *(f"{100 * float(level):g} %" for level in _SHOWN)]
     digits = 0 if quantity == "time" else 1
@@ -86,23 +111,22 @@ def _levels_table(explorers: Sequence[ExplorerSummary], quantity: str) -> str:
 
 def _whole_table(explorers: Sequence[ExplorerSummary]) -> str:
     header = [
-        "explorer", "area under curve", "success [%]", "coverage [%]", "time [s]", "path [m]", "contacts",
+        "explorer", "area under curve", "coverage [%]", "contacts",
         "map error [cm]", "ATE [cm]", "CPU a decision [ms]",
     ]  # fmt: skip
+    # The oracle drives nowhere.
     rows = [
         [
             f"`{e.explorer}`",
             with_margin(e.mean_coverage, 3),
-            f"{100 * e.success.value:.0f}",
             f"{100 * e.coverage.value:.1f}",
-            f"{e.time.value:.0f}",
-            f"{e.path.value:.1f}",
             f"{e.collisions.value:.2f}",
             with_margin(e.map_error, 1, 100.0),
             with_margin(e.ate, 1, 100.0),
             f"{e.decision_ms:.1f}",
         ]
         for e in explorers
+        if e.explorer != ORACLE
     ]
     return markdown_table(header, rows)
 
@@ -150,7 +174,7 @@ def _difference_table(comparisons: Sequence[Comparison]) -> str:
         "ATE [cm]",
     ]
     rows = []
-    for c in comparisons:
+    for c in (comparison for comparison in comparisons if comparison.explorer != ORACLE):
         d = c.differences
         ratio = c.ratios.get("map_error")
         rows.append(

@@ -86,7 +86,7 @@ def _frames(plan: FloorPlan, seed: int, name: str, config: TrialConfig, stride: 
     env_config = dataclasses.replace(config.env, time_limit=time_limit(plan, config.minutes))
     env = ExploreEnv(plan, env_config, render_mode="rgb_array")
     start = env.reset(seed=seed, options={"plan": plan})
-    explorer = make_for_episode(name)(env, seed)
+    explorer = make_for_episode(name, config.promise)(env, seed)
     for step, _ in enumerate(episode_steps(env, explorer, start)):
         if step % stride == 0:
             yield _titled(env.render(), name)

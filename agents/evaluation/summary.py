@@ -15,16 +15,21 @@ from dataclasses import dataclass
 import numpy as np
 
 from slamgym.agents.evaluation.coverage_curve import COVERAGE_LEVELS
-from slamgym.agents.evaluation.trial import Trial, level_name
+from slamgym.agents.evaluation.trial import SUCCESS_COVERAGE, Trial, level_name
 from slamgym.agents.registry import CLASSICAL
 from slamgym.core.config import suggest
 from slamgym.core.errors import ConfigError
 from slamgym.core.intervals import Interval, mean_difference, mean_interval, mean_of_ratios, ratio_of_means
 from slamgym.core.types import FloatArray
 
-SUCCESS_COVERAGE = 0.95
-"""An exploration succeeds if the explorer ends it by itself, in time, with so much seen."""
+DONE = "done"
+"""The level of an exploration that has succeeded, beside the shares of the floor."""
 
+TAIL_FROM = "0.99"
+"""What an explorer drives after this level is its tail."""
+
+
+_LEVELS = (*map(level_name, COVERAGE_LEVELS), DONE)
 
 Pair = tuple[str, int]
 """Plan and seed: what two trials must share to be compared."""
@@ -58,6 +63,8 @@ class ExplorerSummary:
     """Until the explorer was done or the time up [s]."""
     path: Interval
     """[m]"""
+    tail: Interval | None
+    """From 99 % seen until done, over the explorations that succeeded [s]; None if none did."""
     decision_ms: float
     """Mean CPU time of a control step with a decision [ms]."""
     decision_ms_max: float
@@ -166,9 +173,9 @@ def compare(trials: Sequence[Trial], reference: Sequence[Trial]) -> Comparison:
     if [_pair(t) for t in trials] != [_pair(t) for t in reference]:
         raise ValueError("the explorations to compare must be of the same plans and seeds")
     levels = [
-        _compare_level(trials, reference, quantity, level_name(level))
+        _compare_level(trials, reference, quantity, level)
         for quantity in ("time", "path")
-        for level in COVERAGE_LEVELS
+        for level in _LEVELS
     ]
     figures: Mapping[str, Callable[[Trial], float]] = {
         "mean_coverage": lambda t: t.mean_coverage,
@@ -200,15 +207,29 @@ def succeeded(trial: Trial) -> bool:
     return trial.finished and trial.coverage >= SUCCESS_COVERAGE
 
 
+def reached_at(trial: Trial, quantity: str, level: str) -> float | None:
+    """Time [s] or path [m] to a level, :data:`DONE` too; None where it wasn't reached."""
+    if level == DONE:
+        return float(getattr(trial, quantity)) if succeeded(trial) else None
+    value = getattr(trial, f"{quantity}_to")[level]
+    return None if value is None else float(value)
+
+
 def censored(trial: Trial, quantity: str, level: str) -> float:
     """Time [s] or path [m] to a level; where it wasn't reached, what the time limit makes of it."""
-    value = getattr(trial, f"{quantity}_to")[level]
+    value = reached_at(trial, quantity, level)
     if value is not None:
-        return float(value)
+        return value
     if quantity == "time":
         return trial.time_limit
     speed = trial.path / trial.time if trial.time > 0.0 else 0.0
     return trial.path + speed * max(0.0, trial.time_limit - trial.time)
+
+
+def tail(trial: Trial) -> float:
+    """Time from :data:`TAIL_FROM` until done [s]; 0 for one that stopped before."""
+    reached = trial.time_to[TAIL_FROM]
+    return 0.0 if reached is None else max(0.0, trial.time - reached)
 
 
 def _pair(trial: Trial) -> Pair:
@@ -233,14 +254,12 @@ def _by_plan(
 def _compare_level(
     trials: Sequence[Trial], reference: Sequence[Trial], quantity: str, level: str
 ) -> LevelComparison:
-    field = f"{quantity}_to"
     reached = [
         i
         for i, (one, other) in enumerate(zip(trials, reference, strict=True))
-        if getattr(one, field)[level] is not None
-        and getattr(other, field)[level] is not None
+        if reached_at(one, quantity, level) is not None
         # A level that the very first scan shows takes no time, which has no ratio.
-        and getattr(other, field)[level] > 0.0
+        and (reached_at(other, quantity, level) or 0.0) > 0.0
     ]
 
     def figure(trial: Trial) -> float:
@@ -272,13 +291,12 @@ def _summary(name: str, trials: Sequence[Trial]) -> ExplorerSummary:
         return mean_interval(_by_plan(trials, figure, groups))
 
     def to_levels(quantity: str) -> dict[str, Interval]:
-        names = [level_name(level) for level in COVERAGE_LEVELS]
-        return {level: mean(lambda t, at=level: censored(t, quantity, at)) for level in names}  # type: ignore[misc]
+        return {level: mean(lambda t, at=level: censored(t, quantity, at)) for level in _LEVELS}  # type: ignore[misc]
 
     reached = {
-        key: float(np.mean([t.time_to[key] is not None for t in trials]))
-        for key in map(level_name, COVERAGE_LEVELS)
+        level: float(np.mean([reached_at(t, "time", level) is not None for t in trials])) for level in _LEVELS
     }
+    successes = [trial for trial in trials if succeeded(trial)]
     return ExplorerSummary(
         explorer=name,
         trials=len(trials),
@@ -293,6 +311,7 @@ def _summary(name: str, trials: Sequence[Trial]) -> ExplorerSummary:
         ate=mean(lambda t: t.ate),
         time=mean(lambda t: t.time),
         path=mean(lambda t: t.path),
+        tail=mean_interval(_by_plan(successes, tail, _groups(successes))) if successes else None,
         decision_ms=1e3 * float(np.mean([t.decision_cpu for t in trials])),
         decision_ms_max=1e3 * float(np.max([t.decision_cpu_max for t in trials])),
         step_ms=1e3 * float(np.mean([t.step_cpu for t in trials])),

@@ -9,6 +9,7 @@ from typing import Any, Literal
 import numpy as np
 
 from slamgym.agents.evaluation.coverage_curve import COVERAGE_LEVELS, CoverageCurve, CurveRecorder, horizon
+from slamgym.agents.oracle import OracleConfig, bound_exploration
 from slamgym.cad import FloorPlan
 from slamgym.core.config import Positive, Settings, config_hash
 from slamgym.core.types import Explorer, Float32Array, Observation
@@ -16,12 +17,13 @@ from slamgym.envs import ExploreConfig, ExploreEnv
 from slamgym.envs.episode import episode_steps, explored_env, time_limit
 from slamgym.metrics import absolute_trajectory_error
 from slamgym.metrics.map_error import ObstacleDistance
+from slamgym.planning.promise import Promise
 
 MakeForEpisode = Callable[[ExploreEnv, int], Explorer]
-"""Makes an explorer for an environment that was just reset, and a seed.
+"""Makes an explorer for an environment that was just reset, and a seed."""
 
-It gets the environment rather than its context because a privileged explorer is made from the floor plan.
-"""
+SUCCESS_COVERAGE = 0.98
+"""An exploration succeeds if the explorer ends it by itself, in time, with so much seen."""
 
 Key = tuple[str, str, int, str]
 """What makes two trials the same: explorer, plan, seed, hash of the settings."""
@@ -33,6 +35,9 @@ class TrialConfig(Settings):
     minutes: Literal["auto"] | Positive = "auto"
     """Limit of robot time [min]; ``auto`` is 5 min and 8 s/m2, more than three times what Explore Lite takes
     in the median, so that hardly an exploration is cut off."""
+    promise: Promise | None = Promise()
+    """Explorers stop as soon as their map keeps it, but for those that end as their source does; None for when nothing
+    is left to try."""
     env: ExploreConfig = field(default_factory=ExploreConfig)
     """Robot, sensors, SLAM, clutter."""
 
@@ -56,7 +61,7 @@ class Trial:
     time_limit: float
     """[s]"""
     finished: bool
-    """Whether the explorer itself said that nothing is left; else the time was up."""
+    """Whether the explorer itself said that it is done; else the time was up."""
     time: float
     """Robot time at the end [s]."""
     path: float
@@ -196,6 +201,54 @@ def run_trial(plan: FloorPlan, seed: int, name: str, config: TrialConfig, make: 
         recorder.add(env.simulation.time, info["path_length"], info["coverage"])
     cpu = time.process_time() - began
     return _assess(env, seed, name, trial_hash(config, watch), recorder.curve(), watch, cpu)
+
+
+def bound_trial(plan: FloorPlan, seed: int, settings: str, config: TrialConfig, bound: OracleConfig) -> Trial:
+    """What one who knows the plan would need at least, in the form of a trial; nobody drives.
+
+    Contacts, errors of the map and of the pose, and the CPU time of decisions are 0.
+
+    Args:
+        plan: The building.
+        seed: The same start as that of the explorers with this seed.
+        settings: Hash of the settings.
+        config: How explorers are put to the test.
+        bound: The oracle's budget.
+    """
+    limit = time_limit(plan, config.minutes)
+    env = ExploreEnv(plan, dataclasses.replace(config.env, time_limit=limit))
+    began = time.process_time()
+    _, info = env.reset(seed=seed, options={"plan": plan})
+    bounds = bound_exploration(env, sorted({*COVERAGE_LEVELS, SUCCESS_COVERAGE}), seed % 2**32, bound)
+    levels = {b.share: b for b in bounds}
+    done = levels[SUCCESS_COVERAGE]
+    steps = [(0.0, 0.0, min(info["coverage"], bounds[0].share)), *((b.time, b.path, b.share) for b in bounds)]
+    curve = CoverageCurve(*np.array(steps).T)
+    return Trial(
+        explorer="oracle",
+        plan=plan.id,
+        seed=seed,
+        settings=settings,
+        area=round(plan.area, 3),
+        rooms=len(plan.rooms),
+        time_limit=round(limit, 3),
+        finished=True,
+        time=round(done.time, 3),
+        path=round(done.path, 4),
+        coverage=SUCCESS_COVERAGE,
+        time_to={level_name(level): round(levels[level].time, 4) for level in COVERAGE_LEVELS},
+        path_to={level_name(level): round(levels[level].path, 4) for level in COVERAGE_LEVELS},
+        mean_coverage=round(curve.mean_until(horizon(plan.area)), 6),
+        collisions=0,
+        map_error=0.0,
+        ate=0.0,
+        decisions=0,
+        decision_cpu=0.0,
+        decision_cpu_max=0.0,
+        step_cpu=0.0,
+        cpu=round(time.process_time() - began, 4),
+        curve=curve.to_dict(),
+    )
 
 
 def _assess(

@@ -12,6 +12,8 @@ from slamgym.planning import (
     make_costmap,
     reachable_space,
 )
+from slamgym.planning.promise import Promise, is_kept
+from slamgym.planning.remaining import measure_remains
 
 
 @kernel
@@ -52,9 +54,15 @@ class CompletionDetector:
     Args:
         robot_radius: [m].
         min_size: Shorter frontiers don't count [m].
+        range_max: The scanner's [m].
+        promise: Enough has been seen when the map keeps it; by default when no frontier is left. It was calibrated
+            on the exploration loop, which also knows where the robot tried in vain.
     """
 
-    def __init__(self, robot_radius: float, min_size: float) -> None:
+    def __init__(
+        self, robot_radius: float, min_size: float, range_max: float = 3.5, promise: Promise | None = None
+    ) -> None:
+        self._range_max, self._promise = range_max, promise
         self._radius = robot_radius
         # Only what is lethal to the robot matters here: no cost beyond its body.
         self._costs = CostmapConfig(inscribed_radius=robot_radius, inflation_radius=robot_radius)
@@ -74,7 +82,8 @@ class CompletionDetector:
 
     def is_last_one_left(self, grid: OccupancyGrid) -> bool:
         """Whether the frontier that was found last is still there."""
-        return self._remembered is not None and self._is_still_there(grid, self._remembered)
+        known = None if self._promise else self._remembered
+        return known is not None and self._is_still_there(grid, known)
 
     def finds_one(self, grid: OccupancyGrid, pose: Pose2D) -> bool:
         """Search, whatever was found before; as if there were one where the robot finds no place for itself."""
@@ -85,6 +94,10 @@ class CompletionDetector:
             self._remembered = None
             return True
         frontiers = find_frontiers(costmap, pose, self._min_size, reachable=space)
+        if self._promise is not None:
+            offered = [frontier.middle for frontier in frontiers]
+            remains = measure_remains(grid, pose, self._radius, self._range_max, offered)
+            return not is_kept(self._promise, remains)
         self._remembered = _centres(frontiers[-1], grid) if frontiers else None
         return bool(frontiers)
 

@@ -10,6 +10,7 @@ from slamgym.core.config import Count, NonNegative, Positive, PositiveShare, Set
 from slamgym.core.errors import ConfigError
 from slamgym.core.types import GridFrame
 from slamgym.envs.rewards import RewardConfig
+from slamgym.planning.promise import Promise
 from slamgym.sim import ClutterConfig, LidarConfig, OdometryConfig, RobotConfig, lidar_level, odometry_level
 from slamgym.slam import SlamConfig
 
@@ -102,8 +103,9 @@ class ExploreConfig(Settings):
     """An episode terminates once this share of the reachable floor has truly been seen. The truth decides
     that, so it is a privileged training signal, which no robot has; None turns it off."""
 
-    terminate_when_explored: bool = True
-    """An episode terminates once the published map shows no frontier that the robot could reach."""
+    terminate_when_explored: bool | str = True
+    """An episode terminates once the published map shows no frontier that the robot could reach; or, with a promise
+    such as ``"98%:95%"``, once the map keeps it (:class:`~slamgym.planning.promise.Promise`)."""
 
     min_frontier_size: NonNegative = 0.35
     """Shorter frontiers don't keep an episode going: half a frontier of Explore Lite's launch file is still
@@ -111,6 +113,15 @@ class ExploreConfig(Settings):
 
     record: bool = False
     """Whether the environment keeps an :class:`~slamgym.envs.episode_log.EpisodeLog` of every scan."""
+
+    def _check(self) -> None:
+        _ = self.promise
+
+    @property
+    def promise(self) -> Promise | None:
+        """What must be seen for an episode to terminate, if it is a promise."""
+        rule = self.terminate_when_explored
+        return Promise.parse(rule) if isinstance(rule, str) else None
 
     @property
     def control_step(self) -> float:

@@ -93,7 +93,8 @@ class ExploreEnv(gym.Env[Any, Any]):
     ## Episode End
 
     1. Termination: the published map shows no frontier of 0.35 m or more that the robot could reach. It is
-       checked whenever the map is published (``terminate_when_explored=False`` turns it off).
+       checked whenever the map is published (``terminate_when_explored=False`` turns it off, ``"98%:95%"`` stops
+       as soon as that is sure).
     2. Termination: the true coverage reaches ``coverage_goal`` (off by default; privileged).
     3. Truncation: ``time_limit`` is over, by default 420 s or 2,100 steps.
 
@@ -188,7 +189,9 @@ class ExploreEnv(gym.Env[Any, Any]):
             prepared, simulation, self._lidar.geometry, config.usable_range, self._reward
         )
         self._view: MapView = make_view(config)
-        self._frontiers = CompletionDetector(config.robot.radius, config.min_frontier_size)
+        self._frontiers = CompletionDetector(
+            config.robot.radius, config.min_frontier_size, config.lidar.range_max, config.promise
+        )
         self.log = EpisodeLog(config.lidar.num_beams) if config.record or self.render_mode else None
         self._record()
         observation = self._observe(is_publication_due=True)

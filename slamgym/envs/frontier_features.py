@@ -22,7 +22,10 @@ from slamgym.core.types import (
     Observation,
     Pose2D,
 )
-from slamgym.envs.frontier_feature_kernels import (
+from slamgym.planning.costmap import Costmap
+from slamgym.planning.exploration_loop import ExplorationLoop
+from slamgym.planning.frontier_candidates import COARSENING, FrontierCandidate
+from slamgym.planning.frontier_feature_kernels import (
     UnknownRegion,
     classify_costs,
     coarse_cells,
@@ -30,9 +33,6 @@ from slamgym.envs.frontier_feature_kernels import (
     explore_unknown_region,
     wall_distances,
 )
-from slamgym.planning.costmap import Costmap
-from slamgym.planning.exploration_loop import ExplorationLoop
-from slamgym.planning.frontier_candidates import COARSENING, FrontierCandidate
 from slamgym.planning.frontiers import expected_gain
 
 FEATURE_VERSION = 1

@@ -21,7 +21,9 @@ from slamgym.planning.costmap import NO_INFORMATION, Costmap
 from slamgym.planning.frontier_candidates import FrontierCandidate, make_candidates
 from slamgym.planning.frontiers import Point
 from slamgym.planning.navigator import Goal, GoalStatus, Navigator, NavigatorConfig
+from slamgym.planning.promise import Promise, is_kept
 from slamgym.planning.recovery import Recovery, RecoveryBehaviours
+from slamgym.planning.remaining import Remains, measure_remains
 
 _STOP = Twist2D(0.0, 0.0)
 _GROWTH = 0.5  # less than this is no growth of the map [m2]: noise opens pinholes for ever
@@ -55,6 +57,8 @@ class ExplorationLoopConfig(Settings):
     """Rooms that the map cuts off from the robot are looked at from so many places at most."""
     futile_goals: int = 12
     """So many frontiers in a row that added nothing to the map end the exploration."""
+    promise: Promise | None = None
+    """The exploration ends as soon as the map keeps this promise; without one when nothing is left to try."""
     navigator: NavigatorConfig = field(default_factory=NavigatorConfig)
     """Navigation stack."""
 
@@ -123,7 +127,7 @@ class ExplorationLoop:
     Attributes:
         candidates: What may be chosen now, the shortest path first; at most ``config.max_candidates``.
         num_frontiers: How many frontiers there were before the list was cut.
-        finished: Nothing that the robot can get to is left to explore.
+        finished: Nothing that the robot can get to is left to explore, or the promise is kept.
         target: The frontier that the robot drives to, None if there is none.
     """
 
@@ -312,6 +316,22 @@ class ExplorationLoop:
             self.target = None
             self.navigator.cancel()
             self._recover()
+        if self.config.promise is not None and not self.finished:
+            self.finished = is_kept(self.config.promise, self.remains())
+
+    def remains(self) -> Remains | None:
+        """What the newest map leaves open; None before the first, or where the robot finds no place on it."""
+        if self._belief.cells is None:
+            return None
+        context = self.context
+        return measure_remains(
+            OccupancyGrid(self._belief.cells.reshape(context.frame.shape), context.frame),
+            self.pose,
+            context.robot_radius,
+            context.geometry.range_max,
+            [candidate.frontier.middle for candidate in self.candidates],
+            self.round,
+        )
 
     def _drop_target(self) -> None:
         assert self.target is not None

@@ -1,12 +1,10 @@
-import math
-from functools import partial
-
 import numpy as np
 import pytest
 import shapely
 
-from slamgym.agents.evaluation.trial import TrialConfig, run_trial
-from slamgym.agents.oracle import Oracle, OracleConfig
+from slamgym.agents.evaluation.trial import TrialConfig, bound_trial, run_trial
+from slamgym.agents.oracle import OracleConfig, TrueBuilding, bound_exploration
+from slamgym.agents.tour_search import TourSearch
 from slamgym.cad import FloorPlan
 from slamgym.envs import ExploreConfig, ExploreEnv
 from slamgym.slam import SlamConfig
@@ -22,15 +20,19 @@ def corridor_with_rooms():
     return FloorPlan("corridor", shapely.union_all(parts))
 
 
-def begin(plan, start):
+def entered(plan, start):
     env = ExploreEnv(plan, ENV)
     env.reset(seed=0, options={"plan": plan, "start": start})
-    return env, Oracle.of(env)
+    return env
+
+
+def begin(plan, start):
+    return TrueBuilding(entered(plan, start))
 
 
 def test_the_tour_sees_what_was_asked_for_and_each_cell_belongs_to_one_stop():
-    _, explorer = begin(corridor_with_rooms(), (0.8, 0.8, 0.0))
-    planner = explorer.building.planner
+    building = begin(corridor_with_rooms(), (0.8, 0.8, 0.0))
+    planner = building.planner
     unseen = np.ones(len(planner.cells), dtype=bool)
     tour = planner.plan(unseen, (0.8, 0.8))
     cells = np.concatenate([stop.cells for stop in tour])
@@ -44,17 +46,15 @@ def test_the_tour_sees_what_was_asked_for_and_each_cell_belongs_to_one_stop():
 
 
 def test_rooms_are_visited_in_the_order_of_the_corridor():
-    _, explorer = begin(corridor_with_rooms(), (0.8, 0.8, 0.0))
-    tour = explorer.building.planner.plan(
-        np.ones(len(explorer.building.planner.cells), dtype=bool), (0.8, 0.8)
-    )
+    building = begin(corridor_with_rooms(), (0.8, 0.8, 0.0))
+    tour = building.planner.plan(np.ones(len(building.planner.cells), dtype=bool), (0.8, 0.8))
     x = [stop.point[0] for stop in tour]
     assert x == sorted(x)
 
 
 def test_what_was_seen_needs_no_stop_and_banned_places_are_not_used():
-    _, explorer = begin(corridor_with_rooms(), (0.8, 0.8, 0.0))
-    planner = explorer.building.planner
+    building = begin(corridor_with_rooms(), (0.8, 0.8, 0.0))
+    planner = building.planner
     right = planner._centres[:, 0] > 6.4
     tour = planner.plan(right, (0.8, 0.8))
     assert tour
@@ -68,48 +68,44 @@ def test_what_was_seen_needs_no_stop_and_banned_places_are_not_used():
 
 def test_an_open_room_within_range_needs_one_stop():
     plan = FloorPlan("room", shapely.box(0.0, 0.0, 4.0, 3.0))
-    _, explorer = begin(plan, (0.5, 0.5, 0.0))
-    tour = explorer.building.planner.plan(
-        np.ones(len(explorer.building.planner.cells), dtype=bool), (0.5, 0.5)
-    )
+    building = begin(plan, (0.5, 0.5, 0.0))
+    tour = building.planner.plan(np.ones(len(building.planner.cells), dtype=bool), (0.5, 0.5))
     assert len(tour) == 1
 
 
-def test_the_oracle_sees_the_building_in_less_time_than_the_nearest_frontier():
+QUICK = OracleConfig(iterations=30)
+
+
+def test_more_of_the_floor_takes_longer_and_the_way_lies_between_simple_limits():
+    bounds = bound_exploration(entered(corridor_with_rooms(), (0.8, 0.8, 0.0)), (0.95, 0.5, 0.99), 0, QUICK)
+    assert [bound.share for bound in bounds] == [0.95, 0.5, 0.99]
+    assert bounds[1].path < bounds[0].path <= bounds[2].path
+    # The far room needs the corridor's length less the range of 3 m; entering two rooms on the way adds some metres.
+    assert 4.0 < bounds[0].path < 16.0
+    for bound in bounds:
+        assert bound.time == pytest.approx(bound.path / ENV.robot.max_linear)
+
+
+def test_a_tour_sees_what_it_claims_and_a_larger_budget_never_takes_longer():
+    building = begin(corridor_with_rooms(), (0.8, 0.8, 0.0))
+    lengths = []
+    for iterations in (0, 40):
+        search = TourSearch(building.planner, (0.8, 0.8), np.random.default_rng(3))
+        tour = search.shortest(0.9, iterations)
+        assert search.share(tour) >= 0.9 - 1e-3
+        lengths.append(search.length(tour))
+    assert lengths[1] <= lengths[0]
+
+
+def test_the_bound_lies_below_an_explorer():
     from slamgym.agents.registry import make_explorer
 
     plan, config = corridor_with_rooms(), TrialConfig(env=ENV)
-    ours = run_trial(plan, 3, "oracle", config, Oracle.of)
+    bound = bound_trial(plan, 3, "", config, QUICK)
     nearest = run_trial(
         plan, 3, "nearest", config, lambda env, seed: make_explorer("nearest", env.explorer_context(), seed)
     )
-    assert ours.finished
-    assert ours.coverage > 0.985
-    assert ours.collisions == 0
-    assert ours.time < nearest.time
-
-
-def test_a_door_that_the_map_draws_too_narrow_is_squeezed_through_at_the_end():
-    rooms = [shapely.box(0.0, 0.0, 5.0, 5.0), shapely.box(5.1, 0.0, 10.0, 5.0)]
-    door = shapely.box(4.9, 2.02, 5.2, 2.49)  # the robot is 0.44 m wide, cells are of 0.05 m
-    plan = FloorPlan("narrow", shapely.union_all([*rooms, door]))
-    for shares, low, high in (((), 0.5, 0.9), ((0.85, 0.6), 0.98, 1.0)):
-        make = partial(Oracle.of, config=OracleConfig(relaxed_footprints=shares))
-        trial = run_trial(plan, 1, "oracle", TrialConfig(env=ENV), make)
-        assert low <= trial.coverage <= high
-
-
-def test_its_frame_is_the_robots_map_wherever_it_starts():
-    plan = corridor_with_rooms()
-    for start in ((0.8, 0.8, 0.0), (8.0, 3.0, math.pi / 2)):
-        env, explorer = begin(plan, start)
-        observation, *_ = env.step(np.zeros(2, np.float32))
-        explorer.predict(observation)
-        goal = explorer._navigator.goal
-        assert plan.free_space.contains(shapely.Point(goal.x + start[0], goal.y + start[1]))
-
-
-def test_another_episode_is_refused():
-    _, explorer = begin(corridor_with_rooms(), (0.8, 0.8, 0.0))
-    with pytest.raises(RuntimeError, match="one episode"):
-        explorer.reset()
+    for level in ("0.9", "0.95", "0.99"):
+        assert bound.time_to[level] < nearest.time_to[level]
+        assert bound.path_to[level] < nearest.path_to[level]
+    assert bound.time < nearest.time

@@ -3,7 +3,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from slamgym.core.types import GridFrame
-from slamgym.envs.frontier_feature_kernels import coarse_cells, wall_distances
+from slamgym.planning.frontier_feature_kernels import coarse_cells, wall_distances
 
 
 @settings(max_examples=25)

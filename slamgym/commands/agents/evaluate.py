@@ -55,7 +55,12 @@ class EvaluateArguments(Arguments):
     against: str = ""
     """The reference explorer, one of them; by default ``explore_lite``, or the first where it is not among them."""
     oracle: bool = False
-    """Privileged: also run the oracle, an explorer that knows the floor plan, as the reference."""
+    """Privileged: also plan what one who knows the floor plan would need at least, for each share of the floor."""
+    oracle_budget: Count = 400
+    """How often its tour for each share is taken apart and put together again."""
+    promise: str = "98%:95%"
+    """Explorers stop once the map keeps it: so much seen, and how sure that is; also ``2m2:90%`` for what may be left.
+    ``none``: when nothing is left to try. `explore_lite` ends as its source does."""
     repetitions: Count = 1
     """Explorations of each plan by every explorer, each from another start."""
     minutes: Literal["auto"] | Positive = "auto"
@@ -135,10 +140,13 @@ def evaluation_config(arguments: EvaluateArguments) -> EvaluationConfig:
     """
     from slamgym.agents.evaluation.evaluate import EvaluationConfig
     from slamgym.agents.evaluation.trial import TrialConfig
+    from slamgym.agents.oracle import OracleConfig
     from slamgym.envs import ExploreConfig
+    from slamgym.planning.promise import Promise
     from slamgym.sim import odometry_level
 
     explorers = tuple(name.strip() for name in arguments.explorers.split(",") if name.strip())
+    promise = None if arguments.promise == "none" else Promise.parse(arguments.promise)
     split: PlanSplit | None = None if arguments.split == "all" else arguments.split
     env = ExploreConfig(
         robot=arguments.robot,
@@ -155,7 +163,8 @@ def evaluation_config(arguments: EvaluateArguments) -> EvaluationConfig:
         repetitions=arguments.repetitions,
         seed=arguments.seed,
         oracle=arguments.oracle,
-        trial=TrialConfig(minutes=arguments.minutes, env=env),
+        bound=OracleConfig(iterations=arguments.oracle_budget),
+        trial=TrialConfig(arguments.minutes, promise, env),
     )
     _reference(arguments.against, config)
     return config
@@ -195,8 +204,8 @@ def _filmed(arguments: EvaluateArguments, config: EvaluationConfig) -> tuple[str
             raise ConfigError("--film-plan needs --film with two explorers")
         return None
     names = [name.strip() for name in arguments.film.split(",")]
-    if len(names) != 2 or names[0] == names[1] or any(name not in config.names for name in names):
+    if len(names) != 2 or names[0] == names[1] or any(name not in config.explorers for name in names):
         raise ConfigError(
-            f"--film {arguments.film} must name two of the explorers {', '.join(config.names)}, with a comma"
+            f"--film {arguments.film} must name two of the explorers {', '.join(config.explorers)}, with a comma"
         )
     return names[0], names[1]

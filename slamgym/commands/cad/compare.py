@@ -71,7 +71,7 @@ def main(argv: list[str]) -> int:
     found = compare_with_plan(plan, robot_map.grid, arguments.config, str(arguments.map), notes)
     write_picture(arguments.out / "comparison.png", draw_comparison(found, plan, robot_map.grid))
     command = shlex.join(["slamgym", "cad", "compare", *argv])
-    page = format_comparison(found, plan, robot_map.grid, config, command)
+    page = format_comparison(found, plan, robot_map.grid, arguments.config, command)
     write_text(arguments.out / "comparison.html", page)
     write_comparison(arguments.out, found)
     _report(found, arguments.out)

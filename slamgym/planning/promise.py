@@ -1,0 +1,149 @@
+"""When an exploration may stop: a promise of what will have been seen, kept by the map alone.
+
+A small network estimates the unseen floor behind each frontier and elsewhere (:mod:`slamgym.planning.remaining`). Its
+estimate is only ordered rightly, not true to the square metre, so the limit at which a robot stops is calibrated: on
+explorations of plans that the network hasn't seen it is the largest with which no larger share of them, counted with
+one failure more, stopped too early than the promise allows (conformal risk control, Angelopoulos et al., ICLR 2024).
+"""
+
+import functools
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+
+from slamgym.core.config import Positive, Settings, Within
+from slamgym.core.errors import ConfigError
+from slamgym.core.provenance import check_origin
+from slamgym.core.types import Float32Array, FloatArray
+from slamgym.planning.remaining import Remains
+
+PRETRAINED = Path(__file__).parent / "pretrained" / "remaining.safetensors"
+"""The estimate and its calibration that come with the package."""
+
+_FORM = re.compile(r"(?P<amount>\d+(\.\d+)?)(?P<unit>%|m2)(:(?P<confidence>\d+(\.\d+)?)%)?")
+
+
+class Promise(Settings, section="promise"):
+    """What is promised when *done* is said; written ``98%:95%``, or ``2m2:90%``."""
+
+    seen: Annotated[float, Within(gt=0.0, lt=1.0)] | None = 0.98
+    """At least this share of the floor that the robot can get to has been seen."""
+    left: Positive | None = None
+    """Or: at most so much of it has not [m2]."""
+    confidence: Annotated[float, Within(gt=0.0, lt=1.0)] = 0.95
+    """In at least this share of explorations."""
+
+    def _check(self) -> None:
+        if (self.seen is None) == (self.left is None):
+            raise ConfigError("a promise is either of a share to be seen or of an area left")
+
+    @staticmethod
+    def parse(text: str) -> "Promise":
+        """Read the written form; the confidence is 95 % where it is left out.
+
+        Raises:
+            ConfigError: If it is none.
+        """
+        found = _FORM.fullmatch(text)
+        if found is None:
+            raise ConfigError(
+                f"{text!r} is no promise; write the share that will be seen and how sure that is, as in 98%:95%, "
+                "or the area that may be left, as in 2m2:90%"
+            )
+        amount, confidence = float(found["amount"]), float(found["confidence"] or 95.0) / 100.0
+        if found["unit"] == "%":
+            return Promise(amount / 100.0, None, confidence)
+        return Promise(None, amount, confidence)
+
+    def __str__(self) -> str:
+        what = f"{self.left:g}m2" if self.seen is None else f"{100.0 * self.seen:g}%"
+        return f"{what}:{100.0 * self.confidence:g}%"
+
+
+def split_promise(name: str) -> tuple[str, Promise | None]:
+    """An explorer's name and the promise behind it, as in ``rl@98%:95%``."""
+    base, found, text = name.rpartition("@")
+    if not found or _FORM.fullmatch(text) is None:
+        return name, None
+    return base, Promise.parse(text)
+
+
+class UnseenFloor:
+    """Estimates how much floor is still unseen, and knows how far that can be trusted.
+
+    Args:
+        arrays: Weights by name, and ``calibration.exploration``, ``.estimate``, ``.share`` and ``.area``: of moments
+            of explorations with known truth, in their order, the estimated share and what was truly unseen. The
+            last of each exploration is its end.
+    """
+
+    def __init__(self, arrays: Mapping[str, Float32Array]) -> None:
+        self._arrays = arrays
+
+    def area_behind(self, remains: Remains) -> FloatArray:
+        """Expected unseen floor behind each frontier, shape (N,) [m2]."""
+        whole = np.broadcast_to(remains.whole, (len(remains.frontiers), len(remains.whole)))
+        inputs = np.hstack([remains.frontiers, whole])
+        hidden = np.maximum(self._linear("b", np.maximum(self._linear("a", inputs), 0.0)), 0.0)
+        return _area(self._linear("c", hidden)[:, 0])
+
+    def share(self, remains: Remains) -> float:
+        """Expected unseen share of the floor."""
+        elsewhere = _area(self._linear("o", np.maximum(self._linear("g", remains.whole[None]), 0.0))[:, 0])
+        unseen = float(self.area_behind(remains).sum() + elsewhere.sum())
+        return unseen / (unseen + remains.known_area)
+
+    def limit(self, promise: Promise) -> float:
+        """The largest estimated share at which the promise is kept; 0 where no stop before the end keeps it."""
+        calibration = {
+            key: self._arrays[f"calibration.{key}"] for key in ("exploration", "estimate", "share", "area")
+        }
+        broken = (
+            calibration["area"] > promise.left
+            if promise.left is not None
+            else calibration["share"] > 1.0 - float(promise.seen or 0.0)
+        )
+        begins = np.flatnonzero(np.diff(calibration["exploration"], prepend=-1.0))
+        parts = [slice(*ends) for ends in zip(begins, [*begins[1:], len(broken)], strict=True)]
+        # An exploration stops too early with every limit above its lowest estimate while the promise is broken.
+        thresholds = sorted(
+            float(calibration["estimate"][part][broken[part]].min(initial=np.inf))
+            if not broken[part][-1]
+            else 0.0
+            for part in parts
+        )
+        # One exploration more than were seen may fail, too: that is what the new one is.
+        allowed = int(np.floor((len(parts) + 1) * (1.0 - promise.confidence) + 1e-9)) - 1
+        return max(0.0, float(thresholds[allowed])) if 0 <= allowed < len(thresholds) else 0.0
+
+    def _linear(self, name: str, values: FloatArray) -> FloatArray:
+        product: FloatArray = values @ self._arrays[f"{name}.weight"].T + self._arrays[f"{name}.bias"]
+        return product
+
+
+@functools.cache
+def pretrained_unseen_floor() -> UnseenFloor:
+    """The estimate that comes with the package."""
+    from safetensors.numpy import load_file
+
+    check_origin(PRETRAINED)
+    return UnseenFloor(load_file(PRETRAINED))
+
+
+@functools.cache
+def pretrained_limit(promise: Promise) -> float:
+    """The limit of a promise by the calibration that comes with the package."""
+    return pretrained_unseen_floor().limit(promise)
+
+
+def is_kept(promise: Promise, remains: Remains | None) -> bool:
+    """Whether an exploration may stop on what a map shows."""
+    return remains is not None and pretrained_unseen_floor().share(remains) < pretrained_limit(promise)
+
+
+def _area(values: FloatArray) -> FloatArray:
+    """Square metres of what the network gives."""
+    return np.exp(np.clip(values, -8.0, 5.0))

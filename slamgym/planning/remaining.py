@@ -1,0 +1,152 @@
+"""What the map says about the floor that is still unseen: features of each frontier, and of the whole.
+
+Frontiers are searched as the last attempts of an exploration would find them: short ones too, and those behind doors
+that the map draws too narrow. Rooms that the map cuts off count as closed area.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from slamgym.core.types import FloatArray, IntArray, OccupancyGrid, Pose2D
+from slamgym.planning.costmap import LETHAL_COST, Costmap, CostmapConfig, crop_known, free_body, make_costmap
+from slamgym.planning.frontier_candidates import COARSENING
+from slamgym.planning.frontier_feature_kernels import (
+    classify_costs,
+    coarse_cells,
+    explore_unknown_region,
+)
+from slamgym.planning.frontiers import (
+    Frontier,
+    Point,
+    Reachable,
+    expected_gain,
+    find_frontiers,
+    reachable_space,
+)
+
+FRONTIER_FEATURES = (
+    "size", "extent", "gain", "near", "far", "outside", "enclosed", "free_border", "wall_border",
+    "others", "opening", "offered", "in_reach",
+)  # fmt: skip
+"""What is measured of each frontier; ``opening`` is the widest distance from walls in it."""
+WHOLE_FEATURES = ("known_area", "closed_area", "attempts", "frontiers", "left_out")
+"""What is measured of the whole map."""
+
+_SHORTEST = 0.15
+"""Shorter frontiers are noise [m]."""
+_NARROW = 0.6
+"""Share of the radius with which the last doors are tried."""
+_NEAR, _FAR = 1.5, 4.0
+"""The unknown behind a frontier is flooded up to these distances [m]."""
+_JOINED_PX = 5
+"""Frontiers with gaps below so many cells are one: rays that fan out through a door leave a chequered edge."""
+_MOST = 24
+"""So many frontiers are measured, the longest; the others are only counted."""
+
+
+@dataclass(frozen=True)
+class Remains:
+    """A map's frontiers in numbers."""
+
+    frontiers: FloatArray  # (N, len(FRONTIER_FEATURES))
+    whole: FloatArray  # (len(WHOLE_FEATURES),)
+    known_area: float  # floor that the robot can get to and has seen [m2]
+
+
+def measure_remains(
+    grid: OccupancyGrid,
+    pose: Pose2D,
+    radius: float,
+    range_max: float,
+    offered: Sequence[Point] = (),
+    attempts: int = 0,
+) -> Remains | None:
+    """Measure what a map leaves open; None where the robot finds no place for itself on it.
+
+    Args:
+        grid: The map.
+        pose: The believed pose.
+        radius: The robot's [m].
+        range_max: The scanner's [m].
+        offered: A point of each frontier that the exploration still means to visit [m].
+        attempts: How many relaxed footprints the exploration has tried at its end.
+    """
+    known = free_body(crop_known(grid, pose), pose, radius)
+    narrow = _NARROW * radius
+    costmap = make_costmap(known, CostmapConfig(inscribed_radius=narrow, inflation_radius=narrow))
+    space = reachable_space(costmap, pose)
+    if space is None:
+        return None
+    frontiers = _joined(find_frontiers(costmap, pose, 0.0, reachable=space), costmap)
+    rows = _measure(costmap, frontiers[:_MOST], radius, range_max, offered)
+    known_area = float(np.count_nonzero(space.mask)) * costmap.frame.resolution**2
+    left_out = max(0, len(frontiers) - _MOST)
+    closed = _closed_area(costmap, space)
+    whole = [known_area / 100.0, closed / 5.0, min(attempts, 2), len(frontiers) / 8.0, left_out / 8.0]
+    return Remains(rows, np.array(whole), known_area)
+
+
+def _joined(frontiers: Sequence[Frontier], costmap: Costmap) -> list[IntArray]:
+    """Cells (N, 2) of frontiers, those close together as one, the longest first."""
+    import cv2
+
+    mask = np.zeros(costmap.costs.shape, np.uint8)
+    for frontier in frontiers:
+        mask[frontier.cells[:, 0], frontier.cells[:, 1]] = 1
+    grown = cv2.dilate(mask, np.ones((_JOINED_PX, _JOINED_PX), np.uint8))
+    _, labels = cv2.connectedComponents(grown, connectivity=8)
+    cells = np.argwhere(mask)
+    owner = labels[cells[:, 0], cells[:, 1]]
+    groups = [cells[owner == label] for label in np.unique(owner)]
+    least = _SHORTEST / costmap.frame.resolution
+    return sorted((group for group in groups if len(group) >= least), key=len, reverse=True)
+
+
+def _measure(
+    costmap: Costmap, frontiers: Sequence[IntArray], radius: float, range_max: float, offered: Sequence[Point]
+) -> FloatArray:
+    """Features of frontiers, given by their cells, shape (N, len(FRONTIER_FEATURES))."""
+    frame = costmap.frame
+    classes = classify_costs(costmap.costs, COARSENING)
+    labels = np.full(classes.shape, -1, np.int16)
+    coarse = [coarse_cells(cells.astype(np.int32), COARSENING, classes.shape) for cells in frontiers]
+    for index, cells in enumerate(coarse):
+        labels[cells[:, 0], cells[:, 1]] = index
+    cell = frame.resolution * COARSENING
+    steps, margin = (round(_NEAR / cell), round(_FAR / cell)), round(0.5 / cell)
+    wanted = np.array(offered, dtype=np.float64).reshape(-1, 2)
+    rows = np.zeros((len(frontiers), len(FRONTIER_FEATURES)))
+    for index, cells in enumerate(frontiers):
+        region = explore_unknown_region(classes, labels, index, coarse[index], steps, margin, len(frontiers))
+        points = np.column_stack(frame.to_point(cells[:, 0], cells[:, 1]))
+        middle = points[np.argmin(((points - points.mean(axis=0)) ** 2).sum(axis=1))]
+        apart = np.abs(points[:, None] - wanted[None]).max(axis=2).min(initial=math.inf)
+        opening = float(costmap.distance[cells[:, 0], cells[:, 1]].max()) * frame.resolution
+        rows[index] = (
+            len(cells) * frame.resolution / 3.0,
+            float(np.hypot(*np.ptp(points, axis=0))) / 3.0,
+            expected_gain(costmap, (float(middle[0]), float(middle[1])), range_max) / 15.0,
+            region.near * cell**2 / 5.0,
+            region.far * cell**2 / 20.0,
+            region.outside,
+            region.is_enclosed,
+            region.free * cell / 5.0,
+            region.occupied * cell / 10.0,
+            region.frontiers / 4.0,
+            min(opening, 1.5),
+            float(apart <= 0.5),
+            float(opening >= radius),
+        )
+    return rows
+
+
+def _closed_area(costmap: Costmap, space: Reachable) -> float:
+    """Free area that no path leads to, without what is too narrow for a room [m2]."""
+    import cv2
+
+    free = (costmap.costs < LETHAL_COST) & ~space.mask.reshape(costmap.costs.shape)
+    opened = cv2.morphologyEx(free.view(np.uint8), cv2.MORPH_OPEN, np.ones((5, 5), np.uint8))
+    return float(np.count_nonzero(opened)) * costmap.frame.resolution**2
