@@ -142,7 +142,7 @@ def without_necks(floor: shapely.Geometry, config: DrawingConfig) -> MultiPolygo
         config: Sizes.
     """
     for step in (-NECK, NECK + SLIT, -SLIT):
-        floor = floor.buffer(step, join_style="mitre")
+        floor = shapely.buffer(floor, step, join_style="mitre")
     floor = shapely.set_precision(floor, CORNER_GRID)
     return MultiPolygon([part for part in polygon_parts(floor) if part.area >= 0.5 * config.min_floor])
 

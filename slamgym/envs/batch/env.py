@@ -182,7 +182,9 @@ class BatchExploreEnv(VectorEnv[Any, Any, Any]):
                 clutter = make_clutter(prepared.plan, streams.clutter, config.clutter, config.robot)
                 prepared = prepared.furnished(clutter)
             self._fleet.begin(i, prepared, wanted.start or prepared.sample_start(streams.start), streams)
-            self._detectors[i] = CompletionDetector(config.robot.radius, config.min_frontier_size)
+            self._detectors[i] = CompletionDetector(
+                config.robot.radius, config.min_frontier_size, config.lidar.range_max, config.promise
+            )
         self._observer.begin(ids)
 
     def _are_complete(self, published: BoolArray) -> BoolArray:
