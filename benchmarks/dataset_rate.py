@@ -209,7 +209,9 @@ def report_rate(arguments: Arguments, blocks: list[Block]) -> None:
         f"{arguments.blocks} blocks of {arguments.explorations} each; goals: {GOAL_RATE:g} an hour on two cores, "
         f"{GOAL_GAIN:g} times the rate of one worker"
     )
-    print_and_save("dataset/dataset_rate", title, rows, list(rows[0]))
+    print_and_save(
+        "dataset/dataset_rate", title, rows, list(rows[0]), times=("CPU [s] each", "driver's CPU [s] each")
+    )
 
 
 def profile_and_weigh(arguments: Arguments, plans: PlanSource, config: DatasetConfig, root: Path) -> None:
@@ -226,7 +228,9 @@ def profile_and_weigh(arguments: Arguments, plans: PlanSource, config: DatasetCo
         [part, round(1000.0 * spent / count, 2), round(100.0 * spent / total, 1)] for part, spent in parts
     ]
     title = f"CPU time of a {arguments.minutes:g} min exploration and its pair; {count} of {arguments.plans}"
-    print_and_save("dataset/dataset_profile", title, rows, ["part", "CPU [ms]", "share [%]"])
+    print_and_save(
+        "dataset/dataset_profile", title, rows, ["part", "CPU [ms]", "share [%]"], times=("CPU [ms]",)
+    )
     print(f"wall time {1000.0 * wall / count:.0f} ms each")
     sizes = weigh(root)
     robot_minutes = statistics.fmean(record.robot_seconds for record in read_manifest(root)) / 60.0

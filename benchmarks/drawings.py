@@ -139,7 +139,11 @@ def main() -> None:
         rows += [row(name, model, found) for model, found in scores.items() if found]
     title = "against true plans; rigid alignment"
     print_and_save(
-        "drawing/floor", f"Drawn floors {title}", [[r[c] for c in FLOOR_COLUMNS] for r in rows], FLOOR_COLUMNS
+        "drawing/floor",
+        f"Drawn floors {title}",
+        [[r[c] for c in FLOOR_COLUMNS] for r in rows],
+        FLOOR_COLUMNS,
+        times=("CPU s",),
     )
     print_and_save(
         "drawing/openings",

@@ -54,18 +54,21 @@ def measure_steps() -> None:
         f"Environment steps per CPU second, by localisation and observed map (goal: ground_truth {GOAL:,})",
         list(modes()),
         ("localisation", "map", "steps/s", "ms per step", "reset ms"),
+        times=("steps/s", "ms per step", "reset ms"),
     )
     print_and_save(
         "exploring/env_steps_growth",
         "How the cost of a step grows",
         list(growth()),
         ("localisation", "what", "value", "steps/s", "ms per step"),
+        times=("steps/s", "ms per step"),
     )
     print_and_save(
         "exploring/env_resets",
         "Resets",
         list(resets()),
         ("plans", "first reset of a plan ms", "later ones ms"),
+        times=("first reset of a plan ms", "later ones ms"),
     )
 
 
@@ -178,10 +181,10 @@ def measure_decisions(name: str) -> None:
         rows.append(
             [
                 mode,
-                f"{decisions / spent:.0f}",
-                f"{lasting / decisions:.1f}",
-                f"{1e3 * np.mean(clocks):.1f}",
-                f"{1e3 * np.quantile(clocks, 0.99):.1f}",
+                round(decisions / spent),
+                round(lasting / decisions, 1),
+                round(1e3 * float(np.mean(clocks)), 1),
+                round(1e3 * float(np.quantile(clocks, 0.99)), 1),
             ]
         )
     columns = [
@@ -191,7 +194,8 @@ def measure_decisions(name: str) -> None:
         "choosing, mean [ms]",
         "choosing, p99 [ms]",
     ]
-    print_and_save("exploring/decision_rate", "Decisions on four validation plans", rows, columns)
+    times = [column for column in columns[1:] if column != "s of robot time each"]
+    print_and_save("exploring/decision_rate", "Decisions on four validation plans", rows, columns, times)
 
 
 def cost_of_choosing(loop: ExplorationLoop, scorer: object) -> float:

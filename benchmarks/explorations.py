@@ -4,8 +4,8 @@
 
 An exploration is what ``slamgym generate --plans-filter useful`` does for one pair, on one core: the environment with
 180 beams, the explorer, and writing images, maps, trajectories and the log. Explorers that are done early need less
-than the full time, so the sums are scaled to the full robot time. The ratio divides that by the CPU time of a Python
-loop of ten million additions, timed before each exploration: it is the same on slow machines and fast ones.
+than the full time, so the sums are scaled to the full robot time. The fixed programs of :mod:`report` are timed before
+each exploration.
 """
 
 import functools
@@ -19,8 +19,9 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+import numpy as np
 import tyro
-from report import print_and_save
+from report import Yardsticks, print_and_save
 
 from slamgym.agents.explorer import BatchedExplorer
 from slamgym.agents.registry import make_explorer
@@ -38,7 +39,6 @@ from slamgym.slam.mapper import GatedMapper
 
 GOAL = 6.5
 """CPU time of a 7-minute exploration with 30 particles and 180 beams, in Python loops of ten million additions."""
-ADDITIONS = 10_000_000
 
 PARTS: dict[str, list[tuple[Any, str]]] = {
     "SLAM": [(GatedMapper, "update")],
@@ -116,7 +116,7 @@ class Cost:
 
     robot_seconds: float
     cpu_seconds: float
-    loop_seconds: float
+    yardsticks: Yardsticks
 
 
 def main() -> None:
@@ -143,41 +143,33 @@ def explorations(plans: PlanSource, config: DatasetConfig) -> Iterator[Explorati
 
 def explore(task: ExplorationTask) -> Cost:
     """One exploration, written to disk as ``slamgym generate`` writes it."""
-    began = time.process_time()
-    add_up(ADDITIONS)
-    loop = time.process_time() - began
+    yardsticks = Yardsticks.measure(1)
     with TemporaryDirectory() as folder:
         outcome = run_exploration(replace(task, staged=Path(folder) / "pair"))
         assert not outcome.error, outcome.reason
         record = PairRecord.from_line((Path(folder) / "pair/episode/episode.json").read_text())
-    return Cost(record.robot_seconds, outcome.timing["cpu_seconds"], loop)
-
-
-def add_up(count: int) -> int:
-    """The loop that times are compared with."""
-    total = 0
-    for i in range(count):
-        total += i
-    return total
+    return Cost(record.robot_seconds, outcome.timing["cpu_seconds"], yardsticks)
 
 
 def report(arguments: Arguments, profile: Profile, costs: list[Cost]) -> None:
     total = sum(cost.cpu_seconds for cost in costs)
     scale = 60.0 * arguments.minutes / sum(cost.robot_seconds for cost in costs)
-    loop = sum(cost.loop_seconds for cost in costs) / len(costs)
+    loop, kernel = np.mean([cost.yardsticks for cost in costs], axis=0).tolist()
     parts = sorted(profile.seconds.items(), key=lambda item: -item[1])
     parts += [("other", total - sum(profile.seconds.values())), ("all", total)]
-    rows = [
-        [part, round(seconds * scale, 3), round(seconds * scale / loop, 2), round(100.0 * seconds / total, 1)]
-        for part, seconds in parts
-    ]
+    rows = [[part, round(seconds * scale, 3), round(100.0 * seconds / total, 1)] for part, seconds in parts]
     title = (
-        f"{arguments.minutes:g} min of robot time, {arguments.particles} particles: {total * scale / loop:.2f} times a "
-        f"Python loop of {ADDITIONS:,} additions ({loop:.3f} CPU s); goal {GOAL:g} "
-        f"({len(costs)} explorations of {Path(arguments.plans).name}, {60.0 / (total * scale):.1f} per CPU minute)"
+        f"{arguments.minutes:g} min of robot time, {arguments.particles} particles: {total * scale / loop:.2f} loops; "
+        f"goal {GOAL:g} ({len(costs)} explorations of {Path(arguments.plans).name}, "
+        f"{60.0 / (total * scale):.1f} per CPU minute)"
     )
     print_and_save(
-        "exploring/explorations", title, rows, ["part", "CPU [s]", "in loops of additions", "share [%]"]
+        "exploring/explorations",
+        title,
+        rows,
+        ["part", "CPU [s]", "share [%]"],
+        times=("CPU [s]",),
+        yardsticks=Yardsticks(loop, kernel),
     )
 
 

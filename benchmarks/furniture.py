@@ -12,6 +12,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import tyro
+from report import print_and_save
 
 from slamgym.cad import FloorPlan, open_plans
 from slamgym.core.types import ByteArray, FloatArray
@@ -67,13 +68,16 @@ def main(arguments: Arguments) -> None:
     images += [np.full_like(images[0], 255)] * (-len(images) % COLUMNS)
     rows = [np.hstack(images[first : first + COLUMNS]) for first in range(0, len(images), COLUMNS)]
     cv2.imwrite(str(arguments.out), np.vstack(rows))
+    resets = []
     for name, clutter in (("empty", ClutterConfig()), ("furnished", CLUTTER)):
         env = ExploreEnv(plans, localization="ground_truth", clutter=clutter)
         env.reset(seed=0)
         begin = time.process_time()
         for seed, plan in enumerate(plans):
             env.reset(seed=seed, options={"plan": plan})
-        print(f"{name}: {1e3 * (time.process_time() - begin) / len(plans):.1f} ms a reset")
+        resets.append([name, 1e3 * (time.process_time() - begin) / len(plans)])
+    columns = ["homes", "ms a reset"]
+    print_and_save("exploring/furnished_resets", "Resets, CPU time", resets, columns, times=columns[1:])
     print(arguments.out)
 
 

@@ -164,6 +164,7 @@ def compare_methods(images: Path, pairs: int, moves: int) -> None:
             "spread over start poses",
             "CPU ms a pair",
         ),
+        times=("CPU ms a pair",),
     )
 
 

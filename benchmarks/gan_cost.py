@@ -73,9 +73,8 @@ def compare_with_published(resolutions: list[int], steps: int) -> None:
     rows.append(measure("slam2cad (default)", TRANSLATOR_PRESETS["slam2cad"], 256, 8, "float32", steps))
     rows.append(measure("slam2cad (default)", TRANSLATOR_PRESETS["slam2cad"], 256, 8, "bfloat16", steps))
     rows.append(inference())
-    print_and_save(
-        "gan/gan_cost", "Cost of one image (training step; last row: a translation)", rows, COLUMNS
-    )
+    title = "Cost of one image (training step; last row: a translation)"
+    print_and_save("gan/gan_cost", title, rows, COLUMNS, times=("CPU s per image",))
 
 
 def measure(
@@ -134,7 +133,8 @@ def compare_layouts(steps: int, compile_too: bool) -> None:
     first = rows[0][3]
     rows = [[*row[:4], round(row[3] / first, 3), row[4]] for row in rows]
     title = "A training step of the default translator, batch 8, 256 px"
-    print_and_save("gan/gan_step", title, rows, LAYOUT_COLUMNS)
+    times = ("CPU s per image", "CPU s of the first step")
+    print_and_save("gan/gan_step", title, rows, LAYOUT_COLUMNS, times)
 
 
 def measure_layout(

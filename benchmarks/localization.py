@@ -100,7 +100,8 @@ def main() -> None:
         rows.append(
             row(f"{arguments.log.name}: second half on the map of the first", [recorded(arguments.log)])
         )
-    print_and_save("slam/localization", f"localisation in {arguments.homes} homes", rows, COLUMNS)
+    title = f"localisation in {arguments.homes} homes"
+    print_and_save("slam/localization", title, rows, COLUMNS, times=("ms per scan",))
 
 
 def add(cases: dict[str, list[Outcome]], name: str, outcome: Outcome) -> None:

@@ -39,7 +39,7 @@ COLUMNS = (
     "path m",
     "scans",
     "landmarks per scan",
-    "CPU seconds",
+    "CPU [s]",
     "goal",
     "paper s",
 )
@@ -125,9 +125,8 @@ def main() -> None:
         goal = GOALS.get((method, pixels))
         row = (method, pixels, round(side, 1), length, scans, per_scan, round(took, 3), goal)
         rows.append((*row, PAPER.get((method, pixels), "-")))
-    print_and_save(
-        "parametric/parametric_speed", "One map by the parametric model, one thread", rows, COLUMNS
-    )
+    title = "One map by the parametric model, one thread"
+    print_and_save("parametric/parametric_speed", title, rows, COLUMNS, times=("CPU [s]",))
 
 
 if __name__ == "__main__":

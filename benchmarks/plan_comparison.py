@@ -21,7 +21,7 @@ import shapely
 import tyro
 from changed_buildings import Change as TrueChange
 from changed_buildings import change_building
-from report import print_and_save
+from report import Yardsticks, print_and_save
 
 from slamgym.cad import FloorPlan, check_plan, open_plans, read_houseexpo, write_houseexpo
 from slamgym.commands.cli import main as slamgym
@@ -206,7 +206,8 @@ def table(cases: list[Case], config: ComparisonConfig) -> list[dict[str, str]]:
     begun = time.process_time()
     runs = [(compare_with_plan(case.plan, case.grid, config), case.truth) for case in cases]
     seconds = (time.process_time() - begun) / len(cases)
-    print(f"  {sum(run.is_confident for run, _ in runs)} of {len(runs)} registered, {seconds:.2f} CPU s each")
+    registered, loops = sum(run.is_confident for run, _ in runs), seconds / Yardsticks.measure(1).loop
+    print(f"  {registered} of {len(runs)} registered, {loops:.1f} loops or {seconds:.2f} CPU s each")
     rows = []
     sizes = [("wall_moved", low, high) for low, high in BINS]
     for kind, low, high in [

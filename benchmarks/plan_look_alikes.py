@@ -77,7 +77,7 @@ def measure_groups(pictures: np.ndarray, sides: np.ndarray, reading: float, draw
     title = f"plans that look alike (`slamgym dataset split` takes a radius of {RADIUS:g})"
     columns = ["images", "radius", "plans", "groups", "plans that share one", "largest group"]
     times = ["reading [CPU s]", "drawing [CPU s]", "comparing [CPU s]"]
-    print_and_save("dataset/plan_look_alikes", title, rows, [*columns, *times])
+    print_and_save("dataset/plan_look_alikes", title, rows, [*columns, *times], times)
 
 
 def measure_recall(plans: Sequence[FloorPlan], pictures: np.ndarray, sides: np.ndarray) -> None:

@@ -143,7 +143,9 @@ def time_planning() -> None:
         "cost_utility decision [ms]",
     ]
     rounded = [[row[0], *(round(value, 3) for value in row[1:])] for row in rows]
-    print_and_save("exploring/planning", "CPU time per call; half of the area is known", rounded, columns)
+    times = [column for column in columns if "[ms]" in column]
+    title = "CPU time per call; half of the area is known"
+    print_and_save("exploring/planning", title, rounded, columns, times)
 
 
 def compare_detectors() -> None:
@@ -169,6 +171,7 @@ def compare_detectors() -> None:
         "Frontier detection, CPU time of a search; half of the area is known",
         rows,
         list(rows[0]),
+        times=[column for column in rows[0] if "[ms]" in column],
     )
 
 

@@ -50,7 +50,7 @@ def main() -> None:
         for mode, particles in CASES
     ]
     title = f"recorded logs, means over {arguments.seeds} seeds (rbpf) or disturbed odometries (pose_graph)"
-    print_and_save("slam/pose_graph", title, rows, COLUMNS)
+    print_and_save("slam/pose_graph", title, rows, COLUMNS, times=("CPU [s]",))
     if arguments.episodes is not None:
         folders = sorted(path for path in arguments.episodes.iterdir() if path.is_dir())
         episodes = [episode_row(folder) for folder in folders]
@@ -59,6 +59,7 @@ def main() -> None:
             "simulated episodes: ATE [m] and CPU [s]",
             episodes,
             tuple(episodes[0]),
+            times=[column for column in episodes[0] if "CPU [s]" in column],
         )
 
 

@@ -132,7 +132,8 @@ def measure(num_rooms: int, num_beams: int, view_deg: float) -> dict[str, object
 def main() -> None:
     rows = [measure(rooms, 180, 180.0) for rooms in (2, 7, 25, 188)]
     rows += [measure(7, beams, 360.0) for beams in (180, 360, 1080)]
-    print_and_save("exploring/raycast", "Ray casting, one core, CPU time", rows, list(rows[0]))
+    times = ("us/scan", "million beams/s", "every wall [us]", "pymunk [us]")
+    print_and_save("exploring/raycast", "Ray casting, one core, CPU time", rows, list(rows[0]), times)
 
 
 if __name__ == "__main__":

@@ -1,18 +1,25 @@
 """How a benchmark shows its figures: a table in the terminal and a JSON file under ``benchmarks/results``.
 
-The JSON carries what a reader needs to assess a time: the machine, the versions and the date.
+The JSON carries what a reader needs to assess a time: the machine, the versions and the date. Machines of one name
+differ by three, so times are also divided by those of two fixed programs in the same run: a Python loop of ten million
+additions, and a compiled walk through a table. A thousandth of such a loop is a "mloop", a millionth a "uloop".
 """
 
+import functools
 import importlib.metadata
 import json
 import os
 import platform
+import re
+import statistics
 import sys
+import time
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
+import numpy as np
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
@@ -21,12 +28,66 @@ RESULTS = Path(__file__).parent / "results"
 
 _PACKAGES = ("slamgym", "numpy", "numba", "pymunk", "shapely", "opencv-python-headless", "gymnasium")
 
+ADDITIONS = 10_000_000
+"""Of the Python loop."""
+STEPS = 50_000_000
+"""Of the compiled walk."""
+
+
+class Yardsticks(NamedTuple):
+    """What the fixed programs took in this run [CPU s]."""
+
+    loop: float
+    kernel: float
+
+    @staticmethod
+    def measure(count: int = 5) -> "Yardsticks":
+        """Medians of so many runs, one after the other."""
+        walk, table = compiled_walk(), np.zeros(1 << 16, dtype=np.int64)
+        both = [(cpu_seconds(add_up, ADDITIONS), cpu_seconds(walk, table, STEPS)) for _ in range(count)]
+        return Yardsticks(*(statistics.median(times) for times in zip(*both, strict=True)))
+
+
+def cpu_seconds(function: Any, *arguments: Any) -> float:
+    """CPU time of one call [s]."""
+    begin = time.process_time()
+    function(*arguments)
+    return time.process_time() - begin
+
+
+def add_up(count: int) -> int:
+    """The Python loop."""
+    total = 0
+    for i in range(count):
+        total += i
+    return total
+
+
+def walk_through_table(table: np.ndarray, steps: int) -> None:
+    """The compiled program: whole numbers, loads and stores all over 512 KB, as in the kernels of maps."""
+    place = np.uint64(1)
+    for _ in range(steps):
+        place = place * np.uint64(6364136223846793005) + np.uint64(1442695040888963407)
+        table[place >> np.uint64(48)] += 1
+
+
+@functools.cache
+def compiled_walk() -> Any:
+    """The same, ready to be called with a table of 65,536 numbers."""
+    import numba
+
+    walk = numba.njit(walk_through_table)
+    walk(np.zeros(1 << 16, dtype=np.int64), 1)
+    return walk
+
 
 def print_and_save(
     name: str,
     title: str,
     rows: Sequence[Sequence[Any] | Mapping[str, Any]],
     columns: Sequence[str],
+    times: Sequence[str] = (),
+    yardsticks: Yardsticks | None = None,
 ) -> Path:
     """Print a table and write it, with the machine it was measured on, as JSON.
 
@@ -35,6 +96,8 @@ def print_and_save(
         title: Heading of the table; states what one row is.
         rows: One sequence per row in the order of ``columns``, or one mapping from column to value.
         columns: Column headings, with their units.
+        times: Those of CPU times, in us, ms or s, or per s. They are shown in loops first.
+        yardsticks: Measured during the run; measured now where left out.
 
     Returns:
         The JSON file written.
@@ -43,10 +106,21 @@ def print_and_save(
         ValueError: If a row doesn't fit the columns.
     """
     records = [_record(row, columns) for row in rows]
-    _print(title, records, columns)
+    document = {"name": name, "title": title, **environment(), "columns": list(columns), "rows": records}
+    if times:
+        measured = yardsticks or Yardsticks.measure()
+        title += f". One loop took {measured.loop:.3f} CPU s, {measured.loop / measured.kernel:.2f} kernels"
+        document["yardsticks"] = {"loop [CPU s]": measured.loop, "kernel [CPU s]": measured.kernel}
+        for unit, second in (("loop", measured.loop), ("kernel", measured.kernel)):
+            document[f"in {unit}s"] = [
+                {_in_units(time, unit): _divided(record[time], time, second) for time in times}
+                for record in records
+            ]
+        _print(title, *_with_loops(records, columns, times, measured.loop))
+    else:
+        _print(title, records, columns)
     path = RESULTS / f"{name}.json"
     path.parent.mkdir(parents=True, exist_ok=True)
-    document = {"name": name, "title": title, **environment(), "columns": list(columns), "rows": records}
     path.write_text(json.dumps(document, indent=1, default=_plain) + "\n", encoding="utf-8")
     return path
 
@@ -59,6 +133,44 @@ def environment() -> dict[str, Any]:
         "versions": {"python": platform.python_version()} | _package_versions(),
         "command": " ".join(["python", f"benchmarks/{Path(sys.argv[0]).name}", *sys.argv[1:]]),
     }
+
+
+_UNIT = re.compile(r"(/ ?(?:CPU )?s)\b|(?<!')\b(us|ms|s)\b")  # per second, or a time
+
+
+def _in_units(column: str, unit: str) -> str:
+    """A heading with loops or kernels instead of seconds."""
+
+    def named(found: re.Match[str]) -> str:
+        return f"/{unit}" if found[1] else f"{found[2][:-1]}{unit}s"
+
+    return _UNIT.sub(named, column, count=1)
+
+
+def _divided(value: Any, column: str, second: float) -> float | None:
+    """A time over that of a yardstick [s], or a rate times it."""
+    found = _UNIT.search(column)
+    if found is None:
+        raise ValueError(f"the heading {column!r} doesn't say whether it is in us, ms or s")
+    if not isinstance(value, int | float):
+        return None
+    return value * second if found[1] else value / second
+
+
+def _with_loops(
+    records: list[dict[str, Any]], columns: Sequence[str], times: Sequence[str], loop: float
+) -> tuple[list[dict[str, Any]], list[str]]:
+    """Records and columns with each time in loops, and as it was measured behind."""
+    wide = []
+    for record in records:
+        one: dict[str, Any] = {}
+        for column, value in record.items():
+            if column in times:
+                one[_in_units(column, "loop")] = _divided(value, column, loop)
+            one[column] = value
+        wide.append(one)
+    headings = [[_in_units(column, "loop"), column] if column in times else [column] for column in columns]
+    return wide, [heading for some in headings for heading in some]
 
 
 def _record(row: Sequence[Any] | Mapping[str, Any], columns: Sequence[str]) -> dict[str, Any]:

@@ -50,7 +50,8 @@ def main() -> None:
         for laps in (1, 4, 16)
     ]
     rows.append(row("GMapping's search", records, geometry, SlamConfig.gmapping()))
-    print_and_save("slam/slam_speed", "particle filter, CPU time per processed scan", rows, COLUMNS)
+    title = "particle filter, CPU time per processed scan"
+    print_and_save("slam/slam_speed", title, rows, COLUMNS, times=("ms per scan",))
 
 
 def drive() -> tuple[list[LogRecord], LaserGeometry]:

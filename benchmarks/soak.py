@@ -88,6 +88,7 @@ def main() -> None:
             "trimmed at the end [MB]",
             "growth, trimmed [MB]",
         ),
+        times=("steps/s",),
     )
 
 
