@@ -21,8 +21,8 @@ REAL_ROOM = 4.0
 """Doors between smaller rooms are no evidence: the gaps of clutter [m2]."""
 LARGEST_ROOM = 300.0
 """A scale at which some room is larger than this is no better [m2]."""
-SMALLEST_FLOOR = 5.0
-"""A building has more floor than this [m2]."""
+SMALLEST_FLOOR = 8.0
+"""A map of a building shows more floor than this [m2]."""
 MUCH_UNSEEN = 0.15
 """Share of the floor."""
 MUCH_INFERRED = 0.5

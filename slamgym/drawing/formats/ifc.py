@@ -33,8 +33,8 @@ def ifc_model(drawing: Drawing) -> Any:
 
     builder = _Builder(drawing, ifcopenshell.api.run)
     walls = [builder.add_wall(number, wall) for number, wall in enumerate(drawing.walls, 1)]
-    for number, door in enumerate(drawing.doors, 1):
-        builder.add_door(number, door, walls)
+    doors = [builder.add_door(number, door, walls) for number, door in enumerate(drawing.doors, 1)]
+    builder.contain([*walls, *doors])
     for room in drawing.rooms:
         builder.add_space(
             room.id, room.polygon, room.area, {"ShareSeen": room.share_seen, "Layer": room.layer}
@@ -90,7 +90,6 @@ class _Builder:
         self._place(entity, matrix)
         profile = self._profile(_local(wall.polygon, matrix))
         self._extrude(entity, profile, WALL_HEIGHT)
-        self.run("spatial.assign_container", self.file, products=[entity], relating_structure=self.storey)
         self._describe(
             entity,
             {
@@ -103,7 +102,7 @@ class _Builder:
         )
         return entity
 
-    def add_door(self, number: int, door: DrawnDoor, walls: list[Any]) -> None:
+    def add_door(self, number: int, door: DrawnDoor, walls: list[Any]) -> Any:
         """An IfcDoor; where a wall runs through it, in an opening of that wall."""
         entity = self.run("root.create_entity", self.file, ifc_class="IfcDoor", name=f"D{number:02d}")
         entity.OverallWidth, entity.OverallHeight = door.width, DOOR_HEIGHT
@@ -112,10 +111,9 @@ class _Builder:
         depth = max(door.depth, 0.04)
         leaf = shapely.box(0.0, -0.02, door.width, 0.02)
         self._extrude(entity, self._profile(leaf), DOOR_HEIGHT)
-        self.run("spatial.assign_container", self.file, products=[entity], relating_structure=self.storey)
         self._describe(entity, {"Width": door.width, "Confidence": door.confidence, "Layer": door.layer})
         if not door.walls:
-            return
+            return entity
         # Drawn walls end at the jambs, so the opening takes nothing away; it says which wall the door is in.
         opening = self.run(
             "root.create_entity", self.file, ifc_class="IfcOpeningElement", name=f"O{number:02d}"
@@ -126,6 +124,12 @@ class _Builder:
         )
         self.run("feature.add_feature", self.file, feature=opening, element=walls[door.walls[0]])
         self.run("feature.add_filling", self.file, opening=opening, element=entity)
+        return entity
+
+    def contain(self, entities: list[Any]) -> None:
+        """Put walls and doors into the storey; all at once, as each call copies the list of what is in it."""
+        if entities:
+            self.run("spatial.assign_container", self.file, products=entities, relating_structure=self.storey)
 
     def add_space(self, name: str, polygon: Polygon, area: float, properties: dict[str, Any]) -> None:
         """An IfcSpace with its area."""
