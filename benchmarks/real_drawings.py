@@ -12,6 +12,7 @@ the direction is right within 5 degrees; `useless` if the building can't be reco
 import argparse
 import json
 from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -35,7 +36,14 @@ PANEL = (430, 470)
 TILES = (3, 2)
 """Rows and columns of a sheet."""
 GRADES = ("usable", "partly", "useless")
-ROOM_COLOURS = ((255, 236, 210), (214, 236, 255), (221, 246, 221), (250, 221, 240), (240, 240, 200), (225, 225, 250))
+ROOM_COLOURS = (
+    (255, 236, 210),
+    (214, 236, 255),
+    (221, 246, 221),
+    (250, 221, 240),
+    (240, 240, 200),
+    (225, 225, 250),
+)
 SEEN_WALL, INFERRED_WALL, DOOR, ECHO = (25, 28, 32), (165, 175, 190), (20, 100, 220), (232, 89, 12)
 HIDDEN_ROOM = (225, 227, 230)
 """A room in the layer INFERRED."""
@@ -53,6 +61,7 @@ def main() -> None:
     draw.add_argument("--every", type=int, default=1, help="take every so many maps of each folder")
     draw.add_argument("--skip", type=int, default=0, help="begin with this one")
     draw.add_argument("--seed", type=int, default=0, help="of the order")
+    draw.add_argument("--workers", type=int, default=1, help="processes")
     draw.set_defaults(run=draw_sheets)
     table = commands.add_parser("table", help="count the grades")
     table.add_argument("output", type=Path, help="folder with key.json and grades.json")
@@ -63,17 +72,13 @@ def main() -> None:
 
 def draw_sheets(arguments: argparse.Namespace) -> None:
     """Draw every map by every model and write the tiles in an order drawn by chance."""
-    paths = [p for f in arguments.folders for p in sorted(f.glob("*.yaml"))[arguments.skip :: arguments.every]]
-    models = {name: load_floor_model(name) for name in arguments.models.split(",")}
-    drawn: list[tuple[str, str, ByteArray, dict[str, float]]] = []
-    for path in paths:
-        for name, model in models.items():
-            try:
-                drawing = make_drawing(read_map(path).grid, path.stem, model)
-            except SlamgymError as error:
-                print(f"{path.stem} by {name}: {error}")
-                continue
-            drawn.append((path.stem, name, tile(drawing), figures(drawing)))
+    paths = [
+        p for f in arguments.folders for p in sorted(f.glob("*.yaml"))[arguments.skip :: arguments.every]
+    ]
+    models = arguments.models.split(",")
+    with ProcessPoolExecutor(arguments.workers) as pool:
+        results = list(pool.map(draw_map, paths, [models] * len(paths)))
+    drawn = [one for some in results for one in some]
     order = np.random.default_rng(arguments.seed).permutation(len(drawn)).tolist()
     arguments.output.mkdir(parents=True, exist_ok=True)
     key = {
@@ -90,9 +95,24 @@ def draw_sheets(arguments: argparse.Namespace) -> None:
         write_picture(arguments.output / f"sheet_{first // (rows * cols) + 1:02d}.png", sheet)
 
 
+def draw_map(path: Path, models: Sequence[str]) -> list[tuple[str, str, ByteArray, dict[str, float]]]:
+    """A map by each model: its name, the model's, the tile and figures."""
+    drawn = []
+    for name in models:
+        try:
+            drawing = make_drawing(read_map(path).grid, path.stem, load_floor_model(name))
+        except SlamgymError as error:
+            print(f"{path.stem} by {name}: {error}", flush=True)
+            continue
+        drawn.append((path.stem, name, tile(drawing), figures(drawing)))
+    return drawn
+
+
 def figures(drawing: Drawing) -> dict[str, float]:
     """What is counted without looking."""
-    seen = filled(drawing.floor.difference(shapely.union_all(list(drawing.inferred_floor))), drawing.grid.frame)
+    seen = filled(
+        drawing.floor.difference(shapely.union_all(list(drawing.inferred_floor))), drawing.grid.frame
+    )
     inferred = sum(float(part.area) for part in drawing.inferred_floor)
     return {
         "never seen, in SEEN": round(unseen_share(seen, drawing.grid.cells != 205), 4),
@@ -113,7 +133,12 @@ def tile(drawing: Drawing) -> ByteArray:
     plain = np.repeat(grey[..., None], 3, axis=2)
     page = np.full_like(plain, 255)
     for number, room in enumerate(drawing.rooms):
-        fill(page, room.polygon, ROOM_COLOURS[number % len(ROOM_COLOURS)] if room.layer == "SEEN" else HIDDEN_ROOM, frame)
+        fill(
+            page,
+            room.polygon,
+            ROOM_COLOURS[number % len(ROOM_COLOURS)] if room.layer == "SEEN" else HIDDEN_ROOM,
+            frame,
+        )
     for part in drawing.inferred_floor:
         fill(page, part, HIDDEN_ROOM, frame)
     for wall in drawing.walls:
@@ -125,7 +150,9 @@ def tile(drawing: Drawing) -> ByteArray:
     radians = np.radians(drawing.angle_deg)
     arm = np.array([np.cos(radians), -np.sin(radians)]) * 25
     for x, y in (arm, np.array([arm[1], -arm[0]])):
-        cv2.line(page, (35, height - 35), (round(35 + x), round(height - 35 + y)), (200, 0, 0), 1, cv2.LINE_AA)
+        cv2.line(
+            page, (35, height - 35), (round(35 + x), round(height - 35 + y)), (200, 0, 0), 1, cv2.LINE_AA
+        )
     pair = np.hstack([plain, np.full((height, 4, 3), 90, np.uint8), page])
     return np.pad(pair, ((24, 4), (2, 6), (0, 0)), constant_values=190)
 
@@ -172,7 +199,10 @@ def count_grades(arguments: argparse.Namespace) -> None:
         rows.append({**key[number], "grade": grade, "reason": reason})
     rows.sort(key=lambda one: (one["map"], one["model"]))
     print_and_save(
-        "drawing/real", "Drawings of real robots' maps, graded blind", [[r[c] for c in columns] for r in rows], columns
+        "drawing/real",
+        "Drawings of real robots' maps, graded blind",
+        [[r[c] for c in columns] for r in rows],
+        columns,
     )
     for model in sorted({one["model"] for one in rows}):
         some = [one for one in rows if one["model"] == model]

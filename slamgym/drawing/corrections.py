@@ -10,11 +10,16 @@ import cv2
 import numpy as np
 
 from slamgym.core.types import FREE, OCCUPIED, BoolArray, Float32Array, OccupancyGrid
-from slamgym.drawing.settings import DrawingConfig
 from slamgym.gan.translation.classical import without_small
 from slamgym.gan.translation.derotation import padded_for_turning, transformed
 from slamgym.metrics.maps import distance_to
 
+RAY_WIDTH = 0.2
+"""Free space narrower than this was seen by single rays; no floor is drawn for it alone [m]."""
+SHORTEST = 1.0
+"""Straight walls of this length that were seen from both sides are drawn against the model [m]."""
+LONGEST_FRONT = 3.2
+"""A straight front of this length with nothing seen behind it is a wall, not a piece of furniture [m]."""
 WIDEST_GAP = 2.0
 """Unseen places between free cells at most so far apart may be floor: under a bed, behind a wardrobe [m]."""
 BEYOND = 0.6
@@ -31,39 +36,32 @@ ATTACHED = 0.25
 """Its end lies so near to a wall that the model has drawn [m]."""
 DEEPEST = 1.5
 """What is drawn behind a wall that was seen from one side is taken away up to this depth [m]."""
-WALL = 0.0
-"""Probability of floor in it."""
 
 
-def corrected(
-    probability: Float32Array, grid: OccupancyGrid, angle_deg: float, config: DrawingConfig
-) -> Float32Array:
+def corrected(probability: Float32Array, grid: OccupancyGrid, angle_deg: float) -> Float32Array:
     """A model's picture where the map bears it out.
 
     Args:
         probability: Of being floor, shape of the map.
         grid: The map.
         angle_deg: Direction of the main walls, counter-clockwise from the x axis.
-        config: Sizes.
     """
     cell = grid.frame.resolution
-    result = np.where(believable(grid.cells == FREE, cell, config), probability, 0.0).astype(np.float32)
-    if config.shortest_kept_wall > 0.0:
-        result[lost_walls(result, grid, angle_deg, config)] = WALL
+    result = np.where(believable(grid.cells == FREE, cell), probability, 0.0).astype(np.float32)
+    result[lost_walls(result, grid, angle_deg)] = 0.0
     return result
 
 
-def believable(free: BoolArray, cell: float, config: DrawingConfig) -> BoolArray:
+def believable(free: BoolArray, cell: float) -> BoolArray:
     """Where floor may be: near to free space that is wider than rays.
 
     Args:
         free: Free cells, shape (rows, cols).
         cell: [m]
-        config: Sizes.
     """
     border = math.ceil(0.5 * WIDEST_GAP / cell) + 2
     padded = np.pad(free, border)
-    half_ray, half_gap = 0.5 * config.ray_width / cell, 0.5 * WIDEST_GAP / cell
+    half_ray, half_gap = 0.5 * RAY_WIDTH / cell, 0.5 * WIDEST_GAP / cell
     wide = distance_to(distance_to(~padded) > half_ray) <= half_ray
     wide = without_small(wide, SMALLEST_FREE / cell**2)
     if not wide.any():
@@ -73,16 +71,13 @@ def believable(free: BoolArray, cell: float, config: DrawingConfig) -> BoolArray
     return near[border:-border, border:-border]
 
 
-def lost_walls(
-    probability: Float32Array, grid: OccupancyGrid, angle_deg: float, config: DrawingConfig
-) -> BoolArray:
+def lost_walls(probability: Float32Array, grid: OccupancyGrid, angle_deg: float) -> BoolArray:
     """Cells of walls along the main directions that were seen and aren't drawn, and what is drawn behind them.
 
     Args:
         probability: Of being floor, shape of the map.
         grid: The map.
         angle_deg: Direction of the main walls.
-        config: Sizes.
     """
     turned = [
         _turned(mask.astype(np.uint8), -angle_deg) > 0
@@ -91,7 +86,7 @@ def lost_walls(
     found = np.zeros(turned[0].shape, np.bool_)
     for flip in (False, True):
         echoes, free, floor = (np.ascontiguousarray(mask.T) if flip else mask for mask in turned)
-        rows = _rows_of_echoes(echoes, free, floor, grid.frame.resolution, config)
+        rows = _rows_of_echoes(echoes, free, floor, grid.frame.resolution)
         found |= rows.T if flip else rows
     back = _turned(found.astype(np.uint8), angle_deg, grid.cells.shape) > 0
     return back & (probability >= 0.5)
@@ -109,12 +104,9 @@ def _turned(mask: np.ndarray, angle_deg: float, shape: tuple[int, int] | None = 
     return image[above : above + shape[0], beside : beside + shape[1]]
 
 
-def _rows_of_echoes(
-    echoes: BoolArray, free: BoolArray, floor: BoolArray, cell: float, config: DrawingConfig
-) -> BoolArray:
+def _rows_of_echoes(echoes: BoolArray, free: BoolArray, floor: BoolArray, cell: float) -> BoolArray:
     """Horizontal walls in drawn floor, with what is drawn behind those that were seen from one side."""
-    shortest, longest_front = config.shortest_kept_wall, config.longest_front
-    length, gap, thick, deep = (max(1, round(size / cell)) for size in (shortest, BROKEN, THICKEST, DEEPEST))
+    length, gap, thick, deep = (max(1, round(size / cell)) for size in (SHORTEST, BROKEN, THICKEST, DEEPEST))
     image = cv2.dilate(echoes.astype(np.uint8), np.ones((3, 1), np.uint8))  # a wall may lie between two rows
     image = cv2.morphologyEx(image, cv2.MORPH_CLOSE, np.ones((1, 2 * (gap // 2) + 1), np.uint8))
     image = cv2.morphologyEx(image, cv2.MORPH_OPEN, np.ones((1, length), np.uint8))
@@ -134,8 +126,11 @@ def _rows_of_echoes(
         ends = part & ((np.arange(width) < 2) | (np.arange(width) >= width - 2))[None]
         if (inside & sides[0] & sides[1]).mean() >= BOTH_SIDES and drawn[near, columns][ends].any():
             result[near, columns] |= part
-        elif width * cell >= longest_front and (inside & (sides[0] ^ sides[1])).mean() >= BOTH_SIDES:
-            part, open_floor = labels[behind, columns] == number, ~free[behind, columns] & floor[behind, columns]
+        elif width * cell >= LONGEST_FRONT and (inside & (sides[0] ^ sides[1])).mean() >= BOTH_SIDES:
+            part, open_floor = (
+                labels[behind, columns] == number,
+                ~free[behind, columns] & floor[behind, columns],
+            )
             upwards = sides[1].mean() > sides[0].mean()
             if not upwards:
                 part, open_floor = part[::-1], open_floor[::-1]

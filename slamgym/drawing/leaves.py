@@ -13,6 +13,8 @@ from slamgym.drawing.settings import DrawingConfig
 
 LENGTHS = (0.35, 1.3)
 """Of the leaf of a door [m]."""
+THICKEST = 0.25
+"""On average [m]."""
 OBLIQUE_DEG = 10.0
 """A piece nearer to a main direction may be a wall."""
 WIDEST_BASE = 0.6
@@ -34,14 +36,16 @@ def without_leaves(floor: MultiPolygon, angles_deg: Sequence[float], config: Dra
     for part in floor.geoms:
         oriented = shapely.geometry.polygon.orient(part)
         for ring in (oriented.exterior, *oriented.interiors):
-            leaves += _leaves_of(shapely.get_coordinates(ring)[:-1], axes, config.leaf_thickness)
+            leaves += _leaves_of(shapely.get_coordinates(ring)[:-1], axes)
     if not leaves:
         return floor
     # A little wider, so that no slit is left.
-    return without_necks(shapely.union_all([floor, *(shapely.make_valid(leaf).buffer(1e-3) for leaf in leaves)]), config)
+    return without_necks(
+        shapely.union_all([floor, *(shapely.make_valid(leaf).buffer(1e-3) for leaf in leaves)]), config
+    )
 
 
-def _leaves_of(points: FloatArray, axes: np.ndarray, thickest: float) -> list[shapely.Polygon]:
+def _leaves_of(points: FloatArray, axes: np.ndarray) -> list[shapely.Polygon]:
     """The areas of a ring's leaves; the floor lies on the ring's left."""
     count, found = len(points), []
     for tip in TIP:
@@ -55,7 +59,7 @@ def _leaves_of(points: FloatArray, axes: np.ndarray, thickest: float) -> list[sh
             base = float(np.hypot(*(corners[-1] - corners[0])))
             sides = np.array([corners[1] - corners[0], corners[-1] - corners[-2]]) @ np.array([1.0, 1j])
             length = float(np.abs(sides).mean())
-            if not (LENGTHS[0] <= length <= LENGTHS[1] and 0.0 < area <= thickest * length):
+            if not (LENGTHS[0] <= length <= LENGTHS[1] and 0.0 < area <= THICKEST * length):
                 continue
             direction = complex((sides[0] - sides[1]) / max(abs(sides[0] - sides[1]), 1e-9))
             along = float(np.abs((direction * axes.conj()).real).max())

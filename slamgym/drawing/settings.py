@@ -40,14 +40,6 @@ class DrawingConfig(Settings, section="drawing"):
     """Smaller parts of the floor aren't rooms of their own [m2]."""
     min_room_width: Positive = 0.7
     """Nor are narrower ones [m]."""
-    leaf_thickness: _Size = 0.25
-    """The leaf of an open door is drawn no thicker [m]; 0 keeps leaves as walls."""
-    ray_width: _Size = 0.2
-    """Free space narrower than this was seen by single rays; no floor is drawn for it alone [m]."""
-    shortest_kept_wall: _Size = 1.0
-    """Straight walls of this length that were seen from both sides are drawn against the model; 0: none [m]."""
-    longest_front: _Size = 3.2
-    """A straight front of this length with nothing seen behind it is a wall, not a piece of furniture [m]."""
     evidence: Positive = 0.15
     """A piece of wall was seen if the map has an occupied cell within this [m]."""
     seen_share: Share = 0.5

@@ -85,7 +85,7 @@ def make_drawing(
     grid = known_part(grid)
     direction = find_wall_direction(grid.cells)
     angle = direction.angle_deg if angle_deg is None else (angle_deg + 45.0) % 90.0 - 45.0
-    probability = corrected(used.probability(grid, angle), grid, angle, config)
+    probability = corrected(used.probability(grid, angle), grid, angle)
     floor = find_floor(probability, grid, angle, config)
     if floor.is_empty:
         raise InputFileError(where, no_floor)

@@ -1,0 +1,63 @@
+"""The map overrules a model: rays are no floor, walls that were seen long stay, leaves of doors are no walls."""
+
+import numpy as np
+import pytest
+import shapely
+from drawing.painted import FLAT, Painted, painted
+from shapely import Polygon, affinity
+
+from slamgym.core.types import FREE, UNKNOWN, OccupancyGrid
+from slamgym.drawing import make_drawing
+from slamgym.drawing.openings import divide
+from slamgym.drawing.settings import DEFAULT_DRAWING
+
+HALL = shapely.box(0, 0, 8, 5)
+
+
+@pytest.mark.parametrize("turn", [0.0, 20.0])
+def test_a_wall_that_was_seen_from_both_sides_is_drawn_against_the_model(turn):
+    wall = shapely.box(4.0, 1.0, 4.1, 5.0)
+    grid, _, _ = painted(HALL.difference(wall), turn_deg=turn)
+    blind = Painted(affinity.rotate(HALL, turn, origin=(0, 0)))
+    drawing = make_drawing(grid, model=blind)
+    assert len(drawing.rooms) == 2
+    (door,) = drawing.doors
+    assert door.width == pytest.approx(1.0, abs=0.15)
+
+
+def test_what_a_model_draws_behind_a_long_front_goes_and_behind_furniture_it_stays():
+    grid, _, _ = painted(HALL)
+    deeper = Painted(shapely.box(0, -0.5, 8, 5))
+    assert make_drawing(grid, model=deeper).area == pytest.approx(HALL.area, abs=1.0)
+    wardrobe = shapely.box(3.0, 0.0, 5.0, 0.6)
+    grid, _, model = painted(HALL.difference(wardrobe))
+    assert make_drawing(grid, model=Painted(HALL)).area == pytest.approx(HALL.area, abs=0.3)
+    assert make_drawing(grid, model=model).area == pytest.approx(HALL.area - wardrobe.area, abs=0.3)
+
+
+def test_rays_alone_are_no_floor():
+    grid, _, _ = painted(HALL)
+    cells = np.pad(grid.cells, ((0, 0), (0, 80)), constant_values=UNKNOWN)
+    for row in (40, 52, 64):
+        cells[row, 170:250] = FREE
+    frame = grid.frame._replace(width_px=cells.shape[1])
+    fan = Painted(shapely.union(HALL, Polygon([(8, 1.9), (12, 1.2), (12, 4.0), (8, 3.4)])))
+    drawing = make_drawing(OccupancyGrid(cells, frame), model=fan)
+    assert drawing.bounds[2] < 9.0
+
+
+def test_the_leaf_of_an_open_door_is_no_wall():
+    leaf = affinity.rotate(shapely.box(4.1, 1.28, 4.9, 1.33), -40.0, origin=(4.1, 1.3))
+    grid, floor, model = painted(FLAT.difference(leaf))
+    drawing = make_drawing(grid, model=model)
+    assert drawing.area == pytest.approx(FLAT.area, abs=0.03)
+    (door,) = drawing.doors
+    assert door.width == pytest.approx(0.9, abs=0.05)
+    assert drawing.area > floor.area
+
+
+def test_rooms_are_parted_by_a_gap_that_is_no_door():
+    floor = shapely.union_all([FLAT, shapely.box(4.0, 2.6, 4.1, 2.9)])
+    division = divide(shapely.MultiPolygon([floor]), DEFAULT_DRAWING)
+    assert len(division.rooms) == 2
+    assert [round(gap.width, 2) for gap in division.doors] == [0.9]
