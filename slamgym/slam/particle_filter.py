@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from slamgym.core.geometry import between, compose
+from slamgym.core.geometry import between, compose, wrap_angle
 from slamgym.core.types import (
     Float32Array,
     FloatArray,
@@ -28,6 +28,7 @@ from slamgym.slam.motion_model import noise_array, sample_motion
 from slamgym.slam.odometry_calibration import OdometryCalibration
 from slamgym.slam.particles import ParticleMaps, TrajectoryTree, trace_lineage
 from slamgym.slam.scan_match import align_freely, match_particles
+from slamgym.slam.uncertainty import PathUncertainty, match_covariance
 
 
 def normalized_weights(log_weights: FloatArray, gain: float) -> FloatArray:
@@ -72,8 +73,6 @@ HEADING_FLOOR = 0.003
 """Odometry is never trusted further than this [m], [rad]."""
 NULL_LIKELIHOOD = -0.5
 """-d^2 of a beam with nothing near [m^2] (GMapping's ``nullLikelihood``)."""
-POINT_INFORMATION = 50_000.0
-"""Of a point across the surface that it lies on, in an edge of the graph [1/m^2]: 4.5 mm."""
 COMMON_ERROR = 40.0
 """A laser's bias moves all points of a surface together: where a match is compared with the odometry, its variances
 are so many times larger. Matches of the default laser err by 1 cm and 5 mrad over half a metre; 0.7 of
@@ -128,7 +127,8 @@ class ParticleFilter(GatedMapper):
         self._calibration = OdometryCalibration() if config.learn_odometry else None
         self._free_offset = Pose2D(0.0, 0.0, 0.0)
         self._match_covariance: FloatArray | None = None
-        self._predicted_variances = np.zeros(2)
+        nodes, view = config.pose_graph, geometry.num_beams * geometry.angle_increment
+        self._uncertainty = PathUncertainty(nodes.keyframe_distance, nodes.keyframe_turn, view)
 
     @property
     def pose(self) -> Pose2D:
@@ -153,12 +153,13 @@ class ParticleFilter(GatedMapper):
 
     @property
     def covariance(self) -> FloatArray:
-        """Covariance (3, 3) of the weighted particles at the last processed scan."""
-        deviations = self._poses - self._poses[self.best_particle]
-        deviations[:, 2] = np.arctan2(np.sin(deviations[:, 2]), np.cos(deviations[:, 2]))
+        """Covariance (3, 3) of the pose at the last processed scan: that of one path, and between the particles."""
+        best = self._poses[self.best_particle]
+        deviations = self._poses - best
+        deviations[:, 2] = wrap_angle(deviations[:, 2])
         deviations -= self._weights @ deviations
-        spread: FloatArray = (deviations * self._weights[:, None]).T @ deviations
-        return spread
+        spread = (deviations * self._weights[:, None]).T @ deviations
+        return np.asarray(self._uncertainty.at(best, self._match_covariance) + spread, dtype=np.float64)
 
     @property
     def n_eff(self) -> float:
@@ -183,20 +184,31 @@ class ParticleFilter(GatedMapper):
         """One step of the filter: predict, match, weigh, resample, register."""
         increments = self._gate.take(scan.stamp)
         before = self._poses.copy()
-        variance, turn_variance = self._predict(increments)
+        variances = self._predict(increments)
         predicted = self._poses.copy()
-        self._predicted_variances = np.array([variance, turn_variance])
         points = self._usable_points(scan.ranges)
         self._maps.cover(self._poses, self._radius(points))
+        best = 0
         if len(self._tree) > 0:
-            best = self._match_and_weigh(points, variance, turn_variance)
-            if self._calibration is not None:
-                free, share = self._assess_match(scan.stamp, increments, predicted[best], best, points)
-                self._learn(self._calibration, increments, before[best], best, free, share, len(points))
-            if self.n_eff < self._config.resample_threshold * len(self._poses):
-                self._resample()
+            best = self._match_and_weigh(points, *variances)
+            free, share = self._assess_match(scan.stamp, increments, predicted[best], best, points)
+            fits = share >= RELIABLE_SHARE and len(points) >= FEW_POINTS
+            self._learn(increments, before[best], best, free, fits)
+        matched = self._poses[best].copy()
+        if len(self._tree) > 0 and self.n_eff < self._config.resample_threshold * len(self._poses):
+            self._resample()
         self._tree.append(scan.stamp, self._poses, scan.ranges)
         self._maps.register(self._poses, points)
+        self._uncertainty.move(before[best], matched, np.array(variances))
+        if self._uncertainty.is_due:
+            self._add_node(scan, matched)
+
+    def _add_node(self, scan: LaserScan, pose: FloatArray) -> None:
+        """Note how far the path may be off here."""
+        del scan
+        self._uncertainty.append(pose, self._match_covariance)
+        if self._match_covariance is not None:
+            self._uncertainty.revisit(self._match_covariance)
 
     def _usable_points(self, ranges: Float32Array, longest: float = math.inf) -> FloatArray:
         """End points (n, 2) in the robot frame that can be matched; valid until the next call."""
@@ -248,7 +260,7 @@ class ParticleFilter(GatedMapper):
         """
         free = self._align_freely(self._poses[best], points, best)
         share = free[3] / max(len(points), 1)
-        if share < DOUBT_SHARE and len(points) >= FEW_POINTS:
+        if self._calibration is not None and share < DOUBT_SHARE and len(points) >= FEW_POINTS:
             found = self._resettle(increments, predicted, points, share)
             if found > share:
                 free = self._align_freely(self._poses[best], points, best)
@@ -258,26 +270,26 @@ class ParticleFilter(GatedMapper):
         return free, share
 
     def _learn(
-        self, calibration: OdometryCalibration, increments: FloatArray, before: FloatArray, best: int,
-        free: FloatArray, share: float, num_points: int,
-    ) -> None:  # fmt: skip
-        """Compare the best particle's match with the odometry, where the match can be relied on."""
+        self, increments: FloatArray, before: FloatArray, best: int, free: FloatArray, fits: bool
+    ) -> None:
+        """Note how well the best particle's match is known; where it can be relied on, compare it with the odometry."""
         last_offset = self._free_offset
         matched, aligned = Pose2D(*self._poses[best].tolist()), Pose2D(*free[:3].tolist())
         self._free_offset = between(matched, aligned)
-        uu, uv, vv, ut, vt, tt = free[4:].tolist()
-        information = POINT_INFORMATION * np.array([[uu, uv, ut], [uv, vv, vt], [ut, vt, tt]])
-        covariance = np.asarray(np.linalg.inv(information + np.eye(3)), dtype=np.float64)
+        covariance = match_covariance(free[4:])
         along = np.array([math.cos(matched.theta), math.sin(matched.theta), 0.0])
         along_variance, turn_variance = float(along @ covariance @ along), float(covariance[2, 2])
-        fits = share >= RELIABLE_SHARE and num_points >= FEW_POINTS
-        if not fits or along_variance > RELIABLE_METRES**2 or turn_variance > RELIABLE_RADIANS**2:
-            calibration.restart()
-            self._match_covariance = None
+        reliable = fits and along_variance <= RELIABLE_METRES**2 and turn_variance <= RELIABLE_RADIANS**2
+        self._match_covariance = covariance if reliable else None
+        if self._calibration is None:
             return
-        self._match_covariance = covariance
+        if not reliable:
+            self._calibration.restart()
+            return
         moved = between(compose(Pose2D(*before.tolist()), last_offset), aligned)
-        calibration.learn(increments, moved, COMMON_ERROR * along_variance, COMMON_ERROR * turn_variance)
+        self._calibration.learn(
+            increments, moved, COMMON_ERROR * along_variance, COMMON_ERROR * turn_variance
+        )
 
     def _match_and_weigh(self, points: FloatArray, variance: float, turn_variance: float) -> int:
         c = self._config
