@@ -47,7 +47,7 @@ class StepRecord:
     """Mean distance of the map's occupied cells from the nearest true wall [m]."""
     previous_map_error: float = math.nan
     position_sigma: float = math.nan
-    """Root of the trace of the particles' position covariance [m]; 0 where there are no particles."""
+    """Root of the trace of the position's covariance as the mapper reports it [m]; 0 where it reports none."""
     exposure: float = 0.0
     """Mean distance from walls of the path to the chosen frontier, on the robot's own map, at most 3 [m]; 0 where
     no frontiers are chosen."""

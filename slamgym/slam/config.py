@@ -54,7 +54,11 @@ class SlamConfig(Settings, section="slam"):
     (:mod:`slamgym.slam.localization`); ``ground_truth``: as dead reckoning, for a caller who hands it true poses."""
 
     particles: Count = 30
-    """Number of particles (``particles``)."""
+    """Number of particles (``particles``), at most."""
+
+    min_particles: Count = 10
+    """So many are kept at least, where the odometry that was learned is so true that fewer will do
+    (:func:`slamgym.slam.resampling.needed_particles`). GMapping's number is fixed: as large as ``particles``."""
 
     resolution: Positive = 0.05
     """Cell size of the maps [m] (``delta``)."""
@@ -162,6 +166,7 @@ class SlamConfig(Settings, section="slam"):
         """GMapping's own search and weights, for comparison: nothing of what this package adds."""
         return SlamConfig(
             particles=particles,
+            min_particles=particles,
             matcher="hill_climbing",
             minimum_score=50.0,
             odometry_weight=0.0,

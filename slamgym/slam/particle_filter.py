@@ -27,46 +27,16 @@ from slamgym.slam.mapper import GatedMapper
 from slamgym.slam.motion_model import noise_array, sample_motion
 from slamgym.slam.odometry_calibration import OdometryCalibration
 from slamgym.slam.particles import ParticleMaps, TrajectoryTree, trace_lineage
+from slamgym.slam.resampling import (
+    LEAST_CHANGE,
+    effective_sample_size,
+    in_place,
+    needed_particles,
+    normalized_weights,
+    systematic_resample,
+)
 from slamgym.slam.scan_match import align_freely, match_particles
 from slamgym.slam.uncertainty import PathUncertainty, match_covariance
-
-
-def normalized_weights(log_weights: FloatArray, gain: float) -> FloatArray:
-    """Weights that sum to 1, flattened as GMapping does: exp(l / (gain x particles)).
-
-    Args:
-        log_weights: (particles,) log-likelihood since the last resampling.
-        gain: GMapping's ``ogain``.
-    """
-    weights = np.exp((log_weights - log_weights.max()) / (gain * len(log_weights)))
-    normalized: FloatArray = weights / weights.sum()
-    return normalized
-
-
-def effective_sample_size(weights: FloatArray) -> float:
-    """N_eff = 1 / sum of squares, from 1 (one particle has all the weight) to the number of particles."""
-    return float(1.0 / np.dot(weights, weights))
-
-
-def systematic_resample(weights: FloatArray, uniform: float) -> IntArray:
-    """Draw as many ancestors as there are particles, particle i about ``N x weights[i]`` times.
-
-    Args:
-        weights: (particles,) that sum to 1.
-        uniform: One draw from [0, 1).
-
-    Returns:
-        (particles,) ancestor of each place. Every survivor keeps its own place, so that only the maps of
-        those that die are replaced.
-    """
-    count = len(weights)
-    ticks = (np.arange(count) + uniform) / count
-    drawn = np.searchsorted(np.cumsum(weights), ticks, side="right").clip(max=count - 1)
-    copies = np.bincount(drawn, minlength=count)
-    ancestors = np.arange(count)
-    ancestors[copies == 0] = np.repeat(np.arange(count), np.maximum(copies - 1, 0))
-    return ancestors
-
 
 POSITION_FLOOR = 0.005
 HEADING_FLOOR = 0.003
@@ -196,7 +166,9 @@ class ParticleFilter(GatedMapper):
             self._learn(increments, before[best], best, free, fits)
         matched = self._poses[best].copy()
         if len(self._tree) > 0 and self.n_eff < self._config.resample_threshold * len(self._poses):
-            self._resample()
+            self._resample(len(self._poses))
+        elif len(self._tree) > 0:
+            self._adapt()
         self._tree.append(scan.stamp, self._poses, scan.ranges)
         self._maps.register(self._poses, points)
         self._uncertainty.move(before[best], matched, np.array(variances))
@@ -309,17 +281,34 @@ class ParticleFilter(GatedMapper):
         self._weights = normalized_weights(self._log_weights, c.likelihood_gain)
         n_eff = effective_sample_size(self._weights)
         self._stats.n_eff.append(n_eff)
+        self._stats.particles.append(len(self._poses))
         return self.best_particle
 
-    def _resample(self) -> None:
-        ancestors = systematic_resample(self._weights, float(self._rng.random()))
+    def _adapt(self) -> None:
+        """Drop the particles that are not needed, or add copies, once the odometry is known well enough to say."""
+        calibration, most, now = self._calibration, self._config.particles, len(self._poses)
+        if self._config.mode != "rbpf" or calibration is None or not calibration.knows_noise:
+            return
+        wanted = needed_particles(self._config.min_particles, most, calibration.heading_noise)
+        if wanted <= (1.0 - LEAST_CHANGE) * now:
+            self._descend(in_place(np.argsort(-self._path_log_weights, kind="stable")[:wanted], wanted, now))
+        elif wanted >= (1.0 + LEAST_CHANGE) * now:
+            self._resample(wanted)
+
+    def _resample(self, count: int) -> None:
+        self._descend(systematic_resample(self._weights, float(self._rng.random()), count))
+        self._log_weights = np.zeros(count)
+        self._weights = np.full(count, 1.0 / count)
+        self._stats.resamplings += 1
+
+    def _descend(self, ancestors: IntArray) -> None:
+        """Let the particles be those that descend from ``ancestors``."""
         self._poses = self._poses[ancestors]
+        self._log_weights = self._log_weights[ancestors]
         self._path_log_weights = self._path_log_weights[ancestors]
-        self._log_weights[:] = 0.0
-        self._weights[:] = 1.0 / len(ancestors)
+        self._weights = normalized_weights(self._log_weights, self._config.likelihood_gain)
         self._maps.resample(ancestors)
         self._tree.resample(ancestors)
-        self._stats.resamplings += 1
 
     def _draw_path(self) -> None:
         """Make the drawn path that of the best particle: take out what it doesn't share, draw the rest."""

@@ -11,7 +11,7 @@ from slamgym.core.geometry import between, compose
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, GridFrame, LaserGeometry, LaserScan, Pose2D
 from slamgym.metrics import normalised_estimation_error_squared
 from slamgym.sim.raycast import cast_rays
-from slamgym.slam import ParticleFilter, SlamConfig, make_mapper
+from slamgym.slam import SlamConfig, make_mapper
 from slamgym.slam.hit_count_kernels import BeamTable
 from slamgym.slam.hit_counts import HitCountMap
 
