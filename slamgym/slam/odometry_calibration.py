@@ -91,9 +91,11 @@ class OdometryCalibration:
         return max(0.0, 1.0 - SIGNIFICANT * min(max(truth, 0.0), 1.0) / max(squared, 1e-9))
 
     @property
-    def knows_noise(self) -> bool:
-        """Whether enough stretches were compared to say how large the random error of the heading is."""
-        return self._heading_weight >= SURE_STRETCHES
+    def random_noise(self) -> float | None:
+        """The larger of the two random errors; None until enough stretches were compared to say."""
+        if self._heading_weight < SURE_STRETCHES:
+            return None
+        return max(self.heading_noise, self.distance_noise)
 
     def spread(self, increments: FloatArray) -> MotionSpread:
         """How far a motion by odometry may be off once it is corrected.

@@ -6,16 +6,16 @@ import numpy as np
 
 from slamgym.core.types import FloatArray, IntArray
 
-FULL_NOISE = 2.0
-"""Learned noise of the heading at which all particles are needed."""
+FULL_NOISE = 4.0
+"""Learned noise at which all particles are needed."""
 LEAST_CHANGE = 0.25
 """The number of particles changes by no smaller share."""
 
 
-def needed_particles(least: int, most: int, heading_noise: float) -> int:
+def needed_particles(least: int, most: int, noise: float) -> int:
     """How many particles the odometry at hand needs.
 
-    What the particles must cover until walls are met again are the headings that random slip may have led to. Their
+    What the particles must cover until walls are met again are the poses that random slip may have led to. Their
     spread grows with its standard deviation, and with it the particles that cover it equally densely; that is what KLD
     sampling counts (Fox, *Adapting the sample size in particle filters through KLD-sampling*, IJRR 22, 2003). It
     counts the particles' own spread, which here says little: all are matched to nearly the same optimum.
@@ -23,9 +23,10 @@ def needed_particles(least: int, most: int, heading_noise: float) -> int:
     Args:
         least: Never fewer than this, unless ``most`` is.
         most: Never more.
-        heading_noise: What :class:`slamgym.slam.odometry_calibration.OdometryCalibration` has learned.
+        noise: Variance of the random errors that was learned, over what is expected before
+            (:attr:`slamgym.slam.odometry_calibration.OdometryCalibration.random_noise`).
     """
-    return min(max(math.ceil(most * math.sqrt(max(heading_noise, 0.0) / FULL_NOISE)), least), most)
+    return min(max(math.ceil(most * math.sqrt(max(noise, 0.0) / FULL_NOISE)), least), most)
 
 
 def normalized_weights(log_weights: FloatArray, gain: float) -> FloatArray:

@@ -54,7 +54,7 @@ def test_resampling_is_unbiased_over_its_draw():
 
 
 def test_odometry_that_slips_more_needs_more_particles():
-    needed = [needed_particles(10, 30, noise) for noise in (-0.1, 0.1, 0.5, 1.125, 2.0, 50.0)]
+    needed = [needed_particles(10, 30, noise) for noise in (-0.1, 0.1, 1.0, 2.25, 4.0, 50.0)]
     assert needed == [10, 10, 15, 23, 30, 30]
     assert needed_particles(10, 5, 0.1) == 5
 
