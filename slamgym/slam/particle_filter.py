@@ -286,12 +286,12 @@ class ParticleFilter(GatedMapper):
 
     def _adapt(self) -> None:
         """Drop the particles that are not needed, or add copies, once the odometry is known well enough to say."""
-        now, noise = len(self._poses), None
+        now, least, noise = len(self._poses), self._config.min_particles, None
         if self._config.mode == "rbpf" and self._calibration is not None:
             noise = self._calibration.random_noise
-        if noise is None:
+        if least is None or noise is None:
             return
-        wanted = needed_particles(self._config.min_particles, self._config.particles, noise)
+        wanted = needed_particles(least, self._config.particles, noise)
         if wanted <= (1.0 - LEAST_CHANGE) * now:
             self._descend(in_place(np.argsort(-self._path_log_weights, kind="stable")[:wanted], wanted, now))
         elif wanted >= (1.0 + LEAST_CHANGE) * now:

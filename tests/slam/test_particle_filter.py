@@ -242,14 +242,14 @@ def test_the_covariance_is_neither_far_too_small_nor_too_large(mode):
 
 
 def test_true_wheels_need_few_particles_and_slipping_ones_all():
-    few, poses = run(SlamConfig(max_usable_range=3.4), sigma=0.01)
-    many, _ = run(SlamConfig(), sigma=0.01, odometry_noise=0.5)
+    few, poses = run(SlamConfig(min_particles=10), sigma=0.01)
+    many, _ = run(SlamConfig(min_particles=10), sigma=0.01, odometry_noise=0.5)
     assert few.stats.particles[0] == many.stats.particles[-1] == 30
     assert few.stats.particles[-1] < 20
     assert position_error(few, poses[-1]) < 0.05
 
 
-@pytest.mark.parametrize("config", [SlamConfig(min_particles=30), SlamConfig.gmapping(8)])
+@pytest.mark.parametrize("config", [SlamConfig(), SlamConfig(min_particles=30), SlamConfig.gmapping(8)])
 def test_a_fixed_number_of_particles_stays(config):
     mapper, _ = run(config, sigma=0.01)
     assert set(mapper.stats.particles) == {config.particles}
