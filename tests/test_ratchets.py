@@ -16,7 +16,7 @@ MAX_FILES_IN_A_FOLDER = 25
 MAX_LINES = 400
 MAX_PARAMETERS = 8
 MAX_ATTRIBUTES = 15
-MAX_CODE_LINES = 32450
+MAX_CODE_LINES = 32490
 """Of all modules together; without docstrings, comments, blank lines and imports."""
 
 MORE_LINES: dict[str, int] = {}
@@ -35,9 +35,8 @@ MORE_ATTRIBUTES: dict[str, int] = {
     "slamgym.envs.simulation.Simulation": 21,
     "slamgym.parametric.config.LidarErrorConfig": 18,
     "slamgym.sim.lidar.LidarConfig": 16,
-    "slamgym.slam.config.SlamConfig": 30,
+    "slamgym.slam.config.SlamConfig": 31,
     "slamgym.slam.graph.config.PoseGraphConfig": 20,
-    "slamgym.slam.graph.mapper.PoseGraphMapper": 17,
     "slamgym.slam.localization.config.LocalizationConfig": 28,
     "slamgym.slam.particle_filter.ParticleFilter": 16,
 }
