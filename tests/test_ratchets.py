@@ -35,9 +35,8 @@ MORE_ATTRIBUTES: dict[str, int] = {
     "slamgym.envs.simulation.Simulation": 21,
     "slamgym.parametric.config.LidarErrorConfig": 18,
     "slamgym.sim.lidar.LidarConfig": 16,
-    "slamgym.slam.config.SlamConfig": 30,
+    "slamgym.slam.config.SlamConfig": 31,
     "slamgym.slam.graph.config.PoseGraphConfig": 20,
-    "slamgym.slam.graph.mapper.PoseGraphMapper": 17,
     "slamgym.slam.localization.config.LocalizationConfig": 28,
     "slamgym.slam.particle_filter.ParticleFilter": 16,
 }

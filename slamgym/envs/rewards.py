@@ -51,7 +51,7 @@ class StepRecord:
     """Mean distance of the map's occupied cells from the nearest true wall [m]."""
     previous_map_error: float = math.nan
     position_sigma: float = math.nan
-    """Root of the trace of the particles' position covariance [m]; 0 where there are no particles."""
+    """Root of the trace of the position's covariance as the mapper reports it [m]; 0 where it reports none."""
     floor_area: float = math.nan
     """The reachable floor [m2]."""
     exposure: float = 0.0

@@ -59,6 +59,9 @@ class SlamStats:
     n_eff: list[float] = field(default_factory=list)
     """N_eff at each processed scan, before resampling."""
 
+    particles: list[int] = field(default_factory=list)
+    """Number of particles at each of those scans."""
+
     @property
     def is_doubtful(self) -> bool:
         """Whether the last processed scan is in doubt, and with it the pose."""

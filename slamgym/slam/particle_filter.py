@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from slamgym.core.geometry import between, compose
+from slamgym.core.geometry import between, compose, wrap_angle
 from slamgym.core.jit import plain
 from slamgym.core.types import (
     Float32Array,
@@ -28,53 +28,22 @@ from slamgym.slam.mapper import GatedMapper
 from slamgym.slam.motion_model import noise_array, sample_motion
 from slamgym.slam.odometry_calibration import OdometryCalibration
 from slamgym.slam.particles import ParticleMaps, TrajectoryTree, trace_lineage
+from slamgym.slam.resampling import (
+    LEAST_CHANGE,
+    effective_sample_size,
+    in_place,
+    needed_particles,
+    normalized_weights,
+    systematic_resample,
+)
 from slamgym.slam.scan_match import align_freely, match_particles
-
-
-def normalized_weights(log_weights: FloatArray, gain: float) -> FloatArray:
-    """Weights that sum to 1, flattened as GMapping does: exp(l / (gain x particles)).
-
-    Args:
-        log_weights: (particles,) log-likelihood since the last resampling.
-        gain: GMapping's ``ogain``.
-    """
-    weights = np.exp((log_weights - log_weights.max()) / (gain * len(log_weights)))
-    normalized: FloatArray = weights / weights.sum()
-    return normalized
-
-
-def effective_sample_size(weights: FloatArray) -> float:
-    """N_eff = 1 / sum of squares, from 1 (one particle has all the weight) to the number of particles."""
-    return float(1.0 / np.dot(weights, weights))
-
-
-def systematic_resample(weights: FloatArray, uniform: float) -> IntArray:
-    """Draw as many ancestors as there are particles, particle i about ``N x weights[i]`` times.
-
-    Args:
-        weights: (particles,) that sum to 1.
-        uniform: One draw from [0, 1).
-
-    Returns:
-        (particles,) ancestor of each place. Every survivor keeps its own place, so that only the maps of
-        those that die are replaced.
-    """
-    count = len(weights)
-    ticks = (np.arange(count) + uniform) / count
-    drawn = np.searchsorted(np.cumsum(weights), ticks, side="right").clip(max=count - 1)
-    copies = np.bincount(drawn, minlength=count)
-    ancestors = np.arange(count)
-    ancestors[copies == 0] = np.repeat(np.arange(count), np.maximum(copies - 1, 0))
-    return ancestors
-
+from slamgym.slam.uncertainty import PathUncertainty, match_covariance
 
 POSITION_FLOOR = 0.005
 HEADING_FLOOR = 0.003
 """Odometry is never trusted further than this [m], [rad]."""
 NULL_LIKELIHOOD = -0.5
 """-d^2 of a beam with nothing near [m^2] (GMapping's ``nullLikelihood``)."""
-POINT_INFORMATION = 50_000.0
-"""Of a point across the surface that it lies on, in an edge of the graph [1/m^2]: 4.5 mm."""
 COMMON_ERROR = 40.0
 """A laser's bias moves all points of a surface together: where a match is compared with the odometry, its variances
 are so many times larger. Matches of the default laser err by 1 cm and 5 mrad over half a metre; 0.7 of
@@ -130,7 +99,8 @@ class ParticleFilter(GatedMapper):
         self._calibration = OdometryCalibration() if config.learn_odometry else None
         self._free_offset = Pose2D(0.0, 0.0, 0.0)
         self._match_covariance: FloatArray | None = None
-        self._predicted_variances = np.zeros(2)
+        nodes, view = config.pose_graph, geometry.num_beams * geometry.angle_increment
+        self._uncertainty = PathUncertainty(nodes.keyframe_distance, nodes.keyframe_turn, view)
 
     @property
     def pose(self) -> Pose2D:
@@ -155,12 +125,13 @@ class ParticleFilter(GatedMapper):
 
     @property
     def covariance(self) -> FloatArray:
-        """Covariance (3, 3) of the weighted particles at the last processed scan."""
-        deviations = self._poses - self._poses[self.best_particle]
-        deviations[:, 2] = np.arctan2(np.sin(deviations[:, 2]), np.cos(deviations[:, 2]))
+        """Covariance (3, 3) of the pose at the last processed scan: that of one path, and between the particles."""
+        best = self._poses[self.best_particle]
+        deviations = self._poses - best
+        deviations[:, 2] = wrap_angle(deviations[:, 2])
         deviations -= self._weights @ deviations
-        spread: FloatArray = (deviations * self._weights[:, None]).T @ deviations
-        return spread
+        spread = (deviations * self._weights[:, None]).T @ deviations
+        return np.asarray(self._uncertainty.at(best, self._match_covariance) + spread, dtype=np.float64)
 
     @property
     def n_eff(self) -> float:
@@ -185,20 +156,33 @@ class ParticleFilter(GatedMapper):
         """One step of the filter: predict, match, weigh, resample, register."""
         increments = self._gate.take(scan.stamp)
         before = self._poses.copy()
-        variance, turn_variance = self._predict(increments)
+        variances = self._predict(increments)
         predicted = self._poses.copy()
-        self._predicted_variances = np.array([variance, turn_variance])
         points = self._usable_points(scan.ranges)
         self._maps.cover(self._poses, self._radius(points))
+        best = 0
         if len(self._tree) > 0:
-            best = self._match_and_weigh(points, variance, turn_variance)
-            if self._calibration is not None:
-                free, share = self._assess_match(scan.stamp, increments, predicted[best], best, points)
-                self._learn(self._calibration, increments, before[best], best, free, share, len(points))
-            if self.n_eff < self._config.resample_threshold * len(self._poses):
-                self._resample()
+            best = self._match_and_weigh(points, *variances)
+            free, share = self._assess_match(scan.stamp, increments, predicted[best], best, points)
+            fits = share >= RELIABLE_SHARE and len(points) >= FEW_POINTS
+            self._learn(increments, before[best], best, free, fits)
+        matched = self._poses[best].copy()
+        if len(self._tree) > 0 and self.n_eff < self._config.resample_threshold * len(self._poses):
+            self._resample(len(self._poses))
+        elif len(self._tree) > 0:
+            self._adapt()
         self._tree.append(scan.stamp, self._poses, scan.ranges)
         self._maps.register(self._poses, points)
+        self._uncertainty.move(before[best], matched, np.array(variances))
+        if self._uncertainty.is_due:
+            self._add_node(scan, matched)
+
+    def _add_node(self, scan: LaserScan, pose: FloatArray) -> None:
+        """Note how far the path may be off here."""
+        del scan
+        self._uncertainty.append(pose, self._match_covariance)
+        if self._match_covariance is not None:
+            self._uncertainty.revisit(self._match_covariance)
 
     def _usable_points(self, ranges: Float32Array, longest: float = math.inf) -> FloatArray:
         """End points (n, 2) in the robot frame that can be matched; valid until the next call."""
@@ -250,7 +234,7 @@ class ParticleFilter(GatedMapper):
         """
         free = self._align_freely(self._poses[best], points, best)
         share = free[3] / max(len(points), 1)
-        if share < DOUBT_SHARE and len(points) >= FEW_POINTS:
+        if self._calibration is not None and share < DOUBT_SHARE and len(points) >= FEW_POINTS:
             found = self._resettle(increments, predicted, points, share)
             if found > share:
                 free = self._align_freely(self._poses[best], points, best)
@@ -260,26 +244,26 @@ class ParticleFilter(GatedMapper):
         return free, share
 
     def _learn(
-        self, calibration: OdometryCalibration, increments: FloatArray, before: FloatArray, best: int,
-        free: FloatArray, share: float, num_points: int,
-    ) -> None:  # fmt: skip
-        """Compare the best particle's match with the odometry, where the match can be relied on."""
+        self, increments: FloatArray, before: FloatArray, best: int, free: FloatArray, fits: bool
+    ) -> None:
+        """Note how well the best particle's match is known; where it can be relied on, compare it with the odometry."""
         last_offset = self._free_offset
         matched, aligned = Pose2D(*self._poses[best].tolist()), Pose2D(*free[:3].tolist())
         self._free_offset = between(matched, aligned)
-        uu, uv, vv, ut, vt, tt = free[4:].tolist()
-        information = POINT_INFORMATION * np.array([[uu, uv, ut], [uv, vv, vt], [ut, vt, tt]])
-        covariance = np.asarray(np.linalg.inv(information + _IDENTITY), dtype=np.float64)
+        covariance = match_covariance(free[4:])
         along = np.array([math.cos(matched.theta), math.sin(matched.theta), 0.0])
         along_variance, turn_variance = float(along @ covariance @ along), float(covariance[2, 2])
-        fits = share >= RELIABLE_SHARE and num_points >= FEW_POINTS
-        if not fits or along_variance > RELIABLE_METRES**2 or turn_variance > RELIABLE_RADIANS**2:
-            calibration.restart()
-            self._match_covariance = None
+        reliable = fits and along_variance <= RELIABLE_METRES**2 and turn_variance <= RELIABLE_RADIANS**2
+        self._match_covariance = covariance if reliable else None
+        if self._calibration is None:
             return
-        self._match_covariance = covariance
+        if not reliable:
+            self._calibration.restart()
+            return
         moved = between(compose(Pose2D(*before.tolist()), last_offset), aligned)
-        calibration.learn(increments, moved, COMMON_ERROR * along_variance, COMMON_ERROR * turn_variance)
+        self._calibration.learn(
+            increments, moved, COMMON_ERROR * along_variance, COMMON_ERROR * turn_variance
+        )
 
     def _match_and_weigh(self, points: FloatArray, variance: float, turn_variance: float) -> int:
         c = self._config
@@ -299,17 +283,36 @@ class ParticleFilter(GatedMapper):
         self._weights = normalized_weights(self._log_weights, c.likelihood_gain)
         n_eff = effective_sample_size(self._weights)
         self._stats.n_eff.append(n_eff)
+        self._stats.particles.append(len(self._poses))
         return self.best_particle
 
-    def _resample(self) -> None:
-        ancestors = systematic_resample(self._weights, float(self._rng.random()))
+    def _adapt(self) -> None:
+        """Drop the particles that are not needed, or add copies, once the odometry is known well enough to say."""
+        now, least, noise = len(self._poses), self._config.min_particles, None
+        if self._config.mode == "rbpf" and self._calibration is not None:
+            noise = self._calibration.random_noise
+        if least is None or noise is None:
+            return
+        wanted = needed_particles(least, self._config.particles, noise)
+        if wanted <= (1.0 - LEAST_CHANGE) * now:
+            self._descend(in_place(np.argsort(-self._path_log_weights, kind="stable")[:wanted], wanted, now))
+        elif wanted >= (1.0 + LEAST_CHANGE) * now:
+            self._resample(wanted)
+
+    def _resample(self, count: int) -> None:
+        self._descend(systematic_resample(self._weights, float(self._rng.random()), count))
+        self._log_weights = np.zeros(count)
+        self._weights = np.full(count, 1.0 / count)
+        self._stats.resamplings += 1
+
+    def _descend(self, ancestors: IntArray) -> None:
+        """Let the particles be those that descend from ``ancestors``."""
         self._poses = self._poses[ancestors]
+        self._log_weights = self._log_weights[ancestors]
         self._path_log_weights = self._path_log_weights[ancestors]
-        self._log_weights[:] = 0.0
-        self._weights[:] = 1.0 / len(ancestors)
+        self._weights = normalized_weights(self._log_weights, self._config.likelihood_gain)
         self._maps.resample(ancestors)
         self._tree.resample(ancestors)
-        self._stats.resamplings += 1
 
     def _draw_path(self) -> None:
         """Make the drawn path that of the best particle: take out what it doesn't share, draw the rest."""

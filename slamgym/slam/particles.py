@@ -7,7 +7,7 @@ import numpy as np
 from slamgym.core.errors import SlamgymError
 from slamgym.core.jit import kernel, plain
 from slamgym.core.types import OCCUPIED, FloatArray, IntArray, OccupancyGrid
-from slamgym.slam.tiles import BYTES_PER_TILE, TILE, TileMaps, TilePool, copy_maps, register_scan
+from slamgym.slam.tiles import BYTES_PER_TILE, TILE, TileMaps, TilePool, copy_maps, drop_maps, register_scan
 
 
 @kernel
@@ -71,8 +71,8 @@ class TrajectoryTree:
             for name in ("_parents", "_poses", "_stamps", "_ranges"):
                 old = getattr(self, name)
                 setattr(self, name, np.concatenate([old, np.zeros_like(old)]))
-        self._parents[self._length] = self._pending
-        self._poses[self._length] = poses
+        self._parents[self._length, : len(poses)] = self._pending
+        self._poses[self._length, : len(poses)] = poses
         self._stamps[self._length] = stamp
         self._ranges[self._length] = ranges
         self._pending = np.arange(poses.shape[0])
@@ -183,5 +183,13 @@ class ParticleMaps:
         self.register(poses, points)
 
     def resample(self, ancestors: IntArray) -> None:
-        """Give each particle the map of its ancestor."""
+        """Give each of so many particles the map of its ancestor."""
+        before, after = len(self.tables), len(ancestors)
+        if after > before:
+            self.tables = np.concatenate(
+                [self.tables, np.zeros_like(self.tables[:1]).repeat(after - before, 0)]
+            )
         copy_maps(self.pool, self.tables, ancestors)
+        if after < before:
+            drop_maps(self.pool, self.tables[after:])
+            self.tables = self.tables[:after].copy()

@@ -9,8 +9,9 @@ import pytest
 from slamgym.core.errors import ConfigError, SlamgymError
 from slamgym.core.geometry import between, compose
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, GridFrame, LaserGeometry, LaserScan, Pose2D
+from slamgym.metrics import normalised_estimation_error_squared
 from slamgym.sim.raycast import cast_rays
-from slamgym.slam import ParticleFilter, SlamConfig, make_mapper
+from slamgym.slam import SlamConfig, make_mapper
 from slamgym.slam.hit_count_kernels import BeamTable
 from slamgym.slam.hit_counts import HitCountMap
 
@@ -226,10 +227,40 @@ def test_too_large_a_map_is_one_clear_error():
         mapper.update(Pose2D(500.0, 500.0, 0.0), LaserScan(1.0, scan.ranges, GEOMETRY))
 
 
-def test_the_spread_of_the_particles_is_a_covariance():
+@pytest.mark.parametrize("mode", ["scan_matching", "rbpf"])
+def test_the_covariance_is_neither_far_too_small_nor_too_large(mode):
+    found: list[float] = []
+
+    def judge(mapper, pose):
+        poses = np.array([mapper.pose]), np.array([pose])
+        found.append(normalised_estimation_error_squared(*poses, mapper.covariance[None])[0])
+
+    mapper, _ = run(SlamConfig(mode=mode), sigma=0.01, odometry_noise=0.1, visit=judge)
+    np.testing.assert_allclose(mapper.covariance, mapper.covariance.T, atol=1e-12)
+    assert np.linalg.eigvalsh(mapper.covariance).min() > 0.0
+    assert 0.3 < np.mean(found[len(found) // 2 :]) < 10.0
+
+
+def test_true_wheels_need_few_particles_and_slipping_ones_all():
+    few, poses = run(SlamConfig(min_particles=10), sigma=0.01)
+    many, _ = run(SlamConfig(min_particles=10), sigma=0.01, odometry_noise=0.5)
+    assert few.stats.particles[0] == many.stats.particles[-1] == 30
+    assert few.stats.particles[-1] < 20
+    assert position_error(few, poses[-1]) < 0.05
+
+
+@pytest.mark.parametrize("config", [SlamConfig(), SlamConfig(min_particles=30), SlamConfig.gmapping(8)])
+def test_a_fixed_number_of_particles_stays(config):
+    mapper, _ = run(config, sigma=0.01)
+    assert set(mapper.stats.particles) == {config.particles}
+
+
+def test_particles_that_disagree_add_to_the_covariance():
+    mapper, _ = run(SlamConfig.gmapping(particles=20), sigma=0.01, odometry_noise=0.3)
+    path, _ = run(SlamConfig.gmapping(particles=1), sigma=0.01, odometry_noise=0.3)
+    assert np.trace(mapper.covariance[:2, :2]) > np.trace(path.covariance[:2, :2])
+
+
+def test_the_effective_number_of_particles_lies_between_one_and_all():
     mapper, _ = run(SlamConfig(particles=20), sigma=0.01, odometry_noise=0.3)
-    assert isinstance(mapper, ParticleFilter)
-    covariance = mapper.covariance
-    np.testing.assert_allclose(covariance, covariance.T, atol=1e-12)
-    assert np.linalg.eigvalsh(covariance).min() >= -1e-12
     assert 1.0 <= mapper.n_eff <= 20.0

@@ -9,8 +9,13 @@ from hypothesis import strategies as st
 
 from slamgym.slam.hill_climbing import exp_of_minus, score, surface_near
 from slamgym.slam.near_means import MAX_MEANS, empty_means, forget
-from slamgym.slam.particle_filter import effective_sample_size, normalized_weights, systematic_resample
 from slamgym.slam.particles import ParticleMaps
+from slamgym.slam.resampling import (
+    effective_sample_size,
+    needed_particles,
+    normalized_weights,
+    systematic_resample,
+)
 from slamgym.slam.tiles import EMPTY, register_scan
 
 log_weights = st.lists(st.floats(-1e4, 0.0), min_size=1, max_size=40).map(np.array)
@@ -25,26 +30,33 @@ def test_weights_sum_to_one_and_keep_their_order(logs, gain):
     assert np.all(np.diff(weights[order]) >= 0.0)
 
 
-@given(log_weights, st.floats(0.0, 1.0, exclude_max=True))
-def test_each_particle_survives_as_often_as_its_weight_says(logs, uniform):
+@given(log_weights, st.floats(0.0, 1.0, exclude_max=True), st.integers(1, 60))
+def test_each_particle_survives_as_often_as_its_weight_says(logs, uniform, count):
     weights = normalized_weights(logs, 1.0)
-    ancestors = systematic_resample(weights, uniform)
+    ancestors = systematic_resample(weights, uniform, count)
     copies = np.bincount(ancestors, minlength=len(weights))
-    assert copies.sum() == len(weights)
+    assert copies.sum() == len(ancestors) == count
     # Systematic resampling: the whole part of N w for sure, one more by chance (rounding aside).
-    expected = len(weights) * weights
+    expected = count * weights
     assert np.all(copies >= np.floor(expected - 1e-6))
     assert np.all(copies <= np.ceil(expected + 1e-6))
-    # Survivors stay where they are.
-    assert np.all(ancestors[copies > 0] == np.flatnonzero(copies > 0))
+    # Survivors stay where they are, if that place is left.
+    stay = np.flatnonzero(copies[:count] > 0)
+    assert np.all(ancestors[stay] == stay)
 
 
 def test_resampling_is_unbiased_over_its_draw():
     weights = np.array([0.05, 0.15, 0.3, 0.5])
     draws = [
-        np.bincount(systematic_resample(weights, u), minlength=4) for u in (np.arange(1000) + 0.5) / 1000
+        np.bincount(systematic_resample(weights, u, 4), minlength=4) for u in (np.arange(1000) + 0.5) / 1000
     ]
     np.testing.assert_allclose(np.mean(draws, axis=0), 4 * weights, atol=4e-3)
+
+
+def test_odometry_that_slips_more_needs_more_particles():
+    needed = [needed_particles(10, 30, noise) for noise in (-0.1, 0.1, 1.0, 2.25, 4.0, 50.0)]
+    assert needed == [10, 10, 15, 23, 30, 30]
+    assert needed_particles(10, 5, 0.1) == 5
 
 
 class DenseMaps:
@@ -88,7 +100,8 @@ def test_shared_tiles_behave_as_copied_maps(seed):
         shared.register(poses, points)
         dense.register(poses, points)
         if rng.random() < 0.6:
-            ancestors = systematic_resample(rng.dirichlet(np.ones(particles)), float(rng.random()))
+            weights = rng.dirichlet(np.ones(particles))
+            ancestors = systematic_resample(weights, float(rng.random()), particles)
             shared.resample(ancestors)
             dense.resample(ancestors)
     origin = shared.origin
@@ -165,9 +178,12 @@ def test_a_write_to_one_map_never_changes_another(seed):
         for particle in range(particles):
             unchanged = np.array_equal(cells_of(maps, particle), before[particle])
             assert unchanged == (particle != writer)
-        ancestors = systematic_resample(rng.dirichlet(np.ones(particles)), float(rng.random()))
+        weights, count = rng.dirichlet(np.ones(particles)), int(rng.integers(1, 8))
+        ancestors = systematic_resample(weights, float(rng.random()), count)
         before = [cells_of(maps, particle) for particle in range(particles)]
         maps.resample(ancestors)
+        particles = len(maps.tables)
+        assert particles == count
         check_accounts(maps)
         for particle, ancestor in enumerate(ancestors):
             assert np.array_equal(cells_of(maps, particle), before[ancestor])

@@ -26,12 +26,10 @@ from slamgym.slam.graph.loop_closure import (
 from slamgym.slam.graph.matching import NodeMatch, NodeMatcher
 from slamgym.slam.graph.nodes import GraphNodes
 from slamgym.slam.graph.solver import Edges, chi_squared, optimise
-from slamgym.slam.graph.uncertainty import PathUncertainty, step_covariance
 from slamgym.slam.particle_filter import FEW_POINTS, ParticleFilter
 from slamgym.slam.path_correction import poses_between
+from slamgym.slam.uncertainty import ODOMETRY_FLOOR
 
-ODOMETRY_FLOOR = (0.005, 0.005, 0.002)
-"""Odometry between two nodes is never trusted further than this [m], [m], [rad]."""
 EXPECTED_CHI2, AGREEING_CHI2 = 12.0, 25.0
 """A closure may disagree so much with the path and its uncertainty: one alone, and one of several that agree."""
 CLOSURE_FLOOR = (0.2, 0.2, 0.05)
@@ -46,8 +44,6 @@ BETTER_SHARE = 0.1
 """What a search finds counts if so many more of the points fit than where the path says."""
 MATCH_FLOOR = (0.01, 0.01, 0.003)
 """Nor is a match as an edge of the graph [m], [m], [rad]."""
-STEP_FLOOR = (0.006, 0.006, 0.002)
-"""What each node adds to the path's uncertainty at least: chosen on twenty simulated homes so that NEES is about 3."""
 NEIGHBOURS = 8
 """A loop is sought in the scans up to so many nodes before and after the candidate."""
 URGENT_CHI2 = 20.0
@@ -79,12 +75,9 @@ class PoseGraphMapper(ParticleFilter):
         self._steps: list[Closure] = []  # edges between successive nodes
         self._closures: list[Closure] = []
         self._pending: list[Closure] = []
-        self._uncertainty = PathUncertainty()
         self._rejected = 0
         self._last_optimised = 0
         self._stale = False
-        self._variances = np.zeros(2)  # of position and heading by odometry since the last node
-        self._distance = self._turn = 0.0
 
     def _num_bytes(self) -> int:
         return super()._num_bytes() + self._nodes.num_bytes
@@ -118,19 +111,6 @@ class PoseGraphMapper(ParticleFilter):
 
     # --- one scan ---
 
-    def _process(self, scan: LaserScan) -> None:
-        before = self._poses[0].copy()
-        super()._process(scan)
-        self._distance += float(np.hypot(*(self._poses[0, :2] - before[:2])))
-        self._turn += abs(float(wrap_angle(self._poses[0, 2] - before[2])))
-        self._variances += self._predicted_variances
-        if (
-            len(self._nodes) == 0
-            or self._distance >= self._settings.keyframe_distance
-            or self._turn >= self._settings.keyframe_turn
-        ):
-            self._add_node(scan)
-
     def _resettle(
         self, increments: FloatArray, predicted: FloatArray, points: FloatArray, share: float
     ) -> float:
@@ -161,14 +141,12 @@ class PoseGraphMapper(ParticleFilter):
         self._stats.recovered_matches += 1
         return float(free[3] / len(points))
 
-    def _add_node(self, scan: LaserScan) -> None:
+    def _add_node(self, scan: LaserScan, pose: FloatArray) -> None:
         """Make the scan just processed a node, bound to the one before by matching and by odometry."""
-        pose = self._poses[0]
-        step = np.zeros((3, 3))
         if len(self._nodes) > 0:
-            step = self._step_covariance()
             relative = relative_poses(self._nodes.poses[[-1]], pose[None])[0]
-            information = np.diag(1.0 / (self._variances[[0, 0, 1]] + np.square(ODOMETRY_FLOOR)))
+            variances = self._uncertainty.variances
+            information = np.diag(1.0 / (variances[[0, 0, 1]] + np.square(ODOMETRY_FLOOR)))
             if self._match_covariance is not None:
                 turned = _rotation(-float(self._nodes.poses[-1, 2]))
                 covariance = turned @ self._match_covariance @ turned.T + np.diag(np.square(MATCH_FLOOR))
@@ -177,30 +155,12 @@ class PoseGraphMapper(ParticleFilter):
             self._steps.append(Closure(node - 1, node, relative, information))
         self._nodes.append(scan, pose, self._usable_points(scan.ranges, self._settings.match_range))
         self._steps_of_nodes.append(len(self._tree) - 1)
-        self._uncertainty.append(self._nodes.poses, step)
-        self._variances[:] = 0.0
-        self._distance = self._turn = 0.0
+        self._uncertainty.append(pose, self._match_covariance)
         node = len(self._nodes) - 1
         if node % self._settings.loop_interval == 0:
             self._close_loops(node)
         if self._stale and node - self._last_optimised > OPTIMISE_INTERVAL:
             self._optimise()
-
-    def _step_covariance(self) -> FloatArray:
-        """Covariance of the motion since the last node, in the map frame."""
-        odometry = np.diag(self._variances[[0, 0, 1]] + np.square(ODOMETRY_FLOOR))
-        if self._match_covariance is None:
-            return odometry
-        match = 2.0 * self._match_covariance + np.diag(np.square(STEP_FLOOR))
-        return np.asarray(np.linalg.inv(np.linalg.inv(odometry) + np.linalg.inv(match)), dtype=np.float64)
-
-    @property
-    def covariance(self) -> FloatArray:
-        """Covariance (3, 3) of the pose at the last processed scan, relative to the start."""
-        if len(self._nodes) == 0:
-            return np.zeros((3, 3))
-        moved = self._poses[0, :2] - self._nodes.poses[-1, :2]
-        return step_covariance(moved, self._uncertainty.latest, self._step_covariance())
 
     def _match(
         self, points: FloatArray, reference: int, members: IntArray, guess: FloatArray, prior_info: FloatArray,
