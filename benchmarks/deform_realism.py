@@ -53,14 +53,14 @@ class Maker:
             self._modelprog = load_translator("modelprog", "cad2slam")
 
     def make(
-        self, method: str, plan: FloorPlan, path: Trajectory, record: PairRecord, draw: int
+        self, method: str, plan: FloorPlan, path: Trajectory, episode: EpisodeConfig, seed: tuple[int, int]
     ) -> tuple[OccupancyGrid, float]:
         """A map in the plan's frame, and the CPU seconds that it took."""
-        rng = np.random.default_rng([record.index, draw])
+        rng = np.random.default_rng(seed)
         frame = GridFrame.covering(plan.bounds, CELL, 0.5)
         begun = time.process_time()
         if method in ("parametric", "generator"):
-            env = apply_conditions(EpisodeConfig(), record.conditions).env
+            env = episode.env
             config = realistic(SensingConfig(env.lidar, env.clutter, env.slam), env.odometry)
             if method == "parametric":
                 grid = deform(plan, from_recorded(path), config, rng).grid
@@ -153,7 +153,9 @@ def judge(name: str, root: Path, maker: Maker, arguments: argparse.Namespace) ->
     ]  # fmt: skip
     for method in arguments.methods:
         made = [
-            maker.make(method, plan, path, record, 0)
+            maker.make(
+                method, plan, path, apply_conditions(EpisodeConfig(), record.conditions), (record.index, 0)
+            )
             for (plan, path, _), record in zip(true, records, strict=True)
         ]
         cells = [looks(grid) for grid, _ in made]
