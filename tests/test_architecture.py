@@ -42,6 +42,7 @@ ALLOWED = {
     ("parametric", "interop"): "recorded paths are read",
     ("parametric", "planning"): "paths are planned on a roadmap",
     ("parametric", "sim"): "scans are drawn by exact ray casting",
+    ("parametric", "slam"): "maps are drawn as SLAM draws them",
     ("envs", "cad"): "buildings are explored",
     ("envs", "interop"): "an episode is a log",
     ("envs", "metrics"): "the map's error is a reward and a figure",

@@ -16,11 +16,11 @@ from slamgym.core.files import require_file, write_bytes
 from slamgym.core.limits import WEIGHT_BYTES
 from slamgym.core.provenance import check_origin
 from slamgym.core.types import UNKNOWN, ByteArray, Float32Array
-from slamgym.gan.texture.network import FOLD, PASSES, VALUES, TextureConfig, TextureNetwork, pass_numbers
+from slamgym.gan.texture.network import CLASSES, FOLD, PASSES, TextureConfig, TextureNetwork, pass_numbers
 from slamgym.gan.weights import find_weights
 
 FORMAT = "slamgym-texture-1"
-TILE = 512
+DRAWN_TILE = 512
 """Side of the tiles that larger maps are drawn in [cells]."""
 _HALO = 64  # cells round a tile that the network sees, at least its reach
 
@@ -57,11 +57,11 @@ class TextureGenerator:
         shift = (int(rng.integers(4)), int(rng.integers(4)))
         passes = pass_numbers(down, along, shift)
         # One field of dice for the whole map, so that tiles agree.
-        dice = rng.gumbel(size=(len(VALUES), down, along)).astype(np.float32)
+        dice = rng.gumbel(size=(len(CLASSES), down, along)).astype(np.float32)
         canvas = np.zeros((3, down + 2 * _HALO, along + 2 * _HALO), np.float32)
         _paste(canvas, counted, top - _HALO, left - _HALO)
         classes = self._drawn(canvas, torch.from_numpy(style), passes, dice)
-        drawn = np.array(VALUES, dtype=np.uint8)[classes]
+        drawn = np.array(CLASSES, dtype=np.uint8)[classes]
         at_row, at_col = max(0, top), max(0, left)
         part = drawn[at_row - top : height - top, at_col - left : width - left]
         out = np.full((height, width), UNKNOWN, np.uint8)
@@ -76,9 +76,9 @@ class TextureGenerator:
         height, width = passes.shape
         known = torch.full((1, height + 2 * _HALO, width + 2 * _HALO), -1, dtype=torch.int64)
         tiles = [
-            (r, c, min(r + TILE, height), min(c + TILE, width))
-            for r in range(0, height, TILE)
-            for c in range(0, width, TILE)
+            (r, c, min(r + DRAWN_TILE, height), min(c + DRAWN_TILE, width))
+            for r in range(0, height, DRAWN_TILE)
+            for c in range(0, width, DRAWN_TILE)
         ]
         trunks = [self._trunk(canvas[:, r : b + 2 * _HALO, c : e + 2 * _HALO], style) for r, c, b, e in tiles]
         for number in range(PASSES):
@@ -86,7 +86,7 @@ class TextureGenerator:
             for (r, c, bottom, end), features in zip(tiles, trunks, strict=True):
                 around = known[:, r : bottom + 2 * _HALO, c : end + 2 * _HALO]
                 is_known = around >= 0
-                drawn = functional.one_hot(around.clamp(min=0), len(VALUES)).permute(0, 3, 1, 2)
+                drawn = functional.one_hot(around.clamp(min=0), len(CLASSES)).permute(0, 3, 1, 2)
                 drawn = (drawn * is_known[:, None]).to(torch.bfloat16)
                 logits = self._network.head(features, drawn, is_known[:, None].to(torch.bfloat16))
                 logits = logits[0, :, _HALO : _HALO + bottom - r, _HALO : _HALO + end - c].float()

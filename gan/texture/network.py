@@ -13,11 +13,11 @@ from torch.nn import functional
 from slamgym.core.config import Count, Settings
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN
 
-VALUES = (OCCUPIED, UNKNOWN, FREE)
+CLASSES = (OCCUPIED, UNKNOWN, FREE)
 """Classes in their order."""
 FOLD = 2
 """Blocks of 2 x 2 cells become channels: a quarter of the places, nothing lost."""
-CHANNELS = 3
+COUNTED = 3
 """What error-free scans counted (``parametric.robot_scans.texture_channels``)."""
 _BAYER = np.array([[0, 8, 2, 10], [12, 4, 14, 6], [3, 11, 1, 9], [15, 7, 13, 5]])
 _PASS_ENDS = (2, 4, 8, 16)  # of the 16 places of a Bayer matrix
@@ -59,12 +59,12 @@ class TextureNetwork(nn.Module):
         super().__init__()
         self.config = config
         width, blocks = config.width, FOLD**2
-        self.entry = nn.Conv2d(CHANNELS * blocks, width, 3, padding=1)
+        self.entry = nn.Conv2d(COUNTED * blocks, width, 3, padding=1)
         self.style = nn.Linear(config.styles, width)
         self.body = nn.ModuleList(nn.Conv2d(width, width, 3, padding=d, dilation=d) for d in config.dilations)
-        self.join = nn.Conv2d(width + (len(VALUES) + 1) * blocks, width, 3, padding=1)
+        self.join = nn.Conv2d(width + (len(CLASSES) + 1) * blocks, width, 3, padding=1)
         self.mix = nn.Conv2d(width, width, 3, padding=1)
-        self.exit = nn.Conv2d(width, len(VALUES) * blocks, 1)
+        self.exit = nn.Conv2d(width, len(CLASSES) * blocks, 1)
 
     def trunk(self, counted: Tensor, style: Tensor) -> Tensor:
         """Features of what was counted (N, 3, H, W), both sides even, in a style (N, styles)."""
@@ -93,11 +93,11 @@ class TextureNetwork(nn.Module):
         Args:
             counted: (N, 3, H, W).
             style: (N, styles).
-            classes: (N, H, W) int64, indices of ``VALUES``.
+            classes: (N, H, W) int64, indices of ``CLASSES``.
             passes: (H, W), in which pass each cell is drawn.
         """
         features = self.trunk(counted, style)
-        of_class = functional.one_hot(classes, len(VALUES)).permute(0, 3, 1, 2).to(counted.dtype)
+        of_class = functional.one_hot(classes, len(CLASSES)).permute(0, 3, 1, 2).to(counted.dtype)
         total = torch.zeros((), device=counted.device)
         for number in range(PASSES):
             known = (passes < number).to(counted.dtype).expand(len(counted), 1, *passes.shape)

@@ -17,7 +17,7 @@ from slamgym.core.files import staged
 from slamgym.core.progress import say
 from slamgym.core.types import UNKNOWN, ByteArray, Float32Array
 from slamgym.gan.texture.generator import save_texture
-from slamgym.gan.texture.network import VALUES, TextureConfig, TextureNetwork, pass_numbers
+from slamgym.gan.texture.network import CLASSES, TextureConfig, TextureNetwork, pass_numbers
 
 
 class TextureTrainingConfig(Settings):
@@ -104,7 +104,7 @@ def _batch(
         tile = np.rot90(both[:, row : row + side, col : col + side], int(rng.integers(4)), (1, 2))
         tile = tile[:, :, ::-1] if rng.random() < 0.5 else tile
         counted.append(tile[:3])
-        classes.append(np.select([tile[3] == VALUES[0], tile[3] == VALUES[1]], [0, 1], 2))
+        classes.append(np.select([tile[3] == CLASSES[0], tile[3] == CLASSES[1]], [0, 1], 2))
         styles.append(example.style)
     passes = pass_numbers(side, side, (int(rng.integers(4)), int(rng.integers(4))))
     return (

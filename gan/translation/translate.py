@@ -40,7 +40,7 @@ from slamgym.gan.translation.derotation import (
 from slamgym.gan.translation.elastic import drifted
 from slamgym.gan.translation.explored import explored_floor
 from slamgym.gan.translation.faces import moved_faces
-from slamgym.gan.translation.thin_walls import thin_walls
+from slamgym.gan.translation.thinning import thinned_walls
 from slamgym.gan.weights import ModelCard, load_weights
 from slamgym.metrics.maps import resample_slam
 
@@ -216,7 +216,7 @@ class LearnedTranslator:
         _require_image(cells)
         image = self._fitted(self._bent(cells, metres_per_px, drift), OCCUPIED, metres_per_px)
         # Drawn at the network's resolution a wall is as thick as its pixel, several cells of the map.
-        return thin_walls(decode_slam(image, self.config.output_encoding))
+        return thinned_walls(decode_slam(image, self.config.output_encoding))
 
     def native_slam_map(
         self, cad: ByteArray, metres_per_px: float | None = None, drift: np.random.Generator | None = None

@@ -1,109 +1,11 @@
 """``slamgym deform``: from a floor plan to the maps that SLAM would have drawn of it."""
 
-from __future__ import annotations
-
 import sys
 import time
-from pathlib import Path
-from typing import Annotated, Literal
 
 import tyro
 
-from slamgym.core.config import Arguments, Count, CountOrZero, Positive, Within
-from slamgym.core.errors import ConfigError
-from slamgym.parametric.config import ConversionMethod
-
-Method = Literal["parametric", "generator", "modelprog", "elastic"]
-_OF_METHODS: dict[str, tuple[str, ...]] = {
-    "conversion": ("parametric",),
-    "calibration": ("parametric",),
-    "size": ("parametric",),
-    "severity": ("parametric", "generator"),
-    "recipe": ("parametric", "generator"),
-    "trajectory": ("parametric", "generator"),
-    "explorer": ("parametric", "generator"),
-    "prm_kind": ("parametric", "generator"),
-    "weights": ("generator", "modelprog"),
-}
-"""Options that not every method takes."""
-
-
-class DeformArguments(Arguments):
-    """Draw hypotheses of the SLAM map of a floor plan, as a dataset that `slamgym dataset render` takes.
-
-    Without --trajectory or --explorer, a path through all rooms is planned over a probabilistic roadmap. modelprog and
-    elastic know no path: they bend the plan by a random field.
-    """
-
-    plan: tyro.conf.Positional[str]
-    """A floor plan (HouseExpo JSON, ROS map, image), a folder or archive of plans, bundled or procedural."""
-
-    out: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
-    """Folder of the dataset to make."""
-
-    method: Method = "parametric"
-    """parametric: the paper's model, or with --recipe simulated sensors and a model of the scan matcher; generator: a
-    network draws the texture along such a path; modelprog: the paper's network; elastic: the plan bent."""
-
-    count: Annotated[Count, tyro.conf.arg(aliases=["-n"])] = 1
-    """Number of hypotheses; each draws its own robot and, unless a file gives it, its own path."""
-
-    plan_id: str | None = None
-    """Which plan of a folder or archive; the first by default."""
-
-    trajectory: Path | None = None
-    """The true path: a .csv of waypoints x,y[,t] or a .tum of poses, in the world frame of the plan."""
-
-    prm_kind: Literal["tour", "pair"] = "tour"
-    """Through all rooms, or between two random points as in the paper."""
-
-    explorer: str | None = None
-    """Let this explorer drive the simulated robot, and take its path."""
-
-    recipe: str | None = None
-    """Sensors, furniture and mapper as `slamgym generate --recipe` draws them: paper, real, reference or a YAML file.
-    Without it parametric is the paper's model."""
-
-    conversion: ConversionMethod | None = None
-    """How odometry errors become map errors: ekf_schur (the default), ekf, two_phase (dead reckoning), or scan_matching
-    (the default with --recipe)."""
-
-    severity: Annotated[float, Within(ge=0.0, le=10.0)] = 1.0
-    """Multiplies every error magnitude; 0 gives the CAD map back where the robot looked."""
-
-    seed: CountOrZero = 0
-    """Equal seeds give equal bytes."""
-
-    resolution: Positive = 0.05
-    """[m/px]"""
-
-    size: Literal[0] | Annotated[int, Within(ge=16)] = 0
-    """Side of the square map [px]; the resolution follows from the plan. 0 leaves the resolution as given."""
-
-    calibration: Path | None = None
-    """Coefficients of the two phases that `slamgym calibrate-odometry` measured; needs --conversion two_phase."""
-
-    weights: str | None = None
-    """Of generator and modelprog: a pretrained name, a .safetensors file or a run's folder."""
-
-    figures: bool = False
-    """Draw the paper's figures 7, 8 and 9 and its Table II instead of a dataset: a row for each of --count plans."""
-
-    overwrite: bool = False
-    """Replace the folder if it exists."""
-
-    def _check(self) -> None:
-        if self.trajectory is not None and self.explorer is not None:
-            raise ConfigError("--trajectory and --explorer exclude each other; give one")
-        defaults = {name: self.__dataclass_fields__[name].default for name in _OF_METHODS}
-        for name, methods in _OF_METHODS.items():
-            if self.method not in methods and getattr(self, name) != defaults[name]:
-                raise ConfigError(
-                    f"--{name.replace('_', '-')} has no effect with --method {self.method}; leave it out "
-                    f"or take --method {' or '.join(methods)}"
-                )
-        if self.calibration is not None and self.conversion != "two_phase":
-            raise ConfigError("--calibration measures the two phases; add --conversion two_phase")
+from slamgym.commands.deforming.arguments import DeformArguments
 
 
 def main(argv: list[str]) -> int:

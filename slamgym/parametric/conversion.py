@@ -42,7 +42,7 @@ class RobotErrors:
 
 
 @dataclass(frozen=True)
-class Streams:
+class DeformStreams:
     """Independent randomness per cause, so that the same seed gives the same robot to every method."""
 
     odometry: np.random.Generator
@@ -54,7 +54,7 @@ class Streams:
 
 
 @dataclass(frozen=True)
-class Run:
+class ConversionInput:
     """What the conversion of odometry errors to map errors works on."""
 
     poses: FloatArray  # (T, 3) true poses of the scans
@@ -64,7 +64,7 @@ class Run:
     robot: RobotErrors
     failures: Failures
     model: ParametricConfig
-    streams: Streams
+    streams: DeformStreams
     stamps: FloatArray  # (T,) [s]
     scans: RobotScans | None  # what the simulator's robot measures there, where it is asked for
 
@@ -79,7 +79,7 @@ class Conversion:
     believed: FloatArray  # (T, 3)
 
 
-def draw_robot(model: ParametricConfig, streams: Streams) -> RobotErrors:
+def draw_robot(model: ParametricConfig, streams: DeformStreams) -> RobotErrors:
     """Draw the systematic errors of one robot; wheels and phases are two descriptions of the same."""
     unit = streams.odometry.standard_normal(3)
     return RobotErrors(
@@ -89,21 +89,21 @@ def draw_robot(model: ParametricConfig, streams: Streams) -> RobotErrors:
     )
 
 
-def convert(run: Run) -> Conversion:
+def convert(run: ConversionInput) -> Conversion:
     """The map's displacement by the method that the settings name."""
     if run.model.method == "two_phase":
         return _two_phase(run)
     return _scan_matching(run) if run.model.method == "scan_matching" else _landmark_slam(run)
 
 
-def _two_phase(run: Run) -> Conversion:
+def _two_phase(run: ConversionInput) -> Conversion:
     """Empirical odometry errors, and every cell where its scan would have put it."""
     controls = disturb(run.motion, run.robot.phases, run.model.two_phase, run.streams.noise)
     believed = integrate(run.poses[0], run.failures.disturb(controls))
     return _placed(run, controls, believed)
 
 
-def _scan_matching(run: Run) -> Conversion:
+def _scan_matching(run: ConversionInput) -> Conversion:
     """The same odometry, pulled towards the map by a scan matcher."""
     if run.scans is None:
         raise ValueError("scan matching needs the robot's scans")
@@ -120,7 +120,7 @@ def _scan_matching(run: Run) -> Conversion:
     return _placed(run, controls, believed)
 
 
-def _placed(run: Run, controls: Increments, believed: FloatArray) -> Conversion:
+def _placed(run: ConversionInput, controls: Increments, believed: FloatArray) -> Conversion:
     """Every cell where the scans that saw it put it."""
     poses, visibility, phases = run.poses, run.visibility, run.model.two_phase
     mean_motion: Float32Array | None = None
@@ -136,7 +136,7 @@ def _placed(run: Run, controls: Increments, believed: FloatArray) -> Conversion:
     )
 
 
-def _landmark_slam(run: Run) -> Conversion:
+def _landmark_slam(run: ConversionInput) -> Conversion:
     """EKF-SLAM over wall cells, batched or as one least-squares problem."""
     model, frame = run.model, run.visibility.frame
     base, diameter = model.odometry.wheel_base, model.odometry.wheel_diameter

@@ -24,7 +24,7 @@ from slamgym.core.types import (
     Trajectory,
 )
 from slamgym.parametric.config import ParametricConfig, scaled
-from slamgym.parametric.conversion import Run, Streams, convert, draw_robot
+from slamgym.parametric.conversion import ConversionInput, DeformStreams, convert, draw_robot
 from slamgym.parametric.lidar_error import HIT, wall_beams
 from slamgym.parametric.odometry_error import draw_failures, increments_of
 from slamgym.parametric.render import observed_cad
@@ -84,7 +84,7 @@ def deform(
     """
     given = config or ParametricConfig()
     model = scaled(given)
-    streams = Streams(*(rng or np.random.default_rng(0)).spawn(6))
+    streams = DeformStreams(*(rng or np.random.default_rng(0)).spawn(6))
     clock = _StopWatch()
     check_path_is_free(trajectory.poses[:, :2], plan.free_space, "the trajectory", "pose")
     framed = frame is not None
@@ -111,7 +111,7 @@ def deform(
         furniture = furniture_beside(trajectory.poses[:, :2], plan, model.sensing.clutter, of_furniture)
         sensed = take_scans(plan, furniture, scans, model.sensing.lidar, of_errors)
         clock.lap("scans")
-    run = Run(
+    run = ConversionInput(
         scans.poses, motion, visibility, occupied, robot, failures, model, streams, scans.stamps, sensed
     )
     conversion = convert(run)

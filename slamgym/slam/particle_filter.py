@@ -57,7 +57,6 @@ RELIABLE_SHARE, RELIABLE_METRES, RELIABLE_RADIANS = 0.5, 0.02, 0.01
 [rad] is no more."""
 MATCH_MARGIN = 1.5
 """How far round the scan's end points the maps are made ready [m]; a match that strays further finds nothing."""
-_IDENTITY = np.eye(3)
 
 
 def match_settings(config: SlamConfig) -> MatchSettings:

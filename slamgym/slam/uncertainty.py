@@ -17,6 +17,7 @@ import numpy as np
 from slamgym.core.geometry import wrap_angle
 from slamgym.core.types import FloatArray
 
+_IDENTITY = np.eye(3)
 POINT_INFORMATION = 50_000.0
 """Of a point across the surface that it lies on, in an edge of the graph [1/m^2]: 4.5 mm."""
 ODOMETRY_FLOOR = (0.005, 0.005, 0.002)
@@ -40,7 +41,7 @@ def match_covariance(binding: FloatArray) -> FloatArray:
     """
     uu, uv, vv, ut, vt, tt = binding.tolist()
     information = POINT_INFORMATION * np.array([[uu, uv, ut], [uv, vv, vt], [ut, vt, tt]])
-    return np.asarray(np.linalg.inv(information + np.eye(3)), dtype=np.float64)
+    return np.asarray(np.linalg.inv(information + _IDENTITY), dtype=np.float64)
 
 
 def step_covariance(motion: FloatArray, before: FloatArray, added: FloatArray) -> FloatArray:

@@ -18,6 +18,7 @@ from slamgym.gan.device import choose_compute
 from slamgym.gan.networks.factory import build_generator
 from slamgym.gan.networks.layers import GeneratorOutput
 from slamgym.gan.translation.derotation import turned
+from slamgym.gan.translation.thinning import thinned_walls
 from slamgym.gan.translation.translate import (
     LearnedTranslator,
     Translator,
@@ -262,7 +263,6 @@ def test_a_folder_of_both_is_translated_once_each(tmp_path, weights, capsys):
             ConfigError,
             r"flips must be a power of two in \[1, 8\], not 3",
         ),
-        (["map.png", "-o", "x.png", "--drift-seed", "1"], ConfigError, "CAD maps to SLAM maps"),
         (["empty", "-o", "x"], InputFileError, "holds no images"),
         (["broken.png", "-o", "x.png"], InputFileError, "is not a picture"),
         (["colour.png", "-o", "x.png"], InputFileError, "is coloured"),
@@ -278,6 +278,27 @@ def test_bad_input_is_one_clear_error(tmp_path, weights, monkeypatch, arguments,
     cv2.imwrite("colour.png", colour)
     with pytest.raises(error, match=message):
         main([*arguments, "--weights", str(weights)])
+
+
+def test_weights_of_the_way_back_are_refused(tmp_path):
+    cv2.imwrite(str(tmp_path / "map.png"), building(20, 20))
+    with pytest.raises(ConfigError, match="use `slamgym deform PLAN --method modelprog"):
+        main([str(tmp_path / "map.png"), "-o", str(tmp_path / "x.png"), "--weights", "modelprog"])
+
+
+def test_walls_of_an_enlarged_map_are_one_cell_thick():
+    cells = np.full((60, 80), UNKNOWN, np.uint8)
+    cells[10:50, 10:70] = FREE
+    cells[8:16, 8:72] = cells[44:52, 8:72] = OCCUPIED
+    cells[8:52, 8:16] = cells[8:52, 64:72] = cells[8:52, 36:44] = OCCUPIED
+    thin = thinned_walls(cells)
+    assert set(np.unique(thin)) == {OCCUPIED, UNKNOWN, FREE}
+    assert (thin == OCCUPIED).sum() < 1.2 * (2 * 56 + 3 * 36)
+    # The two rooms stay apart and closed.
+    count, labels = cv2.connectedComponents((thin == FREE).astype(np.uint8), connectivity=4)
+    assert count == 3
+    assert labels[30, 25] != labels[30, 55]
+    assert cv2.connectedComponents((thin != OCCUPIED).astype(np.uint8), connectivity=4)[0] == 4
 
 
 def test_the_command_line_shows_no_traceback(tmp_path, capsys):

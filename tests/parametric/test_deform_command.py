@@ -176,9 +176,9 @@ def test_a_plan_without_free_space_is_refused() -> None:
 @pytest.mark.parametrize("method", ["parametric", "elastic", "modelprog"])
 def test_a_plan_without_a_free_cell_is_refused_by_every_method(tmp_path, method) -> None:
     path = tmp_path / "hairline.json"
-    write_houseexpo(path, FloorPlan("hairline", shapely.box(0.02, 0.02, 6.0, 0.021)))
+    write_houseexpo(path, FloorPlan("hairline", shapely.box(0.1, 0.0, 0.5, 6.0)))
     with pytest.raises(PlanError, match="no free cell"):
-        main([str(path), "-o", str(tmp_path / "out"), "--method", method])
+        main([str(path), "-o", str(tmp_path / "out"), "--method", method, "--resolution", "3"])
     assert not (tmp_path / "out").exists()
 
 

@@ -29,8 +29,8 @@ from slamgym.viz.sheets import draw_deformation
 
 if TYPE_CHECKING:
     from slamgym.cad.floorplan import FloorPlan
-    from slamgym.commands.deform import DeformArguments
-    from slamgym.commands.deforming.hypotheses import Hypothesis
+    from slamgym.commands.deforming.arguments import DeformArguments
+    from slamgym.commands.deforming.hypotheses import DrawnMap
 
 
 class DeformedDataset:
@@ -58,7 +58,7 @@ class DeformedDataset:
             (root / side).mkdir()
         self._count = 0
 
-    def add(self, hypothesis: Hypothesis) -> str:
+    def add(self, hypothesis: DrawnMap) -> str:
         """Write one, and say so in a line."""
         number = self._count
         seed = exploration_seed(self._arguments.seed, self._plan.id, number)
@@ -121,7 +121,7 @@ def staged_folder(folder: Path, overwrite: bool = False) -> Iterator[Path]:
         shutil.rmtree(part, ignore_errors=True)
 
 
-def displacement_summary(hypothesis: Hypothesis) -> dict[str, float]:
+def displacement_summary(hypothesis: DrawnMap) -> dict[str, float]:
     """How far the map's walls lie from their place: rms, 95th percentile and largest [m]; nothing if not known."""
     if hypothesis.field is None:
         return {}
@@ -135,7 +135,7 @@ def displacement_summary(hypothesis: Hypothesis) -> dict[str, float]:
     }
 
 
-def _summary(number: int, hypothesis: Hypothesis) -> str:
+def _summary(number: int, hypothesis: DrawnMap) -> str:
     parts = []
     if "truth" in hypothesis.paths:
         truth = hypothesis.paths["truth"]
@@ -146,7 +146,7 @@ def _summary(number: int, hypothesis: Hypothesis) -> str:
     return f"{number:03d}: {', '.join(parts) or 'drawn'}"
 
 
-def _write_episode(folder: Path, plan: FloorPlan, hypothesis: Hypothesis, frame: GridFrame) -> None:
+def _write_episode(folder: Path, plan: FloorPlan, hypothesis: DrawnMap, frame: GridFrame) -> None:
     """``plan.json`` (world frame), the map and the paths (map frame), and what the hypothesis knows beside.
 
     ``cad.png``: the plan on the map's frame; ``field.npz``: the displacement field (2, H, W) float32 [m], x and y, true
@@ -173,7 +173,7 @@ def _write_episode(folder: Path, plan: FloorPlan, hypothesis: Hypothesis, frame:
 def _record(
     slot: Slot,
     plan: FloorPlan,
-    hypothesis: Hypothesis,
+    hypothesis: DrawnMap,
     frame: GridFrame,
     files: dict[str, bytes],
     conditions: dict[str, Any],

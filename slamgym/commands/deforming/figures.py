@@ -11,9 +11,9 @@ import cv2
 import numpy as np
 
 from slamgym.agents.registry import make_explorer
-from slamgym.commands.deform import DeformArguments, Method
+from slamgym.commands.deforming.arguments import DeformArguments, Method
 from slamgym.commands.deforming.dataset import staged_folder
-from slamgym.commands.deforming.hypotheses import hypotheses, load_plan, square_frame
+from slamgym.commands.deforming.hypotheses import hypotheses, load_plan, square_around
 from slamgym.core.files import write_text
 from slamgym.core.types import UNKNOWN, ByteArray, Float32Array, GridFrame, Trajectory
 from slamgym.dataset.generate.recipe import episode_conditions, open_recipe
@@ -103,7 +103,7 @@ def _rows(
         return [one.grid.cells for one in hypotheses(plan, plain)]
 
     faithful = preset("faithful")
-    coarse = square_frame(plan, faithful, _COARSE_PX)
+    coarse = square_around(plan, faithful, _COARSE_PX)
     ekf = run(replace(faithful, method="ekf"), coarse)
     looks = realistic(SensingConfig(env.lidar, env.clutter, env.slam), env.odometry)
     at_start = GridFrame(
@@ -140,7 +140,7 @@ def _times(plan: FloorPlan, episode: Episode, seed: int) -> list[str]:
     rows = []
     for conversion, side, paper in _TABLE:
         config = replace(preset("faithful"), method=conversion)
-        frame = square_frame(plan, config, side)
+        frame = square_around(plan, config, side)
         config = replace(config, resolution=frame.resolution)
         seconds = []
         for _ in range(2):

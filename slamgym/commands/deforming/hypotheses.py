@@ -20,11 +20,11 @@ from slamgym.parametric.trajectory import TimedTrajectory, from_recorded
 
 if TYPE_CHECKING:
     from slamgym.cad.floorplan import FloorPlan
-    from slamgym.commands.deform import DeformArguments
+    from slamgym.commands.deforming.arguments import DeformArguments
 
 
 @dataclass(frozen=True)
-class Hypothesis:
+class DrawnMap:
     """A SLAM map that might have been drawn of a plan. Everything is in the plan's world frame."""
 
     grid: OccupancyGrid
@@ -51,7 +51,7 @@ def load_plan(arguments: DeformArguments, place: int = 0) -> FloorPlan:
     return plan
 
 
-def hypotheses(plan: FloorPlan, arguments: DeformArguments) -> Iterator[Hypothesis]:
+def hypotheses(plan: FloorPlan, arguments: DeformArguments) -> Iterator[DrawnMap]:
     """Make the maps one by one; each follows from the seed and its number."""
     if arguments.method == "elastic":
         yield from _elastic(plan, arguments)
@@ -61,9 +61,9 @@ def hypotheses(plan: FloorPlan, arguments: DeformArguments) -> Iterator[Hypothes
         yield from _along_paths(plan, arguments)
 
 
-def _along_paths(plan: FloorPlan, arguments: DeformArguments) -> Iterator[Hypothesis]:
+def _along_paths(plan: FloorPlan, arguments: DeformArguments) -> Iterator[DrawnMap]:
     """Methods ``parametric`` and ``generator``."""
-    config = settings_of(arguments, 0)
+    config = model_settings(arguments, 0)
     fixed = trajectory_from_file(arguments.trajectory, plan, config.motion) if arguments.trajectory else None
     generator = None
     if arguments.method == "generator":
@@ -72,8 +72,8 @@ def _along_paths(plan: FloorPlan, arguments: DeformArguments) -> Iterator[Hypoth
         generator = load_texture(arguments.weights or "texture")
     for number in range(arguments.count):
         rng = np.random.default_rng([arguments.seed, number])
-        config = settings_of(arguments, number)
-        frame = square_frame(plan, config, arguments.size) if arguments.size else None
+        config = model_settings(arguments, number)
+        frame = square_around(plan, config, arguments.size) if arguments.size else None
         if frame is not None:
             config = replace(config, resolution=frame.resolution)
         path = fixed or _path(arguments, plan, config, rng, number)
@@ -89,7 +89,7 @@ def _along_paths(plan: FloorPlan, arguments: DeformArguments) -> Iterator[Hypoth
         yield _of_deformation(result)
 
 
-def settings_of(arguments: DeformArguments, number: int) -> ParametricConfig:
+def model_settings(arguments: DeformArguments, number: int) -> ParametricConfig:
     """The model's settings for one hypothesis: a recipe draws others for each."""
     config = preset("faithful")
     if arguments.recipe is not None or arguments.method == "generator":
@@ -112,9 +112,9 @@ def settings_of(arguments: DeformArguments, number: int) -> ParametricConfig:
     return config
 
 
-def _of_deformation(result: Deformation) -> Hypothesis:
+def _of_deformation(result: Deformation) -> DrawnMap:
     floor = result.cad.cells == FREE
-    return Hypothesis(
+    return DrawnMap(
         grid=result.grid,
         cad=result.cad,
         start=result.true.poses[0],
@@ -126,7 +126,7 @@ def _of_deformation(result: Deformation) -> Hypothesis:
     )
 
 
-def square_frame(plan: FloorPlan, config: ParametricConfig, size_px: int) -> GridFrame:
+def square_around(plan: FloorPlan, config: ParametricConfig, size_px: int) -> GridFrame:
     """A square grid of ``size_px`` that holds the plan and its margin, the plan in the middle."""
     min_x, min_y, max_x, max_y = plan.bounds
     side = max(max_x - min_x, max_y - min_y) + 2.0 * config.margin
@@ -155,7 +155,7 @@ def _path(
     return from_recorded(recorded, f"the path of {arguments.explorer}")
 
 
-def _elastic(plan: FloorPlan, arguments: DeformArguments) -> Iterator[Hypothesis]:
+def _elastic(plan: FloorPlan, arguments: DeformArguments) -> Iterator[DrawnMap]:
     from slamgym.gan.translation.elastic import bend_with_field
 
     cad = plan.raster(arguments.resolution, GridFrame.covering(plan.bounds, arguments.resolution, 0.5))
@@ -165,7 +165,7 @@ def _elastic(plan: FloorPlan, arguments: DeformArguments) -> Iterator[Hypothesis
         yield _without_path(plan, OccupancyGrid(cells, cad.frame), cad, field)
 
 
-def _modelprog(plan: FloorPlan, arguments: DeformArguments) -> Iterator[Hypothesis]:
+def _modelprog(plan: FloorPlan, arguments: DeformArguments) -> Iterator[DrawnMap]:
     from slamgym.gan.translation.translate import load_translator
 
     translator = load_translator(arguments.weights or "modelprog", "cad2slam")
@@ -179,6 +179,6 @@ def _modelprog(plan: FloorPlan, arguments: DeformArguments) -> Iterator[Hypothes
 
 def _without_path(
     plan: FloorPlan, grid: OccupancyGrid, cad: OccupancyGrid, field: Float32Array | None
-) -> Hypothesis:
+) -> DrawnMap:
     point = plan.free_space.representative_point()
-    return Hypothesis(grid, cad, np.array([point.x, point.y, 0.0]), field, {}, 1.0, {}, 0.0)
+    return DrawnMap(grid, cad, np.array([point.x, point.y, 0.0]), field, {}, 1.0, {}, 0.0)

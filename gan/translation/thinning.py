@@ -6,7 +6,7 @@ from scipy.ndimage import distance_transform_edt
 from slamgym.core.types import OCCUPIED, BoolArray, ByteArray
 
 
-def thin_walls(cells: ByteArray) -> ByteArray:
+def thinned_walls(cells: ByteArray) -> ByteArray:
     """Leave one cell of every wall; what it covered becomes what lies next to it.
 
     Args:
