@@ -59,7 +59,8 @@ def make_explorer(name: str, context: "ExplorerContext", seed: int = 0) -> "Batc
     """Build an explorer.
 
     Args:
-        name: One of :data:`EXPLORERS`, or ``rl:FILE`` or ``wheels:FILE`` for weights that ``slamgym agents train`` wrote.
+        name: One of :data:`EXPLORERS`, ``rl:FILE`` or ``wheels:FILE`` for weights that ``slamgym agents train``
+            wrote.
         context: What the environment says about the robot and its map.
         seed: Of the explorer's own random choices; only the random walk and the teleop driver make any.
 

@@ -16,7 +16,7 @@ MAX_FILES_IN_A_FOLDER = 25
 MAX_LINES = 400
 MAX_PARAMETERS = 8
 MAX_ATTRIBUTES = 15
-MAX_CODE_LINES = 32450
+MAX_CODE_LINES = 33850
 """Of all modules together; without docstrings, comments, blank lines and imports."""
 
 MORE_LINES: dict[str, int] = {}
@@ -25,6 +25,7 @@ MORE_ATTRIBUTES: dict[str, int] = {
     "slamgym.agents.evaluation.summary.ExplorerSummary": 16,
     "slamgym.agents.evaluation.trial.Trial": 23,
     "slamgym.agents.rl.train_config.TrainConfig": 27,
+    "slamgym.agents.wheels.config.WheelsConfig": 17,
     "slamgym.commands.agents.evaluate.EvaluateArguments": 22,
     "slamgym.commands.deform.DeformArguments": 16,
     "slamgym.commands.generate.GenerateArguments": 24,
@@ -32,6 +33,7 @@ MORE_ATTRIBUTES: dict[str, int] = {
     "slamgym.dataset.record.PairRecord": 28,
     "slamgym.drawing.settings.DrawingConfig": 16,
     "slamgym.envs.explore_env.ExploreEnv": 18,
+    "slamgym.envs.rewards.StepRecord": 16,
     "slamgym.envs.simulation.Simulation": 21,
     "slamgym.parametric.config.LidarErrorConfig": 18,
     "slamgym.sim.lidar.LidarConfig": 16,
