@@ -1,7 +1,7 @@
-"""Proximal policy optimisation on the batched environment, in one file, in the style of CleanRL's ``ppo_continuous_action.py``.
+"""Proximal policy optimisation on the batched environment, in one file, as CleanRL's ``ppo_continuous_action.py`` is.
 
-A robot learns to drive through homes so that it sees as much of them as it can. What it learns with, ``slamgym agents train --env
-explore`` does with checkpoints, validation and weights to keep; this file is there to be read and changed.
+A robot learns to drive through homes so that it sees as much of them as it can. ``slamgym agents train --env explore``
+does the same with checkpoints, validation and weights to keep; this file is there to be read and changed.
 
     python examples/ppo_wheels.py --total-timesteps 300000
 """
@@ -69,7 +69,9 @@ class Agent(nn.Module):
         super().__init__()
         size, actions = envs.single_observation_space.shape[0], envs.single_action_space.shape[0]
         self.shared = nn.Sequential(layer_init(nn.Linear(size, 128)), nn.ReLU())
-        self.critic = nn.Sequential(layer_init(nn.Linear(128, 64)), nn.ReLU(), layer_init(nn.Linear(64, 1), 1.0))
+        self.critic = nn.Sequential(
+            layer_init(nn.Linear(128, 64)), nn.ReLU(), layer_init(nn.Linear(64, 1), 1.0)
+        )
         self.actor = nn.Sequential(
             layer_init(nn.Linear(128, 64)), nn.ReLU(), layer_init(nn.Linear(64, actions), 0.01)
         )
@@ -77,9 +79,13 @@ class Agent(nn.Module):
         self.logstd = nn.Parameter(torch.full((1, actions), np.log(0.5)))
 
     def get_value(self, x: torch.Tensor) -> torch.Tensor:
+        """Value of observations, shape (B, 1)."""
         return self.critic(self.shared(x))
 
-    def get_action_and_value(self, x: torch.Tensor, action: torch.Tensor | None = None) -> tuple[torch.Tensor, ...]:
+    def get_action_and_value(
+        self, x: torch.Tensor, action: torch.Tensor | None = None
+    ) -> tuple[torch.Tensor, ...]:
+        """Action, its log-probability, entropy and value."""
         hidden = self.shared(x)
         probs = Normal(self.actor(hidden), self.logstd.expand(len(x), -1).exp())
         if action is None:
@@ -128,7 +134,9 @@ def main(args: Args) -> list[float]:
             dones[step] = torch.as_tensor(terminations | truncations)
             if "final_info" in infos:
                 ended += infos["final_info"]["coverage"][truncations | terminations].tolist()
-            for i in np.flatnonzero(truncations & ~terminations):  # the time was up: what would have followed counts
+            for i in np.flatnonzero(
+                truncations & ~terminations
+            ):  # the time was up: what would have followed counts
                 last = torch.as_tensor(infos["final_obs"][i])
                 with torch.no_grad():
                     rewards[step, i] += args.gamma * agent.get_value(last[None])[0, 0]

@@ -32,6 +32,7 @@ MORE_ATTRIBUTES: dict[str, int] = {
     "slamgym.dataset.record.PairRecord": 28,
     "slamgym.drawing.settings.DrawingConfig": 16,
     "slamgym.envs.explore_env.ExploreEnv": 18,
+    "slamgym.envs.rewards.StepRecord": 16,
     "slamgym.envs.simulation.Simulation": 21,
     "slamgym.parametric.config.LidarErrorConfig": 18,
     "slamgym.sim.lidar.LidarConfig": 16,

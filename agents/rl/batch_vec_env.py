@@ -22,8 +22,8 @@ class BatchVecEnv(VecEnv):
     Args:
         env: The batch; it must begin the next episode in the same step.
         hold: An action holds for so many control steps; what is rewarded in them is added up.
-        seconds: Shortest and longest episode [s], each cut off at a time drawn evenly between, the first ones earlier so
-            that they don't end together; None leaves that to the environment.
+        seconds: Shortest and longest episode [s], each cut off at a time drawn evenly between, the first ones earlier
+            so that they don't end together; None leaves that to the environment.
         seed: Of that draw and, until :meth:`seed` is called, of the environments.
     """
 
@@ -77,7 +77,11 @@ class BatchVecEnv(VecEnv):
         if late.any():
             for i in np.flatnonzero(late).tolist():
                 last = {name: all_infos[name][i] for name in ("coverage", "collisions")}
-                infos[i] = {"terminal_observation": _row(observations, i), "TimeLimit.truncated": True, **last}
+                infos[i] = {
+                    "terminal_observation": _row(observations, i),
+                    "TimeLimit.truncated": True,
+                    **last,
+                }
             observations, _ = self.env.reset(options={"reset_mask": late})
         self._close_episodes(np.flatnonzero(over | late), infos)
         return observations, rewards.astype(np.float32), over | late, infos
@@ -108,11 +112,11 @@ class BatchVecEnv(VecEnv):
         """An attribute of the batch, once for each environment."""
         return [getattr(self.env, attr_name)] * self._count(indices)
 
-    def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
+    def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:  # noqa: ARG002 - the interface
         """Refused: environments of a batch are alike."""
         raise ConfigError(f"environments of a batch are alike; {attr_name} of one can't be set")
 
-    def env_method(self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any) -> list[Any]:
+    def env_method(self, method_name: str, *args: Any, **kwargs: Any) -> list[Any]:  # noqa: ARG002 - the interface
         """Refused: environments of a batch have no methods of their own."""
         raise ConfigError(f"environments of a batch have no methods of their own, so no {method_name}")
 

@@ -22,7 +22,7 @@ def begin_run(config: Settings, out: Path) -> None:
     """
     if (out / CONFIG).exists():
         old = read_run(type(config), out)
-        for entry in dataclasses.fields(config):  # type: ignore[arg-type]
+        for entry in dataclasses.fields(config):
             mine, theirs = getattr(config, entry.name), getattr(old, entry.name)
             if mine != theirs and entry.name != "workers":
                 raise ConfigError(

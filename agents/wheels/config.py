@@ -53,8 +53,8 @@ class WheelsConfig(Settings):
     odometry: OdometryLevel = "medium"
     """Errors of the wheel odometry."""
     episode_seconds: tuple[Positive, Positive] = (90.0, 180.0)
-    """Shortest and longest episode [s]; each is cut off at a time drawn evenly between, and the value of what would have
-    followed counts."""
+    """Shortest and longest episode [s]; each is cut off at a time drawn evenly between, and the value of what would
+    have followed counts."""
     coverage_goal: PositiveShare = 0.98
     """An episode ends at this true coverage; privileged, never observed."""
     discount: PositiveShare = 0.99

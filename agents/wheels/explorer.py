@@ -6,7 +6,7 @@ from slamgym.agents.explorer import BatchedExplorer, Pilot
 from slamgym.agents.wheels.policy import WHEELS, WheelsPolicy, read_wheels
 from slamgym.core.errors import ConfigError
 from slamgym.core.types import Observation, OccupancyGrid, Pose2D, Twist2D
-from slamgym.envs.compact import RANGES, CompactObserver
+from slamgym.envs.compact import SCAN_SECTORS, CompactObserver
 from slamgym.envs.completion import CompletionDetector
 from slamgym.planning.context import ExplorerContext
 from slamgym.planning.costmap import crop_known
@@ -62,9 +62,9 @@ class WheelsExplorer(BatchedExplorer):
     """
 
     def __init__(self, context: ExplorerContext, policy: Path | str = WHEELS) -> None:
-        if context.geometry.num_beams < RANGES:
+        if context.geometry.num_beams < SCAN_SECTORS:
             raise ConfigError(
-                f"the explorer wheels needs a scanner of {RANGES} beams or more, not {context.geometry.num_beams}"
+                f"the explorer wheels needs a scanner of {SCAN_SECTORS} beams or more, not {context.geometry.num_beams}"
             )
         self._policy = read_wheels(policy)
         super().__init__(context, self._policy.fingerprint)

@@ -16,7 +16,7 @@ from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.files import write_bytes, write_text
 from slamgym.core.provenance import check_origin
 from slamgym.core.types import Float32Array
-from slamgym.envs.compact import BLOCKS, RANGES, compact_size
+from slamgym.envs.compact import BLOCKS, SCAN_SECTORS, compact_size
 
 WHEELS = Path(__file__).parents[1] / "pretrained" / "wheels_policy.safetensors"
 """The policy that comes with the package."""
@@ -39,7 +39,7 @@ class WheelsNetwork(Settings, section="network"):
     """Units of the second layer of each."""
 
 
-_SPACE = {"env": "slamgym/Explore-v1", "preset": "compact", "blocks": BLOCKS, "ranges": RANGES}
+_SPACE = {"env": "slamgym/Explore-v1", "preset": "compact", "blocks": BLOCKS, "ranges": SCAN_SECTORS}
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,7 @@ class WheelsPolicy:
 
 def shapes(network: WheelsNetwork) -> dict[str, tuple[int, ...]]:
     """Names and shapes of the weights."""
-    size = compact_size(RANGES)
+    size = compact_size(SCAN_SECTORS)
     found: dict[str, tuple[int, ...]] = {"mean": (size,), "variance": (size,)}
     sizes = (size, network.first, network.second, 2)
     for name, inputs, outputs in zip(("first", "second", "action"), sizes, sizes[1:], strict=False):

@@ -25,7 +25,7 @@ from slamgym.agents.rl.training_callbacks import SaveCheckpoints, ShowProgress, 
 from slamgym.agents.rl.training_envs import draw_plans
 from slamgym.agents.wheels.config import WheelsConfig
 from slamgym.agents.wheels.policy import CLIP, WheelsPolicy, write_wheels
-from slamgym.agents.wheels.validation import make_batch, validate
+from slamgym.agents.wheels.validation import make_batch, validate_wheels
 from slamgym.core.config import to_dict
 from slamgym.core.files import append_line, own_folder
 from slamgym.core.progress import say, show_progress
@@ -33,7 +33,9 @@ from slamgym.core.progress import say, show_progress
 POLICY, BEST, VALIDATION = "policy.safetensors", "best.safetensors", "validation.csv"
 CONTACT_PRICE = 0.02
 """What a contact in five minutes takes off the coverage when the best weights are chosen."""
-_FIRST_SPEED = 0.9  # share of the largest that the untrained network drives at: it sees more than one that stands
+_FIRST_SPEED = (
+    0.9  # share of the largest that the untrained network drives at: it sees more than one that stands
+)
 
 
 class FirstLayer(BaseFeaturesExtractor):
@@ -142,9 +144,13 @@ def exported(config: WheelsConfig, model: PPO) -> WheelsPolicy:
         for name, part in parts.items()
         for kind in ("weight", "bias")
     }
-    statistics: Any = model.get_vec_normalize_env().obs_rms  # type: ignore[union-attr]
+    statistics: Any = model.get_vec_normalize_env().obs_rms
     weights |= {"mean": statistics.mean.astype(np.float32), "variance": statistics.var.astype(np.float32)}
-    about: Mapping[str, Any] = {"version": __version__, "decisions": model.num_timesteps, "training": to_dict(config)}
+    about: Mapping[str, Any] = {
+        "version": __version__,
+        "decisions": model.num_timesteps,
+        "training": to_dict(config),
+    }
     return WheelsPolicy(config.network, weights, about)
 
 
@@ -158,7 +164,9 @@ class LogDriving(BaseCallback):
         episodes = list(self.model.ep_info_buffer or [])
         for key in ("coverage", "collisions"):
             if episodes:
-                self.logger.record(f"rollout/{key}", sum(episode[key] for episode in episodes) / len(episodes))
+                self.logger.record(
+                    f"rollout/{key}", sum(episode[key] for episode in episodes) / len(episodes)
+                )
         self.logger.record("time/cpu_seconds", time.process_time())
 
 
@@ -195,7 +203,7 @@ class ValidateWheels(BaseCallback):
         model: Any = self.model
         policy = exported(self._config, model)
         spent = self._spent + time.process_time() - self._clock
-        means = validate(self._config, policy.act, self._plans)
+        means = validate_wheels(self._config, policy.act, self._plans)
         for name, value in means.items():
             self.logger.record(f"validation/{name}", value)
         row = {"steps": model.num_timesteps, "training_cpu_seconds": round(spent, 1), **means}

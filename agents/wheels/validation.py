@@ -37,7 +37,7 @@ def make_batch(config: WheelsConfig, plans: Any, count: int, **changes: Any) -> 
     return BatchExploreEnv(count, plans, autoreset_mode="same_step", **settings)
 
 
-def validate(
+def validate_wheels(
     config: WheelsConfig, act: Callable[[Any], Any], plans: Sequence[FloorPlan], seed: int = 0
 ) -> dict[str, float]:
     """Explore each plan once, without noise in the actions.

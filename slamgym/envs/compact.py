@@ -22,7 +22,7 @@ from slamgym.envs.config import ExploreConfig
 
 BLOCKS = 21
 """Blocks along a side of the map's crop."""
-RANGES = 60
+SCAN_SECTORS = 60
 """Ranges, each the nearest of some neighbouring beams; fewer where the scanner has fewer beams."""
 _POINTS = 4  # along a side of a block, at which the map is read
 
@@ -57,10 +57,10 @@ def write_compact(
         ranges: The scan, shape (num_beams,) [m]; infinite where nothing returned.
         velocity: Measured, shape (2,) [m/s, rad/s].
         limits: Largest speed [m/s], largest turning rate [rad/s] and largest range [m], shape (3,).
-        out: Receives the blocks' shares of free space, row by row, those of occupied space, the ranges, and the velocity.
+        out: Receives the blocks' shares of free space, row by row, those of occupied space, ranges, and velocity.
     """
     _write_shares(cells, grows_upward, corner, side / (BLOCKS * _POINTS * resolution), resolution, pose, out)
-    groups = min(RANGES, len(ranges))
+    groups = min(SCAN_SECTORS, len(ranges))
     begin = 2 * BLOCKS * BLOCKS
     for g in range(groups):
         nearest = limits[2]
@@ -99,7 +99,7 @@ def _write_shares(
     share = np.float32(1.0 / (_POINTS * _POINTS))
     for i in range(BLOCKS):
         for j in range(BLOCKS):
-            free, clear = 0, 0
+            free, clear = np.int64(0), np.int64(0)
             for a in range(i * _POINTS, (i + 1) * _POINTS):
                 col = left - a * cos + j * _POINTS * sin
                 row = top - a * sin - j * _POINTS * cos
@@ -120,7 +120,7 @@ def _write_shares(
 
 def compact_size(num_beams: int) -> int:
     """How many numbers the observation has."""
-    return 2 * BLOCKS * BLOCKS + min(RANGES, num_beams) + 2
+    return 2 * BLOCKS * BLOCKS + min(SCAN_SECTORS, num_beams) + 2
 
 
 class CompactObserver:

@@ -171,7 +171,7 @@ def _behold(
         scene = surfaces.outside if outdoors else segments
         cosine = _cosine(ux, uy, scene, hit)
         kind, own_echo, depth = 0.0, 1.0, 0.0
-        if not outdoors:
+        if not outdoors and hit + 1 < len(surfaces.first) and surfaces.first[hit] < surfaces.first[hit + 1]:
             kind, own_echo, depth = _patch(surfaces, hit, _along(x, y, ux, uy, length, segments, hit))
         if kind == GLASS and (
             cosine > _SPECULAR_COS or _is_dirty(surfaces, x + length * ux, y + length * uy)
@@ -226,11 +226,10 @@ def _mirrored(ux: float, uy: float, segments: FloatArray, s: int) -> tuple[float
 
 @kernel
 def _patch(surfaces: Surfaces, s: int, along: float) -> tuple[float, float, float]:
-    """Kind, echo and depth of a place on a segment."""
-    if s + 1 < len(surfaces.first):
-        for k in range(surfaces.first[s], surfaces.first[s + 1]):
-            if surfaces.patches[k, 0] <= along < surfaces.patches[k, 1]:
-                return surfaces.patches[k, 2], surfaces.patches[k, 3], surfaces.patches[k, 4]
+    """Kind, echo and depth of a place on a segment that the table holds."""
+    for k in range(surfaces.first[s], surfaces.first[s + 1]):
+        if surfaces.patches[k, 0] <= along < surfaces.patches[k, 1]:
+            return surfaces.patches[k, 2], surfaces.patches[k, 3], surfaces.patches[k, 4]
     return 0.0, 1.0, 0.0
 
 

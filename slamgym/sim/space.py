@@ -9,6 +9,7 @@ through a wall.
 """
 
 import math
+from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -78,7 +79,7 @@ class World:
         robot: The robot's measures and limits.
         clutter: Furniture and people; none where left out.
         surfaces: What all that is made of; plain where left out.
-        state: Where the drive state is kept, shape (8,), as a kernel over many robots wants it; of its own where left out.
+        state: Where the drive state is kept, shape (8,), as kernels over many robots want it; its own where left out.
 
     Attributes:
         surfaces: The materials of the first of :meth:`segments`; people are plain.
@@ -113,8 +114,6 @@ class World:
             [robot.linear_acceleration, robot.angular_acceleration, robot.wheel_separation]
         )
         self._contact_radius = robot.circumscribed_radius + SKIN
-        # How far from the axle turning moves the outline [m]: a disc turns within itself.
-        self._lever = 0.0 if robot.shape == "circle" else robot.circumscribed_radius
         self._state = np.zeros(8) if state is None else state
         self._pose = Pose2D(0.0, 0.0, 0.0)
         self._velocity = Twist2D(0.0, 0.0)
@@ -130,6 +129,11 @@ class World:
         x, y, theta = self._state[:3].tolist()
         self._pose = Pose2D(x, y, wrap_angle(theta))
         return self._pose
+
+    @cached_property
+    def _lever(self) -> float:
+        """How far from the axle turning moves the outline [m]: a disc turns within itself."""
+        return 0.0 if self.robot.shape == "circle" else self.robot.circumscribed_radius
 
     @property
     def velocity(self) -> Twist2D:

@@ -142,7 +142,7 @@ class HitCountMap:
         if any(self._margins):
             cells = np.empty_like(cells)
             classify_counts(self._counts, self._threshold, self._margins, self._min_passes, cells)
-        return known_part(cells, self._corner, self._resolution)
+        return cropped_to_known(cells, self._corner, self._resolution)
 
     def render(self, frame: GridFrame) -> ByteArray:
         """The map on another grid; see :meth:`slamgym.slam.mapper.Mapper.render`."""
@@ -169,7 +169,7 @@ class HitCountMap:
         return out
 
 
-def known_part(cells: ByteArray, corner: tuple[int, int], resolution: float) -> OccupancyGrid:
+def cropped_to_known(cells: ByteArray, corner: tuple[int, int], resolution: float) -> OccupancyGrid:
     """The part of a map that is known; a single unknown cell where nothing is.
 
     Args:

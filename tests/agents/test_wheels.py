@@ -49,7 +49,12 @@ def weights(tmp_path_factory):
 
 
 def test_actions_are_held_and_their_rewards_added_up():
-    settings = {**SETTINGS, "reward": {"floor_gain": 1.0}, "time_limit": None, "terminate_when_explored": False}
+    settings = {
+        **SETTINGS,
+        "reward": {"floor_gain": 1.0},
+        "time_limit": None,
+        "terminate_when_explored": False,
+    }
     plain = BatchExploreEnv(2, "bundled", autoreset_mode="same_step", **settings)
     plain.reset(seed=4)
     face = BatchVecEnv(BatchExploreEnv(2, "bundled", autoreset_mode="same_step", **settings), hold=3, seed=4)
@@ -74,7 +79,7 @@ def test_episodes_are_cut_off_at_different_times_and_say_so():
     face.reset()
     lengths = [[] for _ in range(4)]
     for _ in range(50):
-        observations, _, dones, infos = face.step(np.zeros((4, 2), dtype=np.float32))
+        _, _, dones, infos = face.step(np.zeros((4, 2), dtype=np.float32))
         for i in np.flatnonzero(dones):
             assert infos[i]["TimeLimit.truncated"]
             assert infos[i]["terminal_observation"] in face.observation_space
@@ -101,7 +106,9 @@ def test_a_run_is_validated_saved_and_goes_on(tmp_path):
         assert (tmp_path / name).is_file(), name
     policy = read_wheels(tmp_path / "policy.safetensors")
     # numpy drives as torch does
-    observations = np.random.default_rng(0).uniform(0.0, 1.0, (5, len(policy.weights["mean"]))).astype(np.float32)
+    observations = (
+        np.random.default_rng(0).uniform(0.0, 1.0, (5, len(policy.weights["mean"]))).astype(np.float32)
+    )
     envs = model.get_vec_normalize_env()
     expected, _ = model.predict(envs.normalize_obs(observations.copy()), deterministic=True)
     np.testing.assert_allclose(policy.act(observations), expected, atol=1e-5)
@@ -119,7 +126,9 @@ def test_a_run_is_validated_saved_and_goes_on(tmp_path):
 def test_the_explorer_sees_what_it_was_trained_on(weights):
     """Its observation of the published map is that of the environment's preset, and an action holds for its steps."""
     env = ExploreEnv("bundled", ExploreConfig().for_explorer(), localization="ground_truth")
-    twin = ExploreEnv("bundled", localization="ground_truth", observation={"preset": "compact", "map": "global"})
+    twin = ExploreEnv(
+        "bundled", localization="ground_truth", observation={"preset": "compact", "map": "global"}
+    )
     explorer = make_explorer(f"wheels:{weights}", env.explorer_context())
     observation, _ = env.reset(seed=3)
     twin_observation, _ = twin.reset(seed=3)
@@ -131,7 +140,9 @@ def test_the_explorer_sees_what_it_was_trained_on(weights):
         seen = pilot._observer.observe(
             observation["map"][0], explorer.context.frame, observation["scan"], pose, velocity
         )
-        np.testing.assert_allclose(seen, twin_observation, atol=0.07)  # single precision moves a point across a border
+        np.testing.assert_allclose(
+            seen, twin_observation, atol=0.07
+        )  # single precision moves a point across a border
         assert np.count_nonzero(np.abs(seen - twin_observation) > 1e-5) < 5
         observation, *_ = env.step(action)
         twin_observation, *_ = twin.step(action)
@@ -178,7 +189,9 @@ def test_the_example_learns_a_few_updates():
     spec = importlib.util.spec_from_file_location("ppo_wheels", ROOT / "examples" / "ppo_wheels.py")
     example = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(example)
-    args = example.Args(total_timesteps=3 * 4 * 20, num_envs=4, num_steps=20, episode_seconds=3.0, num_minibatches=2)
+    args = example.Args(
+        total_timesteps=3 * 4 * 20, num_envs=4, num_steps=20, episode_seconds=3.0, num_minibatches=2
+    )
     coverages = example.main(args)
     assert len(coverages) == 3
     assert all(0.0 < coverage < 1.0 and math.isfinite(coverage) for coverage in coverages)

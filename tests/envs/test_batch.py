@@ -49,11 +49,11 @@ def drive_both(mode, steps, **settings):
     for one, other, where in zip(single.reset(seed=5), batch.reset(seed=5), ("seen", "info"), strict=True):
         (assert_same if where == "seen" else assert_same_infos)(one, other, where)
     rng, turn = np.random.default_rng(0), np.zeros(COUNT)
-    contacts, ends = 0, 0
+    contacts, ends, over = 0, 0, np.zeros(COUNT, dtype=np.bool_)
     for step in range(steps):
         turn = 0.9 * turn + 0.2 * rng.standard_normal(COUNT)
         actions = np.stack([np.full(COUNT, 0.8), turn], axis=1).astype(np.float32)
-        if mode == AutoresetMode.DISABLED and step and over.any():
+        if mode == AutoresetMode.DISABLED and over.any():
             options = {"reset_mask": over}
             seen, infos = single.reset(options=dict(options))
             other_seen, other_infos = batch.reset(options=options)
@@ -70,7 +70,10 @@ def drive_both(mode, steps, **settings):
 
 
 CASES = {
-    "compact": (AutoresetMode.NEXT_STEP, {"localization": "ground_truth", "observation": {"preset": "compact"}}),
+    "compact": (
+        AutoresetMode.NEXT_STEP,
+        {"localization": "ground_truth", "observation": {"preset": "compact"}},
+    ),
     "published": (
         AutoresetMode.DISABLED,
         {"localization": "ground_truth", "observation": {"preset": "compact", "map": "global"}},
@@ -112,7 +115,10 @@ def test_explorations_end_at_the_same_step():
 def test_an_explored_room_ends_the_episode(hall):
     settings = {"lidar": "exact", "localization": "ground_truth"}
     middle = {"start": (1.5, 1.5, 0.0)}
-    batch, single = BatchExploreEnv(2, hall, autoreset_mode="same_step", **settings), ExploreEnv(hall, **settings)
+    batch, single = (
+        BatchExploreEnv(2, hall, autoreset_mode="same_step", **settings),
+        ExploreEnv(hall, **settings),
+    )
     batch.reset(seed=0, options=middle)
     single.reset(seed=0, options=middle)
     for _ in range(100):

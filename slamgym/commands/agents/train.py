@@ -1,6 +1,7 @@
 """``slamgym agents train``: train a policy by reinforcement learning."""
 
 import dataclasses
+import itertools
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -44,7 +45,7 @@ class TrainWheelsArguments(Arguments):
 
 def main(argv: list[str]) -> int:
     """Run the command; returns the exit code."""
-    if "--env=explore" in argv or ("--env", "explore") in zip(argv, argv[1:], strict=False):
+    if "--env=explore" in argv or ("--env", "explore") in itertools.pairwise(argv):
         wheels = tyro.cli(TrainWheelsArguments, args=argv, prog="slamgym agents train")
         from slamgym.agents.wheels.train import POLICY, train_wheels
 

@@ -21,11 +21,16 @@ class Robots(NamedTuple):
     rolled: FloatArray  # (N, 2) what the encoders counted [m]
     wheels: FloatArray  # (N, 3) gains of the left and right encoder, believed wheel base [m]
     slips: FloatArray  # (N, 3) standard normal draws of this step
+    steps: IntArray  # (N,) since the episode began
+    contact: BoolArray  # (N,) whether the last step had contact
+    collisions: IntArray  # (N,) contacts begun
 
     @classmethod
     def rest(cls, count: int) -> "Robots":
         """So many robots at rest."""
-        return cls(*(np.zeros((count, k) if k else count) for k in (8, 3, 3, 0, 3, 2, 2, 3, 3)))
+        tables = [np.zeros((count, k) if k else count) for k in (8, 3, 3, 0, 3, 2, 2, 3, 3)]
+        steps, collisions = np.zeros(count, dtype=np.int64), np.zeros(count, dtype=np.int64)
+        return cls(*tables, steps=steps, contact=np.zeros(count, dtype=np.bool_), collisions=collisions)
 
 
 class Scenes(NamedTuple):
@@ -39,13 +44,13 @@ class Scenes(NamedTuple):
     num_patches: IntArray
     outside: FloatArray  # (N, K, 4) [m]
     num_outside: IntArray
-    num_walls: IntArray  # (N,)
-    seed: IntArray  # (N,)
+    materials: IntArray  # (N, 2) how many segments are walls, and the seed of what varies with the place
     roughness: FloatArray  # (N,) [m]
     unseen: BoolArray  # (N, cells) floor still to be seen, row by row
     floor_shape: IntArray  # (N, 2) rows and columns
     floor_corner: FloatArray  # (N, 2) lower left corner [m]
     seen: IntArray  # (N,) cells seen
+    floor_cells: IntArray  # (N,) cells of the floor
 
     @classmethod
     def empty(cls, count: int) -> "Scenes":
@@ -57,8 +62,9 @@ class Scenes(NamedTuple):
         return cls(
             np.zeros((count, 0, 4)), numbers(), np.zeros((count, 0), dtype=np.int64), numbers(),
             np.zeros((count, 0, 5)), numbers(), np.zeros((count, 0, 4)), numbers(),
-            numbers(), numbers(), np.zeros(count),
-            np.zeros((count, 0), dtype=np.bool_), np.zeros((count, 2), dtype=np.int64), np.zeros((count, 2)), numbers(),
+            np.zeros((count, 2), dtype=np.int64), np.zeros(count),
+            np.zeros((count, 0), dtype=np.bool_), np.zeros((count, 2), dtype=np.int64), np.zeros((count, 2)),
+            numbers(), numbers(),
         )  # fmt: skip
 
 
@@ -118,11 +124,13 @@ class Maps(NamedTuple):
     @classmethod
     def blank(cls, count: int) -> "Maps":
         """So many maps without any cell."""
-        poses = [np.zeros((count, 3)) for _ in range(5)]
-        flags = [np.zeros(count, dtype=np.bool_) for _ in range(2)]
-        pairs = [np.zeros((count, k), dtype=np.int64) for k in (2, 2, 4)]
+        last, processed, anchor, since, believed = (np.zeros((count, 3)) for _ in range(5))
+        shape, corner, dirty = (np.zeros((count, k), dtype=np.int64) for k in (2, 2, 4))
+        begun, is_new = (np.zeros(count, dtype=np.bool_) for _ in range(2))
         counts, cells = np.zeros((count, 0, 2), dtype=np.int32), np.zeros((count, 0), dtype=np.uint8)
-        return cls(counts, cells, *pairs, flags[0], *poses, flags[1])
+        return cls(
+            counts, cells, shape, corner, dirty, begun, last, processed, anchor, since, believed, is_new
+        )
 
 
 class MapLaw(NamedTuple):
@@ -136,9 +144,7 @@ class MapLaw(NamedTuple):
     angular_update: float  # [rad]
     temporal_update: float  # [s]
     believes_truth: bool  # else the wheels
-    keeps_current: (
-        bool  # whether the shown cells follow every processed scan, else they wait for a publication
-    )
+    keeps_current: bool  # the shown cells follow every processed scan, else they wait for a publication
 
 
 class WheelLaw(NamedTuple):
@@ -152,7 +158,7 @@ class WheelLaw(NamedTuple):
 
 
 def put(table: Any, index: int, rows: np.ndarray) -> Any:
-    """Write rows to the head of one environment's part of a table (N, capacity, ...); returns the table, grown at need."""
+    """Write rows to the head of one environment's part of a table (N, capacity, ...); returns it, grown at need."""
     if len(rows) > table.shape[1]:
         larger = np.zeros(
             (len(table), max(len(rows), 2 * table.shape[1]), *table.shape[2:]), dtype=table.dtype

@@ -25,7 +25,7 @@ from slamgym.envs.rewards import Reward, StepRecord
 from slamgym.envs.simulation import Actions, Streams
 from slamgym.sim import cast_rays, make_clutter
 
-KEPT_SITES = 1024
+BATCH_SITES = 1024
 """Buildings that a batch keeps ready: a training draws from hundreds again and again."""
 
 
@@ -69,14 +69,14 @@ class BatchExploreEnv(VectorEnv[Any, Any, Any]):
         self.config = config = resolve_config(config, settings)
         self._reward = Reward(config.reward)
         _refuse_unsupported(config, self._reward, render_mode)
-        self.num_envs, self.render_mode = num_envs, None
+        self.num_envs = num_envs
         self.metadata = {"autoreset_mode": _mode(autoreset_mode)}
         self.single_observation_space = observation_space(config)
         self._actions = Actions(config)
         self.single_action_space = self._actions.space
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
-        self._plan_cache = PlanCache(plans, config.robot, config.lidar.surfaces, KEPT_SITES)
+        self._plan_cache = PlanCache(plans, config.robot, config.lidar.surfaces, BATCH_SITES)
         self._generators: list[np.random.Generator] = []
         self._detectors: dict[int, CompletionDetector] = {}
         self._over = np.zeros(num_envs, dtype=np.bool_)
@@ -135,13 +135,13 @@ class BatchExploreEnv(VectorEnv[Any, Any, Any]):
         if fresh.any():
             self._begin(np.flatnonzero(fresh), ResetOptions())
         fleet.sense(everyone)
-        is_published = fleet.steps % config.publication_steps == 0
+        is_published = fleet.robots.steps % config.publication_steps == 0
         fleet.publish(np.flatnonzero(is_published))
 
         terminations = self._are_complete(is_published & lived) & lived
         truncations = np.zeros_like(lived)
         if config.max_steps is not None:
-            truncations = (fleet.steps >= config.max_steps) & lived
+            truncations = (fleet.robots.steps >= config.max_steps) & lived
         rewards, terms = self._rewards(driven, coverage, terminations)
         rewards[fresh] = 0.0
         self._over = over = terminations | truncations
@@ -209,10 +209,10 @@ class BatchExploreEnv(VectorEnv[Any, Any, Any]):
         arrays: dict[str, Any] = {
             "time": fleet.times,
             "distance": driven,
-            "contact": fleet.contact,
+            "contact": fleet.robots.contact.copy(),
             "coverage": fleet.shares,
             "previous_coverage": coverage,
-            "floor_area": fleet.floor_cells * CELL**2,
+            "floor_area": fleet.scenes.floor_cells * CELL**2,
             "pose_error": fleet.pose_errors,
             "n_eff": fleet.n_eff,
             "terminated": terminations,
@@ -226,7 +226,7 @@ class BatchExploreEnv(VectorEnv[Any, Any, Any]):
         return {
             "coverage": fleet.shares,
             "path_length": fleet.robots.path.copy(),
-            "collisions": fleet.collisions.copy(),
+            "collisions": fleet.robots.collisions.copy(),
             "pose_error": fleet.pose_errors,
             "heading_error": np.abs(wrap_angle(fleet.maps.believed[:, 2] - fleet.robots.pose[:, 2])),
             "n_eff": fleet.n_eff,
@@ -238,7 +238,9 @@ class BatchExploreEnv(VectorEnv[Any, Any, Any]):
     def _plans(self, mask: BoolArray) -> dict[str, Any]:
         """The ids of the buildings in which an episode begins."""
         names = [robot.prepared.plan.id for robot in self._fleet.each]
-        return {"plan": np.where(mask, np.array(names, dtype=object), None)}
+        plans = np.array(names, dtype=object)
+        plans[~mask] = None
+        return {"plan": plans}
 
     def _read_mask(self, given: Any) -> BoolArray:
         """Which environments a reset is about."""

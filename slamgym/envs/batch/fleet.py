@@ -6,9 +6,18 @@ from typing import NamedTuple
 import numpy as np
 
 from slamgym.core.geometry import unit_vectors
-from slamgym.core.types import UNKNOWN, FloatArray, GridFrame, IntArray, LaserScan, OccupancyGrid, Pose2D, Twist2D
+from slamgym.core.types import (
+    UNKNOWN,
+    FloatArray,
+    GridFrame,
+    IntArray,
+    LaserScan,
+    OccupancyGrid,
+    Pose2D,
+    Twist2D,
+)
 from slamgym.envs.batch.arrays import MapLaw, Maps, Robots, Scanner, Scans, Scenes, WheelLaw, put
-from slamgym.envs.batch.kernels import ScanKind, drive_all, look_all, map_all, publish_all, read_wheels
+from slamgym.envs.batch.kernels import ScanKind, drive_all, integrate_wheels, look_all, map_all, publish_all
 from slamgym.envs.config import ExploreConfig
 from slamgym.envs.coverage import CELL
 from slamgym.envs.finished_map import finished_map
@@ -19,7 +28,7 @@ from slamgym.sim.contact import SKIN
 from slamgym.sim.lidar import LONGEST_BURST
 from slamgym.slam import Mapper, make_mapper
 from slamgym.slam.hit_count_kernels import BeamTable
-from slamgym.slam.hit_counts import known_part
+from slamgym.slam.hit_counts import cropped_to_known
 
 _NO_TIME = 1e-9  # [s]
 _SPARE = 1.0  # [m] that maps reach beyond what the scanner may see from the plan's outline
@@ -47,10 +56,6 @@ class Fleet:
         scans: The newest scans.
         maps: What they believe; path and map only where kernels map.
         each: What belongs to one robot alone.
-        steps: Since the episode began, shape (N,).
-        floor_cells: Cells of the reachable floors, shape (N,).
-        contact: Whether the last step had contact, shape (N,).
-        collisions: Contacts begun, shape (N,).
         map_law: How kernels draw maps.
         is_mapped_together: Whether kernels map; else each robot has a mapper of its own.
     """
@@ -60,10 +65,6 @@ class Fleet:
         self.robots, self.scenes, self.maps = Robots.rest(count), Scenes.empty(count), Maps.blank(count)
         self.scans = Scans.blank(count, config.lidar.num_beams, LONGEST_BURST)
         self.each: list[Robot] = []
-        self.steps = np.zeros(count, dtype=np.int64)
-        self.floor_cells = np.zeros(count, dtype=np.int64)
-        self.contact = np.zeros(count, dtype=np.bool_)
-        self.collisions = np.zeros(count, dtype=np.int64)
         self.lidar = Lidar(config.lidar)
         self._scanner = Scanner(
             self.lidar.law,
@@ -86,18 +87,18 @@ class Fleet:
         self._wheel_law = _wheel_law(config)
 
     def __len__(self) -> int:
-        return len(self.steps)
+        return len(self.robots.steps)
 
     @property
     def times(self) -> FloatArray:
         """Robot time, shape (N,) [s]."""
-        times: FloatArray = self.steps * self._config.control_step
+        times: FloatArray = self.robots.steps * self._config.control_step
         return times
 
     @property
     def shares(self) -> FloatArray:
         """Shares of the reachable floor that were seen, shape (N,)."""
-        totals = self.floor_cells
+        totals = self.scenes.floor_cells
         shares: FloatArray = np.where(totals > 0, self.scenes.seen / np.maximum(totals, 1), 1.0)
         return shares
 
@@ -106,7 +107,7 @@ class Fleet:
         """Distances of the believed from the true positions, shape (N,) [m]."""
         true = self.robots.pose[:, :2] - self.robots.start[:, :2]
         off = self.maps.believed[:, :2] - true
-        errors: FloatArray = np.hypot(off[:, 0], off[:, 1])
+        errors: FloatArray = np.asarray(np.hypot(off[:, 0], off[:, 1]), dtype=np.float64)
         return errors
 
     @property
@@ -129,7 +130,7 @@ class Fleet:
         if mapper is not None:
             return mapper.occupancy_grid()
         row, col = self.maps.corner[index].tolist()
-        return known_part(self.whole_grid(index).cells[::-1], (row, col), self.map_law.resolution)
+        return cropped_to_known(self.whole_grid(index).cells[::-1], (row, col), self.map_law.resolution)
 
     def begin(self, index: int, prepared: PreparedPlan, start: Pose2D, streams: Streams) -> None:
         """Put one robot down in a building; :meth:`sense` takes its first scan.
@@ -148,7 +149,7 @@ class Fleet:
         robots.pose[index], robots.start[index], robots.odometry[index] = world.pose, start, initial
         robots.wheels[index] = (*wheels.gains, wheels.believed_base)
         robots.rolled[index], robots.velocity[index], robots.path[index] = 0.0, 0.0, 0.0
-        self.steps[index], self.contact[index], self.collisions[index] = 0, False, 0
+        robots.steps[index], robots.contact[index], robots.collisions[index] = 0, False, 0
         self._place(index, prepared, world, start)
         mapper = None
         if self.is_mapped_together:
@@ -166,13 +167,13 @@ class Fleet:
         """Fill in what one robot touches and sees."""
         scenes, materials, walls = self.scenes, world.surfaces, world.segments()
         floor = prepared.floor.mask(start.x, start.y)
-        self.floor_cells[index] = np.count_nonzero(floor)
+        scenes.floor_cells[index] = np.count_nonzero(floor)
         is_plain = len(materials.first) == 1
         scenes.seen[index] = 0
         scenes.floor_shape[index] = floor.shape
         frame = prepared.floor.frame
         scenes.floor_corner[index] = frame.origin_x, frame.origin_y
-        scenes.num_walls[index], scenes.seed[index] = materials.num_walls, materials.seed
+        scenes.materials[index] = materials.num_walls, materials.seed
         scenes.roughness[index] = materials.roughness
         for counts, rows in (
             (scenes.num_segments, walls),
@@ -220,18 +221,18 @@ class Fleet:
         left = np.zeros(len(self))
         radius = self._config.robot.circumscribed_radius + SKIN
         drive_all(robots, self.scenes, ids, targets, self._limits, dt, radius, left)
-        touching, self.contact = self.contact, self.contact.copy()
-        self.contact[ids] = False
+        touched = robots.contact.copy()
+        robots.contact[ids] = False
         # What is near something is pymunk's: those worlds go on one by one.
         for i in np.flatnonzero(left > _NO_TIME).tolist():
             target = Twist2D(*targets[i].tolist())
-            self.contact[i] = self.each[i].world.drive(target, float(left[i]))
-        self.collisions[ids] += self.contact[ids] & ~touching[ids]
+            robots.contact[i] = self.each[i].world.drive(target, float(left[i]))
+        robots.collisions[ids] += robots.contact[ids] & ~touched[ids]
         if not self._wheel_law.is_ideal:
             for i in ids.tolist():
                 self.each[i].streams.odometry.standard_normal(out=robots.slips[i])
-        read_wheels(robots, self._wheel_law, ids, dt)
-        self.steps[ids] += 1
+        integrate_wheels(robots, self._wheel_law, ids, dt)
+        robots.steps[ids] += 1
 
     def sense(self, ids: IntArray) -> None:
         """Scan, and map."""

@@ -77,7 +77,7 @@ def _put_pose(rows: FloatArray, i: int, pose: Pose2D) -> None:
 
 
 @kernel
-def read_wheels(robots: Robots, law: WheelLaw, ids: IntArray, dt: float) -> None:
+def integrate_wheels(robots: Robots, law: WheelLaw, ids: IntArray, dt: float) -> None:
     """Note the poses after a drive and integrate the wheel odometry; see :mod:`slamgym.sim.wheel_odometry`.
 
     Args:
@@ -92,10 +92,7 @@ def read_wheels(robots: Robots, law: WheelLaw, ids: IntArray, dt: float) -> None
         now = Pose2D(state[motion.X], state[motion.Y], theta)
         _put_pose(robots.pose, i, now)
         robots.path[i] += state[motion.DISTANCE]
-        if law.is_ideal:
-            moved = _between(before, now)
-        else:
-            moved = _rolled(robots, law, i)
+        moved = _between(before, now) if law.is_ideal else _rolled(robots, law, i)
         old = _pose(robots.odometry, i)
         new = _compose(old, moved)
         _put_pose(robots.odometry, i, new)
@@ -164,8 +161,8 @@ def look_all(
                 scenes.first[i, : scenes.num_first[i]],
                 scenes.patches[i, : scenes.num_patches[i]],
                 scenes.outside[i, : scenes.num_outside[i]],
-                scenes.num_walls[i],
-                scenes.seed[i],
+                scenes.materials[i, 0],
+                scenes.materials[i, 1],
                 scenes.roughness[i],
             )
             measure_beams(sensors, walls, true, hits, materials, law, scans.normal[i], measured)
