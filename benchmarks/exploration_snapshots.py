@@ -62,6 +62,8 @@ def explorations(source: PlanSource, split: PlanSplit, count: int, mode: str) ->
     config = explored_env(ExploreConfig(slam=SlamConfig(mode=mode)))  # type: ignore[arg-type]
     done = 0
     for plan_id in shuffled([plan for plan in source.ids if split_of(plan) == split], 77):
+        if done == count:
+            return
         try:
             plan = source.load(plan_id)
             check_plan(plan, config.robot.circumscribed_radius, 0.5 * config.observation.map_size)
@@ -70,8 +72,6 @@ def explorations(source: PlanSource, split: PlanSplit, count: int, mode: str) ->
         if passes(plan, "useful"):
             yield _explore(plan, config, EXPLORERS[done % len(EXPLORERS)])
             done += 1
-        if done == count:
-            return
 
 
 def _explore(plan: FloorPlan, config: ExploreConfig, name: str) -> Exploration:

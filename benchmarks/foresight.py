@@ -32,7 +32,7 @@ from slamgym.agents.foresight import (
     window_about,
 )
 from slamgym.cad import open_plans
-from slamgym.core.types import OCCUPIED, Float32Array, GridFrame
+from slamgym.core.types import OCCUPIED, UNKNOWN, Float32Array, GridFrame
 
 FINE = 0.05
 NEAR = 4.0  # what is farther from the known part is not learned [m]
@@ -159,7 +159,10 @@ def _truth(exploration: Exploration, snapshot: Snapshot, frame: GridFrame) -> Fl
     inside = (row >= 0) & (col >= 0) & (row < floor_frame.height_px) & (col < floor_frame.width_px)
     unseen = np.zeros(fine.shape, np.float32)
     unseen[inside] = (exploration.floor & ~snapshot.seen)[row[inside], col[inside]]
-    walls = exploration.plan.raster(FINE, frame=fine, offset=(start.x, start.y)).cells == OCCUPIED
+    walls = (
+        exploration.plan.raster(FINE, frame=fine, offset=(start.x, start.y), outside=UNKNOWN).cells
+        == OCCUPIED
+    )
     shares = np.stack([unseen, walls]).reshape(2, SIDE, ratio, SIDE, ratio).mean(axis=(2, 4))
     shares[1] = np.minimum(1.0, 3.0 * shares[1])
     return shares.astype(np.float32)
