@@ -21,11 +21,11 @@ from slamgym.planning.exploration_loop import ExplorationLoop
 WEIGHTS = Path(__file__).parent / "pretrained" / "foresight.safetensors"
 """The network that comes with the package."""
 
-CELL = 0.2
+FORESIGHT_CELL = 0.2
 """Size of its cells [m]."""
-SIDE = 64
+WINDOW_PX = 64
 """Side of the window about the robot that it completes [cells]: 12.8 m."""
-CHANNELS = (8, 16, 32, 64)
+LEVEL_CHANNELS = (8, 16, 32, 64)
 """Channels of its levels."""
 DROPOUT = (0.2, 0.2, 0.2, 0.1)
 """Shares of channels left out in training: before the lowest level, and at the levels on the way up."""
@@ -63,8 +63,10 @@ class MapCompletion:
     def __init__(self, weights: Mapping[str, Float32Array]) -> None:
         self._weights = {name: np.ascontiguousarray(value, np.float32) for name, value in weights.items()}
         rng = np.random.default_rng(0)
-        ups = [below + level for below, level in zip(CHANNELS[:0:-1], CHANNELS[-2::-1], strict=True)]
-        widths = (CHANNELS[-2], *ups)
+        ups = [
+            below + level for below, level in zip(LEVEL_CHANNELS[:0:-1], LEVEL_CHANNELS[-2::-1], strict=True)
+        ]
+        widths = (LEVEL_CHANNELS[-2], *ups)
         self._masks = [
             [
                 ((rng.random((width, 1, 1)) >= share) / (1.0 - share)).astype(np.float32)
@@ -83,7 +85,7 @@ class MapCompletion:
         shares, frame = window_about(grid, pose)
         skips = []
         values = shares
-        for level in range(len(CHANNELS) - 1):
+        for level in range(len(LEVEL_CHANNELS) - 1):
             values = self._block(f"down.{level}", _halved(values) if level else values)
             skips.append(values)
         lowest = _halved(values)
@@ -95,7 +97,7 @@ class MapCompletion:
         self, lowest: Float32Array, skips: list[Float32Array], masks: list[Float32Array]
     ) -> Float32Array:
         """What the network draws with some channels left out, logits of shape (2, n, n)."""
-        values = self._block(f"down.{len(CHANNELS) - 1}", lowest * masks[0])
+        values = self._block(f"down.{len(LEVEL_CHANNELS) - 1}", lowest * masks[0])
         for level, (skip, mask) in enumerate(zip(reversed(skips), masks[1:], strict=True)):
             doubled = values.repeat(2, axis=1).repeat(2, axis=2)
             values = self._block(f"up.{level}", np.concatenate([doubled, skip]) * mask)
@@ -131,13 +133,13 @@ def pretrained_completion() -> MapCompletion:
 
 
 def window_about(grid: OccupancyGrid, pose: Pose2D) -> tuple[Float32Array, GridFrame]:
-    """Shares of free and of occupied cells about the robot, shape (2, SIDE, SIDE), and their frame."""
+    """Shares of free and of occupied cells about the robot, shape (2, WINDOW_PX, WINDOW_PX), and their frame."""
     fine = grid.frame
-    ratio = round(CELL / fine.resolution)
-    left = math.floor(pose.x / CELL) * CELL - 0.5 * SIDE * CELL
-    bottom = math.floor(pose.y / CELL) * CELL - 0.5 * SIDE * CELL
-    frame = GridFrame(CELL, left, bottom, SIDE, SIDE)
-    size = SIDE * ratio
+    ratio = round(FORESIGHT_CELL / fine.resolution)
+    left = math.floor(pose.x / FORESIGHT_CELL) * FORESIGHT_CELL - 0.5 * WINDOW_PX * FORESIGHT_CELL
+    bottom = math.floor(pose.y / FORESIGHT_CELL) * FORESIGHT_CELL - 0.5 * WINDOW_PX * FORESIGHT_CELL
+    frame = GridFrame(FORESIGHT_CELL, left, bottom, WINDOW_PX, WINDOW_PX)
+    size = WINDOW_PX * ratio
     top = round((fine.origin_y + fine.height_px * fine.resolution - bottom) / fine.resolution) - size
     first = round((left - fine.origin_x) / fine.resolution)
     shares = np.zeros((2, size, size), np.float32)
@@ -148,7 +150,7 @@ def window_about(grid: OccupancyGrid, pose: Pose2D) -> tuple[Float32Array, GridF
         inside = (slice(rows.start - top, rows.stop - top), slice(cols.start - first, cols.stop - first))
         for index, value in enumerate((FREE, OCCUPIED)):
             shares[index][inside] = cells == value
-    return shares.reshape(2, SIDE, ratio, SIDE, ratio).mean(axis=(2, 4)), frame
+    return shares.reshape(2, WINDOW_PX, ratio, WINDOW_PX, ratio).mean(axis=(2, 4)), frame
 
 
 def expected_areas(foreseen: Foreseen, points: FloatArray) -> ExpectedArea:
@@ -176,14 +178,14 @@ def foresee(loop: ExplorationLoop) -> ExpectedArea:
 def _in_sight(foreseen: Foreseen, cells: FloatArray) -> FloatArray:
     """What rays from cells (N, 2) pass over until they meet a wall, shape (members, N) [m2]."""
     angles = 2.0 * np.pi * np.arange(_RAYS) / _RAYS
-    radii = np.arange(1, round(_RANGE / CELL) + 1)
+    radii = np.arange(1, round(_RANGE / FORESIGHT_CELL) + 1)
     steps = radii[:, None] * np.stack([np.sin(angles), np.cos(angles)])[:, None]  # (2, radii, rays)
     at = np.round(cells[:, :, None, None] + steps[None]).astype(np.int64)
-    inside = ((at >= 0) & (at < SIDE)).all(axis=1)
-    rows, cols = np.clip(at[:, 0], 0, SIDE - 1), np.clip(at[:, 1], 0, SIDE - 1)
+    inside = ((at >= 0) & (at < WINDOW_PX)).all(axis=1)
+    rows, cols = np.clip(at[:, 0], 0, WINDOW_PX - 1), np.clip(at[:, 1], 0, WINDOW_PX - 1)
     floor = np.where(inside, foreseen.floor[:, rows, cols], 0.0)
     through = np.cumprod(1.0 - np.where(inside, foreseen.wall[:, rows, cols], 1.0), axis=2)
-    ring = radii[:, None] * (2.0 * np.pi / _RAYS) * CELL**2
+    ring = radii[:, None] * (2.0 * np.pi / _RAYS) * FORESIGHT_CELL**2
     areas: FloatArray = (floor * through * ring).sum(axis=(2, 3))
     return areas
 
@@ -196,9 +198,11 @@ def _pockets(foreseen: Foreseen, cells: FloatArray) -> FloatArray:
         return areas
     apart = np.hypot(rows[:, None] - cells[None, :, 0], cols[:, None] - cells[None, :, 1])
     owner = apart.argmin(axis=1)
-    near = apart.min(axis=1) <= _POCKET / CELL
+    near = apart.min(axis=1) <= _POCKET / FORESIGHT_CELL
     for member, floor in enumerate(foreseen.floor[:, rows, cols]):
-        areas[member] = np.bincount(owner[near], weights=floor[near], minlength=len(cells)) * CELL**2
+        areas[member] = (
+            np.bincount(owner[near], weights=floor[near], minlength=len(cells)) * FORESIGHT_CELL**2
+        )
     return areas
 
 

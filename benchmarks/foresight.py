@@ -23,11 +23,11 @@ from torch import Tensor, nn
 from torch.nn import functional as fn
 
 from slamgym.agents.foresight import (
-    CELL,
-    CHANNELS,
     DROPOUT,
-    SIDE,
+    FORESIGHT_CELL,
+    LEVEL_CHANNELS,
     WEIGHTS,
+    WINDOW_PX,
     pretrained_completion,
     window_about,
 )
@@ -46,10 +46,10 @@ class MapCompletionNetwork(nn.Module):
         super().__init__()
         inputs = 2
         self.down, self.up = nn.ModuleList(), nn.ModuleList()
-        for width in CHANNELS:
+        for width in LEVEL_CHANNELS:
             self.down.append(nn.ModuleList([_conv(inputs, width), _conv(width, width)]))
             inputs = width
-        for width in CHANNELS[-2::-1]:
+        for width in LEVEL_CHANNELS[-2::-1]:
             self.up.append(nn.ModuleList([_conv(inputs + width, width), _conv(width, width)]))
             inputs = width
         self.out = nn.Conv2d(inputs, 2, 1)
@@ -59,7 +59,7 @@ class MapCompletionNetwork(nn.Module):
         skips = []
         for level, (first, second) in enumerate(self.down):  # type: ignore[misc]
             values = fn.max_pool2d(values, 2) if level else values
-            if level == len(CHANNELS) - 1:
+            if level == len(LEVEL_CHANNELS) - 1:
                 values = fn.dropout2d(values, DROPOUT[0], self.training)
             values = fn.relu(second(fn.relu(first(values))))
             skips.append(values)
@@ -151,8 +151,8 @@ def _samples(spec: str, count: int) -> list[_Sample]:
 
 def _truth(exploration: Exploration, snapshot: Snapshot, frame: GridFrame) -> Float32Array:
     """Unseen floor and walls in a window of the map frame, shape (2, n, n)."""
-    start, ratio = exploration.start, round(CELL / FINE)
-    fine = GridFrame(FINE, frame.origin_x, frame.origin_y, SIDE * ratio, SIDE * ratio)
+    start, ratio = exploration.start, round(FORESIGHT_CELL / FINE)
+    fine = GridFrame(FINE, frame.origin_x, frame.origin_y, WINDOW_PX * ratio, WINDOW_PX * ratio)
     x, y = fine.to_point(*np.indices(fine.shape))
     floor_frame = exploration.floor_frame
     row, col = floor_frame.to_cell(x + start.x, y + start.y)
@@ -163,7 +163,7 @@ def _truth(exploration: Exploration, snapshot: Snapshot, frame: GridFrame) -> Fl
         exploration.plan.raster(FINE, frame=fine, offset=(start.x, start.y), outside=UNKNOWN).cells
         == OCCUPIED
     )
-    shares = np.stack([unseen, walls]).reshape(2, SIDE, ratio, SIDE, ratio).mean(axis=(2, 4))
+    shares = np.stack([unseen, walls]).reshape(2, WINDOW_PX, ratio, WINDOW_PX, ratio).mean(axis=(2, 4))
     shares[1] = np.minimum(1.0, 3.0 * shares[1])
     return shares.astype(np.float32)
 
@@ -182,7 +182,7 @@ def _batch(samples: list[_Sample], rng: np.random.Generator, size: int = 32) -> 
 def _loss(logits: Tensor, known: Tensor, target: Tensor) -> Tensor:
     """Cross-entropy near what is known; walls count half."""
     is_known = (known.sum(1, keepdim=True) > 0).float()
-    reach = round(NEAR / CELL / 4)
+    reach = round(NEAR / FORESIGHT_CELL / 4)
     near = fn.max_pool2d(fn.max_pool2d(is_known, 4), 2 * reach + 1, 1, reach)
     near = fn.interpolate(near, scale_factor=4.0)[:, 0]
     losses = fn.binary_cross_entropy_with_logits(logits, target, reduction="none")

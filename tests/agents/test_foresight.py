@@ -5,8 +5,8 @@ import pytest
 
 from slamgym.agents.explorer import FrontierExplorer
 from slamgym.agents.foresight import (
-    CELL,
-    SIDE,
+    FORESIGHT_CELL,
+    WINDOW_PX,
     Foreseen,
     expected_areas,
     pretrained_completion,
@@ -36,13 +36,13 @@ def half_seen_room():
 def test_the_window_shows_the_map_where_its_frame_says(pose):
     grid = half_seen_room()
     shares, frame = window_about(grid, pose)
-    assert shares.shape == (2, SIDE, SIDE)
+    assert shares.shape == (2, WINDOW_PX, WINDOW_PX)
     row, col = frame.to_cell(-1.0, 0.5)
     assert shares[0, row, col] == 1.0
     row, col = frame.to_cell(-1.0, 2.05)
     assert shares[1, row, col] > 0.0
     free = np.count_nonzero(grid.cells == FREE) * 0.05**2
-    assert shares[0].sum() * CELL**2 == pytest.approx(free, rel=1e-3)
+    assert shares[0].sum() * FORESIGHT_CELL**2 == pytest.approx(free, rel=1e-3)
 
 
 def test_floor_is_foreseen_beyond_the_frontier_and_not_beyond_the_walls():
@@ -61,7 +61,13 @@ def test_floor_is_foreseen_beyond_the_frontier_and_not_beyond_the_walls():
 
 def foreseen_square(wall):
     """Unseen floor of 2 m x 2 m to the east of the middle, behind a wall or not."""
-    frame = GridFrame(CELL, -0.5 * SIDE * CELL, -0.5 * SIDE * CELL, SIDE, SIDE)
+    frame = GridFrame(
+        FORESIGHT_CELL,
+        -0.5 * WINDOW_PX * FORESIGHT_CELL,
+        -0.5 * WINDOW_PX * FORESIGHT_CELL,
+        WINDOW_PX,
+        WINDOW_PX,
+    )
     x, y = frame.to_point(*np.indices(frame.shape))
     floor = ((x > 0.2) & (x < 2.2) & (np.abs(y) < 1.0)).astype(np.float32)
     walls = np.where(np.abs(x - 0.3) < 0.09, wall, 0.0).astype(np.float32)
