@@ -12,6 +12,7 @@ from slamgym.agents.rules import (
     EXPLORE_LITE_LOOP,
     CostUtility,
     ExploreLite,
+    ForesightTour,
     FrontierTour,
     Nearest,
     NextBestView,
@@ -45,6 +46,7 @@ CLASSICAL: dict[str, HandWritten] = {
     "next_best_view": HandWritten(NextBestView()),
     "tour": HandWritten(FrontierTour()),
     "repairman": HandWritten(Repairman()),
+    "foresight": HandWritten(ForesightTour()),
 }
 """Hand-written rules: neither learned, nor the oracle, nor the random walk."""
 

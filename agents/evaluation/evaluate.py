@@ -18,6 +18,7 @@ from slamgym.agents.evaluation.trial import (
     MakeForEpisode,
     Trial,
     TrialConfig,
+    bound_hash,
     bound_trial,
     run_trial,
     trial_hash,
@@ -27,7 +28,7 @@ from slamgym.agents.plan_splits import PlanSplit, split_of
 from slamgym.agents.registry import make_explorer
 from slamgym.cad import FloorPlan, PlanSource, check_plan
 from slamgym.cad.plan_filter import PlanFilter, passes
-from slamgym.core.config import Count, Settings, config_hash, from_dict, to_dict
+from slamgym.core.config import Count, Settings, from_dict, to_dict
 from slamgym.core.documents import parse_json
 from slamgym.core.errors import ConfigError, InputFileError, PlanError
 from slamgym.core.files import append_line, exclusive_lock, read_bytes, replace_file, storage_errors
@@ -271,7 +272,7 @@ def _key(task: Task, hashes: dict[str, str]) -> Key:
 def _hash(name: str, plan: FloorPlan, config: EvaluationConfig) -> str:
     """Settings hash of an explorer; finds a wrong name or unfit weights before any work is done."""
     if name == ORACLE:
-        return config_hash([to_dict(config.trial), to_dict(config.bound)])
+        return bound_hash(config.trial, config.bound)
     env = ExploreEnv(plan, config.trial.env)
     return trial_hash(config.trial, make_for_episode(name, config.trial.promise)(env, 0))
 

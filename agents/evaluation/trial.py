@@ -137,6 +137,11 @@ def trial_hash(config: TrialConfig, explorer: Explorer) -> str:
     return config_hash(_Settings(config, explorer.fingerprint))
 
 
+def bound_hash(config: TrialConfig, bound: OracleConfig) -> str:
+    """Hash of the settings of a trial and of the oracle's budget."""
+    return config_hash(_Settings(config, config_hash(bound)))
+
+
 @dataclass(frozen=True)
 class _Settings:
     trial: TrialConfig

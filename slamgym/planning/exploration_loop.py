@@ -319,13 +319,18 @@ class ExplorationLoop:
         if self.config.promise is not None and not self.finished:
             self.finished = is_kept(self.config.promise, self.remains())
 
+    def known_map(self) -> OccupancyGrid:
+        """The newest map, on the whole canvas."""
+        assert self._belief.cells is not None, "there is a map from the first observation on"
+        return OccupancyGrid(self._belief.cells.reshape(self.context.frame.shape), self.context.frame)
+
     def remains(self) -> Remains | None:
         """What the newest map leaves open; None before the first, or where the robot finds no place on it."""
         if self._belief.cells is None:
             return None
         context = self.context
         return measure_remains(
-            OccupancyGrid(self._belief.cells.reshape(context.frame.shape), context.frame),
+            self.known_map(),
             self.pose,
             context.robot_radius,
             context.geometry.range_max,

@@ -20,7 +20,7 @@ from slamgym.core.provenance import check_origin
 from slamgym.core.types import Float32Array, FloatArray
 from slamgym.planning.remaining import Remains
 
-PRETRAINED = Path(__file__).parent / "pretrained" / "remaining.safetensors"
+PRETRAINED_ESTIMATE = Path(__file__).parent / "pretrained" / "remaining.safetensors"
 """The estimate and its calibration that come with the package."""
 
 _FORM = re.compile(r"(?P<amount>\d+(\.\d+)?)(?P<unit>%|m2)(:(?P<confidence>\d+(\.\d+)?)%)?")
@@ -129,8 +129,8 @@ def pretrained_unseen_floor() -> UnseenFloor:
     """The estimate that comes with the package."""
     from safetensors.numpy import load_file
 
-    check_origin(PRETRAINED)
-    return UnseenFloor(load_file(PRETRAINED))
+    check_origin(PRETRAINED_ESTIMATE)
+    return UnseenFloor(load_file(PRETRAINED_ESTIMATE))
 
 
 @functools.cache

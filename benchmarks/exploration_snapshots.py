@@ -1,0 +1,95 @@
+"""What robots believed at every choice, and the truth beside it: data for stopping and for foresight."""
+
+import dataclasses
+import types
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from slamgym.agents.plan_splits import PlanSplit, split_of
+from slamgym.agents.registry import make_explorer
+from slamgym.cad import FloorPlan, PlanSource, check_plan
+from slamgym.cad.plan_filter import passes
+from slamgym.core.errors import PlanError
+from slamgym.core.seeding import exploration_seed, shuffled
+from slamgym.core.types import BoolArray, FloatArray, OccupancyGrid, Pose2D
+from slamgym.envs import ExploreConfig, ExploreEnv
+from slamgym.envs.episode import episode_steps, explored_env, time_limit
+from slamgym.planning import crop_known
+from slamgym.planning.remaining import Remains
+from slamgym.slam import SlamConfig
+
+EXPLORERS = ("nearest", "rl", "tour", "next_best_view")
+
+
+class Snapshot(NamedTuple):
+    """One choice."""
+
+    time: float  # [s]
+    coverage: float  # truly seen
+    known: OccupancyGrid  # the known part of the map
+    pose: Pose2D  # believed
+    seen: BoolArray  # floor truly seen, as the exploration's floor
+    remains: Remains | None  # what the map leaves open
+
+
+class Exploration(NamedTuple):
+    """One exploration to its end, without a promise."""
+
+    plan: FloorPlan
+    start: Pose2D
+    floor: BoolArray  # reachable, row 0 at the top
+    floor_frame: Any
+    snapshots: list[Snapshot]
+    curve: FloatArray  # (N, 2) time [s] and coverage
+
+    @property
+    def area(self) -> float:
+        """Reachable floor [m2]."""
+        return float(np.count_nonzero(self.floor)) * self.floor_frame.resolution**2
+
+
+def explorations(source: PlanSource, split: PlanSplit, count: int, mode: str) -> Iterator[Exploration]:
+    """Explore plans of a split by several explorers in turn.
+
+    Args:
+        source: Floor plans.
+        split: Which of them.
+        count: So many.
+        mode: Of localisation: ``ground_truth`` or ``rbpf``.
+    """
+    config = explored_env(ExploreConfig(slam=SlamConfig(mode=mode)))  # type: ignore[arg-type]
+    done = 0
+    for plan_id in shuffled([plan for plan in source.ids if split_of(plan) == split], 77):
+        if done == count:
+            return
+        try:
+            plan = source.load(plan_id)
+            check_plan(plan, config.robot.circumscribed_radius, 0.5 * config.observation.map_size)
+        except PlanError:
+            continue
+        if passes(plan, "useful"):
+            yield _explore(plan, config, EXPLORERS[done % len(EXPLORERS)])
+            done += 1
+
+
+def _explore(plan: FloorPlan, config: ExploreConfig, name: str) -> Exploration:
+    env = ExploreEnv(plan, dataclasses.replace(config, time_limit=time_limit(plan, "auto")))
+    seed = exploration_seed(5, plan.id, 0)
+    reset = env.reset(seed=seed, options={"plan": plan})
+    explorer = make_explorer(name, env.explorer_context(), seed)
+    explorer.predict(reset[0])
+    loop = explorer._pilots[0].loop  # type: ignore[attr-defined]
+    offer, snapshots = loop._offer, []
+
+    def recorded(_: Any) -> None:
+        offer()
+        seen = env.coverage.seen.copy()
+        known = crop_known(loop.known_map(), loop.pose)
+        snapshots.append(Snapshot(loop.time, env.coverage.share, known, loop.pose, seen, loop.remains()))
+
+    loop._offer = types.MethodType(recorded, loop)
+    curve = [(env.simulation.time, info["coverage"]) for info in episode_steps(env, explorer, reset)]
+    floor = env.coverage._floor[::-1]
+    return Exploration(plan, env.start, floor, env.coverage.frame, snapshots, np.array(curve))
