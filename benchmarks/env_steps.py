@@ -1,9 +1,10 @@
 """Environment steps per second of one core, and how that depends on the settings and on the building.
 
-Times are CPU seconds of this process, all its threads together. ``--decisions`` measures the level of decisions
+Times are CPU seconds of this process, all its threads together. ``--batch`` measures a batch of environments beside a
+single one, in turns, so that both see the same load of the machine. ``--decisions`` measures the level of decisions
 instead: decisions per CPU second, and what a decision of the pretrained policy costs.
 
-    python benchmarks/env_steps.py [--decisions] [--plans procedural]
+    python benchmarks/env_steps.py [--batch | --decisions] [--plans procedural]
 """
 
 import argparse
@@ -19,7 +20,7 @@ from report import print_and_save
 from slamgym.agents.pretrained_policy import read_policy
 from slamgym.agents.rl.training_envs import draw_plans
 from slamgym.cad import FloorPlan, open_plans
-from slamgym.envs import ExploreEnv, ExploreFrontiersEnv
+from slamgym.envs import BatchExploreEnv, ExploreEnv, ExploreFrontiersEnv
 from slamgym.envs.frontier_features import FrontierFeatures
 from slamgym.planning.exploration_loop import ExplorationLoop
 
@@ -40,10 +41,13 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--decisions", action="store_true", help="measure decisions instead of steps")
+    parser.add_argument("--batch", action="store_true", help="measure a batch beside a single environment")
     parser.add_argument("--plans", default="procedural", help="floor plans of --decisions")
     arguments = parser.parse_args()
     if arguments.decisions:
         measure_decisions(arguments.plans)
+    elif arguments.batch:
+        measure_batch()
     else:
         measure_steps()
 
@@ -110,6 +114,45 @@ def resets() -> Iterator[tuple[Any, ...]]:
 def cost(plan: FloorPlan | str = "bundled", **settings: Any) -> tuple[float, float]:
     rate = steps_per_second(ExploreEnv(plan, **settings))
     return rate, 1e3 / rate
+
+
+def measure_batch(count: int = 32, turns: int = 5) -> None:
+    """Median rates of turns of half a CPU second, on the observations ``compact``."""
+    rows = []
+    for mode in ("ground_truth", "scan_matching"):
+        for shown in ("egocentric", "global"):
+            settings: dict[str, Any] = {
+                "localization": mode,
+                "observation": {"preset": "compact", "map": shown},
+                "terminate_when_explored": False,
+            }
+            single = ExploreEnv("bundled", **settings)
+            batch = BatchExploreEnv(count, "bundled", autoreset_mode="same_step", **settings)
+            batch.reset(seed=1)
+            batch_rate(batch, 0.5)
+            rates = np.array([(steps_per_second(single, 0.5), batch_rate(batch, 0.5)) for _ in range(turns)])
+            ratios = rates[:, 1] / rates[:, 0]
+            rows.append(
+                [mode, shown, *np.median(rates, axis=0), np.median(ratios), ratios.min(), ratios.max()]
+            )
+    columns = ["localisation", "map", "single steps/s", "batch steps/s", "ratio", "least", "most"]
+    print_and_save(
+        "exploring/env_steps_batch", f"Steps per CPU second, {count} robots in a batch", rows, columns
+    )
+
+
+def batch_rate(env: BatchExploreEnv, seconds: float) -> float:
+    """Wander about as :func:`steps_per_second` does, from where the robots are."""
+    rng, count = np.random.default_rng(0), env.num_envs
+    turns, backs = np.zeros(count), np.zeros(count, dtype=np.bool_)
+    begin, steps = time.process_time(), 0
+    while time.process_time() - begin < seconds:
+        turns = 0.9 * turns + 0.2 * rng.standard_normal(count)
+        actions = np.column_stack([np.where(backs, -1.0, 0.8), np.where(backs, 1.0, turns)])
+        *_, infos = env.step(actions)
+        backs = (infos["reward_terms"]["collision"] < 0.0) & ~backs
+        steps += count
+    return steps / (time.process_time() - begin)
 
 
 def steps_per_second(env: ExploreEnv, seconds: float = 3.0) -> float:

@@ -1,6 +1,7 @@
 """The folder of a training run: its settings, which a second start must share."""
 
 import dataclasses
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -14,8 +15,13 @@ CONFIG = "config.json"
 _SettingsT = TypeVar("_SettingsT", bound=Settings)
 
 
-def begin_run(config: Settings, out: Path) -> None:
+def begin_run(config: Settings, out: Path, free: Sequence[str] = ()) -> None:
     """Save the settings of a run in its folder.
+
+    Args:
+        config: The settings.
+        out: The folder.
+        free: Settings that may be others when a run goes on.
 
     Raises:
         ConfigError: If it holds a run with other settings.
@@ -24,7 +30,7 @@ def begin_run(config: Settings, out: Path) -> None:
         old = read_run(type(config), out)
         for entry in dataclasses.fields(config):
             mine, theirs = getattr(config, entry.name), getattr(old, entry.name)
-            if mine != theirs and entry.name != "workers":
+            if mine != theirs and entry.name not in free:
                 raise ConfigError(
                     f"{out} holds a run with {entry.name} = {theirs}, not {mine}; choose another folder"
                 )

@@ -59,7 +59,7 @@ def train(
         InputFileError: If plans or the checkpoint can't be read.
     """
     torch.set_num_threads(1)
-    begin_run(config, out)
+    begin_run(config, out, free=("workers",))
     plans = draw_plans(config.plans, "train", config.plan_count, config.seed)
     say(f"{len(plans)} floor plans, {sum(plan.area for plan in plans) / len(plans):.0f} m2 on average")
     envs = make_learning_envs(config, plans, reward_terms)

@@ -51,7 +51,7 @@ class FirstLayer(BaseFeaturesExtractor):
 
 
 def train_wheels(config: WheelsConfig, out: Path) -> PPO:
-    """Train; the same command again goes on where the run was interrupted.
+    """Train; the same command again goes on where the run was interrupted, with more ``steps`` beyond its end.
 
     Args:
         config: The run.
@@ -63,7 +63,7 @@ def train_wheels(config: WheelsConfig, out: Path) -> PPO:
         InputFileError: If plans or the checkpoint can't be read.
     """
     torch.set_num_threads(1)
-    begin_run(config, out)
+    begin_run(config, out, free=("steps",))
     plans = draw_plans(config.plans, "train", config.plan_count, config.seed)
     say(f"{len(plans)} floor plans, {sum(plan.area for plan in plans) / len(plans):.0f} m2 on average")
     is_resumed = has_checkpoint(out)

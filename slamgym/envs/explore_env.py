@@ -73,6 +73,11 @@ class ExploreEnv(gym.Env[Any, Any]):
     (1, 1280, 1280) for 64 m at 0.05 m, published again every 2 s; with ``shared_map`` it is the same read-only
     array in between.
 
+    ``observation={"preset": "compact"}`` is a ``Box(-1, 1, (944,), float32)`` for perceptrons, each number scaled: the
+    crop as 21 x 21 blocks' shares of free and of occupied space (the rest is unknown), 60 ranges, each the nearest of
+    its beams, speed and turning rate; with ``"map": "global"`` of the map as last published. ``"preset": "map"`` is the
+    map alone, ``"dict"`` the default.
+
     With ``localization="ground_truth"`` the believed pose *is* the true pose, by that setting. With
     ``localization="map"`` the robot finds itself on a finished map (``finished_map``; by default drawn from the plan);
     the observed map shows what it has seen.

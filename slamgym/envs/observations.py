@@ -186,18 +186,24 @@ class GlobalView:
 
     def view(self, mapper: Mapper, pose: Pose2D, is_new: bool, is_publication_due: bool) -> ByteArray:
         """The canvas as it was last published."""
-        cells = self.window(mapper, pose, is_new, is_publication_due)[0][np.newaxis]
+        del pose, is_new  # what was processed shows at the next publication
+        cells = self._published(mapper, is_publication_due)
         return cells if self._shared else cells.copy()
 
     def window(
         self, mapper: Mapper, pose: Pose2D, is_new: bool, is_publication_due: bool
     ) -> tuple[ByteArray, GridFrame]:
-        """The canvas, read-only."""
-        del pose, is_new  # what was processed shows at the next publication
-        if is_publication_due or self._cells is None:
-            self._cells = mapper.render(self._frame)
-            self._cells.flags.writeable = False
-        return self._cells, self._frame
+        """The canvas."""
+        del pose, is_new
+        return self._published(mapper, is_publication_due)[0], self._frame
+
+    def _published(self, mapper: Mapper, is_due: bool) -> ByteArray:
+        """The very same array until the next publication, by which explorers know a new one."""
+        if is_due or self._cells is None:
+            cells = mapper.render(self._frame)
+            cells.flags.writeable = False
+            self._cells = cells[np.newaxis]
+        return self._cells
 
 
 class EgocentricView:

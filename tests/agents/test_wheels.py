@@ -119,6 +119,7 @@ def test_a_run_is_validated_saved_and_goes_on(tmp_path):
     np.testing.assert_array_equal(
         read_wheels(tmp_path / "policy.safetensors").weights["first.weight"], policy.weights["first.weight"]
     )
+    assert train_wheels(dataclasses.replace(TINY, steps=72), tmp_path).num_timesteps == 72
     with pytest.raises(ConfigError, match="holds a run with seed = 0"):
         train_wheels(dataclasses.replace(TINY, seed=1), tmp_path)
 
