@@ -146,7 +146,7 @@ def map_image(drawing: Drawing, sheet: Sheet) -> str:
     )
 
 
-class Pair(NamedTuple):
+class FigurePair(NamedTuple):
     """Two figures of the same place."""
 
     first: str
@@ -155,7 +155,7 @@ class Pair(NamedTuple):
     """Whether they are larger beside each other than one below the other."""
 
 
-def input_and_overlay(drawing: Drawing) -> Pair:
+def input_and_overlay(drawing: Drawing) -> FigurePair:
     """The map as it came, cut to what is known; and the drawing over it, by what was seen and what is inferred."""
     bounds = _box(drawing.grid.frame.bounds, drawing.bounds)
     sheet, below = Sheet.of(bounds, LEFT_HALF), Sheet.of(bounds, UPPER_HALF)
@@ -164,7 +164,7 @@ def input_and_overlay(drawing: Drawing) -> Pair:
     ground = map_image(drawing, sheet)
     words = "the drawing over its map, seen and inferred"
     drawn = sheet.svg([ground, *_shapes(drawing, sheet)], words, "see-through")
-    return Pair(sheet.svg([ground], f"the map {drawing.name}"), drawn, are_beside)
+    return FigurePair(sheet.svg([ground], f"the map {drawing.name}"), drawn, are_beside)
 
 
 def dimensioned_figure(drawing: Drawing) -> str:
