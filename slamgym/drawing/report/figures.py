@@ -146,20 +146,25 @@ def map_image(drawing: Drawing, sheet: Sheet) -> str:
     )
 
 
-def input_and_overlay(drawing: Drawing) -> tuple[str, str]:
+class FigurePair(NamedTuple):
+    """Two figures of the same place."""
+
+    first: str
+    second: str
+    are_beside: bool
+    """Whether they are larger beside each other than one below the other."""
+
+
+def input_and_overlay(drawing: Drawing) -> FigurePair:
     """The map as it came, cut to what is known; and the drawing over it, by what was seen and what is inferred."""
     bounds = _box(drawing.grid.frame.bounds, drawing.bounds)
-    sheet = Sheet.of(bounds, LEFT_HALF if is_tall(drawing) else UPPER_HALF)
+    sheet, below = Sheet.of(bounds, LEFT_HALF), Sheet.of(bounds, UPPER_HALF)
+    are_beside = sheet.scale <= below.scale
+    sheet = sheet if are_beside else below
     ground = map_image(drawing, sheet)
     words = "the drawing over its map, seen and inferred"
-    return sheet.svg([ground], f"the map {drawing.name}"), sheet.svg(
-        [ground, *_shapes(drawing, sheet)], words, "see-through"
-    )
-
-
-def is_tall(drawing: Drawing) -> bool:
-    """Whether map and drawing stand beside each other."""
-    return drawing.grid.frame.height_px > drawing.grid.frame.width_px
+    drawn = sheet.svg([ground, *_shapes(drawing, sheet)], words, "see-through")
+    return FigurePair(sheet.svg([ground], f"the map {drawing.name}"), drawn, are_beside)
 
 
 def dimensioned_figure(drawing: Drawing) -> str:

@@ -10,7 +10,6 @@ from slamgym.drawing.report.figures import (
     SURE,
     dimensioned_figure,
     input_and_overlay,
-    is_tall,
     numbered_figure,
 )
 from slamgym.viz.pages import bullets, figure, make_page, make_table, paragraph
@@ -159,9 +158,9 @@ def _map_words(drawing: Drawing) -> str:
 
 
 def _evidence_part(drawing: Drawing) -> Iterator[str]:
-    shown, drawn = input_and_overlay(drawing)
-    pair = [figure(shown, _map_words(drawing)), figure(drawn, "The drawing over that map.")]
-    yield f'<div class="{"pair" if is_tall(drawing) else ""}">{"".join(pair)}</div>'
+    pair = input_and_overlay(drawing)
+    figures = figure(pair.first, _map_words(drawing)) + figure(pair.second, "The drawing over that map.")
+    yield f'<div class="{"pair" if pair.are_beside else ""}">{figures}</div>'
     yield (
         '<ul class="legend"><li><span class="key" style="background:#2b2f36"></span>wall, seen</li>'
         '<li><span class="key" style="background:#fd7e14"></span>wall, inferred</li>'
