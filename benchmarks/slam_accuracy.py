@@ -141,7 +141,7 @@ def simulated_row(
         instants = set(np.linspace(0, len(log.records) - 1, INSTANTS + 1).astype(int)[1:].tolist())
         for index, record in enumerate(log.records):
             mapper.update(record.odometry, record.scan)
-            if index in instants and config.mode in ("rbpf", "pose_graph"):
+            if index in instants and config.mode != "dead_reckoning":
                 here, (true, _) = np.array([mapper.pose]), poses_at(truth, np.array([record.stamp]))
                 nees.append(normalised_estimation_error_squared(here, true, mapper.covariance[None])[0])
         path = mapper.trajectory()
