@@ -87,7 +87,7 @@ def make_drawing(
         raise InputFileError(
             where, f"holds no floor of {config.min_floor:g} m2 or more; check its resolution and its greys"
         )
-    evidence = Evidence(grid, probability, config)
+    evidence = Evidence(grid, config)
     walls = judged_walls(find_walls(floor, config), evidence)
     division = divide(floor, config)
     rooms = _rooms(division, evidence)
