@@ -14,27 +14,27 @@ from slamgym.gan.translation.classical import without_small
 from slamgym.gan.translation.derotation import padded_for_turning, transformed
 from slamgym.metrics.maps import distance_to
 
-RAY_WIDTH = 0.2
+SINGLE_RAYS = 0.2
 """Free space narrower than this was seen by single rays; no floor is drawn for it alone [m]."""
-SHORTEST = 1.0
+SHORTEST_LOST_WALL = 1.0
 """Straight walls of this length that were seen from both sides are drawn against the model [m]."""
 LONGEST_FRONT = 3.2
 """A straight front of this length with nothing seen behind it is a wall, not a piece of furniture [m]."""
-WIDEST_GAP = 2.0
+WIDEST_UNSEEN = 2.0
 """Unseen places between free cells at most so far apart may be floor: under a bed, behind a wardrobe [m]."""
-BEYOND = 0.6
+BEYOND_FREE = 0.6
 """Floor goes on beyond what was seen free by at most this: behind a wall's echoes, drift, furniture [m]."""
-SMALLEST_FREE = 0.5
+SMALLEST_WIDE = 0.5
 """Separate wide free space smaller than this is left to the rays [m2]."""
-BROKEN = 0.15
+BROKEN_ECHOES = 0.15
 """Gaps in a row of echoes at most so long belong to its wall [m]."""
-THICKEST = 0.35
+THICKEST_LOST_WALL = 0.35
 """A row of echoes between two free spaces is a wall up to this thickness [m]."""
 BOTH_SIDES = 0.7
 """Of a wall that is drawn against the model so much of the length has free cells on both sides."""
-ATTACHED = 0.25
+ATTACHED_WITHIN = 0.25
 """Its end lies so near to a wall that the model has drawn [m]."""
-DEEPEST = 1.5
+DEEPEST_BEHIND = 1.5
 """What is drawn behind a wall that was seen from one side is taken away up to this depth [m]."""
 
 
@@ -59,15 +59,15 @@ def believable(free: BoolArray, cell: float) -> BoolArray:
         free: Free cells, shape (rows, cols).
         cell: [m]
     """
-    border = math.ceil(0.5 * WIDEST_GAP / cell) + 2
+    border = math.ceil(0.5 * WIDEST_UNSEEN / cell) + 2
     padded = np.pad(free, border)
-    half_ray, half_gap = 0.5 * RAY_WIDTH / cell, 0.5 * WIDEST_GAP / cell
+    half_ray, half_gap = 0.5 * SINGLE_RAYS / cell, 0.5 * WIDEST_UNSEEN / cell
     wide = distance_to(distance_to(~padded) > half_ray) <= half_ray
-    wide = without_small(wide, SMALLEST_FREE / cell**2)
+    wide = without_small(wide, SMALLEST_WIDE / cell**2)
     if not wide.any():
         return np.ones_like(free)
     closed = distance_to(distance_to(wide) > half_gap) > half_gap
-    near: BoolArray = distance_to(closed) <= BEYOND / cell
+    near: BoolArray = distance_to(closed) <= BEYOND_FREE / cell
     return near[border:-border, border:-border]
 
 
@@ -106,13 +106,19 @@ def _turned(mask: np.ndarray, angle_deg: float, shape: tuple[int, int] | None = 
 
 def _rows_of_echoes(echoes: BoolArray, free: BoolArray, floor: BoolArray, cell: float) -> BoolArray:
     """Horizontal walls in drawn floor, with what is drawn behind those that were seen from one side."""
-    length, gap, thick, deep = (max(1, round(size / cell)) for size in (SHORTEST, BROKEN, THICKEST, DEEPEST))
+    length, gap, thick, deep = (
+        max(1, round(size / cell))
+        for size in (SHORTEST_LOST_WALL, BROKEN_ECHOES, THICKEST_LOST_WALL, DEEPEST_BEHIND)
+    )
     image = cv2.dilate(echoes.astype(np.uint8), np.ones((3, 1), np.uint8))  # a wall may lie between two rows
     image = cv2.morphologyEx(image, cv2.MORPH_CLOSE, np.ones((1, 2 * (gap // 2) + 1), np.uint8))
     image = cv2.morphologyEx(image, cv2.MORPH_OPEN, np.ones((1, length), np.uint8))
     count, labels, stats, _ = cv2.connectedComponentsWithStats(image, connectivity=8)
     result = np.zeros(echoes.shape, np.bool_)
-    drawn = cv2.dilate((~floor).astype(np.uint8), np.ones((1, 2 * round(ATTACHED / cell) + 1), np.uint8)) > 0
+    drawn = (
+        cv2.dilate((~floor).astype(np.uint8), np.ones((1, 2 * round(ATTACHED_WITHIN / cell) + 1), np.uint8))
+        > 0
+    )
     for number in range(1, count):
         left, top, width, height = (int(stats[number, k]) for k in range(4))
         if height - 2 > thick:

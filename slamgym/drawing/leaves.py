@@ -11,15 +11,15 @@ from slamgym.drawing.edges import main_axes
 from slamgym.drawing.polygons import without_necks
 from slamgym.drawing.settings import DrawingConfig
 
-LENGTHS = (0.35, 1.3)
+LEAF_LENGTHS = (0.35, 1.3)
 """Of the leaf of a door [m]."""
-THICKEST = 0.25
+THICKEST_LEAF = 0.25
 """On average [m]."""
-OBLIQUE_DEG = 10.0
+LEAF_OBLIQUE_DEG = 10.0
 """A piece nearer to a main direction may be a wall."""
-WIDEST_BASE = 0.6
+WIDEST_LEAF_BASE = 0.6
 """Of a leaf, where it meets its wall [m]."""
-TIP = (1, 2, 3)
+LEAF_TIP = (1, 2, 3)
 """Corners of a leaf's free end."""
 
 
@@ -48,7 +48,7 @@ def without_leaves(floor: MultiPolygon, angles_deg: Sequence[float], config: Dra
 def _leaves_of(points: FloatArray, axes: np.ndarray) -> list[shapely.Polygon]:
     """The areas of a ring's leaves; the floor lies on the ring's left."""
     count, found = len(points), []
-    for tip in TIP:
+    for tip in LEAF_TIP:
         if count < tip + 4:
             continue
         for first in range(count):
@@ -59,11 +59,15 @@ def _leaves_of(points: FloatArray, axes: np.ndarray) -> list[shapely.Polygon]:
             base = float(np.hypot(*(corners[-1] - corners[0])))
             sides = np.array([corners[1] - corners[0], corners[-1] - corners[-2]]) @ np.array([1.0, 1j])
             length = float(np.abs(sides).mean())
-            if not (LENGTHS[0] <= length <= LENGTHS[1] and 0.0 < area <= THICKEST * length):
+            if not (LEAF_LENGTHS[0] <= length <= LEAF_LENGTHS[1] and 0.0 < area <= THICKEST_LEAF * length):
                 continue
             direction = complex((sides[0] - sides[1]) / max(abs(sides[0] - sides[1]), 1e-9))
             along = float(np.abs((direction * axes.conj()).real).max())
             back = (sides[0] * sides[1].conjugate()).real < -0.8 * abs(sides[0]) * abs(sides[1])
-            if back and base <= min(WIDEST_BASE, 0.8 * length) and along < np.cos(np.radians(OBLIQUE_DEG)):
+            if (
+                back
+                and base <= min(WIDEST_LEAF_BASE, 0.8 * length)
+                and along < np.cos(np.radians(LEAF_OBLIQUE_DEG))
+            ):
                 found.append(shapely.Polygon(corners))
     return found

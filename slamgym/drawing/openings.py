@@ -21,7 +21,7 @@ from slamgym.core.types import Float32Array, FloatArray, GridFrame, IntArray
 from slamgym.drawing.settings import DrawingConfig
 from slamgym.metrics.rooms import RoomRule, label_rooms
 
-NARROWEST = 0.1
+NARROWEST_CUT = 0.1
 """Of the gaps that separate rooms [m]; those that are narrower than a door are gaps of the map."""
 INTO_WALLS = 0.02
 """Lines of doors are drawn so far into the walls, so that they cut [m]."""
@@ -147,7 +147,7 @@ def jamb_gaps(floor: MultiPolygon, config: DrawingConfig) -> list[Gap]:
         # The face opposite may be oblique: how far it is at the middle of what the two have in common.
         share = (middle - begins) / np.where(np.abs(stops - begins) < 1e-9, 1.0, stops - begins)
         across = (1.0 - share) * (first @ normal) + share * (second @ normal)
-        good = (high - low > 0.3 * length) & (across >= NARROWEST) & (across <= config.door_width[1])
+        good = (high - low > 0.3 * length) & (across >= NARROWEST_CUT) & (across <= config.door_width[1])
         for index in np.flatnonzero(good).tolist():
             start = starts[jamb] + middle[index] * direction
             gaps.append((jamb, int(facing[index]), start, start + across[index] * normal, length))
@@ -324,7 +324,7 @@ def _narrowest(part: Polygon, middle: FloatArray, config: DrawingConfig) -> Gap 
             gap = Gap(
                 (float(one[0]), float(one[1])), (float(other[0]), float(other[1])), config.outer_thickness
             )
-            if not NARROWEST <= gap.width <= config.door_width[1]:
+            if not NARROWEST_CUT <= gap.width <= config.door_width[1]:
                 continue
             inner = shapely.line_interpolate_point(gap.line, [0.02, gap.width - 0.02])
             if part.covers(LineString(inner.tolist())) and (best is None or gap.width < best.width - 1e-6):

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 import shapely
 from shapely import MultiPolygon, Polygon
+from shapely.geometry.base import BaseGeometry
 
 from slamgym.cad.polygons import polygon_parts
 from slamgym.core.types import FloatArray
@@ -134,7 +135,7 @@ def _assembled(parts: list[tuple[bool, Polygon | MultiPolygon]], config: Drawing
     return without_necks(union, config)
 
 
-def without_necks(floor: shapely.Geometry, config: DrawingConfig) -> MultiPolygon:
+def without_necks(floor: BaseGeometry, config: DrawingConfig) -> MultiPolygon:
     """A floor without slits and parts that only touch, its corners on the grid.
 
     Args:

@@ -89,7 +89,7 @@ def make_drawing(
     floor = find_floor(probability, grid, angle, config)
     if floor.is_empty:
         raise InputFileError(where, no_floor)
-    evidence = Evidence(grid, probability, config)
+    evidence = Evidence(grid, config)
     walls = judged_walls(find_walls(floor, config), evidence)
     division = divide(floor, config)
     rooms = _rooms(division, evidence)

@@ -112,7 +112,7 @@ def test_what_the_map_has_no_evidence_of_is_inferred():
     inferred = [wall for wall in drawing.walls if wall.layer == "INFERRED"]
     assert max(wall.end[0] for wall in inferred) > 7.2
     assert max(wall.length for wall in inferred) == pytest.approx(3.0, abs=0.1)
-    seen = [wall.confidence for wall in drawing.walls if wall.layer == "SEEN"]
+    seen = [wall.confidence for wall in drawing.walls if wall.layer == "SEEN" and wall.length > 2.0]
     assert max(wall.confidence for wall in inferred) < min(seen)
     assert sum(part.area for part in drawing.inferred_floor) == pytest.approx(1.5, abs=0.2)
 
@@ -128,6 +128,7 @@ def test_confidence_rises_with_the_evidence():
     rising = [confidence(seen, 0.8) for seen in (0.0, 0.3, 0.7, 1.0)]
     assert rising == sorted(rising)
     assert 0.0 < rising[0] < rising[-1] < 1.0
+    assert confidence(1.0, 0.4) < confidence(1.0, 1.0) < confidence(1.0, 2.0) == confidence(1.0, 9.0)
 
 
 def test_drawing_twice_gives_the_same():
