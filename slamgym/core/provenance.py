@@ -10,7 +10,13 @@ from slamgym.core.files import read_text, sha256_of, write_text
 
 PACKAGE = Path(__file__).parents[1]
 CHECKSUMS = PACKAGE / "pretrained.sha256"
-_FOLDERS = ("cad/bundled", "agents/pretrained", "gan/pretrained", "dataset/curate/pretrained")
+_FOLDERS = (
+    "cad/bundled",
+    "agents/pretrained",
+    "gan/pretrained",
+    "gan/texture/pretrained",
+    "dataset/curate/pretrained",
+)
 _NOT_LISTED = (".md",)  # model cards are for people
 
 
