@@ -52,7 +52,7 @@ def main() -> None:
     parser.add_argument("--count", type=int, default=6)
     parser.add_argument("--recipe", default="paper")
     parser.add_argument("--methods", nargs="+", choices=METHODS, default=METHODS)
-    parser.add_argument("--weights", default="texture", help="of the generator")
+    parser.add_argument("--weights", help="of the generator")
     parser.add_argument("--out", type=Path, default=Path("docs/images/deform_page.png"))
     arguments = parser.parse_args()
     methods = tuple(arguments.methods)

@@ -46,7 +46,7 @@ CELL = 0.05
 class Maker:
     """Makes the maps of all methods."""
 
-    def __init__(self, weights: str, methods: Sequence[str]) -> None:
+    def __init__(self, weights: str | None, methods: Sequence[str]) -> None:
         if "generator" in methods:
             self._generator = load_texture(weights)
         if "modelprog" in methods:
@@ -120,7 +120,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("datasets", nargs="+", metavar="NAME=DATASET")
     parser.add_argument("--methods", nargs="+", choices=METHODS, default=METHODS)
-    parser.add_argument("--weights", default="texture", help="of the generator")
+    parser.add_argument("--weights", help="of the generator")
     parser.add_argument("--most", type=int, default=10_000, help="pairs of each dataset")
     parser.add_argument("--network", action="store_true", help="also judge by a network on patches")
     arguments = parser.parse_args()

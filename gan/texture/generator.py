@@ -125,14 +125,22 @@ def save_texture(path: Path, network: TextureNetwork, facts: dict[str, object]) 
     write_bytes(path, save(tensors, metadata=header))
 
 
-def load_texture(name_or_path: str | Path = "texture") -> TextureGenerator:
-    """Read weights: the name of pretrained ones, a file, or a run's folder.
+def pretrained_texture() -> Path:
+    """The weights that come with the package."""
+    return Path(__file__).parent / "pretrained" / "texture.safetensors"
+
+
+def load_texture(path: str | Path | None = None) -> TextureGenerator:
+    """Read weights.
+
+    Args:
+        path: A file or a run's folder; None takes those that come with the package.
 
     Raises:
         InputFileError: If the file can't be used, or holds weights of another method.
-        ConfigError: If no pretrained weights have this name.
+        ConfigError: If it is a name and nothing is called so.
     """
-    path = find_weights(name_or_path)
+    path = pretrained_texture() if path is None else find_weights(path)
     check_origin(path)
     require_file(path, WEIGHT_BYTES)
     try:

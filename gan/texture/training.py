@@ -9,7 +9,8 @@ from typing import Annotated
 
 import numpy as np
 import torch
-from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
+from torch import Tensor
+from torch.optim.swa_utils import AveragedModel
 
 from slamgym.core.config import Count, Positive, Settings, Within, to_dict
 from slamgym.core.errors import InputFileError
@@ -67,7 +68,13 @@ def train_texture(
     """
     torch.manual_seed(config.seed)
     network = TextureNetwork(config.network)
-    average = AveragedModel(network, multi_avg_fn=get_ema_multi_avg_fn(config.average))
+
+    def towards(mean: Tensor, new: Tensor, updates: Tensor | int) -> Tensor:
+        # At the beginning the mean follows faster, so that it forgets the random weights.
+        keep = min(config.average, (1.0 + float(updates)) / (10.0 + float(updates)))
+        return mean + (1.0 - keep) * (new - mean)
+
+    average = AveragedModel(network, avg_fn=towards)
     optimiser = torch.optim.AdamW(network.parameters(), config.learning_rate, weight_decay=1e-3)
     checkpoint = run / "checkpoint.pt"
     steps = _restore(checkpoint, config, network, average, optimiser) if checkpoint.is_file() else 0

@@ -15,6 +15,7 @@ _FOLDERS = (
     "agents/pretrained",
     "gan/pretrained",
     "planning/pretrained",
+    "gan/texture/pretrained",
     "dataset/curate/pretrained",
 )
 _NOT_LISTED = (".md",)  # model cards are for people

@@ -185,22 +185,23 @@ class MatchingConfig(Settings, section="matching"):
 
     gain: Share = 1.0
     """[0-1] share of the pose error against the map drawn so far that one match removes."""
-    prior: Positive = 5.0
+    prior: Positive = 4.0
     """[beams] weight of the pose that the matcher tends to by itself: it holds where walls leave a direction open."""
-    lag: Share = 0.46
+    lag: Share = 0.55
     """[-] share of the motion lost in such directions: a scan overlaps the known map more the less it has moved."""
-    wander: NonNegative = 0.05
+    wander: NonNegative = 0.06
     """[m] random error in such directions."""
-    wander_deg: NonNegative = 2.9
+    wander_deg: NonNegative = 5.2
     """[deg] random error of the heading where walls don't hold it."""
     thin_wall: NonNegative = 0.0
     """[m] Up to this thickness matching takes a wall's new face for the known one; 0 distinguishes them."""
-    noise: NonNegative = 0.6
+    noise: NonNegative = 0.4
     """Share of the motion noise that the path of the best particle keeps: others with more of it died out."""
     motion: MotionNoise = field(default_factory=MotionNoise)
     """The filter's motion noise."""
-    least_beams: int = 50
-    """Scans with fewer beams on known walls are not matched and odometry stands (GMapping's minimumScore)."""
+    least_beams: int = 30
+    """Scans with fewer beams on known walls are not matched and odometry stands: six tenths of GMapping's
+    minimumScore, as beams beside known cells score, too."""
     beam_skip: int = 0
     """Beams left out between two that are matched."""
     usable_range: Positive = 3.0

@@ -86,7 +86,7 @@ def matching_of(slam: SlamConfig) -> MatchingConfig:
         fitted,
         noise=0.0 if slam.mode == "scan_matching" else fitted.noise * slam.drawn_noise,
         motion=slam.motion,
-        least_beams=round(slam.minimum_score) or fitted.least_beams,
+        least_beams=round(0.6 * slam.minimum_score) or fitted.least_beams,
         beam_skip=slam.beam_skip,
         usable_range=slam.max_usable_range,
     )

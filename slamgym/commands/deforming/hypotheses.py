@@ -69,7 +69,7 @@ def _along_paths(plan: FloorPlan, arguments: DeformArguments) -> Iterator[DrawnM
     if arguments.method == "generator":
         from slamgym.gan.texture.generator import load_texture
 
-        generator = load_texture(arguments.weights or "texture")
+        generator = load_texture(arguments.weights)
     for number in range(arguments.count):
         rng = np.random.default_rng([arguments.seed, number])
         config = model_settings(arguments, number)

@@ -74,7 +74,10 @@ def read_examples(root: Path) -> Iterator[TextureExample]:
     from slamgym.parametric.trajectory import from_recorded
 
     layout = Layout(root)
-    base = from_dict(EpisodeConfig, read_dataset_config(root)["episode"], str(layout.config))
+    settings = read_dataset_config(root)
+    if "episode" not in settings:
+        raise InputFileError(root, "was not made by `slamgym generate`; the network learns from explorations")
+    base = from_dict(EpisodeConfig, settings["episode"], str(layout.config))
     for record in read_manifest(root):
         if abs(record.resolution - 0.05) > 1e-9:
             continue
