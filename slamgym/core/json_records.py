@@ -31,7 +31,8 @@ class _Field(NamedTuple):
 class _Tests(NamedTuple):
     """What a class declares: most fields are told by the types of their values, all at once."""
 
-    count: int
+    size: int
+    """Number of fields."""
     plain: Callable[[Any], tuple[Any, ...]]
     """The values that their types alone decide about, numbers without bounds first."""
     kinds: tuple[type, ...]
@@ -47,7 +48,7 @@ def read_record(cls: type[_T], values: Any) -> _T:
         ConfigError: As ``from_dict`` raises it.
     """
     tests = _tests_of(cast(Hashable, cls))
-    if tests is None or type(values) is not dict or len(values) != tests.count:
+    if tests is None or type(values) is not dict or len(values) != tests.size:
         return from_dict(cls, values)
     try:
         plain = tests.plain(values)
