@@ -31,7 +31,7 @@ from slamgym.gan.translation.translate import load_translator
 
 def make_images(out: Path, pairs: int) -> Path:
     """Explore bundled plans and render uniform images; plans that look alike stay on one side."""
-    config = DatasetConfig(seed=1, episode=EpisodeConfig(explorer="nearest", minutes=1.0))
+    config = DatasetConfig(seed=1, episode=EpisodeConfig(explorer="nearest", minutes=2.0))
     build_dataset(out / "pairs", open_plans("bundled"), config, make_explorer, pairs=pairs)
     split = make_split(out / "pairs", test=0.3, seed=1)
     selection = select_pairs(out / "pairs", 0.5)  # at least half of the floor seen

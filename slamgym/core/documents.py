@@ -24,7 +24,8 @@ def load_json(text: str | bytes) -> Any:
             print, or is nested beyond reason.
     """
     try:
-        value = json.loads(text, parse_int=_whole_number)
+        decoded = text if isinstance(text, str) else text.decode(json.detect_encoding(text), "surrogatepass")
+        value = _DECODER.decode(decoded)
     except RecursionError:
         raise ValueError("it is nested too deeply") from None
     if (b"\\u" if isinstance(text, bytes) else "\\u") in text:  # type: ignore[operator]
@@ -119,6 +120,10 @@ def _whole_number(text: str) -> int:
     if len(text) > MAX_DIGITS:
         raise ValueError(f"a whole number of {len(text)} digits")
     return int(text)
+
+
+_DECODER = json.JSONDecoder(parse_int=_whole_number)
+"""``json.loads`` would make one for every text."""
 
 
 def _yaml_number(loader: _PlainLoader, node: yaml.ScalarNode) -> int:

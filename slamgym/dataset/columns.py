@@ -45,16 +45,16 @@ class ConditionColumn:
 
     def append(self, value: Any) -> None:
         """Add one more; None if the record has no such condition."""
-        is_number = isinstance(value, int | float) and not isinstance(value, bool)
-        self.numbers.append(value if is_number else math.nan)
-        self.codes.append(
-            -1 if is_number or value is None else self.words.setdefault(str(value), len(self.words))
-        )
-        if is_number:
+        if type(value) in (int, float):
+            self.numbers.append(value)
+            self.codes.append(-1)
             if value == 0:
                 self.zero = value
             if len(self.few) <= MAX_VALUES:
                 self.few.setdefault(value, value)
+        else:
+            self.numbers.append(math.nan)
+            self.codes.append(-1 if value is None else self.words.setdefault(str(value), len(self.words)))
 
     def groups(self) -> dict[str, IntArray]:
         """Places of the records by the value; many different numbers are gathered in ranges."""
