@@ -101,7 +101,8 @@ def run(
     document = {"name": f"explorers_{name}", **environment(), "seed": config.seed, "summary": summary}
     # The path of the plans is the machine's own.
     document["command"] = (
-        f"python benchmarks/explorers.py json.tar.gz --count {arguments.count} --offices {arguments.offices} --seed {arguments.seed} "
+        f"python benchmarks/explorers.py json.tar.gz --count {arguments.count} --offices {arguments.offices} "
+        f"--seed {arguments.seed} "
         f"--explorers {','.join(config.explorers)}"
     )
     path = RESULTS / "exploring" / f"explorers_{name}.json"
