@@ -90,7 +90,7 @@ class MapCompletion:
             skips.append(values)
         lowest = _halved(values)
         drawn = np.stack([self._member(lowest, skips, masks) for masks in self._masks])
-        likely = 1.0 / (1.0 + np.exp(-drawn))
+        likely: Float32Array = (1.0 / (1.0 + np.exp(-drawn))).astype(np.float32)
         return Foreseen(likely[:, 0], likely[:, 1], frame)
 
     def _member(

@@ -5,6 +5,7 @@ serves an expert to imitate (:mod:`slamgym.agents.rl.imitation`). It is made fro
 a context, so that no explorer gets the truth unasked.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import field, replace
 from typing import NamedTuple
@@ -89,7 +90,7 @@ class OracleConfig(Settings):
 
     tour: CoverageTourConfig = field(default_factory=CoverageTourConfig)
     """Places and floor."""
-    iterations: Count = 400
+    iterations: Count = 100
     """The budget: how often the tour for each level is taken apart and put together again."""
 
 
@@ -98,7 +99,7 @@ class Bound(NamedTuple):
 
     share: float
     path: float  # [m]
-    time: float  # at top speed, turning costs nothing [s]
+    time: float  # at top speed; at each stop the robot turns until it has looked all round [s]
 
 
 def bound_exploration(
@@ -106,8 +107,9 @@ def bound_exploration(
 ) -> list[Bound]:
     """The best tours known for some shares of the floor, one for each. Privileged.
 
-    Nobody drives them: the robot is everywhere at top speed, knows where it is, looks all round at once at every stop
-    and ahead on its way. Only a real optimum would be a bound in the strict sense; the search comes near it.
+    Nobody drives them: the robot is at top speed from stop to stop, turning on its way costs nothing, it knows where
+    it is. At every stop it looks all round, on its way ahead. Only a real optimum would be a bound in the strict sense;
+    the search comes near it.
 
     Args:
         env: An environment after its reset.
@@ -122,16 +124,18 @@ def bound_exploration(
     building = TrueBuilding(env, config.tour, env.config.observation.map_resolution)
     start = (env.start.x, env.start.y)
     search = TourSearch(building.planner, start, np.random.default_rng(seed))
-    lengths: dict[float, float] = {}
+    robot, lidar = env.config.robot, env.config.lidar
+    look = max(0.0, 2.0 * math.pi - math.radians(lidar.field_of_view_deg)) / robot.max_angular  # [s]
+    needs: dict[float, tuple[float, float]] = {}  # share to path and time
     tour: list[int] = []
     for share in sorted(set(shares)):
         tour = search.shortest(share, config.iterations, tour)
-        lengths[share] = search.length(tour)
-    speed = env.config.robot.max_linear
+        path = search.length(tour)
+        needs[share] = path, path / robot.max_linear + len(tour) * look
     found = []
     for share in shares:
-        path = min(length for other, length in lengths.items() if other >= share)
-        found.append(Bound(share, path, path / speed))
+        paths, times = zip(*(need for other, need in needs.items() if other >= share), strict=True)
+        found.append(Bound(share, min(paths), min(times)))
     return found
 
 

@@ -102,6 +102,7 @@ def run(
     # The path of the plans is the machine's own.
     document["command"] = (
         f"python benchmarks/explorers.py json.tar.gz --count {arguments.count} --offices {arguments.offices} "
+        f"--seed {arguments.seed} "
         f"--explorers {','.join(config.explorers)}"
     )
     path = RESULTS / "exploring" / f"explorers_{name}.json"

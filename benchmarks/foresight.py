@@ -3,6 +3,7 @@
     python benchmarks/foresight.py train json.tar.gz [--minutes 60]   # writes the weights of the package
     python benchmarks/foresight.py draw [--plans json.tar.gz]              # writes out/foresight.png
 
+The weights of the package had 12 minutes, of 96 explorations.
 Explorations of HouseExpo plans and of generated homes and offices with loops (split ``train``) give belief maps;
 what is unseen floor, and where walls stand, the plans tell.
 """
@@ -96,7 +97,7 @@ def train(plans: tyro.conf.Positional[str], minutes: float = 60.0, out: Path = W
             average[name].mul_(0.995).add_(value, alpha=0.005)
         step += 1
         if step % 100 == 0:
-            print(f"step {step}: loss {float(loss):.3f}", flush=True)
+            print(f"step {step}: loss {loss.item():.3f}", flush=True)
     about = {"slamgym": json.dumps({"steps": step, "samples": len(samples), "cpu_minutes": minutes})}
     save_file({name: value.numpy() for name, value in average.items()}, out, about)
 

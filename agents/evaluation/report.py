@@ -158,7 +158,8 @@ def _further_table(comparisons: Sequence[Comparison]) -> str:
                 found = level_of(comparison, quantity, level)
                 ratio = found.ratio_of_means
                 cells.append("-" if ratio is None else f"{with_bounds(ratio)} n={found.both}")
-        error = comparison.ratios.get("map_error")
+        drives = comparison.explorer != ORACLE
+        error = comparison.ratios.get("map_error") if drives else None
         rows.append([*cells, "-" if error is None else with_bounds(error)])
     return markdown_table([*header, "map error"], rows)
 

@@ -266,3 +266,17 @@ def test_visits_lengthen_the_drive_and_the_same_seed_drives_the_same(make_world)
 def test_drivers_differ(make_world):
     speeds = [np.abs(by_keyboard(make_world, seed)[3][:, 0]).max() for seed in (1, 2)]
     assert speeds[0] != pytest.approx(speeds[1], abs=1e-3)
+
+
+def test_a_promise_stands_behind_the_name_or_beside_it():
+    from slamgym.planning.promise import Promise
+
+    context = make_world(two_rooms(14)).context
+    named = make_explorer("nearest@98%:90%", context)
+    assert named.config.promise == Promise(0.98, None, 0.9)
+    beside = make_explorer("nearest", context, 0, Promise(0.98, None, 0.9))
+    assert beside.fingerprint == named.fingerprint != make_explorer("nearest", context).fingerprint
+    assert make_explorer("rl@2m2", context).config.promise == Promise(None, 2.0)
+    assert make_explorer("explore_lite", context, 0, Promise()).config.promise is None
+    with pytest.raises(ConfigError, match="ends as its source does"):
+        make_explorer("explore_lite@98%", context)

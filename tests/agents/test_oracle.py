@@ -1,5 +1,4 @@
 import numpy as np
-import pytest
 import shapely
 
 from slamgym.agents.evaluation.trial import TrialConfig, bound_trial, run_trial
@@ -83,7 +82,8 @@ def test_more_of_the_floor_takes_longer_and_the_way_lies_between_simple_limits()
     # The far room needs the corridor's length less the range of 3 m; entering two rooms on the way adds some metres.
     assert 4.0 < bounds[0].path < 16.0
     for bound in bounds:
-        assert bound.time == pytest.approx(bound.path / ENV.robot.max_linear)
+        drive = bound.path / ENV.robot.max_linear
+        assert drive < bound.time < drive + 20 * np.pi / ENV.robot.max_angular  # less than 20 stops
 
 
 def test_a_tour_sees_what_it_claims_and_a_larger_budget_never_takes_longer():

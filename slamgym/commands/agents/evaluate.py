@@ -56,7 +56,7 @@ class EvaluateArguments(Arguments):
     """The reference explorer, one of them; by default ``explore_lite``, or the first where it is not among them."""
     oracle: bool = False
     """Privileged: also plan what one who knows the floor plan would need at least, for each share of the floor."""
-    oracle_budget: Count = 400
+    oracle_budget: Count = 100
     """How often its tour for each share is taken apart and put together again."""
     promise: str = "98%:95%"
     """Explorers stop once the map keeps it: so much seen, and how sure that is; also ``2m2:90%`` for what may be left.
