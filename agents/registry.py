@@ -70,8 +70,8 @@ def make_explorer(
     """Build an explorer.
 
     Args:
-        name: One of :data:`EXPLORERS`, or ``rl:FILE`` or ``wheels:FILE`` for weights that ``slamgym agents train`` wrote.
-            What follows an ``@`` is a promise, as in ``rl@98%:95%``: the explorer stops when the map keeps it.
+        name: One of :data:`EXPLORERS`, or ``rl:FILE`` or ``wheels:FILE`` for weights that ``slamgym agents train``
+            wrote. What follows an ``@`` is a promise, as in ``rl@98%:95%``: the explorer stops when the map keeps it.
         context: What the environment says about the robot and its map.
         seed: Of the explorer's own random choices; only the random walk and the teleop driver make any.
         promise: For a name without one; those of :data:`OWN_END` pass it over.

@@ -317,7 +317,7 @@ class World:
         dx, dy, turn = after.x - x, after.y - y, after.theta - theta
         middle = theta + 0.5 * turn
         distance = dx * math.cos(middle) + dy * math.sin(middle)
-        self._velocity = velocity = Twist2D(distance / span, turn / span)
+        self._velocity = Twist2D(distance / span, turn / span)
         slip = self.robot.contact_slip if contact else 1.0
         rolled = distance + slip * (drive.distance - distance)
         rolled_turn = turn + slip * (drive.turn - turn)

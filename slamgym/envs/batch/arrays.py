@@ -28,9 +28,24 @@ class Robots(NamedTuple):
     @classmethod
     def rest(cls, count: int) -> "Robots":
         """So many robots at rest."""
-        tables = [np.zeros((count, k) if k else count) for k in (8, 3, 3, 0, 3, 2, 2, 3, 3)]
-        steps, collisions = np.zeros(count, dtype=np.int64), np.zeros(count, dtype=np.int64)
-        return cls(*tables, steps=steps, contact=np.zeros(count, dtype=np.bool_), collisions=collisions)
+
+        def table(columns: int) -> FloatArray:
+            return np.zeros((count, columns))
+
+        return cls(
+            drive=table(8),
+            pose=table(3),
+            start=table(3),
+            path=np.zeros(count),
+            odometry=table(3),
+            velocity=table(2),
+            rolled=table(2),
+            wheels=table(3),
+            slips=table(3),
+            steps=np.zeros(count, dtype=np.int64),
+            contact=np.zeros(count, dtype=np.bool_),
+            collisions=np.zeros(count, dtype=np.int64),
+        )
 
 
 class Scenes(NamedTuple):

@@ -92,7 +92,7 @@ class Fleet:
     @property
     def times(self) -> FloatArray:
         """Robot time, shape (N,) [s]."""
-        times: FloatArray = self.robots.steps * self._config.control_step
+        times: FloatArray = self.robots.steps * np.float64(self._config.control_step)
         return times
 
     @property
