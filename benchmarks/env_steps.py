@@ -116,7 +116,7 @@ def cost(plan: FloorPlan | str = "bundled", **settings: Any) -> tuple[float, flo
     return rate, 1e3 / rate
 
 
-def measure_batch(count: int = 32, turns: int = 5) -> None:
+def measure_batch(count: int = 32, turns: int = 3) -> None:
     """Median rates of turns of half a CPU second, on the observations ``compact``."""
     rows = []
     for mode in ("ground_truth", "scan_matching"):

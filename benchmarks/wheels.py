@@ -3,12 +3,14 @@
 Every explorer gets the same plans of the test split, starts and seeds; 95 % bootstrap intervals over plans.
 
     python benchmarks/wheels.py --plans procedural json.tar.gz --count 40 [--localization rbpf]
+    python benchmarks/wheels.py --curve run/validation.csv    # docs/images/wheels_curve.png
 """
 
 import argparse
 import itertools
 import time
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -22,6 +24,8 @@ from slamgym.envs import ExploreConfig, ExploreEnv
 from slamgym.envs.episode import episode_steps
 
 CONTACT_MINUTES = 5.0
+TITLES = {"coverage": "coverage after 90 s, 32 validation plans", "contacts": "contacts in 5 min"}
+IMAGE = Path(__file__).parents[1] / "docs" / "images" / "wheels_curve.png"
 
 
 def main() -> None:
@@ -33,7 +37,11 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=90.0)
     parser.add_argument("--localization", default="ground_truth")
     parser.add_argument("--explorers", nargs="+", default=["wheels", "random", "explore_lite"])
+    parser.add_argument("--curve", type=Path, help="draw a run's validation instead")
     arguments = parser.parse_args()
+    if arguments.curve:
+        draw_curve(arguments.curve)
+        return
     plans = draw_plans(arguments.plans, "test", arguments.count)
     rows = []
     for name in arguments.explorers:
@@ -54,6 +62,19 @@ def measure(name: str, plans: Sequence[FloorPlan], seconds: float, localization:
         found = mean_interval(values)
         row[column] = f"{found.value:.3g} [{found.low:.3g}, {found.high:.3g}]"
     return row | {"CPU s a plan": spent / len(plans)}
+
+
+def draw_curve(path: Path) -> None:
+    """Coverage and contacts over the CPU time of a training."""
+    from matplotlib.figure import Figure
+
+    table = np.genfromtxt(path, delimiter=",", names=True)
+    figure = Figure(figsize=(8.0, 3.0), layout="constrained")
+    for axes, column in zip(figure.subplots(1, 2), ("coverage", "contacts"), strict=True):
+        axes.plot(table["training_cpu_seconds"], table[column], marker="o", markersize=3)
+        axes.set(xlabel="CPU time of the training [s]", ylim=(0.0, None), title=TITLES[column])
+        axes.grid(alpha=0.3)
+    figure.savefig(IMAGE, dpi=110)
 
 
 def explore(name: str, plan: FloorPlan, seed: int, seconds: float, localization: str) -> tuple[float, ...]:
