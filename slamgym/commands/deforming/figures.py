@@ -54,7 +54,7 @@ _TABLE: tuple[tuple[ConversionMethod, int, str], ...] = (
 def draw_figures(arguments: DeformArguments) -> None:
     """Write ``figure7.png``, ``figure8.png``, ``figure9.png`` and ``table2.md``, a row for each plan.
 
-    The true path is Explore Lite's in the simulator, by the recipe that the arguments name, else ``paper``.
+    The true path is Explore Lite's in the simulator, by the recipe that the arguments name, else by its defaults.
     """
     rows: dict[str, list[list[ByteArray]]] = {name: [] for name in _TITLES}
     table = [
@@ -64,9 +64,10 @@ def draw_figures(arguments: DeformArguments) -> None:
     with staged_folder(arguments.out, arguments.overwrite) as folder:
         for number in range(arguments.count):
             plan = load_plan(arguments, number)
-            config, _ = episode_conditions(
-                open_recipe(arguments.recipe or "paper"), EpisodeConfig(), arguments.seed + number
-            )
+            config = EpisodeConfig()
+            if arguments.recipe is not None:
+                recipe = open_recipe(arguments.recipe)
+                config, _ = episode_conditions(recipe, config, arguments.seed + number)
             config = replace(config, explorer="explore_lite", turn_deg=0.0)
             episode = run_episode(plan, arguments.seed + number, config, make_explorer)
             for name, row in _rows(plan, episode, config, arguments).items():
