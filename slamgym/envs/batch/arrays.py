@@ -28,9 +28,14 @@ class Robots(NamedTuple):
     @classmethod
     def rest(cls, count: int) -> "Robots":
         """So many robots at rest."""
-        tables = [np.zeros((count, k) if k else count) for k in (8, 3, 3, 0, 3, 2, 2, 3, 3)]
-        steps, collisions = np.zeros(count, dtype=np.int64), np.zeros(count, dtype=np.int64)
-        return cls(*tables, steps=steps, contact=np.zeros(count, dtype=np.bool_), collisions=collisions)
+        drive, pose, start, odometry, velocity, rolled, wheels, slips = (
+            np.zeros((count, k)) for k in (8, 3, 3, 3, 2, 2, 3, 3)
+        )
+        steps, collisions = (np.zeros(count, dtype=np.int64) for _ in range(2))
+        path, contact = np.zeros(count), np.zeros(count, dtype=np.bool_)
+        return cls(
+            drive, pose, start, path, odometry, velocity, rolled, wheels, slips, steps, contact, collisions
+        )
 
 
 class Scenes(NamedTuple):
