@@ -28,23 +28,13 @@ class Robots(NamedTuple):
     @classmethod
     def rest(cls, count: int) -> "Robots":
         """So many robots at rest."""
-
-        def table(columns: int) -> FloatArray:
-            return np.zeros((count, columns))
-
+        drive, pose, start, odometry, velocity, rolled, wheels, slips = (
+            np.zeros((count, k)) for k in (8, 3, 3, 3, 2, 2, 3, 3)
+        )
+        steps, collisions = (np.zeros(count, dtype=np.int64) for _ in range(2))
+        path, contact = np.zeros(count), np.zeros(count, dtype=np.bool_)
         return cls(
-            drive=table(8),
-            pose=table(3),
-            start=table(3),
-            path=np.zeros(count),
-            odometry=table(3),
-            velocity=table(2),
-            rolled=table(2),
-            wheels=table(3),
-            slips=table(3),
-            steps=np.zeros(count, dtype=np.int64),
-            contact=np.zeros(count, dtype=np.bool_),
-            collisions=np.zeros(count, dtype=np.int64),
+            drive, pose, start, path, odometry, velocity, rolled, wheels, slips, steps, contact, collisions
         )
 
 

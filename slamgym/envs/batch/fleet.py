@@ -92,14 +92,15 @@ class Fleet:
     @property
     def times(self) -> FloatArray:
         """Robot time, shape (N,) [s]."""
-        times: FloatArray = self.robots.steps * np.float64(self._config.control_step)
+        times: FloatArray = np.asarray(self.robots.steps * self._config.control_step, dtype=np.float64)
         return times
 
     @property
     def shares(self) -> FloatArray:
         """Shares of the reachable floor that were seen, shape (N,)."""
         totals = self.scenes.floor_cells
-        shares: FloatArray = np.where(totals > 0, self.scenes.seen / np.maximum(totals, 1), 1.0)
+        seen = self.scenes.seen / np.maximum(totals, 1)
+        shares: FloatArray = np.asarray(np.where(totals > 0, seen, 1.0), dtype=np.float64)
         return shares
 
     @property
