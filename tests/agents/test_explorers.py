@@ -268,7 +268,7 @@ def test_drivers_differ(make_world):
     assert speeds[0] != pytest.approx(speeds[1], abs=1e-3)
 
 
-def test_a_promise_stands_behind_the_name_or_beside_it():
+def test_a_promise_stands_behind_the_name_or_beside_it(make_world):
     from slamgym.planning.promise import Promise
 
     context = make_world(two_rooms(14)).context
