@@ -22,6 +22,7 @@ def learner(value):
         log_ent_coef=weight,
         num_timesteps=int(10 * value),
         _n_updates=3,
+        get_vec_normalize_env=lambda: None,
         _get_torch_save_params=lambda: (["policy", "actor.optimizer"], ["log_ent_coef"]),
     )
 

@@ -59,6 +59,11 @@ ELSEWHERE = {
     "cad compare": "names its files itself; tests/commands/test_cad_compare_command.py",
     "cad draw": "names its files by the stems of the maps' own; tests/commands/test_cad_command.py",
     "calibrate-odometry": "reads no file, and writes the one that the command line names",
+    "dataset pack": "names its shards itself, and reads the images' manifest as all do",
+    "agents record": "its id names the folder; tests/commands/test_record_command.py",
+    "reproduce": "runs other commands on folders that it names itself",
+    "doctor": "reads and writes nothing of the user's",
+    "completion": "prints a script",
     "warmup": "reads and writes nothing of the user's",
 }  # fmt: skip
 

@@ -24,3 +24,10 @@ def test_explorations_become_a_minari_dataset(tmp_path, monkeypatch, capsys):
     assert dataset.spec.env_spec.id == "slamgym/ExploreFrontiers-v1"
     with pytest.raises(ConfigError, match=r"homes/test-v0.*choose another id"):
         cli.TABLE.run("slamgym", [*words[:-1], "1", "--localization", "ground_truth"])
+
+
+@pytest.mark.parametrize("name", ["x", "../x-v0", "/tmp/x-v0", "homes/x-v", ""])
+def test_an_id_that_is_none_is_refused_before_anything_is_recorded(name, tmp_path):
+    with pytest.raises(ConfigError, match=r"is no id; give one such as homes/"):
+        cli.TABLE.run("slamgym", ["agents", "record", "--minari", name, "--out", str(tmp_path / "out")])
+    assert not (tmp_path / "out").exists()

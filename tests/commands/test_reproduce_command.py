@@ -114,9 +114,13 @@ def test_the_commands_know_their_options(name, scale, commands, tmp_path, capsys
 
 
 def test_verdicts_follow_from_the_intervals():
-    log = "000: 38.8 m driven, walls displaced 0.1 m rms, 0.3 m at most, 0.50 s\n" * 3
-    log += "000: 38.8 m driven, walls displaced 0.1 m rms, 0.3 m at most, 0.10 s\n" * 3
-    times = conversion_seconds(log)
+    rows = (
+        "| home_000001 | ekf | 64 | 0.500 | 15-94 |\n| home_000001 | two_phase | 256 | 0.100 | 2.6-3.6 |\n"
+        * 3
+    )
+    times = conversion_seconds(
+        f"| plan | conversion | map px | CPU seconds | paper |\n|---|---|---|---|---|\n{rows}"
+    )
     assert times == {"ekf": [0.5] * 3, "two_phase": [0.1] * 3}
     claims = judge_claims(EVALUATION, STATISTICS, times)
     assert [claim.verdict for claim in claims] == [

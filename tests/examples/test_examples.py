@@ -1,4 +1,4 @@
-"""The tutorials run from first to last, at a small size."""
+"""The tutorials run from first to last, at a small size; ``tests/agents/test_wheels.py`` runs ``ppo_wheels.py``."""
 
 import subprocess
 import sys
@@ -24,6 +24,7 @@ def test_every_example_is_run_here():
         "own_reward.py",
         "maps_to_cad.py",
         "log_to_drawing.py",
+        "ppo_wheels.py",
     }
 
 

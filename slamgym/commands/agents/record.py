@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import re
 import sys
 import warnings
 from pathlib import Path
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
 
 OFFLINE = Extra("offline", ("minari", "pyarrow"))
 ENVIRONMENT = "slamgym/ExploreFrontiers-v1"
+_ID = re.compile(r"(\w[\w-]*/)*\w[\w-]*-v\d+")
 LOCALIZATION = {"slam": "rbpf", "ground_truth": "ground_truth"}
 
 
@@ -55,6 +57,8 @@ def main(argv: list[str]) -> int:
     arguments = tyro.cli(RecordArguments, args=argv, prog="slamgym agents record")
     require(OFFLINE, "slamgym agents record")
     require(LEARNING, "slamgym agents record")
+    if not _ID.fullmatch(arguments.minari):
+        raise ConfigError(f"--minari {arguments.minari!r} is no id; give one such as homes/next-best-view-v0")
     if arguments.out is not None:
         os.environ["MINARI_DATASETS_PATH"] = str(arguments.out.absolute())  # the only way that Minari offers
     import gymnasium as gym

@@ -12,12 +12,12 @@ import re
 from collections.abc import Iterator, Mapping
 from typing import Any, Literal, NamedTuple
 
-from slamgym.commands.reproduce.steps import CONVERSIONS, OWN_NETWORK, PAPER_NETWORK, TO_SLAM, TRAINED
+from slamgym.commands.reproduce.steps import OWN_NETWORK, PAPER_NETWORK, TO_SLAM, TRAINED
 
 PAPER_MAPS_AN_HOUR = 86.0
 PAPER_SECONDS = {"ekf": "15-94", "two_phase": "2.6-3.6"}
 _NULL = "simulated, other maps"
-_SECONDS = re.compile(r"at most, ([0-9.]+) s$", re.MULTILINE)
+_SECONDS = re.compile(r"^\| [^|]+ \| (\w+) \| \d+ \| ([0-9.]+) \|", re.MULTILINE)
 
 ClaimVerdict = Literal["holds", "does not hold", "too few maps to say"]
 
@@ -49,11 +49,12 @@ def judge_claims(
     ]
 
 
-def conversion_seconds(log: str) -> dict[str, list[float]]:
-    """Times that ``slamgym deform`` has printed, by method in the order of their commands."""
-    values = [float(text) for text in _SECONDS.findall(log)]
-    each = len(values) // len(CONVERSIONS)
-    return {method: values[i * each : (i + 1) * each] for i, method in enumerate(CONVERSIONS)}
+def conversion_seconds(table: str) -> dict[str, list[float]]:
+    """CPU times by conversion, from the ``table2.md`` of ``slamgym deform --figures``."""
+    times: dict[str, list[float]] = {}
+    for conversion, seconds in _SECONDS.findall(table):
+        times.setdefault(conversion, []).append(float(seconds))
+    return times
 
 
 def _translation(methods: Mapping[str, Any]) -> Iterator[Claim]:

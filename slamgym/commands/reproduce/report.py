@@ -12,8 +12,8 @@ from typing import Any
 import cv2
 
 from slamgym import __version__
-from slamgym.commands.reproduce.claims import PAPER_SECONDS, Claim, conversion_seconds, judge_claims
-from slamgym.commands.reproduce.steps import CONVERSIONS, Reproduction, ReproductionState
+from slamgym.commands.reproduce.claims import Claim, conversion_seconds, judge_claims
+from slamgym.commands.reproduce.steps import Reproduction, ReproductionState
 from slamgym.core.config import to_dict
 from slamgym.core.documents import read_json
 from slamgym.core.files import read_bytes, read_text, write_text
@@ -35,7 +35,7 @@ def write_reproduction(run: Reproduction, state: ReproductionState) -> Path:
     """
     evaluation = read_json(run.out / "evaluation" / "evaluation.json")
     statistics = to_dict(dataset_statistics(run.pairs))
-    times = conversion_seconds(read_text(run.out / "logs" / "parametric.txt"))
+    times = conversion_seconds(read_text(run.out / "parametric" / "table2.md"))
     claims = judge_claims(evaluation, statistics, times)
     parts = [
         "<h1>From SLAM to CAD maps and back: a reproduction</h1>",
@@ -50,7 +50,7 @@ def write_reproduction(run: Reproduction, state: ReproductionState) -> Path:
         *markdown_parts(read_text(run.out / "evaluation" / "tables.md")),
         *_pictures(run),
         "<h2>Parametric model: Table II</h2>",
-        _conversions_table(times),
+        *markdown_parts(read_text(run.out / "parametric" / "table2.md")),
         "<h2>Explorers</h2>",
         *markdown_parts(read_text(run.out / "explorers" / "results.md")),
         "<h2>The dataset</h2>",
@@ -90,7 +90,7 @@ def markdown_parts(text: str) -> Iterator[str]:
 
 
 def _pictures(run: Reproduction) -> Iterator[str]:
-    evaluation, overview = run.out / "evaluation", "000/overview.png"
+    evaluation = run.out / "evaluation"
     shown = [
         (evaluation / "maps.png", "As Figure 4: SLAM map, translations, CAD map."),
         (evaluation / "overlays.png", "As Figure 5: each laid over the CAD map."),
@@ -99,12 +99,11 @@ def _pictures(run: Reproduction) -> Iterator[str]:
             evaluation / "cad2slam.png",
             "As Figures 7 and 9: SLAM maps generated from CAD maps, and simulated ones.",
         ),
-        *(
-            (
-                run.out / "parametric" / method / overview,
-                f"As Figure 8: the parametric model, {method} at {size} px.",
-            )
-            for method, size in CONVERSIONS.items()
+        (run.out / "parametric" / "figure7.png", "As Figure 7: the paper's network from CAD to SLAM."),
+        (run.out / "parametric" / "figure8.png", "As Figure 8: the parametric model's conversions."),
+        (
+            run.out / "parametric" / "figure9.png",
+            "As Figure 9: every way from CAD to SLAM beside the simulated map.",
         ),
         *(
             (path, "Drawn as vectors from the SLAM map.")
@@ -122,14 +121,6 @@ def _inline(path: Path) -> str:
         size = (_MOST_WIDE, round(bgr.shape[0] * _MOST_WIDE / bgr.shape[1]))
         bgr = cv2.resize(bgr, size, interpolation=cv2.INTER_AREA)
     return inline_picture(bgr[:, :, ::-1])
-
-
-def _conversions_table(times: dict[str, list[float]]) -> str:
-    rows = [
-        [method, f"{CONVERSIONS[method]}", f"{min(values):.3g}-{max(values):.3g}", PAPER_SECONDS[method]]
-        for method, values in times.items()
-    ]
-    return make_table(["method", "map [px]", "this run [s]", "the paper [s], Matlab"], rows)
 
 
 def _commands_table(state: ReproductionState) -> str:

@@ -24,8 +24,8 @@ from slamgym.dataset.images.format import read_images
 
 PAPER_NETWORK, OWN_NETWORK, TO_SLAM, TRAINED = "model32", "slam2cad", "modelprog", "trained"
 """Translators: the paper's from SLAM to CAD, this package's, the paper's from CAD to SLAM, and one's own."""
-CONVERSIONS = {"ekf": 64, "two_phase": 256}
-"""The parametric methods of the paper's Table II, each with the side of its maps [px]."""
+DEFORMED = 3
+"""Plans in the figures of the parametric model."""
 
 
 @dataclass(frozen=True)
@@ -103,13 +103,9 @@ def judge_translators(run: Reproduction) -> Commands:
 
 
 def deform_plans(run: Reproduction) -> Commands:
-    """The parametric model by the paper's two methods: Figure 8, and the times of Table II."""
-    folder = run.out / "parametric"
-    lines = [
-        command("deform", "bundled", method=method, size=size, samples=3, seed=run.seed, out=folder / method)
-        for method, size in CONVERSIONS.items()
-    ]
-    return [[*line, "--overwrite"] for line in lines]
+    """From CAD maps back to SLAM maps: Figures 7 to 9, and the times of Table II."""
+    line = command("deform", "bundled", count=DEFORMED, seed=run.seed, out=run.out / "parametric")
+    return [[*line, "--figures", "--overwrite"]]
 
 
 def draw_maps(run: Reproduction) -> Commands:
