@@ -71,11 +71,14 @@ def write_policy(
         weights: By the names of the network's parameters.
         about: How they were trained.
     """
-    configuration = {"space": _space(), "network": to_dict(network), "about": dict(about)}
-    metadata = {"slamgym": json.dumps(configuration, sort_keys=True)}
+    write_weights(path, weights, {"space": _space(), "network": to_dict(network), "about": dict(about)})
+
+
+def write_weights(path: Path, weights: Mapping[str, Float32Array], description: Mapping[str, Any]) -> None:
+    """Write weights as safetensors with their description in the header, and that as JSON beside them."""
     tensors = {name: np.ascontiguousarray(value, dtype="<f4") for name, value in weights.items()}
-    write_bytes(path, save(tensors, metadata))
-    write_text(path.with_suffix(".json"), json.dumps(configuration, indent=2, sort_keys=True) + "\n")
+    write_bytes(path, save(tensors, {"slamgym": json.dumps(description, sort_keys=True)}))
+    write_text(path.with_suffix(".json"), json.dumps(description, indent=2, sort_keys=True) + "\n")
 
 
 def read_policy(path: Path | str = PRETRAINED) -> PolicyFile:

@@ -4,7 +4,7 @@ from dataclasses import field
 from typing import Literal
 
 from slamgym.agents.scoring import NetworkConfig
-from slamgym.core.config import Count, CountOrZero, Positive, PositiveShare, Settings
+from slamgym.core.config import Count, CountOrZero, NonNegative, Positive, PositiveShare, Settings
 from slamgym.core.errors import ConfigError
 from slamgym.envs.rewards import FRONTIER_REWARD, RewardConfig
 from slamgym.sim import OdometryLevel
@@ -37,23 +37,23 @@ class Curriculum(Settings, section="curriculum"):
 class PPOConfig(Settings, section="ppo"):
     """Proximal policy optimisation (Schulman et al. 2017)."""
 
-    n_steps: int = 128
-    """Steps of each environment between two updates."""
-    batch_size: int = 256
-    """Steps in a minibatch."""
-    n_epochs: int = 6
+    n_steps: Count = 128
+    """Decisions of each environment between two updates."""
+    batch_size: Count = 256
+    """Decisions in a minibatch."""
+    n_epochs: Count = 6
     """Passes over a rollout."""
-    learning_rate: float = 3e-4
-    """Of Adam; falls linearly to 0."""
-    gae_lambda: float = 0.95
+    learning_rate: Positive = 3e-4
+    """Of Adam; falls linearly, to a tenth where the wheels are driven, else to 0."""
+    gae_lambda: PositiveShare = 0.95
     """Lambda of the advantages."""
-    clip_range: float = 0.2
+    clip_range: Positive = 0.2
     """How far the probability of an action may change in an update."""
-    ent_coef: float = 0.003
+    ent_coef: NonNegative = 0.003
     """Weight of the entropy."""
-    vf_coef: float = 0.5
+    vf_coef: NonNegative = 0.5
     """Weight of the value's error."""
-    target_kl: float = 0.03
+    target_kl: Positive = 0.03
     """An update ends where the policy has moved so far."""
 
 

@@ -3,8 +3,9 @@
 from dataclasses import field
 from typing import Literal
 
+from slamgym.agents.rl.train_config import PPOConfig
 from slamgym.agents.wheels.policy import WheelsNetwork
-from slamgym.core.config import Count, CountOrZero, NonNegative, Positive, PositiveShare, Settings
+from slamgym.core.config import Count, CountOrZero, Positive, PositiveShare, Settings
 from slamgym.core.errors import ConfigError
 from slamgym.envs.rewards import RewardConfig
 from slamgym.sim import OdometryLevel
@@ -13,25 +14,8 @@ WHEELS_REWARD = RewardConfig(coverage_gain=0.0, floor_gain=1.0, time=0.0, collis
 """A point for each new square metre of floor, a fifth of one off for each control step in contact."""
 
 
-class WheelsPPO(Settings, section="ppo"):
-    """Proximal policy optimisation (Schulman et al. 2017)."""
-
-    n_steps: Count = 128
-    """Decisions of each environment between two updates."""
-    batch_size: Count = 256
-    """Decisions in a minibatch."""
-    n_epochs: Count = 5
-    """Passes over a rollout."""
-    learning_rate: Positive = 5e-4
-    """Of Adam; falls linearly to a tenth."""
-    gae_lambda: PositiveShare = 0.95
-    """Lambda of the advantages."""
-    clip_range: Positive = 0.2
-    """How far the probability of an action may change in an update."""
-    ent_coef: NonNegative = 0.001
-    """Weight of the entropy."""
-    target_kl: Positive = 0.03
-    """An update ends where the policy has moved so far."""
+def _ppo() -> PPOConfig:
+    return PPOConfig(n_epochs=5, learning_rate=5e-4, ent_coef=0.001)
 
 
 class WheelsConfig(Settings):
@@ -61,7 +45,7 @@ class WheelsConfig(Settings):
     """Per decision."""
     reward: RewardConfig = WHEELS_REWARD
     """Weights of the reward terms."""
-    ppo: WheelsPPO = field(default_factory=WheelsPPO)
+    ppo: PPOConfig = field(default_factory=_ppo)
     """The learner."""
     network: WheelsNetwork = field(default_factory=WheelsNetwork)
     """The network."""

@@ -1,19 +1,16 @@
 """The network that drives the wheels, with numpy alone, and its weights on disk."""
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from safetensors.numpy import save
 
-from slamgym.agents.pretrained_policy import fingerprint_of, read_tensors
+from slamgym.agents.pretrained_policy import fingerprint_of, read_tensors, write_weights
 from slamgym.core.config import Count, Positive, Settings, from_dict, to_dict
 from slamgym.core.documents import load_json
 from slamgym.core.errors import ConfigError, InputFileError
-from slamgym.core.files import write_bytes, write_text
 from slamgym.core.provenance import check_origin
 from slamgym.core.types import Float32Array
 from slamgym.envs.compact import BLOCKS, SCAN_SECTORS, compact_size
@@ -83,9 +80,7 @@ def shapes(network: WheelsNetwork) -> dict[str, tuple[int, ...]]:
 def write_wheels(path: Path, policy: WheelsPolicy) -> None:
     """Write weights with their description, also as JSON beside them."""
     description = {"space": _SPACE, "network": to_dict(policy.network), "about": dict(policy.about)}
-    tensors = {name: np.ascontiguousarray(value, dtype="<f4") for name, value in policy.weights.items()}
-    write_bytes(path, save(tensors, {"slamgym": json.dumps(description, sort_keys=True)}))
-    write_text(path.with_suffix(".json"), json.dumps(description, indent=2, sort_keys=True) + "\n")
+    write_weights(path, policy.weights, description)
 
 
 def read_wheels(path: Path | str = WHEELS) -> WheelsPolicy:

@@ -107,15 +107,8 @@ def make_learner(config: WheelsConfig, envs: VecNormalize) -> PPO:
     model = PPO(
         "MlpPolicy",
         envs,
-        learning_rate=lambda left: ppo.learning_rate * max(0.1, left),
-        n_steps=ppo.n_steps,
-        batch_size=ppo.batch_size,
-        n_epochs=ppo.n_epochs,
+        **(to_dict(ppo) | {"learning_rate": lambda left: ppo.learning_rate * max(0.1, left)}),
         gamma=config.discount,
-        gae_lambda=ppo.gae_lambda,
-        clip_range=ppo.clip_range,
-        ent_coef=ppo.ent_coef,
-        target_kl=ppo.target_kl,
         seed=config.seed,
         device="cpu",
         policy_kwargs={

@@ -10,7 +10,8 @@ import pytest
 from source_tree import ROOT
 
 from slamgym.agents import make_explorer
-from slamgym.agents.wheels.config import WheelsConfig, WheelsPPO
+from slamgym.agents.rl.train_config import PPOConfig
+from slamgym.agents.wheels.config import WheelsConfig
 from slamgym.agents.wheels.policy import WheelsNetwork, WheelsPolicy, read_wheels, shapes, write_wheels
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.envs import BatchExploreEnv, ExploreConfig, ExploreEnv
@@ -26,7 +27,7 @@ TINY = WheelsConfig(
     plan_count=2,
     steps=48,
     num_envs=3,
-    ppo=WheelsPPO(n_steps=8, batch_size=8, n_epochs=1),
+    ppo=PPOConfig(n_steps=8, batch_size=8, n_epochs=1),
     evaluate_every=24,
     evaluate_plans=2,
     evaluate_seconds=3.0,
