@@ -34,6 +34,8 @@ BOTH_SIDES = 0.7
 """Of a wall that is drawn against the model so much of the length has free cells on both sides."""
 ATTACHED_WITHIN = 0.25
 """Its end lies so near to a wall that the model has drawn [m]."""
+LEAST_BEHIND = 0.3
+"""A front that the model has drawn less than so far behind its echoes is its wall already [m]."""
 DEEPEST_BEHIND = 1.5
 """What is drawn behind a wall that was seen from one side is taken away up to this depth [m]."""
 
@@ -144,6 +146,8 @@ def _rows_of_echoes(echoes: BoolArray, free: BoolArray, floor: BoolArray, cell: 
             start = np.argmax(part, axis=0)
             numbers = np.arange(len(part))[:, None]
             blocked = np.where(~open_floor & ~part & (numbers < start), numbers, -1).max(axis=0)
+            if np.median((start - blocked - 1)[part.any(axis=0)]) * cell < LEAST_BEHIND:
+                continue
             hidden = part | ((numbers > blocked) & (numbers < start))
             result[behind, columns] |= hidden if upwards else hidden[::-1]
     return result
