@@ -36,7 +36,11 @@ Term = tuple[str, float, RewardFunction]
 """Name, weight and function of a term of the user's own."""
 
 OWN = "own"
-"""RewardPreset that a term of the user's own makes."""
+"""RewardPreset that a term of the user's own makes ..."""
+BASE = "time"
+"""... on top of this one, as those of the package are."""
+FEW_SEEDS = 3
+"""Intervals over fewer trainings say little."""
 
 RESULTS = "shaping.json"
 
@@ -45,8 +49,8 @@ class ShapingConfig(Settings):
     """An experiment."""
 
     presets: tuple[str, ...] = tuple(REWARD_PRESETS)
-    """Names of presets; ``slamgym agents shape --list`` explains them. If one of them needs the particle filter
-    all are trained with it, so that they differ in the reward alone."""
+    """Names of presets; ``slamgym agents shape --list`` explains them. If one of them needs the particle filter,
+    or may, as ``own``, all are trained with it, so that they differ in the reward alone."""
     seeds: Count = 3
     """Runs of each preset."""
     test_plans: Count = 20
@@ -141,12 +145,11 @@ def _run_one(
 
 def settings_of(config: ShapingConfig, name: str, seed: int) -> TrainConfig:
     """The training run of a preset and a seed."""
-    needs_filter = any(reward_preset(other).needs_filter for other in config.presets if other != OWN)
+    # A term of one's own may charge errors that known poses don't have.
+    needs_filter = any(other == OWN or reward_preset(other).needs_filter for other in config.presets)
     localization = "rbpf" if needs_filter else config.train.localization
     base = dataclasses.replace(config.train, seed=seed, localization=localization)
-    if name == OWN:
-        return base
-    chosen = reward_preset(name)
+    chosen = reward_preset(BASE if name == OWN else name)
     network = dataclasses.replace(
         base.network, exposure_prior=base.network.exposure_prior + chosen.exposure_prior
     )

@@ -97,13 +97,20 @@ def test_with_a_preset_about_errors_all_train_with_the_filter():
         assert settings.localization == "rbpf"
         differing = dataclasses.replace(settings, reward=config.train.reward, localization="ground_truth")
         assert differing == dataclasses.replace(config.train, seed=1)
-    without = ShapingConfig(presets=("time", "path_cost", OWN))
+    without = ShapingConfig(presets=("time", "path_cost"))
     assert settings_of(without, "time", 1).localization == "ground_truth"
     assert settings_of(without, "time", 1).reward == REWARD_PRESETS["time"].reward
     assert (
         settings_of(without, "coastal", 1).network.exposure_prior == REWARD_PRESETS["coastal"].exposure_prior
     )
-    assert settings_of(without, OWN, 2) == dataclasses.replace(without.train, seed=2)
+
+
+def test_a_term_of_ones_own_is_added_to_time_and_trained_with_the_filter():
+    config = ShapingConfig(presets=("time", OWN))
+    own, time = settings_of(config, OWN, 2), settings_of(config, "time", 2)
+    assert own == time
+    assert own.localization == "rbpf"
+    assert own.reward == REWARD_PRESETS["time"].reward
 
 
 def learn_nothing(calls):

@@ -28,7 +28,7 @@ class ShapeArguments(Arguments):
     """Only list the presets."""
     term: str = ""
     """A function of your own, as ``module:function``: it takes a StepRecord and returns a number. It is added
-    to ``--train.reward`` as the preset ``own``."""
+    to the preset ``time`` as the preset ``own``, and all are trained with the particle filter."""
     term_weight: float = 1.0
     """Its weight."""
     config: Annotated[ShapingConfig, tyro.conf.arg(name="")] = field(default_factory=ShapingConfig)
@@ -48,7 +48,7 @@ def main(argv: list[str]) -> int:
     if arguments.out is None:
         raise ConfigError("give the folder of the experiment: -o FOLDER (or --list to see the presets)")
     require(LEARNING, "slamgym agents shape")
-    from slamgym.agents.rl.reward_shaping import OWN, own_term, run_shaping
+    from slamgym.agents.rl.reward_shaping import FEW_SEEDS, OWN, own_term, run_shaping
     from slamgym.agents.rl.shaping_report import write_shaping_report
     from slamgym.agents.rl.train import train
 
@@ -61,6 +61,10 @@ def main(argv: list[str]) -> int:
             config = dataclasses.replace(config, presets=(*config.presets, OWN))
     elif OWN in config.presets:
         raise ConfigError(f"the preset {OWN!r} needs --term module:function")
+    if config.seeds < FEW_SEEDS:
+        say(
+            f"with {config.seeds} of at least {FEW_SEEDS} seeds, the intervals say nothing of other trainings"
+        )
     runs = run_shaping(config, arguments.out, train, term)
     sys.stdout.write(write_shaping_report(runs, arguments.out))
     say(f"table and pictures: {arguments.out}")
