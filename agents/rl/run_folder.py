@@ -1,15 +1,23 @@
-"""The folder of a training run: its settings, which a second start must share."""
+"""The folder of a training run: its settings, which a second start must share, its checkpoint, its log."""
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
+from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.logger import configure
+from stable_baselines3.common.vec_env import VecEnv
+
 from slamgym import __version__
-from slamgym.agents.rl.training_callbacks import write_json
+from slamgym.agents.rl.checkpoint import has_checkpoint, load_checkpoint, save_checkpoint
+from slamgym.agents.rl.training_callbacks import ShowProgress, write_json
 from slamgym.core.config import Settings, from_dict, to_dict
 from slamgym.core.documents import read_json
 from slamgym.core.errors import ConfigError, InputFileError
+from slamgym.core.files import own_folder
+from slamgym.core.progress import say, show_progress
 
 CONFIG = "config.json"
 _SettingsT = TypeVar("_SettingsT", bound=Settings)
@@ -50,3 +58,65 @@ def read_run(kind: type[_SettingsT], folder: Path) -> _SettingsT:
         raise InputFileError(path, "holds no settings of a training run; choose another folder")
     values.pop("version", None)
     return from_dict(kind, values, str(path))
+
+
+def go_on(model: BaseAlgorithm, out: Path, seed: int, unit: str) -> bool:
+    """Load the checkpoint of a run; whether there is one.
+
+    Args:
+        model: The learner, fresh.
+        out: The folder.
+        seed: Of the run.
+        unit: What its steps are called.
+
+    Raises:
+        InputFileError: If the checkpoint can't be read.
+    """
+    if not has_checkpoint(out):
+        return False
+    load_checkpoint(out, model)
+    model.set_random_seed(
+        seed + model.num_timesteps
+    )  # not the plans and the noise of the beginning once more
+    say(f"going on at {unit} {model.num_timesteps}")
+    return True
+
+
+def log_into_run(model: BaseAlgorithm, out: Path) -> None:
+    """Let a learner log into the folder of its run, as CSV and for TensorBoard."""
+    log = own_folder(own_folder(out / "log") / str(model.num_timesteps))
+    (log / "progress.csv").unlink(missing_ok=True)  # begun again in any case, and not through a link
+    model.set_logger(configure(str(log), ["csv", "tensorboard"]))
+
+
+def learn(
+    model: BaseAlgorithm,
+    envs: VecEnv,
+    out: Path,
+    steps: int,
+    callbacks: Callable[[], Sequence[BaseCallback]],
+    unit: str,
+) -> None:
+    """Learn until so many steps are made; interrupted, save what was learned. Environments and log are closed.
+
+    Args:
+        model: The learner.
+        envs: Where it learns.
+        out: The folder.
+        steps: Of the whole run.
+        callbacks: Makes what happens beside the learning.
+        unit: What steps are called.
+    """
+    left = max(0, steps - model.num_timesteps)
+    try:
+        with show_progress(f"{unit}s", model.num_timesteps, steps) as advance:
+            beside = [*callbacks(), ShowProgress(advance)]
+            if left:
+                model.learn(left, callback=beside, reset_num_timesteps=False)
+    except KeyboardInterrupt:
+        save_checkpoint(out, model)
+        say(f"interrupted at {unit} {model.num_timesteps}; the same command goes on from there")
+        raise
+    finally:
+        envs.close()
+        model.logger.close()

@@ -14,29 +14,26 @@ from sb3_contrib import MaskablePPO
 from stable_baselines3 import PPO
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
-from stable_baselines3.common.logger import configure
 from stable_baselines3.common.vec_env import VecEnv
 
 from slamgym import __version__
 from slamgym.agents.pretrained_policy import PRETRAINED, read_policy, write_policy
-from slamgym.agents.rl.checkpoint import has_checkpoint, load_checkpoint, save_checkpoint
+from slamgym.agents.rl.checkpoint import save_checkpoint
 from slamgym.agents.rl.imitation import imitate
 from slamgym.agents.rl.policy import FrontierPolicy, MaskableFrontierPolicy
-from slamgym.agents.rl.run_folder import begin_run
+from slamgym.agents.rl.run_folder import begin_run, go_on, learn, log_into_run
 from slamgym.agents.rl.semi_markov import MaskableSemiMarkovBuffer, SemiMarkovBuffer, SemiMarkovDiscounting
 from slamgym.agents.rl.train_config import POLICY, TrainConfig
 from slamgym.agents.rl.training_callbacks import (
     FollowCurriculum,
     LogEpisodes,
     SaveCheckpoints,
-    ShowProgress,
     Validate,
 )
 from slamgym.agents.rl.training_envs import draw_plans, make_env, make_learning_envs
 from slamgym.core.config import to_dict
 from slamgym.core.errors import ConfigError
-from slamgym.core.files import own_folder
-from slamgym.core.progress import say, show_progress
+from slamgym.core.progress import say
 from slamgym.envs import RewardFunction
 
 
@@ -64,33 +61,14 @@ def train(
     say(f"{len(plans)} floor plans, {sum(plan.area for plan in plans) / len(plans):.0f} m2 on average")
     envs = make_learning_envs(config, plans, reward_terms)
     model = _make_model(config, envs)
-    is_resumed = has_checkpoint(out)
-    if is_resumed:
-        load_checkpoint(out, model)
-        # Not the plans and the noise of the beginning once more.
-        model.set_random_seed(config.seed + model.num_timesteps)
-        say(f"going on at step {model.num_timesteps}")
-    elif config.start_from:
+    is_resumed = go_on(model, out, config.seed, "step")
+    if config.start_from and not is_resumed:
         _begin_with(config.start_from, model)
-    log = own_folder(own_folder(out / "log") / str(model.num_timesteps))
-    (log / "progress.csv").unlink(missing_ok=True)  # begun again in any case, and not through a link
-    model.set_logger(configure(str(log), ["csv", "tensorboard"]))
+    log_into_run(model, out)
     if config.imitation_decisions and not is_resumed:
         imitate(model, config, plans)
         save_checkpoint(out, model)
-    left = max(0, config.steps - model.num_timesteps)
-    try:
-        with show_progress("steps", model.num_timesteps, config.steps) as advance:
-            callbacks = [*_callbacks(config, out, model), ShowProgress(advance)]
-            if left:
-                model.learn(left, callback=callbacks, reset_num_timesteps=False)
-    except KeyboardInterrupt:
-        save_checkpoint(out, model)
-        say(f"interrupted at step {model.num_timesteps}; the same command goes on from there")
-        raise
-    finally:
-        envs.close()
-        model.logger.close()
+    learn(model, envs, out, config.steps, lambda: _callbacks(config, out, model), "step")
     export_policy(config, model, out / POLICY)
     return model
 

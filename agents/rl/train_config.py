@@ -10,7 +10,9 @@ from slamgym.envs.rewards import FRONTIER_REWARD, RewardConfig
 from slamgym.sim import OdometryLevel
 
 POLICY = "policy.safetensors"
-"""Name of a frontier policy's weights in the folder of a run."""
+"""Name of a policy's weights in the folder of a run ..."""
+BEST = "best.safetensors"
+"""... and of the best by validation."""
 
 Algorithm = Literal["maskable_ppo", "ppo"]
 

@@ -3,14 +3,14 @@
 import csv
 import io
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from stable_baselines3.common.callbacks import BaseCallback
 
 from slamgym.agents.rl.checkpoint import save_checkpoint
-from slamgym.agents.rl.train_config import TrainConfig
+from slamgym.agents.rl.train_config import BEST, TrainConfig
 from slamgym.agents.rl.validation import mean_outcome
 from slamgym.cad import FloorPlan
 from slamgym.core.errors import InputFileError
@@ -83,18 +83,11 @@ class Validate(BaseCallback):
         means = mean_outcome(self._env, choose, self._plans)
         for name, value in means.items():
             self.logger.record(f"validation/{name}", value)
-        path = self._folder / VALIDATION
-        fresh = not path.exists()
-        rows = io.StringIO(newline="")
-        writer = csv.DictWriter(rows, ["steps", *means])
-        if fresh:
-            writer.writeheader()
-        writer.writerow({"steps": self.model.num_timesteps, **means})
-        append_line(path, rows.getvalue())
+        append_validation(self._folder, {"steps": self.model.num_timesteps, **means})
         score = means["time_99"] + means["time_95"]
         if score < self._best:
             self._best = score
-            self._export(self._folder / "best.safetensors")
+            self._export(self._folder / BEST)
 
 
 class SaveCheckpoints(BaseCallback):
@@ -154,6 +147,16 @@ def read_validation(folder: Path) -> list[dict[str, float]]:
         return [{name: float(value) for name, value in row.items()} for row in rows]
     except (TypeError, ValueError, csv.Error) as error:
         raise InputFileError(path, f"is damaged ({error}); delete it to begin it again") from None
+
+
+def append_validation(folder: Path, row: Mapping[str, float]) -> None:
+    """Add an evaluation to those of a run."""
+    path, text = folder / VALIDATION, io.StringIO(newline="")
+    writer = csv.DictWriter(text, list(row))
+    if not path.exists():
+        writer.writeheader()
+    writer.writerow(row)
+    append_line(path, text.getvalue())
 
 
 def write_json(path: Path, values: Any) -> None:

@@ -1,7 +1,5 @@
 """Train the wheels: PPO on a batch of environments, validated on plans that it doesn't learn on."""
 
-import csv
-import io
 import math
 import time
 from collections.abc import Mapping
@@ -12,25 +10,22 @@ import numpy as np
 import torch
 from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
-from stable_baselines3.common.logger import configure
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from stable_baselines3.common.vec_env import VecNormalize
 from torch import Tensor, nn
 
 from slamgym import __version__
 from slamgym.agents.rl.batch_vec_env import BatchVecEnv
-from slamgym.agents.rl.checkpoint import has_checkpoint, load_checkpoint, save_checkpoint
-from slamgym.agents.rl.run_folder import begin_run
-from slamgym.agents.rl.training_callbacks import SaveCheckpoints, ShowProgress, read_validation
+from slamgym.agents.rl.run_folder import begin_run, go_on, learn, log_into_run
+from slamgym.agents.rl.train_config import BEST, POLICY
+from slamgym.agents.rl.training_callbacks import SaveCheckpoints, append_validation, read_validation
 from slamgym.agents.rl.training_envs import draw_plans
 from slamgym.agents.wheels.config import WheelsConfig
 from slamgym.agents.wheels.policy import CLIP, WheelsPolicy, write_wheels
 from slamgym.agents.wheels.validation import make_batch, validate_wheels
 from slamgym.core.config import to_dict
-from slamgym.core.files import append_line, own_folder
-from slamgym.core.progress import say, show_progress
+from slamgym.core.progress import say
 
-POLICY, BEST, VALIDATION = "policy.safetensors", "best.safetensors", "validation.csv"
 CONTACT_PRICE = 0.02
 """What a contact in five minutes takes off the coverage when the best weights are chosen."""
 _FIRST_SPEED = (
@@ -66,39 +61,21 @@ def train_wheels(config: WheelsConfig, out: Path) -> PPO:
     begin_run(config, out, free=("steps",))
     plans = draw_plans(config.plans, "train", config.plan_count, config.seed)
     say(f"{len(plans)} floor plans, {sum(plan.area for plan in plans) / len(plans):.0f} m2 on average")
-    is_resumed = has_checkpoint(out)
     batch = BatchVecEnv(
         make_batch(config, plans, config.num_envs), config.network.hold, config.episode_seconds, config.seed
     )
     envs = VecNormalize(batch, clip_obs=CLIP, clip_reward=CLIP, gamma=config.discount)
     model = make_learner(config, envs)
-    if is_resumed:
-        load_checkpoint(out, model)
-        model.set_random_seed(config.seed + model.num_timesteps)  # not the noise of the beginning once more
-        say(f"going on at decision {model.num_timesteps}")
-    log = own_folder(own_folder(out / "log") / str(model.num_timesteps))
-    model.set_logger(configure(str(log), ["csv", "tensorboard"]))
-    left = max(0, config.steps - model.num_timesteps)
-    try:
-        with show_progress("decisions", model.num_timesteps, config.steps) as advance:
-            callbacks: list[BaseCallback] = [
-                SaveCheckpoints(out, config.checkpoint_every),
-                LogDriving(),
-                ShowProgress(advance),
-            ]
-            if config.evaluate_every:
-                callbacks.append(ValidateWheels(config, out))
-            if left:
-                model.learn(left, callback=callbacks, reset_num_timesteps=False)
-    except KeyboardInterrupt:
-        save_checkpoint(out, model)
-        say(f"interrupted at decision {model.num_timesteps}; the same command goes on from there")
-        raise
-    finally:
-        envs.close()
-        model.logger.close()
+    go_on(model, out, config.seed, "decision")
+    log_into_run(model, out)
+    learn(model, envs, out, config.steps, lambda: _callbacks(config, out), "decision")
     write_wheels(out / POLICY, exported(config, model))
     return model
+
+
+def _callbacks(config: WheelsConfig, out: Path) -> list[BaseCallback]:
+    callbacks: list[BaseCallback] = [SaveCheckpoints(out, config.checkpoint_every), LogDriving()]
+    return [*callbacks, ValidateWheels(config, out)] if config.evaluate_every else callbacks
 
 
 def make_learner(config: WheelsConfig, envs: VecNormalize) -> PPO:
@@ -200,13 +177,7 @@ class ValidateWheels(BaseCallback):
         for name, value in means.items():
             self.logger.record(f"validation/{name}", value)
         row = {"steps": model.num_timesteps, "training_cpu_seconds": round(spent, 1), **means}
-        path = self._folder / VALIDATION
-        text = io.StringIO(newline="")
-        writer = csv.DictWriter(text, list(row))
-        if not path.exists():
-            writer.writeheader()
-        writer.writerow(row)
-        append_line(path, text.getvalue())
+        append_validation(self._folder, row)
         if _score(row) > self._best:
             self._best = _score(row)
             write_wheels(self._folder / BEST, policy)

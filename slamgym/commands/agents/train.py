@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 import tyro
 
-from slamgym.agents.rl.train_config import TrainConfig
+from slamgym.agents.rl.train_config import POLICY, TrainConfig
 from slamgym.agents.wheels.config import WheelsConfig
 from slamgym.core.config import Arguments
 from slamgym.core.progress import say
@@ -47,15 +47,14 @@ def main(argv: list[str]) -> int:
     """Run the command; returns the exit code."""
     if "--env=explore" in argv or ("--env", "explore") in itertools.pairwise(argv):
         wheels = tyro.cli(TrainWheelsArguments, args=argv, prog="slamgym agents train")
-        from slamgym.agents.wheels.train import POLICY, train_wheels
+        from slamgym.agents.wheels.train import train_wheels
 
         train_wheels(wheels.config, wheels.out)
         say(f"policy: {wheels.out / POLICY}")
         return 0
     arguments = tyro.cli(TrainArguments, args=argv, prog="slamgym agents train")
     from slamgym.agents.rl.train import train
-    from slamgym.agents.rl.train_config import POLICY as FRONTIER_POLICY
 
     train(arguments.config, arguments.out)
-    say(f"policy: {arguments.out / FRONTIER_POLICY}")
+    say(f"policy: {arguments.out / POLICY}")
     return 0
