@@ -100,7 +100,7 @@ def read_policy(path: Path | str = PRETRAINED) -> PolicyFile:
         network = from_dict(NetworkConfig, configuration["network"], "network")
     except (KeyError, ConfigError) as error:
         raise InputFileError(path, f"describes no network that this version knows ({error})") from None
-    _refuse_other_shapes(path, network, weights)
+    refuse_other_shapes(path, weights, _shapes(network))
     return PolicyFile(network, weights, about)
 
 
@@ -153,8 +153,8 @@ def read_tensors(path: Path) -> tuple[dict[str, str], dict[str, Float32Array]]:
     return metadata, weights
 
 
-def _refuse_other_shapes(path: Path, network: NetworkConfig, weights: Mapping[str, Float32Array]) -> None:
-    """Compare with the shapes that the sizes of the network ask for."""
+def _shapes(network: NetworkConfig) -> dict[str, tuple[int, ...]]:
+    """Names and shapes of the weights."""
     features, overall, width = len(CANDIDATE_FEATURES), len(GLOBAL_FEATURES), network.width
     linear = {
         "crop": (2 * CROP_PX * CROP_PX, network.crop),
@@ -172,6 +172,17 @@ def _refuse_other_shapes(path: Path, network: NetworkConfig, weights: Mapping[st
     }
     for name, (inputs, outputs) in linear.items():
         shapes |= {f"{name}.weight": (outputs, inputs), f"{name}.bias": (outputs,)}
+    return shapes
+
+
+def refuse_other_shapes(
+    path: Path, weights: Mapping[str, Float32Array], shapes: Mapping[str, tuple[int, ...]]
+) -> None:
+    """Refuse weights that lack some or have others than the sizes of the network ask for.
+
+    Raises:
+        InputFileError: Naming one of them.
+    """
     for name, shape in shapes.items():
         if name not in weights or weights[name].shape != shape:
             there = f"has shape {weights[name].shape}" if name in weights else "is missing"

@@ -7,7 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from slamgym.agents.pretrained_policy import fingerprint_of, read_tensors, write_weights
+from slamgym.agents.pretrained_policy import (
+    fingerprint_of,
+    read_tensors,
+    refuse_other_shapes,
+    write_weights,
+)
 from slamgym.core.config import Count, Positive, Settings, from_dict, to_dict
 from slamgym.core.documents import load_json
 from slamgym.core.errors import ConfigError, InputFileError
@@ -104,8 +109,5 @@ def read_wheels(path: Path | str = WHEELS) -> WheelsPolicy:
         raise InputFileError(
             path, f"was trained on other observations ({space}, this version has {_SPACE}); train again"
         )
-    for name, shape in shapes(network).items():
-        if name not in weights or weights[name].shape != shape:
-            there = f"has shape {weights[name].shape}" if name in weights else "is missing"
-            raise InputFileError(path, f"{name} {there} where its description asks for {shape}")
+    refuse_other_shapes(path, weights, shapes(network))
     return WheelsPolicy(network, weights, about)
