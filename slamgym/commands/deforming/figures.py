@@ -13,7 +13,7 @@ import numpy as np
 from slamgym.agents.registry import make_explorer
 from slamgym.commands.deforming.arguments import DeformArguments, Method
 from slamgym.commands.deforming.dataset import staged_folder
-from slamgym.commands.deforming.hypotheses import hypotheses, load_plan, square_around
+from slamgym.commands.deforming.hypotheses import hypotheses, load_plan, square_around, textured
 from slamgym.core.files import write_text
 from slamgym.core.types import UNKNOWN, ByteArray, Float32Array, GridFrame, Trajectory
 from slamgym.dataset.generate.recipe import episode_conditions, open_recipe
@@ -82,6 +82,8 @@ def draw_figures(arguments: DeformArguments) -> None:
 def _rows(
     plan: FloorPlan, episode: Episode, config: EpisodeConfig, arguments: DeformArguments
 ) -> dict[str, list[ByteArray]]:
+    from slamgym.gan.texture.generator import load_texture
+
     path = _true_path(episode)
     frame = GridFrame.covering(plan.bounds, arguments.resolution, 1.0)
     cad = plan.raster(frame.resolution, frame)
@@ -128,7 +130,7 @@ def _rows(
             cad.cells,
             resample_map(episode.slam_map, at_start),
             drawn.grid.cells,
-            _textured(drawn, looks, arguments.seed),
+            textured(drawn, looks, load_texture(), np.random.default_rng(arguments.seed)).cells,
             modelprog[0],
             of_method("elastic", 1)[0],
         ],
@@ -157,15 +159,6 @@ def _true_path(episode: Episode) -> Trajectory:
     return Trajectory(
         episode.truth.stamps, episode.truth.poses + np.array([episode.start.x, episode.start.y, 0.0])
     )
-
-
-def _textured(drawn: Deformation, config: ParametricConfig, seed: int) -> ByteArray:
-    from slamgym.gan.texture.generator import load_texture
-    from slamgym.parametric.robot_scans import style_of, texture_channels
-
-    assert drawn.scans is not None, "realistic settings ask for scans"
-    counted = texture_channels(drawn.scans, drawn.believed.poses, drawn.grid.frame, config.sensing.slam)
-    return load_texture().draw(counted, style_of(config.sensing), np.random.default_rng(seed))
 
 
 def _enlarged(plan: FloorPlan, coarse: Float32Array, frame: GridFrame, full: GridFrame) -> ByteArray:

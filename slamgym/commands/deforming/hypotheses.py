@@ -21,6 +21,7 @@ from slamgym.parametric.trajectory import TimedTrajectory, from_recorded
 if TYPE_CHECKING:
     from slamgym.cad.floorplan import FloorPlan
     from slamgym.commands.deforming.arguments import DeformArguments
+    from slamgym.gan.texture.generator import TextureGenerator
 
 
 @dataclass(frozen=True)
@@ -79,14 +80,27 @@ def _along_paths(plan: FloorPlan, arguments: DeformArguments) -> Iterator[DrawnM
         path = fixed or _path(arguments, plan, config, rng, number)
         result = deform(plan, path, config, rng, frame)
         if generator is not None:
-            from slamgym.parametric.robot_scans import style_of, texture_channels
-
-            assert result.scans is not None, "the settings of the generator ask for scans"
-            sensing = config.sensing
-            counted = texture_channels(result.scans, result.believed.poses, result.grid.frame, sensing.slam)
-            cells = generator.draw(counted, style_of(sensing), rng)
-            result = replace(result, grid=OccupancyGrid(cells, result.grid.frame))
+            result = replace(result, grid=textured(result, config, generator, rng))
         yield _of_deformation(result)
+
+
+def textured(
+    drawn: Deformation, config: ParametricConfig, generator: TextureGenerator, rng: np.random.Generator
+) -> OccupancyGrid:
+    """The map that the network draws from a deformation's scans.
+
+    Args:
+        drawn: By settings that ask for scans.
+        config: Those settings.
+        generator: The network.
+        rng: Its dice.
+    """
+    from slamgym.parametric.robot_scans import style_of, texture_channels
+
+    assert drawn.scans is not None, "realistic settings ask for scans"
+    frame = drawn.grid.frame
+    counted = texture_channels(drawn.scans, drawn.believed.poses, frame, config.sensing.slam)
+    return OccupancyGrid(generator.draw(counted, style_of(config.sensing), rng), frame)
 
 
 def model_settings(arguments: DeformArguments, number: int) -> ParametricConfig:
