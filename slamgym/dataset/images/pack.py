@@ -17,6 +17,7 @@ import hashlib
 import io
 import json
 import tarfile
+from array import array
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -27,7 +28,17 @@ from slamgym import __version__
 from slamgym.core.config import Count, CountOrZero, Settings, to_dict
 from slamgym.core.documents import read_json
 from slamgym.core.errors import ConfigError, InputFileError
-from slamgym.core.files import read_bytes, read_text, replace_file, sha256_of, staged, write_text
+from slamgym.core.files import (
+    byte_lines,
+    open_regular,
+    read_bytes,
+    read_text,
+    replace_file,
+    sha256_of,
+    staged,
+    write_text,
+)
+from slamgym.core.types import IntArray
 from slamgym.dataset.format import SIDES
 from slamgym.dataset.images.format import SPLITS, ImageLayout, ImageRecord, iterate_images
 from slamgym.dataset.record import require_parquet
@@ -98,16 +109,14 @@ def pack_images(
     layout = ImageLayout(images)
     _claim(out, {"version": __version__, "images": sha256_of(layout.manifest), **to_dict(config)})
     paths = []
-    for split in SPLITS:
-        # Places alone are held: a million records are too many.
-        places = [i for i, record in enumerate(iterate_images(images)) if record.split == split]
-        order = np.random.default_rng(config.seed).permutation(len(places))
-        shard_of = {
-            places[place]: rank // config.pairs_per_shard for rank, place in enumerate(order.tolist())
-        }
-        for shard in range(-(-len(places) // config.pairs_per_shard)):
-            records = _shuffled(layout, shard_of, shard, config.seed)
-            paths += _write_shard(layout, out, f"{split}-{shard:06d}", records, config.parquet, advance)
+    for split, starts in _starts_of_lines(layout).items():
+        order = np.random.default_rng(config.seed).permutation(len(starts))
+        shard_of = np.empty(len(starts), dtype=np.int64)
+        shard_of[order] = np.arange(len(starts)) // config.pairs_per_shard
+        for shard in range(-(-len(starts) // config.pairs_per_shard)):
+            chosen = starts[shard_of == shard]
+            chosen = chosen[np.random.default_rng([config.seed, shard]).permutation(len(chosen))]
+            paths += _write_shard(layout, out, f"{split}-{shard:06d}", chosen, config.parquet, advance)
     write_text(out / "README.md", _card(read_text(layout.card), paths, config.parquet))
     return paths
 
@@ -156,21 +165,33 @@ def _claim(out: Path, settings: dict[str, Any]) -> None:
         return
     if out.exists() and any(out.iterdir()):
         raise ConfigError(f"{out}: is not empty and holds no shards; choose a new folder")
-    out.mkdir(parents=True, exist_ok=True)
     replace_file(path, (json.dumps(settings, indent=1) + "\n").encode())
 
 
-def _shuffled(layout: ImageLayout, shard_of: dict[int, int], shard: int, seed: int) -> list[ImageRecord]:
-    chosen = [r for place, r in enumerate(iterate_images(layout.root)) if shard_of.get(place) == shard]
-    order = np.random.default_rng([seed, shard]).permutation(len(chosen))
-    return [chosen[i] for i in order.tolist()]
+def _starts_of_lines(layout: ImageLayout) -> dict[str, IntArray]:
+    """Where the lines of each side begin in the manifest [bytes]: a million records are too many to hold."""
+    starts = {split: array("q") for split in SPLITS}
+    at = 0
+    lines = byte_lines(layout.manifest)
+    for record, (line, _) in zip(iterate_images(layout.root), lines, strict=True):
+        starts[record.split].append(at)
+        at += len(line)
+    return {split: np.array(places, dtype=np.int64) for split, places in starts.items()}
+
+
+def _records_at(layout: ImageLayout, starts: IntArray) -> Iterator[ImageRecord]:
+    """The records whose lines begin there."""
+    with open_regular(layout.manifest) as file:
+        for start in starts.tolist():
+            file.seek(start)
+            yield ImageRecord.from_line(file.readline().decode(), str(layout.manifest))
 
 
 def _write_shard(
     layout: ImageLayout,
     out: Path,
     name: str,
-    records: Sequence[ImageRecord],
+    starts: IntArray,
     parquet: bool,
     advance: Callable[[], None],
 ) -> list[Path]:
@@ -178,6 +199,7 @@ def _write_shard(
     archive, table = out / f"{name}.tar", out / "parquet" / f"{name}.parquet"
     wanted = [archive, *([table] if parquet else [])]
     if not all(path.exists() for path in wanted):
+        records = list(_records_at(layout, starts))
         pictures = [_pictures(layout, record) for record in records]
         with staged(archive) as part, tarfile.open(part, "w", format=tarfile.USTAR_FORMAT) as tar:
             for record, (cad, slam) in zip(records, pictures, strict=True):
@@ -189,7 +211,7 @@ def _write_shard(
                     _add(tar, f"{key}.{ending}", content)
         if parquet:
             _write_table(table, records, pictures)
-    for _ in records:
+    for _ in starts:
         advance()
     return wanted
 
