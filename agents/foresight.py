@@ -169,8 +169,6 @@ def expected_areas(foreseen: Foreseen, points: FloatArray) -> ExpectedArea:
 
 def foresee(loop: ExplorationLoop) -> ExpectedArea:
     """What the pretrained network expects of a loop's candidates."""
-    costmap = loop.navigator.costmap
-    assert costmap is not None
     foreseen = pretrained_completion().complete(loop.known_map(), loop.pose)
     return expected_areas(foreseen, np.array([one.frontier.middle for one in loop.candidates]).reshape(-1, 2))
 

@@ -170,7 +170,6 @@ class ReproductionState:
     def save(self) -> None:
         """Write it, whole or not at all."""
         text = json.dumps({"settings": self.settings, "steps": self.steps}, indent=1) + "\n"
-        self.path.parent.mkdir(parents=True, exist_ok=True)
         replace_file(self.path, text.encode())
 
 

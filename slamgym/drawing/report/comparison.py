@@ -13,7 +13,7 @@ from slamgym.drawing.comparison.config import ComparisonConfig
 from slamgym.drawing.comparison.picture import draw_changes, legend_entries, verdict
 from slamgym.drawing.comparison.records import Change, PlanComparison
 from slamgym.drawing.report.figures import FIGURE_STYLE
-from slamgym.drawing.report.page import REPORT_STYLE, doubts_part, figures_part, provenance_part
+from slamgym.drawing.report.page import REPORT_STYLE, doubts_part, figures_part, provenance_part, sentence
 from slamgym.viz.pages import figure, inline_picture, make_page, make_table, paragraph
 
 
@@ -29,7 +29,7 @@ def format_comparison(
         config: What counted as a change.
         command: That made it.
     """
-    doubts = [f"{doubt[:1].upper()}{doubt[1:]}." for doubt in found.doubts]
+    doubts = [sentence(doubt) for doubt in found.doubts]
     picture = f'<img alt="the map over its plan" src="{inline_picture(draw_changes(found, plan, grid))}">'
     words = "Green: as planned. " if found.is_confident else "The map where it fits best; don't rely on it. "
     parts = [

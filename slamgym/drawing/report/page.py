@@ -71,7 +71,7 @@ _ACCURACY = (
 
 def checks(drawing: Drawing) -> list[str]:
     """What a person should check first, a sentence each: the drawing's doubts, and what of it was hardly seen."""
-    found = [_sentence(doubt) for doubt in drawing.doubts]
+    found = [sentence(doubt) for doubt in drawing.doubts]
     unseen = [room for room in drawing.rooms if room.share_seen < BADLY_SEEN]
     if unseen:
         names = ", ".join(f"{room.id} ({room.share_seen:.0%})" for room in unseen[:8])
@@ -297,6 +297,6 @@ def _count(number: int, thing: str) -> str:
     return f"{number} {thing}{'' if number == 1 else 's'}"
 
 
-def _sentence(text: str) -> str:
+def sentence(text: str) -> str:
     """With a capital and a full stop."""
     return f"{text[:1].upper()}{text[1:]}{'' if text.endswith('.') else '.'}"
