@@ -16,6 +16,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -142,9 +143,42 @@ def load_pairs(root: Path | str, split: str, size: int, limit: int | None = None
         a, b = (read_grey(path) for path in files[name])
         side = _check_shapes(files[name], a, b, side)
         cad[index], slam[index] = resample_grey(a, (size, size)), resample_slam(b, (size, size))
-        scales[index] = recorded.get(name, ("", np.nan))[1] * side / size
-    plans = tuple(recorded.get(name, (name, np.nan))[0] for name in names)
+        scales[index] = recorded[name].metres_per_px * side / size if name in recorded else np.nan
+    plans = tuple(recorded[name].group if name in recorded else name for name in names)
     return PairSet(cad, slam, tuple(names), plans, scales)
+
+
+def load_training_pairs(roots: Sequence[Path | str], size: int) -> PairSet:
+    """Read the training side of one folder or of several together.
+
+    A plan on the test side of one folder trains nothing from another: its pairs are left out there.
+
+    Args:
+        roots: Folders of images.
+        size: Side that the images shall have [px]; they are resampled if theirs is another.
+
+    Raises:
+        InputFileError: As :func:`load_pairs`, or if nothing is left of a folder.
+    """
+    if len(roots) == 1:
+        return load_pairs(roots[0], "train", size)
+    tested = {
+        plan for root in roots for plans in _plans_by_name(Path(root), "test").values() for plan in plans
+    }
+    parts = []
+    for root in map(Path, roots):
+        pairs, plans = load_pairs(root, "train", size), _plans_by_name(root, "train")
+        kept = [index for index, name in enumerate(pairs.names) if tested.isdisjoint(plans[name])]
+        if not kept:
+            raise InputFileError(root, "has only plans that are on the test side of another folder")
+        parts.append(pairs.subset(kept))
+    return PairSet(
+        np.concatenate([part.cad for part in parts]),
+        np.concatenate([part.slam for part in parts]),
+        tuple(name for part in parts for name in part.names),
+        tuple(plan for part in parts for plan in part.plan_ids),
+        np.concatenate([part.metres_per_px for part in parts]),
+    )
 
 
 def true_faces(root: Path | str) -> bool:
@@ -230,24 +264,41 @@ def _check_shapes(paths: tuple[Path, Path], a: ByteArray, b: ByteArray, side: in
     return int(a.shape[0])
 
 
-def _manifest(root: Path) -> dict[str, tuple[str, float]]:
-    """Plan id and metres per pixel by name; empty without a manifest."""
+class _Recorded(NamedTuple):
+    """What a manifest says of a pair."""
+
+    plan: str
+    group: str
+    """Near-duplicates of a plan form a group; a split must not separate them either."""
+    metres_per_px: float
+
+
+def _manifest(root: Path) -> dict[str, _Recorded]:
+    """The records by name; empty without a manifest."""
     path = root / "manifest.jsonl"
     if not path.is_file():
         return {}
-    recorded: dict[str, tuple[str, float]] = {}
+    recorded: dict[str, _Recorded] = {}
     for line, where in text_lines(path):
         values = parse_json(line, where)
         try:
-            # Near-duplicates of a plan form a group; they must not be separated either.
-            plan = values.get("group") or values["plan_id"]
+            plan = str(values["plan_id"])
             scale = float(values["metres_per_px"])
             if not 0.0 < scale < math.inf:
                 raise ValueError(f"metres_per_px is {scale}")
-            recorded[str(values["name"])] = (str(plan), scale)
+            recorded[str(values["name"])] = _Recorded(plan, str(values.get("group") or plan), scale)
         except (ValueError, TypeError, KeyError, AttributeError, OverflowError) as error:
             raise InputFileError(where, f"is not a record of an image pair ({error})") from error
     return recorded
+
+
+def _plans_by_name(root: Path, split: str) -> dict[str, set[str]]:
+    """What each pair's plan and its group are called; empty without images of this side."""
+    if split == "test" and not (root / "test" / "A").is_dir():
+        return {}
+    recorded = _manifest(root)
+    names = _images(_split_folder(root, split) / "A")
+    return {name: set(recorded[name][:2]) if name in recorded else {name} for name in names}
 
 
 def _place(plan_id: str) -> float:

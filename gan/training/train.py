@@ -16,6 +16,7 @@ import json
 import math
 import time
 import zlib
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -30,7 +31,7 @@ from slamgym.core.files import append_line, write_text
 from slamgym.core.interruption import Interruption, deferred_interrupt
 from slamgym.core.progress import duration, say
 from slamgym.gan.config import TranslatorTrainingConfig
-from slamgym.gan.data import PairSet, image_side, load_pairs
+from slamgym.gan.data import PairSet, image_side, load_training_pairs
 from slamgym.gan.device import Compute, make_deterministic
 from slamgym.gan.networks.factory import Generator
 from slamgym.gan.registration import registered
@@ -85,7 +86,7 @@ class TrainingReport:
 
 
 def train_translator(
-    images: Path | str,
+    images: Path | str | Sequence[Path],
     run: Path | str,
     config: TranslatorTrainingConfig,
     compute: Compute,
@@ -94,7 +95,7 @@ def train_translator(
     """Train a translator, or go on with a training that was interrupted.
 
     Args:
-        images: Folder of rendered pairs (:mod:`slamgym.gan.data`).
+        images: Folder of rendered pairs (:mod:`slamgym.gan.data`), or several, which are learned from together.
         run: Folder of the run; if it holds a checkpoint of the same settings the training goes on from there.
         config: What to learn and how.
         compute: Device and precision.
@@ -102,11 +103,12 @@ def train_translator(
 
     Raises:
         InputFileError: If the images or a checkpoint can't be used.
-        ConfigError: If the folder holds another training, or there are too few pairs.
+        ConfigError: If the folder holds another training, there are too few pairs or no folder of them.
         TrainingDivergedError: If the loss becomes NaN or infinite.
     """
     make_deterministic()
-    training = _Training(Path(images), Path(run), config, compute, options)
+    folders = [Path(images)] if isinstance(images, (str, Path)) else list(images)
+    training = _Training(folders, Path(run), config, compute, options)
     return training.run()
 
 
@@ -114,7 +116,12 @@ class _Training:
     """A run in progress: data, networks, schedule and clock."""
 
     def __init__(
-        self, images: Path, run: Path, config: TranslatorTrainingConfig, compute: Compute, options: RunOptions
+        self,
+        images: Sequence[Path],
+        run: Path,
+        config: TranslatorTrainingConfig,
+        compute: Compute,
+        options: RunOptions,
     ) -> None:
         self.folder, self.options, self.compute = run, options, compute
         self.checkpoint = run / "checkpoint.safetensors"
@@ -227,7 +234,7 @@ class _Training:
         line |= {name: round(value, 5) for name, value in result.figures.items()}
         append_line(self.folder / "figures.jsonl", json.dumps(line) + "\n")
 
-    def _begin(self, images: Path) -> None:
+    def _begin(self, images: Sequence[Path]) -> None:
         """A new run: fit the schedule to the time, write the settings."""
         if self.config.minutes is not None:
             seconds = measure_seconds(self.schedule, self.pairs, self.config, self.compute)
@@ -238,7 +245,7 @@ class _Training:
             f"({self.schedule.images / len(self.pairs):.1f} passes) on {self.compute.device} in "
             f"{self.compute.precision}"
         )
-        facts = {"version": __version__, "images": images.name, "config": to_dict(self.config)}
+        facts = {"version": __version__, "images": _named(images), "config": to_dict(self.config)}
         write_text(self.folder / "config.json", json.dumps(facts, indent=1) + "\n")
 
     def _resume(self) -> None:
@@ -301,13 +308,20 @@ class _Training:
         return path
 
 
-def _training_pairs(images: Path, run: Path, config: TranslatorTrainingConfig) -> tuple[PairSet, PairSet]:
+def _named(images: Sequence[Path]) -> str:
+    """The folders' names, for settings and messages."""
+    return ", ".join(folder.name for folder in images)
+
+
+def _training_pairs(
+    images: Sequence[Path], run: Path, config: TranslatorTrainingConfig
+) -> tuple[PairSet, PairSet]:
     """(pairs to train on, pairs of held-out plans)."""
-    say(f"reading the pairs of {images}")
+    if not images:
+        raise ConfigError("name at least one folder of pairs, as `slamgym dataset render` writes them")
+    say(f"reading the pairs of {_named(images)}")
     side = config.translator.input_size
-    pairs = load_pairs(
-        images, "train", max(side, image_side(images, "train")) if config.augment.windows else side
-    )
+    pairs = load_training_pairs(images, max(side, _common_side(images)) if config.augment.windows else side)
     if config.register:
         pairs = registered(pairs, run / "registration.safetensors", _checksum(pairs))
     elif config.translator.derotate and config.translator.direction == "slam2cad":
@@ -315,9 +329,24 @@ def _training_pairs(images: Path, run: Path, config: TranslatorTrainingConfig) -
     rest, held_out = pairs.split(config.validation)
     if len(rest) < MIN_PAIRS:
         raise ConfigError(
-            f"{images}: training needs at least {MIN_PAIRS} pairs beside the held-out ones, not {len(rest)}"
+            f"{_named(images)}: training needs at least {MIN_PAIRS} pairs beside the held-out ones, not {len(rest)}"
         )
     return rest, held_out.subset(range(min(len(held_out), MAX_VALIDATION_PAIRS))).windows(side)
+
+
+def _common_side(images: Sequence[Path]) -> int:
+    """Side of all folders' images [px].
+
+    Raises:
+        InputFileError: If they differ: windows are cut at the images' own scale.
+    """
+    sides = [image_side(folder, "train") for folder in images]
+    for folder, side in zip(images, sides, strict=True):
+        if side != sides[0]:
+            raise InputFileError(
+                folder, f"has images of {side} px but {images[0]} of {sides[0]}; render all with one --size"
+            )
+    return sides[0]
 
 
 def _starting_generator(config: TranslatorTrainingConfig) -> Generator:

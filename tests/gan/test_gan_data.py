@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from slamgym.core.errors import InputFileError
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN
 from slamgym.gan.config import AugmentConfig
-from slamgym.gan.data import PairSet, image_side, load_pairs, read_grey, true_faces
+from slamgym.gan.data import PairSet, image_side, load_pairs, load_training_pairs, read_grey, true_faces
 from slamgym.gan.encoding import decode_slam, encode, enlarge_means, free_probability
 from slamgym.gan.presets import find_preset
 from slamgym.gan.training.sampler import BatchSampler, derotated
@@ -55,6 +55,31 @@ def test_a_split_never_tears_a_plan_apart(tmp_path, make_images):
     assert len(rest) > 0
     assert len(held_out) > 0
     assert not set(rest.plan_ids) & set(held_out.plan_ids)
+
+
+def record(root, names, plans):
+    rows = [
+        {"name": name, "plan_id": plan, "metres_per_px": 0.1} for name, plan in zip(names, plans, strict=True)
+    ]
+    (root / "manifest.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rows))
+
+
+def test_folders_are_learned_from_together_but_for_each_others_test_plans(tmp_path, make_images):
+    first, second = (make_images(tmp_path / name, count=3) for name in ("first", "second"))
+    make_images(first, count=2, split="test")
+    (first / "test").joinpath("A", "000.png").rename(first / "test" / "A" / "t0.png")
+    (first / "test").joinpath("B", "000.png").rename(first / "test" / "B" / "t0.png")
+    for side in "AB":
+        (first / "test" / side / "001.png").unlink()
+    record(first, ["000", "001", "002", "t0"], ["p0", "p1", "p2", "tested"])
+    record(second, ["000", "001", "002"], ["p0", "tested", "p3"])
+    together = load_training_pairs([first, second], 32)
+    assert together.plan_ids == ("p0", "p1", "p2", "p0", "p3")
+    assert np.array_equal(together.slam[:3], load_pairs(first, "train", 32).slam)
+    assert np.array_equal(together.cad[3:], load_pairs(second, "train", 32).cad[[0, 2]])
+    record(second, ["000", "001", "002"], ["tested"] * 3)
+    with pytest.raises(InputFileError, match="second: has only plans that are on the test side"):
+        load_training_pairs([first, second], 32)
 
 
 def break_nothing_there(root):

@@ -33,9 +33,9 @@ class TrainTranslatorArguments(Arguments):
     bit on the same device.
     """
 
-    images: Annotated[Path, tyro.conf.Positional]
+    images: tyro.conf.Positional[tuple[Path, ...]]
     """Folder of pairs: what `slamgym dataset render` writes, or any folder with A (CAD) and B (SLAM) images of equal
-    names."""
+    names. Several are learned from together; plans on the test side of one train nothing from another."""
     out: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
     """Folder of the run: settings, checkpoint, weights, samples, curves."""
     preset: str = "slam2cad"
