@@ -294,7 +294,8 @@ def _manifest(root: Path) -> dict[str, _Recorded]:
 
 def _plans_by_name(root: Path, split: str) -> dict[str, set[str]]:
     """What each pair's plan and its group are called; empty without images of this side."""
-    if split == "test" and not (root / "test" / "A").is_dir():
+    folder = root / split / "A"
+    if split == "test" and not (folder.is_dir() and any(folder.iterdir())):
         return {}
     recorded = _manifest(root)
     names = _images(_split_folder(root, split) / "A")

@@ -71,6 +71,7 @@ def test_folders_are_learned_from_together_but_for_each_others_test_plans(tmp_pa
     (first / "test").joinpath("B", "000.png").rename(first / "test" / "B" / "t0.png")
     for side in "AB":
         (first / "test" / side / "001.png").unlink()
+    (second / "test" / "A").mkdir(parents=True)  # too few plans for a test side
     record(first, ["000", "001", "002", "t0"], ["p0", "p1", "p2", "tested"])
     record(second, ["000", "001", "002"], ["p0", "tested", "p3"])
     together = load_training_pairs([first, second], 32)
