@@ -2,8 +2,8 @@
 
 A U-Net (Ronneberger, Fischer and Brox, MICCAI 2015) on shares of free and of occupied cells. Its doubt comes from
 dropout: the same few masks every time, so that the same map is foreseen alike (Gal and Ghahramani, ICML 2016). It runs
-with numpy alone; ``benchmarks/foresight.py`` trains it. That predicted maps help exploration: Shrestha et al., "Learned
-map prediction for enhanced mobile robot exploration", ICRA 2019.
+with numpy alone; ``benchmarks/exploring/foresight.py`` trains it. That predicted maps help exploration: Shrestha et
+al., "Learned map prediction for enhanced mobile robot exploration", ICRA 2019.
 """
 
 import functools

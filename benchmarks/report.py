@@ -24,7 +24,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-RESULTS = Path(__file__).parent / "results"
+RESULTS = Path(__file__).resolve().parent / "results"
 
 _PACKAGES = ("slamgym", "numpy", "numba", "pymunk", "shapely", "opencv-python-headless", "gymnasium")
 
@@ -53,6 +53,12 @@ def cpu_seconds(function: Any, *arguments: Any) -> float:
     begin = time.process_time()
     function(*arguments)
     return time.process_time() - begin
+
+
+def resident_mb(pid: int) -> float:
+    """Resident set of a process [MB]."""
+    pages = int(Path(f"/proc/{pid}/statm").read_text().split()[1])
+    return pages * os.sysconf("SC_PAGE_SIZE") / 2**20
 
 
 def add_up(count: int) -> int:
@@ -131,7 +137,7 @@ def environment() -> dict[str, Any]:
         "date": datetime.now(UTC).isoformat(timespec="seconds"),
         "machine": {"cpu": _cpu_name(), "cores": os.cpu_count(), "system": platform.platform()},
         "versions": {"python": platform.python_version()} | _package_versions(),
-        "command": " ".join(["python", f"benchmarks/{Path(sys.argv[0]).name}", *sys.argv[1:]]),
+        "command": " ".join(["python", os.path.relpath(sys.argv[0], RESULTS.parents[1]), *sys.argv[1:]]),
     }
 
 

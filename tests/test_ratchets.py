@@ -122,7 +122,8 @@ def check(found: dict[str, int], exceptions: dict[str, int], limit: int) -> None
 
 def test_folders_are_small():
     files = collections.Counter(path.parent for path in modules().values())
-    files.update(path.parent for path in (ROOT / "tests").rglob("*.py"))
+    for folder in ("tests", "benchmarks"):
+        files.update(path.parent for path in (ROOT / folder).rglob("*.py"))
     check(
         {str(folder.relative_to(ROOT)): count for folder, count in files.items()}, {}, MAX_FILES_IN_A_FOLDER
     )

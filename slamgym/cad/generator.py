@@ -3,7 +3,7 @@
 The layout comes first (:mod:`slamgym.cad.homes`, :mod:`slamgym.cad.offices`): cells that tile the building.
 Then openings join the rooms (:mod:`slamgym.cad.doors`), walls get their thickness, and details such as
 pillars and chimneys break up the rooms (:mod:`slamgym.cad.details`). Sizes follow HouseExpo
-(``benchmarks/plan_statistics.py`` compares them); unlike HouseExpo's single outlines, plans may have
+(``benchmarks/realism/plan_statistics.py`` compares them); unlike HouseExpo's single outlines, plans may have
 loops: second doors, rings of corridor, cores, pillars and islands.
 """
 

@@ -3,7 +3,7 @@
 The error of a SLAM map against the CAD drawing depends on how the two are laid over each other. Feature
 matching finds a poor alignment on such images; here the transform is searched directly, coarse to fine:
 rotations are scanned on small blurred images, the most promising are refined by Powell's method (1964), and
-the best of those once more on sharper images. `benchmarks/gan_alignment.py` measures how often that finds the
+the best of those once more on sharper images. `benchmarks/gan/gan_alignment.py` measures how often that finds the
 best transform there is.
 """
 

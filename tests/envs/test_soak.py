@@ -1,4 +1,4 @@
-"""What must hold however long an environment runs; ``benchmarks/soak.py`` takes a million steps."""
+"""What must hold however long an environment runs; ``benchmarks/simulation/soak.py`` takes a million steps."""
 
 import gc
 import tracemalloc

@@ -19,7 +19,7 @@ class ComputeArguments(Arguments):
     precision: Precision = "auto"
     """``bfloat16`` mixes precisions; ``auto`` does where the hardware gains by it."""
     layout: MemoryLayout = "auto"
-    """In memory: ``auto`` takes channels_last on CUDA and for bfloat16 on CPUs (benchmarks/gan_cost.py --layouts)."""
+    """In memory: ``auto`` takes channels_last on CUDA and for bfloat16 on CPUs (benchmarks/gan/gan_cost.py)."""
     threads: int = 0
     """CPU threads of torch; 0 leaves torch's choice (OMP_NUM_THREADS)."""
     compile: bool = False

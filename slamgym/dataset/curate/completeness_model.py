@@ -1,7 +1,7 @@
 """A classifier of completeness: Extra Trees on the fifteen features, as in the paper.
 
 Training needs scikit-learn (the extra ``clean``); using a trained model doesn't. The pretrained model was
-trained by ``benchmarks/completeness.py``.
+trained by ``benchmarks/dataset/completeness.py``.
 """
 
 import dataclasses

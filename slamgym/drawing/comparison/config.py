@@ -6,7 +6,7 @@ from slamgym.core.config import Positive, PositiveShare, Settings, Share, Within
 
 
 class ComparisonConfig(Settings, section="comparison"):
-    """What counts as a change. Defaults were chosen on half of the plans of ``benchmarks/plan_comparison.py``."""
+    """What counts as a change; chosen on half of the plans of ``benchmarks/plan_comparison/plan_comparison.py``."""
 
     scale: bool = False
     """Whether the map's scale is fitted, too (within 10 %); without it, a scale other than 1 is a doubt."""

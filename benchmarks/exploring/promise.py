@@ -1,0 +1,196 @@
+"""When an exploration may stop: fits the estimate of unseen floor, calibrates its limit and tests the promises.
+
+    python benchmarks/exploring/promise.py json.tar.gz [--write]  # table of kept promises; --write stores the estimate
+
+The estimate is fitted on plans of the split ``train`` at true poses, the limits are calibrated on ``validation`` and
+tested on ``test``, both with the particle filter. Stopping earlier changes nothing of what came before, so every
+promise is tested on the same explorations. Some 2 s of CPU an exploration.
+"""
+
+import json
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+import tyro
+from exploration_snapshots import Exploration, explorations
+from safetensors.numpy import save_file
+from torch import Tensor, nn
+from torch.nn import functional as fn
+
+from slamgym.cad import open_plans
+from slamgym.core.intervals import wilson_interval
+from slamgym.core.types import Float32Array
+from slamgym.planning.promise import PRETRAINED_ESTIMATE, Promise, UnseenFloor
+from slamgym.planning.remaining import FRONTIER_FEATURES, WHOLE_FEATURES
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+from report import print_and_save
+
+SHARES = np.log([0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2])
+PROMISES = (
+    "95%:90%",
+    "98%:50%",
+    "98%:70%",
+    "98%:80%",
+    "98%:90%",
+    "98%:95%",
+    "99%:95%",
+    "99.5%:90%",
+    "1m2:80%",
+    "5m2:95%",
+)
+MOST = 24
+EPOCHS = 30
+
+
+@dataclass(frozen=True)
+class Arguments:
+    """What is explored."""
+
+    plans: tyro.conf.Positional[str]
+    """HouseExpo plans."""
+    train: int = 95
+    """HouseExpo plans to fit on, and a third as many generated homes and offices each."""
+    calibrate: int = 110
+    """HouseExpo plans to calibrate on, and a fifth as many generated homes."""
+    test: int = 45
+    """HouseExpo plans to test on, and a third as many generated homes."""
+    write: bool = False
+    """Store the estimate as the one of the package."""
+
+
+class EstimateNetwork(nn.Module):
+    """The sums of :class:`~slamgym.planning.promise.UnseenFloor` in torch."""
+
+    def __init__(self, width: int = 16) -> None:
+        super().__init__()
+        inputs = len(FRONTIER_FEATURES) + len(WHOLE_FEATURES)
+        self.a, self.b, self.c = nn.Linear(inputs, width), nn.Linear(width, width), nn.Linear(width, 1)
+        self.g, self.o = nn.Linear(len(WHOLE_FEATURES), 8), nn.Linear(8, 1)
+        self.slope = nn.Parameter(torch.tensor(1.0))
+
+    def forward(self, frontiers: Tensor, whole: Tensor, known_area: Tensor) -> Tensor:
+        """Logarithm of the unseen share, shape (B,), of frontiers (B, MOST, F) whose absent rows are nan."""
+        there = ~frontiers[..., 0].isnan()
+        inputs = torch.cat([frontiers.nan_to_num(), whole[:, None].expand(-1, MOST, -1)], 2)
+        hidden = fn.relu(self.b(fn.relu(self.a(inputs))))
+        behind = torch.exp(self.c(hidden)[..., 0].clamp(-8.0, 5.0)) * there
+        unseen = behind.sum(1) + torch.exp(self.o(fn.relu(self.g(whole)))[:, 0].clamp(-8.0, 5.0))
+        return torch.log(unseen / (unseen + known_area))
+
+
+def main() -> None:
+    arguments = tyro.cli(Arguments)
+    third = arguments.train // 3
+    fitted = [
+        *_explored(arguments.plans, "train", arguments.train, "ground_truth"),
+        *_explored("procedural:home:loops", "train", third, "ground_truth"),
+        *_explored("procedural:office:loops", "train", third, "ground_truth"),
+    ]
+    calibrated = [
+        *_explored(arguments.plans, "validation", arguments.calibrate, "rbpf"),
+        *_explored("procedural:home:loops", "validation", arguments.calibrate // 5, "rbpf"),
+    ]
+    tested = [
+        *_explored(arguments.plans, "test", arguments.test, "rbpf"),
+        *_explored("procedural:home:loops", "test", arguments.test // 3, "rbpf"),
+    ]
+    arrays = _calibration(fit(fitted), calibrated)
+    unseen = UnseenFloor(arrays)
+    rows = [_tested(Promise.parse(text), unseen, tested) for text in PROMISES]
+    title = f"fitted on {len(fitted)}, calibrated on {len(calibrated)}, tested on {len(tested)} explorations"
+    print_and_save("exploring/promise", title, rows, list(rows[0]))
+    if arguments.write:
+        about = {"fitted on": len(fitted), "calibrated on": len(calibrated)}
+        save_file(arrays, PRETRAINED_ESTIMATE, {"slamgym": json.dumps(about)})
+
+
+def fit(explored: Sequence[Exploration]) -> dict[str, Float32Array]:
+    """Fit the estimate: the true share is above each of some shares with log-logistic probability."""
+    torch.manual_seed(0)
+    moments = [(one, moment) for one in explored for moment in one.snapshots if moment.remains is not None]
+    frontiers = np.full((len(moments), MOST, len(FRONTIER_FEATURES)), np.nan, np.float32)
+    for row, (_, moment) in zip(frontiers, moments, strict=True):
+        row[: len(moment.remains.frontiers)] = moment.remains.frontiers
+    inputs = [
+        torch.from_numpy(frontiers),
+        torch.tensor(np.array([moment.remains.whole for _, moment in moments]), dtype=torch.float32),
+        torch.tensor([moment.remains.known_area for _, moment in moments]),
+    ]
+    share = torch.tensor([1.0 - moment.coverage for _, moment in moments])
+    above = (share[:, None] > torch.exp(torch.tensor(SHARES))[None]).float()
+    weight = torch.where(share < 0.15, 2.0, 1.0)
+    network = EstimateNetwork()
+    optimiser = torch.optim.AdamW(network.parameters(), 3e-3, weight_decay=1e-3)
+    steps = EPOCHS * (len(share) // 256 + 1)
+    schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, 1e-2, total_steps=steps)
+    for _ in range(EPOCHS):
+        for rows in torch.randperm(len(share)).split(256):
+            logits = network.slope * (network(*(one[rows] for one in inputs))[:, None] - torch.tensor(SHARES))
+            losses = fn.binary_cross_entropy_with_logits(logits.float(), above[rows], reduction="none").mean(
+                1
+            )
+            optimiser.zero_grad()
+            (losses * weight[rows]).mean().backward()
+            optimiser.step()
+            schedule.step()
+    return {name: value.numpy() for name, value in network.state_dict().items() if name != "slope"}
+
+
+def _explored(plans: str, split: str, count: int, mode: str) -> list[Exploration]:
+    return list(explorations(open_plans(plans), split, count, mode))  # type: ignore[arg-type]
+
+
+def _calibration(
+    weights: dict[str, Float32Array], explored: Sequence[Exploration]
+) -> dict[str, Float32Array]:
+    """The weights with the moments that decide about limits: each new lowest estimate, and the end."""
+    unseen, rows = UnseenFloor(weights), []
+    for index, one in enumerate(explored):
+        lowest = np.inf
+        for moment in one.snapshots:
+            estimate = unseen.share(moment.remains) if moment.remains is not None else np.inf
+            if estimate < lowest:
+                lowest, left = estimate, 1.0 - moment.coverage
+                rows.append((index, estimate, left, left * one.area))
+        left = 1.0 - one.curve[-1, 1]
+        rows.append((index, lowest, left, left * one.area))
+    columns = np.array(rows, np.float32).T
+    names = ("exploration", "estimate", "share", "area")
+    return weights | {f"calibration.{name}": column for name, column in zip(names, columns, strict=True)}
+
+
+def _tested(promise: Promise, unseen: UnseenFloor, explored: Sequence[Exploration]) -> dict[str, object]:
+    """How a promise is kept."""
+    limit, kept, times, tails, ends = unseen.limit(promise), [], [], [], []
+    for one in explored:
+        time, coverage = one.curve[-1]
+        ends.append(time)
+        for moment in one.snapshots:
+            if moment.remains is not None and unseen.share(moment.remains) < limit:
+                time, coverage = moment.time, moment.coverage
+                break
+        left = 1.0 - coverage
+        is_kept = left <= 1.0 - promise.seen if promise.seen else left * one.area <= promise.left
+        kept.append(is_kept)
+        times.append(time)
+        reached = np.flatnonzero(one.curve[:, 1] >= 0.99)
+        if is_kept:
+            tails.append(max(0.0, time - one.curve[reached[0], 0]) if len(reached) else 0.0)
+    interval = wilson_interval(sum(kept), len(kept))
+    return {
+        "promise": str(promise),
+        "kept [%]": round(100.0 * float(np.mean(kept)), 1),
+        "95 %": f"{100.0 * interval.low:.0f}-{100.0 * interval.high:.0f}",
+        "time [s]": round(float(np.mean(times))),
+        "without it [s]": round(float(np.mean(ends))),
+        "tail after 99 % [s]": round(float(np.mean(tails)), 1) if tails else None,
+    }
+
+
+if __name__ == "__main__":
+    main()

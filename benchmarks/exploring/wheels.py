@@ -1,0 +1,99 @@
+"""What the policy that drives the wheels sees in 90 s of buildings that it didn't learn on, beside frontier rules.
+
+Every explorer gets the same plans of the test split, starts and seeds; 95 % bootstrap intervals over plans.
+
+    python benchmarks/exploring/wheels.py --plans procedural json.tar.gz --count 40 [--localization rbpf]
+    python benchmarks/exploring/wheels.py --curve run/validation.csv    # docs/images/wheels_curve.png
+"""
+
+import argparse
+import itertools
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from slamgym.agents import make_explorer
+from slamgym.agents.rl.training_envs import draw_plans
+from slamgym.cad import FloorPlan
+from slamgym.core.intervals import mean_interval
+from slamgym.envs import ExploreConfig, ExploreEnv
+from slamgym.envs.episode import episode_steps
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+from report import print_and_save
+
+CONTACT_MINUTES = 5.0
+TITLES = {"coverage": "coverage after 90 s, 32 validation plans", "contacts": "contacts in 5 min"}
+IMAGE = Path(__file__).parents[2] / "docs" / "images" / "wheels_curve.png"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--plans", nargs="+", default=["procedural"])
+    parser.add_argument("--count", type=int, default=40)
+    parser.add_argument("--seconds", type=float, default=90.0)
+    parser.add_argument("--localization", default="ground_truth")
+    parser.add_argument("--explorers", nargs="+", default=["wheels", "random", "explore_lite"])
+    parser.add_argument("--curve", type=Path, help="draw a run's validation instead")
+    arguments = parser.parse_args()
+    if arguments.curve:
+        draw_curve(arguments.curve)
+        return
+    plans = draw_plans(arguments.plans, "test", arguments.count)
+    rows = []
+    for name in arguments.explorers:
+        row = measure(name, plans, arguments.seconds, arguments.localization)
+        print(row, flush=True)
+        rows.append(row)
+    title = f"{len(plans)} held-out plans, {arguments.seconds:.0f} s, localisation {arguments.localization}"
+    print_and_save(f"exploring/wheels_{arguments.localization}", title, rows, list(rows[0]))
+
+
+def measure(name: str, plans: Sequence[FloorPlan], seconds: float, localization: str) -> dict[str, Any]:
+    """One row."""
+    begin = time.process_time()
+    outcomes = np.array([explore(name, plan, seed, seconds, localization) for seed, plan in enumerate(plans)])
+    spent = time.process_time() - begin
+    row: dict[str, Any] = {"explorer": name, "plans": len(plans)}
+    for column, values in zip(("coverage", "contacts in 5 min", "path [m]"), outcomes.T, strict=True):
+        found = mean_interval(values)
+        row[column] = f"{found.value:.3g} [{found.low:.3g}, {found.high:.3g}]"
+    return row | {"CPU s a plan": spent / len(plans)}
+
+
+def draw_curve(path: Path) -> None:
+    """Coverage and contacts over the CPU time of a training."""
+    from matplotlib.figure import Figure
+
+    table = np.genfromtxt(path, delimiter=",", names=True)
+    figure = Figure(figsize=(8.0, 3.0), layout="constrained")
+    for axes, column in zip(figure.subplots(1, 2), ("coverage", "contacts"), strict=True):
+        axes.plot(table["training_cpu_seconds"], table[column], marker="o", markersize=3)
+        axes.set(xlabel="CPU time of the training [s]", ylim=(0.0, None), title=TITLES[column])
+        axes.grid(alpha=0.3)
+    figure.savefig(IMAGE, dpi=110)
+
+
+def explore(name: str, plan: FloorPlan, seed: int, seconds: float, localization: str) -> tuple[float, ...]:
+    """Coverage, contacts in five minutes, and path [m] of one exploration."""
+    config = ExploreConfig(time_limit=seconds).for_explorer()
+    env = ExploreEnv(plan, config, localization=localization)
+    explorer = make_explorer(name, env.explorer_context(), seed)
+    steps = episode_steps(env, explorer, env.reset(seed=seed))
+    for info in itertools.islice(steps, round(seconds / config.control_step) + 1):
+        outcome = info
+    return (
+        outcome["coverage"],
+        outcome["collisions"] * CONTACT_MINUTES * 60.0 / seconds,
+        outcome["path_length"],
+    )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,196 @@
+"""Can maps of `slamgym deform` be told from simulated ones, and do they differ as much from draw to draw?
+
+For every pair of a dataset each method makes a map of the same plan: the parametric model and the generator along the
+path that the robot truly drove, by the same recipe. Trees on map statistics and a small network on patches learn to
+tell the kinds apart, held out by plan; 0.5 is perfect. Diversity is how many of the cells that either map knows
+differ between two maps of one plan, as a share of what differs between the simulated ones.
+
+    python benchmarks/parametric/deform_realism.py NAME=DATASET ... [--methods parametric generator modelprog elastic]
+
+Each dataset was made by `slamgym generate --recipe NAME --trajectories 2`.
+"""
+
+import argparse
+import os
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")  # before numpy starts its threads
+
+import numpy as np
+
+from slamgym.cad import FloorPlan, read_houseexpo
+from slamgym.core.intervals import Interval
+from slamgym.core.png import read_png
+from slamgym.core.types import UNKNOWN, ByteArray, GridFrame, OccupancyGrid, Trajectory
+from slamgym.dataset.format import Layout, read_manifest
+from slamgym.dataset.generate.recipe import apply_conditions
+from slamgym.dataset.images.square_images import resample_map
+from slamgym.dataset.record import PairRecord
+from slamgym.envs.episode import EpisodeConfig
+from slamgym.gan.evaluation.patch_classifier import PatchLearner
+from slamgym.gan.texture.generator import load_texture
+from slamgym.gan.translation.elastic import bend
+from slamgym.gan.translation.translate import load_translator
+from slamgym.interop import read_tum
+from slamgym.metrics.map_look import at_look_cell, cut_to_floor, look_statistics
+from slamgym.metrics.two_sample import distinguish, half_against_half, tree_learner
+from slamgym.parametric import SensingConfig, deform, from_recorded, realistic
+from slamgym.parametric.robot_scans import style_of, texture_channels
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+from report import print_and_save
+
+METHODS = ("parametric", "generator", "modelprog", "elastic")
+CELL = 0.05
+
+
+class Maker:
+    """Makes the maps of all methods."""
+
+    def __init__(self, weights: str | None, methods: Sequence[str]) -> None:
+        if "generator" in methods:
+            self._generator = load_texture(weights)
+        if "modelprog" in methods:
+            self._modelprog = load_translator("modelprog", "cad2slam")
+
+    def make(
+        self, method: str, plan: FloorPlan, path: Trajectory, episode: EpisodeConfig, seed: tuple[int, int]
+    ) -> tuple[OccupancyGrid, float]:
+        """A map in the plan's frame, and the CPU seconds that it took."""
+        rng = np.random.default_rng(seed)
+        frame = GridFrame.covering(plan.bounds, CELL, 0.5)
+        begun = time.process_time()
+        if method in ("parametric", "generator"):
+            env = episode.env
+            config = realistic(SensingConfig(env.lidar, env.clutter, env.slam), env.odometry)
+            if method == "parametric":
+                grid = deform(plan, from_recorded(path), config, rng).grid
+            else:
+                around = _on_lattice(frame, path.poses[0, :2])
+                result = deform(plan, from_recorded(path), config, rng, around)
+                assert result.scans is not None
+                slam = config.sensing.slam
+                counted = texture_channels(result.scans, result.believed.poses, around, slam)
+                grid = OccupancyGrid(self._generator.draw(counted, style_of(config.sensing), rng), around)
+        else:
+            cad = plan.raster(CELL, frame).cells
+            if method == "elastic":
+                cells = bend(cad, CELL, rng)
+            else:
+                cells = self._modelprog.translate_cells(cad, CELL, drift=rng)
+            grid = OccupancyGrid(cells, frame)
+        return grid, time.process_time() - begun
+
+
+def _on_lattice(frame: GridFrame, start: np.ndarray) -> GridFrame:
+    """A frame with a metre more on all sides whose cell borders meet the robot's start, as a simulated map's do."""
+    x, y = (
+        float(s + np.floor((o - 1.0 - s) / CELL) * CELL)
+        for o, s in zip((frame.origin_x, frame.origin_y), start, strict=True)
+    )
+    return GridFrame(CELL, x, y, frame.height_px + 41, frame.width_px + 41)
+
+
+def simulated(root: Path, record: PairRecord) -> tuple[FloorPlan, Trajectory, OccupancyGrid]:
+    """The plan, the true path and the map of a pair, all in the plan's frame."""
+    folder = Layout(root).episode(record.name)
+    truth, frame = read_tum(folder / "truth.tum"), record.frame
+    x, y, _ = record.start
+    moved = GridFrame(frame.resolution, frame.origin_x + x, frame.origin_y + y, *frame.shape)
+    path = Trajectory(truth.stamps, truth.poses + np.array([x, y, 0.0]))
+    return (
+        read_houseexpo(folder / "plan.json"),
+        path,
+        OccupancyGrid(read_png(Layout(root).image("B", record.name)), moved),
+    )
+
+
+def looks(grid: OccupancyGrid) -> ByteArray:
+    """A map as it is compared."""
+    return at_look_cell(grid.cells, grid.frame.resolution)
+
+
+def disagreement(first: OccupancyGrid, second: OccupancyGrid) -> float:
+    """Share of the cells that either map knows in which the two differ, on the first one's frame."""
+    other = resample_map(second, first.frame)
+    known = (first.cells != UNKNOWN) | (other != UNKNOWN)
+    return float((first.cells != other)[known].mean()) if known.any() else 0.0
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("datasets", nargs="+", metavar="NAME=DATASET")
+    parser.add_argument("--methods", nargs="+", choices=METHODS, default=METHODS)
+    parser.add_argument("--weights", help="of the generator")
+    parser.add_argument("--most", type=int, default=10_000, help="pairs of each dataset")
+    parser.add_argument("--network", action="store_true", help="also judge by a network on patches")
+    arguments = parser.parse_args()
+    maker = Maker(arguments.weights, arguments.methods)
+    rows: list[tuple[object, ...]] = []
+    for spec in arguments.datasets:
+        name, _, folder = spec.partition("=")
+        rows += judge(name, Path(folder), maker, arguments)
+    columns = ("recipe", "maps", "pairs", "trees", "network", "disagreement", "of simulated", "CPU s", "90 %")
+    title = "Telling generated from simulated maps (0.5 is perfect), and diversity"
+    print_and_save("parametric/deform_realism", title, rows, columns)
+
+
+def judge(name: str, root: Path, maker: Maker, arguments: argparse.Namespace) -> list[tuple[object, ...]]:
+    records = list(read_manifest(root))[: arguments.most]
+    true = [simulated(root, record) for record in records]
+    plans = [record.plan_id for record in records]
+    real = [looks(grid) for _, _, grid in true]
+    of_plan: dict[str, list[int]] = {}
+    for index, plan in enumerate(plans):
+        of_plan.setdefault(plan, []).append(index)
+    twice = [indices[:2] for indices in of_plan.values() if len(indices) > 1]
+    spread = np.array([disagreement(true[a][2], true[b][2]) for a, b in twice])
+    own = [look_statistics(cut_to_floor(cells)) for cells in real]
+    null = half_against_half(plans, tree_learner(own), 5, 5)
+    halves = half_against_half(plans, PatchLearner(real), 4, 1) if arguments.network else None
+    rows: list[tuple[object, ...]] = [
+        (name, "simulated, half against half", len(real), shown(null), shown(halves),
+         round(float(spread.mean()), 3) if len(spread) else None, None, None, None)
+    ]  # fmt: skip
+    for method in arguments.methods:
+        made = [
+            maker.make(
+                method, plan, path, apply_conditions(EpisodeConfig(), record.conditions), (record.index, 0)
+            )
+            for (plan, path, _), record in zip(true, records, strict=True)
+        ]
+        cells = [looks(grid) for grid, _ in made]
+        of_second = np.arange(2 * len(real)) >= len(real)
+        statistics = own + [look_statistics(cut_to_floor(one)) for one in cells]
+        trees = distinguish(of_second, plans * 2, tree_learner(statistics), 5, 3).accuracy
+        network = None
+        if arguments.network:
+            network = distinguish(of_second, plans * 2, PatchLearner(real + cells), 4, 1).accuracy
+        differs = np.array([disagreement(made[a][0], made[b][0]) for a, b in twice])
+        ratio = None
+        if len(twice):
+            resampled = np.random.default_rng(0).integers(len(twice), size=(2000, len(twice)))
+            low, high = np.percentile(
+                differs[resampled].mean(axis=1) / spread[resampled].mean(axis=1), [2.5, 97.5]
+            )
+            ratio = f"{differs.mean() / spread.mean():.2f} [{low:.2f}, {high:.2f}]"
+        seconds = [taken for _, taken in made]
+        rows.append(
+            (name, method, len(cells), shown(trees), shown(network),
+             round(float(differs.mean()), 3) if len(differs) else None, ratio,
+             round(float(np.median(seconds)), 3), round(float(np.percentile(seconds, 90)), 3))
+        )  # fmt: skip
+        print(rows[-1], flush=True)
+    return rows
+
+
+def shown(interval: Interval | None) -> str:
+    """An accuracy with its interval."""
+    return "-" if interval is None else f"{interval.value:.2f} [{interval.low:.2f}, {interval.high:.2f}]"
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,257 @@
+"""Environment steps per second of one core, and how that depends on the settings and on the building.
+
+Times are CPU seconds of this process, all its threads together. ``--batch`` measures a batch of environments beside a
+single one, in turns, so that both see the same load of the machine. ``--decisions`` measures the level of decisions
+instead: decisions per CPU second, and what a decision of the pretrained policy costs.
+
+    python benchmarks/simulation/env_steps.py [--batch | --decisions] [--plans procedural]
+"""
+
+import argparse
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import shapely
+
+from slamgym.agents.pretrained_policy import read_policy
+from slamgym.agents.rl.training_envs import draw_plans
+from slamgym.cad import FloorPlan, open_plans
+from slamgym.envs import BatchExploreEnv, ExploreEnv, ExploreFrontiersEnv
+from slamgym.envs.frontier_features import FrontierFeatures
+from slamgym.planning.exploration_loop import ExplorationLoop
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+from report import print_and_save
+
+MODES = ("ground_truth", "dead_reckoning", "scan_matching", "rbpf")
+GOAL = 3000
+"""Steps/s that ground_truth localisation should reach."""
+PLAN = "home_000334"
+COARSE = {"slam": {"resolution": 0.1}, "observation": {"map_resolution": 0.1}}
+DECISION_MODES = {
+    "ground truth, 0.1 m cells (training)": {"localization": "ground_truth", **COARSE},
+    "ground truth, 0.05 m cells": {"localization": "ground_truth"},
+    "particle filter, 0.05 m cells (evaluation)": {"localization": "rbpf"},
+}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--decisions", action="store_true", help="measure decisions instead of steps")
+    parser.add_argument("--batch", action="store_true", help="measure a batch beside a single environment")
+    parser.add_argument("--plans", default="procedural", help="floor plans of --decisions")
+    arguments = parser.parse_args()
+    if arguments.decisions:
+        measure_decisions(arguments.plans)
+    elif arguments.batch:
+        measure_batch()
+    else:
+        measure_steps()
+
+
+def measure_steps() -> None:
+    print_and_save(
+        "simulation/env_steps_modes",
+        f"Environment steps per CPU second, by localisation and observed map (goal: ground_truth {GOAL:,})",
+        list(modes()),
+        ("localisation", "map", "steps/s", "ms per step", "reset ms"),
+        times=("steps/s", "ms per step", "reset ms"),
+    )
+    print_and_save(
+        "simulation/env_steps_growth",
+        "How the cost of a step grows",
+        list(growth()),
+        ("localisation", "what", "value", "steps/s", "ms per step"),
+        times=("steps/s", "ms per step"),
+    )
+    print_and_save(
+        "simulation/env_resets",
+        "Resets",
+        list(resets()),
+        ("plans", "first reset of a plan ms", "later ones ms"),
+        times=("first reset of a plan ms", "later ones ms"),
+    )
+
+
+def modes() -> Iterator[tuple[Any, ...]]:
+    for mode in MODES:
+        for view in ("egocentric", "global"):
+            env = ExploreEnv("bundled", localization=mode, observation={"map": view})
+            rate = steps_per_second(env)
+            yield mode, view, rate, 1e3 / rate, 1e3 * seconds_per_reset(env)
+
+
+def growth() -> Iterator[tuple[Any, ...]]:
+    for particles in (10, 30, 100):
+        yield "rbpf", "particles", particles, *cost(localization="rbpf", slam={"particles": particles})
+    for mode in ("ground_truth", "rbpf"):
+        for beams in (90, 180, 360, 720):
+            yield mode, "beams", beams, *cost(localization=mode, lidar={"num_beams": beams})
+        for pillars in (0, 25, 100, 400):
+            plan = hall_with_pillars(pillars)
+            yield mode, "walls", len(plan.segments()), *cost(plan, localization=mode)
+        for factor in (1.0, 2.0, 4.0):
+            plan = stretched(factor)
+            yield mode, "floor area m2", round(plan.area), *cost(plan, localization=mode)
+
+
+def resets() -> Iterator[tuple[Any, ...]]:
+    env = ExploreEnv("bundled", localization="ground_truth")
+    env.reset(seed=0)
+    begin = time.process_time()
+    names = open_plans("bundled").ids
+    for name in names:
+        env.reset(options={"plan": name})
+    first = (time.process_time() - begin) / len(names)
+    yield f"bundled ({len(names)})", 1e3 * first, 1e3 * seconds_per_reset(env)
+    furnished = ExploreEnv("bundled", localization="ground_truth", clutter={"furniture": 1.0, "people": 2})
+    yield "bundled, furnished again at every reset", None, 1e3 * seconds_per_reset(furnished)
+
+
+def cost(plan: FloorPlan | str = "bundled", **settings: Any) -> tuple[float, float]:
+    rate = steps_per_second(ExploreEnv(plan, **settings))
+    return rate, 1e3 / rate
+
+
+def measure_batch(count: int = 32, turns: int = 3) -> None:
+    """Median rates of turns of half a CPU second, on the observations ``compact``."""
+    rows = []
+    for mode in ("ground_truth", "scan_matching"):
+        for shown in ("egocentric", "global"):
+            settings: dict[str, Any] = {
+                "localization": mode,
+                "observation": {"preset": "compact", "map": shown},
+                "terminate_when_explored": False,
+            }
+            single = ExploreEnv("bundled", **settings)
+            batch = BatchExploreEnv(count, "bundled", autoreset_mode="same_step", **settings)
+            batch.reset(seed=1)
+            batch_rate(batch, 0.5)
+            rates = np.array([(steps_per_second(single, 0.5), batch_rate(batch, 0.5)) for _ in range(turns)])
+            ratios = rates[:, 1] / rates[:, 0]
+            rows.append(
+                [mode, shown, *np.median(rates, axis=0), np.median(ratios), ratios.min(), ratios.max()]
+            )
+    columns = ["localisation", "map", "single steps/s", "batch steps/s", "ratio", "least", "most"]
+    print_and_save(
+        "simulation/env_steps_batch", f"Steps per CPU second, {count} robots in a batch", rows, columns
+    )
+
+
+def batch_rate(env: BatchExploreEnv, seconds: float) -> float:
+    """Wander about as :func:`steps_per_second` does, from where the robots are."""
+    rng, count = np.random.default_rng(0), env.num_envs
+    turns, backs = np.zeros(count), np.zeros(count, dtype=np.bool_)
+    begin, steps = time.process_time(), 0
+    while time.process_time() - begin < seconds:
+        turns = 0.9 * turns + 0.2 * rng.standard_normal(count)
+        actions = np.column_stack([np.where(backs, -1.0, 0.8), np.where(backs, 1.0, turns)])
+        *_, infos = env.step(actions)
+        backs = (infos["reward_terms"]["collision"] < 0.0) & ~backs
+        steps += count
+    return steps / (time.process_time() - begin)
+
+
+def steps_per_second(env: ExploreEnv, seconds: float = 3.0) -> float:
+    """Wander about for some CPU seconds after a warm-up; resets count."""
+    env.reset(seed=1)
+    rng = np.random.default_rng(0)
+    for _ in range(50):
+        env.step(env.action_space.sample())
+    begin, steps, turn = time.process_time(), 0, 0.0
+    while time.process_time() - begin < seconds:
+        for _ in range(50):
+            turn = 0.9 * turn + 0.2 * rng.standard_normal()
+            _, _, terminated, truncated, info = env.step((0.8, turn))
+            if info["reward_terms"]["collision"] < 0.0:
+                env.step((-1.0, 1.0))
+                steps += 1
+            if terminated or truncated:
+                env.reset()
+            steps += 1
+    return steps / (time.process_time() - begin)
+
+
+def seconds_per_reset(env: ExploreEnv, count: int = 40) -> float:
+    for seed in range(5):
+        env.reset(seed=seed)
+    begin = time.process_time()
+    for _ in range(count):
+        env.reset()
+    return (time.process_time() - begin) / count
+
+
+def hall_with_pillars(count: int) -> FloorPlan:
+    """A hall of 20 x 20 m with pillars of 0.2 m on a square grid: four walls each."""
+    side = round(count**0.5)
+    places = [20.0 * (i + 0.5) / side for i in range(side)]
+    pillars = [shapely.box(x - 0.1, y - 0.1, x + 0.1, y + 0.1) for x in places for y in places]
+    return FloorPlan(f"hall_{count}", shapely.box(0, 0, 20, 20).difference(shapely.union_all(pillars)))
+
+
+def stretched(factor: float) -> FloorPlan:
+    """A bundled home, enlarged: the same number of walls on more floor."""
+    source = open_plans("bundled")
+    plan = source.load(PLAN if PLAN in source.ids else source.ids[0])
+    return FloorPlan(f"{plan.id}_x{factor:g}", shapely.affinity.scale(plan.free_space, factor, factor))
+
+
+def measure_decisions(name: str) -> None:
+    """Explore four validation plans of a source in each mode."""
+    cv2.setNumThreads(1)
+    plans = draw_plans([name], "validation", 4)
+    scorer = read_policy().scorer()
+    rows = []
+    for mode, settings in DECISION_MODES.items():
+        env = ExploreFrontiersEnv(plans, time_limit=600.0, **settings)
+        env.reset(seed=0)
+        env.step(0)  # compiles
+        spent, decisions, lasting = 0.0, 0, 0.0
+        clocks: list[float] = []
+        for seed, plan in enumerate(plans):
+            begin = time.process_time()
+            observation, _ = env.reset(seed=seed, options={"plan": plan})
+            over = False
+            while not over:
+                clocks.append(cost_of_choosing(env.loop, scorer))
+                observation, _, terminated, truncated, info = env.step(scorer.choose(observation))
+                over, decisions, lasting = terminated or truncated, decisions + 1, lasting + info["duration"]
+            spent += time.process_time() - begin
+        spent -= sum(clocks)
+        rows.append(
+            [
+                mode,
+                round(decisions / spent),
+                round(lasting / decisions, 1),
+                round(1e3 * float(np.mean(clocks)), 1),
+                round(1e3 * float(np.quantile(clocks, 0.99)), 1),
+            ]
+        )
+    columns = [
+        "mode",
+        "decisions / CPU s",
+        "s of robot time each",
+        "choosing, mean [ms]",
+        "choosing, p99 [ms]",
+    ]
+    times = [column for column in columns[1:] if column != "s of robot time each"]
+    print_and_save("simulation/decision_rate", "Decisions on four validation plans", rows, columns, times)
+
+
+def cost_of_choosing(loop: ExplorationLoop, scorer: object) -> float:
+    """CPU time of features and network for the loop's candidates [s]."""
+    begin = time.process_time()
+    observation = FrontierFeatures(loop.config.max_candidates).observe(loop)
+    scorer.choose(observation)  # type: ignore[attr-defined]
+    return time.process_time() - begin
+
+
+if __name__ == "__main__":
+    main()

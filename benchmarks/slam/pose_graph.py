@@ -1,0 +1,146 @@
+"""Accuracy and time of ``pose_graph`` beside the particle filter, on recorded and simulated logs.
+
+    python benchmarks/slam/pose_graph.py LOGS [--seeds 3] [--episodes DATASET/episodes]
+
+Real logs have no truth. ``at scans`` is the error over the reference relations (``NAME.relations`` beside
+``NAME.log.gz``) whose moments are those of scans; ``revisit`` is the mean distance between what different
+passes through a place saw. Episodes of ``slamgym generate`` have a truth; for them the ATE after alignment is
+given.
+"""
+
+import argparse
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from slamgym.core.geometry import between, compose
+from slamgym.core.types import Pose2D
+from slamgym.interop import Log, LogRecord, open_log, read_relations, read_truth
+from slamgym.metrics import absolute_trajectory_error, end_points, relation_error, revisit_disagreement
+from slamgym.slam.replay import ReplayResult, replay, settings_for
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+from report import print_and_save
+
+REVISIT_GAP = 60
+"""Scans further apart than this belong to different passes."""
+REVISIT_RANGE = 20.0
+CASES = (("rbpf", 30), ("rbpf", 50), ("pose_graph", 1))
+COLUMNS = (
+    "log",
+    "mode",
+    "relations [m]",
+    "rotation [deg]",
+    "revisit [m]",
+    "worst revisit [m]",
+    "CPU [s]",
+    "ms per scan",
+)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("logs", type=Path)
+    parser.add_argument("--seeds", type=int, default=3)
+    parser.add_argument("--episodes", type=Path)
+    arguments = parser.parse_args()
+    rows = [
+        real_row(path, mode, particles, arguments.seeds)
+        for path in sorted(arguments.logs.glob("*.log.gz"))
+        for mode, particles in CASES
+    ]
+    title = f"recorded logs, means over {arguments.seeds} seeds (rbpf) or disturbed odometries (pose_graph)"
+    print_and_save("slam/pose_graph", title, rows, COLUMNS, times=("CPU [s]",))
+    if arguments.episodes is not None:
+        folders = sorted(path for path in arguments.episodes.iterdir() if path.is_dir())
+        episodes = [episode_row(folder) for folder in folders]
+        print_and_save(
+            "slam/pose_graph_simulated",
+            "simulated episodes: ATE [m] and CPU [s]",
+            episodes,
+            tuple(episodes[0]),
+            times=[column for column in episodes[0] if "CPU [s]" in column],
+        )
+
+
+def real_row(path: Path, mode: str, particles: int, seeds: int) -> dict[str, Any]:
+    """One log in one mode. ``pose_graph`` has no randomness of its own: later runs disturb the odometry."""
+    log = open_log(path)
+    config = settings_for(log.geometry, {"mode": mode, "particles": particles})
+    replay(replace(log, records=log.records[:5]), config, np.random.default_rng(0))  # compiles the kernels
+    results = [
+        replay(
+            disturbed(log, seed) if mode == "pose_graph" and seed else log,
+            config,
+            np.random.default_rng(seed),
+        )
+        for seed in range(seeds)
+    ]
+    relations_file = path.with_name(path.name.removesuffix(".log.gz") + ".relations")
+    at_scans = rotation = None
+    if relations_file.exists():
+        relations = read_relations(relations_file)
+        errors = [relation_error(result.moments, *relations) for result in results]
+        at_scans = round(float(np.mean([error.translation.mean for error in errors])), 4)
+        rotation = round(float(np.degrees(np.mean([error.rotation.mean for error in errors]))), 2)
+    revisits = [revisit(log, result) for result in results]
+    return {
+        "log": path.name.removesuffix(".log.gz"),
+        "mode": f"rbpf, {particles} particles" if mode == "rbpf" else mode,
+        "relations [m]": at_scans,
+        "rotation [deg]": rotation,
+        "revisit [m]": round(float(np.mean(revisits)), 4),
+        "worst revisit [m]": round(max(revisits), 4),
+        "CPU [s]": round(float(np.mean([result.stats.cpu_seconds for result in results])), 1),
+        "ms per scan": round(float(np.mean([r.stats.cpu_ms_per_processed_scan for r in results])), 2),
+    }
+
+
+def revisit(log: Log, result: ReplayResult) -> float:
+    """Mean disagreement between passes [m]."""
+    angles = log.geometry.angles + log.geometry.mount.theta
+    points, owners = end_points(
+        np.array([record.scan.ranges for record in log], dtype=np.float64),
+        np.column_stack([np.cos(angles), np.sin(angles)]),
+        np.array(log.geometry.mount[:2]),
+        result.trajectory.poses,
+        REVISIT_RANGE,
+    )
+    return revisit_disagreement(points, owners, gap=REVISIT_GAP).mean
+
+
+def disturbed(log: Log, seed: int) -> Log:
+    """The log with worse odometry: 2 % scale, 0.6 deg/m bias, 3 % and 1 deg/m noise (standard deviations)."""
+    rng = np.random.default_rng(seed)
+    scale, bias = 1.0 + 0.02 * rng.standard_normal(), 0.01 * rng.standard_normal()
+    pose = last = log.records[0].odometry
+    records: list[LogRecord] = []
+    for record in log:
+        step, last = between(last, record.odometry), record.odometry
+        length = float(np.hypot(step.x, step.y))
+        noise = length * np.array([0.03, 0.02, 0.02]) * rng.standard_normal(3)
+        turn = step.theta * (1.0 + 0.02 * rng.standard_normal()) + bias * length + noise[2]
+        pose = compose(pose, Pose2D(scale * step.x + noise[0], step.y + noise[1], turn))
+        records.append(LogRecord(record.stamp, pose, record.scan))
+    return replace(log, records=records)
+
+
+def episode_row(folder: Path) -> dict[str, Any]:
+    """One simulated exploration in all modes."""
+    log, truth = open_log(folder), read_truth(folder)
+    assert truth is not None, f"{folder} has no truth.tum"
+    row: dict[str, Any] = {"episode": folder.name, "path [m]": round(truth.length)}
+    for mode, particles in (("dead_reckoning", 1), *CASES[1:]):
+        config = settings_for(log.geometry, {"mode": mode, "particles": particles})
+        result = replay(log, config, np.random.default_rng(0))
+        error = absolute_trajectory_error(result.trajectory, truth)
+        row[f"{mode} ATE [m]"] = round(error.translation.rmse, 3)
+        row[f"{mode} CPU [s]"] = round(result.stats.cpu_seconds, 1)
+    return row
+
+
+if __name__ == "__main__":
+    main()
