@@ -196,7 +196,7 @@ def open_recipe(spec: str) -> Recipe:
             value.
     """
     path = Path(spec)
-    if not path.suffix and not path.exists():
+    if not path.suffix and not path.is_file():
         names = [known.stem for known in RECIPES.glob("*.yaml")]
         if spec not in names:
             raise ConfigError(f"no recipe {spec!r}; {suggest(spec, names)} (or give a .yaml or .json file)")

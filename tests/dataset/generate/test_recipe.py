@@ -12,6 +12,7 @@ from slamgym.cad import generate_plan
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.dataset.generate.build import DatasetConfig
 from slamgym.dataset.generate.recipe import (
+    RECIPES,
     Choice,
     Recipe,
     apply_conditions,
@@ -158,6 +159,12 @@ def test_unknown_recipes_and_missing_files_are_named(tmp_path):
         open_recipe("refrence")
     with pytest.raises(InputFileError, match=r"gone\.yaml"):
         open_recipe(str(tmp_path / "gone.yaml"))
+
+
+def test_a_folder_of_a_recipes_name_does_not_hide_the_recipe(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "reference").mkdir()  # what `generate --recipe reference --out reference` has begun
+    assert open_recipe("reference").factors == open_recipe(str(RECIPES / "reference.yaml")).factors
 
 
 def test_a_setting_that_the_recipe_would_draw_over_is_refused():
