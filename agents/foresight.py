@@ -14,8 +14,18 @@ from typing import NamedTuple
 
 import numpy as np
 
+from slamgym.core.grids import paste
 from slamgym.core.provenance import check_origin
-from slamgym.core.types import FREE, OCCUPIED, Float32Array, FloatArray, GridFrame, OccupancyGrid, Pose2D
+from slamgym.core.types import (
+    FREE,
+    OCCUPIED,
+    UNKNOWN,
+    Float32Array,
+    FloatArray,
+    GridFrame,
+    OccupancyGrid,
+    Pose2D,
+)
 from slamgym.planning.exploration_loop import ExplorationLoop
 
 WEIGHTS = Path(__file__).parent / "pretrained" / "foresight.safetensors"
@@ -142,14 +152,9 @@ def window_about(grid: OccupancyGrid, pose: Pose2D) -> tuple[Float32Array, GridF
     size = WINDOW_PX * ratio
     top = round((fine.origin_y + fine.height_px * fine.resolution - bottom) / fine.resolution) - size
     first = round((left - fine.origin_x) / fine.resolution)
-    shares = np.zeros((2, size, size), np.float32)
-    rows = slice(max(0, top), min(fine.height_px, top + size))
-    cols = slice(max(0, first), min(fine.width_px, first + size))
-    if rows.stop > rows.start and cols.stop > cols.start:
-        cells = grid.cells[rows, cols]
-        inside = (slice(rows.start - top, rows.stop - top), slice(cols.start - first, cols.stop - first))
-        for index, value in enumerate((FREE, OCCUPIED)):
-            shares[index][inside] = cells == value
+    cells = np.full((size, size), UNKNOWN, np.uint8)
+    paste(cells, grid.cells, top, first)
+    shares = np.stack([cells == FREE, cells == OCCUPIED]).astype(np.float32)
     return shares.reshape(2, WINDOW_PX, ratio, WINDOW_PX, ratio).mean(axis=(2, 4)), frame
 
 

@@ -20,6 +20,7 @@ from slamgym.core.documents import load_json
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.files import open_regular, require_file, write_bytes, write_text
 from slamgym.core.limits import WEIGHT_BYTES
+from slamgym.core.markdown import markdown
 from slamgym.core.names import is_file_name
 from slamgym.core.progress import duration
 from slamgym.core.provenance import check_origin, write_checksums
@@ -179,7 +180,7 @@ def find_weights(name_or_path: str | Path) -> Path:
 
 def model_card(name: str, generator: Generator, config: TranslatorConfig, card: ModelCard) -> str:
     """The model card in Markdown."""
-    figures = "\n".join(f"| {key} | {value:.4g} |" for key, value in card.figures.items())
+    figures = [(key, f"{value:.4g}") for key, value in card.figures.items()]
     low, middle, high = config.metres_per_px
     return (
         f"# {name}\n\n"
@@ -194,7 +195,7 @@ def model_card(name: str, generator: Generator, config: TranslatorConfig, card: 
         f"- Command: `{card.command or 'not recorded'}`\n\n"
         "## Figures on held-out pairs at the end of the training\n\n"
         "Not aligned; `slamgym gan evaluate` gives those of the paper's protocol.\n\n"
-        f"| figure | value |\n|---|---|\n{figures}\n\n"
+        f"{markdown(('figure', 'value'), figures)}\n"
         "## Limits\n\n"
         "Trained on simulated explorations of homes and offices by a robot with a 2D scanner. "
         f"{_limits(config)}\n"

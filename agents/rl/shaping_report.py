@@ -8,6 +8,7 @@ import numpy as np
 from slamgym.agents.rl.reward_shaping import ShapingRun
 from slamgym.core.files import write_text
 from slamgym.core.intervals import Interval, crossed_mean, crossed_ratio, mean_band
+from slamgym.core.markdown import markdown
 from slamgym.core.types import FloatArray
 from slamgym.viz.plots import Curve, CurvePanel, Spread, plot_curves, plot_spreads
 
@@ -58,7 +59,7 @@ def table(runs: Sequence[ShapingRun]) -> str:
         f"time 99 / {reference}",
         f"error / {reference}",
     ]
-    lines = ["| " + " | ".join(headings) + " |", "|" + "---|" * len(headings)]
+    rows = []
     for name in names:
         own = [run for run in runs if run.preset == name]
         cells = [name, str(len(own))]
@@ -69,10 +70,11 @@ def table(runs: Sequence[ShapingRun]) -> str:
         for field in ("time_99", "map_error"):
             ratio = crossed_ratio(_outcomes(own, field), _outcomes(base, field))
             cells.append(_cell(ratio, "{:.2f}", min(len(own), len(base))))
-        lines.append("| " + " | ".join(cells) + " |")
+        rows.append(cells)
+    text = markdown(headings, rows)
     if any(sum(run.preset == name for run in runs) < 2 for name in names):
-        lines.append("\nNo interval where there is one seed: it would not show how much trainings differ.")
-    return "\n".join(lines) + "\n"
+        text += "\nNo interval where there is one seed: it would not show how much trainings differ.\n"
+    return text
 
 
 def draw_curves(runs: Sequence[ShapingRun], path: Path) -> None:

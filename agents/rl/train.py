@@ -36,6 +36,12 @@ from slamgym.core.errors import ConfigError
 from slamgym.core.progress import say
 from slamgym.envs import RewardFunction
 
+_LOGGED = {
+    "rollout/episode_seconds": "time",
+    "rollout/episode_metres": "path_length",
+    "rollout/episode_coverage": "coverage",
+}
+
 
 def train(
     config: TrainConfig, out: Path, reward_terms: Mapping[str, tuple[float, RewardFunction]] | None = None
@@ -121,7 +127,7 @@ def _callbacks(config: TrainConfig, out: Path, model: BaseAlgorithm) -> list[Bas
         FollowCurriculum(config),
         SaveCheckpoints(out, config.checkpoint_every),
         SemiMarkovDiscounting(),
-        LogEpisodes(),
+        LogEpisodes(_LOGGED),
     ]
     if config.evaluate_every:
         plans = draw_plans(config.plans, "validation", config.evaluate_plans)

@@ -3,6 +3,7 @@
 import csv
 import io
 import json
+import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -111,17 +112,25 @@ class SaveCheckpoints(BaseCallback):
 
 
 class LogEpisodes(BaseCallback):
-    """Logs what the latest episodes of training took, whatever the reward."""
+    """Logs means over the latest episodes of training, whatever the reward, and the CPU time so far.
+
+    Args:
+        means: What is logged, name to the key of an episode's record.
+    """
+
+    def __init__(self, means: Mapping[str, str]) -> None:
+        super().__init__()
+        self._means = means
 
     def _on_step(self) -> bool:
         return True
 
     def _on_rollout_end(self) -> None:
         episodes = list(self.model.ep_info_buffer or [])
-        for name, key in (("seconds", "time"), ("metres", "path_length"), ("coverage", "coverage")):
+        for name, key in self._means.items():
             if episodes:
-                mean = sum(episode[key] for episode in episodes) / len(episodes)
-                self.logger.record(f"rollout/episode_{name}", mean)
+                self.logger.record(name, sum(episode[key] for episode in episodes) / len(episodes))
+        self.logger.record("time/cpu_seconds", time.process_time())
 
 
 class ShowProgress(BaseCallback):

@@ -18,7 +18,12 @@ from slamgym import __version__
 from slamgym.agents.rl.batch_vec_env import BatchVecEnv
 from slamgym.agents.rl.run_folder import begin_run, go_on, learn, log_into_run
 from slamgym.agents.rl.train_config import BEST, POLICY
-from slamgym.agents.rl.training_callbacks import SaveCheckpoints, append_validation, read_validation
+from slamgym.agents.rl.training_callbacks import (
+    LogEpisodes,
+    SaveCheckpoints,
+    append_validation,
+    read_validation,
+)
 from slamgym.agents.rl.training_envs import draw_plans
 from slamgym.agents.wheels.config import WheelsConfig
 from slamgym.agents.wheels.policy import CLIP, WheelsPolicy, write_wheels
@@ -26,6 +31,7 @@ from slamgym.agents.wheels.validation import make_batch, validate_wheels
 from slamgym.core.config import to_dict
 from slamgym.core.progress import say
 
+_LOGGED = {f"rollout/{key}": key for key in ("coverage", "collisions")}
 CONTACT_PRICE = 0.02
 """What a contact in five minutes takes off the coverage when the best weights are chosen."""
 _FIRST_SPEED = (
@@ -74,7 +80,7 @@ def train_wheels(config: WheelsConfig, out: Path) -> PPO:
 
 
 def _callbacks(config: WheelsConfig, out: Path) -> list[BaseCallback]:
-    callbacks: list[BaseCallback] = [SaveCheckpoints(out, config.checkpoint_every), LogDriving()]
+    callbacks: list[BaseCallback] = [SaveCheckpoints(out, config.checkpoint_every), LogEpisodes(_LOGGED)]
     return [*callbacks, ValidateWheels(config, out)] if config.evaluate_every else callbacks
 
 
@@ -122,22 +128,6 @@ def exported(config: WheelsConfig, model: PPO) -> WheelsPolicy:
         "training": to_dict(config),
     }
     return WheelsPolicy(config.network, weights, about)
-
-
-class LogDriving(BaseCallback):
-    """Logs what the latest episodes of training saw, and how often they touched something."""
-
-    def _on_step(self) -> bool:
-        return True
-
-    def _on_rollout_end(self) -> None:
-        episodes = list(self.model.ep_info_buffer or [])
-        for key in ("coverage", "collisions"):
-            if episodes:
-                self.logger.record(
-                    f"rollout/{key}", sum(episode[key] for episode in episodes) / len(episodes)
-                )
-        self.logger.record("time/cpu_seconds", time.process_time())
 
 
 class ValidateWheels(BaseCallback):

@@ -14,8 +14,9 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from slamgym.core.markdown import markdown
 from slamgym.gan.evaluation.realism import medians_table, realism_table
-from slamgym.gan.evaluation.summary import main_table, markdown
+from slamgym.gan.evaluation.summary import main_table
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from report import RESULTS

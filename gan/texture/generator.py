@@ -13,6 +13,7 @@ from slamgym.core.config import from_dict, to_dict
 from slamgym.core.documents import load_json
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.files import require_file, write_bytes
+from slamgym.core.grids import paste
 from slamgym.core.limits import WEIGHT_BYTES
 from slamgym.core.provenance import check_origin
 from slamgym.core.types import UNKNOWN, ByteArray, Float32Array
@@ -59,13 +60,11 @@ class TextureGenerator:
         # One field of dice for the whole map, so that tiles agree.
         dice = rng.gumbel(size=(len(CLASSES), down, along)).astype(np.float32)
         canvas = np.zeros((3, down + 2 * _HALO, along + 2 * _HALO), np.float32)
-        _paste(canvas, counted, top - _HALO, left - _HALO)
+        paste(canvas, counted, top - _HALO, left - _HALO)
         classes = self._drawn(canvas, torch.from_numpy(style), passes, dice)
         drawn = np.array(CLASSES, dtype=np.uint8)[classes]
-        at_row, at_col = max(0, top), max(0, left)
-        part = drawn[at_row - top : height - top, at_col - left : width - left]
         out = np.full((height, width), UNKNOWN, np.uint8)
-        out[at_row : at_row + part.shape[0], at_col : at_col + part.shape[1]] = part
+        paste(out, drawn, -top, -left)
         return out
 
     @torch.inference_mode()
@@ -102,16 +101,6 @@ class TextureGenerator:
         counted = torch.from_numpy(np.ascontiguousarray(canvas))[None].to(torch.bfloat16)
         counted = counted.to(memory_format=torch.channels_last)
         return self._network.trunk(counted, style[None].to(torch.bfloat16))
-
-
-def _paste(canvas: Float32Array, picture: Float32Array, top: int, left: int) -> None:
-    """Fill a canvas whose corner lies at (top, left) of a picture, as far as the picture reaches."""
-    height, width = canvas.shape[1:]
-    rows = slice(max(0, top), min(picture.shape[1], top + height))
-    cols = slice(max(0, left), min(picture.shape[2], left + width))
-    canvas[:, rows.start - top : rows.stop - top, cols.start - left : cols.stop - left] = picture[
-        :, rows, cols
-    ]
 
 
 def save_texture(path: Path, network: TextureNetwork, facts: dict[str, object]) -> None:

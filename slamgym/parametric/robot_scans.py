@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import shapely
 
+from slamgym.core.grids import paste
 from slamgym.core.types import (
     UNKNOWN,
     ByteArray,
@@ -178,10 +179,7 @@ def _counts(
 
 def _placed(cells: np.ndarray, x: float, y: float, frame: GridFrame, outside: int) -> np.ndarray:
     """Cells (H, W), row 0 at the top, whose lower left corner lies (x, y) [m] from the frame's, cut to the frame."""
-    height, width = cells.shape
-    padded = np.pad(cells, 1, constant_values=outside)
+    placed = np.full((frame.height_px, frame.width_px), outside, cells.dtype)
     left, bottom = round(x / frame.resolution), round(y / frame.resolution)
-    top = frame.height_px - bottom - height
-    rows = np.clip(np.arange(frame.height_px) - top + 1, 0, height + 1)
-    cols = np.clip(np.arange(frame.width_px) - left + 1, 0, width + 1)
-    return padded[rows[:, None], cols]
+    paste(placed, cells, bottom + len(cells) - frame.height_px, -left)
+    return placed

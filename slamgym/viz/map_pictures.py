@@ -6,6 +6,7 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 
+from slamgym.core.grids import paste
 from slamgym.core.types import ByteArray, FloatArray, GridFrame, OccupancyGrid
 from slamgym.viz.canvas import (
     PAPER,
@@ -103,9 +104,8 @@ class GrowingView:
         view = page[: VIEW_HEIGHT - FOOTER_PX]
         view[:] = UNKNOWN_TINT
         left, top = (grid.frame.bounds[0] - min_x) * scale, (max_y - grid.frame.bounds[3]) * scale
-        _paste(
-            view, rescaled(colour_cells(grid.cells), scale * grid.frame.resolution), round(top), round(left)
-        )
+        cells = rescaled(colour_cells(grid.cells), scale * grid.frame.resolution)
+        paste(np.moveaxis(view, 2, 0), np.moveaxis(cells, 2, 0), -round(top), -round(left))
         best, *others = (frame_pixels(path, frame, scale * frame.resolution) for path in paths)
         for pixels in others:
             cv2.polylines(view, [fixed_point(pixels)], False, PARTICLE, 1, cv2.LINE_AA, SHIFT)
@@ -140,14 +140,6 @@ def _draw_gradient_path(picture: ByteArray, pixels: FloatArray, thickness: int) 
     for (col, row), colour in ((fixed[0], PATH_START), (fixed[-1], PATH_END)):
         size = (3 * thickness) << SHIFT
         cv2.circle(picture, (int(col), int(row)), size, colour, -1, cv2.LINE_AA, SHIFT)
-
-
-def _paste(picture: ByteArray, patch: ByteArray, top: int, left: int) -> None:
-    height, width = picture.shape[:2]
-    rows = slice(max(top, 0), min(top + patch.shape[0], height))
-    cols = slice(max(left, 0), min(left + patch.shape[1], width))
-    if rows.start < rows.stop and cols.start < cols.stop:
-        picture[rows, cols] = patch[rows.start - top : rows.stop - top, cols.start - left : cols.stop - left]
 
 
 def _draw_footer(page: ByteArray, metres_per_px: float, caption: str) -> None:

@@ -87,7 +87,7 @@ def main(argv: list[str]) -> int:
     figures += _test_by_network(report, arguments.network)
     out = arguments.out
     write_text(out / "realism.json", json.dumps(to_json(report), indent=1) + "\n")
-    write_text(out / "realism.md", to_markdown(report) + "\n")
+    write_text(out / "realism.md", to_markdown(report))
     write_picture(out / "realism.png", stack_figures(figures))
     write_text(out / "realism.html", realism_page(report, figures))
     if arguments.mixed:

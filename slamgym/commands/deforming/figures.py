@@ -15,6 +15,7 @@ from slamgym.commands.deforming.arguments import DeformArguments, Method
 from slamgym.commands.deforming.dataset import staged_folder
 from slamgym.commands.deforming.hypotheses import hypotheses, load_plan, square_around, textured
 from slamgym.core.files import write_text
+from slamgym.core.markdown import markdown
 from slamgym.core.types import UNKNOWN, ByteArray, Float32Array, GridFrame, Trajectory
 from slamgym.dataset.generate.recipe import episode_conditions, open_recipe
 from slamgym.dataset.images.square_images import resample_map
@@ -57,10 +58,8 @@ def draw_figures(arguments: DeformArguments) -> None:
     The true path is Explore Lite's in the simulator, by the recipe that the arguments name, else by its defaults.
     """
     rows: dict[str, list[list[ByteArray]]] = {name: [] for name in _TITLES}
-    table = [
-        "| plan | conversion | map px | CPU seconds | paper, seconds (Matlab) |",
-        "|---|---|---|---|---|",
-    ]
+    headings = ("plan", "conversion", "map px", "CPU seconds", "paper, seconds (Matlab)")
+    table: list[list[str]] = []
     with staged_folder(arguments.out, arguments.overwrite) as folder:
         for number in range(arguments.count):
             plan = load_plan(arguments, number)
@@ -75,7 +74,7 @@ def draw_figures(arguments: DeformArguments) -> None:
             table += _times(plan, episode, arguments.seed)
         for name, pictures in rows.items():
             write_picture(folder / f"{name}.png", draw_grid(_TITLES[name], pictures, panel_px=DEFORMATION_PX))
-        write_text(folder / "table2.md", "\n".join(table) + "\n")
+        write_text(folder / "table2.md", markdown(headings, table))
     sys.stdout.write(f"{arguments.count} plan(s): {arguments.out}\n")
 
 
@@ -137,7 +136,7 @@ def _rows(
     }
 
 
-def _times(plan: FloorPlan, episode: Episode, seed: int) -> list[str]:
+def _times(plan: FloorPlan, episode: Episode, seed: int) -> list[list[str]]:
     """Rows of Table II: CPU time of one map, its kernels compiled."""
     path = from_recorded(_true_path(episode))
     rows = []
@@ -150,7 +149,7 @@ def _times(plan: FloorPlan, episode: Episode, seed: int) -> list[str]:
             begun = time.process_time()
             deform(plan, path, config, np.random.default_rng(seed), frame)
             seconds.append(time.process_time() - begun)
-        rows.append(f"| {plan.id} | {conversion} | {side} | {min(seconds):.3f} | {paper or '-'} |")
+        rows.append([plan.id, conversion, str(side), f"{min(seconds):.3f}", paper or "-"])
     return rows
 
 

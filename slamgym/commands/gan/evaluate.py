@@ -14,6 +14,7 @@ from slamgym import __version__
 from slamgym.commands.gan.arguments import EvaluateTranslatorsArguments
 from slamgym.core.errors import ConfigError
 from slamgym.core.files import write_text
+from slamgym.core.markdown import markdown
 from slamgym.core.progress import say, show_progress
 from slamgym.core.types import ByteArray
 from slamgym.gan.data import PairSet, image_side, load_pairs, true_faces
@@ -48,7 +49,6 @@ from slamgym.gan.evaluation.realism import (
 from slamgym.gan.evaluation.summary import (
     dimensions_table,
     main_table,
-    markdown,
     scores_csv,
     summarise_scores,
     table_one,

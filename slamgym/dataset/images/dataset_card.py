@@ -13,6 +13,7 @@ import numpy as np
 
 from slamgym import __version__
 from slamgym.core.files import replace_file
+from slamgym.core.markdown import markdown
 from slamgym.dataset.faults import MapFault
 from slamgym.dataset.format import SIDES
 from slamgym.dataset.images.format import SPLITS, ImageLayout, ImageRecord
@@ -70,9 +71,9 @@ def _card(
     }
     counts = Counter(record.split for record in records)
     plans = {split: {r.plan_id for r in records if r.split == split} for split in SPLITS}
-    table = "\n".join(
-        f"| {split} | {counts[split]} | {len(plans[split])} | {_percent(records, split)} | {_metres(records, split)} |"
-        for split in SPLITS
+    table = markdown(
+        ("side", "pairs", "plans", "coverage, median", "position error, median"),
+        [(s, str(counts[s]), str(len(plans[s])), _percent(records, s), _metres(records, s)) for s in SPLITS],
     )
     images = settings["images"]
     reasons = Counter(fault.reason for fault in left_out.values())
@@ -94,10 +95,7 @@ slamgym {__version__} from a dataset whose manifest has the SHA-256 `{source}`.
 
 All images are {images["size"]} x {images["size"]} pixels, one channel of 8 bits; {scale} (`metres_per_px`).
 
-| side | pairs | plans | coverage, median | position error, median |
-|---|---|---|---|---|
 {table}
-
 The sides are split by floor plan, and plans that look alike are on one side. Pairs left out: {missing}.
 
 ## Files

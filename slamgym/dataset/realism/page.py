@@ -7,6 +7,7 @@ from typing import Any
 
 from slamgym import __version__
 from slamgym.core.intervals import Interval
+from slamgym.core.markdown import markdown
 from slamgym.dataset.realism.comparison import SetTestRow, StatisticRow
 from slamgym.dataset.realism.map_sets import MapSet
 from slamgym.dataset.realism.pictures import Figure
@@ -76,13 +77,7 @@ def to_json(report: RealismReport) -> dict[str, Any]:
 
 def to_markdown(report: RealismReport) -> str:
     """Both tables as Markdown."""
-    return "\n\n".join(
-        "\n".join(
-            ["| " + " | ".join(headings) + " |", "|---" * len(headings) + "|"]
-            + ["| " + " | ".join(row) + " |" for row in rows]
-        )
-        for headings, rows in (statistics_table(report, distances=False), tests_table(report))
-    )
+    return markdown(*statistics_table(report, distances=False)) + "\n" + markdown(*tests_table(report))
 
 
 def statistics_table(report: RealismReport, distances: bool = True) -> tuple[list[str], list[list[str]]]:
