@@ -103,7 +103,12 @@ def make_explorer(
 
 def _own(spec: str, context: ExplorerContext, seed: int, promise: Promise | None) -> BatchedExplorer:
     """An explorer that a function of the user's own makes."""
-    explorer: BatchedExplorer = own_function(spec, "the explorer")(context, seed, promise)
+    try:
+        explorer: BatchedExplorer = own_function(spec, "the explorer")(context, seed, promise)
+    except TypeError as error:
+        raise ConfigError(
+            f"the explorer {spec!r} can't be made ({error}); its function takes context, seed and promise"
+        ) from error
     for name in ("predict", "finished", "decisions", "fingerprint"):
         if not hasattr(explorer, name):
             raise ConfigError(

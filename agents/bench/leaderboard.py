@@ -114,9 +114,9 @@ def _table(runs: Sequence[BenchResult], field: str) -> FloatArray:
     return np.array([[figure(row) for row in result.rows] for result in runs])
 
 
-def describe_boards(boards: Sequence[TrackBoard], manifest: Manifest) -> str:
+def leaderboard_page(boards: Sequence[TrackBoard], manifest: Manifest) -> str:
     """The leaderboard as a Markdown page."""
-    parts = [
+    head = [
         "# Leaderboard\n",
         f"{BENCH} {BENCH_VERSION}, manifest SHA-256 `{manifest.sha256}`. What is measured, and how to enter an "
         "explorer, is in [the benchmark](bench.md). `slamgym bench leaderboard` makes this page from the result "
@@ -126,13 +126,18 @@ def describe_boards(boards: Sequence[TrackBoard], manifest: Manifest) -> str:
         "success reaches 95 %. *Quicker*: probability of being done sooner than "
         f"`{REFERENCE}` on the same plan. Intervals are 95 %.\n",
     ]
+    return "\n".join(head) + "\n" + describe_boards(boards)
+
+
+def describe_boards(boards: Sequence[TrackBoard]) -> str:
+    """The tables alone, as Markdown."""
+    parts = []
     for board in boards:
-        subset = (
-            f", quick subset of {board.explorations}: shows that it runs, ranks nobody" if board.quick else ""
-        )
+        subset = f", quick subset of {board.explorations}" if board.quick else ""
+        remark = "; it shows that things run, and ranks nobody" if board.quick else ""
         parts += [
             f"## {board.track}{subset}\n",
-            f"{board.about[0].upper()}{board.about[1:]}; {board.explorations} explorations.\n",
+            f"{board.about[0].upper()}{board.about[1:]}; {board.explorations} explorations{remark}.\n",
             _board_table(board) + "\n",
         ]
     return "\n".join(parts)

@@ -74,21 +74,21 @@ def run_command(argv: list[str]) -> int:
         result = bench_result(evaluation, bench, track, source, arguments.entry or arguments.explorer)
         results.append(result)
         say(f"result: {write_result(result, arguments.out)}")
-    sys.stdout.write(describe_boards(rank(results, bench), bench))
+    sys.stdout.write(describe_boards(rank(results, bench)))
     return 0
 
 
 def leaderboard_command(argv: list[str]) -> int:
     """Run ``slamgym bench leaderboard``; returns the exit code."""
     arguments = tyro.cli(LeaderboardArguments, args=argv, prog="slamgym bench leaderboard")
-    from slamgym.agents.bench.leaderboard import boards_as_json, describe_boards, rank
+    from slamgym.agents.bench.leaderboard import boards_as_json, leaderboard_page, rank
     from slamgym.agents.bench.manifest import read_bench
     from slamgym.agents.bench.results import read_results
     from slamgym.core.files import write_text
 
     bench = read_bench()
     boards = rank(read_results(arguments.results, bench), bench)
-    page = describe_boards(boards, bench)
+    page = leaderboard_page(boards, bench)
     write_text(arguments.out, page)
     write_text(arguments.out.with_suffix(".json"), boards_as_json(boards, bench))
     sys.stdout.write(page)
