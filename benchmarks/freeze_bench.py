@@ -193,7 +193,9 @@ def freeze(track: Track, plans: Sequence[FloorPlan]) -> Track:
         env.reset(seed=seed, options={"plan": plan})
         x, y, theta = env.start
         building = Building(plan_id, outline_hash(plan), seed, (round(x, 3), round(y, 3), round(theta, 4)))
-        env.reset(seed=seed, options={"plan": plan, "start": building.start})  # rounding may have moved it into a wall
+        env.reset(
+            seed=seed, options={"plan": plan, "start": building.start}
+        )  # rounding may have moved it into a wall
         faces = furniture_of(plan, seed, track)
         buildings.append(
             building if track.clutter.is_empty else dataclasses.replace(building, furniture=faces)

@@ -12,7 +12,7 @@ from typing import Any
 from slamgym import __version__
 from slamgym.agents.bench.manifest import BENCH, BENCH_VERSION, Manifest, Track, bench_tasks
 from slamgym.agents.evaluation.coverage_curve import horizon
-from slamgym.agents.evaluation.evaluate import Evaluation, EvaluationConfig, run_tasks
+from slamgym.agents.evaluation.evaluate import Evaluation, EvaluationConfig, run_trials
 from slamgym.agents.evaluation.summary import DONE, censored, succeeded
 from slamgym.agents.evaluation.trial import FailedTrial, Trial
 from slamgym.cad import PlanSource
@@ -105,7 +105,7 @@ def run_bench(
     """
     tasks = bench_tasks(track, source, explorer)
     config = EvaluationConfig(explorers=(explorer,), split=None, plans_filter="none", trial=track.trial)
-    return run_tasks(tasks, config, out, workers, engine=engine, task_timeout=task_timeout)
+    return run_trials(tasks, config, out, workers, engine=engine, task_timeout=task_timeout)
 
 
 def bench_result(

@@ -187,11 +187,11 @@ def evaluate(
     wanted = [
         Task(name, plan, seed) for plan in plans for seed in _seeds(plan, config) for name in config.names
     ]
-    evaluation = run_tasks(wanted, config, out, workers, only_done, engine=engine, task_timeout=task_timeout)
+    evaluation = run_trials(wanted, config, out, workers, only_done, engine=engine, task_timeout=task_timeout)
     return dataclasses.replace(evaluation, skipped=skipped)
 
 
-def run_tasks(
+def run_trials(
     wanted: Sequence[Task],
     config: EvaluationConfig,
     out: Path,
