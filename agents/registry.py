@@ -22,6 +22,7 @@ from slamgym.agents.teleop import Teleop
 from slamgym.agents.wheels.explorer import WheelsExplorer
 from slamgym.core.config import suggest
 from slamgym.core.errors import ConfigError
+from slamgym.core.own_code import own_function
 from slamgym.planning.context import ExplorerContext
 from slamgym.planning.exploration_loop import ExplorationLoopConfig
 from slamgym.planning.promise import Promise, split_promise
@@ -71,7 +72,8 @@ def make_explorer(
 
     Args:
         name: One of :data:`EXPLORERS`, or ``rl:FILE`` or ``wheels:FILE`` for weights that ``slamgym agents train``
-            wrote. What follows an ``@`` is a promise, as in ``rl@98%:95%``: the explorer stops when the map keeps it.
+            wrote, or ``module:function`` for a constructor of one's own, called as those of :data:`EXPLORERS`. What
+            follows an ``@`` is a promise, as in ``rl@98%:95%``: the explorer stops when the map keeps it.
         context: What the environment says about the robot and its map.
         seed: Of the explorer's own random choices; only the random walk and the teleop driver make any.
         promise: For a name without one; those of :data:`OWN_END` pass it over.
@@ -92,9 +94,27 @@ def make_explorer(
         return _learned(context, promise, base.removeprefix("rl:"))
     if base.startswith("wheels:"):
         return WheelsExplorer(context, base.removeprefix("wheels:"))
+    if base not in EXPLORERS and ":" in base:
+        return _own(base, context, seed, promise)
     if base not in EXPLORERS:
         raise ConfigError(f"no explorer {base!r}; {suggest(base, EXPLORERS)}")
     return EXPLORERS[base](context, seed, promise)
+
+
+def _own(spec: str, context: ExplorerContext, seed: int, promise: Promise | None) -> BatchedExplorer:
+    """An explorer that a function of the user's own makes."""
+    try:
+        explorer: BatchedExplorer = own_function(spec, "the explorer")(context, seed, promise)
+    except TypeError as error:
+        raise ConfigError(
+            f"the explorer {spec!r} can't be made ({error}); its function takes context, seed and promise"
+        ) from error
+    for name in ("predict", "finished", "decisions", "fingerprint"):
+        if not hasattr(explorer, name):
+            raise ConfigError(
+                f"the explorer {spec!r} makes a {type(explorer).__name__}, which has no {name!r}"
+            )
+    return explorer
 
 
 def _learned(

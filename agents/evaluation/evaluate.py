@@ -7,7 +7,7 @@ explorations in flight; a line that was cut short is dropped when the file is op
 import dataclasses
 import functools
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Generic, NamedTuple, TypeVar
@@ -36,6 +36,7 @@ from slamgym.core.parallel.backlog import TASK_TIMEOUT, Lost
 from slamgym.core.parallel.engine import EngineName, open_engine
 from slamgym.core.progress import show_progress
 from slamgym.core.seeding import exploration_seed, shuffled
+from slamgym.core.types import Pose2D
 from slamgym.envs import ExploreEnv
 from slamgym.planning.promise import Promise
 
@@ -132,6 +133,7 @@ class Task(NamedTuple):
     explorer: str
     plan: FloorPlan
     seed: int
+    start: Pose2D | None = None  # in the plan's frame; None draws it
 
 
 class Skipped(NamedTuple):
@@ -182,14 +184,39 @@ def evaluate(
         WorkerLostError: If exploration after exploration fails.
     """
     plans, skipped = choose_plans(source, config)
-    hashes = {name: _hash(name, plans[0], config) for name in config.names}
+    wanted = [
+        Task(name, plan, seed) for plan in plans for seed in _seeds(plan, config) for name in config.names
+    ]
+    evaluation = run_trials(wanted, config, out, workers, only_done, engine=engine, task_timeout=task_timeout)
+    return dataclasses.replace(evaluation, skipped=skipped)
+
+
+def run_trials(
+    wanted: Sequence[Task],
+    config: EvaluationConfig,
+    out: Path,
+    workers: int = 1,
+    only_done: bool = False,
+    *,
+    engine: EngineName = "local",
+    task_timeout: float = TASK_TIMEOUT,
+) -> Evaluation:
+    """Run explorations, or what is left of them from an earlier run; :func:`evaluate` says the rest.
+
+    Args:
+        wanted: At least one, by any of the explorers of ``config``.
+        config: How they are run.
+        out: Folder of the results.
+        workers: Processes.
+        only_done: Do nothing, and return what an earlier run has done.
+        engine: Where they run.
+        task_timeout: Longest wall time of one [s].
+    """
+    hashes = {name: _hash(name, wanted[0].plan, config) for name in config.names}
     with storage_errors(out):
         out.mkdir(parents=True, exist_ok=True)
     with exclusive_lock(out / ".lock"):
         log, failures = TrialLog(out / "trials.jsonl", Trial), TrialLog(out / "failed.jsonl", FailedTrial)
-        wanted = [
-            Task(name, plan, seed) for plan in plans for seed in _seeds(plan, config) for name in config.names
-        ]
         over = log.trials.keys() | failures.trials.keys()
         tasks = [task for task in wanted if _key(task, hashes) not in over]
         if only_done:
@@ -213,7 +240,7 @@ def evaluate(
     keys = [_key(task, hashes) for task in order]
     return Evaluation(
         [log.trials[key] for key in keys if key in log.trials],
-        skipped,
+        [],
         [failures.trials[key] for key in keys if key in failures.trials],
         len(tasks),
     )
@@ -233,7 +260,7 @@ def choose_plans(source: PlanSource, config: EvaluationConfig) -> tuple[list[Flo
         raise ConfigError(
             f"none of the {len(source)} plans belongs to the split {config.split!r}; give more plans, or take all"
         )
-    robot, side = config.trial.env.robot, config.trial.env.observation.map_size
+    env = config.trial.env
     plans: list[FloorPlan] = []
     skipped: list[Skipped] = []
     for plan_id in shuffled(ids, config.seed):
@@ -241,7 +268,7 @@ def choose_plans(source: PlanSource, config: EvaluationConfig) -> tuple[list[Flo
             plan = source.load(plan_id)
             if not passes(plan, config.plans_filter):
                 continue
-            check_plan(plan, robot.circumscribed_radius, 0.5 * side)
+            check_plan(plan, env.robot.circumscribed_radius, env.observation.largest_extent)
         except PlanError as error:
             skipped.append(Skipped(plan_id, error.reason))
             continue
@@ -249,8 +276,9 @@ def choose_plans(source: PlanSource, config: EvaluationConfig) -> tuple[list[Flo
         if len(plans) == config.count:
             break
     if not plans:
+        first = f" (the first, {skipped[0].plan}: {skipped[0].reason})" if skipped else ""
         raise ConfigError(
-            f"none of the {len(ids)} plans can be used: {len(skipped)} can't be explored by this robot, the "
+            f"none of the {len(ids)} plans can be used: {len(skipped)} can't be explored by this robot{first}, the "
             f"filter {config.plans_filter!r} left out the others"
         )
     return plans, skipped
@@ -282,4 +310,4 @@ def _explore(config: EvaluationConfig, settings: str, task: Task) -> Trial:
     if task.explorer == ORACLE:
         return bound_trial(task.plan, task.seed, settings, config.trial, config.bound)
     make = make_for_episode(task.explorer, config.trial.promise)
-    return run_trial(task.plan, task.seed, task.explorer, config.trial, make)
+    return run_trial(task.plan, task.seed, task.explorer, config.trial, make, task.start)

@@ -1,6 +1,5 @@
 """Two explorers side by side on the same plan, start and noise, as a film."""
 
-import dataclasses
 import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -15,7 +14,7 @@ from slamgym.core.config import suggest
 from slamgym.core.errors import ConfigError
 from slamgym.core.types import ByteArray
 from slamgym.envs import ExploreEnv
-from slamgym.envs.episode import episode_steps, time_limit
+from slamgym.envs.episode import episode_steps, fitted_env
 from slamgym.viz.canvas import rescaled, with_heading
 from slamgym.viz.films import open_film
 
@@ -83,8 +82,7 @@ def choose_trial(trials: Sequence[Trial], explorers: tuple[str, str], plan_id: s
 
 def _frames(plan: FloorPlan, seed: int, name: str, config: TrialConfig, stride: int) -> Iterator[ByteArray]:
     """Every n-th step of an exploration as a picture of half the size, with the explorer's name."""
-    env_config = dataclasses.replace(config.env, time_limit=time_limit(plan, config.minutes))
-    env = ExploreEnv(plan, env_config, render_mode="rgb_array")
+    env = ExploreEnv(plan, fitted_env(plan, config.env, config.minutes), render_mode="rgb_array")
     start = env.reset(seed=seed, options={"plan": plan})
     explorer = make_for_episode(name, config.promise)(env, seed)
     for step, _ in enumerate(episode_steps(env, explorer, start)):

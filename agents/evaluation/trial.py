@@ -1,6 +1,5 @@
 """One exploration by one explorer, run to its end and measured against the truth."""
 
-import dataclasses
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -12,9 +11,9 @@ from slamgym.agents.evaluation.coverage_curve import COVERAGE_LEVELS, CoverageCu
 from slamgym.agents.oracle import OracleConfig, bound_exploration
 from slamgym.cad import FloorPlan
 from slamgym.core.config import Positive, Settings, config_hash
-from slamgym.core.types import Explorer, Float32Array, Observation
+from slamgym.core.types import Explorer, Float32Array, Observation, Pose2D
 from slamgym.envs import ExploreConfig, ExploreEnv
-from slamgym.envs.episode import episode_steps, explored_env, time_limit
+from slamgym.envs.episode import episode_steps, explored_env, fitted_env, time_limit
 from slamgym.metrics import absolute_trajectory_error
 from slamgym.metrics.map_error import ObstacleDistance
 from slamgym.planning.promise import Promise
@@ -183,7 +182,14 @@ class _Stopwatch:
         return answer
 
 
-def run_trial(plan: FloorPlan, seed: int, name: str, config: TrialConfig, make: MakeForEpisode) -> Trial:
+def run_trial(
+    plan: FloorPlan,
+    seed: int,
+    name: str,
+    config: TrialConfig,
+    make: MakeForEpisode,
+    start: Pose2D | None = None,
+) -> Trial:
     """Let an explorer explore a building until it is done or the time is up, and measure how well.
 
     Args:
@@ -193,16 +199,17 @@ def run_trial(plan: FloorPlan, seed: int, name: str, config: TrialConfig, make: 
         name: Of the explorer, for the record.
         config: The settings.
         make: Makes the explorer.
+        start: In the plan's frame; None draws it.
 
     Raises:
-        PlanError: If the robot fits nowhere in the plan, or the plan is larger than the map.
+        PlanError: If the robot fits nowhere in the plan.
+        ConfigError: If it doesn't fit at the start.
     """
-    limit = time_limit(plan, config.minutes)
-    env = ExploreEnv(plan, dataclasses.replace(config.env, time_limit=limit))
+    env = ExploreEnv(plan, fitted_env(plan, config.env, config.minutes))
     began = time.process_time()
-    start = env.reset(seed=seed, options={"plan": plan})
+    reset = env.reset(seed=seed, options={"plan": plan, "start": start})
     watch, recorder = _Stopwatch(make(env, seed)), CurveRecorder()
-    for info in episode_steps(env, watch, start):
+    for info in episode_steps(env, watch, reset):
         recorder.add(env.simulation.time, info["path_length"], info["coverage"])
     cpu = time.process_time() - began
     return _assess(env, seed, name, trial_hash(config, watch), recorder.curve(), watch, cpu)
@@ -220,8 +227,7 @@ def bound_trial(plan: FloorPlan, seed: int, settings: str, config: TrialConfig, 
         config: How explorers are put to the test.
         bound: The oracle's budget.
     """
-    limit = time_limit(plan, config.minutes)
-    env = ExploreEnv(plan, dataclasses.replace(config.env, time_limit=limit))
+    env = ExploreEnv(plan, fitted_env(plan, config.env, config.minutes))
     began = time.process_time()
     _, info = env.reset(seed=seed, options={"plan": plan})
     bounds = bound_exploration(env, sorted({*COVERAGE_LEVELS, SUCCESS_COVERAGE}), seed % 2**32, bound)
@@ -236,7 +242,7 @@ def bound_trial(plan: FloorPlan, seed: int, settings: str, config: TrialConfig, 
         settings=settings,
         area=round(plan.area, 3),
         rooms=len(plan.rooms),
-        time_limit=round(limit, 3),
+        time_limit=round(time_limit(plan, config.minutes), 3),
         finished=True,
         time=round(done.time, 3),
         path=round(done.path, 4),

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-import importlib
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -20,10 +19,11 @@ from typing import TYPE_CHECKING, Any
 from slamgym.agents.rl.reward_presets import REWARD_PRESETS, reward_preset
 from slamgym.agents.rl.train_config import POLICY, Curriculum, TrainConfig
 from slamgym.agents.rl.validation import PolicyOutcome, explore_plan
-from slamgym.core.config import Count, Settings, config_hash, from_dict, suggest, to_dict
+from slamgym.core.config import Count, Settings, config_hash, from_dict, to_dict
 from slamgym.core.documents import read_json
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.files import own_folder, read_text, write_text
+from slamgym.core.own_code import own_function
 from slamgym.core.progress import say, show_progress
 from slamgym.core.seeding import exploration_seed
 from slamgym.envs import RewardFunction
@@ -206,14 +206,7 @@ def own_term(spec: str, weight: float) -> Term:
     Raises:
         ConfigError: If it can't be imported, or is no function.
     """
-    module, _, name = spec.partition(":")
-    try:
-        function = getattr(importlib.import_module(module), name) if name else None
-    except (ImportError, AttributeError) as error:
-        raise ConfigError(f"--term {spec!r} can't be imported ({error})") from None
-    if not callable(function):
-        raise ConfigError(f"--term {spec!r} must be module:function; {suggest(module, [module])}")
-    return name, weight, function
+    return spec.partition(":")[2], weight, own_function(spec, "--term")
 
 
 def _write(folder: Path, identity: str, outcomes: Mapping[str, PolicyOutcome]) -> None:

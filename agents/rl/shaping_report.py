@@ -7,7 +7,14 @@ import numpy as np
 
 from slamgym.agents.rl.reward_shaping import ShapingRun
 from slamgym.core.files import write_text
-from slamgym.core.intervals import Interval, crossed_mean, crossed_ratio, mean_band
+from slamgym.core.intervals import (
+    Interval,
+    crossed_mean,
+    crossed_ratio,
+    interquartile_mean,
+    mean_band,
+    probability_of_improvement,
+)
 from slamgym.core.markdown import markdown
 from slamgym.core.types import FloatArray
 from slamgym.viz.plots import Curve, CurvePanel, Spread, plot_curves, plot_spreads
@@ -48,7 +55,9 @@ def table(runs: Sequence[ShapingRun]) -> str:
     """Means over seeds and plans with 95 % intervals, and map error and time against ``time``.
 
     Both are drawn again for an interval (:func:`slamgym.core.intervals.crossed_ratio`), so it holds for other plans
-    and other seeds of the training. With one seed there is none: other plans alone would make it too narrow.
+    and other seeds of the training. With one seed there is none: other plans alone would make it too narrow. The
+    interquartile mean, and the probability that a map of a plan is better than the reference's, are those of Agarwal et
+    al. 2021.
     """
     names = list(dict.fromkeys(run.preset for run in runs))
     reference = "time" if "time" in names else names[0]
@@ -58,6 +67,8 @@ def table(runs: Sequence[ShapingRun]) -> str:
         *(heading for _, heading, _ in OUTCOME_COLUMNS),
         f"time 99 / {reference}",
         f"error / {reference}",
+        "time 99, IQM [s]",
+        f"error below {reference}'s",
     ]
     rows = []
     for name in names:
@@ -70,6 +81,9 @@ def table(runs: Sequence[ShapingRun]) -> str:
         for field in ("time_99", "map_error"):
             ratio = crossed_ratio(_outcomes(own, field), _outcomes(base, field))
             cells.append(_cell(ratio, "{:.2f}", min(len(own), len(base))))
+        cells.append(_cell(interquartile_mean(_outcomes(own, "time_99")), "{:.0f}", len(own)))
+        better = probability_of_improvement(_outcomes(own, "map_error"), _outcomes(base, "map_error"))
+        cells.append("-" if name == reference else _cell(better, "{:.2f}", min(len(own), len(base))))
         rows.append(cells)
     text = markdown(headings, rows)
     if any(sum(run.preset == name for run in runs) < 2 for name in names):

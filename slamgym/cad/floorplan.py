@@ -89,6 +89,12 @@ class FloorPlan:
         return min_x, min_y, max_x, max_y
 
     @property
+    def extent(self) -> float:
+        """Longer side of the bounding box [m]."""
+        min_x, min_y, max_x, max_y = self.bounds
+        return max(max_x - min_x, max_y - min_y)
+
+    @property
     def area(self) -> float:
         """Area of the free space [m2]."""
         return float(self.free_space.area)
@@ -218,13 +224,11 @@ def check_plan(plan: FloorPlan, robot_radius: float = 0.22, max_extent: float = 
             crosses itself, no area, disjoint parts, too large for the map, rooms that the robot can't enter.
     """
     _check_geometry(plan)
-    min_x, min_y, max_x, max_y = plan.bounds
-    extent = max(max_x - min_x, max_y - min_y)
-    if extent > max_extent:
+    if plan.extent > max_extent:
         raise PlanError(
             plan.where,
-            f"the plan is {extent:.1f} m long but the map holds {max_extent:.1f} m; use a larger map "
-            "(observation.map_size; --max-extent of slamgym plans)",
+            f"the plan is {plan.extent:.1f} m long but the map holds {max_extent:.1f} m; use coarser cells "
+            "(observation.map_resolution), or set SLAMGYM_MAX_MAP_CELLS higher (--max-extent of slamgym plans)",
         )
     # Shrinking by the robot's radius makes every wall meet those nearer than its diameter.
     refuse_crowded(plan.segments(), 2.0 * robot_radius, plan.where)

@@ -35,11 +35,10 @@ def passes(plan: FloorPlan, plan_filter: PlanFilter) -> bool:
     """
     if plan_filter == "none" or not plan.source.endswith(".json"):
         return True
-    min_x, min_y, max_x, max_y = plan.bounds
     return (
         ROOMS[0] <= len(plan.rooms) <= ROOMS[1]
         and AREA[0] <= plan.area <= AREA[1]
-        and max(max_x - min_x, max_y - min_y) <= LONG_SIDE
+        and plan.extent <= LONG_SIDE
         and len(plan.segments()) <= MAX_VERTICES
     )
 

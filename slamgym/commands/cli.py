@@ -130,6 +130,13 @@ TABLE = Group(
                 "shape": Command("agents.shape:main", "compare reward presets over several seeds"),
             },
         ),
+        "bench": Group(
+            "measure explorers on frozen buildings, starts and seeds, and rank them",
+            {
+                "run": Command("agents.bench:run_command", "explore the buildings with one explorer"),
+                "leaderboard": Command("agents.bench:leaderboard_command", "rank result files on a page"),
+            },
+        ),
         "deform": Command("deform:main", "SLAM maps that a robot might have drawn of a floor plan"),
         "calibrate-odometry": Command(
             "calibrate_odometry:main", "measure the simulated robot's odometry errors"

@@ -36,8 +36,8 @@ class _Selection(Arguments):
     """Take only the first so many plans."""
     robot_radius: float = RobotConfig.radius
     """The robot must be able to enter the rooms; the default holds a TurtleBot3 Waffle Pi [m]."""
-    max_extent: Annotated[float, Within(gt=0.0, infinite=True)] = ObservationConfig.map_size
-    """Longest side that a plan may have [m]; the default is what ``slamgym generate`` has room for."""
+    max_extent: Annotated[float, Within(gt=0.0, infinite=True)] = ObservationConfig().largest_extent
+    """Longest side that a plan may have [m]; the default is the largest map that an explorer is shown."""
 
 
 class ListPlans(_Selection):

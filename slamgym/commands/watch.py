@@ -100,7 +100,7 @@ def _choose_plan(arguments: WatchArguments) -> FloorPlan:
 
 def _make_env(arguments: WatchArguments, plan: FloorPlan) -> ExploreEnv:
     from slamgym.envs import ExploreConfig, ExploreEnv
-    from slamgym.envs.episode import time_limit
+    from slamgym.envs.episode import fitted_env
     from slamgym.sim import odometry_level
 
     config = ExploreConfig(
@@ -109,11 +109,9 @@ def _make_env(arguments: WatchArguments, plan: FloorPlan) -> ExploreEnv:
         odometry=odometry_level(arguments.odometry),
         slam=dataclasses.replace(arguments.slam, particles=arguments.particles),
         clutter=arguments.clutter,
-        time_limit=time_limit(plan, arguments.minutes),
     )
-    return ExploreEnv(
-        plan, config.for_explorer(), render_mode="human" if arguments.out is None else "rgb_array"
-    )
+    config = fitted_env(plan, config.for_explorer(), arguments.minutes)
+    return ExploreEnv(plan, config, render_mode="human" if arguments.out is None else "rgb_array")
 
 
 def _explore(env: ExploreEnv, plan: FloorPlan, arguments: WatchArguments) -> Iterator[dict[str, Any]]:

@@ -89,12 +89,15 @@ NEAR_PAIRS = Limit(
     "a floor plan: closer than the robot is wide, which makes its geometry slow",
 )
 RUNS = Limit("SLAMGYM_MAX_RUNS", 1_000_000, "runs of floor in its rows", "a picture traced as a floor plan")
+MAP_CELLS = Limit(
+    "SLAMGYM_MAX_MAP_CELLS", 200_000_000, "cells", "the map that an explorer sees, which grows with the plan"
+)
 SCANS = Limit("SLAMGYM_MAX_SCANS", 1_000_000, "scans", "a log")
 JUMP = Limit("SLAMGYM_MAX_JUMP", 100, "metres between the odometry of two scans", "a log")
 
 LIMITS = (
     FILE_BYTES, EXPANSION, ENTRIES, WEIGHT_BYTES, DRAWING_BYTES, DOCUMENT_BYTES, YAML_BYTES, DEPTH, PIXELS, RUNS,
-    VERTICES, PLAN_PARTS, CROSSINGS, NEAR_PAIRS, SCANS, JUMP,
+    VERTICES, PLAN_PARTS, CROSSINGS, NEAR_PAIRS, MAP_CELLS, SCANS, JUMP,
 )  # fmt: skip
 """All of them, in the order of the documentation."""
 

@@ -12,6 +12,7 @@ PACKAGE = Path(__file__).parents[1]
 CHECKSUMS = PACKAGE / "pretrained.sha256"
 _FOLDERS = (
     "cad/bundled",
+    "agents/bench/v1",
     "agents/pretrained",
     "gan/pretrained",
     "planning/pretrained",

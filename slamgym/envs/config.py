@@ -8,6 +8,7 @@ from typing import Any, Literal
 
 from slamgym.core.config import Count, NonNegative, Positive, PositiveShare, Settings, from_dict, suggest
 from slamgym.core.errors import ConfigError
+from slamgym.core.limits import MAP_CELLS
 from slamgym.core.types import GridFrame
 from slamgym.envs.rewards import RewardConfig
 from slamgym.planning.promise import Promise
@@ -33,7 +34,8 @@ class ObservationConfig(Settings, section="observation"):
     """Cell size of the egocentric crop [m]; 84 cells show 4.2 m to every side, more than the LDS-01 sees."""
 
     map_size: Positive = 64.0
-    """Side of the global canvas [m]; no plan may reach out of it, wherever the robot starts."""
+    """Side of the global canvas [m]; no plan may reach out of it, wherever the robot starts. Where whole
+    explorations are run it grows with the plan (:meth:`holding`)."""
 
     map_resolution: Positive = 0.05
     """Cell size of the global canvas [m]."""
@@ -53,6 +55,15 @@ class ObservationConfig(Settings, section="observation"):
         if self.map == "egocentric":
             return 1, self.crop_px, self.crop_px
         return 1, *self.frame().shape
+
+    @property
+    def largest_extent(self) -> float:
+        """Longest side of a plan that fits into memory, wherever the robot starts [m]."""
+        return 0.5 * self.map_resolution * math.isqrt(MAP_CELLS.value)
+
+    def holding(self, extent: float) -> "ObservationConfig":
+        """The same with a canvas that holds a plan of some extent [m], wherever the robot starts."""
+        return dataclasses.replace(self, map_size=max(self.map_size, float(math.ceil(2.0 * extent))))
 
     def frame(self) -> GridFrame:
         """The global canvas in the map frame: centred on the start, the origin being a corner of cells."""

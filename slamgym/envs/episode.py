@@ -43,6 +43,12 @@ def explored_env(env: ExploreConfig) -> ExploreConfig:
     return dataclasses.replace(env.for_explorer(), time_limit=None)
 
 
+def fitted_env(plan: FloorPlan, env: ExploreConfig, minutes: Literal["auto"] | float) -> ExploreConfig:
+    """The settings for one plan: its limit of robot time [min], and a canvas that holds it."""
+    observation = env.observation.holding(plan.extent)
+    return dataclasses.replace(env, time_limit=time_limit(plan, minutes), observation=observation)
+
+
 class EpisodeConfig(Settings):
     """How a floor plan is explored."""
 
@@ -144,12 +150,11 @@ def run_episode(plan: FloorPlan, seed: int, config: EpisodeConfig, make_explorer
         make_explorer: Makes the explorer that ``config.explorer`` names.
 
     Raises:
-        PlanError: If the robot fits nowhere in the plan, or the plan is larger than the map.
+        PlanError: If the robot fits nowhere in the plan.
         ConfigError: If there is no explorer of that name.
     """
     plan = plan.turned(config.turn_deg)
-    limit = time_limit(plan, config.minutes)
-    env = ExploreEnv(plan, dataclasses.replace(config.env, time_limit=limit))
+    env = ExploreEnv(plan, fitted_env(plan, config.env, config.minutes))
     explorer = make_explorer(config.explorer, env.explorer_context(), seed)
     for info in episode_steps(env, explorer, env.reset(seed=seed, options={"plan": plan})):
         outcome = info
@@ -167,7 +172,7 @@ def run_episode(plan: FloorPlan, seed: int, config: EpisodeConfig, make_explorer
         geometry=env.scan.geometry,
         log=log,
         finished="explored" if explorer.finished else "time_limit",
-        time_limit=limit,
+        time_limit=time_limit(plan, config.minutes),
         coverage=outcome["coverage"],
         collisions=outcome["collisions"],
     )

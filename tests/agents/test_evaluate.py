@@ -23,6 +23,7 @@ from slamgym.commands.agents.evaluate import main, open_source
 from slamgym.core.errors import ConfigError
 from slamgym.core.parallel.backlog import Lost
 from slamgym.envs import ExploreConfig
+from slamgym.envs.episode import fitted_env
 from slamgym.envs.plan_cache import ListedPlans
 from slamgym.slam import SlamConfig
 
@@ -68,6 +69,25 @@ def test_every_explorer_sees_the_same_plans_and_starts(tmp_path):
     assert firsts[0] == firsts[1]
     assert len(set(firsts[0].values())) == 3
     assert all(0.0 < t.coverage <= 1.0 and t.time <= 6.0 + 1e-9 for t in result.trials)
+
+
+def test_a_building_larger_than_the_usual_map_is_explored(tmp_path):
+    hall = FloorPlan("hall", shapely.box(0.0, 0.0, 90.0, 4.0))
+    (trial,) = run(ListedPlans([hall]), config(explorers=("nearest",)), tmp_path).trials
+    assert trial.coverage > 0.0
+    assert trial.time == pytest.approx(6.0)
+    # The settings of smaller buildings, and so their hashes, are as before.
+    assert fitted_env(room("small", 30.0), TRIAL.env, 0.1).observation == TRIAL.env.observation
+    assert fitted_env(hall, TRIAL.env, 0.1).observation.map_size == 180.0
+
+
+def test_the_reason_is_given_where_no_plan_can_be_used(tmp_path, monkeypatch):
+    monkeypatch.setenv("SLAMGYM_MAX_MAP_CELLS", "1000000")  # 50 m wide
+    hall = FloorPlan("hall", shapely.box(0.0, 0.0, 90.0, 4.0))
+    with pytest.raises(
+        ConfigError, match=r"the first, hall: the plan is 90\.0 m long but the map holds 25\.0 m"
+    ):
+        run(ListedPlans([hall]), config(), tmp_path)
 
 
 def test_an_interrupted_evaluation_keeps_what_is_done_and_goes_on(tmp_path, monkeypatch):

@@ -61,6 +61,8 @@ ELSEWHERE = {
     "calibrate-odometry": "reads no file, and writes the one that the command line names",
     "dataset pack": "names its shards itself, and reads the images' manifest as all do",
     "agents record": "its id names the folder; tests/commands/test_record_command.py",
+    "bench run": "names its files itself, of the track and of the entry made a file name; tests/agents/test_bench.py",
+    "bench leaderboard": "writes the page that the command line names, and the JSON beside it",
     "reproduce": "runs other commands on folders that it names itself",
     "doctor": "reads and writes nothing of the user's",
     "completion": "prints a script",

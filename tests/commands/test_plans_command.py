@@ -128,4 +128,4 @@ def test_check_and_generate_judge_a_giant_alike(tmp_path, capsys):
         generate(["--plans", str(path), "--pairs", "1", "--workers", "1", "--out", str(tmp_path / "out")])
     generated = json.loads((tmp_path / "out" / "rejected.jsonl").read_text().splitlines()[0])["reason"]
     assert checked == generated
-    assert "10000.0 m long but the map holds 64.0 m" in checked
+    assert "10000.0 m long but the map holds 353.6 m" in checked

@@ -2,17 +2,20 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy import stats
 
 from slamgym.core.intervals import (
     Interval,
     balanced_accuracy,
     crossed_mean,
     crossed_ratio,
+    interquartile_mean,
     mean_band,
     mean_difference,
     mean_interval,
     mean_of_ratios,
     median_interval,
+    probability_of_improvement,
     ratio_of_means,
 )
 
@@ -117,3 +120,47 @@ def test_balanced_accuracy_weighs_both_classes_alike():
     found = balanced_accuracy(right, of_second, np.arange(100))
     assert found.value == 0.5
     assert balanced_accuracy(np.ones(100), of_second, np.arange(100)).low == 1.0
+
+
+def test_the_interquartile_mean_is_the_mean_without_the_outer_quarters():
+    values = np.random.default_rng(5).lognormal(size=(3, 40))
+    interval = interquartile_mean(values)
+    assert interval.value == pytest.approx(stats.trim_mean(values.ravel(), 0.25))
+    assert interval.low < interval.value < interval.high
+    # A quarter of one of five values is cut: half of the second and of the fourth belong to the middle.
+    assert interquartile_mean(np.array([[0.0, 1.0, 2.0, 3.0, 100.0]])).value == pytest.approx(2.0)
+
+
+def test_a_few_failures_hardly_move_the_interquartile_mean():
+    values = np.random.default_rng(6).normal(10.0, 1.0, size=(1, 100))
+    spoilt = values.copy()
+    spoilt[0, :5] = 1000.0
+    assert interquartile_mean(spoilt).value == pytest.approx(interquartile_mean(values).value, abs=0.2)
+
+
+def test_more_runs_of_each_plan_are_no_more_plans():
+    plans = np.random.default_rng(7).normal(10.0, 3.0, size=20)
+    widths = [
+        interval.high - interval.low
+        for interval in (interquartile_mean(plans[None]), interquartile_mean(np.tile(plans, (5, 1))))
+    ]
+    assert widths[1] == pytest.approx(widths[0], rel=0.15)
+
+
+def test_the_probability_of_improvement_counts_pairs_on_the_same_plan():
+    values, reference = np.array([[1.0, 5.0], [3.0, 5.0]]), np.array([[2.0, 5.0]])
+    # On the first plan one of two runs is better, on the second all are tied.
+    assert probability_of_improvement(values, reference).value == pytest.approx(0.5)
+    assert probability_of_improvement(reference - 1.0, reference).low == 1.0
+    rng = np.random.default_rng(8)
+    ours, theirs = rng.normal(size=(3, 30)), rng.normal(size=(2, 30))
+    there, back = (probability_of_improvement(*pair).value for pair in ((ours, theirs), (theirs, ours)))
+    assert there + back == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("shape", [(0, 3), (2, 0), (4,)])
+def test_tables_without_runs_or_plans_are_refused(shape):
+    with pytest.raises(ValueError, match="no runs and plans"):
+        interquartile_mean(np.zeros(shape))
+    with pytest.raises(ValueError, match="no plans to compare on"):
+        probability_of_improvement(np.zeros((2, 3)), np.zeros((2, 4)))

@@ -1,4 +1,5 @@
-"""The tutorials run from first to last, at a small size; ``tests/agents/test_wheels.py`` runs ``ppo_wheels.py``."""
+"""The tutorials run from first to last, at a small size; ``tests/agents/test_wheels.py`` runs ``ppo_wheels.py``,
+``tests/agents/test_bench.py`` ``own_explorer.py``."""
 
 import subprocess
 import sys
@@ -25,6 +26,7 @@ def test_every_example_is_run_here():
         "maps_to_cad.py",
         "log_to_drawing.py",
         "ppo_wheels.py",
+        "own_explorer.py",
     }
 
 

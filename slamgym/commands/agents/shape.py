@@ -54,8 +54,6 @@ def main(argv: list[str]) -> int:
 
     config, term = arguments.config, None
     if arguments.term:
-        # The current folder holds the user's module; an installed command doesn't look there.
-        sys.path.insert(0, str(Path.cwd()))
         term = own_term(arguments.term, arguments.term_weight)
         if OWN not in config.presets:
             config = dataclasses.replace(config, presets=(*config.presets, OWN))

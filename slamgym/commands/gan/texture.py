@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -66,7 +65,7 @@ def read_examples(root: Path) -> Iterator[TextureExample]:
     from slamgym.dataset.format import Layout, read_dataset_config, read_manifest
     from slamgym.dataset.generate.recipe import apply_conditions
     from slamgym.envs import ExploreEnv
-    from slamgym.envs.episode import EpisodeConfig
+    from slamgym.envs.episode import EpisodeConfig, fitted_env
     from slamgym.gan.texture.training import TextureExample
     from slamgym.interop import read_tum
     from slamgym.parametric.config import SensingConfig
@@ -87,7 +86,7 @@ def read_examples(root: Path) -> Iterator[TextureExample]:
         env = apply_conditions(base, record.conditions).env
         furniture = np.empty((0, 4))
         if not env.clutter.is_empty:
-            explored = ExploreEnv(plan, dataclasses.replace(env, time_limit=1.0))
+            explored = ExploreEnv(plan, fitted_env(plan, env, 1.0))
             explored.reset(seed=record.seed, options={"plan": plan})
             if np.hypot(explored.start.x - record.start[0], explored.start.y - record.start[1]) > 1e-3:
                 continue  # made by another version: its furniture is not known

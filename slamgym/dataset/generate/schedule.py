@@ -164,7 +164,7 @@ class SlotQueue:
         if plan_id not in self._unfit and (plan := self._read(plan_id)) is not None:
             try:
                 env = self._config.episode.env
-                check_plan(plan, env.robot.radius, env.observation.map_size)
+                check_plan(plan, env.robot.radius, env.observation.largest_extent)
             except PlanError as error:
                 self._unfit[plan_id] = error.reason
         if plan_id in self._unfit:

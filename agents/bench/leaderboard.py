@@ -1,0 +1,181 @@
+"""Results ranked: the score, its gate, and the page that shows them."""
+
+import dataclasses
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from slamgym.agents.bench.manifest import BENCH, BENCH_VERSION, Manifest
+from slamgym.agents.bench.results import BenchResult, BenchRow
+from slamgym.agents.evaluation.report import markdown_table, with_bounds
+from slamgym.core.intervals import (
+    Interval,
+    crossed_mean,
+    interquartile_mean,
+    probability_of_improvement,
+    wilson_interval,
+)
+from slamgym.core.types import FloatArray
+
+REFERENCE = "explore_lite"
+"""Whom all others are compared with."""
+PROMISED = 0.95
+"""Share of the explorations in which 98 % must have been seen when the explorer says that it is done."""
+
+
+@dataclass(frozen=True)
+class Standing:
+    """An entry on one track."""
+
+    entry: str
+    runs: int
+    """Results of this name: trainings with different seeds."""
+    score: Interval
+    """Interquartile mean of the time until done over the par time; below 1 is quicker than par."""
+    success: Interval
+    """Share of successes."""
+    passed: bool
+    """Whether the interval of the successes reaches :data:`PROMISED`; else the entry has no rank."""
+    done: Interval
+    """Mean time until done, failures at the time limit [s]."""
+    path: Interval
+    """Mean path until done [m]."""
+    contacts: float
+    """Per exploration."""
+    map_error: float
+    """Mean [m]."""
+    cpu: float
+    """Mean CPU time of an exploration [s]."""
+    quicker: Interval | None
+    """Probability of being done sooner than the reference; None without it, and for itself."""
+    versions: tuple[str, ...]
+    """Of slamgym."""
+
+
+@dataclass(frozen=True)
+class TrackBoard:
+    """The entries of a track, the best first, those without a rank behind the others."""
+
+    track: str
+    about: str
+    quick: bool
+    explorations: int
+    standings: tuple[Standing, ...]
+
+
+def rank(results: Sequence[BenchResult], manifest: Manifest) -> list[TrackBoard]:
+    """Boards in the manifest's order, each of the whole track before that of its quick subset."""
+    boards = []
+    for track in manifest.tracks:
+        for quick in (False, True):
+            own = [result for result in results if (result.track, result.quick) == (track.name, quick)]
+            if not own:
+                continue
+            entries = {
+                name: [r for r in own if r.entry == name] for name in dict.fromkeys(r.entry for r in own)
+            }
+            reference = entries.get(REFERENCE)
+            standings = [_standing(name, runs, reference) for name, runs in entries.items()]
+            standings.sort(key=lambda standing: (not standing.passed, standing.score.value))
+            boards.append(TrackBoard(track.name, track.about, quick, len(own[0].rows), tuple(standings)))
+    return boards
+
+
+def _standing(entry: str, runs: Sequence[BenchResult], reference: Sequence[BenchResult] | None) -> Standing:
+    rows = [row for result in runs for row in result.rows]
+    pace = _table(runs, "pace")
+    successes = [row.success for row in rows]
+    success = wilson_interval(sum(successes), len(successes))
+    compared = reference is not None and runs is not reference
+    return Standing(
+        entry=entry,
+        runs=len(runs),
+        score=interquartile_mean(pace),
+        success=success,
+        passed=success.high >= PROMISED,
+        done=crossed_mean(_table(runs, "done")),
+        path=crossed_mean(_table(runs, "path")),
+        contacts=float(np.mean([row.contacts for row in rows])),
+        map_error=float(np.mean([row.map_error for row in rows])),
+        cpu=float(np.mean([row.cpu for row in rows])),
+        quicker=probability_of_improvement(pace, _table(reference or (), "pace")) if compared else None,
+        versions=tuple(sorted({result.versions.get("slamgym", "unknown") for result in runs})),
+    )
+
+
+def _table(runs: Sequence[BenchResult], field: str) -> FloatArray:
+    """A figure of the rows, shape (runs, plans)."""
+
+    def figure(row: BenchRow) -> float:
+        return float(getattr(row, field))
+
+    return np.array([[figure(row) for row in result.rows] for result in runs])
+
+
+def leaderboard_page(boards: Sequence[TrackBoard], manifest: Manifest) -> str:
+    """The leaderboard as a Markdown page."""
+    head = [
+        "# Leaderboard\n",
+        f"{BENCH} {BENCH_VERSION}, manifest SHA-256 `{manifest.sha256}`. What is measured, and how to enter an "
+        "explorer, is in [the benchmark](bench.md). `slamgym bench leaderboard` makes this page from the result "
+        "files.\n",
+        "*Score*: interquartile mean of the time until done over the par time of the plan (60 s and 3 s for each m²); "
+        "a failure counts as the time limit; smaller is better. *Gate*: an entry is ranked if the interval of its "
+        "success reaches 95 %. *Quicker*: probability of being done sooner than "
+        f"`{REFERENCE}` on the same plan. Intervals are 95 %.\n",
+    ]
+    return "\n".join(head) + "\n" + describe_boards(boards)
+
+
+def describe_boards(boards: Sequence[TrackBoard]) -> str:
+    """The tables alone, as Markdown."""
+    parts = []
+    for board in boards:
+        subset = f", quick subset of {board.explorations}" if board.quick else ""
+        remark = "; it shows that things run, and ranks nobody" if board.quick else ""
+        parts += [
+            f"## {board.track}{subset}\n",
+            f"{board.about[0].upper()}{board.about[1:]}; {board.explorations} explorations{remark}.\n",
+            _board_table(board) + "\n",
+        ]
+    return "\n".join(parts)
+
+
+def _board_table(board: TrackBoard) -> str:
+    header = [
+        "entry", "rank", "score", "success [%]", "time until done [s]", "path until done [m]", "contacts",
+        "map error [cm]", "quicker [%]", "CPU [s]", "runs", "slamgym",
+    ]  # fmt: skip
+    rows = []
+    for place, one in enumerate(board.standings, start=1):
+        ranked = "-" if board.quick else str(place) if one.passed else "gate"
+        rows.append(
+            [
+                f"`{one.entry}`",
+                ranked,
+                with_bounds(one.score),
+                with_bounds(one.success, 0, 100.0),
+                with_bounds(one.done, 0),
+                with_bounds(one.path, 1),
+                f"{one.contacts:.2f}",
+                f"{100.0 * one.map_error:.1f}",
+                with_bounds(one.quicker, 0, 100.0),
+                f"{one.cpu:.1f}",
+                str(one.runs),
+                ", ".join(one.versions),
+            ]
+        )
+    return markdown_table(header, rows)
+
+
+def boards_as_json(boards: Sequence[TrackBoard], manifest: Manifest) -> str:
+    """The same for programs."""
+    document = {
+        "bench": BENCH,
+        "version": BENCH_VERSION,
+        "manifest": manifest.sha256,
+        "boards": [dataclasses.asdict(board) for board in boards],
+    }
+    return json.dumps(document, indent=1) + "\n"

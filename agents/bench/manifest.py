@@ -1,0 +1,226 @@
+"""The frozen list of the benchmark: buildings, starts and seeds, and whether the plans at hand are those.
+
+``v1/manifest.json`` lists each exploration of each track. Plans that may be passed on lie beside it in
+``plans.tar.xz``, as HouseExpo files; HouseExpo's own are named by their ids alone, and read from the user's copy. Every
+plan is compared by the SHA-256 of its outline, and furniture by its number of faces and their length.
+"""
+
+import dataclasses
+import hashlib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from slamgym.agents.evaluation.evaluate import Task
+from slamgym.agents.evaluation.trial import TrialConfig
+from slamgym.cad import FloorPlan, PlanSource, open_plans
+from slamgym.cad.sources import ArchiveSource
+from slamgym.core.config import from_dict, suggest
+from slamgym.core.documents import read_json
+from slamgym.core.errors import ConfigError, InputFileError
+from slamgym.core.files import sha256_of
+from slamgym.core.limits import DRAWING_BYTES
+from slamgym.core.provenance import check_origin
+from slamgym.core.types import FloatArray, IntArray, Pose2D
+from slamgym.envs import ExploreConfig, ExploreEnv
+from slamgym.envs.episode import fitted_env
+from slamgym.sim import ClutterConfig
+
+BENCH = "slamgym-bench"
+BENCH_VERSION = 1
+V1 = Path(__file__).parent / "v1"
+MANIFEST = V1 / "manifest.json"
+SHIPPED_PLANS = V1 / "plans.tar.xz"
+QUICK = 12
+"""Explorations of the quick subset: the first ones of a track, whose order is drawn."""
+
+_GRAIN = 1e-4
+"""Outlines are compared to this [m]."""
+_FURNITURE_TOLERANCE = 1e-3
+"""Share by which the length of the furniture's faces may differ: rounding differs between machines."""
+
+
+@dataclass(frozen=True)
+class Building:
+    """One exploration of a track."""
+
+    plan: str
+    """Id of the plan."""
+    outline: str
+    """:func:`outline_hash`."""
+    seed: int
+    """Of noise, furniture, people and explorer."""
+    start: tuple[float, float, float]
+    """x [m], y [m], theta [rad] in the plan's frame."""
+    furniture: tuple[int, float] | None = None
+    """Faces of all furniture and their length [m]; None in an empty building."""
+
+
+@dataclass(frozen=True)
+class Track:
+    """Explorations of one kind."""
+
+    name: str
+    about: str
+    shipped: bool
+    """Whether the plans come with the package; else they are HouseExpo's."""
+    clutter: ClutterConfig
+    buildings: tuple[Building, ...]
+
+    @property
+    def trial(self) -> TrialConfig:
+        """How each is explored: particle filter, default sensors, the promise of 98 % with 95 % certainty."""
+        return TrialConfig(env=ExploreConfig(clutter=self.clutter))
+
+    def quick(self) -> "Track":
+        """The first :data:`QUICK` explorations."""
+        return dataclasses.replace(self, buildings=self.buildings[:QUICK])
+
+
+@dataclass(frozen=True)
+class Manifest:
+    """The whole benchmark."""
+
+    version: int
+    tracks: tuple[Track, ...]
+    sha256: str
+    """Of the file."""
+
+    def track(self, name: str) -> Track:
+        """A track by its name.
+
+        Raises:
+            ConfigError: If there is none of that name.
+        """
+        for track in self.tracks:
+            if track.name == name:
+                return track
+        raise ConfigError(f"no track {name!r}; {suggest(name, [track.name for track in self.tracks])}")
+
+
+def read_bench(path: Path = MANIFEST) -> Manifest:
+    """Read the list.
+
+    Raises:
+        InputFileError: If it can't be read, isn't what came with the package, or is of another form.
+    """
+    check_origin(path)
+    document = read_json(path, "install slamgym again", DRAWING_BYTES)
+    try:
+        if document["bench"] != BENCH or document["version"] != BENCH_VERSION:
+            raise ConfigError(f"is not {BENCH} {BENCH_VERSION}")
+        tracks = tuple(
+            Track(
+                name,
+                str(track["about"]),
+                bool(track["shipped"]),
+                from_dict(ClutterConfig, track["clutter"]),
+                tuple(_building(row) for row in track["buildings"]),
+            )
+            for name, track in document["tracks"].items()
+        )
+    except (KeyError, TypeError, ValueError, AttributeError, ConfigError) as error:
+        raise InputFileError(path, f"is no manifest of {BENCH} ({error}); install slamgym again") from None
+    return Manifest(BENCH_VERSION, tracks, sha256_of(path))
+
+
+def _building(row: Mapping[str, Any]) -> Building:
+    x, y, theta = (float(value) for value in row["start"])
+    faces = row.get("furniture")
+    return Building(
+        str(row["plan"]),
+        str(row["outline"]),
+        int(row["seed"]),
+        (x, y, theta),
+        None if faces is None else (int(faces[0]), float(faces[1])),
+    )
+
+
+def open_bench_plans(track: Track, houseexpo: str) -> PlanSource:
+    """The source of a track's plans.
+
+    Args:
+        track: The track.
+        houseexpo: The user's copy of HouseExpo, as :func:`slamgym.cad.open_plans` takes it.
+
+    Raises:
+        ConfigError: If the copy isn't there.
+        InputFileError: If it can't be read.
+    """
+    if track.shipped:
+        check_origin(SHIPPED_PLANS)
+        return ArchiveSource(SHIPPED_PLANS)
+    path = Path(houseexpo)
+    if not path.exists():
+        raise ConfigError(
+            f"the track {track.name!r} takes plans of HouseExpo, and there is no {houseexpo}; run "
+            "`slamgym plans fetch`, or give your copy with --plans"
+        )
+    if path.is_dir() or path.suffix == ".json":
+        return open_plans(houseexpo)
+    return ArchiveSource(path, frozenset(building.plan for building in track.buildings))
+
+
+def bench_tasks(track: Track, source: PlanSource, explorer: str) -> list[Task]:
+    """The explorations of a track, each plan checked against the manifest.
+
+    Raises:
+        ConfigError: If plans are missing or differ, or furniture does; the sentence names the first.
+        PlanError: If a plan can't be read.
+    """
+    there = set(source.ids)
+    missing = [building.plan for building in track.buildings if building.plan not in there]
+    if missing:
+        raise ConfigError(
+            f"{len(missing)} of the {len(track.buildings)} plans of the track {track.name!r} are not in these plans, "
+            f"the first is {missing[0]}; give HouseExpo's archive json.tar.gz (`slamgym plans fetch`)"
+        )
+    tasks = []
+    for building in track.buildings:
+        plan = source.load(building.plan)
+        if outline_hash(plan) != building.outline:
+            raise ConfigError(
+                f"the plan {plan.id} ({plan.where}) has another outline than {BENCH} {BENCH_VERSION} names (SHA-256), "
+                "so results would not be comparable; give HouseExpo's own files, unchanged"
+            )
+        if building.furniture is not None:
+            found = furniture_of(plan, building.seed, track)
+            if not np.allclose(found, building.furniture, rtol=_FURNITURE_TOLERANCE):
+                raise ConfigError(
+                    f"this version of slamgym furnishes {plan.id} differently ({found[0]} faces instead of "
+                    f"{building.furniture[0]}) from {BENCH} {BENCH_VERSION}; use the version that "
+                    "made the other results"
+                )
+        tasks.append(Task(explorer, plan, building.seed, Pose2D(*building.start)))
+    return tasks
+
+
+def furniture_of(plan: FloorPlan, seed: int, track: Track) -> tuple[int, float]:
+    """Faces of the furniture that an exploration meets at first, and their length [m]."""
+    env = ExploreEnv(plan, fitted_env(plan, track.trial.env, "auto"))
+    env.reset(seed=seed, options={"plan": plan})
+    faces = env.clutter.segments()
+    length = np.hypot(faces[:, 2] - faces[:, 0], faces[:, 3] - faces[:, 1]).sum()
+    return len(faces), round(float(length), 3)
+
+
+def outline_hash(plan: FloorPlan) -> str:
+    """SHA-256 of the free space, to a tenth of a millimetre, wherever its rings begin and however they run."""
+    rings = [plan.free_space.exterior, *plan.free_space.interiors]
+    first, *holes = (_canonical(np.asarray(ring.coords, dtype=np.float64)[:-1, :2]) for ring in rings)
+    digest = hashlib.sha256()
+    for ring in (first, *sorted(holes, key=lambda ring: ring.tolist())):
+        digest.update(len(ring).to_bytes(4, "big") + ring.astype(">i8").tobytes())
+    return digest.hexdigest()
+
+
+def _canonical(points: FloatArray) -> IntArray:
+    """A ring in whole grains, from its lowest corner on, towards the lower neighbour."""
+    grains = np.rint(points / _GRAIN).astype(np.int64)
+    lowest = np.lexsort((grains[:, 1], grains[:, 0]))[0]
+    ahead = np.roll(grains, -lowest, axis=0)
+    back = np.roll(ahead[::-1], 1, axis=0)
+    return min((ahead, back), key=lambda ring: ring.tolist())
