@@ -6,6 +6,10 @@ import numpy as np
 
 from slamgym.core.types import BoolArray, ByteArray, Float32Array, FloatArray, IntArray
 from slamgym.sim.beams import BeamLaw
+from slamgym.sim.contact import SKIN
+from slamgym.sim.disc_contact import DiscLaw
+from slamgym.sim.motion import Body
+from slamgym.sim.robot import RobotConfig
 from slamgym.slam.hit_count_kernels import BeamTable
 
 
@@ -150,6 +154,22 @@ class MapLaw(NamedTuple):
     temporal_update: float  # [s]
     believes_truth: bool  # else the wheels
     keeps_current: bool  # the shown cells follow every processed scan, else they wait for a publication
+
+
+class DriveLaw(NamedTuple):
+    """What all robots' drives and bodies have in common."""
+
+    dt: float  # duration of a step [s]
+    limits: FloatArray  # accelerations and wheel separation, shape (3,)
+    radius: float  # within which the body touches something [m]
+    body: Body
+    disc: DiscLaw
+
+    @classmethod
+    def of(cls, robot: RobotConfig, dt: float) -> "DriveLaw":
+        """The law of a robot."""
+        limits = np.array([robot.linear_acceleration, robot.angular_acceleration, robot.wheel_separation])
+        return cls(dt, limits, robot.circumscribed_radius + SKIN, Body.of(robot), DiscLaw.of(robot))
 
 
 class WheelLaw(NamedTuple):

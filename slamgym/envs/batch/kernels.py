@@ -11,12 +11,13 @@ import numpy as np
 from slamgym.core import geometry
 from slamgym.core.jit import kernel
 from slamgym.core.types import UNKNOWN, ByteArray, Float32Array, FloatArray, IntArray, Pose2D
-from slamgym.envs.batch.arrays import MapLaw, Maps, Robots, Scanner, Scans, Scenes, WheelLaw
+from slamgym.envs.batch.arrays import DriveLaw, MapLaw, Maps, Robots, Scanner, Scans, Scenes, WheelLaw
 from slamgym.envs.compact import write_compact
 from slamgym.envs.observations import WINDOW_MARGIN, cut_crop
 from slamgym.envs.sweep import sweep
 from slamgym.sim import motion
 from slamgym.sim.beams import fail_beams, measure_beams, write_rep117
+from slamgym.sim.disc_contact import DiscContacts, solve_disc
 from slamgym.sim.raycast import cast_hits
 from slamgym.sim.surfaces import Surfaces
 from slamgym.slam.hit_count_kernels import cells_of, classify_counts, draw_scans
@@ -39,31 +40,42 @@ class ScanKind(IntEnum):
 def drive_all(
     robots: Robots,
     scenes: Scenes,
+    contacts: DiscContacts,
+    drive: DriveLaw,
     ids: IntArray,
     targets: FloatArray,
-    limits: FloatArray,
-    dt: float,
-    radius: float,
     left: FloatArray,
 ) -> None:
-    """Drive freely; see :func:`slamgym.sim.motion.drive_freely`.
+    """Drive as :meth:`slamgym.sim.World.drive` does; a robot that isn't round waits at its first contact.
 
     Args:
         robots: Changed in place.
         scenes: Obstacles.
+        contacts: Changed in place.
+        drive: Limits and bodies.
         ids: Environments.
         targets: Wished velocities within the limits, shape (N, 2).
-        limits: Accelerations and wheel separation, shape (3,).
-        dt: Duration [s].
-        radius: Within which the body touches something [m].
-        left: Receives the time that is left where something is near, shape (N,) [s].
+        left: Receives the time that is left to those who wait, shape (N,) [s].
     """
     nobody = np.empty((0, 3))
+    limits, body = drive.limits, drive.body
     for i in ids:
-        state = robots.drive[i]
+        state, linear, angular = robots.drive[i], targets[i, 0], targets[i, 1]
         state[motion.LEFT :] = 0.0
-        walls = scenes.segments[i, : scenes.num_segments[i]]
-        left[i] = motion.drive_freely(state, targets[i, 0], targets[i, 1], limits, dt, radius, walls, nobody)
+        walls, touches, rest = scenes.segments[i, : scenes.num_segments[i]], False, drive.dt
+        while rest > motion.NO_TIME:
+            rest = motion.drive_freely(state, linear, angular, limits, rest, drive.radius, walls, nobody)
+            if rest > motion.NO_TIME:
+                if not body.is_disc:
+                    break
+                span = min(rest, motion.contact_span(state, linear, angular, body.lever))
+                wished = motion.wished(state, linear, angular, limits, span)
+                wish = (wished[0] / span, wished[1] / span, wished[4])
+                solved = solve_disc(contacts, i, walls, drive.disc, state, wish)
+                touches |= motion.settle(state, wished, solved, span, body, walls, nobody)[0]
+                rest -= span
+        robots.collisions[i] += touches and not robots.contact[i]
+        robots.contact[i], left[i] = touches, rest
 
 
 @kernel
