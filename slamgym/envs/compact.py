@@ -11,10 +11,13 @@ from gymnasium import spaces
 
 from slamgym.core.jit import kernel
 from slamgym.core.types import (
+    FREE,
+    UNKNOWN,
     ByteArray,
     Float32Array,
     FloatArray,
     GridFrame,
+    IntArray,
     Pose2D,
     Twist2D,
 )
@@ -26,6 +29,13 @@ SCAN_SECTORS = 60
 """Ranges, each the nearest of some neighbouring beams; fewer where the scanner has fewer beams."""
 _POINTS = 4  # along a side of a block, at which the map is read
 
+_TILE_BITS = 3
+TILE = 1 << _TILE_BITS
+"""Cells along a side of the tiles of :func:`note_uniform`."""
+_ALL_UNKNOWN, _ALL_FREE, _MIXED = 1, 2, 3  # joined by "or"
+
+_NO_TILES = np.zeros((0, 0), dtype=np.uint8)
+
 _FRACTION = 32
 _ONE = float(1 << _FRACTION)
 
@@ -33,6 +43,7 @@ _ONE = float(1 << _FRACTION)
 @kernel
 def write_compact(
     cells: ByteArray,
+    tiles: ByteArray,
     grows_upward: bool,
     corner: tuple[int, int],
     resolution: float,
@@ -49,6 +60,7 @@ def write_compact(
 
     Args:
         cells: The map, shape (H, W), contiguous.
+        tiles: What :func:`note_uniform` noted of a map that grows upward; nothing, shape (0, 0), looks at each cell.
         grows_upward: Whether its row 0 is at the bottom, else at the top.
         corner: Row, counted upwards, and column of the map's lattice at which ``cells`` begins at its lower left.
         resolution: Cell size [m].
@@ -59,7 +71,8 @@ def write_compact(
         limits: Largest speed [m/s], largest turning rate [rad/s] and largest range [m], shape (3,).
         out: Receives the blocks' shares of free space, row by row, those of occupied space, ranges, and velocity.
     """
-    _write_shares(cells, grows_upward, corner, side / (BLOCKS * _POINTS * resolution), resolution, pose, out)
+    pitch = side / (BLOCKS * _POINTS * resolution)
+    _write_shares(cells, tiles, grows_upward, corner, pitch, resolution, pose, out)
     groups = min(SCAN_SECTORS, len(ranges))
     begin = 2 * BLOCKS * BLOCKS
     for g in range(groups):
@@ -74,6 +87,7 @@ def write_compact(
 @kernel
 def _write_shares(
     cells: ByteArray,
+    tiles: ByteArray,
     grows_upward: bool,
     corner: tuple[int, int],
     pitch: float,
@@ -97,8 +111,19 @@ def _write_shares(
             r, c = (top - a * sin - b * cos) >> _FRACTION, (left - a * cos + b * sin) >> _FRACTION
             is_inside = is_inside and 0 <= r < rows and 0 <= c < cols
     share = np.float32(1.0 / (_POINTS * _POINTS))
+    # How far a block's points lie from its first.
+    low = (_POINTS - 1) * (min(0, -sin) + min(0, -cos)), (_POINTS - 1) * (min(0, -cos) + min(0, sin))
+    high = (_POINTS - 1) * (max(0, -sin) + max(0, -cos)), (_POINTS - 1) * (max(0, -cos) + max(0, sin))
     for i in range(BLOCKS):
         for j in range(BLOCKS):
+            if tiles.size > 0:
+                # Most blocks are unknown or free all over.
+                row, col = top - _POINTS * (i * sin + j * cos), left - _POINTS * (i * cos - j * sin)
+                kind = _kind_of(tiles, row + low[0], row + high[0], col + low[1], col + high[1])
+                if kind != _MIXED:
+                    out[i * BLOCKS + j] = np.float32(1.0) if kind == _ALL_FREE else np.float32(0.0)
+                    out[(BLOCKS + i) * BLOCKS + j] = np.float32(0.0)
+                    continue
             free, clear = np.int64(0), np.int64(0)
             for a in range(i * _POINTS, (i + 1) * _POINTS):
                 col = left - a * cos + j * _POINTS * sin
@@ -116,6 +141,43 @@ def _write_shares(
                     row -= cos
             out[i * BLOCKS + j] = share * np.float32(free)
             out[(BLOCKS + i) * BLOCKS + j] = share * np.float32(_POINTS * _POINTS - clear)
+
+
+@kernel
+def _kind_of(tiles: ByteArray, bottom: int, top: int, left: int, right: int) -> int:
+    """What all the tiles are that hold these positions, in 1 / 2^32 of a cell."""
+    shift = _FRACTION + _TILE_BITS
+    kind = 0
+    for r in range(bottom >> shift, (top >> shift) + 1):
+        for c in range(left >> shift, (right >> shift) + 1):
+            if 0 <= r < tiles.shape[0] and 0 <= c < tiles.shape[1]:
+                kind |= tiles[np.uint64(r), np.uint64(c)]
+            else:
+                kind |= _ALL_UNKNOWN
+    return kind
+
+
+@kernel
+def note_uniform(cells: ByteArray, box: IntArray, tiles: ByteArray) -> None:
+    """Note which tiles of a map are unknown or free all over.
+
+    Args:
+        cells: The map, shape (H, W), row 0 at the bottom.
+        box: Rows and columns (top, left, bottom, right), half open, that changed.
+        tiles: One number for every 8 x 8 cells from the corner on, shape (H / 8, W / 8) rounded up; of a map without a
+            known cell all 1.
+    """
+    for r in range(box[0] >> _TILE_BITS, (box[2] - 1 >> _TILE_BITS) + 1):
+        for c in range(box[1] >> _TILE_BITS, (box[3] - 1 >> _TILE_BITS) + 1):
+            tile = cells[r * TILE : (r + 1) * TILE, c * TILE : (c + 1) * TILE]
+            first, differs = tile[0, 0], np.uint8(0)
+            for i in range(tile.shape[0]):
+                for j in range(tile.shape[1]):
+                    differs |= tile[i, j] ^ first
+            kind = _ALL_UNKNOWN if first == UNKNOWN else _ALL_FREE if first == FREE else _MIXED
+            # Beyond the map all is unknown.
+            is_cut = tile.shape[0] < TILE or tile.shape[1] < TILE
+            tiles[r, c] = _MIXED if differs else kind | (_ALL_UNKNOWN if is_cut else 0)
 
 
 def compact_size(num_beams: int) -> int:
@@ -165,7 +227,7 @@ class CompactObserver:
         out = np.empty(self._size, dtype=np.float32)
         corner = round(frame.origin_y / frame.resolution), round(frame.origin_x / frame.resolution)
         write_compact(
-            cells, False, corner, frame.resolution, np.array(pose), self.side, ranges, np.array(velocity),
+            cells, _NO_TILES, False, corner, frame.resolution, np.array(pose), self.side, ranges, np.array(velocity),
             self.limits, out,
         )  # fmt: skip
         return out

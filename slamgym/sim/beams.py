@@ -94,7 +94,14 @@ def measure_beams(
         ux, uy = math.cos(angle), math.sin(angle)
         distance, cosine, echo, depth = true[i], 1.0, 1.0, 0.0
         if hits[i] >= 0:
-            distance, cosine, echo, depth = _behold(x, y, ux, uy, true[i], hits[i], segments, surfaces, law)
+            kind, cosine = 0.0, _cosine(ux, uy, segments, hits[i])
+            if hits[i] + 1 < len(surfaces.first) and surfaces.first[hits[i]] < surfaces.first[hits[i] + 1]:
+                along = _along(x, y, ux, uy, true[i], segments, hits[i])
+                kind, echo, depth = _patch(surfaces, hits[i], along)
+            if kind == GLASS or kind == MIRROR:
+                distance, cosine, echo, depth = _behold(
+                    x, y, ux, uy, true[i], hits[i], segments, surfaces, law
+                )
         if distance == true[i] <= law.range_max and law.beam_width > 0.0:
             distance = _blend(x, y, ux, uy, i, distance, true, hits, segments, law)
         if distance > law.range_max:

@@ -119,9 +119,12 @@ class Maps(NamedTuple):
 
     counts: np.ndarray  # (N, cells, 2) int32 hits and visits, row by row, row 0 at the bottom
     cells: ByteArray  # (N, cells) the map as it is shown
+    tiles: ByteArray  # (N, tiles) see slamgym.envs.compact.note_uniform; none where nobody asks for them
     shape: IntArray  # (N, 2) rows and columns
     corner: IntArray  # (N, 2) row and column of the lattice where they begin
     dirty: IntArray  # (N, 4) rows and columns, half open, that changed since they were classified; empty if none did
+    box: IntArray  # (N, 4) first row and column and last row and column of the last scan
+    warmth: IntArray  # (N,)
     begun: BoolArray  # (N,) whether a scan was taken
     last: FloatArray  # (N, 3) odometry of the last scan
     processed: FloatArray  # (N, 3) odometry of the last processed scan
@@ -134,11 +137,13 @@ class Maps(NamedTuple):
     def blank(cls, count: int) -> "Maps":
         """So many maps without any cell."""
         last, processed, anchor, since, believed = (np.zeros((count, 3)) for _ in range(5))
-        shape, corner, dirty = (np.zeros((count, k), dtype=np.int64) for k in (2, 2, 4))
+        shape, corner, dirty, box = (np.zeros((count, k), dtype=np.int64) for k in (2, 2, 4, 4))
+        warmth = np.zeros(count, dtype=np.int64)
         begun, is_new = (np.zeros(count, dtype=np.bool_) for _ in range(2))
-        counts, cells = np.zeros((count, 0, 2), dtype=np.int32), np.zeros((count, 0), dtype=np.uint8)
+        counts = np.zeros((count, 0, 2), dtype=np.int32)
+        cells, tiles = (np.zeros((count, 0), dtype=np.uint8) for _ in range(2))
         return cls(
-            counts, cells, shape, corner, dirty, begun, last, processed, anchor, since, believed, is_new
+            counts, cells, tiles, shape, corner, dirty, box, warmth, begun, last, processed, anchor, since, believed, is_new
         )
 
 

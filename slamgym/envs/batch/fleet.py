@@ -18,6 +18,7 @@ from slamgym.core.types import (
 )
 from slamgym.envs.batch.arrays import DriveLaw, MapLaw, Maps, Robots, Scanner, Scans, Scenes, WheelLaw, put
 from slamgym.envs.batch.kernels import ScanKind, drive_all, integrate_wheels, look_all, map_all, publish_all
+from slamgym.envs.compact import TILE
 from slamgym.envs.config import ExploreConfig
 from slamgym.envs.coverage import CELL
 from slamgym.envs.finished_map import finished_map
@@ -207,8 +208,12 @@ class Fleet:
         end = [math.ceil((high + reach) / resolution) for high in (max_y - start.y, max_x - start.x)]
         shape = end[0] - corner[0], end[1] - corner[1]
         maps.corner[index], maps.shape[index], maps.dirty[index] = corner, shape, 0
+        maps.box[index] = 0
         maps.begun[index], maps.anchor[index], maps.since[index] = False, initial, 0.0
         cells = shape[0] * shape[1]
+        tiles = np.ones(-(-shape[0] // TILE) * -(-shape[1] // TILE), dtype=np.uint8)
+        if self._config.observation.preset == "compact":
+            self.maps = maps = maps._replace(tiles=put(maps.tiles, index, tiles))
         self.maps = maps._replace(
             counts=put(maps.counts, index, np.zeros((cells, 2), dtype=np.int32)),
             cells=put(maps.cells, index, np.full(cells, UNKNOWN, dtype=np.uint8)),

@@ -12,7 +12,7 @@ from slamgym.core import geometry
 from slamgym.core.jit import kernel
 from slamgym.core.types import UNKNOWN, ByteArray, Float32Array, FloatArray, IntArray, Pose2D
 from slamgym.envs.batch.arrays import DriveLaw, MapLaw, Maps, Robots, Scanner, Scans, Scenes, WheelLaw
-from slamgym.envs.compact import write_compact
+from slamgym.envs.compact import TILE, note_uniform, write_compact
 from slamgym.envs.observations import WINDOW_MARGIN, cut_crop
 from slamgym.envs.sweep import sweep
 from slamgym.sim import motion
@@ -253,10 +253,13 @@ def _draw(maps: Maps, law: MapLaw, i: int, ranges: Float32Array) -> None:
     rows, cols = maps.shape[i, 0], maps.shape[i, 1]
     counts = maps.counts[i, : rows * cols].reshape(rows, cols, 2)
     corner = (maps.corner[i, 0], maps.corner[i, 1])
+    maps.warmth[i] = _fetch(counts, maps.box[i])
     bounds = draw_scans(
         counts, corner, law.resolution, maps.anchor[i : i + 1], ranges[i : i + 1], law.beams, 1
     )
     box = cells_of(bounds, corner, law.resolution)
+    for k in range(4):
+        maps.box[i, k] = box[k]
     dirty = maps.dirty[i]
     if dirty[0] >= dirty[2]:
         dirty[0], dirty[1], dirty[2], dirty[3] = rows, cols, 0, 0
@@ -267,6 +270,19 @@ def _draw(maps: Maps, law: MapLaw, i: int, ranges: Float32Array) -> None:
 
 
 @kernel
+def _fetch(counts: np.ndarray, box: IntArray) -> int:
+    """Look at every eighth cell of a box of counts, a cache line each.
+
+    The counts of many robots don't stay in the cache. Beams wait for one line after the other; these don't.
+    """
+    total = 0
+    for row in range(box[0], box[2] + 1):
+        for col in range(box[1], box[3] + 8, 8):
+            total += counts[np.uint64(row), np.uint64(min(col, counts.shape[1] - 1)), 0]
+    return total
+
+
+@kernel
 def _classify(maps: Maps, law: MapLaw, i: int) -> None:
     """Bring the shown cells up to date."""
     rows, cols = maps.shape[i, 0], maps.shape[i, 1]
@@ -274,7 +290,16 @@ def _classify(maps: Maps, law: MapLaw, i: int) -> None:
     counts = maps.counts[i, : rows * cols].reshape(rows, cols, 2)[top:bottom, left:right]
     cells = maps.cells[i, : rows * cols].reshape(rows, cols)[top:bottom, left:right]
     classify_counts(counts, law.threshold, (0.0, 0.0), law.min_passes, cells)
+    if maps.tiles.shape[1] > 0:
+        whole = maps.cells[i, : rows * cols].reshape(rows, cols)
+        note_uniform(whole, maps.dirty[i], _tiles(maps, i))
     maps.dirty[i] = 0
+
+
+@kernel
+def _tiles(maps: Maps, i: int) -> ByteArray:
+    rows, cols = -(-maps.shape[i, 0] // TILE), -(-maps.shape[i, 1] // TILE)
+    return maps.tiles[i, : rows * cols].reshape(rows, cols)
 
 
 @kernel
@@ -303,6 +328,7 @@ def compact_all(
         corner = (maps.corner[i, 0], maps.corner[i, 1])
         write_compact(
             cells,
+            _tiles(maps, i),
             True,
             corner,
             resolution,
