@@ -98,7 +98,7 @@ def measure_beams(
             if hits[i] + 1 < len(surfaces.first) and surfaces.first[hits[i]] < surfaces.first[hits[i] + 1]:
                 along = _along(x, y, ux, uy, true[i], segments, hits[i])
                 kind, echo, depth = _patch(surfaces, hits[i], along)
-            if kind == GLASS or kind == MIRROR:
+            if kind in (GLASS, MIRROR):
                 distance, cosine, echo, depth = _behold(
                     x, y, ux, uy, true[i], hits[i], segments, surfaces, law
                 )
@@ -128,6 +128,21 @@ def measure_beams(
         if law.bias > 0.0:
             error += law.bias * _smooth_noise(surfaces.seed + 2, px / _BIAS_SIZE, py / _BIAS_SIZE, biased)
         out[i] = max(0.0, distance - depth / max(cosine, _FLATTEST) + sigma * error)
+
+
+@kernel
+def blur_beams(true: FloatArray, law: BeamLaw, normal: FloatArray, out: FloatArray) -> None:
+    """Write ranges with the noise of a scanner whose errors don't depend on the place.
+
+    Args:
+        true: Distances along the beams, shape (N,) [m].
+        law: The scanner.
+        normal: Standard normal draws, shape (N,).
+        out: Receives the ranges, shape (N,) [m].
+    """
+    law = BeamLaw(*law)
+    for i in range(len(true)):
+        out[i] = true[i] + max(law.sigma, law.sigma_relative * min(true[i], law.range_max)) * normal[i]
 
 
 @kernel

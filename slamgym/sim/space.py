@@ -28,6 +28,7 @@ from slamgym.sim.surfaces import Surfaces, no_surfaces
 if TYPE_CHECKING:
     from slamgym.cad.floorplan import FloorPlan
 
+
 class Motion(NamedTuple):
     """What happened to the robot during one step."""
 

@@ -119,8 +119,10 @@ class Maps(NamedTuple):
 
     counts: np.ndarray  # (N, cells, 2) int32 hits and visits, row by row, row 0 at the bottom
     cells: ByteArray  # (N, cells) the map as it is shown
-    tiles: ByteArray  # (N, tiles) see slamgym.envs.compact.note_uniform; none where nobody asks for them
-    shape: IntArray  # (N, 2) rows and columns
+    tiles: (
+        np.ndarray
+    )  # (N, tiles, 2) uint64 see slamgym.envs.compact.pack_tiles; none where nobody asks for them
+    shape: IntArray  # (N, 2) rows and columns, multiples of eight
     corner: IntArray  # (N, 2) row and column of the lattice where they begin
     dirty: IntArray  # (N, 4) rows and columns, half open, that changed since they were classified; empty if none did
     box: IntArray  # (N, 4) first row and column and last row and column of the last scan
@@ -141,9 +143,23 @@ class Maps(NamedTuple):
         warmth = np.zeros(count, dtype=np.int64)
         begun, is_new = (np.zeros(count, dtype=np.bool_) for _ in range(2))
         counts = np.zeros((count, 0, 2), dtype=np.int32)
-        cells, tiles = (np.zeros((count, 0), dtype=np.uint8) for _ in range(2))
+        cells, tiles = np.zeros((count, 0), dtype=np.uint8), np.zeros((count, 0, 2), dtype=np.uint64)
         return cls(
-            counts, cells, tiles, shape, corner, dirty, box, warmth, begun, last, processed, anchor, since, believed, is_new
+            counts,
+            cells,
+            tiles,
+            shape,
+            corner,
+            dirty,
+            box,
+            warmth,
+            begun,
+            last,
+            processed,
+            anchor,
+            since,
+            believed,
+            is_new,
         )
 
 
@@ -154,9 +170,7 @@ class MapLaw(NamedTuple):
     resolution: float  # [m]
     threshold: float
     min_passes: int
-    linear_update: float  # [m]
-    angular_update: float  # [rad]
-    temporal_update: float  # [s]
+    updates: tuple[float, float, float]  # see slamgym.slam.motion_model.update_thresholds
     believes_truth: bool  # else the wheels
     keeps_current: bool  # the shown cells follow every processed scan, else they wait for a publication
 
@@ -182,9 +196,7 @@ class WheelLaw(NamedTuple):
 
     is_ideal: bool
     tick: float  # [m]; 0 for a continuous encoder
-    slip_distance: float
-    slip_drift: float
-    slip_turn: float
+    slips: tuple[float, float, float]  # see slamgym.sim.wheel_odometry.slipped_arc
 
 
 def put(table: Any, index: int, rows: np.ndarray) -> Any:

@@ -31,6 +31,7 @@ from slamgym.sim.motion import NO_TIME
 from slamgym.slam import Mapper, make_mapper
 from slamgym.slam.hit_count_kernels import BeamTable
 from slamgym.slam.hit_counts import cropped_to_known
+from slamgym.slam.motion_model import update_thresholds
 
 _SPARE = 1.0  # [m] that maps reach beyond what the scanner may see from the plan's outline
 
@@ -206,12 +207,12 @@ class Fleet:
         min_x, min_y, max_x, max_y = prepared.plan.bounds
         corner = [math.floor((low - reach) / resolution) for low in (min_y - start.y, min_x - start.x)]
         end = [math.ceil((high + reach) / resolution) for high in (max_y - start.y, max_x - start.x)]
-        shape = end[0] - corner[0], end[1] - corner[1]
+        shape = [TILE * -(-(last - first) // TILE) for first, last in zip(corner, end, strict=True)]
         maps.corner[index], maps.shape[index], maps.dirty[index] = corner, shape, 0
         maps.box[index] = 0
         maps.begun[index], maps.anchor[index], maps.since[index] = False, initial, 0.0
         cells = shape[0] * shape[1]
-        tiles = np.ones(-(-shape[0] // TILE) * -(-shape[1] // TILE), dtype=np.uint8)
+        tiles = np.zeros((cells // TILE**2, 2), dtype=np.uint64)
         if self._config.observation.preset == "compact":
             self.maps = maps = maps._replace(tiles=put(maps.tiles, index, tiles))
         self.maps = maps._replace(
@@ -295,9 +296,7 @@ def _map_law(config: ExploreConfig, lidar: Lidar) -> MapLaw:
         float(slam.resolution),
         float(slam.occupied_threshold),
         int(slam.min_passes),
-        float(slam.linear_update),
-        float(slam.angular_update),
-        math.inf if slam.temporal_update is None else float(slam.temporal_update),
+        update_thresholds(slam),
         slam.mode == "ground_truth",
         config.observation.map == "egocentric",
     )
@@ -308,7 +307,5 @@ def _wheel_law(config: ExploreConfig) -> WheelLaw:
     return WheelLaw(
         odometry.model == "ideal",
         2.0 * math.pi * config.robot.wheel_radius / ticks if ticks else 0.0,
-        float(odometry.slip_distance),
-        float(odometry.slip_drift),
-        float(odometry.slip_turn),
+        (float(odometry.slip_distance), float(odometry.slip_drift), float(odometry.slip_turn)),
     )
