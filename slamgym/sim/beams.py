@@ -14,7 +14,7 @@ import numpy as np
 from slamgym.core.jit import kernel
 from slamgym.core.types import Float32Array, FloatArray, IntArray
 from slamgym.sim.raycast import next_hit
-from slamgym.sim.surfaces import GLASS, MIRROR, Surfaces
+from slamgym.sim.surfaces import GLASS, MIRROR, PLAIN, Surfaces
 
 # Glass returns a beam from straight ahead, and where it is dirty or has something stuck to it.
 _SPECULAR_COS = math.cos(math.radians(4.0))
@@ -94,11 +94,11 @@ def measure_beams(
         ux, uy = math.cos(angle), math.sin(angle)
         distance, cosine, echo, depth = true[i], 1.0, 1.0, 0.0
         if hits[i] >= 0:
-            kind, cosine = 0.0, _cosine(ux, uy, segments, hits[i])
+            kind, cosine = PLAIN, _cosine(ux, uy, segments, hits[i])
             if hits[i] + 1 < len(surfaces.first) and surfaces.first[hits[i]] < surfaces.first[hits[i] + 1]:
                 along = _along(x, y, ux, uy, true[i], segments, hits[i])
                 kind, echo, depth = _patch(surfaces, hits[i], along)
-            if kind in (GLASS, MIRROR):
+            if kind != PLAIN:
                 distance, cosine, echo, depth = _behold(
                     x, y, ux, uy, true[i], hits[i], segments, surfaces, law
                 )
