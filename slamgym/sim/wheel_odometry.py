@@ -179,7 +179,8 @@ class WheelOdometry:
         before, (left, right) = self._rolled, motion.wheels
         self._rolled = before[0] + self.gains[0] * left, before[1] + self.gains[1] * right
         counted = count_ticks(before, self._rolled, self._tick)
-        moved = slipped_arc(counted, self.believed_base, self._slips, tuple(rng.standard_normal(3).tolist()))
+        slip, drift, turn = rng.standard_normal(3).tolist()
+        moved = slipped_arc(counted, self.believed_base, self._slips, (slip, drift, turn))
         self._pose = compose(self._pose, moved)
         return self._pose
 

@@ -126,7 +126,7 @@ class Maps(NamedTuple):
     corner: IntArray  # (N, 2) row and column of the lattice where they begin
     dirty: IntArray  # (N, 4) rows and columns, half open, that changed since they were classified; empty if none did
     box: IntArray  # (N, 4) first row and column and last row and column of the last scan
-    warmth: IntArray  # (N,)
+    warmth: IntArray  # (N,) no meaning; what fetching the counts leaves, so that the compiler keeps it
     begun: BoolArray  # (N,) whether a scan was taken
     last: FloatArray  # (N, 3) odometry of the last scan
     processed: FloatArray  # (N, 3) odometry of the last processed scan
