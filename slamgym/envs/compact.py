@@ -28,7 +28,7 @@ SCAN_SECTORS = 60
 _POINTS = 4  # along a side of a block, at which the map is read
 
 _TILE_BITS = 3
-TILE = 1 << _TILE_BITS
+MAP_TILE = 1 << _TILE_BITS
 """Cells along a side of the tiles of :func:`pack_tiles`."""
 _MOST_TILES = 3  # along a side, for a block to be looked at as a whole
 _NO_TILES = np.zeros((0, 0, 2), dtype=np.uint64)
@@ -134,7 +134,7 @@ def _write_shares(
                     if not (is_inside or (0 <= r < rows and 0 <= c < cols)):
                         clear += 1
                     elif is_packed:
-                        bit = np.uint64(TILE * (r % TILE) + c % TILE)
+                        bit = np.uint64(MAP_TILE * (r % MAP_TILE) + c % MAP_TILE)
                         tile = tiles[np.uint64(r >> _TILE_BITS), np.uint64(c >> _TILE_BITS)]
                         free += np.int64((tile[0] >> bit) & np.uint64(1))
                         clear += 1 - np.int64((tile[1] >> bit) & np.uint64(1))
@@ -179,16 +179,16 @@ def pack_tiles(cells: ByteArray, box: IntArray, tiles: np.ndarray) -> None:
         tiles: Receives the free and the occupied cells of every tile, shape (H / 8, W / 8, 2), row by row from the
             lowest bit on.
     """
-    words = cells.reshape(-1).view(np.uint64).reshape(cells.shape[0], cells.shape[1] // TILE)
+    words = cells.reshape(-1).view(np.uint64).reshape(cells.shape[0], cells.shape[1] // MAP_TILE)
     for r in range(box[0] >> _TILE_BITS, (box[2] - 1 >> _TILE_BITS) + 1):
         for c in range(box[1] >> _TILE_BITS, (box[3] - 1 >> _TILE_BITS) + 1):
             free = occupied = _NONE
-            for k in range(TILE):
+            for k in range(MAP_TILE):
                 # Eight cells, the lowest bit but one of which tells 254 from the others, and the highest 0.
-                word = words[np.uint64(TILE * r + k), np.uint64(c)]
+                word = words[np.uint64(MAP_TILE * r + k), np.uint64(c)]
                 is_free = (word >> np.uint64(1)) & _LOW_BITS
                 is_occupied = (~word >> np.uint64(7)) & _LOW_BITS
-                place = np.uint64(TILE * k)
+                place = np.uint64(MAP_TILE * k)
                 # The product gathers the lowest bits of eight bytes in the highest byte.
                 free |= ((is_free * _TO_TOP_BYTE) >> np.uint64(56)) << place
                 occupied |= ((is_occupied * _TO_TOP_BYTE) >> np.uint64(56)) << place

@@ -18,7 +18,7 @@ from slamgym.core.types import (
 )
 from slamgym.envs.batch.arrays import DriveLaw, MapLaw, Maps, Robots, Scanner, Scans, Scenes, WheelLaw, put
 from slamgym.envs.batch.kernels import ScanKind, drive_all, integrate_wheels, look_all, map_all, publish_all
-from slamgym.envs.compact import TILE
+from slamgym.envs.compact import MAP_TILE
 from slamgym.envs.config import ExploreConfig
 from slamgym.envs.coverage import CELL
 from slamgym.envs.finished_map import finished_map
@@ -207,12 +207,12 @@ class Fleet:
         min_x, min_y, max_x, max_y = prepared.plan.bounds
         corner = [math.floor((low - reach) / resolution) for low in (min_y - start.y, min_x - start.x)]
         end = [math.ceil((high + reach) / resolution) for high in (max_y - start.y, max_x - start.x)]
-        shape = [TILE * -(-(last - first) // TILE) for first, last in zip(corner, end, strict=True)]
+        shape = [MAP_TILE * -(-(last - first) // MAP_TILE) for first, last in zip(corner, end, strict=True)]
         maps.corner[index], maps.shape[index], maps.dirty[index] = corner, shape, 0
         maps.box[index] = 0
         maps.begun[index], maps.anchor[index], maps.since[index] = False, initial, 0.0
         cells = shape[0] * shape[1]
-        tiles = np.zeros((cells // TILE**2, 2), dtype=np.uint64)
+        tiles = np.zeros((cells // MAP_TILE**2, 2), dtype=np.uint64)
         if self._config.observation.preset == "compact":
             self.maps = maps = maps._replace(tiles=put(maps.tiles, index, tiles))
         self.maps = maps._replace(

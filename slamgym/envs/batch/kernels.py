@@ -12,7 +12,7 @@ from slamgym.core import geometry
 from slamgym.core.jit import kernel
 from slamgym.core.types import UNKNOWN, ByteArray, Float32Array, FloatArray, IntArray, Pose2D
 from slamgym.envs.batch.arrays import DriveLaw, MapLaw, Maps, Robots, Scanner, Scans, Scenes, WheelLaw
-from slamgym.envs.compact import TILE, pack_tiles, write_compact
+from slamgym.envs.compact import MAP_TILE, pack_tiles, write_compact
 from slamgym.envs.observations import WINDOW_MARGIN, cut_crop
 from slamgym.envs.sweep import sweep
 from slamgym.sim import motion
@@ -285,7 +285,7 @@ def _classify(maps: Maps, law: MapLaw, i: int) -> None:
 
 @kernel
 def _tiles(maps: Maps, i: int) -> np.ndarray:
-    rows, cols = maps.shape[i, 0] // TILE, maps.shape[i, 1] // TILE
+    rows, cols = maps.shape[i, 0] // MAP_TILE, maps.shape[i, 1] // MAP_TILE
     return maps.tiles[i, : rows * cols].reshape(rows, cols, 2)
 
 
