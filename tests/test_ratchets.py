@@ -37,6 +37,7 @@ MORE_ATTRIBUTES: dict[str, int] = {
     "slamgym.envs.simulation.Simulation": 21,
     "slamgym.parametric.config.LidarErrorConfig": 18,
     "slamgym.sim.lidar.LidarConfig": 16,
+    "slamgym.sim.space.World": 16,
     "slamgym.slam.config.SlamConfig": 31,
     "slamgym.slam.graph.config.PoseGraphConfig": 20,
     "slamgym.slam.localization.config.LocalizationConfig": 28,

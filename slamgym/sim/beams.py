@@ -14,7 +14,7 @@ import numpy as np
 from slamgym.core.jit import kernel
 from slamgym.core.types import Float32Array, FloatArray, IntArray
 from slamgym.sim.raycast import next_hit
-from slamgym.sim.surfaces import GLASS, MIRROR, Surfaces
+from slamgym.sim.surfaces import GLASS, MIRROR, PLAIN, Surfaces
 
 # Glass returns a beam from straight ahead, and where it is dirty or has something stuck to it.
 _SPECULAR_COS = math.cos(math.radians(4.0))
@@ -94,7 +94,14 @@ def measure_beams(
         ux, uy = math.cos(angle), math.sin(angle)
         distance, cosine, echo, depth = true[i], 1.0, 1.0, 0.0
         if hits[i] >= 0:
-            distance, cosine, echo, depth = _behold(x, y, ux, uy, true[i], hits[i], segments, surfaces, law)
+            kind, cosine = PLAIN, _cosine(ux, uy, segments, hits[i])
+            if hits[i] + 1 < len(surfaces.first) and surfaces.first[hits[i]] < surfaces.first[hits[i] + 1]:
+                along = _along(x, y, ux, uy, true[i], segments, hits[i])
+                kind, echo, depth = _patch(surfaces, hits[i], along)
+            if kind != PLAIN:
+                distance, cosine, echo, depth = _behold(
+                    x, y, ux, uy, true[i], hits[i], segments, surfaces, law
+                )
         if distance == true[i] <= law.range_max and law.beam_width > 0.0:
             distance = _blend(x, y, ux, uy, i, distance, true, hits, segments, law)
         if distance > law.range_max:
@@ -121,6 +128,21 @@ def measure_beams(
         if law.bias > 0.0:
             error += law.bias * _smooth_noise(surfaces.seed + 2, px / _BIAS_SIZE, py / _BIAS_SIZE, biased)
         out[i] = max(0.0, distance - depth / max(cosine, _FLATTEST) + sigma * error)
+
+
+@kernel
+def blur_beams(true: FloatArray, law: BeamLaw, normal: FloatArray, out: FloatArray) -> None:
+    """Write ranges with the noise of a scanner whose errors don't depend on the place.
+
+    Args:
+        true: Distances along the beams, shape (N,) [m].
+        law: The scanner.
+        normal: Standard normal draws, shape (N,).
+        out: Receives the ranges, shape (N,) [m].
+    """
+    law = BeamLaw(*law)
+    for i in range(len(true)):
+        out[i] = true[i] + max(law.sigma, law.sigma_relative * min(true[i], law.range_max)) * normal[i]
 
 
 @kernel

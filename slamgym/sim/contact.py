@@ -14,15 +14,15 @@ SUBSTEP_DISTANCE = 0.008
 that no obstacle is passed unseen."""
 
 # Overlap of skin and obstacle that is left standing, so that resting contacts persist [m].
-_SLOP = 0.001
+SLOP = 0.001
 
 # Sequential-impulse iterations; two walls of a corner converge to 1e-6 m/s in about ten.
-_ITERATIONS = 30
+ITERATIONS = 30
 
 # Nominal duration of a solver step [s]. It is the same for every substep, however long: the solver starts
 # from the impulses of its last step, scaled by the ratio of the durations, but here an impulse takes away a
 # velocity, not a force.
-_SOLVER_STEP = 0.01
+SOLVER_STEP = 0.01
 
 Velocity = tuple[float, float, float]
 """Of a rigid body in the world's axes: x [m/s], y [m/s], turning [rad/s]."""
@@ -45,8 +45,8 @@ class ContactSolver:
 
     def __init__(self, segments: FloatArray, discs: FloatArray, robot: RobotConfig) -> None:
         self._space = pymunk.Space()
-        self._space.iterations = _ITERATIONS
-        self._space.collision_slop = _SLOP
+        self._space.iterations = ITERATIONS
+        self._space.collision_slop = SLOP
         self._body, shape = _robot_body(robot)
         self._inertia = self._body.mass, self._body.moment
         self._people = [pymunk.Body(body_type=pymunk.Body.KINEMATIC) for _ in discs]
@@ -79,14 +79,14 @@ class ContactSolver:
         _set_angle(body, pose.theta)
         _set_velocity(body, (0.0, 0.0))
         _set_angular_velocity(body, 0.0)
-        _set_force(body, (wish[0] * mass / _SOLVER_STEP, wish[1] * mass / _SOLVER_STEP))
-        _set_torque(body, wish[2] * moment / _SOLVER_STEP)
-        self._space.step(_SOLVER_STEP)
+        _set_force(body, (wish[0] * mass / SOLVER_STEP, wish[1] * mass / SOLVER_STEP))
+        _set_torque(body, wish[2] * moment / SOLVER_STEP)
+        self._space.step(SOLVER_STEP)
         velocity, position = body.velocity, body.position
         # The step moved the body before it solved, from rest: that is the push which the last overlap asked
         # for.
         push_x, push_y, push_turn = position.x - pose.x, position.y - pose.y, body.angle - pose.theta
-        push = push_x / _SOLVER_STEP, push_y / _SOLVER_STEP, push_turn / _SOLVER_STEP
+        push = push_x / SOLVER_STEP, push_y / SOLVER_STEP, push_turn / SOLVER_STEP
         return (velocity.x, velocity.y, body.angular_velocity), push
 
 

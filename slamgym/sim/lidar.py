@@ -19,7 +19,7 @@ from slamgym.core.types import (
     Pose2D,
     Twist2D,
 )
-from slamgym.sim.beams import BeamLaw, fail_beams, measure_beams, write_rep117
+from slamgym.sim.beams import BeamLaw, blur_beams, fail_beams, measure_beams, write_rep117
 from slamgym.sim.motion import chord
 from slamgym.sim.raycast import cast_sweep
 from slamgym.sim.surfaces import SurfaceConfig, Surfaces, no_surfaces
@@ -295,13 +295,12 @@ class Lidar:
     def _with_errors(self, sighting: Sighting, surfaces: Surfaces, rng: np.random.Generator) -> FloatArray:
         config, true = self.config, sighting.ranges
         normal = rng.standard_normal((2, len(true)))
+        measured = np.empty(len(true))
         if self.depends_on_place or len(surfaces.first) > 1:
             sensors, segments, _, hits = sighting
-            measured = np.empty(len(true))
             measure_beams(sensors, segments, true, hits, plain(surfaces), self._law, normal, measured)
         else:
-            sigma = np.maximum(config.sigma, config.sigma_relative * np.minimum(true, config.range_max))
-            measured = true + sigma * normal[0]
+            blur_beams(true, self._law, normal[0], measured)
         fate = rng.random((2, len(true) + 1))
         fail_beams(measured, fate, float(config.lost), float(config.stray), float(config.range_max))
         if fate[0, -1] < config.bursts:

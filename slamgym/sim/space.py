@@ -9,34 +9,24 @@ through a wall.
 """
 
 import math
-from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from slamgym.core.errors import ConfigError
 from slamgym.core.geometry import between, wrap_angle
+from slamgym.core.jit import plain
 from slamgym.core.types import FloatArray, Pose2D, Twist2D
 from slamgym.sim import motion
 from slamgym.sim.changes import Changes
 from slamgym.sim.clutter import Clutter
-from slamgym.sim.contact import SKIN, SUBSTEP_DISTANCE, ContactSolver, Velocity
+from slamgym.sim.contact import SKIN, ContactSolver, Velocity
 from slamgym.sim.people import Crowd
 from slamgym.sim.robot import RobotConfig
 from slamgym.sim.surfaces import Surfaces, no_surfaces
 
 if TYPE_CHECKING:
     from slamgym.cad.floorplan import FloorPlan
-
-# A velocity changed by less than this was not changed by contact [m/s, rad/s]: what the
-# iterative solver leaves.
-_CONTACT_TOLERANCE = 1e-4
-
-# Remaining time too short to move in [s].
-_NO_TIME = 1e-9
-
-# Longest contact substep [s]: resolves the acceleration ramp as the free motion does.
-_SUBSTEP_TIME = 0.03
 
 
 class Motion(NamedTuple):
@@ -57,18 +47,6 @@ class Motion(NamedTuple):
 
     distance: float
     """Distance of the axle's middle, forward or backward [m]."""
-
-
-class _Drive(NamedTuple):
-    """What the drive does in a contact substep, if nothing is in the way."""
-
-    dx: float  # [m], world frame
-    dy: float
-    distance: float  # [m]
-    turn: float  # [rad]
-    mean_angular: float  # [rad/s]
-    linear: float  # at the end [m/s]
-    angular: float  # [rad/s]
 
 
 class World:
@@ -113,6 +91,7 @@ class World:
         self._limits = np.array(
             [robot.linear_acceleration, robot.angular_acceleration, robot.wheel_separation]
         )
+        self._body = plain(motion.Body.of(robot))
         self._contact_radius = robot.circumscribed_radius + SKIN
         self._state = np.zeros(8) if state is None else state
         self._pose = Pose2D(0.0, 0.0, 0.0)
@@ -129,11 +108,6 @@ class World:
         x, y, theta = self._state[:3].tolist()
         self._pose = Pose2D(x, y, wrap_angle(theta))
         return self._pose
-
-    @cached_property
-    def _lever(self) -> float:
-        """How far from the axle turning moves the outline [m]: a disc turns within itself."""
-        return 0.0 if self.robot.shape == "circle" else self.robot.circumscribed_radius
 
     @property
     def velocity(self) -> Twist2D:
@@ -174,7 +148,7 @@ class World:
             raise ConfigError(
                 f"{where} is outside the free space; choose another or let the start be sampled"
             )
-        if self._overlaps(pose):
+        if motion.overlaps(self._state, self._body, self._obstacles, self._discs):
             raise ConfigError(
                 f"{where} leaves no room for the robot's body; choose another or let the start be sampled"
             )
@@ -240,7 +214,7 @@ class World:
             Whether contact changed the motion.
         """
         state, contact, left = self._state, False, dt
-        while left > _NO_TIME:
+        while left > motion.NO_TIME:
             before = left
             left = motion.drive_freely(
                 state,
@@ -254,87 +228,26 @@ class World:
             )
             if left < before:
                 self._velocity = Twist2D(float(state[motion.LINEAR]), float(state[motion.ANGULAR]))
-            if left > _NO_TIME:
-                span = min(left, self._contact_span(target))
+            if left > motion.NO_TIME:
+                span = min(left, motion.contact_span(state, target.linear, target.angular, self._body[1]))
                 contact |= self._contact_substep(target, span)
                 left -= span
         return contact
 
-    def _contact_span(self, target: Twist2D) -> float:
-        """A time in which no point of the body can move further than the contact skin allows."""
-        linear, angular = self._state[motion.LINEAR : motion.LEFT].tolist()
-        speed = max(abs(linear), abs(target.linear)) + self._lever * max(abs(angular), abs(target.angular))
-        return min(_SUBSTEP_TIME, SUBSTEP_DISTANCE / speed) if speed > 0.0 else _SUBSTEP_TIME
-
     def _contact_substep(self, target: Twist2D, span: float) -> bool:
         """Move for a short time with pymunk deciding on contacts; whether they changed the motion."""
-        x, y, theta = self._state[: motion.LINEAR].tolist()
-        drive = _Drive(*motion.wished(self._state, target.linear, target.angular, self._limits, span))
-        wish = (drive.dx / span, drive.dy / span, drive.mean_angular)
-        velocity, contact = self._solve_contact(Pose2D(x, y, theta), wish)
+        pose = Pose2D(*self._state[: motion.LINEAR].tolist())
+        drive = motion.wished(self._state, target.linear, target.angular, self._limits, span)
+        solved = self._solve_contact(pose, (drive[0] / span, drive[1] / span, drive[4]))
+        contact, linear, angular = motion.settle(
+            self._state, drive, solved, span, self._body, self._obstacles, self._discs
+        )
+        self._velocity = Twist2D(linear, angular)
+        return bool(contact)
 
-        dx, dy, turn = self._bounded(velocity, span)
-        after = Pose2D(x + dx, y + dy, theta + turn)
-        if self._overlaps(after):
-            contact = True
-            after = Pose2D(x, y, after.theta)
-            if self._overlaps(after):
-                after = Pose2D(x, y, theta)
-        self._account(after, drive, contact, span)
-        return contact
-
-    def _bounded(self, velocity: Velocity, span: float) -> Velocity:
-        """The displacement of a substep, cut to what the skin allows, whatever the solver returns."""
-        dx, dy, turn = velocity[0] * span, velocity[1] * span, velocity[2] * span
-        distance = math.hypot(dx, dy) + self._lever * abs(turn)
-        if distance <= SKIN:
-            return dx, dy, turn
-        share = SKIN / distance
-        return dx * share, dy * share, turn * share
-
-    def _solve_contact(self, pose: Pose2D, wish: Velocity) -> tuple[Velocity, bool]:
-        """The velocity that contact leaves of a wish, and whether it took something away."""
+    def _solve_contact(self, pose: Pose2D, wish: Velocity) -> tuple[Velocity, Velocity]:
+        """The velocity that contact leaves of a wish, and the push that ends an overlap of the skin."""
         if self._solver is None:
             self._solver = ContactSolver(self._obstacles, self._discs, self.robot)
             self._solver.place_people(self._discs)
-        left, push = self._solver.solve(pose, wish)
-        change = max(abs(left[0] - wish[0]), abs(left[1] - wish[1]), abs(left[2] - wish[2]))
-        contact = change > _CONTACT_TOLERANCE
-        if contact and self.robot.contact == "stop":
-            return (0.0, 0.0, wish[2] if self.robot.shape == "circle" else 0.0), True
-        return (left[0] + push[0], left[1] + push[1], left[2] + push[2]), contact
-
-    def _account(self, after: Pose2D, drive: _Drive, contact: bool, span: float) -> None:
-        """Take over the pose after a contact substep, and record what body, wheels and drive did.
-
-        Args:
-            after: The new pose, its heading not wrapped.
-            drive: What the drive would have done, had nothing been in the way.
-            contact: Whether something was.
-            span: Duration [s].
-        """
-        x, y, theta, _, _, left, right, way = self._state.tolist()
-        dx, dy, turn = after.x - x, after.y - y, after.theta - theta
-        middle = theta + 0.5 * turn
-        distance = dx * math.cos(middle) + dy * math.sin(middle)
-        self._velocity = Twist2D(distance / span, turn / span)
-        slip = self.robot.contact_slip if contact else 1.0
-        rolled = distance + slip * (drive.distance - distance)
-        rolled_turn = turn + slip * (drive.turn - turn)
-        half = 0.5 * self.robot.wheel_separation
-        self._state[:] = (
-            *after,
-            self._velocity.linear + slip * (drive.linear - self._velocity.linear),
-            self._velocity.angular + slip * (drive.angular - self._velocity.angular),
-            left + (rolled - half * rolled_turn),
-            right + (rolled + half * rolled_turn),
-            way + math.hypot(dx, dy),
-        )
-
-    def _overlaps(self, pose: Pose2D) -> bool:
-        """Whether the body, without its skin, would be in an obstacle."""
-        if self.robot.shape == "footprint":
-            return motion.rectangle_overlaps(
-                np.array(pose), np.array(self.robot.footprint), self._obstacles, self._discs
-            )
-        return motion.clearance(pose.x, pose.y, self._obstacles, self._discs) < self.robot.radius
+        return self._solver.solve(pose, wish)

@@ -149,6 +149,7 @@ class WheelOdometry:
         self.believed_base = robot.wheel_separation / self.wheelbase_ratio
         ticks = config.ticks_per_revolution
         self._tick = 2.0 * math.pi * robot.wheel_radius / ticks if ticks else 0.0
+        self._slips = config.slip_distance, config.slip_drift, config.slip_turn
         self._pose = Pose2D(0.0, 0.0, 0.0)
         self._rolled = (0.0, 0.0)
 
@@ -175,29 +176,48 @@ class WheelOdometry:
         if self.config.model == "ideal":
             self._pose = compose(self._pose, motion.increment)
             return self._pose
-        left, right = self._read_encoders(motion.wheels)
-        distance, turn = 0.5 * (left + right), (right - left) / self.believed_base
-        slip, slip_drift, slip_turn = rng.standard_normal(3).tolist()
-        config = self.config
-        root_distance, root_turn = math.sqrt(abs(distance)), math.sqrt(abs(turn))
-        distance += config.slip_distance * root_distance * slip
-        turn += config.slip_drift * root_distance * slip_drift + config.slip_turn * root_turn * slip_turn
-        self._pose = compose(self._pose, _arc(distance, turn))
+        before, (left, right) = self._rolled, motion.wheels
+        self._rolled = before[0] + self.gains[0] * left, before[1] + self.gains[1] * right
+        counted = count_ticks(before, self._rolled, self._tick)
+        slip, drift, turn = rng.standard_normal(3).tolist()
+        moved = slipped_arc(counted, self.believed_base, self._slips, (slip, drift, turn))
+        self._pose = compose(self._pose, moved)
         return self._pose
 
-    def _read_encoders(self, wheels: tuple[float, float]) -> tuple[float, float]:
-        """Distance of each wheel by its ticks [m]; a fraction of a tick is carried over to the next reading."""
-        before = self._rolled
-        self._rolled = (before[0] + self.gains[0] * wheels[0], before[1] + self.gains[1] * wheels[1])
-        if self._tick == 0.0:
-            return self._rolled[0] - before[0], self._rolled[1] - before[1]
-        left = math.floor(self._rolled[0] / self._tick) - math.floor(before[0] / self._tick)
-        right = math.floor(self._rolled[1] / self._tick) - math.floor(before[1] / self._tick)
-        return left * self._tick, right * self._tick
+
+def count_ticks(before: tuple[float, float], rolled: tuple[float, float], tick: float) -> tuple[float, float]:
+    """Distance of each wheel by its ticks [m]; a fraction of a tick is carried over to the next reading.
+
+    Args:
+        before: How far the wheels had rolled [m].
+        rolled: How far they have rolled [m].
+        tick: Length of a tick [m]; 0 for a continuous encoder.
+    """
+    if tick == 0.0:
+        return rolled[0] - before[0], rolled[1] - before[1]
+    left = math.floor(rolled[0] / tick) - math.floor(before[0] / tick)
+    right = math.floor(rolled[1] / tick) - math.floor(before[1] / tick)
+    return left * tick, right * tick
 
 
-def _arc(distance: float, turn: float) -> Pose2D:
-    """Where an arc of this length and turn ends, seen from its start."""
+def slipped_arc(
+    wheels: tuple[float, float],
+    base: float,
+    slips: tuple[float, float, float],
+    normal: tuple[float, float, float],
+) -> Pose2D:
+    """Where the robot seems to be after a step, seen from before it.
+
+    Args:
+        wheels: What the encoders counted, left and right [m].
+        base: The wheel base that the odometry believes in [m].
+        slips: ``slip_distance``, ``slip_drift`` and ``slip_turn`` of the settings.
+        normal: Standard normal draws for each.
+    """
+    distance, turn = 0.5 * (wheels[0] + wheels[1]), (wheels[1] - wheels[0]) / base
+    root_distance, root_turn = math.sqrt(abs(distance)), math.sqrt(abs(turn))
+    distance += slips[0] * root_distance * normal[0]
+    turn += slips[1] * root_distance * normal[1] + slips[2] * root_turn * normal[2]
     half = 0.5 * turn
     length = distance * (math.sin(half) / half if abs(half) > 1e-8 else 1.0)
     return Pose2D(length * math.cos(half), length * math.sin(half), turn)

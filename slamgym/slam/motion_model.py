@@ -10,16 +10,30 @@ from slamgym.core.types import FloatArray, Pose2D
 from slamgym.slam.config import MotionNoise, SlamConfig
 
 
+def add_way(distance: float, turn: float, increment: Pose2D) -> tuple[float, float]:
+    """Distance [m] and turn [rad] along a path, with one more increment: there and back again is motion too."""
+    return distance + math.hypot(increment[0], increment[1]), turn + abs(increment[2])
+
+
+def is_far_enough(distance: float, turn: float, waited: float, updates: tuple[float, float, float]) -> bool:
+    """Whether a scan must be processed after so much motion [m, rad] and time [s]; ``updates`` holds what each asks."""
+    return distance >= updates[0] or turn >= updates[1] or waited > updates[2]
+
+
+def update_thresholds(config: SlamConfig) -> tuple[float, float, float]:
+    """Distance [m], turn [rad] and time [s] after which a scan is processed; an infinite time where none counts."""
+    temporal = math.inf if config.temporal_update is None else float(config.temporal_update)
+    return float(config.linear_update), float(config.angular_update), temporal
+
+
 class OdometryGate:
     """Collects the motion between scans until one is due.
 
-    Distance and turn add up along the path, as in GMapping: there and back again is motion too.
+    Distance and turn add up along the path, as in GMapping.
     """
 
     def __init__(self, config: SlamConfig) -> None:
-        self._linear = config.linear_update
-        self._angular = config.angular_update
-        self._temporal = math.inf if config.temporal_update is None else config.temporal_update
+        self._updates = update_thresholds(config)
         self._last: Pose2D | None = None
         self._last_processed = Pose2D(0.0, 0.0, 0.0)
         self._last_stamp = 0.0
@@ -40,13 +54,8 @@ class OdometryGate:
         increment = between(self._last, odometry)
         self._increments.append(increment)
         self._last = odometry
-        self._distance += math.hypot(increment.x, increment.y)
-        self._turn += abs(increment.theta)
-        return (
-            self._distance >= self._linear
-            or self._turn >= self._angular
-            or stamp - self._last_stamp > self._temporal
-        )
+        self._distance, self._turn = add_way(self._distance, self._turn, increment)
+        return is_far_enough(self._distance, self._turn, stamp - self._last_stamp, self._updates)
 
     def take(self, stamp: float) -> FloatArray:
         """Start again from here; returns the increments (scans, 3) since the last processed scan."""

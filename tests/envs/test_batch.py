@@ -91,6 +91,14 @@ CASES = {
         AutoresetMode.SAME_STEP,
         {"localization": "rbpf", "slam": {"particles": 3}, "odometry": "ideal", "lidar": "exact"},
     ),
+    "rectangles that see far": (
+        AutoresetMode.SAME_STEP,
+        {
+            "localization": "ground_truth",
+            "observation": {"preset": "compact", "crop_resolution": 0.4},
+            "robot": {"shape": "footprint"},
+        },
+    ),
     "furniture": (
         AutoresetMode.NEXT_STEP,
         {"localization": "ground_truth", "clutter": {"furniture": 1.0}, "observation": {"preset": "compact"}},

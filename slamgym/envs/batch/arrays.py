@@ -6,6 +6,10 @@ import numpy as np
 
 from slamgym.core.types import BoolArray, ByteArray, Float32Array, FloatArray, IntArray
 from slamgym.sim.beams import BeamLaw
+from slamgym.sim.contact import SKIN
+from slamgym.sim.disc_contact import DiscLaw
+from slamgym.sim.motion import Body
+from slamgym.sim.robot import RobotConfig
 from slamgym.slam.hit_count_kernels import BeamTable
 
 
@@ -115,9 +119,14 @@ class Maps(NamedTuple):
 
     counts: np.ndarray  # (N, cells, 2) int32 hits and visits, row by row, row 0 at the bottom
     cells: ByteArray  # (N, cells) the map as it is shown
-    shape: IntArray  # (N, 2) rows and columns
+    tiles: (
+        np.ndarray
+    )  # (N, tiles, 2) uint64 see slamgym.envs.compact.pack_tiles; none where nobody asks for them
+    shape: IntArray  # (N, 2) rows and columns, multiples of eight
     corner: IntArray  # (N, 2) row and column of the lattice where they begin
     dirty: IntArray  # (N, 4) rows and columns, half open, that changed since they were classified; empty if none did
+    box: IntArray  # (N, 4) first row and column and last row and column of the last scan
+    warmth: IntArray  # (N,) no meaning; what fetching the counts leaves, so that the compiler keeps it
     begun: BoolArray  # (N,) whether a scan was taken
     last: FloatArray  # (N, 3) odometry of the last scan
     processed: FloatArray  # (N, 3) odometry of the last processed scan
@@ -130,11 +139,27 @@ class Maps(NamedTuple):
     def blank(cls, count: int) -> "Maps":
         """So many maps without any cell."""
         last, processed, anchor, since, believed = (np.zeros((count, 3)) for _ in range(5))
-        shape, corner, dirty = (np.zeros((count, k), dtype=np.int64) for k in (2, 2, 4))
+        shape, corner, dirty, box = (np.zeros((count, k), dtype=np.int64) for k in (2, 2, 4, 4))
+        warmth = np.zeros(count, dtype=np.int64)
         begun, is_new = (np.zeros(count, dtype=np.bool_) for _ in range(2))
-        counts, cells = np.zeros((count, 0, 2), dtype=np.int32), np.zeros((count, 0), dtype=np.uint8)
+        counts = np.zeros((count, 0, 2), dtype=np.int32)
+        cells, tiles = np.zeros((count, 0), dtype=np.uint8), np.zeros((count, 0, 2), dtype=np.uint64)
         return cls(
-            counts, cells, shape, corner, dirty, begun, last, processed, anchor, since, believed, is_new
+            counts,
+            cells,
+            tiles,
+            shape,
+            corner,
+            dirty,
+            box,
+            warmth,
+            begun,
+            last,
+            processed,
+            anchor,
+            since,
+            believed,
+            is_new,
         )
 
 
@@ -145,11 +170,25 @@ class MapLaw(NamedTuple):
     resolution: float  # [m]
     threshold: float
     min_passes: int
-    linear_update: float  # [m]
-    angular_update: float  # [rad]
-    temporal_update: float  # [s]
+    updates: tuple[float, float, float]  # see slamgym.slam.motion_model.update_thresholds
     believes_truth: bool  # else the wheels
     keeps_current: bool  # the shown cells follow every processed scan, else they wait for a publication
+
+
+class DriveLaw(NamedTuple):
+    """What all robots' drives and bodies have in common."""
+
+    dt: float  # duration of a step [s]
+    limits: FloatArray  # accelerations and wheel separation, shape (3,)
+    radius: float  # within which the body touches something [m]
+    body: Body
+    disc: DiscLaw
+
+    @classmethod
+    def of(cls, robot: RobotConfig, dt: float) -> "DriveLaw":
+        """The law of a robot."""
+        limits = np.array([robot.linear_acceleration, robot.angular_acceleration, robot.wheel_separation])
+        return cls(dt, limits, robot.circumscribed_radius + SKIN, Body.of(robot), DiscLaw.of(robot))
 
 
 class WheelLaw(NamedTuple):
@@ -157,9 +196,7 @@ class WheelLaw(NamedTuple):
 
     is_ideal: bool
     tick: float  # [m]; 0 for a continuous encoder
-    slip_distance: float
-    slip_drift: float
-    slip_turn: float
+    slips: tuple[float, float, float]  # see slamgym.sim.wheel_odometry.slipped_arc
 
 
 def put(table: Any, index: int, rows: np.ndarray) -> Any:

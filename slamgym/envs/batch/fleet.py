@@ -16,21 +16,23 @@ from slamgym.core.types import (
     Pose2D,
     Twist2D,
 )
-from slamgym.envs.batch.arrays import MapLaw, Maps, Robots, Scanner, Scans, Scenes, WheelLaw, put
+from slamgym.envs.batch.arrays import DriveLaw, MapLaw, Maps, Robots, Scanner, Scans, Scenes, WheelLaw, put
 from slamgym.envs.batch.kernels import ScanKind, drive_all, integrate_wheels, look_all, map_all, publish_all
+from slamgym.envs.compact import MAP_TILE
 from slamgym.envs.config import ExploreConfig
 from slamgym.envs.coverage import CELL
 from slamgym.envs.finished_map import finished_map
 from slamgym.envs.plan_cache import PreparedPlan
 from slamgym.envs.simulation import Streams
 from slamgym.sim import Lidar, WheelOdometry, World
-from slamgym.sim.contact import SKIN
+from slamgym.sim.disc_contact import DiscContacts
 from slamgym.sim.lidar import LONGEST_BURST
+from slamgym.sim.motion import NO_TIME
 from slamgym.slam import Mapper, make_mapper
 from slamgym.slam.hit_count_kernels import BeamTable
 from slamgym.slam.hit_counts import cropped_to_known
+from slamgym.slam.motion_model import update_thresholds
 
-_NO_TIME = 1e-9  # [s]
 _SPARE = 1.0  # [m] that maps reach beyond what the scanner may see from the plan's outline
 
 
@@ -80,9 +82,8 @@ class Fleet:
             config.slam.mode in ("ground_truth", "dead_reckoning") and config.slam.counting == "beams"
         )
         robot = config.robot
-        self._limits = np.array(
-            [robot.linear_acceleration, robot.angular_acceleration, robot.wheel_separation]
-        )
+        self._contacts = DiscContacts.none(count, 0)
+        self._drive_law = DriveLaw.of(robot, float(config.control_step))
         self._fastest = np.array([robot.max_linear, robot.max_angular])
         self._wheel_law = _wheel_law(config)
 
@@ -190,6 +191,12 @@ class Fleet:
             outside=put(scenes.outside, index, materials.outside),
             unseen=put(scenes.unseen, index, floor.reshape(-1)),
         )
+        contacts, nothing = self._contacts, np.zeros(len(walls))
+        contacts.marks[index] = 0
+        self._contacts = contacts._replace(
+            order=put(contacts.order, index, nothing), pairs=put(contacts.pairs, index, nothing),
+            impulses=put(contacts.impulses, index, nothing), stamps=put(contacts.stamps, index, nothing),
+        )  # fmt: skip
         kind = ScanKind.PLACES if self.lidar.depends_on_place or not is_plain else ScanKind.NOISE
         self.scans.kind[index] = ScanKind.PERFECT if self.lidar.is_perfect and is_plain else kind
 
@@ -200,10 +207,14 @@ class Fleet:
         min_x, min_y, max_x, max_y = prepared.plan.bounds
         corner = [math.floor((low - reach) / resolution) for low in (min_y - start.y, min_x - start.x)]
         end = [math.ceil((high + reach) / resolution) for high in (max_y - start.y, max_x - start.x)]
-        shape = end[0] - corner[0], end[1] - corner[1]
+        shape = [MAP_TILE * -(-(last - first) // MAP_TILE) for first, last in zip(corner, end, strict=True)]
         maps.corner[index], maps.shape[index], maps.dirty[index] = corner, shape, 0
+        maps.box[index] = 0
         maps.begun[index], maps.anchor[index], maps.since[index] = False, initial, 0.0
         cells = shape[0] * shape[1]
+        tiles = np.zeros((cells // MAP_TILE**2, 2), dtype=np.uint64)
+        if self._config.observation.preset == "compact":
+            self.maps = maps = maps._replace(tiles=put(maps.tiles, index, tiles))
         self.maps = maps._replace(
             counts=put(maps.counts, index, np.zeros((cells, 2), dtype=np.int32)),
             cells=put(maps.cells, index, np.full(cells, UNKNOWN, dtype=np.uint8)),
@@ -218,21 +229,18 @@ class Fleet:
         if np.isnan(commands[ids]).any():
             raise ValueError(f"commands {commands[ids]} hold what is not a number")
         targets = np.clip(commands, -self._fastest, self._fastest)
-        dt, robots = self._config.control_step, self.robots
+        robots, before = self.robots, self.robots.contact.copy()
         left = np.zeros(len(self))
-        radius = self._config.robot.circumscribed_radius + SKIN
-        drive_all(robots, self.scenes, ids, targets, self._limits, dt, radius, left)
-        touched = robots.contact.copy()
-        robots.contact[ids] = False
-        # What is near something is pymunk's: those worlds go on one by one.
-        for i in np.flatnonzero(left > _NO_TIME).tolist():
+        drive_all(robots, self.scenes, self._contacts, self._drive_law, ids, targets, left)
+        # Rectangles near something are pymunk's: those worlds go on one by one.
+        for i in np.flatnonzero(left > NO_TIME).tolist():
             target = Twist2D(*targets[i].tolist())
             robots.contact[i] = self.each[i].world.drive(target, float(left[i]))
-        robots.collisions[ids] += robots.contact[ids] & ~touched[ids]
+            robots.collisions[i] += robots.contact[i] and not before[i]
         if not self._wheel_law.is_ideal:
             for i in ids.tolist():
                 self.each[i].streams.odometry.standard_normal(out=robots.slips[i])
-        integrate_wheels(robots, self._wheel_law, ids, dt)
+        integrate_wheels(robots, self._wheel_law, ids, self._drive_law.dt)
         robots.steps[ids] += 1
 
     def sense(self, ids: IntArray) -> None:
@@ -288,9 +296,7 @@ def _map_law(config: ExploreConfig, lidar: Lidar) -> MapLaw:
         float(slam.resolution),
         float(slam.occupied_threshold),
         int(slam.min_passes),
-        float(slam.linear_update),
-        float(slam.angular_update),
-        math.inf if slam.temporal_update is None else float(slam.temporal_update),
+        update_thresholds(slam),
         slam.mode == "ground_truth",
         config.observation.map == "egocentric",
     )
@@ -301,7 +307,5 @@ def _wheel_law(config: ExploreConfig) -> WheelLaw:
     return WheelLaw(
         odometry.model == "ideal",
         2.0 * math.pi * config.robot.wheel_radius / ticks if ticks else 0.0,
-        float(odometry.slip_distance),
-        float(odometry.slip_drift),
-        float(odometry.slip_turn),
+        (float(odometry.slip_distance), float(odometry.slip_drift), float(odometry.slip_turn)),
     )

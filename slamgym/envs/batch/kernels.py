@@ -11,18 +11,23 @@ import numpy as np
 from slamgym.core import geometry
 from slamgym.core.jit import kernel
 from slamgym.core.types import UNKNOWN, ByteArray, Float32Array, FloatArray, IntArray, Pose2D
-from slamgym.envs.batch.arrays import MapLaw, Maps, Robots, Scanner, Scans, Scenes, WheelLaw
-from slamgym.envs.compact import write_compact
+from slamgym.envs.batch.arrays import DriveLaw, MapLaw, Maps, Robots, Scanner, Scans, Scenes, WheelLaw
+from slamgym.envs.compact import MAP_TILE, pack_tiles, write_compact
 from slamgym.envs.observations import WINDOW_MARGIN, cut_crop
 from slamgym.envs.sweep import sweep
 from slamgym.sim import motion
-from slamgym.sim.beams import fail_beams, measure_beams, write_rep117
+from slamgym.sim.beams import blur_beams, fail_beams, measure_beams, write_rep117
+from slamgym.sim.disc_contact import DiscContacts, solve_disc
 from slamgym.sim.raycast import cast_hits
 from slamgym.sim.surfaces import Surfaces
+from slamgym.sim.wheel_odometry import count_ticks, slipped_arc
 from slamgym.slam.hit_count_kernels import cells_of, classify_counts, draw_scans
+from slamgym.slam.motion_model import add_way, is_far_enough
 
 _compose = kernel(geometry.compose)
 _between = kernel(geometry.between)
+_count_ticks, _slipped_arc = kernel(count_ticks), kernel(slipped_arc)
+_add_way, _is_far_enough = kernel(add_way), kernel(is_far_enough)
 _TURN = 2.0 * math.pi
 
 
@@ -39,31 +44,42 @@ class ScanKind(IntEnum):
 def drive_all(
     robots: Robots,
     scenes: Scenes,
+    contacts: DiscContacts,
+    drive: DriveLaw,
     ids: IntArray,
     targets: FloatArray,
-    limits: FloatArray,
-    dt: float,
-    radius: float,
     left: FloatArray,
 ) -> None:
-    """Drive freely; see :func:`slamgym.sim.motion.drive_freely`.
+    """Drive as :meth:`slamgym.sim.World.drive` does; a robot that isn't round waits at its first contact.
 
     Args:
         robots: Changed in place.
         scenes: Obstacles.
+        contacts: Changed in place.
+        drive: Limits and bodies.
         ids: Environments.
         targets: Wished velocities within the limits, shape (N, 2).
-        limits: Accelerations and wheel separation, shape (3,).
-        dt: Duration [s].
-        radius: Within which the body touches something [m].
-        left: Receives the time that is left where something is near, shape (N,) [s].
+        left: Receives the time that is left to those who wait, shape (N,) [s].
     """
     nobody = np.empty((0, 3))
+    limits, body = drive.limits, drive.body
     for i in ids:
-        state = robots.drive[i]
+        state, linear, angular = robots.drive[i], targets[i, 0], targets[i, 1]
         state[motion.LEFT :] = 0.0
-        walls = scenes.segments[i, : scenes.num_segments[i]]
-        left[i] = motion.drive_freely(state, targets[i, 0], targets[i, 1], limits, dt, radius, walls, nobody)
+        walls, touches, rest = scenes.segments[i, : scenes.num_segments[i]], False, drive.dt
+        while rest > motion.NO_TIME:
+            rest = motion.drive_freely(state, linear, angular, limits, rest, drive.radius, walls, nobody)
+            if rest > motion.NO_TIME:
+                if not body.is_disc:
+                    break
+                span = min(rest, motion.contact_span(state, linear, angular, body.lever))
+                wished = motion.wished(state, linear, angular, limits, span)
+                wish = (wished[0] / span, wished[1] / span, wished[4])
+                solved = solve_disc(contacts, i, walls, drive.disc, state, wish)
+                touches |= motion.settle(state, wished, solved, span, body, walls, nobody)[0]
+                rest -= span
+        robots.collisions[i] += touches and not robots.contact[i]
+        robots.contact[i], left[i] = touches, rest
 
 
 @kernel
@@ -103,22 +119,12 @@ def integrate_wheels(robots: Robots, law: WheelLaw, ids: IntArray, dt: float) ->
 @kernel
 def _rolled(robots: Robots, law: WheelLaw, i: int) -> Pose2D:
     """What the encoders say of a step, with slip."""
-    rolled, wheels, state = robots.rolled[i], robots.wheels[i], robots.drive[i]
-    before_left, before_right = rolled[0], rolled[1]
+    rolled, wheels, state, slips = robots.rolled[i], robots.wheels[i], robots.drive[i], robots.slips[i]
+    before = rolled[0], rolled[1]
     rolled[0] += wheels[0] * state[motion.LEFT]
     rolled[1] += wheels[1] * state[motion.RIGHT]
-    if law.tick == 0.0:
-        left, right = rolled[0] - before_left, rolled[1] - before_right
-    else:
-        left = (math.floor(rolled[0] / law.tick) - math.floor(before_left / law.tick)) * law.tick
-        right = (math.floor(rolled[1] / law.tick) - math.floor(before_right / law.tick)) * law.tick
-    distance, turn = 0.5 * (left + right), (right - left) / wheels[2]
-    root_distance, root_turn = math.sqrt(abs(distance)), math.sqrt(abs(turn))
-    slip, drift, slip_turn = robots.slips[i, 0], robots.slips[i, 1], robots.slips[i, 2]
-    distance += law.slip_distance * root_distance * slip
-    turn += law.slip_drift * root_distance * drift + law.slip_turn * root_turn * slip_turn
-    dx, dy = motion.chord(0.0, distance, turn)
-    return Pose2D(dx, dy, turn)
+    counted = _count_ticks(before, (rolled[0], rolled[1]), law.tick)
+    return _slipped_arc(counted, wheels[2], law.slips, (slips[0], slips[1], slips[2]))
 
 
 @kernel
@@ -166,12 +172,10 @@ def look_all(
                 scenes.roughness[i],
             )
             measure_beams(sensors, walls, true, hits, materials, law, scans.normal[i], measured)
+        elif scans.kind[i] == ScanKind.NOISE:
+            blur_beams(true, law, scans.normal[i, 0], measured)
         else:
-            for k in range(num_beams):
-                measured[k] = true[k]
-                if scans.kind[i] == ScanKind.NOISE:
-                    sigma = max(law.sigma, law.sigma_relative * min(true[k], law.range_max))
-                    measured[k] += sigma * scans.normal[i, 0, k]
+            measured[:] = true
         if scans.kind[i] != ScanKind.PERFECT:
             fail_beams(measured, scans.fate[i], scanner.lost, scanner.stray, law.range_max)
             first = scans.burst[i, 0]
@@ -226,13 +230,8 @@ def _is_due(maps: Maps, law: MapLaw, i: int, odometry: Pose2D, time: float) -> b
         return True
     increment = _between(_pose(maps.last, i), odometry)
     _put_pose(maps.last, i, odometry)
-    since[1] += math.hypot(increment.x, increment.y)
-    since[2] += abs(increment.theta)
-    return (
-        since[1] >= law.linear_update
-        or since[2] >= law.angular_update
-        or time - since[0] > law.temporal_update
-    )
+    since[1], since[2] = _add_way(since[1], since[2], increment)
+    return _is_far_enough(since[1], since[2], time - since[0], law.updates)
 
 
 @kernel
@@ -241,10 +240,13 @@ def _draw(maps: Maps, law: MapLaw, i: int, ranges: Float32Array) -> None:
     rows, cols = maps.shape[i, 0], maps.shape[i, 1]
     counts = maps.counts[i, : rows * cols].reshape(rows, cols, 2)
     corner = (maps.corner[i, 0], maps.corner[i, 1])
+    maps.warmth[i] = _fetch(counts, maps.box[i])
     bounds = draw_scans(
         counts, corner, law.resolution, maps.anchor[i : i + 1], ranges[i : i + 1], law.beams, 1
     )
     box = cells_of(bounds, corner, law.resolution)
+    for k in range(4):
+        maps.box[i, k] = box[k]
     dirty = maps.dirty[i]
     if dirty[0] >= dirty[2]:
         dirty[0], dirty[1], dirty[2], dirty[3] = rows, cols, 0, 0
@@ -255,6 +257,19 @@ def _draw(maps: Maps, law: MapLaw, i: int, ranges: Float32Array) -> None:
 
 
 @kernel
+def _fetch(counts: np.ndarray, box: IntArray) -> int:
+    """Look at every eighth cell of a box of counts, a cache line each.
+
+    The counts of many robots don't stay in the cache. Beams wait for one line after the other; these don't.
+    """
+    total = 0
+    for row in range(box[0], box[2] + 1):
+        for col in range(box[1], box[3] + 8, 8):
+            total += counts[np.uint64(row), np.uint64(min(col, counts.shape[1] - 1)), 0]
+    return total
+
+
+@kernel
 def _classify(maps: Maps, law: MapLaw, i: int) -> None:
     """Bring the shown cells up to date."""
     rows, cols = maps.shape[i, 0], maps.shape[i, 1]
@@ -262,7 +277,16 @@ def _classify(maps: Maps, law: MapLaw, i: int) -> None:
     counts = maps.counts[i, : rows * cols].reshape(rows, cols, 2)[top:bottom, left:right]
     cells = maps.cells[i, : rows * cols].reshape(rows, cols)[top:bottom, left:right]
     classify_counts(counts, law.threshold, (0.0, 0.0), law.min_passes, cells)
+    if maps.tiles.shape[1] > 0:
+        whole = maps.cells[i, : rows * cols].reshape(rows, cols)
+        pack_tiles(whole, maps.dirty[i], _tiles(maps, i))
     maps.dirty[i] = 0
+
+
+@kernel
+def _tiles(maps: Maps, i: int) -> np.ndarray:
+    rows, cols = maps.shape[i, 0] // MAP_TILE, maps.shape[i, 1] // MAP_TILE
+    return maps.tiles[i, : rows * cols].reshape(rows, cols, 2)
 
 
 @kernel
@@ -291,6 +315,7 @@ def compact_all(
         corner = (maps.corner[i, 0], maps.corner[i, 1])
         write_compact(
             cells,
+            _tiles(maps, i),
             True,
             corner,
             resolution,
