@@ -52,30 +52,35 @@ def room_for_surfaces() -> Surfaces:
 
 @kernel
 def copy_cells(
-    cells: np.ndarray, table: np.ndarray, words: np.ndarray, j: int, cell_u: int, cell_v: int
+    cells: np.ndarray, table: np.ndarray, u: float, v: float, room: Surfaces, count: int
 ) -> None:
-    """Copy the 3 x 3 cells round a cell to place ``j`` of a block."""
-    row, col = cell_v >> TILE_BITS, cell_u >> TILE_BITS
-    at = np.uint64(j)
-    if cell_u < 1 or cell_v < 1 or row >= table.shape[0] or col >= table.shape[1]:
+    """Copy the 3 x 3 cells round each of a block's first points, which lie at (u, v) plus their X and Y."""
+    words, rows = room.words, room.rows
+    for at in range(np.uint64(count)):
+        point_u, point_v = u + rows[np.uint64(X) + at], v + rows[np.uint64(Y) + at]
+        cell_u, cell_v = int(point_u), int(point_v)
+        rows[np.uint64(IN_U) + at] = cell_u - point_u
+        rows[np.uint64(IN_V) + at] = cell_v - point_v
+        row, col = cell_v >> TILE_BITS, cell_u >> TILE_BITS
+        if cell_u < 1 or cell_v < 1 or row >= table.shape[0] or col >= table.shape[1]:
+            for k in range(9):
+                words[np.uint64(k * BLOCK) + at] = np.uint64(0)
+            continue
+        tile = np.uint64(table[np.uint64(row), np.uint64(col)])
+        in_u, in_v = cell_u & TILE_MASK, cell_v & TILE_MASK
+        if 0 < in_u < TILE_MASK and 0 < in_v < TILE_MASK:
+            first = np.uint64(((in_v - 1) << TILE_BITS) + in_u - 1)
+            for k in range(9):
+                words[np.uint64(k * BLOCK) + at] = cells[tile, first + np.uint64(k // 3 * _SIDE + k % 3)]
+            continue
+        bits = cells[tile, np.uint64((in_v << TILE_BITS) | in_u)] >> np.uint64(16 * NEIGHBOURS)
         for k in range(9):
-            words[np.uint64(k * BLOCK) + at] = np.uint64(0)
-        return
-    tile = np.uint64(table[np.uint64(row), np.uint64(col)])
-    in_u, in_v = cell_u & TILE_MASK, cell_v & TILE_MASK
-    if 0 < in_u < TILE_MASK and 0 < in_v < TILE_MASK:
-        first = np.uint64(((in_v - 1) << TILE_BITS) + in_u - 1)
-        for k in range(9):
-            words[np.uint64(k * BLOCK) + at] = cells[tile, first + np.uint64(k // 3 * _SIDE + k % 3)]
-        return
-    bits = cells[tile, np.uint64((in_v << TILE_BITS) | in_u)] >> np.uint64(16 * NEIGHBOURS)
-    for k in range(9):
-        word = np.uint64(0)
-        if bits & np.uint64(1 << k):
-            v, u = cell_v + k // 3 - 1, cell_u + k % 3 - 1
-            tile = np.uint64(table[np.uint64(v >> TILE_BITS), np.uint64(u >> TILE_BITS)])
-            word = cells[tile, np.uint64(((v & TILE_MASK) << TILE_BITS) | (u & TILE_MASK))]
-        words[np.uint64(k * BLOCK) + at] = word
+            word = np.uint64(0)
+            if bits & np.uint64(1 << k):
+                near_v, near_u = cell_v + k // 3 - 1, cell_u + k % 3 - 1
+                tile = np.uint64(table[np.uint64(near_v >> TILE_BITS), np.uint64(near_u >> TILE_BITS)])
+                word = cells[tile, np.uint64(((near_v & TILE_MASK) << TILE_BITS) | (near_u & TILE_MASK))]
+            words[np.uint64(k * BLOCK) + at] = word
 
 
 @kernel

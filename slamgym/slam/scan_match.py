@@ -159,7 +159,8 @@ def align(
     """
     points, normals = scan.points, scan.normals
     cells = pool.cells.view(np.uint64).reshape(pool.cells.shape[0], pool.cells.shape[1])
-    words, rows = room_for_surfaces()
+    room = room_for_surfaces()
+    words, rows = room
     u, v, theta = start
     match = Match(start, 0.0, 0.0, NormalEquations(0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
     force = 2.0 * s.gain
@@ -180,10 +181,7 @@ def align(
                 n_x, n_y = normals[i, 0], normals[i, 1]
                 rows[np.uint64(NORMAL_U) + at] = cos * n_x - sin * n_y
                 rows[np.uint64(NORMAL_V) + at] = sin * n_x + cos * n_y
-                cell_u, cell_v = int(u + x), int(v + y)
-                rows[np.uint64(IN_U) + at] = cell_u - (u + x)
-                rows[np.uint64(IN_V) + at] = cell_v - (v + y)
-                copy_cells(cells, table, words, j, cell_u, cell_v)
+            copy_cells(cells, table, u, v, room, count)
             average_means(words, rows, count)
             _pulls(rows, count, s.gain)
             for j in range(np.uint64(count)):
