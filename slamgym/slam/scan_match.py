@@ -23,19 +23,20 @@ from slamgym.slam.hill_climbing import (
     Prior,
     Search,
     climb,
-    exp_of_minus,
-    surface_near,
 )
 from slamgym.slam.near_means import NearMeans, empty_means
 from slamgym.slam.near_surfaces import (
-    BLOCK, FARTHEST, IN_U, IN_V, NORMAL_U, NORMAL_V, NOTHING, PULL_T, PULL_U, PULL_V, SQUARE, TO_U, TO_V, TT, UT, UU, UV, VT, VV, WEIGHT, X, Y,
-    average_means, copy_cells, room_for_surfaces,
+    BLOCK,
+    NUM_SUMS,
+    add_up,
+    average_means,
+    copy_cells,
+    empty_block,
+    see_points,
+    weigh,
 )
 from slamgym.slam.tiles import TileMaps, TilePool
 
-TANGENT = 0.1
-"""Weight of a distance along the surface against one across it. Along a wall the nearest mean says little,
-but not nothing: without it, a scan that sees two parallel walls slides."""
 CONVERGED_CELLS = 5e-3
 CONVERGED_RAD = 2e-4
 """ICP stops when a step is smaller than 0.25 mm at 5 cm cells and 0.011 degrees."""
@@ -97,39 +98,6 @@ def _solve(h: NormalEquations, x: float, y: float, z: float) -> tuple[float, flo
 
 
 @kernel
-def _pulls(rows: FloatArray, count: int, gain: float) -> None:
-    """Weight, information and pull of a block's first points."""
-    if gain * FARTHEST < 0.5:
-        for j in range(np.uint64(count)):
-            g = gain * rows[np.uint64(SQUARE) + j]
-            rows[np.uint64(WEIGHT) + j] = 1.0 - g * (1.0 - g * (0.5 - g * (1.0 / 6.0 - g * (1.0 / 24.0))))
-    else:
-        for j in range(np.uint64(count)):
-            rows[np.uint64(WEIGHT) + j] = exp_of_minus(gain * rows[np.uint64(SQUARE) + j])
-    for j in range(np.uint64(count)):
-        x, y, w = rows[np.uint64(X) + j], rows[np.uint64(Y) + j], rows[np.uint64(WEIGHT) + j]
-        n_u, n_v = rows[np.uint64(NORMAL_U) + j], rows[np.uint64(NORMAL_V) + j]
-        du, dv = rows[np.uint64(TO_U) + j], rows[np.uint64(TO_V) + j]
-        # Information of this pair: full across the surface, TANGENT along it; both without a normal.
-        along = TANGENT if n_u != 0.0 or n_v != 0.0 else 1.0
-        i_uu = w * (n_u * n_u * (1.0 - along) + along)
-        i_uv = w * (n_u * n_v * (1.0 - along))
-        i_vv = w * (n_v * n_v * (1.0 - along) + along)
-        # A turn moves the point by (-y, x).
-        i_ut, i_vt = i_uv * x - i_uu * y, i_vv * x - i_uv * y
-        rows[np.uint64(UU) + j] = i_uu
-        rows[np.uint64(UV) + j] = i_uv
-        rows[np.uint64(VV) + j] = i_vv
-        rows[np.uint64(UT) + j] = i_ut
-        rows[np.uint64(VT) + j] = i_vt
-        rows[np.uint64(TT) + j] = i_vt * x - i_ut * y
-        f_u, f_v = i_uu * du + i_uv * dv, i_uv * du + i_vv * dv
-        rows[np.uint64(PULL_U) + j] = f_u
-        rows[np.uint64(PULL_V) + j] = f_v
-        rows[np.uint64(PULL_T) + j] = x * f_v - y * f_u
-
-
-@kernel
 def align(
     pool: TilePool,
     table: np.ndarray,
@@ -158,48 +126,22 @@ def align(
         s: Settings.
     """
     points, normals = scan.points, scan.normals
-    cells = pool.cells.view(np.uint64).reshape(pool.cells.shape[0], pool.cells.shape[1])
-    room = room_for_surfaces()
-    words, rows = room
+    cells = pool.cells.view(np.uint64).reshape(pool.cells.shape[:2])  # a cell as one number
+    block, sums = empty_block(), np.empty(NUM_SUMS)
     u, v, theta = start
     match = Match(start, 0.0, 0.0, NormalEquations(0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
     force = 2.0 * s.gain
     for step in range(steps + 1):
-        cos, sin = math.cos(theta), math.sin(theta)
-        total, likelihood = 0.0, 0.0
-        uu = uv = vv = ut = vt = tt = 0.0  # normal equations
-        r_u = r_v = r_t = 0.0
+        sums[:] = 0.0
         for begin in range(0, len(points), stride * BLOCK):
             count = min(BLOCK, (len(points) - begin + stride - 1) // stride)
-            for j in range(count):
-                i = np.uint64(begin + j * stride)
-                at = np.uint64(j)
-                p_x, p_y = points[i, 0], points[i, 1]
-                x = cos * p_x - sin * p_y
-                y = sin * p_x + cos * p_y
-                rows[np.uint64(X) + at], rows[np.uint64(Y) + at] = x, y
-                n_x, n_y = normals[i, 0], normals[i, 1]
-                rows[np.uint64(NORMAL_U) + at] = cos * n_x - sin * n_y
-                rows[np.uint64(NORMAL_V) + at] = sin * n_x + cos * n_y
-            copy_cells(cells, table, u, v, room, count)
-            average_means(words, rows, count)
-            _pulls(rows, count, s.gain)
-            for j in range(np.uint64(count)):
-                d2 = rows[np.uint64(SQUARE) + j]
-                if d2 == NOTHING:
-                    likelihood += s.miss
-                    continue
-                likelihood -= s.likelihood_gain * d2
-                total += rows[np.uint64(WEIGHT) + j]
-                uu += rows[np.uint64(UU) + j]
-                uv += rows[np.uint64(UV) + j]
-                vv += rows[np.uint64(VV) + j]
-                ut += rows[np.uint64(UT) + j]
-                vt += rows[np.uint64(VT) + j]
-                tt += rows[np.uint64(TT) + j]
-                r_u += rows[np.uint64(PULL_U) + j]
-                r_v += rows[np.uint64(PULL_V) + j]
-                r_t += rows[np.uint64(PULL_T) + j]
+            see_points(points, normals, begin, stride, theta, block, count)
+            copy_cells(cells, table, u, v, block, count)
+            average_means(block, count)
+            weigh(block, count, s.gain)
+            add_up(block, count, s.miss, s.likelihood_gain, sums)
+        likelihood, total, r_u, r_v, r_t = sums[0], sums[1], sums[8], sums[9], sums[10]
+        uu, uv, vv, ut, vt, tt = sums[2], sums[3], sums[4], sums[5], sums[6], sums[7]  # normal equations
         match = Match(CellPose(u, v, theta), total, likelihood, NormalEquations(uu, uv, vv, ut, vt, tt))
         if total == 0.0 or step == steps:
             break
