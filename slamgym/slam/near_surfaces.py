@@ -9,7 +9,7 @@ Convention: see :mod:`slamgym.slam.tiles` for points in cells.
 """
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -27,7 +27,9 @@ WEIGHT, UU, UV, VV, UT, VT, TT, PULL_U, PULL_V, PULL_T = (np.uint64(BLOCK * row)
 the point's cell seen from the point [cells], squared distance to the nearest mean [cells^2], offset to the middle of
 the surface [cells], weight, information, and pull. Unsigned, for such an index isn't asked whether it counts from the
 end."""
-NUM_SUMS = 11
+TOGETHER = 8
+"""Processors take up to so many points at once, and those left over one by one: places up to the next multiple are
+computed, too, whatever they hold."""
 NOTHING = 1e9
 """Squared distance where the neighbourhood is empty [cells^2]."""
 SQUARE_WIDTH = 0.15
@@ -41,19 +43,26 @@ _U, _V, _COUNT = np.uint64(16 * MEAN_U), np.uint64(16 * MEAN_V), np.uint64(16 * 
 
 
 class Block(NamedTuple):
-    """Room for what is found near a block of points.
+    """Room for what is found near a block of points, and for the sums over a scan.
 
     At constant distances within one array the compiler sees that rows don't overlap; else it takes one point at a time.
     """
 
     cells: np.ndarray  # (9 * BLOCK,) uint64: the cells round each point, each as one number, by neighbour
     rows: FloatArray  # (NUM_ROWS * BLOCK,)
+    sums: FloatArray  # (11,) log-likelihood, then the sums of the rows WEIGHT to PULL_T
 
 
 @kernel
 def empty_block() -> Block:
     """Room for a block."""
-    return Block(np.empty(9 * BLOCK, dtype=np.uint64), np.empty(NUM_ROWS * BLOCK))
+    return Block(np.zeros(9 * BLOCK, dtype=np.uint64), np.zeros(NUM_ROWS * BLOCK), np.zeros(11))
+
+
+@kernel
+def _filled_up(count: int) -> Any:
+    """The next multiple of TOGETHER, unsigned."""
+    return np.uint64((count + TOGETHER - 1) // TOGETHER * TOGETHER)
 
 
 @kernel
@@ -117,7 +126,7 @@ def average_means(block: Block, count: int) -> None:
     poses is smeared over two cells; the nearest of its means would hold a point anywhere within it.
     """
     near, rows = block.cells, block.rows
-    for j in range(np.uint64(count)):
+    for j in range(_filled_up(count)):
         in_u, in_v = rows[IN_U + j], rows[IN_V + j]
         nearest, sum_u, sum_v, weight = NOTHING, 0.0, 0.0, 0.0
         for k in range(9):
@@ -139,14 +148,14 @@ def average_means(block: Block, count: int) -> None:
 def weigh(block: Block, count: int, gain: float) -> None:
     """What the first points of a block bind and where they pull: WEIGHT to PULL_T; ``gain`` in 1/cells^2."""
     rows = block.rows
-    for j in range(np.uint64(count)):
+    for j in range(_filled_up(count)):
         # Where the series is meant, all points may take it at once, also those that nothing is near.
         g = gain * rows[SQUARE + j]
         rows[WEIGHT + j] = 1.0 - g * (1.0 - g * (0.5 - g * (1.0 / 6.0 - g * (1.0 / 24.0))))
     if gain * _FARTHEST >= 0.5:
-        for j in range(np.uint64(count)):
+        for j in range(_filled_up(count)):
             rows[WEIGHT + j] = exp_of_minus(gain * rows[SQUARE + j])
-    for j in range(np.uint64(count)):
+    for j in range(_filled_up(count)):
         x, y, w = rows[X + j], rows[Y + j], rows[WEIGHT + j]
         n_u, n_v, du, dv = rows[NORMAL_U + j], rows[NORMAL_V + j], rows[TO_U + j], rows[TO_V + j]
         # Information of this pair: full across the surface, TANGENT along it; both without a normal.
@@ -163,17 +172,16 @@ def weigh(block: Block, count: int, gain: float) -> None:
 
 
 @kernel
-def add_up(block: Block, count: int, miss: float, likelihood_gain: float, sums: FloatArray) -> None:
-    """Add the first points of a block to the sums, in their order.
+def add_up(block: Block, count: int, miss: float, likelihood_gain: float) -> None:
+    """Add the first points of a block to its sums, in their order.
 
     Args:
         block: The block.
         count: How many points.
         miss: Log-likelihood of a point with nothing near.
         likelihood_gain: 1 / likelihood sigma [1/cells^2].
-        sums: (NUM_SUMS,) log-likelihood, then the sums of the rows WEIGHT to PULL_T.
     """
-    rows = block.rows
+    rows, sums = block.rows, block.sums
     likelihood, total, uu, uv, vv, ut = sums[0], sums[1], sums[2], sums[3], sums[4], sums[5]
     vt, tt, r_u, r_v, r_t = sums[6], sums[7], sums[8], sums[9], sums[10]
     for j in range(np.uint64(count)):

@@ -27,7 +27,7 @@ from slamgym.slam.hill_climbing import (
 from slamgym.slam.near_means import NearMeans, empty_means
 from slamgym.slam.near_surfaces import (
     BLOCK,
-    NUM_SUMS,
+    Block,
     add_up,
     average_means,
     copy_cells,
@@ -59,6 +59,7 @@ class CellScan(NamedTuple):
 
     points: FloatArray  # (n, 2) [cells]
     normals: FloatArray  # (n, 2) unit normals of the surface there, zero for none
+    block: Block  # to look them up in
 
 
 class NormalEquations(NamedTuple):
@@ -127,7 +128,8 @@ def align(
     """
     points, normals = scan.points, scan.normals
     cells = pool.cells.view(np.uint64).reshape(pool.cells.shape[:2])  # a cell as one number
-    block, sums = empty_block(), np.empty(NUM_SUMS)
+    block = scan.block
+    sums = block.sums
     u, v, theta = start
     match = Match(start, 0.0, 0.0, NormalEquations(0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
     force = 2.0 * s.gain
@@ -139,7 +141,7 @@ def align(
             copy_cells(cells, table, u, v, block, count)
             average_means(block, count)
             weigh(block, count, s.gain)
-            add_up(block, count, s.miss, s.likelihood_gain, sums)
+            add_up(block, count, s.miss, s.likelihood_gain)
         likelihood, total, r_u, r_v, r_t = sums[0], sums[1], sums[8], sums[9], sums[10]
         uu, uv, vv, ut, vt, tt = sums[2], sums[3], sums[4], sums[5], sums[6], sums[7]  # normal equations
         match = Match(CellPose(u, v, theta), total, likelihood, NormalEquations(uu, uv, vv, ut, vt, tt))
@@ -225,7 +227,7 @@ def match_particles(
     scaled = points * scale
     normals = np.empty_like(points)
     surface_normals(points, normals)
-    scan = CellScan(scaled, normals)
+    scan = CellScan(scaled, normals, empty_block())
     stiffness = s.odometry_weight * resolution * resolution / variance
     turn_stiffness = s.odometry_weight / turn_variance
     # How far off an end point is predicted, for one standard deviation of the position and one of the heading.
@@ -281,9 +283,8 @@ def align_freely(
     surface_normals(points, normals)
     start = CellPose((pose[0] - origin[0]) * scale, (pose[1] - origin[1]) * scale, pose[2])
     free = Prior(start, 0.0, 0.0, True)
-    match = align(
-        pool, tables[particle], CellScan(points * scale, normals), s.stride, start, free, FINE_STEPS, s
-    )
+    scan = CellScan(points * scale, normals, empty_block())
+    match = align(pool, tables[particle], scan, s.stride, start, free, FINE_STEPS, s)
     out[0], out[1] = origin[0] + match.pose.u * resolution, origin[1] + match.pose.v * resolution
     out[2], out[3] = match.pose.theta, match.score
     h = match.binding
