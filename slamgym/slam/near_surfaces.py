@@ -18,11 +18,13 @@ from slamgym.core.types import FloatArray
 from slamgym.slam.hill_climbing import exp_of_minus
 from slamgym.slam.tiles import COUNT, MEAN_U, MEAN_UNITS, MEAN_V, NEIGHBOURS, TILE, TILE_BITS, TILE_MASK
 
-BLOCK = 64
+BLOCK_POINTS = 64
 """Points looked up together: what is kept of them fits into the nearest cache."""
 NUM_ROWS = 19
-X, Y, NORMAL_U, NORMAL_V, IN_U, IN_V, SQUARE, TO_U, TO_V = (np.uint64(BLOCK * row) for row in range(9))
-WEIGHT, UU, UV, VV, UT, VT, TT, PULL_U, PULL_V, PULL_T = (np.uint64(BLOCK * row) for row in range(9, 19))
+X, Y, NORMAL_U, NORMAL_V, IN_U, IN_V, SQUARE, TO_U, TO_V = (np.uint64(BLOCK_POINTS * row) for row in range(9))
+WEIGHT, UU, UV, VV, UT, VT, TT, PULL_U, PULL_V, PULL_T = (
+    np.uint64(BLOCK_POINTS * row) for row in range(9, 19)
+)
 """Where the rows of a block begin: end point seen from the pose [cells], unit normal of the surface there, corner of
 the point's cell seen from the point [cells], squared distance to the nearest mean [cells^2], offset to the middle of
 the surface [cells], weight, information, and pull. Unsigned, for such an index isn't asked whether it counts from the
@@ -48,15 +50,17 @@ class Block(NamedTuple):
     At constant distances within one array the compiler sees that rows don't overlap; else it takes one point at a time.
     """
 
-    cells: np.ndarray  # (9 * BLOCK,) uint64: the cells round each point, each as one number, by neighbour
-    rows: FloatArray  # (NUM_ROWS * BLOCK,)
+    cells: (
+        np.ndarray
+    )  # (9 * BLOCK_POINTS,) uint64: the cells round each point, each as one number, by neighbour
+    rows: FloatArray  # (NUM_ROWS * BLOCK_POINTS,)
     sums: FloatArray  # (11,) log-likelihood, then the sums of the rows WEIGHT to PULL_T
 
 
 @kernel
 def empty_block() -> Block:
     """Room for a block."""
-    return Block(np.zeros(9 * BLOCK, dtype=np.uint64), np.zeros(NUM_ROWS * BLOCK), np.zeros(11))
+    return Block(np.zeros(9 * BLOCK_POINTS, dtype=np.uint64), np.zeros(NUM_ROWS * BLOCK_POINTS), np.zeros(11))
 
 
 @kernel
@@ -99,14 +103,14 @@ def copy_cells(cells: np.ndarray, table: np.ndarray, u: float, v: float, block: 
         row, col = cell_v >> TILE_BITS, cell_u >> TILE_BITS
         if cell_u < 1 or cell_v < 1 or row >= table.shape[0] or col >= table.shape[1]:
             for k in range(9):
-                near[np.uint64(k * BLOCK) + j] = np.uint64(0)
+                near[np.uint64(k * BLOCK_POINTS) + j] = np.uint64(0)
             continue
         tile = np.uint64(table[np.uint64(row), np.uint64(col)])
         in_u, in_v = cell_u & TILE_MASK, cell_v & TILE_MASK
         if 0 < in_u < TILE_MASK and 0 < in_v < TILE_MASK:
             first = np.uint64(((in_v - 1) << TILE_BITS) + in_u - 1)
             for k in range(9):
-                near[np.uint64(k * BLOCK) + j] = cells[tile, first + np.uint64(k // 3 * TILE + k % 3)]
+                near[np.uint64(k * BLOCK_POINTS) + j] = cells[tile, first + np.uint64(k // 3 * TILE + k % 3)]
             continue
         bits = cells[tile, np.uint64((in_v << TILE_BITS) | in_u)] >> np.uint64(16 * NEIGHBOURS)
         for k in range(9):
@@ -115,7 +119,7 @@ def copy_cells(cells: np.ndarray, table: np.ndarray, u: float, v: float, block: 
                 at_v, at_u = cell_v + k // 3 - 1, cell_u + k % 3 - 1
                 tile = np.uint64(table[np.uint64(at_v >> TILE_BITS), np.uint64(at_u >> TILE_BITS)])
                 cell = cells[tile, np.uint64(((at_v & TILE_MASK) << TILE_BITS) | (at_u & TILE_MASK))]
-            near[np.uint64(k * BLOCK) + j] = cell
+            near[np.uint64(k * BLOCK_POINTS) + j] = cell
 
 
 @kernel
@@ -130,7 +134,7 @@ def average_means(block: Block, count: int) -> None:
         in_u, in_v = rows[IN_U + j], rows[IN_V + j]
         nearest, sum_u, sum_v, weight = NOTHING, 0.0, 0.0, 0.0
         for k in range(9):
-            cell = near[np.uint64(k * BLOCK) + j]
+            cell = near[np.uint64(k * BLOCK_POINTS) + j]
             seen = np.int64((cell >> _COUNT) & _MASK)
             offset_u = in_u + (k % 3 - 1) + np.int64((cell >> _U) & _MASK) * (1.0 / MEAN_UNITS)
             offset_v = in_v + (k // 3 - 1) + np.int64((cell >> _V) & _MASK) * (1.0 / MEAN_UNITS)

@@ -26,7 +26,7 @@ from slamgym.slam.hill_climbing import (
 )
 from slamgym.slam.near_means import NearMeans, empty_means
 from slamgym.slam.near_surfaces import (
-    BLOCK,
+    BLOCK_POINTS,
     Block,
     add_up,
     average_means,
@@ -135,8 +135,8 @@ def align(
     force = 2.0 * s.gain
     for step in range(steps + 1):
         sums[:] = 0.0
-        for begin in range(0, len(points), stride * BLOCK):
-            count = min(BLOCK, (len(points) - begin + stride - 1) // stride)
+        for begin in range(0, len(points), stride * BLOCK_POINTS):
+            count = min(BLOCK_POINTS, (len(points) - begin + stride - 1) // stride)
             see_points(points, normals, begin, stride, theta, block, count)
             copy_cells(cells, table, u, v, block, count)
             average_means(block, count)

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from slamgym.slam.hill_climbing import exp_of_minus, score
 from slamgym.slam.near_means import MAX_MEANS, empty_means, forget
-from slamgym.slam.near_surfaces import BLOCK, NOTHING, SQUARE, average_means, copy_cells, empty_block
+from slamgym.slam.near_surfaces import BLOCK_POINTS, NOTHING, SQUARE, average_means, copy_cells, empty_block
 from slamgym.slam.particles import ParticleMaps
 from slamgym.slam.resampling import (
     effective_sample_size,
@@ -92,9 +92,9 @@ def squares(maps, particle, place, points):
     """Squared distance of each of the points (2, n) to the nearest mean of a map [cells^2]."""
     cells = maps.pool.cells.view(np.uint64)[..., 0]
     found = []
-    for begin in range(0, points.shape[1], BLOCK):
-        block, part = empty_block(), points[:, begin : begin + BLOCK]
-        block.rows[: 2 * BLOCK].reshape(2, BLOCK)[:, : part.shape[1]] = part
+    for begin in range(0, points.shape[1], BLOCK_POINTS):
+        block, part = empty_block(), points[:, begin : begin + BLOCK_POINTS]
+        block.rows[: 2 * BLOCK_POINTS].reshape(2, BLOCK_POINTS)[:, : part.shape[1]] = part
         copy_cells(cells, maps.tables[particle], *place, block, part.shape[1])
         average_means(block, part.shape[1])
         found += block.rows[int(SQUARE) :][: part.shape[1]].tolist()
