@@ -25,22 +25,10 @@ from slamgym.slam.near_means import (
     forget,
     gather,
 )
-from slamgym.slam.tiles import (
-    COUNT,
-    EMPTY,
-    MEAN_U,
-    MEAN_UNITS,
-    MEAN_V,
-    NEIGHBOURS,
-    TILE_BITS,
-    TILE_MASK,
-    TilePool,
-)
+from slamgym.slam.tiles import TilePool
 
 MAX_CLIMB_STEPS = 50
 """Bound on the moves of one climb, so that a climb across a featureless map ends."""
-SQUARE_WIDTH = 0.15
-"""Closeness by which means are averaged is 1 / (this + d^2)^2 [cells^2]; 2 cm at 5 cm cells."""
 
 
 class Search(IntEnum):
@@ -82,71 +70,12 @@ class Prior(NamedTuple):
     sure: bool  # whether the prediction is good to within the capture range
 
 
-def _neighbour_lists() -> tuple[np.ndarray, np.ndarray]:
-    """For each 9-bit neighbourhood, how many bits it has and which ones."""
-    numbers, lists = np.zeros(512, dtype=np.int8), np.zeros((512, 9), dtype=np.int8)
-    for bits in range(512):
-        members = [k for k in range(9) if bits >> k & 1]
-        numbers[bits] = len(members)
-        lists[bits, : len(members)] = members
-    return numbers, lists
-
-
-_NUM_NEIGHBOURS, _NEIGHBOURS = _neighbour_lists()
-_DU = np.arange(9) % 3 - 1
-_DV = np.arange(9) // 3 - 1
-
-
 @kernel
 def exp_of_minus(x: float) -> float:
     """exp(-x), from its series where that is good to 3e-4: within a 3 x 3 window the argument is small."""
     if x < 0.5:
         return 1.0 - x * (1.0 - x * (0.5 - x * (1.0 / 6.0 - x * (1.0 / 24.0))))
     return math.exp(-x)
-
-
-@kernel
-def surface_near(cells: np.ndarray, table: np.ndarray, u: float, v: float) -> tuple[float, float, float]:
-    """The surface in the 3 x 3 cells round a point.
-
-    Returns:
-        Squared distance to the nearest cell mean, negative where the neighbourhood is empty [cells^2], and the
-        offset to the middle of the surface [cells]: the average of the means by their counts and closeness. A
-        wall seen from slightly wrong poses is smeared over two cells; the nearest of its means would hold a
-        point anywhere within it.
-    """
-    cell_u, cell_v = int(u), int(v)
-    row, col = cell_v >> TILE_BITS, cell_u >> TILE_BITS
-    if u < 1.0 or v < 1.0 or row >= table.shape[0] or col >= table.shape[1]:
-        return -1.0, 0.0, 0.0
-    # Indices are unsigned, so that none is asked whether it counts from the end.
-    tile = np.uint64(table[np.uint64(row), np.uint64(col)])
-    if tile == np.uint64(EMPTY):
-        return -1.0, 0.0, 0.0
-    in_v, in_u = cell_v & TILE_MASK, cell_u & TILE_MASK
-    bits = np.uint64(cells[tile, np.uint64((in_v << TILE_BITS) | in_u), np.uint64(NEIGHBOURS)])
-    if bits == np.uint64(0):
-        return -1.0, 0.0, 0.0
-    nearest, sum_u, sum_v, weight = 1e9, 0.0, 0.0, 0.0
-    inside = 0 < in_u < TILE_MASK and 0 < in_v < TILE_MASK
-    for b in range(_NUM_NEIGHBOURS[bits]):
-        k = np.uint64(_NEIGHBOURS[bits, np.uint64(b)])
-        du, dv = _DU[k], _DV[k]
-        near = tile
-        if not inside:
-            near = np.uint64(
-                table[np.uint64((cell_v + dv) >> TILE_BITS), np.uint64((cell_u + du) >> TILE_BITS)]
-            )
-        cell = np.uint64((((in_v + dv) & TILE_MASK) << TILE_BITS) | ((in_u + du) & TILE_MASK))
-        offset_u = cell_u - u + du + cells[near, cell, np.uint64(MEAN_U)] * (1.0 / MEAN_UNITS)
-        offset_v = cell_v - v + dv + cells[near, cell, np.uint64(MEAN_V)] * (1.0 / MEAN_UNITS)
-        d2 = offset_u * offset_u + offset_v * offset_v
-        w = cells[near, cell, np.uint64(COUNT)] / ((SQUARE_WIDTH + d2) * (SQUARE_WIDTH + d2))
-        sum_u += w * offset_u
-        sum_v += w * offset_v
-        weight += w
-        nearest = min(nearest, d2)
-    return nearest, sum_u / weight, sum_v / weight
 
 
 @kernel

@@ -23,15 +23,20 @@ from slamgym.slam.hill_climbing import (
     Prior,
     Search,
     climb,
-    exp_of_minus,
-    surface_near,
 )
 from slamgym.slam.near_means import NearMeans, empty_means
+from slamgym.slam.near_surfaces import (
+    BLOCK_POINTS,
+    Block,
+    add_up,
+    average_means,
+    copy_cells,
+    empty_block,
+    see_points,
+    weigh,
+)
 from slamgym.slam.tiles import TileMaps, TilePool
 
-TANGENT = 0.1
-"""Weight of a distance along the surface against one across it. Along a wall the nearest mean says little,
-but not nothing: without it, a scan that sees two parallel walls slides."""
 CONVERGED_CELLS = 5e-3
 CONVERGED_RAD = 2e-4
 """ICP stops when a step is smaller than 0.25 mm at 5 cm cells and 0.011 degrees."""
@@ -54,6 +59,7 @@ class CellScan(NamedTuple):
 
     points: FloatArray  # (n, 2) [cells]
     normals: FloatArray  # (n, 2) unit normals of the surface there, zero for none
+    block: Block  # to look them up in
 
 
 class NormalEquations(NamedTuple):
@@ -120,44 +126,24 @@ def align(
         steps: Most steps.
         s: Settings.
     """
-    points, normals, cells = scan.points, scan.normals, pool.cells
+    points, normals = scan.points, scan.normals
+    cells = pool.cells.view(np.uint64).reshape(pool.cells.shape[:2])  # a cell as one number
+    block = scan.block
+    sums = block.sums
     u, v, theta = start
     match = Match(start, 0.0, 0.0, NormalEquations(0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
     force = 2.0 * s.gain
     for step in range(steps + 1):
-        cos, sin = math.cos(theta), math.sin(theta)
-        total, likelihood = 0.0, 0.0
-        uu = uv = vv = ut = vt = tt = 0.0  # normal equations
-        r_u = r_v = r_t = 0.0
-        for i in range(0, len(points), stride):
-            x = cos * points[i, 0] - sin * points[i, 1]
-            y = sin * points[i, 0] + cos * points[i, 1]
-            d2, du, dv = surface_near(cells, table, u + x, v + y)
-            if d2 < 0.0:
-                likelihood += s.miss
-                continue
-            likelihood -= s.likelihood_gain * d2
-            w = exp_of_minus(s.gain * d2)
-            total += w
-            # Information of this pair: full across the surface, TANGENT along it; both without a normal.
-            n_u = cos * normals[i, 0] - sin * normals[i, 1]
-            n_v = sin * normals[i, 0] + cos * normals[i, 1]
-            along = TANGENT if n_u != 0.0 or n_v != 0.0 else 1.0
-            i_uu = w * (n_u * n_u * (1.0 - along) + along)
-            i_uv = w * (n_u * n_v * (1.0 - along))
-            i_vv = w * (n_v * n_v * (1.0 - along) + along)
-            # A turn moves the point by (-y, x).
-            i_ut, i_vt = i_uv * x - i_uu * y, i_vv * x - i_uv * y
-            uu += i_uu
-            uv += i_uv
-            vv += i_vv
-            ut += i_ut
-            vt += i_vt
-            tt += i_vt * x - i_ut * y
-            f_u, f_v = i_uu * du + i_uv * dv, i_uv * du + i_vv * dv
-            r_u += f_u
-            r_v += f_v
-            r_t += x * f_v - y * f_u
+        sums[:] = 0.0
+        for begin in range(0, len(points), stride * BLOCK_POINTS):
+            count = min(BLOCK_POINTS, (len(points) - begin + stride - 1) // stride)
+            see_points(points, normals, begin, stride, theta, block, count)
+            copy_cells(cells, table, u, v, block, count)
+            average_means(block, count)
+            weigh(block, count, s.gain)
+            add_up(block, count, s.miss, s.likelihood_gain)
+        likelihood, total, r_u, r_v, r_t = sums[0], sums[1], sums[8], sums[9], sums[10]
+        uu, uv, vv, ut, vt, tt = sums[2], sums[3], sums[4], sums[5], sums[6], sums[7]  # normal equations
         match = Match(CellPose(u, v, theta), total, likelihood, NormalEquations(uu, uv, vv, ut, vt, tt))
         if total == 0.0 or step == steps:
             break
@@ -241,7 +227,7 @@ def match_particles(
     scaled = points * scale
     normals = np.empty_like(points)
     surface_normals(points, normals)
-    scan = CellScan(scaled, normals)
+    scan = CellScan(scaled, normals, empty_block())
     stiffness = s.odometry_weight * resolution * resolution / variance
     turn_stiffness = s.odometry_weight / turn_variance
     # How far off an end point is predicted, for one standard deviation of the position and one of the heading.
@@ -297,9 +283,8 @@ def align_freely(
     surface_normals(points, normals)
     start = CellPose((pose[0] - origin[0]) * scale, (pose[1] - origin[1]) * scale, pose[2])
     free = Prior(start, 0.0, 0.0, True)
-    match = align(
-        pool, tables[particle], CellScan(points * scale, normals), s.stride, start, free, FINE_STEPS, s
-    )
+    scan = CellScan(points * scale, normals, empty_block())
+    match = align(pool, tables[particle], scan, s.stride, start, free, FINE_STEPS, s)
     out[0], out[1] = origin[0] + match.pose.u * resolution, origin[1] + match.pose.v * resolution
     out[2], out[3] = match.pose.theta, match.score
     h = match.binding

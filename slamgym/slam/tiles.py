@@ -96,40 +96,21 @@ def writable_tile(pool: TilePool, table: np.ndarray, row: int, col: int) -> int:
 
 
 @kernel
-def insert_point(pool: TilePool, table: np.ndarray, tile: int, u: float, v: float) -> None:
-    """Add an end point to a map; ``tile`` is the point's tile, and this table's own."""
-    cell_u, cell_v = int(u), int(v)
+def _begin_cell(pool: TilePool, table: np.ndarray, cell_u: int, cell_v: int) -> None:
+    """Tell the neighbours of a cell that it holds a mean from now on; its tile is this table's own."""
     at_u, at_v = cell_u & TILE_MASK, cell_v & TILE_MASK
-    # Indices are unsigned, so that none is asked whether it counts from the end.
-    own, cell = np.uint64(tile), np.uint64((at_v << TILE_BITS) | at_u)
-    in_u, in_v = (u - cell_u) * MEAN_UNITS, (v - cell_v) * MEAN_UNITS
-    count = int(pool.cells[own, cell, np.uint64(COUNT)])
-    if count == 0:
-        pool.cells[own, cell, np.uint64(MEAN_U)] = np.uint16(in_u)
-        pool.cells[own, cell, np.uint64(MEAN_V)] = np.uint16(in_v)
-        pool.cells[own, cell, np.uint64(COUNT)] = 1
-        inside = 0 < at_u < TILE_MASK and 0 < at_v < TILE_MASK
-        for dv in range(-1, 2):
-            for du in range(-1, 2):
-                near = tile
-                if not inside:
-                    near = writable_tile(pool, table, (cell_v + dv) >> TILE_BITS, (cell_u + du) >> TILE_BITS)
-                near_cell = np.uint64((((at_v + dv) & TILE_MASK) << TILE_BITS) | ((at_u + du) & TILE_MASK))
-                # Seen from the neighbour, the new mean lies the other way.
-                pool.cells[np.uint64(near), near_cell, np.uint64(NEIGHBOURS)] |= np.uint16(
-                    1 << (3 * (1 - dv) + 1 - du)
-                )
-        return
-    gain = 1.0 / (count + 1)
-    mean_u = float(pool.cells[own, cell, np.uint64(MEAN_U)])
-    mean_v = float(pool.cells[own, cell, np.uint64(MEAN_V)])
-    # A convex combination of values below MEAN_UNITS, half a unit for rounding: never out of range.
-    mean_u = min(mean_u + gain * (in_u - mean_u) + 0.5, MEAN_UNITS - 1.0)
-    mean_v = min(mean_v + gain * (in_v - mean_v) + 0.5, MEAN_UNITS - 1.0)
-    pool.cells[own, cell, np.uint64(MEAN_U)] = np.uint16(mean_u)
-    pool.cells[own, cell, np.uint64(MEAN_V)] = np.uint16(mean_v)
-    if count < MAX_COUNT:
-        pool.cells[own, cell, np.uint64(COUNT)] = np.uint16(count + 1)
+    inside = 0 < at_u < TILE_MASK and 0 < at_v < TILE_MASK
+    tile = table[cell_v >> TILE_BITS, cell_u >> TILE_BITS]
+    for dv in range(-1, 2):
+        for du in range(-1, 2):
+            near = tile
+            if not inside:
+                near = writable_tile(pool, table, (cell_v + dv) >> TILE_BITS, (cell_u + du) >> TILE_BITS)
+            near_cell = np.uint64((((at_v + dv) & TILE_MASK) << TILE_BITS) | ((at_u + du) & TILE_MASK))
+            # Seen from the neighbour, the new mean lies the other way.
+            pool.cells[np.uint64(near), near_cell, np.uint64(NEIGHBOURS)] |= np.uint16(
+                1 << (3 * (1 - dv) + 1 - du)
+            )
 
 
 @kernel
@@ -148,6 +129,7 @@ def register_scan(maps: TileMaps, poses: FloatArray, points: FloatArray, first: 
     """
     parts, tables, origin, resolution = maps
     pool, scale = TilePool(*parts), 1.0 / resolution
+    cells = pool.cells
     # An end point touches at most four tiles: its own and those of its neighbour cells.
     most = min(4 * len(points), tables.shape[1] * tables.shape[2])
     max_u, max_v = tables.shape[2] * TILE - 1.0, tables.shape[1] * TILE - 1.0
@@ -166,7 +148,28 @@ def register_scan(maps: TileMaps, poses: FloatArray, points: FloatArray, first: 
                 if at_row != row or at_col != col:
                     row, col = at_row, at_col
                     tile = writable_tile(pool, table, row, col)
-                insert_point(pool, table, tile, u, v)
+                cell_u, cell_v = int(u), int(v)
+                # Indices are unsigned, so that none is asked whether it counts from the end.
+                cell = np.uint64(((cell_v & TILE_MASK) << TILE_BITS) | (cell_u & TILE_MASK))
+                own = np.uint64(tile)
+                in_u, in_v = (u - cell_u) * MEAN_UNITS, (v - cell_v) * MEAN_UNITS
+                count = int(cells[own, cell, np.uint64(COUNT)])
+                if count == 0:
+                    cells[own, cell, np.uint64(MEAN_U)] = np.uint16(in_u)
+                    cells[own, cell, np.uint64(MEAN_V)] = np.uint16(in_v)
+                    cells[own, cell, np.uint64(COUNT)] = 1
+                    _begin_cell(pool, table, cell_u, cell_v)
+                    continue
+                gain = 1.0 / (count + 1)
+                mean_u = float(cells[own, cell, np.uint64(MEAN_U)])
+                mean_v = float(cells[own, cell, np.uint64(MEAN_V)])
+                # A convex combination of values below MEAN_UNITS, half a unit for rounding: never out of range.
+                mean_u = min(mean_u + gain * (in_u - mean_u) + 0.5, MEAN_UNITS - 1.0)
+                mean_v = min(mean_v + gain * (in_v - mean_v) + 0.5, MEAN_UNITS - 1.0)
+                cells[own, cell, np.uint64(MEAN_U)] = np.uint16(mean_u)
+                cells[own, cell, np.uint64(MEAN_V)] = np.uint16(mean_v)
+                if count < MAX_COUNT:
+                    cells[own, cell, np.uint64(COUNT)] = np.uint16(count + 1)
     return len(poses)
 
 

@@ -7,8 +7,9 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from slamgym.slam.hill_climbing import exp_of_minus, score, surface_near
+from slamgym.slam.hill_climbing import exp_of_minus, score
 from slamgym.slam.near_means import MAX_MEANS, empty_means, forget
+from slamgym.slam.near_surfaces import BLOCK_POINTS, NOTHING, SQUARE, average_means, copy_cells, empty_block
 from slamgym.slam.particles import ParticleMaps
 from slamgym.slam.resampling import (
     effective_sample_size,
@@ -87,6 +88,19 @@ class DenseMaps:
         return min((float((m[0] - u) ** 2 + (m[1] - v) ** 2) for m in means), default=-1.0)
 
 
+def squares(maps, particle, place, points):
+    """Squared distance of each of the points (2, n) to the nearest mean of a map [cells^2]."""
+    cells = maps.pool.cells.view(np.uint64)[..., 0]
+    found = []
+    for begin in range(0, points.shape[1], BLOCK_POINTS):
+        block, part = empty_block(), points[:, begin : begin + BLOCK_POINTS]
+        block.rows[: 2 * BLOCK_POINTS].reshape(2, BLOCK_POINTS)[:, : part.shape[1]] = part
+        copy_cells(cells, maps.tables[particle], *place, block, part.shape[1])
+        average_means(block, part.shape[1])
+        found += block.rows[int(SQUARE) :][: part.shape[1]].tolist()
+    return found
+
+
 @given(st.integers(0, 2**32 - 1))
 @settings(max_examples=25)
 def test_shared_tiles_behave_as_copied_maps(seed):
@@ -108,12 +122,8 @@ def test_shared_tiles_behave_as_copied_maps(seed):
     for particle in range(particles):
         for cell in list(dense.maps[particle])[:20]:
             u, v = cell[0] + rng.random(), cell[1] + rng.random()
-            found, _, _ = surface_near(
-                shared.pool.cells,
-                shared.tables[particle],
-                u - origin[0] / resolution,
-                v - origin[1] / resolution,
-            )
+            point = np.array([[u], [v]]) - origin[:, None] / resolution
+            found = squares(shared, particle, (0.0, 0.0), point)[0]
             expected = dense.nearest(particle, u, v)
             # Means are kept in 16 bits: a few hundred-thousandths of a cell.
             assert math.isclose(math.sqrt(found), math.sqrt(expected), abs_tol=1e-3)
@@ -135,9 +145,8 @@ def test_a_score_from_remembered_means_is_that_of_the_tiles():
         points = rng.uniform(-140.0, 140.0, (2, 300))
         u, v = -maps.origin / 0.05 + rng.normal(0.0, 3.0, 2)
         expected = 0.0
-        for x, y in points.T:
-            found, _, _ = surface_near(maps.pool.cells, maps.tables[particle], u + x, v + y)
-            expected += exp_of_minus(0.05 * found) if found >= 0.0 else 0.0
+        for found in squares(maps, particle, (u, v), points):
+            expected += exp_of_minus(0.05 * found) if found < NOTHING else 0.0
         for _ in range(2):
             value = score(maps.pool.cells, maps.tables[particle], near, points, u, v, 0.05, -1.0)
             assert math.isclose(value, expected, abs_tol=1e-9)
