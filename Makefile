@@ -29,7 +29,7 @@ $(VENV)/.base: pyproject.toml constraints.txt | $(VENV)/bin/python
 
 # What a developer needs: every extra that the tests exercise.
 $(VENV)/.dev: pyproject.toml constraints.txt | $(VENV)/bin/python
-	$(BIN)/pip install --quiet --constraint constraints.txt --editable ".[films,agents,gan,hub,offline,ifc,ray,ros,human,site,dev]"
+	$(BIN)/pip install --quiet --constraint constraints.txt --editable ".[films,agents,gan,hub,offline,ifc,ray,ros,human,viz,site,dev]"
 	@touch $@ $(VENV)/.base
 
 setup: $(VENV)/.dev
