@@ -209,8 +209,8 @@ class _Watcher:
         foreseen = None
         if isinstance(getattr(explorer, "rule", None), ForesightTour):
             floor, wall, frame = pretrained_completion().complete(loop.known_map(), loop.pose)
-            corner = {"origin_x": frame.origin_x + placed.x, "origin_y": frame.origin_y + placed.y}
-            foreseen = floor.mean(axis=0), wall.mean(axis=0), frame._replace(**corner)
+            frame = frame._replace(origin_x=frame.origin_x + placed.x, origin_y=frame.origin_y + placed.y)
+            foreseen = floor.mean(axis=0), wall.mean(axis=0), frame
         offered = [one for one in loop.candidates if one is not loop.target]
         shown = offered if loop.target is None else [*offered, loop.target]
         return Deliberation(
