@@ -48,16 +48,15 @@ smoke: $(VENV)/.dev
 site: $(VENV)/.dev
 	$(BIN)/mkdocs build --quiet --strict
 
-# The lowest versions that pyproject.toml allows of what the package leans on most, the others as in constraints.txt, which has
-# the newest of all.
+# The lowest versions that pyproject.toml allows of what the package leans on most, the others as pip finds them; the tests
+# of every day run with those of constraints.txt.
 LOWEST := .venv-lowest
 LEANS_ON := numpy|gymnasium|pymunk|stable-baselines3|sb3-contrib
 LOWEST_TESTS := tests/envs tests/sim tests/core/test_geometry.py tests/core/test_types.py tests/slam/test_particle_filter.py \
 	tests/agents/test_explorers.py tests/agents/test_explorers_in_sb3.py tests/agents/test_training.py tests/dataset/test_pair.py
 lowest:
 	$(PYTHON) -m venv $(LOWEST)
-	grep -viE '^($(LEANS_ON))==' constraints.txt > $(LOWEST)/constraints.txt
-	grep -oE '"($(LEANS_ON))>=[0-9.]+' pyproject.toml | sed 's/"//; s/>=/==/' | sort -u >> $(LOWEST)/constraints.txt
+	grep -oE '"($(LEANS_ON))>=[0-9.]+' pyproject.toml | sed 's/"//; s/>=/==/' | sort -u > $(LOWEST)/constraints.txt
 	$(LOWEST)/bin/pip install --quiet --constraint $(LOWEST)/constraints.txt --editable ".[agents,human,dev]"
 	$(LOWEST)/bin/python -m pytest --import-mode=importlib $(LOWEST_TESTS)
 
