@@ -14,7 +14,7 @@ from slamgym.planning.context import ExplorerContext
 from slamgym.viz.map_pictures import GrowingView
 from slamgym.viz.window import Window
 
-KEYS = {
+_KEYS = {
     "up": (1, 0),
     "w": (1, 0),
     "down": (-1, 0),
@@ -25,7 +25,7 @@ KEYS = {
     "d": (0, -1),
 }
 """What a key asks for: signs of the speed and of the rate of turn."""
-DONE = ("return", "enter")
+_DONE = ("return", "enter")
 
 _TURN_RATE = 1.0  # people turn more slowly than the robot can [rad/s]
 _ARROW = np.array([[-0.15, 0.12], [0.3, 0.0], [-0.15, -0.12], [-0.15, 0.12]])  # robot frame [m]
@@ -53,8 +53,8 @@ class _Hands(Pilot):
         caption = f"{minutes}:{seconds:02d}   arrows or W A S D: drive   Enter: done, save   close the window: give up"
         self._window.show(self._view.draw(grid, paths, caption))
         keys = self._window.keys
-        self.finished = not keys.isdisjoint(DONE)
-        ahead, left = np.sum([KEYS[key] for key in keys if key in KEYS] or [(0, 0)], axis=0)
+        self.finished = not keys.isdisjoint(_DONE)
+        ahead, left = np.sum([_KEYS[key] for key in keys if key in _KEYS] or [(0, 0)], axis=0)
         return Twist2D(
             math.copysign(context.max_linear, ahead) if ahead else 0.0,
             math.copysign(self._turn_rate, left) if left else 0.0,
