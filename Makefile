@@ -6,7 +6,7 @@ DEMO ?= out/demo
 # One thread per process: the programs run one process per core.
 export OMP_NUM_THREADS ?= 1
 
-.PHONY: help setup demo test smoke site fuzz check format clean
+.PHONY: help setup demo test smoke site fuzz check format clean lowest
 
 help:
 	@echo "make demo    explore the bundled plans, write map pairs and a contact sheet to $(DEMO)"
@@ -15,6 +15,7 @@ help:
 	@echo "make site    build the documentation: out/site/index.html"
 	@echo "make fuzz    search for examples that fail, until one is found or Ctrl-C is pressed;"
 	@echo "             CASES=1000: try so many damaged files on each reader, and stop"
+	@echo "make lowest  the tests that need it most, with the lowest versions of the packages that are allowed"
 	@echo "make check   format, lint and type checks"
 	@echo "make format  fix what the formatter and the linter can"
 	@echo "make clean   remove the virtual environment and the caches"
@@ -29,7 +30,7 @@ $(VENV)/.base: pyproject.toml constraints.txt | $(VENV)/bin/python
 
 # What a developer needs: every extra that the tests exercise.
 $(VENV)/.dev: pyproject.toml constraints.txt | $(VENV)/bin/python
-	$(BIN)/pip install --quiet --constraint constraints.txt --editable ".[films,agents,gan,hub,offline,ifc,ray,ros,human,site,dev]"
+	$(BIN)/pip install --quiet --constraint constraints.txt --editable ".[films,agents,gan,hub,offline,ifc,ray,ros,human,viz,site,dev]"
 	@touch $@ $(VENV)/.base
 
 setup: $(VENV)/.dev
@@ -46,6 +47,18 @@ smoke: $(VENV)/.dev
 
 site: $(VENV)/.dev
 	$(BIN)/mkdocs build --quiet --strict
+
+# The lowest versions that pyproject.toml allows of what the package leans on most, the others as pip finds them; the tests
+# of every day run with those of constraints.txt.
+LOWEST := .venv-lowest
+LEANS_ON := numpy|gymnasium|pymunk|stable-baselines3|sb3-contrib
+LOWEST_TESTS := tests/envs tests/sim tests/core/test_geometry.py tests/core/test_types.py tests/slam/test_particle_filter.py \
+	tests/agents/test_explorers.py tests/agents/test_explorers_in_sb3.py tests/agents/test_training.py tests/dataset/test_pair.py
+lowest:
+	$(PYTHON) -m venv $(LOWEST)
+	grep -oE '"($(LEANS_ON))>=[0-9.]+' pyproject.toml | sed 's/"//; s/>=/==/' | sort -u > $(LOWEST)/constraints.txt
+	$(LOWEST)/bin/pip install --quiet --constraint $(LOWEST)/constraints.txt --editable ".[agents,human,dev]"
+	$(LOWEST)/bin/python -m pytest --import-mode=importlib $(LOWEST_TESTS)
 
 # What was found is kept in .hypothesis and tried first in the next search.
 fuzz: $(VENV)/.dev
@@ -65,5 +78,5 @@ format: $(VENV)/.dev
 	$(BIN)/ruff check --fix .
 
 clean:
-	rm -rf $(VENV) build dist *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis
+	rm -rf $(VENV) $(LOWEST) build dist *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis
 	find slamgym agents gan tests benchmarks -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -31,6 +31,8 @@ class Pilot(ABC):
     """Nothing that the robot can get to is left to explore."""
     decisions: int = 0
     """How often it was chosen where to go."""
+    loop: ExplorationLoop | None = None
+    """The frontiers that it chooses among, where it goes by any."""
 
     @abstractmethod
     def act(self, observation: Observation) -> Twist2D:
@@ -50,6 +52,8 @@ class FrontierPilot(Pilot):
         config: How frontiers are offered and driven to.
         rule: Scores the candidates.
     """
+
+    loop: ExplorationLoop
 
     def __init__(self, context: ExplorerContext, config: ExplorationLoopConfig, rule: Rule) -> None:
         self.loop = ExplorationLoop(context, config)
@@ -97,6 +101,11 @@ class BatchedExplorer(ABC):
     def decisions(self) -> int:
         """How often it was chosen where to go, in all environments together."""
         return sum(pilot.decisions for pilot in self._pilots)
+
+    @property
+    def loops(self) -> list[ExplorationLoop | None]:
+        """:attr:`Pilot.loop` of each environment."""
+        return [pilot.loop for pilot in self._pilots]
 
     @property
     def finished_each(self) -> BoolArray:

@@ -82,6 +82,7 @@ class _Driver(Pilot):
         slow = replace(context, max_linear=min(habits.speed, context.max_linear))
         self._config, self._rng = config, rng
         self._explorer = FrontierPilot(slow, loop, Nearest())
+        self.loop = self._explorer.loop
         self._visits_left = habits.visits
         self._directions = unit_vectors(context.geometry.angles)
         self._unseen = np.ones(context.frame.shape, dtype=np.bool_)  # row 0 at the bottom

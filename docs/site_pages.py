@@ -3,8 +3,10 @@
 A hook of mkdocs (see mkdocs.yml). What lies at the top of the repository is brought in with its links put right.
 """
 
+import ast
 import importlib
 import inspect
+import json
 import re
 from pathlib import Path
 from typing import Any
@@ -20,6 +22,8 @@ FACES = (
 )  # fmt: skip
 """Packages whose public names are the API."""
 ENVIRONMENTS = {"slamgym/Explore-v1": "ExploreEnv", "slamgym/ExploreFrontiers-v1": "ExploreFrontiersEnv"}
+_PICTURE = re.compile(r"!\[([^\]]+)\]\((images/[\w.]+)\)")
+_SNIPPET = re.compile(r"```py\n--8<-- \"(examples/(\w+)\.py)\"\n```")
 _TO_SOURCE = re.compile(
     r"\[([^\]]+)\]\((?:\.\./)*((?:slamgym|agents|gan|tests|benchmarks|examples)/[\w/.]+)\)"
 )
@@ -31,6 +35,8 @@ def on_files(files: Files, config: Any) -> Files:
         "reference/commands.md": commands_page(),
         "reference/environments.md": environments_page(),
         "reference/api.md": api_page(),
+        "gallery.md": gallery_page(),
+        **{f"tutorials/{path.stem}.ipynb": notebook_of(path) for path in tutorials()},
         **{name: brought_in(ROOT / source) for source, name in BROUGHT_IN.items()},
     }
     for name, text in pages.items():
@@ -39,7 +45,8 @@ def on_files(files: Files, config: Any) -> Files:
 
 
 def on_page_markdown(markdown: str, **_: Any) -> str:
-    """Links to sources, which the site doesn't hold, become their paths."""
+    """Links to sources, which the site doesn't hold, become their paths; a tutorial names its notebook."""
+    markdown = _SNIPPET.sub(r"\g<0>\n\n[Download it as a notebook](\g<2>.ipynb).", markdown)
     return _TO_SOURCE.sub(r"`\2`", markdown)
 
 
@@ -49,6 +56,59 @@ def brought_in(path: Path) -> str:
     for source, name in BROUGHT_IN.items():
         text = text.replace(f"]({source})", f"]({name})")
     return text
+
+
+def tutorials() -> list[Path]:
+    """The scripts that the tutorials' pages show."""
+    found = (_SNIPPET.search(page.read_text()) for page in sorted((ROOT / "docs" / "tutorials").glob("*.md")))
+    return [ROOT / match[1] for match in found if match]
+
+
+def notebook_of(script: Path) -> str:
+    """A script as a Jupyter notebook: its docstring as text, then a cell for its imports and each part that follows."""
+    source = script.read_text()
+    lines, (first, *nodes) = source.splitlines(), ast.parse(source).body
+    cells: list[tuple[str, str]] = [("markdown", ast.get_docstring(ast.parse(source)) or "")]
+    cells.append(("code", 'import sys\n\nsys.argv = [""]  # a notebook has no arguments'))
+    begin, imports = (
+        first.end_lineno or 0,
+        [node for node in nodes if isinstance(node, ast.Import | ast.ImportFrom)],
+    )
+    for node in [imports[-1], *(node for node in nodes if node not in imports)]:
+        end = node.end_lineno or begin
+        if lines[end - 1 : end] and "  # noqa" in lines[end - 1]:
+            lines[end - 1] = lines[end - 1].partition("  # noqa")[0]
+        cells.append(("code", "\n".join(lines[begin:end]).strip()))
+        begin = end
+    notebook = {
+        "cells": [
+            {
+                "cell_type": kind, "id": f"cell-{number}", "metadata": {}, "source": text,
+                **({"outputs": [], "execution_count": None} if kind == "code" else {}),
+            }
+            for number, (kind, text) in enumerate(cells)
+        ],
+        "metadata": {"language_info": {"name": "python"}},
+        "nbformat": 4,
+        "nbformat_minor": 5,
+    }  # fmt: skip
+    return json.dumps(notebook, indent=1) + "\n"
+
+
+def gallery_page() -> str:
+    """Every picture of the other pages, with its caption and the page that says how it was made."""
+    parts = ["# Gallery\n\nEach picture leads to the page that explains it."]
+    seen = set()
+    for page in sorted((ROOT / "docs").glob("*.md")):
+        text = page.read_text()
+        title = text.partition("\n")[0].removeprefix("# ")
+        for caption, image in _PICTURE.findall(text):
+            if image not in seen:
+                parts.append(
+                    f"[![{caption}]({image})]({page.name})\n\n{caption[0].upper()}{caption[1:]}: [{title}]({page.name})"
+                )
+            seen.add(image)
+    return "\n\n".join(parts)
 
 
 def commands_page() -> str:

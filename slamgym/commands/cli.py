@@ -119,6 +119,7 @@ TABLE = Group(
             closing=". `slamgym generate` makes a dataset.",
         ),
         "watch": Command("watch:main", "watch an exploration in a window, or write it as MP4 or GIF"),
+        "drive": Command("drive:main", "explore a building by keyboard, and keep the pair"),
         "agents": Group(
             "train, evaluate and compare explorers",
             {

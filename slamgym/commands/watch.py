@@ -2,27 +2,33 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
+import numpy as np
 import tyro
 
 from slamgym.core.config import Arguments, Count, Positive, Within, suggest
 from slamgym.core.errors import ConfigError
+from slamgym.core.geometry import transform_points, transform_poses
 from slamgym.core.progress import say
 from slamgym.sim import ClutterConfig, LidarConfig, OdometryLevel, RobotConfig
 from slamgym.slam import SlamConfig
 
 if TYPE_CHECKING:
-    from slamgym.envs import ExploreEnv
-
-if TYPE_CHECKING:
+    from slamgym.agents.explorer import BatchedExplorer
     from slamgym.cad import FloorPlan
     from slamgym.envs import ExploreEnv
+    from slamgym.planning.exploration_loop import ExplorationLoop
+    from slamgym.viz.recording import Deliberation
+
+    _Observer = Callable[[BatchedExplorer, int | None], None]
+    """Looks at the explorer after a step, numbered from the reset's 0, and with None once all is over."""
 
 _Rate = Annotated[float, Within(gt=0.0, lt=1000.0)]
 
@@ -37,7 +43,10 @@ class WatchArguments(Arguments):
     explorer: str = "rl"
     """Who drives: ``rl``, ``explore_lite``, ``nearest``, ..."""
     out: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None
-    """Film to write, .mp4 or .gif; without it a window opens."""
+    """Film to write, .mp4 or .gif; without film and recording a window opens."""
+    rerun: Path | None = None
+    """Recording to write, .rrd, which the rerun viewer shows on a timeline: plan, scans, particles, map, frontiers and
+    what the explorer foresees (`pip install 'slamgym[viz]'`)."""
     minutes: Literal["auto"] | Positive = "auto"
     """Limit of robot time [min]."""
     speed: _Rate = 16.0
@@ -61,9 +70,12 @@ class WatchArguments(Arguments):
 
     def _check(self) -> None:
         from slamgym.viz.films import check_film_name
+        from slamgym.viz.recording import check_recording_name
 
         if self.out is not None:
             check_film_name(self.out)
+        if self.rerun is not None:
+            check_recording_name(self.rerun)
 
 
 def main(argv: list[str]) -> int:
@@ -72,15 +84,17 @@ def main(argv: list[str]) -> int:
     plan = _choose_plan(arguments)
     env = _make_env(arguments, plan)
     try:
-        steps = _explore(env, plan, arguments)
-        if arguments.out is None:
-            for _ in steps:
-                pass
-        else:
-            _write_film(arguments, env, steps)
-            sys.stdout.write(f"{arguments.out}\n")
+        with contextlib.ExitStack() as files:
+            observers = [
+                files.enter_context(opened(arguments, env))
+                for wanted, opened in ((arguments.out, _film), (arguments.rerun, _recording))
+                if wanted is not None
+            ]
+            _explore(env, plan, arguments, observers)
     finally:
         env.close()
+    for path in filter(None, (arguments.out, arguments.rerun)):
+        sys.stdout.write(f"{path}\n")
     return 0
 
 
@@ -111,17 +125,21 @@ def _make_env(arguments: WatchArguments, plan: FloorPlan) -> ExploreEnv:
         clutter=arguments.clutter,
     )
     config = fitted_env(plan, config.for_explorer(), arguments.minutes)
-    return ExploreEnv(plan, config, render_mode="human" if arguments.out is None else "rgb_array")
+    has_window = arguments.out is None and arguments.rerun is None
+    return ExploreEnv(plan, config, render_mode="human" if has_window else "rgb_array")
 
 
-def _explore(env: ExploreEnv, plan: FloorPlan, arguments: WatchArguments) -> Iterator[dict[str, Any]]:
-    """Step through the exploration; yields the environment's info after each step."""
+def _explore(env: ExploreEnv, plan: FloorPlan, arguments: WatchArguments, observers: list[_Observer]) -> None:
+    """Run the exploration; after each step, and once more at the end, the observers look at it."""
     from slamgym.agents.registry import make_explorer
     from slamgym.envs.episode import episode_steps
 
     explorer = make_explorer(arguments.explorer, env.explorer_context(), arguments.seed)
-    for info in episode_steps(env, explorer, env.reset(seed=arguments.seed)):
-        yield info
+    for number, info in enumerate(episode_steps(env, explorer, env.reset(seed=arguments.seed))):  # noqa: B007 - the last info is shown
+        for observe in observers:
+            observe(explorer, number)
+    for observe in observers:
+        observe(explorer, None)
     ending = "explored" if explorer.finished else "time is up"
     say(
         f"{plan.id}: {ending} after {env.simulation.time / 60.0:.1f} min and {info['path_length']:.0f} m, "
@@ -129,14 +147,76 @@ def _explore(env: ExploreEnv, plan: FloorPlan, arguments: WatchArguments) -> Ite
     )
 
 
-def _write_film(arguments: WatchArguments, env: ExploreEnv, steps: Iterator[dict[str, Any]]) -> None:
-    """Write every n-th step as a frame; the file appears when it is complete."""
+@contextlib.contextmanager
+def _film(arguments: WatchArguments, env: ExploreEnv) -> Iterator[_Observer]:
+    """Every n-th step as a frame of a film."""
     from slamgym.viz.films import open_film
 
     assert arguments.out is not None
     stride = max(1, round(arguments.speed / arguments.fps / env.config.control_step))
     with open_film(arguments.out, arguments.fps) as show:
-        for number, _ in enumerate(steps):
-            if number % stride == 0:
+
+        def observe(explorer: BatchedExplorer, step: int | None) -> None:  # noqa: ARG001 - the picture shows the world
+            if step is None or step % stride == 0:
                 show(env.render())
-        show(env.render())
+
+        yield observe
+
+
+@contextlib.contextmanager
+def _recording(arguments: WatchArguments, env: ExploreEnv) -> Iterator[_Observer]:
+    """Every step as a moment of a recording."""
+    from slamgym.viz.recording import open_recording
+
+    assert arguments.rerun is not None
+    with open_recording(arguments.rerun) as recording:
+        watcher = _Watcher(env)
+        yield (
+            lambda explorer, step: (
+                None if step is None else recording.add(env.scene(), watcher.look(explorer))
+            )
+        )
+
+
+class _Watcher:
+    """Looks into a robot's head, in the world frame; what hasn't changed since the last look is the same object."""
+
+    def __init__(self, env: ExploreEnv) -> None:
+        self._env = env
+        self._latest: tuple[Any, ...] = ()
+        self._deliberation: Deliberation
+
+    def look(self, explorer: BatchedExplorer) -> Deliberation:
+        """What the explorer of the environment weighs now."""
+        env = self._env
+        loop = explorer.loops[0] if explorer.loops else None
+        seen = env.mapper.occupancy_grid(), *((loop.candidates, loop.target) if loop else ())
+        if len(seen) != len(self._latest) or any(a is not b for a, b in zip(seen, self._latest, strict=True)):
+            self._latest, self._deliberation = seen, self._deliberate(explorer, loop)
+        return self._deliberation
+
+    def _deliberate(self, explorer: BatchedExplorer, loop: ExplorationLoop | None) -> Deliberation:
+        from slamgym.agents.foresight import pretrained_completion
+        from slamgym.agents.rules import ForesightTour
+        from slamgym.viz.recording import Deliberation
+
+        env, placed = self._env, self._env.world_from_map
+        paths = env.mapper.particle_paths(env.config.slam.particles)
+        poses = np.array([path[-1] for path in paths if len(path)] or [env.mapper.pose])
+        particles = transform_poses(placed, poses)
+        if loop is None:
+            return Deliberation(particles)
+        foreseen = None
+        if isinstance(getattr(explorer, "rule", None), ForesightTour):
+            floor, wall, frame = pretrained_completion().complete(loop.known_map(), loop.pose)
+            frame = frame._replace(origin_x=frame.origin_x + placed.x, origin_y=frame.origin_y + placed.y)
+            foreseen = floor.mean(axis=0), wall.mean(axis=0), frame
+        offered = [one for one in loop.candidates if one is not loop.target]
+        shown = offered if loop.target is None else [*offered, loop.target]
+        return Deliberation(
+            particles,
+            frontiers=[transform_points(placed, one.points) for one in shown],
+            chosen=None if loop.target is None else len(offered),
+            path=None if loop.target is None else transform_points(placed, loop.target.path),
+            foreseen=foreseen,
+        )

@@ -39,6 +39,8 @@ class _Tests(NamedTuple):
     numbers: int
     """So many of them must be finite."""
     others: tuple[_Field, ...]
+    is_plain: bool
+    """Whether making one only sets its attributes."""
 
 
 def read_record(cls: type[_T], values: Any) -> _T:
@@ -63,7 +65,12 @@ def read_record(cls: type[_T], values: Any) -> _T:
             converted[name] = value
     except (KeyError, TypeError, ConfigError):
         return from_dict(cls, values)
-    return cls(**converted)
+    if not tests.is_plain:
+        return cls(**converted)
+    # What a frozen dataclass does by 28 calls of object.__setattr__, at once.
+    record = object.__new__(cls)
+    record.__dict__.update(converted)
+    return record
 
 
 @functools.cache
@@ -85,7 +92,8 @@ def _tests_of(cls: Any) -> _Tests | None:
     names, kinds = tuple(name for name, _ in plain), tuple(kind for _, kind in plain)
     # itemgetter of one name gives no tuple
     getter = itemgetter(*names) if len(names) > 1 else lambda values: tuple(values[name] for name in names)
-    return _Tests(len(plain) + len(others), getter, kinds, kinds.count(float), tuple(others))
+    is_plain = not (hasattr(cls, "__post_init__") or hasattr(cls, "__slots__"))
+    return _Tests(len(plain) + len(others), getter, kinds, kinds.count(float), tuple(others), is_plain)
 
 
 def _conversion_of(hint: Any) -> Callable[[Any], Any] | None:
@@ -136,6 +144,14 @@ def _items(options: tuple[Any, ...]) -> _Fits | None:
     variadic = options[1:] == (Ellipsis,)
     if dataclasses.is_dataclass(options[0]):
         return (lambda value: type(value) is tuple) if variadic else None  # its items were read as records
+    if set(options) in ({int}, {float}):
+        count, kinds = len(options), {int, *options}
+        return lambda value: (
+            type(value) is tuple
+            and len(value) == count
+            and kinds.issuperset(map(type, value))
+            and math.isfinite(sum(value))
+        )
     tests = [_test_of(option) for option in (options[:1] if variadic else options)]
     known = [test for test in tests if test is not None]
     if len(known) != len(tests):

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from array import array
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -18,6 +20,8 @@ FIGURES = ("coverage", "robot_seconds", "ate", "odometry_ate", "map_error")
 MAX_VALUES = 6
 """A condition with more different numbers is shown in ranges."""
 RANGES = 4
+_BATCH = 32  # records that are taken apart at once; of more the garbage collector makes a round
+_FIGURES_OF = attrgetter(*FIGURES)
 
 
 class Words:
@@ -27,9 +31,10 @@ class Words:
         self.codes = array("i")
         self.known: dict[str, int] = {}
 
-    def append(self, word: str) -> None:
-        """Add one more."""
-        self.codes.append(self.known.setdefault(word, len(self.known)))
+    def extend(self, words: Iterable[str]) -> None:
+        """Add more."""
+        known = self.known
+        self.codes.extend([known.setdefault(word, len(known)) for word in words])
 
 
 class ConditionColumn:
@@ -43,18 +48,26 @@ class ConditionColumn:
         """The different numbers as they were given, up to one more than are shown singly."""
         self.zero: Any = 0
 
-    def append(self, value: Any) -> None:
-        """Add one more; None if the record has no such condition."""
-        if type(value) in (int, float):
-            self.numbers.append(value)
-            self.codes.append(-1)
-            if value == 0:
-                self.zero = value
-            if len(self.few) <= MAX_VALUES:
-                self.few.setdefault(value, value)
+    def extend(self, values: Sequence[Any]) -> None:
+        """Add more; None for records that have no such condition."""
+        if {int, float}.issuperset(map(type, values)):
+            self.numbers.extend(values)
+            self.codes.extend([-1] * len(values))
+            numbers = values
         else:
-            self.numbers.append(math.nan)
-            self.codes.append(-1 if value is None else self.words.setdefault(str(value), len(self.words)))
+            numbers = [value for value in values if type(value) in (int, float)]
+            self.numbers.extend(value if type(value) in (int, float) else math.nan for value in values)
+            self.codes.extend(map(self._code, values))
+        for number in dict.fromkeys(numbers):
+            if number == 0:
+                self.zero = number
+            if len(self.few) <= MAX_VALUES:
+                self.few.setdefault(number, number)
+
+    def _code(self, value: Any) -> int:
+        if value is None or type(value) in (int, float):
+            return -1
+        return self.words.setdefault(str(value), len(self.words))
 
     def groups(self) -> dict[str, IntArray]:
         """Places of the records by the value; many different numbers are gathered in ranges."""
@@ -113,9 +126,9 @@ class RecordColumns:
     @classmethod
     def of(cls, records: Iterable[PairRecord]) -> RecordColumns:
         """Gather the columns of records that are read one by one."""
-        columns = cls()
-        for record in records:
-            columns._append(record)
+        columns, remaining = cls(), iter(records)
+        while batch := list(itertools.islice(remaining, _BATCH)):
+            columns._extend(batch)
         return columns
 
     def __len__(self) -> int:
@@ -141,16 +154,19 @@ class RecordColumns:
             found[hit] = np.frombuffer(values)[order][place[hit]]
         return found
 
-    def _append(self, record: PairRecord) -> None:
-        self.keys.append(hash(record.name))
-        self.figures.extend([getattr(record, name) for name in FIGURES])
-        self.plans.append(record.plan_id)
-        self.endings.append(record.finished)
-        self.kinds.append(_kind_of_plan(record))
-        for name in record.conditions.keys() - self.conditions.keys():
-            self.conditions[name] = ConditionColumn(len(self.keys) - 1)
+    def _extend(self, batch: list[PairRecord]) -> None:
+        before = len(self)
+        self.keys.extend([hash(record.name) for record in batch])
+        for record in batch:
+            self.figures.extend(_FIGURES_OF(record))
+        self.plans.extend([record.plan_id for record in batch])
+        self.endings.extend([record.finished for record in batch])
+        self.kinds.extend(map(_kind_of_plan, batch))
+        drawn = [record.conditions for record in batch]
+        for name in {name for conditions in drawn for name in conditions} - self.conditions.keys():
+            self.conditions[name] = ConditionColumn(before)
         for name, column in self.conditions.items():
-            column.append(record.conditions.get(name))
+            column.extend([conditions.get(name) for conditions in drawn])
 
 
 def _kind_of_plan(record: PairRecord) -> str:

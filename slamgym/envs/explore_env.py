@@ -24,7 +24,7 @@ from slamgym.envs.simulation import Actions, Simulation, Streams
 from slamgym.planning import ExplorerContext
 from slamgym.sim import Clutter, Lidar, cast_rays, make_clutter
 from slamgym.slam import Mapper
-from slamgym.viz.exploration import Renderer
+from slamgym.viz.exploration import Renderer, Scene
 from slamgym.viz.window import Window
 
 RENDER_MODES = ("rgb_array", "human")
@@ -298,6 +298,12 @@ class ExploreEnv(gym.Env[Any, Any]):
         """Mean distance of the map's occupied cells from the nearest true obstacle [m]. Privileged."""
         return self._assessment.map_error()
 
+    def scene(self) -> Scene:
+        """What a picture of this moment shows, where the steps are recorded. Privileged."""
+        _ = self.simulation  # raises before the first reset
+        assert self.log is not None
+        return self._assessment.scene(self.log)
+
     def note_exposure(self, exposure: float) -> None:
         """Set the chosen path's mean distance from walls for the rewards [m]; it holds until the next call."""
         self._assessment.exposure = exposure
@@ -391,6 +397,4 @@ class ExploreEnv(gym.Env[Any, Any]):
 
     def _draw(self) -> ByteArray:
         """A picture of the episode."""
-        _ = self.simulation  # raises before the first reset
-        assert self.log is not None
-        return self._renderer.draw(self._assessment.scene(self.log))
+        return self._renderer.draw(self.scene())

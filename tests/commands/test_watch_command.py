@@ -38,6 +38,7 @@ def test_a_film_has_the_frames_that_speed_and_rate_ask_for(plan, tmp_path, capsy
     ("more", "words"),
     [
         (["-o", "film.avi"], "must end in .mp4 or .gif"),
+        (["--rerun", "run.mp4"], "must end in .rrd"),
         (["--speed", "0", "-o", "film.gif"], "--speed must be in (0, 1000), not 0.0"),
         (["--plan", "flatt", "-o", "film.gif"], "did you mean 'flat'"),
         (["--explorer", "nearst", "-o", "film.gif"], "did you mean 'nearest'"),

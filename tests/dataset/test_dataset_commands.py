@@ -45,7 +45,11 @@ def test_bytes_are_those_on_disk(small_dataset):
 def groups_of(*values):
     column = ConditionColumn(0)
     for value in values:
-        column.append(value)
+        column.extend([value])
+    at_once = ConditionColumn(0)
+    at_once.extend(values)
+    assert at_once.numbers.tobytes() == column.numbers.tobytes()
+    assert (at_once.codes, at_once.words, at_once.few) == (column.codes, column.words, column.few)
     return {label: len(places) for label, places in column.groups().items()}
 
 

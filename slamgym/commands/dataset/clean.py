@@ -13,9 +13,10 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import numpy as np
 import tyro
 
-from slamgym.core.config import Arguments, Within
+from slamgym.core.config import Arguments, CountOrZero, Within
 from slamgym.core.errors import ConfigError
 from slamgym.core.files import exclusive_lock, sha256_of
+from slamgym.core.parallel.backlog import available_cores
 from slamgym.core.progress import say
 from slamgym.core.types import FloatArray
 from slamgym.dataset.curate.completeness_model import TreesConfig
@@ -57,6 +58,8 @@ class CleanArguments(Arguments):
     """Explorations to train on at most, each at several moments."""
     save_model: Path | None = None
     """Where to write the model that --train made."""
+    workers: CountOrZero = 0
+    """Processes that look at the maps; 0 takes one per core."""
     criteria: Criteria = field(default_factory=Criteria)
     """When a map is good by the truth."""
     stuck: StuckFilter = field(default_factory=StuckFilter)
@@ -91,7 +94,9 @@ def main(argv: list[str]) -> int:
         items = open_items(root)
         decisions = _decisions(arguments, items)
         classifier, about = _classifier(arguments, items)
-        report = clean_maps(root, items, classifier, about, config, decisions)
+        report = clean_maps(
+            root, items, classifier, about, config, decisions, arguments.workers or available_cores()
+        )
     _print(root, report, config)
     return 0
 

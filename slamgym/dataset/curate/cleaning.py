@@ -1,8 +1,9 @@
 """The main path of ``slamgym dataset clean``: a verdict about every map, and nothing deleted."""
 
 import dataclasses
+import json
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal, Protocol
@@ -11,9 +12,12 @@ import numpy as np
 
 from slamgym import __version__
 from slamgym.core.config import Settings, Share
+from slamgym.core.documents import parse_json
 from slamgym.core.errors import ConfigError, InputFileError
+from slamgym.core.files import append_line, drop_torn_line, text_lines
+from slamgym.core.parallel.engine import run_tasks
 from slamgym.core.progress import show_progress
-from slamgym.core.types import FloatArray
+from slamgym.core.types import FloatArray, OccupancyGrid
 from slamgym.dataset.curate.completeness import FEATURES, completeness_features
 from slamgym.dataset.curate.completeness_model import ProbabilityScore, score_probabilities
 from slamgym.dataset.curate.criteria import Criteria, StuckFilter, record_faults
@@ -21,6 +25,17 @@ from slamgym.dataset.curate.decisions import Decision
 from slamgym.dataset.curate.map_items import MapItem
 from slamgym.dataset.curate.verdicts import Verdict, write_verdicts
 from slamgym.dataset.faults import MapFault
+
+NOTES_FILE = "clean.partial.jsonl"
+"""What a run has measured that isn't done yet."""
+_BATCH = 32  # maps that a worker looks at before it reports
+
+_WIDTH, _NUMBERS = 1 + len(FEATURES), {int, float}
+
+_Seen = list[float] | str
+"""Resolution and features of a map, or why it can't be read."""
+_Batch = tuple[list[int], list[Callable[[], OccupancyGrid]]]
+"""Numbers of some maps, and what reads them."""
 
 
 class Classifier(Protocol):
@@ -81,10 +96,12 @@ def clean_maps(
     about_classifier: Mapping[str, Any],
     config: CleanConfig,
     decisions: Mapping[str, Decision],
+    workers: int = 1,
 ) -> CleanReport:
     """Judge every map and write the verdicts into the folder.
 
-    The same maps, settings and decisions give the same files; a run that is killed leaves the old ones.
+    The same maps, settings and decisions give the same files, with any number of workers; a run that is killed leaves
+    the old ones, and the same command goes on where it was.
 
     Args:
         root: Where ``clean.jsonl`` and ``clean.json`` go.
@@ -93,11 +110,12 @@ def clean_maps(
         about_classifier: What to note about it.
         config: The settings.
         decisions: What people decided, by the maps' names.
+        workers: Processes that look at the maps.
 
     Raises:
         StorageError: If the folder can't be written.
     """
-    features, faults = _measure(items, config.stuck)
+    features, faults = _measure(root, items, config.stuck, workers)
     readable = [number for number, fault in enumerate(faults) if not fault or fault.kind != "unreadable"]
     probabilities = np.full(len(items), np.nan)
     probabilities[readable] = classifier(features[readable], [items[i].plan_id for i in readable])
@@ -107,25 +125,83 @@ def clean_maps(
     )
     report = CleanReport(verdicts, _agreement(verdicts, config.band))
     write_verdicts(root, verdicts, _summary(report, config, about_classifier))
+    (root / NOTES_FILE).unlink(missing_ok=True)
     return report
 
 
-def _measure(items: Sequence[MapItem], stuck: StuckFilter) -> tuple[FloatArray, list[MapFault | None]]:
-    """Features of every map, shape (N, 15), and what is wrong with it at first sight."""
+def _measure(
+    root: Path, items: Sequence[MapItem], stuck: StuckFilter, workers: int
+) -> tuple[FloatArray, list[MapFault | None]]:
+    """Features of every map, shape (N, 15), and what is wrong with it at first sight.
+
+    What is measured is noted in a file that goes with the verdicts' arrival; a run that was killed goes on from it.
+    """
     features = np.zeros((len(items), len(FEATURES)))
-    faults: list[MapFault | None] = []
-    with show_progress("maps", 0, len(items)) as advance:
-        for number, item in enumerate(items):
-            try:
-                grid = item.load()
-            except InputFileError as error:
-                faults.append(MapFault("unreadable", detail=str(error)))
-            else:
-                resolution = grid.frame.resolution
-                features[number] = completeness_features(grid.cells, resolution)
-                faults.append(stuck.fault(features[number], resolution))
-            advance()
+    faults: list[MapFault | None] = [None] * len(items)
+    notes = root / NOTES_FILE
+    noted = _read_notes(notes)
+    missing = []
+    for number, item in enumerate(items):
+        row = noted.get((item.name, item.digest))
+        if row is None:
+            missing.append(number)
+        else:
+            _take(row, number, features, faults, stuck)
+    batches = [missing[first : first + _BATCH] for first in range(0, len(missing), _BATCH)]
+    tasks = [(batch, [items[number].load for number in batch]) for batch in batches]
+    with show_progress("maps", len(items) - len(missing), len(items)) as advance:
+        for batch, rows in run_tasks(_features_of, tasks, workers if len(tasks) > 1 else 1):
+            lines = []
+            for number, row in zip(batch, rows, strict=True):
+                _take(row, number, features, faults, stuck)
+                if isinstance(row, list):
+                    lines.append(json.dumps([items[number].name, items[number].digest, row]) + "\n")
+                advance()
+            append_line(notes, "".join(lines))
     return features, faults
+
+
+def _features_of(task: _Batch) -> tuple[list[int], list[_Seen]]:
+    """Resolution and features of some maps, or why one can't be read."""
+    rows: list[_Seen] = []
+    for load in task[1]:
+        try:
+            grid = load()
+        except InputFileError as error:
+            rows.append(str(error))
+        else:
+            resolution = grid.frame.resolution
+            rows.append([resolution, *completeness_features(grid.cells, resolution).tolist()])
+    return task[0], rows
+
+
+def _take(
+    row: _Seen,
+    number: int,
+    features: FloatArray,
+    faults: list[MapFault | None],
+    stuck: StuckFilter,
+) -> None:
+    if isinstance(row, str):
+        faults[number] = MapFault("unreadable", detail=row)
+    else:
+        features[number] = row[1:]
+        faults[number] = stuck.fault(features[number], row[0])
+
+
+def _read_notes(path: Path) -> dict[tuple[str, str], _Seen]:
+    """What a run that was killed had measured: resolution and features by the map's name and digest."""
+    drop_torn_line(path)
+    noted: dict[tuple[str, str], _Seen] = {}
+    for line, where in text_lines(path) if path.exists() else ():
+        match parse_json(line, where):
+            case [str(name), str(digest), [*row]] if (
+                _NUMBERS.issuperset(map(type, row)) and len(row) == _WIDTH
+            ):
+                noted[name, digest] = row
+            case _:
+                raise InputFileError(where, "is no measured map; remove the file and clean again")
+    return noted
 
 
 def _judge(

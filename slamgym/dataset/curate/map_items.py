@@ -3,13 +3,14 @@
 import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from slamgym.core.errors import InputFileError
 from slamgym.core.files import read_bytes, read_text, sha256_of
 from slamgym.core.limits import YAML_BYTES
 from slamgym.core.png import read_png
-from slamgym.core.types import ByteArray, OccupancyGrid
+from slamgym.core.types import ByteArray, GridFrame, OccupancyGrid
 from slamgym.dataset.format import Layout, load_pair, read_manifest, require_manifest
 from slamgym.dataset.record import PairRecord
 from slamgym.dataset.shard import shard_folders
@@ -24,7 +25,7 @@ class MapItem:
     name: str
     """Of the pair, or the file's path in the folder without its suffix."""
     load: Callable[[], OccupancyGrid]
-    """Reads the map; raises InputFileError."""
+    """Reads the map; raises InputFileError. Can be pickled."""
     load_cad: Callable[[], ByteArray] | None
     """Reads the CAD image beside it, if there is one."""
     record: PairRecord | None
@@ -76,17 +77,17 @@ def bare_images(root: Path) -> list[Path]:
     return [path for path in images if path not in described]
 
 
-def _pair_item(root: Path, record: PairRecord) -> MapItem:
-    def load() -> OccupancyGrid:
-        path = Layout(root).image("B", record.name)
-        cells = read_png(path)
-        if cells.shape != record.shape:
-            raise InputFileError(path, f"has shape {cells.shape}, the manifest says {record.shape}")
-        return OccupancyGrid(cells, record.frame)
+def _read_pair_map(path: Path, frame: GridFrame) -> OccupancyGrid:
+    cells = read_png(path)
+    if cells.shape != frame.shape:
+        raise InputFileError(path, f"has shape {cells.shape}, the manifest says {frame.shape}")
+    return OccupancyGrid(cells, frame)
 
+
+def _pair_item(root: Path, record: PairRecord) -> MapItem:
     return MapItem(
         name=record.name,
-        load=load,
+        load=partial(_read_pair_map, Layout(root).image("B", record.name), record.frame),
         load_cad=lambda: load_pair(root, record.name)[0],
         record=record,
         digest=record.sha256.get("B", ""),
@@ -103,7 +104,7 @@ def _map_item(root: Path, path: Path) -> MapItem:
         if image.is_file():
             content += read_bytes(image)
     digest = hashlib.sha256(content).hexdigest()
-    return MapItem(name, lambda: read_ros_map(path), None, None, digest)
+    return MapItem(name, partial(read_ros_map, path), None, None, digest)
 
 
 def _bare_item(root: Path, path: Path, resolution: float) -> MapItem:
@@ -111,7 +112,7 @@ def _bare_item(root: Path, path: Path, resolution: float) -> MapItem:
 
     name = path.relative_to(root).with_suffix("").as_posix()
     digest = sha256_of(path)
-    return MapItem(name, lambda: read_bare_map(path, resolution), None, None, digest)
+    return MapItem(name, partial(read_bare_map, path, resolution), None, None, digest)
 
 
 def _described_image(path: Path) -> str:

@@ -1,6 +1,6 @@
 """Draw the explorations of slamgym-bench and freeze them: agents/bench/v1.
 
-    python benchmarks/freeze_bench.py json.tar.gz polimi.jsonl.xz
+    python benchmarks/exploring/freeze_bench.py json.tar.gz polimi.jsonl.xz
 
 It was run once. It stays here to show how the list came about, and refuses to write over one that is there.
 
