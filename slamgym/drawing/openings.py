@@ -91,7 +91,7 @@ def divide(floor: MultiPolygon, config: DrawingConfig) -> Division:
     exact = jamb_gaps(floor, config)
     parts, gaps = _separated(floor, _likely(floor, exact, config), config)
     worn = [gap for part in parts for gap in _watershed_gaps(part, config)]
-    # A gap that separates nothing alone may do so beside others.
+    # A gap that separates nothing alone may do so beside others. What is wide needs a jamb: furniture narrows floors, too.
     left = _likely(floor, [*gaps, *exact, *worn], config)
     while True:
         parts, gaps = _separated(floor, left, config)
@@ -293,7 +293,7 @@ def _joins(parts: Sequence[Polygon], gaps: Sequence[Gap]) -> list[tuple[int, int
 
 
 def _watershed_gaps(part: Polygon, config: DrawingConfig) -> list[Gap]:
-    """Passages up to the widest opening between two hills of a part's distance from its walls."""
+    """Passages of a door's width between two hills of a part's distance from its walls."""
     if part.area < 2.0 * config.min_room:
         return []
     cell = max(WATERSHED_CELL, math.sqrt(part.envelope.area / 4e6))
@@ -304,7 +304,7 @@ def _watershed_gaps(part: Polygon, config: DrawingConfig) -> list[Gap]:
         ring_segments([ring for one in inner for ring in (one.exterior, *one.interiors)]), frame
     )
     rule = RoomRule(
-        max_doorway=config.opening_width - cell,
+        max_doorway=config.door_width[1] - cell,
         min_area=0.8 * config.min_room,
         min_width=config.min_room_width - cell,
     )
@@ -356,7 +356,7 @@ def _narrowest(part: Polygon, middle: FloatArray, config: DrawingConfig) -> Gap 
     second = _nearest_on(starts, ends, middle, first - middle)
     if second is None:
         return None
-    corners = starts[np.hypot(*(starts - middle).T) <= config.opening_width]
+    corners = starts[np.hypot(*(starts - middle).T) <= config.door_width[1]]
     near = [[end, *corners[np.hypot(*(corners - end).T) <= CORNER_REACH]] for end in (first, second)]
     best: Gap | None = None
     for one in near[0]:
@@ -365,7 +365,7 @@ def _narrowest(part: Polygon, middle: FloatArray, config: DrawingConfig) -> Gap 
             gap = Gap(
                 (float(one[0]), float(one[1])), (float(other[0]), float(other[1])), config.outer_thickness
             )
-            if not NARROWEST_CUT <= gap.width <= config.opening_width:
+            if not NARROWEST_CUT <= gap.width <= config.door_width[1]:
                 continue
             inner = shapely.line_interpolate_point(gap.line, [0.02, gap.width - 0.02])
             if shapely.distance(part.boundary, gap.line.centroid) < ACROSS * gap.width:

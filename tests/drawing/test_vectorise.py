@@ -177,6 +177,16 @@ def test_a_scale_that_makes_no_sense_is_doubted(factor):
     assert doubt.startswith("scale doubtful")
 
 
+@pytest.mark.parametrize(("side", "doubted"), [(1.5, True), (4.0, False), (10.0, False), (40.0, True)])
+def test_floor_that_is_too_narrow_or_too_wide_for_a_building_is_a_doubtful_scale(side, doubted):
+    grid, _, model = painted(shapely.box(0, 0, side, 9.0 if side < 2.0 else side))
+    cells = grid.cells.copy()
+    if side < 2.0:  # a rack every 40 cm
+        cells[::8] = OCCUPIED
+    drawing = make_drawing(OccupancyGrid(cells, grid.frame), model=model)
+    assert any("a tenth of the floor" in doubt for doubt in drawing.doubts) == doubted
+
+
 def test_two_directions_of_equal_right_are_doubted():
     room = shapely.box(0, 0, 6, 4)
     other = shapely.affinity.rotate(room, 30.0, origin=(0, 0))

@@ -1,8 +1,8 @@
 """DXF by ezdxf: metres, one layer a kind, dimension lines that measure themselves, the map's echoes as underlay.
 
-Layers: WALLS (closed LWPOLYLINEs of wall bodies), DOORS, OPENINGS and WINDOWS (LINEs), ROOMS (closed LWPOLYLINEs, a TEXT with id
-and area), UNEXPLORED, INFERRED (bodies of walls without evidence as on WALLS; floor that nobody saw as HATCH), RAW (one
-closed LWPOLYLINE for each run of occupied cells), DIMENSIONS.
+Layers: WALLS (closed LWPOLYLINEs of wall bodies), DOORS, OPENINGS and WINDOWS (LINEs), ROOMS (closed LWPOLYLINEs, a
+TEXT with id and area), UNEXPLORED, INFERRED (bodies of walls without evidence as on WALLS; floor that nobody saw as
+HATCH), RAW (one closed LWPOLYLINE for each run of occupied cells), DIMENSIONS.
 """
 
 import io
@@ -21,7 +21,8 @@ from slamgym.drawing.drawing import Drawing
 METRES = 6
 """Of ``$INSUNITS``."""
 LAYER_COLOURS = {
-    "RAW": 30, "ROOMS": 8, "WALLS": 7, "DOORS": 5, "OPENINGS": 150, "WINDOWS": 4, "INFERRED": 9, "UNEXPLORED": 2, "DIMENSIONS": 1,
+    "RAW": 30, "ROOMS": 8, "WALLS": 7, "DOORS": 5, "OPENINGS": 150, "WINDOWS": 4, "INFERRED": 9, "UNEXPLORED": 2,
+    "DIMENSIONS": 1,
 }  # fmt: skip
 """AutoCAD's colour numbers."""
 _TEXT = 0.18
