@@ -91,7 +91,7 @@ def divide(floor: MultiPolygon, config: DrawingConfig) -> Division:
     exact = jamb_gaps(floor, config)
     parts, gaps = _separated(floor, _likely(floor, exact, config), config)
     worn = [gap for part in parts for gap in _watershed_gaps(part, config)]
-    # A gap that separates nothing alone may do so beside others. What is wide needs a jamb: furniture narrows floors, too.
+    # A gap that separates nothing alone may do so beside others. Wide ones need a jamb: furniture narrows floors.
     left = _likely(floor, [*gaps, *exact, *worn], config)
     while True:
         parts, gaps = _separated(floor, left, config)
