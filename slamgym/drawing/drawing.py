@@ -49,7 +49,7 @@ class DrawnWall:
 
 @dataclass(frozen=True)
 class DrawnDoor:
-    """A door, or an opening of a door's width: the segment across its middle, from jamb to jamb."""
+    """A door, or an opening in a wall: the segment across its middle, from jamb to jamb."""
 
     start: DrawnPoint
     end: DrawnPoint
@@ -62,6 +62,8 @@ class DrawnDoor:
     confidence: float
     """Share of the opening that the robot saw free, in [0, 1]."""
     layer: Layer
+    kind: Literal["door", "opening"] = "door"
+    """An opening is wider than doors are; a map doesn't tell whether a double door hangs in it."""
 
     @property
     def width(self) -> float:

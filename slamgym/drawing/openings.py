@@ -3,7 +3,8 @@
 A jamb is the end of a wall: a short face between two corners that reach into the floor. Opposite a jamb stands
 another, or the face of a wall that runs across. The lines of all such gaps cut the floor into parts; a gap with the
 same part on both sides, or that cuts off a niche, is no door. Where a jamb was too worn to be found, the watershed of
-:mod:`slamgym.metrics.rooms` finds the passage.
+:mod:`slamgym.metrics.rooms` finds the passage. A gap wider than a door is an opening if the floor is clearly wider on
+both of its sides: a corridor that ends in a hall has none.
 """
 
 import math
@@ -19,7 +20,7 @@ from slamgym.cad.floorplan import fill_segments, ring_segments
 from slamgym.cad.polygons import polygon_parts
 from slamgym.core.types import Float32Array, FloatArray, GridFrame, IntArray
 from slamgym.drawing.settings import DrawingConfig
-from slamgym.metrics.rooms import RoomRule, label_rooms
+from slamgym.metrics.rooms import DEFAULT_RULE, RoomRule, label_rooms
 
 NARROWEST_CUT = 0.1
 """Of the gaps that separate rooms [m]; those that are narrower than a door are gaps of the map."""
@@ -35,6 +36,12 @@ OPPOSITE = math.cos(math.radians(120.0))
 """The two ends of a door lie on opposite sides of its middle."""
 WATERSHED_CELL = 0.05
 """[m]"""
+ACROSS = 0.25
+"""The middle of a passage's line is at least so far from all walls, in shares of its width."""
+BESIDE_OPENING = 0.3
+"""So far before and behind a wide opening the floor must be wider than it [m]."""
+OPENING_ROOM = (4.0, 1.4)
+"""Smaller [m2] or narrower [m] parts beside a wide opening are alcoves and bays, not rooms."""
 
 
 @dataclass(frozen=True)
@@ -82,11 +89,21 @@ def divide(floor: MultiPolygon, config: DrawingConfig) -> Division:
         config: Sizes.
     """
     exact = jamb_gaps(floor, config)
-    parts, gaps = _separated(floor, exact, config)
+    parts, gaps = _separated(floor, _likely(floor, exact, config), config)
     worn = [gap for part in parts for gap in _watershed_gaps(part, config)]
-    if worn:
-        # A gap that separates nothing alone may do so beside others.
-        parts, gaps = _separated(floor, [*gaps, *exact, *worn], config)
+    # A gap that separates nothing alone may do so beside others. Wide ones need a jamb: furniture narrows floors.
+    left = _likely(floor, [*gaps, *exact, *worn], config)
+    while True:
+        parts, gaps = _separated(floor, left, config)
+        joined = zip(gaps, _joins(parts, gaps), strict=True)
+        alcoves = [
+            gap
+            for gap, pair in joined
+            if gap.width > config.door_width[1] and not all(_is_room(parts[k], *OPENING_ROOM) for k in pair)
+        ]
+        if not alcoves:
+            break
+        left = [gap for gap in left if gap not in alcoves]
     joins = _joins(parts, gaps)
     order = sorted(range(len(parts)), key=lambda i: (-round(parts[i].centroid.y, 3), parts[i].centroid.x))
     number = {old: new for new, old in enumerate(order)}
@@ -98,6 +115,30 @@ def divide(floor: MultiPolygon, config: DrawingConfig) -> Division:
     return Division(
         tuple(parts[i] for i in order), tuple(gap for gap, _ in kept), tuple(pair for _, pair in kept)
     )
+
+
+def _likely(floor: MultiPolygon, gaps: Sequence[Gap], config: DrawingConfig) -> list[Gap]:
+    """Gaps of a door's width, and behind them the wider ones that are openings."""
+    doors = [gap for gap in gaps if gap.width <= config.door_width[1]]
+    wide = {gap: None for gap in gaps if gap.width > config.door_width[1]}
+    return [*doors, *(gap for gap in wide if _narrows(floor, gap))]
+
+
+def _narrows(floor: MultiPolygon, gap: Gap) -> bool:
+    """Whether the floor is clearly wider before and behind an opening, as :class:`RoomRule` has it."""
+    start, end = np.array(gap.start), np.array(gap.end)
+    along = (end - start) / gap.width
+    normal = np.array([-along[1], along[0]])
+    for side in (1.0, -1.0):
+        middle = 0.5 * (start + end) + side * (0.5 * gap.depth + BESIDE_OPENING) * normal
+        line = LineString([middle - gap.width * along, middle + gap.width * along])
+        near = Point(middle)
+        beside = [
+            piece for piece in shapely.get_parts(line.intersection(floor)) if piece.distance(near) < 1e-6
+        ]
+        if sum(piece.length for piece in beside) * DEFAULT_RULE.max_narrowing < gap.width:
+            return False
+    return True
 
 
 def _faces(floor: MultiPolygon) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -126,7 +167,7 @@ def _faces(floor: MultiPolygon) -> tuple[FloatArray, FloatArray, FloatArray]:
 
 
 def jamb_gaps(floor: MultiPolygon, config: DrawingConfig) -> list[Gap]:
-    """Gaps as wide as a door between a jamb and what stands opposite, the narrowest first."""
+    """Gaps up to the widest opening between a jamb and what stands opposite, the narrowest first."""
     starts, ends, reflex = _faces(floor)
     if len(starts) == 0:
         return []
@@ -147,7 +188,7 @@ def jamb_gaps(floor: MultiPolygon, config: DrawingConfig) -> list[Gap]:
         # The face opposite may be oblique: how far it is at the middle of what the two have in common.
         share = (middle - begins) / np.where(np.abs(stops - begins) < 1e-9, 1.0, stops - begins)
         across = (1.0 - share) * (first @ normal) + share * (second @ normal)
-        good = (high - low > 0.3 * length) & (across >= NARROWEST_CUT) & (across <= config.door_width[1])
+        good = (high - low > 0.3 * length) & (across >= NARROWEST_CUT) & (across <= config.opening_width)
         for index in np.flatnonzero(good).tolist():
             start = starts[jamb] + middle[index] * direction
             gaps.append((jamb, int(facing[index]), start, start + across[index] * normal, length))
@@ -186,7 +227,7 @@ def _doors_among(
 ) -> list[Gap]:
     """The gaps that separate rooms, when parts that are none have been opened to their neighbours."""
     group = list(range(len(parts)))
-    roomy = [_is_room(part, config) for part in parts]
+    roomy = [_is_room(part, config.min_room, config.min_room_width) for part in parts]
 
     def root(k: int) -> int:
         while group[k] != k:
@@ -216,8 +257,8 @@ def _is_same(gap: Gap, other: Gap) -> bool:
     return apart <= SAME_DOOR or gap.line.intersects(other.line)
 
 
-def _is_room(part: Polygon, config: DrawingConfig) -> bool:
-    return part.area >= config.min_room and not part.buffer(-0.5 * config.min_room_width).is_empty
+def _is_room(part: Polygon, area: float, width: float) -> bool:
+    return part.area >= area and not part.buffer(-0.5 * width).is_empty
 
 
 def _cut(floor: MultiPolygon, gaps: Sequence[Gap]) -> list[Polygon]:
@@ -327,6 +368,8 @@ def _narrowest(part: Polygon, middle: FloatArray, config: DrawingConfig) -> Gap 
             if not NARROWEST_CUT <= gap.width <= config.door_width[1]:
                 continue
             inner = shapely.line_interpolate_point(gap.line, [0.02, gap.width - 0.02])
+            if shapely.distance(part.boundary, gap.line.centroid) < ACROSS * gap.width:
+                continue  # along a face
             if part.covers(LineString(inner.tolist())) and (best is None or gap.width < best.width - 1e-6):
                 best = gap
     return best

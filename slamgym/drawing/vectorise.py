@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import shapely
@@ -191,7 +191,8 @@ def _doors(
         seen = share_seen_open(np.array([gap.start, gap.end]), evidence)
         layer: Layer = "SEEN" if seen >= evidence.config.seen_share else "INFERRED"
         names = tuple(rooms[k].id for k in pair)
-        doors.append(DrawnDoor(gap.start, gap.end, gap.depth, names, tuple(beside), seen, layer))
+        kind: Literal["door", "opening"] = "door" if gap.width <= evidence.config.door_width[1] else "opening"
+        doors.append(DrawnDoor(gap.start, gap.end, gap.depth, names, tuple(beside), seen, layer, kind))
     return tuple(doors)
 
 

@@ -8,7 +8,7 @@ import pytest
 import shapely
 from drawing.painted import FLAT, painted
 
-from slamgym.cad import check_plan, read_houseexpo
+from slamgym.cad import check_plan, open_plans, read_houseexpo
 from slamgym.core.errors import SlamgymError
 from slamgym.drawing import make_drawing, write_drawing
 from slamgym.drawing.formats.png import draw_picture
@@ -39,6 +39,35 @@ def test_json_is_a_plan_that_can_be_explored(drawing, files):
     extras = json.loads(files[".json"].read_text())["drawing"]
     assert len(extras["walls"]) == len(drawing.walls)
     assert extras["angle_deg"] == pytest.approx(5.0, abs=0.3)
+
+
+@pytest.fixture(scope="module")
+def wide():
+    """Two rooms and an opening of 2 m between them."""
+    rooms = shapely.union_all([shapely.box(0, 0, 4, 5), shapely.box(4, 1, 4.1, 3), shapely.box(4.1, 0, 9, 5)])
+    grid, _, model = painted(rooms)
+    return make_drawing(grid, "wide", model)
+
+
+@pytest.mark.parametrize("suffix", ["json", "geojson", "dxf", "ifc"])
+def test_every_format_keeps_a_wide_opening_in_the_round_trip(wide, tmp_path, suffix):
+    pytest.importorskip({"dxf": "ezdxf", "ifc": "ifcopenshell"}.get(suffix, "json"))
+    (path,) = write_drawing(wide, tmp_path / "wide", [suffix])
+    source = open_plans(str(path))
+    plan = source.load(source.ids[0])
+    assert [door.width for door in plan.doors] == pytest.approx([2.0], abs=0.02)
+    assert plan.area == pytest.approx(wide.area, rel=0.01)
+    assert len(plan.rooms) == 2
+
+
+def test_an_opening_is_told_from_a_door(wide, tmp_path):
+    files = write_drawing(wide, tmp_path / "wide", ["svg", "geojson", "json", "html"])
+    svg, geojson, text, page = (path.read_text() for path in files)
+    assert 'class="opening"' in svg
+    assert 'class="door"' not in svg
+    assert '"kind": "opening"' in geojson
+    assert json.loads(text)["drawing"]["doors"][0]["kind"] == "opening"
+    assert "opening, " in page
 
 
 def test_geojson_says_what_each_feature_is(drawing, files):

@@ -66,6 +66,33 @@ def test_walls_enclose_the_floor_without_gaps_at_corners():
     assert band.difference(bodies).area < 0.01 * band.area
 
 
+@pytest.mark.parametrize(("width", "kind"), [(1.2, "door"), (2.0, "opening"), (2.8, "opening")])
+def test_a_wide_opening_in_a_wall_separates_rooms_and_has_its_width(width, kind):
+    rooms = shapely.union_all([shapely.box(0, 0, 4, 5), shapely.box(4.1, 0, 9, 5)])
+    grid, _, model = painted(rooms.union(shapely.box(4, 1, 4.1, 1 + width)))
+    drawing = make_drawing(grid, model=model)
+    (door,) = drawing.doors
+    assert (door.kind, len(drawing.rooms)) == (kind, 2)
+    assert door.width == pytest.approx(width, abs=0.02)
+
+
+@pytest.mark.parametrize(
+    "floor",
+    [
+        shapely.union_all([shapely.box(0, 0, 8, 2), shapely.box(8, -3, 14, 5)]),  # a corridor into a hall
+        shapely.box(0, 0, 12, 2.4).difference(shapely.box(6, 0, 6.3, 0.4)),  # a pilaster
+        shapely.union_all([shapely.box(0, 0, 6, 5), shapely.box(2, 5, 4.2, 6)]),  # an alcove
+        shapely.union_all(
+            [shapely.box(0, 0, 5, 5), shapely.box(5, 0.5, 5.1, 4.5), shapely.box(5.1, 0, 9, 5)]
+        ),
+    ],
+)
+def test_what_is_no_opening_in_a_wall_separates_nothing(floor):
+    grid, _, model = painted(floor)
+    drawing = make_drawing(grid, model=model)
+    assert (len(drawing.doors), len(drawing.rooms)) == (0, 1)
+
+
 def test_an_oblique_wall_keeps_its_angle():
     slope = math.tan(math.radians(12.0))
     grid, floor, model = painted(Polygon([(0, 0), (6, 0), (6, 3), (0, 3 + 6 * slope)]))
@@ -148,6 +175,16 @@ def test_a_scale_that_makes_no_sense_is_doubted(factor):
     frame = grid.frame._replace(resolution=grid.frame.resolution * factor)
     (doubt, *_) = make_drawing(OccupancyGrid(grid.cells, frame), model="none").doubts
     assert doubt.startswith("scale doubtful")
+
+
+@pytest.mark.parametrize(("side", "doubted"), [(1.5, True), (4.0, False), (10.0, False), (20.0, True)])
+def test_floor_that_is_too_narrow_or_too_wide_for_a_building_is_a_doubtful_scale(side, doubted):
+    grid, _, model = painted(shapely.box(0, 0, side, 9.0 if side < 2.0 else side))
+    cells = grid.cells.copy()
+    if side < 2.0:  # a rack every 40 cm
+        cells[::8] = OCCUPIED
+    drawing = make_drawing(OccupancyGrid(cells, grid.frame), model=model)
+    assert any("a tenth of the floor" in doubt for doubt in drawing.doubts) == doubted
 
 
 def test_two_directions_of_equal_right_are_doubted():

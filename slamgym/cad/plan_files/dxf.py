@@ -28,7 +28,7 @@ LayerKind = Literal["wall", "door", "window", "room", "other"]
 
 LAYERS: dict[LayerKind, str] = {
     "window": r"window|glaz|fenster|fen[eê]tre|ventana|finestra|janela|raam|vindu",
-    "door": r"door|t[uü]e?r(?!m)|porte|puerta|porta|deur|d[oø]rr?",
+    "door": r"door|opening|t[uü]e?r(?!m)|porte|puerta|porta|deur|d[oø]rr?",
     "room": r"room|raum|space|pi[eè]ce|locale|zone",
     "wall": r"wall|\bmur|wand|w[aä]e?nd|muro|pared|parete|vegg|cloison|inferred",
 }

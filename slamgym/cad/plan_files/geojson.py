@@ -1,6 +1,6 @@
 """Walls, doors, windows and rooms from GeoJSON (RFC 7946) in local metres.
 
-Features say what they are by ``properties.kind``: wall, door, window or room; others are passed over.
+Features say what they are by ``properties.kind``: wall, door, opening, window or room; others are passed over.
 Where no feature has a kind all are walls: a plain MultiLineString or Polygon of walls is a plan, too.
 """
 
@@ -92,7 +92,8 @@ def _features(value: Any, source: str) -> Iterator[tuple[str, str, Mapping[str, 
                 raise PlanError(
                     source, f"has a feature whose kind or name is no text: {shown(kind)}, {shown(name)}"
                 )
-            yield kind.lower(), name[:_MAX_NAME], geometry
+            kind = "door" if kind.lower() == "opening" else kind.lower()
+            yield kind, name[:_MAX_NAME], geometry
 
 
 def _rings(geometry: Mapping[str, Any], source: str) -> list[FloatArray]:

@@ -1,8 +1,8 @@
 """DXF by ezdxf: metres, one layer a kind, dimension lines that measure themselves, the map's echoes as underlay.
 
-Layers: WALLS (closed LWPOLYLINEs of wall bodies), DOORS and WINDOWS (LINEs), ROOMS (closed LWPOLYLINEs, a TEXT with id
-and area), UNEXPLORED, INFERRED (bodies of walls without evidence as on WALLS; floor that nobody saw as HATCH), RAW (one
-closed LWPOLYLINE for each run of occupied cells), DIMENSIONS.
+Layers: WALLS (closed LWPOLYLINEs of wall bodies), DOORS, OPENINGS and WINDOWS (LINEs), ROOMS (closed LWPOLYLINEs, a
+TEXT with id and area), UNEXPLORED, INFERRED (bodies of walls without evidence as on WALLS; floor that nobody saw as
+HATCH), RAW (one closed LWPOLYLINE for each run of occupied cells), DIMENSIONS.
 """
 
 import io
@@ -21,7 +21,8 @@ from slamgym.drawing.drawing import Drawing
 METRES = 6
 """Of ``$INSUNITS``."""
 LAYER_COLOURS = {
-    "RAW": 30, "ROOMS": 8, "WALLS": 7, "DOORS": 5, "WINDOWS": 4, "INFERRED": 9, "UNEXPLORED": 2, "DIMENSIONS": 1,
+    "RAW": 30, "ROOMS": 8, "WALLS": 7, "DOORS": 5, "OPENINGS": 150, "WINDOWS": 4, "INFERRED": 9, "UNEXPLORED": 2,
+    "DIMENSIONS": 1,
 }  # fmt: skip
 """AutoCAD's colour numbers."""
 _TEXT = 0.18
@@ -49,6 +50,7 @@ def dxf_document(drawing: Drawing) -> Any:
     for name, colour in LAYER_COLOURS.items():
         document.layers.add(name, color=colour)
     document.layers.get("INFERRED").dxf.linetype = "DASHED"
+    document.layers.get("OPENINGS").dxf.linetype = "DASHED"
     document.layers.get("UNEXPLORED").dxf.linetype = "DASHED"
     document.appids.add(_APP)
     space = document.modelspace()
@@ -65,7 +67,7 @@ def dxf_document(drawing: Drawing) -> Any:
         for line in _add_polygons(space, [wall.polygon], layer):
             line.set_xdata(_APP, [(1040, wall.thickness), (1040, wall.confidence), (1040, wall.share_seen)])
     for door in drawing.doors:
-        space.add_line(door.start, door.end, dxfattribs={"layer": "DOORS"})
+        space.add_line(door.start, door.end, dxfattribs={"layer": f"{door.kind.upper()}S"})
     for window in drawing.windows:
         space.add_line(window.start, window.end, dxfattribs={"layer": "WINDOWS"})
     for part in drawing.inferred_floor:

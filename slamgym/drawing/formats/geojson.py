@@ -1,4 +1,4 @@
-"""GeoJSON: one feature for each wall, door, window, room and unexplored part.
+"""GeoJSON: one feature for each wall, door, opening, window, room and unexplored part.
 
 RFC 7946 wants degrees of longitude and latitude; a building's map has none, so the coordinates are local metres, which
 the member ``coordinates`` of the collection says.
@@ -59,7 +59,7 @@ def _features(drawing: Drawing) -> Iterator[dict[str, Any]]:
             door.start,
             door.end,
             {
-                "kind": "door",
+                "kind": door.kind,
                 "width_m": round(door.width, 4),
                 "thickness_m": round(door.depth, 4),
                 "rooms": list(door.rooms),

@@ -44,6 +44,7 @@ def format_json(drawing: Drawing) -> str:
             {
                 "start": rounded(door.start),
                 "end": rounded(door.end),
+                "kind": door.kind,
                 "width_m": round(door.width, 4),
                 "depth_m": round(door.depth, 4),
                 "rooms": list(door.rooms),

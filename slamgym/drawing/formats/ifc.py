@@ -33,7 +33,14 @@ def ifc_model(drawing: Drawing) -> Any:
 
     builder = _Builder(drawing, ifcopenshell.api.run)
     walls = [builder.add_wall(number, wall) for number, wall in enumerate(drawing.walls, 1)]
-    doors = [builder.add_door(number, door, walls) for number, door in enumerate(drawing.doors, 1)]
+    doors = [
+        builder.add_door(number, door, walls)
+        for number, door in enumerate(drawing.doors, 1)
+        if door.kind == "door"
+    ]
+    for number, door in enumerate(drawing.doors, 1):
+        if door.kind == "opening" and door.walls:
+            builder.add_opening(number, door, walls)
     builder.contain([*walls, *doors])
     for room in drawing.rooms:
         builder.add_space(
@@ -108,23 +115,28 @@ class _Builder:
         entity.OverallWidth, entity.OverallHeight = door.width, DOOR_HEIGHT
         matrix = _placement(door.start, door.end)
         self._place(entity, matrix)
-        depth = max(door.depth, 0.04)
         leaf = shapely.box(0.0, -0.02, door.width, 0.02)
         self._extrude(entity, self._profile(leaf), DOOR_HEIGHT)
         self._describe(entity, {"Width": door.width, "Confidence": door.confidence, "Layer": door.layer})
-        if not door.walls:
-            return entity
+        if door.walls:
+            opening = self.add_opening(number, door, walls)
+            self.run("feature.add_filling", self.file, opening=opening, element=entity)
+        return entity
+
+    def add_opening(self, number: int, door: DrawnDoor, walls: list[Any]) -> Any:
+        """An IfcOpeningElement in the wall at a jamb."""
         # Drawn walls end at the jambs, so the opening takes nothing away; it says which wall the door is in.
         opening = self.run(
             "root.create_entity", self.file, ifc_class="IfcOpeningElement", name=f"O{number:02d}"
         )
-        self._place(opening, matrix)
+        self._place(opening, _placement(door.start, door.end))
+        depth = max(door.depth, 0.04)
         self._extrude(
             opening, self._profile(shapely.box(0.0, -0.5 * depth, door.width, 0.5 * depth)), DOOR_HEIGHT
         )
         self.run("feature.add_feature", self.file, feature=opening, element=walls[door.walls[0]])
-        self.run("feature.add_filling", self.file, opening=opening, element=entity)
-        return entity
+        self._describe(opening, {"Width": door.width, "Confidence": door.confidence, "Layer": door.layer})
+        return opening
 
     def contain(self, entities: list[Any]) -> None:
         """Put walls and doors into the storey; all at once, as each call copies the list of what is in it."""

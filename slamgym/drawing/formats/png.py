@@ -79,7 +79,7 @@ def draw_picture(drawing: Drawing, side_px: int = SIDE_PX, look: Look = DEFAULT_
     if not look.is_thumbnail:
         _draw_echoes(page, drawing, frame)
     for door in drawing.doors:
-        _line(page, door.start, door.end, _DOOR, 3, to_page)
+        _line(page, door.start, door.end, _DOOR, 3 if door.kind == "door" else 1, to_page)
     if look.is_thumbnail:
         return page
     for dimension in drawing.dimensions:

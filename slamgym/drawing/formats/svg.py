@@ -26,6 +26,7 @@ STYLE = """
 .room{fill:#fff;stroke:none}.room.INFERRED{fill:#eef2f7}.floor-inferred{fill:url(#hatch);stroke:none}
 .wall{fill:#2b2f36;stroke:none}.wall.INFERRED{fill:#b9c2ce;stroke:#7a8794;stroke-width:15;stroke-dasharray:60 40}
 .door{stroke:#1971c2;stroke-width:30;fill:none}
+.opening{stroke:#1971c2;stroke-width:15;stroke-dasharray:120 80;fill:none}
 .unexplored{fill:#fff4d6;stroke:#c99b2e;stroke-width:15;stroke-dasharray:90 60}
 .dimension{stroke:#c92a2a;stroke-width:8;fill:none}.raw{fill:#e8590c;fill-opacity:.35}
 text{font-family:sans-serif;fill:#343a40;text-anchor:middle}.size{fill:#c92a2a}
@@ -74,7 +75,10 @@ def _layers(drawing: Drawing, place: Placed) -> Iterator[str]:
         yield svg_path(wall.polygon, place, f"wall {wall.layer}", title)
     yield '</g><g id="DOORS">'
     for door in drawing.doors:
-        yield f'<path class="door" d="M{place(door.start)} L{place(door.end)}"><title>{door.width:.3f} m</title></path>'
+        yield (
+            f'<path class="{door.kind}" d="M{place(door.start)} L{place(door.end)}">'
+            f"<title>{door.kind}, {door.width:.3f} m</title></path>"
+        )
     yield '</g><g id="RAW">'
     yield _raw(drawing, place)
     yield '</g><g id="DIMENSIONS">'

@@ -63,7 +63,8 @@ figure svg { border: 1px solid #dee2e6 }
 .wall { fill: #2b2f36 } .wall.INFERRED { fill: #fd7e14 } .wall.unsure { fill: #adb5bd; stroke: #2b2f36 }
 .see-through .floor { fill: none } .see-through .floor-inferred, .see-through .unexplored { fill-opacity: .55 }
 .see-through .wall { fill-opacity: .8 }
-.door { stroke: #1971c2; fill: none } .door.INFERRED { stroke: #fd7e14 }
+.door, .opening { stroke: #1971c2; fill: none } .door.INFERRED, .opening.INFERRED { stroke: #fd7e14 }
+.opening { stroke-dasharray: 120 80 }
 .dimension { stroke: #c92a2a; fill: none } .size { fill: #c92a2a } .bar { stroke: #343a40; fill: none }
 svg text { font-family: system-ui, sans-serif; fill: #343a40; text-anchor: middle }
 svg .halo { paint-order: stroke; stroke: #fff; stroke-linejoin: round } svg .start { text-anchor: start }
@@ -217,9 +218,9 @@ def _shapes(drawing: Drawing, sheet: Sheet, tint: Literal["layer", "confidence"]
     yield f'</g><g stroke-width="{1.5 * line:.0f}">'
     for number, door in enumerate(drawing.doors, 1):
         kind = door.layer if tint == "layer" else ""
-        title = f"D{number}: {door.width:.2f} m"
+        title = f"D{number}: {door.kind}, {door.width:.2f} m"
         yield (
-            f'<path class="door {kind}" d="M{sheet.place(door.start)} L{sheet.place(door.end)}">'
+            f'<path class="{door.kind} {kind}" d="M{sheet.place(door.start)} L{sheet.place(door.end)}">'
             f"<title>{title}</title></path>"
         )
     yield "</g>"

@@ -229,6 +229,7 @@ def _doors_part(drawing: Drawing) -> Iterator[str]:
     rows = [
         (
             f"D{number}",
+            door.kind,
             f"{door.width:.2f} m",
             f"{100 * door.depth:.0f} cm",
             " and ".join(door.rooms),
@@ -237,7 +238,7 @@ def _doors_part(drawing: Drawing) -> Iterator[str]:
         for number, door in enumerate(doors, 1)
     ]
     yield make_table(
-        ["door", "clear width", "in a wall of", "joins", "seen open"], rows, [d.layer for d in doors]
+        ["door", "kind", "clear width", "in a wall of", "joins", "seen open"], rows, [d.layer for d in doors]
     )
     yield from _left_out(len(drawing.doors), LISTED_DOORS, "doors")
 
