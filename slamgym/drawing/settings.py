@@ -32,8 +32,9 @@ class DrawingConfig(Settings, section="drawing"):
     )
     """Narrowest and widest gap in a wall that is a door [m]. Doors of homes end at 1.35 m and open passages begin at
     1.85 m (:class:`slamgym.metrics.RoomRule`)."""
-    opening_width: Positive = 3.0
-    """Widest gap between two jambs that is an opening [m]; whether a double door hangs in it a map doesn't tell."""
+    opening_width: Positive = 1.6
+    """Widest gap between two jambs that is an opening and parts two rooms [m]; whether a double door hangs in it a map
+    doesn't tell. No wider than a door, and rooms go on through it, as :class:`slamgym.metrics.RoomRule` has it."""
     max_thickness: Positive = 0.5
     """Two faces farther apart aren't those of one wall [m]."""
     outer_thickness: Positive = 0.1

@@ -14,6 +14,7 @@ from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, GridFrame, OccupancyGrid
 from slamgym.drawing import make_drawing
 from slamgym.drawing.contours import trace_outlines
 from slamgym.drawing.evidence import confidence
+from slamgym.drawing.settings import DrawingConfig
 
 
 def num_corners(shape):
@@ -66,14 +67,18 @@ def test_walls_enclose_the_floor_without_gaps_at_corners():
     assert band.difference(bodies).area < 0.01 * band.area
 
 
+WITH_OPENINGS = DrawingConfig(opening_width=3.0)
+
+
 @pytest.mark.parametrize(("width", "kind"), [(1.2, "door"), (2.0, "opening"), (2.8, "opening")])
 def test_a_wide_opening_in_a_wall_separates_rooms_and_has_its_width(width, kind):
     rooms = shapely.union_all([shapely.box(0, 0, 4, 5), shapely.box(4.1, 0, 9, 5)])
     grid, _, model = painted(rooms.union(shapely.box(4, 1, 4.1, 1 + width)))
-    drawing = make_drawing(grid, model=model)
+    drawing = make_drawing(grid, model=model, config=WITH_OPENINGS)
     (door,) = drawing.doors
     assert (door.kind, len(drawing.rooms)) == (kind, 2)
     assert door.width == pytest.approx(width, abs=0.02)
+    assert len(make_drawing(grid, model=model).rooms) == (2 if kind == "door" else 1)
 
 
 @pytest.mark.parametrize(
@@ -89,7 +94,7 @@ def test_a_wide_opening_in_a_wall_separates_rooms_and_has_its_width(width, kind)
 )
 def test_what_is_no_opening_in_a_wall_separates_nothing(floor):
     grid, _, model = painted(floor)
-    drawing = make_drawing(grid, model=model)
+    drawing = make_drawing(grid, model=model, config=WITH_OPENINGS)
     assert (len(drawing.doors), len(drawing.rooms)) == (0, 1)
 
 

@@ -19,6 +19,7 @@ from slamgym.core.files import read_text, write_text
 from slamgym.core.limits import YAML_BYTES
 from slamgym.core.pictures import PICTURE_SUFFIXES
 from slamgym.core.progress import say
+from slamgym.drawing.settings import DEFAULT_DRAWING
 
 if TYPE_CHECKING:
     from slamgym.drawing import Drawing, FloorModel
@@ -46,6 +47,8 @@ class CadArguments(Arguments):
     """Direction of the main walls [deg, counter-clockwise from the map's x axis]; found in the map by default."""
     resolution: Positive | None = None
     """Metres of a pixel of pictures that don't say it."""
+    opening_width: Positive = DEFAULT_DRAWING.opening_width
+    """Wide gaps in a wall up to this are openings that part two rooms [m], e.g. 3; at 1.6 doors alone do."""
 
 
 def main(argv: list[str]) -> int:
@@ -160,7 +163,12 @@ def _draw(path: Path, job: _Job) -> Drawing:
     _spare_input(path, [stem.with_name(f"{stem.name}.{suffix}") for suffix in suffixes])
     provenance = {"source": str(path), "model": arguments.model, "command": job.command}
     drawing = make_drawing(
-        robot_map.grid, path.stem, job.model, angle_deg=arguments.angle, provenance=provenance
+        robot_map.grid,
+        path.stem,
+        job.model,
+        dataclasses.replace(DEFAULT_DRAWING, opening_width=arguments.opening_width),
+        angle_deg=arguments.angle,
+        provenance=provenance,
     )
     drawing = dataclasses.replace(drawing, doubts=(*robot_map.doubts, *drawing.doubts))
     files = write_drawing(drawing, stem, job.formats)
