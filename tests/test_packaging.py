@@ -28,6 +28,8 @@ DATA = (
     "dataset/generate/recipes/reference.yaml",
     "gan/pretrained/model32.safetensors",
     "gan/pretrained/modelprog.safetensors",
+    "gan/pretrained/slam2cad-metric.json",
+    "gan/pretrained/slam2cad-metric.safetensors",
     "gan/pretrained/slam2cad.json",
     "gan/pretrained/slam2cad.safetensors",
     "planning/pretrained/remaining.safetensors",

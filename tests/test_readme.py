@@ -71,7 +71,7 @@ def help_of():
 @pytest.mark.parametrize(("page", "command"), sorted(set(slamgym_commands())))
 def test_commands_exist_and_know_their_options(help_of, page, command):
     words = shlex.split(command)[1:]
-    has_verbs = words[0] in {"plans", "dataset", "agents", "gan"} or words[:2] == ["cad", "compare"]
+    has_verbs = words[0] in {"plans", "dataset", "agents", "bench", "gan"} or words[:2] == ["cad", "compare"]
     help_text = help_of(*words[: 2 if has_verbs else 1])
     assert "usage: slamgym" in help_text
     for option in (word.split("=")[0] for word in words if word.startswith("--")):

@@ -52,7 +52,7 @@ OPEN_ROOM = 0.4
 def make_drawing(
     grid: OccupancyGrid,
     name: str = "map",
-    model: str | FloorModel = "slam2cad",
+    model: str | FloorModel = "slam2cad-metric",
     config: DrawingConfig = DEFAULT_DRAWING,
     angle_deg: float | None = None,
     provenance: Mapping[str, Any] | None = None,
@@ -62,7 +62,7 @@ def make_drawing(
     Args:
         grid: The map: 0 occupied, 205 unknown, 254 free.
         name: Of the drawing.
-        model: ``slam2cad`` or other weights, ``none`` for cleaning alone (no torch), or a translator.
+        model: ``slam2cad-metric`` or other weights, ``none`` for cleaning alone (no torch), or a translator.
         config: Sizes.
         angle_deg: Direction of the main walls against the x axis, counter-clockwise; None finds it.
         provenance: Anything to keep with the drawing, e.g. the source.

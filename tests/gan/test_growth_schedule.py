@@ -135,7 +135,7 @@ def test_presets_know_their_names_and_keep_the_papers_optimiser(name):
 
 
 def arguments(**values):
-    return TrainTranslatorArguments(images=Path("images"), out=Path("run"), **values)
+    return TrainTranslatorArguments(images=(Path("images"),), out=Path("run"), **values)
 
 
 def test_the_cpu_presets_have_their_own_time_unless_one_is_given():
