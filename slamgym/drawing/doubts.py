@@ -1,10 +1,12 @@
 """What a person should check in a drawing: its scale, its direction, and how much of it was never seen."""
 
+import cv2
 import numpy as np
 
 from slamgym.core.types import FREE, GridFrame, OccupancyGrid
 from slamgym.drawing.contours import trace_outlines
 from slamgym.drawing.drawing import Drawing
+from slamgym.drawing.evidence import filled
 from slamgym.drawing.floor import CleanedFloor
 from slamgym.drawing.openings import divide
 from slamgym.drawing.polygons import straightened
@@ -30,6 +32,8 @@ SMALLEST_FLOOR = 8.0
 """A map of a building shows more floor than this [m2]."""
 MUCH_UNSEEN = 0.15
 """Share of the floor."""
+MUCH_LEFT_OUT = 0.1
+"""Share of the floor that the robot saw."""
 MUCH_INFERRED = 0.5
 """Share of the walls' length."""
 
@@ -57,6 +61,11 @@ def find_doubts(drawing: Drawing, direction: WallDirection | None, config: Drawi
     if unseen > MUCH_UNSEEN * drawing.area:
         doubts.append(
             f"{unseen / drawing.area:.0%} of the floor was never observed; it is in the layer INFERRED"
+        )
+    left_out = left_out_share(drawing)
+    if left_out > MUCH_LEFT_OUT:
+        doubts.append(
+            f"{left_out:.0%} of the floor that the robot saw isn't drawn; another --model may keep it"
         )
     lengths = [wall.length for wall in drawing.walls]
     inferred = sum(wall.length for wall in drawing.walls if wall.layer == "INFERRED")
@@ -96,6 +105,15 @@ def widest_clearance(grid: OccupancyGrid) -> float:
     """How far from all that isn't free the widest tenth of the free floor is at least [m]."""
     free = np.pad(grid.cells == FREE, 1)
     return float(np.percentile(distance_to(~free)[free], 90.0)) * grid.frame.resolution
+
+
+def left_out_share(drawing: Drawing) -> float:
+    """Share of the free floor, without rays of one or two cells, that lies outside of the drawn floor."""
+    free = cv2.morphologyEx(
+        (drawing.grid.cells == FREE).astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8)
+    )
+    drawn = filled(drawing.floor, drawing.grid.frame)
+    return float((free.astype(bool) & ~drawn).sum() / max(int(free.sum()), 1))
 
 
 def _doors_at(drawing: Drawing, factor: float, config: DrawingConfig) -> list[float]:

@@ -182,6 +182,17 @@ def test_a_scale_that_makes_no_sense_is_doubted(factor):
     assert doubt.startswith("scale doubtful")
 
 
+def test_floor_that_the_robot_saw_and_the_drawing_lacks_is_said():
+    rooms = shapely.union_all([shapely.box(0, 0, 4, 5), shapely.box(4, 2, 4.1, 3), shapely.box(4.1, 0, 9, 5)])
+    grid, _, model = painted(rooms)
+    assert not any("isn't drawn" in doubt for doubt in make_drawing(grid, model=model).doubts)
+    _, _, half = painted(shapely.box(0, 0, 4, 5))
+    assert any(
+        doubt.startswith("55% of the floor that the robot saw")
+        for doubt in make_drawing(grid, model=half).doubts
+    )
+
+
 @pytest.mark.parametrize(("side", "doubted"), [(1.5, True), (4.0, False), (10.0, False), (20.0, True)])
 def test_floor_that_is_too_narrow_or_too_wide_for_a_building_is_a_doubtful_scale(side, doubted):
     grid, _, model = painted(shapely.box(0, 0, side, 9.0 if side < 2.0 else side))
