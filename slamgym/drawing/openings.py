@@ -188,7 +188,8 @@ def jamb_gaps(floor: MultiPolygon, config: DrawingConfig) -> list[Gap]:
         # The face opposite may be oblique: how far it is at the middle of what the two have in common.
         share = (middle - begins) / np.where(np.abs(stops - begins) < 1e-9, 1.0, stops - begins)
         across = (1.0 - share) * (first @ normal) + share * (second @ normal)
-        good = (high - low > 0.3 * length) & (across >= NARROWEST_CUT) & (across <= config.opening_width)
+        widest = max(config.door_width[1], config.opening_width)
+        good = (high - low > 0.3 * length) & (across >= NARROWEST_CUT) & (across <= widest)
         for index in np.flatnonzero(good).tolist():
             start = starts[jamb] + middle[index] * direction
             gaps.append((jamb, int(facing[index]), start, start + across[index] * normal, length))
