@@ -190,7 +190,7 @@ def _draw_belief(panel: ByteArray, scene: Scene, view: _View) -> None:
     draw_path(panel, view.pixels(scene.believed_path), BELIEVED_COLOUR)
     scan, pose = scene.scan, scene.believed_pose
     hits = scan.ranges <= scan.geometry.range_max
-    ends = _end_points(scan, pose, scan.ranges.astype(np.float64))[hits]
+    ends = beam_ends(scan, pose, scan.ranges.astype(np.float64))[hits]
     for col, row in view.pixels(ends):
         cv2.circle(panel, (int(col), int(row)), 2 << SHIFT, BEAM_COLOUR, -1, cv2.LINE_AA, SHIFT)
     _draw_robot(panel, view, scene.true_pose, scene.robot_radius, TRUE_COLOUR, filled=False)
@@ -201,7 +201,7 @@ def _fill(panel: ByteArray, view: _View, outline: FloatArray, colour: Colour) ->
     cv2.fillPoly(panel, [view.pixels(outline)], colour, cv2.LINE_AA, SHIFT)
 
 
-def _end_points(scan: LaserScan, pose: Pose2D, ranges: FloatArray) -> FloatArray:
+def beam_ends(scan: LaserScan, pose: Pose2D, ranges: FloatArray) -> FloatArray:
     """Ends of the beams, at most at the range limit, (num_beams, 2), in the parent frame of ``pose``."""
     geometry = scan.geometry
     lengths = np.clip(ranges, 0.0, geometry.range_max)
@@ -212,7 +212,7 @@ def _end_points(scan: LaserScan, pose: Pose2D, ranges: FloatArray) -> FloatArray
 def _draw_beams(panel: ByteArray, scene: Scene, view: _View) -> None:
     """The area that the scanner overlooks, see-through."""
     mount = compose(scene.true_pose, scene.scan.geometry.mount)
-    ends = _end_points(scene.scan, scene.true_pose, scene.true_ranges)
+    ends = beam_ends(scene.scan, scene.true_pose, scene.true_ranges)
     outline = view.pixels(np.vstack([[mount.x, mount.y], ends]))
     low = np.maximum(outline.min(axis=0) // (1 << SHIFT) - 2, 0)
     high = outline.max(axis=0) // (1 << SHIFT) + 3

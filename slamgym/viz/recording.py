@@ -16,10 +16,9 @@ import numpy as np
 
 from slamgym.core.errors import ConfigError
 from slamgym.core.files import staged
-from slamgym.core.geometry import compose, transform_points
 from slamgym.core.types import ByteArray, Float32Array, FloatArray, GridFrame, Pose2D
 from slamgym.viz.canvas import BELIEVED_COLOUR, TRUE_COLOUR, WALL_TINT, Colour, colour_cells
-from slamgym.viz.exploration import BAR_COLOUR, BEAM_COLOUR, FURNITURE_COLOUR, PERSON_COLOUR, Scene
+from slamgym.viz.exploration import BAR_COLOUR, BEAM_COLOUR, FURNITURE_COLOUR, PERSON_COLOUR, Scene, beam_ends
 
 _FRONTIER_COLOURS: tuple[Colour, Colour] = ((132, 94, 247), (247, 103, 7))  # offered, chosen
 _NEEDED = "rerun"
@@ -184,10 +183,8 @@ class Recording:
 
 def _ends(scene: Scene, pose: Pose2D, ranges: FloatArray) -> FloatArray:
     """Where the beams that met something ended, (N, 2), world frame."""
-    geometry = scene.scan.geometry
-    met = (ranges > 0.0) & (ranges <= geometry.range_max)
-    directions = np.column_stack([np.cos(geometry.angles), np.sin(geometry.angles)])
-    return transform_points(compose(pose, geometry.mount), directions[met] * ranges[met, None])
+    met = (ranges > 0.0) & (ranges <= scene.scan.geometry.range_max)
+    return beam_ends(scene.scan, pose, ranges)[met]
 
 
 def _lifted(points: FloatArray, level: str) -> FloatArray:
