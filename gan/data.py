@@ -162,13 +162,14 @@ def load_training_pairs(roots: Sequence[Path | str], size: int) -> PairSet:
     """
     if len(roots) == 1:
         return load_pairs(roots[0], "train", size)
+    folders = [(Path(root), _manifest(Path(root))) for root in roots]
     tested = {
-        plan for root in roots for plans in _plans_by_name(Path(root), "test").values() for plan in plans
+        plan for root, recorded in folders for name in _test_names(root) for plan in _plans_of(name, recorded)
     }
     parts = []
-    for root in map(Path, roots):
-        pairs, plans = load_pairs(root, "train", size), _plans_by_name(root, "train")
-        kept = [index for index, name in enumerate(pairs.names) if tested.isdisjoint(plans[name])]
+    for root, recorded in folders:
+        pairs = load_pairs(root, "train", size)
+        kept = [i for i, name in enumerate(pairs.names) if tested.isdisjoint(_plans_of(name, recorded))]
         if not kept:
             raise InputFileError(root, "has only plans that are on the test side of another folder")
         parts.append(pairs.subset(kept))
@@ -292,14 +293,15 @@ def _manifest(root: Path) -> dict[str, _Recorded]:
     return recorded
 
 
-def _plans_by_name(root: Path, split: str) -> dict[str, set[str]]:
-    """What each pair's plan and its group are called; empty without images of this side."""
-    folder = root / split / "A"
-    if split == "test" and not (folder.is_dir() and any(folder.iterdir())):
-        return {}
-    recorded = _manifest(root)
-    names = _images(_split_folder(root, split) / "A")
-    return {name: set(recorded[name][:2]) if name in recorded else {name} for name in names}
+def _test_names(root: Path) -> list[str]:
+    """Names of the pairs on the test side; none without images there."""
+    folder = root / "test" / "A"
+    return list(_images(folder)) if folder.is_dir() and any(folder.iterdir()) else []
+
+
+def _plans_of(name: str, recorded: dict[str, _Recorded]) -> set[str]:
+    """What a pair's plan and its group are called."""
+    return {recorded[name].plan, recorded[name].group} if name in recorded else {name}
 
 
 def _place(plan_id: str) -> float:
