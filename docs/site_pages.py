@@ -67,13 +67,14 @@ def tutorials() -> list[Path]:
 def notebook_of(script: Path) -> str:
     """A script as a Jupyter notebook: its docstring as text, then a cell for its imports and each part that follows."""
     source = script.read_text()
-    lines, (first, *nodes) = source.splitlines(), ast.parse(source).body
-    cells: list[tuple[str, str]] = [("markdown", ast.get_docstring(ast.parse(source)) or "")]
-    cells.append(("code", 'import sys\n\nsys.argv = [""]  # a notebook has no arguments'))
-    begin, imports = (
-        first.end_lineno or 0,
-        [node for node in nodes if isinstance(node, ast.Import | ast.ImportFrom)],
-    )
+    lines, tree = source.splitlines(), ast.parse(source)
+    docstring, *nodes = tree.body
+    cells: list[tuple[str, str]] = [
+        ("markdown", ast.get_docstring(tree) or ""),
+        ("code", 'import sys\n\nsys.argv = [""]  # a notebook has no arguments'),
+    ]
+    begin = docstring.end_lineno or 0
+    imports = [node for node in nodes if isinstance(node, ast.Import | ast.ImportFrom)]
     for node in [imports[-1], *(node for node in nodes if node not in imports)]:
         end = node.end_lineno or begin
         if lines[end - 1 : end] and "  # noqa" in lines[end - 1]:
