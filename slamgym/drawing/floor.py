@@ -1,5 +1,7 @@
 """Where the floor is, as a picture of probabilities: by a trained translator, or by cleaning alone."""
 
+from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
 import cv2
@@ -55,12 +57,32 @@ class TranslatedFloor:
         return self._translator.translate(grid.cells, grid.frame.resolution, angle_deg=angle_deg)
 
 
+class MeanFloor:
+    """The mean of several models: where they disagree, neither is sure."""
+
+    def __init__(self, models: Sequence[FloorModel]) -> None:
+        self._models = tuple(models)
+
+    def probability(self, grid: OccupancyGrid, angle_deg: float) -> Float32Array:
+        """Of being floor, the mean over the models."""
+        total = np.zeros(grid.cells.shape, np.float32)
+        for model in self._models:
+            total += model.probability(grid, angle_deg)
+        return total / np.float32(len(self._models))
+
+
 def load_floor_model(name: str) -> FloorModel:
-    """A model by its name: ``none``, pretrained weights, a .safetensors file or the folder of a run.
+    """A model by its name.
+
+    Args:
+        name: ``none``, pretrained weights, a .safetensors file, the folder of a run; several with ``+`` between them
+            give their mean.
 
     Raises:
         SlamgymError: If there is no such model.
     """
+    if "+" in name and not Path(name).exists():
+        return MeanFloor([load_floor_model(part) for part in name.split("+")])
     if name == NO_MODEL:
         return CleanedFloor()
     from slamgym.gan.translation.translate import load_translator
