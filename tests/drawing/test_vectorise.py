@@ -9,11 +9,12 @@ import shapely
 from drawing.painted import FLAT, painted
 from shapely import Polygon
 
-from slamgym.core.errors import InputFileError
+from slamgym.core.errors import InputFileError, SlamgymError
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, GridFrame, OccupancyGrid
-from slamgym.drawing import make_drawing
+from slamgym.drawing import load_floor_model, make_drawing
 from slamgym.drawing.contours import trace_outlines
 from slamgym.drawing.evidence import confidence
+from slamgym.drawing.floor import CleanedFloor, MeanFloor
 from slamgym.drawing.settings import DrawingConfig
 
 
@@ -122,6 +123,30 @@ def test_cleaning_alone_puts_faces_into_the_first_cell_of_the_walls():
     cells[21:79, 21:99] = FREE
     drawing = make_drawing(OccupancyGrid(cells, frame), model="none")
     assert drawing.floor.bounds == pytest.approx((1.025, 1.025, 4.975, 3.975), abs=0.005)
+
+
+class _Flat:
+    """A model to which every place is floor with one probability."""
+
+    def __init__(self, value: float) -> None:
+        self._value = value
+
+    def probability(self, grid: OccupancyGrid, angle_deg: float) -> np.ndarray:
+        return np.full(grid.cells.shape, self._value, np.float32)
+
+
+def test_several_models_draw_by_their_mean():
+    grid, _, _ = painted(FLAT)
+    mean = MeanFloor([_Flat(0.2), _Flat(0.3), _Flat(0.7)]).probability(grid, 0.0)
+    assert np.allclose(mean, 0.4)
+    alone, twice = (load_floor_model(name).probability(grid, 0.0) for name in ("none", "none+none"))
+    assert np.array_equal(alone, twice)
+    assert np.array_equal(alone, CleanedFloor().probability(grid, 0.0))
+
+
+def test_an_unknown_model_among_several_is_named():
+    with pytest.raises(SlamgymError, match="no-such-weights"):
+        load_floor_model("none+no-such-weights")
 
 
 def test_a_wide_empty_margin_changes_nothing():

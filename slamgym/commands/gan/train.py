@@ -14,7 +14,7 @@ from slamgym.core.config import from_dict, to_dict
 from slamgym.core.errors import ConfigError
 from slamgym.core.progress import duration
 from slamgym.gan.config import Stage, TranslatorTrainingConfig
-from slamgym.gan.device import choose_compute
+from slamgym.gan.device import choose_compute, keep_freed_memory
 from slamgym.gan.presets import find_preset
 from slamgym.gan.training.train import RunOptions, train_translator
 
@@ -34,6 +34,7 @@ def run_training(arguments: TrainTranslatorArguments, argv: Sequence[str]) -> in
     if arguments.checkpoint_minutes < 0.0:
         raise ConfigError(f"--checkpoint-minutes must be 0 or more, not {arguments.checkpoint_minutes}")
     chosen = arguments.compute
+    keep_freed_memory()
     if chosen.threads > 0:
         torch.set_num_threads(chosen.threads)
     config = training_config(arguments)
