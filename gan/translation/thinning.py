@@ -1,7 +1,6 @@
 """Walls of an enlarged map drawn as thin as a scanner's."""
 
 import numpy as np
-from scipy.ndimage import distance_transform_edt
 
 from slamgym.core.types import OCCUPIED, BoolArray, ByteArray
 
@@ -15,6 +14,8 @@ def thinned_walls(cells: ByteArray) -> ByteArray:
     Returns:
         The same with walls one cell thick.
     """
+    from scipy.ndimage import distance_transform_edt  # a quarter of a second of every command that translates
+
     occupied = cells == OCCUPIED
     if not occupied.any() or occupied.all():
         return cells
