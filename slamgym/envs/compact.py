@@ -5,6 +5,7 @@ measured velocity, each scaled to [-1, 1]. All of it is belief, as in the other 
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from gymnasium import spaces
@@ -14,8 +15,6 @@ from slamgym.core.types import (
     ByteArray,
     Float32Array,
     FloatArray,
-    GridFrame,
-    IntArray,
     Pose2D,
     Twist2D,
 )
@@ -27,14 +26,15 @@ SCAN_SECTORS = 60
 """Ranges, each the nearest of some neighbouring beams; fewer where the scanner has fewer beams."""
 _POINTS = 4  # along a side of a block, at which the map is read
 
-_TILE_BITS = 3
+_TILE_BITS = 2
 MAP_TILE = 1 << _TILE_BITS
 """Cells along a side of the tiles of :func:`pack_tiles`."""
-_MOST_TILES = 3  # along a side, for a block to be looked at as a whole
-_NO_TILES = np.zeros((0, 0, 2), dtype=np.uint64)
+_WINDOW = 3  # tiles along a side, about which a tile knows whether they are alike
+_NO_TILES = np.zeros((0, 0), dtype=np.uint32), np.zeros((0, 0), dtype=np.uint8)
 _ALL_UNKNOWN, _ALL_FREE, _MIXED = range(3)
-_LOW_BITS, _TO_TOP_BYTE = np.uint64(0x0101010101010101), np.uint64(0x0102040810204080)
-_NONE, _EVERY = np.uint64(0), np.uint64(0xFFFFFFFFFFFFFFFF)
+_FREE_BITS, _PAIR, _OCCUPIED_SHIFT = np.uint64(0xFFFF), np.uint64(0x10001), np.uint64(16)
+_NONE, _ALL = np.uint64(0), np.uint64(_POINTS * _POINTS)
+_LOW_BITS, _TO_FOURTH_BYTE = np.uint64(0x01010101), np.uint64(0x01020408)
 
 _FRACTION = 32
 _ONE = float(1 << _FRACTION)
@@ -43,7 +43,7 @@ _ONE = float(1 << _FRACTION)
 @kernel
 def write_compact(
     cells: ByteArray,
-    tiles: np.ndarray,
+    tiles: tuple[np.ndarray, ByteArray],
     grows_upward: bool,
     corner: tuple[int, int],
     resolution: float,
@@ -60,7 +60,7 @@ def write_compact(
 
     Args:
         cells: The map, shape (H, W), contiguous.
-        tiles: The same map from :func:`pack_tiles`, if it grows upward; or of shape (0, 0, 2).
+        tiles: The same map from :func:`pack_tiles`, if it grows upward; or of no tiles.
         grows_upward: Whether its row 0 is at the bottom, else at the top.
         corner: Row, counted upwards, and column of the map's lattice at which ``cells`` begins at its lower left.
         resolution: Cell size [m].
@@ -87,7 +87,7 @@ def write_compact(
 @kernel
 def _write_shares(
     cells: ByteArray,
-    tiles: np.ndarray,
+    tiles: tuple[np.ndarray, ByteArray],
     grows_upward: bool,
     corner: tuple[int, int],
     pitch: float,
@@ -98,106 +98,122 @@ def _write_shares(
     """Write the blocks' shares of free and occupied space, read at points ``pitch`` cells apart."""
     rows, cols = cells.shape
     flat = cells.reshape(-1)
-    first, stride = (0, cols) if grows_upward else ((rows - 1) * cols, -cols)
+    begin_cell, stride = (0, cols) if grows_upward else ((rows - 1) * cols, -cols)
     # Positions in 1 / 2^32 of a cell, exact to the lattice whatever part of the map is given. From point to point:
     # (sin, -cos) to the right, (-cos, -sin) down.
     cos, sin = round(pitch * _ONE * math.cos(pose[2])), round(pitch * _ONE * math.sin(pose[2]))
     last = BLOCKS * _POINTS - 1
     left = round(pose[0] / resolution * _ONE) + (last * cos - last * sin) // 2 - (corner[1] << _FRACTION)
     top = round(pose[1] / resolution * _ONE) + (last * sin + last * cos) // 2 - (corner[0] << _FRACTION)
-    is_inside, is_packed = True, tiles.size > 0
-    for a in (0, last):
-        for b in (0, last):
-            r, c = (top - a * sin - b * cos) >> _FRACTION, (left - a * cos + b * sin) >> _FRACTION
-            is_inside = is_inside and 0 <= r < rows and 0 <= c < cols
     share = np.float32(1.0 / (_POINTS * _POINTS))
     # How far a block's points lie from its first.
     low = (_POINTS - 1) * (min(0, -sin) + min(0, -cos)), (_POINTS - 1) * (min(0, -cos) + min(0, sin))
     high = (_POINTS - 1) * (max(0, -sin) + max(0, -cos)), (_POINTS - 1) * (max(0, -cos) + max(0, sin))
-    is_small = max(high[0] - low[0], high[1] - low[1]) < _MOST_TILES - 1 << _FRACTION + _TILE_BITS
+    packed, kinds, tile_cols, shift = (
+        tiles[0].reshape(-1),
+        tiles[1].reshape(-1),
+        tiles[0].shape[1],
+        _FRACTION + _TILE_BITS,
+    )
     for i in range(BLOCKS):
         for j in range(BLOCKS):
-            if is_packed and is_small:
+            row, col = top - _POINTS * (i * sin + j * cos), left - _POINTS * (i * cos - j * sin)
+            bottom, begin = row + low[0], col + low[1]
+            is_inside = bottom >= 0 and begin >= 0
+            is_inside &= (row + high[0]) >> _FRACTION < rows and (col + high[1]) >> _FRACTION < cols
+            found = _NONE  # free cells in the lower bits, occupied ones from the 16th on
+            if is_inside and tile_cols > 0:
                 # Most blocks are unknown or free all over.
-                row, col = top - _POINTS * (i * sin + j * cos), left - _POINTS * (i * cos - j * sin)
-                kind = _kind_of(tiles, is_inside, row + low[0], row + high[0], col + low[1], col + high[1])
-                if kind != _MIXED:
-                    out[i * BLOCKS + j] = np.float32(1.0) if kind == _ALL_FREE else np.float32(0.0)
-                    out[(BLOCKS + i) * BLOCKS + j] = np.float32(0.0)
-                    continue
-            free, clear = np.int64(0), np.int64(0)
-            for a in range(i * _POINTS, (i + 1) * _POINTS):
-                col = left - a * cos + j * _POINTS * sin
-                row = top - a * sin - j * _POINTS * cos
-                for _ in range(_POINTS):
-                    r, c = row >> _FRACTION, col >> _FRACTION
-                    if not (is_inside or (0 <= r < rows and 0 <= c < cols)):
-                        clear += 1
-                    elif is_packed:
-                        bit = np.uint64(MAP_TILE * (r % MAP_TILE) + c % MAP_TILE)
-                        tile = tiles[np.uint64(r >> _TILE_BITS), np.uint64(c >> _TILE_BITS)]
-                        free += np.int64((tile[0] >> bit) & np.uint64(1))
-                        clear += 1 - np.int64((tile[1] >> bit) & np.uint64(1))
-                    else:
-                        value = np.int64(flat[np.uint64(first + r * stride + c)])
-                        # Bits that tell 254, 205 and 0 apart, without a branch.
-                        free += (value >> 1) & 1
-                        clear += value >> 7
-                    col += sin
-                    row -= cos
-            out[i * BLOCKS + j] = share * np.float32(free)
-            out[(BLOCKS + i) * BLOCKS + j] = share * np.float32(_POINTS * _POINTS - clear)
+                first_row, first_col = bottom >> shift, begin >> shift
+                kind = kinds[np.uint64(first_row * tile_cols + first_col)]
+                is_within = (row + high[0]) >> shift < first_row + _WINDOW
+                if kind != _MIXED and is_within and (col + high[1]) >> shift < first_col + _WINDOW:
+                    found = _ALL if kind == _ALL_FREE else _NONE
+                else:
+                    for a in range(_POINTS):
+                        for b in range(_POINTS):
+                            found += _packed_cell(
+                                packed, tile_cols, row - a * sin - b * cos, col - a * cos + b * sin
+                            )
+            else:
+                for a in range(_POINTS):
+                    for b in range(_POINTS):
+                        r, c = (row - a * sin - b * cos) >> _FRACTION, (col - a * cos + b * sin) >> _FRACTION
+                        if is_inside or (0 <= r < rows and 0 <= c < cols):
+                            value = np.uint64(flat[np.uint64(begin_cell + r * stride + c)])
+                            # Bits that tell 254, 205 and 0 apart, without a branch.
+                            found += (value >> np.uint64(1)) & np.uint64(1)
+                            found += (np.uint64(1) - (value >> np.uint64(7))) << _OCCUPIED_SHIFT
+            out[i * BLOCKS + j] = share * np.float32(found & _FREE_BITS)
+            out[(BLOCKS + i) * BLOCKS + j] = share * np.float32(found >> _OCCUPIED_SHIFT)
 
 
 @kernel
-def _kind_of(tiles: np.ndarray, is_inside: bool, bottom: int, top: int, left: int, right: int) -> int:
-    """What all the tiles are that hold these positions, in 1 / 2^32 of a cell; three tiles a side at most."""
-    shift = _FRACTION + _TILE_BITS
-    bottom, top, left, right = bottom >> shift, top >> shift, left >> shift, right >> shift
-    known, free = _NONE, _EVERY
-    if not is_inside and (bottom < 0 or left < 0 or top >= tiles.shape[0] or right >= tiles.shape[1]):
-        free = _NONE
-        bottom, left = max(bottom, 0), max(left, 0)
-        top, right = min(top, tiles.shape[0] - 1), min(right, tiles.shape[1] - 1)
-        if bottom > top or left > right:
-            return _ALL_UNKNOWN
-    # Always three looks a side are faster than a loop of unknown length.
-    for r in (bottom, min(bottom + 1, top), top):
-        for c in (left, min(left + 1, right), right):
-            tile = tiles[np.uint64(r), np.uint64(c)]
-            known, free = known | tile[0] | tile[1], free & tile[0]
-    return _ALL_UNKNOWN if known == _NONE else _ALL_FREE if free == _EVERY else _MIXED
+def _packed_cell(packed: np.ndarray, tile_cols: int, row: int, col: int) -> int:
+    """Whether a place, in 1 / 2^32 of a cell, is free, and 2^16 if it is occupied."""
+    r, c, mask = row >> _FRACTION, col >> _FRACTION, MAP_TILE - 1
+    tile = np.uint64(packed[np.uint64((r >> _TILE_BITS) * tile_cols + (c >> _TILE_BITS))])
+    return (tile >> np.uint64(MAP_TILE * (r & mask) + (c & mask))) & _PAIR
 
 
 @kernel
-def pack_tiles(cells: ByteArray, box: IntArray, tiles: np.ndarray) -> None:
-    """Pack a part of a map into bits: a cache line holds four tiles of 8 x 8 cells, and one look tells what a tile is.
+def pack_tiles(cells: ByteArray, box: tuple[int, int, int, int], tiles: tuple[np.ndarray, ByteArray]) -> None:
+    """Pack a part of a map: few bytes tell a cell, and what a tile and those after it are.
 
     Args:
-        cells: The map, shape (H, W), both multiples of 8, contiguous, row 0 at the bottom.
+        cells: The map, shape (H, W), both multiples of 4, contiguous, row 0 at the bottom.
         box: Rows and columns (top, left, bottom, right), half open, that changed.
-        tiles: Receives the free and the occupied cells of every tile, shape (H / 8, W / 8, 2), row by row from the
-            lowest bit on.
+        tiles: Receives of each 4 x 4 cells, shape (H / 4, W / 4): as uint32 the free ones in the lower half of the
+            bits and the occupied ones in the upper, row by row; and what the window of three tiles a side that begins
+            there is: 0 unknown all over, 1 free, 2 neither.
     """
-    words = cells.reshape(-1).view(np.uint64).reshape(cells.shape[0], cells.shape[1] // MAP_TILE)
-    for r in range(box[0] >> _TILE_BITS, (box[2] - 1 >> _TILE_BITS) + 1):
-        for c in range(box[1] >> _TILE_BITS, (box[3] - 1 >> _TILE_BITS) + 1):
-            free = occupied = _NONE
+    packed, kinds = tiles
+    rows, cols = packed.shape
+    words = cells.reshape(-1).view(np.uint32).reshape(cells.shape[0], cols)
+    first_row, end_row = box[0] >> _TILE_BITS, (box[2] - 1 >> _TILE_BITS) + 1
+    first_col, end_col = box[1] >> _TILE_BITS, (box[3] - 1 >> _TILE_BITS) + 1
+    for r in range(first_row, end_row):
+        for c in range(first_col, end_col):
+            bits = _NONE
             for k in range(MAP_TILE):
-                # Eight cells, the lowest bit but one of which tells 254 from the others, and the highest 0.
-                word = words[np.uint64(MAP_TILE * r + k), np.uint64(c)]
-                is_free = (word >> np.uint64(1)) & _LOW_BITS
-                is_occupied = (~word >> np.uint64(7)) & _LOW_BITS
-                place = np.uint64(MAP_TILE * k)
-                # The product gathers the lowest bits of eight bytes in the highest byte.
-                free |= ((is_free * _TO_TOP_BYTE) >> np.uint64(56)) << place
-                occupied |= ((is_occupied * _TO_TOP_BYTE) >> np.uint64(56)) << place
-            tiles[r, c, 0], tiles[r, c, 1] = free, occupied
+                # Four cells, the lowest bit but one of which tells 254 from the others, and the highest 0. The products
+                # gather the lowest bits of four bytes.
+                word = np.uint64(words[np.uint64(MAP_TILE * r + k), np.uint64(c)])
+                is_free, is_occupied = (word >> np.uint64(1)) & _LOW_BITS, (~word >> np.uint64(7)) & _LOW_BITS
+                free, occupied = is_free * _TO_FOURTH_BYTE, is_occupied * _TO_FOURTH_BYTE
+                four = (free >> np.uint64(24)) & np.uint64(15) | (
+                    (occupied >> np.uint64(8)) & np.uint64(15 << 16)
+                )
+                bits |= four << np.uint64(MAP_TILE * k)
+            packed[np.uint64(r), np.uint64(c)] = np.uint32(bits)
+    for r in range(max(first_row - _WINDOW + 1, 0), end_row):
+        # Columns of the window, from the right: what is known in any, and free in all, of their tiles.
+        known, known_after, free, free_after = _NONE, _NONE, _NONE, _NONE
+        for c in range(end_col + _WINDOW - 2, max(first_col - _WINDOW, -1), -1):
+            known_here, free_here = _NONE, _FREE_BITS
+            for k in range(r, r + _WINDOW):
+                bits = np.uint64(packed[np.uint64(k), np.uint64(c)]) if k < rows and c < cols else _NONE
+                known_here, free_here = known_here | bits, free_here & bits
+            if c < end_col:
+                is_free = free_here & free & free_after == _FREE_BITS
+                kind = _ALL_FREE if is_free else _MIXED
+                is_known = known_here | known | known_after != _NONE
+                kinds[np.uint64(r), np.uint64(c)] = kind if is_known else _ALL_UNKNOWN
+            known, known_after, free, free_after = known_here, known, free_here, free
 
 
 def compact_size(num_beams: int) -> int:
     """How many numbers the observation has."""
     return 2 * BLOCKS * BLOCKS + min(SCAN_SECTORS, num_beams) + 2
+
+
+class Lattice(NamedTuple):
+    """A map whose cells lie on a lattice through the origin of the map frame."""
+
+    cells: ByteArray  # (H, W), contiguous
+    corner: tuple[int, int]  # row, counted upwards, and column of the lattice at which they begin
+    resolution: float  # [m]
+    grows_upward: bool  # whether row 0 is at the bottom
 
 
 class CompactObserver:
@@ -227,22 +243,34 @@ class CompactObserver:
         limits = robot.max_linear, robot.max_angular, lidar.range_max
         return cls(lidar.num_beams, limits, config.observation.crop_side)
 
-    def observe(
-        self, cells: ByteArray, frame: GridFrame, ranges: Float32Array, pose: Pose2D, velocity: Twist2D
-    ) -> Float32Array:
+    def observe(self, shown: Lattice, ranges: Float32Array, pose: Pose2D, velocity: Twist2D) -> Float32Array:
         """The observation.
 
         Args:
-            cells: The map, row 0 at the top; its cells lie on a lattice through the origin of the map frame.
-            frame: Where they lie.
+            shown: The map.
             ranges: Of the scan, shape (num_beams,) [m].
             pose: Believed pose, map frame.
             velocity: Measured velocity.
         """
         out = np.empty(self._size, dtype=np.float32)
-        corner = round(frame.origin_y / frame.resolution), round(frame.origin_x / frame.resolution)
-        write_compact(
-            cells, _NO_TILES, False, corner, frame.resolution, np.array(pose), self.side, ranges, np.array(velocity),
-            self.limits, out,
-        )  # fmt: skip
+        self.write(shown, ranges, np.array(pose), np.array(velocity), out)
         return out
+
+    def write(
+        self, shown: Lattice, ranges: Float32Array, pose: FloatArray, velocity: FloatArray, out: Float32Array
+    ) -> None:
+        """Write the observation, shape (size,); arguments as for :meth:`observe`, as arrays."""
+        cells, corner, resolution, grows_upward = shown
+        write_compact(
+            cells,
+            _NO_TILES,
+            grows_upward,
+            corner,
+            resolution,
+            pose,
+            self.side,
+            ranges,
+            velocity,
+            self.limits,
+            out,
+        )

@@ -373,11 +373,11 @@ class ExploreEnv(gym.Env[Any, Any]):
     def _observe(self, is_publication_due: bool) -> Any:
         simulation = self.simulation
         pose, velocity = simulation.believed_pose, simulation.velocity
-        map_now = simulation.mapper, pose, simulation.is_new_scan_processed, is_publication_due
+        mapper, is_new = simulation.mapper, simulation.is_new_scan_processed
         if isinstance(self._observer, CompactObserver):
-            window, frame = self._view.window(*map_now)
-            return self._observer.observe(window, frame, simulation.scan.ranges, pose, velocity)
-        cells = self._view.view(*map_now)
+            shown = self._view.lattice(mapper, is_new, is_publication_due)
+            return self._observer.observe(shown, simulation.scan.ranges, pose, velocity)
+        cells = self._view.view(mapper, pose, is_new, is_publication_due)
         if self.config.observation.preset == "map":
             return cells
         return self._observer.observe(cells, simulation.scan, pose, velocity)

@@ -22,7 +22,7 @@ from slamgym.core.types import (
     Pose2D,
     Twist2D,
 )
-from slamgym.envs.compact import CompactObserver
+from slamgym.envs.compact import CompactObserver, Lattice
 from slamgym.envs.config import ExploreConfig, ObservationConfig
 from slamgym.slam import Mapper
 
@@ -169,10 +169,8 @@ class MapView(Protocol):
         """
         ...
 
-    def window(
-        self, mapper: Mapper, pose: Pose2D, is_new: bool, is_publication_due: bool
-    ) -> tuple[ByteArray, GridFrame]:
-        """The cells that an observation is made from, shape (H, W), and where they lie; arguments as above."""
+    def lattice(self, mapper: Mapper, is_new: bool, is_publication_due: bool) -> Lattice:
+        """The map from which compact observations are made; arguments as above."""
         ...
 
 
@@ -190,12 +188,12 @@ class GlobalView:
         cells = self._published(mapper, is_publication_due)
         return cells if self._shared else cells.copy()
 
-    def window(
-        self, mapper: Mapper, pose: Pose2D, is_new: bool, is_publication_due: bool
-    ) -> tuple[ByteArray, GridFrame]:
+    def lattice(self, mapper: Mapper, is_new: bool, is_publication_due: bool) -> Lattice:
         """The canvas."""
-        del pose, is_new
-        return self._published(mapper, is_publication_due)[0], self._frame
+        del is_new
+        frame = self._frame
+        corner = round(frame.origin_y / frame.resolution), round(frame.origin_x / frame.resolution)
+        return Lattice(self._published(mapper, is_publication_due)[0], corner, frame.resolution, False)
 
     def _published(self, mapper: Mapper, is_due: bool) -> ByteArray:
         """The very same array until the next publication, by which explorers know a new one."""
@@ -213,14 +211,18 @@ class EgocentricView:
         self._config = config
         self._resolution = map_resolution
         self._radius_px, self._samples = window_sizes(config, map_resolution)
+        self._lattice: Lattice | None = None
         self._window: ByteArray | None = None
         self._window_frame = GridFrame(map_resolution, 0.0, 0.0, 1, 1)
         self._window_centre = (0.0, 0.0)
 
     def view(self, mapper: Mapper, pose: Pose2D, is_new: bool, is_publication_due: bool) -> ByteArray:
         """A crop round the robot of the newest map, not of the last published one."""
-        window, frame = self.window(mapper, pose, is_new, is_publication_due)
-        config = self._config
+        del is_publication_due
+        off = math.hypot(pose.x - self._window_centre[0], pose.y - self._window_centre[1])
+        if is_new or self._window is None or off > WINDOW_MARGIN:
+            self._window = self._cut_window(mapper, pose)
+        window, frame, config = self._window, self._window_frame, self._config
         crop: ByteArray = np.empty((1, config.crop_px, config.crop_px), dtype=np.uint8)
         cut_crop(
             window, frame.origin_x, frame.origin_y, frame.resolution, pose.x, pose.y, pose.theta,
@@ -228,15 +230,12 @@ class EgocentricView:
         )  # fmt: skip
         return crop
 
-    def window(
-        self, mapper: Mapper, pose: Pose2D, is_new: bool, is_publication_due: bool
-    ) -> tuple[ByteArray, GridFrame]:
-        """What lies round the robot on the newest map."""
+    def lattice(self, mapper: Mapper, is_new: bool, is_publication_due: bool) -> Lattice:
+        """The newest map."""
         del is_publication_due
-        off = math.hypot(pose.x - self._window_centre[0], pose.y - self._window_centre[1])
-        if is_new or self._window is None or off > WINDOW_MARGIN:
-            self._window = self._cut_window(mapper, pose)
-        return self._window, self._window_frame
+        if is_new or self._lattice is None:
+            self._lattice = Lattice(*mapper.lattice(), self._resolution, True)
+        return self._lattice
 
     def _cut_window(self, mapper: Mapper, pose: Pose2D) -> ByteArray:
         """The part of the map that the crop can need, on the map's own lattice."""

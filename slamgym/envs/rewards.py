@@ -242,12 +242,15 @@ class Reward:
 
     def of_many(self, steps: StepRecord) -> tuple[FloatArray, dict[str, FloatArray]]:
         """The same of many transitions, of a record whose fields are arrays, shape (N,)."""
-        count = np.shape(steps.coverage)
-        contributions = {
-            term.name: np.broadcast_to(term.weight * np.asarray(term.function(steps), np.float64), count)
-            for term in self.terms
-        }
-        return sum(contributions.values(), np.zeros(count)), contributions
+        total = np.zeros(np.shape(steps.coverage))
+        contributions = {}
+        for term in self.terms:
+            contribution = term.weight * np.asarray(term.function(steps), np.float64)
+            total += contribution
+            contributions[term.name] = (
+                np.full(total.shape, contribution) if contribution.ndim == 0 else contribution
+            )
+        return total, contributions
 
 
 def _own_term(

@@ -2,6 +2,8 @@
 
 import math
 
+import numpy as np
+
 from slamgym.core.jit import kernel
 from slamgym.core.types import BoolArray, FloatArray
 
@@ -68,7 +70,8 @@ def sweep(
         slope = (minor << _FRACTION) // max(major, 1)
         offset, along = _HALF, start
         for _ in range(major + 1):
-            cell = along + (offset >> _FRACTION) * minor_stride
+            # An unsigned index isn't asked whether it counts from the end.
+            cell = np.uint64(along + (offset >> _FRACTION) * minor_stride)
             if flat[cell]:
                 flat[cell] = False
                 fresh += 1

@@ -13,7 +13,7 @@ import numpy as np
 
 from slamgym.core.jit import kernel
 from slamgym.core.types import Float32Array, FloatArray, IntArray
-from slamgym.sim.raycast import next_hit
+from slamgym.sim.raycast import beam_directions, next_hit
 from slamgym.sim.surfaces import GLASS, MIRROR, PLAIN, Surfaces
 
 # Glass returns a beam from straight ahead, and where it is dirty or has something stuck to it.
@@ -87,11 +87,15 @@ def measure_beams(
     """
     surfaces, law = Surfaces(*surfaces), BeamLaw(*law)
     rough, biased = _no_corners(), _no_corners()
+    directions = beam_directions(len(true), law.angle_min, law.angle_increment)
+    last, x, y, cos, sin = -1, 0.0, 0.0, 1.0, 0.0
     for i in range(len(true)):
         sensor = i * len(sensors) // len(true)
-        x, y, theta = sensors[sensor, 0], sensors[sensor, 1], sensors[sensor, 2]
-        angle = theta + law.angle_min + i * law.angle_increment
-        ux, uy = math.cos(angle), math.sin(angle)
+        if sensor != last:
+            last, x, y = sensor, sensors[sensor, 0], sensors[sensor, 1]
+            cos, sin = math.cos(sensors[sensor, 2]), math.sin(sensors[sensor, 2])
+        ux = cos * directions[i, 0] - sin * directions[i, 1]
+        uy = sin * directions[i, 0] + cos * directions[i, 1]
         distance, cosine, echo, depth = true[i], 1.0, 1.0, 0.0
         if hits[i] >= 0:
             kind, cosine = PLAIN, _cosine(ux, uy, segments, hits[i])

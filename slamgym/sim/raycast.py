@@ -70,8 +70,7 @@ def cast_hits(
     num_beams = len(out)
     turn = 2.0 * math.pi
     beams_per_turn = turn / angle_increment
-    directions = np.empty((num_beams, 2))
-    _fill_directions(angle_min, angle_increment, directions)
+    directions = beam_directions(num_beams, angle_min, angle_increment)
     for i in range(num_beams):
         out[i] = np.inf
         hits[i] = -1
@@ -192,17 +191,19 @@ def next_hit(
 
 
 @kernel
-def _fill_directions(angle_min: float, angle_increment: float, directions: FloatArray) -> None:
-    """Unit vectors of the beams by repeated rotation: two multiplications instead of a sine each.
+def beam_directions(num_beams: int, angle_min: float, angle_increment: float) -> FloatArray:
+    """Unit vectors of the beams, shape (num_beams, 2), by repeated rotation: no sine for each.
 
     The rounding grows by about 1e-16 a beam, a thousandth of a nanometre over a thousand beams at 3.5 m.
     """
+    directions = np.empty((num_beams, 2))
     ux, uy = math.cos(angle_min), math.sin(angle_min)
     cos, sin = math.cos(angle_increment), math.sin(angle_increment)
-    for i in range(directions.shape[0]):
+    for i in range(num_beams):
         directions[i, 0] = ux
         directions[i, 1] = uy
         ux, uy = cos * ux - sin * uy, sin * ux + cos * uy
+    return directions
 
 
 @kernel

@@ -261,24 +261,33 @@ def draw_scans_once(
 
 @kernel
 def classify_counts(
-    counts: np.ndarray, threshold: float, margins: tuple[float, float], min_passes: int, out: ByteArray
+    counts: np.ndarray,
+    box: tuple[int, int, int, int],
+    threshold: float,
+    margins: tuple[float, float],
+    min_passes: int,
+    out: ByteArray,
 ) -> None:
     """Cell values from counts.
 
     Args:
-        counts: (rows, cols, 2) hits and visits.
+        counts: (rows, cols, 2) hits and visits, contiguous.
+        box: First row and column and end of the rows and columns that are classified.
         threshold: A cell is occupied where hits exceed this share of the visits, free where they fall short of it.
         margins: By how many hits it must be exceeded, and missed; unknown between.
         min_passes: Unknown below so many visits.
-        out: (rows, cols) receives the values.
+        out: (rows, cols) receives the values, contiguous.
     """
     occupied_margin, free_margin = margins
-    for row in range(counts.shape[0]):
-        for col in range(counts.shape[1]):
-            visits = counts[row, col, 1]
-            excess = counts[row, col, 0] - threshold * visits
-            value = OCCUPIED if excess > occupied_margin else FREE if -excess >= free_margin else UNKNOWN
-            out[row, col] = value if visits >= min_passes else UNKNOWN
+    pairs, values, cols = counts.reshape(-1), out.reshape(-1), counts.shape[1]
+    for row in range(box[0], box[2]):
+        # Unsigned indices of contiguous arrays let the compiler classify eight cells at once.
+        for cell in range(np.uint64(row * cols + box[1]), np.uint64(row * cols + box[3])):
+            visits = pairs[np.uint64(2) * cell + np.uint64(1)]
+            excess = pairs[np.uint64(2) * cell] - threshold * visits
+            value = FREE if -excess >= free_margin else UNKNOWN
+            value = OCCUPIED if excess > occupied_margin else value
+            values[cell] = np.uint8(value if visits >= min_passes else UNKNOWN)
 
 
 @kernel

@@ -126,27 +126,28 @@ class HitCountMap:
         self._corner, self._counts, self._cells = (low[0], low[1]), counts, cells
         return True
 
-    def _classified(self) -> ByteArray:
-        """Cell values, row 0 at the bottom; only what was drawn on since the last call is computed again."""
+    def classified(self) -> ByteArray:
+        """Cell values, row 0 at the bottom; only what was drawn on since the last call is computed again, in place."""
         if self._dirty is not None:
             row, col = self._corner
             first_row, first_col, last_row, last_col = self._dirty
-            at = (slice(first_row - row, last_row - row), slice(first_col - col, last_col - col))
-            classify_counts(self._counts[at], self._threshold, (0.0, 0.0), self._min_passes, self._cells[at])
+            box = first_row - row, first_col - col, last_row - row, last_col - col
+            classify_counts(self._counts, box, self._threshold, (0.0, 0.0), self._min_passes, self._cells)
             self._dirty = None
         return self._cells
 
     def occupancy_grid(self) -> OccupancyGrid:
         """The map as it is saved, cropped to the cells known."""
-        cells = self._classified()
+        cells = self.classified()
         if any(self._margins):
             cells = np.empty_like(cells)
-            classify_counts(self._counts, self._threshold, self._margins, self._min_passes, cells)
+            box = 0, 0, *cells.shape
+            classify_counts(self._counts, box, self._threshold, self._margins, self._min_passes, cells)
         return cropped_to_known(cells, self._corner, self._resolution)
 
     def render(self, frame: GridFrame) -> ByteArray:
         """The map on another grid; see :meth:`slamgym.slam.mapper.Mapper.render`."""
-        cells = self._classified()
+        cells = self.classified()
         col, row = frame.origin_x / self._resolution, frame.origin_y / self._resolution
         aligned = abs(col - round(col)) < 1e-6 and abs(row - round(row)) < 1e-6
         if frame.resolution != self._resolution or not aligned:

@@ -141,6 +141,13 @@ class Mapper(Protocol):
         """
         ...
 
+    def lattice(self) -> tuple[ByteArray, tuple[int, int]]:
+        """The map on its own lattice: values of cells, row 0 at the bottom, and the row and column they begin at.
+
+        They are not copied: later calls may change them.
+        """
+        ...
+
     def trajectory(self) -> Trajectory:
         """The path: poses at the processed scans, corrected by what was learned since."""
         ...
@@ -229,6 +236,11 @@ class GatedMapper(ABC):
         """The map on another grid."""
         self._draw_path()
         return self._map.render(frame)
+
+    def lattice(self) -> tuple[ByteArray, tuple[int, int]]:
+        """The map on its own lattice."""
+        self._draw_path()
+        return self._map.classified(), self._map.corner
 
     @abstractmethod
     def _process(self, scan: LaserScan) -> None:

@@ -8,14 +8,24 @@ import pytest
 from slamgym.core.errors import ConfigError
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, GridFrame, Pose2D, Twist2D
 from slamgym.envs import ExploreEnv
-from slamgym.envs.compact import BLOCKS, CompactObserver, compact_size
+from slamgym.envs.compact import (
+    BLOCKS,
+    MAP_TILE,
+    CompactObserver,
+    Lattice,
+    compact_size,
+    pack_tiles,
+    write_compact,
+)
 
 FRAME = GridFrame(0.05, -8.0, -8.0, 320, 320)
 NOTHING = np.full(180, np.inf, dtype=np.float32)
 
 
 def observe(cells, pose=Pose2D(0.0, 0.0, 0.0), ranges=NOTHING, velocity=Twist2D(0.0, 0.0), frame=FRAME):
-    seen = CompactObserver(180, (0.26, 1.82, 3.5), 8.4).observe(cells, frame, ranges, pose, velocity)
+    corner = round(frame.origin_y / frame.resolution), round(frame.origin_x / frame.resolution)
+    shown = Lattice(cells, corner, frame.resolution, grows_upward=False)
+    seen = CompactObserver(180, (0.26, 1.82, 3.5), 8.4).observe(shown, ranges, pose, velocity)
     shares, rest = seen[: 2 * BLOCKS**2].reshape(2, BLOCKS, BLOCKS), seen[2 * BLOCKS**2 :]
     return shares[0], shares[1], rest[:60], rest[60:]
 
@@ -49,6 +59,39 @@ def test_it_doesnt_matter_which_part_of_the_map_is_given():
     inner = np.ascontiguousarray(cells[20 : 20 + 290, 20 : 20 + 290])
     for whole, cut in zip(observe(cells, pose), observe(inner, pose, frame=part), strict=True):
         np.testing.assert_array_equal(whole, cut)
+
+
+def test_it_doesnt_matter_whether_the_map_is_packed():
+    rng, corner, limits = np.random.default_rng(0), (3, -7), np.array([0.26, 1.82, 3.5])
+    rows, cols = 200, 240
+    cells = np.full((rows, cols), UNKNOWN, dtype=np.uint8)
+    tiles = np.zeros((rows // MAP_TILE, cols // MAP_TILE), np.uint32)
+    packed = tiles, tiles.astype(np.uint8)
+    nothing = np.zeros((0, 0), np.uint32), np.zeros((0, 0), np.uint8)
+    kinds = set()
+    for _ in range(40):
+        row, col, height, width = rng.integers(rows), rng.integers(cols), *rng.integers(1, 90, 2)
+        box = int(row), int(col), min(int(row + height), rows), min(int(col + width), cols)
+        part = cells[box[0] : box[2], box[1] : box[3]]
+        values = [FREE] if rng.random() < 0.7 else [FREE, UNKNOWN, OCCUPIED]
+        part[:] = rng.choice(values, part.shape)
+        pack_tiles(cells, box, packed)
+        pose = np.array([rng.uniform(-1.0, 12.0), rng.uniform(-1.0, 10.0), rng.uniform(-4.0, 4.0)])
+        seen = np.empty((3, compact_size(180)), np.float32)
+        for k, (view, tables, up) in enumerate(
+            (
+                (cells, packed, True),
+                (cells, nothing, True),
+                (np.ascontiguousarray(cells[::-1]), nothing, False),
+            )
+        ):
+            write_compact(
+                view, tables, up, corner, 0.05, pose, 8.4, NOTHING, np.zeros(2), limits, seen[k]
+            )  # fmt: skip
+        np.testing.assert_array_equal(seen[1], seen[0])
+        np.testing.assert_array_equal(seen[2], seen[0])
+        kinds |= set(packed[1].ravel().tolist())
+    assert kinds == {0, 1, 2}
 
 
 def test_ranges_and_velocity_are_scaled():

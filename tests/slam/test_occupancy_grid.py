@@ -78,7 +78,7 @@ def test_a_lone_beam_clears_its_way_and_hits_its_end():
     ranges[0, 45] = 1.0
     pose = np.array([[0.06, -0.02, -0.3]])  # the sensor at the origin but for the mount's turn, beams ahead
     cells = np.empty((2 * HALF, 2 * HALF), np.uint8)
-    classify_counts(draw(pose, ranges), 0.25, (0.0, 0.0), 1, cells)
+    classify_counts(draw(pose, ranges), (0, 0, *cells.shape), 0.25, (0.0, 0.0), 1, cells)
     assert np.count_nonzero(cells == OCCUPIED) == 1
     (row,), (col,) = np.nonzero(cells == OCCUPIED)
     assert np.hypot(row - HALF, col - HALF) * CELL == pytest.approx(1.0, abs=0.1)
@@ -111,7 +111,7 @@ def test_between_the_margins_a_saved_map_is_unknown_but_not_the_one_to_drive_by(
     counts = np.zeros((1, 7, 2), np.int32)
     counts[0, :, 0], counts[0, :, 1] = (0, 0, 1, 3, 5, 6, 0), (10, 16, 10, 10, 10, 10, 0)
     cells = np.empty((1, 7), np.uint8)
-    classify_counts(counts, 0.2, (3.0, 3.0), 1, cells)
+    classify_counts(counts, (0, 0, 1, 7), 0.2, (3.0, 3.0), 1, cells)
     assert cells[0].tolist() == [UNKNOWN, FREE, UNKNOWN, UNKNOWN, UNKNOWN, OCCUPIED, UNKNOWN]
     poses, ranges = scans(1, 4)
     config = SlamConfig(occupied_margin=1.5, free_margin=0.5, counting="scans")

@@ -121,8 +121,9 @@ class Maps(NamedTuple):
     cells: ByteArray  # (N, cells) the map as it is shown
     tiles: (
         np.ndarray
-    )  # (N, tiles, 2) uint64 see slamgym.envs.compact.pack_tiles; none where nobody asks for them
-    shape: IntArray  # (N, 2) rows and columns, multiples of eight
+    )  # (N, tiles) uint32 see slamgym.envs.compact.pack_tiles; none where nobody asks for them
+    kinds: ByteArray  # (N, tiles) likewise
+    shape: IntArray  # (N, 2) rows and columns, multiples of four
     corner: IntArray  # (N, 2) row and column of the lattice where they begin
     dirty: IntArray  # (N, 4) rows and columns, half open, that changed since they were classified; empty if none did
     box: IntArray  # (N, 4) first row and column and last row and column of the last scan
@@ -142,25 +143,12 @@ class Maps(NamedTuple):
         shape, corner, dirty, box = (np.zeros((count, k), dtype=np.int64) for k in (2, 2, 4, 4))
         warmth = np.zeros(count, dtype=np.int64)
         begun, is_new = (np.zeros(count, dtype=np.bool_) for _ in range(2))
-        counts = np.zeros((count, 0, 2), dtype=np.int32)
-        cells, tiles = np.zeros((count, 0), dtype=np.uint8), np.zeros((count, 0, 2), dtype=np.uint64)
+        counts, tiles = np.zeros((count, 0, 2), dtype=np.int32), np.zeros((count, 0), dtype=np.uint32)
+        cells, kinds = (np.zeros((count, 0), dtype=np.uint8) for _ in range(2))
         return cls(
-            counts,
-            cells,
-            tiles,
-            shape,
-            corner,
-            dirty,
-            box,
-            warmth,
-            begun,
-            last,
-            processed,
-            anchor,
-            since,
-            believed,
-            is_new,
-        )
+            counts, cells, tiles, kinds, shape, corner, dirty, box, warmth, begun, last, processed, anchor, since,
+            believed, is_new,
+        )  # fmt: skip
 
 
 class MapLaw(NamedTuple):

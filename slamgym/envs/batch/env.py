@@ -80,6 +80,7 @@ class BatchExploreEnv(VectorEnv[Any, Any, Any]):
         self._generators: list[np.random.Generator] = []
         self._detectors: dict[int, CompletionDetector] = {}
         self._over = np.zeros(num_envs, dtype=np.bool_)
+        self._publication_steps = config.publication_steps
         self._fleet = Fleet(config, num_envs)
         self._observer = BatchObserver(config, self._fleet)
 
@@ -113,7 +114,7 @@ class BatchExploreEnv(VectorEnv[Any, Any, Any]):
         self._fleet.sense(ids)
         self._fleet.publish(ids)
         self._over = self._over & ~mask
-        return self._observer.observe(ids, mask), _entries(self._figures() | self._plans(mask), mask)
+        return self._observer.observe(ids, mask), _entries(self._figures(), mask) | self._plans(mask)
 
     def step(self, actions: Any) -> tuple[Any, FloatArray, BoolArray, BoolArray, dict[str, Any]]:
         """Drive all robots for one control step.
@@ -135,18 +136,19 @@ class BatchExploreEnv(VectorEnv[Any, Any, Any]):
         if fresh.any():
             self._begin(np.flatnonzero(fresh), ResetOptions())
         fleet.sense(everyone)
-        is_published = fleet.robots.steps % config.publication_steps == 0
+        is_published = fleet.robots.steps % self._publication_steps == 0
         fleet.publish(np.flatnonzero(is_published))
 
         terminations = self._are_complete(is_published & lived) & lived
         truncations = np.zeros_like(lived)
         if config.max_steps is not None:
             truncations = (fleet.robots.steps >= config.max_steps) & lived
-        rewards, terms = self._rewards(driven, coverage, terminations)
+        figures = self._figures()
+        rewards, terms = self._rewards(figures, driven, coverage, terminations)
         rewards[fresh] = 0.0
         self._over = over = terminations | truncations
         observations = self._observer.observe(everyone, is_published)
-        infos = _entries(self._figures(), np.ones_like(lived)) | _entries(self._plans(fresh), fresh)
+        infos = _entries(figures, np.ones_like(lived)) | self._plans(fresh)
         infos |= _entries({"reward_terms": _entries(terms, lived)}, lived)
         infos |= _entries({"is_success": terminations}, over)
         if mode == AutoresetMode.SAME_STEP and over.any():
@@ -167,7 +169,7 @@ class BatchExploreEnv(VectorEnv[Any, Any, Any]):
         infos = {
             **_entries(self._figures(), np.ones_like(over)),
             **_entries({"reward_terms": _narrowed(infos["reward_terms"], ~over)}, ~over),
-            **_entries(self._plans(over), over),
+            **self._plans(over),
             **_entries({"final_obs": last, "final_info": _narrowed(infos, over)}, over),
         }
         return self._observer.observe(ids, over), infos
@@ -202,7 +204,7 @@ class BatchExploreEnv(VectorEnv[Any, Any, Any]):
         return complete
 
     def _rewards(
-        self, driven: FloatArray, coverage: FloatArray, terminations: BoolArray
+        self, figures: dict[str, Any], driven: FloatArray, coverage: FloatArray, terminations: BoolArray
     ) -> tuple[FloatArray, dict[str, Any]]:
         """Rewards, shape (N,), and what each term contributed."""
         fleet = self._fleet
@@ -210,19 +212,17 @@ class BatchExploreEnv(VectorEnv[Any, Any, Any]):
             "time": fleet.times,
             "distance": driven,
             "contact": fleet.robots.contact.copy(),
-            "coverage": fleet.shares,
             "previous_coverage": coverage,
             "floor_area": fleet.scenes.floor_cells * CELL**2,
-            "pose_error": fleet.pose_errors,
-            "n_eff": fleet.n_eff,
             "terminated": terminations,
+            **{name: figures[name] for name in ("coverage", "pose_error", "n_eff")},
         }
         return self._reward.of_many(StepRecord(duration=self.config.control_step, **arrays))
 
     def _figures(self) -> dict[str, Any]:
         """What ``info`` shows of every robot."""
         fleet = self._fleet
-        stats = [robot.mapper.stats if robot.mapper else None for robot in fleet.each]
+        stats = [robot.mapper.stats for robot in fleet.each if robot.mapper]
         return {
             "coverage": fleet.shares,
             "path_length": fleet.robots.path.copy(),
@@ -230,17 +230,20 @@ class BatchExploreEnv(VectorEnv[Any, Any, Any]):
             "pose_error": fleet.pose_errors,
             "heading_error": np.abs(wrap_angle(fleet.maps.believed[:, 2] - fleet.robots.pose[:, 2])),
             "n_eff": fleet.n_eff,
-            "doubtful_scans": np.array([len(one.doubtful) if one else 0 for one in stats]),
-            "is_doubtful": np.array([one.is_doubtful if one else False for one in stats]),
+            # Robots that are mapped together doubt nothing.
+            "doubtful_scans": np.array([len(one.doubtful) for one in stats] or [0] * self.num_envs),
+            "is_doubtful": np.array([one.is_doubtful for one in stats] or [False] * self.num_envs),
             "true_pose": fleet.robots.pose.copy(),
         }
 
     def _plans(self, mask: BoolArray) -> dict[str, Any]:
-        """The ids of the buildings in which an episode begins."""
+        """The ids of the buildings in which an episode begins, as infos."""
+        if not mask.any():
+            return {}
         names = [robot.prepared.plan.id for robot in self._fleet.each]
         plans = np.array(names, dtype=object)
         plans[~mask] = None
-        return {"plan": plans}
+        return _entries({"plan": plans}, mask)
 
     def _read_mask(self, given: Any) -> BoolArray:
         """Which environments a reset is about."""

@@ -115,7 +115,9 @@ class Fleet:
     @property
     def n_eff(self) -> FloatArray:
         """Effective numbers of particles, shape (N,)."""
-        return np.array([robot.mapper.n_eff if robot.mapper else 1.0 for robot in self.each])
+        if self.is_mapped_together:
+            return np.ones(len(self))
+        return np.array([robot.mapper.n_eff for robot in self.each if robot.mapper])
 
     def whole_grid(self, index: int) -> OccupancyGrid:
         """One robot's map, with what is unknown around it."""
@@ -212,9 +214,10 @@ class Fleet:
         maps.box[index] = 0
         maps.begun[index], maps.anchor[index], maps.since[index] = False, initial, 0.0
         cells = shape[0] * shape[1]
-        tiles = np.zeros((cells // MAP_TILE**2, 2), dtype=np.uint64)
         if self._config.observation.preset == "compact":
-            self.maps = maps = maps._replace(tiles=put(maps.tiles, index, tiles))
+            unknown = np.zeros(cells // MAP_TILE**2, dtype=np.uint32)
+            tiles, kinds = put(maps.tiles, index, unknown), put(maps.kinds, index, unknown)
+            maps = maps._replace(tiles=tiles, kinds=kinds)
         self.maps = maps._replace(
             counts=put(maps.counts, index, np.zeros((cells, 2), dtype=np.int32)),
             cells=put(maps.cells, index, np.full(cells, UNKNOWN, dtype=np.uint8)),

@@ -273,20 +273,20 @@ def _fetch(counts: np.ndarray, box: IntArray) -> int:
 def _classify(maps: Maps, law: MapLaw, i: int) -> None:
     """Bring the shown cells up to date."""
     rows, cols = maps.shape[i, 0], maps.shape[i, 1]
-    top, left, bottom, right = maps.dirty[i, 0], maps.dirty[i, 1], maps.dirty[i, 2], maps.dirty[i, 3]
-    counts = maps.counts[i, : rows * cols].reshape(rows, cols, 2)[top:bottom, left:right]
-    cells = maps.cells[i, : rows * cols].reshape(rows, cols)[top:bottom, left:right]
-    classify_counts(counts, law.threshold, (0.0, 0.0), law.min_passes, cells)
+    box = maps.dirty[i, 0], maps.dirty[i, 1], maps.dirty[i, 2], maps.dirty[i, 3]
+    counts = maps.counts[i, : rows * cols].reshape(rows, cols, 2)
+    cells = maps.cells[i, : rows * cols].reshape(rows, cols)
+    classify_counts(counts, box, law.threshold, (0.0, 0.0), law.min_passes, cells)
     if maps.tiles.shape[1] > 0:
-        whole = maps.cells[i, : rows * cols].reshape(rows, cols)
-        pack_tiles(whole, maps.dirty[i], _tiles(maps, i))
+        pack_tiles(cells, box, _tiles(maps, i))
     maps.dirty[i] = 0
 
 
 @kernel
-def _tiles(maps: Maps, i: int) -> np.ndarray:
+def _tiles(maps: Maps, i: int) -> tuple[np.ndarray, ByteArray]:
     rows, cols = maps.shape[i, 0] // MAP_TILE, maps.shape[i, 1] // MAP_TILE
-    return maps.tiles[i, : rows * cols].reshape(rows, cols, 2)
+    tiles, kinds = maps.tiles[i, : rows * cols], maps.kinds[i, : rows * cols]
+    return tiles.reshape(rows, cols), kinds.reshape(rows, cols)
 
 
 @kernel

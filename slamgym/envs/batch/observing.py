@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from slamgym.core.types import BoolArray, IntArray, Pose2D, Twist2D
+from slamgym.core.types import BoolArray, IntArray, Pose2D
 from slamgym.envs.batch.fleet import Fleet
 from slamgym.envs.batch.kernels import compact_all, crop_all
 from slamgym.envs.compact import CompactObserver
@@ -84,18 +84,17 @@ class BatchObserver:
         )  # fmt: skip
 
     def _look_one_by_one(self, ids: IntArray, is_published: BoolArray) -> None:
-        fleet = self._fleet
+        fleet, new, published = self._fleet, self._fleet.maps.is_new.tolist(), is_published.tolist()
         for i in ids.tolist():
-            mapper = fleet.each[i].mapper
+            mapper, view, believed = fleet.each[i].mapper, self._views[i], fleet.maps.believed[i]
             assert mapper is not None, "robots that are not mapped together have mappers"
-            pose = Pose2D(*fleet.maps.believed[i].tolist())
-            now = mapper, pose, bool(fleet.maps.is_new[i]), bool(is_published[i])
             if self._compact:
-                velocity = Twist2D(*fleet.robots.velocity[i].tolist())
-                cells, frame = self._views[i].window(*now)
-                self._seen[i] = self._compact.observe(cells, frame, fleet.scans.ranges[i], pose, velocity)
+                shown = view.lattice(mapper, new[i], published[i])
+                self._compact.write(
+                    shown, fleet.scans.ranges[i], believed, fleet.robots.velocity[i], self._seen[i]
+                )
             else:
-                self._seen[i] = self._views[i].view(*now)
+                self._seen[i] = view.view(mapper, Pose2D(*believed.tolist()), new[i], published[i])
 
     def _within(self, name: str, values: Any) -> Any:
         limit = self._space[name].high.astype(np.float64)  # type: ignore[attr-defined]
