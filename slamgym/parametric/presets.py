@@ -16,7 +16,7 @@ from slamgym.parametric.config import (
 )
 from slamgym.sim.robot import RobotConfig
 from slamgym.sim.wheel_odometry import OdometryConfig
-from slamgym.slam.config import SlamConfig
+from slamgym.slam.config import MotionNoise, SlamConfig
 
 PRESET_NAMES = ("faithful", "realistic")
 
@@ -69,24 +69,34 @@ def realistic(sensing: SensingConfig, odometry: OdometryConfig) -> ParametricCon
             s_lt=odometry.slip_drift,
             s_t=odometry.slip_turn,
         ),
-        matching=matching_of(slam),
+        matching=matching_of(slam, odometry),
         sensing=sensing,
         render=RenderConfig(renderer="scans"),
     )
 
 
-def matching_of(slam: SlamConfig) -> MatchingConfig:
-    """The matcher that stands for a mapper."""
+def matching_of(slam: SlamConfig, odometry: OdometryConfig) -> MatchingConfig:
+    """The matcher that stands for a mapper whose robot has such wheels."""
     fitted = MatchingConfig()
     if slam.matcher == "coarse_to_fine":
-        fitted = MatchingConfig(
-            gain=0.9, prior=2.0, lag=0.05, wander=0.015, wander_deg=0.9, thin_wall=0.15, least_beams=10
-        )
+        fitted = MatchingConfig(gain=0.9, prior=26.0, lag=0.04, scatter=0.02, thin_wall=0.1, least_beams=10)
+    drawn = 1.0 if slam.learn_odometry else slam.drawn_noise
     return dataclasses.replace(
         fitted,
-        noise=0.0 if slam.mode == "scan_matching" else fitted.noise * slam.drawn_noise,
-        motion=slam.motion,
+        noise=0.0 if slam.mode == "scan_matching" else fitted.noise * drawn,
+        motion=_learned_noise(odometry) if slam.learn_odometry else slam.motion,
         least_beams=round(0.6 * slam.minimum_score) or fitted.least_beams,
         beam_skip=slam.beam_skip,
         usable_range=slam.max_usable_range,
+    )
+
+
+def _learned_noise(odometry: OdometryConfig) -> MotionNoise:
+    """What a mapper that learns its odometry takes the motion noise for, at steps of a decimetre and a decirad."""
+    root = math.sqrt(0.1)
+    return MotionNoise(
+        srr=odometry.slip_distance / root,
+        srt=odometry.slip_drift / root,
+        str=0.0,
+        stt=odometry.slip_turn / root,
     )
