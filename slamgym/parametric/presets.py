@@ -14,11 +14,13 @@ from slamgym.parametric.config import (
     SensingConfig,
     TwoPhaseConfig,
 )
+from slamgym.sim import Lidar
 from slamgym.sim.robot import RobotConfig
 from slamgym.sim.wheel_odometry import OdometryConfig
-from slamgym.slam.config import MotionNoise, SlamConfig
+from slamgym.slam.config import MotionNoise
 
 PRESET_NAMES = ("faithful", "realistic")
+_FIELD_BEAMS = 180  # tell where a map of scans is displaced; all beams draw it
 
 
 def preset(name: str) -> ParametricConfig:
@@ -58,7 +60,7 @@ def realistic(sensing: SensingConfig, odometry: OdometryConfig) -> ParametricCon
             field_of_view=math.radians(lidar.field_of_view_deg),
             range_min=lidar.range_min,
             range_max=min(lidar.range_max, slam.max_usable_range),
-            num_beams=lidar.num_beams,
+            num_beams=min(lidar.num_beams, _FIELD_BEAMS),
             mount_x=lidar.mount[0],
         ),
         two_phase=TwoPhaseConfig(
@@ -69,17 +71,21 @@ def realistic(sensing: SensingConfig, odometry: OdometryConfig) -> ParametricCon
             s_lt=odometry.slip_drift,
             s_t=odometry.slip_turn,
         ),
-        matching=matching_of(slam, odometry),
+        matching=matching_of(sensing, odometry),
         sensing=sensing,
         render=RenderConfig(renderer="scans"),
     )
 
 
-def matching_of(slam: SlamConfig, odometry: OdometryConfig) -> MatchingConfig:
+def matching_of(sensing: SensingConfig, odometry: OdometryConfig) -> MatchingConfig:
     """The matcher that stands for a mapper whose robot has such wheels."""
-    fitted = MatchingConfig()
+    slam, fitted = sensing.slam, MatchingConfig()
+    if Lidar(sensing.lidar).depends_on_place:
+        fitted = MatchingConfig(wander=0.0, scatter=0.17)
     if slam.matcher == "coarse_to_fine":
-        fitted = MatchingConfig(gain=0.9, prior=26.0, lag=0.04, scatter=0.02, thin_wall=0.1, least_beams=10)
+        fitted = MatchingConfig(
+            gain=0.9, prior=26.0, lag=0.04, wander=0.0, scatter=0.02, thin_wall=0.1, least_beams=10
+        )
     drawn = 1.0 if slam.learn_odometry else slam.drawn_noise
     return dataclasses.replace(
         fitted,

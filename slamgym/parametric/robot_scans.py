@@ -111,9 +111,7 @@ def take_scans(
     return RobotScans(middle, lidar.geometry, true, measured)
 
 
-def drawn_map(
-    scans: RobotScans, believed: FloatArray, frame: GridFrame, config: SlamConfig
-) -> OccupancyGrid:
+def drawn_map(scans: RobotScans, believed: FloatArray, frame: GridFrame, config: SlamConfig) -> OccupancyGrid:
     """Draw every scan where the robot believed to be.
 
     Args:

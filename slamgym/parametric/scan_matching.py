@@ -181,6 +181,7 @@ def matched_path(
     noisy = motions + _motion_noise(motions, steps, config) * rng.standard_normal(motions.shape)
     pulls = np.zeros((len(scans.middle), 3))
     pulls[1:, :2] = -config.lag * noisy[:, :2]
+    pulls += config.wander * rng.standard_normal(pulls.shape)
     dice = rng.standard_normal(pulls.shape)
     hits, walls = _known_cells(scans, frame, config.usable_range)
     poses = anchor_poses(
