@@ -52,11 +52,10 @@ def main() -> None:
     parser.add_argument("--count", type=int, default=6)
     parser.add_argument("--recipe", default="paper")
     parser.add_argument("--methods", nargs="+", choices=METHODS, default=METHODS)
-    parser.add_argument("--weights", help="of the generator")
     parser.add_argument("--out", type=Path, default=Path("docs/images/deform_page.png"))
     arguments = parser.parse_args()
     methods = tuple(arguments.methods)
-    maker = Maker(arguments.weights, methods)
+    maker = Maker(methods)
     titles = ["plan"] + [f"{name} {n + 1}" for name in ("simulated", *methods) for n in range(DRAWS)]
     plans = useful_plans(arguments.plans, arguments.count)
     rows = [row(plan, arguments.recipe, maker, methods) for plan in plans]

@@ -163,11 +163,6 @@ TABLE = Group(
                     "measure a translator on held-out pairs, beside the baselines",
                     TRANSLATING,
                 ),
-                "texture": Command(
-                    "gan.texture:main",
-                    "train the network of `slamgym deform --method generator`",
-                    TRANSLATING,
-                ),
                 "publish": Command(
                     "gan.main:publish_command",
                     "put a run's weights among the pretrained ones",

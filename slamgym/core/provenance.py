@@ -16,7 +16,6 @@ _FOLDERS = (
     "agents/pretrained",
     "gan/pretrained",
     "planning/pretrained",
-    "gan/texture/pretrained",
     "dataset/curate/pretrained",
 )
 _NOT_LISTED = (".md",)  # model cards are for people

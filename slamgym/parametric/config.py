@@ -180,7 +180,7 @@ class EkfConfig(Settings, section="ekf"):
 class MatchingConfig(Settings, section="matching"):
     """What a particle filter's scan matcher leaves of the odometry's error (conversion ``scan_matching``).
 
-    Defaults: GMapping's search, fitted to simulated explorations of the recipe ``paper``.
+    Defaults: GMapping's search with Gazebo's laser, chosen on simulated explorations of the recipe ``paper``.
     """
 
     gain: Share = 1.0
@@ -189,10 +189,10 @@ class MatchingConfig(Settings, section="matching"):
     """[beams] weight of the pose that the matcher tends to by itself: it holds where walls leave a direction open."""
     lag: Share = 0.55
     """[-] share of the motion lost in such directions: a scan overlaps the known map more the less it has moved."""
-    wander: NonNegative = 0.06
-    """[m] random error in such directions."""
-    wander_deg: NonNegative = 5.2
-    """[deg] random error of the heading where walls don't hold it."""
+    wander: NonNegative = 0.05
+    """[m] random error in such directions; as much of the heading in radians."""
+    scatter: NonNegative = 0.03
+    """[m] error of one beam against the map, independent of the others': a match errs less the more walls it sees."""
     thin_wall: NonNegative = 0.0
     """[m] Up to this thickness matching takes a wall's new face for the known one; 0 distinguishes them."""
     noise: NonNegative = 0.4
@@ -316,7 +316,7 @@ def scaled(config: ParametricConfig) -> ParametricConfig:
             matching,
             lag=min(1.0, s * matching.lag),
             wander=s * matching.wander,
-            wander_deg=s * matching.wander_deg,
+            scatter=s * matching.scatter,
             noise=s * matching.noise,
         ),
         sensing=dataclasses.replace(config.sensing, lidar=_scaled_lidar(config.sensing.lidar, s)),

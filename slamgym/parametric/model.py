@@ -13,6 +13,7 @@ import numpy as np
 
 from slamgym.core.config import to_dict
 from slamgym.core.errors import PlanError
+from slamgym.core.grids import paste
 from slamgym.core.types import (
     FREE,
     UNKNOWN,
@@ -123,14 +124,22 @@ def deform(
         # The other methods have taken the LIDAR's errors in as measurements; here they are added.
         forward = forward + densify(beams.field, beams.component == HIT, 0.0)
     forward = densify(forward, conversion.known, model.render.smoothing / frame.resolution)
-    # Where the caller leaves the frame open, it grows until no wall drifts out of the picture.
-    pad = 0 if framed else _drift_px(forward, visibility, frame)
+    drawn = None
+    if model.render.renderer == "scans" and sensed is not None:
+        drawn = drawn_map(sensed, conversion.believed, frame, model.sensing.slam)
+        clock.lap("map")
+    # Where the caller leaves the frame open, it grows until nothing lies beyond the picture.
+    pad = 0
+    if not framed:
+        pad = _drift_px(forward, visibility, frame) if drawn is None else _beyond_px(drawn.frame, frame)
     frame, forward = _padded(frame, pad), np.pad(forward, ((0, 0), (pad, pad), (pad, pad)), mode="edge")
     field = invert(forward, frame.resolution, model.render.inversions)
     clock.lap("field")
 
-    if model.render.renderer == "scans" and sensed is not None:
-        cells = drawn_map(sensed, conversion.believed, frame, model.sensing.slam)
+    if drawn is not None:
+        cells = np.full(frame.shape, UNKNOWN, np.uint8)
+        top, left = _corner_of(drawn.frame, frame)
+        paste(cells, drawn.cells, -top, -left)
     else:
         picture = np.pad(
             observed_cad(occupied, visibility, beams, model.render), pad, constant_values=UNKNOWN
@@ -166,6 +175,20 @@ def _drift_px(forward: Float32Array, visibility: Visibility, frame: GridFrame) -
     )
     # Dead reckoning over kilometres drifts without bound; a picture that follows it is of no use.
     return min(max(0, math.ceil(max(over))), max(frame.shape) // 2)
+
+
+def _corner_of(inner: GridFrame, frame: GridFrame) -> tuple[int, int]:
+    """Row and column of a frame's upper left cell in another of the same lattice."""
+    left = round((inner.origin_x - frame.origin_x) / frame.resolution)
+    bottom = round((inner.origin_y - frame.origin_y) / frame.resolution)
+    return frame.height_px - bottom - inner.height_px, left
+
+
+def _beyond_px(inner: GridFrame, frame: GridFrame) -> int:
+    """Cells by which a frame must grow on every side to hold another of the same lattice."""
+    top, left = _corner_of(inner, frame)
+    bottom, right = top + inner.height_px - frame.height_px, left + inner.width_px - frame.width_px
+    return max(0, -top, -left, bottom, right)
 
 
 def _on_lattice(frame: GridFrame, start: FloatArray) -> GridFrame:

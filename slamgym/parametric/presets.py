@@ -14,11 +14,13 @@ from slamgym.parametric.config import (
     SensingConfig,
     TwoPhaseConfig,
 )
+from slamgym.sim import Lidar
 from slamgym.sim.robot import RobotConfig
 from slamgym.sim.wheel_odometry import OdometryConfig
-from slamgym.slam.config import SlamConfig
+from slamgym.slam.config import MotionNoise
 
 PRESET_NAMES = ("faithful", "realistic")
+_FIELD_BEAMS = 180  # tell where a map of scans is displaced; all beams draw it
 
 
 def preset(name: str) -> ParametricConfig:
@@ -58,7 +60,7 @@ def realistic(sensing: SensingConfig, odometry: OdometryConfig) -> ParametricCon
             field_of_view=math.radians(lidar.field_of_view_deg),
             range_min=lidar.range_min,
             range_max=min(lidar.range_max, slam.max_usable_range),
-            num_beams=lidar.num_beams,
+            num_beams=min(lidar.num_beams, _FIELD_BEAMS),
             mount_x=lidar.mount[0],
         ),
         two_phase=TwoPhaseConfig(
@@ -69,24 +71,38 @@ def realistic(sensing: SensingConfig, odometry: OdometryConfig) -> ParametricCon
             s_lt=odometry.slip_drift,
             s_t=odometry.slip_turn,
         ),
-        matching=matching_of(slam),
+        matching=matching_of(sensing, odometry),
         sensing=sensing,
         render=RenderConfig(renderer="scans"),
     )
 
 
-def matching_of(slam: SlamConfig) -> MatchingConfig:
-    """The matcher that stands for a mapper."""
-    fitted = MatchingConfig()
+def matching_of(sensing: SensingConfig, odometry: OdometryConfig) -> MatchingConfig:
+    """The matcher that stands for a mapper whose robot has such wheels."""
+    slam, fitted = sensing.slam, MatchingConfig()
+    if Lidar(sensing.lidar).depends_on_place:
+        fitted = MatchingConfig(wander=0.0, scatter=0.17)
     if slam.matcher == "coarse_to_fine":
         fitted = MatchingConfig(
-            gain=0.9, prior=2.0, lag=0.05, wander=0.015, wander_deg=0.9, thin_wall=0.15, least_beams=10
+            gain=0.9, prior=26.0, lag=0.04, wander=0.0, scatter=0.02, thin_wall=0.1, least_beams=10
         )
+    drawn = 1.0 if slam.learn_odometry else slam.drawn_noise
     return dataclasses.replace(
         fitted,
-        noise=0.0 if slam.mode == "scan_matching" else fitted.noise * slam.drawn_noise,
-        motion=slam.motion,
+        noise=0.0 if slam.mode == "scan_matching" else fitted.noise * drawn,
+        motion=_learned_noise(odometry) if slam.learn_odometry else slam.motion,
         least_beams=round(0.6 * slam.minimum_score) or fitted.least_beams,
         beam_skip=slam.beam_skip,
         usable_range=slam.max_usable_range,
+    )
+
+
+def _learned_noise(odometry: OdometryConfig) -> MotionNoise:
+    """What a mapper that learns its odometry takes the motion noise for, at steps of a decimetre and a decirad."""
+    root = math.sqrt(0.1)
+    return MotionNoise(
+        srr=odometry.slip_distance / root,
+        srt=odometry.slip_drift / root,
+        str=0.0,
+        stt=odometry.slip_turn / root,
     )

@@ -35,6 +35,7 @@ class AnchorSettings(NamedTuple):
     min_known: int  # scans with fewer beams on known walls are not matched
     prior: float  # weight of the expected pose in the fit [beams]
     thin_wall_px: int  # a new wall cell is taken for a known one up to so many cells across the wall from it
+    scatter: float  # error of one beam [m], independent of the others'
 
 
 @kernel
@@ -42,6 +43,7 @@ def anchor_poses(
     true_poses: FloatArray,
     motions: FloatArray,
     pulls: FloatArray,
+    dice: FloatArray,
     hits: Int32Array,
     walls: WallCells,
     gain: FloatArray,
@@ -60,6 +62,7 @@ def anchor_poses(
         true_poses: (T, 3) world frame.
         motions: (T - 1, 3) believed distance [m], lateral [m], turn [rad].
         pulls: (T, 3) where the prior lies from the predicted pose: ahead [m], to the left [m], turned [rad].
+        dice: (T, 3) standard normal; what the beams' own errors add follows from them and the walls in sight.
         hits: (T, B) flat index of the wall cell that each beam met, -1 for none.
         walls: What the beams hit.
         gain: (T,) share [0-1] of the correction that is applied.
@@ -122,6 +125,8 @@ def anchor_poses(
             g[1] += settings.prior * (sin * pulls[k, 0] + cos * pulls[k, 1])
             g[2] += settings.prior * _PRIOR_LEVER**2 * pulls[k, 2]
             poses[k] += gain[k] * np.linalg.solve(A, g)
+            # Of covariance A^-1: what errors of single beams do to the fit.
+            poses[k] += settings.scatter * np.linalg.solve(np.linalg.cholesky(A).T, dice[k])
         cos = math.cos(poses[k, 2] - true_poses[k, 2])
         sin = math.sin(poses[k, 2] - true_poses[k, 2])
         for b in range(hits.shape[1]):
@@ -174,15 +179,16 @@ def matched_path(
     """
     motions = np.column_stack([odometry.distance, odometry.lateral, odometry.turn])
     noisy = motions + _motion_noise(motions, steps, config) * rng.standard_normal(motions.shape)
-    pulls = np.zeros((len(scans.poses), 3))
+    pulls = np.zeros((len(scans.middle), 3))
     pulls[1:, :2] = -config.lag * noisy[:, :2]
-    spread = np.array([config.wander, config.wander, math.radians(config.wander_deg)])
-    pulls += spread * rng.standard_normal(pulls.shape)
+    pulls += config.wander * rng.standard_normal(pulls.shape)
+    dice = rng.standard_normal(pulls.shape)
     hits, walls = _known_cells(scans, frame, config.usable_range)
     poses = anchor_poses(
-        scans.poses,
+        scans.middle,
         noisy,
         pulls,
+        dice,
         np.ascontiguousarray(hits[:, :: config.beam_skip + 1]),
         walls,
         np.where(matched, config.gain, 0.0),
@@ -190,6 +196,7 @@ def matched_path(
             config.least_beams // (config.beam_skip + 1),
             config.prior,
             round(config.thin_wall / frame.resolution),
+            config.scatter,
         ),
     )
     poses[:, 2] = wrap_angle(poses[:, 2])
@@ -197,7 +204,7 @@ def matched_path(
 
 
 def _motion_noise(motions: FloatArray, steps: FloatArray, config: MatchingConfig) -> FloatArray:
-    """Standard deviations (T - 1, 3) of what the particles that survive keep of GMapping's motion noise."""
+    """Standard deviations (T - 1, 3) of what the particles that survive keep of the motion model's noise."""
     noise, driven, turned = config.motion, np.abs(motions[:, 0]), np.abs(motions[:, 2])
     ahead = noise.srr * driven + noise.str * turned
     aside = _LATERAL_SHARE * noise.srr * driven + noise.str * turned

@@ -43,7 +43,6 @@ DATASET = {
     "dataset review": ["dataset", "review", "{dataset}", "-o", "{out}/review.html", "--which", "all"],
     "dataset split": ["dataset", "split", "{dataset}"],
     "dataset render": ["dataset", "render", "{dataset}", "-o", "{out}/images", "--min-coverage", "0", "--workers", "1"],
-    "gan texture": ["gan", "texture", "{dataset}", "-o", "{out}/run", "--minutes", "0.001"],
 }  # fmt: skip
 PLANS = {
     "plans list": ["plans", "list", "{plans}"],

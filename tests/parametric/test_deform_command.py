@@ -69,7 +69,7 @@ def test_what_it_writes_can_be_rendered(plan_file, tmp_path) -> None:
     assert len(list(images.glob("*/B/*.png"))) == 2
 
 
-@pytest.mark.parametrize("recipe", [[], ["--recipe", "paper"]])
+@pytest.mark.parametrize("recipe", [[], ["--method", "generator", "--recipe", "paper"]])
 def test_the_same_seed_writes_the_same_map(plan_file, tmp_path, recipe) -> None:
     for name in ("a", "b"):
         main([str(plan_file), "-o", str(tmp_path / name), "--resolution", "0.1", *recipe])
@@ -130,8 +130,9 @@ def test_bad_trajectories_give_one_clear_error_and_write_nothing(plan_file, tmp_
         (["--count", "0"], "--count must be at least 1, not 0"),
         (["--method", "elastic", "--severity", "2"], "--severity has no effect with --method elastic"),
         (["--method", "modelprog", "--weights", "slam2cad"], "translate SLAM maps to CAD maps, not"),
-        (["--method", "generator", "--weights", "modelprog"], "holds weights of another method"),
-        (["--recipe", "papper"], "papper"),
+        (["--method", "generator", "--weights", "modelprog"], "take --method modelprog"),
+        (["--method", "generator", "--recipe", "papper"], "papper"),
+        (["--recipe", "paper"], "take --method generator"),
         (["--resolution", "-0.1"], "--resolution must be above 0, not -0.1"),
         (["--size", "3"], "--size must be 0 or at least 16, not 3"),
         (["--seed", "-4"], "--seed must be at least 0, not -4"),
@@ -173,7 +174,7 @@ def test_a_plan_without_free_space_is_refused() -> None:
         plan_trajectory(hairline, MotionConfig(), np.random.default_rng(0))
 
 
-@pytest.mark.parametrize("method", ["parametric", "elastic", "modelprog"])
+@pytest.mark.parametrize("method", ["parametric", "generator", "elastic", "modelprog"])
 def test_a_plan_without_a_free_cell_is_refused_by_every_method(tmp_path, method) -> None:
     path = tmp_path / "hairline.json"
     write_houseexpo(path, FloorPlan("hairline", shapely.box(0.1, 0.0, 0.5, 6.0)))

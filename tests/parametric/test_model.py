@@ -2,6 +2,7 @@
 
 import dataclasses
 
+import cv2
 import numpy as np
 import pytest
 
@@ -12,12 +13,17 @@ from slamgym.parametric.config import (
     MatchingConfig,
     ParametricConfig,
     RenderConfig,
+    SensingConfig,
     TwoPhaseConfig,
     scaled,
 )
 from slamgym.parametric.model import deform
 from slamgym.parametric.presets import preset
+from slamgym.parametric.robot_scans import take_scans
 from slamgym.parametric.trajectory import TimedTrajectory
+from slamgym.sim import LidarConfig, lidar_level
+from slamgym.sim.surfaces import SurfaceConfig
+from slamgym.slam.config import SlamConfig
 
 METHODS = ("two_phase", "ekf_schur", "ekf", "scan_matching")
 
@@ -124,7 +130,7 @@ def end_error(flat, tour, method: str, **changes) -> float:
 
 
 def test_matching_and_landmarks_keep_the_path_near_the_truth_and_dead_reckoning_does_not(flat, tour) -> None:
-    sure = MatchingConfig(lag=0.0, wander=0.0, wander_deg=0.0)
+    sure = MatchingConfig(lag=0.0, wander=0.0, scatter=0.0)
     drift = end_error(flat, tour, "two_phase", severity=2.0)
     assert end_error(flat, tour, "scan_matching", severity=2.0, matching=sure) < 0.4 * drift
     assert end_error(flat, tour, "ekf_schur", severity=2.0) < 0.7 * drift
@@ -132,10 +138,40 @@ def test_matching_and_landmarks_keep_the_path_near_the_truth_and_dead_reckoning_
 
 def test_a_matcher_lags_where_walls_leave_a_direction_open(flat, tour) -> None:
     def moved(lag: float) -> float:
-        matching = MatchingConfig(lag=lag, wander=0.0, wander_deg=0.0, noise=0.0)
+        matching = MatchingConfig(lag=lag, wander=0.0, scatter=0.0, noise=0.0)
         return end_error(flat, tour, "scan_matching", matching=matching)
 
     assert moved(0.5) > 1.5 * moved(0.0)
+
+
+def test_matches_err_by_what_single_beams_err_and_walls_hold(flat, tour) -> None:
+    def spread(scatter: float) -> float:
+        return end_error(
+            flat, tour, "scan_matching", matching=MatchingConfig(wander=0.0, scatter=scatter, noise=0.0)
+        )
+
+    assert spread(0.3) > 2.0 * spread(0.0)
+
+
+def test_a_scan_that_takes_its_time_is_matched_where_the_robot_was_in_its_middle(flat, tour) -> None:
+    path = tour.pick(np.flatnonzero(np.abs(tour.twists[:, 1]) > 0.5)[:40])
+    laser, nothing = lidar_level("exact", LidarConfig(sweep=0.2)), np.empty((0, 4))
+    scans = take_scans(flat, nothing, path, laser, np.random.default_rng(0))
+    np.testing.assert_allclose(path.poses[:, 2] - scans.middle[:, 2], 0.1 * path.twists[:, 1])
+
+
+def test_a_map_of_scans_holds_all_that_was_drawn(flat, tour) -> None:
+    # Glass lets beams out of the building: the picture ends where they do, not with the plan.
+    glass = LidarConfig(range_max=8.0, surfaces=SurfaceConfig(glazing=0.3))
+    config = dataclasses.replace(
+        preset("realistic"),
+        sensing=SensingConfig(lidar=glass, slam=SlamConfig(max_usable_range=7.9)),
+    )
+    result = deform(flat, tour, config, np.random.default_rng(1))
+    known = result.grid.cells != UNKNOWN
+    assert result.cad.cells.shape == known.shape
+    beyond = known & (cv2.dilate((result.cad.cells == FREE).astype(np.uint8), np.ones((31, 31))) == 0)
+    assert beyond.sum() > 50
 
 
 def test_all_conversions_are_given_the_same_robot(flat, tour) -> None:
@@ -195,7 +231,7 @@ def test_an_unknown_preset_suggests_the_nearest() -> None:
 def test_scaling_by_zero_leaves_no_magnitude_and_by_one_changes_nothing() -> None:
     nothing = scaled(dataclasses.replace(preset("realistic"), severity=0.0))
     assert nothing.lidar.weight_hit == 1.0
-    assert nothing.failures.rate == nothing.matching.wander == nothing.odometry.kappa_deg == 0.0
+    assert nothing.failures.rate == nothing.matching.scatter == nothing.odometry.kappa_deg == 0.0
     assert nothing.sensing.lidar.sigma == nothing.sensing.lidar.lost == 0.0
     same = scaled(preset("realistic"))
     assert same.two_phase == preset("realistic").two_phase

@@ -15,11 +15,11 @@ _OF_METHODS: dict[str, tuple[str, ...]] = {
     "calibration": ("parametric",),
     "size": ("parametric",),
     "severity": ("parametric", "generator"),
-    "recipe": ("parametric", "generator"),
+    "recipe": ("generator",),
     "trajectory": ("parametric", "generator"),
     "explorer": ("parametric", "generator"),
     "prm_kind": ("parametric", "generator"),
-    "weights": ("generator", "modelprog"),
+    "weights": ("modelprog",),
 }
 """Options that not every method takes."""
 
@@ -38,8 +38,8 @@ class DeformArguments(Arguments):
     """Folder of the dataset to make."""
 
     method: Method = "parametric"
-    """parametric: the paper's model, or with --recipe simulated sensors and a model of the scan matcher; generator: a
-    network draws the texture along such a path; modelprog: the paper's network; elastic: the plan bent."""
+    """parametric: the paper's model; generator: simulated scans drawn where a robot like the simulator's would believe
+    to be; modelprog: the paper's network; elastic: the plan bent."""
 
     count: Annotated[Count, tyro.conf.arg(aliases=["-n"])] = 1
     """Number of hypotheses; each draws its own robot and, unless a file gives it, its own path."""
@@ -57,12 +57,12 @@ class DeformArguments(Arguments):
     """Let this explorer drive the simulated robot, and take its path."""
 
     recipe: str | None = None
-    """Sensors, furniture and mapper as `slamgym generate --recipe` draws them: paper, real, reference or a YAML file.
-    Without it parametric is the paper's model."""
+    """Of generator: sensors, furniture and mapper as `slamgym generate --recipe` draws them: paper, real, reference or
+    a YAML file. Without it the default robot."""
 
     conversion: ConversionMethod | None = None
-    """How odometry errors become map errors: ekf_schur (the default), ekf, two_phase (dead reckoning), or scan_matching
-    (the default with --recipe)."""
+    """How odometry errors become map errors: ekf_schur (the default), ekf, two_phase (dead reckoning) or
+    scan_matching."""
 
     severity: Annotated[float, Within(ge=0.0, le=10.0)] = 1.0
     """Multiplies every error magnitude; 0 gives the CAD map back where the robot looked."""
@@ -80,7 +80,7 @@ class DeformArguments(Arguments):
     """Coefficients of the two phases that `slamgym calibrate-odometry` measured; needs --conversion two_phase."""
 
     weights: str | None = None
-    """Of generator and modelprog: a pretrained name, a .safetensors file or a run's folder."""
+    """Of modelprog: a pretrained name, a .safetensors file or a run's folder."""
 
     figures: bool = False
     """Draw the paper's figures 7, 8 and 9 and its Table II instead of a dataset: a row for each of --count plans."""
@@ -93,7 +93,7 @@ class DeformArguments(Arguments):
             raise ConfigError("--trajectory and --explorer exclude each other; give one")
         defaults = {name: self.__dataclass_fields__[name].default for name in _OF_METHODS}
         for name, methods in _OF_METHODS.items():
-            if self.method not in methods and getattr(self, name) != defaults[name]:
+            if not self.figures and self.method not in methods and getattr(self, name) != defaults[name]:
                 raise ConfigError(
                     f"--{name.replace('_', '-')} has no effect with --method {self.method}; leave it out "
                     f"or take --method {' or '.join(methods)}"

@@ -13,7 +13,7 @@ import numpy as np
 from slamgym.agents.registry import make_explorer
 from slamgym.commands.deforming.arguments import DeformArguments, Method
 from slamgym.commands.deforming.dataset import staged_folder
-from slamgym.commands.deforming.hypotheses import hypotheses, load_plan, square_around, textured
+from slamgym.commands.deforming.hypotheses import hypotheses, load_plan, square_around
 from slamgym.core.files import write_text
 from slamgym.core.markdown import markdown
 from slamgym.core.types import UNKNOWN, ByteArray, Float32Array, GridFrame, Trajectory
@@ -81,8 +81,6 @@ def draw_figures(arguments: DeformArguments) -> None:
 def _rows(
     plan: FloorPlan, episode: Episode, config: EpisodeConfig, arguments: DeformArguments
 ) -> dict[str, list[ByteArray]]:
-    from slamgym.gan.texture.generator import load_texture
-
     path = _true_path(episode)
     frame = GridFrame.covering(plan.bounds, arguments.resolution, 1.0)
     cad = plan.raster(frame.resolution, frame)
@@ -106,7 +104,7 @@ def _rows(
 
     faithful = preset("faithful")
     coarse = square_around(plan, faithful, _COARSE_PX)
-    ekf = run(replace(faithful, method="ekf"), coarse)
+    ekf, schur = run(replace(faithful, method="ekf"), coarse), run(faithful).grid.cells
     looks = realistic(SensingConfig(env.lidar, env.clutter, env.slam), env.odometry)
     at_start = GridFrame(
         frame.resolution,
@@ -114,7 +112,6 @@ def _rows(
         frame.origin_y - episode.start.y,
         *frame.shape,
     )
-    drawn = run(looks)
     modelprog = of_method("modelprog", 3)
     return {
         "figure7": [cad.cells, *modelprog],
@@ -122,14 +119,14 @@ def _rows(
             draw_paths(cad, {TRUE_COLOUR: path.poses}, DEFORMATION_PX),
             ekf.grid.cells,
             _enlarged(plan, ekf.field, coarse, frame),
-            run(faithful).grid.cells,
+            schur,
             run(replace(faithful, method="two_phase")).grid.cells,
         ],
         "figure9": [
             cad.cells,
             resample_map(episode.slam_map, at_start),
-            drawn.grid.cells,
-            textured(drawn, looks, load_texture(), np.random.default_rng(arguments.seed)).cells,
+            schur,
+            run(looks).grid.cells,
             modelprog[0],
             of_method("elastic", 1)[0],
         ],

@@ -21,7 +21,6 @@ from slamgym.parametric.trajectory import TimedTrajectory, from_recorded
 if TYPE_CHECKING:
     from slamgym.cad.floorplan import FloorPlan
     from slamgym.commands.deforming.arguments import DeformArguments
-    from slamgym.gan.texture.generator import TextureGenerator
 
 
 @dataclass(frozen=True)
@@ -66,11 +65,6 @@ def _along_paths(plan: FloorPlan, arguments: DeformArguments) -> Iterator[DrawnM
     """Methods ``parametric`` and ``generator``."""
     config = model_settings(arguments, 0)
     fixed = trajectory_from_file(arguments.trajectory, plan, config.motion) if arguments.trajectory else None
-    generator = None
-    if arguments.method == "generator":
-        from slamgym.gan.texture.generator import load_texture
-
-        generator = load_texture(arguments.weights)
     for number in range(arguments.count):
         rng = np.random.default_rng([arguments.seed, number])
         config = model_settings(arguments, number)
@@ -78,35 +72,13 @@ def _along_paths(plan: FloorPlan, arguments: DeformArguments) -> Iterator[DrawnM
         if frame is not None:
             config = replace(config, resolution=frame.resolution)
         path = fixed or _path(arguments, plan, config, rng, number)
-        result = deform(plan, path, config, rng, frame)
-        if generator is not None:
-            result = replace(result, grid=textured(result, config, generator, rng))
-        yield _of_deformation(result)
-
-
-def textured(
-    drawn: Deformation, config: ParametricConfig, generator: TextureGenerator, rng: np.random.Generator
-) -> OccupancyGrid:
-    """The map that the network draws from a deformation's scans.
-
-    Args:
-        drawn: By settings that ask for scans.
-        config: Those settings.
-        generator: The network.
-        rng: Its dice.
-    """
-    from slamgym.parametric.robot_scans import style_of, texture_channels
-
-    assert drawn.scans is not None, "realistic settings ask for scans"
-    frame = drawn.grid.frame
-    counted = texture_channels(drawn.scans, drawn.believed.poses, frame, config.sensing.slam)
-    return OccupancyGrid(generator.draw(counted, style_of(config.sensing), rng), frame)
+        yield _of_deformation(deform(plan, path, config, rng, frame))
 
 
 def model_settings(arguments: DeformArguments, number: int) -> ParametricConfig:
     """The model's settings for one hypothesis: a recipe draws others for each."""
     config = preset("faithful")
-    if arguments.recipe is not None or arguments.method == "generator":
+    if arguments.method == "generator":
         from slamgym.core.seeding import exploration_seed
         from slamgym.dataset.generate.recipe import episode_conditions, open_recipe
         from slamgym.envs.episode import EpisodeConfig
