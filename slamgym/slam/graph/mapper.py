@@ -26,7 +26,7 @@ from slamgym.slam.graph.loop_closure import (
 from slamgym.slam.graph.matching import NodeMatch, NodeMatcher
 from slamgym.slam.graph.nodes import GraphNodes
 from slamgym.slam.graph.solver import Edges, chi_squared, optimise
-from slamgym.slam.graph.wheels import WheelEdges
+from slamgym.slam.graph.wheels import WheelTurns
 from slamgym.slam.particle_filter import FEW_POINTS, ParticleFilter
 from slamgym.slam.path_correction import poses_between
 from slamgym.slam.uncertainty import ODOMETRY_FLOOR
@@ -74,7 +74,7 @@ class PoseGraphMapper(ParticleFilter):
         self._nodes = GraphNodes(geometry.num_beams)
         self._steps_of_nodes: list[int] = []  # processed scan of each node
         self._steps: list[Closure] = []  # edges between successive nodes
-        self._wheels = WheelEdges()
+        self._wheels = WheelTurns()
         self._closures: list[Closure] = []
         self._pending: list[Closure] = []
         self._rejected = 0
@@ -313,13 +313,16 @@ class PoseGraphMapper(ParticleFilter):
         self._relocate(optimise(poses, edges, robust_width=width, iterations=iterations, tolerance=tolerance))
 
     def _wheel_edges(self) -> list[Closure]:
-        """The odometry between nodes as the whole path shows it; nothing where it isn't learned."""
+        """Turns between nodes by the odometry as the whole path shows it; nothing where it isn't learned."""
         if self._calibration is None or not self._steps:
             return []
         matched = np.array([edge.measured[2] for edge in self._steps])
         variances = np.linalg.inv(np.array([edge.information for edge in self._steps]))[:, 2, 2]
-        motions, information = self._wheels.between(self._nodes.poses, matched, variances)
-        return [Closure(i, i + 1, motions[i], information[i]) for i in range(len(motions))]
+        turns, information = self._wheels.between(self._nodes.poses, matched, variances)
+        return [
+            Closure(node, node + 1, np.array([0.0, 0.0, turn]), np.diag([0.0, 0.0, known]))
+            for node, (turn, known) in enumerate(zip(turns.tolist(), information.tolist(), strict=True))
+        ]
 
     def _drop_false_closures(self) -> None:
         if not self._closures:

@@ -1,26 +1,19 @@
-"""What the wheels say between the nodes of a graph, once the whole drive has told how they err.
+"""How far the robot turned between the nodes of a graph by its wheels, once the whole drive has told how they err.
 
-While driving, matches half a metre apart can't tell wheels that hardly err from true ones: a match errs as much as they
-do (:mod:`slamgym.slam.odometry_calibration`). Over several metres the errors of wheels have grown, those of matches
-haven't. So the heading's systematic errors, and the size of the random ones, are found anew from all nodes each time that
-the graph is optimised, and the odometry becomes edges of its own beside those of the matches (the variances from
-residuals, as by variance component estimation: Koch, Parameter Estimation and Hypothesis Testing in Linear Models, 1999).
-Distances are left as they are: a laser's bias looks like an error of the wheels.
+While driving, matches half a metre apart can't tell wheels that hardly err from true ones: a match errs as much as
+they do (:mod:`slamgym.slam.odometry_calibration`). Over several metres the errors of wheels have grown, those of
+matches haven't. So the heading's systematic errors, and the size of the random ones, are found anew from all nodes each
+time that the graph is optimised, and the turns of the odometry become edges of their own beside those of the matches
+(variances from residuals: variance component estimation; Koch, *Parameter Estimation and Hypothesis Testing in Linear
+Models*, 1999). Distances are left to the matches: a laser's bias looks like an error of the wheels, and a scale that is
+wrong bends maps.
 """
 
 import numpy as np
 
-from slamgym.core.geometry import compose, wrap_angle
-from slamgym.core.types import FloatArray, Pose2D
-from slamgym.metrics.trajectory import relative_poses
-from slamgym.slam.odometry_calibration import (
-    DRIFT_SPREAD,
-    SCALE_SPREAD,
-    SLIP_DISTANCE,
-    SLIP_DRIFT,
-    SLIP_TURN,
-    TURN_SPREAD,
-)
+from slamgym.core.geometry import wrap_angle
+from slamgym.core.types import FloatArray
+from slamgym.slam.odometry_calibration import DRIFT_SPREAD, SLIP_DRIFT, SLIP_TURN, TURN_SPREAD
 
 LONG_STRETCH = 6.0
 """Headings are compared over stretches of so many metres and radians together."""
@@ -29,10 +22,10 @@ HEADING_ERROR = 0.006
 EXPECTED_NOISE, EXPECTED_WEIGHT = 0.5, 2.0
 """Random errors of the heading before anything is known, as a share of the slips' variance, and for how many stretches
 that counts ..."""
-SMALLEST_NOISE = 0.001
+SMALLEST_NOISE = 0.01
 """... and the least share."""
-WHEEL_FLOOR = (0.002, 0.0005)
-"""Odometry between two nodes is never trusted further than this [m], [rad]."""
+TURN_FLOOR = 0.0005
+"""The turn between two nodes is never trusted further than this [rad]."""
 GROSS_CHI2 = 16.0
 """A stretch whose turn disagrees so much with the match was no slip of a wheel, but something worse: it is left out."""
 OUTLYING_CHI2 = 9.0
@@ -40,64 +33,49 @@ OUTLYING_CHI2 = 9.0
 ROUNDS = 8
 
 
-class WheelEdges:
+class WheelTurns:
     """Raw odometry between successive nodes."""
 
     def __init__(self) -> None:
-        self._pose = Pose2D(0.0, 0.0, 0.0)  # since the newest node
-        self._way = np.zeros(4)  # likewise: metres driven, metres ahead, radians turned either way, and to the left
-        self._measured: list[Pose2D] = []
-        self._ways: list[FloatArray] = []
+        self._way = np.zeros(4)  # since the newest node, see below
+        self._ways: list[
+            FloatArray
+        ] = []  # metres driven and ahead, radians turned either way and to the left
 
     def move(self, increments: FloatArray) -> None:
         """Take motions (steps, 3) in the robot frame."""
-        for increment in increments.tolist():
-            self._pose = compose(self._pose, Pose2D(*increment))
         x, y, turn = increments.T
-        self._way += np.hypot(x, y).sum(), x.sum(), np.abs(turn).sum(), turn.sum()
+        self._way = self._way + np.array([np.hypot(x, y).sum(), x.sum(), np.abs(turn).sum(), turn.sum()])
 
     def append(self) -> None:
-        """The newest pose is a node. The first has nothing before it."""
-        self._measured.append(self._pose)
+        """The newest pose is a node."""
         self._ways.append(self._way)
-        self._pose, self._way = Pose2D(0.0, 0.0, 0.0), np.zeros(4)
+        self._way = np.zeros(4)
 
     def between(
         self, poses: FloatArray, matched: FloatArray, variances: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """The motions from each node to the next by odometry that was learned from the path.
+        """The turns from each node to the next by odometry that was learned from the path.
 
         Args:
             poses: (N, 3) the nodes.
-            matched: (N - 1,) turn from each node to the next as it was matched [rad].
-            variances: (N - 1,) of those turns [rad^2].
+            matched: (N - 1,) those turns as they were matched [rad].
+            variances: (N - 1,) of them [rad^2].
 
         Returns:
-            Motions (N - 1, 3), and their information (N - 1, 3, 3); zero for what is left out.
+            Turns (N - 1,) [rad], and their information (N - 1,) [1/rad^2]; zero for what is left out.
         """
-        measured, ways = np.array(self._measured[1:]), np.array(self._ways[1:])
-        driven, ahead, turned, left = ways.T
+        driven, ahead, turned, left = np.array(self._ways[1:]).T
         slip = SLIP_DRIFT**2 * driven + SLIP_TURN**2 * turned
-        shares = np.column_stack([ahead, left])
         spread = slip + (DRIFT_SPREAD * ahead) ** 2 + (TURN_SPREAD * left) ** 2
-        kept = wrap_angle(matched - measured[:, 2]) ** 2 < GROSS_CHI2 * (spread + variances)
-        turns = relative_poses(poses[:-1], poses[1:])[:, 2]
-        errors = wrap_angle(turns - measured[:, 2])
+        kept = wrap_angle(matched - left) ** 2 < GROSS_CHI2 * (spread + variances)
         stretch = np.cumsum((driven + turned) * kept) // LONG_STRETCH
+        errors = wrap_angle(np.diff(poses[:, 2]) - left)
         systematic, noise = _learn_headings(
             *(_sums(stretch, column * kept) for column in (errors, ahead, left, slip))
         )
-        correction = shares @ systematic
-        # The correction grows along the way: the chord turns by half of it.
-        cos, sin = np.cos(0.5 * correction), np.sin(0.5 * correction)
-        x, y = measured[:, 0], measured[:, 1]
-        motions = np.column_stack([cos * x - sin * y, sin * x + cos * y, measured[:, 2] + correction])
-        distance = SLIP_DISTANCE**2 * driven + (SCALE_SPREAD * ahead) ** 2 + WHEEL_FLOOR[0] ** 2
-        heading = noise * slip + WHEEL_FLOOR[1] ** 2
-        information = np.zeros((len(motions), 3, 3))
-        information[:, 0, 0] = information[:, 1, 1] = kept / distance
-        information[:, 2, 2] = kept / heading
-        return motions, information
+        turns = left + systematic[0] * ahead + systematic[1] * left
+        return turns, kept / (noise * slip + TURN_FLOOR**2)
 
 
 def _sums(stretch: FloatArray, values: FloatArray) -> FloatArray:
