@@ -79,7 +79,7 @@ class WheelTurns:
 
 
 def _sums(stretch: FloatArray, values: FloatArray) -> FloatArray:
-    return np.bincount(stretch.astype(np.int64), weights=values)
+    return np.asarray(np.bincount(stretch.astype(np.int64), weights=values), dtype=np.float64)
 
 
 def _learn_headings(
@@ -93,7 +93,8 @@ def _learn_headings(
         left: (S,) radians turned to the left.
         slip: (S,) variance of random errors of size 1 [rad^2].
     """
-    noise, systematic = 1.0, np.zeros(2)
+    noise = 1.0
+    systematic: FloatArray = np.zeros(2)
     shares, prior = np.column_stack([ahead, left]), np.diag([DRIFT_SPREAD**-2, TURN_SPREAD**-2])
     match_variance = 2.0 * HEADING_ERROR**2
     driven = slip > 0.0
