@@ -56,8 +56,8 @@ FALSE_CHI2 = 60.0
 FINAL_WINDOW = (0.4, 0.08)
 """Search window of the first final pass [m], [rad]."""
 SHORT_RANGE = 5.0
-"""A laser that sees this far finds old walls with nearly every scan: its matches hardly drift, and the turns by odometry
-would only add their errors. In simulated homes they take a fifth off at 3.5 m and add a tenth at 6 m [m]."""
+"""A laser that sees this far finds old walls with nearly every scan: its matches hardly drift, and the turns by
+odometry would only add their errors [m]."""
 MOST_CANDIDATES = 2
 """Places that are compared with each scan."""
 
