@@ -30,7 +30,7 @@ GROSS_CHI2 = 16.0
 """A stretch whose turn disagrees so much with the match was no slip of a wheel, but something worse: it is left out."""
 OUTLYING_CHI2 = 9.0
 """A squared residual beyond so many times what is expected counts as so many."""
-ROUNDS = 8
+ESTIMATION_ROUNDS = 8
 
 
 class WheelTurns:
@@ -98,7 +98,7 @@ def _learn_headings(
     shares, prior = np.column_stack([ahead, left]), np.diag([DRIFT_SPREAD**-2, TURN_SPREAD**-2])
     match_variance = 2.0 * HEADING_ERROR**2
     driven = slip > 0.0
-    for _ in range(ROUNDS):
+    for _ in range(ESTIMATION_ROUNDS):
         variances = noise * slip + match_variance
         information = (shares.T / variances) @ shares + prior
         systematic = np.linalg.solve(information, (shares.T / variances) @ errors)
