@@ -2,9 +2,9 @@
 
     python benchmarks/slam/pose_graph.py LOGS [--seeds 3] [--episodes DATASET/episodes]
 
-Real logs have no truth. ``at scans`` is the error over the reference relations (``NAME.relations`` beside
-``NAME.log.gz``) whose moments are those of scans; ``revisit`` is the mean distance between what different
-passes through a place saw. Episodes of ``slamgym generate`` have a truth; for them the ATE after alignment is
+Real logs have no truth. ``relations`` is the error over all reference relations (``NAME.relations`` beside
+``NAME.log.gz``), ``revisits`` that over those of more than ten seconds; ``revisit`` is the mean distance between what
+different passes through a place saw. Episodes of ``slamgym generate`` have a truth; for them the ATE after alignment is
 given.
 """
 
@@ -17,28 +17,22 @@ from typing import Any
 import numpy as np
 
 from slamgym.core.geometry import between, compose
-from slamgym.core.types import Pose2D
+from slamgym.core.types import FloatArray, Pose2D
 from slamgym.interop import Log, LogRecord, open_log, read_relations, read_truth
 from slamgym.metrics import absolute_trajectory_error, end_points, relation_error, revisit_disagreement
 from slamgym.slam.replay import ReplayResult, replay, settings_for
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from report import print_and_save
+from slam_accuracy import MAPPERS
 
 REVISIT_GAP = 60
 """Scans further apart than this belong to different passes."""
 REVISIT_RANGE = 20.0
-CASES = (("rbpf", 30), ("rbpf", 50), ("pose_graph", 1))
 COLUMNS = (
-    "log",
-    "mode",
-    "relations [m]",
-    "rotation [deg]",
-    "revisit [m]",
-    "worst revisit [m]",
-    "CPU [s]",
-    "ms per scan",
-)
+    "log", "mode", "relations [m]", "revisits [m]", "rotation [deg]", "revisit [m]", "worst revisit [m]", "doubtful",
+    "CPU [s]", "ms per scan",
+)  # fmt: skip
 
 
 def main() -> None:
@@ -48,9 +42,9 @@ def main() -> None:
     parser.add_argument("--episodes", type=Path)
     arguments = parser.parse_args()
     rows = [
-        real_row(path, mode, particles, arguments.seeds)
+        real_row(path, name, settings, arguments.seeds)
         for path in sorted(arguments.logs.glob("*.log.gz"))
-        for mode, particles in CASES
+        for name, settings in MAPPERS.items()
     ]
     title = f"recorded logs, means over {arguments.seeds} seeds (rbpf) or disturbed odometries (pose_graph)"
     print_and_save("slam/pose_graph", title, rows, COLUMNS, times=("CPU [s]",))
@@ -66,10 +60,10 @@ def main() -> None:
         )
 
 
-def real_row(path: Path, mode: str, particles: int, seeds: int) -> dict[str, Any]:
-    """One log in one mode. ``pose_graph`` has no randomness of its own: later runs disturb the odometry."""
+def real_row(path: Path, mode: str, settings: dict[str, Any], seeds: int) -> dict[str, Any]:
+    """One log by one mapper. ``pose_graph`` has no randomness of its own: later runs disturb the odometry."""
     log = open_log(path)
-    config = settings_for(log.geometry, {"mode": mode, "particles": particles})
+    config = settings_for(log.geometry, settings)
     replay(replace(log, records=log.records[:5]), config, np.random.default_rng(0))  # compiles the kernels
     results = [
         replay(
@@ -80,23 +74,31 @@ def real_row(path: Path, mode: str, particles: int, seeds: int) -> dict[str, Any
         for seed in range(seeds)
     ]
     relations_file = path.with_name(path.name.removesuffix(".log.gz") + ".relations")
-    at_scans = rotation = None
+    at_scans = again = rotation = None
     if relations_file.exists():
         relations = read_relations(relations_file)
         errors = [relation_error(result.moments, *relations) for result in results]
         at_scans = round(float(np.mean([error.translation.mean for error in errors])), 4)
+        again = round(float(np.mean([revisits_error(result, relations) for result in results])), 4)
         rotation = round(float(np.degrees(np.mean([error.rotation.mean for error in errors]))), 2)
     revisits = [revisit(log, result) for result in results]
     return {
         "log": path.name.removesuffix(".log.gz"),
-        "mode": f"rbpf, {particles} particles" if mode == "rbpf" else mode,
+        "mode": mode,
         "relations [m]": at_scans,
+        "revisits [m]": again,
         "rotation [deg]": rotation,
         "revisit [m]": round(float(np.mean(revisits)), 4),
         "worst revisit [m]": round(max(revisits), 4),
+        "doubtful": round(float(np.mean([len(result.stats.doubtful) for result in results])), 1),
         "CPU [s]": round(float(np.mean([result.stats.cpu_seconds for result in results])), 1),
         "ms per scan": round(float(np.mean([r.stats.cpu_ms_per_processed_scan for r in results])), 2),
     }
+
+
+def revisits_error(result: ReplayResult, relations: tuple[FloatArray, FloatArray]) -> float:
+    """Mean translational error over the relations between two passes [m]."""
+    return relation_error(result.moments, *relations, revisits=True).translation.mean
 
 
 def revisit(log: Log, result: ReplayResult) -> float:
@@ -133,8 +135,8 @@ def episode_row(folder: Path) -> dict[str, Any]:
     log, truth = open_log(folder), read_truth(folder)
     assert truth is not None, f"{folder} has no truth.tum"
     row: dict[str, Any] = {"episode": folder.name, "path [m]": round(truth.length)}
-    for mode, particles in (("dead_reckoning", 1), *CASES[1:]):
-        config = settings_for(log.geometry, {"mode": mode, "particles": particles})
+    for mode in ("dead_reckoning", "rbpf", "pose_graph"):
+        config = settings_for(log.geometry, {"mode": mode})
         result = replay(log, config, np.random.default_rng(0))
         error = absolute_trajectory_error(result.trajectory, truth)
         row[f"{mode} ATE [m]"] = round(error.translation.rmse, 3)

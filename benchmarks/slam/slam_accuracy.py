@@ -1,6 +1,6 @@
-"""Accuracy of the particle filter: recorded logs with reference relations, and simulated homes with a truth.
+"""Accuracy of the mappers: recorded logs with reference relations, and simulated homes with a truth.
 
-    python benchmarks/slam/slam_accuracy.py [--logs LOGS] [--seeds 5] [--episodes 20]
+    python benchmarks/slam/slam_accuracy.py [--logs LOGS] [--seeds 5] [--episodes 20] [--levels ...] [--modes ...]
 
 The simulated robot explores generated homes for seven minutes with a known pose; the same scans and wheel
 readings are then replayed through each mode, so that every row of a table measures the same drives. Errors are
@@ -42,17 +42,22 @@ INSTANTS = 10
 GMAPPING = {
     "mode": "rbpf", "matcher": "hill_climbing", "odometry_weight": 0.0, "learn_odometry": False, "drawn_noise": 1.0,
 }  # fmt: skip
+GMAPPING_SEARCH = "GMapping's search"
+LEVELS = ("ideal", "low", "medium", "high")
+MODES = ("dead_reckoning", "scan_matching", "rbpf", "pose_graph", GMAPPING_SEARCH)
+LONG_RANGE = 12.0
+"""Laser of the last rows [m]."""
 MAPPERS: dict[str, dict[str, Any]] = {
     "pose_graph": {},
     "rbpf, 30 particles": {"mode": "rbpf"},
-    "GMapping's search, 30 particles": GMAPPING,
+    f"{GMAPPING_SEARCH}, 30 particles": GMAPPING,
 }
 REAL_COLUMNS = (
     "log", "mapper", "relations [m]", "worst seed [m]", "revisits [m]", "rotation [deg]", "ms per scan",
 )  # fmt: skip
 SIMULATED_COLUMNS = (
     "odometry", "laser [m]", "mode", "particles", "RMSE [m]", "95 % low", "95 % high", "median [m]", "worst [m]",
-    "N_eff share", "NEES", "ms per scan",
+    "N_eff share", "NEES", "median NEES", "ms per scan",
 )  # fmt: skip
 
 
@@ -61,6 +66,8 @@ def main() -> None:
     parser.add_argument("--logs", type=Path)
     parser.add_argument("--seeds", type=int, default=5)
     parser.add_argument("--episodes", type=int, default=20)
+    parser.add_argument("--levels", nargs="+", choices=LEVELS, default=LEVELS)
+    parser.add_argument("--modes", nargs="+", choices=MODES, default=MODES)
     arguments = parser.parse_args()
     if arguments.logs is not None:
         rows = [
@@ -73,9 +80,11 @@ def main() -> None:
         )
     if arguments.episodes == 0:
         return
-    rows = simulated_rows(arguments.episodes)
+    is_whole = tuple(arguments.modes) == MODES
+    rows = simulated_rows(arguments.episodes, arguments.levels, arguments.modes)
     title = f"simulated homes, {arguments.episodes} explorations of 7 minutes"
-    print_and_save("slam/slam_accuracy_simulated", title, rows, SIMULATED_COLUMNS)
+    name = "slam/slam_accuracy_simulated" if is_whole else "slam/slam_nees"
+    print_and_save(name, title, rows, SIMULATED_COLUMNS)
 
 
 def real_row(relations_file: Path, name: str, settings: dict[str, Any], seeds: int) -> dict[str, Any]:
@@ -100,22 +109,18 @@ def real_row(relations_file: Path, name: str, settings: dict[str, Any], seeds: i
     }
 
 
-def simulated_rows(episodes: int) -> list[dict[str, Any]]:
-    """Error against odometry noise, mode, particles and laser range."""
+def simulated_rows(episodes: int, levels: Sequence[str], modes: Sequence[str]) -> list[dict[str, Any]]:
+    """Error against odometry noise and mode; of all modes, also with a laser that sees across rooms."""
     rows = []
-    for level in ("ideal", "low", "medium", "high"):
+    for level in levels:
         drives = [explore(seed, level, 3.5) for seed in range(episodes)]
+        rows += [simulated_row(drives, level, 3.5, mode) for mode in modes]
+    if tuple(modes) == MODES:
+        drives = [explore(seed, "medium", LONG_RANGE) for seed in range(episodes)]
         rows += [
-            simulated_row(drives, level, 3.5, mode, 30)
-            for mode in ("dead_reckoning", "scan_matching", "rbpf", "pose_graph")
+            simulated_row(drives, "medium", LONG_RANGE, mode)
+            for mode in ("scan_matching", "rbpf", "pose_graph")
         ]
-        if level in ("ideal", "medium"):
-            rows.append(simulated_row(drives, level, 3.5, "GMapping's search", 30))
-        if level == "medium":
-            rows += [simulated_row(drives, level, 3.5, "rbpf", particles) for particles in (8, 100)]
-    for range_max in (6.0, 12.0):
-        drives = [explore(seed, "medium", range_max) for seed in range(episodes)]
-        rows.append(simulated_row(drives, "medium", range_max, "rbpf", 30))
     return rows
 
 
@@ -131,13 +136,13 @@ def explore(seed: int, level: str, range_max: float) -> tuple[Log, Trajectory]:
 
 
 def simulated_row(
-    drives: Sequence[tuple[Log, Trajectory]], level: str, range_max: float, mode: str, particles: int
+    drives: Sequence[tuple[Log, Trajectory]], level: str, range_max: float, mode: str
 ) -> dict[str, Any]:
     """One mode on all drives."""
     errors, shares, nees, times = [], [], [], []
-    config = SlamConfig.gmapping(particles)
-    if mode != "GMapping's search":
-        config = SlamConfig(mode=mode, particles=particles, max_usable_range=range_max - 0.05)  # type: ignore[arg-type]
+    config = SlamConfig.gmapping()
+    if mode != GMAPPING_SEARCH:
+        config = SlamConfig(mode=mode, max_usable_range=range_max - 0.05)  # type: ignore[arg-type]
     for seed, (log, truth) in enumerate(drives):
         start = log.records[0].odometry
         mapper = make_mapper(config, log.geometry, Pose2D(0.0, 0.0, start.theta), np.random.default_rng(seed))
@@ -147,9 +152,10 @@ def simulated_row(
             if index in instants and config.mode != "dead_reckoning":
                 here, (true, _) = np.array([mapper.pose]), poses_at(truth, np.array([record.stamp]))
                 nees.append(normalised_estimation_error_squared(here, true, mapper.covariance[None])[0])
+        mapper.finish()
         path = mapper.trajectory()
         errors.append(absolute_trajectory_error(path, truth, align=False).translation.rmse)
-        shares.append(np.mean(mapper.stats.n_eff) / particles if mapper.stats.n_eff else 1.0)
+        shares.append(np.mean(mapper.stats.n_eff) / config.particles if mapper.stats.n_eff else 1.0)
         times.append(mapper.stats.cpu_ms_per_processed_scan)
     interval = mean_interval(np.array(errors))
     return {
@@ -164,6 +170,7 @@ def simulated_row(
         "worst [m]": round(max(errors), 3),
         "N_eff share": round(float(np.mean(shares)), 2) if config.mode == "rbpf" else None,
         "NEES": round(float(np.mean(nees)), 1) if nees else None,
+        "median NEES": round(float(np.median(nees)), 1) if nees else None,
         "ms per scan": round(float(np.median(times)), 2),
     }
 

@@ -1,4 +1,4 @@
-"""CPU time of the particle filter per processed scan, against particles, beams and the size of the map.
+"""CPU time of the mappers per processed scan, against particles, beams and the size of the map.
 
     python benchmarks/slam/slam_speed.py
 
@@ -39,6 +39,7 @@ COLUMNS = (
     "ms per scan",
     "GMapping [ms]",
     "times faster",
+    "of GMapping's search",
     "memory [MB]",
 )
 
@@ -55,7 +56,11 @@ def main() -> None:
         row("map size", visiting(records, laps), geometry, SlamConfig(), judged=len(records))
         for laps in (1, 4, 16)
     ]
+    rows += [row(mode, records, geometry, SlamConfig(mode=mode)) for mode in ("scan_matching", "pose_graph")]
     rows.append(row("GMapping's search", records, geometry, SlamConfig.gmapping()))
+    slowest = rows[-1]["ms per scan"]
+    for one in rows:
+        one["of GMapping's search"] = round(one["ms per scan"] / slowest, 3)
     title = "particle filter, CPU time per processed scan"
     print_and_save("slam/slam_speed", title, rows, COLUMNS, times=("ms per scan",))
 
@@ -103,10 +108,11 @@ def row(
     """Measure one setting; ``judged`` restricts the time to the last so many scans."""
     runs = [time_mapper(records, geometry, config, judged) for _ in range(REPEATS)]
     milliseconds, area, memory = min(runs)
-    known = GMAPPING_MS.get(config.particles) if geometry.num_beams == 180 else None
+    is_filter = config.mode == "rbpf" and geometry.num_beams == 180
+    known = GMAPPING_MS.get(config.particles) if is_filter else None
     return {
         "changed": changed,
-        "particles": config.particles,
+        "particles": config.particles if config.mode == "rbpf" else 1,
         "beams": geometry.num_beams,
         "map [m2]": round(area),
         "ms per scan": round(milliseconds, 2),

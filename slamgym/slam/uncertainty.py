@@ -73,6 +73,7 @@ class PathUncertainty:
         self._driven = np.zeros(64)  # since the start, at each node [m]
         self._steps: list[FloatArray] = []
         self._covariances: list[FloatArray] = []
+        self._seen_from: list[tuple[int, FloatArray]] = []  # by which node each is known best, and how well
         self._ties: dict[int, list[tuple[int, FloatArray]]] = {}
         self.variances = np.zeros(2)
         """Of position [m^2] and heading [rad^2] by the odometry since the newest node."""
@@ -117,7 +118,7 @@ class PathUncertainty:
         self._steps.append(self._step(match))
         self._poses[node] = pose
         self._driven[node] = self._driven[node - 1] + self._distance if node else 0.0
-        self._covariances.append(self._covariance_of(node))
+        self._know(node)
         self.variances = np.zeros(2)
         self._distance = self._turn = 0.0
 
@@ -141,7 +142,24 @@ class PathUncertainty:
         old = int(min(candidates, key=lambda one: _position_variance(self._covariances[one])))
         if _position_variance(now) - _position_variance(self._covariances[old]) < REVISIT_SIGMA**2:
             self._ties.setdefault(node, []).append((old, 2.0 * match + np.diag(np.square(REVISIT_FLOOR))))
-            self._covariances[node] = self._covariance_of(node)
+            self._know(node)
+
+    def between(self, one: int, other: int) -> FloatArray:
+        """Covariance (3, 3) of a node seen from another, in the map frame: what was added on the way between them."""
+        added = np.array(sorted(self._way(one) ^ self._way(other)), dtype=np.int64)
+        levers = np.tile(_IDENTITY, (len(added), 1, 1))
+        levers[:, 0, 2] = self._poses[added, 1] - self._poses[other, 1]
+        levers[:, 1, 2] = self._poses[other, 0] - self._poses[added, 0]
+        steps = np.array([self._seen_from[node][1] for node in added]).reshape(-1, 3, 3)
+        return np.asarray((levers @ steps @ levers.transpose(0, 2, 1)).sum(axis=0), dtype=np.float64)
+
+    def _way(self, node: int) -> set[int]:
+        """The nodes on the way by which a node is known, but for the first of all."""
+        way = set()
+        while node > 0:
+            way.add(node)
+            node = self._seen_from[node][0]
+        return way
 
     def _step(self, match: FloatArray | None) -> FloatArray:
         """Covariance of the motion since the newest node, in the map frame."""
@@ -163,22 +181,24 @@ class PathUncertainty:
         self._ties.clear()
         for one, other, covariance in ties:
             self._ties.setdefault(max(one, other), []).append((min(one, other), covariance))
-        self._covariances = []
         for node in range(len(self._steps)):
-            self._covariances.append(self._covariance_of(node))
+            self._know(node)
 
-    def _covariance_of(self, node: int) -> FloatArray:
-        if node == 0:
-            return np.zeros((3, 3))
-        here = self._poses[node, :2]
-        best = step_covariance(
-            here - self._poses[node - 1, :2], self._covariances[node - 1], self._steps[node]
-        )
-        for old, matched in self._ties.get(node, ()):
-            tied = step_covariance(here - self._poses[old, :2], self._covariances[old], matched)
+    def _know(self, node: int) -> None:
+        """Note by which older node a node is known best, and how well."""
+        here, best, source = self._poses[node, :2], np.zeros((3, 3)), (0, np.zeros((3, 3)))
+        if node > 0:
+            source = node - 1, self._steps[node]
+            best = self._from(here, *source)
+        for tie in self._ties.get(node, ()):
+            tied = self._from(here, *tie)
             if _position_variance(tied) < _position_variance(best):
-                best = tied
-        return best
+                best, source = tied, tie
+        self._covariances[node:] = [best, *self._covariances[node + 1 :]]
+        self._seen_from[node:] = [source, *self._seen_from[node + 1 :]]
+
+    def _from(self, here: FloatArray, old: int, added: FloatArray) -> FloatArray:
+        return step_covariance(here - self._poses[old, :2], self._covariances[old], added)
 
 
 def _position_variance(covariance: FloatArray) -> float:

@@ -62,9 +62,8 @@ def drive():
 
 
 def run(log, **settings):
-    config = SlamConfig(
-        max_usable_range=8.0, temporal_update=None, linear_update=0.2, angular_update=0.15, **settings
-    )
+    usual = {"max_usable_range": 8.0, "temporal_update": None, "linear_update": 0.2, "angular_update": 0.15}
+    config = SlamConfig(**{**usual, **settings})
     return replay(log, config, np.random.default_rng(0))
 
 
@@ -87,13 +86,12 @@ def test_two_rounds_of_a_corridor_are_closed(drive, closed):
 
 def test_without_loops_the_error_is_larger(drive):
     log, truth = drive
-    # Matched with two scans only, the path drifts as it would in a larger building.
-    short = {"local_nodes": 2, "keyframe_distance": 0.2}
-    loose = run(log, mode="pose_graph", pose_graph=PoseGraphConfig(loop_length=1e9, **short))
+    # Seeing two metres, the robot often meets nothing but the bare walls beside it.
+    loose = run(log, mode="pose_graph", max_usable_range=2.0, pose_graph=PoseGraphConfig(loop_length=1e9))
     assert loose.extra["loop_closures"] == 0
-    closed = run(log, mode="pose_graph", pose_graph=PoseGraphConfig(**short))
+    closed = run(log, mode="pose_graph", max_usable_range=2.0)
     errors = [absolute_trajectory_error(r.trajectory, truth).translation.rmse for r in (loose, closed)]
-    assert errors[1] < errors[0]
+    assert errors[1] < 0.5 * errors[0]
 
 
 def test_equal_logs_give_equal_maps(drive):

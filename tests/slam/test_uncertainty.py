@@ -109,3 +109,22 @@ def test_covariances_are_symmetric_and_positive():
     path = driven(there_and_back(), revisits=True)
     assert path.latest == pytest.approx(path.latest.T)
     assert (np.linalg.eigvalsh(path.latest) > 0.0).all()
+
+
+def test_between_two_nodes_lies_what_was_added_on_the_way():
+    path = driven(straight(20))
+    np.testing.assert_allclose(path.between(0, 19), path.latest, rtol=1e-9)
+    np.testing.assert_allclose(path.between(4, 4), 0.0)
+    traces = [np.trace(path.between(old, 19)[:2, :2]) for old in range(20)]
+    assert (np.diff(traces) < 0.0).all()
+    # Seen from each other two nodes are equally uncertain, up to the lever that turns with them.
+    assert path.between(3, 9)[2, 2] == pytest.approx(path.between(9, 3)[2, 2])
+
+
+def test_far_from_the_start_two_neighbours_know_each_other_well():
+    poses = there_and_back()
+    path = driven(poses)
+    path.follow(poses, [(19, 39, MATCH)])
+    near = np.trace(path.between(18, 39)[:2, :2])
+    assert near < 0.2 * np.trace(path.between(0, 39)[:2, :2])
+    assert near > np.trace(path.between(19, 39)[:2, :2])

@@ -26,13 +26,14 @@ from slamgym.slam.graph.loop_closure import (
 from slamgym.slam.graph.matching import NodeMatch, NodeMatcher
 from slamgym.slam.graph.nodes import GraphNodes
 from slamgym.slam.graph.solver import Edges, chi_squared, optimise
+from slamgym.slam.graph.wheels import WheelTurns
 from slamgym.slam.particle_filter import FEW_POINTS, ParticleFilter
 from slamgym.slam.path_correction import poses_between
 from slamgym.slam.uncertainty import ODOMETRY_FLOOR
 
 EXPECTED_CHI2, AGREEING_CHI2 = 12.0, 25.0
 """A closure may disagree so much with the path and its uncertainty: one alone, and one of several that agree."""
-CLOSURE_FLOOR = (0.2, 0.2, 0.05)
+CLOSURE_FLOOR = (0.05, 0.05, 0.03)
 """What a closure and the path may disagree by anyway [m], [m], [rad]: not each slip of a wheel is noticed."""
 AGREEING_METRES = 2.0
 """Closures that agree were found over so much driving: seen from one spot, a like room agrees with itself [m]."""
@@ -54,6 +55,9 @@ FALSE_CHI2 = 60.0
 """Closures that disagree more than this with the optimised graph are taken out at the end."""
 FINAL_WINDOW = (0.4, 0.08)
 """Search window of the first final pass [m], [rad]."""
+SHORT_RANGE = 5.0
+"""A laser that sees this far finds old walls with nearly every scan: its matches hardly drift, and the turns by
+odometry would only add their errors [m]."""
 MOST_CANDIDATES = 2
 """Places that are compared with each scan."""
 
@@ -73,6 +77,7 @@ class PoseGraphMapper(ParticleFilter):
         self._nodes = GraphNodes(geometry.num_beams)
         self._steps_of_nodes: list[int] = []  # processed scan of each node
         self._steps: list[Closure] = []  # edges between successive nodes
+        self._wheels = WheelTurns()
         self._closures: list[Closure] = []
         self._pending: list[Closure] = []
         self._rejected = 0
@@ -110,6 +115,10 @@ class PoseGraphMapper(ParticleFilter):
         self._stats.cpu_seconds += time.process_time() - begin
 
     # --- one scan ---
+
+    def _predict(self, increments: FloatArray) -> tuple[float, float]:
+        self._wheels.move(increments)
+        return super()._predict(increments)
 
     def _resettle(
         self, increments: FloatArray, predicted: FloatArray, points: FloatArray, share: float
@@ -153,6 +162,7 @@ class PoseGraphMapper(ParticleFilter):
                 information = information + np.linalg.inv(covariance)
             node = len(self._nodes)
             self._steps.append(Closure(node - 1, node, relative, information))
+        self._wheels.append()
         self._nodes.append(scan, pose, self._usable_points(scan.ranges, self._settings.match_range))
         self._steps_of_nodes.append(len(self._tree) - 1)
         self._uncertainty.append(pose, self._match_covariance)
@@ -242,7 +252,7 @@ class PoseGraphMapper(ParticleFilter):
         error = closure.measured - implied
         error[2] = wrap_angle(error[2])
         turned = _rotation(-float(self._nodes.poses[closure.old, 2]))
-        covariance = turned @ self._uncertainty.latest @ turned.T
+        covariance = turned @ self._uncertainty.between(closure.old, closure.new) @ turned.T
         covariance += np.linalg.inv(closure.information + np.eye(3)) + np.diag(np.square(CLOSURE_FLOOR))
         return float(error @ np.linalg.solve(covariance, error))
 
@@ -294,7 +304,7 @@ class PoseGraphMapper(ParticleFilter):
         if not self._stale:
             return
         self._stale = False
-        edges = _edges(self._steps, self._closures)
+        edges = _edges([*self._steps, *self._wheel_edges()], self._closures)
         poses = self._nodes.poses
         width = float(chi_squared(poses, edges)[edges.robust].max(initial=0.0))
         # Graduated: what may pull shrinks from "anything" to the robust width, so that a large true
@@ -304,6 +314,19 @@ class PoseGraphMapper(ParticleFilter):
             width = min(width * 0.1, float(chi_squared(poses, edges)[edges.robust].max(initial=0.0)))
         width = self._settings.robust_width
         self._relocate(optimise(poses, edges, robust_width=width, iterations=iterations, tolerance=tolerance))
+
+    def _wheel_edges(self) -> list[Closure]:
+        """Turns between nodes by the odometry as the whole path shows it; none where they'd be no help."""
+        is_short = self._beams.usable < SHORT_RANGE
+        if self._calibration is None or not is_short or not self._steps:
+            return []
+        matched = np.array([edge.measured[2] for edge in self._steps])
+        variances = np.linalg.inv(np.array([edge.information for edge in self._steps]))[:, 2, 2]
+        turns, information = self._wheels.between(self._nodes.poses, matched, variances)
+        return [
+            Closure(node, node + 1, np.array([0.0, 0.0, turn]), np.diag([0.0, 0.0, known]))
+            for node, (turn, known) in enumerate(zip(turns.tolist(), information.tolist(), strict=True))
+        ]
 
     def _drop_false_closures(self) -> None:
         if not self._closures:
