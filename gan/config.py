@@ -133,11 +133,6 @@ class AugmentConfig(Settings, section="augment"):
     """The eight flips and quarter turns, the same for both images and for the unassociated target."""
     zoom: ShareBelowOne = 0.0
     """Enlarge both images by up to this share, or shrink by it."""
-    shrink: ShareBelowOne = 0.0
-    """Shrink both images by up to this share, echoes kept: walls as thin as partitions and fences are, larger rooms,
-    maps of coarser cells."""
-    coarse: Share = 0.0
-    """Probability that the SLAM map was drawn with cells twice as large."""
     shift: ShareBelowOne = 0.0
     """Shift both images by up to this share of the side."""
     windows: bool = False

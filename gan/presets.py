@@ -69,9 +69,7 @@ _METRIC = replace(
     _SLAM2CAD,
     preset="slam2cad-metric",
     loss=replace(_OVERLAP, wall_weight=6.0),
-    augment=replace(
-        REAL_MAPS, windows=True, rotated=0.3, shift=0.0, shrink=0.42, coarse=0.1, wall_dropout=0.4
-    ),
+    augment=replace(REAL_MAPS, windows=True, rotated=0.3, shift=0.0),
 )
 """For pairs rendered at one scale with true faces (`--scaling fixed --metres-per-px 0.05 --size 512 --edge-px 0`)."""
 

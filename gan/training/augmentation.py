@@ -13,7 +13,6 @@ from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, BoolArray, ByteArray, Fl
 from slamgym.gan.config import AugmentConfig
 from slamgym.gan.data import window_corner
 from slamgym.gan.translation.derotation import flipped, transformed
-from slamgym.metrics.maps import resample_slam
 
 DAMAGE_PROBABILITY = 0.35
 """Of each kind of damage: clean maps shall stay common."""
@@ -45,10 +44,6 @@ def augment(
     Returns:
         The pair; the inputs are left as they are.
     """
-    if config.shrink > 0.0 and rng.random() < DAMAGE_PROBABILITY:
-        cad, slam = shrunken(cad, slam, 1.0 - rng.uniform(0.0, config.shrink))
-    if damage and config.coarse > 0.0 and rng.random() < config.coarse:
-        slam = coarsened(slam)
     is_resampled = config.resampled >= 1.0 or rng.random() < config.resampled
     if config.windows and side and side < cad.shape[0]:
         cad, slam = cut_window(cad, slam, min(cad.shape[0], round(1.42 * side)), rng)
@@ -72,32 +67,6 @@ def augment(
         symmetry = int(rng.integers(8))
         cad, slam = flipped(cad, symmetry), flipped(slam, symmetry)
     return np.ascontiguousarray(cad), np.ascontiguousarray(slam)
-
-
-def shrunken(cad: ByteArray, slam: ByteArray, factor: float) -> tuple[ByteArray, ByteArray]:
-    """Both images shrunk about their middles, sizes kept; walls of the SLAM map stay at least one cell thick.
-
-    Args:
-        cad: (S, S); what is added around it is outside.
-        slam: (S, S); what is added around it is unknown.
-        factor: In (0, 1].
-    """
-    side = cad.shape[0]
-    inner = max(1, round(factor * side))
-    before = (side - inner) // 2
-    border = (before, side - inner - before)
-    small = np.asarray(cv2.resize(cad, (inner, inner), interpolation=cv2.INTER_AREA), dtype=np.uint8)
-    return (
-        np.pad(small, border, constant_values=OCCUPIED),
-        np.pad(resample_slam(slam, (inner, inner)), border, constant_values=UNKNOWN),
-    )
-
-
-def coarsened(slam: ByteArray) -> ByteArray:
-    """A SLAM map as if its cells were twice as large, (S, S)."""
-    side = slam.shape[0]
-    half = resample_slam(slam, (math.ceil(side / 2), math.ceil(side / 2)))
-    return half.repeat(2, axis=0).repeat(2, axis=1)[:side, :side]
 
 
 def _joint_motion(side: int, config: AugmentConfig, rng: np.random.Generator) -> np.ndarray:

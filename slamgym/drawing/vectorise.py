@@ -31,7 +31,7 @@ from slamgym.drawing.floor import FloorModel, load_floor_model
 from slamgym.drawing.leaves import without_leaves
 from slamgym.drawing.openings import Division, divide
 from slamgym.drawing.polygons import straightened
-from slamgym.drawing.settings import DEFAULT_DRAWING, DrawingConfig
+from slamgym.drawing.settings import DEFAULT_DRAWING, DEFAULT_MODEL, DrawingConfig
 from slamgym.drawing.walls import find_walls
 from slamgym.gan.translation.wall_direction import SHORTEST_PX, find_wall_direction, main_direction
 
@@ -52,7 +52,7 @@ OPEN_ROOM = 0.4
 def make_drawing(
     grid: OccupancyGrid,
     name: str = "map",
-    model: str | FloorModel = "slam2cad-metric",
+    model: str | FloorModel = DEFAULT_MODEL,
     config: DrawingConfig = DEFAULT_DRAWING,
     angle_deg: float | None = None,
     provenance: Mapping[str, Any] | None = None,
@@ -62,7 +62,8 @@ def make_drawing(
     Args:
         grid: The map: 0 occupied, 205 unknown, 254 free.
         name: Of the drawing.
-        model: ``slam2cad-metric`` or other weights, ``none`` for cleaning alone (no torch), or a translator.
+        model: ``slam2cad-metric+slam2cad``, the mean of both, or other weights, ``none`` for cleaning alone (no
+            torch), or a translator.
         config: Sizes.
         angle_deg: Direction of the main walls against the x axis, counter-clockwise; None finds it.
         provenance: Anything to keep with the drawing, e.g. the source.

@@ -15,6 +15,7 @@ from slamgym.core.types import (
     ByteArray,
     Float32Array,
     FloatArray,
+    GridFrame,
     Pose2D,
     Twist2D,
 )
@@ -149,7 +150,7 @@ def _write_shares(
 
 
 @kernel
-def _packed_cell(packed: np.ndarray, tile_cols: int, row: int, col: int) -> int:
+def _packed_cell(packed: np.ndarray, tile_cols: int, row: int, col: int) -> np.uint64:
     """Whether a place, in 1 / 2^32 of a cell, is free, and 2^16 if it is occupied."""
     r, c, mask = row >> _FRACTION, col >> _FRACTION, MAP_TILE - 1
     tile = np.uint64(packed[np.uint64((r >> _TILE_BITS) * tile_cols + (c >> _TILE_BITS))])
@@ -214,6 +215,12 @@ class Lattice(NamedTuple):
     corner: tuple[int, int]  # row, counted upwards, and column of the lattice at which they begin
     resolution: float  # [m]
     grows_upward: bool  # whether row 0 is at the bottom
+
+    @staticmethod
+    def of(cells: ByteArray, frame: GridFrame) -> "Lattice":
+        """A map (H, W) whose row 0 is at the top."""
+        corner = round(frame.origin_y / frame.resolution), round(frame.origin_x / frame.resolution)
+        return Lattice(cells, corner, frame.resolution, grows_upward=False)
 
 
 class CompactObserver:

@@ -191,9 +191,7 @@ class GlobalView:
     def lattice(self, mapper: Mapper, is_new: bool, is_publication_due: bool) -> Lattice:
         """The canvas."""
         del is_new
-        frame = self._frame
-        corner = round(frame.origin_y / frame.resolution), round(frame.origin_x / frame.resolution)
-        return Lattice(self._published(mapper, is_publication_due)[0], corner, frame.resolution, False)
+        return Lattice.of(self._published(mapper, is_publication_due)[0], self._frame)
 
     def _published(self, mapper: Mapper, is_due: bool) -> ByteArray:
         """The very same array until the next publication, by which explorers know a new one."""

@@ -23,9 +23,8 @@ NOTHING = np.full(180, np.inf, dtype=np.float32)
 
 
 def observe(cells, pose=Pose2D(0.0, 0.0, 0.0), ranges=NOTHING, velocity=Twist2D(0.0, 0.0), frame=FRAME):
-    corner = round(frame.origin_y / frame.resolution), round(frame.origin_x / frame.resolution)
-    shown = Lattice(cells, corner, frame.resolution, grows_upward=False)
-    seen = CompactObserver(180, (0.26, 1.82, 3.5), 8.4).observe(shown, ranges, pose, velocity)
+    observer = CompactObserver(180, (0.26, 1.82, 3.5), 8.4)
+    seen = observer.observe(Lattice.of(cells, frame), ranges, pose, velocity)
     shares, rest = seen[: 2 * BLOCKS**2].reshape(2, BLOCKS, BLOCKS), seen[2 * BLOCKS**2 :]
     return shares[0], shares[1], rest[:60], rest[60:]
 

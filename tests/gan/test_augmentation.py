@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from slamgym.core.errors import ConfigError
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN
 from slamgym.gan.config import AugmentConfig
-from slamgym.gan.training.augmentation import augment, coarsened, shrunken
+from slamgym.gan.training.augmentation import augment
 from slamgym.gan.translation.derotation import (
     flipped,
     padded_for_turning,
@@ -20,8 +20,6 @@ from slamgym.gan.translation.wall_direction import NO_DIRECTION, find_wall_direc
 
 EVERYTHING = AugmentConfig(
     zoom=0.2,
-    shrink=0.4,
-    coarse=0.3,
     shift=0.1,
     turn_deg=2.0,
     salt_noise=0.05,
@@ -30,31 +28,6 @@ EVERYTHING = AugmentConfig(
     occlusion=0.5,
     wobble_px=2.0,
 )
-
-
-@pytest.mark.parametrize("factor", [1.0, 0.8, 0.6])
-def test_shrinking_keeps_the_walls_of_the_map_and_the_size_of_the_images(factor):
-    slam = np.full((60, 60), UNKNOWN, np.uint8)
-    slam[10:50, 10:50] = FREE
-    slam[9, 9:51] = slam[30, 10:50] = OCCUPIED
-    cad = np.where(slam == FREE, FREE, OCCUPIED).astype(np.uint8)
-    small_cad, small_slam = shrunken(cad, slam, factor)
-    assert small_cad.shape == small_slam.shape == slam.shape
-    assert set(np.unique(small_slam)) == {OCCUPIED, UNKNOWN, FREE}
-    # The wall between the rooms still divides them.
-    assert cv2.connectedComponents((small_slam == FREE).astype(np.uint8), connectivity=4)[0] == 3
-    share = (small_cad / 254.0).sum() / (cad / 254.0).sum()
-    assert share == pytest.approx(factor**2, abs=0.03)
-
-
-def test_coarser_cells_are_squares_that_keep_echoes():
-    slam = np.full((21, 21), FREE, np.uint8)
-    slam[7] = OCCUPIED
-    coarse = coarsened(slam)
-    assert coarse.shape == slam.shape
-    assert np.array_equal(coarse[0:20:2, 0:20:2], coarse[1:20:2, 1:20:2])
-    assert (coarse[6:8] == OCCUPIED).all()
-    assert (coarse[:6] == FREE).all()
 
 
 @pytest.mark.parametrize("symmetry", range(8))
@@ -87,8 +60,8 @@ def test_damaged_maps_keep_their_three_values_and_targets_are_not_damaged(seed):
     assert np.array_equal(slam, before)
     assert set(np.unique(new_slam)) <= {OCCUPIED, UNKNOWN, FREE}
     assert new_cad.shape == new_slam.shape == (48, 48)
-    # Motion alone changes the floor's area: by the square of 0.6 / 1.2 to 1.2, less what is shifted out.
-    assert 0.2 * (cad == FREE).sum() < (new_cad > 127).sum() < 1.5 * (cad == FREE).sum()
+    # Motion alone changes the floor's area: by the square of at most 1.2, less what is shifted out.
+    assert 0.55 * (cad == FREE).sum() < (new_cad > 127).sum() < 1.5 * (cad == FREE).sum()
 
 
 def test_without_damage_the_slam_map_moves_as_the_cad_map_does():

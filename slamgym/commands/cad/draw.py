@@ -19,7 +19,7 @@ from slamgym.core.files import read_text, write_text
 from slamgym.core.limits import YAML_BYTES
 from slamgym.core.pictures import PICTURE_SUFFIXES
 from slamgym.core.progress import say
-from slamgym.drawing.settings import DEFAULT_DRAWING
+from slamgym.drawing.settings import DEFAULT_DRAWING, DEFAULT_MODEL
 
 if TYPE_CHECKING:
     from slamgym.drawing import Drawing, FloorModel
@@ -41,9 +41,9 @@ class CadArguments(Arguments):
     """Folder of the drawings; made if it is missing."""
     formats: str = "dxf,svg,geojson,json,png,html"
     """Any of dxf, svg, ifc, geojson, json, png, html (the report), yaml (a ROS map of the drawing)."""
-    model: str = "slam2cad-metric"
-    """``slam2cad-metric`` or other weights; several with ``+`` between them draw by their mean; ``none`` cleans the map
-    without a network (needs no torch)."""
+    model: str = DEFAULT_MODEL
+    """Pretrained or other weights; several with ``+`` between them draw by their mean; ``none`` cleans the map without
+    a network (needs no torch)."""
     angle: Annotated[float, Within(ge=-360.0, le=360.0)] | None = None
     """Direction of the main walls [deg, counter-clockwise from the map's x axis]; found in the map by default."""
     resolution: Positive | None = None

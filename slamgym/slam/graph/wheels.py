@@ -24,6 +24,8 @@ EXPECTED_NOISE, EXPECTED_WEIGHT = 0.5, 2.0
 that counts ..."""
 SMALLEST_NOISE = 0.01
 """... and the least share."""
+LARGEST_NOISE = 0.05
+"""Wheels that slip more are left to the matches: what they add then is no better than chance."""
 TURN_FLOOR = 0.0005
 """The turn between two nodes is never trusted further than this [rad]."""
 GROSS_CHI2 = 16.0
@@ -63,7 +65,8 @@ class WheelTurns:
             variances: (N - 1,) of them [rad^2].
 
         Returns:
-            Turns (N - 1,) [rad], and their information (N - 1,) [1/rad^2]; zero for what is left out.
+            Turns (N - 1,) [rad], and their information (N - 1,) [1/rad^2]; zero for what is left out, and everywhere
+            if the wheels slip much.
         """
         driven, ahead, turned, left = np.array(self._ways[1:]).T
         slip = SLIP_DRIFT**2 * driven + SLIP_TURN**2 * turned
@@ -74,6 +77,8 @@ class WheelTurns:
         systematic, noise = _learn_headings(
             *(_sums(stretch, column * kept) for column in (errors, ahead, left, slip))
         )
+        if noise > LARGEST_NOISE:
+            kept = np.zeros_like(kept)
         turns = left + systematic[0] * ahead + systematic[1] * left
         return turns, kept / (noise * slip + TURN_FLOOR**2)
 
@@ -101,7 +106,9 @@ def _learn_headings(
     for _ in range(ESTIMATION_ROUNDS):
         variances = noise * slip + match_variance
         information = (shares.T / variances) @ shares + prior
-        systematic = np.linalg.solve(information, (shares.T / variances) @ errors)
+        systematic = np.asarray(
+            np.linalg.solve(information, (shares.T / variances) @ errors), dtype=np.float64
+        )
         residuals = np.minimum((errors - shares @ systematic) ** 2, OUTLYING_CHI2 * variances)
         fitted = np.einsum("si,ij,sj->s", shares, np.linalg.inv(information), shares)
         weights = (slip / variances) ** 2
