@@ -16,7 +16,7 @@ MAX_FILES_IN_A_FOLDER = 25
 MAX_LINES = 400
 MAX_PARAMETERS = 8
 MAX_ATTRIBUTES = 15
-MAX_CODE_LINES = 38613
+MAX_CODE_LINES = 38447
 """Of all modules together; without docstrings, comments, blank lines and imports."""
 
 MORE_LINES: dict[str, int] = {}
@@ -26,6 +26,7 @@ MORE_ATTRIBUTES: dict[str, int] = {
     "slamgym.agents.evaluation.trial.Trial": 23,
     "slamgym.agents.rl.train_config.TrainConfig": 27,
     "slamgym.agents.wheels.config.WheelsConfig": 17,
+    "slamgym.envs.batch.arrays.Maps": 16,
     "slamgym.commands.agents.evaluate.EvaluateArguments": 24,
     "slamgym.commands.deforming.arguments.DeformArguments": 18,
     "slamgym.commands.generate.GenerateArguments": 24,

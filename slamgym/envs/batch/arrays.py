@@ -121,7 +121,7 @@ class Maps(NamedTuple):
     cells: ByteArray  # (N, cells) the map as it is shown
     tiles: (
         np.ndarray
-    )  # (N, tiles) uint32 see slamgym.envs.compact.pack_tiles; none where nobody asks for them
+    )  # (N, tiles) uint32, see slamgym.envs.compact.pack_tiles; none where nobody asks for them
     kinds: ByteArray  # (N, tiles) likewise
     shape: IntArray  # (N, 2) rows and columns, multiples of four
     corner: IntArray  # (N, 2) row and column of the lattice where they begin

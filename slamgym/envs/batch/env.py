@@ -80,7 +80,6 @@ class BatchExploreEnv(VectorEnv[Any, Any, Any]):
         self._generators: list[np.random.Generator] = []
         self._detectors: dict[int, CompletionDetector] = {}
         self._over = np.zeros(num_envs, dtype=np.bool_)
-        self._publication_steps = config.publication_steps
         self._fleet = Fleet(config, num_envs)
         self._observer = BatchObserver(config, self._fleet)
 
@@ -136,7 +135,7 @@ class BatchExploreEnv(VectorEnv[Any, Any, Any]):
         if fresh.any():
             self._begin(np.flatnonzero(fresh), ResetOptions())
         fleet.sense(everyone)
-        is_published = fleet.robots.steps % self._publication_steps == 0
+        is_published = fleet.robots.steps % config.publication_steps == 0
         fleet.publish(np.flatnonzero(is_published))
 
         terminations = self._are_complete(is_published & lived) & lived
