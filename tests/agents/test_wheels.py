@@ -15,6 +15,7 @@ from slamgym.agents.wheels.config import WheelsConfig
 from slamgym.agents.wheels.policy import WheelsNetwork, WheelsPolicy, read_wheels, shapes, write_wheels
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.envs import BatchExploreEnv, ExploreConfig, ExploreEnv
+from slamgym.envs.compact import Lattice
 from slamgym.envs.episode import EpisodeConfig, run_episode
 
 torch = pytest.importorskip("torch")
@@ -140,7 +141,7 @@ def test_the_explorer_sees_what_it_was_trained_on(weights):
         pilot = explorer._pilots[0]
         pose, velocity = observation["pose"], observation["velocity"]
         seen = pilot._observer.observe(
-            observation["map"][0], explorer.context.frame, observation["scan"], pose, velocity
+            Lattice.of(observation["map"][0], explorer.context.frame), observation["scan"], pose, velocity
         )
         np.testing.assert_allclose(
             seen, twin_observation, atol=0.07
