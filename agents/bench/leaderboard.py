@@ -9,7 +9,7 @@ import numpy as np
 
 from slamgym.agents.bench.manifest import BENCH, BENCH_VERSION, Manifest
 from slamgym.agents.bench.results import BenchResult, BenchRow
-from slamgym.agents.evaluation.report import markdown_table, with_bounds
+from slamgym.agents.evaluation.report import with_bounds
 from slamgym.core.intervals import (
     Interval,
     crossed_mean,
@@ -17,6 +17,7 @@ from slamgym.core.intervals import (
     probability_of_improvement,
     wilson_interval,
 )
+from slamgym.core.markdown import markdown
 from slamgym.core.types import FloatArray
 
 REFERENCE = "explore_lite"
@@ -138,7 +139,7 @@ def describe_boards(boards: Sequence[TrackBoard]) -> str:
         parts += [
             f"## {board.track}{subset}\n",
             f"{board.about[0].upper()}{board.about[1:]}; {board.explorations} explorations{remark}.\n",
-            _board_table(board) + "\n",
+            _board_table(board),
         ]
     return "\n".join(parts)
 
@@ -167,7 +168,7 @@ def _board_table(board: TrackBoard) -> str:
                 ", ".join(one.versions),
             ]
         )
-    return markdown_table(header, rows)
+    return markdown(header, rows)
 
 
 def boards_as_json(boards: Sequence[TrackBoard], manifest: Manifest) -> str:

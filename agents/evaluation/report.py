@@ -20,6 +20,7 @@ from slamgym.agents.registry import CLASSICAL
 from slamgym.core.config import to_dict
 from slamgym.core.files import replace_file, storage_errors
 from slamgym.core.intervals import Interval
+from slamgym.core.markdown import markdown
 
 _SHOWN = ("0.5", "0.8", "0.9", "0.95", "0.99")
 _RATIO_LEVELS = ("0.95", "0.99")
@@ -30,47 +31,30 @@ def describe_evaluation(summary: Summary) -> str:
     parts = [
         "Until the explorer is done with at least 98 % of the floor truly seen; a failure counts as the time limit:\n",
         _done_table(summary),
-        "\nTime to a share of the floor, mean over explorations [s]; in brackets how many reached it [%]:\n",
+        "Time to a share of the floor, mean over explorations [s]; in brackets how many reached it [%]:\n",
         _levels_table(summary.explorers, "time"),
-        "\nPath driven by then [m]:\n",
+        "Path driven by then [m]:\n",
         _levels_table(summary.explorers, "path"),
-        "\nThe whole exploration:\n",
+        "The whole exploration:\n",
         _whole_table(summary.explorers),
     ]
     if summary.comparisons:
         reference = summary.comparisons[0].reference
         for quantity in ("time", "path"):
             parts += [
-                f"\n{quantity.capitalize()} against `{reference}`, ratio of means with 95 % interval; "
+                f"{quantity.capitalize()} against `{reference}`, ratio of means with 95 % interval; "
                 "below 1 is better:\n",
                 _ratio_table(summary.comparisons, quantity),
             ]
-        parts += [f"\nOther differences from `{reference}`:\n", _difference_table(summary.comparisons)]
+        parts += [f"Other differences from `{reference}`:\n", _difference_table(summary.comparisons)]
     for reference in dict.fromkeys(comparison.reference for comparison in summary.others):
         own = [comparison for comparison in summary.others if comparison.reference == reference]
         what = ", the quickest hand-written rule to 99 %" if reference in CLASSICAL else ""
         parts += [
-            f"\nAgainst `{reference}`{what}; ratio of means where both reach the level, with 95 % interval:\n",
+            f"Against `{reference}`{what}; ratio of means where both reach the level, with 95 % interval:\n",
             _further_table(own),
         ]
-    return "\n".join(parts) + "\n"
-
-
-def markdown_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """A Markdown table whose columns line up; the first column is flush left, the others right."""
-    widths = [max(len(row[i]) for row in (header, *rows)) for i in range(len(header))]
-
-    def line(cells: Sequence[str]) -> str:
-        padded = [
-            cell.ljust(width) if i == 0 else cell.rjust(width)
-            for i, (cell, width) in enumerate(zip(cells, widths, strict=True))
-        ]
-        return "| " + " | ".join(padded) + " |"
-
-    rule = (
-        "|" + "|".join("-" * (w + 2) if i == 0 else "-" * (w + 1) + ":" for i, w in enumerate(widths)) + "|"
-    )
-    return "\n".join([line(header), rule, *map(line, rows)])
+    return "\n".join(parts)
 
 
 def _done_table(summary: Summary) -> str:
@@ -92,7 +76,7 @@ def _done_table(summary: Summary) -> str:
             found = level_of(against[e.explorer], quantity, DONE) if e.explorer in against else None
             cells.append("-" if found is None else with_bounds(found.ratio_of_means))
         rows.append(cells)
-    return markdown_table(header, rows)
+    return markdown(header, rows)
 
 
 def _levels_table(explorers: Sequence[ExplorerSummary], quantity: str) -> str:
@@ -106,7 +90,7 @@ def _levels_table(explorers: Sequence[ExplorerSummary], quantity: str) -> str:
             share = f" ({100 * explorer.reached[level]:.0f})" if quantity == "time" else ""
             cells.append(f"{values[level].value:.{digits}f}{share}")
         rows.append(cells)
-    return markdown_table(header, rows)
+    return markdown(header, rows)
 
 
 def _whole_table(explorers: Sequence[ExplorerSummary]) -> str:
@@ -128,7 +112,7 @@ def _whole_table(explorers: Sequence[ExplorerSummary]) -> str:
         for e in explorers
         if e.explorer != ORACLE
     ]
-    return markdown_table(header, rows)
+    return markdown(header, rows)
 
 
 def _ratio_table(comparisons: Sequence[Comparison], quantity: str) -> str:
@@ -144,7 +128,7 @@ def _ratio_table(comparisons: Sequence[Comparison], quantity: str) -> str:
             both = with_bounds(found.ratio_of_means) + (f" n={found.both}" if found.both else "")
             cells += [both, with_bounds(found.mean_of_ratios), with_bounds(found.censored_ratio_of_means)]
         rows.append(cells)
-    return markdown_table(header, rows)
+    return markdown(header, rows)
 
 
 def _further_table(comparisons: Sequence[Comparison]) -> str:
@@ -161,7 +145,7 @@ def _further_table(comparisons: Sequence[Comparison]) -> str:
         drives = comparison.explorer != ORACLE
         error = comparison.ratios.get("map_error") if drives else None
         rows.append([*cells, "-" if error is None else with_bounds(error)])
-    return markdown_table([*header, "map error"], rows)
+    return markdown([*header, "map error"], rows)
 
 
 def _difference_table(comparisons: Sequence[Comparison]) -> str:
@@ -189,7 +173,7 @@ def _difference_table(comparisons: Sequence[Comparison]) -> str:
                 with_bounds(d["ate"], 1, 100.0, signed=True),
             ]
         )
-    return markdown_table(header, rows)
+    return markdown(header, rows)
 
 
 def level_of(comparison: Comparison, quantity: str, level: str) -> LevelComparison:

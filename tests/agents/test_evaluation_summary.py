@@ -3,9 +3,10 @@ import dataclasses
 import numpy as np
 import pytest
 
-from slamgym.agents.evaluation.report import describe_evaluation, level_of, markdown_table
+from slamgym.agents.evaluation.report import describe_evaluation, level_of
 from slamgym.agents.evaluation.summary import censored, compare, succeeded, summarise_trials
 from slamgym.core.errors import ConfigError
+from slamgym.core.markdown import markdown
 
 
 @pytest.fixture
@@ -102,6 +103,6 @@ def test_a_level_that_nobody_reached_leaves_a_dash(many):
 
 
 def test_tables_have_as_many_cells_in_each_row():
-    table = markdown_table(["a", "b"], [["x", "1"], ["longer", "22"]]).splitlines()
+    table = markdown(["a", "b"], [["x", "1"], ["longer", "22"]]).splitlines()
     assert len({line.count("|") for line in table}) == 1
     assert len({len(line) for line in table}) == 1

@@ -49,7 +49,7 @@ def test_the_model_card_and_the_settings_lie_beside(saved):
     path, _ = saved
     card = path.with_suffix(".md").read_text()
     assert "SLAM maps to CAD maps" in card
-    assert "| mse | 0.25 |" in card
+    assert "| mse    |  0.25 |" in card
     assert json.loads(path.with_suffix(".json").read_text())["config"]["input_size"] == 16
 
 

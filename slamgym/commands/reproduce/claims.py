@@ -17,7 +17,7 @@ from slamgym.commands.reproduce.steps import OWN_NETWORK, PAPER_NETWORK, TO_SLAM
 PAPER_MAPS_AN_HOUR = 86.0
 PAPER_SECONDS = {"ekf": "15-94", "two_phase": "2.6-3.6"}
 _NULL = "simulated, other maps"
-_SECONDS = re.compile(r"^\| [^|]+ \| (\w+) \| \d+ \| ([0-9.]+) \|", re.MULTILINE)
+_SECONDS = re.compile(r"^\|[^|]+\| *(\w+) \| *\d+ \| *([0-9.]+) \|", re.MULTILINE)
 
 ClaimVerdict = Literal["holds", "does not hold", "too few maps to say"]
 
