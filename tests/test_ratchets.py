@@ -28,7 +28,7 @@ MORE_ATTRIBUTES: dict[str, int] = {
     "slamgym.agents.wheels.config.WheelsConfig": 17,
     "slamgym.envs.batch.arrays.Maps": 16,
     "slamgym.commands.agents.evaluate.EvaluateArguments": 24,
-    "slamgym.commands.deforming.arguments.DeformArguments": 18,
+    "slamgym.commands.deforming.arguments.DeformArguments": 20,
     "slamgym.commands.generate.GenerateArguments": 24,
     "slamgym.commands.slam.SlamArguments": 17,
     "slamgym.dataset.record.PairRecord": 28,

@@ -22,7 +22,8 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")  # before numpy starts its threads
 
 import numpy as np
 
-from slamgym.cad import FloorPlan, read_houseexpo
+from slamgym.cad import FloorPlan
+from slamgym.commands.deforming.subjects import recorded_drive
 from slamgym.core.intervals import Interval
 from slamgym.core.png import read_png
 from slamgym.core.types import FREE, UNKNOWN, ByteArray, GridFrame, OccupancyGrid, Trajectory
@@ -34,7 +35,6 @@ from slamgym.envs.episode import EpisodeConfig
 from slamgym.gan.evaluation.patch_classifier import PatchLearner
 from slamgym.gan.translation.elastic import bend
 from slamgym.gan.translation.translate import load_translator
-from slamgym.interop import read_tum
 from slamgym.metrics.map_look import at_look_cell, cut_to_floor, look_statistics
 from slamgym.metrics.two_sample import distinguish, half_against_half, tree_learner
 from slamgym.parametric import SensingConfig, deform, from_recorded, preset, realistic
@@ -79,16 +79,11 @@ class Maker:
 
 def simulated(root: Path, record: PairRecord) -> tuple[FloorPlan, Trajectory, OccupancyGrid]:
     """The plan, the true path and the map of a pair, all in the plan's frame."""
-    folder = Layout(root).episode(record.name)
-    truth, frame = read_tum(folder / "truth.tum"), record.frame
+    plan, path = recorded_drive(root, record)
+    frame = record.frame
     x, y, _ = record.start
     moved = GridFrame(frame.resolution, frame.origin_x + x, frame.origin_y + y, *frame.shape)
-    path = Trajectory(truth.stamps, truth.poses + np.array([x, y, 0.0]))
-    return (
-        read_houseexpo(folder / "plan.json"),
-        path,
-        OccupancyGrid(read_png(Layout(root).image("B", record.name)), moved),
-    )
+    return plan, path, OccupancyGrid(read_png(Layout(root).image("B", record.name)), moved)
 
 
 def looks(grid: OccupancyGrid) -> ByteArray:

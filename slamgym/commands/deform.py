@@ -22,7 +22,8 @@ def main(argv: list[str]) -> int:
     """
     arguments = tyro.cli(DeformArguments, args=argv, prog="slamgym deform")
     from slamgym.commands.deforming.dataset import open_new_dataset
-    from slamgym.commands.deforming.hypotheses import hypotheses, load_plan
+    from slamgym.commands.deforming.hypotheses import hypotheses
+    from slamgym.commands.deforming.subjects import subjects
 
     begun = time.perf_counter()
     if arguments.figures:
@@ -30,11 +31,9 @@ def main(argv: list[str]) -> int:
 
         draw_figures(arguments)
         return 0
-    plan = load_plan(arguments)
-    with open_new_dataset(arguments.out, plan, arguments) as dataset:
-        for hypothesis in hypotheses(plan, arguments):
-            sys.stdout.write(dataset.add(hypothesis) + "\n")
-    sys.stdout.write(
-        f"{arguments.count} map(s) of {plan.id} in {time.perf_counter() - begun:.1f} s: {arguments.out}\n"
-    )
+    with open_new_dataset(arguments.out, arguments) as dataset:
+        for subject, drawn in hypotheses(subjects(arguments), arguments):
+            sys.stdout.write(dataset.add(subject, drawn) + "\n")
+    seconds = time.perf_counter() - begun
+    sys.stdout.write(f"{dataset.count} map(s) of {dataset.of_what} in {seconds:.1f} s: {arguments.out}\n")
     return 0

@@ -135,6 +135,11 @@ class Layout(FolderLayout):
         return self.root / side / f"{name}.png"
 
 
+def is_dataset(place: Path | str) -> bool:
+    """Whether it is the folder of a dataset with pairs."""
+    return Layout(Path(place)).manifest.is_file()
+
+
 def read_manifest(root: Path | str) -> Iterator[PairRecord]:
     """Read the records of a dataset, in the order of their index.
 

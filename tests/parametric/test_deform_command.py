@@ -11,7 +11,7 @@ from slamgym.cad.houseexpo import write_houseexpo
 from slamgym.commands.deform import main
 from slamgym.core.errors import InputFileError, PlanError, SlamgymError
 from slamgym.dataset import load_pair, read_manifest
-from slamgym.dataset.curate.split import PlanSide, SplitTable
+from slamgym.dataset.curate.split import PlanSide, SplitTable, make_split, read_split
 from slamgym.dataset.images.render import render_images, select_pairs
 from slamgym.dataset.images.square_images import ImageConfig
 from slamgym.interop import read_ros_map, read_tum, write_tum
@@ -98,6 +98,87 @@ def test_a_recorded_path_and_an_explorer(plan_file, tmp_path, tour) -> None:
     assert len(read_tum(episodes(tmp_path / "b")[0] / "truth.tum")) > 20
 
 
+def test_several_plans_of_a_source_and_several_hypotheses_of_each(plan_file, tmp_path, capsys) -> None:
+    """A plan without a free cell is passed over, and each hypothesis has its own name and map."""
+    plans = tmp_path / "plans"
+    plans.mkdir()
+    for name in ("a", "b", "c"):
+        (plans / f"{name}.json").write_text(plan_file.read_text())
+    write_houseexpo(plans / "aa.json", FloorPlan("aa", shapely.box(0.0, 0.0, 6.0, 0.001)))
+    out = tmp_path / "out"
+    options = ("--plans", "2", "--count", "2", "--resolution", "0.2", "--method", "elastic")
+    assert main([str(plans), "-o", str(out), *options]) == 0
+    assert "4 map(s) of 2 plans" in capsys.readouterr().out
+    records = list(read_manifest(out))
+    assert [(record.plan_id, record.repetition) for record in records] == [
+        ("a", 0), ("a", 1), ("b", 0), ("b", 1),
+    ]  # fmt: skip
+    assert len({load_pair(out, record.name)[1].tobytes() for record in records}) == 4
+
+
+@pytest.fixture
+def explored(plan_file, tmp_path):
+    """A dataset of two short explorations with a split."""
+    from slamgym.commands.generate import main as generate
+
+    root = tmp_path / "explored"
+    options = (
+        "--pairs",
+        "2",
+        "--minutes",
+        "0.5",
+        "--explorer",
+        "nearest",
+        "--workers",
+        "1",
+    )
+    generate(["--plans", str(plan_file), "-o", str(root), *options])
+    make_split(root, test=1.0)
+    return root
+
+
+def test_a_dataset_is_drawn_anew_along_its_own_paths(explored, tmp_path) -> None:
+    """Each pair keeps name, plan, true path, start and side; the map is another."""
+    out = tmp_path / "anew"
+    assert main([str(explored), "-o", str(out), "--method", "generator", "--seed", "4"]) == 0
+    assert read_split(out) == read_split(explored)
+    for one, other in zip(read_manifest(explored), read_manifest(out), strict=True):
+        assert (one.name, one.plan_id, one.explorer) == (other.name, other.plan_id, other.explorer)
+        driven, again = (
+            read_tum(root / "episodes" / one.name / "truth.tum").poses for root in (explored, out)
+        )
+        # scans are drawn at the recorded places; millimetres are what the files' digits leave
+        gaps = np.hypot(*(driven[None, :, :2] - again[:, None, :2]).transpose(2, 0, 1)).min(axis=1)
+        assert gaps.max() < 0.02
+        assert other.area == one.area
+        assert abs(other.coverage - one.coverage) < 0.3
+        assert load_pair(out, one.name)[1].tobytes() != load_pair(explored, one.name)[1].tobytes()
+
+
+def test_several_hypotheses_of_a_dataset_have_names_of_their_own(explored, tmp_path) -> None:
+    out = tmp_path / "anew"
+    main([str(explored), "-o", str(out), "--count", "2", "--conversion", "two_phase"])
+    assert len({record.name for record in read_manifest(out)}) == 4
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--plans", "2"], "--plans has no effect on a dataset"),
+        (["--explorer", "nearest"], "--explorer has no effect on a dataset"),
+    ],
+)
+def test_options_that_a_dataset_answers_are_refused(explored, tmp_path, arguments, message) -> None:
+    with pytest.raises(SlamgymError, match=message):
+        main([str(explored), "-o", str(tmp_path / "out"), *arguments])
+
+
+def test_a_deformed_dataset_is_not_taken_for_explorations(plan_file, tmp_path) -> None:
+    main([str(plan_file), "-o", str(tmp_path / "a"), "--method", "elastic"])
+    with pytest.raises(InputFileError, match="no dataset of explorations"):
+        main([str(tmp_path / "a"), "-o", str(tmp_path / "b"), "--method", "elastic"])
+
+
 BAD_PATHS = {
     "through a wall": ([(1.5, 1.5), (4.5, 1.5)], "leads through a wall"),
     "in a wall": ([(1.5, 1.5), (3.05, 1.0)], "waypoint 2 at .* lies in a wall"),
@@ -142,6 +223,7 @@ def test_bad_trajectories_give_one_clear_error_and_write_nothing(plan_file, tmp_
         (["--calibration", "missing.json"], "add --conversion two_phase"),
         (["--calibration", "missing.json", "--conversion", "two_phase"], "missing.json"),
         (["--plan-id", "nowhere"], "has no plan 'nowhere'"),
+        (["--plan-id", "flat", "--plans", "2"], "exclude each other"),
     ],
 )
 def test_bad_arguments_give_one_clear_error_and_write_nothing(

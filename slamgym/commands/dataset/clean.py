@@ -104,9 +104,9 @@ def main(argv: list[str]) -> int:
 @contextlib.contextmanager
 def _locked(root: Path) -> Iterator[None]:
     """Keep other writers out of a dataset; folders of maps from elsewhere have no lock."""
-    from slamgym.dataset.format import Layout
+    from slamgym.dataset.format import Layout, is_dataset
 
-    if not Layout(root).manifest.is_file():
+    if not is_dataset(root):
         yield
         return
     with exclusive_lock(Layout(root).lock):

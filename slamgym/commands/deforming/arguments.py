@@ -5,8 +5,10 @@ from typing import Annotated, Literal
 
 import tyro
 
+from slamgym.cad.plan_filter import PlanFilter
 from slamgym.core.config import Arguments, Count, CountOrZero, Positive, Within
 from slamgym.core.errors import ConfigError
+from slamgym.dataset.format import is_dataset
 from slamgym.parametric.config import ConversionMethod
 
 Method = Literal["parametric", "generator", "modelprog", "elastic"]
@@ -22,6 +24,10 @@ _OF_METHODS: dict[str, tuple[str, ...]] = {
     "weights": ("modelprog",),
 }
 """Options that not every method takes."""
+_NOT_OF_DATASETS = (
+    "plans", "plans_filter", "plan_id", "trajectory", "explorer", "prm_kind", "recipe", "size", "figures",
+)  # fmt: skip
+"""Options about what the pairs of a dataset bring with them."""
 
 
 class DeformArguments(Arguments):
@@ -32,7 +38,8 @@ class DeformArguments(Arguments):
     """
 
     plan: tyro.conf.Positional[str]
-    """A floor plan (HouseExpo JSON, ROS map, image), a folder or archive of plans, bundled or procedural."""
+    """A floor plan (HouseExpo JSON, ROS map, image), a folder or archive of plans, bundled or procedural; or a dataset
+    that `slamgym generate` made, each pair of which is drawn anew: same plan, path, robot and split."""
 
     out: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
     """Folder of the dataset to make."""
@@ -42,7 +49,13 @@ class DeformArguments(Arguments):
     to be; modelprog: the paper's network; elastic: the plan bent."""
 
     count: Annotated[Count, tyro.conf.arg(aliases=["-n"])] = 1
-    """Number of hypotheses; each draws its own robot and, unless a file gives it, its own path."""
+    """Number of hypotheses of each plan; each draws its own robot and, unless a file gives it, its own path."""
+
+    plans: Count = 1
+    """How many plans of a folder or archive: the first that can be used."""
+
+    plans_filter: PlanFilter = "none"
+    """``useful`` takes homes that are worth exploring, as `slamgym generate` does."""
 
     plan_id: str | None = None
     """Which plan of a folder or archive; the first by default."""
@@ -91,12 +104,21 @@ class DeformArguments(Arguments):
     def _check(self) -> None:
         if self.trajectory is not None and self.explorer is not None:
             raise ConfigError("--trajectory and --explorer exclude each other; give one")
-        defaults = {name: self.__dataclass_fields__[name].default for name in _OF_METHODS}
+        if self.plan_id is not None and self.plans > 1:
+            raise ConfigError("--plan-id and --plans exclude each other; give one")
         for name, methods in _OF_METHODS.items():
-            if not self.figures and self.method not in methods and getattr(self, name) != defaults[name]:
+            if not self.figures and self.method not in methods and self._is_given(name):
                 raise ConfigError(
                     f"--{name.replace('_', '-')} has no effect with --method {self.method}; leave it out "
                     f"or take --method {' or '.join(methods)}"
                 )
+        if is_dataset(self.plan):
+            for name in filter(self._is_given, _NOT_OF_DATASETS):
+                raise ConfigError(
+                    f"--{name.replace('_', '-')} has no effect on a dataset, whose pairs have their own; leave it out"
+                )
         if self.calibration is not None and self.conversion != "two_phase":
             raise ConfigError("--calibration measures the two phases; add --conversion two_phase")
+
+    def _is_given(self, name: str) -> bool:
+        return bool(getattr(self, name) != self.__dataclass_fields__[name].default)

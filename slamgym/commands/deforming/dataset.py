@@ -18,9 +18,9 @@ from slamgym import __version__
 from slamgym.cad import write_houseexpo
 from slamgym.core.errors import InputFileError
 from slamgym.core.png import encode_png
-from slamgym.core.seeding import exploration_seed
 from slamgym.core.types import GridFrame, OccupancyGrid, Trajectory
-from slamgym.dataset.format import FORMAT_VERSION, SIDES, SUMS, Layout, digest_lines
+from slamgym.dataset.curate.split import split_path
+from slamgym.dataset.format import FORMAT_VERSION, SIDES, SUMS, Layout, digest_lines, is_dataset
 from slamgym.dataset.record import PairRecord, Slot
 from slamgym.interop import write_ros_map, write_tum
 from slamgym.metrics import absolute_trajectory_error, free_space, squared_error, wall_error
@@ -31,20 +31,19 @@ if TYPE_CHECKING:
     from slamgym.cad.floorplan import FloorPlan
     from slamgym.commands.deforming.arguments import DeformArguments
     from slamgym.commands.deforming.hypotheses import DrawnMap
+    from slamgym.commands.deforming.subjects import Subject
 
 
 class DeformedDataset:
-    """A dataset of hypotheses of one plan that is being written.
+    """A dataset of hypotheses that is being written.
 
     Args:
         root: An empty folder.
-        plan: The plan of all of them.
         arguments: How they are made.
     """
 
-    def __init__(self, root: Path, plan: FloorPlan, arguments: DeformArguments) -> None:
+    def __init__(self, root: Path, arguments: DeformArguments) -> None:
         self._layout = Layout(root)
-        self._plan = plan
         self._arguments = arguments
         settings = {
             name: str(value) if isinstance(value, Path) else value
@@ -56,46 +55,52 @@ class DeformedDataset:
         self._layout.config.write_text(json.dumps(config, indent=1) + "\n", encoding="utf-8")
         for side in SIDES:
             (root / side).mkdir()
-        self._count = 0
+        self.count = 0
+        self._plan_ids: dict[str, None] = {}
+        if is_dataset(arguments.plan) and split_path(arguments.plan).is_file():
+            shutil.copy(split_path(arguments.plan), split_path(root))
 
-    def add(self, hypothesis: DrawnMap) -> str:
+    def add(self, subject: Subject, hypothesis: DrawnMap) -> str:
         """Write one, and say so in a line."""
-        number = self._count
-        seed = exploration_seed(self._arguments.seed, self._plan.id, number)
-        slot = Slot(number, self._plan.id, number, seed)
+        slot, plan = subject.slot, subject.plan
         frame = _moved(hypothesis.grid.frame, hypothesis.start)
         images = {"A": encode_png(hypothesis.cad.cells), "B": encode_png(hypothesis.grid.cells)}
         folder = self._layout.episode(slot.name)
         folder.mkdir(parents=True)
-        _write_episode(folder, self._plan, hypothesis, frame)
+        _write_episode(folder, plan, hypothesis, frame)
         sums = digest_lines(folder)
         (folder / SUMS).write_bytes(sums)
-        record = _record(
-            slot, self._plan, hypothesis, frame, {**images, "episode": sums}, self._conditions(), self._hash
-        )
+        files = {**images, "episode": sums}
+        record = _record(slot, plan, hypothesis, frame, files, self._conditions(subject), self._hash)
         line = record.to_line()
         (folder / "episode.json").write_text(line, encoding="utf-8")
         for side in SIDES:
             self._layout.image(side, slot.name).write_bytes(images[side])
         with self._layout.manifest.open("a", encoding="utf-8") as manifest:
             manifest.write(line)
-        self._count += 1
-        return _summary(number, hypothesis)
+        self.count += 1
+        self._plan_ids[plan.id] = None
+        return _summary(slot, hypothesis)
 
-    def _conditions(self) -> dict[str, Any]:
-        arguments = self._arguments
+    @property
+    def of_what(self) -> str:
+        """The plan, or how many there are."""
+        return next(iter(self._plan_ids)) if len(self._plan_ids) == 1 else f"{len(self._plan_ids)} plans"
+
+    def _conditions(self, subject: Subject) -> dict[str, Any]:
+        arguments, recorded = self._arguments, subject.recorded
         return {
             "method": arguments.method,
-            "explorer": arguments.explorer or "roadmap",
+            "explorer": recorded.explorer if recorded else arguments.explorer or "roadmap",
             "recipe": arguments.recipe or "",
         }
 
 
 @contextmanager
-def open_new_dataset(root: Path, plan: FloorPlan, arguments: DeformArguments) -> Iterator[DeformedDataset]:
+def open_new_dataset(root: Path, arguments: DeformArguments) -> Iterator[DeformedDataset]:
     """A dataset to fill; the folder appears whole at the end, or not at all."""
     with staged_folder(root, arguments.overwrite) as folder:
-        yield DeformedDataset(folder, plan, arguments)
+        yield DeformedDataset(folder, arguments)
 
 
 @contextmanager
@@ -135,7 +140,7 @@ def displacement_summary(hypothesis: DrawnMap) -> dict[str, float]:
     }
 
 
-def _summary(number: int, hypothesis: DrawnMap) -> str:
+def _summary(slot: Slot, hypothesis: DrawnMap) -> str:
     parts = []
     if "truth" in hypothesis.paths:
         truth = hypothesis.paths["truth"]
@@ -143,7 +148,7 @@ def _summary(number: int, hypothesis: DrawnMap) -> str:
     moved = displacement_summary(hypothesis)
     if moved:
         parts.append(f"walls displaced {moved['rms']:.3f} m rms, {moved['max']:.3f} m at most")
-    return f"{number:03d}: {', '.join(parts) or 'drawn'}"
+    return f"{slot.name}: {', '.join(parts) or 'drawn'}"
 
 
 def _write_episode(folder: Path, plan: FloorPlan, hypothesis: DrawnMap, frame: GridFrame) -> None:

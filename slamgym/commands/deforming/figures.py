@@ -11,9 +11,11 @@ import cv2
 import numpy as np
 
 from slamgym.agents.registry import make_explorer
+from slamgym.cad.sources import open_plans
 from slamgym.commands.deforming.arguments import DeformArguments, Method
 from slamgym.commands.deforming.dataset import staged_folder
-from slamgym.commands.deforming.hypotheses import hypotheses, load_plan, square_around
+from slamgym.commands.deforming.hypotheses import hypotheses, square_around
+from slamgym.commands.deforming.subjects import load_plan, subjects
 from slamgym.core.files import write_text
 from slamgym.core.markdown import markdown
 from slamgym.core.types import UNKNOWN, ByteArray, Float32Array, GridFrame, Trajectory
@@ -61,8 +63,10 @@ def draw_figures(arguments: DeformArguments) -> None:
     headings = ("plan", "conversion", "map px", "CPU seconds", "paper, seconds (Matlab)")
     table: list[list[str]] = []
     with staged_folder(arguments.out, arguments.overwrite) as folder:
+        source = open_plans(arguments.plan)
+        ids = source.ids if arguments.plan_id is None else [arguments.plan_id]
         for number in range(arguments.count):
-            plan = load_plan(arguments, number)
+            plan = load_plan(source, ids[number % len(ids)], arguments.resolution)
             config = EpisodeConfig()
             if arguments.recipe is not None:
                 recipe = open_recipe(arguments.recipe)
@@ -96,11 +100,11 @@ def _rows(
             arguments.out,
             method,
             count,
-            plan.id,
+            plan_id=plan.id,
             seed=arguments.seed,
             resolution=arguments.resolution,
         )
-        return [one.grid.cells for one in hypotheses(plan, plain)]
+        return [one.grid.cells for _, one in hypotheses(subjects(plain), plain)]
 
     faithful = preset("faithful")
     coarse = square_around(plan, faithful, _COARSE_PX)

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import sys
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from slamgym.cad.sources import open_plans
-from slamgym.core.config import suggest, to_dict
-from slamgym.core.errors import ConfigError, PlanError
+from slamgym.core.config import to_dict
+from slamgym.core.errors import SlamgymError
 from slamgym.core.types import FREE, Float32Array, FloatArray, GridFrame, OccupancyGrid, Trajectory
 from slamgym.parametric.config import ParametricConfig, SensingConfig
 from slamgym.parametric.model import Deformation, deform
@@ -21,6 +21,9 @@ from slamgym.parametric.trajectory import TimedTrajectory, from_recorded
 if TYPE_CHECKING:
     from slamgym.cad.floorplan import FloorPlan
     from slamgym.commands.deforming.arguments import DeformArguments
+    from slamgym.commands.deforming.subjects import Subject
+    from slamgym.envs.episode import EpisodeConfig
+    from slamgym.gan.translation.translate import LearnedTranslator
 
 
 @dataclass(frozen=True)
@@ -39,51 +42,73 @@ class DrawnMap:
     seconds: float
 
 
-def load_plan(arguments: DeformArguments, place: int = 0) -> FloorPlan:
-    """The plan that the arguments name, or the one at a place of the source."""
-    source = open_plans(arguments.plan)
-    plan_id = arguments.plan_id if arguments.plan_id is not None else source.ids[place % len(source.ids)]
-    if plan_id not in source.ids:
-        raise ConfigError(f"{arguments.plan} has no plan {plan_id!r}; {suggest(plan_id, source.ids)}")
-    plan = source.load(plan_id)
-    if not (plan.raster(arguments.resolution).cells == FREE).any():
-        raise PlanError(plan.id, "has no free cell; use a finer --resolution or another plan")
-    return plan
+def hypotheses(wanted: Iterable[Subject], arguments: DeformArguments) -> Iterator[tuple[Subject, DrawnMap]]:
+    """Make the maps one by one; each follows from the seed and its number.
+
+    Raises:
+        SlamgymError: If nothing can be drawn of any plan; one of many is left out, and said.
+    """
+    draw = _drawing_of(arguments)
+    left_out: SlamgymError | None = None
+    drawn = 0
+    for subject in wanted:
+        rng = np.random.default_rng([arguments.seed, subject.slot.index])
+        try:
+            made = draw(subject, rng)
+        except SlamgymError as error:
+            if arguments.plans == 1 and subject.recorded is None:
+                raise
+            sys.stderr.write(f"left out: {error}\n")
+            left_out = error
+            continue
+        drawn += 1
+        yield subject, made
+    if left_out is not None and not drawn:
+        raise left_out
 
 
-def hypotheses(plan: FloorPlan, arguments: DeformArguments) -> Iterator[DrawnMap]:
-    """Make the maps one by one; each follows from the seed and its number."""
+def _drawing_of(arguments: DeformArguments) -> Callable[[Subject, np.random.Generator], DrawnMap]:
     if arguments.method == "elastic":
-        yield from _elastic(plan, arguments)
-    elif arguments.method == "modelprog":
-        yield from _modelprog(plan, arguments)
-    else:
-        yield from _along_paths(plan, arguments)
+        return lambda subject, rng: _elastic(subject, arguments, rng)
+    if arguments.method == "modelprog":
+        from slamgym.gan.translation.translate import load_translator
+
+        translator = load_translator(arguments.weights or "modelprog", "cad2slam")
+        return lambda subject, rng: _modelprog(subject, arguments, rng, translator)
+    if arguments.trajectory is None:
+        return lambda subject, rng: _along_path(subject, arguments, rng)
+    way = arguments.trajectory
+    return lambda subject, rng: _along_path(
+        subject, arguments, rng, trajectory_from_file(way, subject.plan, model_settings(arguments, 0).motion)
+    )
 
 
-def _along_paths(plan: FloorPlan, arguments: DeformArguments) -> Iterator[DrawnMap]:
+def _along_path(
+    subject: Subject,
+    arguments: DeformArguments,
+    rng: np.random.Generator,
+    given: TimedTrajectory | None = None,
+) -> DrawnMap:
     """Methods ``parametric`` and ``generator``."""
-    config = model_settings(arguments, 0)
-    fixed = trajectory_from_file(arguments.trajectory, plan, config.motion) if arguments.trajectory else None
-    for number in range(arguments.count):
-        rng = np.random.default_rng([arguments.seed, number])
-        config = model_settings(arguments, number)
-        frame = square_around(plan, config, arguments.size) if arguments.size else None
-        if frame is not None:
-            config = replace(config, resolution=frame.resolution)
-        path = fixed or _path(arguments, plan, config, rng, number)
-        yield _of_deformation(deform(plan, path, config, rng, frame))
+    config = model_settings(arguments, subject.slot.index, subject.recorded)
+    frame = square_around(subject.plan, config, arguments.size) if arguments.size else None
+    if frame is not None:
+        config = replace(config, resolution=frame.resolution)
+    path = given or _path(subject, arguments, config, rng)
+    return _of_deformation(deform(subject.plan, path, config, rng, frame))
 
 
-def model_settings(arguments: DeformArguments, number: int) -> ParametricConfig:
-    """The model's settings for one hypothesis: a recipe draws others for each."""
+def model_settings(
+    arguments: DeformArguments, number: int, recorded: EpisodeConfig | None = None
+) -> ParametricConfig:
+    """The model's settings for one hypothesis: a recipe draws others for each, an exploration had its own."""
     config = preset("faithful")
     if arguments.method == "generator":
         from slamgym.core.seeding import exploration_seed
         from slamgym.dataset.generate.recipe import episode_conditions, open_recipe
         from slamgym.envs.episode import EpisodeConfig
 
-        env = EpisodeConfig().env
+        env = (recorded or EpisodeConfig()).env
         if arguments.recipe is not None:
             seed = exploration_seed(arguments.seed, "deform", number)
             env = episode_conditions(open_recipe(arguments.recipe), EpisodeConfig(), seed)[0].env
@@ -126,41 +151,40 @@ def square_around(plan: FloorPlan, config: ParametricConfig, size_px: int) -> Gr
 
 
 def _path(
-    arguments: DeformArguments,
-    plan: FloorPlan,
-    config: ParametricConfig,
-    rng: np.random.Generator,
-    index: int,
+    subject: Subject, arguments: DeformArguments, config: ParametricConfig, rng: np.random.Generator
 ) -> TimedTrajectory:
+    if subject.driven is not None:
+        return from_recorded(subject.driven)
     if arguments.explorer is None:
-        return plan_trajectory(plan, config.motion, rng, arguments.prm_kind)
+        return plan_trajectory(subject.plan, config.motion, rng, arguments.prm_kind)
     from slamgym.agents.registry import make_explorer
     from slamgym.envs.episode import record_path
 
-    recorded = record_path(plan, arguments.explorer, arguments.seed + index, make_explorer)
+    seed = arguments.seed + subject.slot.index
+    recorded = record_path(subject.plan, arguments.explorer, seed, make_explorer)
     return from_recorded(recorded, f"the path of {arguments.explorer}")
 
 
-def _elastic(plan: FloorPlan, arguments: DeformArguments) -> Iterator[DrawnMap]:
+def _elastic(subject: Subject, arguments: DeformArguments, rng: np.random.Generator) -> DrawnMap:
     from slamgym.gan.translation.elastic import bend_with_field
 
-    cad = plan.raster(arguments.resolution, GridFrame.covering(plan.bounds, arguments.resolution, 0.5))
-    for number in range(arguments.count):
-        rng = np.random.default_rng([arguments.seed, number])
-        cells, field = bend_with_field(cad.cells, arguments.resolution, rng)
-        yield _without_path(plan, OccupancyGrid(cells, cad.frame), cad, field)
+    cad = _cad_around(subject.plan, arguments.resolution)
+    cells, field = bend_with_field(cad.cells, arguments.resolution, rng)
+    return _without_path(subject.plan, OccupancyGrid(cells, cad.frame), cad, field)
 
 
-def _modelprog(plan: FloorPlan, arguments: DeformArguments) -> Iterator[DrawnMap]:
-    from slamgym.gan.translation.translate import load_translator
+def _modelprog(
+    subject: Subject, arguments: DeformArguments, rng: np.random.Generator, translator: LearnedTranslator
+) -> DrawnMap:
+    cad = _cad_around(subject.plan, arguments.resolution)
+    # The network has no dice: the first map is the plan's, the others are of the plan bent as drift would.
+    drift = rng if subject.slot.repetition else None
+    cells = translator.translate_cells(cad.cells, arguments.resolution, drift=drift)
+    return _without_path(subject.plan, OccupancyGrid(cells, cad.frame), cad, None)
 
-    translator = load_translator(arguments.weights or "modelprog", "cad2slam")
-    cad = plan.raster(arguments.resolution, GridFrame.covering(plan.bounds, arguments.resolution, 0.5))
-    for number in range(arguments.count):
-        # The network has no dice: the first map is the plan's, the others are of the plan bent as drift would.
-        rng = np.random.default_rng([arguments.seed, number]) if number else None
-        cells = translator.translate_cells(cad.cells, arguments.resolution, drift=rng)
-        yield _without_path(plan, OccupancyGrid(cells, cad.frame), cad, None)
+
+def _cad_around(plan: FloorPlan, resolution: float) -> OccupancyGrid:
+    return plan.raster(resolution, GridFrame.covering(plan.bounds, resolution, 0.5))
 
 
 def _without_path(

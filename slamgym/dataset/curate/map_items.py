@@ -11,7 +11,7 @@ from slamgym.core.files import read_bytes, read_text, sha256_of
 from slamgym.core.limits import YAML_BYTES
 from slamgym.core.png import read_png
 from slamgym.core.types import ByteArray, GridFrame, OccupancyGrid
-from slamgym.dataset.format import Layout, load_pair, read_manifest, require_manifest
+from slamgym.dataset.format import Layout, is_dataset, load_pair, read_manifest, require_manifest
 from slamgym.dataset.record import PairRecord
 from slamgym.dataset.shard import shard_folders
 
@@ -56,7 +56,7 @@ def open_items(root: Path | str, assumed_resolution: float | None = None) -> lis
     root = Path(root)
     if not root.is_dir():
         raise InputFileError(root, "is not a folder; name a dataset or a folder of ROS maps (.yaml)")
-    if Layout(root).manifest.is_file():
+    if is_dataset(root):
         return [_pair_item(root, record) for record in read_manifest(root)]
     if shard_folders(root):
         require_manifest(Layout(root).manifest, "slamgym generate")
