@@ -4,11 +4,15 @@ import base64
 import html
 from collections.abc import Sequence
 
-from slamgym.core.png import encode_png
+import cv2
+import numpy as np
+
 from slamgym.core.types import ByteArray
 
 _POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
 """What a browser may load for the page: nothing."""
+_LOSSLESS = 101
+"""OpenCV takes a WebP quality above 100 as without loss."""
 _STYLE = """
 body { font: 15px/1.45 system-ui, sans-serif; margin: 2rem auto; max-width: 76rem; padding: 0 1rem; color: #212529 }
 table { border-collapse: collapse; margin: 1rem 0; font-variant-numeric: tabular-nums }
@@ -83,13 +87,14 @@ def bullets(sentences: Sequence[str], kind: str = "ul") -> str:
 
 
 def inline_picture(picture: ByteArray) -> str:
-    """A picture as an address that holds it.
+    """A picture as an address that holds it: WebP without loss, a third to a half of a PNG's bytes.
 
     Args:
         picture: Grey, shape (rows, cols), or RGB, shape (rows, cols, 3).
     """
-    bgr = picture[:, :, ::-1] if picture.ndim == 3 else picture
-    return f"data:image/png;base64,{base64.b64encode(encode_png(bgr)).decode()}"
+    bgr = np.ascontiguousarray(picture[:, :, ::-1] if picture.ndim == 3 else picture)
+    _, data = cv2.imencode(".webp", bgr, (cv2.IMWRITE_WEBP_QUALITY, _LOSSLESS))
+    return f"data:image/webp;base64,{base64.b64encode(data.tobytes()).decode()}"
 
 
 def figure(content: str, caption: str) -> str:

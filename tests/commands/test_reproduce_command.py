@@ -1,6 +1,7 @@
 """The reproduction: its steps resume, its verdicts follow from the intervals, its report is whole."""
 
 import json
+from types import SimpleNamespace
 
 import pytest
 
@@ -10,8 +11,9 @@ from slamgym.commands.reproduce import steps
 from slamgym.commands.reproduce.claims import conversion_seconds, judge_claims
 from slamgym.commands.reproduce.report import claims_table, markdown_parts
 from slamgym.commands.reproduce.scales import REPRODUCTION_SCALES
-from slamgym.commands.reproduce.steps import STEPS, Reproduction, run_steps
+from slamgym.commands.reproduce.steps import REDRAWN, STEPS, Reproduction, run_steps
 from slamgym.core.errors import ConfigError, SlamgymError
+from slamgym.gan.evaluation.generated_maps import MINIMUM
 
 
 def interval(value, low, high):
@@ -83,6 +85,21 @@ def test_every_step_runs_once_and_an_interrupted_run_goes_on(run, commands):
     count = len(lines)
     run_steps(run)
     assert len(lines) == count
+
+
+def test_with_enough_test_maps_they_are_drawn_anew_and_compared(run, commands, monkeypatch):
+    lines, _ = commands
+    monkeypatch.setattr(
+        steps, "read_images", lambda *_: [SimpleNamespace(name=f"{n}") for n in range(MINIMUM)]
+    )
+    run_steps(run)
+    evaluate = next(line for line in lines if line[:2] == ["gan", "evaluate"])
+    for method in REDRAWN:
+        folder = run.out / "deformed" / method
+        deform = next(line for line in lines if line[:2] == ["deform", str(run.pairs)] and method in line)
+        assert str(folder) in deform
+        assert lines.index(deform) < lines.index(evaluate)
+        assert f"{method}={folder / 'episodes'}" in evaluate[evaluate.index("--generated") :]
 
 
 def test_another_seed_needs_another_folder(run, commands, tmp_path):

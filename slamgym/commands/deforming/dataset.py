@@ -79,7 +79,7 @@ class DeformedDataset:
         with self._layout.manifest.open("a", encoding="utf-8") as manifest:
             manifest.write(line)
         self.count += 1
-        self._plan_ids[plan.id] = None
+        self._plan_ids[slot.plan_id] = None
         return _summary(slot, hypothesis)
 
     @property

@@ -21,9 +21,12 @@ from slamgym.core.errors import ConfigError, SlamgymError
 from slamgym.core.files import replace_file, write_text
 from slamgym.core.progress import duration, say
 from slamgym.dataset.images.format import read_images
+from slamgym.gan.evaluation.generated_maps import MINIMUM
 
 PAPER_NETWORK, OWN_NETWORK, TO_SLAM, TRAINED = "model32", "slam2cad", "modelprog", "trained"
 """Translators: the paper's from SLAM to CAD, this package's, the paper's from CAD to SLAM, and one's own."""
+REDRAWN = ("parametric", "generator")
+"""Methods of ``slamgym deform`` whose maps of the same plans and paths are compared with the simulated ones."""
 DEFORMED = 3
 """Plans in the figures of the parametric model."""
 
@@ -99,7 +102,18 @@ def judge_translators(run: Reproduction) -> Commands:
     """Table I, Figures 4 to 7 and 9, dimensions, two-sample tests."""
     options = {"pictures": run.scale.pictures, "repeats": run.scale.repeats, "seed": run.seed}
     line = command("gan", "evaluate", run.images, **options, out=run.out / "evaluation")
-    return [[*line, "--weights", *run.weights()]]
+    line += ["--weights", *run.weights()]
+    if len(list(read_images(run.images, "test"))) < MINIMUM:
+        return [line]
+    again = {method: run.out / "deformed" / method for method in REDRAWN}
+    deformed = [
+        [*command("deform", run.pairs, method=method, seed=run.seed, out=folder), "--overwrite"]
+        for method, folder in again.items()
+    ]
+    return [
+        *deformed,
+        [*line, "--generated", *(f"{name}={path / 'episodes'}" for name, path in again.items())],
+    ]
 
 
 def deform_plans(run: Reproduction) -> Commands:

@@ -128,7 +128,7 @@ def test_the_command_writes_page_figures_and_the_same_again(folders, tmp_path, c
     distances = {row["name"]: row["distances"]["thick"] for row in report["statistics"]}
     assert distances["run_1"] == 1.0
     page = (tmp_path / "one/realism.html").read_text()
-    assert page.count("data:image/png") == 4
+    assert page.count("data:image/webp") == 4
     assert "left out by --no-network" in page
     assert "<script" not in page
     assert "://" not in page
