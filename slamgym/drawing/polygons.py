@@ -144,7 +144,8 @@ def without_necks(floor: BaseGeometry, config: DrawingConfig) -> MultiPolygon:
     """
     for step in (-NECK, NECK + SLIT, -SLIT):
         floor = shapely.buffer(floor, step, join_style="mitre")
-    floor = shapely.set_precision(floor, CORNER_GRID)
+    # Mitred buffers may come out crossing themselves, which set_precision doesn't take.
+    floor = shapely.set_precision(shapely.make_valid(floor), CORNER_GRID)
     return MultiPolygon([part for part in polygon_parts(floor) if part.area >= 0.5 * config.min_floor])
 
 

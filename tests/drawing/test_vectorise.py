@@ -15,6 +15,7 @@ from slamgym.drawing import load_floor_model, make_drawing
 from slamgym.drawing.contours import trace_outlines
 from slamgym.drawing.evidence import confidence
 from slamgym.drawing.floor import CleanedFloor, MeanFloor
+from slamgym.drawing.polygons import without_necks
 from slamgym.drawing.settings import DrawingConfig
 
 
@@ -280,3 +281,25 @@ def test_walls_are_sorted_into_layers_by_the_settings():
     drawing = make_drawing(grid, model=model)
     assert {wall.layer for wall in drawing.walls} == {"SEEN"}
     assert replace(drawing, walls=()).bounds == pytest.approx((0.0, 0.0, 7.3, 5.0), abs=0.02)
+
+
+def test_parts_that_touch_in_one_corner_are_brought_to_the_grid():
+    """Three parts with a corner in common, from a robot's map: the buffers that part them cross themselves."""
+    wide = [
+        (-50.2193627160217, 39.29510604380481), (-50.1538607594657, 39.226659360934335),
+        (-49.959429493141975, 39.24170696460208), (-49.96921141936707, 39.3681), (-49.6989, 39.3681),
+        (-49.6989, 38.5681), (-49.77859480954777, 38.5681), (-49.780540224790215, 38.59323686281659),
+        (-49.90847620411155, 38.583335523654064), (-49.93920726072663, 38.980413914676966),
+        (-50.09888337832337, 38.968056113494946), (-50.09888337832337, 38.96805611349494),
+        (-50.4989, 38.93709765862649), (-50.4989, 39.3681), (-50.37813599777408, 39.3681),
+    ]  # fmt: skip
+    corner = (-50.09832487017739, 38.960839585968564)
+    below = [
+        corner, (-50.073153349921526, 38.63559639996306), (-50.228424091710295, 38.623579543683675),
+        (-50.35861989896993, 38.757250000623905),
+    ]  # fmt: skip
+    sliver = [(-50.08802379040755, 38.96889656872646), corner, (-50.09888337832337, 38.96805611349494)]
+    floor = shapely.MultiPolygon([Polygon(part) for part in (wide, below, sliver)])
+    parts = without_necks(floor, DrawingConfig(min_floor=0.0))
+    assert parts.is_valid
+    assert parts.area == pytest.approx(floor.area, rel=0.05)
