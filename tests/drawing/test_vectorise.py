@@ -302,4 +302,4 @@ def test_parts_that_touch_in_one_corner_are_brought_to_the_grid():
     floor = shapely.MultiPolygon([Polygon(part) for part in (wide, below, sliver)])
     parts = without_necks(floor, DrawingConfig(min_floor=0.0))
     assert parts.is_valid
-    assert parts.area == pytest.approx(floor.area, rel=0.05)
+    assert 0.8 * floor.area < parts.area <= floor.area  # its narrow ends are slits, which go
