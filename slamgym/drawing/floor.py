@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Protocol
 import cv2
 import numpy as np
 
-from slamgym.core.types import BoolArray, Float32Array, OccupancyGrid
-from slamgym.gan.translation.classical import clean_map
+from slamgym.core.types import FREE, BoolArray, ByteArray, Float32Array, OccupancyGrid
+from slamgym.gan.translation.classical import clean_map, without_small
 from slamgym.metrics.maps import distance_to
 
 if TYPE_CHECKING:
@@ -20,6 +20,11 @@ FACE_DEPTH = 0.5
 """How deep in a wall's first cell its face lies on average [cells]: a cell is occupied from its first echo on."""
 THIN_DEPTH = 0.25
 """The same of walls of one or two cells, so that something is left of them."""
+
+LEAST_LEFT_OUT = 1.0
+"""Free space that a model leaves out is looked at again from this size on [m2]."""
+WIDER_THAN_RAYS = 0.2
+"""And if a disc of this radius fits into it: single rays are rightly left out [m]."""
 
 
 class FloorModel(Protocol):
@@ -57,32 +62,57 @@ class TranslatedFloor:
         return self._translator.translate(grid.cells, grid.frame.resolution, angle_deg=angle_deg)
 
 
-class MeanFloor:
-    """The mean of several models: where they disagree, neither is sure."""
+class FilledFloor:
+    """A model's floor, and the mean with the next model's where it leaves out what the robot saw free."""
 
     def __init__(self, models: Sequence[FloorModel]) -> None:
         self._models = tuple(models)
 
     def probability(self, grid: OccupancyGrid, angle_deg: float) -> Float32Array:
-        """Of being floor, the mean over the models."""
-        total = np.zeros(grid.cells.shape, np.float32)
-        for model in self._models:
-            total += model.probability(grid, angle_deg)
-        return total / np.float32(len(self._models))
+        """Of being floor; models after the first are asked only where something is left out."""
+        result = self._models[0].probability(grid, angle_deg)
+        for model in self._models[1:]:
+            region = left_out_regions(result, grid)
+            if region.any():
+                mean = (result + model.probability(grid, angle_deg)) / np.float32(2)
+                result = np.where(region, mean, result)
+        return result
+
+
+def left_out_regions(probability: Float32Array, grid: OccupancyGrid) -> BoolArray:
+    """Wide free space of a map that isn't floor by a model's picture, with a cell around it.
+
+    Args:
+        probability: Of being floor, shape of the map.
+        grid: The map.
+
+    Returns:
+        Shape of the map; parts of at least :data:`LEAST_LEFT_OUT` that are wider than twice :data:`WIDER_THAN_RAYS`.
+    """
+    cell = grid.frame.resolution
+    missing = ((grid.cells == FREE) & (probability < 0.5)).astype(np.uint8)
+    reach = max(1, round(WIDER_THAN_RAYS / cell))
+    wide = cv2.morphologyEx(missing, cv2.MORPH_OPEN, _disc(reach)) > 0
+    large = without_small(wide, LEAST_LEFT_OUT / cell**2)
+    return cv2.dilate(large.astype(np.uint8), _disc(reach + 1)) > 0
+
+
+def _disc(radius: int) -> ByteArray:
+    return cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1)).astype(np.uint8)
 
 
 def load_floor_model(name: str) -> FloorModel:
     """A model by its name.
 
     Args:
-        name: ``none``, pretrained weights, a .safetensors file, the folder of a run; several with ``+`` between them
-            give their mean.
+        name: ``none``, pretrained weights, a .safetensors file, the folder of a run; several with ``+`` between them:
+            what the first leaves out of the seen floor is left to the mean with the next.
 
     Raises:
         SlamgymError: If there is no such model.
     """
     if "+" in name and not Path(name).exists():
-        return MeanFloor([load_floor_model(part) for part in name.split("+")])
+        return FilledFloor([load_floor_model(part) for part in name.split("+")])
     if name == NO_MODEL:
         return CleanedFloor()
     from slamgym.gan.translation.translate import load_translator

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import shapely
-from drawing.painted import FLAT, painted
+from drawing.painted import FLAT, Painted, painted
 from shapely import Polygon
 
 from slamgym.core.errors import InputFileError, SlamgymError
@@ -14,7 +14,7 @@ from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, GridFrame, OccupancyGrid
 from slamgym.drawing import load_floor_model, make_drawing
 from slamgym.drawing.contours import trace_outlines
 from slamgym.drawing.evidence import confidence
-from slamgym.drawing.floor import CleanedFloor, MeanFloor
+from slamgym.drawing.floor import CleanedFloor, FilledFloor
 from slamgym.drawing.polygons import without_necks
 from slamgym.drawing.settings import DrawingConfig
 
@@ -126,20 +126,49 @@ def test_cleaning_alone_puts_faces_into_the_first_cell_of_the_walls():
     assert drawing.floor.bounds == pytest.approx((1.025, 1.025, 4.975, 3.975), abs=0.005)
 
 
-class _Flat:
-    """A model to which every place is floor with one probability."""
+class _Counted:
+    """A model to which every place is floor with one probability; it counts how often it is asked."""
 
     def __init__(self, value: float) -> None:
         self._value = value
+        self.asked = 0
 
     def probability(self, grid: OccupancyGrid, angle_deg: float) -> np.ndarray:
+        self.asked += 1
         return np.full(grid.cells.shape, self._value, np.float32)
 
 
-def test_several_models_draw_by_their_mean():
+def test_where_a_model_leaves_out_seen_floor_the_mean_with_the_next_stands():
+    """The first model lacks the room at the right; what is complete doesn't change."""
+    grid, floor, _ = painted(FLAT)
+    left = Painted(floor.intersection(shapely.box(-1.0, -1.0, 4.0, 6.0)))
+    first, second = left.probability(grid, 0.0), _Counted(0.9)
+    both = FilledFloor([left, second]).probability(grid, 0.0)
+    row = grid.frame.height_px // 2
+    col_left, col_right = (int((x - grid.frame.origin_x) / grid.frame.resolution) for x in (2.0, 5.5))
+    assert both[row, col_left] == first[row, col_left] == 1.0
+    assert both[row, col_right] == pytest.approx(0.45)
+    changed = both != first
+    assert np.count_nonzero(changed & (grid.cells == FREE)) == pytest.approx(9.7 / 0.05**2, rel=0.06)
+    complete = Painted(floor)
+    asked = second.asked
+    assert np.array_equal(
+        FilledFloor([complete, second]).probability(grid, 0.0), complete.probability(grid, 0.0)
+    )
+    assert second.asked == asked
+
+
+def test_stripes_of_single_rays_are_left_out():
+    grid, _, model = painted(FLAT)
+    cells = grid.cells.copy()
+    cells[::12, :][cells[::12, :] == UNKNOWN] = FREE
+    second = _Counted(0.9)
+    FilledFloor([model, second]).probability(OccupancyGrid(cells, grid.frame), 0.0)
+    assert second.asked == 0
+
+
+def test_a_model_beside_itself_changes_nothing():
     grid, _, _ = painted(FLAT)
-    mean = MeanFloor([_Flat(0.2), _Flat(0.3), _Flat(0.7)]).probability(grid, 0.0)
-    assert np.allclose(mean, 0.4)
     alone, twice = (load_floor_model(name).probability(grid, 0.0) for name in ("none", "none+none"))
     assert np.array_equal(alone, twice)
     assert np.array_equal(alone, CleanedFloor().probability(grid, 0.0))

@@ -12,17 +12,18 @@ import numpy as np
 
 from slamgym.cad.plan_filter import passes
 from slamgym.cad.sources import PlanSource, open_plans
-from slamgym.core.config import suggest
+from slamgym.core.config import from_dict, suggest
 from slamgym.core.errors import ConfigError, InputFileError, PlanError
 from slamgym.core.seeding import exploration_seed
 from slamgym.core.types import FREE, Trajectory
-from slamgym.dataset.format import Layout, is_dataset, read_manifest
+from slamgym.dataset.format import Layout, is_dataset, read_dataset_config, read_manifest
+from slamgym.dataset.generate.recipe import apply_conditions
 from slamgym.dataset.record import PairRecord, Slot
+from slamgym.envs.episode import EpisodeConfig
 
 if TYPE_CHECKING:
     from slamgym.cad.floorplan import FloorPlan
     from slamgym.commands.deforming.arguments import DeformArguments
-    from slamgym.envs.episode import EpisodeConfig
 
 
 @dataclass(frozen=True)
@@ -94,25 +95,31 @@ def _usable_plans(source: PlanSource, arguments: DeformArguments) -> Iterator[Fl
 
 
 def _of_dataset(root: Path, arguments: DeformArguments) -> Iterator[Subject]:
-    from slamgym.dataset.generate.recipe import apply_conditions
-    from slamgym.envs.episode import EpisodeConfig
-
     records = list(read_manifest(root))
     if not records:
         raise ConfigError(f"{root}: holds no pairs yet")
     stride = max(record.index for record in records) + 1
+    base = recorded_settings(root)
     for record in records:
-        try:
-            settings = apply_conditions(EpisodeConfig(), record.conditions)
-        except ConfigError as error:
-            raise InputFileError(
-                root, f"is no dataset of explorations ({error}); give one that `slamgym generate` made"
-            ) from error
+        settings = apply_conditions(base, record.conditions)
         plan, driven = recorded_drive(root, record)
         for repetition in range(arguments.count):
             number = record.index + repetition * stride
             slot = _slot(arguments, number, record.plan_id, record.repetition * arguments.count + repetition)
             yield Subject(slot, plan, driven, settings)
+
+
+def recorded_settings(root: Path) -> EpisodeConfig:
+    """What all explorations of a dataset have in common; the conditions of a pair come on top.
+
+    Raises:
+        InputFileError: If it isn't a dataset of explorations.
+    """
+    try:
+        return from_dict(EpisodeConfig, read_dataset_config(root)["episode"])
+    except (ConfigError, KeyError) as error:
+        why = "give one that this version's `slamgym generate` made"
+        raise InputFileError(root, f"is no dataset of explorations ({error}); {why}") from error
 
 
 def recorded_drive(root: Path, record: PairRecord) -> tuple[FloorPlan, Trajectory]:
