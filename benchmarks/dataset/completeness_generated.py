@@ -50,20 +50,22 @@ def collect(root: Path, most: int) -> tuple[FloatArray, FloatArray, BoolArray, l
     simulated, drawn, complete, plans = [], [], [], []
     base = recorded_settings(root)
     records = list(read_manifest(root))[:most]
-    for record in show_progress(records, len(records), "pairs"):
-        plan, driven = recorded_drive(root, record)
-        episode = apply_conditions(base, record.conditions)
-        for number, moment in enumerate(take_snapshots(root, record, MINUTES)):
-            until = int(np.searchsorted(driven.stamps, moment.time, side="right"))
-            path = Trajectory(driven.stamps[:until], driven.poses[:until])
-            try:
-                features = generated(plan, path, episode, (record.index, number))
-            except SlamgymError:  # a path too short to draw anything
-                continue
-            simulated.append(completeness_features(moment.cells, moment.resolution))
-            drawn.append(features)
-            complete.append(moment.coverage >= GOOD_COVERAGE)
-            plans.append(record.plan_id)
+    with show_progress("pairs", 0, len(records)) as advance:
+        for record in records:
+            plan, driven = recorded_drive(root, record)
+            episode = apply_conditions(base, record.conditions)
+            for number, moment in enumerate(take_snapshots(root, record, MINUTES)):
+                until = int(np.searchsorted(driven.stamps, moment.time, side="right"))
+                path = Trajectory(driven.stamps[:until], driven.poses[:until])
+                try:
+                    features = generated(plan, path, episode, (record.index, number))
+                except SlamgymError:  # a path too short to draw anything
+                    continue
+                simulated.append(completeness_features(moment.cells, moment.resolution))
+                drawn.append(features)
+                complete.append(moment.coverage >= GOOD_COVERAGE)
+                plans.append(record.plan_id)
+            advance(1)
     return np.array(simulated), np.array(drawn), np.array(complete), plans
 
 
