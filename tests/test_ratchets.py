@@ -29,7 +29,7 @@ MORE_ATTRIBUTES: dict[str, int] = {
     "slamgym.envs.batch.arrays.Maps": 16,
     "slamgym.commands.agents.evaluate.EvaluateArguments": 24,
     "slamgym.commands.deforming.arguments.DeformArguments": 18,
-    "slamgym.commands.generate.GenerateArguments": 24,
+    "slamgym.commands.generate.GenerateArguments": 18,
     "slamgym.commands.slam.SlamArguments": 17,
     "slamgym.dataset.record.PairRecord": 28,
     "slamgym.drawing.settings.DrawingConfig": 17,
