@@ -239,7 +239,8 @@ def _matched(folder: Path) -> dict[str, tuple[Path, Path]]:
         side, other = ("A", "B") if lonely[0] in sides[0] else ("B", "A")
         raise InputFileError(
             folder,
-            f"{len(lonely)} images have no counterpart, the first is {side}/{lonely[0]} without {other}/{lonely[0]}",
+            f"holds images without a counterpart, {len(lonely)} of them; "
+            f"the first is {side}/{lonely[0]} without {other}/{lonely[0]}",
         )
     return {name: (sides[0][name], sides[1][name]) for name in sides[0]}
 

@@ -16,7 +16,7 @@ MAX_FILES_IN_A_FOLDER = 25
 MAX_LINES = 400
 MAX_PARAMETERS = 8
 MAX_ATTRIBUTES = 15
-MAX_CODE_LINES = 38447
+MAX_CODE_LINES = 38620
 """Of all modules together; without docstrings, comments, blank lines and imports."""
 
 MORE_LINES: dict[str, int] = {}
@@ -27,9 +27,9 @@ MORE_ATTRIBUTES: dict[str, int] = {
     "slamgym.agents.rl.train_config.TrainConfig": 27,
     "slamgym.agents.wheels.config.WheelsConfig": 17,
     "slamgym.envs.batch.arrays.Maps": 16,
-    "slamgym.commands.agents.evaluate.EvaluateArguments": 24,
+    "slamgym.commands.agents.evaluate.EvaluateArguments": 18,
     "slamgym.commands.deforming.arguments.DeformArguments": 20,
-    "slamgym.commands.generate.GenerateArguments": 24,
+    "slamgym.commands.generate.GenerateArguments": 18,
     "slamgym.commands.slam.SlamArguments": 17,
     "slamgym.dataset.record.PairRecord": 28,
     "slamgym.drawing.settings.DrawingConfig": 17,

@@ -18,6 +18,7 @@ from slamgym.core.intervals import (
     wilson_interval,
 )
 from slamgym.core.markdown import markdown
+from slamgym.core.progress import counted
 from slamgym.core.types import FloatArray
 
 REFERENCE = "explore_lite"
@@ -138,7 +139,7 @@ def describe_boards(boards: Sequence[TrackBoard]) -> str:
         remark = "; it shows that things run, and ranks nobody" if board.quick else ""
         parts += [
             f"## {board.track}{subset}\n",
-            f"{board.about[0].upper()}{board.about[1:]}; {board.explorations} explorations{remark}.\n",
+            f"{board.about[0].upper()}{board.about[1:]}; {counted(board.explorations, 'exploration')}{remark}.\n",
             _board_table(board),
         ]
     return "\n".join(parts)

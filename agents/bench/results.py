@@ -22,8 +22,7 @@ from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.files import replace_file, storage_errors
 from slamgym.core.limits import DRAWING_BYTES
 from slamgym.core.names import as_file_name
-from slamgym.core.parallel.backlog import TASK_TIMEOUT
-from slamgym.core.parallel.engine import EngineName
+from slamgym.core.parallel.engine import Execution
 from slamgym.envs.episode import time_limit
 
 _PACKAGES = ("numpy", "numba", "pymunk", "shapely", "scipy", "opencv-python-headless")
@@ -84,10 +83,7 @@ def run_bench(
     track: Track,
     source: PlanSource,
     out: Path,
-    workers: int = 1,
-    *,
-    engine: EngineName = "local",
-    task_timeout: float = TASK_TIMEOUT,
+    execution: Execution = Execution(),
 ) -> Evaluation:
     """Explore every building of a track, or what is left of them from an earlier run.
 
@@ -96,16 +92,14 @@ def run_bench(
         track: The buildings.
         source: Their plans.
         out: Folder of the results; all tracks and explorers may share one.
-        workers: Processes.
-        engine: Where the explorations run.
-        task_timeout: Longest wall time of one [s].
+        execution: Where the explorations run.
 
     Raises:
         ConfigError: If a plan is missing or differs from the manifest, or there is no such explorer.
     """
     tasks = bench_tasks(track, source, explorer)
     config = EvaluationConfig(explorers=(explorer,), split=None, plans_filter="none", trial=track.trial)
-    return run_trials(tasks, config, out, workers, engine=engine, task_timeout=task_timeout)
+    return run_trials(tasks, config, out, execution)
 
 
 def bench_result(

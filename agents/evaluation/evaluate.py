@@ -32,8 +32,8 @@ from slamgym.core.config import Count, Settings, from_dict, to_dict
 from slamgym.core.documents import parse_json
 from slamgym.core.errors import ConfigError, InputFileError, PlanError
 from slamgym.core.files import append_line, exclusive_lock, read_bytes, replace_file, storage_errors
-from slamgym.core.parallel.backlog import TASK_TIMEOUT, Lost
-from slamgym.core.parallel.engine import EngineName, open_engine
+from slamgym.core.parallel.backlog import Lost
+from slamgym.core.parallel.engine import Execution
 from slamgym.core.progress import show_progress
 from slamgym.core.seeding import exploration_seed, shuffled
 from slamgym.core.types import Pose2D
@@ -161,11 +161,8 @@ def evaluate(
     source: PlanSource,
     config: EvaluationConfig,
     out: Path,
-    workers: int = 1,
+    execution: Execution = Execution(),
     only_done: bool = False,
-    *,
-    engine: EngineName = "local",
-    task_timeout: float = TASK_TIMEOUT,
 ) -> Evaluation:
     """Run every explorer on every plan, or what is left of that from an earlier run.
 
@@ -173,10 +170,8 @@ def evaluate(
         source: Floor plans.
         config: What to evaluate.
         out: Folder of the results: ``trials.jsonl``, ``failed.jsonl``, ``config.json``.
-        workers: Processes.
+        execution: Where the explorations run.
         only_done: Do nothing, and return what an earlier run has done.
-        engine: Where the explorations run; ``in_process`` is for debugging and tests.
-        task_timeout: Longest wall time of an exploration [s].
 
     Raises:
         ConfigError: If there is no explorer of a name, or no plan passes split and filter, or nothing is done.
@@ -187,7 +182,7 @@ def evaluate(
     wanted = [
         Task(name, plan, seed) for plan in plans for seed in _seeds(plan, config) for name in config.names
     ]
-    evaluation = run_trials(wanted, config, out, workers, only_done, engine=engine, task_timeout=task_timeout)
+    evaluation = run_trials(wanted, config, out, execution, only_done)
     return dataclasses.replace(evaluation, skipped=skipped)
 
 
@@ -195,23 +190,10 @@ def run_trials(
     wanted: Sequence[Task],
     config: EvaluationConfig,
     out: Path,
-    workers: int = 1,
+    execution: Execution = Execution(),
     only_done: bool = False,
-    *,
-    engine: EngineName = "local",
-    task_timeout: float = TASK_TIMEOUT,
 ) -> Evaluation:
-    """Run explorations, or what is left of them from an earlier run; :func:`evaluate` says the rest.
-
-    Args:
-        wanted: At least one, by any of the explorers of ``config``.
-        config: How they are run.
-        out: Folder of the results.
-        workers: Processes.
-        only_done: Do nothing, and return what an earlier run has done.
-        engine: Where they run.
-        task_timeout: Longest wall time of one [s].
-    """
+    """Run explorations, at least one, by any of the explorers of ``config``; :func:`evaluate` says the rest."""
     hashes = {name: _hash(name, wanted[0].plan, config) for name in config.names}
     with storage_errors(out):
         out.mkdir(parents=True, exist_ok=True)
@@ -226,7 +208,7 @@ def run_trials(
         with storage_errors(out):
             replace_file(out / "config.json", json.dumps(to_dict(config), indent=1).encode() + b"\n")
         with (
-            open_engine(engine, max(1, min(workers, len(tasks))), timeout=task_timeout) as pool,
+            dataclasses.replace(execution, workers=max(1, min(execution.workers, len(tasks)))).open() as pool,
             show_progress("explorations", len(wanted) - len(tasks), len(wanted)) as advance,
         ):
             for outcome in pool.run(functools.partial(_explore, config, hashes.get(ORACLE, "")), tasks):
@@ -278,7 +260,7 @@ def choose_plans(source: PlanSource, config: EvaluationConfig) -> tuple[list[Flo
     if not plans:
         first = f" (the first, {skipped[0].plan}: {skipped[0].reason})" if skipped else ""
         raise ConfigError(
-            f"none of the {len(ids)} plans can be used: {len(skipped)} can't be explored by this robot{first}, the "
+            f"no plan can be used: of {len(ids)}, {len(skipped)} can't be explored by this robot{first}, the "
             f"filter {config.plans_filter!r} left out the others"
         )
     return plans, skipped

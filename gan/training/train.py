@@ -29,7 +29,7 @@ from slamgym.core.config import to_dict
 from slamgym.core.errors import ConfigError, InputFileError, SlamgymError
 from slamgym.core.files import append_line, write_text
 from slamgym.core.interruption import Interruption, deferred_interrupt
-from slamgym.core.progress import duration, say
+from slamgym.core.progress import counted, duration, say
 from slamgym.gan.config import TranslatorTrainingConfig
 from slamgym.gan.data import PairSet, image_side, load_training_pairs
 from slamgym.gan.device import Compute, make_deterministic
@@ -241,9 +241,9 @@ class _Training:
             self.budget = Budget(60.0 * self.config.minutes, seconds)
             self.schedule = self.budget.fitted(self.schedule, 0, 0.0)
         say(
-            f"{len(self.pairs)} training pairs, {len(self.held_out)} held out; {self.schedule.steps:,} steps "
-            f"({self.schedule.images / len(self.pairs):.1f} passes) on {self.compute.device} in "
-            f"{self.compute.precision}"
+            f"{counted(len(self.pairs), 'training pair')}, {len(self.held_out)} held out; "
+            f"{self.schedule.steps:,} steps ({self.schedule.images / len(self.pairs):.1f} passes) "
+            f"on {self.compute.device} in {self.compute.precision}"
         )
         facts = {"version": __version__, "images": _named(images), "config": to_dict(self.config)}
         write_text(self.folder / "config.json", json.dumps(facts, indent=1) + "\n")

@@ -10,10 +10,9 @@ from typing import Annotated
 
 import tyro
 
-from slamgym.core.config import Arguments, Count, Positive, Within
+from slamgym.commands.exploration_options import ExplorationOptions
+from slamgym.core.config import Arguments, Positive, Within
 from slamgym.core.errors import SlamgymError
-from slamgym.sim import ClutterConfig, LidarConfig, OdometryLevel, RobotConfig
-from slamgym.slam import SlamConfig
 
 
 class DriveArguments(Arguments):
@@ -30,20 +29,10 @@ class DriveArguments(Arguments):
     """Limit of robot time [min]."""
     speed: Annotated[float, Within(gt=0.0, lt=1000.0)] = 4.0
     """How much faster than the robot time passes."""
-    particles: Count = 30
-    """Particles of the SLAM filter."""
-    odometry: OdometryLevel = "medium"
-    """Errors of the wheel odometry."""
-    seed: int = 0
-    """Seed of everything random but you."""
-    robot: RobotConfig = field(default_factory=RobotConfig)
-    """Measures and limits of the robot."""
-    lidar: LidarConfig = field(default_factory=LidarConfig)
-    """The scanner and its errors."""
-    slam: SlamConfig = field(default_factory=SlamConfig)
-    """Localisation and mapping."""
-    clutter: ClutterConfig = field(default_factory=ClutterConfig)
-    """Furniture and people, which no CAD map shows."""
+    exploration: Annotated[ExplorationOptions, tyro.conf.arg(name="")] = field(
+        default_factory=ExplorationOptions
+    )
+    """Robot, sensors, SLAM, furniture and people."""
 
 
 def main(argv: list[str]) -> int:
@@ -52,16 +41,20 @@ def main(argv: list[str]) -> int:
     from slamgym.agents.keyboard import Keyboard
     from slamgym.cad import open_plan_mix
     from slamgym.commands.generate import GenerateArguments, dataset_config
+    from slamgym.core.parallel.engine import Execution
     from slamgym.core.types import Explorer
     from slamgym.dataset.folder import pair_names
     from slamgym.dataset.format import Layout
-    from slamgym.dataset.generate.build import Execution, build_dataset
+    from slamgym.dataset.generate.build import build_dataset
     from slamgym.dataset.statistics import describe_pairs
     from slamgym.planning import ExplorerContext
     from slamgym.viz.window import Window
 
-    shared = {name: getattr(arguments, name) for name in arguments.__dataclass_fields__ if name != "speed"}
-    config = dataset_config(GenerateArguments(**{**shared, "plans": ()}, explorer="keyboard"))
+    config = dataset_config(
+        GenerateArguments(
+            arguments.out, explorer="keyboard", minutes=arguments.minutes, exploration=arguments.exploration
+        )
+    )
     there = sum(1 for _ in pair_names(Layout(arguments.out).episodes))
     with closing(Window("slamgym drive", config.episode.env.lidar.rate * arguments.speed)) as window:
 

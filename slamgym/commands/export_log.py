@@ -9,6 +9,7 @@ import tyro
 from slamgym.commands.extras import Extra, require
 from slamgym.core.config import Arguments, NonNegative
 from slamgym.core.errors import InputFileError
+from slamgym.core.progress import counted
 from slamgym.core.types import OccupancyGrid, Trajectory
 from slamgym.interop.rosbag_writer import Storage
 
@@ -79,7 +80,7 @@ def main(argv: list[str]) -> int:
             first_stamp=arguments.first_stamp if undated else None,
             storage=arguments.storage,
         )
-    sys.stdout.write(f"{arguments.out}: {len(log)} scans over {log.duration:.1f} s\n")
+    sys.stdout.write(f"{arguments.out}: {counted(len(log), 'scan')} over {log.duration:.1f} s\n")
     return 0
 
 

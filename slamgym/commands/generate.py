@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import sys
 from dataclasses import field
 from pathlib import Path
@@ -11,15 +10,14 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import tyro
 
 from slamgym.cad.plan_filter import PlanFilter
+from slamgym.commands.exploration_options import ExplorationOptions
 from slamgym.core.config import Arguments, Count, CountOrZero, Positive
 from slamgym.core.errors import ConfigError
 from slamgym.core.parallel.backlog import TASK_TIMEOUT, available_cores
-from slamgym.core.parallel.engine import EngineName
-from slamgym.core.progress import duration, say
+from slamgym.core.parallel.engine import EngineName, Execution
+from slamgym.core.progress import counted, duration, say
 from slamgym.dataset.pair import PairConfig
 from slamgym.dataset.shard import WHOLE, Shard
-from slamgym.sim import ClutterConfig, LidarConfig, OdometryLevel, RobotConfig
-from slamgym.slam import SlamConfig
 
 if TYPE_CHECKING:
     from slamgym.dataset.generate.build import BuildReport
@@ -51,17 +49,11 @@ class GenerateArguments(Arguments):
     minutes: Literal["auto"] | Positive = "auto"
     """``auto``: until nothing is left to explore, with a limit that grows with the floor area; or a fixed
     limit of robot time [min], 7 in the paper."""
-    particles: Count = 30
-    """Particles of the SLAM filter."""
-    odometry: OdometryLevel = "medium"
-    """Errors of the wheel odometry; ``ideal`` is what stock Gazebo has, as in the paper."""
     recipe: str | None = None
     """Vary the settings from one exploration to the next: a YAML or JSON file, ``reference`` or
     ``quick``."""
     trajectories: int = 1
     """Explorations of each plan that come one after the other: several SLAM maps of one CAD map."""
-    seed: int = 0
-    """Seed of everything random."""
     workers: CountOrZero = 0
     """Processes; 0 takes one per core."""
     engine: EngineName = "local"
@@ -81,14 +73,10 @@ class GenerateArguments(Arguments):
     """Pairs on the contact sheet; 0 draws none."""
     pair: PairConfig = field(default_factory=PairConfig)
     """The images."""
-    robot: RobotConfig = field(default_factory=RobotConfig)
-    """Measures and limits of the robot."""
-    lidar: LidarConfig = field(default_factory=LidarConfig)
-    """The scanner and its errors."""
-    slam: SlamConfig = field(default_factory=SlamConfig)
-    """Localisation and mapping."""
-    clutter: ClutterConfig = field(default_factory=ClutterConfig)
-    """Furniture and people, which no CAD map shows."""
+    exploration: Annotated[ExplorationOptions, tyro.conf.arg(name="")] = field(
+        default_factory=ExplorationOptions
+    )
+    """Robot, sensors, SLAM, furniture and people."""
 
 
 def main(argv: list[str]) -> int:
@@ -97,7 +85,7 @@ def main(argv: list[str]) -> int:
     from slamgym.agents.registry import make_explorer
     from slamgym.cad import open_plan_mix
     from slamgym.commands.dataset.render import render_and_report
-    from slamgym.dataset.generate.build import Execution, build_dataset
+    from slamgym.dataset.generate.build import build_dataset
     from slamgym.dataset.images.square_images import ImageConfig
 
     if arguments.shard is not None and arguments.images is not None:
@@ -111,7 +99,8 @@ def main(argv: list[str]) -> int:
         dataset_config(arguments),
         make_explorer,
         pairs=arguments.pairs,
-        execution=Execution(workers, arguments.engine, arguments.address, shard, arguments.task_timeout),
+        execution=Execution(workers, arguments.engine, arguments.address, arguments.task_timeout),
+        shard=shard,
     )
     _report(report, arguments.contact_sheet)
     if arguments.images is not None:
@@ -122,19 +111,11 @@ def main(argv: list[str]) -> int:
 def dataset_config(arguments: GenerateArguments) -> DatasetConfig:
     """The settings that decide the content, with the short options put in their places."""
     from slamgym.dataset.generate.recipe import DatasetConfig, Recipe, open_recipe
-    from slamgym.envs import ExploreConfig
     from slamgym.envs.episode import EpisodeConfig
-    from slamgym.sim import odometry_level
 
-    env = ExploreConfig(
-        robot=arguments.robot,
-        lidar=arguments.lidar,
-        odometry=odometry_level(arguments.odometry),
-        slam=dataclasses.replace(arguments.slam, particles=arguments.particles),
-        clutter=arguments.clutter,
-    )
+    env = arguments.exploration.env()
     return DatasetConfig(
-        seed=arguments.seed,
+        seed=arguments.exploration.seed,
         plans_filter=arguments.plans_filter,
         episode=EpisodeConfig(explorer=arguments.explorer, minutes=arguments.minutes, env=env),
         pair=arguments.pair,
@@ -150,12 +131,14 @@ def _report(report: BuildReport, sheet_pairs: int) -> None:
 
     layout = Layout(report.root)
     if report.fresh:
-        say(f"{report.fresh} new pairs in {duration(report.seconds)}.")
+        say(f"{counted(report.fresh, 'new pair')} in {duration(report.seconds)}.")
     else:
-        say(f"Nothing to do: {report.root} holds {report.pairs} pairs already.")
+        say(f"Nothing to do: {report.root} holds {counted(report.pairs, 'pair')} already.")
     if report.rejected:
         kinds = ", ".join(f"{count} {kind}" for kind, count in sorted(report.rejected.items()))
-        say(f"{sum(report.rejected.values())} plans were skipped ({kinds}); {layout.rejected} says why.")
+        say(
+            f"Skipped {counted(sum(report.rejected.values()), 'plan')} ({kinds}); {layout.rejected} says why."
+        )
     sys.stdout.write(describe_pairs(report.root) + "\n")
     if sheet_pairs > 0 and report.pairs > 0:
         path = write_contact_sheet(report.root, sheet_pairs)

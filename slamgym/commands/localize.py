@@ -16,6 +16,7 @@ from slamgym import __version__
 from slamgym.core.config import Arguments, Positive, from_dict, to_dict
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.files import write_text
+from slamgym.core.progress import counted
 from slamgym.core.types import Pose2D
 from slamgym.slam.localization.config import LocalizationConfig
 
@@ -167,7 +168,7 @@ def _report(folder: Path, summary: dict[str, Any]) -> str:
     states = ", ".join(
         f"{100.0 * n / summary['processed_scans']:.0f} % {s}" for s, n in summary["states"].items()
     )
-    lines = [f"{summary['log']} on {summary['map']}: {summary['scans']} scans: {states}"]
+    lines = [f"{summary['log']} on {summary['map']}: {counted(summary['scans'], 'scan')}: {states}"]
     after = summary["localised_after_s"]
     if after is None:
         lines.append(

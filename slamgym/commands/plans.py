@@ -12,6 +12,7 @@ import tyro
 from slamgym.core.config import Arguments, Count, Within
 from slamgym.core.errors import ConfigError
 from slamgym.core.names import as_file_name, is_file_name
+from slamgym.core.progress import counted
 from slamgym.envs.config import ObservationConfig
 from slamgym.sim import RobotConfig
 
@@ -146,7 +147,9 @@ def _fetch(arguments: FetchPlans) -> None:
             arguments.url,
             lambda done, total: progress.update(task, completed=done, total=total or None),
         )
-    sys.stdout.write(f"{path}: {count:,} plans, SHA-256 in {path.name}.sha256; use it as --plans {path}\n")
+    sys.stdout.write(
+        f"{path}: {counted(count, 'plan')}, SHA-256 in {path.name}.sha256; use it as --plans {path}\n"
+    )
 
 
 def _usable(arguments: _Selection, source: PlanSource, rejections: Rejections) -> Iterator[FloorPlan]:
@@ -177,7 +180,7 @@ def _list(plans: Iterator[FloorPlan]) -> None:
 
 def _check(arguments: CheckPlans, source: PlanSource, rejections: Rejections) -> int:
     usable = sum(1 for _ in _usable(arguments, source, rejections))
-    sys.stdout.write(f"{usable} of {usable + len(rejections)} plans can be explored.\n")
+    sys.stdout.write(f"{usable} of {counted(usable + len(rejections), 'plan')} can be explored.\n")
     rejections.write(arguments.rejected)
     _report(rejections, arguments.rejected)
     return 1 if len(rejections) else 0
@@ -192,7 +195,7 @@ def _draw(arguments: DrawPlans, source: PlanSource, rejections: Rejections) -> N
     plans = list(_usable(arguments, source, rejections))
     if plans:
         write_picture(arguments.out, draw_plan_sheet(plans, arguments.columns, arguments.size))
-        sys.stdout.write(f"{len(plans)} plans drawn: {arguments.out}\n")
+        sys.stdout.write(f"{counted(len(plans), 'plan')} drawn: {arguments.out}\n")
     rejections.write(arguments.out.with_name("rejected.jsonl"))
     _report(rejections, arguments.out.with_name("rejected.jsonl"))
 
@@ -205,7 +208,7 @@ def _write(arguments: WritePlans, source: PlanSource, rejections: Rejections) ->
         name = plan.id if is_file_name(plan.id) else as_file_name(f"plan-{written}-{plan.id}")
         write_houseexpo(arguments.out / f"{name}.json", plan)
         written += 1
-    sys.stdout.write(f"{written} plans written: {arguments.out}\n")
+    sys.stdout.write(f"{counted(written, 'plan')} written: {arguments.out}\n")
     rejections.write(arguments.out / "rejected.jsonl")
     _report(rejections, arguments.out / "rejected.jsonl")
 
@@ -214,7 +217,7 @@ def _report(rejections: Rejections, path: Path | None = None) -> None:
     """Say which plans were left out and why."""
     if not len(rejections):
         return
-    sys.stderr.write(f"{len(rejections)} plans were left out" + (f", see {path}:\n" if path else ":\n"))
+    sys.stderr.write(f"Left out {counted(len(rejections), 'plan')}" + (f", see {path}:\n" if path else ":\n"))
     for index, entry in enumerate(rejections):
         if index == MAX_NAMED:
             sys.stderr.write(f"  and {len(rejections) - MAX_NAMED} more\n")

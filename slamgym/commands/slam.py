@@ -17,6 +17,7 @@ from slamgym import __version__
 from slamgym.core.config import Arguments, to_dict
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.files import write_text
+from slamgym.core.progress import counted
 from slamgym.core.types import FloatArray, Trajectory
 from slamgym.slam.config import Matcher, Mode, SlamConfig
 
@@ -315,15 +316,15 @@ def _doubtful_poses(result: ReplayResult) -> FloatArray:
 
 def _report(folder: Path, summary: dict[str, Any]) -> str:
     lines = [
-        f"{summary['log']}: {summary['scans']} scans, {summary['path_length_m']:.0f} m, "
+        f"{summary['log']}: {counted(summary['scans'], 'scan')}, {summary['path_length_m']:.0f} m, "
         f"map {summary['map_size_m'][0]:.0f} x {summary['map_size_m'][1]:.0f} m",
-        f"  {summary['config']['mode']}: {summary['processed_scans']} scans processed in "
+        f"  {summary['config']['mode']}: {counted(summary['processed_scans'], 'scan')} processed in "
         f"{summary['cpu_seconds']:.1f} CPU s, {summary['cpu_ms_per_processed_scan']:.2f} ms each; "
-        f"{summary['resamplings']} resamplings; maps {summary['map_memory_bytes'] / 1e6:.0f} MB",
+        f"{counted(summary['resamplings'], 'resampling')}; maps {summary['map_memory_bytes'] / 1e6:.0f} MB",
     ]
     if summary["doubtful_scans"]:
         lines.append(
-            f"  {summary['doubtful_scans']} scans fit poorly whatever was tried: the path may be wrong there "
+            f"  scans that fit poorly whatever was tried: {summary['doubtful_scans']}; the path may be wrong there "
             "(red crosses in map.png, doubtful_stamps in summary.json, trajectory_doubt.csv)"
         )
     if "loop_closures" in summary:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import dataclasses
 import sys
 from collections.abc import Callable, Iterator
 from dataclasses import field
@@ -13,12 +12,11 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import numpy as np
 import tyro
 
-from slamgym.core.config import Arguments, Count, Positive, Within, suggest
+from slamgym.commands.exploration_options import ExplorationOptions
+from slamgym.core.config import Arguments, Positive, Within, suggest
 from slamgym.core.errors import ConfigError
 from slamgym.core.geometry import transform_points, transform_poses
 from slamgym.core.progress import say
-from slamgym.sim import ClutterConfig, LidarConfig, OdometryLevel, RobotConfig
-from slamgym.slam import SlamConfig
 
 if TYPE_CHECKING:
     from slamgym.agents.explorer import BatchedExplorer
@@ -53,20 +51,10 @@ class WatchArguments(Arguments):
     """Film: how much faster than the robot."""
     fps: _Rate = 20.0
     """Film: frames per second; a .gif can have 50 at most."""
-    particles: Count = 30
-    """Particles of the SLAM filter."""
-    odometry: OdometryLevel = "medium"
-    """Errors of the wheel odometry."""
-    seed: int = 0
-    """Seed of everything random."""
-    robot: RobotConfig = field(default_factory=RobotConfig)
-    """Measures and limits of the robot."""
-    lidar: LidarConfig = field(default_factory=LidarConfig)
-    """The scanner and its errors."""
-    slam: SlamConfig = field(default_factory=SlamConfig)
-    """Localisation and mapping."""
-    clutter: ClutterConfig = field(default_factory=ClutterConfig)
-    """Furniture and people, which no CAD map shows."""
+    exploration: Annotated[ExplorationOptions, tyro.conf.arg(name="")] = field(
+        default_factory=ExplorationOptions
+    )
+    """Robot, sensors, SLAM, furniture and people."""
 
     def _check(self) -> None:
         from slamgym.viz.films import check_film_name
@@ -104,7 +92,7 @@ def _choose_plan(arguments: WatchArguments) -> FloorPlan:
 
     plans = open_plans(arguments.plans)
     if arguments.plan is None:
-        return plans.load(shuffled(plans.ids, arguments.seed)[0])
+        return plans.load(shuffled(plans.ids, arguments.exploration.seed)[0])
     if arguments.plan not in plans.ids:
         raise ConfigError(
             f"{arguments.plans} has no plan {arguments.plan!r}; {suggest(arguments.plan, plans.ids[:1000])}"
@@ -113,18 +101,10 @@ def _choose_plan(arguments: WatchArguments) -> FloorPlan:
 
 
 def _make_env(arguments: WatchArguments, plan: FloorPlan) -> ExploreEnv:
-    from slamgym.envs import ExploreConfig, ExploreEnv
+    from slamgym.envs import ExploreEnv
     from slamgym.envs.episode import fitted_env
-    from slamgym.sim import odometry_level
 
-    config = ExploreConfig(
-        robot=arguments.robot,
-        lidar=arguments.lidar,
-        odometry=odometry_level(arguments.odometry),
-        slam=dataclasses.replace(arguments.slam, particles=arguments.particles),
-        clutter=arguments.clutter,
-    )
-    config = fitted_env(plan, config.for_explorer(), arguments.minutes)
+    config = fitted_env(plan, arguments.exploration.env().for_explorer(), arguments.minutes)
     has_window = arguments.out is None and arguments.rerun is None
     return ExploreEnv(plan, config, render_mode="human" if has_window else "rgb_array")
 
@@ -134,8 +114,8 @@ def _explore(env: ExploreEnv, plan: FloorPlan, arguments: WatchArguments, observ
     from slamgym.agents.registry import make_explorer
     from slamgym.envs.episode import episode_steps
 
-    explorer = make_explorer(arguments.explorer, env.explorer_context(), arguments.seed)
-    for number, info in enumerate(episode_steps(env, explorer, env.reset(seed=arguments.seed))):  # noqa: B007 - the last info is shown
+    explorer = make_explorer(arguments.explorer, env.explorer_context(), arguments.exploration.seed)
+    for number, info in enumerate(episode_steps(env, explorer, env.reset(seed=arguments.exploration.seed))):  # noqa: B007 - the last info is shown
         for observe in observers:
             observe(explorer, number)
     for observe in observers:

@@ -53,6 +53,11 @@ def duration(seconds: float) -> str:
     return f"{minutes} min" if minutes < 60 else f"{minutes // 60} h {minutes % 60:02d} min"
 
 
+def counted(count: int, noun: str) -> str:
+    """A number of things in words: ``1 pair``, ``2 pairs``, ``1,240 pairs``."""
+    return f"{count:,} {noun}" + ("" if count == 1 else "s")
+
+
 @contextmanager
 def show_progress(label: str, done: int, total: int) -> Iterator[Advance]:
     """Show how far the work is on standard error while the block runs.

@@ -18,6 +18,7 @@ from slamgym.core.files import byte_lines, read_bytes, sha256_of
 from slamgym.core.limits import DOCUMENT_BYTES
 from slamgym.core.names import is_file_name
 from slamgym.core.png import read_png
+from slamgym.core.progress import counted
 from slamgym.core.seeding import exploration_seed
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN
 from slamgym.dataset.folder import is_whole, pair_names
@@ -294,7 +295,7 @@ def _unmerged(layout: Layout, names: Collection[str]) -> Iterator[FileFault]:
         if left:
             yield FileFault(
                 folder,
-                f"has {len(left)} pairs that are not in the dataset, such as {left[0]}; "
+                f"has {counted(len(left), 'pair')} beyond the dataset's, such as {left[0]}; "
                 f"run `slamgym dataset merge {layout.root}` again",
             )
 
@@ -336,7 +337,9 @@ def _check_side_files(root: Path, listed: _Listed) -> Iterator[FileFault]:
             plans = read_split(root).plans
             missing = sorted(listed.plans - plans.keys())
             if missing:
-                yield FileFault(split_path(root), f"doesn't know {len(missing)} plans, such as {missing[0]}")
+                yield FileFault(
+                    split_path(root), f"doesn't know {counted(len(missing), 'plan')}, such as {missing[0]}"
+                )
         except SlamgymError as error:
             yield _as_fault(split_path(root), error)
     if (root / VERDICTS_FILE).exists():
@@ -345,7 +348,8 @@ def _check_side_files(root: Path, listed: _Listed) -> Iterator[FileFault]:
             missing = [name for name in listed.names if name not in names]
             if missing:
                 yield FileFault(
-                    root / VERDICTS_FILE, f"doesn't know {len(missing)} pairs, such as {missing[0]}"
+                    root / VERDICTS_FILE,
+                    f"doesn't know {counted(len(missing), 'pair')}, such as {missing[0]}",
                 )
         except SlamgymError as error:
             yield _as_fault(root / VERDICTS_FILE, error)

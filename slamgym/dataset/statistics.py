@@ -11,6 +11,7 @@ import numpy as np
 
 from slamgym.core.files import open_regular, replace_file
 from slamgym.core.png import encode_png
+from slamgym.core.progress import counted
 from slamgym.core.types import FloatArray, IntArray
 from slamgym.dataset.columns import RecordColumns
 from slamgym.dataset.curate.verdicts import VERDICTS_FILE, iterate_verdicts
@@ -198,7 +199,7 @@ def describe_pairs(root: Path | str) -> str:
     endings = ", ".join(f"{count} {reason}" for reason, count in endings_count.most_common())
     return "\n".join(
         [
-            f"{root}: {len(coverage)} pairs of {len(plans)} plans",
+            f"{root}: {counted(len(coverage), 'pair')} of {counted(len(plans), 'plan')}",
             f"  coverage        median {100 * np.median(coverage):.1f} %, "
             f"{complete:.0f} % of the pairs at {100 * GOOD_COVERAGE:.0f} % or more",
             f"  robot time      median {np.median(minutes):.1f} min, longest {minutes.max():.1f} min",

@@ -8,6 +8,7 @@ import numpy as np
 import shapely
 
 from slamgym.cad.floorplan import FloorPlan, fill_segments, map_values
+from slamgym.core.progress import counted
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, BoolArray, ByteArray, FloatArray, GridFrame
 from slamgym.viz.canvas import INK, WALL_TINT, Colour, blank, draw_scale_bar, draw_text, frame_pixels
 from slamgym.viz.sheets import Card, draw_sheet
@@ -120,7 +121,7 @@ def _mark_doors(picture: ByteArray, plan: FloorPlan, frame: GridFrame) -> None:
 
 def _caption(plan: FloorPlan) -> str:
     name = plan.id if len(plan.id) <= 20 else plan.id[:17] + "..."
-    return f"{name}  {plan.area:.0f} m2, {len(plan.rooms)} rooms"
+    return f"{name}  {plan.area:.0f} m2, {counted(len(plan.rooms), 'room')}"
 
 
 def _legend(categories: Sequence[str], width: int) -> ByteArray:

@@ -39,12 +39,13 @@ from slamgym.cad import FloorPlan, check_plan
 from slamgym.cad.generator import PlanGeneratorConfig, generate_plan
 from slamgym.commands.agents.bench import leaderboard_command, run_command
 from slamgym.core.errors import ConfigError, InputFileError
+from slamgym.core.parallel.engine import Execution
 from slamgym.envs.plan_cache import ListedPlans
 from slamgym.sim import ClutterConfig
 
 ROOT = Path(__file__).parents[2]
 BENCH = read_bench()
-run = functools.partial(run_bench, engine="in_process")
+run = functools.partial(run_bench, execution=Execution(engine="in_process"))
 
 
 def room(number):

@@ -22,6 +22,7 @@ from slamgym.cad import FloorPlan
 from slamgym.commands.agents.evaluate import main, open_source
 from slamgym.core.errors import ConfigError
 from slamgym.core.parallel.backlog import Lost
+from slamgym.core.parallel.engine import Execution
 from slamgym.envs import ExploreConfig
 from slamgym.envs.episode import fitted_env
 from slamgym.envs.plan_cache import ListedPlans
@@ -54,7 +55,7 @@ def comparable(trial):
     return dataclasses.replace(trial, decision_cpu=0.0, decision_cpu_max=0.0, step_cpu=0.0, cpu=0.0)
 
 
-run = functools.partial(evaluate, engine="in_process")
+run = functools.partial(evaluate, execution=Execution(engine="in_process"))
 
 
 def test_every_explorer_sees_the_same_plans_and_starts(tmp_path):
@@ -141,7 +142,7 @@ class Unlucky:
 
 def test_an_exploration_that_crashes_is_noted_and_not_begun_again(tmp_path, monkeypatch):
     open_unlucky = lambda *_, **__: contextlib.nullcontext(Unlucky())  # noqa: E731
-    monkeypatch.setattr(evaluation_module, "open_engine", open_unlucky)
+    monkeypatch.setattr(Execution, "open", open_unlucky)
     found = run(source(), config(), tmp_path)
     assert (len(found.trials), found.fresh) == (5, 6)
     assert [(t.plan, t.explorer, t.reason) for t in found.failed] == [
@@ -160,7 +161,7 @@ def test_plans_too_small_for_the_robot_are_skipped_and_counted(tmp_path):
     assert [t.plan for t in result.trials] == ["fine"]
     assert [s.plan for s in result.skipped] == ["closet"]
     assert "wide enough" in result.skipped[0].reason
-    with pytest.raises(ConfigError, match="none of the 1 plans can be used"):
+    with pytest.raises(ConfigError, match="no plan can be used: of 1, "):
         choose_plans(ListedPlans([FloorPlan("closet", shapely.box(0.0, 0.0, 0.3, 3.0))]), config())
 
 

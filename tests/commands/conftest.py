@@ -7,7 +7,6 @@ from commands.hostile import SMALL, OnePlan
 
 from slamgym.agents.registry import make_explorer
 from slamgym.dataset import Layout, build_dataset
-from slamgym.dataset.generate.build import Execution
 from slamgym.dataset.shard import Shard
 
 
@@ -15,8 +14,7 @@ from slamgym.dataset.shard import Shard
 def explored(tmp_path_factory):
     root = tmp_path_factory.mktemp("explored")
     build_dataset(root / "dataset", OnePlan(), SMALL, make_explorer, pairs=2)
-    part = Execution(shard=Shard(0, 2))
-    build_dataset(root / "parts", OnePlan(), SMALL, make_explorer, pairs=2, execution=part)
+    build_dataset(root / "parts", OnePlan(), SMALL, make_explorer, pairs=2, shard=Shard(0, 2))
     return root
 
 

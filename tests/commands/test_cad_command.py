@@ -33,7 +33,7 @@ def test_a_map_becomes_a_drawing_in_every_format_without_torch(flat, tmp_path):
     assert sorted(path.name for path in out.iterdir()) == [
         "flat.dxf", "flat.geojson", "flat.json", "flat.png", "flat.svg",
     ]  # fmt: skip
-    assert "2 rooms, 1 doors" in done.stdout
+    assert "2 rooms, 1 door," in done.stdout
     assert done.stderr == ""
 
 

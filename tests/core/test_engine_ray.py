@@ -25,10 +25,9 @@ from slamgym.cad import FloorPlan, write_houseexpo
 from slamgym.commands import cli
 from slamgym.core.errors import ConfigError, SlamgymError
 from slamgym.core.parallel.backlog import MAX_ATTEMPTS, Lost
-from slamgym.core.parallel.engine import open_engine
+from slamgym.core.parallel.engine import Execution, open_engine
 from slamgym.core.parallel.ray import IN_FLIGHT_PER_CPU, check_address
 from slamgym.dataset import DatasetConfig, Layout, build_dataset, read_manifest
-from slamgym.dataset.generate.build import Execution
 from slamgym.envs import EpisodeConfig, ExploreConfig
 from slamgym.slam import SlamConfig
 

@@ -8,8 +8,8 @@ from shapely import Polygon, box
 
 from slamgym.agents.registry import make_explorer
 from slamgym.cad import FloorPlan
+from slamgym.core.parallel.engine import Execution
 from slamgym.dataset import DatasetConfig, build_dataset
-from slamgym.dataset.generate.build import Execution
 from slamgym.dataset.generate.recipe import parse_recipe
 from slamgym.envs import EpisodeConfig, ExploreConfig
 from slamgym.slam import SlamConfig

@@ -15,9 +15,9 @@ from slamgym.commands import cli
 from slamgym.commands.dataset import merge as merge_command
 from slamgym.core.errors import ConfigError, PlanError
 from slamgym.core.files import StorageError, exclusive_lock
+from slamgym.core.parallel.engine import Execution
 from slamgym.dataset import DatasetConfig, Layout, build_dataset, read_manifest
 from slamgym.dataset.check import check_dataset
-from slamgym.dataset.generate.build import Execution
 from slamgym.dataset.merge import merge_shards
 from slamgym.dataset.shard import WHOLE, Shard, shard_folders
 from slamgym.envs import EpisodeConfig, ExploreConfig
@@ -50,8 +50,8 @@ class Plans:
 
 
 def build(root, shard=WHOLE, narrow=False):
-    plans, execution = Plans(narrow), Execution(engine="in_process", shard=shard)
-    return build_dataset(root, plans, QUICK, make_explorer, pairs=PAIRS, execution=execution)
+    plans, execution = Plans(narrow), Execution(engine="in_process")
+    return build_dataset(root, plans, QUICK, make_explorer, pairs=PAIRS, execution=execution, shard=shard)
 
 
 def content(root):
@@ -168,7 +168,7 @@ def test_a_pair_that_is_not_whole_is_left_out_and_named(shards, capsys):
     record = next(read_manifest(shards / "shard-00000-of-00003"))
     Layout(shards / "shard-00000-of-00003").image("B", record.name).unlink()
     assert merge_command.main([str(shards)]) == 0
-    assert f"1 pairs lack a file and were left out, such as {record.name}" in capsys.readouterr().out
+    assert f"Left out: 1 pair without one of its files, such as {record.name}" in capsys.readouterr().out
     assert len(list(read_manifest(shards))) == PAIRS - 1
     # A run of the shard makes it again.
     assert build(shards, Shard(0, COUNT)).fresh == 1
@@ -197,9 +197,7 @@ def test_checking_looks_at_shards_only_for_what_is_not_merged(shards):
     hidden.write_bytes(picture)
     (fault,) = check_dataset(shards)
     assert fault.path.name == "shard-00001-of-00003"
-    assert (
-        f"has 1 pairs that are not in the dataset, such as {late}; run `slamgym dataset merge" in fault.what
-    )
+    assert f"has 1 pair beyond the dataset's, such as {late}; run `slamgym dataset merge" in fault.what
     merge_shards(shards)
     assert check_dataset(shards) == []
     # The files of both are the same, so damage to a shard is damage to the dataset.

@@ -155,7 +155,10 @@ def break_manifest(root):
         (break_nothing_there, "is not a folder"),
         (break_no_sides, "holds no pairs: it needs train/A and train/B"),
         (break_no_images, "holds no images"),
-        (break_missing_file, "1 images have no counterpart, the first is A/003 without B/003"),
+        (
+            break_missing_file,
+            "holds images without a counterpart, 1 of them; the first is A/003 without B/003",
+        ),
         (break_side_missing, "is missing; pairs need a folder A"),
         (break_shape_of_b, r"has shape \(32, 40\) but its counterpart A has \(32, 32\)"),
         (break_not_square, "training images are square"),

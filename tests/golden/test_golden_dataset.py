@@ -8,9 +8,9 @@ import pytest
 from slamgym.agents.registry import make_explorer
 from slamgym.cad import open_plans
 from slamgym.cad.sources import Subset
+from slamgym.core.parallel.engine import Execution
 from slamgym.dataset import DatasetConfig, Layout, build_dataset, load_pair, read_manifest
 from slamgym.dataset.format import read_dataset_config
-from slamgym.dataset.generate.build import Execution
 from slamgym.envs import EpisodeConfig, ExploreConfig
 from slamgym.interop import read_carmen
 from slamgym.slam import SlamConfig

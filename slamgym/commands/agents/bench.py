@@ -8,6 +8,7 @@ import tyro
 
 from slamgym.core.config import Arguments, CountOrZero, Positive
 from slamgym.core.parallel.backlog import TASK_TIMEOUT, available_cores
+from slamgym.core.parallel.engine import Execution
 from slamgym.core.progress import say
 
 
@@ -68,8 +69,7 @@ def run_command(argv: list[str]) -> int:
             track,
             source,
             arguments.out,
-            arguments.workers or available_cores(),
-            task_timeout=arguments.task_timeout,
+            Execution(arguments.workers or available_cores(), task_timeout=arguments.task_timeout),
         )
         result = bench_result(evaluation, bench, track, source, arguments.entry or arguments.explorer)
         results.append(result)

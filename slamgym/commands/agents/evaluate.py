@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import sys
 from dataclasses import field
 from pathlib import Path
@@ -12,20 +11,17 @@ import tyro
 
 from slamgym.agents.registry import EXPLORERS
 from slamgym.cad.plan_filter import PlanFilter
+from slamgym.commands.exploration_options import ExplorationOptions
 from slamgym.commands.extras import Extra, require
 from slamgym.core.config import Arguments, Count, CountOrZero, Positive
 from slamgym.core.errors import ConfigError
 from slamgym.core.parallel.backlog import TASK_TIMEOUT, available_cores
-from slamgym.core.progress import say
-from slamgym.sim import ClutterConfig, LidarConfig, OdometryLevel, RobotConfig
-from slamgym.slam import SlamConfig
+from slamgym.core.parallel.engine import Execution
+from slamgym.core.progress import counted, say
 
 if TYPE_CHECKING:
     from slamgym.agents.evaluation.evaluate import EvaluationConfig
     from slamgym.agents.plan_splits import PlanSplit
-
-if TYPE_CHECKING:
-    from slamgym.agents.evaluation.evaluate import EvaluationConfig
     from slamgym.cad.sources import PlanSource
 
 OFFICES = "offices"
@@ -65,12 +61,6 @@ class EvaluateArguments(Arguments):
     """Explorations of each plan by every explorer, each from another start."""
     minutes: Literal["auto"] | Positive = "auto"
     """Limit of robot time [min]; ``auto`` grows with the floor area."""
-    particles: Count = 30
-    """Particles of the SLAM filter."""
-    odometry: OdometryLevel = "medium"
-    """Errors of the wheel odometry."""
-    seed: int = 0
-    """Decides plans, starts and noise."""
     workers: CountOrZero = 0
     """Processes; 0 takes one per core."""
     task_timeout: Positive = TASK_TIMEOUT
@@ -82,14 +72,10 @@ class EvaluateArguments(Arguments):
     most over the second, as ``film.mp4``."""
     film_plan: str = ""
     """Id of the plan to film instead."""
-    robot: RobotConfig = field(default_factory=RobotConfig)
-    """Measures and limits of the robot."""
-    lidar: LidarConfig = field(default_factory=LidarConfig)
-    """The scanner and its errors."""
-    slam: SlamConfig = field(default_factory=SlamConfig)
-    """Localisation and mapping."""
-    clutter: ClutterConfig = field(default_factory=ClutterConfig)
-    """Furniture and people."""
+    exploration: Annotated[ExplorationOptions, tyro.conf.arg(name="")] = field(
+        default_factory=ExplorationOptions
+    )
+    """Robot, sensors, SLAM, furniture and people."""
 
 
 def main(argv: list[str]) -> int:
@@ -107,14 +93,14 @@ def main(argv: list[str]) -> int:
         source,
         config,
         arguments.out,
-        arguments.workers or available_cores(),
-        task_timeout=arguments.task_timeout,
+        Execution(arguments.workers or available_cores(), task_timeout=arguments.task_timeout),
     )
     if evaluation.skipped:
-        say(f"{len(evaluation.skipped)} plans were skipped, the first: {evaluation.skipped[0].reason}")
+        say(f"skipped {counted(len(evaluation.skipped), 'plan')}, the first: {evaluation.skipped[0].reason}")
     if evaluation.failed:
         say(
-            f"{len(evaluation.failed)} explorations crashed or hung; {arguments.out / 'failed.jsonl'} says which"
+            f"{counted(len(evaluation.failed), 'exploration')} crashed or hung; "
+            f"{arguments.out / 'failed.jsonl'} says which"
         )
     sys.stdout.write(write_report(arguments.out, evaluation, config, _reference(arguments.against, config)))
     if arguments.plot:
@@ -141,27 +127,19 @@ def evaluation_config(arguments: EvaluateArguments) -> EvaluationConfig:
     from slamgym.agents.evaluation.evaluate import EvaluationConfig
     from slamgym.agents.evaluation.trial import TrialConfig
     from slamgym.agents.oracle import OracleConfig
-    from slamgym.envs import ExploreConfig
     from slamgym.planning.promise import Promise
-    from slamgym.sim import odometry_level
 
     explorers = tuple(name.strip() for name in arguments.explorers.split(",") if name.strip())
     promise = None if arguments.promise == "none" else Promise.parse(arguments.promise)
     split: PlanSplit | None = None if arguments.split == "all" else arguments.split
-    env = ExploreConfig(
-        robot=arguments.robot,
-        lidar=arguments.lidar,
-        odometry=odometry_level(arguments.odometry),
-        slam=dataclasses.replace(arguments.slam, particles=arguments.particles),
-        clutter=arguments.clutter,
-    )
+    env = arguments.exploration.env()
     config = EvaluationConfig(
         explorers=explorers,
         count=arguments.count,
         split=split,
         plans_filter=arguments.plans_filter,
         repetitions=arguments.repetitions,
-        seed=arguments.seed,
+        seed=arguments.exploration.seed,
         oracle=arguments.oracle,
         bound=OracleConfig(iterations=arguments.oracle_budget),
         trial=TrialConfig(arguments.minutes, promise, env),

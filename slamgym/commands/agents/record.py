@@ -15,7 +15,7 @@ import tyro
 from slamgym.commands.extras import LEARNING, Extra, require
 from slamgym.core.config import Arguments, Count, CountOrZero, Share
 from slamgym.core.errors import ConfigError
-from slamgym.core.progress import show_progress
+from slamgym.core.progress import counted, show_progress
 
 if TYPE_CHECKING:
     import numpy as np
@@ -84,13 +84,15 @@ def main(argv: list[str]) -> int:
                     buffer=episodes,
                     env=env,
                     algorithm_name=f"{arguments.expert}, {100 * arguments.random_share:g} % at random",
-                    description=f"{arguments.episodes} explorations of {arguments.plans}",
+                    description=f"{counted(arguments.episodes, 'exploration')} of {arguments.plans}",
                     data_format="arrow",
                 )
         except ValueError as error:
             reason = " ".join(str(error).split())
             raise ConfigError(f"--minari {arguments.minari}: {reason}; choose another id") from None
-    sys.stdout.write(f"{arguments.minari}: {dataset.total_episodes} episodes, {dataset.total_steps} steps\n")
+    sys.stdout.write(
+        f"{arguments.minari}: {counted(dataset.total_episodes, 'episode')}, {counted(dataset.total_steps, 'step')}\n"
+    )
     return 0
 
 

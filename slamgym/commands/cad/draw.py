@@ -18,7 +18,7 @@ from slamgym.core.errors import ConfigError, InputFileError, SlamgymError
 from slamgym.core.files import read_text, write_text
 from slamgym.core.limits import YAML_BYTES
 from slamgym.core.pictures import PICTURE_SUFFIXES
-from slamgym.core.progress import say
+from slamgym.core.progress import counted, say
 from slamgym.drawing.settings import DEFAULT_DRAWING, DEFAULT_MODEL
 
 if TYPE_CHECKING:
@@ -112,7 +112,7 @@ def _draw_folder(maps: list[Path], job: _Job) -> int:
     if with_gallery:
         page = format_gallery(arguments.map.resolve().name, cards, failures, job.command)
         write_text(arguments.out / GALLERY, page)
-    sys.stdout.write(f"{drawn} of {len(maps)} maps drawn in {arguments.out}\n")
+    sys.stdout.write(f"{drawn} of {counted(len(maps), 'map')} drawn in {arguments.out}\n")
     return 1 if failures else 0
 
 
@@ -193,6 +193,6 @@ def _summary(drawing: Drawing) -> str:
     inferred = sum(wall.length for wall in drawing.walls if wall.layer == "INFERRED")
     total = sum(wall.length for wall in drawing.walls)
     return (
-        f"{drawing.name}: {drawing.area:.1f} m2, {len(drawing.rooms)} rooms, {len(drawing.doors)} doors, "
-        f"{total:.0f} m of wall ({inferred / max(total, 1e-9):.0%} inferred)"
+        f"{drawing.name}: {drawing.area:.1f} m2, {counted(len(drawing.rooms), 'room')}, "
+        f"{counted(len(drawing.doors), 'door')}, {total:.0f} m of wall ({inferred / max(total, 1e-9):.0%} inferred)"
     )

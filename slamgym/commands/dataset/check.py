@@ -7,7 +7,7 @@ import tyro
 
 from slamgym.core.config import Arguments
 from slamgym.core.files import open_regular
-from slamgym.core.progress import show_progress
+from slamgym.core.progress import counted, show_progress
 
 EXIT_FAULTS = 1
 
@@ -38,6 +38,6 @@ def main(argv: list[str]) -> int:
         faults = check(arguments.folder, advance)
     for fault in faults:
         sys.stdout.write(f"{fault}\n")
-    verdict = f"{len(faults)} faults" if faults else "no fault"
-    sys.stdout.write(f"{arguments.folder}: {total} pairs, {verdict}\n")
+    verdict = f"{counted(len(faults), 'fault')}" if faults else "no fault"
+    sys.stdout.write(f"{arguments.folder}: {counted(total, 'pair')}, {verdict}\n")
     return EXIT_FAULTS if faults else 0

@@ -17,7 +17,7 @@ from slamgym.core.config import Arguments, CountOrZero, Within
 from slamgym.core.errors import ConfigError
 from slamgym.core.files import exclusive_lock, sha256_of
 from slamgym.core.parallel.backlog import available_cores
-from slamgym.core.progress import say
+from slamgym.core.progress import counted, say
 from slamgym.core.types import FloatArray
 from slamgym.dataset.curate.completeness_model import TreesConfig
 from slamgym.dataset.curate.criteria import Criteria, StuckFilter
@@ -193,14 +193,16 @@ def _print(root: Path, report: CleanReport, config: CleanConfig) -> None:
     from slamgym.dataset.curate.verdicts import VERDICTS_FILE
 
     total = len(report.verdicts)
-    lines = [f"{root}: {total} maps, {report.kept} kept ({100.0 * report.kept / max(total, 1):.1f} %)"]
+    lines = [
+        f"{root}: {counted(total, 'map')}, {report.kept} kept ({100.0 * report.kept / max(total, 1):.1f} %)"
+    ]
     for reason, count in report.reasons().items():
         lines.append(f"  {count:5d} " + (reason if reason.startswith("dropped") else f"dropped: {reason}"))
     if report.agreement:
         lines += _agreement_lines(report.agreement, config.band)
     if report.undecided:
         lines.append(
-            f"  {report.undecided} doubtful maps have not been seen by a person: slamgym dataset review {root}"
+            f"  doubtful maps that no person has seen: {report.undecided}; slamgym dataset review {root}"
         )
     lines.append(f"verdicts: {root / VERDICTS_FILE}")
     sys.stdout.write("\n".join(lines) + "\n")
@@ -210,7 +212,7 @@ def _agreement_lines(score: ProbabilityScore, band: tuple[float, float]) -> list
     ranking = "" if np.isnan(score.roc_auc) else f", AUC {score.roc_auc:.3f}"
     outside = "" if np.isnan(score.accuracy_outside_band) else f"{100.0 * score.accuracy_outside_band:.1f} %"
     return [
-        f"  the classifier agrees with the truth on {100.0 * score.accuracy:.1f} % of {score.count} maps"
+        f"  the classifier agrees with the truth on {100.0 * score.accuracy:.1f} % of {counted(score.count, 'map')}"
         f"{ranking}, Brier score {score.brier:.3f}",
         f"  {100.0 * score.band_share:.1f} % lie in its band of {band[0]:g} to {band[1]:g}"
         + (f"; of the others it gets {outside} right" if outside else ""),

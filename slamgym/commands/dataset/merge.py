@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import tyro
 
 from slamgym.core.config import Arguments
+from slamgym.core.progress import counted
 
 if TYPE_CHECKING:
     from slamgym.dataset.merge import MergeReport
@@ -40,13 +41,13 @@ def main(argv: list[str]) -> int:
 
 
 def _describe(report: MergeReport) -> str:
-    lines = f"{report.fresh} new pairs of {report.shards} shards."
+    lines = f"{counted(report.fresh, 'new pair')} of {counted(report.shards, 'shard')}."
     if report.missing:
         more = "" if len(report.missing) <= _SHOWN else f" and {len(report.missing) - _SHOWN} more"
         lines += f" Not there: {', '.join(report.missing[:_SHOWN])}{more}."
     if report.broken:
         lines += (
-            f" {len(report.broken)} pairs lack a file and were left out, such as {report.broken[0]}: "
+            f" Left out: {counted(len(report.broken), 'pair')} without one of its files, such as {report.broken[0]}: "
             "run `slamgym generate` for their shards again."
         )
     return lines

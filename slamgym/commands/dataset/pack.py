@@ -8,7 +8,7 @@ from typing import Annotated
 import tyro
 
 from slamgym.core.config import Arguments
-from slamgym.core.progress import show_progress
+from slamgym.core.progress import counted, show_progress
 from slamgym.dataset.images.pack import PackConfig
 
 
@@ -40,7 +40,9 @@ def main(argv: list[str]) -> int:
     with show_progress("pairs packed", 0, total) as advance:
         paths = pack_images(arguments.images, arguments.out, arguments.pack, advance)
     size = sum(path.stat().st_size for path in paths)
-    sys.stdout.write(f"{arguments.out}: {total} pairs in {len(paths)} files, {size / 1e6:.1f} MB\n")
+    sys.stdout.write(
+        f"{arguments.out}: {counted(total, 'pair')} in {counted(len(paths), 'file')}, {size / 1e6:.1f} MB\n"
+    )
     if arguments.push_to_hub is not None:
         sys.stdout.write(f"{push_to_hub(arguments.out, arguments.push_to_hub, arguments.private)}\n")
     return 0

@@ -14,7 +14,7 @@ import tyro
 from slamgym.commands.extras import is_installed
 from slamgym.core.config import Arguments, Count, CountOrZero, Positive
 from slamgym.core.errors import ConfigError
-from slamgym.core.progress import say
+from slamgym.core.progress import counted, say
 
 if TYPE_CHECKING:
     from slamgym.dataset.realism.comparison import LearnerOf
@@ -79,7 +79,9 @@ def main(argv: list[str]) -> int:
     )
     for one in (own, *references):
         left_out = "".join(f"; left out: {count} {reason}" for reason, count in one.skipped.items())
-        say(f"{one.name}: {len(one.maps)} maps of {len(set(one.buildings))} buildings{left_out}")
+        say(
+            f"{one.name}: {counted(len(one.maps), 'map')} of {counted(len(set(one.buildings)), 'building')}{left_out}"
+        )
     statistics = compare_statistics(own, references, arguments.seed)
     report = RealismReport(own, references, arguments.seed, statistics)
     _test_by_trees(report, arguments.halvings)

@@ -12,7 +12,7 @@ import tyro
 from slamgym.core.config import Arguments, CountOrZero
 from slamgym.core.errors import ConfigError
 from slamgym.core.parallel.backlog import available_cores
-from slamgym.core.progress import say
+from slamgym.core.progress import counted, say
 from slamgym.dataset.images.square_images import ImageConfig
 
 if TYPE_CHECKING:
@@ -76,9 +76,15 @@ def render_and_report(
     split = current_split(dataset, config.scaling, workers)
     report = render_images(dataset, out, config, split, selection=selection, workers=workers)
     sides = ", ".join(f"{report.sides.get(side, 0)} {side}" for side in SPLITS)
-    sys.stdout.write(f"{out}: {report.images} pairs of images ({sides}), {report.fresh} of them new\n")
+    sys.stdout.write(f"{out}: {counted(report.images, 'pair')} of images ({sides}), {report.fresh} new\n")
     for reason, count in report.left_out.items():
-        sys.stdout.write(f"  left out: {count} pairs, {reason}; see skipped.jsonl\n")
+        sys.stdout.write(f"  left out: {counted(count, 'pair')}, {reason}; see skipped.jsonl\n")
+    for side in SPLITS:
+        if not report.sides.get(side):
+            say(
+                f"No pair is on the side {side}: make more pairs, or run `slamgym dataset split {dataset} --test 0.3` "
+                "and render into another folder."
+            )
 
 
 def _select(dataset: Path, min_coverage: float | None) -> Selection:
@@ -88,7 +94,7 @@ def _select(dataset: Path, min_coverage: float | None) -> Selection:
     total = len(selection.kept) + len(selection.left_out)
     if "by" not in selection.rule and min_coverage is None:
         say(
-            f"The dataset was not cleaned: taking {len(selection.kept)} of {total} pairs, those that saw "
+            f"The dataset was not cleaned: taking {len(selection.kept)} of {counted(total, 'pair')}, those that saw "
             f"{100 * selection.rule['min_coverage']:g} % of the floor (`slamgym dataset clean` decides better)."
         )
     if not selection.kept:

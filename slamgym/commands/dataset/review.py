@@ -11,7 +11,7 @@ from slamgym.core.config import Arguments, Count
 from slamgym.core.documents import read_json
 from slamgym.core.errors import InputFileError
 from slamgym.core.files import write_text
-from slamgym.core.progress import say
+from slamgym.core.progress import counted, say
 from slamgym.dataset.curate.review import Which
 
 
@@ -46,7 +46,9 @@ def main(argv: list[str]) -> int:
     verdicts = read_verdicts(root)
     missing = sum(item.name not in verdicts for item in items)
     if missing:
-        say(f"{missing} maps came after {root / VERDICTS_FILE}; run `slamgym dataset clean {root}` for them.")
+        say(
+            f"{counted(missing, 'map')} came after {root / VERDICTS_FILE}; run `slamgym dataset clean {root}` for them."
+        )
     entries = choose_entries(items, verdicts, arguments.which)
     if not entries:
         sys.stdout.write(f"{root}: no map is {_words(arguments.which)}; there is nothing to review.\n")
@@ -62,7 +64,7 @@ def main(argv: list[str]) -> int:
         stored_decisions(root),
     )
     write_text(arguments.out, page)
-    sys.stdout.write(f"{arguments.out}: {len(entries)} maps, {len(page) / 1e6:.1f} MB\n")
+    sys.stdout.write(f"{arguments.out}: {counted(len(entries), 'map')}, {len(page) / 1e6:.1f} MB\n")
     return 0
 
 

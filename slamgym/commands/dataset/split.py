@@ -7,6 +7,7 @@ import tyro
 
 from slamgym.core.config import Arguments, CountOrZero
 from slamgym.core.parallel.backlog import available_cores
+from slamgym.core.progress import counted
 from slamgym.dataset.images.format import Scaling
 
 
@@ -51,7 +52,7 @@ def main(argv: list[str]) -> int:
     train, test = len(table.of_side("train")), len(table.of_side("test"))
     alike = len(table.plans) - table.groups
     sys.stdout.write(
-        f"{split_path(arguments.dataset)}: {train} plans for training, {test} for testing "
-        f"({alike} of them look like another one)\n"
+        f"{split_path(arguments.dataset)}: {counted(train, 'plan')} for training, {test} for testing "
+        f"({alike} of them a look-alike of another)\n"
     )
     return 0

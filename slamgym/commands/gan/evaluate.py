@@ -15,7 +15,7 @@ from slamgym.commands.gan.arguments import EvaluateTranslatorsArguments
 from slamgym.core.errors import ConfigError
 from slamgym.core.files import write_text
 from slamgym.core.markdown import markdown
-from slamgym.core.progress import say, show_progress
+from slamgym.core.progress import counted, say, show_progress
 from slamgym.core.types import ByteArray
 from slamgym.gan.data import PairSet, image_side, load_pairs, true_faces
 from slamgym.gan.evaluation.evaluate import (
@@ -130,7 +130,10 @@ def _measure(
         for method in methods:
             scores[method.name] = evaluate_method(method, pairs, advance)
     summary = summarise_scores(scores)
-    _print(f"{len(pairs)} maps of {len(set(pairs.plan_ids))} plans, 95 % intervals", *main_table(summary))
+    _print(
+        f"{counted(len(pairs), 'map')} of {counted(len(set(pairs.plan_ids)), 'plan')}, 95 % intervals",
+        *main_table(summary),
+    )
     _print("Dimensions, after a rigid alignment", *dimensions_table(summary))
     return scores, summary
 

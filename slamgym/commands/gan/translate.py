@@ -10,7 +10,7 @@ from slamgym.commands.gan.arguments import TranslateArguments
 from slamgym.core.documents import YAML_SUFFIXES
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.files import write_bytes
-from slamgym.core.progress import say, show_progress
+from slamgym.core.progress import counted, say, show_progress
 from slamgym.core.types import OccupancyGrid
 from slamgym.gan.data import SUFFIXES, read_grey
 from slamgym.gan.translation.translate import LearnedTranslator, load_translator
@@ -126,4 +126,4 @@ def _translate_folder(arguments: TranslateArguments, translator: LearnedTranslat
             advance()
     if refused == len(maps) + len(images):
         raise InputFileError(arguments.input, "holds nothing that could be translated; see the lines above")
-    sys.stdout.write(f"{len(maps) + len(images) - refused} maps in {arguments.out}\n")
+    sys.stdout.write(f"{counted(len(maps) + len(images) - refused, 'map')} in {arguments.out}\n")

@@ -9,6 +9,7 @@ only the engine ``in_process`` runs the tasks in the caller's process, which die
 
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import AbstractContextManager
+from dataclasses import dataclass
 from typing import Literal, Protocol, TypeVar
 
 from slamgym.core.errors import ConfigError
@@ -72,6 +73,24 @@ def open_engine(
     from slamgym.core.parallel.local import InProcessEngine, LocalEngine
 
     return InProcessEngine() if name == "in_process" else LocalEngine(workers, timeout)
+
+
+@dataclass(frozen=True)
+class Execution:
+    """Where many explorations run; what they give does not depend on it."""
+
+    workers: int = 1
+    """Processes. Of a Ray cluster that runs already, the most to use; 0 uses all."""
+    engine: EngineName = "local"
+    """``local``: this machine; ``ray``: a Ray cluster; ``in_process``: this process, for debugging and tests."""
+    address: str | None = None
+    """Of the Ray cluster; None starts one on this machine."""
+    task_timeout: float = TASK_TIMEOUT
+    """Longest wall time of an exploration [s]; one that hangs is ended and noted."""
+
+    def open(self) -> AbstractContextManager[Engine]:
+        """Start the engine for the length of a ``with`` block, as :func:`open_engine`."""
+        return open_engine(self.engine, self.workers, self.address, self.task_timeout)
 
 
 def run_tasks(task: Callable[[_Item], _Result], items: Iterable[_Item], workers: int) -> Iterator[_Result]:

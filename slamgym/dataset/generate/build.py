@@ -8,8 +8,8 @@ from pathlib import Path
 
 from slamgym.cad import PlanSource
 from slamgym.core.jit import is_compiled
-from slamgym.core.parallel.backlog import TASK_TIMEOUT, Lost
-from slamgym.core.parallel.engine import EngineName, open_engine
+from slamgym.core.parallel.backlog import Lost
+from slamgym.core.parallel.engine import Execution
 from slamgym.core.progress import show_progress
 from slamgym.dataset.folder import DatasetFolder, open_dataset
 from slamgym.dataset.generate.exploration import (
@@ -24,22 +24,6 @@ from slamgym.dataset.shard import WHOLE, Shard
 from slamgym.envs.episode import MakeExplorer, check_explorer
 from slamgym.envs.warmup import warm_up
 from slamgym.sim import cast_rays
-
-
-@dataclass(frozen=True)
-class Execution:
-    """Where the work is done; the content does not depend on it."""
-
-    workers: int = 1
-    """Processes. Of a Ray cluster that runs already, the most to use; 0 uses all."""
-    engine: EngineName = "local"
-    """``local``: this machine; ``ray``: a Ray cluster; ``in_process``: this process, for debugging and tests."""
-    address: str | None = None
-    """Of the Ray cluster; None starts one on this machine."""
-    shard: Shard = WHOLE
-    """The part of the dataset to make."""
-    task_timeout: float = TASK_TIMEOUT
-    """Longest wall time of an exploration [s]; one that hangs is rejected."""
 
 
 @dataclass(frozen=True)
@@ -67,6 +51,7 @@ def build_dataset(
     pairs: int,
     workers: int = 1,
     execution: Execution | None = None,
+    shard: Shard = WHOLE,
 ) -> BuildReport:
     """Explore floor plans until the folder holds the wanted number of pairs.
 
@@ -81,6 +66,7 @@ def build_dataset(
         pairs: How many pairs the folder shall hold; of a shard, how many the whole dataset shall hold.
         workers: Number of processes on this machine.
         execution: Other places to work in, instead of ``workers``.
+        shard: The part of the dataset to make.
 
     Raises:
         ConfigError: If the folder holds pairs made with other settings, or the engine can't be started.
@@ -90,14 +76,13 @@ def build_dataset(
     """
     began = time.monotonic()
     execution = execution or Execution(workers)
-    shard = execution.shard
     root = Path(root) if shard == WHOLE else Path(root) / shard.folder_name
     for explorer in config.recipe.values("explorer") or [config.episode.explorer]:
         check_explorer(plans, dataclasses.replace(config.episode, explorer=explorer), make_explorer)
     if not is_compiled(cast_rays):
         warm_up()  # here, once, rather than in every worker
     with (
-        open_engine(execution.engine, execution.workers, execution.address, execution.task_timeout) as engine,
+        execution.open() as engine,
         open_dataset(root, dataset_settings(config, plans)) as folder,
     ):
         before, wanted = len(folder.committed), shard.share_of(pairs)

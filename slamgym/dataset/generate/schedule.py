@@ -182,6 +182,6 @@ class SlotQueue:
         self._barren += 1
         if self._barren >= max(len(self._plans), 1) * self._config.trajectories:
             raise SlamgymError(
-                f"none of the {len(self._plans)} plans gave a pair; {self._folder.layout.rejected} says why, "
+                f"no plan gave a pair (of {len(self._plans)}); {self._folder.layout.rejected} says why, "
                 "unless the filter leaves none"
             )

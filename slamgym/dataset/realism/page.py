@@ -8,6 +8,7 @@ from typing import Any
 from slamgym import __version__
 from slamgym.core.intervals import Interval
 from slamgym.core.markdown import markdown
+from slamgym.core.progress import counted
 from slamgym.dataset.realism.comparison import SetTestRow, StatisticRow
 from slamgym.dataset.realism.map_sets import MapSet
 from slamgym.dataset.realism.pictures import Figure
@@ -136,7 +137,7 @@ def realism_page(report: RealismReport, figures: Sequence[Figure]) -> str:
 def _set_line(one: MapSet) -> str:
     skipped = ", ".join(f"{count} {reason}" for reason, count in one.skipped.items())
     left_out = f"; left out: {skipped}" if skipped else ""
-    text = f"{len(one.maps)} maps of {len(set(one.buildings))} buildings{left_out}"
+    text = f"{counted(len(one.maps), 'map')} of {counted(len(set(one.buildings)), 'building')}{left_out}"
     return f"<p><b>{html.escape(one.name)}</b>: {html.escape(text)}</p>"
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import shapely
 from shapely import Polygon
 
+from slamgym.core.progress import counted
 from slamgym.core.types import FREE, OCCUPIED, ByteArray, FloatArray, GridFrame
 from slamgym.drawing.drawing import Drawing, DrawnPoint
 from slamgym.viz.canvas import (
@@ -159,7 +160,7 @@ def _draw_dimension(
 def _footer(drawing: Drawing, width: int, metres_per_px: float) -> ByteArray:
     strip = blank((CAPTION_PX, width), PAPER)
     right = draw_scale_bar(strip, (16, 22), metres_per_px, 0.25 * width)
-    caption = f"{drawing.name}   {len(drawing.rooms)} rooms   {drawing.area:.1f} m2"
+    caption = f"{drawing.name}   {counted(len(drawing.rooms), 'room')}   {drawing.area:.1f} m2"
     draw_text(strip, caption, right + 24, 27, fitting_size(caption, 0.5, width - right - 40))
     if drawing.doubts:
         doubts = "; ".join(drawing.doubts)

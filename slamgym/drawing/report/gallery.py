@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import NamedTuple
 from urllib.parse import quote
 
+from slamgym.core.progress import counted
 from slamgym.drawing.drawing import Drawing
 from slamgym.drawing.formats.png import Look, draw_picture
 from slamgym.drawing.report.page import REPORT_STYLE, checks, figures_part, key_figures
@@ -57,7 +58,7 @@ def format_gallery(title: str, cards: Sequence[GalleryCard], failures: Sequence[
     parts = [
         f"<h1>{escape(title)}</h1>",
         paragraph(
-            f"{len(cards)} maps drawn, {doubtful} of them with something to check, {len(failures)} refused. "
+            f"{counted(len(cards), 'map')} drawn, {doubtful} of them with something to check, {len(failures)} refused. "
             f"The maps with most to check come first. {_LEGEND}"
         ),
         f"<h2>Refused</h2>{bullets(failures)}" if failures else "",

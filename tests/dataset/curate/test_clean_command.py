@@ -12,6 +12,7 @@ from slamgym.agents.registry import make_explorer
 from slamgym.cad import FloorPlan
 from slamgym.commands import cli
 from slamgym.core.errors import ConfigError, InputFileError
+from slamgym.core.parallel.engine import Execution
 from slamgym.core.types import GridFrame, OccupancyGrid
 from slamgym.dataset import DatasetConfig, Layout, build_dataset, read_manifest
 from slamgym.dataset.curate import cleaning
@@ -20,7 +21,6 @@ from slamgym.dataset.curate.completeness import completeness_features
 from slamgym.dataset.curate.map_items import open_items
 from slamgym.dataset.curate.verdicts import Verdict, read_verdicts, write_verdicts
 from slamgym.dataset.faults import MapFault
-from slamgym.dataset.generate.build import Execution
 from slamgym.envs import EpisodeConfig, ExploreConfig
 from slamgym.interop import write_ros_map
 from slamgym.slam import SlamConfig

@@ -7,10 +7,10 @@ from shapely import box
 from slamgym.agents.registry import make_explorer
 from slamgym.cad import FloorPlan
 from slamgym.core.errors import InputFileError
+from slamgym.core.parallel.engine import Execution
 from slamgym.dataset import DatasetConfig, Layout, build_dataset, load_pair, read_manifest
 from slamgym.dataset.curate.criteria import Criteria, StuckFilter
 from slamgym.dataset.curate.snapshots import label_maps, take_snapshots
-from slamgym.dataset.generate.build import Execution
 from slamgym.envs import EpisodeConfig, ExploreConfig
 from slamgym.envs.episode import run_episode
 from slamgym.slam import SlamConfig

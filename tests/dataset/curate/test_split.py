@@ -85,7 +85,7 @@ def test_the_command_says_what_it_did(dataset_copy, tmp_path, capsys):
     (tmp_path / "ids.txt").write_text("hall\n")
     command = ["dataset", "split", str(dataset_copy), "--test-plans", str(tmp_path / "ids.txt")]
     assert cli.main(command) == 0
-    assert "(1 of them look like another one)" in capsys.readouterr().out
+    assert "(1 of them a look-alike of another)" in capsys.readouterr().out
     assert read_split(dataset_copy).plans["hall"].side == "test"
     (tmp_path / "ids.txt").write_text("hal\n")
     assert cli.main(command) == 2

@@ -18,9 +18,9 @@ from slamgym.cad import FloorPlan, read_houseexpo
 from slamgym.core.errors import ConfigError, PlanError, SlamgymError
 from slamgym.core.files import StorageError
 from slamgym.core.parallel.backlog import Lost
+from slamgym.core.parallel.engine import Execution
 from slamgym.core.seeding import exploration_seed
 from slamgym.dataset import DatasetConfig, Layout, build_dataset, load_pair, read_manifest
-from slamgym.dataset.generate.build import Execution
 from slamgym.envs import EpisodeConfig, ExploreConfig
 from slamgym.interop import read_carmen, read_ros_map, read_tum
 from slamgym.metrics import absolute_trajectory_error

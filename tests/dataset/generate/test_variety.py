@@ -11,8 +11,8 @@ from slamgym.cad import FloorPlan, write_houseexpo
 from slamgym.commands import cli
 from slamgym.core.config import from_dict
 from slamgym.core.errors import ConfigError
+from slamgym.core.parallel.engine import Execution
 from slamgym.dataset import DatasetConfig, Layout, build_dataset, read_manifest
-from slamgym.dataset.generate.build import Execution
 from slamgym.dataset.generate.recipe import Recipe, parse_recipe
 from slamgym.envs import EpisodeConfig, ExploreConfig
 from slamgym.slam import SlamConfig
