@@ -144,6 +144,7 @@ class ExplorationLoop:
         self._growth = _Growth()
         self._progress = _Progress()
         self._blacklist: list[Point] = []
+        self._has_tried_all = False  # whether the last search of candidates had the last footprint
         self._recovery = RecoveryBehaviours(
             context,
             self.navigator,
@@ -294,6 +295,7 @@ class ExplorationLoop:
         """Search the candidates; without any, try what is left to try."""
         self._choice.is_new_map = self._choice.is_stale = False
         self._choice.is_due = True
+        self._has_tried_all = self.round == len(self.config.relaxed_footprints)
         self.candidates, self.num_frontiers = [], 0
         costmap, space = self.navigator.costmap, self.navigator.reachable
         if costmap is not None and space is not None and self._growth.futile < self.config.futile_goals:
@@ -325,8 +327,12 @@ class ExplorationLoop:
         return OccupancyGrid(self._belief.cells.reshape(self.context.frame.shape), self.context.frame)
 
     def remains(self) -> Remains | None:
-        """What the newest map leaves open; None before the first, or where the robot finds no place on it."""
-        if self._belief.cells is None:
+        """What the newest map leaves open.
+
+        None before the first, where the robot finds no place on it, and while nothing is offered but the next
+        search, with another footprint or a newer map, may find something: that looks as if all were done.
+        """
+        if self._belief.cells is None or not (self.candidates or self._has_tried_all):
             return None
         context = self.context
         return measure_remains(
