@@ -329,10 +329,12 @@ class ExplorationLoop:
     def remains(self) -> Remains | None:
         """What the newest map leaves open.
 
-        None before the first, where the robot finds no place on it, and while nothing is offered but the next
-        search, with another footprint or a newer map, may find something: that looks as if all were done.
+        None before the first, where the robot finds no place on it, before open air that it doesn't show, and
+        while nothing is offered but the next search, with another footprint or a newer map, may find something.
         """
         if self._belief.cells is None or not (self.candidates or self._has_tried_all):
+            return None
+        if self._recovery.has_open_air(self.known_map()):
             return None
         context = self.context
         return measure_remains(
@@ -346,6 +348,7 @@ class ExplorationLoop:
 
     def _drop_target(self) -> None:
         assert self.target is not None
+        self._recovery.note_given_up(self.pose, self._belief.scan)
         self._blacklist.append(self.target.frontier.centroid)
         if self.navigator.status is not GoalStatus.SUCCEEDED:
             self.navigator.keep_hindrances(self.pose, self.time)
@@ -387,7 +390,7 @@ class ExplorationLoop:
             return  # driving to a closed room, or the map doesn't show yet what the last goal brought
         self._growth.futile = 0
         self._choice.is_stale = True
-        behaviour = self._recovery.attempt(self.pose, self.time)
+        behaviour = self._recovery.attempt(self.known_map(), self.pose, self.time)
         if behaviour is Recovery.RELAXED_FOOTPRINT and self.round == 1:
             # What was given up may have become possible: people walk on and maps get better.
             self._blacklist.clear()

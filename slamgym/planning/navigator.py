@@ -28,6 +28,7 @@ from slamgym.planning.costmap import (
 from slamgym.planning.frontiers import Point, Reachable, Surroundings
 from slamgym.planning.grid_path import path_is_free, plan_path
 from slamgym.planning.hindrances import Hindrances
+from slamgym.planning.open_air import clear_open_air
 from slamgym.planning.path_follower import FollowerConfig, PathFollower
 
 _STOP = Twist2D(0.0, 0.0)
@@ -138,7 +139,9 @@ class Navigator:
         self._surroundings: Surroundings | None = None
         self.inscribed_radius = self.context.robot_radius
         self._grid: OccupancyGrid | None = None
+        self._published: OccupancyGrid | None = None  # the newest map as it came
         self._views: list[tuple[Pose2D, Float32Array]] = []  # trusted scans and where they were taken
+        self._open_air: list[FloatArray] = []  # points taken for free
         self._hindrances = Hindrances(
             self.config.obstacle_memory, self.config.barrier_half_width, 0.5 * self.context.frame.resolution
         )
@@ -168,6 +171,9 @@ class Navigator:
             pose: The robot's estimated pose in the frame of the map.
             time: Now [s].
         """
+        self._published = grid
+        for points in self._open_air:
+            grid = clear_open_air(points, grid)
         self._grid = crop_known(grid, pose)
         self._rebuild(pose, time)
         if self.is_active and self.costmap is not None:
@@ -187,6 +193,12 @@ class Navigator:
         """
         self._views = [*self._views[-(self.config.views_kept - 1) :], (pose, ranges.copy())]
         self._rebuild(pose, time)
+
+    def enter_open_air(self, points: FloatArray, pose: Pose2D, time: float) -> None:
+        """Take what the map doesn't know at some points for free, shape (N, 2) [m]; the scan still stops the robot."""
+        self._open_air.append(points)
+        if self._published is not None:
+            self.update_map(self._published, pose, time)
 
     def block_ahead(self, pose: Pose2D, time: float) -> None:
         """Note that the robot didn't get through just ahead on its path; from the second time on, it is closed.

@@ -1,17 +1,18 @@
 """Recovery behaviours of an exploration: what is tried before it ends because no frontier is left.
 
 In this order, one thing at a time: a look around at the very beginning, a relaxed footprint for passages that the
-map draws too narrow, and a look at rooms that the map has closed.
+map draws too narrow, a look at rooms that the map has closed, and a step into open air that the map doesn't show.
 """
 
 import math
 from collections.abc import Sequence
 from enum import Enum
 
-from slamgym.core.types import Pose2D, Twist2D
+from slamgym.core.types import Float32Array, FloatArray, OccupancyGrid, Pose2D, Twist2D
 from slamgym.planning.context import ExplorerContext
 from slamgym.planning.frontiers import Point, occluded_views
 from slamgym.planning.navigator import Goal, Navigator
+from slamgym.planning.open_air import find_open_air, is_undrawn
 
 _SAME_PLACE = 0.7
 """Places nearer to one another than this show the same of a closed room [m]."""
@@ -26,6 +27,8 @@ class Recovery(Enum):
     """The navigation stack takes the robot for narrower than it is from now on."""
     CLOSED_ROOM = "closed_room"
     """The navigation stack drives to a place from which a closed room can be looked at."""
+    OPEN_AIR = "open_air"
+    """The navigation stack takes a metre of air in which a scan met nothing for free from now on."""
     NOTHING = "nothing"
     """Everything was tried."""
 
@@ -62,6 +65,8 @@ class RecoveryBehaviours:
         self._has_looked_around = look_around_before <= 0.0  # a look that is never worth it counts as done
         self._turn_left, self._last_theta = 0.0, 0.0  # of a look around [rad]
         self._looked_from: list[Point] = []
+        self._open_air: list[FloatArray] = []  # points, where a frontier was given up
+        self._entered: list[Point] = []
 
     @property
     def is_turning(self) -> bool:
@@ -79,8 +84,14 @@ class RecoveryBehaviours:
         rate = self._navigator.config.follower.turn_rate
         return Twist2D(0.0, min(rate, self._context.max_angular))
 
-    def attempt(self, pose: Pose2D, time: float) -> Recovery:
-        """Begin what is to be tried next."""
+    def attempt(self, grid: OccupancyGrid, pose: Pose2D, time: float) -> Recovery:
+        """Begin what is to be tried next.
+
+        Args:
+            grid: The newest map.
+            pose: The believed pose.
+            time: Now [s].
+        """
         if time - self._began_at < self._look_around_before and not self._has_looked_around:
             self._has_looked_around = True
             self._turn_left, self._last_theta = 2.0 * math.pi, pose.theta
@@ -90,7 +101,32 @@ class RecoveryBehaviours:
             self.round += 1
             self._navigator.set_inscribed_radius(radius, pose, time)
             return Recovery.RELAXED_FOOTPRINT
-        return Recovery.CLOSED_ROOM if self._visit_closed_room(pose, time) else Recovery.NOTHING
+        if self._visit_closed_room(pose, time):
+            return Recovery.CLOSED_ROOM
+        return Recovery.OPEN_AIR if self._enter_open_air(grid, pose, time) else Recovery.NOTHING
+
+    def note_given_up(self, pose: Pose2D, ranges: Float32Array) -> None:
+        """Note the scan where a frontier was given up, reached or not: there may be open air."""
+        points = find_open_air(pose, ranges, self._context.geometry)
+        if points is not None:
+            self._open_air.append(points)
+
+    def has_open_air(self, grid: OccupancyGrid) -> bool:
+        """Whether open air that was noted isn't on the map, and hasn't been entered."""
+        return any(is_undrawn(points, grid) for points in self._open_air)
+
+    def _enter_open_air(self, grid: OccupancyGrid, pose: Pose2D, time: float) -> bool:
+        """Take the next open air that isn't on the map for free; False if there is none left."""
+        while self._open_air:
+            points = self._open_air.pop()
+            middle = points.mean(axis=0)
+            place = (float(middle[0]), float(middle[1]))
+            is_new = all(math.dist(place, entered) > _SAME_PLACE for entered in self._entered)
+            if is_new and is_undrawn(points, grid):
+                self._entered.append(place)
+                self._navigator.enter_open_air(points, pose, time)
+                return True
+        return False
 
     def _visit_closed_room(self, pose: Pose2D, time: float) -> bool:
         """Go and look at a room that the map cuts off, from each side once; False if there is none left."""
