@@ -25,8 +25,8 @@ class ReproduceArguments(Arguments):
     out: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
     """Folder of everything that is made."""
     scale: ScaleName = "smoke"
-    """``smoke``: 24 maps of bundled plans, minutes. ``laptop``: 240 of HouseExpo, an hour of a core. ``full``: 4,550, a
-    day."""
+    """``smoke``: 24 maps of bundled plans, minutes. ``laptop``: 240 of HouseExpo, a quarter of an hour of a
+    fast core. ``full``: 4,550, some hours."""
     plans: str | None = None
     """Other floor plans than the scale's, as `slamgym generate` takes them."""
     train: bool = False

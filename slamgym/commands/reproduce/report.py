@@ -42,7 +42,8 @@ def write_reproduction(run: Reproduction, state: ReproductionState) -> Path:
         paragraph(
             f"{statistics['whole']['pairs']} explorations of {statistics['whole']['plans']} floor plans by the recipe "
             f"{run.scale.recipe}, {evaluation['maps']} test maps of {evaluation['plans']} plans that no training of "
-            f"this run has seen. Seed {run.seed}, slamgym {__version__}. Intervals are 95 %."
+            f"this run has seen; the pretrained networks have seen some of HouseExpo's, none of the bundled ones. "
+            f"Seed {run.seed}, slamgym {__version__}. Intervals are 95 %."
         ),
         "<h2>How the paper's claims fared</h2>",
         claims_table(claims),
