@@ -65,7 +65,7 @@ def collect(root: Path, most: int) -> tuple[FloatArray, FloatArray, BoolArray, l
                 drawn.append(features)
                 complete.append(moment.coverage >= GOOD_COVERAGE)
                 plans.append(record.plan_id)
-            advance(1)
+            advance()
     return np.array(simulated), np.array(drawn), np.array(complete), plans
 
 

@@ -101,7 +101,9 @@ def apply_settings(config: TranslatorTrainingConfig, settings: Sequence[str]) ->
     for setting in settings:
         path, found, text = setting.partition("=")
         if not found or not path:
-            raise ConfigError(f"--set takes path=value, e.g. loss.l1=20, not {setting!r}")
+            raise ConfigError(
+                f"--set takes path=value, e.g. loss.l1=20, not {setting!r}; name folders of images before --set"
+            )
         *sections, name = path.split(".")
         place: Any = values
         for section in sections:
