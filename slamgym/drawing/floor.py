@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Protocol
 import cv2
 import numpy as np
 
-from slamgym.core.types import FREE, BoolArray, ByteArray, Float32Array, OccupancyGrid
+from slamgym.core.types import FREE, UNKNOWN, BoolArray, ByteArray, Float32Array, OccupancyGrid
 from slamgym.gan.translation.classical import clean_map, without_small
 from slamgym.metrics.maps import distance_to
 
@@ -25,6 +25,10 @@ LEAST_LEFT_OUT = 1.0
 """Free space that a model leaves out is looked at again from this size on [m2]."""
 WIDER_THAN_RAYS = 0.2
 """And if a disc of this radius fits into it: single rays are rightly left out [m]."""
+OPEN_BORDER = 0.2
+"""And if no more of its border is unknown: what was seen through panes and doors ends there, rooms end at walls."""
+LOST = 0.5
+"""A model that leaves out more of the wide free space has not understood the map: nothing was rightly left out."""
 
 
 class FloorModel(Protocol):
@@ -80,21 +84,48 @@ class FilledFloor:
 
 
 def left_out_regions(probability: Float32Array, grid: OccupancyGrid) -> BoolArray:
-    """Wide free space of a map that isn't floor by a model's picture, with a cell around it.
+    """Wide free space of a map that isn't floor by a model's picture and should be, with a cell around it.
 
     Args:
         probability: Of being floor, shape of the map.
         grid: The map.
 
     Returns:
-        Shape of the map; parts of at least :data:`LEAST_LEFT_OUT` that are wider than twice :data:`WIDER_THAN_RAYS`.
+        Shape of the map; parts of at least :data:`LEAST_LEFT_OUT`, wider than twice :data:`WIDER_THAN_RAYS`, that end
+        at walls and floor.
     """
     cell = grid.frame.resolution
-    missing = ((grid.cells == FREE) & (probability < 0.5)).astype(np.uint8)
+    free = grid.cells == FREE
+    missing = free & (probability < 0.5)
     reach = max(1, round(WIDER_THAN_RAYS / cell))
-    wide = cv2.morphologyEx(missing, cv2.MORPH_OPEN, _disc(reach)) > 0
-    large = without_small(wide, LEAST_LEFT_OUT / cell**2)
-    return cv2.dilate(large.astype(np.uint8), _disc(reach + 1)) > 0
+    wide = _opened(missing, reach)
+    parts = without_small(wide, LEAST_LEFT_OUT / cell**2)
+    if np.count_nonzero(wide) <= LOST * np.count_nonzero(_opened(free, reach)):
+        parts = _enclosed(parts, missing, grid.cells == UNKNOWN, reach)
+    return cv2.dilate(parts.astype(np.uint8), _disc(reach + 1)) > 0
+
+
+def _enclosed(parts: BoolArray, missing: BoolArray, unknown: BoolArray, reach: int) -> BoolArray:
+    """Those parts whose border is unknown by no more than :data:`OPEN_BORDER`."""
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(parts.astype(np.uint8), connectivity=4)
+    kept = np.zeros_like(parts)
+    margin = reach + 3
+    for label in range(1, count):
+        left, top, width, height = stats[label, :4]
+        box = np.s_[
+            max(0, top - margin) : top + height + margin, max(0, left - margin) : left + width + margin
+        ]
+        part = labels[box] == label
+        whole = (cv2.dilate(part.astype(np.uint8), _disc(reach + 1)) > 0) & missing[box]
+        border = (cv2.dilate(whole.astype(np.uint8), _disc(1)) > 0) & ~whole
+        if np.count_nonzero(border & unknown[box]) <= OPEN_BORDER * np.count_nonzero(border):
+            kept[box] |= part
+    return kept
+
+
+def _opened(mask: BoolArray, radius: int) -> BoolArray:
+    """What discs that fit into a mask cover."""
+    return cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_OPEN, _disc(radius)) > 0
 
 
 def _disc(radius: int) -> ByteArray:

@@ -167,6 +167,22 @@ def test_stripes_of_single_rays_are_left_out():
     assert second.asked == 0
 
 
+@pytest.mark.parametrize(("share_of_floor", "asked"), [(1.0, 0), (0.0, 1)])
+def test_what_was_seen_through_a_pane_is_left_out_unless_the_model_is_lost(share_of_floor, asked):
+    """Free space of 6 m2 beyond the outer wall that ends at nothing."""
+    grid, floor, _ = painted(FLAT)
+    cells = np.pad(grid.cells, 60, constant_values=UNKNOWN)
+    frame = grid.frame
+    frame = GridFrame(frame.resolution, frame.origin_x - 3.0, frame.origin_y - 3.0, *cells.shape)
+    middle = np.flatnonzero((cells == FREE).any(axis=1)).mean().astype(int)
+    last = np.flatnonzero(cells[middle] == OCCUPIED).max()
+    cells[middle - 30 : middle + 30, last + 1 : last + 41] = FREE
+    second = _Counted(0.9)
+    first = Painted(floor) if share_of_floor else _Counted(0.0)
+    FilledFloor([first, second]).probability(OccupancyGrid(cells, frame), 0.0)
+    assert second.asked == asked
+
+
 def test_a_model_beside_itself_changes_nothing():
     grid, _, _ = painted(FLAT)
     alone, twice = (load_floor_model(name).probability(grid, 0.0) for name in ("none", "none+none"))
