@@ -25,8 +25,10 @@ LEAST_LEFT_OUT = 1.0
 """Free space that a model leaves out is looked at again from this size on [m2]."""
 WIDER_THAN_RAYS = 0.2
 """And if a disc of this radius fits into it: single rays are rightly left out [m]."""
+DOUBT = 0.2
+"""And if the model gives it this probability on average: what was seen through panes it gives less."""
 OPEN_BORDER = 0.2
-"""And if no more of its border is unknown: what was seen through panes and doors ends there, rooms end at walls."""
+"""Or if no more of its border is unknown: what was seen through panes ends there, rooms end at walls."""
 LOST = 0.5
 """A model that leaves out more of the wide free space has not understood the map: nothing was rightly left out."""
 
@@ -91,8 +93,8 @@ def left_out_regions(probability: Float32Array, grid: OccupancyGrid) -> BoolArra
         grid: The map.
 
     Returns:
-        Shape of the map; parts of at least :data:`LEAST_LEFT_OUT`, wider than twice :data:`WIDER_THAN_RAYS`, that end
-        at walls and floor.
+        Shape of the map; parts of at least :data:`LEAST_LEFT_OUT`, wider than twice :data:`WIDER_THAN_RAYS`, that the
+        model doubts or that end at walls and floor.
     """
     cell = grid.frame.resolution
     free = grid.cells == FREE
@@ -101,12 +103,12 @@ def left_out_regions(probability: Float32Array, grid: OccupancyGrid) -> BoolArra
     wide = _opened(missing, reach)
     parts = without_small(wide, LEAST_LEFT_OUT / cell**2)
     if np.count_nonzero(wide) <= LOST * np.count_nonzero(_opened(free, reach)):
-        parts = _enclosed(parts, missing, grid.cells == UNKNOWN, reach)
+        parts = _doubted(parts, np.where(missing, probability, np.inf), grid.cells == UNKNOWN, reach)
     return cv2.dilate(parts.astype(np.uint8), _disc(reach + 1)) > 0
 
 
-def _enclosed(parts: BoolArray, missing: BoolArray, unknown: BoolArray, reach: int) -> BoolArray:
-    """Those parts whose border is unknown by no more than :data:`OPEN_BORDER`."""
+def _doubted(parts: BoolArray, left_out: Float32Array, unknown: BoolArray, reach: int) -> BoolArray:
+    """Those parts that are probable by :data:`DOUBT`, or have little unknown border; ``left_out`` is inf elsewhere."""
     count, labels, stats, _ = cv2.connectedComponentsWithStats(parts.astype(np.uint8), connectivity=4)
     kept = np.zeros_like(parts)
     margin = reach + 3
@@ -116,9 +118,10 @@ def _enclosed(parts: BoolArray, missing: BoolArray, unknown: BoolArray, reach: i
             max(0, top - margin) : top + height + margin, max(0, left - margin) : left + width + margin
         ]
         part = labels[box] == label
-        whole = (cv2.dilate(part.astype(np.uint8), _disc(reach + 1)) > 0) & missing[box]
+        whole = (cv2.dilate(part.astype(np.uint8), _disc(reach + 1)) > 0) & np.isfinite(left_out[box])
         border = (cv2.dilate(whole.astype(np.uint8), _disc(1)) > 0) & ~whole
-        if np.count_nonzero(border & unknown[box]) <= OPEN_BORDER * np.count_nonzero(border):
+        is_open = np.count_nonzero(border & unknown[box]) > OPEN_BORDER * np.count_nonzero(border)
+        if not is_open or left_out[box][part].mean() >= DOUBT:
             kept[box] |= part
     return kept
 
