@@ -34,6 +34,12 @@ def run_translation(arguments: TranslateArguments) -> int:
             f"{arguments.weights} translates CAD maps to SLAM maps; use `slamgym deform PLAN --method modelprog "
             f"--weights {arguments.weights}`"
         )
+    output, whole = translator.config.output_size, translator.config.input_size
+    if output < whole:
+        say(
+            f"{arguments.weights} draws {output} pixels for {whole} of its input: outlines and long walls, no short "
+            "ones. It repeats the paper's experiment; for drawings take slam2cad, or `slamgym cad`."
+        )
     if arguments.input.is_dir():
         _translate_folder(arguments, translator)
     elif arguments.input.suffix.lower() in YAML_SUFFIXES:
