@@ -25,7 +25,7 @@ LEAST_LEFT_OUT = 1.0
 """Free space that a model leaves out is looked at again from this size on [m2]."""
 WIDER_THAN_RAYS = 0.2
 """And if a disc of this radius fits into it: single rays are rightly left out [m]."""
-DOUBT = 0.2
+DOUBT = 0.15
 """And if the model gives it this probability on average: what was seen through panes it gives less."""
 OPEN_BORDER = 0.2
 """Or if no more of its border is unknown: what was seen through panes ends there, rooms end at walls."""
