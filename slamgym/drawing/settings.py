@@ -55,4 +55,4 @@ class DrawingConfig(Settings, section="drawing"):
 
 DEFAULT_DRAWING = DrawingConfig()
 DEFAULT_MODEL = "slam2cad-metric+slam2cad"
-"""The first keeps sizes; both together leave out a third as much of what real robots saw as the first alone."""
+"""The first keeps sizes; the second draws what the first takes for rays and the robot saw as wide free space."""

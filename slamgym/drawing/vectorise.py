@@ -62,8 +62,8 @@ def make_drawing(
     Args:
         grid: The map: 0 occupied, 205 unknown, 254 free.
         name: Of the drawing.
-        model: ``slam2cad-metric+slam2cad``, the mean of both, or other weights, ``none`` for cleaning alone (no
-            torch), or a translator.
+        model: ``slam2cad-metric+slam2cad``, the first and what it leaves out by both, or other weights, ``none`` for
+            cleaning alone (no torch), or a translator.
         config: Sizes.
         angle_deg: Direction of the main walls against the x axis, counter-clockwise; None finds it.
         provenance: Anything to keep with the drawing, e.g. the source.

@@ -15,7 +15,8 @@ from collections.abc import Iterable
 import numpy as np
 
 from slamgym.core.geometry import wrap_angle
-from slamgym.core.types import FloatArray
+from slamgym.core.jit import kernel
+from slamgym.core.types import FloatArray, IntArray
 
 _IDENTITY = np.eye(3)
 POINT_INFORMATION = 50_000.0
@@ -57,6 +58,59 @@ def step_covariance(motion: FloatArray, before: FloatArray, added: FloatArray) -
     return np.asarray(lever @ before @ lever.T + added, dtype=np.float64)
 
 
+@kernel
+def know_nodes(
+    first: int,
+    poses: FloatArray,
+    steps: FloatArray,
+    tied: IntArray,
+    ties: FloatArray,
+    covariances: FloatArray,
+    sources: IntArray,
+    added: FloatArray,
+) -> None:
+    """Find by which older node each node is known best, and how well, in the order of the path.
+
+    Args:
+        first: Node to begin with; all later ones follow.
+        poses: (N, 3).
+        steps: (N, 3, 3) covariance of the motion since the node before.
+        tied: (T, 2) pairs of a node and an older one, sorted by the node, all from ``first`` on.
+        ties: (T, 3, 3) covariance of the older one's match with the node.
+        covariances: (N, 3, 3) of the nodes; those from ``first`` on are replaced.
+        sources: (N,) the older node.
+        added: (N, 3, 3) covariance on the way from it.
+    """
+    tie = 0
+    stepped = np.zeros((3, 3))
+    for node in range(first, len(poses)):
+        sources[node] = max(node - 1, 0)
+        added[node] = steps[node] if node > 0 else np.zeros((3, 3))
+        covariances[node] = 0.0
+        if node > 0:
+            _add_step(poses[node], poses[node - 1], covariances[node - 1], steps[node], covariances[node])
+        while tie < len(tied) and tied[tie, 0] == node:
+            old = tied[tie, 1]
+            _add_step(poses[node], poses[old], covariances[old], ties[tie], stepped)
+            if stepped[0, 0] + stepped[1, 1] < covariances[node, 0, 0] + covariances[node, 1, 1]:
+                covariances[node], added[node], sources[node] = stepped, ties[tie], old
+            tie += 1
+
+
+@kernel
+def _add_step(
+    here: FloatArray, old: FloatArray, before: FloatArray, added: FloatArray, out: FloatArray
+) -> None:
+    """As :func:`step_covariance`, into ``out``."""
+    lever_x, lever_y = old[1] - here[1], here[0] - old[0]
+    for row in range(3):
+        lever = lever_x if row == 0 else lever_y if row == 1 else 0.0
+        last = before[row, 2] + lever * before[2, 2]
+        for col in range(3):
+            arm = lever_x if col == 0 else lever_y if col == 1 else 0.0
+            out[row, col] = before[row, col] + lever * before[2, col] + arm * last + added[row, col]
+
+
 class PathUncertainty:
     """Covariances of the nodes of a path, (3, 3) each, relative to the first, and of the pose since the newest.
 
@@ -69,12 +123,13 @@ class PathUncertainty:
     def __init__(self, distance: float, turn: float, field_of_view: float = 2.0 * math.pi) -> None:
         self._spacing = distance, turn
         self._field_of_view = field_of_view
+        self._count = 0
         self._poses: FloatArray = np.zeros((64, 3))
-        self._driven = np.zeros(64)  # since the start, at each node [m]
-        self._steps: list[FloatArray] = []
-        self._covariances: list[FloatArray] = []
-        self._seen_from: list[tuple[int, FloatArray]] = []  # by which node each is known best, and how well
-        self._ties: dict[int, list[tuple[int, FloatArray]]] = {}
+        self._driven: FloatArray = np.zeros(64)  # since the start, at each node [m]
+        self._steps: FloatArray = np.zeros((64, 3, 3))
+        self._covariances: FloatArray = np.zeros((64, 3, 3))
+        self._sources: IntArray = np.zeros(64, dtype=np.int64)  # by which node each is known best,
+        self._added: FloatArray = np.zeros((64, 3, 3))  # and how well
         self.variances = np.zeros(2)
         """Of position [m^2] and heading [rad^2] by the odometry since the newest node."""
         self._distance = self._turn = 0.0
@@ -82,13 +137,13 @@ class PathUncertainty:
     @property
     def latest(self) -> FloatArray:
         """Of the newest node; zero before the first."""
-        return self._covariances[-1] if self._covariances else np.zeros((3, 3))
+        return self._covariances[self._count - 1].copy() if self._count else np.zeros((3, 3))
 
     @property
     def is_due(self) -> bool:
         """Whether the newest pose must become a node. The first one must."""
         distance, turn = self._spacing
-        return not self._steps or self._distance >= distance or self._turn >= turn
+        return not self._count or self._distance >= distance or self._turn >= turn
 
     def move(self, before: FloatArray, after: FloatArray, variances: FloatArray) -> None:
         """Take a motion between two poses (3,), with the variances that the odometry has over it."""
@@ -103,22 +158,22 @@ class PathUncertainty:
             pose: (3,).
             match: (3, 3) covariance of its match in the map frame; None if odometry is all there is.
         """
-        if not self._steps:
+        if not self._count:
             return np.zeros((3, 3))
-        return step_covariance(
-            pose[:2] - self._poses[len(self._steps) - 1, :2], self.latest, self._step(match)
-        )
+        return step_covariance(pose[:2] - self._poses[self._count - 1, :2], self.latest, self._step(match))
 
     def append(self, pose: FloatArray, match: FloatArray | None) -> None:
         """Make the newest pose a node; arguments as for :meth:`at`."""
-        node = len(self._steps)
+        node = self._count
         if node == len(self._poses):
-            self._poses = np.concatenate([self._poses, np.zeros_like(self._poses)])
-            self._driven = np.concatenate([self._driven, np.zeros_like(self._driven)])
-        self._steps.append(self._step(match))
+            for name in ("_poses", "_driven", "_steps", "_covariances", "_sources", "_added"):
+                rows = getattr(self, name)
+                setattr(self, name, np.concatenate([rows, np.zeros_like(rows)]))
+        self._count += 1
+        self._steps[node] = self._step(match)
         self._poses[node] = pose
         self._driven[node] = self._driven[node - 1] + self._distance if node else 0.0
-        self._know(node)
+        self._know(node, [])
         self.variances = np.zeros(2)
         self._distance = self._turn = 0.0
 
@@ -130,7 +185,7 @@ class PathUncertainty:
         Args:
             match: (3, 3) covariance of its match in the map frame.
         """
-        node = len(self._steps) - 1
+        node = self._count - 1
         here, now = self._poses[node], self._covariances[node]
         apart = self._poses[:node] - here
         near = np.hypot(apart[:, 0], apart[:, 1]) < REVISIT_METRES
@@ -141,8 +196,8 @@ class PathUncertainty:
             return
         old = int(min(candidates, key=lambda one: _position_variance(self._covariances[one])))
         if _position_variance(now) - _position_variance(self._covariances[old]) < REVISIT_SIGMA**2:
-            self._ties.setdefault(node, []).append((old, 2.0 * match + np.diag(np.square(REVISIT_FLOOR))))
-            self._know(node)
+            known = node, int(self._sources[node]), self._added[node].copy()
+            self._know(node, [known, (node, old, 2.0 * match + np.diag(np.square(REVISIT_FLOOR)))])
 
     def between(self, one: int, other: int) -> FloatArray:
         """Covariance (3, 3) of a node seen from another, in the map frame: what was added on the way between them."""
@@ -150,7 +205,7 @@ class PathUncertainty:
         levers = np.tile(_IDENTITY, (len(added), 1, 1))
         levers[:, 0, 2] = self._poses[added, 1] - self._poses[other, 1]
         levers[:, 1, 2] = self._poses[other, 0] - self._poses[added, 0]
-        steps = np.array([self._seen_from[node][1] for node in added]).reshape(-1, 3, 3)
+        steps = self._added[added]
         return np.asarray((levers @ steps @ levers.transpose(0, 2, 1)).sum(axis=0), dtype=np.float64)
 
     def _way(self, node: int) -> set[int]:
@@ -158,7 +213,7 @@ class PathUncertainty:
         way = set()
         while node > 0:
             way.add(node)
-            node = self._seen_from[node][0]
+            node = int(self._sources[node])
         return way
 
     def _step(self, match: FloatArray | None) -> FloatArray:
@@ -178,27 +233,24 @@ class PathUncertainty:
                 in the map frame.
         """
         self._poses[: len(poses)] = poses
-        self._ties.clear()
-        for one, other, covariance in ties:
-            self._ties.setdefault(max(one, other), []).append((min(one, other), covariance))
-        for node in range(len(self._steps)):
-            self._know(node)
+        self._know(0, [(max(one, other), min(one, other), matched) for one, other, matched in ties])
 
-    def _know(self, node: int) -> None:
-        """Note by which older node a node is known best, and how well."""
-        here, best, source = self._poses[node, :2], np.zeros((3, 3)), (0, np.zeros((3, 3)))
-        if node > 0:
-            source = node - 1, self._steps[node]
-            best = self._from(here, *source)
-        for tie in self._ties.get(node, ()):
-            tied = self._from(here, *tie)
-            if _position_variance(tied) < _position_variance(best):
-                best, source = tied, tie
-        self._covariances[node:] = [best, *self._covariances[node + 1 :]]
-        self._seen_from[node:] = [source, *self._seen_from[node + 1 :]]
-
-    def _from(self, here: FloatArray, old: int, added: FloatArray) -> FloatArray:
-        return step_covariance(here - self._poses[old, :2], self._covariances[old], added)
+    def _know(self, first: int, ties: list[tuple[int, int, FloatArray]]) -> None:
+        """Note by which older node each node from ``first`` on is known best, and how well."""
+        ties.sort(key=lambda tie: tie[0])
+        pairs = np.array([tie[:2] for tie in ties], dtype=np.int64).reshape(-1, 2)
+        covariances = np.array([tie[2] for tie in ties], dtype=np.float64).reshape(-1, 3, 3)
+        count = self._count
+        know_nodes(
+            first,
+            self._poses[:count],
+            self._steps[:count],
+            pairs,
+            covariances,
+            self._covariances[:count],
+            self._sources[:count],
+            self._added[:count],
+        )
 
 
 def _position_variance(covariance: FloatArray) -> float:

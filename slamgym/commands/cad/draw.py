@@ -42,8 +42,8 @@ class CadArguments(Arguments):
     formats: str = "dxf,svg,geojson,json,png,html"
     """Any of dxf, svg, ifc, geojson, json, png, html (the report), yaml (a ROS map of the drawing)."""
     model: str = DEFAULT_MODEL
-    """Pretrained or other weights; several with ``+`` between them draw by their mean; ``none`` cleans the map without
-    a network (needs no torch)."""
+    """Pretrained or other weights; of A+B the second helps where the first leaves out floor that the robot saw;
+    ``none`` cleans the map without a network (needs no torch)."""
     angle: Annotated[float, Within(ge=-360.0, le=360.0)] | None = None
     """Direction of the main walls [deg, counter-clockwise from the map's x axis]; found in the map by default."""
     resolution: Positive | None = None
