@@ -224,6 +224,8 @@ def image_side(root: Path | str, split: str) -> int:
 def _split_folder(root: Path, split: str) -> Path:
     if not root.is_dir():
         raise InputFileError(root, "is not a folder; name one that `slamgym dataset render` has written")
+    if (root / "episodes").is_dir():
+        raise InputFileError(root, "holds explorations; make images of them by `slamgym dataset render`")
     if (root / split / "A").is_dir() or (root / split / "B").is_dir():
         return root / split
     if split == "train" and ((root / "A").is_dir() or (root / "B").is_dir()):

@@ -98,6 +98,11 @@ def break_no_images(root):
     return root
 
 
+def break_explorations(root):
+    (root / "episodes").mkdir()
+    return root
+
+
 def break_missing_file(root):
     (root / "train" / "B" / "003.png").unlink()
     return root
@@ -155,6 +160,7 @@ def break_manifest(root):
         (break_nothing_there, "is not a folder"),
         (break_no_sides, "holds no pairs: it needs train/A and train/B"),
         (break_no_images, "holds no images"),
+        (break_explorations, "holds explorations; make images of them"),
         (
             break_missing_file,
             "holds images without a counterpart, 1 of them; the first is A/003 without B/003",
