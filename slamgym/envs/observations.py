@@ -31,6 +31,12 @@ _ONE = float(1 << _FRACTION)
 
 
 @kernel
+def _cell(position: int) -> np.uint32:
+    """The cell of a position; without a sign what lies before the first cell is beyond the last."""
+    return np.uint32(np.uint64(position) >> np.uint64(_FRACTION))
+
+
+@kernel
 def cut_crop(
     cells: ByteArray,
     origin_x: float,
@@ -64,7 +70,6 @@ def cut_crop(
         out: Receives the crop, shape (h, w).
     """
     rows, cols = cells.shape
-    end_row, end_col = np.uint64(rows), np.uint64(cols)
     flat = cells.reshape(-1)
     height, width = out.shape
     # Positions in the map in 1 / 2^32 of a cell. From sample to sample: (sin, cos) to the right in the crop,
@@ -78,21 +83,29 @@ def cut_crop(
     for a, b in ((0, 0), (0, left), (ahead, 0), (ahead, left)):
         col, row = first_col - a * cos + b * sin, first_row + a * sin + b * cos
         is_inside &= 0 <= row >> _FRACTION < rows and 0 <= col >> _FRACTION < cols
+    places, read = np.empty(width, np.uint32), np.empty(width, np.uint8)
+    least, most = np.empty(width, np.uint8), np.empty(width, np.uint8)
     for i in range(height):
+        least[:], most[:] = UNKNOWN, UNKNOWN  # occupied is less than that, free is more
+        for a in range(i * samples, (i + 1) * samples):
+            for b in range(samples):
+                col, row = first_col - a * cos + b * sin, first_row + a * sin + b * cos
+                # One sample of every cell of the line: all loops but the one that reads become vector instructions.
+                if is_inside:
+                    for j in range(width):
+                        r, c = _cell(row + j * samples * cos), _cell(col + j * samples * sin)
+                        places[j] = r * np.uint32(cols) + c
+                    for j in range(width):
+                        read[j] = flat[places[j]]
+                else:
+                    for j in range(width):
+                        r, c = _cell(row + j * samples * cos), _cell(col + j * samples * sin)
+                        is_there = r < np.uint32(rows) and c < np.uint32(cols)
+                        read[j] = flat[r * np.uint32(cols) + c] if is_there else np.uint8(UNKNOWN)
+                for j in range(width):
+                    least[j], most[j] = min(least[j], read[j]), max(most[j], read[j])
         for j in range(width):
-            least, most = np.uint8(UNKNOWN), np.uint8(UNKNOWN)  # occupied is less than that, free is more
-            for a in range(i * samples, (i + 1) * samples):
-                col = first_col - a * cos + j * samples * sin
-                row = first_row + a * sin + j * samples * cos
-                for _ in range(samples):
-                    # Unsigned, what lies before the first row is beyond the last.
-                    r, c = np.uint64(row >> _FRACTION), np.uint64(col >> _FRACTION)
-                    if is_inside or (r < end_row and c < end_col):
-                        cell = flat[r * end_col + c]
-                        least, most = min(least, cell), max(most, cell)
-                    col += sin
-                    row += cos
-            out[i, j] = least if least == OCCUPIED else most
+            out[i, j] = least[j] if least[j] == OCCUPIED else most[j]
 
 
 FURTHEST = 1000.0
