@@ -179,11 +179,6 @@ class CoverageTourPlanner:
         seen: BoolArray = np.asarray(self.views[tour].any(axis=0)) | self._seen_on_path(tour, start)
         return seen
 
-    def middle_of(self, cells: IntArray) -> Point:
-        """Mean of some of :attr:`cells` (indices), of the whole floor if there are none [m]."""
-        x, y = self._centres[cells].mean(axis=0) if len(cells) else self._centres.mean(axis=0)
-        return float(x), float(y)
-
     def _in_sight(self, x: float, y: float, floor: BoolArray) -> BoolArray:
         """Which cells are in sight all round a place, shape (C,)."""
         ranges = np.empty(_BEAMS)

@@ -10,7 +10,6 @@ from shapely import LineString, MultiPolygon, Polygon
 from shapely.geometry.base import BaseGeometry
 
 import slamgym
-from slamgym.cad.polygons import polygon_parts
 from slamgym.core.config import to_dict
 from slamgym.core.errors import InputFileError
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, Float32Array, GridFrame, OccupancyGrid
@@ -243,10 +242,3 @@ def _clear_line(
             if piece.length > 0.3 and piece.distance(here) < 1e-6 and not shut.intersects(piece.boundary):
                 return _pair(ends[0]), _pair(ends[-1])
     return None
-
-
-def floor_parts(drawing: Drawing, layer: Layer) -> list[Polygon]:
-    """The floor that was seen, or that was inferred."""
-    inferred = shapely.union_all(list(drawing.inferred_floor))
-    shape = drawing.floor.difference(inferred) if layer == "SEEN" else drawing.floor.intersection(inferred)
-    return polygon_parts(shape)

@@ -14,7 +14,6 @@ from .maps import (
     intersection_over_union,
     known_area,
     squared_error,
-    wall_cells,
     wall_score,
 )
 from .openings import Openings, compare_openings, unseen_share, vertex_ratio
@@ -78,7 +77,6 @@ __all__ = [
     "room_score",
     "squared_error",
     "two_sample_test",
-    "wall_cells",
     "wall_error",
     "wall_faces",
     "wall_score",

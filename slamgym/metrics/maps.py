@@ -95,12 +95,6 @@ def free_space(cells: ByteArray) -> FloatArray:
     return (cells == FREE).astype(np.float64)
 
 
-def wall_cells(cells: ByteArray) -> BoolArray:
-    """Occupied cells."""
-    occupied: BoolArray = cells == OCCUPIED
-    return occupied
-
-
 def squared_error(image: FloatArray, target: FloatArray) -> float:
     """Mean squared error of two images with values in [0, 1]."""
     check_same_shape(image, target)

@@ -14,9 +14,6 @@ from slamgym.slam.localization.judge import Belief
 from slamgym.slam.localization.localizer import Localizer
 from slamgym.slam.path_correction import poses_between
 
-SAID_AFTER = 5.0
-"""A drive shorter than this that finds no place is too short to say more [m]."""
-
 
 @dataclass(frozen=True)
 class LocalizationResult:
