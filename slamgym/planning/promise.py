@@ -23,6 +23,10 @@ from slamgym.planning.remaining import Remains
 PRETRAINED_ESTIMATE = Path(__file__).parent / "pretrained" / "remaining.safetensors"
 """The estimate and its calibration that come with the package."""
 
+FAMILIAR_AREA = 100.0
+"""Known floor counts up to that of a usual home [m2]: the limits are calibrated on homes, and in a larger building one
+door, which the estimate gives a few square metres, may hide a wing."""
+
 _FORM = re.compile(r"(?P<amount>\d+(\.\d+)?)(?P<unit>%|m2)(:(?P<confidence>\d+(\.\d+)?)%)?")
 
 
@@ -91,10 +95,10 @@ class UnseenFloor:
         return _area(self._linear("c", hidden)[:, 0])
 
     def share(self, remains: Remains) -> float:
-        """Expected unseen share of the floor."""
+        """Expected unseen share of the floor, at most :data:`FAMILIAR_AREA` of which counts as known."""
         elsewhere = _area(self._linear("o", np.maximum(self._linear("g", remains.whole[None]), 0.0))[:, 0])
         unseen = float(self.area_behind(remains).sum() + elsewhere.sum())
-        return unseen / (unseen + remains.known_area)
+        return unseen / (unseen + min(remains.known_area, FAMILIAR_AREA))
 
     def limit(self, promise: Promise) -> float:
         """The largest estimated share at which the promise is kept; 0 where no stop before the end keeps it."""
