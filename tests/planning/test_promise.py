@@ -1,5 +1,7 @@
 """What a map leaves open, and when a promise about it is kept."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -8,6 +10,7 @@ from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, GridFrame, LaserGeometry
 from slamgym.planning import ExplorerContext
 from slamgym.planning.exploration_loop import ExplorationLoop, ExplorationLoopConfig
 from slamgym.planning.promise import (
+    FAMILIAR_AREA,
     Promise,
     UnseenFloor,
     pretrained_limit,
@@ -53,6 +56,15 @@ def test_an_open_door_leaves_more_to_be_expected_than_a_closed_room():
     closed, opened = remains_of(room()), remains_of(room(door=1.0), offered=[(3.05, 0.0)])
     assert unseen.area_behind(opened).shape == (1,)
     assert unseen.share(opened) > 3.0 * unseen.share(closed)
+
+
+def test_an_open_door_counts_as_much_in_a_school_as_in_a_home():
+    unseen = pretrained_unseen_floor()
+    opened = remains_of(room(door=1.0), offered=[(3.05, 0.0)])
+    small, home, school = (
+        unseen.share(replace(opened, known_area=area)) for area in (36.0, FAMILIAR_AREA, 3000.0)
+    )
+    assert small > home == school
 
 
 @pytest.mark.parametrize(
