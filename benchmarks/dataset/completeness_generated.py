@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from slamgym.cad import FloorPlan
+from slamgym.commands.deforming.hypotheses import generator_config
 from slamgym.commands.deforming.subjects import recorded_drive, recorded_settings
 from slamgym.core.errors import SlamgymError
 from slamgym.core.progress import show_progress
@@ -27,7 +28,7 @@ from slamgym.dataset.format import read_manifest
 from slamgym.dataset.generate.recipe import apply_conditions
 from slamgym.dataset.record import GOOD_COVERAGE
 from slamgym.envs.episode import EpisodeConfig
-from slamgym.parametric import SensingConfig, deform, from_recorded, realistic
+from slamgym.parametric import deform, from_recorded
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from report import print_and_save
@@ -39,8 +40,7 @@ RESAMPLES = 500
 
 def generated(plan: FloorPlan, path: Trajectory, episode: EpisodeConfig, seed: tuple[int, int]) -> FloatArray:
     """Features of a map that the generator draws along a path."""
-    env = episode.env
-    config = realistic(SensingConfig(env.lidar, env.clutter, env.slam), env.odometry)
+    config = generator_config(episode.env)
     grid = deform(plan, from_recorded(path), config, np.random.default_rng(seed)).grid
     return completeness_features(grid.cells, grid.frame.resolution)
 

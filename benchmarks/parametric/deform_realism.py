@@ -23,6 +23,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")  # before numpy starts its threads
 import numpy as np
 
 from slamgym.cad import FloorPlan
+from slamgym.commands.deforming.hypotheses import generator_config
 from slamgym.commands.deforming.subjects import recorded_drive
 from slamgym.core.intervals import Interval
 from slamgym.core.png import read_png
@@ -37,7 +38,7 @@ from slamgym.gan.translation.elastic import bend
 from slamgym.gan.translation.translate import load_translator
 from slamgym.metrics.map_look import at_look_cell, cut_to_floor, look_statistics
 from slamgym.metrics.two_sample import distinguish, half_against_half, tree_learner
-from slamgym.parametric import SensingConfig, deform, from_recorded, preset, realistic
+from slamgym.parametric import deform, from_recorded, preset
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from report import print_and_save
@@ -63,9 +64,7 @@ class Maker:
         frame = GridFrame.covering(plan.bounds, CELL, 0.5)
         begun = time.process_time()
         if method in ("parametric", "generator"):
-            env, config = episode.env, preset("faithful")
-            if method == "generator":
-                config = realistic(SensingConfig(env.lidar, env.clutter, env.slam), env.odometry)
+            config = generator_config(episode.env) if method == "generator" else preset("faithful")
             grid = deform(plan, from_recorded(path), config, rng).grid
         else:
             cad = plan.raster(CELL, frame).cells

@@ -47,10 +47,8 @@ def clean_map(slam: ByteArray, metres_per_px: float, config: CleaningConfig = DE
         Free cells, shape (H, W), in the frame of ``slam``.
     """
     free = _fill_furniture(slam == FREE, config.furniture / metres_per_px)
-    walls = cv2.morphologyEx(
-        (~free).astype(np.uint8), cv2.MORPH_CLOSE, _disc(config.wall_gap / metres_per_px)
-    )
-    opened = cv2.morphologyEx(1 - walls, cv2.MORPH_OPEN, _disc(config.ray_width / metres_per_px))
+    walls = cv2.morphologyEx((~free).astype(np.uint8), cv2.MORPH_CLOSE, disc(config.wall_gap / metres_per_px))
+    opened = cv2.morphologyEx(1 - walls, cv2.MORPH_OPEN, disc(config.ray_width / metres_per_px))
     return without_small(opened > 0, config.min_area / metres_per_px**2)
 
 
@@ -123,6 +121,6 @@ def _odd(diameter_px: float) -> int:
     return max(1, 2 * round((diameter_px - 1.0) / 2.0) + 1)
 
 
-def _disc(diameter_px: float) -> np.ndarray:
+def disc(diameter_px: float) -> np.ndarray:
     """A structuring element of the nearest odd diameter, 1 px at least."""
     return np.asarray(cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (_odd(diameter_px),) * 2))

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Protocol
 import cv2
 import numpy as np
 
-from slamgym.core.types import FREE, UNKNOWN, BoolArray, ByteArray, Float32Array, OccupancyGrid
-from slamgym.gan.translation.classical import clean_map, without_small
+from slamgym.core.types import FREE, UNKNOWN, BoolArray, Float32Array, OccupancyGrid
+from slamgym.gan.translation.classical import clean_map, disc, without_small
 from slamgym.metrics.maps import distance_to
 
 if TYPE_CHECKING:
@@ -104,7 +104,7 @@ def left_out_regions(probability: Float32Array, grid: OccupancyGrid) -> BoolArra
     parts = without_small(wide, LEAST_LEFT_OUT / cell**2)
     if np.count_nonzero(wide) <= LOST * np.count_nonzero(_opened(free, reach)):
         parts = _doubted(parts, np.where(missing, probability, np.inf), grid.cells == UNKNOWN, reach)
-    return cv2.dilate(parts.astype(np.uint8), _disc(reach + 1)) > 0
+    return cv2.dilate(parts.astype(np.uint8), disc(2 * reach + 3)) > 0
 
 
 def _doubted(parts: BoolArray, left_out: Float32Array, unknown: BoolArray, reach: int) -> BoolArray:
@@ -118,8 +118,8 @@ def _doubted(parts: BoolArray, left_out: Float32Array, unknown: BoolArray, reach
             max(0, top - margin) : top + height + margin, max(0, left - margin) : left + width + margin
         ]
         part = labels[box] == label
-        whole = (cv2.dilate(part.astype(np.uint8), _disc(reach + 1)) > 0) & np.isfinite(left_out[box])
-        border = (cv2.dilate(whole.astype(np.uint8), _disc(1)) > 0) & ~whole
+        whole = (cv2.dilate(part.astype(np.uint8), disc(2 * reach + 3)) > 0) & np.isfinite(left_out[box])
+        border = (cv2.dilate(whole.astype(np.uint8), disc(3)) > 0) & ~whole
         is_open = np.count_nonzero(border & unknown[box]) > OPEN_BORDER * np.count_nonzero(border)
         if not is_open or left_out[box][part].mean() >= DOUBT:
             kept[box] |= part
@@ -128,11 +128,7 @@ def _doubted(parts: BoolArray, left_out: Float32Array, unknown: BoolArray, reach
 
 def _opened(mask: BoolArray, radius: int) -> BoolArray:
     """What discs that fit into a mask cover."""
-    return cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_OPEN, _disc(radius)) > 0
-
-
-def _disc(radius: int) -> ByteArray:
-    return cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1)).astype(np.uint8)
+    return cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_OPEN, disc(2 * radius + 1)) > 0
 
 
 def load_floor_model(name: str) -> FloorModel:

@@ -53,9 +53,9 @@ def step_covariance(motion: FloatArray, before: FloatArray, added: FloatArray) -
         before: (3, 3) covariance at its start.
         added: (3, 3) covariance of the step itself.
     """
-    lever = np.eye(3)
-    lever[0, 2], lever[1, 2] = -motion[1], motion[0]
-    return np.asarray(lever @ before @ lever.T + added, dtype=np.float64)
+    after = np.zeros((3, 3))
+    _add_step(motion[0], motion[1], before, after + added, after)
+    return after
 
 
 @kernel
@@ -88,10 +88,12 @@ def know_nodes(
         added[node] = steps[node] if node > 0 else np.zeros((3, 3))
         covariances[node] = 0.0
         if node > 0:
-            _add_step(poses[node], poses[node - 1], covariances[node - 1], steps[node], covariances[node])
+            x, y = poses[node, 0] - poses[node - 1, 0], poses[node, 1] - poses[node - 1, 1]
+            _add_step(x, y, covariances[node - 1], steps[node], covariances[node])
         while tie < len(tied) and tied[tie, 0] == node:
             old = tied[tie, 1]
-            _add_step(poses[node], poses[old], covariances[old], ties[tie], stepped)
+            x, y = poses[node, 0] - poses[old, 0], poses[node, 1] - poses[old, 1]
+            _add_step(x, y, covariances[old], ties[tie], stepped)
             if stepped[0, 0] + stepped[1, 1] < covariances[node, 0, 0] + covariances[node, 1, 1]:
                 covariances[node], added[node], sources[node] = stepped, ties[tie], old
             tie += 1
@@ -99,16 +101,15 @@ def know_nodes(
 
 @kernel
 def _add_step(
-    here: FloatArray, old: FloatArray, before: FloatArray, added: FloatArray, out: FloatArray
+    motion_x: float, motion_y: float, before: FloatArray, added: FloatArray, after: FloatArray
 ) -> None:
-    """As :func:`step_covariance`, into ``out``."""
-    lever_x, lever_y = old[1] - here[1], here[0] - old[0]
+    """As :func:`step_covariance`, into ``after``."""
     for row in range(3):
-        lever = lever_x if row == 0 else lever_y if row == 1 else 0.0
+        lever = -motion_y if row == 0 else motion_x if row == 1 else 0.0
         last = before[row, 2] + lever * before[2, 2]
         for col in range(3):
-            arm = lever_x if col == 0 else lever_y if col == 1 else 0.0
-            out[row, col] = before[row, col] + lever * before[2, col] + arm * last + added[row, col]
+            arm = -motion_y if col == 0 else motion_x if col == 1 else 0.0
+            after[row, col] = before[row, col] + lever * before[2, col] + arm * last + added[row, col]
 
 
 class PathUncertainty:

@@ -14,7 +14,7 @@ from slamgym.agents.registry import make_explorer
 from slamgym.cad.sources import open_plans
 from slamgym.commands.deforming.arguments import DeformArguments, Method
 from slamgym.commands.deforming.dataset import staged_folder
-from slamgym.commands.deforming.hypotheses import hypotheses, square_around
+from slamgym.commands.deforming.hypotheses import generator_config, hypotheses, square_around
 from slamgym.commands.deforming.subjects import load_plan, subjects
 from slamgym.core.files import write_text
 from slamgym.core.markdown import markdown
@@ -25,11 +25,9 @@ from slamgym.envs.episode import Episode, EpisodeConfig, run_episode
 from slamgym.parametric import (
     Deformation,
     ParametricConfig,
-    SensingConfig,
     deform,
     from_recorded,
     preset,
-    realistic,
 )
 from slamgym.parametric.config import ConversionMethod
 from slamgym.parametric.warp import warp
@@ -109,7 +107,7 @@ def _rows(
     faithful = preset("faithful")
     coarse = square_around(plan, faithful, _COARSE_PX)
     ekf, schur = run(replace(faithful, method="ekf"), coarse), run(faithful).grid.cells
-    looks = realistic(SensingConfig(env.lidar, env.clutter, env.slam), env.odometry)
+    looks = generator_config(env)
     at_start = GridFrame(
         frame.resolution,
         frame.origin_x - episode.start.x,

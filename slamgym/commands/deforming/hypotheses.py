@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from slamgym.cad.floorplan import FloorPlan
     from slamgym.commands.deforming.arguments import DeformArguments
     from slamgym.commands.deforming.subjects import Subject
+    from slamgym.envs import ExploreConfig
     from slamgym.envs.episode import EpisodeConfig
     from slamgym.gan.translation.translate import LearnedTranslator
 
@@ -98,6 +99,11 @@ def _along_path(
     return _of_deformation(deform(subject.plan, path, config, rng, frame))
 
 
+def generator_config(env: ExploreConfig) -> ParametricConfig:
+    """The generator's settings for the robot, the sensors and the mapper of an exploration."""
+    return realistic(SensingConfig(env.lidar, env.clutter, env.slam), env.odometry)
+
+
 def model_settings(
     arguments: DeformArguments, number: int, recorded: EpisodeConfig | None = None
 ) -> ParametricConfig:
@@ -112,7 +118,7 @@ def model_settings(
         if arguments.recipe is not None:
             seed = exploration_seed(arguments.seed, "deform", number)
             env = episode_conditions(open_recipe(arguments.recipe), EpisodeConfig(), seed)[0].env
-        config = realistic(SensingConfig(env.lidar, env.clutter, env.slam), env.odometry)
+        config = generator_config(env)
     config = replace(config, severity=arguments.severity, resolution=arguments.resolution)
     if arguments.conversion is not None:
         config = replace(config, method=arguments.conversion)
