@@ -1,7 +1,9 @@
-"""Where the map overrules the model: floor that only rays have seen isn't drawn, walls that were seen long are.
+"""Where the map overrules the model: floor that only rays or nobody has seen, and walls that were seen long.
 
-Rays that leave through a window or a far door make stripes of free cells. Straight rows of occupied cells with free
-cells on both sides are walls, whatever a model that has learnt to remove furniture makes of them.
+Rays that leave through a window or a far door make stripes of free cells. What lies behind echoes and was never seen
+is mostly furniture in the homes that models learn from, and mostly no floor in maps of real robots: it takes a sure
+model. Straight rows of occupied cells with free cells on both sides are walls, whatever a model that has learnt to
+remove furniture makes of them.
 """
 
 import math
@@ -10,7 +12,8 @@ import cv2
 import numpy as np
 
 from slamgym.core.types import FREE, OCCUPIED, BoolArray, Float32Array, OccupancyGrid
-from slamgym.gan.translation.classical import without_small
+from slamgym.drawing.floor import faces_within_cells, opened
+from slamgym.gan.translation.classical import disc, without_small
 from slamgym.gan.translation.derotation import padded_for_turning, transformed
 from slamgym.metrics.maps import distance_to
 
@@ -18,8 +21,16 @@ SINGLE_RAYS = 0.2
 """Free space narrower than this was seen by single rays; no floor is drawn for it alone [m]."""
 SHORTEST_LOST_WALL = 1.0
 """Straight walls of this length that were seen from both sides are drawn against the model [m]."""
-LONGEST_FRONT = 3.2
-"""A straight front of this length with nothing seen behind it is a wall, not a piece of furniture [m]."""
+SURE_OF_UNSEEN = 0.8
+"""Floor that nobody has seen is drawn from this probability on, where seen floor needs a half."""
+BESIDE_FREE = 0.1
+"""Cells so near to free ones hold echoes and the faces of walls: the model is right about them [m]."""
+SURE_WITHIN = 0.4
+"""Standard deviation of the Gaussian over which the probability of unseen floor is averaged [m]."""
+NARROWEST_UNSEEN = 0.2
+"""Unseen floor that is sure is drawn where discs of this radius fit in [m]."""
+SMALLEST_DOUBTED = 0.1
+"""Smaller patches of doubted floor are left as they are [m2]."""
 WIDEST_UNSEEN = 2.0
 """Unseen places between free cells at most so far apart may be floor: under a bed, behind a wardrobe [m]."""
 BEYOND_FREE = 0.6
@@ -34,10 +45,6 @@ BOTH_SIDES = 0.7
 """Of a wall that is drawn against the model so much of the length has free cells on both sides."""
 ATTACHED_WITHIN = 0.25
 """Its end lies so near to a wall that the model has drawn [m]."""
-LEAST_BEHIND = 0.3
-"""A front that the model has drawn less than so far behind its echoes is its wall already [m]."""
-DEEPEST_BEHIND = 1.5
-"""What is drawn behind a wall that was seen from one side is taken away up to this depth [m]."""
 
 
 def corrected(probability: Float32Array, grid: OccupancyGrid, angle_deg: float) -> Float32Array:
@@ -51,7 +58,7 @@ def corrected(probability: Float32Array, grid: OccupancyGrid, angle_deg: float) 
     cell = grid.frame.resolution
     result = np.where(believable(grid.cells == FREE, cell), probability, 0.0).astype(np.float32)
     result[lost_walls(result, grid, angle_deg)] = 0.0
-    return result
+    return without(result, doubted_floor(result, grid))
 
 
 def believable(free: BoolArray, cell: float) -> BoolArray:
@@ -73,8 +80,43 @@ def believable(free: BoolArray, cell: float) -> BoolArray:
     return near[border:-border, border:-border]
 
 
+def doubted_floor(probability: Float32Array, grid: OccupancyGrid) -> BoolArray:
+    """Cells of floor that nobody has seen and of which the model isn't sure, with the echoes before them.
+
+    Args:
+        probability: Of being floor, shape of the map.
+        grid: The map.
+    """
+    cell = grid.frame.resolution
+    free = grid.cells == FREE
+    unseen = ~free & (probability >= 0.5) & (distance_to(free) > BESIDE_FREE / cell)
+    if not unseen.any():
+        return unseen
+    total, weight = (
+        cv2.GaussianBlur(image.astype(np.float32), (0, 0), SURE_WITHIN / cell)
+        for image in (np.where(unseen, probability, 0.0), unseen)
+    )
+    doubted = unseen & (total < SURE_OF_UNSEEN * weight)
+    sure = opened(unseen & ~doubted, max(1, round(NARROWEST_UNSEEN / cell)))
+    patches = without_small(doubted, SMALLEST_DOUBTED / cell**2)
+    reach = max(1, round(BESIDE_FREE / cell)) + 1
+    result: BoolArray = (cv2.dilate(patches.astype(np.uint8), disc(2 * reach + 1)) > 0) & ~free & ~sure
+    return result
+
+
+def without(probability: Float32Array, taken: BoolArray) -> Float32Array:
+    """A picture without some of its floor: what becomes a wall there has its faces in its first cells."""
+    if not taken.any():
+        return probability
+    floor = (probability >= 0.5) & ~taken
+    faces = faces_within_cells(floor)
+    near = cv2.dilate(taken.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
+    changed = np.where(floor, faces, np.minimum(faces, probability))
+    return np.where(near, changed, probability).astype(np.float32)
+
+
 def lost_walls(probability: Float32Array, grid: OccupancyGrid, angle_deg: float) -> BoolArray:
-    """Cells of walls along the main directions that were seen and aren't drawn, and what is drawn behind them.
+    """Cells of walls along the main directions that were seen from both sides and aren't drawn.
 
     Args:
         probability: Of being floor, shape of the map.
@@ -107,10 +149,9 @@ def _turned(mask: np.ndarray, angle_deg: float, shape: tuple[int, int] | None = 
 
 
 def _rows_of_echoes(echoes: BoolArray, free: BoolArray, floor: BoolArray, cell: float) -> BoolArray:
-    """Horizontal walls in drawn floor, with what is drawn behind those that were seen from one side."""
-    length, gap, thick, deep = (
-        max(1, round(size / cell))
-        for size in (SHORTEST_LOST_WALL, BROKEN_ECHOES, THICKEST_LOST_WALL, DEEPEST_BEHIND)
+    """Horizontal walls in drawn floor that were seen from both sides."""
+    length, gap, thick = (
+        max(1, round(size / cell)) for size in (SHORTEST_LOST_WALL, BROKEN_ECHOES, THICKEST_LOST_WALL)
     )
     image = cv2.dilate(echoes.astype(np.uint8), np.ones((3, 1), np.uint8))  # a wall may lie between two rows
     image = cv2.morphologyEx(image, cv2.MORPH_CLOSE, np.ones((1, 2 * (gap // 2) + 1), np.uint8))
@@ -125,29 +166,12 @@ def _rows_of_echoes(echoes: BoolArray, free: BoolArray, floor: BoolArray, cell: 
         left, top, width, height = (int(stats[number, k]) for k in range(4))
         if height - 2 > thick:
             continue
-        columns = slice(left, left + width)
-        near, behind = (slice(max(0, top - reach), top + height + reach) for reach in (thick, deep))
-        part = labels[near, columns] == number
+        here = np.s_[max(0, top - thick) : top + height + thick, left : left + width]
+        part = labels[here] == number
         above, below = np.cumsum(part, axis=0) == 0, np.cumsum(part[::-1], axis=0)[::-1] == 0
-        inside = (part & floor[near, columns]).any(axis=0) & ~(part & ~floor[near, columns]).any(axis=0)
-        sides = [(free[near, columns] & side).any(axis=0) for side in (above, below)]
+        inside = (part & floor[here]).any(axis=0) & ~(part & ~floor[here]).any(axis=0)
+        sides = [(free[here] & side).any(axis=0) for side in (above, below)]
         ends = part & ((np.arange(width) < 2) | (np.arange(width) >= width - 2))[None]
-        if (inside & sides[0] & sides[1]).mean() >= BOTH_SIDES and drawn[near, columns][ends].any():
-            result[near, columns] |= part
-        elif width * cell >= LONGEST_FRONT and (inside & (sides[0] ^ sides[1])).mean() >= BOTH_SIDES:
-            part, open_floor = (
-                labels[behind, columns] == number,
-                ~free[behind, columns] & floor[behind, columns],
-            )
-            upwards = sides[1].mean() > sides[0].mean()
-            if not upwards:
-                part, open_floor = part[::-1], open_floor[::-1]
-            # From the echoes on away from the free side, as far as nothing was seen free.
-            start = np.argmax(part, axis=0)
-            numbers = np.arange(len(part))[:, None]
-            blocked = np.where(~open_floor & ~part & (numbers < start), numbers, -1).max(axis=0)
-            if np.median((start - blocked - 1)[part.any(axis=0)]) * cell < LEAST_BEHIND:
-                continue
-            hidden = part | ((numbers > blocked) & (numbers < start))
-            result[behind, columns] |= hidden if upwards else hidden[::-1]
+        if (inside & sides[0] & sides[1]).mean() >= BOTH_SIDES and drawn[here][ends].any():
+            result[here] |= part
     return result

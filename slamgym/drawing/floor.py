@@ -100,9 +100,9 @@ def left_out_regions(probability: Float32Array, grid: OccupancyGrid) -> BoolArra
     free = grid.cells == FREE
     missing = free & (probability < 0.5)
     reach = max(1, round(WIDER_THAN_RAYS / cell))
-    wide = _opened(missing, reach)
+    wide = opened(missing, reach)
     parts = without_small(wide, LEAST_LEFT_OUT / cell**2)
-    if np.count_nonzero(wide) <= LOST * np.count_nonzero(_opened(free, reach)):
+    if np.count_nonzero(wide) <= LOST * np.count_nonzero(opened(free, reach)):
         parts = _doubted(parts, np.where(missing, probability, np.inf), grid.cells == UNKNOWN, reach)
     return cv2.dilate(parts.astype(np.uint8), disc(2 * reach + 3)) > 0
 
@@ -126,8 +126,8 @@ def _doubted(parts: BoolArray, left_out: Float32Array, unknown: BoolArray, reach
     return kept
 
 
-def _opened(mask: BoolArray, radius: int) -> BoolArray:
-    """What discs that fit into a mask cover."""
+def opened(mask: BoolArray, radius: int) -> BoolArray:
+    """What discs of a radius [cells] that fit into a mask cover."""
     return cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_OPEN, disc(2 * radius + 1)) > 0
 
 

@@ -1,5 +1,7 @@
 """The map overrules a model: rays are no floor, walls that were seen long stay, leaves of doors are no walls."""
 
+from dataclasses import dataclass
+
 import numpy as np
 import pytest
 import shapely
@@ -25,14 +27,28 @@ def test_a_wall_that_was_seen_from_both_sides_is_drawn_against_the_model(turn):
     assert door.width == pytest.approx(1.0, abs=0.15)
 
 
-def test_what_a_model_draws_behind_a_long_front_goes_and_behind_furniture_it_stays():
-    grid, _, _ = painted(HALL)
-    deeper = Painted(shapely.box(0, -0.5, 8, 5))
-    assert make_drawing(grid, model=deeper).area == pytest.approx(HALL.area, abs=1.0)
+@dataclass
+class Unsure:
+    """A model that gives part of its floor another probability."""
+
+    floor: Painted
+    part: shapely.Polygon
+    sure: float
+
+    def probability(self, grid: OccupancyGrid, angle_deg: float) -> np.ndarray:
+        inside = Painted(self.part).probability(grid, angle_deg)
+        return np.where(inside >= 0.5, np.float32(self.sure), self.floor.probability(grid, angle_deg))
+
+
+@pytest.mark.parametrize("turn", [0.0, 20.0])
+@pytest.mark.parametrize(("sure", "drawn"), [(0.75, False), (0.95, True)])
+def test_floor_that_nobody_has_seen_takes_a_sure_model(turn, sure, drawn):
     wardrobe = shapely.box(3.0, 0.0, 5.0, 0.6)
-    grid, _, model = painted(HALL.difference(wardrobe))
-    assert make_drawing(grid, model=Painted(HALL)).area == pytest.approx(HALL.area, abs=0.3)
-    assert make_drawing(grid, model=model).area == pytest.approx(HALL.area - wardrobe.area, abs=0.3)
+    grid, _, _ = painted(HALL.difference(wardrobe), turn_deg=turn)
+    hall, behind = (affinity.rotate(shape, turn, origin=(0, 0)) for shape in (HALL, wardrobe))
+    drawing = make_drawing(grid, model=Unsure(Painted(hall), behind, sure))
+    hidden = 0.0 if drawn else wardrobe.area
+    assert drawing.area == pytest.approx(HALL.area - hidden, abs=0.3)
 
 
 def test_rays_alone_are_no_floor():
