@@ -39,7 +39,7 @@ from slamgym.dataset.curate.completeness_model import (
     score_probabilities,
 )
 from slamgym.dataset.curate.criteria import Criteria, StuckFilter
-from slamgym.dataset.curate.snapshots import LabelledMaps, label_maps
+from slamgym.dataset.curate.snapshots import LabelledMaps, StrArray, label_maps
 from slamgym.dataset.format import load_pair, read_manifest
 from slamgym.dataset.generate.build import DatasetConfig, build_dataset
 from slamgym.envs import ExploreConfig
@@ -187,7 +187,7 @@ def transfer_rows(maps: LabelledMaps, trees: TreesConfig) -> list[dict[str, obje
 
 def accuracy_row(name: str, maps: LabelledMaps, probabilities: FloatArray) -> dict[str, object]:
     score = score_probabilities(probabilities, maps.complete, BAND)
-    low, high = intervals(maps, probabilities)
+    low, high = intervals(probabilities, maps.complete, maps.plan_ids)
     return {
         "maps": name,
         "number": score.count,
@@ -204,18 +204,18 @@ def accuracy_row(name: str, maps: LabelledMaps, probabilities: FloatArray) -> di
     }
 
 
-def intervals(maps: LabelledMaps, probabilities: FloatArray) -> tuple[ProbabilityScore, ProbabilityScore]:
+def intervals(
+    probabilities: FloatArray, complete: BoolArray, plan_ids: StrArray
+) -> tuple[ProbabilityScore, ProbabilityScore]:
     """Scores whose figures are the 2.5 and 97.5 percentiles over resampled plans."""
-    plans = sorted(set(maps.plan_ids))
-    members = {plan: [] for plan in plans}
-    for number, plan in enumerate(maps.plan_ids):
-        members[plan].append(number)
+    plans = sorted(set(plan_ids))
+    members = {plan: np.flatnonzero(plan_ids == plan) for plan in plans}
     rng = np.random.default_rng(0)
     scores = []
     for _ in range(RESAMPLES):
         drawn = rng.integers(len(plans), size=len(plans))
         chosen = np.concatenate([members[plans[i]] for i in drawn])
-        scores.append(score_probabilities(probabilities[chosen], maps.complete[chosen], BAND))
+        scores.append(score_probabilities(probabilities[chosen], complete[chosen], BAND))
     bounds = []
     for percentile in (2.5, 97.5):
         figures = {

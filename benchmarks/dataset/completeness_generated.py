@@ -31,11 +31,10 @@ from slamgym.envs.episode import EpisodeConfig
 from slamgym.parametric import deform, from_recorded
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
+from dataset.completeness import BAND, intervals
 from report import print_and_save
 
 MINUTES = (0.5, 1.0, 2.0, 4.0)
-BAND = (0.4, 0.8)
-RESAMPLES = 500
 
 
 def generated(plan: FloorPlan, path: Trajectory, episode: EpisodeConfig, seed: tuple[int, int]) -> FloatArray:
@@ -81,19 +80,14 @@ def main() -> None:
         "both": (np.concatenate([simulated, drawn]), np.tile(complete, 2), plans * 2),
     }
     rows: list[tuple[object, ...]] = []
-    of_plan = {plan: np.flatnonzero(np.array(plans) == plan) for plan in dict.fromkeys(plans)}
     for name, (features, labels, ids) in learned_from.items():
         model = cross_fit(features, labels, ids, TreesConfig())
         said = model.probabilities(simulated, plans)
         score = score_probabilities(said, complete, BAND)
-        rng = np.random.default_rng(0)
-        areas = []
-        for _ in range(RESAMPLES):
-            chosen = np.concatenate([of_plan[plan] for plan in rng.choice(list(of_plan), len(of_plan))])
-            areas.append(score_probabilities(said[chosen], complete[chosen], BAND).roc_auc)
-        low, high = np.nanpercentile(areas, [2.5, 97.5])
+        low, high = intervals(said, complete, np.array(plans))
         rows.append(
-            (name, len(labels), score.count, score.positives, f"{score.roc_auc:.3f} [{low:.3f}, {high:.3f}]",
+            (name, len(labels), score.count, score.positives,
+             f"{score.roc_auc:.3f} [{low.roc_auc:.3f}, {high.roc_auc:.3f}]",
              round(score.brier, 3), round(score.calibration_error, 3), round(score.accuracy, 3))
         )  # fmt: skip
     columns = (
