@@ -39,7 +39,9 @@ WATERSHED_CELL = 0.05
 ACROSS = 0.25
 """The middle of a passage's line is at least so far from all walls, in shares of its width."""
 BESIDE_OPENING = 0.3
-"""So far before and behind a wide opening the floor must be wider than it [m]."""
+"""So far before and behind a gap it is looked whether the floor is wider than it [m]."""
+SURE_DOOR = 1.1
+"""A wider door needs a wider floor on one side at least: corridors narrow where a wall stands out [m]."""
 OPENING_ROOM = (4.0, 1.4)
 """Smaller [m2] or narrower [m] parts beside a wide opening are alcoves and bays, not rooms."""
 
@@ -118,14 +120,19 @@ def divide(floor: MultiPolygon, config: DrawingConfig) -> Division:
 
 
 def _likely(floor: MultiPolygon, gaps: Sequence[Gap], config: DrawingConfig) -> list[Gap]:
-    """Gaps of a door's width, and behind them the wider ones that are openings."""
-    doors = [gap for gap in gaps if gap.width <= config.door_width[1]]
+    """Gaps of a door's width that don't just cross a corridor, and behind them the wider ones that are openings."""
+    doors = [
+        gap
+        for gap in gaps
+        if gap.width <= config.door_width[1] and (gap.width <= SURE_DOOR or _wider_sides(floor, gap) > 0)
+    ]
     wide = {gap: None for gap in gaps if gap.width > config.door_width[1]}
-    return [*doors, *(gap for gap in wide if _narrows(floor, gap))]
+    return [*doors, *(gap for gap in wide if _wider_sides(floor, gap) == 2)]
 
 
-def _narrows(floor: MultiPolygon, gap: Gap) -> bool:
-    """Whether the floor is clearly wider before and behind an opening, as :class:`RoomRule` has it."""
+def _wider_sides(floor: MultiPolygon, gap: Gap) -> int:
+    """On how many sides of a gap the floor is clearly wider, as :class:`RoomRule` has it."""
+    count = 0
     start, end = np.array(gap.start), np.array(gap.end)
     along = (end - start) / gap.width
     normal = np.array([-along[1], along[0]])
@@ -136,9 +143,8 @@ def _narrows(floor: MultiPolygon, gap: Gap) -> bool:
         beside = [
             piece for piece in shapely.get_parts(line.intersection(floor)) if piece.distance(near) < 1e-6
         ]
-        if sum(piece.length for piece in beside) * DEFAULT_RULE.max_narrowing < gap.width:
-            return False
-    return True
+        count += sum(piece.length for piece in beside) * DEFAULT_RULE.max_narrowing >= gap.width
+    return count
 
 
 def _faces(floor: MultiPolygon) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -77,3 +77,14 @@ def test_rooms_are_parted_by_a_gap_that_is_no_door():
     division = divide(shapely.MultiPolygon([floor]), DEFAULT_DRAWING)
     assert len(division.rooms) == 2
     assert [round(gap.width, 2) for gap in division.doors] == [0.9]
+
+
+def test_a_corridor_that_a_pilaster_narrows_has_no_door_there():
+    corridor = shapely.box(0, 0, 12, 1.8)
+    pilaster = shapely.box(5.9, 0.0, 6.1, 0.4)
+    narrowed = shapely.MultiPolygon([corridor.difference(pilaster)])
+    assert len(divide(narrowed, DEFAULT_DRAWING).rooms) == 1
+    # A passage as wide at its end is a door, as the hall behind it is wider.
+    door, hall = shapely.box(12.0, 0.2, 12.1, 1.6), shapely.box(12.1, 0, 18, 5)
+    ended = shapely.MultiPolygon([shapely.union_all([corridor, door, hall])])
+    assert len(divide(ended, DEFAULT_DRAWING).rooms) == 2

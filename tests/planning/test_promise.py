@@ -11,8 +11,10 @@ from slamgym.planning import ExplorerContext
 from slamgym.planning.exploration_loop import ExplorationLoop, ExplorationLoopConfig
 from slamgym.planning.promise import (
     FAMILIAR_AREA,
+    LARGEST_CALIBRATED,
     Promise,
     UnseenFloor,
+    is_kept,
     pretrained_limit,
     pretrained_unseen_floor,
     split_promise,
@@ -65,6 +67,12 @@ def test_an_open_door_counts_as_much_in_a_school_as_in_a_home():
         unseen.share(replace(opened, known_area=area)) for area in (36.0, FAMILIAR_AREA, 3000.0)
     )
     assert small > home == school
+
+
+def test_nothing_is_promised_in_buildings_larger_than_the_calibrated_ones():
+    closed = remains_of(room())
+    assert is_kept(EASY, replace(closed, known_area=LARGEST_CALIBRATED))
+    assert not is_kept(EASY, replace(closed, known_area=LARGEST_CALIBRATED + 1.0))
 
 
 @pytest.mark.parametrize(
