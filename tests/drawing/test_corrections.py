@@ -11,6 +11,7 @@ from shapely import Polygon, affinity
 from slamgym.core.types import FREE, UNKNOWN, OccupancyGrid
 from slamgym.drawing import make_drawing
 from slamgym.drawing.openings import divide
+from slamgym.drawing.polygons import without_necks
 from slamgym.drawing.settings import DEFAULT_DRAWING
 
 HALL = shapely.box(0, 0, 8, 5)
@@ -88,3 +89,12 @@ def test_a_corridor_that_a_pilaster_narrows_has_no_door_there():
     door, hall = shapely.box(12.0, 0.2, 12.1, 1.6), shapely.box(12.1, 0, 18, 5)
     ended = shapely.MultiPolygon([shapely.union_all([corridor, door, hall])])
     assert len(divide(ended, DEFAULT_DRAWING).rooms) == 2
+
+
+def test_no_floor_leads_through_the_gap_before_a_walls_pointed_end():
+    wall = Polygon([(8, 2.4), (0.2, 2.4), (0.06, 2.5), (0.2, 2.6), (8, 2.6)])
+    floor = without_necks(HALL.difference(wall), DEFAULT_DRAWING)
+    assert len(floor.geoms) == 2
+    assert floor.area == pytest.approx(HALL.area - wall.area, abs=0.05)
+    whole = without_necks(HALL, DEFAULT_DRAWING)
+    assert whole.symmetric_difference(HALL).area < 1e-3
