@@ -27,9 +27,10 @@ FAMILIAR_AREA = 100.0
 """Known floor counts up to that of a usual home [m2]: the limits are calibrated on homes, and in a larger building one
 door, which the estimate gives a few square metres, may hide a wing."""
 
-LARGEST_CALIBRATED = 500.0
-"""In larger buildings [m2] nothing is promised and an exploration goes on to its end: of 14 offices and schools with
-loops of more than 900 m2 six kept `98%:95%`, twelve without a promise."""
+LARGEST_CALIBRATED = 300.0
+"""The limits are calibrated on plans of up to this area [m2]. In larger buildings nothing is promised and an
+exploration goes on to its end: of 14 offices and schools with loops of more than 900 m2 six kept `98%:95%`, twelve
+without a promise."""
 
 _FORM = re.compile(r"(?P<amount>\d+(\.\d+)?)(?P<unit>%|m2)(:(?P<confidence>\d+(\.\d+)?)%)?")
 
