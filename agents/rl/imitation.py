@@ -107,20 +107,20 @@ def imitate(model: Any, config: TrainConfig, plans: Sequence[FloorPlan]) -> None
     Raises:
         ConfigError: If there is no expert of that name.
     """
-    if config.imitation_expert not in EXPERTS:
+    if config.imitation.expert not in EXPERTS:
         raise ConfigError(
-            f"no expert {config.imitation_expert!r} to imitate; {suggest(config.imitation_expert, EXPERTS)}"
+            f"no expert {config.imitation.expert!r} to imitate; {suggest(config.imitation.expert, EXPERTS)}"
         )
     env = make_env(config, list(plans))
     assert isinstance(env, ExploreFrontiersEnv)
     network = model.policy.features_extractor.network
     demonstrations = _Demonstrations()
-    rounds = max(1, config.imitation_rounds)
+    rounds = config.imitation.rounds
     for number in range(rounds):
-        wanted = (config.imitation_decisions * (number + 1)) // rounds
+        wanted = (config.imitation.decisions * (number + 1)) // rounds
         choose = None if number == 0 else _student(network)
-        _collect(env, EXPERTS[config.imitation_expert], choose, demonstrations, wanted, config, seed=number)
-        _fit(network, demonstrations, config.imitation_value_weight, config.seed)
+        _collect(env, EXPERTS[config.imitation.expert], choose, demonstrations, wanted, config, seed=number)
+        _fit(network, demonstrations, config.imitation.value_weight, config.seed)
 
 
 @dataclass

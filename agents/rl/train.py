@@ -30,11 +30,12 @@ from slamgym.agents.rl.training_callbacks import (
     SaveCheckpoints,
     Validate,
 )
-from slamgym.agents.rl.training_envs import draw_plans, make_env, make_learning_envs
+from slamgym.agents.rl.training_envs import FURNISHED, draw_plans, make_env, make_learning_envs
 from slamgym.core.config import to_dict
 from slamgym.core.errors import ConfigError
 from slamgym.core.progress import say
 from slamgym.envs import RewardFunction
+from slamgym.planning.promise import Promise
 
 _LOGGED = {
     "rollout/episode_seconds": "time",
@@ -63,7 +64,7 @@ def train(
     """
     torch.set_num_threads(1)
     begin_run(config, out, free=("workers",))
-    plans = draw_plans(config.plans, "train", config.plan_count, config.seed)
+    plans = draw_plans(config.plans, "train", config.plan_count, config.seed, config.largest_area)
     say(f"{len(plans)} floor plans, {sum(plan.area for plan in plans) / len(plans):.0f} m2 on average")
     envs = make_learning_envs(config, plans, reward_terms)
     model = _make_model(config, envs)
@@ -71,7 +72,7 @@ def train(
     if config.start_from and not is_resumed:
         _begin_with(config.start_from, model)
     log_into_run(model, out)
-    if config.imitation_decisions and not is_resumed:
+    if config.imitation.decisions and not is_resumed:
         imitate(model, config, plans)
         save_checkpoint(out, model)
     learn(model, envs, out, config.steps, lambda: _callbacks(config, out, model), "step")
@@ -130,9 +131,21 @@ def _callbacks(config: TrainConfig, out: Path, model: BaseAlgorithm) -> list[Bas
         LogEpisodes(_LOGGED),
     ]
     if config.evaluate_every:
-        plans = draw_plans(config.plans, "validation", config.evaluate_plans)
-        env = make_env(config, plans, coverage_goal=None)
+        plans = draw_plans(
+            config.plans, "validation", config.evaluate_plans, largest_area=config.largest_area
+        )
+        envs = [make_env(config, plans, coverage_goal=None)]
+        if config.furnished:
+            envs.append(make_env(config, plans, coverage_goal=None, clutter=FURNISHED))
+        promise = Promise.parse(config.promise) if config.promise else None
         callbacks.append(
-            Validate(env, plans, config.evaluate_every, out, lambda path: export_policy(config, model, path))
+            Validate(
+                envs,
+                plans,
+                config.evaluate_every,
+                out,
+                lambda path: export_policy(config, model, path),
+                promise,
+            )
         )
     return callbacks

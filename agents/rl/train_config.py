@@ -4,9 +4,11 @@ from dataclasses import field
 from typing import Literal
 
 from slamgym.agents.scoring import NetworkConfig
-from slamgym.core.config import Count, CountOrZero, NonNegative, Positive, PositiveShare, Settings
+from slamgym.cad.plan_filter import AREA
+from slamgym.core.config import Count, CountOrZero, NonNegative, Positive, PositiveShare, Settings, Share
 from slamgym.core.errors import ConfigError
 from slamgym.envs.rewards import FRONTIER_REWARD, RewardConfig
+from slamgym.planning.promise import Promise
 from slamgym.sim import OdometryLevel
 
 POLICY = "policy.safetensors"
@@ -59,6 +61,20 @@ class PPOConfig(Settings, section="ppo"):
     """An update ends where the policy has moved so far."""
 
 
+class ImitationConfig(Settings, section="imitation"):
+    """An expert to imitate before the learning."""
+
+    decisions: CountOrZero = 0
+    """So many decisions of an expert are imitated; 0 for none."""
+    rounds: Count = 1
+    """In how many rounds; the expert drives in the first and answers to the policy in the others (DAgger)."""
+    value_weight: NonNegative = 0.05
+    """Weight of the value's squared error beside the cross-entropy: the value shares its trunk with the
+    scores, which matter more then."""
+    expert: str = "oracle"
+    """The expert; see :mod:`slamgym.agents.rl.imitation`."""
+
+
 class TrainConfig(Settings):
     """A training run."""
 
@@ -71,6 +87,10 @@ class TrainConfig(Settings):
     split ``train`` are learned on (:mod:`slamgym.agents.plan_splits`)."""
     plan_count: Count = 1500
     """So many plans are learned on."""
+    largest_area: Positive = AREA[1]
+    """Larger plans than this are not learned on [m2]."""
+    furnished: Share = 0.0
+    """In this share of the environments the plans are furnished, and leaves hang in half of their doors."""
     steps: Count = 100_000
     """Decisions of all environments together."""
     seed: int = 0
@@ -90,6 +110,9 @@ class TrainConfig(Settings):
     features are in metres."""
     coverage_goal: PositiveShare | None = 0.995
     """An episode of training ends at this true coverage; privileged, never observed."""
+    promise: str | None = None
+    """An episode also ends where an explorer with this promise says that it is done, as in ``98%:95%``; validation then
+    goes by the time until done."""
     time_limit: Positive = 1000.0
     """Robot time of an episode of training [s]."""
     discount: PositiveShare = 0.998
@@ -105,18 +128,15 @@ class TrainConfig(Settings):
     start_from: str = ""
     """Weights to begin with: ``pretrained``, or a file that an earlier run wrote; by default those of an untrained
     network."""
-    imitation_decisions: CountOrZero = 0
-    """So many decisions of an expert are imitated first; 0 for none."""
-    imitation_rounds: int = 1
-    """In how many rounds; the expert drives in the first and answers to the policy in the others (DAgger)."""
-    imitation_value_weight: float = 0.05
-    """Weight of the value's squared error beside the cross-entropy: the value shares its trunk with the
-    scores, which matter more then."""
-    imitation_expert: str = "oracle"
-    """The expert to imitate; see :mod:`slamgym.agents.rl.imitation`."""
+    imitation: ImitationConfig = field(default_factory=ImitationConfig)
+    """What is imitated first."""
     evaluate_every: CountOrZero = 12_000
     """Steps between two evaluations on validation plans; 0 for none."""
     evaluate_plans: int = 16
     """Plans of an evaluation."""
     checkpoint_every: Count = 4_000
     """Steps between two checkpoints."""
+
+    def _check(self) -> None:
+        if self.promise is not None:
+            Promise.parse(self.promise)

@@ -1,5 +1,6 @@
 """The environments of a training run: its floor plans in the order of a curriculum, and those that validate it."""
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -14,8 +15,11 @@ from slamgym.cad import FloorPlan, check_plan, open_plans
 from slamgym.cad.plan_filter import AREA, LONG_SIDE, passes
 from slamgym.core.errors import ConfigError, PlanError
 from slamgym.envs import RewardFunction
+from slamgym.envs.config import ObservationConfig
 from slamgym.envs.explore_frontiers_env import ExploreFrontiersEnv
-from slamgym.sim import RobotConfig
+from slamgym.planning.exploration_loop import ExplorationLoopConfig
+from slamgym.planning.promise import Promise
+from slamgym.sim import ClutterConfig, RobotConfig
 
 
 class StagedPlans:
@@ -47,17 +51,20 @@ class StagedPlans:
         return self._plans[plan_id]
 
 
-def draw_plans(specs: Sequence[str], split: PlanSplit, count: int, seed: int = 0) -> list[FloorPlan]:
+def draw_plans(
+    specs: Sequence[str], split: PlanSplit, count: int, seed: int = 0, largest_area: float = AREA[1]
+) -> list[FloorPlan]:
     """Draw plans that are worth exploring from a split of some sources, as many from each.
 
     Generated plans have to be of the size of homes too, which :func:`slamgym.cad.plan_filter.passes` asks of
-    HouseExpo's alone.
+    HouseExpo's alone, if nothing else is asked for.
 
     Args:
-        specs: What :func:`slamgym.cad.open_plans` takes.
+        specs: What :func:`slamgym.cad.open_plans` takes; one that is named twice gives twice as many.
         split: Of which split.
         count: How many in all; fewer if the sources have no more.
         seed: Of the draw.
+        largest_area: Of a generated plan [m2].
 
     Raises:
         ConfigError: If none is left.
@@ -69,7 +76,7 @@ def draw_plans(specs: Sequence[str], split: PlanSplit, count: int, seed: int = 0
         for index in np.random.default_rng(seed).permutation(len(source)):
             if len(plans) >= wanted:
                 break
-            plan = _load(source, source.ids[int(index)])
+            plan = _load(source, source.ids[int(index)], largest_area)
             if plan is not None:
                 plans[plan.id] = plan
     if not plans:
@@ -77,17 +84,18 @@ def draw_plans(specs: Sequence[str], split: PlanSplit, count: int, seed: int = 0
     return list(plans.values())
 
 
-def _load(source: object, plan_id: str) -> FloorPlan | None:
+def _load(source: object, plan_id: str, largest_area: float) -> FloorPlan | None:
     try:
         plan: FloorPlan = source.load(plan_id)  # type: ignore[attr-defined]
         check_plan(plan, RobotConfig().radius)
     except PlanError:
         return None
-    min_x, min_y, max_x, max_y = plan.bounds
-    is_large = max(max_x - min_x, max_y - min_y) > LONG_SIDE or not AREA[0] <= plan.area <= AREA[1]
+    is_large = plan.extent > _longest_side(largest_area) or not AREA[0] <= plan.area <= largest_area
     return None if is_large or not passes(plan, "useful") else plan
 
 
+FURNISHED = ClutterConfig(furniture=1.0, doors=0.5)
+"""What stands in the environments with furniture: as on the track ``furnished`` of the benchmark."""
 EPISODE_INFO = ("time", "path_length", "coverage", "collisions", "map_error", "pose_error")
 """What the log of episodes holds beside reward and length."""
 
@@ -113,26 +121,37 @@ class Staged(gym.Wrapper[Any, Any, Any, Any]):
         return self.env.get_wrapper_attr("action_masks")()
 
 
+def _longest_side(largest_area: float) -> float:
+    """Of plans up to an area [m], in proportion to homes."""
+    return LONG_SIDE * max(1.0, largest_area / AREA[1]) ** 0.5
+
+
+def _canvas(config: TrainConfig) -> float:
+    """Side of a map that holds every plan of a run [m]."""
+    return max(ObservationConfig().map_size, 2.0 * math.ceil(_longest_side(config.largest_area)))
+
+
 def make_env(config: TrainConfig, plans: Any, **changes: Any) -> ExploreFrontiersEnv:
     """The environment of a run, without wrappers.
 
     Args:
         config: The run.
-        plans: Floor plans.
+        plans: Floor plans, a sequence or a source.
         **changes: Settings of the environment that differ from the run's.
     """
     settings: dict[str, Any] = {
         "localization": config.localization,
         "odometry": config.odometry,
         "slam": {"particles": config.particles, "resolution": config.resolution},
-        "observation": {"map_resolution": config.resolution},
+        "observation": {"map_resolution": config.resolution, "map_size": _canvas(config)},
         "discount": config.discount,
         "reward": config.reward,
         "coverage_goal": config.coverage_goal,
         "time_limit": config.time_limit,
         **changes,
     }
-    return ExploreFrontiersEnv(plans, **settings)
+    promise = Promise.parse(config.promise) if config.promise else None
+    return ExploreFrontiersEnv(plans, loop=ExplorationLoopConfig(promise=promise), **settings)
 
 
 def make_learning_envs(
@@ -148,15 +167,16 @@ def make_learning_envs(
         reward_terms: Terms of the user's own, name to (weight, function).
     """
 
-    def maker() -> Callable[[], gym.Env[Any, Any]]:
+    def maker(clutter: ClutterConfig) -> Callable[[], gym.Env[Any, Any]]:
         def make() -> gym.Env[Any, Any]:
             staged = StagedPlans(plans, config.curriculum)
-            wrapped = Staged(make_env(config, staged, reward_terms=reward_terms), staged)
-            return Monitor(wrapped, info_keywords=EPISODE_INFO)
+            env = make_env(config, staged, reward_terms=reward_terms, clutter=clutter)
+            return Monitor(Staged(env, staged), info_keywords=EPISODE_INFO)
 
         return make
 
-    makers = [maker() for _ in range(config.num_envs)]
+    furnished = round(config.furnished * config.num_envs)
+    makers = [maker(FURNISHED if index < furnished else ClutterConfig()) for index in range(config.num_envs)]
     envs: VecEnv = DummyVecEnv(makers) if config.workers == 1 else SubprocVecEnv(makers, start_method="fork")
     envs.seed(config.seed)
     return envs

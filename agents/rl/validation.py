@@ -67,15 +67,8 @@ def explore_plan(env: ExploreFrontiersEnv, choose: Choose, plan: FloorPlan, seed
     )
 
 
-def mean_outcome(
-    env: ExploreFrontiersEnv, choose: Choose, plans: Sequence[FloorPlan], seed: int = 0
-) -> dict[str, float]:
-    """Means over buildings, each explored once from a start of its own.
-
-    Returns:
-        The fields of :class:`PolicyOutcome`, and ``decisions_per_second``.
-    """
-    outcomes = [explore_plan(env, choose, plan, seed + index) for index, plan in enumerate(plans)]
+def mean_outcome(outcomes: Sequence[PolicyOutcome]) -> dict[str, float]:
+    """Means over explorations: the fields of :class:`PolicyOutcome`, and ``decisions_per_second``."""
     means = {
         name: float(np.mean([getattr(outcome, name) for outcome in outcomes]))
         for name in PolicyOutcome.__dataclass_fields__

@@ -67,6 +67,14 @@ class Promise(Settings, section="promise"):
             return Promise(amount / 100.0, None, confidence)
         return Promise(None, amount, confidence)
 
+    def holds(self, seen: float, floor_area: float) -> bool:
+        """Whether it is true of a share that was seen of a floor [m2]."""
+        return (
+            seen >= self.seen
+            if self.seen is not None
+            else (1.0 - seen) * floor_area <= float(self.left or 0.0)
+        )
+
     def __str__(self) -> str:
         what = f"{self.left:g}m2" if self.seen is None else f"{100.0 * self.seen:g}%"
         return f"{what}:{100.0 * self.confidence:g}%"

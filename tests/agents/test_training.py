@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from slamgym.agents.plan_splits import split_of
-from slamgym.agents.rl.train_config import Curriculum, PPOConfig, TrainConfig
+from slamgym.agents.rl.train_config import Curriculum, ImitationConfig, PPOConfig, TrainConfig
 from slamgym.agents.rl.training_envs import StagedPlans, draw_plans
 from slamgym.agents.scoring import NetworkConfig
 from slamgym.cad import open_plans
@@ -23,6 +23,7 @@ from slamgym.agents.rl import train as train_module  # noqa: E402
 from slamgym.agents.rl.imitation import EXPERTS  # noqa: E402
 from slamgym.agents.rl.semi_markov import SemiMarkovBuffer  # noqa: E402
 from slamgym.agents.rl.train import train  # noqa: E402
+from slamgym.agents.rl.training_callbacks import read_validation  # noqa: E402
 from slamgym.agents.rl.training_envs import make_env  # noqa: E402
 from slamgym.envs.frontier_features import frontier_observation_space  # noqa: E402
 
@@ -106,6 +107,13 @@ def test_plans_are_drawn_from_the_split_only():
         assert {split_of(plan.id) for plan in plans} == {split}
 
 
+def test_larger_plans_are_drawn_where_asked_for():
+    homes, offices = (
+        draw_plans(["procedural:office:loops"], "train", 12, largest_area=area) for area in (300.0, 600.0)
+    )
+    assert max(plan.area for plan in homes) <= 300.0 < max(plan.area for plan in offices) <= 600.0
+
+
 @pytest.mark.parametrize(
     "changes",
     [
@@ -114,6 +122,7 @@ def test_plans_are_drawn_from_the_split_only():
         {"discount": 1.5},
         {"evaluate_every": -1},
         {"env": "explore"},
+        {"promise": "most of it"},
     ],
 )
 def test_senseless_runs_are_refused(changes):
@@ -134,7 +143,9 @@ def test_experts_choose_candidates_that_are_there():
 
 
 def test_a_run_is_saved_and_goes_on_where_it_stopped(tmp_path):
-    half = dataclasses.replace(TINY, imitation_decisions=12, evaluate_every=100, evaluate_plans=1)
+    half = dataclasses.replace(
+        TINY, imitation=ImitationConfig(decisions=12), evaluate_every=100, evaluate_plans=1
+    )
     model = train(half, tmp_path)
     assert model.num_timesteps == 24
     for name in ("config.json", "checkpoint.pt", "policy.safetensors", "policy.json", "validation.csv"):
@@ -190,3 +201,18 @@ def test_a_resumed_run_draws_other_plans_than_at_its_beginning(tmp_path, monkeyp
 def test_plain_ppo_learns_on_frontiers_too(tmp_path):
     model = train(dataclasses.replace(TINY, algo="ppo", steps=12), tmp_path)
     assert model.num_timesteps == 12
+
+
+def test_episodes_end_where_an_explorer_says_that_it_is_done(tmp_path):
+    """Half of the environments are furnished, and what breaks the promise counts twice in validation."""
+    run = dataclasses.replace(
+        TINY, promise="98%:95%", furnished=0.5, evaluate_every=100, evaluate_plans=2, time_limit=20.0
+    )
+    model = train(run, tmp_path)
+    loops = model.get_env().get_attr("loop_config")
+    assert {str(loop.promise) for loop in loops} == {"98%:95%"}
+    furniture = [config.clutter.furniture for config in model.get_env().get_attr("config")]
+    assert furniture == [1.0, 0.0]
+    last = read_validation(tmp_path)[-1]
+    assert last["coverage"] < 0.98
+    assert last["score"] == pytest.approx(2.0 * last["time"])

@@ -155,3 +155,11 @@ def see(loop, door, time):
             "time": np.array([time], np.float32),
         }
     )
+
+
+def test_a_promise_is_true_of_a_share_or_of_an_area():
+    share, area = Promise.parse("98%:95%"), Promise.parse("2m2:90%")
+    assert share.holds(0.98, 500.0)
+    assert not share.holds(0.979, 10.0)
+    assert area.holds(0.985, 100.0)
+    assert not area.holds(0.97, 100.0)
