@@ -37,10 +37,16 @@ BEYOND_FREE = 0.6
 """Floor goes on beyond what was seen free by at most this: behind a wall's echoes, drift, furniture [m]."""
 SMALLEST_WIDE = 0.5
 """Separate wide free space smaller than this is left to the rays [m2]."""
+SHORTEST_OBLIQUE_WALL = 1.3
+"""The same in other directions than the main ones, in which leaves of open doors stand, too [m] ..."""
+CLEAR_OF_OBLIQUE, MOSTLY = 0.3, 0.75
+"""... and so far from it on both sides so many of the cells must be free, as they are not amid clutter [m]."""
 BROKEN_ECHOES = 0.15
 """Gaps in a row of echoes at most so long belong to its wall [m]."""
 THICKEST_LOST_WALL = 0.35
 """A row of echoes between two free spaces is a wall up to this thickness [m]."""
+BETWEEN_DIRECTIONS = 7.5
+"""Lost walls are looked for in directions so far apart, beginning with the main ones [deg]."""
 BOTH_SIDES = 0.7
 """Of a wall that is drawn against the model so much of the length has free cells on both sides."""
 ATTACHED_WITHIN = 0.25
@@ -116,24 +122,34 @@ def without(probability: Float32Array, taken: BoolArray) -> Float32Array:
 
 
 def lost_walls(probability: Float32Array, grid: OccupancyGrid, angle_deg: float) -> BoolArray:
-    """Cells of walls along the main directions that were seen from both sides and aren't drawn.
+    """Cells of straight walls that were seen from both sides and aren't drawn.
 
     Args:
         probability: Of being floor, shape of the map.
         grid: The map.
         angle_deg: Direction of the main walls.
     """
+    floor = probability >= 0.5
+    lost = np.zeros_like(floor)
+    # The main directions come first: what leans on a wall that is found there is found, too.
+    for turn in np.arange(0.0, 90.0, BETWEEN_DIRECTIONS):
+        lost |= _lost_along(floor & ~lost, grid, angle_deg + float(turn), is_oblique=turn != 0.0)
+    return lost
+
+
+def _lost_along(floor: BoolArray, grid: OccupancyGrid, angle_deg: float, is_oblique: bool) -> BoolArray:
+    """Cells of lost walls along a direction and across it."""
     turned = [
         _turned(mask.astype(np.uint8), -angle_deg) > 0
-        for mask in (grid.cells == OCCUPIED, grid.cells == FREE, probability >= 0.5)
+        for mask in (grid.cells == OCCUPIED, grid.cells == FREE, floor)
     ]
     found = np.zeros(turned[0].shape, np.bool_)
     for flip in (False, True):
-        echoes, free, floor = (np.ascontiguousarray(mask.T) if flip else mask for mask in turned)
-        rows = _rows_of_echoes(echoes, free, floor, grid.frame.resolution)
+        echoes, free, there = (np.ascontiguousarray(mask.T) if flip else mask for mask in turned)
+        rows = _rows_of_echoes(echoes, free, there, grid.frame.resolution, is_oblique)
         found |= rows.T if flip else rows
-    back = _turned(found.astype(np.uint8), angle_deg, grid.cells.shape) > 0
-    return back & (probability >= 0.5)
+    back: BoolArray = _turned(found.astype(np.uint8), angle_deg, grid.cells.shape) > 0
+    return back & floor
 
 
 def _turned(mask: np.ndarray, angle_deg: float, shape: tuple[int, int] | None = None) -> np.ndarray:
@@ -148,10 +164,22 @@ def _turned(mask: np.ndarray, angle_deg: float, shape: tuple[int, int] | None = 
     return image[above : above + shape[0], beside : beside + shape[1]]
 
 
-def _rows_of_echoes(echoes: BoolArray, free: BoolArray, floor: BoolArray, cell: float) -> BoolArray:
+def _begins_with(free: BoolArray, part: BoolArray, count: int) -> BoolArray:
+    """Columns of a part before which most of so many cells are free, but for the one next to it, shape (cols,)."""
+    first = part.argmax(axis=0) - 1
+    rows = first[None] - 1 - np.arange(count)[:, None]
+    picked = np.take_along_axis(free, np.maximum(rows, 0), axis=0)
+    result: BoolArray = part.any(axis=0) & ((picked & (rows >= 0)).mean(axis=0) >= MOSTLY)
+    return result
+
+
+def _rows_of_echoes(
+    echoes: BoolArray, free: BoolArray, floor: BoolArray, cell: float, is_oblique: bool
+) -> BoolArray:
     """Horizontal walls in drawn floor that were seen from both sides."""
-    length, gap, thick = (
-        max(1, round(size / cell)) for size in (SHORTEST_LOST_WALL, BROKEN_ECHOES, THICKEST_LOST_WALL)
+    shortest = SHORTEST_OBLIQUE_WALL if is_oblique else SHORTEST_LOST_WALL
+    length, gap, thick, clear = (
+        max(1, round(size / cell)) for size in (shortest, BROKEN_ECHOES, THICKEST_LOST_WALL, CLEAR_OF_OBLIQUE)
     )
     image = cv2.dilate(echoes.astype(np.uint8), np.ones((3, 1), np.uint8))  # a wall may lie between two rows
     image = cv2.morphologyEx(image, cv2.MORPH_CLOSE, np.ones((1, 2 * (gap // 2) + 1), np.uint8))
@@ -171,6 +199,8 @@ def _rows_of_echoes(echoes: BoolArray, free: BoolArray, floor: BoolArray, cell: 
         above, below = np.cumsum(part, axis=0) == 0, np.cumsum(part[::-1], axis=0)[::-1] == 0
         inside = (part & floor[here]).any(axis=0) & ~(part & ~floor[here]).any(axis=0)
         sides = [(free[here] & side).any(axis=0) for side in (above, below)]
+        if is_oblique:
+            sides = [_begins_with(free[here][::step], part[::step], clear) for step in (1, -1)]
         ends = part & ((np.arange(width) < 2) | (np.arange(width) >= width - 2))[None]
         if (inside & sides[0] & sides[1]).mean() >= BOTH_SIDES and drawn[here][ends].any():
             result[here] |= part

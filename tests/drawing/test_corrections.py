@@ -28,6 +28,15 @@ def test_a_wall_that_was_seen_from_both_sides_is_drawn_against_the_model(turn):
     assert door.width == pytest.approx(1.0, abs=0.15)
 
 
+@pytest.mark.parametrize(("length", "rooms"), [(4.5, 2), (1.0, 1)])
+def test_an_oblique_wall_is_drawn_against_the_model_and_a_leaf_is_not(length, rooms):
+    oblique = affinity.rotate(shapely.box(4.0, 5.0 - length, 4.1, 5.5), 25.0, origin=(4.0, 5.0))
+    grid, _, _ = painted(HALL.difference(oblique))
+    drawing = make_drawing(grid, model=Painted(HALL))
+    assert len(drawing.rooms) == rooms
+    assert (drawing.area < HALL.area - 0.2) == (rooms == 2)
+
+
 @dataclass
 class Unsure:
     """A model that gives part of its floor another probability."""
