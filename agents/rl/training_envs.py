@@ -94,7 +94,7 @@ def _load(source: object, plan_id: str, largest_area: float) -> FloorPlan | None
     return None if is_large or not passes(plan, "useful") else plan
 
 
-FURNISHED = ClutterConfig(furniture=1.0, doors=0.5)
+FURNISHED = ClutterConfig(furniture=1.0, untidiness=0.3, doors=0.5)
 """What stands in the environments with furniture: as on the track ``furnished`` of the benchmark."""
 EPISODE_INFO = ("time", "path_length", "coverage", "collisions", "map_error", "pose_error")
 """What the log of episodes holds beside reward and length."""

@@ -10,12 +10,12 @@ from slamgym.core.errors import ConfigError
 from slamgym.envs.rewards import RewardConfig
 from slamgym.sim import OdometryLevel
 
-WHEELS_REWARD = RewardConfig(coverage_gain=0.0, floor_gain=1.0, time=0.0, collision=0.2, completion=0.0)
-"""A point for each new square metre of floor, a fifth of one off for each control step in contact."""
+WHEELS_REWARD = RewardConfig(coverage_gain=0.0, floor_gain=1.0, time=0.0, collision=1.0, completion=0.0)
+"""A point for each new square metre of floor, one off for each control step in contact."""
 
 
 def _ppo() -> PPOConfig:
-    return PPOConfig(n_epochs=5, learning_rate=5e-4, ent_coef=0.001)
+    return PPOConfig(n_steps=256, batch_size=1024, n_epochs=5, learning_rate=5e-4, ent_coef=0.001)
 
 
 class WheelsConfig(Settings):
@@ -24,9 +24,9 @@ class WheelsConfig(Settings):
     plans: tuple[str, ...] = ("procedural",)
     """Floor plans: ``procedural``, or a HouseExpo archive, ...; as many are drawn from each. Only those of the
     split ``train`` are learned on."""
-    plan_count: Count = 600
+    plan_count: Count = 1500
     """So many plans are learned on."""
-    steps: Count = 2_000_000
+    steps: Count = 6_000_000
     """Decisions of all environments together."""
     seed: int = 0
     """Seed of everything random."""
@@ -49,9 +49,9 @@ class WheelsConfig(Settings):
     """The learner."""
     network: WheelsNetwork = field(default_factory=WheelsNetwork)
     """The network."""
-    evaluate_every: CountOrZero = 100_000
+    evaluate_every: CountOrZero = 250_000
     """Decisions between two evaluations on validation plans; 0 for none."""
-    evaluate_plans: Count = 32
+    evaluate_plans: Count = 64
     """Plans of an evaluation."""
     evaluate_seconds: Positive = 90.0
     """How long each is explored [s]."""

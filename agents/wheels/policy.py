@@ -35,9 +35,9 @@ class WheelsNetwork(Settings, section="network"):
     """Side of the map's crop [m]."""
     hold: Count = 3
     """An action holds for so many control steps."""
-    first: Count = 128
+    first: Count = 256
     """Units of the first layer, which action and value share."""
-    second: Count = 64
+    second: Count = 128
     """Units of the second layer of each."""
 
 

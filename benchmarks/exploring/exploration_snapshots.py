@@ -9,6 +9,7 @@ import numpy as np
 
 from slamgym.agents.plan_splits import PlanSplit, split_of
 from slamgym.agents.registry import make_explorer
+from slamgym.agents.rl.training_envs import FURNISHED
 from slamgym.cad import FloorPlan, PlanSource, check_plan
 from slamgym.cad.plan_filter import passes
 from slamgym.core.errors import PlanError
@@ -18,6 +19,7 @@ from slamgym.envs import ExploreConfig, ExploreEnv
 from slamgym.envs.episode import episode_steps, explored_env, time_limit
 from slamgym.planning import crop_known
 from slamgym.planning.remaining import Remains
+from slamgym.sim import ClutterConfig
 from slamgym.slam import SlamConfig
 
 EXPLORERS = ("nearest", "rl", "tour", "next_best_view")
@@ -50,7 +52,9 @@ class Exploration(NamedTuple):
         return float(np.count_nonzero(self.floor)) * self.floor_frame.resolution**2
 
 
-def explorations(source: PlanSource, split: PlanSplit, count: int, mode: str) -> Iterator[Exploration]:
+def explorations(
+    source: PlanSource, split: PlanSplit, count: int, mode: str, is_furnished: bool = False
+) -> Iterator[Exploration]:
     """Explore plans of a split by several explorers in turn.
 
     Args:
@@ -58,10 +62,14 @@ def explorations(source: PlanSource, split: PlanSplit, count: int, mode: str) ->
         split: Which of them.
         count: So many.
         mode: Of localisation: ``ground_truth`` or ``rbpf``.
+        is_furnished: Whether furniture stands in them, and leaves hang in half of the doors; the order of the plans is
+            another then, so that few are explored both ways.
     """
-    config = explored_env(ExploreConfig(slam=SlamConfig(mode=mode)))  # type: ignore[arg-type]
+    clutter = FURNISHED if is_furnished else ClutterConfig()
+    config = explored_env(ExploreConfig(slam=SlamConfig(mode=mode), clutter=clutter))  # type: ignore[arg-type]
     done = 0
-    for plan_id in shuffled([plan for plan in source.ids if split_of(plan) == split], 77):
+    order = shuffled([plan for plan in source.ids if split_of(plan) == split], 78 if is_furnished else 77)
+    for plan_id in order:
         if done == count:
             return
         try:

@@ -2,7 +2,7 @@
 
 Every explorer gets the same plans of the test split, starts and seeds; 95 % bootstrap intervals over plans.
 
-    python benchmarks/exploring/wheels.py --plans procedural json.tar.gz --count 40 [--localization rbpf]
+    python benchmarks/exploring/wheels.py --plans procedural json.tar.gz --count 60 [--localization rbpf]
     python benchmarks/exploring/wheels.py --curve run/validation.csv    # docs/images/wheels_curve.png
 """
 
@@ -27,7 +27,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 from report import print_and_save
 
 CONTACT_MINUTES = 5.0
-TITLES = {"coverage": "coverage after 90 s, 32 validation plans", "contacts": "contacts in 5 min"}
+TITLES = {"coverage": "coverage after 90 s, 64 validation plans", "contacts": "contacts in 5 min"}
 IMAGE = Path(__file__).parents[2] / "docs" / "images" / "wheels_curve.png"
 
 
@@ -36,7 +36,7 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--plans", nargs="+", default=["procedural"])
-    parser.add_argument("--count", type=int, default=40)
+    parser.add_argument("--count", type=int, default=60)
     parser.add_argument("--seconds", type=float, default=90.0)
     parser.add_argument("--localization", default="ground_truth")
     parser.add_argument("--explorers", nargs="+", default=["wheels", "random", "explore_lite"])
