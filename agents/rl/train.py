@@ -23,19 +23,18 @@ from slamgym.agents.rl.imitation import imitate
 from slamgym.agents.rl.policy import FrontierPolicy, MaskableFrontierPolicy
 from slamgym.agents.rl.run_folder import begin_run, go_on, learn, log_into_run
 from slamgym.agents.rl.semi_markov import MaskableSemiMarkovBuffer, SemiMarkovBuffer, SemiMarkovDiscounting
-from slamgym.agents.rl.train_config import POLICY, TrainConfig
+from slamgym.agents.rl.train_config import FURNISHED, POLICY, TrainConfig
 from slamgym.agents.rl.training_callbacks import (
     FollowCurriculum,
     LogEpisodes,
     SaveCheckpoints,
     Validate,
 )
-from slamgym.agents.rl.training_envs import FURNISHED, draw_plans, make_env, make_learning_envs
+from slamgym.agents.rl.training_envs import draw_plans, make_env, make_learning_envs
 from slamgym.core.config import to_dict
 from slamgym.core.errors import ConfigError
 from slamgym.core.progress import say
 from slamgym.envs import RewardFunction
-from slamgym.planning.promise import Promise
 
 _LOGGED = {
     "rollout/episode_seconds": "time",
@@ -137,15 +136,7 @@ def _callbacks(config: TrainConfig, out: Path, model: BaseAlgorithm) -> list[Bas
         envs = [make_env(config, plans, coverage_goal=None)]
         if config.furnished:
             envs.append(make_env(config, plans, coverage_goal=None, clutter=FURNISHED))
-        promise = Promise.parse(config.promise) if config.promise else None
         callbacks.append(
-            Validate(
-                envs,
-                plans,
-                config.evaluate_every,
-                out,
-                lambda path: export_policy(config, model, path),
-                promise,
-            )
+            Validate(envs, plans, config.evaluate_every, out, lambda path: export_policy(config, model, path))
         )
     return callbacks

@@ -9,12 +9,15 @@ from slamgym.core.config import Count, CountOrZero, NonNegative, Positive, Posit
 from slamgym.core.errors import ConfigError
 from slamgym.envs.rewards import FRONTIER_REWARD, RewardConfig
 from slamgym.planning.promise import Promise
-from slamgym.sim import OdometryLevel
+from slamgym.sim import ClutterConfig, OdometryLevel
 
 POLICY = "policy.safetensors"
 """Name of a policy's weights in the folder of a run ..."""
 BEST = "best.safetensors"
 """... and of the best by validation."""
+
+FURNISHED = ClutterConfig(furniture=1.0, untidiness=0.3, doors=0.5)
+"""What stands in furnished buildings: as on the track ``furnished`` of the benchmark."""
 
 Algorithm = Literal["maskable_ppo", "ppo"]
 

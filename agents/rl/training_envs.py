@@ -1,6 +1,5 @@
 """The environments of a training run: its floor plans in the order of a curriculum, and those that validate it."""
 
-import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -10,7 +9,7 @@ from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecEnv
 
 from slamgym.agents.plan_splits import PlanSplit, split_plans
-from slamgym.agents.rl.train_config import Curriculum, TrainConfig
+from slamgym.agents.rl.train_config import FURNISHED, Curriculum, TrainConfig
 from slamgym.cad import FloorPlan, check_plan, open_plans
 from slamgym.cad.plan_filter import AREA, LONG_SIDE, passes
 from slamgym.core.errors import ConfigError, PlanError
@@ -94,8 +93,6 @@ def _load(source: object, plan_id: str, largest_area: float) -> FloorPlan | None
     return None if is_large or not passes(plan, "useful") else plan
 
 
-FURNISHED = ClutterConfig(furniture=1.0, untidiness=0.3, doors=0.5)
-"""What stands in the environments with furniture: as on the track ``furnished`` of the benchmark."""
 EPISODE_INFO = ("time", "path_length", "coverage", "collisions", "map_error", "pose_error")
 """What the log of episodes holds beside reward and length."""
 
@@ -126,11 +123,6 @@ def _longest_side(largest_area: float) -> float:
     return LONG_SIDE * max(1.0, largest_area / AREA[1]) ** 0.5
 
 
-def _canvas(config: TrainConfig) -> float:
-    """Side of a map that holds every plan of a run [m]."""
-    return max(ObservationConfig().map_size, 2.0 * math.ceil(_longest_side(config.largest_area)))
-
-
 def make_env(config: TrainConfig, plans: Any, **changes: Any) -> ExploreFrontiersEnv:
     """The environment of a run, without wrappers.
 
@@ -139,11 +131,12 @@ def make_env(config: TrainConfig, plans: Any, **changes: Any) -> ExploreFrontier
         plans: Floor plans, a sequence or a source.
         **changes: Settings of the environment that differ from the run's.
     """
+    canvas = ObservationConfig().holding(_longest_side(config.largest_area))
     settings: dict[str, Any] = {
         "localization": config.localization,
         "odometry": config.odometry,
         "slam": {"particles": config.particles, "resolution": config.resolution},
-        "observation": {"map_resolution": config.resolution, "map_size": _canvas(config)},
+        "observation": {"map_resolution": config.resolution, "map_size": canvas.map_size},
         "discount": config.discount,
         "reward": config.reward,
         "coverage_goal": config.coverage_goal,

@@ -9,7 +9,7 @@ import numpy as np
 
 from slamgym.agents.plan_splits import PlanSplit, split_of
 from slamgym.agents.registry import make_explorer
-from slamgym.agents.rl.training_envs import FURNISHED
+from slamgym.agents.rl.train_config import FURNISHED
 from slamgym.cad import FloorPlan, PlanSource, check_plan
 from slamgym.cad.plan_filter import passes
 from slamgym.core.errors import PlanError

@@ -32,6 +32,7 @@ from slamgym.agents.bench.manifest import (
     outline_hash,
 )
 from slamgym.agents.plan_splits import ids_of
+from slamgym.agents.rl.train_config import FURNISHED
 from slamgym.cad import FloorPlan, PlanSource, check_plan, open_plans
 from slamgym.cad.generator import PlanGeneratorConfig, generate_plan
 from slamgym.cad.houseexpo import format_houseexpo, parse_houseexpo
@@ -49,7 +50,6 @@ HOMES, VARIANTS, OFFICES = 200, 50, 50
 SMALL_REAL, LARGE_REAL = 20, 40
 LARGEST = 4500.0  # [m2]; an exploration takes some minutes of CPU
 SEED = 2026
-FURNISHED = ClutterConfig(furniture=1.0, untidiness=0.3, doors=0.5)
 PEOPLED = dataclasses.replace(FURNISHED, people=2)
 
 

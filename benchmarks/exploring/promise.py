@@ -60,6 +60,8 @@ class Arguments:
     """HouseExpo plans to calibrate on."""
     test: int = 45
     """HouseExpo plans to test on, and a third as many generated homes."""
+    furnished: bool = False
+    """Test in furnished homes alone."""
     write: bool = False
     """Store the estimate as the one of the package."""
 
@@ -88,15 +90,15 @@ def main() -> None:
     arguments = tyro.cli(Arguments)
     weights = _weights(arguments.plans, arguments.train)
     calibrated = _explored(arguments.plans, "validation", arguments.calibrate)
-    tested = [
-        *_explored(arguments.plans, "test", arguments.test),
-        *_explored("procedural:home:loops", "test", arguments.test // 3),
-    ]
+    tested = _explored(arguments.plans, "test", arguments.test, arguments.furnished)
+    if not arguments.furnished:
+        tested += _explored("procedural:home:loops", "test", arguments.test // 3)
     arrays = _calibration(weights, calibrated)
     unseen = UnseenFloor(arrays)
     rows = [_tested(Promise.parse(text), unseen, tested) for text in PROMISES]
     title = f"calibrated on {len(calibrated)}, tested on {len(tested)} explorations"
-    print_and_save("exploring/promise", title, rows, list(rows[0]))
+    name = "exploring/promise_furnished" if arguments.furnished else "exploring/promise"
+    print_and_save(name, title, rows, list(rows[0]))
     if arguments.write:
         about = {"calibrated on": len(calibrated)}
         save_file(arrays, PRETRAINED_ESTIMATE, {"slamgym": json.dumps(about)})
@@ -148,8 +150,8 @@ def _weights(plans: str, count: int) -> dict[str, Float32Array]:
     )
 
 
-def _explored(plans: str, split: PlanSplit, count: int) -> list[Exploration]:
-    return list(explorations(open_plans(plans), split, count, "rbpf"))
+def _explored(plans: str, split: PlanSplit, count: int, is_furnished: bool = False) -> list[Exploration]:
+    return list(explorations(open_plans(plans), split, count, "rbpf", is_furnished))
 
 
 def _calibration(
@@ -181,8 +183,7 @@ def _tested(promise: Promise, unseen: UnseenFloor, explored: Sequence[Exploratio
             if moment.remains is not None and unseen.share(moment.remains) < limit:
                 time, coverage = moment.time, moment.coverage
                 break
-        left = 1.0 - coverage
-        is_kept = left <= 1.0 - promise.seen if promise.seen else left * one.area <= promise.left
+        is_kept = promise.holds(coverage, one.area)
         kept.append(is_kept)
         times.append(time)
         reached = np.flatnonzero(one.curve[:, 1] >= 0.99)

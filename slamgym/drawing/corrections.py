@@ -21,6 +21,10 @@ SINGLE_RAYS = 0.2
 """Free space narrower than this was seen by single rays; no floor is drawn for it alone [m]."""
 SHORTEST_LOST_WALL = 1.0
 """Straight walls of this length that were seen from both sides are drawn against the model [m]."""
+SHORTEST_OBLIQUE_WALL = 1.3
+"""The same in other directions than the main ones, in which leaves of open doors stand, too [m] ..."""
+CLEAR_OF_OBLIQUE, MOSTLY = 0.3, 0.75
+"""... and so far from it on both sides so many of the cells must be free, as they are not amid clutter [m]."""
 SURE_OF_UNSEEN = 0.8
 """Floor that nobody has seen is drawn from this probability on, where seen floor needs a half."""
 BESIDE_FREE = 0.1
@@ -37,10 +41,6 @@ BEYOND_FREE = 0.6
 """Floor goes on beyond what was seen free by at most this: behind a wall's echoes, drift, furniture [m]."""
 SMALLEST_WIDE = 0.5
 """Separate wide free space smaller than this is left to the rays [m2]."""
-SHORTEST_OBLIQUE_WALL = 1.3
-"""The same in other directions than the main ones, in which leaves of open doors stand, too [m] ..."""
-CLEAR_OF_OBLIQUE, MOSTLY = 0.3, 0.75
-"""... and so far from it on both sides so many of the cells must be free, as they are not amid clutter [m]."""
 BROKEN_ECHOES = 0.15
 """Gaps in a row of echoes at most so long belong to its wall [m]."""
 THICKEST_LOST_WALL = 0.35
@@ -130,26 +130,28 @@ def lost_walls(probability: Float32Array, grid: OccupancyGrid, angle_deg: float)
         angle_deg: Direction of the main walls.
     """
     floor = probability >= 0.5
+    seen = grid.cells == OCCUPIED, grid.cells == FREE
     lost = np.zeros_like(floor)
     # The main directions come first: what leans on a wall that is found there is found, too.
     for turn in np.arange(0.0, 90.0, BETWEEN_DIRECTIONS):
-        lost |= _lost_along(floor & ~lost, grid, angle_deg + float(turn), is_oblique=turn != 0.0)
+        lost |= _lost_along(
+            (*seen, floor & ~lost), grid.frame.resolution, angle_deg + float(turn), turn != 0.0
+        )
     return lost
 
 
-def _lost_along(floor: BoolArray, grid: OccupancyGrid, angle_deg: float, is_oblique: bool) -> BoolArray:
-    """Cells of lost walls along a direction and across it."""
-    turned = [
-        _turned(mask.astype(np.uint8), -angle_deg) > 0
-        for mask in (grid.cells == OCCUPIED, grid.cells == FREE, floor)
-    ]
+def _lost_along(
+    masks: tuple[BoolArray, BoolArray, BoolArray], cell: float, angle_deg: float, is_oblique: bool
+) -> BoolArray:
+    """Cells of lost walls along a direction and across it, from those of echoes, free space and drawn floor."""
+    turned = [_turned(mask.astype(np.uint8), -angle_deg) > 0 for mask in masks]
     found = np.zeros(turned[0].shape, np.bool_)
     for flip in (False, True):
-        echoes, free, there = (np.ascontiguousarray(mask.T) if flip else mask for mask in turned)
-        rows = _rows_of_echoes(echoes, free, there, grid.frame.resolution, is_oblique)
+        echoes, free, floor = (np.ascontiguousarray(mask.T) if flip else mask for mask in turned)
+        rows = _rows_of_echoes(echoes, free, floor, cell, is_oblique)
         found |= rows.T if flip else rows
-    back: BoolArray = _turned(found.astype(np.uint8), angle_deg, grid.cells.shape) > 0
-    return back & floor
+    back: BoolArray = _turned(found.astype(np.uint8), angle_deg, masks[2].shape) > 0
+    return back & masks[2]
 
 
 def _turned(mask: np.ndarray, angle_deg: float, shape: tuple[int, int] | None = None) -> np.ndarray:
@@ -164,13 +166,15 @@ def _turned(mask: np.ndarray, angle_deg: float, shape: tuple[int, int] | None = 
     return image[above : above + shape[0], beside : beside + shape[1]]
 
 
-def _begins_with(free: BoolArray, part: BoolArray, count: int) -> BoolArray:
-    """Columns of a part before which most of so many cells are free, but for the one next to it, shape (cols,)."""
-    first = part.argmax(axis=0) - 1
-    rows = first[None] - 1 - np.arange(count)[:, None]
+def _free_before(free: BoolArray, part: BoolArray, clear: int) -> BoolArray:
+    """Columns of a part before which any cell is free, or most of ``clear`` but for the next, shape (cols,)."""
+    if not clear:
+        any_free: BoolArray = (free & (np.cumsum(part, axis=0) == 0)).any(axis=0)
+        return any_free
+    rows = part.argmax(axis=0)[None] - 2 - np.arange(clear)[:, None]
     picked = np.take_along_axis(free, np.maximum(rows, 0), axis=0)
-    result: BoolArray = part.any(axis=0) & ((picked & (rows >= 0)).mean(axis=0) >= MOSTLY)
-    return result
+    most_free: BoolArray = (picked & (rows >= 0)).mean(axis=0) >= MOSTLY
+    return most_free
 
 
 def _rows_of_echoes(
@@ -178,9 +182,10 @@ def _rows_of_echoes(
 ) -> BoolArray:
     """Horizontal walls in drawn floor that were seen from both sides."""
     shortest = SHORTEST_OBLIQUE_WALL if is_oblique else SHORTEST_LOST_WALL
-    length, gap, thick, clear = (
-        max(1, round(size / cell)) for size in (shortest, BROKEN_ECHOES, THICKEST_LOST_WALL, CLEAR_OF_OBLIQUE)
+    length, gap, thick = (
+        max(1, round(size / cell)) for size in (shortest, BROKEN_ECHOES, THICKEST_LOST_WALL)
     )
+    clear = max(1, round(CLEAR_OF_OBLIQUE / cell)) if is_oblique else 0
     image = cv2.dilate(echoes.astype(np.uint8), np.ones((3, 1), np.uint8))  # a wall may lie between two rows
     image = cv2.morphologyEx(image, cv2.MORPH_CLOSE, np.ones((1, 2 * (gap // 2) + 1), np.uint8))
     image = cv2.morphologyEx(image, cv2.MORPH_OPEN, np.ones((1, length), np.uint8))
@@ -196,11 +201,8 @@ def _rows_of_echoes(
             continue
         here = np.s_[max(0, top - thick) : top + height + thick, left : left + width]
         part = labels[here] == number
-        above, below = np.cumsum(part, axis=0) == 0, np.cumsum(part[::-1], axis=0)[::-1] == 0
         inside = (part & floor[here]).any(axis=0) & ~(part & ~floor[here]).any(axis=0)
-        sides = [(free[here] & side).any(axis=0) for side in (above, below)]
-        if is_oblique:
-            sides = [_begins_with(free[here][::step], part[::step], clear) for step in (1, -1)]
+        sides = [_free_before(free[here][::step], part[::step], clear) for step in (1, -1)]
         ends = part & ((np.arange(width) < 2) | (np.arange(width) >= width - 2))[None]
         if (inside & sides[0] & sides[1]).mean() >= BOTH_SIDES and drawn[here][ends].any():
             result[here] |= part
