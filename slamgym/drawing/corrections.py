@@ -189,8 +189,10 @@ def _rows_of_echoes(
     image = cv2.dilate(echoes.astype(np.uint8), np.ones((3, 1), np.uint8))  # a wall may lie between two rows
     image = cv2.morphologyEx(image, cv2.MORPH_CLOSE, np.ones((1, 2 * (gap // 2) + 1), np.uint8))
     image = cv2.morphologyEx(image, cv2.MORPH_OPEN, np.ones((1, length), np.uint8))
-    count, labels, stats, _ = cv2.connectedComponentsWithStats(image, connectivity=8)
     result = np.zeros(echoes.shape, np.bool_)
+    if not image.any():
+        return result
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(image, connectivity=8)
     drawn = (
         cv2.dilate((~floor).astype(np.uint8), np.ones((1, 2 * round(ATTACHED_WITHIN / cell) + 1), np.uint8))
         > 0

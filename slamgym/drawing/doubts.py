@@ -86,13 +86,15 @@ def scale_doubt(drawing: Drawing, config: DrawingConfig) -> str | None:
             f"scale doubtful: a tenth of the floor is more than {clearance:.2f} m from all walls and furniture, in "
             f"buildings that is {CLEARANCES[0]:g} to {CLEARANCES[1]:g} m; check the resolution"
         )
-    own = len(_doors_at(drawing, 1.0, config))
     for factor, least, most in SCALES:
         if not least <= drawing.area <= most:
             continue
         other = _doors_at(drawing, factor, config)
         unusual = clearance < USUAL_CLEARANCES[0] if factor > 1.0 else clearance > USUAL_CLEARANCES[1]
-        if len(other) >= max(MIN_DOORS - unusual, (TIMES_MORE - unusual) * own):
+        if len(other) < MIN_DOORS - unusual:
+            continue
+        own = len(_doors_at(drawing, 1.0, config))
+        if len(other) >= (TIMES_MORE - unusual) * own:
             width = float(np.median(other)) / factor
             return (
                 f"scale doubtful: {len(other)} openings between rooms are some {width:.2f} m wide, and {own} as "

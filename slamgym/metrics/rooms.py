@@ -66,7 +66,8 @@ def label_rooms(free: BoolArray, metres_per_px: float, rule: RoomRule = DEFAULT_
     distance = cv2.distanceTransform(padded, cv2.DIST_L2, cv2.DIST_MASK_PRECISE).astype(np.float64)
     # A wall's face lies half a cell before its first cell.
     radius = np.where(padded > 0, (distance - 0.5) * metres_per_px, 0.0)
-    order = np.argsort(-radius, axis=None, kind="stable")[: int(padded.sum())]
+    cells = np.flatnonzero(padded)
+    order = cells[np.argsort(-radius.ravel()[cells], kind="stable")]
     parts = _flood(
         radius,
         order.astype(np.int64),
@@ -75,8 +76,9 @@ def label_rooms(free: BoolArray, metres_per_px: float, rule: RoomRule = DEFAULT_
         rule.min_width / 2.0,
         rule.min_area / metres_per_px**2,
     )
-    roots, labels = np.unique(parts, return_inverse=True)
-    labels = labels.reshape(parts.shape) + (0 if roots[0] == 0 else 1)
+    is_root = np.bincount(parts.ravel(), minlength=1) > 0
+    is_root[0] = True  # outside
+    labels = (np.cumsum(is_root) - 1)[parts]
     large = _is_room(labels, radius, rule, metres_per_px)
     numbers = np.where(large, np.cumsum(large), 0)
     return np.asarray(numbers[labels][1:-1, 1:-1], dtype=np.int64)
