@@ -14,7 +14,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from slamgym.agents.open_tour import open_tour
 from slamgym.core.config import Settings
 from slamgym.core.geometry import unit_vectors
 from slamgym.core.types import BoolArray, FloatArray, GridFrame, IntArray
@@ -22,6 +21,7 @@ from slamgym.envs.sweep import sweep
 from slamgym.planning import Costmap, Reachable
 from slamgym.planning.coarse_paths import CoarsePaths
 from slamgym.planning.frontiers import Point
+from slamgym.planning.open_tour import open_tour
 from slamgym.sim.raycast import cast_rays
 
 _BEAMS = 360

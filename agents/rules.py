@@ -11,12 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from slamgym.agents.foresight import foresee
-from slamgym.agents.open_tour import EXACT_PLACES, open_tour, repairman_tour
 from slamgym.core.errors import ConfigError
 from slamgym.core.types import FloatArray, IntArray
-from slamgym.planning.coarse_paths import CoarsePaths
+from slamgym.planning.coarse_paths import tour_lengths
 from slamgym.planning.exploration_loop import ExplorationLoop, ExplorationLoopConfig
 from slamgym.planning.frontiers import expected_gain, view_gain
+from slamgym.planning.open_tour import EXACT_PLACES, open_tour, repairman_tour
 
 EXPLORE_LITE_LOOP = ExplorationLoopConfig(
     max_candidates=1000,
@@ -220,12 +220,7 @@ def _tour_lengths(loop: ExplorationLoop, indices: Sequence[int], turn_weight: fl
     costmap, space, pose = loop.navigator.costmap, loop.navigator.reachable, loop.pose
     assert costmap is not None
     assert space is not None
-    places = _path_ends(loop)[indices]
-    lengths = CoarsePaths(costmap, space).matrix(pose, places)
-    dx, dy = (places - np.array(pose[:2])).T
-    turns = np.abs(np.remainder(np.arctan2(dy, dx) - pose.theta + np.pi, 2.0 * np.pi) - np.pi)
-    lengths[0, 1:] += turn_weight * np.where(np.hypot(dx, dy) < 0.3, 0.0, turns)
-    return lengths
+    return tour_lengths(costmap, space, pose, _path_ends(loop)[indices], turn_weight)
 
 
 def _scores_of_order(order: IntArray) -> FloatArray:

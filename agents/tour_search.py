@@ -12,9 +12,9 @@ import itertools
 import numpy as np
 
 from slamgym.agents.coverage_tour import CoverageTourPlanner
-from slamgym.agents.open_tour import improve_tour
 from slamgym.core.types import BoolArray, IntArray
 from slamgym.planning.frontiers import Point
+from slamgym.planning.open_tour import improve_tour
 
 _WARMTH = 0.02
 """At first a tour that is longer by this share is gone on from."""

@@ -1,7 +1,7 @@
 """Draw the learning curve of a training run: ``python benchmarks/exploring/training_curve.py RUN PNG``.
 
-Left: duration of the episodes of training (to 99.5 % of the floor, with exploration noise). Right: time to 95 and
-99 % on validation plans, the policy's best action taken.
+Left: duration of the episodes of training, with exploration noise. Right: time to 95 and 99 % of the floor and until
+done on validation plans, the policy's best action taken.
 """
 
 import argparse
@@ -25,14 +25,18 @@ def main() -> None:
     figure, (left, right) = plt.subplots(1, 2, figsize=(9, 3.6), layout="constrained")
     curve = read_curve(folder)
     left.plot([steps for steps, _ in curve], [seconds for _, seconds in curve], color="#1971c2")
-    left.set(xlabel="decisions", ylabel="s", title="latest 100 episodes of training (small homes first)")
+    left.set(xlabel="decisions", ylabel="s", title="latest 100 episodes of training")
     with (folder / "validation.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
-    for name, label, colour in (("time_95", "95 %", "#1971c2"), ("time_99", "99 %", "#e03131")):
+    for name, label, colour in (
+        ("time_95", "95 % seen", "#1971c2"),
+        ("time_99", "99 % seen", "#e03131"),
+        ("time", "done", "#2f9e44"),
+    ):
         right.plot(
             [float(r["steps"]) for r in rows], [float(r[name]) for r in rows], "o-", color=colour, label=label
         )
-    right.set(xlabel="decisions", ylabel="s", title="validation plans: time to see ... of the floor")
+    right.set(xlabel="decisions", ylabel="s", title="validation plans: time until")
     right.legend(frameon=False)
     for axis in (left, right):
         axis.grid(alpha=0.25)

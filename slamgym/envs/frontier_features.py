@@ -19,9 +19,11 @@ from slamgym.core.types import (
     ByteArray,
     Float32Array,
     FloatArray,
+    IntArray,
     Observation,
     Pose2D,
 )
+from slamgym.planning.coarse_paths import tour_lengths
 from slamgym.planning.costmap import Costmap
 from slamgym.planning.exploration_loop import ExplorationLoop
 from slamgym.planning.frontier_candidates import COARSENING, FrontierCandidate
@@ -34,8 +36,10 @@ from slamgym.planning.frontier_feature_kernels import (
     wall_distances,
 )
 from slamgym.planning.frontiers import expected_gain
+from slamgym.planning.open_tour import open_tour
+from slamgym.planning.promise import expected_floor, pretrained_unseen_floor
 
-FEATURE_VERSION = 1
+FEATURE_VERSION = 2
 """Raised whenever a feature changes its meaning: weights trained on another version are refused."""
 
 CROP_PX = 13
@@ -50,6 +54,8 @@ FAR_UNKNOWN = 4.0
 
 _EXPOSURE_UNIT = 1.5  # [m]
 _FARTHEST_WALL = 3.0  # [m]
+_LARGEST_EXPECTED = 100.0  # [m2]
+_TURN_WEIGHT = 0.2  # what a radian of turning before the first leg of a tour counts, as in the rule [m/rad]
 _STRETCH = 0.7  # the direction of a path is taken over so much of it [m]
 
 LIMIT = 10.0
@@ -72,6 +78,8 @@ class _Measured:
     exposure: float  # mean distance of the path from walls [m]
     others: tuple[float, float]  # distance to the nearest other candidate, and the mean distance [m]
     is_target: bool
+    expected: float  # unseen floor behind it by the estimate that promises go by, inf where it has none [m2]
+    tour: int  # its position in the shortest tour through all candidates
 
 
 _CANDIDATE_TABLE: tuple[tuple[str, Callable[[_Measured], float]], ...] = (
@@ -106,6 +114,8 @@ _CANDIDATE_TABLE: tuple[tuple[str, Callable[[_Measured], float]], ...] = (
         "path_detour",
         lambda m: m.candidate.path_length / max(m.candidate.frontier.min_distance, 0.5) / 3.0,
     ),
+    ("expected", lambda m: 0.5 * math.log10(1.0 + 10.0 * min(m.expected, _LARGEST_EXPECTED))),
+    ("tour", lambda m: 1.0 / (1.0 + m.tour)),
 )
 
 CANDIDATE_FEATURES: tuple[str, ...] = tuple(name for name, _ in _CANDIDATE_TABLE)
@@ -123,6 +133,7 @@ class _Overall(NamedTuple):
     gain: float  # of all candidates, as a feature
     width: float  # of what is known [m]
     height: float  # [m]
+    unseen: float  # estimated share of the floor
 
 
 _GLOBAL_TABLE: tuple[tuple[str, Callable[[_Overall], float]], ...] = (
@@ -138,6 +149,7 @@ _GLOBAL_TABLE: tuple[tuple[str, Callable[[_Overall], float]], ...] = (
     ("known_height", lambda o: o.height / 15.0),
     ("known_share", lambda o: o.loop.known_area / (o.width * o.height)),
     ("ending", lambda o: float(o.loop.round)),
+    ("unseen_share", lambda o: 1.0 + 0.25 * math.log10(max(o.unseen, 1e-4))),
 )
 
 GLOBAL_FEATURES: tuple[str, ...] = tuple(name for name, _ in _GLOBAL_TABLE)
@@ -200,7 +212,7 @@ class FrontierFeatures:
         while len(self._history) > 2 and self._history[1][0] <= time - 20.0:
             self._history.popleft()
         since, before = self._history[0]
-        frame = costmap.frame
+        frame, remains = costmap.frame, loop.remains()
         return _Overall(
             loop=loop,
             growth=(area - before) / max(time - since, 1.0),
@@ -212,6 +224,7 @@ class FrontierFeatures:
                 0.1, frame.width_px * frame.resolution - 1.0
             ),  # without the margin about the known part
             height=max(0.1, frame.height_px * frame.resolution - 1.0),
+            unseen=pretrained_unseen_floor().share(remains) if remains is not None else 1.0,
         )
 
 
@@ -241,6 +254,7 @@ def _measure(loop: ExplorationLoop, costmap: Costmap, crops: Float32Array) -> li
     cell = resolution * COARSENING
     margin = round(0.5 / cell)  # what a costmap keeps about the known part
     steps = _path_steps(costmap)
+    expected, tour = _expected(loop), _tour_positions(loop, costmap)
     measured = []
     for index, one in enumerate(candidates):
         outward = _outward(one, costmap)
@@ -265,9 +279,28 @@ def _measure(loop: ExplorationLoop, costmap: Costmap, crops: Float32Array) -> li
                 exposure=float(clearances[1:].sum() / len(one.path)),
                 others=others[index],
                 is_target=loop.target is not None and one.target == loop.target.target,
+                expected=float(expected[index]),
+                tour=int(tour[index]),
             )
         )  # fmt: skip
     return measured
+
+
+def _expected(loop: ExplorationLoop) -> FloatArray:
+    """Unseen floor expected behind each candidate, shape (N,) [m2]."""
+    remains = loop.remains()
+    if remains is None:
+        return np.full(len(loop.candidates), np.inf)
+    return expected_floor(remains, [one.points for one in loop.candidates])
+
+
+def _tour_positions(loop: ExplorationLoop, costmap: Costmap) -> IntArray:
+    """Position of each candidate in the shortest tour through all of them, shape (N,)."""
+    space = loop.navigator.reachable
+    assert space is not None
+    places = np.array([costmap.frame.to_point(*one.place) for one in loop.candidates], dtype=np.float64)
+    order = open_tour(tour_lengths(costmap, space, loop.pose, places, _TURN_WEIGHT)) - 1
+    return np.argsort(order)
 
 
 def _nearest_and_mean(places: FloatArray) -> list[tuple[float, float]]:

@@ -120,3 +120,25 @@ class CoarsePaths:
         row, col = np.divmod(trace_path(parent, first, last), self._costs.shape[1])
         half = 0.5 * (SHRINK - 1)
         return np.column_stack(self._frame.to_point(SHRINK * row + half, SHRINK * col + half))
+
+
+def tour_lengths(
+    costmap: Costmap, reachable: Reachable, pose: Pose2D, places: FloatArray, turn_weight: float
+) -> FloatArray:
+    """Path lengths between the robot and some places where turning before the first leg counts as length.
+
+    Args:
+        costmap: The costmap.
+        reachable: The robot's reachable space.
+        pose: The robot.
+        places: Shape (N, 2) [m].
+        turn_weight: What a radian of turning counts [m/rad].
+
+    Returns:
+        Shape (N + 1, N + 1) [m], as :meth:`CoarsePaths.matrix` gives them.
+    """
+    lengths = CoarsePaths(costmap, reachable).matrix(pose, places)
+    dx, dy = (places - np.array(pose[:2])).T
+    turns = np.abs(np.remainder(np.arctan2(dy, dx) - pose.theta + np.pi, 2.0 * np.pi) - np.pi)
+    lengths[0, 1:] += turn_weight * np.where(np.hypot(dx, dy) < 0.3, 0.0, turns)
+    return lengths

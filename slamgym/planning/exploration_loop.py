@@ -144,6 +144,7 @@ class ExplorationLoop:
         self._growth = _Growth()
         self._progress = _Progress()
         self._blacklist: list[Point] = []
+        self._remains: tuple[list[FrontierCandidate], Remains | None] | None = None  # of the last search
         self._has_tried_all = False  # whether the last search of candidates had the last footprint
         self._recovery = RecoveryBehaviours(
             context,
@@ -332,6 +333,12 @@ class ExplorationLoop:
         None before the first, where the robot finds no place on it, before open air that it doesn't show, and
         while nothing is offered but the next search, with another footprint or a newer map, may find something.
         """
+        # Every search makes a list of its own.
+        if self._remains is None or self._remains[0] is not self.candidates:
+            self._remains = (self.candidates, self._measure_remains())
+        return self._remains[1]
+
+    def _measure_remains(self) -> Remains | None:
         if self._belief.cells is None or not (self.candidates or self._has_tried_all):
             return None
         if self._recovery.has_open_air(self.known_map()):
@@ -371,12 +378,7 @@ class ExplorationLoop:
         assert costmap is not None
         if checked is not None and checked[0] is costmap and checked[1] is candidate:
             return True
-        row, col = costmap.frame.to_cell(candidate.points[:, 0], candidate.points[:, 1])
-        height, width = costmap.costs.shape
-        inside = (row >= 0) & (row < height) & (col >= 0) & (col < width)
-        unknown = costmap.costs[row[inside], col[inside]] == NO_INFORMATION
-        left = int(np.count_nonzero(unknown)) + int(np.count_nonzero(~inside))
-        is_there = left >= 0.5 * len(candidate.points)
+        is_there = candidate.is_still_there(costmap)
         self._choice.checked = (costmap, candidate) if is_there else None
         return is_there
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from slamgym.core.types import ByteArray, Float32Array, FloatArray, GridFrame, Int32Array, IntArray, Pose2D
-from slamgym.planning.costmap import INSCRIBED_COST, Costmap
+from slamgym.planning.costmap import INSCRIBED_COST, NO_INFORMATION, Costmap
 from slamgym.planning.frontiers import Frontier, Point, Reachable, find_frontiers
 from slamgym.planning.grid_path import COST_FACTOR, place_near
 from slamgym.planning.grid_path_kernels import search_path, trace_path
@@ -30,6 +30,15 @@ class FrontierCandidate:
     path_length: float  # [m]
     path_cost: float  # the same, weighted by the costs along it [m]
     path: FloatArray  # (N, 2) the path on the coarse grid, from the robot, map frame [m]
+
+    def is_still_there(self, costmap: Costmap) -> bool:
+        """Whether at least half of its cells are still unknown on a newer map."""
+        row, col = costmap.frame.to_cell(self.points[:, 0], self.points[:, 1])
+        height, width = costmap.costs.shape
+        inside = (row >= 0) & (row < height) & (col >= 0) & (col < width)
+        unknown = costmap.costs[row[inside], col[inside]] == NO_INFORMATION
+        left = int(np.count_nonzero(unknown)) + int(np.count_nonzero(~inside))
+        return left >= 0.5 * len(self.points)
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ one failure more, stopped too early than the promise allows (conformal risk cont
 
 import functools
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -31,6 +31,9 @@ LARGEST_CALIBRATED = 300.0
 """The limits are calibrated on plans of up to this area [m2]. In larger buildings nothing is promised and an
 exploration goes on to its end: of 14 offices and schools with loops of more than 900 m2 six kept `98%:95%`, twelve
 without a promise."""
+
+_SAME_FRONTIER = 0.3
+"""Frontiers are the same if points of them come so near to each other by both coordinates [m]."""
 
 _FORM = re.compile(r"(?P<amount>\d+(\.\d+)?)(?P<unit>%|m2)(:(?P<confidence>\d+(\.\d+)?)%)?")
 
@@ -161,6 +164,31 @@ def is_kept(promise: Promise, remains: Remains | None) -> bool:
     if remains is None or remains.known_area > LARGEST_CALIBRATED:
         return False
     return pretrained_unseen_floor().share(remains) < pretrained_limit(promise)
+
+
+def expected_floor(remains: Remains, frontiers: Sequence[FloatArray]) -> FloatArray:
+    """Expected unseen floor behind frontiers, shape (N,) [m2]; inf where none was measured.
+
+    Args:
+        remains: What the map leaves open.
+        frontiers: Points of each, shape (M, 2) [m].
+    """
+    expected = np.full(len(frontiers), np.inf)
+    if not remains.points:
+        return expected
+    areas = pretrained_unseen_floor().area_behind(remains)
+    lowest, highest = (np.array([end(one, axis=0) for one in remains.points]) for end in (np.min, np.max))
+    for index, points in enumerate(frontiers):
+        boxes_meet = (
+            (lowest <= points.max(axis=0) + _SAME_FRONTIER) & (highest >= points.min(axis=0) - _SAME_FRONTIER)
+        ).all(axis=1)
+        near = [
+            areas[k]
+            for k in np.flatnonzero(boxes_meet)
+            if np.abs(remains.points[k][:, None] - points[None]).max(axis=2).min() <= _SAME_FRONTIER
+        ]
+        expected[index] = max(near, default=np.inf)
+    return expected
 
 
 def _area(values: FloatArray) -> FloatArray:

@@ -54,6 +54,7 @@ class Remains:
     frontiers: FloatArray  # (N, len(FRONTIER_FEATURES))
     whole: FloatArray  # (len(WHOLE_FEATURES),)
     known_area: float  # floor that the robot can get to and has seen [m2]
+    points: tuple[FloatArray, ...] = ()  # centres of each frontier's cells, shape (M, 2) [m]
 
 
 def measure_remains(
@@ -86,7 +87,8 @@ def measure_remains(
     left_out = max(0, len(frontiers) - _MOST)
     closed = _closed_area(costmap, space)
     whole = [known_area / 100.0, closed / 5.0, min(attempts, 2), len(frontiers) / 8.0, left_out / 8.0]
-    return Remains(rows, np.array(whole), known_area)
+    points = tuple(costmap.frame.to_points(cells[:, 0], cells[:, 1]) for cells in frontiers[:_MOST])
+    return Remains(rows, np.array(whole), known_area, points)
 
 
 def _joined(frontiers: Sequence[Frontier], costmap: Costmap) -> list[IntArray]:

@@ -1,9 +1,14 @@
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from slamgym.agents.rules import FrontierTour
 from slamgym.core.types import GridFrame
+from slamgym.envs import ExploreFrontiersEnv
+from slamgym.envs.frontier_features import CANDIDATE_FEATURES, GLOBAL_FEATURES
 from slamgym.planning.frontier_feature_kernels import coarse_cells, wall_distances
+from slamgym.planning.promise import expected_floor, pretrained_unseen_floor
 
 
 @settings(max_examples=25)
@@ -27,3 +32,25 @@ def test_wall_distances_are_read_at_the_cells_and_beyond_the_map_at_its_edge(see
     expected = np.minimum(there * np.float32(frame.resolution), np.float32(3.0))
     found = wall_distances(distance, points, frame.origin_x, frame.origin_y, frame.resolution, 3.0)
     assert (found == expected).all()
+
+
+def test_the_first_of_the_tour_is_what_the_rule_chooses_and_expected_floor_is_that_of_promises():
+    env = ExploreFrontiersEnv("procedural:home:loops", localization="ground_truth")
+    observation, _ = env.reset(seed=4)
+    expected, tour = (CANDIDATE_FEATURES.index(name) for name in ("expected", "tour"))
+    several = 0
+    for _ in range(25):
+        candidates = env.loop.candidates
+        rows = observation["candidates"][: len(candidates)]
+        choice = int(rows[:, tour].argmax()) if len(candidates) else 0
+        if len(candidates) > 1:
+            several += 1
+            assert choice == FrontierTour()(env.loop).argmax()
+            np.testing.assert_allclose(np.sort(1.0 / rows[:, tour]), np.arange(1, len(rows) + 1), rtol=1e-6)
+            areas = expected_floor(env.loop.remains(), [one.points for one in candidates])
+            np.testing.assert_array_equal(np.argsort(areas), np.argsort(rows[:, expected]))
+            share = pretrained_unseen_floor().share(env.loop.remains())
+            measured = observation["globals"][GLOBAL_FEATURES.index("unseen_share")]
+            assert measured == pytest.approx(1.0 + 0.25 * np.log10(share), abs=1e-5)
+        observation, *_ = env.step(choice)
+    assert several > 5

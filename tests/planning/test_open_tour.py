@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from slamgym.agents.open_tour import (
+from slamgym.planning.open_tour import (
     EXACT_PLACES,
     improve_tour,
     nearest_neighbour_tour,
