@@ -25,6 +25,7 @@ from slamgym.agents.registry import EXPLORERS
 from slamgym.cad.sources import PlanSource
 from slamgym.commands.agents.evaluate import open_source
 from slamgym.core.errors import SlamgymError
+from slamgym.core.parallel.engine import Execution
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from report import RESULTS, environment
@@ -94,7 +95,7 @@ def run(
 ) -> Evaluation:
     """Evaluate on one kind of plans; write its part of the page and its figures."""
     out = arguments.out / name
-    evaluation = evaluate(source, config, out, arguments.workers, arguments.only_done)
+    evaluation = evaluate(source, config, out, Execution(workers=arguments.workers), arguments.only_done)
     text = write_report(out, evaluation, config, arguments.against)
     print(f"### {heading}\n\n{text}")
     if not arguments.page:
