@@ -130,7 +130,7 @@ def make_datasets(arguments: Arguments) -> list[Path]:
             slam=SlamConfig(particles=group.particles),
             clutter=ClutterConfig(furniture=group.furniture),
         )
-        episode = EpisodeConfig(group.explorer, "auto" if group.minutes is None else group.minutes, env)
+        episode = EpisodeConfig(group.explorer, "auto" if group.minutes is None else group.minutes, env=env)
         from_houseexpo = group.furniture == 0.0
         plans = open_plans(arguments.make if from_houseexpo else "procedural")
         config = DatasetConfig(

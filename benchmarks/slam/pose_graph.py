@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 
 from slamgym.core.geometry import between, compose
-from slamgym.core.types import FloatArray, Pose2D
-from slamgym.interop import Log, LogRecord, open_log, read_relations, read_truth
+from slamgym.core.types import Pose2D
+from slamgym.interop import Log, LogRecord, Relations, open_log, read_relations, read_truth
 from slamgym.metrics import absolute_trajectory_error, end_points, relation_error, revisit_disagreement
 from slamgym.slam.replay import ReplayResult, replay, settings_for
 
@@ -96,7 +96,7 @@ def real_row(path: Path, mode: str, settings: dict[str, Any], seeds: int) -> dic
     }
 
 
-def revisits_error(result: ReplayResult, relations: tuple[FloatArray, FloatArray]) -> float:
+def revisits_error(result: ReplayResult, relations: Relations) -> float:
     """Mean translational error over the relations between two passes [m]."""
     return relation_error(result.moments, *relations, revisits=True).translation.mean
 
