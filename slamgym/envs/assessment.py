@@ -1,6 +1,7 @@
 """How an exploration goes, measured against the truth: for rewards and ``info``."""
 
 import math
+from dataclasses import replace
 from functools import cached_property
 from typing import Any
 
@@ -73,6 +74,13 @@ class Assessment:
             duration, motion.distance, motion.contact, self.latest.coverage, before, terminated
         )
         return self.latest
+
+    def conclude(self) -> tuple[float, dict[str, float]]:
+        """Let the latest step be the last: what that adds to its reward, and to each term."""
+        goes_on = self._reward(self.latest)
+        self.latest = replace(self.latest, terminated=True)
+        ends = self._reward(self.latest)
+        return ends[0] - goes_on[0], {name: value - goes_on[1][name] for name, value in ends[1].items()}
 
     def map_error(self) -> float:
         """Mean distance of the map's occupied cells from the nearest true obstacle [m]."""

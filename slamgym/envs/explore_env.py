@@ -190,7 +190,7 @@ class ExploreEnv(gym.Env[Any, Any]):
         self._refuse_too_large(prepared.plan, start)
 
         self._simulation = simulation = Simulation(prepared, start, config, self._lidar, streams)
-        self._assessment = Assessment(
+        self.assessment = Assessment(
             prepared, simulation, self._lidar.geometry, config.usable_range, self._reward
         )
         self._view: MapView = make_view(config)
@@ -201,11 +201,11 @@ class ExploreEnv(gym.Env[Any, Any]):
         self._record()
         observation = self._observe(is_publication_due=True)
         self._show()
-        return observation, {**self._assessment.info(), "plan": prepared.plan.id}
+        return observation, {**self.assessment.info(), "plan": prepared.plan.id}
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Drive for one control step; see :class:`gymnasium.Env`."""
-        config, simulation, assessment = self.config, self.simulation, self._assessment
+        config, simulation, assessment = self.config, self.simulation, self.assessment
         motion = simulation.step(self._actions.to_command(action))
         assessment.look()
         self._record()
@@ -292,21 +292,17 @@ class ExploreEnv(gym.Env[Any, Any]):
     @property
     def coverage(self) -> Coverage:
         """What was truly seen. Privileged."""
-        return self._assessment.coverage
+        return self.assessment.coverage
 
     def map_error(self) -> float:
         """Mean distance of the map's occupied cells from the nearest true obstacle [m]. Privileged."""
-        return self._assessment.map_error()
+        return self.assessment.map_error()
 
     def scene(self) -> Scene:
         """What a picture of this moment shows, where the steps are recorded. Privileged."""
         _ = self.simulation  # raises before the first reset
         assert self.log is not None
-        return self._assessment.scene(self.log)
-
-    def note_exposure(self, exposure: float) -> None:
-        """Set the chosen path's mean distance from walls for the rewards [m]; it holds until the next call."""
-        self._assessment.exposure = exposure
+        return self.assessment.scene(self.log)
 
     def explorer_context(self) -> ExplorerContext:
         """What an explorer may know in advance: the robot, the scanner and the frame of the map.

@@ -168,7 +168,7 @@ class ExploreFrontiersEnv(gym.Env[Observation, np.int64]):
         if not self._is_over and loop.candidates:
             index = self._row(action)
             index = index if index < len(loop.candidates) else 0
-            self.inner.note_exposure(float(self._exposures[index]))
+            self.inner.assessment.exposure = float(self._exposures[index])
             chosen = loop.choose(index)
             reward, truncated, info = self._drive(not chosen and bool(loop.candidates), info)
         terminated = (loop.finished or bool(info.get("is_success"))) and not (truncated and not loop.finished)
@@ -210,17 +210,24 @@ class ExploreFrontiersEnv(gym.Env[Observation, np.int64]):
     def _drive(self, is_due: bool, info: dict[str, Any]) -> tuple[float, bool, dict[str, Any]]:
         """Drive until the next decision or the end: (discounted reward, truncated, info)."""
         loop, begin = self.loop, self.loop.time
-        total = 0.0
+        total, weight = 0.0, 1.0
         terms: dict[str, float] = {}
+
+        def add(reward: float, parts: Mapping[str, float]) -> None:
+            nonlocal total
+            total += weight * reward
+            for name, value in parts.items():
+                terms[name] = terms.get(name, 0.0) + weight * value
+
         terminated = truncated = False
         while not (is_due or loop.finished or terminated or truncated):
             weight = self.discount ** (loop.time - begin)
             command = self._context.to_action(loop.command())
             observation, reward, terminated, truncated, info = self.inner.step(command)
-            total += weight * reward
-            for name, value in info["reward_terms"].items():
-                terms[name] = terms.get(name, 0.0) + weight * value
+            add(reward, info["reward_terms"])
             is_due = loop.observe(observation)
+        if loop.finished and not terminated:
+            add(*self.inner.assessment.conclude())
         return total, truncated and not terminated, {**info, "reward_terms": terms}
 
     def _observe(self, info: dict[str, Any], duration: float) -> tuple[Observation, dict[str, Any]]:

@@ -117,6 +117,14 @@ def completion_bonus(step: StepRecord) -> float:
     return 0.0 + step.terminated
 
 
+def floor_left_cost(step: StepRecord) -> float:
+    """Minus the share of the reachable floor that is unseen when the exploration ends.
+
+    Without it who is paid by the second does well to make a promise look kept that isn't.
+    """
+    return (step.coverage - 1.0) * step.terminated
+
+
 def potential_shaping(step: StepRecord, discount: float) -> float:
     """Potential-based shaping F = discount * Phi(s') - Phi(s) (Ng, Harada and Russell, ICML 1999, eq. 2).
 
@@ -164,6 +172,9 @@ class RewardConfig(Settings, section="reward"):
     completion: float = 1.0
     """Once, at the end (:func:`completion_bonus`)."""
 
+    floor_left: float = 0.0
+    """Per share of the reachable floor, once, at the end (:func:`floor_left_cost`)."""
+
     shaping: float = 0.0
     """Of the potential (:func:`potential_shaping`)."""
 
@@ -187,6 +198,7 @@ FUNCTIONS: dict[str, RewardFunction] = {
     "pose_uncertainty": uncertainty_cost,
     "exposure": exposure_cost,
     "completion": completion_bonus,
+    "floor_left": floor_left_cost,
 }
 """The terms by the name of their weight; shaping comes with its discount."""
 

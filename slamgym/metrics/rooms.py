@@ -45,11 +45,6 @@ class RoomScore:
     f1: float
     """Of rooms that have a counterpart with an intersection over union above 0.5 (Structured3D's room F1)."""
 
-    @property
-    def count_error(self) -> int:
-        """How many rooms too many (positive) or too few."""
-        return self.count - self.true_count
-
 
 def label_rooms(free: BoolArray, metres_per_px: float, rule: RoomRule = DEFAULT_RULE) -> IntArray:
     """Number the rooms of a map.

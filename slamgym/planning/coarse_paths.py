@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-from slamgym.core.types import BoolArray, Float32Array, FloatArray, Pose2D
+from slamgym.core.types import BoolArray, Float32Array, FloatArray, IntArray, Pose2D
 from slamgym.planning.costmap import INSCRIBED_COST, LETHAL_COST, Costmap
 from slamgym.planning.frontier_kernels import nearest_open_cell
 from slamgym.planning.frontiers import Point, Reachable
@@ -41,6 +41,7 @@ class CoarsePaths:
         shape = -(-height // SHRINK), -(-width // SHRINK)
         self._costs = np.full(shape, LETHAL_COST, dtype=np.uint8)
         self._costs[rows // SHRINK, cols // SHRINK] = 0
+        self._crossable = np.where(self._costs == LETHAL_COST, np.uint8(INSCRIBED_COST), np.uint8(0))
         self.cell = SHRINK * costmap.frame.resolution
 
     def place(self, point: Point) -> int:
@@ -50,23 +51,22 @@ class CoarsePaths:
         corner.
         """
         row, col = self._frame.to_cell(*point)
-        passable = np.where(self._costs == LETHAL_COST, np.uint8(INSCRIBED_COST), np.uint8(0))
-        return int(
-            nearest_open_cell(passable, int(row) // SHRINK, int(col) // SHRINK, 1, _ANY, passable.size)
-        )
+        row, col, size = int(row) // SHRINK, int(col) // SHRINK, self._crossable.size
+        return int(nearest_open_cell(self._crossable, row, col, 1, _ANY, size))
 
-    def lengths_from(self, place: int) -> Float32Array:
+    def lengths_from(self, place: int, wanted: IntArray = EVERYWHERE) -> Float32Array:
         """Length of the shortest path from an open cell to each coarse cell, inf where none leads.
 
         Args:
             place: Flat index, from :meth:`place`; from -1 none leads anywhere.
+            wanted: Flat indices of the cells to which lengths must be right; by default all.
 
         Returns:
             Flat, shape (cells,) [m].
         """
         if place < 0:
             return np.full(self._costs.size, np.inf, dtype=np.float32)
-        lengths, _ = search_path(self._costs, place, -1, EVERYWHERE, INSCRIBED_COST, 0.0)
+        lengths, _ = search_path(self._costs, place, -1, wanted, INSCRIBED_COST, 0.0)
         in_metres: Float32Array = lengths * np.float32(self.cell)
         return in_metres
 
@@ -98,15 +98,11 @@ class CoarsePaths:
         Returns:
             Shape (N + 1, N + 1) [m], symmetric, the robot first; inf between places that no path joins.
         """
-        cells = [self.place((pose.x, pose.y)), *(self.place((x, y)) for x, y in places.tolist())]
+        cells = np.array([self.place((pose.x, pose.y)), *(self.place((x, y)) for x, y in places.tolist())])
         lengths = np.full((len(cells), len(cells)), math.inf)
-        for i, cell in enumerate(cells):
-            if cell < 0:
-                continue
-            found = self.lengths_from(cell)
-            for j, other in enumerate(cells):
-                if other >= 0:
-                    lengths[i, j] = found[other]
+        on_map = np.flatnonzero(cells >= 0)
+        for i in on_map:
+            lengths[i, on_map] = self.lengths_from(int(cells[i]), cells[on_map])[cells[on_map]]
         return np.minimum(lengths, lengths.T)
 
     def path(self, start: Point, goal: Point) -> FloatArray:

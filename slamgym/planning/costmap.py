@@ -5,7 +5,6 @@ Costmaps for Context-Sensitive Navigation", IROS 2014; wiki.ros.org/costmap_2d, 
 """
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Annotated
@@ -79,24 +78,6 @@ class Costmap:
         if 0 <= row < self.frame.height_px and 0 <= col < self.frame.width_px:
             return int(self.costs[row, col])
         return NO_INFORMATION
-
-
-def footprint_radii(corners: Sequence[tuple[float, float]]) -> tuple[float, float]:
-    """Inscribed and circumscribed radius [m] of a convex footprint about the robot's origin.
-
-    Args:
-        corners: Corners [m] in the robot's frame, in order.
-
-    Raises:
-        ConfigError: If the origin doesn't lie inside the footprint.
-    """
-    import cv2
-
-    polygon = np.asarray(corners, dtype=np.float32)
-    inscribed = cv2.pointPolygonTest(polygon, (0.0, 0.0), True) if len(polygon) >= 3 else -1.0
-    if inscribed <= 0.0:
-        raise ConfigError("the footprint must have at least 3 corners and hold the robot's origin (0, 0)")
-    return float(inscribed), float(np.hypot(polygon[:, 0], polygon[:, 1]).max())
 
 
 def crop_known(grid: OccupancyGrid, pose: Pose2D, margin: float = 0.5) -> OccupancyGrid:

@@ -166,6 +166,20 @@ class Surroundings:
         return reachable_space(self.costmap, self.pose)
 
 
+def frontier_cells(costs: ByteArray, open_cells: BoolArray) -> BoolArray:
+    """Unknown cells with an open 4-neighbour, shape (H, W): what all frontiers together consist of.
+
+    Args:
+        costs: Costmap, shape (H, W).
+        open_cells: What the robot can get to, shape (H * W,).
+    """
+    import cv2
+
+    opened = open_cells.reshape(costs.shape).view(np.uint8)
+    edge: BoolArray = (cv2.dilate(opened, _CROSS) & (costs == NO_INFORMATION).view(np.uint8)).view(np.bool_)
+    return edge
+
+
 def find_frontiers(
     costmap: Costmap,
     pose: Pose2D,
@@ -312,9 +326,8 @@ def _frontiers(
     import cv2
 
     # Only cells beside a frontier matter to the search, which are few.
-    unknown = (costs == NO_INFORMATION).view(np.uint8)
-    opened = open_cells.reshape(costs.shape).view(np.uint8)
-    beside = cv2.dilate(cv2.dilate(opened, _CROSS) & unknown, _CROSS).reshape(-1).view(np.bool_)
+    edge = frontier_cells(costs, open_cells).view(np.uint8)
+    beside = cv2.dilate(edge, _CROSS).reshape(-1).view(np.bool_)
     order = order[beside[order]]
     # A tiny amount is subtracted, so that 15 cells of 0.05 m are not less than 0.75 m by rounding.
     members, starts = collect_frontiers(costs, order, open_cells, min_size / frame.resolution - 1e-6)

@@ -65,12 +65,6 @@ def repairman_tour(lengths: FloatArray, weights: FloatArray) -> IntArray:
     return order
 
 
-def tour_length(lengths: FloatArray, order: IntArray) -> float:
-    """Length of the tour from the start through the places in some order [m]."""
-    stops = np.append(0, order)
-    return float(lengths[stops[:-1], stops[1:]].sum())
-
-
 @kernel
 def exact_tour(lengths: FloatArray, weights: FloatArray, length_weight: float) -> IntArray:
     """Held and Karp's dynamic programme for an open tour from place 0.

@@ -18,6 +18,7 @@ from slamgym.core.config import Positive, Settings, Within
 from slamgym.core.errors import ConfigError
 from slamgym.core.provenance import check_origin
 from slamgym.core.types import Float32Array, FloatArray
+from slamgym.planning.frontier_feature_kernels import come_near
 from slamgym.planning.remaining import Remains
 
 PRETRAINED_ESTIMATE = Path(__file__).parent / "pretrained" / "remaining.safetensors"
@@ -185,7 +186,7 @@ def expected_floor(remains: Remains, frontiers: Sequence[FloatArray]) -> FloatAr
         near = [
             areas[k]
             for k in np.flatnonzero(boxes_meet)
-            if np.abs(remains.points[k][:, None] - points[None]).max(axis=2).min() <= _SAME_FRONTIER
+            if come_near(remains.points[k], points, _SAME_FRONTIER)
         ]
         expected[index] = max(near, default=np.inf)
     return expected

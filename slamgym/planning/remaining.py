@@ -4,26 +4,26 @@ Frontiers are searched as the last attempts of an exploration would find them: s
 that the map draws too narrow. Rooms that the map cuts off count as closed area.
 """
 
-import math
+import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from slamgym.core.types import FloatArray, IntArray, OccupancyGrid, Pose2D
+from slamgym.core.types import BoolArray, FloatArray, IntArray, OccupancyGrid, Pose2D
 from slamgym.planning.costmap import LETHAL_COST, Costmap, CostmapConfig, crop_known, free_body, make_costmap
 from slamgym.planning.frontier_candidates import COARSENING
 from slamgym.planning.frontier_feature_kernels import (
     classify_costs,
     coarse_cells,
     explore_unknown_region,
+    outline_frontier,
 )
 from slamgym.planning.frontiers import (
-    Frontier,
     Point,
     Reachable,
     expected_gain,
-    find_frontiers,
+    frontier_cells,
     reachable_space,
 )
 
@@ -76,61 +76,69 @@ def measure_remains(
         attempts: How many relaxed footprints the exploration has tried at its end.
     """
     known = free_body(crop_known(grid, pose), pose, radius)
-    narrow = _NARROW * radius
-    costmap = make_costmap(known, CostmapConfig(inscribed_radius=narrow, inflation_radius=narrow))
+    costmap = make_costmap(known, _narrow_config(_NARROW * radius))
     space = reachable_space(costmap, pose)
     if space is None:
         return None
-    frontiers = _joined(find_frontiers(costmap, pose, 0.0, reachable=space), costmap)
-    rows = _measure(costmap, frontiers[:_MOST], radius, range_max, offered)
+    frontiers = _joined(frontier_cells(costmap.costs, space.mask), costmap.frame.resolution)
+    measured = frontiers[:_MOST]
+    points = tuple(costmap.frame.to_points(cells[:, 0], cells[:, 1]) for cells in measured)
+    rows = _measure(costmap, measured, points, radius, range_max, offered)
     known_area = float(np.count_nonzero(space.mask)) * costmap.frame.resolution**2
-    left_out = max(0, len(frontiers) - _MOST)
+    left_out = len(frontiers) - len(measured)
     closed = _closed_area(costmap, space)
     whole = [known_area / 100.0, closed / 5.0, min(attempts, 2), len(frontiers) / 8.0, left_out / 8.0]
-    points = tuple(costmap.frame.to_points(cells[:, 0], cells[:, 1]) for cells in frontiers[:_MOST])
     return Remains(rows, np.array(whole), known_area, points)
 
 
-def _joined(frontiers: Sequence[Frontier], costmap: Costmap) -> list[IntArray]:
+@functools.cache
+def _narrow_config(radius: float) -> CostmapConfig:
+    return CostmapConfig(inscribed_radius=radius, inflation_radius=radius)
+
+
+def _joined(edge: BoolArray, resolution: float) -> list[IntArray]:
     """Cells (N, 2) of frontiers, those close together as one, the longest first."""
     import cv2
 
-    mask = np.zeros(costmap.costs.shape, np.uint8)
-    for frontier in frontiers:
-        mask[frontier.cells[:, 0], frontier.cells[:, 1]] = 1
-    grown = cv2.dilate(mask, np.ones((_JOINED_PX, _JOINED_PX), np.uint8))
+    grown = cv2.dilate(edge.view(np.uint8), np.ones((_JOINED_PX, _JOINED_PX), np.uint8))
     _, labels = cv2.connectedComponents(grown, connectivity=8)
-    cells = np.argwhere(mask)
+    cells = np.column_stack(np.nonzero(edge))
     owner = labels[cells[:, 0], cells[:, 1]]
-    groups = [cells[owner == label] for label in np.unique(owner)]
-    least = _SHORTEST / costmap.frame.resolution
+    order = np.argsort(owner, kind="stable")
+    ends = np.flatnonzero(np.diff(owner[order])) + 1
+    groups = np.split(cells[order], ends)
+    least = _SHORTEST / resolution
     return sorted((group for group in groups if len(group) >= least), key=len, reverse=True)
 
 
 def _measure(
-    costmap: Costmap, frontiers: Sequence[IntArray], radius: float, range_max: float, offered: Sequence[Point]
+    costmap: Costmap,
+    frontiers: Sequence[IntArray],
+    points: Sequence[FloatArray],
+    radius: float,
+    range_max: float,
+    offered: Sequence[Point],
 ) -> FloatArray:
-    """Features of frontiers, given by their cells, shape (N, len(FRONTIER_FEATURES))."""
-    frame = costmap.frame
+    """Features of frontiers, given by their cells and these cells' centres, shape (N, len(FRONTIER_FEATURES))."""
+    resolution = costmap.frame.resolution
     classes = classify_costs(costmap.costs, COARSENING)
     labels = np.full(classes.shape, -1, np.int16)
     coarse = [coarse_cells(cells.astype(np.int32), COARSENING, classes.shape) for cells in frontiers]
     for index, cells in enumerate(coarse):
         labels[cells[:, 0], cells[:, 1]] = index
-    cell = frame.resolution * COARSENING
+    cell = resolution * COARSENING
     steps, margin = (round(_NEAR / cell), round(_FAR / cell)), round(0.5 / cell)
     wanted = np.array(offered, dtype=np.float64).reshape(-1, 2)
     rows = np.zeros((len(frontiers), len(FRONTIER_FEATURES)))
-    for index, cells in enumerate(frontiers):
+    for index, (cells, places) in enumerate(zip(frontiers, points, strict=True)):
         region = explore_unknown_region(classes, labels, index, coarse[index], steps, margin, len(frontiers))
-        points = np.column_stack(frame.to_point(cells[:, 0], cells[:, 1]))
-        middle = points[np.argmin(((points - points.mean(axis=0)) ** 2).sum(axis=1))]
-        apart = np.abs(points[:, None] - wanted[None]).max(axis=2).min(initial=math.inf)
-        opening = float(costmap.distance[cells[:, 0], cells[:, 1]].max()) * frame.resolution
+        outline = outline_frontier(places, wanted)
+        middle_x, middle_y = places[outline.middle].tolist()
+        opening = float(costmap.distance[cells[:, 0], cells[:, 1]].max()) * resolution
         rows[index] = (
-            len(cells) * frame.resolution / 3.0,
-            float(np.hypot(*np.ptp(points, axis=0))) / 3.0,
-            expected_gain(costmap, (float(middle[0]), float(middle[1])), range_max) / 15.0,
+            len(cells) * resolution / 3.0,
+            float(np.hypot(outline.width, outline.height)) / 3.0,
+            expected_gain(costmap, (middle_x, middle_y), range_max) / 15.0,
             region.near * cell**2 / 5.0,
             region.far * cell**2 / 20.0,
             region.outside,
@@ -139,7 +147,7 @@ def _measure(
             region.occupied * cell / 10.0,
             region.frontiers / 4.0,
             min(opening, 1.5),
-            float(apart <= 0.5),
+            float(outline.apart <= 0.5),
             float(opening >= radius),
         )
     return rows

@@ -96,14 +96,38 @@ def test_durations_add_up_to_the_time(env):
 
 
 def test_undiscounted_shaping_and_time_make_up_the_reward(env):
-    """With discount 1 the potential telescopes: only its first and last values count."""
+    """With discount 1 the potential telescopes: only its first value counts, for in the end it is 0."""
     steps, _ = play(env)
     begin, end = steps[0][2], steps[-1][2]
-    seen = end["coverage"] - begin["coverage"]
+    seen = 1.0 - begin["coverage"]
     duration = end["time"] - begin["time"]
     contacts = sum(info["reward_terms"].get("collision", 0.0) for _, _, info in steps[1:])
     expected = FRONTIER_REWARD.shaping * seen - FRONTIER_REWARD.time * duration + contacts
     assert sum(reward for _, reward, _ in steps) == pytest.approx(expected, abs=1e-6)
+
+
+@pytest.mark.parametrize("discount", [1.0, 0.99])
+def test_saying_done_too_soon_is_charged_for_the_floor_that_is_left(two_room_plan, discount):
+    reward = {"completion": 1.0, "floor_left": 5.0, "shaping": 2.0, "time": 0.0, "collision": 0.0}
+    env = ExploreFrontiersEnv(
+        two_room_plan,
+        **SMALL,
+        reward=reward,
+        discount=discount,
+        loop={"promise": {"seen": 0.5, "confidence": 0.1}},
+    )
+    _, first = env.reset(seed=0)
+    sums, over = dict.fromkeys(("completion", "floor_left", "shaping"), 0.0), False
+    while not over:
+        _, total, over, _, info = env.step(0)
+        assert total == pytest.approx(sum(info["reward_terms"].values()))
+        sums = {name: value + info["reward_terms"].get(name, 0.0) for name, value in sums.items()}
+    last = discount ** (info["duration"] - env.config.control_step)
+    assert 0.5 < info["coverage"] < 0.9
+    assert sums["completion"] == pytest.approx(last)
+    assert sums["floor_left"] == pytest.approx(5.0 * last * (info["coverage"] - 1.0))
+    if discount == 1.0:  # the potential is 0 in the end, whatever was seen
+        assert sums["shaping"] == pytest.approx(2.0 * (1.0 - first["coverage"]))
 
 
 def test_the_way_that_was_chosen_is_charged_for_its_distance_from_walls(two_room_plan):

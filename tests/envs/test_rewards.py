@@ -105,6 +105,7 @@ def test_costs_are_negative_and_gains_positive():
             "pose_uncertainty": -0.1,
             "exposure": -0.1,
             "completion": 1.0,
+            "floor_left": -0.4,
         }
     )
 
@@ -154,7 +155,7 @@ def test_over_an_episode_the_gains_add_up(flat: FloorPlan, mode: str):
         reward={"coverage_gain": 1.0, "information_gain": 1.0, "map_error": -1.0, "path_length": -1.0},
     )
     _, first = env.reset(seed=3)
-    known = env._assessment.latest.known_area
+    known = env.assessment.latest.known_area
     sums: dict[str, float] = {}
     truncated = False
     while not truncated:
@@ -165,7 +166,7 @@ def test_over_an_episode_the_gains_add_up(flat: FloorPlan, mode: str):
     assert sums["coverage_gain"] == pytest.approx(info["coverage"] - first["coverage"])
     assert sums["map_error"] == pytest.approx(info["map_error"] - first["map_error"])
     assert sums["path_length"] == pytest.approx(info["path_length"])
-    assert sums["information_gain"] == pytest.approx(env._assessment.latest.known_area - known)
+    assert sums["information_gain"] == pytest.approx(env.assessment.latest.known_area - known)
 
 
 @pytest.mark.parametrize(

@@ -107,9 +107,9 @@ class TestRooms:
 
     def test_score_counts_rooms_and_their_places(self):
         same = room_score(flat(), flat(), METRES_PER_PX)
-        assert (same.count_error, same.f1) == (0, 1.0)
+        assert (same.count, same.f1) == (same.true_count, 1.0)
         erased = room_score(flat(wall=False), flat(), METRES_PER_PX)
-        assert erased.count_error == -1
+        assert erased.count == erased.true_count - 1
         # The one large room covers half of itself with each of the two: no counterpart above one half.
         assert erased.f1 < 1.0
 

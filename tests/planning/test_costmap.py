@@ -1,5 +1,3 @@
-import math
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -11,7 +9,6 @@ from slamgym.planning import (
     CostmapConfig,
     clear_seen,
     crop_known,
-    footprint_radii,
     free_body,
     make_costmap,
     mark_obstacles,
@@ -131,15 +128,6 @@ def test_marked_obstacles_leave_known_walls_as_thin_as_they_are():
     assert (marked == OCCUPIED).sum() == (cells == OCCUPIED).sum() + 1
     row, col = grid.frame.to_cell(*in_the_open)
     assert marked[row, col] == OCCUPIED
-
-
-def test_footprint_radii_of_the_waffle():
-    corners = [(-0.205, -0.155), (0.077, -0.155), (0.077, 0.155), (-0.205, 0.155)]
-    inscribed, circumscribed = footprint_radii(corners)
-    assert inscribed == pytest.approx(0.077, abs=1e-6)
-    assert circumscribed == pytest.approx(math.hypot(0.205, 0.155), abs=1e-6)
-    with pytest.raises(ConfigError, match="origin"):
-        footprint_radii([(0.1, 0.0), (0.2, 0.0), (0.2, 0.1)])
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,6 @@ from slamgym.planning.open_tour import (
     nearest_neighbour_tour,
     open_tour,
     repairman_tour,
-    tour_length,
 )
 
 
@@ -19,6 +18,12 @@ def lengths_of(seed, places):
     """Distances between a start and random places, the start first."""
     points = np.random.default_rng(seed).uniform(0.0, 10.0, size=(places + 1, 2))
     return np.hypot(*(points[:, None] - points[None]).transpose(2, 0, 1))
+
+
+def tour_length(lengths, order):
+    """Length of the tour from the start through the places in some order."""
+    stops = np.append(0, order)
+    return float(lengths[stops[:-1], stops[1:]].sum())
 
 
 def waiting(lengths, weights, order):
