@@ -30,11 +30,11 @@ class LearnedExplorer(BatchedExplorer):
     ) -> None:
         self.config = config or ExplorationLoopConfig()
         file = read_policy(policy)
-        self._scorer = file.scorer()
+        self._scorer, self._extra = file.scorer(), file.network.extra_features
         super().__init__(context, f"{file.fingerprint}-{config_hash(self.config)}")
 
     def _begin(self, index: int) -> Pilot:  # noqa: ARG002 - every environment begins alike
-        features = FrontierFeatures(self.config.max_candidates)
+        features = FrontierFeatures(self.config.max_candidates, self._extra)
         return FrontierPilot(
             self.context, self.config, lambda loop: self._scorer.scores(features.observe(loop))
         )

@@ -24,7 +24,6 @@ from slamgym.core.limits import WEIGHT_BYTES
 from slamgym.core.provenance import check_origin
 from slamgym.core.types import Float32Array
 from slamgym.envs.frontier_features import (
-    CANDIDATE_FEATURES,
     CROP_PX,
     FEATURE_VERSION,
     GLOBAL_FEATURES,
@@ -71,7 +70,9 @@ def write_policy(
         weights: By the names of the network's parameters.
         about: How they were trained.
     """
-    write_weights(path, weights, {"space": _space(), "network": to_dict(network), "about": dict(about)})
+    write_weights(
+        path, weights, {"space": _space(network), "network": to_dict(network), "about": dict(about)}
+    )
 
 
 def write_weights(path: Path, weights: Mapping[str, Float32Array], description: Mapping[str, Any]) -> None:
@@ -95,28 +96,28 @@ def read_policy(path: Path | str = PRETRAINED) -> PolicyFile:
         space, about = configuration["space"], configuration["about"]
     except (KeyError, TypeError, ValueError):
         raise InputFileError(path, "holds no frontier policy; slamgym agents train writes one") from None
-    _refuse_other_space(path, space)
     try:
         network = from_dict(NetworkConfig, configuration["network"], "network")
     except (KeyError, ConfigError) as error:
         raise InputFileError(path, f"describes no network that this version knows ({error})") from None
-    refuse_other_shapes(path, weights, _shapes(network))
+    _refuse_other_space(path, space, network)
+    refuse_other_shapes(path, weights, weight_shapes(network))
     return PolicyFile(network, weights, about)
 
 
-def _space() -> dict[str, Any]:
+def _space(network: NetworkConfig) -> dict[str, Any]:
     """What the weights take in."""
     return {
         "env": "slamgym/ExploreFrontiers-v1",
         "feature_version": FEATURE_VERSION,
-        "candidate_features": list(CANDIDATE_FEATURES),
+        "candidate_features": list(network.candidate_features),
         "global_features": list(GLOBAL_FEATURES),
         "crop_px": CROP_PX,
     }
 
 
-def _refuse_other_space(path: Path, space: Any) -> None:
-    ours = _space()
+def _refuse_other_space(path: Path, space: Any, network: NetworkConfig) -> None:
+    ours = _space(network)
     if not isinstance(space, dict):
         raise InputFileError(path, "doesn't say which observations it was trained on")
     for name, value in ours.items():
@@ -153,9 +154,9 @@ def read_tensors(path: Path) -> tuple[dict[str, str], dict[str, Float32Array]]:
     return metadata, weights
 
 
-def _shapes(network: NetworkConfig) -> dict[str, tuple[int, ...]]:
+def weight_shapes(network: NetworkConfig) -> dict[str, tuple[int, ...]]:
     """Names and shapes of the weights."""
-    features, overall, width = len(CANDIDATE_FEATURES), len(GLOBAL_FEATURES), network.width
+    features, overall, width = len(network.candidate_features), len(GLOBAL_FEATURES), network.width
     linear = {
         "crop": (2 * CROP_PX * CROP_PX, network.crop),
         "embed_in": (features + network.crop + overall, width),

@@ -1,13 +1,16 @@
 """The network of :mod:`slamgym.agents.rl.policy` with numpy alone: choosing needs neither torch nor its start-up."""
 
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from slamgym.core.config import Count, Settings
 from slamgym.core.errors import ConfigError
 from slamgym.core.types import Float32Array
+
+if TYPE_CHECKING:
+    from slamgym.envs.frontier_features import ExtraFeatures
 
 
 class NetworkConfig(Settings, section="network"):
@@ -24,17 +27,35 @@ class NetworkConfig(Settings, section="network"):
     next best view, and learning goes on from there (residual policy learning, Silver et al. 2018)."""
     prior_weight: float = 16.0
     """0 begins from scratch."""
+    foresight: bool = False
+    """Whether it also sees what the map completed by :mod:`slamgym.agents.foresight` promises of each candidate, some
+    10 ms a decision."""
     exposure_prior: float = 0.0
     """Added to the score for each 1.5 m that the path lies from walls, also on top of weights to start from: a
     negative one begins as a rule that keeps to the walls (coastal navigation, Roy et al. 1999)."""
 
     def _check(self) -> None:
-        from slamgym.envs.frontier_features import CANDIDATE_FEATURES
-
         if self.width % self.heads:
             raise ConfigError(f"network.width {self.width} must be a multiple of network.heads {self.heads}")
-        if self.prior_feature not in CANDIDATE_FEATURES:
+        if self.prior_feature not in self.candidate_features:
             raise ConfigError(f"network.prior_feature: there is no feature {self.prior_feature!r}")
+
+    @property
+    def extra_features(self) -> "ExtraFeatures | None":
+        """What it sees of each candidate beside the usual."""
+        if not self.foresight:
+            return None
+        from slamgym.agents.foresight import FORESIGHT_FEATURES
+
+        return FORESIGHT_FEATURES
+
+    @property
+    def candidate_features(self) -> tuple[str, ...]:
+        """All that it sees of each candidate."""
+        from slamgym.envs.frontier_features import CANDIDATE_FEATURES
+
+        extra = self.extra_features
+        return CANDIDATE_FEATURES + (extra.names if extra else ())
 
 
 _FAR_BELOW = np.float32(-1e8)

@@ -2,7 +2,7 @@
 
 import dataclasses
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,6 +15,7 @@ from slamgym.core.intervals import (
     crossed_mean,
     interquartile_mean,
     probability_of_improvement,
+    ratio_where_both,
     wilson_interval,
 )
 from slamgym.core.markdown import markdown
@@ -52,6 +53,8 @@ class Standing:
     """Mean CPU time of an exploration [s]."""
     quicker: Interval | None
     """Probability of being done sooner than the reference; None without it, and for itself."""
+    against: dict[str, Interval]
+    """Time until done as a share of that of each other entry, where both succeed; without those never comparable."""
     versions: tuple[str, ...]
     """Of slamgym."""
 
@@ -78,19 +81,19 @@ def rank(results: Sequence[BenchResult], manifest: Manifest) -> list[TrackBoard]
             entries = {
                 name: [r for r in own if r.entry == name] for name in dict.fromkeys(r.entry for r in own)
             }
-            reference = entries.get(REFERENCE)
-            standings = [_standing(name, runs, reference) for name, runs in entries.items()]
+            standings = [_standing(name, entries) for name in entries]
             standings.sort(key=lambda standing: (not standing.passed, standing.score.value))
             boards.append(TrackBoard(track.name, track.about, quick, len(own[0].rows), tuple(standings)))
     return boards
 
 
-def _standing(entry: str, runs: Sequence[BenchResult], reference: Sequence[BenchResult] | None) -> Standing:
+def _standing(entry: str, entries: Mapping[str, Sequence[BenchResult]]) -> Standing:
+    runs, reference = entries[entry], entries.get(REFERENCE, ())
     rows = [row for result in runs for row in result.rows]
     pace = _table(runs, "pace")
     successes = [row.success for row in rows]
     success = wilson_interval(sum(successes), len(successes))
-    compared = reference is not None and runs is not reference
+    others = {name: other for name, other in entries.items() if name != entry}
     return Standing(
         entry=entry,
         runs=len(runs),
@@ -102,9 +105,18 @@ def _standing(entry: str, runs: Sequence[BenchResult], reference: Sequence[Bench
         contacts=float(np.mean([row.contacts for row in rows])),
         map_error=float(np.mean([row.map_error for row in rows])),
         cpu=float(np.mean([row.cpu for row in rows])),
-        quicker=probability_of_improvement(pace, _table(reference or (), "pace")) if compared else None,
+        quicker=probability_of_improvement(pace, _table(reference, "pace")) if REFERENCE in others else None,
+        against={name: ratio for name, other in others.items() if (ratio := _done_ratio(runs, other))},
         versions=tuple(sorted({result.versions.get("slamgym", "unknown") for result in runs})),
     )
+
+
+def _done_ratio(runs: Sequence[BenchResult], others: Sequence[BenchResult]) -> Interval | None:
+    """Mean time until done over that of another entry, on the plans where both succeed."""
+    times = [np.where(_table(r, "success") > 0.0, _table(r, "done"), np.nan) for r in (runs, others)]
+    if not (np.isfinite(times[0]).any(axis=0) & np.isfinite(times[1]).any(axis=0)).any():
+        return None
+    return ratio_where_both(times[0], times[1])
 
 
 def _table(runs: Sequence[BenchResult], field: str) -> FloatArray:
@@ -126,7 +138,8 @@ def leaderboard_page(boards: Sequence[TrackBoard], manifest: Manifest) -> str:
         "*Score*: interquartile mean of the time until done over the par time of the plan (60 s and 3 s for each m²); "
         "a failure counts as the time limit; smaller is better. *Gate*: an entry is ranked if the interval of its "
         "success reaches 95 %. *Quicker*: probability of being done sooner than "
-        f"`{REFERENCE}` on the same plan. Intervals are 95 %.\n",
+        f"`{REFERENCE}` on the same plan. The second table of a track compares entries: mean time until done over that "
+        "of another entry, on the plans where both succeed. Intervals are 95 %.\n",
     ]
     return "\n".join(head) + "\n" + describe_boards(boards)
 
@@ -141,6 +154,7 @@ def describe_boards(boards: Sequence[TrackBoard]) -> str:
             f"## {board.track}{subset}\n",
             f"{board.about[0].upper()}{board.about[1:]}; {counted(board.explorations, 'exploration')}{remark}.\n",
             _board_table(board),
+            *([_ratio_table(board)] if len(board.standings) > 1 else []),
         ]
     return "\n".join(parts)
 
@@ -170,6 +184,14 @@ def _board_table(board: TrackBoard) -> str:
             ]
         )
     return markdown(header, rows)
+
+
+def _ratio_table(board: TrackBoard) -> str:
+    names = [one.entry for one in board.standings]
+    rows = [
+        [f"`{one.entry}`", *(with_bounds(one.against.get(name)) for name in names)] for one in board.standings
+    ]
+    return markdown(["time until done", *(f"/ `{name}`" for name in names)], rows)
 
 
 def boards_as_json(boards: Sequence[TrackBoard], manifest: Manifest) -> str:

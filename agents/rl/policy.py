@@ -32,23 +32,23 @@ class FrontierNetwork(nn.Module):
     def __init__(self, config: NetworkConfig) -> None:
         super().__init__()
         self.config = config
-        num_features, num_globals, width = len(CANDIDATE_FEATURES), len(GLOBAL_FEATURES), config.width
+        features, num_globals, width = config.candidate_features, len(GLOBAL_FEATURES), config.width
         self.crop = nn.Linear(2 * CROP_PX * CROP_PX, config.crop)
-        self.embed_in = nn.Linear(num_features + config.crop + num_globals, width)
+        self.embed_in = nn.Linear(len(features) + config.crop + num_globals, width)
         self.embed_out = nn.Linear(width, width)
         self.query_key_value = nn.Linear(width, 3 * width)
         self.attended = nn.Linear(width, width)
         self.norm = nn.LayerNorm(width)
         self.score_in = nn.Linear(3 * width, width)
         self.score_out = nn.Linear(width, 1)
-        self.prior = nn.Linear(num_features, 1, bias=False)
+        self.prior = nn.Linear(len(features), 1, bias=False)
         self.value_in = nn.Linear(2 * width + num_globals, width)
         self.value_out = nn.Linear(width, 1)
         nn.init.zeros_(self.score_out.weight)
         nn.init.zeros_(self.score_out.bias)
         nn.init.zeros_(self.prior.weight)
         with torch.no_grad():
-            self.prior.weight[0, CANDIDATE_FEATURES.index(config.prior_feature)] = config.prior_weight
+            self.prior.weight[0, features.index(config.prior_feature)] = config.prior_weight
         self.prefer_walls()
 
     def prefer_walls(self) -> None:

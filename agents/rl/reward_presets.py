@@ -1,7 +1,7 @@
 """Reward presets for ``slamgym agents shape``: all of them, with their weights, in this one file.
 
-Every preset is a :class:`~slamgym.envs.rewards.RewardConfig`, and two have a term of their own besides. All but
-``coverage_only`` and ``information_gain`` pay for time, for a policy that may take for ever learns nothing else.
+Every preset is a :class:`~slamgym.envs.rewards.RewardConfig`, and two have a term of their own besides. Most pay for
+time; the others are in a hurry by the learner's discount alone.
 A term of your own needs no preset: ``slamgym agents shape --term my_module:my_function`` adds it to one.
 """
 
@@ -12,6 +12,9 @@ from slamgym.core.config import suggest
 from slamgym.core.errors import ConfigError
 from slamgym.envs import RewardConfig, RewardFunction
 from slamgym.envs.rewards import StepRecord
+
+BASE = "time"
+"""What the others add to, and are compared with."""
 
 _NOTHING = RewardConfig(coverage_gain=0.0, time=0.0, collision=0.0, completion=0.0)
 
@@ -29,6 +32,13 @@ class RewardPreset:
     exposure_prior: float = 0.0
     """What the scores of its policies begin with beside what they begin with anyway; see
     :class:`~slamgym.agents.scoring.NetworkConfig`."""
+
+    @property
+    def in_batch(self) -> bool:
+        """Whether a batch of environments can pay it, on which the wheels learn."""
+        reward = self.reward
+        asks_more = reward.map_error or reward.information_gain or reward.pose_uncertainty or reward.exposure
+        return not (asks_more or self.terms)
 
 
 def error_of_new_map(step: StepRecord) -> float:
@@ -57,6 +67,10 @@ def _new_area(step: StepRecord) -> float:
 
 REWARD_PRESETS: dict[str, RewardPreset] = {
     "coverage_only": RewardPreset(replace(_NOTHING, coverage_gain=2.0), "floor truly seen, and nothing else"),
+    "floor": RewardPreset(
+        replace(_NOTHING, floor_gain=1.0, collision=1.0),
+        "square metres truly seen, less contacts: what the pretrained wheels learned from",
+    ),
     "information_gain": RewardPreset(
         replace(_NOTHING, information_gain=0.02), "growth of the robot's own map: needs no truth"
     ),

@@ -1,10 +1,13 @@
 """The outcome of a reward-shaping experiment: a table with intervals, learning curves, a page of pictures."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, Literal
 
 import numpy as np
 
+from slamgym.agents.rl.reward_presets import BASE
 from slamgym.agents.rl.reward_shaping import ShapingRun
 from slamgym.core.files import write_text
 from slamgym.core.intervals import (
@@ -19,23 +22,70 @@ from slamgym.core.markdown import markdown
 from slamgym.core.types import FloatArray
 from slamgym.viz.plots import Curve, CurvePanel, Spread, plot_curves, plot_spreads
 
-OUTCOME_COLUMNS = (
-    ("time_95", "time to 95 % [s]", "{:.0f}"),
-    ("time_99", "time to 99 % [s]", "{:.0f}"),
-    ("path_99", "path to 99 % [m]", "{:.1f}"),
-    ("coverage", "coverage", "{:.3f}"),
-    ("map_error", "map error [m]", "{:.4f}"),
-)
-"""Field of :class:`slamgym.agents.rl.validation.PolicyOutcome`, heading, format."""
-
 _POINTS = 60
 
 
-def write_shaping_report(runs: Sequence[ShapingRun], out: Path) -> str:
+@dataclass(frozen=True)
+class Column:
+    """A field of the outcomes."""
+
+    field: str
+    heading: str
+    form: str
+    """Format of its figures."""
+    ratio: bool = False
+    """Whether its mean is set against the reference's, too."""
+
+
+@dataclass(frozen=True)
+class ReportForm:
+    """What of the outcomes a report shows."""
+
+    columns: tuple[Column, ...]
+    aggregate: str
+    """Field of which the interquartile mean is shown."""
+    improved: str
+    """Field whose probability of improvement is shown ..."""
+    improves: Literal["below", "above"]
+    """... and where an improved one lies."""
+    curve: str
+    """What the learning curves show."""
+
+
+DECISION_REPORT = ReportForm(
+    (
+        Column("time", "time until done [s]", "{:.0f}", ratio=True),
+        Column("path", "path until done [m]", "{:.1f}"),
+        Column("time_99", "time to 99 % [s]", "{:.0f}"),
+        Column("coverage", "coverage", "{:.3f}"),
+        Column("map_error", "map error [m]", "{:.4f}", ratio=True),
+    ),
+    aggregate="time",
+    improved="map_error",
+    improves="below",
+    curve="mean duration of the latest 100 episodes [s]",
+)
+"""Of :class:`slamgym.agents.rl.validation.PolicyOutcome`."""
+WHEELS_REPORT = ReportForm(
+    (
+        Column("coverage", "coverage", "{:.3f}", ratio=True),
+        Column("contacts", "contacts in 5 min", "{:.1f}"),
+        Column("path", "path [m]", "{:.1f}"),
+    ),
+    aggregate="coverage",
+    improved="coverage",
+    improves="above",
+    curve="mean coverage of the latest 100 episodes",
+)
+"""Of :class:`slamgym.agents.wheels.validation.DriveOutcome`."""
+
+
+def write_shaping_report(runs: Sequence[ShapingRun[Any]], form: ReportForm, out: Path) -> str:
     """Write ``shaping.md``, ``curves.png`` and ``outcomes.png``.
 
     Args:
         runs: All runs.
+        form: What to show of their outcomes.
         out: Folder.
 
     Returns:
@@ -44,46 +94,49 @@ def write_shaping_report(runs: Sequence[ShapingRun], out: Path) -> str:
     Raises:
         SlamgymError: If matplotlib isn't installed.
     """
-    text = table(runs)
+    text = table(runs, form)
     write_text(out / "shaping.md", text)
-    draw_curves(runs, out / "curves.png")
-    draw_outcomes(runs, out / "outcomes.png")
+    draw_curves(runs, form, out / "curves.png")
+    draw_outcomes(runs, form, out / "outcomes.png")
     return text
 
 
-def table(runs: Sequence[ShapingRun]) -> str:
-    """Means over seeds and plans with 95 % intervals, and map error and time against ``time``.
+def table(runs: Sequence[ShapingRun[Any]], form: ReportForm) -> str:
+    """Means over seeds and plans with 95 % intervals, and what is set against the preset ``time``.
 
     Both are drawn again for an interval (:func:`slamgym.core.intervals.crossed_ratio`), so it holds for other plans
     and other seeds of the training. With one seed there is none: other plans alone would make it too narrow. The
-    interquartile mean, and the probability that a map of a plan is better than the reference's, are those of Agarwal et
-    al. 2021.
+    interquartile mean, and the probability that a plan comes out better than with the reference, are those of Agarwal
+    et al. 2021.
     """
     names = list(dict.fromkeys(run.preset for run in runs))
-    reference = "time" if "time" in names else names[0]
+    reference = BASE if BASE in names else names[0]
+    by_field = {column.field: column for column in form.columns}
+    compared = [column for column in form.columns if column.ratio]
     headings = [
         "preset",
         "seeds",
-        *(heading for _, heading, _ in OUTCOME_COLUMNS),
-        f"time 99 / {reference}",
-        f"error / {reference}",
-        "time 99, IQM [s]",
-        f"error below {reference}'s",
+        *(column.heading for column in form.columns),
+        *(f"{_bare(column)} / {reference}" for column in compared),
+        f"{_bare(by_field[form.aggregate])}, IQM",
+        f"{_bare(by_field[form.improved])} {form.improves} {reference}'s",
     ]
+    base = [run for run in runs if run.preset == reference]
     rows = []
     for name in names:
         own = [run for run in runs if run.preset == name]
+        seeds = min(len(own), len(base))
         cells = [name, str(len(own))]
-        cells += [
-            _cell(crossed_mean(_outcomes(own, field)), form, len(own)) for field, _, form in OUTCOME_COLUMNS
-        ]
-        base = [run for run in runs if run.preset == reference]
-        for field in ("time_99", "map_error"):
-            ratio = crossed_ratio(_outcomes(own, field), _outcomes(base, field))
-            cells.append(_cell(ratio, "{:.2f}", min(len(own), len(base))))
-        cells.append(_cell(interquartile_mean(_outcomes(own, "time_99")), "{:.0f}", len(own)))
-        better = probability_of_improvement(_outcomes(own, "map_error"), _outcomes(base, "map_error"))
-        cells.append("-" if name == reference else _cell(better, "{:.2f}", min(len(own), len(base))))
+        cells += [_cell(crossed_mean(_outcomes(own, c.field)), c.form, len(own)) for c in form.columns]
+        for column in compared:
+            ratio = crossed_ratio(_outcomes(own, column.field), _outcomes(base, column.field))
+            cells.append(_cell(ratio, "{:.2f}", seeds))
+        middle = interquartile_mean(_outcomes(own, form.aggregate))
+        cells.append(_cell(middle, by_field[form.aggregate].form, len(own)))
+        sign = -1.0 if form.improves == "above" else 1.0
+        ours, theirs = (sign * _outcomes(each, form.improved) for each in (own, base))
+        better = probability_of_improvement(ours, theirs)
+        cells.append("-" if name == reference else _cell(better, "{:.2f}", seeds))
         rows.append(cells)
     text = markdown(headings, rows)
     if any(sum(run.preset == name for run in runs) < 2 for name in names):
@@ -91,8 +144,13 @@ def table(runs: Sequence[ShapingRun]) -> str:
     return text
 
 
-def draw_curves(runs: Sequence[ShapingRun], path: Path) -> None:
-    """Learning curves: duration of the episodes of training over steps, mean of the seeds with its interval."""
+def _bare(column: Column) -> str:
+    """Its heading without the unit."""
+    return column.heading.partition(" [")[0]
+
+
+def draw_curves(runs: Sequence[ShapingRun[Any]], form: ReportForm, path: Path) -> None:
+    """Learning curves over decisions: mean of the seeds with its interval."""
     shown = []
     for name in dict.fromkeys(run.preset for run in runs):
         curves = [run.curve for run in runs if run.preset == name and len(run.curve) > 1]
@@ -102,22 +160,22 @@ def draw_curves(runs: Sequence[ShapingRun], path: Path) -> None:
         steps = np.linspace(begin, end, _POINTS)
         values = np.vstack([np.interp(steps, *np.array(curve).T) for curve in curves])
         shown.append(Curve(f"{name} ({len(curves)})", steps, values.mean(axis=0), mean_band(values)))
-    plot_curves(path, [CurvePanel(shown, "decisions", "mean duration of the latest 100 episodes [s]")])
+    plot_curves(path, [CurvePanel(shown, "decisions", form.curve)])
 
 
-def draw_outcomes(runs: Sequence[ShapingRun], path: Path) -> None:
+def draw_outcomes(runs: Sequence[ShapingRun[Any]], form: ReportForm, path: Path) -> None:
     """A page of pictures: every outcome of every preset, a dot for each seed and the interval of the mean."""
     names = list(dict.fromkeys(run.preset for run in runs))
-    columns: dict[str, list[Spread]] = {heading: [] for _, heading, _ in OUTCOME_COLUMNS}
-    for field, heading, _ in OUTCOME_COLUMNS:
+    columns: dict[str, list[Spread]] = {column.heading: [] for column in form.columns}
+    for column in form.columns:
         for name in names:
-            values = _outcomes([run for run in runs if run.preset == name], field)
+            values = _outcomes([run for run in runs if run.preset == name], column.field)
             interval = crossed_mean(values)
-            columns[heading].append(Spread(values.mean(axis=1), interval.low, interval.high))
+            columns[column.heading].append(Spread(values.mean(axis=1), interval.low, interval.high))
     plot_spreads(path, names, columns)
 
 
-def _outcomes(runs: Sequence[ShapingRun], field: str) -> FloatArray:
+def _outcomes(runs: Sequence[ShapingRun[Any]], field: str) -> FloatArray:
     """A field of the outcomes, shape (runs, plans)."""
     return np.array([[getattr(outcome, field) for outcome in run.outcomes] for run in runs])
 

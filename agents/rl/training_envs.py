@@ -141,6 +141,7 @@ def make_env(config: TrainConfig, plans: Any, **changes: Any) -> ExploreFrontier
         "reward": config.reward,
         "coverage_goal": config.coverage_goal,
         "time_limit": config.time_limit,
+        "extra_features": config.network.extra_features,
         **changes,
     }
     promise = Promise.parse(config.promise) if config.promise else None

@@ -27,6 +27,7 @@ class PolicyOutcome:
     path_95: float  # [m]
     path_99: float  # [m]
     time: float  # until the explorer was done [s]
+    path: float  # until then [m]
     coverage: float
     decisions: int
     seconds: float  # of CPU
@@ -60,6 +61,7 @@ def explore_plan(env: ExploreFrontiersEnv, choose: Choose, plan: FloorPlan, seed
         path_95=path_95,
         path_99=path_99,
         time=info["time"],
+        path=info["path_length"],
         coverage=info["coverage"],
         decisions=decisions,
         seconds=time.process_time() - begin,

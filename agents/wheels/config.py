@@ -1,8 +1,9 @@
-"""Everything that decides a training run of the wheels; saved beside it as JSON."""
+"""Everything that decides a training run of the wheels, saved beside it as JSON, and an experiment of such runs."""
 
 from dataclasses import field
 from typing import Literal
 
+from slamgym.agents.rl.reward_presets import REWARD_PRESETS, reward_preset
 from slamgym.agents.rl.train_config import PPOConfig
 from slamgym.agents.wheels.policy import WheelsNetwork
 from slamgym.core.config import Count, CountOrZero, Positive, PositiveShare, Settings
@@ -61,3 +62,28 @@ class WheelsConfig(Settings):
     def _check(self) -> None:
         if self.episode_seconds[0] > self.episode_seconds[1]:
             raise ConfigError(f"episode_seconds must be (shortest, longest), not {self.episode_seconds}")
+
+
+WHEELS_PRESETS = tuple(name for name, preset in REWARD_PRESETS.items() if preset.in_batch)
+"""Those that a batch of environments can pay: nothing about the map, the filter or a chosen path."""
+
+
+class WheelsShapingConfig(Settings):
+    """An experiment on the wheels."""
+
+    presets: tuple[str, ...] = WHEELS_PRESETS
+    """Names of presets; ``slamgym agents shape --list`` explains them."""
+    seeds: Count = 3
+    """Runs of each preset."""
+    test_plans: Count = 60
+    """Held-out plans that every policy explores at the end, for ``train.evaluate-seconds`` each."""
+    train: WheelsConfig = field(default_factory=lambda: WheelsConfig(steps=600_000, evaluate_every=0))
+    """Each run, but for its reward and seed."""
+
+    def _check(self) -> None:
+        for name in self.presets:
+            if not reward_preset(name).in_batch:
+                raise ConfigError(
+                    f"the preset {name!r} can't be paid on the wheels, whose environments are a batch without map "
+                    f"error, filter and paths; choose from {', '.join(WHEELS_PRESETS)}"
+                )

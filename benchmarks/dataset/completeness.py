@@ -218,11 +218,9 @@ def intervals(
         scores.append(score_probabilities(probabilities[chosen], complete[chosen], BAND))
     bounds = []
     for percentile in (2.5, 97.5):
-        figures = {
-            name: _percentile([getattr(score, name) for score in scores], percentile)
-            for name in ("accuracy", "roc_auc")
-        }
-        bounds.append(dataclasses.replace(scores[0], **figures))
+        accuracy = _percentile([score.accuracy for score in scores], percentile)
+        area = _percentile([score.roc_auc for score in scores], percentile)
+        bounds.append(dataclasses.replace(scores[0], accuracy=accuracy, roc_auc=area))
     return bounds[0], bounds[1]
 
 
@@ -242,12 +240,12 @@ def report_calibration(maps: LabelledMaps, probabilities: FloatArray) -> None:
 
 def report_features(maps: LabelledMaps) -> None:
     """How far each feature alone would go: the area under its ROC curve, whichever side is complete."""
-    rows = []
+    rows: list[tuple[str, float, float, float]] = []
     for name, values in zip(FEATURES, maps.features.T, strict=True):
         area = roc_auc(values, maps.complete)
         complete, incomplete = np.median(values[maps.complete]), np.median(values[~maps.complete])
         rows.append(
-            [name, round(max(area, 1.0 - area), 3), round(float(complete), 3), round(float(incomplete), 3)]
+            (name, round(max(area, 1.0 - area), 3), round(float(complete), 3), round(float(incomplete), 3))
         )
     rows.sort(key=lambda row: -row[1])
     columns = ["feature", "ROC AUC alone", "complete, median", "incomplete, median"]

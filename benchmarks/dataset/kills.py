@@ -21,7 +21,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import tyro
-from shapely import box
+from shapely import Polygon, box
 
 from slamgym.cad import FloorPlan, write_houseexpo
 from slamgym.dataset import Layout
@@ -71,6 +71,7 @@ class Runs:
         plans.mkdir()
         for name, width in (("a", 3.0), ("b", 2.6), ("c", 3.4)):
             rooms = box(0, 0, width, 2.4).difference(box(1.4, 0.0, 1.6, 1.4))
+            assert isinstance(rooms, Polygon)
             write_houseexpo(plans / f"{name}.json", FloorPlan(name, rooms))
         self._options = (
             f"generate --plans {plans} --minutes 0.2 --particles 5 --contact-sheet 0 --pairs {pairs}"

@@ -194,7 +194,7 @@ def score(case: Case, name: str, model: FloorModel) -> Score:
     motion = Similarity(0.0, 0.0, 0.0, 0.0)
     if name != EXACT:
         masks = [(s >= 0.5).astype(np.float64) for s in (shares(drawing.floor, frame), true_floor)]
-        motion = aligned_error(*masks, scaling=False).similarity
+        motion = aligned_error(masks[0], masks[1], scaling=False).similarity
     floor = shares(moved(drawing.floor, frame, motion), frame)
     inside, truth = floor >= 0.5, true_floor >= 0.5
     true_rooms = divide(case.truth, DEFAULT_DRAWING)

@@ -1,9 +1,9 @@
 """What robots believed at every choice, and the truth beside it: data for stopping and for foresight."""
 
 import dataclasses
-import types
 from collections.abc import Iterator
 from typing import Any, NamedTuple
+from unittest import mock
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from slamgym.planning import crop_known
 from slamgym.planning.remaining import Remains
 from slamgym.sim import ClutterConfig
 from slamgym.slam import SlamConfig
+from slamgym.slam.config import Mode
 
 EXPLORERS = ("nearest", "rl", "tour", "next_best_view")
 
@@ -53,7 +54,7 @@ class Exploration(NamedTuple):
 
 
 def explorations(
-    source: PlanSource, split: PlanSplit, count: int, mode: str, is_furnished: bool = False
+    source: PlanSource, split: PlanSplit, count: int, mode: Mode, is_furnished: bool = False
 ) -> Iterator[Exploration]:
     """Explore plans of a split by several explorers in turn.
 
@@ -66,7 +67,7 @@ def explorations(
             another then, so that few are explored both ways.
     """
     clutter = FURNISHED if is_furnished else ClutterConfig()
-    config = explored_env(ExploreConfig(slam=SlamConfig(mode=mode), clutter=clutter))  # type: ignore[arg-type]
+    config = explored_env(ExploreConfig(slam=SlamConfig(mode=mode), clutter=clutter))
     done = 0
     order = shuffled([plan for plan in source.ids if split_of(plan) == split], 78 if is_furnished else 77)
     for plan_id in order:
@@ -88,16 +89,18 @@ def _explore(plan: FloorPlan, config: ExploreConfig, name: str) -> Exploration:
     reset = env.reset(seed=seed, options={"plan": plan})
     explorer = make_explorer(name, env.explorer_context(), seed)
     explorer.predict(reset[0])
-    loop = explorer._pilots[0].loop  # type: ignore[attr-defined]
-    offer, snapshots = loop._offer, []
+    loop = explorer.loops[0]
+    assert loop is not None
+    offer = loop._offer
+    snapshots: list[Snapshot] = []
 
-    def recorded(_: Any) -> None:
+    def recorded() -> None:
         offer()
         seen = env.coverage.seen.copy()
         known = crop_known(loop.known_map(), loop.pose)
         snapshots.append(Snapshot(loop.time, env.coverage.share, known, loop.pose, seen, loop.remains()))
 
-    loop._offer = types.MethodType(recorded, loop)
-    curve = [(env.simulation.time, info["coverage"]) for info in episode_steps(env, explorer, reset)]
+    with mock.patch.object(loop, "_offer", recorded):
+        curve = [(env.simulation.time, info["coverage"]) for info in episode_steps(env, explorer, reset)]
     floor = env.coverage._floor[::-1]
     return Exploration(plan, env.start, floor, env.coverage.frame, snapshots, np.array(curve))

@@ -32,6 +32,7 @@ from slamgym.agents.foresight import (
     pretrained_completion,
     window_about,
 )
+from slamgym.agents.plan_splits import PlanSplit
 from slamgym.cad import open_plans
 from slamgym.core.types import OCCUPIED, UNKNOWN, Float32Array, GridFrame
 
@@ -58,13 +59,15 @@ class MapCompletionNetwork(nn.Module):
     def forward(self, values: Tensor) -> Tensor:
         """Logits of unseen floor and of walls."""
         skips = []
-        for level, (first, second) in enumerate(self.down):  # type: ignore[misc]
+        for level, block in enumerate(self.down):
+            first, second = block.children()
             values = fn.max_pool2d(values, 2) if level else values
             if level == len(LEVEL_CHANNELS) - 1:
                 values = fn.dropout2d(values, DROPOUT[0], self.training)
             values = fn.relu(second(fn.relu(first(values))))
             skips.append(values)
-        for level, (first, second) in enumerate(self.up):  # type: ignore[misc]
+        for level, block in enumerate(self.up):
+            first, second = block.children()
             values = torch.cat([fn.interpolate(values, scale_factor=2.0), skips[-2 - level]], 1)
             values = fn.dropout2d(values, DROPOUT[level + 1], self.training)
             values = fn.relu(second(fn.relu(first(values))))
@@ -104,7 +107,7 @@ def train(plans: tyro.conf.Positional[str], minutes: float = 60.0, out: Path = W
 
 def draw(
     plans: str = "bundled",
-    split: Annotated[str, tyro.conf.arg(help="Whose plans are drawn.")] = "test",
+    split: Annotated[PlanSplit, tyro.conf.arg(help="Whose plans are drawn.")] = "test",
     count: int = 4,
     out: Path = Path("out/foresight.png"),
 ) -> None:
@@ -117,7 +120,7 @@ def draw(
         out: The picture.
     """
     rows = []
-    for exploration in explorations(open_plans(plans), split, count, "ground_truth"):  # type: ignore[arg-type]
+    for exploration in explorations(open_plans(plans), split, count, "ground_truth"):
         for share in (0.4, 0.75):
             snapshot = next(one for one in exploration.snapshots if one.coverage >= share)
             rows.append(_picture(exploration, snapshot))

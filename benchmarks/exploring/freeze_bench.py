@@ -218,8 +218,8 @@ def write_manifest(tracks: Sequence[Track]) -> None:
         head = {"about": track.about, "shipped": track.shipped, "clutter": to_dict(track.clutter)}
         lines = ",\n   ".join(json.dumps(row) for row in rows)
         parts.append(f'  {json.dumps(track.name)}: {json.dumps(head)[:-1]}, "buildings": [\n   {lines}]}}')
-    head = f' "bench": {json.dumps(BENCH)},\n "version": {BENCH_VERSION},\n "tracks": {{\n'
-    MANIFEST.write_text("{\n" + head + ",\n".join(parts) + "\n }\n}\n", encoding="utf-8")
+    opening = f' "bench": {json.dumps(BENCH)},\n "version": {BENCH_VERSION},\n "tracks": {{\n'
+    MANIFEST.write_text("{\n" + opening + ",\n".join(parts) + "\n }\n}\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

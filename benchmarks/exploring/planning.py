@@ -11,6 +11,7 @@ import math
 import sys
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import cv2
@@ -166,10 +167,10 @@ def compare_detectors() -> None:
         rows.append(
             {
                 "area [m2]": (4.0 * rooms) ** 2,
-                "wavefront, cropped [ms]": milliseconds(lambda g=cropped, p=pose: wavefront_frontiers(g, p)),
-                "full scan, cropped [ms]": milliseconds(lambda g=cropped: full_scan(g, 1)),
-                "wavefront, canvas [ms]": milliseconds(lambda g=grid, p=pose: wavefront_frontiers(g, p)),
-                "full scan, canvas [ms]": milliseconds(lambda g=grid: full_scan(g, 1)),
+                "wavefront, cropped [ms]": milliseconds(partial(wavefront_frontiers, cropped, pose)),
+                "full scan, cropped [ms]": milliseconds(partial(full_scan, cropped, 1)),
+                "wavefront, canvas [ms]": milliseconds(partial(wavefront_frontiers, grid, pose)),
+                "full scan, canvas [ms]": milliseconds(partial(full_scan, grid, 1)),
             }
         )
     print_and_save(

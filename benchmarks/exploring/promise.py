@@ -106,16 +106,18 @@ def main() -> None:
 def fit(explored: Sequence[Exploration]) -> dict[str, Float32Array]:
     """Fit the estimate: the true share is above each of some shares with log-logistic probability."""
     torch.manual_seed(0)
-    moments = [(one, moment) for one in explored for moment in one.snapshots if moment.remains is not None]
+    moments = [
+        (moment, moment.remains) for one in explored for moment in one.snapshots if moment.remains is not None
+    ]
     frontiers = np.full((len(moments), MOST, len(FRONTIER_FEATURES)), np.nan, np.float32)
-    for row, (_, moment) in zip(frontiers, moments, strict=True):
-        row[: len(moment.remains.frontiers)] = moment.remains.frontiers
+    for row, (_, remains) in zip(frontiers, moments, strict=True):
+        row[: len(remains.frontiers)] = remains.frontiers
     inputs = [
         torch.from_numpy(frontiers),
-        torch.tensor(np.array([moment.remains.whole for _, moment in moments]), dtype=torch.float32),
-        torch.tensor([moment.remains.known_area for _, moment in moments]),
+        torch.tensor(np.array([remains.whole for _, remains in moments]), dtype=torch.float32),
+        torch.tensor([remains.known_area for _, remains in moments]),
     ]
-    share = torch.tensor([1.0 - moment.coverage for _, moment in moments])
+    share = torch.tensor([1.0 - moment.coverage for moment, _ in moments])
     above = (share[:, None] > torch.exp(torch.tensor(SHARES))[None]).float()
     weight = torch.where(share < 0.15, 2.0, 1.0)
     network = EstimateNetwork()

@@ -13,6 +13,7 @@ import matplotlib as mpl
 mpl.use("Agg")
 from matplotlib import pyplot as plt
 
+from slamgym.agents.rl.decision_shaping import DecisionShaping
 from slamgym.agents.rl.reward_shaping import read_curve
 
 
@@ -23,7 +24,7 @@ def main() -> None:
     arguments = parser.parse_args()
     folder, target = arguments.run, arguments.png
     figure, (left, right) = plt.subplots(1, 2, figsize=(9, 3.6), layout="constrained")
-    curve = read_curve(folder)
+    curve = read_curve(folder, DecisionShaping.curve)
     left.plot([steps for steps, _ in curve], [seconds for _, seconds in curve], color="#1971c2")
     left.set(xlabel="decisions", ylabel="s", title="latest 100 episodes of training")
     with (folder / "validation.csv").open(newline="") as file:

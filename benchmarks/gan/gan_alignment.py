@@ -77,13 +77,13 @@ def ecc(motion: int) -> Align:
     return align
 
 
-def features(make: Callable[[], object], norm: int) -> Align:
+def features(make: Callable[[], cv2.Feature2D], norm: int) -> Align:
     """Keypoints matched with the ratio test, and a similarity by RANSAC."""
 
     def align(image: FloatArray, target: FloatArray) -> float:
         unaligned = squared_error(image, target)
-        detector: object = make()
-        found = [detector.detectAndCompute((i * 255).astype(np.uint8), None) for i in (image, target)]  # type: ignore[attr-defined]
+        detector = make()
+        found = [detector.detectAndCompute((i * 255).astype(np.uint8), None) for i in (image, target)]
         if any(descriptors is None or len(descriptors) < 3 for _, descriptors in found):
             return unaligned
         matches = cv2.BFMatcher(norm).knnMatch(found[0][1], found[1][1], k=2)
@@ -106,8 +106,8 @@ def methods() -> dict[str, Align]:
         "multi-start Powell, coarse to fine (ours)": search,
         "ECC, euclidean": ecc(cv2.MOTION_EUCLIDEAN),
         "ECC, affine (not a similarity: shear absorbs drift)": ecc(cv2.MOTION_AFFINE),
-        "SIFT + RANSAC": features(cv2.SIFT_create, cv2.NORM_L2),
-        "ORB + RANSAC": features(cv2.ORB_create, cv2.NORM_HAMMING),
+        "SIFT + RANSAC": features(cv2.SIFT.create, cv2.NORM_L2),
+        "ORB + RANSAC": features(cv2.ORB.create, cv2.NORM_HAMMING),
     }
 
 
@@ -120,7 +120,9 @@ def moved_pairs(images: Path, pairs: int, moves: int) -> list[list[tuple[FloatAr
         target = (loaded.cad[i] > 127).astype(np.float64)
         image = (loaded.slam[i] == FREE).astype(np.float64)
         drawn = rng.uniform(-1.0, 1.0, (moves, 4)) * (MAX_SHIFT, MAX_SHIFT, MAX_TURN, MAX_LOG_SCALE)
-        result.append([((apply_similarity(image, Similarity(*d)) >= 0.5) * 1.0, target) for d in drawn])
+        result.append(
+            [((apply_similarity(image, Similarity(*d)) >= 0.5).astype(np.float64), target) for d in drawn]
+        )
     return result
 
 
@@ -152,7 +154,9 @@ def compare_methods(images: Path, pairs: int, moves: int) -> None:
         milliseconds[name] = 1e3 * (time.process_time() - begun) / errors[name].size
     reference = np.array([[exhaustive(*pair) for pair in row] for row in moved])
     best = np.minimum(reference, np.min([e for n, e in errors.items() if "affine" not in n], axis=0))
-    rows = [("no alignment", *_row(np.array([[squared_error(*p) for p in r] for r in moved]), best), 0.0)]
+    rows: list[tuple[str, float, float, float, float | None]] = [
+        ("no alignment", *_row(np.array([[squared_error(*p) for p in r] for r in moved]), best), 0.0)
+    ]
     rows += [(name, *_row(error, best), round(milliseconds[name], 1)) for name, error in errors.items()]
     rows.append(("the best of all similarities", *_row(best, best), None))
     print_and_save(
@@ -247,7 +251,7 @@ def measure_floor(images: Path, count: int) -> None:
     print_and_save("gan/gan_error_floor", title, rows, columns)
 
 
-def score_answer(free: BoolArray, pairs: PairSet, i: int, thicker: int) -> tuple[float, float, int]:
+def score_answer(free: BoolArray, pairs: PairSet, i: int, thicker: int) -> tuple[float, float, float]:
     cad: ByteArray = pairs.cad[i]
     if thicker:
         cad = np.where(thickened(cad > 127, thicker), FREE, 0).astype(np.uint8)

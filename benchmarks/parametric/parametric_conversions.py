@@ -21,7 +21,7 @@ import numpy as np
 
 from slamgym.cad import FloorPlan, open_plans
 from slamgym.core.errors import SlamgymError
-from slamgym.core.types import FREE, FloatArray, GridFrame
+from slamgym.core.types import FREE, BoolArray, Float32Array, FloatArray, GridFrame
 from slamgym.parametric import ParametricConfig, plan_trajectory
 from slamgym.parametric.config import EkfConfig
 from slamgym.parametric.ekf_slam import run_ekf
@@ -44,7 +44,7 @@ from report import print_and_save
 
 PIXELS = 256
 CALIBRATION_SIDE = 4.0  # [m] of the square over which the paper's beta is measured
-Placement = tuple[FloatArray, np.ndarray]  # displacement (2, H, W) [m] and where it is known
+Placement = tuple[FloatArray | Float32Array, BoolArray]  # displacement (2, H, W) [m] and where it is known
 
 
 def runs_of(plan: FloorPlan, kind: str, seed: list[int]) -> dict[str, tuple[Placement, float]]:
@@ -152,7 +152,7 @@ def main() -> None:
     parser.add_argument("--robots", type=int, default=2, help="of each plan")
     parser.add_argument("--path", choices=("tour", "pair"), default="tour")
     arguments = parser.parse_args()
-    figures: dict[str, list[tuple[float, float, float, float]]] = {}
+    figures: dict[str, list[tuple[float, ...]]] = {}
     for number, plan in enumerate(useful_plans(arguments.plans, arguments.count)):
         for robot in range(arguments.robots):
             found = runs_of(plan, arguments.path, [number, robot])

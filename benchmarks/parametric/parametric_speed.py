@@ -22,7 +22,7 @@ import shapely
 from slamgym.cad import FloorPlan
 from slamgym.core.types import GridFrame
 from slamgym.parametric import ParametricConfig, TimedTrajectory, Waypoints, deform, drive
-from slamgym.parametric.config import EkfConfig, MotionConfig
+from slamgym.parametric.config import ConversionMethod, EkfConfig, MotionConfig
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from report import print_and_save
@@ -52,7 +52,6 @@ COLUMNS = (
 def grid_building(rooms_per_side: int) -> FloorPlan:
     """Square rooms of 6.4 m with a door of 1 m to every neighbour."""
     side = rooms_per_side * ROOM
-    free = shapely.box(0.0, 0.0, side, side)
     walls = []
     for i in range(1, rooms_per_side):
         for j in range(rooms_per_side):
@@ -60,7 +59,9 @@ def grid_building(rooms_per_side: int) -> FloorPlan:
             for start, stop in ((j * ROOM, door), (door + 1.0, (j + 1) * ROOM)):
                 walls.append(shapely.box(i * ROOM - 0.15, start, i * ROOM + 0.15, stop))
                 walls.append(shapely.box(start, i * ROOM - 0.15, stop, i * ROOM + 0.15))
-    return FloorPlan(f"{rooms_per_side} x {rooms_per_side} rooms", free.difference(shapely.union_all(walls)))
+    floor = shapely.box(0.0, 0.0, side, side).difference(shapely.union_all(walls))
+    assert isinstance(floor, shapely.Polygon)
+    return FloorPlan(f"{rooms_per_side} x {rooms_per_side} rooms", floor)
 
 
 def tour_of(rooms_per_side: int, motion: MotionConfig) -> TimedTrajectory:
@@ -103,7 +104,7 @@ def main() -> None:
     home_path = tour_of(2, motion)
     block_path = tour_of(4, motion)
     tower_path = tour_of(12, motion)
-    cases = [
+    cases: list[tuple[ConversionMethod, FloorPlan, TimedTrajectory, int, int]] = [
         ("two_phase", home, home_path, 64, 0),
         ("two_phase", home, home_path, 256, 0),
         ("ekf", home, home_path, 64, 10),

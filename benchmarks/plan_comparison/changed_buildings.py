@@ -74,13 +74,15 @@ def inner_slabs(plan: FloorPlan, shortest: float) -> list[Slab]:
     return found
 
 
-def _with_floor(plan: FloorPlan, floor: object) -> FloorPlan | None:
+def _with_floor(plan: FloorPlan, floor: shapely.Geometry) -> FloorPlan | None:
     """The plan with another floor, if a robot can still explore nearly all of it."""
     parts = [part for part in shapely.get_parts(floor) if isinstance(part, Polygon) and part.area > 0.05]
     largest = max(parts, key=lambda part: float(part.area))
     if largest.area < 0.85 * plan.area:
         return None
-    changed = replace(plan, free_space=largest.simplify(0.001), rooms=(), doors=())
+    simple = largest.simplify(0.001)
+    assert isinstance(simple, Polygon)
+    changed = replace(plan, free_space=simple, rooms=(), doors=())
     try:
         check_plan(changed, max_extent=60.0)
     except PlanError:
@@ -205,7 +207,8 @@ def move_door(plan: FloorPlan, rng: np.random.Generator) -> tuple[FloorPlan, Cha
 
 def change_building(plan: FloorPlan, rng: np.random.Generator) -> tuple[FloorPlan, list[Change]]:
     """Shift a wall by each distance, remove one, add two, close a door and move one, as far as there is room."""
-    built, changes = plan, []
+    built = plan
+    changes: list[Change] = []
 
     def accept(result: tuple[FloorPlan, Change] | None) -> bool:
         nonlocal built
@@ -223,8 +226,9 @@ def change_building(plan: FloorPlan, rng: np.random.Generator) -> tuple[FloorPla
     for shift in rng.permutation(SHIFTS):
         slabs = inner_slabs(built, 1.2)
         if slabs:
-            attempt(lambda slabs=slabs, shift=shift: shift_wall(
-                built, slabs[rng.integers(len(slabs))], float(shift) * rng.choice([-1.0, 1.0])))  # fmt: skip
+            attempt(lambda: shift_wall(
+                built, slabs[rng.integers(len(slabs))], float(shift) * rng.choice([-1.0, 1.0])  # noqa: B023 - called at once
+            ))  # fmt: skip
     slabs = inner_slabs(built, 1.0)
     if slabs:
         attempt(lambda: remove_wall(built, slabs[rng.integers(len(slabs))]))

@@ -16,7 +16,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 import shapely
 import tyro
@@ -27,6 +26,7 @@ from slamgym.cad import FloorPlan, check_plan, open_plans, read_houseexpo, write
 from slamgym.commands.cli import main as slamgym
 from slamgym.core.errors import PlanError
 from slamgym.core.intervals import wilson_interval
+from slamgym.core.png import read_png
 from slamgym.core.types import GridFrame, OccupancyGrid
 from slamgym.drawing.comparison import Change, ComparisonConfig, compare_with_plan
 from slamgym.interop import read_map
@@ -123,7 +123,7 @@ def explored(arguments: Arguments) -> list[Case]:
     records = [json.loads(line) for line in (folder / "manifest.jsonl").read_text().splitlines()]
     cases: dict[str, Case] = {}
     for record in sorted(records, key=lambda entry: entry["index"]):
-        cells = cv2.imread(str(folder / "B" / f"{record['name']}.png"), cv2.IMREAD_GRAYSCALE)
+        cells = read_png(folder / "B" / f"{record['name']}.png")
         grid = OccupancyGrid(cells, GridFrame(record["resolution"], *record["origin"], *record["shape"]))
         plan_file = arguments.work / "plans" / f"{record['plan_id']}.json"
         rows = json.loads(plan_file.with_suffix(".changes").read_text())

@@ -23,10 +23,13 @@ import cv2
 import numpy as np
 import shapely
 from scipy.optimize import minimize
+from shapely.geometry.base import BaseGeometry
 
 from slamgym.agents.registry import make_explorer
 from slamgym.cad import FloorPlan, read_image_plan
 from slamgym.cad.floorplan import floor_share
+from slamgym.core.files import read_bytes
+from slamgym.core.pictures import decode_picture
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, BoolArray, ByteArray, FloatArray, GridFrame
 from slamgym.dataset.generate.recipe import apply_conditions, open_recipe
 from slamgym.envs import EpisodeConfig, run_episode
@@ -90,18 +93,18 @@ def main() -> None:
     )
     arguments = parser.parse_args()
     picture = arguments.folder / "cad_walls_furniture.png"
-    image = cv2.imread(str(picture), cv2.IMREAD_GRAYSCALE)
+    solid = read_grey(picture) == 0
     runs = sorted((arguments.folder / "runs").glob("*/slam.yaml"))
     maps = [read_ros_map(path).cells for path in runs[: len(runs) - arguments.leave_out]]
     if arguments.gmapping:
         maps = [
             cells for cells in maps if cells.shape[0] % GMAPPING_PATCH == cells.shape[1] % GMAPPING_PATCH == 0
         ]
-    people = [statistics(cells, image == 0) for cells in maps]
+    people = [statistics(cells, solid) for cells in maps]
     drawing = arguments.folder / "cad.json"
     plans = [exact_plan(picture, drawing, k % NO_TABLE > 0, k in OPEN_HOUSES) for k in range(HOUSES)]
     seeds = range(arguments.seed, arguments.seed + arguments.maps)
-    ours = [statistics(our_map(plans[seed % HOUSES], seed, arguments.keep), image == 0) for seed in seeds]
+    ours = [statistics(our_map(plans[seed % HOUSES], seed, arguments.keep), solid) for seed in seeds]
     rows = [compare(name, people, ours) for name in SHOWN]
     accuracy, chance = balanced_accuracy(people, ours)
     low, high = np.percentile(chance, (2.5, 97.5))
@@ -119,6 +122,12 @@ def main() -> None:
     print_and_save(name, f"{len(people)} people's maps, {len(ours)} of ours", rows, COLUMNS)
 
 
+def read_grey(path: Path) -> ByteArray:
+    """A picture in grey."""
+    image: ByteArray = decode_picture(path, read_bytes(path), cv2.IMREAD_GRAYSCALE)
+    return image
+
+
 def exact_plan(
     picture: Path, drawing: Path, has_table: bool = True, is_open: bool = False, furniture: bool = True
 ) -> FloorPlan:
@@ -128,7 +137,7 @@ def exact_plan(
     drawn = [*shapes["walls"], *(shapes["furniture"] if furniture else [])]
     solid = shapely.union_all([shapely.Polygon(points) for points in drawn])
     # The picture draws every cell that a wall touches, with the same margin on all sides.
-    height, width = cv2.imread(str(picture), cv2.IMREAD_GRAYSCALE).shape
+    height, width = read_grey(picture).shape
     left, bottom, right, top = solid.bounds
     shift = (0.5 * (width * RESOLUTION - left - right), 0.5 * (height * RESOLUTION - bottom - top))
     bins = [shapely.Point(x, y).buffer(radius, quad_segs=6) for x, y, radius in ROUND]
@@ -136,7 +145,7 @@ def exact_plan(
     legs = [shapely.box(x - across, y - along, x + across, y + along) for x, y in LEGS]
     things = [*bins, *(legs if has_table else [])] if furniture else []
     solid = shapely.union_all([shapely.affinity.translate(solid, *shift), *things])
-    floor = rough.free_space.buffer(1.5 * RESOLUTION, join_style="mitre")
+    floor: BaseGeometry = rough.free_space.buffer(1.5 * RESOLUTION, join_style="mitre")
     if is_open:
         floor = floor.union(shapely.box(*YARD)).difference(shapely.box(*POST))
     parts = shapely.get_parts(floor.difference(solid))
@@ -182,8 +191,7 @@ def our_map(plan: FloorPlan, seed: int, keep: Path | None) -> ByteArray:
     """Our map of the house, kept as a picture if a folder is given."""
     file = keep / f"{seed:02d}.png" if keep else None
     if file and file.exists():
-        kept: ByteArray = cv2.imread(str(file), cv2.IMREAD_GRAYSCALE)
-        return kept
+        return read_grey(file)
     config = apply_conditions(EpisodeConfig(), open_recipe("paper360").draw(seed))
     episode = run_episode(plan, seed, config, make_explorer)
     end = YARD_END - episode.start.y - episode.slam_map.frame.origin_y

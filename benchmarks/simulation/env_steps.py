@@ -20,6 +20,7 @@ import shapely
 
 from slamgym.agents.pretrained_policy import read_policy
 from slamgym.agents.rl.training_envs import draw_plans
+from slamgym.agents.scoring import FrontierScorer
 from slamgym.cad import FloorPlan, open_plans
 from slamgym.envs import BatchExploreEnv, ExploreEnv, ExploreFrontiersEnv
 from slamgym.envs.frontier_features import FrontierFeatures
@@ -33,7 +34,7 @@ GOAL = 3000
 """Steps/s that ground_truth localisation should reach."""
 PLAN = "home_000334"
 COARSE = {"slam": {"resolution": 0.1}, "observation": {"map_resolution": 0.1}}
-DECISION_MODES = {
+DECISION_MODES: dict[str, dict[str, Any]] = {
     "ground truth, 0.1 m cells (training)": {"localization": "ground_truth", **COARSE},
     "ground truth, 0.05 m cells": {"localization": "ground_truth"},
     "particle filter, 0.05 m cells (evaluation)": {"localization": "rbpf"},
@@ -194,7 +195,9 @@ def hall_with_pillars(count: int) -> FloorPlan:
     side = round(count**0.5)
     places = [20.0 * (i + 0.5) / side for i in range(side)]
     pillars = [shapely.box(x - 0.1, y - 0.1, x + 0.1, y + 0.1) for x in places for y in places]
-    return FloorPlan(f"hall_{count}", shapely.box(0, 0, 20, 20).difference(shapely.union_all(pillars)))
+    hall = shapely.box(0, 0, 20, 20).difference(shapely.union_all(pillars))
+    assert isinstance(hall, shapely.Polygon)
+    return FloorPlan(f"hall_{count}", hall)
 
 
 def stretched(factor: float) -> FloorPlan:
@@ -246,11 +249,11 @@ def measure_decisions(name: str) -> None:
     print_and_save("simulation/decision_rate", "Decisions on four validation plans", rows, columns, times)
 
 
-def cost_of_choosing(loop: ExplorationLoop, scorer: object) -> float:
+def cost_of_choosing(loop: ExplorationLoop, scorer: FrontierScorer) -> float:
     """CPU time of features and network for the loop's candidates [s]."""
     begin = time.process_time()
     observation = FrontierFeatures(loop.config.max_candidates).observe(loop)
-    scorer.choose(observation)  # type: ignore[attr-defined]
+    scorer.choose(observation)
     return time.process_time() - begin
 
 

@@ -86,7 +86,7 @@ def pymunk_scanner(segments: FloatArray) -> Callable[[float, float, FloatArray],
 def cpu_microseconds(function: Callable[[], object], budget: float = 0.15) -> float:
     """CPU time of one call, the best of five rounds [us]."""
     function()
-    rounds = []
+    rounds: list[float] = []
     calls = 1
     while True:
         start = time.process_time()
@@ -108,7 +108,7 @@ def measure(num_rooms: int, num_beams: int, view_deg: float) -> dict[str, object
     view = math.radians(view_deg)
     increment = view / num_beams
     ours, brute = np.empty(num_beams), np.empty(num_beams)
-    angles = theta - 0.5 * view + increment * np.arange(num_beams)
+    angles = theta - 0.5 * view + increment * np.arange(num_beams, dtype=np.float64)
     scan = pymunk_scanner(segments)
 
     def cast() -> None:

@@ -197,7 +197,7 @@ def outcome(
     later = np.flatnonzero(right & (stamps >= begin))
     at = np.flatnonzero(right)
     at = at[np.linspace(0, len(at) - 1, min(INSTANTS, len(at))).astype(int)] if len(at) else at
-    covariances = np.array([result.beliefs[index].covariance for index in at]).reshape(-1, 3, 3)
+    covariances = np.array([result.beliefs[index].covariance for index in at.tolist()]).reshape(-1, 3, 3)
     plain = np.hypot(*(poses[:, :2] - truth[:, :2]).T)
     return Outcome(
         float(stamps[later[0]] - begin) if len(later) else np.inf,

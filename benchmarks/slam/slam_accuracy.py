@@ -155,7 +155,7 @@ def simulated_row(
         mapper.finish()
         path = mapper.trajectory()
         errors.append(absolute_trajectory_error(path, truth, align=False).translation.rmse)
-        shares.append(np.mean(mapper.stats.n_eff) / config.particles if mapper.stats.n_eff else 1.0)
+        shares.append(float(np.mean(mapper.stats.n_eff)) / config.particles if mapper.stats.n_eff else 1.0)
         times.append(mapper.stats.cpu_ms_per_processed_scan)
     interval = mean_interval(np.array(errors))
     return {

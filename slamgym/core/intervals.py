@@ -223,14 +223,48 @@ def probability_of_improvement(values: FloatArray, reference: FloatArray, seed: 
         ValueError: If there is none, or the plans differ in number.
     """
     values, reference = np.asarray(values, dtype=np.float64), np.asarray(reference, dtype=np.float64)
+    draw = _paired_draws(values, reference, seed)
+    better = (values[:, None] < reference).astype(np.float64) + 0.5 * (values[:, None] == reference)
+    low, high = _percentiles(draw(better) / better.size)
+    return Interval(float(better.mean()), float(low), float(high))
+
+
+def ratio_where_both(values: FloatArray, reference: FloatArray, seed: int = 0) -> Interval:
+    """Ratio of means over the pairs of runs on the same plan in which neither failed; both drawn again.
+
+    Args:
+        values: Shape (runs, plans); NaN where a run failed.
+        reference: Shape (other runs, the same plans), positive or NaN.
+        seed: Of the resampling.
+
+    Raises:
+        ValueError: If there is none, the plans differ in number, or one of both always failed.
+    """
+    values, reference = np.asarray(values, dtype=np.float64), np.asarray(reference, dtype=np.float64)
+    draw = _paired_draws(values, reference, seed)
+    both = np.isfinite(values)[:, None] & np.isfinite(reference)
+    if not both.any():
+        raise ValueError("there is no plan on which neither failed")
+    sums = [np.where(both, table, 0.0) for table in (values[:, None], reference[None])]
+    # A draw of failures alone has no ratio.
+    drawn = [draw(table) for table in sums]
+    held = drawn[1] > 0.0
+    low, high = _percentiles(drawn[0][held] / drawn[1][held])
+    return Interval(float(sums[0].sum() / sums[1].sum()), float(low), float(high))
+
+
+def _paired_draws(values: FloatArray, reference: FloatArray, seed: int) -> Callable[[FloatArray], FloatArray]:
+    """What sums a table of shape (runs, other runs, plans) over draws of all three, to shape (R,)."""
     if values.shape[1:] != reference.shape[1:]:
         raise ValueError(f"there are no plans to compare on in shapes {values.shape} and {reference.shape}")
     runs, plans = _crossed_draws(values, seed)
     others = _crossed_draws(reference, seed + 1)[0]
-    better = (values[:, None] < reference).astype(np.float64) + 0.5 * (values[:, None] == reference)
-    drawn = np.einsum("ri,rj,rp,ijp->r", runs, others, plans, better, optimize=True) / better.size
-    low, high = _percentiles(drawn)
-    return Interval(float(better.mean()), float(low), float(high))
+
+    def draw(table: FloatArray) -> FloatArray:
+        sums: FloatArray = np.einsum("ri,rj,rp,ijp->r", runs, others, plans, table, optimize=True)
+        return sums
+
+    return draw
 
 
 def _crossed_draws(values: FloatArray, seed: int) -> tuple[FloatArray, FloatArray]:

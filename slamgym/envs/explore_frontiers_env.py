@@ -14,6 +14,7 @@ from slamgym.core.types import BoolArray, Observation
 from slamgym.envs.config import ExploreConfig, resolve_config
 from slamgym.envs.explore_env import RENDER_MODES, ExploreEnv
 from slamgym.envs.frontier_features import (
+    ExtraFeatures,
     FrontierFeatures,
     action_mask,
     exposures,
@@ -87,6 +88,8 @@ class ExploreFrontiersEnv(gym.Env[Observation, np.int64]):
         discount: Per second.
         render_mode: As in ExploreEnv.
         reward_terms: As in ExploreEnv.
+        extra_features: Further features of each candidate, such as
+            :data:`slamgym.agents.foresight.FORESIGHT_FEATURES`.
         **settings: As in ExploreEnv. ``localization="ground_truth"`` is the fast mode for training.
 
     Raises:
@@ -104,6 +107,7 @@ class ExploreFrontiersEnv(gym.Env[Observation, np.int64]):
         discount: float = 1.0,
         render_mode: str | None = None,
         reward_terms: Mapping[str, tuple[float, RewardFunction]] | None = None,
+        extra_features: ExtraFeatures | None = None,
         **settings: Any,
     ) -> None:
         if not 0.0 < discount <= 1.0:
@@ -129,7 +133,8 @@ class ExploreFrontiersEnv(gym.Env[Observation, np.int64]):
         self.config = self.inner.config
         self.render_mode = render_mode
         k = self.loop_config.max_candidates
-        self.observation_space = frontier_observation_space(k)
+        self.observation_space = frontier_observation_space(k, extra_features)
+        self._features = FrontierFeatures(k, extra_features)
         self.action_space = spaces.Discrete(k)
         self._context = self.inner.explorer_context()
         self._loop: ExplorationLoop | None = None
@@ -152,7 +157,7 @@ class ExploreFrontiersEnv(gym.Env[Observation, np.int64]):
         super().reset(seed=seed)
         inner, info = self.inner.reset(seed=seed, options=options)
         self._loop = ExplorationLoop(self._context, self.loop_config)
-        self._features = FrontierFeatures(self.loop_config.max_candidates)
+        self._features = self._features.restarted()
         self._is_over = False
         is_due = self._loop.observe(inner)
         _, is_truncated, info = self._drive(is_due, info)

@@ -156,11 +156,20 @@ GLOBAL_FEATURES: tuple[str, ...] = tuple(name for name, _ in _GLOBAL_TABLE)
 """Features of the exploration as a whole."""
 
 
-def frontier_observation_space(max_candidates: int) -> spaces.Dict:
+class ExtraFeatures(NamedTuple):
+    """Further features of candidates, behind those of :data:`CANDIDATE_FEATURES`."""
+
+    names: tuple[str, ...]
+    measure: Callable[[ExplorationLoop], FloatArray]
+    """Of the loop's candidates in their order, shape (N, names); scaled to a few units, cut off at :data:`LIMIT`."""
+
+
+def frontier_observation_space(max_candidates: int, extra: ExtraFeatures | None = None) -> spaces.Dict:
     """The space of the observations for K candidates."""
+    width = len(CANDIDATE_FEATURES) + (len(extra.names) if extra else 0)
     return spaces.Dict(
         {
-            "candidates": spaces.Box(-LIMIT, LIMIT, (max_candidates, len(CANDIDATE_FEATURES)), np.float32),
+            "candidates": spaces.Box(-LIMIT, LIMIT, (max_candidates, width), np.float32),
             "crops": spaces.Box(0.0, 1.0, (max_candidates, 2, CROP_PX, CROP_PX), np.float32),
             "globals": spaces.Box(-LIMIT, LIMIT, (len(GLOBAL_FEATURES),), np.float32),
             "mask": spaces.Box(0.0, 1.0, (max_candidates,), np.float32),
@@ -173,18 +182,24 @@ class FrontierFeatures:
 
     Args:
         max_candidates: K; rows beyond the candidates at hand are zero and masked.
+        extra: Further features of each candidate.
     """
 
-    def __init__(self, max_candidates: int) -> None:
-        self._max_candidates = max_candidates
+    def __init__(self, max_candidates: int, extra: ExtraFeatures | None = None) -> None:
+        self._max_candidates, self._extra = max_candidates, extra
         self._history: deque[tuple[float, float]] = deque([(0.0, 0.0)])  # (time, known area) at decisions
         self._grown_at = 0.0
 
+    def restarted(self) -> "FrontierFeatures":
+        """For another exploration."""
+        return FrontierFeatures(self._max_candidates, self._extra)
+
     def observe(self, loop: ExplorationLoop) -> Observation:
         """The observation at a decision: features of the loop's candidates, in their order."""
-        k = self._max_candidates
+        k, own = self._max_candidates, len(CANDIDATE_FEATURES)
+        width = own + (len(self._extra.names) if self._extra else 0)
         observation = {
-            "candidates": np.zeros((k, len(CANDIDATE_FEATURES)), np.float32),
+            "candidates": np.zeros((k, width), np.float32),
             "crops": np.zeros((k, 2, CROP_PX, CROP_PX), np.float32),
             "globals": np.zeros(len(GLOBAL_FEATURES), np.float32),
             "mask": np.zeros(k, np.float32),
@@ -192,11 +207,14 @@ class FrontierFeatures:
         costmap, candidates = loop.navigator.costmap, loop.candidates
         if costmap is None:
             return observation
-        rows: FloatArray = np.zeros((0, len(CANDIDATE_FEATURES)))
+        rows: FloatArray = np.zeros((0, own))
         if candidates:
             measured = _measure(loop, costmap, observation["crops"])
             rows = np.array([[value(one) for _, value in _CANDIDATE_TABLE] for one in measured])
-            observation["candidates"][: len(rows)] = np.clip(rows, -LIMIT, LIMIT)
+            observation["candidates"][: len(rows), :own] = np.clip(rows, -LIMIT, LIMIT)
+            if self._extra:
+                further = np.clip(self._extra.measure(loop), -LIMIT, LIMIT)
+                observation["candidates"][: len(rows), own:] = further
             observation["mask"][: len(rows)] = 1.0
         overall = self._measure_whole(loop, costmap, rows)
         values = [value(overall) for _, value in _GLOBAL_TABLE]

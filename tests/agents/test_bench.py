@@ -286,9 +286,14 @@ def test_the_quickest_leads_and_who_fails_the_gate_has_no_rank():
     # The middle half of 100 s to 139 s, over a par time of 60 s + 3 s for each of 50 m2.
     assert quick.score.value == pytest.approx(119.5 / 210.0)
     page = leaderboard_page([board], manifest_of(results[0]))
-    assert [line.split("|")[2].strip() for line in page.splitlines() if line.startswith("| `")] == [
+    entries, ratios = page.split("| time until done |")
+    assert [line.split("|")[2].strip() for line in entries.splitlines() if line.startswith("| `")] == [
         "1", "2", "3", "gate",
     ]  # fmt: skip
+    # Of hasty only what it finished counts: 58 s to 89 s, where the reference took 80 s longer.
+    hasty = board.standings[3].against["explore_lite"]
+    assert hasty.value == pytest.approx(73.5 / 153.5)
+    assert "0.48" in next(line for line in ratios.splitlines() if line.startswith("| `hasty`"))
 
 
 def test_trainings_of_one_name_are_one_entry():

@@ -5,26 +5,25 @@ import dataclasses
 import numpy as np
 import pytest
 
-import slamgym.agents.rl.reward_shaping as shaping_module
+import slamgym.agents.rl.decision_shaping as shaping_module
 from slamgym.agents.pretrained_policy import PRETRAINED, read_policy, write_policy
+from slamgym.agents.rl.decision_shaping import OWN, DecisionShaping, ShapingConfig, own_term
 from slamgym.agents.rl.reward_presets import (
     REWARD_PRESETS,
     error_of_new_map,
     reward_preset,
     uncertainty_of_new_map,
 )
-from slamgym.agents.rl.reward_shaping import (
-    OWN,
-    ShapingConfig,
-    ShapingRun,
-    own_term,
-    run_shaping,
-    settings_of,
-)
-from slamgym.agents.rl.shaping_report import table, write_shaping_report
+from slamgym.agents.rl.reward_shaping import ShapingRun, run_shaping
+from slamgym.agents.rl.shaping_report import DECISION_REPORT, WHEELS_REPORT, table, write_shaping_report
 from slamgym.agents.rl.train_config import TrainConfig
 from slamgym.agents.rl.validation import PolicyOutcome
 from slamgym.agents.scoring import NetworkConfig
+from slamgym.agents.wheels.config import WHEELS_PRESETS, WHEELS_REWARD, WheelsConfig, WheelsShapingConfig
+from slamgym.agents.wheels.policy import WHEELS as WHEELS_WEIGHTS
+from slamgym.agents.wheels.policy import read_wheels, write_wheels
+from slamgym.agents.wheels.shaping import WheelsShaping
+from slamgym.agents.wheels.validation import DriveOutcome
 from slamgym.commands.agents.shape import main
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.envs.rewards import Reward, StepRecord
@@ -32,15 +31,19 @@ from slamgym.envs.rewards import Reward, StepRecord
 STEP = StepRecord(
     duration=0.2, time=10.0, distance=0.05, contact=True, coverage=0.5, previous_coverage=0.4, pose_error=0.2,
     n_eff=20.0, terminated=True, known_area=30.0, previous_known_area=29.0, map_error=0.05, previous_map_error=0.04,
-    position_sigma=0.1, exposure=0.5,
+    position_sigma=0.1, exposure=0.5, floor_area=50.0,
 )  # fmt: skip
 
 
-def outcome(time_99=100.0, map_error=0.02):
+def outcome(time=100.0, map_error=0.02):
     return PolicyOutcome(
-        time_95=80.0, time_99=time_99, path_95=18.0, path_99=22.0, time=120.0, coverage=1.0, decisions=40,
+        time_95=80.0, time_99=90.0, path_95=18.0, path_99=22.0, time=time, path=30.0, coverage=1.0, decisions=40,
         seconds=1.0, map_error=map_error,
     )  # fmt: skip
+
+
+def settings(config, preset, seed):
+    return DecisionShaping(config, None).settings(preset, seed)
 
 
 def runs_of(name, times, errors):
@@ -70,6 +73,7 @@ def test_the_presets_differ_in_what_they_pay_for():
     assert active["coastal"] - active["time"] == {"exposure"}
     assert active["careful_mapping"] - active["time"] == {"error_of_new_map"}
     assert active["certain_mapping"] - active["time"] == {"uncertainty_of_new_map"}
+    assert active["floor"] == {"floor_gain", "collision"}
     assert active["potential"] == {"time", "shaping"}
     assert active["completion"] == {"time", "completion"}
     assert len({frozenset(terms) for terms in active.values()}) == len(REWARD_PRESETS)
@@ -93,21 +97,19 @@ def test_new_map_is_charged_with_the_error_it_is_drawn_under():
 def test_with_a_preset_about_errors_all_train_with_the_filter():
     config = ShapingConfig(presets=("time", "map_error"))
     for name in ("time", "map_error"):
-        settings = settings_of(config, name, 1)
-        assert settings.localization == "rbpf"
-        differing = dataclasses.replace(settings, reward=config.train.reward, localization="ground_truth")
+        chosen = settings(config, name, 1)
+        assert chosen.localization == "rbpf"
+        differing = dataclasses.replace(chosen, reward=config.train.reward, localization="ground_truth")
         assert differing == dataclasses.replace(config.train, seed=1)
     without = ShapingConfig(presets=("time", "path_cost"))
-    assert settings_of(without, "time", 1).localization == "ground_truth"
-    assert settings_of(without, "time", 1).reward == REWARD_PRESETS["time"].reward
-    assert (
-        settings_of(without, "coastal", 1).network.exposure_prior == REWARD_PRESETS["coastal"].exposure_prior
-    )
+    assert settings(without, "time", 1).localization == "ground_truth"
+    assert settings(without, "time", 1).reward == REWARD_PRESETS["time"].reward
+    assert settings(without, "coastal", 1).network.exposure_prior == REWARD_PRESETS["coastal"].exposure_prior
 
 
 def test_a_term_of_ones_own_is_added_to_time_and_trained_with_the_filter():
     config = ShapingConfig(presets=("time", OWN))
-    own, time = settings_of(config, OWN, 2), settings_of(config, "time", 2)
+    own, time = settings(config, OWN, 2), settings(config, "time", 2)
     assert own == time
     assert own.localization == "rbpf"
     assert own.reward == REWARD_PRESETS["time"].reward
@@ -130,20 +132,20 @@ def test_an_experiment_is_run_once_and_reported(tmp_path):
     config = ShapingConfig(presets=("time", OWN), seeds=1, test_plans=1, particles=5, train=train)
     calls = []
     term = own_term("math:sqrt", 0.5)
-    runs = run_shaping(config, tmp_path, learn_nothing(calls), term)
+    runs = run_shaping(DecisionShaping(config, learn_nothing(calls), term), tmp_path)
     assert [(run.preset, run.seed, len(run.outcomes)) for run in runs] == [("time", 0, 1), (OWN, 0, 1)]
     assert runs[0].curve == [(10.0, 400.0), (20.0, 300.0)]
     assert calls[0][2] is None
     assert calls[1][2]["sqrt"][0] == 0.5
-    again = run_shaping(config, tmp_path, learn_nothing(calls), term)
+    again = run_shaping(DecisionShaping(config, learn_nothing(calls), term), tmp_path)
     assert len(calls) == 2
     assert again == runs
     for other in (dataclasses.replace(config, particles=6), dataclasses.replace(config, presets=(OWN,))):
         with pytest.raises(ConfigError, match="other settings"):
-            run_shaping(other, tmp_path, learn_nothing(calls), own_term("math:sqrt", 0.6))
+            run_shaping(DecisionShaping(other, learn_nothing(calls), own_term("math:sqrt", 0.6)), tmp_path)
     (tmp_path / "time" / "seed_0" / "shaping.json").write_text('{"settings": ')
     with pytest.raises(InputFileError, match="delete it"):
-        run_shaping(config, tmp_path, learn_nothing(calls), term)
+        run_shaping(DecisionShaping(config, learn_nothing(calls), term), tmp_path)
     assert len(calls) == 2
 
 
@@ -161,19 +163,19 @@ def test_an_interrupted_test_goes_on_with_the_plans_that_are_left(tmp_path, monk
     config = ShapingConfig(presets=("careful_mapping",), seeds=1, test_plans=4)
     calls = []
     with pytest.raises(KeyboardInterrupt):
-        run_shaping(config, tmp_path / "resumed", learn_nothing(calls))
-    (resumed,) = run_shaping(config, tmp_path / "resumed", learn_nothing(calls))
+        run_shaping(DecisionShaping(config, learn_nothing(calls)), tmp_path / "resumed")
+    (resumed,) = run_shaping(DecisionShaping(config, learn_nothing(calls)), tmp_path / "resumed")
     assert list(calls[0][2]) == ["error_of_new_map"]
     seen = [entry for entry in explored if entry != "interrupted"]
     assert len(seen) == len(set(seen)) == 4
-    (at_once,) = run_shaping(config, tmp_path / "at_once", learn_nothing(calls))
+    (at_once,) = run_shaping(DecisionShaping(config, learn_nothing(calls)), tmp_path / "at_once")
     assert resumed.outcomes == at_once.outcomes
 
 
 def test_the_report_names_presets_and_compares_them_with_time(tmp_path):
     pytest.importorskip("matplotlib")
     runs = runs_of("time", [100.0, 200.0], [0.02, 0.04]) + runs_of("map_error", [110.0, 220.0], [0.01, 0.02])
-    text = write_shaping_report(runs, tmp_path)
+    text = write_shaping_report(runs, DECISION_REPORT, tmp_path)
     row = next(line for line in text.splitlines() if line.startswith("| map_error"))
     assert "1.10 [1.10, 1.10]" in row  # every plan takes a tenth longer
     assert "0.50 [0.50, 0.50]" in row  # and has half the error
@@ -184,22 +186,68 @@ def test_the_report_names_presets_and_compares_them_with_time(tmp_path):
 def test_runs_too_short_for_a_curve_are_reported_all_the_same(tmp_path):
     pytest.importorskip("matplotlib")
     runs = [dataclasses.replace(run, curve=[]) for run in runs_of("time", [100.0, 200.0], [0.02, 0.04])]
-    assert "| time " in write_shaping_report(runs, tmp_path)
+    assert "| time " in write_shaping_report(runs, DECISION_REPORT, tmp_path)
     assert (tmp_path / "curves.png").stat().st_size > 100
 
 
 def test_without_the_preset_time_the_first_is_the_reference():
-    text = table(runs_of("potential", [100.0, 200.0], [0.02, 0.04]))
-    assert "time 99 / potential" in text
+    text = table(runs_of("potential", [100.0, 200.0], [0.02, 0.04]), DECISION_REPORT)
+    assert "time until done / potential" in text
     assert "1.00 [1.00, 1.00]" in text
 
 
 def test_one_seed_has_no_interval_and_the_report_says_so():
     runs = runs_of("time", [100.0, 200.0], [0.02, 0.04])
-    assert "No interval" not in table(runs)
-    alone = table([run for run in runs if run.seed == 0])
+    assert "No interval" not in table(runs, DECISION_REPORT)
+    alone = table([run for run in runs if run.seed == 0], DECISION_REPORT)
     assert "[" not in alone.replace("[s]", "").replace("[m]", "")
     assert "No interval" in alone
+
+
+def test_the_wheels_are_offered_what_a_batch_can_pay():
+    assert set(REWARD_PRESETS) - set(WHEELS_PRESETS) == {
+        "information_gain", "map_error", "pose_uncertainty", "coastal", "careful_mapping", "certain_mapping",
+    }  # fmt: skip
+    assert REWARD_PRESETS["floor"].reward == WHEELS_REWARD
+    with pytest.raises(ConfigError, match=r"'coastal' can't be paid on the wheels.*coverage_only"):
+        WheelsShapingConfig(presets=("coastal",))
+    with pytest.raises(ConfigError, match="did you mean 'time'"):
+        WheelsShapingConfig(presets=("tme",))
+
+
+def test_an_experiment_on_the_wheels_drives_plans_alike_whatever_the_others(tmp_path):
+    config = WheelsShapingConfig(
+        presets=("time", "potential"), seeds=1, test_plans=3, train=WheelsConfig(evaluate_seconds=3.0)
+    )
+    trained = []
+
+    def learn(settings, folder):
+        trained.append(settings)
+        write_wheels(folder / "policy.safetensors", read_wheels(WHEELS_WEIGHTS))
+
+    experiment = WheelsShaping(config, learn)
+    runs = run_shaping(experiment, tmp_path / "all")
+    assert [settings.reward.shaping for settings in trained] == [0.0, 2.0]
+    assert trained[1].reward.discount ** 3 == pytest.approx(trained[1].discount)
+    assert runs[0].outcomes == runs[1].outcomes  # the same weights
+    assert all(0.0 < outcome.coverage <= 1.0 for outcome in runs[0].outcomes)
+    assert run_shaping(experiment, tmp_path / "all") == runs
+    assert len(trained) == 2
+    fewer = dataclasses.replace(config, test_plans=2)
+    (alone, _) = run_shaping(WheelsShaping(fewer, learn), tmp_path / "fewer")
+    assert alone.outcomes[0] in runs[0].outcomes
+
+
+def test_on_the_wheels_more_coverage_is_better():
+    def of(name, coverages):
+        outcomes = [DriveOutcome(coverage, 1.0, 15.0) for coverage in coverages]
+        return [ShapingRun(name, seed, [], outcomes) for seed in range(2)]
+
+    text = table(of("time", [0.4, 0.6]) + of("floor", [0.5, 0.75]), WHEELS_REPORT)
+    assert "coverage above time's" in text
+    row = next(line for line in text.splitlines() if line.startswith("| floor"))
+    assert "1.25 [1.25, 1.25]" in row
+    assert "1.00 [1.00, 1.00]" in row
 
 
 @pytest.mark.parametrize("spec", ["nothing_here:f", "math:squareroot", "math"])
@@ -212,6 +260,8 @@ def test_the_command_lists_the_presets_and_asks_for_a_folder(capsys):
     assert main(["--list"]) == 0
     shown = capsys.readouterr().out
     assert all(name in shown for name in REWARD_PRESETS)
+    assert main(["--env", "explore", "--list"]) == 0
+    assert [line.split()[0] for line in capsys.readouterr().out.splitlines()] == list(WHEELS_PRESETS)
     with pytest.raises(ConfigError, match="-o"):
         main([])
     with pytest.raises(ConfigError, match="needs --term"):

@@ -17,6 +17,7 @@ from slamgym.core.intervals import (
     median_interval,
     probability_of_improvement,
     ratio_of_means,
+    ratio_where_both,
 )
 
 
@@ -158,9 +159,33 @@ def test_the_probability_of_improvement_counts_pairs_on_the_same_plan():
     assert there + back == pytest.approx(1.0)
 
 
+def test_a_ratio_where_both_succeed_leaves_out_failures():
+    nan = np.nan
+    values, reference = np.array([[1.0, 4.0, nan], [3.0, nan, 9.0]]), np.array([[2.0, 8.0, nan]])
+    ratio = ratio_where_both(values, reference)
+    # First plan: 1 and 3 against 2 each; second: 4 against 8; on the third the reference failed.
+    assert ratio.value == pytest.approx(8.0 / 12.0)
+    assert 0.5 <= ratio.low <= ratio.value <= ratio.high <= 1.5
+    same = ratio_where_both(reference, 2.0 * reference)
+    assert (same.value, same.low, same.high) == (0.5, 0.5, 0.5)
+    with pytest.raises(ValueError, match="neither failed"):
+        ratio_where_both(np.array([[1.0, nan]]), np.array([[nan, 1.0]]))
+
+
+def test_a_ratio_where_both_succeed_is_the_crossed_ratio_where_nobody_fails():
+    rng = np.random.default_rng(9)
+    values, reference = rng.uniform(1.0, 3.0, size=(3, 40)), rng.uniform(1.0, 3.0, size=(1, 40))
+    ours, theirs = ratio_where_both(values, reference), crossed_ratio(values, reference)
+    assert ours.value == pytest.approx(theirs.value)
+    # Other draws of the same distribution: bounds differ by the noise of 2,000 resamples.
+    assert (ours.low, ours.high) == pytest.approx((theirs.low, theirs.high), rel=0.02)
+
+
 @pytest.mark.parametrize("shape", [(0, 3), (2, 0), (4,)])
 def test_tables_without_runs_or_plans_are_refused(shape):
     with pytest.raises(ValueError, match="no runs and plans"):
         interquartile_mean(np.zeros(shape))
     with pytest.raises(ValueError, match="no plans to compare on"):
         probability_of_improvement(np.zeros((2, 3)), np.zeros((2, 4)))
+    with pytest.raises(ValueError, match="no plans to compare on"):
+        ratio_where_both(np.zeros((2, 3)), np.zeros((2, 4)))

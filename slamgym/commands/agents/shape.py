@@ -4,28 +4,34 @@ import dataclasses
 import sys
 from dataclasses import field
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any, Literal
 
 import tyro
 
-from slamgym.agents.rl.reward_shaping import ShapingConfig
+from slamgym.agents.rl.decision_shaping import ShapingConfig
+from slamgym.agents.rl.reward_shaping import Experiment
+from slamgym.agents.wheels.config import WHEELS_PRESETS, WheelsShapingConfig
+from slamgym.commands.agents.train import drives_the_wheels
 from slamgym.commands.extras import LEARNING, require
 from slamgym.core.config import Arguments
 from slamgym.core.errors import ConfigError
 from slamgym.core.progress import say
 
 
-class ShapeArguments(Arguments):
-    """Train the same policy with different rewards over several seeds and compare what comes of it.
-
-    A run that is done is not done again: the same command goes on after Ctrl-C, and more presets or seeds add
-    to what is there.
-    """
-
+class _Arguments(Arguments):
     out: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None
     """Folder of the experiment."""
     list: bool = False
     """Only list the presets."""
+
+
+class ShapeArguments(_Arguments):
+    """Train the same policy with different rewards over several seeds and compare what comes of it.
+
+    A run that is done is not done again: the same command goes on after Ctrl-C, and more presets or seeds add
+    to what is there. ``--env explore --help`` shows the settings where the wheels are driven.
+    """
+
     term: str = ""
     """A function of your own, as ``module:function``: it takes a StepRecord and returns a number. It is added
     to the preset ``time`` as the preset ``own``, and all are trained with the particle filter."""
@@ -35,21 +41,57 @@ class ShapeArguments(Arguments):
     """The experiment."""
 
 
+class ShapeWheelsArguments(_Arguments):
+    """Compare rewards where the policy drives the wheels, on a batch of environments.
+
+    Interruptions are as without ``--env explore``.
+    """
+
+    env: Literal["explore"] = "explore"
+    """``explore``: drive the wheels."""
+    config: Annotated[WheelsShapingConfig, tyro.conf.arg(name="")] = field(
+        default_factory=WheelsShapingConfig
+    )
+    """The experiment."""
+
+
 def main(argv: list[str]) -> int:
     """Run the command; returns the exit code."""
-    arguments = tyro.cli(ShapeArguments, args=argv, prog="slamgym agents shape")
+    kind: type[ShapeArguments | ShapeWheelsArguments] = (
+        ShapeWheelsArguments if drives_the_wheels(argv) else ShapeArguments
+    )
+    arguments = tyro.cli(kind, args=argv, prog="slamgym agents shape")
     if arguments.list:
         from slamgym.agents.rl.reward_presets import REWARD_PRESETS
 
-        width = max(map(len, REWARD_PRESETS))
-        for name, preset in REWARD_PRESETS.items():
-            sys.stdout.write(f"{name:<{width}}  {preset.about}\n")
+        names = WHEELS_PRESETS if kind is ShapeWheelsArguments else tuple(REWARD_PRESETS)
+        shown = {name: REWARD_PRESETS[name].about for name in names}
+        width = max(map(len, shown))
+        for name, about in shown.items():
+            sys.stdout.write(f"{name:<{width}}  {about}\n")
         return 0
     if arguments.out is None:
         raise ConfigError("give the folder of the experiment: -o FOLDER (or --list to see the presets)")
     require(LEARNING, "slamgym agents shape")
-    from slamgym.agents.rl.reward_shaping import FEW_SEEDS, OWN, own_term, run_shaping
-    from slamgym.agents.rl.shaping_report import write_shaping_report
+    from slamgym.agents.rl.reward_shaping import FEW_SEEDS, run_shaping
+    from slamgym.agents.rl.shaping_report import DECISION_REPORT, WHEELS_REPORT, write_shaping_report
+
+    if isinstance(arguments, ShapeWheelsArguments):
+        experiment, form = _wheels(arguments), WHEELS_REPORT
+    else:
+        experiment, form = _decisions(arguments), DECISION_REPORT
+    if experiment.seeds < FEW_SEEDS:
+        say(
+            f"with {experiment.seeds} of at least {FEW_SEEDS} seeds, the intervals say nothing of other trainings"
+        )
+    runs = run_shaping(experiment, arguments.out)
+    sys.stdout.write(write_shaping_report(runs, form, arguments.out))
+    say(f"table and pictures: {arguments.out}")
+    return 0
+
+
+def _decisions(arguments: ShapeArguments) -> Experiment[Any, Any]:
+    from slamgym.agents.rl.decision_shaping import OWN, DecisionShaping, own_term
     from slamgym.agents.rl.train import train
 
     config, term = arguments.config, None
@@ -59,11 +101,11 @@ def main(argv: list[str]) -> int:
             config = dataclasses.replace(config, presets=(*config.presets, OWN))
     elif OWN in config.presets:
         raise ConfigError(f"the preset {OWN!r} needs --term module:function")
-    if config.seeds < FEW_SEEDS:
-        say(
-            f"with {config.seeds} of at least {FEW_SEEDS} seeds, the intervals say nothing of other trainings"
-        )
-    runs = run_shaping(config, arguments.out, train, term)
-    sys.stdout.write(write_shaping_report(runs, arguments.out))
-    say(f"table and pictures: {arguments.out}")
-    return 0
+    return DecisionShaping(config, train, term)
+
+
+def _wheels(arguments: ShapeWheelsArguments) -> Experiment[Any, Any]:
+    from slamgym.agents.wheels.shaping import WheelsShaping
+    from slamgym.agents.wheels.train import train_wheels
+
+    return WheelsShaping(arguments.config, train_wheels)

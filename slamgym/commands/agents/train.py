@@ -43,9 +43,14 @@ class TrainWheelsArguments(Arguments):
     """The run."""
 
 
+def drives_the_wheels(argv: list[str]) -> bool:
+    """Whether the arguments name the environment whose actions are speeds: its settings are others."""
+    return "--env=explore" in argv or ("--env", "explore") in itertools.pairwise(argv)
+
+
 def main(argv: list[str]) -> int:
     """Run the command; returns the exit code."""
-    if "--env=explore" in argv or ("--env", "explore") in itertools.pairwise(argv):
+    if drives_the_wheels(argv):
         wheels = tyro.cli(TrainWheelsArguments, args=argv, prog="slamgym agents train")
         from slamgym.agents.wheels.train import train_wheels
 

@@ -1,0 +1,89 @@
+"""How much is left to gain by choosing better: a chooser that knows the building, on the loop that all explorers share.
+
+    python benchmarks/exploring/choices.py json.tar.gz --count 40
+
+At every choice ``knows the plan`` picks the frontier over which the path to the first stop of a short tour through
+all unseen floor is shortest (:class:`slamgym.agents.rl.imitation.TourExpert`, which learning imitates). It drives like
+the others, so what it gains is due to its choices alone. Validation plans, true poses, promise 98 % (95 % sure). It
+doesn't choose what settles doubts, so it is compared until 95 and 99 % of the floor, not until done.
+"""
+
+import argparse
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from slamgym.agents.pretrained_policy import read_policy
+from slamgym.agents.rl.imitation import TourExpert
+from slamgym.agents.rl.training_envs import draw_plans
+from slamgym.agents.rl.validation import Choose, explore_plan
+from slamgym.agents.rules import FrontierTour, Nearest
+from slamgym.core.intervals import ratio_of_means
+from slamgym.core.seeding import exploration_seed
+from slamgym.envs.explore_frontiers_env import ExploreFrontiersEnv
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+from report import print_and_save
+
+REFERENCE = "tour"
+LEVELS = {"time_95": "95 %", "time_99": "99 %"}
+
+
+def by_rule(rule: Callable[[Any], Any]) -> Callable[[ExploreFrontiersEnv], Choose]:
+    """The candidate that a rule scores highest."""
+    return lambda env: lambda _: int(np.argmax(rule(env.loop)))
+
+
+def knows_the_plan(env: ExploreFrontiersEnv) -> Choose:
+    """The expert, made when the exploration has begun."""
+    experts: list[TourExpert] = []
+
+    def choose(_: dict[str, Any]) -> int:
+        if not experts:
+            experts.append(TourExpert(env))
+        return experts[0].choose()
+
+    return choose
+
+
+CHOOSERS: dict[str, Callable[[ExploreFrontiersEnv], Choose]] = {
+    "tour": by_rule(FrontierTour()),
+    "nearest": by_rule(Nearest()),
+    "rl": lambda _: read_policy().scorer().choose,
+    "knows the plan": knows_the_plan,
+}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("plans", help="HouseExpo archive, or what else --plans takes")
+    parser.add_argument("--count", type=int, default=40)
+    arguments = parser.parse_args()
+    plans = draw_plans((arguments.plans,), "validation", arguments.count)
+    loop = {"promise": {"seen": 0.98, "confidence": 0.95}}
+    env = ExploreFrontiersEnv(plans, loop=loop, localization="ground_truth", time_limit=3000.0)
+    outcomes = {
+        name: [explore_plan(env, make(env), plan, exploration_seed(0, plan.id, 0)) for plan in plans]
+        for name, make in CHOOSERS.items()
+    }
+    rows = []
+    for name, own in outcomes.items():
+        row: dict[str, Any] = {"choices by": name, "plans": len(plans)}
+        for field, level in LEVELS.items():
+            times, reference = (
+                np.array([getattr(one, field) for one in found]) for found in (own, outcomes[REFERENCE])
+            )
+            ratio = ratio_of_means(times, reference)
+            row |= {f"{level} [s]": times.mean(), f"{level} / {REFERENCE}": ratio.value}
+            row |= {f"{level} low": ratio.low, f"{level} high": ratio.high}
+        rows.append(row)
+    print_and_save(
+        "exploring/choices", f"Time to a level of coverage against {REFERENCE}", rows, list(rows[0])
+    )
+
+
+if __name__ == "__main__":
+    main()
