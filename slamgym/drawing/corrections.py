@@ -16,6 +16,7 @@ from slamgym.drawing.floor import faces_within_cells, opened
 from slamgym.gan.translation.classical import disc, without_small
 from slamgym.gan.translation.derotation import padded_for_turning, transformed
 from slamgym.metrics.maps import distance_to
+from slamgym.metrics.rooms import label_rooms
 
 SINGLE_RAYS = 0.2
 """Free space narrower than this was seen by single rays; no floor is drawn for it alone [m]."""
@@ -35,6 +36,8 @@ NARROWEST_UNSEEN = 0.2
 """Unseen floor that is sure is drawn where discs of this radius fit in [m]."""
 SMALLEST_DOUBTED = 0.1
 """Smaller patches of doubted floor are left as they are [m2]."""
+CONTACT = 0.3
+"""A patch of unseen floor lies at a room or at a wall if it touches it along so much [m]."""
 WIDEST_UNSEEN = 2.0
 """Unseen places between free cells at most so far apart may be floor: under a bed, behind a wardrobe [m]."""
 BEYOND_FREE = 0.6
@@ -64,7 +67,8 @@ def corrected(probability: Float32Array, grid: OccupancyGrid, angle_deg: float) 
     cell = grid.frame.resolution
     result = np.where(believable(grid.cells == FREE, cell), probability, 0.0).astype(np.float32)
     result[lost_walls(result, grid, angle_deg)] = 0.0
-    return without(result, doubted_floor(result, grid))
+    result = without(result, doubted_floor(result, grid))
+    return without(result, dividing_floor(result, grid))
 
 
 def believable(free: BoolArray, cell: float) -> BoolArray:
@@ -105,9 +109,58 @@ def doubted_floor(probability: Float32Array, grid: OccupancyGrid) -> BoolArray:
     doubted = unseen & (total < SURE_OF_UNSEEN * weight)
     sure = opened(unseen & ~doubted, max(1, round(NARROWEST_UNSEEN / cell)))
     patches = without_small(doubted, SMALLEST_DOUBTED / cell**2)
-    reach = max(1, round(BESIDE_FREE / cell)) + 1
+    reach = _reach_of_echoes(cell)
     result: BoolArray = (cv2.dilate(patches.astype(np.uint8), disc(2 * reach + 1)) > 0) & ~free & ~sure
     return result
+
+
+def _reach_of_echoes(cell: float) -> int:
+    """From unseen floor over the echoes before it to the free cells [cells]."""
+    return max(1, round(BESIDE_FREE / cell)) + 1
+
+
+def dividing_floor(probability: Float32Array, grid: OccupancyGrid) -> BoolArray:
+    """Patches of floor that nobody has seen through which rooms would run together, with the echoes before them.
+
+    A place that was never seen between two rooms is a wall, a shaft or a cupboard that opens to one of them. One that
+    doesn't touch a wall, or that only one room is left at when all such patches are gone, is furniture.
+
+    Args:
+        probability: Of being floor, shape of the map.
+        grid: The map.
+    """
+    cell = grid.frame.resolution
+    free, floor = grid.cells == FREE, probability >= 0.5
+    unseen = without_small(
+        ~free & floor & (distance_to(free) > BESIDE_FREE / cell), SMALLEST_DOUBTED / cell**2
+    )
+    patches = (cv2.dilate(unseen.astype(np.uint8), disc(2 * _reach_of_echoes(cell) + 1)) > 0) & ~free & floor
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(patches.astype(np.uint8), connectivity=4)
+    contact = CONTACT / cell
+    parts = []
+    for number in range(1, count):
+        left, top, width, height = stats[number, :4]
+        box = np.s_[max(0, top - 1) : top + height + 1, max(0, left - 1) : left + width + 1]
+        part = labels[box] == number
+        ring = (cv2.dilate(part.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0) & ~part
+        if np.count_nonzero(ring & ~floor[box]) >= contact:
+            parts.append((box, part, ring))
+    result = np.zeros_like(patches)
+    while parts:
+        result[:] = False
+        for box, part, _ in parts:
+            result[box] |= part
+        rooms = label_rooms(without(probability, result) >= 0.5, cell)
+        # What isn't between rooms becomes floor again, and passages beside it grow wider than doors.
+        left_over = [
+            (box, part, ring)
+            for box, part, ring in parts
+            if np.count_nonzero(np.bincount(rooms[box][ring])[1:] >= contact) > 1
+        ]
+        if len(left_over) == len(parts):
+            return result
+        parts = left_over
+    return np.zeros_like(patches)
 
 
 def without(probability: Float32Array, taken: BoolArray) -> Float32Array:

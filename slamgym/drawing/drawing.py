@@ -56,7 +56,7 @@ class DrawnDoor:
     depth: float
     """Thickness of the wall that it is in [m]."""
     rooms: tuple[str, ...]
-    """Ids of the rooms that it joins."""
+    """Ids of the rooms that it joins; one alone where what lies beyond was only glimpsed."""
     walls: tuple[int, ...]
     """Numbers of the walls at its jambs."""
     confidence: float
@@ -127,7 +127,7 @@ class Drawing:
     rooms: tuple[DrawnRoom, ...] = ()
     windows: tuple[DrawnWindow, ...] = ()
     unexplored: tuple[Polygon, ...] = ()
-    """Parts inside of the building of which the map says nothing."""
+    """Parts inside of the building of which the map says nothing, or that were only glimpsed from afar."""
     inferred_floor: tuple[Polygon, ...] = ()
     """Floor that the robot never observed."""
     dimensions: tuple[Dimension, ...] = ()

@@ -41,7 +41,7 @@ ACROSS = 0.25
 BESIDE_OPENING = 0.3
 """So far before and behind a gap it is looked whether the floor is wider than it [m]."""
 SURE_DOOR = 1.1
-"""A wider door needs a wider floor on one side at least: corridors narrow where a wall stands out [m]."""
+"""A wider door needs a wider floor on both sides: corridors narrow where a wall stands out [m]."""
 OPENING_ROOM = (4.0, 1.4)
 """Smaller [m2] or narrower [m] parts beside a wide opening are alcoves and bays, not rooms."""
 
@@ -124,27 +124,25 @@ def _likely(floor: MultiPolygon, gaps: Sequence[Gap], config: DrawingConfig) -> 
     doors = [
         gap
         for gap in gaps
-        if gap.width <= config.door_width[1] and (gap.width <= SURE_DOOR or _wider_sides(floor, gap) > 0)
+        if gap.width <= config.door_width[1] and (gap.width <= SURE_DOOR or _is_narrower(gap, floor))
     ]
     wide = {gap: None for gap in gaps if gap.width > config.door_width[1]}
-    return [*doors, *(gap for gap in wide if _wider_sides(floor, gap) == 2)]
+    return [*doors, *(gap for gap in wide if _is_narrower(gap, floor))]
 
 
-def _wider_sides(floor: MultiPolygon, gap: Gap) -> int:
-    """On how many sides of a gap the floor is clearly wider, as :class:`RoomRule` has it."""
-    count = 0
+def _is_narrower(gap: Gap, floor: MultiPolygon) -> bool:
+    """Whether a gap is clearly narrower than the floor on both sides of it, as :class:`RoomRule` has it."""
     start, end = np.array(gap.start), np.array(gap.end)
     along = (end - start) / gap.width
     normal = np.array([-along[1], along[0]])
     for side in (1.0, -1.0):
         middle = 0.5 * (start + end) + side * (0.5 * gap.depth + BESIDE_OPENING) * normal
         line = LineString([middle - gap.width * along, middle + gap.width * along])
-        near = Point(middle)
-        beside = [
-            piece for piece in shapely.get_parts(line.intersection(floor)) if piece.distance(near) < 1e-6
-        ]
-        count += sum(piece.length for piece in beside) * DEFAULT_RULE.max_narrowing >= gap.width
-    return count
+        pieces = shapely.get_parts(line.intersection(floor))
+        width = sum(piece.length for piece in pieces if piece.distance(Point(middle)) < 1e-6)
+        if width * DEFAULT_RULE.max_narrowing < gap.width:
+            return False
+    return True
 
 
 def _faces(floor: MultiPolygon) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -27,6 +27,7 @@ from slamgym.drawing.evidence import (
     unseen_floor,
 )
 from slamgym.drawing.floor import FloorModel, load_floor_model
+from slamgym.drawing.glimpses import OPEN_ROOM, without_glimpses, without_walls_in_doors
 from slamgym.drawing.leaves import without_leaves
 from slamgym.drawing.openings import Division, divide
 from slamgym.drawing.polygons import straightened
@@ -44,8 +45,6 @@ KNOWN_MARGIN = 1.0
 """Of unknown cells that stays round what is known [m]."""
 INFERRED_ROOM = 0.5
 """A room of which less than this share was observed is in the layer INFERRED."""
-OPEN_ROOM = 0.4
-"""And one of whose outline, doors left out, less was: what was seen through a door or a window from afar."""
 
 
 def make_drawing(
@@ -90,8 +89,9 @@ def make_drawing(
     if floor.is_empty:
         raise InputFileError(where, no_floor)
     evidence = Evidence(grid, config)
-    walls = judged_walls(find_walls(floor, config), evidence)
-    division = divide(floor, config)
+    explored = without_glimpses(floor, divide(floor, config), evidence)
+    floor, division = explored.floor, explored.division
+    walls = judged_walls(without_walls_in_doors(find_walls(floor, config), division), evidence)
     rooms = _rooms(division, evidence)
     doors = _doors(division, rooms, walls, evidence)
     inferred = tuple(cell_polygons(unseen_floor(floor, grid), grid.frame, config.min_inferred))
@@ -109,7 +109,7 @@ def make_drawing(
         walls=tuple(walls),
         doors=doors,
         rooms=rooms,
-        unexplored=tuple(unexplored_parts(floor, grid, config)),
+        unexplored=(*explored.glimpsed, *unexplored_parts(floor, grid, config)),
         inferred_floor=inferred,
         dimensions=tuple(_dimensions(floor, rooms, doors, angle)),
         provenance=kept,
@@ -189,8 +189,9 @@ def _doors(
         ends = [shapely.Point(point).buffer(0.05) for point in (gap.start, gap.end)]
         beside = sorted({int(k) for end in ends for k in bodies.query(end, predicate="intersects")})
         seen = share_seen_open(np.array([gap.start, gap.end]), evidence)
-        layer: Layer = "SEEN" if seen >= evidence.config.seen_share else "INFERRED"
-        names = tuple(rooms[k].id for k in pair)
+        is_seen = seen >= evidence.config.seen_share and min(pair) >= 0
+        layer: Layer = "SEEN" if is_seen else "INFERRED"
+        names = tuple(rooms[k].id for k in pair if k >= 0)
         kind: Literal["door", "opening"] = "door" if gap.width <= evidence.config.door_width[1] else "opening"
         doors.append(DrawnDoor(gap.start, gap.end, gap.depth, names, tuple(beside), seen, layer, kind))
     return tuple(doors)

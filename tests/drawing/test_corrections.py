@@ -10,6 +10,7 @@ from shapely import Polygon, affinity
 
 from slamgym.core.types import FREE, UNKNOWN, OccupancyGrid
 from slamgym.drawing import make_drawing
+from slamgym.drawing.evidence import filled
 from slamgym.drawing.openings import divide
 from slamgym.drawing.polygons import without_necks
 from slamgym.drawing.settings import DEFAULT_DRAWING
@@ -61,6 +62,63 @@ def test_floor_that_nobody_has_seen_takes_a_sure_model(turn, sure, drawn):
     assert drawing.area == pytest.approx(HALL.area - hidden, abs=0.3)
 
 
+@pytest.mark.parametrize("turn", [0.0, 20.0])
+@pytest.mark.parametrize(("reaches", "parted"), [(4.0, True), (2.0, False)])
+def test_what_nobody_has_seen_between_two_rooms_is_no_floor_and_a_cupboard_in_one_is(turn, reaches, parted):
+    """A block that leaves a door's width between two rooms stays; one that leaves them a hall is furniture."""
+    block = shapely.box(3.8, 0.0, 4.6, reaches)
+    grid, _, _ = painted(HALL.difference(block), turn_deg=turn)
+    hall, hidden = (affinity.rotate(shape, turn, origin=(0, 0)) for shape in (HALL, block))
+    drawing = make_drawing(grid, model=Unsure(Painted(hall), hidden, 0.98))
+    assert len(drawing.rooms) == (2 if parted else 1)
+    assert drawing.area == pytest.approx(HALL.area - parted * block.area, abs=0.5)
+
+
+def test_an_island_that_nobody_looked_into_is_furniture():
+    """Passages beside it are as narrow as doors, but it stands at no wall."""
+    island = shapely.box(3.5, 1.0, 4.5, 4.0)
+    grid, _, _ = painted(HALL.difference(island))
+    drawing = make_drawing(grid, model=Unsure(Painted(HALL), island, 0.98))
+    assert len(drawing.rooms) == 1
+    assert drawing.area == pytest.approx(HALL.area, abs=0.5)
+
+
+@pytest.mark.parametrize("turn", [0.0, 20.0])
+def test_what_was_only_glimpsed_through_a_door_is_unexplored(turn):
+    """A fan of rays behind a door ends at nothing: no room, no walls, but a door that leads there."""
+    door = shapely.box(8.0, 2.0, 8.1, 2.9)
+    fan = Polygon([(8.1, 2.0), (11.0, 0.9), (11.0, 4.0), (8.1, 2.9)])
+    floor = shapely.union_all([HALL, door, fan])
+    grid, _, _ = painted(floor, turn_deg=turn)
+    turned, beyond = (affinity.rotate(shape, turn, origin=(0, 0)) for shape in (floor, fan))
+    near = filled(beyond.buffer(0.15), grid.frame) & ~filled(
+        affinity.rotate(HALL.buffer(0.12), turn, origin=(0, 0)), grid.frame
+    )
+    cells = np.where(near & (grid.cells != FREE), np.uint8(UNKNOWN), grid.cells)  # its echoes are taken away
+    drawing = make_drawing(OccupancyGrid(cells, grid.frame), model=Painted(turned))
+    (room,) = drawing.rooms
+    assert room.area == pytest.approx(HALL.area, abs=0.7)
+    (way,) = drawing.doors
+    assert way.rooms == (room.id,)
+    assert way.width == pytest.approx(0.9, abs=0.1)
+    assert sum(part.intersection(beyond).area for part in drawing.unexplored) > 0.8 * fan.area
+    assert drawing.area == pytest.approx(HALL.area, abs=0.7)
+    assert all(wall.polygon.intersection(beyond.buffer(-0.3)).area < 1e-3 for wall in drawing.walls)
+
+
+def test_a_room_that_others_are_reached_through_is_drawn_however_open():
+    """Without it its neighbours would fall apart."""
+    rooms = [shapely.box(0, 0, 4, 4), shapely.box(4.1, 0, 6.5, 4), shapely.box(6.6, 0, 10, 4)]
+    doors = [shapely.box(4.0, 1.5, 4.1, 2.4), shapely.box(6.5, 1.5, 6.6, 2.4)]
+    floor = shapely.union_all([*rooms, *doors])
+    grid, _, _ = painted(floor)
+    middle = filled(shapely.box(4.2, -0.3, 6.4, 4.3), grid.frame) & (grid.cells != FREE)
+    cells = np.where(middle, np.uint8(UNKNOWN), grid.cells)
+    drawing = make_drawing(OccupancyGrid(cells, grid.frame), model=Painted(floor))
+    assert len(drawing.rooms) == 3
+    assert not drawing.unexplored
+
+
 def test_rays_alone_are_no_floor():
     grid, _, _ = painted(HALL)
     cells = np.pad(grid.cells, ((0, 0), (0, 80)), constant_values=UNKNOWN)
@@ -94,10 +152,12 @@ def test_a_corridor_that_a_pilaster_narrows_has_no_door_there():
     pilaster = shapely.box(5.9, 0.0, 6.1, 0.4)
     narrowed = shapely.MultiPolygon([corridor.difference(pilaster)])
     assert len(divide(narrowed, DEFAULT_DRAWING).rooms) == 1
-    # A passage as wide at its end is a door, as the hall behind it is wider.
-    door, hall = shapely.box(12.0, 0.2, 12.1, 1.6), shapely.box(12.1, 0, 18, 5)
-    ended = shapely.MultiPolygon([shapely.union_all([corridor, door, hall])])
-    assert len(divide(ended, DEFAULT_DRAWING).rooms) == 2
+    # A door to the hall at its end is one, if the corridor is clearly wider than it, too.
+    hall = shapely.box(12.1, 0, 18, 5)
+    for low, rooms in ((0.2, 1), (0.5, 2)):
+        door = shapely.box(12.0, low, 12.1, 1.7)
+        ended = shapely.MultiPolygon([shapely.union_all([corridor, door, hall])])
+        assert len(divide(ended, DEFAULT_DRAWING).rooms) == rooms
 
 
 def test_no_floor_leads_through_the_gap_before_a_walls_pointed_end():

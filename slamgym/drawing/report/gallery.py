@@ -16,9 +16,7 @@ GALLERY = Path("index.html")
 """Of a folder of drawings."""
 THUMBNAIL_PX = 320
 _THUMBNAIL = Look((253, 126, 20), (255, 216, 168), (233, 216, 253), is_thumbnail=True)
-_LEGEND = (
-    "Orange: inferred walls and floor, which nobody has seen; violet: inside, but unexplored; blue: doors."
-)
+_LEGEND = "Orange: inferred walls and floor, which nobody has seen; violet: unexplored, or only glimpsed; blue: doors."
 _STYLE = """
 .cards { display: grid; grid-template-columns: repeat(auto-fill, minmax(19rem, 1fr)); gap: 1.2rem }
 .card { border: 1px solid #dee2e6; border-top: 4px solid #40c057; padding: .6rem .9rem; break-inside: avoid }

@@ -79,13 +79,16 @@ def checks(drawing: Drawing) -> list[str]:
         found.append(f"Rooms of which the robot saw less than half: {names}{more}.")
     if drawing.unexplored:
         area = sum(float(part.area) for part in drawing.unexplored)
+        parts = _count(len(drawing.unexplored), "part").capitalize()
         found.append(
-            f"The map says nothing of {_count(len(drawing.unexplored), 'part')} inside of the building, {area:.1f} m² "
-            "together: rooms may be missing there."
+            f"{parts} inside of the building or behind its doors, {area:.1f} m² together, weren't explored or only "
+            "glimpsed: rooms may be missing there."
         )
     closed = [f"D{number}" for number, door in enumerate(drawing.doors, 1) if door.layer == "INFERRED"]
     if closed:
-        found.append(f"Doors that were hardly seen open: {', '.join(closed)}.")
+        found.append(
+            f"Doors that were hardly seen open, or lead to where the robot only glimpsed: {', '.join(closed)}."
+        )
     unsure = sum(wall.length for wall in drawing.walls if wall.confidence < SURE)
     total = sum(wall.length for wall in drawing.walls)
     if unsure > 0.25 * total:
@@ -165,7 +168,7 @@ def _evidence_part(drawing: Drawing) -> Iterator[str]:
         '<ul class="legend"><li><span class="key" style="background:#2b2f36"></span>wall, seen</li>'
         '<li><span class="key" style="background:#fd7e14"></span>wall, inferred</li>'
         '<li><span class="key" style="background:#ffd8a8"></span>floor, inferred: never observed</li>'
-        '<li><span class="key" style="background:#e9d8fd"></span>inside, but unexplored</li>'
+        '<li><span class="key" style="background:#e9d8fd"></span>unexplored, or only glimpsed</li>'
         '<li><span class="key line" style="color:#1971c2"></span>door</li>'
         '<li><span class="key line" style="color:#fd7e14"></span>door, inferred</li></ul>'
     )

@@ -1,0 +1,97 @@
+"""Parts of the floor that were only glimpsed: fans of rays through a door, a window or a pane.
+
+They end where the rays end, not at walls, so they are neither rooms nor floor whose size is known: a drawing shows them
+as unexplored, behind the door that they were seen through.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from shapely import MultiPolygon, Polygon
+
+from slamgym.cad.polygons import polygon_parts
+from slamgym.drawing.evidence import Evidence
+from slamgym.drawing.openings import Division
+from slamgym.drawing.walls import WallPiece
+
+OPEN_ROOM = 0.4
+"""A part of the floor was glimpsed if less than this share of its outline, doors left out, was seen as walls."""
+ON_LINE = 0.06
+"""Faces so near to the line of a door to a glimpsed part are no walls: nobody knows a wall there [m]."""
+
+
+@dataclass(frozen=True)
+class Explored:
+    """A floor without what was only glimpsed."""
+
+    floor: MultiPolygon
+    division: Division
+    """A door to a glimpsed part joins its room to -1."""
+    glimpsed: tuple[Polygon, ...]
+
+
+def without_glimpses(floor: MultiPolygon, division: Division, evidence: Evidence) -> Explored:
+    """Take the glimpsed parts from a floor and its rooms, but none that two other rooms are joined by.
+
+    Args:
+        floor: With straight edges [m].
+        division: Its rooms and doors.
+        evidence: The map.
+    """
+    rooms = division.rooms
+    lines = shapely.union_all([gap.line for gap in division.doors])
+    walled = [evidence.share_walled(room, lines) for room in rooms]
+    kept = set(range(len(rooms)))
+    for k in sorted(kept, key=lambda k: walled[k]):
+        rest = kept - {k}
+        if walled[k] < OPEN_ROOM and rest and _num_parts(rest, division) <= _num_parts(kept, division):
+            kept = rest
+    if len(kept) == len(rooms):
+        return Explored(floor, division, ())
+    glimpsed = tuple(room for k, room in enumerate(rooms) if k not in kept)
+    number = {old: new for new, old in enumerate(sorted(kept))}
+    doors = [
+        (gap, (number.get(a, -1), number.get(b, -1)))
+        for gap, (a, b) in zip(division.doors, division.joins, strict=True)
+        if a in number or b in number
+    ]
+    explored = Division(
+        tuple(rooms[k] for k in sorted(kept)),
+        tuple(gap for gap, _ in doors),
+        tuple(pair for _, pair in doors),
+    )
+    return Explored(_without(floor, glimpsed), explored, glimpsed)
+
+
+def without_walls_in_doors(pieces: list[WallPiece], division: Division) -> list[WallPiece]:
+    """Walls without the faces that stand in the doors to glimpsed parts."""
+    lines = [gap.line for gap, pair in zip(division.doors, division.joins, strict=True) if min(pair) < 0]
+    if not lines:
+        return pieces
+    shut = shapely.union_all(lines).buffer(ON_LINE)
+    return [piece for piece in pieces if not shut.covers(shapely.LineString([piece.start, piece.end]))]
+
+
+def _num_parts(rooms: set[int], division: Division) -> int:
+    """Into how many parts some rooms fall that no door joins."""
+    number = {room: new for new, room in enumerate(rooms)}
+    pairs = [(number[a], number[b]) for a, b in division.joins if a in number and b in number]
+    ends = np.array(pairs, dtype=np.int64).reshape(-1, 2)
+    graph = coo_array((np.ones(len(ends)), (ends[:, 0], ends[:, 1])), shape=(len(rooms), len(rooms)))
+    _, labels = connected_components(graph, directed=False)
+    return len(np.unique(labels))
+
+
+def _without(floor: MultiPolygon, parts: tuple[Polygon, ...]) -> MultiPolygon:
+    taken = shapely.union_all(list(parts))
+    left: list[Polygon] = []
+    for part in floor.geoms:
+        if part.intersection(taken).area < 1e-3:
+            left.append(part)
+            continue
+        rest = part.difference(taken.buffer(1e-4)).simplify(2e-3)
+        left += [piece for piece in polygon_parts(rest) if piece.area > 1e-2]
+    return MultiPolygon(left)
