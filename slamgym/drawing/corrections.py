@@ -11,7 +11,7 @@ import math
 import cv2
 import numpy as np
 
-from slamgym.core.types import FREE, OCCUPIED, BoolArray, Float32Array, OccupancyGrid
+from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, BoolArray, ByteArray, Float32Array, OccupancyGrid
 from slamgym.drawing.floor import faces_within_cells, opened
 from slamgym.gan.translation.classical import disc, without_small
 from slamgym.gan.translation.derotation import padded_for_turning, transformed
@@ -40,6 +40,8 @@ CONTACT = 0.3
 """A patch of unseen floor lies at a room or at a wall if it touches it along so much [m]."""
 WIDEST_UNSEEN = 2.0
 """Unseen places between free cells at most so far apart may be floor: under a bed, behind a wardrobe [m]."""
+LARGEST_POCKET = 2.0
+"""Unknown cells amid free ones that no echo borders are floor up to this [m2]."""
 BEYOND_FREE = 0.6
 """Floor goes on beyond what was seen free by at most this: behind a wall's echoes, drift, furniture [m]."""
 SMALLEST_WIDE = 0.5
@@ -66,9 +68,27 @@ def corrected(probability: Float32Array, grid: OccupancyGrid, angle_deg: float) 
     """
     cell = grid.frame.resolution
     result = np.where(believable(grid.cells == FREE, cell), probability, 0.0).astype(np.float32)
+    result[empty_pockets(grid.cells, cell)] = 1.0
     result[lost_walls(result, grid, angle_deg)] = 0.0
     result = without(result, doubted_floor(result, grid))
     return without(result, dividing_floor(result, grid))
+
+
+def empty_pockets(cells: ByteArray, cell: float) -> BoolArray:
+    """Unknown cells amid free ones without an echo beside them: mappers leave some along the robot's path.
+
+    Args:
+        cells: Of the map, shape (rows, cols).
+        cell: [m]
+    """
+    unknown = (cells == UNKNOWN).astype(np.uint8)
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(unknown, connectivity=8)
+    small = stats[:, cv2.CC_STAT_AREA] <= LARGEST_POCKET / cell**2
+    beside = cv2.dilate((cells == OCCUPIED).astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
+    small[labels[beside]] = False
+    small[[0, *labels[0], *labels[-1], *labels[:, 0], *labels[:, -1]]] = False
+    result: BoolArray = small[labels]
+    return result
 
 
 def believable(free: BoolArray, cell: float) -> BoolArray:
