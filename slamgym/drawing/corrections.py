@@ -36,7 +36,7 @@ NARROWEST_UNSEEN = 0.2
 """Unseen floor that is sure is drawn where discs of this radius fit in [m]."""
 SMALLEST_DOUBTED = 0.1
 """Smaller patches of doubted floor are left as they are [m2]."""
-CONTACT = 0.3
+CONTACT = 0.8
 """A patch of unseen floor lies at a room or at a wall if it touches it along so much [m]."""
 WIDEST_UNSEEN = 2.0
 """Unseen places between free cells at most so far apart may be floor: under a bed, behind a wardrobe [m]."""

@@ -19,6 +19,8 @@ from slamgym.drawing.walls import WallPiece
 
 OPEN_ROOM = 0.4
 """A part of the floor was glimpsed if less than this share of its outline, doors left out, was seen as walls."""
+MOST_GLIMPSED = 0.25
+"""Where more of the floor would go, the map just shows few walls."""
 ON_LINE = 0.06
 """Faces so near to the line of a door to a glimpsed part are no walls: nobody knows a wall there [m]."""
 
@@ -49,9 +51,10 @@ def without_glimpses(floor: MultiPolygon, division: Division, evidence: Evidence
         rest = kept - {k}
         if walled[k] < OPEN_ROOM and rest and _num_parts(rest, division) <= _num_parts(kept, division):
             kept = rest
-    if len(kept) == len(rooms):
-        return Explored(floor, division, ())
     glimpsed = tuple(room for k, room in enumerate(rooms) if k not in kept)
+    area = sum(float(room.area) for room in glimpsed)
+    if not glimpsed or area > MOST_GLIMPSED * sum(float(room.area) for room in rooms):
+        return Explored(floor, division, ())
     number = {old: new for new, old in enumerate(sorted(kept))}
     doors = [
         (gap, (number.get(a, -1), number.get(b, -1)))

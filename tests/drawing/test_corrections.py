@@ -8,7 +8,7 @@ import shapely
 from drawing.painted import FLAT, Painted, painted
 from shapely import Polygon, affinity
 
-from slamgym.core.types import FREE, UNKNOWN, OccupancyGrid
+from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from slamgym.drawing import make_drawing
 from slamgym.drawing.evidence import filled
 from slamgym.drawing.openings import divide
@@ -117,6 +117,34 @@ def test_a_room_that_others_are_reached_through_is_drawn_however_open():
     drawing = make_drawing(OccupancyGrid(cells, grid.frame), model=Painted(floor))
     assert len(drawing.rooms) == 3
     assert not drawing.unexplored
+
+
+def test_a_map_that_shows_few_walls_is_drawn_all_the_same():
+    """Where most rooms end at nothing that is how the robot maps, not what it glimpsed."""
+    floor = shapely.union_all(
+        [shapely.box(0, 0, 4, 4), shapely.box(4.1, 0, 8, 4), shapely.box(4.0, 1.5, 4.1, 2.4)]
+    )
+    grid, _, _ = painted(floor)
+    few = grid.cells.copy()
+    few[:, 20:][few[:, 20:] != FREE] = UNKNOWN
+    drawing = make_drawing(OccupancyGrid(few, grid.frame), model=Painted(floor))
+    assert drawing.area == pytest.approx(floor.area, abs=0.7)
+    assert not drawing.unexplored
+
+
+def test_unknown_pockets_without_an_echo_are_floor_and_those_with_one_stay():
+    grid, _, _ = painted(HALL)
+    rows, cols = grid.frame.to_cell(np.array([2.0, 6.0]), np.array([2.5, 2.5]))
+    for row, col in zip(rows.tolist(), cols.tolist(), strict=True):
+        grid.cells[row - 4 : row + 5, col - 4 : col + 5] = UNKNOWN
+    grid.cells[rows[1] - 5, cols[1] - 4 : cols[1] + 5] = OCCUPIED
+    blind = HALL.difference(shapely.box(1.8, 2.3, 2.2, 2.7)).difference(shapely.box(5.8, 2.3, 6.2, 2.7))
+    drawing = make_drawing(grid, model=Painted(blind))
+    first, second = (
+        drawing.floor.intersection(shapely.box(x - 0.15, 2.35, x + 0.15, 2.65)).area for x in (2.0, 6.0)
+    )
+    assert first == pytest.approx(0.09, abs=0.01)
+    assert second < 0.03
 
 
 def test_rays_alone_are_no_floor():
