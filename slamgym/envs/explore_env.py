@@ -162,7 +162,7 @@ class ExploreEnv(gym.Env[Any, Any]):
         self.action_space = self._actions.space
         self._lidar = Lidar(self.config.lidar)
         self._plan_cache = PlanCache(plans, self.config.robot, self.config.lidar.surfaces)
-        is_compact = self.config.observation.preset == "compact"
+        is_compact = self.config.observation.is_compact
         self._observer = CompactObserver.of(self.config) if is_compact else Observer(self.config)
         self._reward = Reward(self.config.reward, reward_terms)
         self._renderer = Renderer()
@@ -372,6 +372,8 @@ class ExploreEnv(gym.Env[Any, Any]):
         mapper, is_new = simulation.mapper, simulation.is_new_scan_processed
         if isinstance(self._observer, CompactObserver):
             shown = self._view.lattice(mapper, is_new, is_publication_due)
+            if is_publication_due:
+                self._observer.refresh(shown)
             return self._observer.observe(shown, simulation.scan.ranges, pose, velocity)
         cells = self._view.view(mapper, pose, is_new, is_publication_due)
         if self.config.observation.preset == "map":
