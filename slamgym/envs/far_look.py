@@ -16,7 +16,7 @@ from slamgym.envs.batch.arrays import put
 
 SECTORS = 24
 """Directions in which the robot could leave, counter-clockwise from ahead."""
-FAR_SIZE = SECTORS + 1
+FAR_SIZE = SECTORS + 3
 """Numbers of the far look."""
 _DIRECTIONS = tuple(
     (math.cos(2.0 * math.pi * k / SECTORS), math.sin(2.0 * math.pi * k / SECTORS)) for k in range(SECTORS)
@@ -162,7 +162,7 @@ def write_far(
         poses: The robots in their map frames, shape (N, 3) [m, m, rad].
         ids: The robots that look.
         out: Receives in the last columns of shape (N, n) for each direction 1 less the detour by it, and the length of
-            the shortest way, each as a share of the largest that is told.
+            the shortest way, each as a share of the largest that is told; then where that way leaves, ahead and left.
     """
     begin = out.shape[1] - FAR_SIZE
     for i in ids:
@@ -178,6 +178,19 @@ def write_far(
             detour = (numbers[k] - shortest) * size / _DETOUR if numbers[k] < np.inf else 1.0
             numbers[k] = max(1.0 - detour, 0.0)
         numbers[SECTORS] = min(shortest * size / _FURTHEST, 1.0)
+        numbers[SECTORS + 1], numbers[SECTORS + 2] = _mean_direction(numbers)
+
+
+@kernel
+def _mean_direction(nearness: Float32Array) -> tuple[float, float]:
+    """Unit vector, ahead and left, of the directions with hardly a detour; nothing where no way leads."""
+    ahead, left = 0.0, 0.0
+    for k in range(SECTORS):
+        weight = float(nearness[k]) ** 8
+        ahead += weight * _DIRECTIONS[k][0]
+        left += weight * _DIRECTIONS[k][1]
+    length = math.sqrt(ahead * ahead + left * left)
+    return (ahead / length, left / length) if length > 0.0 else (0.0, 0.0)
 
 
 @kernel

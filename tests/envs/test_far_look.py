@@ -7,25 +7,25 @@ import pytest
 
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, GridFrame, Pose2D, Twist2D
 from slamgym.envs import ExploreEnv
-from slamgym.envs.compact import CompactObserver, Lattice, compact_size
-from slamgym.envs.far_look import FAR_SIZE, SECTORS
+from slamgym.envs.compact import CompactObserver, Lattice, compact_size, pack_tiles
+from slamgym.envs.far_look import FAR_SIZE, SECTORS, FarLook
 
 FRAME = GridFrame(0.05, -12.8, -12.8, 512, 512)
 NOTHING = np.full(180, np.inf, dtype=np.float32)
 
 
 def observe(cells, pose, frame=FRAME):
-    """The near numbers, those of the directions, and the length of the shortest way [m]."""
+    """The near numbers, those of the directions, the length of the shortest way [m], and where it leaves."""
     observer, shown = CompactObserver(180, (0.26, 1.82, 3.5), 8.4, looks_far=True), Lattice.of(cells, frame)
     observer.refresh(shown)
     seen = observer.observe(shown, NOTHING, pose, Twist2D(0.0, 0.0))
     assert seen in observer.space
     near, far = np.split(seen, [compact_size(180)])
-    return near, far[:SECTORS], 25.0 * far[SECTORS]
+    return near, far[:SECTORS], 25.0 * far[SECTORS], far[SECTORS + 1 :]
 
 
-def corridor(end=200, wall_at=None):
-    """Free from x = -10 m to a cell (10 m on at 456) between walls at y = -1 and 1 m; row 0 is at the top."""
+def corridor(end):
+    """Free from x = -10 m to a column, where it is unknown, between walls at y = -1 and 1 m."""
     cells = np.full(FRAME.shape, UNKNOWN, dtype=np.uint8)
     cells[236:277, 52:end] = OCCUPIED
     cells[237:276, 56:end] = FREE
@@ -36,13 +36,14 @@ def corridor(end=200, wall_at=None):
 def test_it_shows_a_border_that_compact_does_not(theta):
     ends_far, ends_farther = corridor(end=256 + 160), corridor(end=256 + 200)  # 8 and 10 m ahead of x = 0
     pose = Pose2D(0.0, 0.0, theta)
-    near, directions, way = observe(ends_far, pose)
-    farther_near, _, longer = observe(ends_farther, pose)
+    near, directions, way, leaves = observe(ends_far, pose)
+    farther_near, _, longer, _ = observe(ends_farther, pose)
     np.testing.assert_array_equal(near, farther_near)
     assert way == pytest.approx(8.0, abs=0.5)
     assert longer == pytest.approx(10.0, abs=0.5)
     best = 2.0 * math.pi * np.argmax(directions) / SECTORS
-    assert math.cos(best + theta) > 0.96  # towards +x
+    assert math.cos(best + theta) > 0.9  # towards +x
+    assert leaves == pytest.approx([math.cos(theta), -math.sin(theta)], abs=0.15)
     assert directions.max() == 1.0
 
 
@@ -51,19 +52,20 @@ def test_ways_lead_round_walls():
     cells[200:312, 200:312] = FREE  # a room of 5.6 m about the origin
     cells[196:200, 200:312] = UNKNOWN  # unknown behind its upper wall,
     cells[200:204, 200:312] = OCCUPIED
-    cells[202:204, 290:310] = FREE  # which has a door at the right
-    cells[200:202, 290:310] = FREE
-    _, directions, way = observe(cells, Pose2D(-2.0, 1.5, math.pi / 2))
+    cells[200:204, 290:310] = FREE  # which has a door at the right
+    _, directions, way, leaves = observe(cells, Pose2D(-2.0, 1.5, math.pi / 2))
     right, ahead = directions[3 * SECTORS // 4], directions[0]
     assert way > 4.0  # 1.1 m through the wall
     assert right > 0.8 > ahead
+    assert leaves[1] < -0.8
 
 
 def test_without_a_border_nothing_is_to_be_done():
     cells = np.full(FRAME.shape, OCCUPIED, dtype=np.uint8)
     cells[200:312, 200:312] = FREE
-    _, directions, way = observe(cells, Pose2D(0.0, 0.0, 0.0))
+    _, directions, way, leaves = observe(cells, Pose2D(0.0, 0.0, 0.0))
     assert not directions.any()
+    assert not leaves.any()
     assert way == 25.0
 
 
@@ -87,3 +89,17 @@ def test_it_is_looked_at_anew_where_the_map_is_published(flat, shown):
         np.testing.assert_array_equal(observation[: len(plain)], plain)
         observation, *_ = env.step((1.0, 0.3))
         plain, *_ = twin.step((1.0, 0.3))
+
+
+def test_it_doesnt_matter_whether_the_map_is_packed():
+    rng, poses = np.random.default_rng(0), np.array([(6.0, 5.0, 1.0)])
+    cells = rng.choice([FREE, UNKNOWN, OCCUPIED], (200, 240), p=[0.97, 0.01, 0.02]).astype(np.uint8)
+    cells[100:130, 120:150] = UNKNOWN
+    tiles = np.zeros((50, 60), np.uint32), np.zeros((50, 60), np.uint8)
+    pack_tiles(cells, (0, 0, 200, 240), tiles)
+    far, seen = FarLook(2), np.zeros((2, FAR_SIZE), np.float32)
+    far.refresh(0, cells, (8, -12), 0.05, True)
+    far.refresh_packed(1, tiles[0], (8, -12), 0.05)
+    far.write(np.arange(2), np.vstack([poses, poses]), seen)
+    np.testing.assert_array_equal(seen[0], seen[1])
+    assert seen[0].any()
