@@ -1,4 +1,4 @@
-"""The explorer ``wheels``: a trained policy drives, without frontiers and paths."""
+"""The explorer ``wheels``: a trained policy drives, and nothing chooses a frontier or follows a path."""
 
 from pathlib import Path
 
@@ -54,7 +54,7 @@ class WheelsPilot(Pilot):
 
 
 class WheelsExplorer(BatchedExplorer):
-    """Drives the wheels by a trained network.
+    """Drives the wheels by a trained network, from observations ``compact_far`` of the published map.
 
     Args:
         context: What the environment says about the robot and its map.

@@ -75,8 +75,9 @@ class ExploreEnv(gym.Env[Any, Any]):
 
     ``observation={"preset": "compact"}`` is a ``Box(-1, 1, (944,), float32)`` for perceptrons, each number scaled: the
     crop as 21 x 21 blocks' shares of free and of occupied space (the rest is unknown), 60 ranges, each the nearest of
-    its beams, speed and turning rate; with ``"map": "global"`` of the map as last published. ``"preset": "map"`` is the
-    map alone, ``"dict"`` the default.
+    its beams, speed and turning rate; with ``"map": "global"`` of the map as last published. ``"compact_far"`` adds 27:
+    which way leads to the nearest unknown space, and how far it is. ``"preset": "map"`` is the map alone, ``"dict"``
+    the default.
 
     With ``localization="ground_truth"`` the believed pose *is* the true pose, by that setting. With
     ``localization="map"`` the robot finds itself on a finished map (``finished_map``; by default drawn from the plan);

@@ -21,7 +21,7 @@ FAR_SIZE = SECTORS + 3
 _DIRECTIONS = tuple(
     (math.cos(2.0 * math.pi * k / SECTORS), math.sin(2.0 * math.pi * k / SECTORS)) for k in range(SECTORS)
 )
-SIDE = 4
+BLOCK_SIDE = 4
 """Cells along a side of a block, on the map's lattice."""
 _FURTHEST = 25.0  # [m]; longer ways are told as this one
 _DETOUR = 2.0  # [m]; longer detours are told as this one
@@ -43,16 +43,16 @@ def draw_blocks(cells: ByteArray, grows_upward: bool, corner: tuple[int, int], b
         blocks: Receives the blocks that have a part in the map, and one more to every side.
     """
     rows, cols = cells.shape
-    below, left = corner[0] % SIDE, corner[1] % SIDE
-    width = SIDE * blocks.shape[1]
+    below, left = corner[0] % BLOCK_SIDE, corner[1] % BLOCK_SIDE
+    width = BLOCK_SIDE * blocks.shape[1]
     # Bytes are 254, 205 or 0: a block with an occupied cell loses all bits, and one without a free cell wins none.
     lost, won = np.empty(width, dtype=np.uint8), np.empty(width, dtype=np.uint8)
     lost_in_four, won_in_four = lost.view(np.uint32), won.view(np.uint32)
     blocks[:] = _UNKNOWN_BLOCK
     for i in range(1, blocks.shape[0] - 1):
         lost[:], won[:] = UNKNOWN, UNKNOWN
-        begin = SIDE + left
-        for k in range(max(SIDE * (i - 1) - below, 0), min(SIDE * i - below, rows)):
+        begin = BLOCK_SIDE + left
+        for k in range(max(BLOCK_SIDE * (i - 1) - below, 0), min(BLOCK_SIDE * i - below, rows)):
             line = cells[k if grows_upward else rows - 1 - k]
             for c in range(cols):
                 lost[begin + c] &= line[c]
@@ -231,7 +231,9 @@ class FarLook:
         self, index: int, packed: np.ndarray, corner: tuple[int, int], resolution: float
     ) -> None:
         """As :meth:`refresh`, by :func:`draw_packed`; ``corner`` is a multiple of 4."""
-        blocks = self._begin(index, corner, (SIDE * packed.shape[0], SIDE * packed.shape[1]), resolution)
+        blocks = self._begin(
+            index, corner, (BLOCK_SIDE * packed.shape[0], BLOCK_SIDE * packed.shape[1]), resolution
+        )
         draw_packed(packed, blocks)
         measure_ways(blocks)
 
@@ -248,16 +250,16 @@ class FarLook:
         self, index: int, corner: tuple[int, int], size: tuple[int, int], resolution: float
     ) -> Int32Array:
         """Room for the blocks of a map of so many rows and columns."""
-        first = [place // SIDE for place in corner]
+        first = [place // BLOCK_SIDE for place in corner]
         shape = [
-            (place + length - 1) // SIDE - begin + 3
+            (place + length - 1) // BLOCK_SIDE - begin + 3
             for place, length, begin in zip(corner, size, first, strict=True)
         ]
         count = shape[0] * shape[1]
         if count > self._ways.shape[1]:
             self._ways = put(self._ways, index, np.zeros(count, dtype=np.int32))
         self._shapes[index], self._corners[index] = shape, [begin - 1 for begin in first]
-        self._size = resolution * SIDE
+        self._size = resolution * BLOCK_SIDE
         blocks: Int32Array = self._ways[index, :count].reshape(shape)
         return blocks
 
