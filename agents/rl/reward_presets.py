@@ -69,7 +69,7 @@ REWARD_PRESETS: dict[str, RewardPreset] = {
     "coverage_only": RewardPreset(replace(_NOTHING, coverage_gain=2.0), "floor truly seen, and nothing else"),
     "floor": RewardPreset(
         replace(_NOTHING, floor_gain=1.0, collision=1.0),
-        "square metres truly seen, less contacts: what the pretrained wheels learned from",
+        "square metres truly seen, less contacts",
     ),
     "information_gain": RewardPreset(
         replace(_NOTHING, information_gain=0.02), "growth of the robot's own map: needs no truth"

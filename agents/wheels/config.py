@@ -11,8 +11,8 @@ from slamgym.core.errors import ConfigError
 from slamgym.envs.rewards import RewardConfig
 from slamgym.sim import OdometryLevel
 
-WHEELS_REWARD = RewardConfig(coverage_gain=0.0, floor_gain=1.0, time=0.0, collision=1.0, completion=0.0)
-"""A point for each new square metre of floor, one off for each control step in contact."""
+WHEELS_REWARD = RewardConfig(coverage_gain=100.0, time=0.0, collision=2.0, completion=0.0)
+"""A point for each new hundredth of the floor, two off for each control step in contact."""
 
 
 def _ppo() -> PPOConfig:
@@ -20,7 +20,7 @@ def _ppo() -> PPOConfig:
 
 
 class WheelsConfig(Settings):
-    """A training run on ``slamgym/Explore-v1`` with the observations ``compact``."""
+    """A training run on ``slamgym/Explore-v1`` with the observations ``compact_far``."""
 
     plans: tuple[str, ...] = ("procedural",)
     """Floor plans: ``procedural``, or a HouseExpo archive, ...; as many are drawn from each. Only those of the

@@ -1,4 +1,4 @@
-"""The explorer ``wheels``: a trained policy drives, without frontiers and paths."""
+"""The explorer ``wheels``: a trained policy drives, and nothing chooses a frontier or follows a path."""
 
 from pathlib import Path
 
@@ -26,7 +26,9 @@ class WheelsPilot(Pilot):
     def __init__(self, context: ExplorerContext, policy: WheelsPolicy) -> None:
         self._context, self._policy = context, policy
         limits = context.max_linear, context.max_angular, context.geometry.range_max
-        self._observer = CompactObserver(context.geometry.num_beams, limits, policy.network.crop_side)
+        self._observer = CompactObserver(
+            context.geometry.num_beams, limits, policy.network.crop_side, looks_far=True
+        )
         self._detector = CompletionDetector(context.robot_radius, _SMALLEST_FRONTIER)
         self._steps = 0
         self._command = Twist2D(0.0, 0.0)
@@ -39,6 +41,7 @@ class WheelsPilot(Pilot):
         if self._steps % self._publication == 0:
             grid = crop_known(OccupancyGrid(cells, context.frame), pose)
             self.finished = self._detector.is_explored(grid, pose)
+            self._observer.refresh(Lattice.of(cells, context.frame))
         if self._steps % self._policy.network.hold == 0:
             velocity = Twist2D(*observation["velocity"].tolist())
             shown = Lattice.of(cells, context.frame)
@@ -51,7 +54,7 @@ class WheelsPilot(Pilot):
 
 
 class WheelsExplorer(BatchedExplorer):
-    """Drives the wheels by a trained network.
+    """Drives the wheels by a trained network, from observations ``compact_far`` of the published map.
 
     Args:
         context: What the environment says about the robot and its map.

@@ -19,6 +19,7 @@ from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.provenance import check_origin
 from slamgym.core.types import Float32Array
 from slamgym.envs.compact import BLOCKS, SCAN_SECTORS, compact_size
+from slamgym.envs.far_look import FAR_SIZE, SECTORS
 
 WHEELS = Path(__file__).parents[1] / "pretrained" / "wheels_policy.safetensors"
 """The policy that comes with the package."""
@@ -41,7 +42,13 @@ class WheelsNetwork(Settings, section="network"):
     """Units of the second layer of each."""
 
 
-_SPACE = {"env": "slamgym/Explore-v1", "preset": "compact", "blocks": BLOCKS, "ranges": SCAN_SECTORS}
+_SPACE = {
+    "env": "slamgym/Explore-v1",
+    "preset": "compact_far",
+    "blocks": BLOCKS,
+    "ranges": SCAN_SECTORS,
+    "sectors": SECTORS,
+}
 
 
 @dataclass(frozen=True)
@@ -61,7 +68,7 @@ class WheelsPolicy:
         """Shares of the largest speed and turning rate, shape (..., 2) in [-1, 1].
 
         Args:
-            observation: Of the preset ``compact``, shape (..., n).
+            observation: Of the preset ``compact_far``, shape (..., n).
         """
         w = self.weights
         scaled = (observation - w["mean"]) / np.sqrt(w["variance"] + np.float32(_EPSILON))
@@ -74,7 +81,7 @@ class WheelsPolicy:
 
 def shapes(network: WheelsNetwork) -> dict[str, tuple[int, ...]]:
     """Names and shapes of the weights."""
-    size = compact_size(SCAN_SECTORS)
+    size = compact_size(SCAN_SECTORS) + FAR_SIZE
     found: dict[str, tuple[int, ...]] = {"mean": (size,), "variance": (size,)}
     sizes = (size, network.first, network.second, 2)
     for name, inputs, outputs in zip(("first", "second", "action"), sizes, sizes[1:], strict=False):

@@ -34,9 +34,8 @@ from slamgym.core.progress import say
 _LOGGED = {f"rollout/{key}": key for key in ("coverage", "collisions")}
 CONTACT_PRICE = 0.02
 """What a contact in five minutes takes off the coverage when the best weights are chosen."""
-_FIRST_SPEED = (
-    0.9  # share of the largest that the untrained network drives at: it sees more than one that stands
-)
+_FIRST_SPEED, _FIRST_TURN = 0.9, 0.5
+"""Shares of the largest speed and turning rate of the untrained network: it sees more than one that stands."""
 
 
 class FirstLayer(BaseFeaturesExtractor):
@@ -102,9 +101,24 @@ def make_learner(config: WheelsConfig, envs: VecNormalize) -> PPO:
             "log_std_init": math.log(0.5),
         },
     )
-    with torch.no_grad():
-        model.policy.action_net.bias[0] = _FIRST_SPEED
+    _follow_the_way(model)
     return model
+
+
+def _follow_the_way(model: PPO) -> None:
+    """Let the untrained network drive ahead and turn where the shortest way leaves, its last input.
+
+    Two units of each layer carry what lies left and what lies right to the turning rate.
+    """
+    policy: Any = model.policy
+    layers = policy.features_extractor.layer, policy.mlp_extractor.policy_net[0]
+    with torch.no_grad():
+        for layer, columns, signs in zip(layers, ((-1, -1), (0, 1)), ((1.0, -1.0), (1.0, 1.0)), strict=True):
+            for unit, (column, sign) in enumerate(zip(columns, signs, strict=True)):
+                layer.weight[unit], layer.bias[unit] = 0.0, 0.0
+                layer.weight[unit, column] = sign
+        policy.action_net.bias[0] = _FIRST_SPEED
+        policy.action_net.weight[1, 0], policy.action_net.weight[1, 1] = _FIRST_TURN, -_FIRST_TURN
 
 
 def exported(config: WheelsConfig, model: PPO) -> WheelsPolicy:

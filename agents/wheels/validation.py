@@ -31,7 +31,7 @@ def make_batch(config: WheelsConfig, plans: Any, count: int, **changes: Any) -> 
         "localization": config.localization,
         "odometry": config.odometry,
         "reward": config.reward,
-        "observation": {"preset": "compact", "map": "global", "crop_px": 1, "crop_resolution": side},
+        "observation": {"preset": "compact_far", "map": "global", "crop_px": 1, "crop_resolution": side},
         "coverage_goal": config.coverage_goal,
         "time_limit": None,
         "terminate_when_explored": False,

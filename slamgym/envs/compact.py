@@ -20,6 +20,7 @@ from slamgym.core.types import (
     Twist2D,
 )
 from slamgym.envs.config import ExploreConfig
+from slamgym.envs.far_look import FAR_SIZE, FarLook
 
 BLOCKS = 21
 """Blocks along a side of the map's crop."""
@@ -36,6 +37,8 @@ _ALL_UNKNOWN, _ALL_FREE, _MIXED = range(3)
 _FREE_BITS, _PAIR, _OCCUPIED_SHIFT = np.uint64(0xFFFF), np.uint64(0x10001), np.uint64(16)
 _NONE, _ALL = np.uint64(0), np.uint64(_POINTS * _POINTS)
 _LOW_BITS, _TO_FOURTH_BYTE = np.uint64(0x01010101), np.uint64(0x01020408)
+
+_ONLY = np.zeros(1, dtype=np.int64)
 
 _FRACTION = 32
 _ONE = float(1 << _FRACTION)
@@ -224,12 +227,13 @@ class Lattice(NamedTuple):
 
 
 class CompactObserver:
-    """Makes observations of the preset ``compact``.
+    """Makes observations of the presets ``compact`` and ``compact_far``.
 
     Args:
         num_beams: Of the scanner.
         limits: Largest speed [m/s], largest turning rate [rad/s] and largest range [m].
         side: Of the map's crop [m].
+        looks_far: Whether the far look follows (:mod:`slamgym.envs.far_look`).
 
     Attributes:
         limits: As given, shape (3,).
@@ -237,10 +241,13 @@ class CompactObserver:
         space: Of the observations.
     """
 
-    def __init__(self, num_beams: int, limits: tuple[float, float, float], side: float) -> None:
-        self._size = compact_size(num_beams)
+    def __init__(
+        self, num_beams: int, limits: tuple[float, float, float], side: float, looks_far: bool = False
+    ) -> None:
         self.limits = np.array(limits, dtype=np.float64)
         self.side = side
+        self._far = FarLook(1) if looks_far else None
+        self._size = compact_size(num_beams) + (FAR_SIZE if looks_far else 0)
         self.space = spaces.Box(-1.0, 1.0, (self._size,), np.float32)
 
     @classmethod
@@ -248,7 +255,13 @@ class CompactObserver:
         """The observer that the settings of an environment ask for."""
         robot, lidar = config.robot, config.lidar
         limits = robot.max_linear, robot.max_angular, lidar.range_max
-        return cls(lidar.num_beams, limits, config.observation.crop_side)
+        observation = config.observation
+        return cls(lidar.num_beams, limits, observation.crop_side, observation.preset == "compact_far")
+
+    def refresh(self, published: Lattice) -> None:
+        """Look far, at a map that was published just now."""
+        if self._far:
+            self._far.refresh(0, *published)
 
     def observe(self, shown: Lattice, ranges: Float32Array, pose: Pose2D, velocity: Twist2D) -> Float32Array:
         """The observation.
@@ -260,13 +273,16 @@ class CompactObserver:
             velocity: Measured velocity.
         """
         out = np.empty(self._size, dtype=np.float32)
-        self.write(shown, ranges, np.array(pose), np.array(velocity), out)
+        where = np.array(pose)
+        self.write(shown, ranges, where, np.array(velocity), out)
+        if self._far:
+            self._far.write(_ONLY, where[np.newaxis], out[np.newaxis])
         return out
 
     def write(
         self, shown: Lattice, ranges: Float32Array, pose: FloatArray, velocity: FloatArray, out: Float32Array
     ) -> None:
-        """Write the observation, shape (size,); arguments as for :meth:`observe`, as arrays."""
+        """Write the observation but for the far look; arguments as for :meth:`observe`, as arrays."""
         cells, corner, resolution, grows_upward = shown
         write_compact(
             cells,

@@ -19,9 +19,10 @@ from slamgym.slam import SlamConfig
 class ObservationConfig(Settings, section="observation"):
     """What is observed, and what its map shows."""
 
-    preset: Literal["dict", "map", "compact"] = "dict"
+    preset: Literal["dict", "map", "compact", "compact_far"] = "dict"
     """``dict``: map, scan, pose, velocity and time in their units; ``map``: the map alone, a picture of bytes;
-    ``compact``: a vector in [-1, 1] for perceptrons (:mod:`slamgym.envs.compact`)."""
+    ``compact``: a vector in [-1, 1] for perceptrons (:mod:`slamgym.envs.compact`); ``compact_far``: the same, and which
+    way leads to the nearest unknown space (:mod:`slamgym.envs.far_look`)."""
 
     map: Literal["egocentric", "global"] = "egocentric"
     """``egocentric``: a crop of the newest map about the believed pose, turned so that ahead is up;
@@ -43,6 +44,11 @@ class ObservationConfig(Settings, section="observation"):
     shared_map: bool = False
     """Observations between two publications hold the very same read-only global map. That saves copies of
     some megabytes a second, but Gymnasium's checks want observations that share nothing."""
+
+    @property
+    def is_compact(self) -> bool:
+        """Whether a vector is observed."""
+        return self.preset in ("compact", "compact_far")
 
     @property
     def crop_side(self) -> float:

@@ -75,8 +75,9 @@ class ExploreEnv(gym.Env[Any, Any]):
 
     ``observation={"preset": "compact"}`` is a ``Box(-1, 1, (944,), float32)`` for perceptrons, each number scaled: the
     crop as 21 x 21 blocks' shares of free and of occupied space (the rest is unknown), 60 ranges, each the nearest of
-    its beams, speed and turning rate; with ``"map": "global"`` of the map as last published. ``"preset": "map"`` is the
-    map alone, ``"dict"`` the default.
+    its beams, speed and turning rate; with ``"map": "global"`` of the map as last published. ``"compact_far"`` adds 27:
+    which way leads to the nearest unknown space, and how far it is. ``"preset": "map"`` is the map alone, ``"dict"``
+    the default.
 
     With ``localization="ground_truth"`` the believed pose *is* the true pose, by that setting. With
     ``localization="map"`` the robot finds itself on a finished map (``finished_map``; by default drawn from the plan);
@@ -162,7 +163,7 @@ class ExploreEnv(gym.Env[Any, Any]):
         self.action_space = self._actions.space
         self._lidar = Lidar(self.config.lidar)
         self._plan_cache = PlanCache(plans, self.config.robot, self.config.lidar.surfaces)
-        is_compact = self.config.observation.preset == "compact"
+        is_compact = self.config.observation.is_compact
         self._observer = CompactObserver.of(self.config) if is_compact else Observer(self.config)
         self._reward = Reward(self.config.reward, reward_terms)
         self._renderer = Renderer()
@@ -372,6 +373,8 @@ class ExploreEnv(gym.Env[Any, Any]):
         mapper, is_new = simulation.mapper, simulation.is_new_scan_processed
         if isinstance(self._observer, CompactObserver):
             shown = self._view.lattice(mapper, is_new, is_publication_due)
+            if is_publication_due:
+                self._observer.refresh(shown)
             return self._observer.observe(shown, simulation.scan.ranges, pose, velocity)
         cells = self._view.view(mapper, pose, is_new, is_publication_due)
         if self.config.observation.preset == "map":

@@ -117,7 +117,7 @@ WINDOW_MARGIN = 0.5
 
 def observation_space(config: ExploreConfig) -> spaces.Space[Any]:
     """The space of the observations of the preset."""
-    if config.observation.preset == "compact":
+    if config.observation.is_compact:
         return CompactObserver.of(config).space
     space = dict_space(config)
     return space["map"] if config.observation.preset == "map" else space

@@ -28,7 +28,7 @@ def warm_up() -> None:
         env = ExploreEnv(plan, config)
         env.reset(seed=0, options={"start": (0.24, 1.0, 3.14)})
         env.step((1.0, 0.0))
-    for preset in ("compact", "map"):
+    for preset in ("compact_far", "map"):
         batch = BatchExploreEnv(1, plan, localization="ground_truth", observation={"preset": preset})
         batch.reset(seed=0)
         batch.step(batch.action_space.sample())

@@ -19,7 +19,7 @@ from slamgym.agents.rl.shaping_report import DECISION_REPORT, WHEELS_REPORT, tab
 from slamgym.agents.rl.train_config import TrainConfig
 from slamgym.agents.rl.validation import PolicyOutcome
 from slamgym.agents.scoring import NetworkConfig
-from slamgym.agents.wheels.config import WHEELS_PRESETS, WHEELS_REWARD, WheelsConfig, WheelsShapingConfig
+from slamgym.agents.wheels.config import WHEELS_PRESETS, WheelsConfig, WheelsShapingConfig
 from slamgym.agents.wheels.policy import WHEELS as WHEELS_WEIGHTS
 from slamgym.agents.wheels.policy import read_wheels, write_wheels
 from slamgym.agents.wheels.shaping import WheelsShaping
@@ -208,7 +208,6 @@ def test_the_wheels_are_offered_what_a_batch_can_pay():
     assert set(REWARD_PRESETS) - set(WHEELS_PRESETS) == {
         "information_gain", "map_error", "pose_uncertainty", "coastal", "careful_mapping", "certain_mapping",
     }  # fmt: skip
-    assert REWARD_PRESETS["floor"].reward == WHEELS_REWARD
     with pytest.raises(ConfigError, match=r"'coastal' can't be paid on the wheels.*coverage_only"):
         WheelsShapingConfig(presets=("coastal",))
     with pytest.raises(ConfigError, match="did you mean 'time'"):

@@ -130,7 +130,7 @@ def test_the_explorer_sees_what_it_was_trained_on(weights):
     """Its observation of the published map is that of the environment's preset, and an action holds for its steps."""
     env = ExploreEnv("bundled", ExploreConfig().for_explorer(), localization="ground_truth")
     twin = ExploreEnv(
-        "bundled", localization="ground_truth", observation={"preset": "compact", "map": "global"}
+        "bundled", localization="ground_truth", observation={"preset": "compact_far", "map": "global"}
     )
     explorer = make_explorer(f"wheels:{weights}", env.explorer_context())
     observation, _ = env.reset(seed=3)

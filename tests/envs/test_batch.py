@@ -78,6 +78,18 @@ CASES = {
         AutoresetMode.DISABLED,
         {"localization": "ground_truth", "observation": {"preset": "compact", "map": "global"}},
     ),
+    "far": (
+        AutoresetMode.SAME_STEP,
+        {"localization": "ground_truth", "observation": {"preset": "compact_far", "map": "global"}},
+    ),
+    "far and newest": (
+        AutoresetMode.NEXT_STEP,
+        {"localization": "dead_reckoning", "observation": {"preset": "compact_far"}},
+    ),
+    "far with scan matching": (
+        AutoresetMode.DISABLED,
+        {"localization": "scan_matching", "observation": {"preset": "compact_far"}},
+    ),
     "dictionary": (AutoresetMode.SAME_STEP, {"localization": "ground_truth", "lidar": "real"}),
     "wheels believed": (
         AutoresetMode.NEXT_STEP,

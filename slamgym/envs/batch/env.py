@@ -288,7 +288,7 @@ def _mode(mode: AutoresetMode | str) -> AutoresetMode:
 def _refuse_unsupported(config: ExploreConfig, reward: Reward, render_mode: str | None) -> None:
     """Refuse what single environments have and a batch doesn't."""
     observation, clutter = config.observation, config.clutter
-    shows_whole_map = observation.map == "global" and observation.preset != "compact"
+    shows_whole_map = observation.map == "global" and not observation.is_compact
     other_cells = observation.map == "global" and observation.map_resolution != config.slam.resolution
     for is_asked, what in (
         (render_mode is not None, "pictures; leave out render_mode"),

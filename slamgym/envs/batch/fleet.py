@@ -207,14 +207,17 @@ class Fleet:
         maps, resolution = self.maps, self.map_law.resolution
         reach = self._config.lidar.range_max + _SPARE
         min_x, min_y, max_x, max_y = prepared.plan.bounds
-        corner = [math.floor((low - reach) / resolution) for low in (min_y - start.y, min_x - start.x)]
+        corner = [
+            MAP_TILE * math.floor((low - reach) / (MAP_TILE * resolution))
+            for low in (min_y - start.y, min_x - start.x)
+        ]
         end = [math.ceil((high + reach) / resolution) for high in (max_y - start.y, max_x - start.x)]
         shape = [MAP_TILE * -(-(last - first) // MAP_TILE) for first, last in zip(corner, end, strict=True)]
         maps.corner[index], maps.shape[index], maps.dirty[index] = corner, shape, 0
         maps.box[index] = 0
         maps.begun[index], maps.anchor[index], maps.since[index] = False, initial, 0.0
         cells = shape[0] * shape[1]
-        if self._config.observation.preset == "compact":
+        if self._config.observation.is_compact:
             unknown = np.zeros(cells // MAP_TILE**2, dtype=np.uint32)
             tiles, kinds = put(maps.tiles, index, unknown), put(maps.kinds, index, unknown)
             maps = maps._replace(tiles=tiles, kinds=kinds)

@@ -7,8 +7,9 @@ import numpy as np
 from slamgym.core.types import BoolArray, IntArray, Pose2D
 from slamgym.envs.batch.fleet import Fleet
 from slamgym.envs.batch.kernels import compact_all, crop_all
-from slamgym.envs.compact import CompactObserver
+from slamgym.envs.compact import MAP_TILE, CompactObserver
 from slamgym.envs.config import ExploreConfig
+from slamgym.envs.far_look import FarLook
 from slamgym.envs.observations import MapView, dict_space, make_view, window_sizes
 
 
@@ -23,7 +24,8 @@ class BatchObserver:
     def __init__(self, config: ExploreConfig, fleet: Fleet) -> None:
         count, observation = len(fleet), config.observation
         self._config, self._fleet = config, fleet
-        self._compact = CompactObserver.of(config) if observation.preset == "compact" else None
+        self._compact = CompactObserver.of(config) if observation.is_compact else None
+        self._far = FarLook(count) if observation.preset == "compact_far" else None
         self._space = dict_space(config)
         shape = self._compact.space.shape if self._compact else observation.shape
         self._seen: Any = np.zeros((count, *shape), np.float32 if self._compact else np.uint8)
@@ -55,8 +57,13 @@ class BatchObserver:
             self._look_one_by_one(ids, is_published)
         elif self._compact:
             self._write_compact(self._compact, ids)
+            if self._far:
+                for i in ids[is_published[ids]].tolist():
+                    self._look_far(self._far, i)
         else:
             self._cut_crops(ids)
+        if self._far:
+            self._far.write(ids, self._fleet.maps.believed, self._seen)
         if self._config.observation.preset != "dict":
             return self._seen.copy()
         fleet = self._fleet
@@ -76,6 +83,14 @@ class BatchObserver:
             self._seen,
         )  # fmt: skip
 
+    def _look_far(self, far: FarLook, index: int) -> None:
+        """Look at a map that a kernel drew."""
+        maps = self._fleet.maps
+        (rows, cols), (row, col) = maps.shape[index].tolist(), maps.corner[index].tolist()
+        rows, cols = rows // MAP_TILE, cols // MAP_TILE
+        packed = maps.tiles[index, : rows * cols].reshape(rows, cols)
+        far.refresh_packed(index, packed, (row, col), self._fleet.map_law.resolution)
+
     def _cut_crops(self, ids: IntArray) -> None:
         fleet, observation = self._fleet, self._config.observation
         crop_all(
@@ -93,6 +108,8 @@ class BatchObserver:
                 self._compact.write(
                     shown, fleet.scans.ranges[i], believed, fleet.robots.velocity[i], self._seen[i]
                 )
+                if self._far and published[i]:
+                    self._far.refresh(i, *shown)
             else:
                 self._seen[i] = view.view(mapper, Pose2D(*believed.tolist()), new[i], published[i])
 

@@ -1,0 +1,268 @@
+"""The far look of the preset ``compact_far``: which way out of here leads to the nearest unknown space.
+
+On blocks of 4 x 4 cells of the map, those that the robot could cross learn how far it is from them to the nearest
+frontier (Yamauchi 1997), round walls, by Dial's search from all frontiers at once (Dial 1969). The map as last
+published is looked at; the observation reads the lengths about the believed pose. All of it is belief.
+"""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from slamgym.core.jit import kernel
+from slamgym.core.types import UNKNOWN, ByteArray, Float32Array, FloatArray, Int32Array, IntArray
+from slamgym.envs.batch.arrays import put
+
+SECTORS = 24
+"""Directions in which the robot could leave, counter-clockwise from ahead."""
+FAR_SIZE = SECTORS + 3
+"""Numbers of the far look."""
+_DIRECTIONS = tuple(
+    (math.cos(2.0 * math.pi * k / SECTORS), math.sin(2.0 * math.pi * k / SECTORS)) for k in range(SECTORS)
+)
+BLOCK_SIDE = 4
+"""Cells along a side of a block, on the map's lattice."""
+_FURTHEST = 25.0  # [m]; longer ways are told as this one
+_DETOUR = 2.0  # [m]; longer detours are told as this one
+_NEAREST_STEP, _LAST_STEP = 3, 12  # blocks from the robot between which a direction is followed
+
+_UNKNOWN_BLOCK, _BLOCKED = -1, -2
+_UNREACHED = 1 << 30
+_STRAIGHT, _DIAGONAL = 2, 3  # chamfer lengths, in half blocks
+
+
+@kernel
+def draw_blocks(cells: ByteArray, grows_upward: bool, corner: tuple[int, int], blocks: Int32Array) -> None:
+    """Tell blocks that hold an occupied cell, those of which nothing is known, and those that can be crossed.
+
+    Args:
+        cells: The map, shape (H, W).
+        grows_upward: Whether its row 0 is at the bottom, else at the top.
+        corner: Row, counted upwards, and column of the map's lattice at which ``cells`` begins at its lower left.
+        blocks: Receives the blocks that have a part in the map, and one more to every side.
+    """
+    rows, cols = cells.shape
+    below, left = corner[0] % BLOCK_SIDE, corner[1] % BLOCK_SIDE
+    width = BLOCK_SIDE * blocks.shape[1]
+    # Bytes are 254, 205 or 0: a block with an occupied cell loses all bits, and one without a free cell wins none.
+    lost, won = np.empty(width, dtype=np.uint8), np.empty(width, dtype=np.uint8)
+    lost_in_four, won_in_four = lost.view(np.uint32), won.view(np.uint32)
+    blocks[:] = _UNKNOWN_BLOCK
+    for i in range(1, blocks.shape[0] - 1):
+        lost[:], won[:] = UNKNOWN, UNKNOWN
+        begin = BLOCK_SIDE + left
+        for k in range(max(BLOCK_SIDE * (i - 1) - below, 0), min(BLOCK_SIDE * i - below, rows)):
+            line = cells[k if grows_upward else rows - 1 - k]
+            for c in range(cols):
+                lost[begin + c] &= line[c]
+                won[begin + c] |= line[c]
+        for j in range(1, blocks.shape[1] - 1):
+            all_lost, all_won = lost_in_four[j], won_in_four[j]
+            all_lost, all_won = all_lost & (all_lost >> 16), all_won | (all_won >> 16)
+            all_lost, all_won = (all_lost & (all_lost >> 8)) & 255, (all_won | (all_won >> 8)) & 255
+            if all_lost == 0:
+                blocks[i, j] = _BLOCKED
+            elif all_won != UNKNOWN:
+                blocks[i, j] = _UNREACHED
+
+
+@kernel
+def draw_packed(packed: np.ndarray, blocks: Int32Array) -> None:
+    """As :func:`draw_blocks`, from the tiles of a map that begins where a block does.
+
+    Args:
+        packed: From :func:`slamgym.envs.compact.pack_tiles`, shape (h, w).
+        blocks: Receives the blocks, shape (h + 2, w + 2).
+    """
+    blocks[:] = _UNKNOWN_BLOCK
+    for i in range(packed.shape[0]):
+        for j in range(packed.shape[1]):
+            if packed[i, j] >> 16:
+                blocks[i + 1, j + 1] = _BLOCKED
+            elif packed[i, j]:
+                blocks[i + 1, j + 1] = _UNREACHED
+
+
+@kernel
+def measure_ways(blocks: Int32Array) -> None:
+    """Replace the mark of each block that can be crossed by its way to the nearest frontier [half blocks].
+
+    Args:
+        blocks: From :func:`draw_blocks`.
+    """
+    cols, flat = blocks.shape[1], blocks.reshape(-1)
+    around = (1, cols + 1, cols, cols - 1, -1, -cols - 1, -cols, 1 - cols)
+    queues = np.empty((4, flat.size), dtype=np.int32)  # those of a length and of the three after it
+    counts = np.zeros(4, dtype=np.int64)
+    counts[0] = _find_frontiers(blocks, queues[0])
+    length = 0
+    while counts.any():
+        for k in range(counts[length & 3]):
+            cell = queues[length & 3, k]
+            if flat[cell] != length:
+                continue  # a shorter way was found
+            for d in range(8):
+                is_diagonal, there = d & 1, cell + around[d]
+                following = length + (_DIAGONAL if is_diagonal else _STRAIGHT)
+                # No diagonal cuts the corner of a wall.
+                if flat[there] <= following or (
+                    is_diagonal
+                    and (_BLOCKED in (flat[cell + around[d - 1]], flat[cell + around[(d + 1) & 7]]))
+                ):
+                    continue
+                flat[there] = following
+                queues[following & 3, counts[following & 3]] = there
+                counts[following & 3] += 1
+        counts[length & 3] = 0
+        length += 1
+
+
+@kernel
+def _find_frontiers(blocks: Int32Array, found: Int32Array) -> int:
+    """Mark as 0 and list the blocks that can be crossed and touch an unknown one, two or more together."""
+    cols, flat = blocks.shape[1], blocks.reshape(-1)
+    straight = (1, cols, -1, -cols)
+    around = (1, cols + 1, cols, cols - 1, -1, -cols - 1, -cols, 1 - cols)
+    borders = np.zeros(flat.size, dtype=np.uint8)
+    for cell in range(cols + 1, flat.size - cols - 1):
+        if flat[cell] == _UNREACHED:
+            for step in straight:
+                borders[cell] |= flat[cell + step] == _UNKNOWN_BLOCK
+    count = 0
+    for cell in range(cols + 1, flat.size - cols - 1):
+        if borders[cell]:
+            neighbours = 0
+            for step in around:
+                neighbours += borders[cell + step]
+            if neighbours > 0:
+                flat[cell] = 0
+                found[count] = cell
+                count += 1
+    return count
+
+
+@kernel
+def write_far(
+    ways: Int32Array,
+    shapes: IntArray,
+    corners: IntArray,
+    size: float,
+    poses: FloatArray,
+    ids: IntArray,
+    out: Float32Array,
+) -> None:
+    """Write far looks.
+
+    Args:
+        ways: Of many robots, from :func:`measure_ways`, shape (N, blocks), row by row.
+        shapes: Rows and columns of each, shape (N, 2).
+        corners: Row and column of the lattice of blocks at which they begin, shape (N, 2).
+        size: Of a block [m].
+        poses: The robots in their map frames, shape (N, 3) [m, m, rad].
+        ids: The robots that look.
+        out: Receives in the last columns of shape (N, n) for each direction 1 less the detour by it, and the length of
+            the shortest way, each as a share of the largest that is told; then where that way leaves, ahead and left.
+    """
+    begin = out.shape[1] - FAR_SIZE
+    for i in ids:
+        blocks = ways[i, : shapes[i, 0] * shapes[i, 1]].reshape(shapes[i, 0], shapes[i, 1])
+        row, col = poses[i, 1] / size - corners[i, 0], poses[i, 0] / size - corners[i, 1]
+        numbers = out[i, begin:]
+        sin, cos = math.sin(poses[i, 2]), math.cos(poses[i, 2])
+        for k in range(SECTORS):
+            ahead, left = _DIRECTIONS[k]
+            numbers[k] = _way_by(blocks, row, col, ahead * sin + left * cos, ahead * cos - left * sin)
+        shortest = numbers[:SECTORS].min()
+        for k in range(SECTORS):
+            detour = (numbers[k] - shortest) * size / _DETOUR if numbers[k] < np.inf else 1.0
+            numbers[k] = max(1.0 - detour, 0.0)
+        numbers[SECTORS] = min(shortest * size / _FURTHEST, 1.0)
+        numbers[SECTORS + 1], numbers[SECTORS + 2] = _mean_direction(numbers)
+
+
+@kernel
+def _mean_direction(nearness: Float32Array) -> tuple[float, float]:
+    """Unit vector, ahead and left, of the directions with hardly a detour; nothing where no way leads."""
+    ahead, left = 0.0, 0.0
+    for k in range(SECTORS):
+        weight = float(nearness[k]) ** 8
+        ahead += weight * _DIRECTIONS[k][0]
+        left += weight * _DIRECTIONS[k][1]
+    length = math.sqrt(ahead * ahead + left * left)
+    return (ahead / length, left / length) if length > 0.0 else (0.0, 0.0)
+
+
+@kernel
+def _way_by(blocks: Int32Array, row: float, col: float, up: float, right: float) -> float:
+    """Length of the way to the nearest frontier that leaves in a direction [blocks]; infinite if none does."""
+    rows, cols = blocks.shape
+    best, was_frontier, is_leaving = np.inf, False, True
+    for step in range(_LAST_STEP + 1):
+        r, c = math.floor(row + step * up), math.floor(col + step * right)
+        way = blocks[r, c] if 0 <= r < rows and 0 <= c < cols else _UNKNOWN_BLOCK
+        if way == _UNKNOWN_BLOCK:
+            return min(best, float(step)) if was_frontier else best
+        if way in (_BLOCKED, _UNREACHED):
+            # The robot may stand in a block with a wall.
+            if is_leaving and step < 2:
+                continue
+            return best
+        is_leaving, was_frontier = False, way == 0
+        if step >= _NEAREST_STEP:
+            # By the block's middle, so that the way doesn't jump where the direction enters a block.
+            best = min(best, math.sqrt((r + 0.5 - row) ** 2 + (c + 0.5 - col) ** 2) + 0.5 * way)
+    return best
+
+
+class FarLook:
+    """What robots know of the ways to frontiers.
+
+    Args:
+        count: How many robots.
+    """
+
+    def __init__(self, count: int) -> None:
+        self._ways: Any = np.zeros((count, 0), dtype=np.int32)
+        self._shapes, self._corners = (np.zeros((count, 2), dtype=np.int64) for _ in range(2))
+        self._size = 1.0
+
+    def refresh_packed(
+        self, index: int, packed: np.ndarray, corner: tuple[int, int], resolution: float
+    ) -> None:
+        """As :meth:`refresh`, by :func:`draw_packed`; ``corner`` is a multiple of 4."""
+        blocks = self._begin(
+            index, corner, (BLOCK_SIDE * packed.shape[0], BLOCK_SIDE * packed.shape[1]), resolution
+        )
+        draw_packed(packed, blocks)
+        measure_ways(blocks)
+
+    def refresh(
+        self, index: int, cells: ByteArray, corner: tuple[int, int], resolution: float, grows_upward: bool
+    ) -> None:
+        """Look at one robot's map, which was published: the fields of a :class:`~slamgym.envs.compact.Lattice`."""
+        rows, cols = cells.shape
+        blocks = self._begin(index, corner, (rows, cols), resolution)
+        draw_blocks(cells, grows_upward, corner, blocks)
+        measure_ways(blocks)
+
+    def _begin(
+        self, index: int, corner: tuple[int, int], size: tuple[int, int], resolution: float
+    ) -> Int32Array:
+        """Room for the blocks of a map of so many rows and columns."""
+        first = [place // BLOCK_SIDE for place in corner]
+        shape = [
+            (place + length - 1) // BLOCK_SIDE - begin + 3
+            for place, length, begin in zip(corner, size, first, strict=True)
+        ]
+        count = shape[0] * shape[1]
+        if count > self._ways.shape[1]:
+            self._ways = put(self._ways, index, np.zeros(count, dtype=np.int32))
+        self._shapes[index], self._corners[index] = shape, [begin - 1 for begin in first]
+        self._size = resolution * BLOCK_SIDE
+        blocks: Int32Array = self._ways[index, :count].reshape(shape)
+        return blocks
+
+    def write(self, ids: IntArray, poses: FloatArray, out: Float32Array) -> None:
+        """Write the last numbers of observations, shape (N, n), for believed poses, shape (N, 3) [m, m, rad]."""
+        write_far(self._ways, self._shapes, self._corners, self._size, poses, ids, out)
