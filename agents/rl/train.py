@@ -72,7 +72,7 @@ def train(
         _begin_with(config.start_from, model)
     log_into_run(model, out)
     if config.imitation.decisions and not is_resumed:
-        imitate(model, config, plans)
+        imitate(model, config, plans, out)
         save_checkpoint(out, model)
     learn(model, envs, out, config.steps, lambda: _callbacks(config, out, model), "step")
     export_policy(config, model, out / POLICY)
