@@ -6,6 +6,7 @@ parameter", 1964) teaches faster, since every candidate has its say.
 """
 
 import math
+import zipfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -114,13 +115,13 @@ class ChoiceCosts:
         """
         found = ChoiceCosts()
         try:
-            with np.load(path, allow_pickle=False) as file:
+            with path.open("rb") as raw, np.load(raw, allow_pickle=False) as file:
                 ends = np.cumsum(file["counts"])[:-1]
                 for name in ("candidates", "crops", "regrets"):
                     setattr(found, name, np.split(file[name], ends))
                 found.overall = list(file["overall"])
                 found.returns, found.episodes = file["returns"].tolist(), file["episodes"].tolist()
-        except (OSError, ValueError, KeyError, EOFError) as error:
+        except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
             raise InputFileError(path, f"is damaged ({error}); delete it to collect it again") from None
         return found
 
