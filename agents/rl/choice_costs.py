@@ -138,7 +138,7 @@ def fit_choices(network: Any, known: ChoiceCosts, epochs: int, seed: int) -> Non
     is_held = np.array(known.episodes) % _HELD == _HELD - 1
     rest, held = np.flatnonzero(~is_held), np.flatnonzero(is_held)
     optimiser = torch.optim.Adam(network.parameters(), lr=_RATE)
-    total = epochs * math.ceil(len(rest) / _BATCH)
+    total = max(1, epochs * math.ceil(len(rest) / _BATCH))
     schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, _RATE, total_steps=total, pct_start=0.1)
     first = best = mean_regret(network, known, held)
     best_state = {name: value.clone() for name, value in network.state_dict().items()}
@@ -211,7 +211,7 @@ def _batches(indices: IntArray, known: ChoiceCosts, rng: np.random.Generator) ->
     counts = np.array([len(known.regrets[i]) for i in shuffled])
     ordered = shuffled[np.argsort(counts, kind="stable")]
     batches = np.split(ordered, range(_BATCH, len(ordered), _BATCH))
-    return [batches[i] for i in rng.permutation(len(batches))]
+    return [batches[i] for i in rng.permutation(len(batches)) if len(batches[i])]
 
 
 def _stacked(arrays: Sequence[Any], most: int) -> Tensor:
