@@ -127,7 +127,10 @@ class ChoiceCosts:
 
 
 def fit_choices(network: Any, known: ChoiceCosts, epochs: int, seed: int) -> None:
-    """Fit the scores of a network; the epoch with the least regret on explorations that are held out is kept.
+    """Fit the scores of a network.
+
+    The rate falls to nothing (Smith and Topin, "Super-convergence", 2019), so the last weights are kept: which epoch did
+    best on the few explorations that are held out is chance.
 
     Args:
         network: Is changed.
@@ -137,11 +140,10 @@ def fit_choices(network: Any, known: ChoiceCosts, epochs: int, seed: int) -> Non
     """
     is_held = np.array(known.episodes) % _HELD == _HELD - 1
     rest, held = np.flatnonzero(~is_held), np.flatnonzero(is_held)
+    before = mean_regret(network, known, held)
     optimiser = torch.optim.Adam(network.parameters(), lr=_RATE)
     total = max(1, epochs * math.ceil(len(rest) / _BATCH))
     schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, _RATE, total_steps=total, pct_start=0.1)
-    first = best = mean_regret(network, known, held)
-    best_state = {name: value.clone() for name, value in network.state_dict().items()}
     for epoch in range(epochs):
         for indices in _batches(rest, known, np.random.default_rng([seed, epoch])):
             observations, regrets = known.batch(indices)
@@ -152,12 +154,9 @@ def fit_choices(network: Any, known: ChoiceCosts, epochs: int, seed: int) -> Non
             torch.nn.utils.clip_grad_norm_(network.parameters(), 1.0)
             optimiser.step()
             schedule.step()
-        regret = mean_regret(network, known, held)
-        if regret < best:
-            best, best_state = regret, {name: value.clone() for name, value in network.state_dict().items()}
-    network.load_state_dict(best_state)
+    after = mean_regret(network, known, held)
     say(
-        f"imitation: {len(known)} decisions; on those held out a choice costs {best:.2f} m too much, before {first:.2f}"
+        f"imitation: {len(known)} decisions; on those held out a choice costs {after:.2f} m too much, before {before:.2f}"
     )
 
 
