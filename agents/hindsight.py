@@ -48,7 +48,7 @@ class HindsightCosts:
         self._count = 0
 
     def costs(self) -> FloatArray:
-        """Length of the tour through everything that is left, for each candidate that it begins with, shape (N,) [m]."""
+        """Length of the tour through all that is left, for each candidate that it begins with, shape (N,) [m]."""
         building, candidates = self._building, self._loop.candidates
         ends = np.array([building.to_world(one.path[-1]) for one in candidates]).reshape(-1, 2)
         hidden = self._hidden_places(ends)

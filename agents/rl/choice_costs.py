@@ -129,8 +129,8 @@ class ChoiceCosts:
 def fit_choices(network: Any, known: ChoiceCosts, epochs: int, seed: int) -> None:
     """Fit the scores of a network.
 
-    The rate falls to nothing (Smith and Topin, "Super-convergence", 2019), so the last weights are kept: which epoch did
-    best on the few explorations that are held out is chance.
+    The rate falls to nothing (Smith and Topin, "Super-convergence", 2019), so the last weights are kept: which epoch
+    did best on the few explorations that are held out is chance.
 
     Args:
         network: Is changed.
@@ -156,7 +156,8 @@ def fit_choices(network: Any, known: ChoiceCosts, epochs: int, seed: int) -> Non
             schedule.step()
     after = mean_regret(network, known, held)
     say(
-        f"imitation: {len(known)} decisions; on those held out a choice costs {after:.2f} m too much, before {before:.2f}"
+        f"imitation: {len(known)} decisions; on those held out a choice costs {after:.2f} m too much, "
+        f"before {before:.2f}"
     )
 
 

@@ -38,7 +38,9 @@ def made_up(episodes, seed=0):
                 "crops": rng.random((7, 2, CROP_PX, CROP_PX)).astype(np.float32),
                 "globals": rng.normal(size=len(GLOBAL_FEATURES)).astype(np.float32),
             }
-            found.add(observation, (5.0 * rows[:, detour] + 5.0 * rows[:, doorway])[:count].astype(np.float64))
+            found.add(
+                observation, (5.0 * rows[:, detour] + 5.0 * rows[:, doorway])[:count].astype(np.float64)
+            )
         found.end_episode([(-0.05, 2.0)] * 40, range(0, 40, 2), 1.0, is_whole=True)
     return found
 
@@ -70,7 +72,9 @@ def test_the_value_is_fitted_to_the_returns_and_leaves_the_scores_alone():
 def test_returns_are_those_from_each_decision_on_and_unknown_where_the_episode_was_cut_off():
     known = made_up(1)
     assert known.returns[:3] == pytest.approx([-2.0, -1.9, -1.8])
-    known.add({"candidates": np.zeros((2, 3)), "crops": np.zeros((2, 1)), "globals": np.zeros(1)}, np.zeros(2))
+    known.add(
+        {"candidates": np.zeros((2, 3)), "crops": np.zeros((2, 1)), "globals": np.zeros(1)}, np.zeros(2)
+    )
     known.end_episode([(-1.0, 2.0)], [0], 0.5, is_whole=False)
     assert np.isnan(known.returns[-1])
     assert known.episodes[-1] == known.episodes[0] + 1
