@@ -86,8 +86,7 @@ def imitate(model: Any, config: TrainConfig, plans: Sequence[FloorPlan], folder:
             own.write(paths[-1])
             known.extend(own)
         fit_choices(network, known, settings.epochs, config.seed)
-    if config.steps:
-        fit_value(network, known, config.seed)
+    fit_value(network, known, config.seed)
     for path in paths:
         path.unlink()
 
