@@ -1,7 +1,8 @@
 """Learn from one who knows the plan what each choice costs, before learning from rewards.
 
-At every decision the cost of every candidate is asked for (:mod:`slamgym.agents.hindsight`), and the network learns to
-choose what costs least in the mean: it sees nothing but observations, so it averages over the plans that look alike.
+At half of the decisions the cost of every candidate is asked for (:mod:`slamgym.agents.hindsight`), and the network
+learns to choose what costs least in the mean: it sees nothing but observations, so it averages over the plans that
+look alike.
 The policy itself drives, so that the data hold the situations that it gets itself into (AggreVaTe: Ross and Bagnell,
 "Reinforcement and imitation learning via interactive no-regret learning", 2014; here every action has its cost, not
 one a decision).
@@ -81,8 +82,8 @@ def imitate(model: Any, config: TrainConfig, plans: Sequence[FloorPlan], folder:
         if paths[-1].exists():
             known.extend(ChoiceCosts.read(paths[-1]))
         else:
-            share = settings.decisions * (number + 1) // settings.rounds - len(known)
-            own = _collect(envs, network, share, config, seed=number)
+            missing = settings.decisions * (number + 1) // settings.rounds - len(known)
+            own = _collect(envs, network, max(1, missing), config, seed=number)
             own.write(paths[-1])
             known.extend(own)
         fit_choices(network, known, settings.epochs, config.seed)
