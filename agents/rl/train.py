@@ -70,10 +70,10 @@ def train(
     is_resumed = go_on(model, out, config.seed, "step")
     if config.start_from and not is_resumed:
         _begin_with(config.start_from, model)
-    log_into_run(model, out)
     if config.imitation.decisions and not is_resumed:
-        imitate(model, config, plans)
+        imitate(model, config, plans, out)
         save_checkpoint(out, model)
+    log_into_run(model, out)
     learn(model, envs, out, config.steps, lambda: _callbacks(config, out, model), "step")
     export_policy(config, model, out / POLICY)
     return model

@@ -65,17 +65,14 @@ class PPOConfig(Settings, section="ppo"):
 
 
 class ImitationConfig(Settings, section="imitation"):
-    """An expert to imitate before the learning."""
+    """What is learned of one who knows the plan, before the learning from rewards."""
 
     decisions: CountOrZero = 0
-    """So many decisions of an expert are imitated; 0 for none."""
+    """So many decisions, with what each candidate costs in hindsight, are learned from; 0 for none."""
     rounds: Count = 1
-    """In how many rounds; the expert drives in the first and answers to the policy in the others (DAgger)."""
-    value_weight: NonNegative = 0.05
-    """Weight of the value's squared error beside the cross-entropy: the value shares its trunk with the
-    scores, which matter more then."""
-    expert: str = "oracle"
-    """The expert; see :mod:`slamgym.agents.rl.imitation`."""
+    """In how many rounds; after each the policy is fitted to all, and drives in the next."""
+    epochs: Count = 12
+    """Passes over the decisions after each round."""
 
 
 class TrainConfig(Settings):
@@ -94,8 +91,8 @@ class TrainConfig(Settings):
     """Larger plans than this are not learned on [m2]."""
     furnished: Share = 0.0
     """In this share of the environments the plans are furnished, and leaves hang in half of their doors."""
-    steps: Count = 100_000
-    """Decisions of all environments together."""
+    steps: CountOrZero = 100_000
+    """Decisions of all environments together that are learned from by rewards; 0 for imitation alone."""
     seed: int = 0
     """Seed of everything random."""
     num_envs: Count = 8

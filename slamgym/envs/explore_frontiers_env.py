@@ -52,7 +52,7 @@ class ExploreFrontiersEnv(gym.Env[Observation, np.int64]):
 
     | Key          | Shape          | Meaning |
     |--------------|----------------|---------|
-    | "candidates" | (K, 30)        | features of each candidate (:mod:`slamgym.envs.frontier_features`) |
+    | "candidates" | (K, 31)        | features of each candidate (:mod:`slamgym.envs.frontier_features`) |
     | "crops"      | (K, 2, 13, 13) | free and occupied shares of the map about each, ahead up, 0.35 m a cell |
     | "globals"    | (13,)          | features of the whole exploration |
     | "mask"       | (K,)           | 1 for rows that hold a candidate |

@@ -36,10 +36,10 @@ from slamgym.planning.frontier_feature_kernels import (
     wall_distances,
 )
 from slamgym.planning.frontiers import expected_gain
-from slamgym.planning.open_tour import open_tour
+from slamgym.planning.open_tour import lengths_by_first, open_tour
 from slamgym.planning.promise import expected_floor, pretrained_unseen_floor
 
-FEATURE_VERSION = 2
+FEATURE_VERSION = 3
 """Raised whenever a feature changes its meaning: weights trained on another version are refused."""
 
 CROP_PX = 13
@@ -80,6 +80,7 @@ class _Measured:
     is_target: bool
     expected: float  # unseen floor behind it by the estimate that promises go by, inf where it has none [m2]
     tour: int  # its position in the shortest tour through all candidates
+    tour_detour: float  # how much longer that tour is if it begins here [m]
 
 
 _CANDIDATE_TABLE: tuple[tuple[str, Callable[[_Measured], float]], ...] = (
@@ -116,6 +117,7 @@ _CANDIDATE_TABLE: tuple[tuple[str, Callable[[_Measured], float]], ...] = (
     ),
     ("expected", lambda m: 0.5 * math.log10(1.0 + 10.0 * min(m.expected, _LARGEST_EXPECTED))),
     ("tour", lambda m: 1.0 / (1.0 + m.tour)),
+    ("tour_detour", lambda m: m.tour_detour / 5.0),
 )
 
 CANDIDATE_FEATURES: tuple[str, ...] = tuple(name for name, _ in _CANDIDATE_TABLE)
@@ -272,7 +274,8 @@ def _measure(loop: ExplorationLoop, costmap: Costmap, crops: Float32Array) -> li
     cell = resolution * COARSENING
     margin = round(0.5 / cell)  # what a costmap keeps about the known part
     steps = _path_steps(costmap)
-    expected, tour = _expected(loop), _tour_positions(loop, costmap)
+    expected = _expected(loop)
+    tour, tour_detours = _tour(loop, costmap)
     measured = []
     for index, one in enumerate(candidates):
         outward = _outward(one, costmap)
@@ -299,6 +302,7 @@ def _measure(loop: ExplorationLoop, costmap: Costmap, crops: Float32Array) -> li
                 is_target=loop.target is not None and one.target == loop.target.target,
                 expected=float(expected[index]),
                 tour=int(tour[index]),
+                tour_detour=float(tour_detours[index]),
             )
         )  # fmt: skip
     return measured
@@ -312,13 +316,15 @@ def _expected(loop: ExplorationLoop) -> FloatArray:
     return expected_floor(remains, [one.points for one in loop.candidates])
 
 
-def _tour_positions(loop: ExplorationLoop, costmap: Costmap) -> IntArray:
-    """Position of each candidate in the shortest tour through all of them, shape (N,)."""
+def _tour(loop: ExplorationLoop, costmap: Costmap) -> tuple[IntArray, FloatArray]:
+    """Position of each candidate in the shortest tour through all of them, and the detour of beginning there [m]."""
     space = loop.navigator.reachable
     assert space is not None
     places = np.array([costmap.frame.to_point(*one.place) for one in loop.candidates], dtype=np.float64)
-    order = open_tour(tour_lengths(costmap, space, loop.pose, places, _TURN_WEIGHT)) - 1
-    return np.argsort(order)
+    lengths = tour_lengths(costmap, space, loop.pose, places, _TURN_WEIGHT)
+    order = open_tour(lengths) - 1
+    by_first = lengths_by_first(lengths)
+    return np.argsort(order), by_first - by_first.min()
 
 
 def _nearest_and_mean(places: FloatArray) -> list[tuple[float, float]]:

@@ -134,7 +134,12 @@ def tour_lengths(
         Shape (N + 1, N + 1) [m], as :meth:`CoarsePaths.matrix` gives them.
     """
     lengths = CoarsePaths(costmap, reachable).matrix(pose, places)
+    lengths[0, 1:] += turn_weight * straight_turns(pose, places)
+    return lengths
+
+
+def straight_turns(pose: Pose2D, places: FloatArray) -> FloatArray:
+    """How far the robot would turn to face places (N, 2), shape (N,) [rad]; 0 for those that it stands at."""
     dx, dy = (places - np.array(pose[:2])).T
     turns = np.abs(np.remainder(np.arctan2(dy, dx) - pose.theta + np.pi, 2.0 * np.pi) - np.pi)
-    lengths[0, 1:] += turn_weight * np.where(np.hypot(dx, dy) < 0.3, 0.0, turns)
-    return lengths
+    return np.where(np.hypot(dx, dy) < 0.3, 0.0, turns)

@@ -16,6 +16,9 @@ from slamgym.core.types import FloatArray, IntArray
 EXACT_PLACES = 9
 """Most places that are ordered exactly: 2^9 * 9 states take some tens of microseconds."""
 
+_EXACT_FIRSTS = 11
+"""Most places for which the shortest tour from each of them is exact: 0.4 ms, and no order has to be kept."""
+
 _FAR = 1e5
 """Stands for "no path" [m]: beyond every building, yet small enough that sums of it keep micrometres."""
 
@@ -63,6 +66,59 @@ def repairman_tour(lengths: FloatArray, weights: FloatArray) -> IntArray:
     matrix = np.where(np.isfinite(lengths), lengths, _FAR).astype(np.float64)
     order: IntArray = exact_tour(matrix, np.asarray(weights, dtype=np.float64), 0.0)
     return order
+
+
+def lengths_by_first(lengths: FloatArray) -> FloatArray:
+    """Length of a short open tour through all places for each place that it may begin with.
+
+    Args:
+        lengths: As :func:`open_tour` takes them.
+
+    Returns:
+        Shape (N,) [m]: the shortest for up to 11 places, beyond as near to it as 2-opt and Or-opt get.
+    """
+    matrix = np.where(np.isfinite(lengths), lengths, _FAR).astype(np.float64)
+    between = np.minimum(matrix, matrix.T)[1:, 1:]
+    onward = exact_paths(between) if len(between) <= _EXACT_FIRSTS else short_paths(between)
+    by_first: FloatArray = matrix[0, 1:] + onward
+    return by_first
+
+
+@kernel
+def exact_paths(lengths: FloatArray) -> FloatArray:
+    """Length of the shortest path through all places from each of them, by the same programme, shape (N,)."""
+    n = len(lengths)
+    best = np.full((1 << n, n), np.inf)
+    for i in range(n):
+        best[1 << i, i] = 0.0
+    for visited in range(1, 1 << n):
+        for last in range(n):
+            so_far = best[visited, last]
+            if not so_far < np.inf:
+                continue
+            for following in range(n):
+                both = visited | (1 << following)
+                length = so_far + lengths[last, following]
+                if both != visited and length < best[both, following]:
+                    best[both, following] = length
+    return best[(1 << n) - 1].copy()  # a path that ends at a place is as long as the same backwards
+
+
+@kernel
+def short_paths(lengths: FloatArray) -> FloatArray:
+    """Length of a short path through all places from each of them, improved as tours are, shape (N,)."""
+    n = len(lengths)
+    found = np.zeros(n)
+    order = np.arange(n)
+    for first in range(n):
+        order[0], order[first] = order[first], order[0]
+        own = lengths[order][:, order]
+        here = 0
+        for place in improve_tour(own, nearest_neighbour_tour(own)):
+            found[first] += own[here, place]
+            here = place
+        order[0], order[first] = order[first], order[0]
+    return found
 
 
 @kernel

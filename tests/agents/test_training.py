@@ -19,6 +19,7 @@ pytest.importorskip("sb3_contrib")
 from stable_baselines3.common.buffers import DictRolloutBuffer  # noqa: E402
 
 from slamgym.agents.pretrained_policy import read_policy  # noqa: E402
+from slamgym.agents.rl import imitation  # noqa: E402
 from slamgym.agents.rl import train as train_module  # noqa: E402
 from slamgym.agents.rl.imitation import EXPERTS  # noqa: E402
 from slamgym.agents.rl.semi_markov import SemiMarkovBuffer  # noqa: E402
@@ -118,7 +119,7 @@ def test_larger_plans_are_drawn_where_asked_for():
     "changes",
     [
         {"algo": "sac"},
-        {"steps": 0},
+        {"steps": -1},
         {"discount": 1.5},
         {"evaluate_every": -1},
         {"env": "explore"},
@@ -140,6 +141,35 @@ def test_experts_choose_candidates_that_are_there():
         observation, _, terminated, truncated, _ = env.step(0)
         if terminated or truncated:
             break
+
+
+def test_imitation_alone_writes_a_policy_and_keeps_no_decisions(tmp_path):
+    alone = dataclasses.replace(TINY, steps=0, imitation=ImitationConfig(decisions=12, rounds=2, epochs=1))
+    model = train(alone, tmp_path)
+    assert model.num_timesteps == 0
+    assert (tmp_path / "policy.safetensors").is_file()
+    assert not list(tmp_path.glob("choices_*"))
+
+
+def test_interrupted_imitation_goes_on_after_the_last_round_that_was_collected(tmp_path, monkeypatch):
+    settings = dataclasses.replace(TINY, steps=0, imitation=ImitationConfig(decisions=12, rounds=2, epochs=1))
+    train(settings, tmp_path / "whole")
+    collect, calls = imitation._collect, []
+
+    def interrupted(*arguments, **keywords):
+        calls.append(keywords["seed"])
+        if calls == [0, 1]:
+            raise KeyboardInterrupt
+        return collect(*arguments, **keywords)
+
+    monkeypatch.setattr(imitation, "_collect", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        train(settings, tmp_path / "parts")
+    train(settings, tmp_path / "parts")
+    assert calls == [0, 1, 1]
+    weights = [read_policy(tmp_path / name / "policy.safetensors").weights for name in ("whole", "parts")]
+    for name, value in weights[0].items():
+        np.testing.assert_array_equal(weights[1][name], value)
 
 
 def test_a_run_is_saved_and_goes_on_where_it_stopped(tmp_path):

@@ -8,6 +8,7 @@ from slamgym.core.types import GridFrame
 from slamgym.envs import ExploreFrontiersEnv
 from slamgym.envs.frontier_features import CANDIDATE_FEATURES, GLOBAL_FEATURES
 from slamgym.planning.frontier_feature_kernels import coarse_cells, wall_distances
+from slamgym.planning.open_tour import EXACT_PLACES
 from slamgym.planning.promise import expected_floor, pretrained_unseen_floor
 
 
@@ -37,7 +38,7 @@ def test_wall_distances_are_read_at_the_cells_and_beyond_the_map_at_its_edge(see
 def test_the_first_of_the_tour_is_what_the_rule_chooses_and_expected_floor_is_that_of_promises():
     env = ExploreFrontiersEnv("procedural:home:loops", localization="ground_truth")
     observation, _ = env.reset(seed=4)
-    expected, tour = (CANDIDATE_FEATURES.index(name) for name in ("expected", "tour"))
+    expected, tour, detour = (CANDIDATE_FEATURES.index(name) for name in ("expected", "tour", "tour_detour"))
     several = 0
     for _ in range(25):
         candidates = env.loop.candidates
@@ -47,6 +48,9 @@ def test_the_first_of_the_tour_is_what_the_rule_chooses_and_expected_floor_is_th
             several += 1
             assert choice == FrontierTour()(env.loop).argmax()
             np.testing.assert_allclose(np.sort(1.0 / rows[:, tour]), np.arange(1, len(rows) + 1), rtol=1e-6)
+            assert (rows[:, detour] >= 0.0).all()
+            if len(candidates) <= EXACT_PLACES:
+                assert rows[choice, detour] == pytest.approx(0.0, abs=1e-6)
             areas = expected_floor(env.loop.remains(), [one.points for one in candidates])
             np.testing.assert_array_equal(np.argsort(areas), np.argsort(rows[:, expected]))
             share = pretrained_unseen_floor().share(env.loop.remains())

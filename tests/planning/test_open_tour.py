@@ -7,10 +7,13 @@ from hypothesis import strategies as st
 
 from slamgym.planning.open_tour import (
     EXACT_PLACES,
+    exact_paths,
     improve_tour,
+    lengths_by_first,
     nearest_neighbour_tour,
     open_tour,
     repairman_tour,
+    short_paths,
 )
 
 
@@ -101,3 +104,24 @@ def test_a_tour_ends_where_places_can_not_be_reached_and_paths_back_are_longer(s
     lost = rng.choice(np.arange(1, places + 1), cut_off, replace=False)
     lengths[lost, :] = lengths[:, lost] = np.inf
     assert sorted(open_tour(lengths)) == list(range(1, places + 1))
+
+
+@settings(max_examples=30)
+@given(seed=st.integers(0, 10_000), count=st.integers(1, 6))
+def test_tours_are_as_long_as_the_best_order_for_each_place_that_they_begin_with(seed, count):
+    lengths = lengths_of(seed, count)
+    wanted = np.full(count, np.inf)
+    for order in itertools.permutations(range(1, count + 1)):
+        wanted[order[0] - 1] = min(wanted[order[0] - 1], tour_length(lengths, order))
+    found = lengths_by_first(lengths)
+    np.testing.assert_allclose(found, wanted)
+    assert open_tour(lengths)[0] - 1 == found.argmin()
+
+
+@settings(max_examples=15)
+@given(seed=st.integers(0, 10_000), count=st.integers(2, 9))
+def test_improved_paths_are_hardly_longer_than_the_shortest_ones(seed, count):
+    lengths = lengths_of(seed, count)
+    exact, short = exact_paths(lengths), short_paths(lengths)
+    assert (short >= exact - 1e-9).all()
+    assert (short <= 1.4 * exact).all()
