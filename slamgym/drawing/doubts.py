@@ -2,6 +2,7 @@
 
 import cv2
 import numpy as np
+import shapely
 
 from slamgym.core.types import FREE, GridFrame, OccupancyGrid
 from slamgym.drawing.contours import trace_outlines
@@ -110,11 +111,11 @@ def widest_clearance(grid: OccupancyGrid) -> float:
 
 
 def left_out_share(drawing: Drawing) -> float:
-    """Share of the free floor, without rays of one or two cells, that lies outside of the drawn floor."""
+    """Share of the free floor, without rays of one or two cells, that is neither drawn nor marked as unexplored."""
     free = cv2.morphologyEx(
         (drawing.grid.cells == FREE).astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8)
     )
-    drawn = filled(drawing.floor, drawing.grid.frame)
+    drawn = filled(shapely.union_all([drawing.floor, *drawing.unexplored]), drawing.grid.frame)
     return float((free.astype(bool) & ~drawn).sum() / max(int(free.sum()), 1))
 
 
