@@ -119,7 +119,7 @@ def doubted_floor(probability: Float32Array, grid: OccupancyGrid) -> BoolArray:
     """
     cell = grid.frame.resolution
     free = grid.cells == FREE
-    unseen = ~free & (probability >= 0.5) & (distance_to(free) > BESIDE_FREE / cell)
+    unseen = _unseen(probability, free, cell)
     if not unseen.any():
         return unseen
     total, weight = (
@@ -129,14 +129,20 @@ def doubted_floor(probability: Float32Array, grid: OccupancyGrid) -> BoolArray:
     doubted = unseen & (total < SURE_OF_UNSEEN * weight)
     sure = opened(unseen & ~doubted, max(1, round(NARROWEST_UNSEEN / cell)))
     patches = without_small(doubted, SMALLEST_DOUBTED / cell**2)
-    reach = _reach_of_echoes(cell)
-    result: BoolArray = (cv2.dilate(patches.astype(np.uint8), disc(2 * reach + 1)) > 0) & ~free & ~sure
+    return _with_echoes(patches, free, cell) & ~sure
+
+
+def _unseen(probability: Float32Array, free: BoolArray, cell: float) -> BoolArray:
+    """Cells of floor that nobody has seen, but for those beside free ones."""
+    unseen: BoolArray = ~free & (probability >= 0.5) & (distance_to(free) > BESIDE_FREE / cell)
+    return unseen
+
+
+def _with_echoes(patches: BoolArray, free: BoolArray, cell: float) -> BoolArray:
+    """Patches of unseen floor and the echoes before them, up to the free cells."""
+    reach = max(1, round(BESIDE_FREE / cell)) + 1
+    result: BoolArray = (cv2.dilate(patches.astype(np.uint8), disc(2 * reach + 1)) > 0) & ~free
     return result
-
-
-def _reach_of_echoes(cell: float) -> int:
-    """From unseen floor over the echoes before it to the free cells [cells]."""
-    return max(1, round(BESIDE_FREE / cell)) + 1
 
 
 def dividing_floor(probability: Float32Array, grid: OccupancyGrid) -> BoolArray:
@@ -151,10 +157,8 @@ def dividing_floor(probability: Float32Array, grid: OccupancyGrid) -> BoolArray:
     """
     cell = grid.frame.resolution
     free, floor = grid.cells == FREE, probability >= 0.5
-    unseen = without_small(
-        ~free & floor & (distance_to(free) > BESIDE_FREE / cell), SMALLEST_DOUBTED / cell**2
-    )
-    patches = (cv2.dilate(unseen.astype(np.uint8), disc(2 * _reach_of_echoes(cell) + 1)) > 0) & ~free & floor
+    unseen = without_small(_unseen(probability, free, cell), SMALLEST_DOUBTED / cell**2)
+    patches = _with_echoes(unseen, free, cell) & floor
     count, labels, stats, _ = cv2.connectedComponentsWithStats(patches.astype(np.uint8), connectivity=4)
     contact = CONTACT / cell
     parts = []
@@ -165,22 +169,22 @@ def dividing_floor(probability: Float32Array, grid: OccupancyGrid) -> BoolArray:
         ring = (cv2.dilate(part.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0) & ~part
         if np.count_nonzero(ring & ~floor[box]) >= contact:
             parts.append((box, part, ring))
-    result = np.zeros_like(patches)
-    while parts:
-        result[:] = False
+    while True:
+        result = np.zeros_like(patches)
         for box, part, _ in parts:
             result[box] |= part
+        if not parts:
+            return result
         rooms = label_rooms(without(probability, result) >= 0.5, cell)
         # What isn't between rooms becomes floor again, and passages beside it grow wider than doors.
-        left_over = [
+        between = [
             (box, part, ring)
             for box, part, ring in parts
             if np.count_nonzero(np.bincount(rooms[box][ring])[1:] >= contact) > 1
         ]
-        if len(left_over) == len(parts):
+        if len(between) == len(parts):
             return result
-        parts = left_over
-    return np.zeros_like(patches)
+        parts = between
 
 
 def without(probability: Float32Array, taken: BoolArray) -> Float32Array:

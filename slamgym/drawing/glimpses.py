@@ -6,10 +6,7 @@ as unexplored, behind the door that they were seen through.
 
 from dataclasses import dataclass
 
-import numpy as np
 import shapely
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 from shapely import MultiPolygon, Polygon
 
 from slamgym.cad.polygons import polygon_parts
@@ -32,6 +29,8 @@ class Explored:
     floor: MultiPolygon
     division: Division
     """A door to a glimpsed part joins its room to -1."""
+    walled: tuple[float, ...]
+    """Of each room the share of its outline, doors left out, that was seen as walls."""
     glimpsed: tuple[Polygon, ...]
 
 
@@ -54,7 +53,7 @@ def without_glimpses(floor: MultiPolygon, division: Division, evidence: Evidence
     glimpsed = tuple(room for k, room in enumerate(rooms) if k not in kept)
     area = sum(float(room.area) for room in glimpsed)
     if not glimpsed or area > MOST_GLIMPSED * sum(float(room.area) for room in rooms):
-        return Explored(floor, division, ())
+        return Explored(floor, division, tuple(walled), ())
     number = {old: new for new, old in enumerate(sorted(kept))}
     doors = [
         (gap, (number.get(a, -1), number.get(b, -1)))
@@ -66,7 +65,7 @@ def without_glimpses(floor: MultiPolygon, division: Division, evidence: Evidence
         tuple(gap for gap, _ in doors),
         tuple(pair for _, pair in doors),
     )
-    return Explored(_without(floor, glimpsed), explored, glimpsed)
+    return Explored(_without(floor, glimpsed), explored, tuple(walled[k] for k in sorted(kept)), glimpsed)
 
 
 def without_walls_in_doors(pieces: list[WallPiece], division: Division) -> list[WallPiece]:
@@ -80,12 +79,12 @@ def without_walls_in_doors(pieces: list[WallPiece], division: Division) -> list[
 
 def _num_parts(rooms: set[int], division: Division) -> int:
     """Into how many parts some rooms fall that no door joins."""
-    number = {room: new for new, room in enumerate(rooms)}
-    pairs = [(number[a], number[b]) for a, b in division.joins if a in number and b in number]
-    ends = np.array(pairs, dtype=np.int64).reshape(-1, 2)
-    graph = coo_array((np.ones(len(ends)), (ends[:, 0], ends[:, 1])), shape=(len(rooms), len(rooms)))
-    _, labels = connected_components(graph, directed=False)
-    return len(np.unique(labels))
+    part = {room: room for room in rooms}
+    for a, b in division.joins:
+        if a in part and b in part:
+            joined = part[a]
+            part = {room: part[b] if own == joined else own for room, own in part.items()}
+    return len(set(part.values()))
 
 
 def _without(floor: MultiPolygon, parts: tuple[Polygon, ...]) -> MultiPolygon:

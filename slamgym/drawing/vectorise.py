@@ -27,7 +27,7 @@ from slamgym.drawing.evidence import (
     unseen_floor,
 )
 from slamgym.drawing.floor import FloorModel, load_floor_model
-from slamgym.drawing.glimpses import OPEN_ROOM, without_glimpses, without_walls_in_doors
+from slamgym.drawing.glimpses import OPEN_ROOM, Explored, without_glimpses, without_walls_in_doors
 from slamgym.drawing.leaves import without_leaves
 from slamgym.drawing.openings import Division, divide
 from slamgym.drawing.polygons import straightened
@@ -92,7 +92,7 @@ def make_drawing(
     explored = without_glimpses(floor, divide(floor, config), evidence)
     floor, division = explored.floor, explored.division
     walls = judged_walls(without_walls_in_doors(find_walls(floor, config), division), evidence)
-    rooms = _rooms(division, evidence)
+    rooms = _rooms(explored, grid)
     doors = _doors(division, rooms, walls, evidence)
     inferred = tuple(cell_polygons(unseen_floor(floor, grid), grid.frame, config.min_inferred))
     kept = {
@@ -170,12 +170,11 @@ def _second_direction(floor: MultiPolygon, angle_deg: float, resolution: float) 
     return found.angle_deg if enough else None
 
 
-def _rooms(division: Division, evidence: Evidence) -> tuple[DrawnRoom, ...]:
+def _rooms(explored: Explored, grid: OccupancyGrid) -> tuple[DrawnRoom, ...]:
     rooms = []
-    doors = shapely.union_all([gap.line for gap in division.doors])
-    for number, polygon in enumerate(division.rooms, 1):
-        seen = share_known(polygon, evidence.grid)
-        observed = seen >= INFERRED_ROOM and evidence.share_walled(polygon, doors) >= OPEN_ROOM
+    for number, (polygon, walled) in enumerate(zip(explored.division.rooms, explored.walled, strict=True), 1):
+        seen = share_known(polygon, grid)
+        observed = seen >= INFERRED_ROOM and walled >= OPEN_ROOM
         rooms.append(DrawnRoom(f"R{number:02d}", polygon, seen, "SEEN" if observed else "INFERRED"))
     return tuple(rooms)
 
