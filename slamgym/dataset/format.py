@@ -15,6 +15,7 @@
         odometry.tum           dead reckoning by the wheels, one pose a scan
         estimate.tum           the filter's trajectory, one pose a processed scan
         scans.log.gz           scans and odometry as a CARMEN log, for any other SLAM program
+        field.npz              of `slamgym deform` alone: by how much the map is bent
         SHA256SUMS             digests of these files but episode.json, as ``sha256sum -c`` reads them
       rejected.jsonl           plans that could not be explored, and why
       timing.jsonl             seconds that each exploration took (the one file that differs between two runs)
@@ -43,6 +44,8 @@ if TYPE_CHECKING:
     from slamgym.envs.episode import Episode
 
 FORMAT_VERSION = 2
+FIELD_FILE = "field.npz"
+"""``field``, shape (2, rows, cols) [m] x and y, true minus measured, on the cells of the map."""
 SIDES: tuple[Literal["A"], Literal["B"]] = ("A", "B")
 """CAD and SLAM map of a pair."""
 

@@ -20,7 +20,7 @@ from slamgym.core.errors import InputFileError
 from slamgym.core.png import encode_png
 from slamgym.core.types import GridFrame, OccupancyGrid, Trajectory
 from slamgym.dataset.curate.split import split_path
-from slamgym.dataset.format import FORMAT_VERSION, SIDES, SUMS, Layout, digest_lines, is_dataset
+from slamgym.dataset.format import FIELD_FILE, FORMAT_VERSION, SIDES, SUMS, Layout, digest_lines, is_dataset
 from slamgym.dataset.record import PairRecord, Slot
 from slamgym.interop import write_ros_map, write_tum
 from slamgym.metrics import absolute_trajectory_error, free_space, squared_error, wall_error
@@ -164,7 +164,7 @@ def _write_episode(folder: Path, plan: FloorPlan, hypothesis: DrawnMap, frame: G
     for name, path in hypothesis.paths.items():
         write_tum(folder / f"{name}.tum", Trajectory(path.stamps, path.poses - offset))
     if hypothesis.field is not None:
-        np.savez_compressed(folder / "field.npz", field=hypothesis.field)
+        np.savez_compressed(folder / FIELD_FILE, field=hypothesis.field)
     if hypothesis.field is not None and hypothesis.paths:
         truth, estimate = (hypothesis.paths[name].poses for name in ("truth", "estimate"))
         write_picture(

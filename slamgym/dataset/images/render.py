@@ -13,10 +13,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from slamgym import __version__
 from slamgym.cad import read_houseexpo
 from slamgym.core.config import to_dict
-from slamgym.core.errors import ConfigError
+from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.files import (
     append_line,
     drop_torn_line,
@@ -31,11 +33,12 @@ from slamgym.core.files import (
 from slamgym.core.parallel.engine import run_tasks
 from slamgym.core.png import encode_png
 from slamgym.core.progress import show_progress
+from slamgym.core.types import Float32Array
 from slamgym.dataset.curate.split import SplitTable
 from slamgym.dataset.curate.verdicts import VERDICTS_FILE, read_verdicts
 from slamgym.dataset.faults import MapFault
 from slamgym.dataset.folder import claim_folder
-from slamgym.dataset.format import SIDES, Layout, read_dataset_config, read_manifest
+from slamgym.dataset.format import FIELD_FILE, SIDES, Layout, read_dataset_config, read_manifest
 from slamgym.dataset.images.dataset_card import write_card
 from slamgym.dataset.images.format import IMAGES_VERSION, SPLITS, ImageLayout, ImageRecord
 from slamgym.dataset.images.square_images import DoesNotFitError, ImageConfig, draw_pair
@@ -235,8 +238,9 @@ def _draw(task: _Drawing, record: PairRecord) -> _Drawn:
     """Draw one pair and write its two files (in a worker)."""
     episode = Layout(task.dataset).episode(record.name)
     plan, slam_map = read_houseexpo(episode / "plan.json"), read_ros_map(episode / "map.yaml")
+    field = _displacement(episode, slam_map.frame.shape) if task.config.as_mapped else None
     try:
-        cad, slam, frame = draw_pair(plan, record.start[:2], slam_map, task.config)
+        cad, slam, frame = draw_pair(plan, record.start[:2], slam_map, task.config, field)
     except DoesNotFitError as error:
         return _Drawn(record.name, None, error.fault)
     place = task.split.plans[record.plan_id]
@@ -245,6 +249,25 @@ def _draw(task: _Drawing, record: PairRecord) -> _Drawn:
         write_bytes(ImageLayout(task.out).image(place.side, side, record.name), data)
     sha256 = {side: hashlib.sha256(data).hexdigest() for side, data in images.items()}
     return _Drawn(record.name, ImageRecord.of_pair(record, frame, place.side, place.group, sha256))
+
+
+def _displacement(episode: Path, shape: tuple[int, int]) -> Float32Array:
+    """The field of a map that `slamgym deform` has made, (2, rows, cols) [m].
+
+    Raises:
+        InputFileError: If the map has none, or it isn't the map's.
+    """
+    path = episode / FIELD_FILE
+    if not path.is_file():
+        raise InputFileError(path, "is missing: only maps that `slamgym deform` made know how they are bent")
+    try:
+        with np.load(path) as stored:
+            field: Float32Array = stored["field"].astype(np.float32)
+    except (OSError, ValueError, KeyError) as error:
+        raise InputFileError(path, "holds no displacement field; make the dataset again") from error
+    if field.shape != (2, *shape):
+        raise InputFileError(path, f"has the shape {field.shape}, but its map has {shape}")
+    return field
 
 
 def _finish(

@@ -21,6 +21,7 @@ from slamgym.core.types import (
     OCCUPIED,
     UNKNOWN,
     ByteArray,
+    Float32Array,
     FloatArray,
     GridFrame,
     IntArray,
@@ -37,6 +38,12 @@ Bounds = tuple[float, float, float, float]
 _SUB = 3  # the plan is drawn so many times finer to measure distances from its faces
 DRAWN_WALL = 0.15
 """Thickness of wall that an image shows around the floor, if the margin is 0 [m]: SLAM draws 1 to 3 cells."""
+_BENT_STEP = 0.2
+"""Walls are bent in pieces of at most this length [m]."""
+BENT_OVER = 0.8
+"""The field is smoothed by a Gaussian of this width [m]: a map may have drawn the two faces of a wall apart, and the
+plan bends as a whole."""
+_INVERSIONS = 4  # of the field, at the walls: each shrinks the error by its slope, a few hundredths
 _DIGITS = 6  # micrometres, as manifests hold them
 
 
@@ -65,6 +72,10 @@ class ImageConfig(Settings):
     that are thinner than a pixel, more makes all walls thicker. 0 draws no line but the share of floor of every
     pixel in greys, so that faces are where the plan has them; walls that are thinner than a pixel stay closed."""
 
+    as_mapped: bool = False
+    """Bend the plan as the map is bent, by the displacement field that `slamgym deform` keeps: pairs that teach what is
+    a wall, and not where it would be in the building, which no network can know from the map."""
+
     def _check(self) -> None:
         if max(2 * self.margin_px, self.edge_px) >= self.size:
             raise ConfigError(
@@ -73,7 +84,11 @@ class ImageConfig(Settings):
 
 
 def draw_pair(
-    plan: FloorPlan, start: tuple[float, float], slam_map: OccupancyGrid, config: ImageConfig
+    plan: FloorPlan,
+    start: tuple[float, float],
+    slam_map: OccupancyGrid,
+    config: ImageConfig,
+    field: Float32Array | None = None,
 ) -> tuple[ByteArray, ByteArray, GridFrame]:
     """Draw the two images of a pair.
 
@@ -82,6 +97,7 @@ def draw_pair(
         start: Where the robot began, world frame [m]: the origin of the map frame.
         slam_map: The robot's map, map frame.
         config: The settings.
+        field: Bends the plan, :func:`bent`; None leaves it as it is.
 
     Returns:
         A and B, each (size, size), and where their pixels lie in the map frame.
@@ -96,7 +112,42 @@ def draw_pair(
     frame = square_frame(union(in_map, mapped_bounds(slam_map)), config)
     if math.isclose(frame.resolution, slam_map.frame.resolution):
         frame = on_lattice(frame, slam_map.frame)
-    return draw_plan_image(plan, start, frame, config.edge_px), resample_map(slam_map, frame), frame
+    segments = plan.segments() - np.array([*start, *start])
+    if field is not None:
+        segments = bent(segments, field, slam_map.frame)
+    return draw_plan_image(segments, frame, config.edge_px), resample_map(slam_map, frame), frame
+
+
+def bent(segments: FloatArray, field: Float32Array, frame: GridFrame) -> FloatArray:
+    """Walls where a map has them.
+
+    Args:
+        segments: All edges of all rings, shape (S, 4) [m].
+        field: By how much what the map shows is displaced, true minus measured, shape (2, rows, cols) [m], x and y.
+        frame: Of the field.
+
+    Returns:
+        Edges of at most :data:`_BENT_STEP`, shape (N, 4).
+    """
+    import cv2
+
+    lengths = np.hypot(segments[:, 2] - segments[:, 0], segments[:, 3] - segments[:, 1])
+    counts = np.maximum(1, np.ceil(lengths / _BENT_STEP)).astype(np.int64)
+    which = np.repeat(np.arange(len(segments)), counts)
+    step = np.arange(len(which)) - np.repeat(np.cumsum(counts) - counts, counts)
+    starts, ends = segments[which, :2], segments[which, 2:]
+    shares = [((step + k) / counts[which])[:, None] for k in (0, 1)]
+    true = np.vstack([starts + share * (ends - starts) for share in shares])
+    sigma = BENT_OVER / frame.resolution
+    field = np.stack(
+        [cv2.GaussianBlur(part, (0, 0), sigma, borderType=cv2.BORDER_REPLICATE) for part in field]
+    )
+    measured = true
+    for _ in range(_INVERSIONS):
+        rows, cols = frame.to_cell(measured[:, 0], measured[:, 1])
+        here = np.clip(rows, 0, frame.height_px - 1), np.clip(cols, 0, frame.width_px - 1)
+        measured = true - field[:, here[0], here[1]].T
+    return np.hstack(np.vsplit(measured, 2))
 
 
 def square_frame(bounds: Bounds, config: ImageConfig) -> GridFrame:
@@ -164,16 +215,13 @@ def union(first: Bounds, second: Bounds | None) -> Bounds:
     )
 
 
-def draw_plan_image(
-    plan: FloorPlan, start: tuple[float, float], frame: GridFrame, edge_px: float
-) -> ByteArray:
+def draw_plan_image(segments: FloatArray, frame: GridFrame, edge_px: float) -> ByteArray:
     """Draw the CAD side: 254 inside, 0 walls and outside, with a line of ``edge_px`` along the faces.
 
     With an ``edge_px`` of 0, pixels that faces cross have greys (:func:`slamgym.cad.floorplan.floor_share`).
 
     Args:
-        plan: World frame.
-        start: Origin of the map frame in the world [m].
+        segments: All edges of all rings of the plan, shape (S, 4) [m], map frame.
         frame: Where the pixels lie, map frame.
         edge_px: Thickness of the line.
 
@@ -184,7 +232,6 @@ def draw_plan_image(
 
     from slamgym.cad.floorplan import fill_segments, floor_share
 
-    segments = plan.segments() - np.array([*start, *start])
     if edge_px == 0.0:
         return np.rint(FREE * floor_share(segments, frame)).astype(np.uint8)
     rows, cols = frame.shape

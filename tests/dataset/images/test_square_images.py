@@ -12,8 +12,10 @@ from slamgym.cad import FloorPlan
 from slamgym.core.errors import ConfigError
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, GridFrame, OccupancyGrid
 from slamgym.dataset.images.square_images import (
+    BENT_OVER,
     DoesNotFitError,
     ImageConfig,
+    bent,
     draw_pair,
     draw_plan_image,
     mapped_bounds,
@@ -105,7 +107,7 @@ def test_a_thin_wall_is_never_lost(metres_per_px):
     """The wall between the rooms is 0.1 m thick; up to the door it parts them in every column of pixels."""
     size = int(12 / metres_per_px)
     frame = GridFrame(metres_per_px, -1.97, -2.01, size, size)
-    cad = draw_plan_image(PLAN, (0.0, 0.0), frame, edge_px=1.0)
+    cad = draw_plan_image(PLAN.segments(), frame, edge_px=1.0)
     row, col = frame.to_cell([2.0, 6.0], [1.5, 1.5])
     wall = cad[row[0], col[0] : col[1]] == OCCUPIED
     assert 1 <= wall.sum() <= 0.1 / metres_per_px + 2.0
@@ -115,7 +117,7 @@ def test_edges_get_the_thickness_that_is_asked_for():
     frame = GridFrame(0.05, -1.0, -1.0, 200, 200)
     widths = {}
     for edge in (0.0, 1.0, 3.0, 5.0):
-        cad = draw_plan_image(PLAN, (0.0, 0.0), frame, edge_px=edge)
+        cad = draw_plan_image(PLAN.segments(), frame, edge_px=edge)
         row, col = frame.to_cell([3.0, 5.0], [1.0, 1.0])
         widths[edge] = float((1.0 - cad[row[0], col[0] : col[1]] / FREE).sum())
     assert widths[0.0] == pytest.approx(2.0, abs=0.05)  # 0.1 m
@@ -129,7 +131,7 @@ def test_shares_put_faces_where_the_plan_has_them_and_keep_thin_walls(thickness,
     west, east = box(0, 0, 3 + shift, 4), box(3 + shift + thickness, 0, 6, 4)
     door = box(2.9, 1, 3.3, 2)
     plan = FloorPlan("p", west.union(east).union(door))
-    cad = draw_plan_image(plan, (0.0, 0.0), GridFrame(0.05, -1.0, -1.0, 120, 160), edge_px=0.0)
+    cad = draw_plan_image(plan.segments(), GridFrame(0.05, -1.0, -1.0, 120, 160), edge_px=0.0)
     row = cad[40] / FREE  # 3 m up, beside the door
     assert cad.dtype == np.uint8
     runs = floor_runs(row.astype(np.float32))
@@ -159,7 +161,7 @@ def test_thickness_does_not_depend_on_the_scale_of_the_pair():
     """A plan of twice the size has its outer edges at the same place of the image."""
     images = [
         draw_plan_image(
-            FloorPlan("p", scale(box(0, 0, 8, 5), f, f, origin=(0, 0))), (0, 0), frame, edge_px=4.0
+            FloorPlan("p", scale(box(0, 0, 8, 5), f, f, origin=(0, 0))).segments(), frame, edge_px=4.0
         )
         for f, frame in ((1.0, GridFrame(0.05, -1, -1, 200, 200)), (2.0, GridFrame(0.1, -2, -2, 200, 200)))
     ]
@@ -196,3 +198,33 @@ def test_a_fixed_scale_is_kept_or_refused():
 def test_senseless_settings_are_refused(values):
     with pytest.raises(ConfigError, match=next(iter(values))):
         ImageConfig(**values)
+
+
+def test_a_bent_plan_lies_where_the_map_has_it():
+    """A field that is linear stays what it is under smoothing, away from the border."""
+    frame = GridFrame(0.05, -4.0, -4.0, 320, 320)
+    x, y = frame.to_point(*np.indices(frame.shape))
+    turn, shift = 0.02, 0.3
+    field = np.stack([shift - turn * y, turn * x]).astype(
+        np.float32
+    )  # true minus measured, on measured places
+    segments = np.array([[0.0, 0.0, 8.0, 0.0], [8.0, 0.0, 8.0, 5.0]])
+    pieces = bent(segments, field, frame)
+    true = pieces.reshape(-1, 2)
+    true = true + np.column_stack([shift - turn * true[:, 1], turn * true[:, 0]])
+    on_wall = np.minimum(np.abs(true[:, 1]), np.abs(true[:, 0] - 8.0))
+    # The field is read at the nearest cell: half a cell's diagonal times its slope.
+    assert on_wall.max() < turn * 0.05
+    assert np.hypot(*(pieces[:, 2:] - pieces[:, :2]).T).max() < 0.25
+    assert abs(np.hypot(*(pieces[:, 2:] - pieces[:, :2]).T).sum() - 13.0) < 0.05
+
+
+def test_a_jump_of_the_field_bends_a_wall_and_does_not_break_it():
+    frame = GridFrame(0.05, -4.0, -4.0, 320, 320)
+    x, _ = frame.to_point(*np.indices(frame.shape))
+    field = np.zeros((2, *frame.shape), np.float32)
+    field[1] = np.where(x < 4.0, 0.0, 0.2)
+    pieces = bent(np.array([[0.0, 0.0, 8.0, 0.0]]), field, frame)
+    np.testing.assert_allclose(pieces[1:, :2], pieces[:-1, 2:])
+    np.testing.assert_allclose(pieces[[0, -1], [1, 3]], [0.0, -0.2], atol=1e-3)
+    assert np.abs(np.diff(pieces[:, 1])).max() < 0.2 * 0.2 / BENT_OVER
