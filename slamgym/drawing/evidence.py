@@ -108,8 +108,11 @@ class Evidence:
         outline = shapely.union_all(lines).difference(doors.buffer(2.0 * STEP))
         if outline.is_empty:
             return 0.0
-        points = shapely.get_coordinates(shapely.segmentize(outline, STEP))
-        return float((self.at(self._to_wall, points, math.inf) <= self.config.evidence + STEP).mean())
+        return float(self.is_walled(shapely.get_coordinates(shapely.segmentize(outline, STEP))).mean())
+
+    def is_walled(self, points: FloatArray) -> BoolArray:
+        """Whether the map has an occupied cell near each of some points of an outline (N, 2) [m]."""
+        return self.at(self._to_wall, points, math.inf) <= self.config.evidence + STEP
 
     @staticmethod
     def _faces(piece: WallPiece) -> tuple[FloatArray, FloatArray]:

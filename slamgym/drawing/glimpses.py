@@ -11,10 +11,11 @@ from shapely import MultiPolygon, Polygon
 
 from slamgym.cad.polygons import polygon_parts
 from slamgym.drawing.evidence import Evidence
-from slamgym.drawing.openings import Division
+from slamgym.drawing.fans import find_fans
+from slamgym.drawing.openings import Division, divide, joined_rooms
 from slamgym.drawing.walls import WallPiece
 
-OPEN_ROOM = 0.4
+OPEN_ROOM = 0.5
 """A part of the floor was glimpsed if less than this share of its outline, doors left out, was seen as walls."""
 MOST_GLIMPSED = 0.25
 """Where more of the floor would go, the map just shows few walls."""
@@ -34,14 +35,38 @@ class Explored:
     glimpsed: tuple[Polygon, ...]
 
 
-def without_glimpses(floor: MultiPolygon, division: Division, evidence: Evidence) -> Explored:
-    """Take the glimpsed parts from a floor and its rooms, but none that two other rooms are joined by.
+def explore(floor: MultiPolygon, evidence: Evidence) -> Explored:
+    """Divide a floor into rooms, without those that were only glimpsed, and without fans.
 
     Args:
         floor: With straight edges [m].
-        division: Its rooms and doors.
         evidence: The map.
     """
+    config, least = evidence.config, (1.0 - MOST_GLIMPSED) * floor.area
+    rooms = _without_glimpses(floor, divide(floor, config), evidence, least)
+    fans = find_fans(rooms.floor, evidence)
+    rest = _without(rooms.floor, tuple(fan for fan, _ in fans))
+    if not fans or rest.area < least:
+        return rooms
+    left = _without_glimpses(rest, divide(rest, config), evidence, least)
+    # What was seen through a gap is gone from the floor, and the gap with it.
+    gaps = [
+        gap for gap, pair in zip(rooms.division.doors, rooms.division.joins, strict=True) if min(pair) < 0
+    ]
+    gaps += [mouth for _, mouth in fans if mouth.width >= config.door_width[0]]
+    joins = joined_rooms(left.division.rooms, gaps)
+    through = [(gap, pair) for gap, pair in zip(gaps, joins, strict=True) if max(pair) >= 0 > min(pair)]
+    division = Division(
+        left.division.rooms,
+        (*left.division.doors, *(gap for gap, _ in through)),
+        (*left.division.joins, *(pair for _, pair in through)),
+    )
+    glimpsed = (*rooms.glimpsed, *(fan for fan, _ in fans), *left.glimpsed)
+    return Explored(left.floor, division, left.walled, glimpsed)
+
+
+def _without_glimpses(floor: MultiPolygon, division: Division, evidence: Evidence, least: float) -> Explored:
+    """Take the glimpsed rooms from a floor, but none that two other rooms are joined by; ``least`` [m2] must stay."""
     rooms = division.rooms
     lines = shapely.union_all([gap.line for gap in division.doors])
     walled = [evidence.share_walled(room, lines) for room in rooms]
@@ -51,8 +76,7 @@ def without_glimpses(floor: MultiPolygon, division: Division, evidence: Evidence
         if walled[k] < OPEN_ROOM and rest and _num_parts(rest, division) <= _num_parts(kept, division):
             kept = rest
     glimpsed = tuple(room for k, room in enumerate(rooms) if k not in kept)
-    area = sum(float(room.area) for room in glimpsed)
-    if not glimpsed or area > MOST_GLIMPSED * sum(float(room.area) for room in rooms):
+    if not glimpsed or sum(float(rooms[k].area) for k in kept) < least:
         return Explored(floor, division, tuple(walled), ())
     number = {old: new for new, old in enumerate(sorted(kept))}
     doors = [

@@ -97,7 +97,7 @@ def divide(floor: MultiPolygon, config: DrawingConfig) -> Division:
     left = _likely(floor, [*gaps, *exact, *worn], config)
     while True:
         parts, gaps = _separated(floor, left, config)
-        joined = zip(gaps, _joins(parts, gaps), strict=True)
+        joined = zip(gaps, joined_rooms(parts, gaps), strict=True)
         alcoves = [
             gap
             for gap, pair in joined
@@ -106,7 +106,7 @@ def divide(floor: MultiPolygon, config: DrawingConfig) -> Division:
         if not alcoves:
             break
         left = [gap for gap in left if gap not in alcoves]
-    joins = _joins(parts, gaps)
+    joins = joined_rooms(parts, gaps)
     order = sorted(range(len(parts)), key=lambda i: (-round(parts[i].centroid.y, 3), parts[i].centroid.x))
     number = {old: new for new, old in enumerate(order)}
     kept = [
@@ -219,10 +219,10 @@ def _separated(
         if not any(_is_same(gap, other) for other in chosen):
             chosen.append(gap)
     parts = _cut(floor, chosen)
-    kept = _doors_among(parts, chosen, _joins(parts, chosen), config)
+    kept = _doors_among(parts, chosen, joined_rooms(parts, chosen), config)
     parts = _cut(floor, kept)
     separate = [
-        gap for gap, (a, b) in zip(kept, _joins(parts, kept), strict=True) if a != b and min(a, b) >= 0
+        gap for gap, (a, b) in zip(kept, joined_rooms(parts, kept), strict=True) if a != b and min(a, b) >= 0
     ]
     return (parts, kept) if len(separate) == len(kept) else (_cut(floor, separate), separate)
 
@@ -279,8 +279,8 @@ def _cut(floor: MultiPolygon, gaps: Sequence[Gap]) -> list[Polygon]:
     ]
 
 
-def _joins(parts: Sequence[Polygon], gaps: Sequence[Gap]) -> list[tuple[int, int]]:
-    """Which part lies on either side of each gap; -1 for none."""
+def joined_rooms(parts: Sequence[Polygon], gaps: Sequence[Gap]) -> list[tuple[int, int]]:
+    """Which part of a floor lies on either side of each gap; -1 for none."""
     tree = shapely.STRtree(list(parts))
     found = []
     for gap in gaps:

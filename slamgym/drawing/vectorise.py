@@ -27,9 +27,9 @@ from slamgym.drawing.evidence import (
     unseen_floor,
 )
 from slamgym.drawing.floor import FloorModel, load_floor_model
-from slamgym.drawing.glimpses import OPEN_ROOM, Explored, without_glimpses, without_walls_in_doors
+from slamgym.drawing.glimpses import OPEN_ROOM, Explored, explore, without_walls_in_doors
 from slamgym.drawing.leaves import without_leaves
-from slamgym.drawing.openings import Division, divide
+from slamgym.drawing.openings import Division
 from slamgym.drawing.polygons import straightened
 from slamgym.drawing.settings import DEFAULT_DRAWING, DEFAULT_MODEL, DrawingConfig
 from slamgym.drawing.walls import find_walls
@@ -89,7 +89,7 @@ def make_drawing(
     if floor.is_empty:
         raise InputFileError(where, no_floor)
     evidence = Evidence(grid, config)
-    explored = without_glimpses(floor, divide(floor, config), evidence)
+    explored = explore(floor, evidence)
     floor, division = explored.floor, explored.division
     walls = judged_walls(without_walls_in_doors(find_walls(floor, config), division), evidence)
     rooms = _rooms(explored, grid)

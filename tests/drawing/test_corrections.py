@@ -106,6 +106,58 @@ def test_what_was_only_glimpsed_through_a_door_is_unexplored(turn):
     assert all(wall.polygon.intersection(beyond.buffer(-0.3)).area < 1e-3 for wall in drawing.walls)
 
 
+def without_echoes(grid, shape):
+    """The map without what is occupied in a shape."""
+    there = filled(shape, grid.frame) & (grid.cells != FREE)
+    return OccupancyGrid(np.where(there, np.uint8(UNKNOWN), grid.cells), grid.frame)
+
+
+@pytest.mark.parametrize("turn", [0.0, 20.0])
+def test_a_fan_through_a_pane_is_unexplored(turn):
+    """It hangs on the room without a door, and its mouth is drawn as an opening that nobody went through."""
+    fan = Polygon([(7.9, 1.2), (10.5, 0.2), (10.5, 4.8), (7.9, 3.8)])
+    floor = shapely.union_all([HALL, fan])
+    grid, _, model = painted(floor, turn_deg=turn)
+    hall, beyond = (affinity.rotate(shape, turn, origin=(0, 0)) for shape in (HALL, fan))
+    grid = without_echoes(grid, beyond.buffer(0.2).difference(hall.buffer(0.12)))
+    drawing = make_drawing(grid, model=model)
+    (room,) = drawing.rooms
+    # A wall counts as seen up to 20 cm from its echoes, so the mouth lies that far out.
+    assert room.area == pytest.approx(HALL.area, abs=1.0)
+    (way,) = drawing.doors
+    assert (way.kind, way.layer, way.rooms) == ("opening", "INFERRED", (room.id,))
+    assert way.width == pytest.approx(2.6, abs=0.25)
+    assert sum(part.intersection(beyond).area for part in drawing.unexplored) > 0.85 * (fan - HALL).area
+
+
+@pytest.mark.parametrize(
+    "bulge",
+    [
+        pytest.param(shapely.box(7.9, 1.2, 12.0, 3.2), id="a corridor that was not driven to its end"),
+        pytest.param(shapely.box(7.9, 1.2, 8.9, 3.8), id="a bay that is wider than deep"),
+    ],
+)
+def test_a_bulge_whose_end_was_not_seen_is_no_fan(bulge):
+    floor = shapely.union_all([HALL, bulge])
+    grid, _, model = painted(floor)
+    end = bulge.bounds[2]
+    grid = without_echoes(grid, shapely.box(end - 0.05, 0.0, end + 0.3, 5.0))
+    drawing = make_drawing(grid, model=model)
+    assert drawing.area == pytest.approx(floor.area, abs=0.5)
+    assert not drawing.unexplored
+
+
+def test_an_alcove_that_nobody_looked_into_is_no_fan():
+    """It was drawn because buildings are like that; what rays show is something else."""
+    alcove = shapely.box(7.9, 1.5, 10.0, 3.5)
+    floor = shapely.union_all([HALL, alcove])
+    grid, _, model = painted(floor)
+    behind = filled(alcove.buffer(0.2).difference(HALL.buffer(0.12)), grid.frame)
+    grid = OccupancyGrid(np.where(behind, np.uint8(UNKNOWN), grid.cells), grid.frame)
+    drawing = make_drawing(grid, model=model)
+    assert not any(part.intersects(alcove.buffer(-0.3)) for part in drawing.unexplored)
+
+
 def test_a_room_that_others_are_reached_through_is_drawn_however_open():
     """Without it its neighbours would fall apart."""
     rooms = [shapely.box(0, 0, 4, 4), shapely.box(4.1, 0, 6.5, 4), shapely.box(6.6, 0, 10, 4)]
