@@ -25,7 +25,7 @@ from shapely.geometry.base import BaseGeometry
 
 from slamgym.cad import FloorPlan, read_houseexpo
 from slamgym.cad.floorplan import floor_share, ring_segments
-from slamgym.core.types import BoolArray, Float32Array, FloatArray, GridFrame, OccupancyGrid
+from slamgym.core.types import FREE, BoolArray, Float32Array, FloatArray, GridFrame, OccupancyGrid
 from slamgym.dataset.format import Layout, load_pair, read_manifest
 from slamgym.drawing import FloorModel, load_floor_model, make_drawing
 from slamgym.drawing.openings import divide
@@ -116,6 +116,13 @@ def main() -> None:
     parser.add_argument("datasets", nargs="*", help="NAME=FOLDER made by `slamgym generate`")
     parser.add_argument("--last", type=int, default=0, help="so many maps of each dataset; 0 takes all")
     parser.add_argument(
+        "--least-seen",
+        type=float,
+        default=0.0,
+        metavar="SHARE",
+        help="leave maps out that show less of the floor: robots that were stopped early",
+    )
+    parser.add_argument(
         "--tb3", type=Path, help="folder of the TurtleBot3 house: cad.json, cad_walls.png, runs/"
     )
     parser.add_argument("--models", default=f"{EXACT},slam2cad,none", help="as `slamgym cad --model`; exact")
@@ -123,7 +130,8 @@ def main() -> None:
     sets: dict[str, list[Case]] = {}
     for named in arguments.datasets:
         name, _, folder = named.partition("=")
-        sets[name] = list(homes(Path(folder), arguments.last))
+        maps = homes(Path(folder), arguments.last)
+        sets[name] = [case for case in maps if seen_share(case) >= arguments.least_seen]
     if arguments.tb3 is not None:
         sets["TurtleBot3 house"] = list(house(arguments.tb3))
     models = arguments.models.split(",")
@@ -153,6 +161,12 @@ def main() -> None:
         [[r[c] for c in OPENING_COLUMNS] for r in rows],
         OPENING_COLUMNS,
     )
+
+
+def seen_share(case: Case) -> float:
+    """How much of the true floor is free in the map, as areas."""
+    free = np.count_nonzero(case.grid.cells == FREE) * case.grid.frame.resolution**2
+    return float(free / case.truth.area)
 
 
 def homes(folder: Path, last: int) -> Iterator[Case]:
