@@ -154,7 +154,8 @@ def without_necks(floor: BaseGeometry, config: DrawingConfig) -> MultiPolygon:
 
 def _gaps_at_tips(floor: BaseGeometry) -> BaseGeometry:
     """Gaps between the pointed end of a wall and another wall, which mitred corners reach through."""
-    rounded = shapely.buffer(shapely.buffer(floor, -NECK, join_style="mitre"), NECK + SLIT, quad_segs=4)
+    with np.errstate(invalid="ignore"):  # mitres of spikes have no end; GEOS bevels them
+        rounded = shapely.buffer(shapely.buffer(floor, -NECK, join_style="mitre"), NECK + SLIT, quad_segs=4)
     reached = rounded.buffer(1e-6, quad_segs=1)
     gaps = []
     for piece in polygon_parts(floor.difference(rounded)):
