@@ -74,11 +74,9 @@ def _fans_of(ring: shapely.LinearRing, inside: BaseGeometry, evidence: Evidence)
 def _mouths(points: FloatArray, walled: BoolArray) -> IntArray:
     """First and last point of what may be a fan's outline, (N, 2), the best first; the last may be beyond the end."""
     count = len(points)
-    around = np.vstack([points, points[:1]])
-    steps = np.hypot(*np.diff(around, axis=0).T)
-    along = np.concatenate([[0.0], np.cumsum(np.concatenate([steps, steps]))])
+    steps = np.hypot(*(np.roll(points, -1, axis=0) - points).T)
     open_steps = np.where(walled & np.roll(walled, -1), 0.0, steps)
-    unwalled = np.concatenate([[0.0], np.cumsum(np.concatenate([open_steps, open_steps]))])
+    along, unwalled = (np.concatenate([[0.0], np.cumsum(np.tile(some, 2))]) for some in (steps, open_steps))
     ends = np.flatnonzero(walled)
     if len(ends) < 2:
         return np.empty((0, 2), np.int64)

@@ -12,7 +12,7 @@ from shapely import MultiPolygon, Polygon
 from slamgym.cad.polygons import polygon_parts
 from slamgym.drawing.evidence import Evidence
 from slamgym.drawing.fans import find_fans
-from slamgym.drawing.openings import Division, divide, joined_rooms
+from slamgym.drawing.openings import Division, Gap, divide, joined_rooms
 from slamgym.drawing.walls import WallPiece
 
 OPEN_ROOM = 0.5
@@ -45,14 +45,15 @@ def explore(floor: MultiPolygon, evidence: Evidence) -> Explored:
     config, least = evidence.config, (1.0 - MOST_GLIMPSED) * floor.area
     rooms = _without_glimpses(floor, divide(floor, config), evidence, least)
     fans = find_fans(rooms.floor, evidence)
-    rest = _without(rooms.floor, tuple(fan for fan, _ in fans))
-    if not fans or rest.area < least:
+    bulges = tuple(fan for fan, _ in fans)
+    if not fans:
+        return rooms
+    rest = _without(rooms.floor, bulges)
+    if rest.area < least:
         return rooms
     left = _without_glimpses(rest, divide(rest, config), evidence, least)
     # What was seen through a gap is gone from the floor, and the gap with it.
-    gaps = [
-        gap for gap, pair in zip(rooms.division.doors, rooms.division.joins, strict=True) if min(pair) < 0
-    ]
+    gaps = _doors_to_glimpsed(rooms.division)
     gaps += [mouth for _, mouth in fans if mouth.width >= config.door_width[0]]
     joins = joined_rooms(left.division.rooms, gaps)
     through = [(gap, pair) for gap, pair in zip(gaps, joins, strict=True) if max(pair) >= 0 > min(pair)]
@@ -61,7 +62,7 @@ def explore(floor: MultiPolygon, evidence: Evidence) -> Explored:
         (*left.division.doors, *(gap for gap, _ in through)),
         (*left.division.joins, *(pair for _, pair in through)),
     )
-    glimpsed = (*rooms.glimpsed, *(fan for fan, _ in fans), *left.glimpsed)
+    glimpsed = (*rooms.glimpsed, *bulges, *left.glimpsed)
     return Explored(left.floor, division, left.walled, glimpsed)
 
 
@@ -94,11 +95,15 @@ def _without_glimpses(floor: MultiPolygon, division: Division, evidence: Evidenc
 
 def without_walls_in_doors(pieces: list[WallPiece], division: Division) -> list[WallPiece]:
     """Walls without the faces that stand in the doors to glimpsed parts."""
-    lines = [gap.line for gap, pair in zip(division.doors, division.joins, strict=True) if min(pair) < 0]
-    if not lines:
+    doors = _doors_to_glimpsed(division)
+    if not doors:
         return pieces
-    shut = shapely.union_all(lines).buffer(ON_LINE)
+    shut = shapely.union_all([gap.line for gap in doors]).buffer(ON_LINE)
     return [piece for piece in pieces if not shut.covers(shapely.LineString([piece.start, piece.end]))]
+
+
+def _doors_to_glimpsed(division: Division) -> list[Gap]:
+    return [gap for gap, pair in zip(division.doors, division.joins, strict=True) if min(pair) < 0]
 
 
 def _num_parts(rooms: set[int], division: Division) -> int:

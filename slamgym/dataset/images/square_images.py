@@ -130,14 +130,10 @@ def bent(segments: FloatArray, field: Float32Array, frame: GridFrame) -> FloatAr
         Edges of at most :data:`_BENT_STEP`, shape (N, 4).
     """
     import cv2
+    import shapely
 
-    lengths = np.hypot(segments[:, 2] - segments[:, 0], segments[:, 3] - segments[:, 1])
-    counts = np.maximum(1, np.ceil(lengths / _BENT_STEP)).astype(np.int64)
-    which = np.repeat(np.arange(len(segments)), counts)
-    step = np.arange(len(which)) - np.repeat(np.cumsum(counts) - counts, counts)
-    starts, ends = segments[which, :2], segments[which, 2:]
-    shares = [((step + k) / counts[which])[:, None] for k in (0, 1)]
-    true = np.vstack([starts + share * (ends - starts) for share in shares])
+    lines = shapely.segmentize(shapely.linestrings(segments.reshape(-1, 2, 2)), _BENT_STEP)
+    true, line = shapely.get_coordinates(lines, return_index=True)
     sigma = BENT_OVER / frame.resolution
     field = np.stack(
         [cv2.GaussianBlur(part, (0, 0), sigma, borderType=cv2.BORDER_REPLICATE) for part in field]
@@ -147,7 +143,7 @@ def bent(segments: FloatArray, field: Float32Array, frame: GridFrame) -> FloatAr
         rows, cols = frame.to_cell(measured[:, 0], measured[:, 1])
         here = np.clip(rows, 0, frame.height_px - 1), np.clip(cols, 0, frame.width_px - 1)
         measured = true - field[:, here[0], here[1]].T
-    return np.hstack(np.vsplit(measured, 2))
+    return np.hstack([measured[:-1], measured[1:]])[line[:-1] == line[1:]]
 
 
 def square_frame(bounds: Bounds, config: ImageConfig) -> GridFrame:
