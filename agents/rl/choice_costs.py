@@ -6,7 +6,6 @@ parameter", 1964) teaches faster, since every candidate has its say.
 """
 
 import math
-import zipfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -16,6 +15,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import huber_loss
 
+from slamgym.core.compression import DAMAGED_ZIP
 from slamgym.core.errors import InputFileError
 from slamgym.core.files import staged
 from slamgym.core.progress import say
@@ -121,7 +121,7 @@ class ChoiceCosts:
                     setattr(found, name, np.split(file[name], ends))
                 found.overall = list(file["overall"])
                 found.returns, found.episodes = file["returns"].tolist(), file["episodes"].tolist()
-        except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
+        except (OSError, *DAMAGED_ZIP) as error:
             raise InputFileError(path, f"is damaged ({error}); delete it to collect it again") from None
         return found
 

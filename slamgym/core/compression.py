@@ -21,6 +21,10 @@ _CHUNK = 1 << 18
 
 DAMAGED = (EOFError, lzma.LZMAError, zlib.error, gzip.BadGzipFile)
 """What reading damaged compressed data raises."""
+DAMAGED_ZIP = (
+    EOFError, KeyError, ValueError, zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError, struct.error,
+)  # fmt: skip
+"""What reading a damaged zip archive raises, and numpy's files of several arrays are such."""
 
 
 class ExpandedFile:
@@ -70,7 +74,7 @@ def check_zip(path: Path | str, limit: Limit) -> None:
             try:
                 with zipfile.ZipFile(file) as archive:
                     limit.check(path, sum(entry.file_size for entry in archive.infolist()))
-            except (zipfile.BadZipFile, NotImplementedError, RuntimeError, struct.error, ValueError) as error:
+            except DAMAGED_ZIP as error:
                 raise InputFileError(path, f"is a damaged archive ({error})") from None
 
 

@@ -88,7 +88,11 @@ def test_a_plan_is_rendered_as_its_map_is_bent(plan_file, tmp_path) -> None:
         )
         off[as_mapped] = float(from_face[slam == 0].mean()) - 1.0  # a cell beside a face is one away
     assert off[True] < 0.8 * off[False]
-    (episodes(out)[0] / "field.npz").unlink()
+    field = episodes(out)[0] / "field.npz"
+    field.write_bytes(field.read_bytes()[:-100])
+    with pytest.raises(InputFileError, match="holds no displacement field"):
+        render_images(out, tmp_path / "again", config, table, selection=select_pairs(out))
+    field.unlink()
     with pytest.raises(InputFileError, match="only maps that `slamgym deform` made"):
         render_images(out, tmp_path / "again", config, table, selection=select_pairs(out))
 

@@ -6,9 +6,7 @@ which are stored as an npz file and read without executing anything.
 
 import io
 import json
-import struct
 import zipfile
-import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from slamgym.core.compression import DAMAGED_ZIP
 from slamgym.core.documents import load_json
 from slamgym.core.errors import InputFileError
 from slamgym.core.files import read_bytes, write_bytes
@@ -26,7 +25,6 @@ MAX_FILE_BYTES = 64_000_000
 """Larger files are refused: the pretrained model has a hundredth of it."""
 LEAF = -1
 """Feature index of a leaf."""
-_DAMAGED_ZIP = (zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError, struct.error)
 _ARRAYS = {"feature": np.int64, "threshold": np.float64, "left": np.int64, "right": np.int64}
 _ARRAYS |= {"value": np.float64, "roots": np.int64}
 
@@ -112,7 +110,7 @@ def read_forest(path: Path | str) -> tuple[Forest, dict[str, Any]]:
         with np.load(content, allow_pickle=False) as file:
             arrays = {name: np.asarray(file[name]) for name in (*_ARRAYS, "about")}
         about = load_json(arrays.pop("about").tobytes())
-    except (OSError, ValueError, KeyError, EOFError, *_DAMAGED_ZIP) as error:
+    except (OSError, *DAMAGED_ZIP) as error:
         raise InputFileError(path, f"can't be read as a model of completeness ({error})") from error
     fault = _fault(arrays)
     if fault or not isinstance(about, dict):

@@ -17,6 +17,7 @@ import numpy as np
 
 from slamgym import __version__
 from slamgym.cad import read_houseexpo
+from slamgym.core.compression import DAMAGED_ZIP
 from slamgym.core.config import to_dict
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.files import (
@@ -261,9 +262,9 @@ def _displacement(episode: Path, shape: tuple[int, int]) -> Float32Array:
     if not path.is_file():
         raise InputFileError(path, "is missing: only maps that `slamgym deform` made know how they are bent")
     try:
-        with np.load(path) as stored:
+        with path.open("rb") as raw, np.load(raw, allow_pickle=False) as stored:
             field: Float32Array = stored["field"].astype(np.float32)
-    except (OSError, ValueError, KeyError) as error:
+    except (OSError, *DAMAGED_ZIP) as error:
         raise InputFileError(path, "holds no displacement field; make the dataset again") from error
     if field.shape != (2, *shape):
         raise InputFileError(path, f"has the shape {field.shape}, but its map has {shape}")
