@@ -25,7 +25,7 @@ from slamgym.core.documents import parse_json, read_json
 from slamgym.core.errors import InputFileError
 from slamgym.core.files import read_bytes, text_lines
 from slamgym.core.pictures import decode_picture
-from slamgym.core.types import UNKNOWN, ByteArray, FloatArray
+from slamgym.core.types import UNKNOWN, BoolArray, ByteArray, FloatArray
 from slamgym.gan.encoding import resample_grey
 from slamgym.metrics.maps import resample_slam
 
@@ -42,6 +42,8 @@ class PairSet:
     plan_ids: tuple[str, ...]
     """Pairs of one plan must not be separated by a split."""
     metres_per_px: FloatArray  # (N,) of these images; nan where the manifest has none
+    as_mapped: BoolArray | None = None
+    """(N,) whose CAD maps were bent to lie where the SLAM maps have the walls; None if none were."""
 
     def __len__(self) -> int:
         return len(self.names)
@@ -59,6 +61,7 @@ class PairSet:
             tuple(self.names[i] for i in chosen),
             tuple(self.plan_ids[i] for i in chosen),
             self.metres_per_px[chosen],
+            None if self.as_mapped is None else self.as_mapped[chosen],
         )
 
     def resampled(self, size: int) -> "PairSet":
@@ -145,7 +148,8 @@ def load_pairs(root: Path | str, split: str, size: int, limit: int | None = None
         cad[index], slam[index] = resample_grey(a, (size, size)), resample_slam(b, (size, size))
         scales[index] = recorded[name].metres_per_px * side / size if name in recorded else np.nan
     plans = tuple(recorded[name].group if name in recorded else name for name in names)
-    return PairSet(cad, slam, tuple(names), plans, scales)
+    as_mapped = np.full(len(names), _image_settings(root).get("as_mapped") is True)
+    return PairSet(cad, slam, tuple(names), plans, scales, as_mapped)
 
 
 def load_training_pairs(roots: Sequence[Path | str], size: int) -> PairSet:
@@ -179,6 +183,7 @@ def load_training_pairs(roots: Sequence[Path | str], size: int) -> PairSet:
         tuple(name for part in parts for name in part.names),
         tuple(plan for part in parts for plan in part.plan_ids),
         np.concatenate([part.metres_per_px for part in parts]),
+        np.concatenate([part.as_mapped for part in parts if part.as_mapped is not None]),
     )
 
 
@@ -188,12 +193,15 @@ def true_faces(root: Path | str) -> bool:
     Raises:
         InputFileError: If its config.json is malformed.
     """
-    path = Path(root) / "config.json"
-    if not path.is_file():
-        return False
-    settings = read_json(path)
+    return _image_settings(Path(root)).get("edge_px") == 0.0
+
+
+def _image_settings(root: Path) -> dict[str, object]:
+    """How a folder's images were rendered; empty where nothing says so."""
+    path = root / "config.json"
+    settings = read_json(path) if path.is_file() else None
     images = settings.get("images") if isinstance(settings, dict) else None
-    return isinstance(images, dict) and images.get("edge_px") == 0.0
+    return images if isinstance(images, dict) else {}
 
 
 def read_grey(path: Path) -> ByteArray:

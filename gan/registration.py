@@ -30,16 +30,17 @@ def registered(pairs: PairSet, cache: Path | None = None, checksum: str = "") ->
     """The pairs with each SLAM map moved onto its CAD map by the rigid motion that brings the free spaces nearest.
 
     Args:
-        pairs: Rendered pairs; CAD maps stay as they are.
+        pairs: Rendered pairs; CAD maps stay as they are, and so do pairs whose CAD map lies as mapped.
         cache: File to keep the motions in (50 ms each to find); None keeps nothing.
         checksum: Of the pairs: a file of others is replaced.
     """
     found = _cached(cache, checksum, len(pairs))
     if found is None:
         rows = []
+        stay = np.zeros(len(pairs), dtype=np.bool_) if pairs.as_mapped is None else pairs.as_mapped
         with show_progress("alignments", 0, len(pairs)) as advance:
-            for cad, slam in zip(pairs.cad, pairs.slam, strict=True):
-                rows.append(nearest_motion(slam, cad))
+            for cad, slam, stays in zip(pairs.cad, pairs.slam, stay.tolist(), strict=True):
+                rows.append(IDENTITY if stays else nearest_motion(slam, cad))
                 advance()
         found = np.array(rows, dtype=np.float64).reshape(len(pairs), 4)
         if cache is not None:

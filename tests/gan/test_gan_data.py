@@ -310,3 +310,13 @@ def test_whether_faces_are_true_is_read_from_the_images_settings(edge, expected,
         (root / "config.json").write_text(json.dumps({"images": {"edge_px": edge}}))
     assert true_faces(root) == expected
     assert image_side(root, "train") == 32
+
+
+def test_which_cad_maps_lie_as_mapped_goes_with_the_pairs(make_images, tmp_path):
+    bent, straight = make_images(tmp_path / "bent"), make_images(tmp_path / "straight")
+    (bent / "config.json").write_text(json.dumps({"images": {"as_mapped": True}}))
+    pairs = load_training_pairs([bent, straight], 32)
+    own = len(load_pairs(bent, "train", 32))
+    assert own < len(pairs)
+    assert pairs.as_mapped.tolist() == [True] * own + [False] * (len(pairs) - own)
+    assert pairs.subset([own - 1, own]).as_mapped.tolist() == [True, False]
