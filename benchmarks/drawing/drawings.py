@@ -196,19 +196,9 @@ def score(case: Case, name: str, model: FloorModel) -> Score:
     begun = time.process_time()
     drawing = make_drawing(case.grid, case.name, model)
     seconds = time.process_time() - begun
-    coarse = case.grid.frame
-    frame = GridFrame(
-        coarse.resolution / FINE,
-        coarse.origin_x,
-        coarse.origin_y,
-        coarse.height_px * FINE,
-        coarse.width_px * FINE,
-    )
+    coarse, frame = case.grid.frame, fine_frame(case)
     true_floor = shares(case.truth, frame)
-    motion = Similarity(0.0, 0.0, 0.0, 0.0)
-    if name != EXACT:
-        masks = [(s >= 0.5).astype(np.float64) for s in (shares(drawing.floor, frame), true_floor)]
-        motion = aligned_error(masks[0], masks[1], scaling=False).similarity
+    motion = Similarity(0.0, 0.0, 0.0, 0.0) if name == EXACT else motion_onto(case, drawing.floor)
     floor = shares(moved(drawing.floor, frame, motion), frame)
     inside, truth = floor >= 0.5, true_floor >= 0.5
     true_rooms = divide(case.truth, DEFAULT_DRAWING)
@@ -230,6 +220,18 @@ def score(case: Case, name: str, model: FloorModel) -> Score:
         dimensions=measure_dimensions(floor, true_floor, frame.resolution),
         openings=compare_openings(floor, true_floor, frame.resolution),
     )
+
+
+def fine_frame(case: Case) -> GridFrame:
+    """The map's frame with cells so small that vectors can be measured on them."""
+    frame, cell = case.grid.frame, case.grid.frame.resolution / FINE
+    return GridFrame(cell, frame.origin_x, frame.origin_y, frame.height_px * FINE, frame.width_px * FINE)
+
+
+def motion_onto(case: Case, floor: BaseGeometry) -> Similarity:
+    """The rigid motion that lays a drawn floor over the true one."""
+    masks = [(shares(f, fine_frame(case)) >= 0.5).astype(np.float64) for f in (floor, case.truth)]
+    return aligned_error(masks[0], masks[1], scaling=False).similarity
 
 
 def shares(floor: BaseGeometry, frame: GridFrame) -> Float32Array:

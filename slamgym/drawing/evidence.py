@@ -4,9 +4,7 @@ Along each wall its faces are looked at every few centimetres: where the map has
 seen. Floor was observed where the map says free.
 """
 
-import itertools
 import math
-from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -26,15 +24,14 @@ from slamgym.core.types import (
     OccupancyGrid,
 )
 from slamgym.drawing.contours import trace_outlines
-from slamgym.drawing.drawing import DrawnWall, Layer
 from slamgym.drawing.settings import DrawingConfig
 from slamgym.drawing.walls import WallPiece
 from slamgym.metrics.maps import distance_to
 
 STEP = 0.05
 """Between two places that are looked at [m]."""
-SHORTEST_CHANGE = 0.4
-"""A wall is split into seen and inferred pieces of at least this length [m]."""
+HIDDEN_DEPTHS = (0.1, 0.2, 0.35)
+"""Distances from a wall's other face at which the space behind it is looked at [m]."""
 HULL_REACH = 3.0
 """Space between parts of the floor at most so far apart is inside of the building [m]."""
 HULL_CELL = 0.1
@@ -43,26 +40,6 @@ ENCLOSED_WITHIN, ENCLOSED_SHARE = 0.4, 0.85
 """An unexplored part has floor within so far [m] along so much of its outline: the outside beside a corner has less."""
 NARROWEST_GAP = 0.7
 """Gaps between two floors narrower than this are walls and shafts [m]."""
-
-
-@dataclass(frozen=True)
-class Confidence:
-    """Coefficients of a logistic function: the probability that a true wall lies within 20 cm of a drawn one.
-
-    Fitted on 2111 walls of 20 simulated homes, half of them furnished, drawn by cleaning and by the network, and tried
-    on 2035 of 20 others: docs/drawing.md. The model's certainty and a wall's thickness said nothing beside these.
-    """
-
-    constant: float
-    seen: float
-    """Of the share of its length that was seen."""
-    length: float
-    """Of its length up to :data:`LONG` [1/m]."""
-
-
-DEFAULT_CONFIDENCE = Confidence(0.24, 0.54, 0.78)
-LONG = 2.0
-"""Walls that are longer aren't surer for it [m]."""
 
 
 class Evidence:
@@ -114,6 +91,13 @@ class Evidence:
         """Whether the map has an occupied cell near each of some points of an outline (N, 2) [m]."""
         return self.at(self._to_wall, points, math.inf) <= self.config.evidence + STEP
 
+    def hidden_behind(self, piece: WallPiece) -> float:
+        """Share of the space just behind a wall that is unknown."""
+        face, other = self._faces(piece)
+        outwards = (other - face) / piece.thickness
+        places = np.concatenate([other + depth * outwards for depth in HIDDEN_DEPTHS])
+        return float((self.at(self.grid.cells, places, UNKNOWN) == UNKNOWN).mean())
+
     @staticmethod
     def _faces(piece: WallPiece) -> tuple[FloatArray, FloatArray]:
         start, end = np.array(piece.start), np.array(piece.end)
@@ -122,54 +106,6 @@ class Evidence:
         face = start + share * (end - start)
         behind = np.array([end[1] - start[1], start[0] - end[0]]) / piece.length
         return face, face + piece.thickness * behind
-
-
-def judged_walls(pieces: list[WallPiece], evidence: Evidence) -> list[DrawnWall]:
-    """Split walls where the evidence begins and ends, and say how sure each piece is."""
-    walls = []
-    for piece in pieces:
-        for part in _split(piece, evidence.seen_along(piece)):
-            seen = float(evidence.seen_along(part).mean())
-            layer: Layer = "SEEN" if seen >= evidence.config.seen_share else "INFERRED"
-            start, end = part.centre_line
-            sure = confidence(seen, part.length)
-            walls.append(DrawnWall(part.body, start, end, part.thickness, part.known, sure, seen, layer))
-    return walls
-
-
-def confidence(seen: float, length: float, model: Confidence = DEFAULT_CONFIDENCE) -> float:
-    """Probability that a wall is there: rises with the share that was seen and with its length [m]."""
-    return 1.0 / (1.0 + math.exp(-(model.constant + model.seen * seen + model.length * min(length, LONG))))
-
-
-def _split(piece: WallPiece, seen: BoolArray) -> list[WallPiece]:
-    """Pieces that were seen or not, none shorter than :data:`SHORTEST_CHANGE`."""
-    least = math.ceil(SHORTEST_CHANGE / (piece.length / len(seen)))
-    runs = _runs(seen)
-    while len(runs) > 1 and min(high - low for low, high in runs) < least:
-        shortest = min(range(len(runs)), key=lambda k: runs[k][1] - runs[k][0])
-        low, high = max(shortest - 1, 0), min(shortest + 1, len(runs) - 1)
-        runs[low : high + 1] = [(runs[low][0], runs[high][1])]
-    start, end = np.array(piece.start), np.array(piece.end)
-    parts = []
-    for index, (low, high) in enumerate(runs):
-        first, last = (start + place / len(seen) * (end - start) for place in (low, high))
-        parts.append(
-            replace(
-                piece,
-                start=(float(first[0]), float(first[1])),
-                end=(float(last[0]), float(last[1])),
-                before=piece.before if index == 0 else 0.0,
-                after=piece.after if index == len(runs) - 1 else 0.0,
-            )
-        )
-    return parts
-
-
-def _runs(values: BoolArray) -> list[tuple[int, int]]:
-    changes = np.flatnonzero(np.diff(values)) + 1
-    marks = [0, *changes.tolist(), len(values)]
-    return list(itertools.pairwise(marks))
 
 
 def filled(shape: shapely.Geometry, frame: GridFrame) -> BoolArray:

@@ -7,7 +7,7 @@ walls are hidden behind furniture was not seen free; a corridor that was not dri
 import numpy as np
 import shapely
 from scipy.spatial import cKDTree
-from shapely import LineString, MultiPolygon, Polygon
+from shapely import MultiPolygon, Polygon
 from shapely.geometry.base import BaseGeometry
 
 from slamgym.core.types import BoolArray, FloatArray, IntArray
@@ -34,58 +34,74 @@ MOUTH_COST = 3.0
 """Of several mouths the one with the most outline without walls is taken; a metre of mouth counts as so many less."""
 
 
-def find_fans(floor: MultiPolygon, evidence: Evidence) -> list[tuple[Polygon, Gap]]:
+def find_fans(floor: MultiPolygon, evidence: Evidence, largest: float) -> list[tuple[Polygon, Gap]]:
     """The fans of a floor, and the gap that each was seen through.
 
     Args:
         floor: With straight edges [m].
         evidence: The map.
+        largest: Of a fan [m2].
     """
     inside = floor.buffer(0.03, join_style="mitre")
     shapely.prepare(inside)
     found = []
     for part in floor.geoms:
-        for ring in (part.exterior, *part.interiors):
-            found += _fans_of(ring, inside, evidence)
+        found += _fans_of(part.exterior, False, inside, evidence, largest)
+        for ring in part.interiors:
+            found += _fans_of(ring, True, inside, evidence, largest)
     return found
 
 
-def _fans_of(ring: shapely.LinearRing, inside: BaseGeometry, evidence: Evidence) -> list[tuple[Polygon, Gap]]:
-    # Corners of the outline stay corners: mouths lie at jambs.
+def _fans_of(
+    ring: shapely.LinearRing, is_hole: bool, inside: BaseGeometry, evidence: Evidence, largest: float
+) -> list[tuple[Polygon, Gap]]:
+    # The floor is on the left. Corners of the outline stay corners: mouths lie at jambs.
     points = shapely.get_coordinates(shapely.segmentize(ring, OUTLINE_STEP))[:-1]
+    if ring.is_ccw == is_hole:
+        points = points[::-1]
     walled = evidence.is_walled(points)
     taken = np.zeros(len(points), np.bool_)
     fans = []
-    for first, last in _mouths(points, walled):
+    mouths = _mouths(points, walled, largest)
+    is_open = shapely.covers(inside, shapely.linestrings(points[mouths % len(points)]))
+    for first, last in mouths[is_open]:
         path = np.arange(first, last + 1) % len(points)
         if taken[path].any():
             continue
-        bulge, mouth = Polygon(points[path]), LineString(points[path[[0, -1]]])
-        if not bulge.is_valid or bulge.area < SMALLEST_FAN or not inside.covers(mouth):
-            continue
-        if not inside.covers(bulge) or share_known(bulge, evidence.grid) < SEEN_FREE:
+        bulge = Polygon(points[path])
+        if not bulge.is_valid or not inside.covers(bulge) or share_known(bulge, evidence.grid) < SEEN_FREE:
             continue
         taken[path] = True
-        (x0, y0), (x1, y1) = mouth.coords
+        (x0, y0), (x1, y1) = points[path[[0, -1]]].tolist()
         fans.append((bulge, Gap((x0, y0), (x1, y1), evidence.config.outer_thickness)))
     return fans
 
 
-def _mouths(points: FloatArray, walled: BoolArray) -> IntArray:
+def _mouths(points: FloatArray, walled: BoolArray, largest: float) -> IntArray:
     """First and last point of what may be a fan's outline, (N, 2), the best first; the last may be beyond the end."""
-    count = len(points)
-    steps = np.hypot(*(np.roll(points, -1, axis=0) - points).T)
+    count, following = len(points), np.roll(points, -1, axis=0)
+    steps = np.hypot(*(following - points).T)
     open_steps = np.where(walled & np.roll(walled, -1), 0.0, steps)
-    along, unwalled = (np.concatenate([[0.0], np.cumsum(np.tile(some, 2))]) for some in (steps, open_steps))
+    along, unwalled, swept = (
+        np.concatenate([[0.0], np.cumsum(np.tile(some, 2))])
+        for some in (steps, open_steps, 0.5 * _cross(points, following))
+    )
     ends = np.flatnonzero(walled)
     if len(ends) < 2:
         return np.empty((0, 2), np.int64)
     pairs = ends[cKDTree(points[ends]).query_pairs(WIDEST_MOUTH, output_type="ndarray")]
     pairs = np.vstack([pairs, np.column_stack([pairs[:, 1], pairs[:, 0] + count])])
     first, last = np.sort(pairs, axis=1).T
-    mouth = np.hypot(*(points[last % count] - points[first % count]).T)
+    begin, end = points[first % count], points[last % count]
+    mouth, area = np.hypot(*(end - begin).T), swept[last] - swept[first] + 0.5 * _cross(end, begin)
     length, bare = along[last] - along[first], unwalled[last] - unwalled[first]
-    good = (length >= LEAST_BULGE * mouth) & (bare >= UNWALLED * length) & (length >= SHORTEST_OUTLINE)
+    good = (length >= LEAST_BULGE * mouth) & (length >= SHORTEST_OUTLINE)
+    good &= (bare >= UNWALLED * length) & (area >= SMALLEST_FAN) & (area <= largest)
     worth = bare - (length - bare) - MOUTH_COST * mouth
     order = np.argsort(-worth[good], kind="stable")
     return np.column_stack([first[good], last[good]])[order][:MOST_TRIED]
+
+
+def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Products of vectors, (N, 2) each: twice the area that they span, positive where b is on the left of a."""
+    return a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]

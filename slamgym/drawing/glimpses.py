@@ -44,7 +44,7 @@ def explore(floor: MultiPolygon, evidence: Evidence) -> Explored:
     """
     config, least = evidence.config, (1.0 - MOST_GLIMPSED) * floor.area
     rooms = _without_glimpses(floor, divide(floor, config), evidence, least)
-    fans = find_fans(rooms.floor, evidence)
+    fans = find_fans(rooms.floor, evidence, rooms.floor.area - least)
     bulges = tuple(fan for fan, _ in fans)
     if not fans:
         return rooms

@@ -13,6 +13,7 @@ import slamgym
 from slamgym.core.config import to_dict
 from slamgym.core.errors import InputFileError
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, Float32Array, GridFrame, OccupancyGrid
+from slamgym.drawing.confidence import judged_walls
 from slamgym.drawing.contours import trace_outlines
 from slamgym.drawing.corrections import corrected
 from slamgym.drawing.doubts import find_doubts
@@ -20,7 +21,6 @@ from slamgym.drawing.drawing import Dimension, Drawing, DrawnDoor, DrawnRoom, Dr
 from slamgym.drawing.evidence import (
     Evidence,
     cell_polygons,
-    judged_walls,
     share_known,
     share_seen_open,
     unexplored_parts,

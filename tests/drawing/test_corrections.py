@@ -130,6 +130,18 @@ def test_a_fan_through_a_pane_is_unexplored(turn):
     assert sum(part.intersection(beyond).area for part in drawing.unexplored) > 0.85 * (fan - HALL).area
 
 
+def test_a_fan_into_a_courtyard_is_unexplored():
+    """Its outline runs round the floor the other way."""
+    court = shapely.box(3.0, 3.0, 10.0, 8.0)
+    gallery = shapely.box(0.0, 0.0, 13.0, 11.0).difference(court)
+    fan = Polygon([(2.9, 4.2), (6.0, 3.6), (6.0, 7.4), (2.9, 6.8)])
+    grid, _, model = painted(shapely.union_all([gallery, fan]))
+    grid = without_echoes(grid, fan.buffer(0.2).difference(gallery.buffer(0.12)))
+    drawing = make_drawing(grid, model=model)
+    assert drawing.area == pytest.approx(gallery.area, abs=1.5)
+    assert sum(part.intersection(fan).area for part in drawing.unexplored) > 0.85 * (fan - gallery).area
+
+
 @pytest.mark.parametrize(
     "bulge",
     [

@@ -12,11 +12,13 @@ from shapely import Polygon
 from slamgym.core.errors import InputFileError, SlamgymError
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, GridFrame, OccupancyGrid
 from slamgym.drawing import load_floor_model, make_drawing
+from slamgym.drawing.confidence import DEFAULT_CONFIDENCE, wall_signs
 from slamgym.drawing.contours import trace_outlines
-from slamgym.drawing.evidence import confidence
+from slamgym.drawing.evidence import Evidence
 from slamgym.drawing.floor import CleanedFloor, FilledFloor
 from slamgym.drawing.polygons import without_necks
-from slamgym.drawing.settings import DrawingConfig
+from slamgym.drawing.settings import DEFAULT_DRAWING, DrawingConfig
+from slamgym.drawing.walls import WallPiece
 
 
 def num_corners(shape):
@@ -227,11 +229,26 @@ def test_an_unseen_room_between_others_is_unexplored():
     assert part.area == pytest.approx(16.0, rel=0.1)
 
 
-def test_confidence_rises_with_the_evidence():
-    rising = [confidence(seen, 0.8) for seen in (0.0, 0.3, 0.7, 1.0)]
-    assert rising == sorted(rising)
-    assert 0.0 < rising[0] < rising[-1] < 1.0
-    assert confidence(1.0, 0.4) < confidence(1.0, 1.0) < confidence(1.0, 2.0) == confidence(1.0, 9.0)
+def test_a_long_straight_wall_is_surer_than_the_outline_of_clutter():
+    """Steps of a quarter of a metre along one side, as chairs and boxes leave them."""
+    steps = [shapely.box(0.25 * k, 4.0, 0.25 * (k + 1), 4.25 + 0.25 * (k % 2)) for k in range(4, 28)]
+    grid, _, model = painted(shapely.union_all([shapely.box(0, 0, 8, 4), *steps]))
+    walls = make_drawing(grid, model=model).walls
+    straight = [wall.confidence for wall in walls if wall.length > 3.0]
+    ragged = [wall.confidence for wall in walls if 2.0 < wall.start[0] < 6.0 and wall.start[1] > 4.0]
+    assert len(straight) >= 3
+    assert len(ragged) >= 10
+    assert 0.0 < max(ragged) < min(straight) - 0.2 < 0.8
+
+
+def test_a_wall_between_two_rooms_is_surer_than_one_with_nothing_known_behind():
+    wall = WallPiece((4.0, 3.0), (0.0, 3.0), 0.1, True)
+    rooms = shapely.union_all([shapely.box(0, 0, 4, 3), shapely.box(0, 3.1, 4, 6)])
+    between, outer = (
+        DEFAULT_CONFIDENCE.of(wall_signs([wall], Evidence(painted(floor)[0], DEFAULT_DRAWING)))[0]
+        for floor in (rooms, shapely.box(0, 0, 4, 3))
+    )
+    assert 0.5 < outer < between < 1.0
 
 
 def test_drawing_twice_gives_the_same():

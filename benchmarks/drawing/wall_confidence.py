@@ -1,0 +1,141 @@
+"""How far the confidence of drawn walls can be trusted, and where its coefficients come from.
+
+    python benchmarks/drawing/wall_confidence.py --fit out/empty out/furnished --try out/fresh_empty out/fresh_furnished
+
+A wall is true if half of a face of it lies within 20 cm of the true outline, after the rigid motion that lays the
+drawing over its plan. The coefficients of `slamgym.drawing.confidence` are fitted on the first datasets, made by
+`slamgym generate`, and the table shows the second, of other plans, by the coefficients that the package has.
+"""
+
+import argparse
+import itertools
+import sys
+from collections.abc import Sequence
+from dataclasses import fields
+from pathlib import Path
+
+import numpy as np
+import shapely
+from drawings import LIES_OVER, fine_frame, homes, motion_onto, moved, seen_share, shares
+from scipy.optimize import minimize
+from shapely import LineString
+from shapely.geometry.base import BaseGeometry
+
+from slamgym.core.types import BoolArray, FloatArray
+from slamgym.drawing import DrawnWall, load_floor_model, make_drawing
+from slamgym.drawing.confidence import DEFAULT_CONFIDENCE, Confidence, wall_signs
+from slamgym.drawing.evidence import Evidence
+from slamgym.drawing.settings import DEFAULT_DRAWING
+from slamgym.drawing.walls import WallPiece
+from slamgym.metrics import intersection_over_union
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+from report import print_and_save
+
+TRUE_WITHIN, STEP = 0.2, 0.05
+"""How near a true wall lies, and the distance of the places that are looked at [m]."""
+LIMITS = (0.0, 0.5, 0.7, 0.8, 0.9, 0.95, 1.0)
+PENALTY = 1e-4
+"""Of the squared coefficients."""
+COLUMNS = ("confidence", "walls", "said", "true")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--fit", nargs="*", type=Path, default=[], help="datasets to fit the coefficients on")
+    parser.add_argument(
+        "--try", nargs="*", type=Path, default=[], dest="fresh", help="datasets of other plans"
+    )
+    parser.add_argument("--model", default="slam2cad-metric+slam2cad", help="as `slamgym cad --model`")
+    parser.add_argument("--least-seen", type=float, default=0.7, help="of the true floor")
+    arguments = parser.parse_args()
+    if arguments.fit:
+        signs, true = judged(arguments.fit, arguments.model, arguments.least_seen)
+        found = fitted(signs, true)
+        print(f"{len(true)} walls: {found}, Brier score {brier(found.of(signs), true):.4f}")
+    for folder in arguments.fresh:
+        signs, true = judged([folder], arguments.model, arguments.least_seen)
+        sure = DEFAULT_CONFIDENCE.of(signs)
+        constant = np.full(len(true), true.mean())
+        title = f"Brier score {brier(sure, true):.4f}, of a constant {brier(constant, true):.4f}"
+        print_and_save(
+            f"drawing/confidence_{folder.name}", f"{folder.name}: {title}", table(sure, true), COLUMNS
+        )
+
+
+def judged(folders: Sequence[Path], model: str, least_seen: float) -> tuple[FloatArray, BoolArray]:
+    """Signs of all walls that a model draws, (N, 5), and which of them are true."""
+    floor_model = load_floor_model(model)
+    signs, true = [], []
+    for folder in folders:
+        for case in homes(folder, 0):
+            if seen_share(case) < least_seen:
+                continue
+            drawing = make_drawing(case.grid, case.name, floor_model)
+            frame, motion = fine_frame(case), motion_onto(case, drawing.floor)
+            masks = [shares(f, frame) >= 0.5 for f in (moved(drawing.floor, frame, motion), case.truth)]
+            if intersection_over_union(*masks) < LIES_OVER:
+                continue
+            outline = case.truth.boundary
+            shapely.prepare(outline)
+            pieces = [piece_of(wall, side) for wall in drawing.walls for side in (1.0, -1.0)]
+            faces = [moved(LineString([piece.start, piece.end]), frame, motion) for piece in pieces]
+            near = [share_near(face, outline) >= 0.5 for face in faces]
+            true.append(np.array(near).reshape(-1, 2).any(axis=1))
+            evidence = Evidence(case.grid, DEFAULT_DRAWING)
+            signs.append(wall_signs(pieces[::2], evidence))
+    return np.concatenate(signs), np.concatenate(true)
+
+
+def piece_of(wall: DrawnWall, side: float = 1.0) -> WallPiece:
+    """The stretch of a face that a wall was drawn from; with a ``side`` of -1 the other face."""
+    start, end = np.array(wall.start), np.array(wall.end)
+    behind = np.array([end[1] - start[1], start[0] - end[0]]) / wall.length
+    first, last = (point - side * 0.5 * wall.thickness * behind for point in (start, end))
+    return WallPiece(
+        (float(first[0]), float(first[1])),
+        (float(last[0]), float(last[1])),
+        wall.thickness,
+        wall.thickness_known,
+    )
+
+
+def share_near(face: BaseGeometry, outline: BaseGeometry) -> float:
+    """Share of a face that has the true outline beside it."""
+    places = shapely.points(shapely.get_coordinates(shapely.segmentize(face, STEP)))
+    return float((shapely.distance(outline, places) <= TRUE_WITHIN).mean())
+
+
+def fitted(signs: FloatArray, true: BoolArray) -> Confidence:
+    """The coefficients under which the walls are likeliest."""
+    inputs = np.column_stack([np.ones(len(signs)), signs])
+
+    def loss(weights: FloatArray) -> float:
+        odds = inputs @ weights
+        return float(np.mean(np.logaddexp(0.0, odds) - true * odds) + PENALTY * np.sum(weights[1:] ** 2))
+
+    found = minimize(loss, np.zeros(inputs.shape[1]), method="BFGS").x
+    names = [field.name for field in fields(Confidence)]
+    return Confidence(**{name: round(float(value), 2) for name, value in zip(names, found, strict=True)})
+
+
+def brier(sure: FloatArray, true: BoolArray) -> float:
+    """Mean squared error of probabilities."""
+    return float(np.mean((sure - true) ** 2))
+
+
+def table(sure: FloatArray, true: BoolArray) -> list[list[object]]:
+    """Walls by what was said of them."""
+    rows: list[list[object]] = []
+    for low, high in itertools.pairwise(LIMITS):
+        there = (sure > low) & (sure <= high)
+        if there.any():
+            said, share = (round(float(values[there].mean()), 2) for values in (sure, true))
+            rows.append([f"{low:g}-{high:g}", int(there.sum()), said, share])
+    return rows
+
+
+if __name__ == "__main__":
+    main()
