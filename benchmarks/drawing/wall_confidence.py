@@ -1,6 +1,6 @@
 """How far the confidence of drawn walls can be trusted, and where its coefficients come from.
 
-    python benchmarks/drawing/wall_confidence.py --fit out/empty out/furnished --try out/fresh_empty out/fresh_furnished
+    python benchmarks/drawing/wall_confidence.py --fit out/empty out/furnished --try empty=out/fresh furnished=out/other
 
 A wall is true if half of a face of it lies within 20 cm of the true outline, after the rigid motion that lays the
 drawing over its plan. The coefficients of `slamgym.drawing.confidence` are fitted on the first datasets, made by
@@ -37,7 +37,8 @@ TRUE_WITHIN, STEP = 0.2, 0.05
 LIMITS = (0.0, 0.5, 0.7, 0.8, 0.9, 0.95, 1.0)
 PENALTY = 1e-4
 """Of the squared coefficients."""
-COLUMNS = ("confidence", "walls", "said", "true")
+COLUMNS = ("maps", "walls", "said", "true", "Brier score", "of a constant")
+BIN_COLUMNS = ("confidence", "walls", "said", "true")
 
 
 def main() -> None:
@@ -45,9 +46,7 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--fit", nargs="*", type=Path, default=[], help="datasets to fit the coefficients on")
-    parser.add_argument(
-        "--try", nargs="*", type=Path, default=[], dest="fresh", help="datasets of other plans"
-    )
+    parser.add_argument("--try", nargs="*", default=[], dest="fresh", help="NAME=FOLDER of other plans")
     parser.add_argument("--model", default="slam2cad-metric+slam2cad", help="as `slamgym cad --model`")
     parser.add_argument("--least-seen", type=float, default=0.7, help="of the true floor")
     arguments = parser.parse_args()
@@ -55,14 +54,21 @@ def main() -> None:
         signs, true = judged(arguments.fit, arguments.model, arguments.least_seen)
         found = fitted(signs, true)
         print(f"{len(true)} walls: {found}, Brier score {brier(found.of(signs), true):.4f}")
-    for folder in arguments.fresh:
-        signs, true = judged([folder], arguments.model, arguments.least_seen)
+    rows, said, right = [], [], []
+    for named in arguments.fresh:
+        name, _, folder = named.partition("=")
+        signs, true = judged([Path(folder)], arguments.model, arguments.least_seen)
         sure = DEFAULT_CONFIDENCE.of(signs)
         constant = np.full(len(true), true.mean())
-        title = f"Brier score {brier(sure, true):.4f}, of a constant {brier(constant, true):.4f}"
-        print_and_save(
-            f"drawing/confidence_{folder.name}", f"{folder.name}: {title}", table(sure, true), COLUMNS
-        )
+        scores = [round(brier(values, true), 3) for values in (sure, constant)]
+        rows.append([name, len(true), *(round(float(v.mean()), 2) for v in (sure, true)), *scores])
+        said.append(sure)
+        right.append(true)
+    if rows:
+        print_and_save("drawing/wall_confidence", "Confidence of drawn walls", rows, COLUMNS)
+        title = "Confidence of drawn walls, all maps"
+        bins = table(np.concatenate(said), np.concatenate(right))
+        print_and_save("drawing/wall_confidence_bins", title, bins, BIN_COLUMNS)
 
 
 def judged(folders: Sequence[Path], model: str, least_seen: float) -> tuple[FloatArray, BoolArray]:
