@@ -198,7 +198,9 @@ def score(case: Case, name: str, model: FloorModel) -> Score:
     seconds = time.process_time() - begun
     coarse, frame = case.grid.frame, fine_frame(case)
     true_floor = shares(case.truth, frame)
-    motion = Similarity(0.0, 0.0, 0.0, 0.0) if name == EXACT else motion_onto(case, drawing.floor)
+    motion = Similarity(0.0, 0.0, 0.0, 0.0)
+    if name != EXACT:
+        motion = motion_onto(true_floor, shares(drawing.floor, frame))
     floor = shares(moved(drawing.floor, frame, motion), frame)
     inside, truth = floor >= 0.5, true_floor >= 0.5
     true_rooms = divide(case.truth, DEFAULT_DRAWING)
@@ -228,9 +230,9 @@ def fine_frame(case: Case) -> GridFrame:
     return GridFrame(cell, frame.origin_x, frame.origin_y, frame.height_px * FINE, frame.width_px * FINE)
 
 
-def motion_onto(case: Case, floor: BaseGeometry) -> Similarity:
-    """The rigid motion that lays a drawn floor over the true one."""
-    masks = [(shares(f, fine_frame(case)) >= 0.5).astype(np.float64) for f in (floor, case.truth)]
+def motion_onto(true_floor: Float32Array, floor: Float32Array) -> Similarity:
+    """The rigid motion that lays a drawn floor over the true one, both as shares of cells."""
+    masks = [(share >= 0.5).astype(np.float64) for share in (floor, true_floor)]
     return aligned_error(masks[0], masks[1], scaling=False).similarity
 
 

@@ -80,9 +80,11 @@ def judged(folders: Sequence[Path], model: str, least_seen: float) -> tuple[Floa
             if seen_share(case) < least_seen:
                 continue
             drawing = make_drawing(case.grid, case.name, floor_model)
-            frame, motion = fine_frame(case), motion_onto(case, drawing.floor)
-            masks = [shares(f, frame) >= 0.5 for f in (moved(drawing.floor, frame, motion), case.truth)]
-            if intersection_over_union(*masks) < LIES_OVER:
+            frame = fine_frame(case)
+            true_floor = shares(case.truth, frame)
+            motion = motion_onto(true_floor, shares(drawing.floor, frame))
+            floor = shares(moved(drawing.floor, frame, motion), frame)
+            if intersection_over_union(floor >= 0.5, true_floor >= 0.5) < LIES_OVER:
                 continue
             outline = case.truth.boundary
             shapely.prepare(outline)

@@ -251,6 +251,21 @@ def test_a_wall_between_two_rooms_is_surer_than_one_with_nothing_known_behind():
     assert 0.5 < outer < between < 1.0
 
 
+def test_confidence_rises_with_the_evidence():
+    evidence = Evidence(painted(shapely.box(0, 0, 12, 3))[0], DEFAULT_DRAWING)
+    lengths = [
+        wall_signs([WallPiece((length, 3.0), (0.0, 3.0), 0.1, False)], evidence)[0]
+        for length in (0.4, 1.0, 3.0, 9.0)
+    ]
+    rising = DEFAULT_CONFIDENCE.of(np.array(lengths)).tolist()
+    assert rising == sorted(rising)
+    seen = np.tile(lengths[0], (4, 1))
+    seen[:, 0] = (0.0, 0.3, 0.7, 1.0)
+    rising = DEFAULT_CONFIDENCE.of(seen).tolist()
+    assert rising == sorted(rising)
+    assert 0.0 < rising[0] < rising[-1] < 1.0
+
+
 def test_drawing_twice_gives_the_same():
     grid, _, _ = painted(FLAT, turn_deg=10.0)
     first, second = (make_drawing(grid, model="none") for _ in range(2))
