@@ -175,6 +175,21 @@ def share_known(shape: Polygon, grid: OccupancyGrid) -> float:
     return float((cells[inside] != UNKNOWN).mean()) if inside.any() else 0.0
 
 
+def share_ended(shape: Polygon, grid: OccupancyGrid) -> float:
+    """Of the free cells in a polygon that border on others, the share that lies at occupied cells, not at unknown."""
+    cell = grid.frame.resolution
+    min_x, min_y, max_x, max_y = shape.bounds
+    frame, rows, cols = _window(grid.frame, (min_x - cell, min_y - cell, max_x + cell, max_y + cell))
+    cells = grid.cells[rows, cols]
+    free = filled(shape, frame) & (cells == FREE)
+    at_echo, at_unknown = (
+        free & (cv2.dilate((cells == value).astype(np.uint8), np.ones((3, 3), np.uint8)) > 0)
+        for value in (OCCUPIED, UNKNOWN)
+    )
+    ends = np.count_nonzero(at_echo | at_unknown)
+    return float(np.count_nonzero(at_echo) / ends) if ends else 0.0
+
+
 def share_seen_open(line: FloatArray, evidence: Evidence) -> float:
     """Share of a line (2, 2) [m] that the map shows as free."""
     share = np.linspace(0.1, 0.9, 17)[:, None]

@@ -1,7 +1,8 @@
 """Fans: bulges of the floor that rays drew through a door, a window or a pane, and that end where the rays end.
 
 Along a fan's outline hardly any wall was seen, and the passage at its mouth is short beside it. A part of a room whose
-walls are hidden behind furniture was not seen free; a corridor that was not driven to its end is as wide as its end.
+walls are hidden behind furniture was not seen free, or what was ends at the furniture's echoes; a corridor that was not
+driven to its end is as wide as its end.
 """
 
 import numpy as np
@@ -9,9 +10,10 @@ import shapely
 from scipy.spatial import cKDTree
 from shapely import MultiPolygon, Polygon
 from shapely.geometry.base import BaseGeometry
+from shapely.geometry.polygon import orient
 
 from slamgym.core.types import BoolArray, FloatArray, IntArray
-from slamgym.drawing.evidence import Evidence, share_known
+from slamgym.drawing.evidence import Evidence, share_ended, share_known
 from slamgym.drawing.openings import Gap
 
 OUTLINE_STEP = 0.1
@@ -30,6 +32,8 @@ SMALLEST_FAN = 1.0
 """[m2]"""
 SEEN_FREE = 0.5
 """So much of it was seen."""
+ENDED = 0.5
+"""What the robot saw free in a room ends at echoes along so much of its border, in a fan where the rays end."""
 MOUTH_COST = 3.0
 """Of several mouths the one with the most outline without walls is taken; a metre of mouth counts as so many less."""
 
@@ -45,20 +49,17 @@ def find_fans(floor: MultiPolygon, evidence: Evidence, largest: float) -> list[t
     inside = floor.buffer(0.03, join_style="mitre")
     shapely.prepare(inside)
     found = []
-    for part in floor.geoms:
-        found += _fans_of(part.exterior, False, inside, evidence, largest)
-        for ring in part.interiors:
-            found += _fans_of(ring, True, inside, evidence, largest)
+    for part in map(orient, floor.geoms):
+        for ring in (part.exterior, *part.interiors):
+            found += _fans_of(ring, inside, evidence, largest)
     return found
 
 
 def _fans_of(
-    ring: shapely.LinearRing, is_hole: bool, inside: BaseGeometry, evidence: Evidence, largest: float
+    ring: shapely.LinearRing, inside: BaseGeometry, evidence: Evidence, largest: float
 ) -> list[tuple[Polygon, Gap]]:
     # The floor is on the left. Corners of the outline stay corners: mouths lie at jambs.
     points = shapely.get_coordinates(shapely.segmentize(ring, OUTLINE_STEP))[:-1]
-    if ring.is_ccw == is_hole:
-        points = points[::-1]
     walled = evidence.is_walled(points)
     taken = np.zeros(len(points), np.bool_)
     fans = []
@@ -69,7 +70,9 @@ def _fans_of(
         if taken[path].any():
             continue
         bulge = Polygon(points[path])
-        if not bulge.is_valid or not inside.covers(bulge) or share_known(bulge, evidence.grid) < SEEN_FREE:
+        if not bulge.is_valid or not inside.covers(bulge):
+            continue
+        if share_known(bulge, evidence.grid) < SEEN_FREE or share_ended(bulge, evidence.grid) >= ENDED:
             continue
         taken[path] = True
         (x0, y0), (x1, y1) = points[path[[0, -1]]].tolist()

@@ -10,8 +10,8 @@ import shapely
 from shapely import MultiPolygon, Polygon
 
 from slamgym.cad.polygons import polygon_parts
-from slamgym.drawing.evidence import Evidence
-from slamgym.drawing.fans import find_fans
+from slamgym.drawing.evidence import Evidence, share_ended
+from slamgym.drawing.fans import ENDED, find_fans
 from slamgym.drawing.openings import Division, Gap, divide, joined_rooms
 from slamgym.drawing.walls import WallPiece
 
@@ -72,9 +72,13 @@ def _without_glimpses(floor: MultiPolygon, division: Division, evidence: Evidenc
     lines = shapely.union_all([gap.line for gap in division.doors])
     walled = [evidence.share_walled(room, lines) for room in rooms]
     kept = set(range(len(rooms)))
+    is_open = [
+        share < OPEN_ROOM and share_ended(room, evidence.grid) < ENDED
+        for room, share in zip(rooms, walled, strict=True)
+    ]
     for k in sorted(kept, key=lambda k: walled[k]):
         rest = kept - {k}
-        if walled[k] < OPEN_ROOM and rest and _num_parts(rest, division) <= _num_parts(kept, division):
+        if is_open[k] and rest and _num_parts(rest, division) <= _num_parts(kept, division):
             kept = rest
     glimpsed = tuple(room for k, room in enumerate(rooms) if k not in kept)
     if not glimpsed or sum(float(rooms[k].area) for k in kept) < least:

@@ -170,6 +170,16 @@ def test_an_alcove_that_nobody_looked_into_is_no_fan():
     assert not any(part.intersects(alcove.buffer(-0.3)) for part in drawing.unexplored)
 
 
+def test_a_bulge_that_ends_at_echoes_is_no_fan_however_far_behind_them_it_is_drawn():
+    """Rays end at nothing; furniture along the walls ends them, and hides the walls."""
+    seen = shapely.union(HALL, shapely.box(7.9, 1.2, 11.0, 3.8))
+    drawn = shapely.union_all([seen, shapely.box(8.3, 0.7, 11.5, 4.3)])
+    grid, _, _ = painted(seen)
+    drawing = make_drawing(grid, model=Painted(drawn))
+    assert drawing.area == pytest.approx(drawn.area, abs=0.5)
+    assert not drawing.unexplored
+
+
 def test_a_room_that_others_are_reached_through_is_drawn_however_open():
     """Without it its neighbours would fall apart."""
     rooms = [shapely.box(0, 0, 4, 4), shapely.box(4.1, 0, 6.5, 4), shapely.box(6.6, 0, 10, 4)]
