@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 from shapely import Polygon
-from shapely.geometry.polygon import orient
 
 from slamgym.cad.floorplan import Door, FloorPlan
+from slamgym.cad.polygons import oriented_rings
 from slamgym.core.types import BoolArray, FloatArray
 
 SIMPLIFY = 0.03
@@ -90,8 +90,7 @@ def find_openings(free_space: Polygon) -> list[Door]:
 def _edges(free_space: Polygon) -> tuple[FloatArray, FloatArray, BoolArray]:
     """Edges, free space on their left: start (S, 2), vector (S, 2), and whether both ends are reflex."""
     starts, vectors, ends = [], [], []
-    oriented = orient(free_space)
-    for ring in (oriented.exterior, *oriented.interiors):
+    for ring in oriented_rings(free_space):
         points = shapely.get_coordinates(ring)[:-1]
         vector = np.roll(points, -1, axis=0) - points
         unit = vector / np.hypot(*vector.T)[:, None]

@@ -1,7 +1,10 @@
-"""Polygons out of whatever shapely's set operations leave: points and lines fall away."""
+"""Polygons out of whatever shapely's set operations leave, where points and lines fall away, and their outlines."""
+
+from collections.abc import Iterator
 
 import shapely
-from shapely import Polygon
+from shapely import LinearRing, Polygon
+from shapely.geometry.polygon import orient
 
 
 def polygon_parts(geometry: shapely.Geometry) -> list[Polygon]:
@@ -14,3 +17,10 @@ def polygon_parts(geometry: shapely.Geometry) -> list[Polygon]:
 def largest_part(geometry: shapely.Geometry) -> Polygon:
     """The largest polygon in a geometry; an empty one if there is none."""
     return max(polygon_parts(geometry), key=lambda part: float(part.area), default=Polygon())
+
+
+def oriented_rings(geometry: shapely.Geometry) -> Iterator[LinearRing]:
+    """The outlines of all polygons in a geometry and of their holes, each with the inside on its left."""
+    for part in map(orient, polygon_parts(geometry)):
+        yield part.exterior
+        yield from part.interiors

@@ -10,8 +10,8 @@ import shapely
 from scipy.spatial import cKDTree
 from shapely import MultiPolygon, Polygon
 from shapely.geometry.base import BaseGeometry
-from shapely.geometry.polygon import orient
 
+from slamgym.cad.polygons import oriented_rings
 from slamgym.core.types import BoolArray, FloatArray, IntArray
 from slamgym.drawing.evidence import Evidence, share_ended, share_known
 from slamgym.drawing.openings import Gap
@@ -49,9 +49,8 @@ def find_fans(floor: MultiPolygon, evidence: Evidence, largest: float) -> list[t
     inside = floor.buffer(0.03, join_style="mitre")
     shapely.prepare(inside)
     found = []
-    for part in map(orient, floor.geoms):
-        for ring in (part.exterior, *part.interiors):
-            found += _fans_of(ring, inside, evidence, largest)
+    for ring in oriented_rings(floor):
+        found += _fans_of(ring, inside, evidence, largest)
     return found
 
 

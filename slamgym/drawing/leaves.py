@@ -6,6 +6,7 @@ import numpy as np
 import shapely
 from shapely import MultiPolygon
 
+from slamgym.cad.polygons import oriented_rings
 from slamgym.core.types import FloatArray
 from slamgym.drawing.edges import main_axes
 from slamgym.drawing.polygons import without_necks
@@ -33,10 +34,8 @@ def without_leaves(floor: MultiPolygon, angles_deg: Sequence[float], config: Dra
     """
     axes = np.array(main_axes(angles_deg))
     leaves = []
-    for part in floor.geoms:
-        oriented = shapely.geometry.polygon.orient(part)
-        for ring in (oriented.exterior, *oriented.interiors):
-            leaves += _leaves_of(shapely.get_coordinates(ring)[:-1], axes)
+    for ring in oriented_rings(floor):
+        leaves += _leaves_of(shapely.get_coordinates(ring)[:-1], axes)
     if not leaves:
         return floor
     # A little wider, so that no slit is left.

@@ -17,7 +17,7 @@ import shapely
 from shapely import LineString, MultiPolygon, Point, Polygon
 
 from slamgym.cad.floorplan import fill_segments, ring_segments
-from slamgym.cad.polygons import polygon_parts
+from slamgym.cad.polygons import oriented_rings, polygon_parts
 from slamgym.core.types import Float32Array, FloatArray, GridFrame, IntArray
 from slamgym.drawing.settings import DrawingConfig
 from slamgym.metrics.rooms import DEFAULT_RULE, RoomRule, label_rooms
@@ -152,18 +152,16 @@ def _faces(floor: MultiPolygon) -> tuple[FloatArray, FloatArray, FloatArray]:
         Starts and ends, (N, 2) each, and whether each end is a corner that reaches into the floor, (N, 2).
     """
     starts, ends, reflex = [], [], []
-    for part in floor.geoms:
-        oriented = shapely.geometry.polygon.orient(part)
-        for ring in (oriented.exterior, *oriented.interiors):
-            points = shapely.get_coordinates(ring)[:-1]
-            before, after = np.roll(points, 1, axis=0), np.roll(points, -1, axis=0)
-            incoming, outgoing = points - before, after - points
-            turn = incoming[:, 0] * outgoing[:, 1] - incoming[:, 1] * outgoing[:, 0]
-            lengths = np.hypot(*incoming.T) * np.hypot(*outgoing.T)
-            sharp = turn < -0.4 * lengths
-            starts.append(points)
-            ends.append(after)
-            reflex.append(np.column_stack([sharp, np.roll(sharp, -1)]))
+    for ring in oriented_rings(floor):
+        points = shapely.get_coordinates(ring)[:-1]
+        before, after = np.roll(points, 1, axis=0), np.roll(points, -1, axis=0)
+        incoming, outgoing = points - before, after - points
+        turn = incoming[:, 0] * outgoing[:, 1] - incoming[:, 1] * outgoing[:, 0]
+        lengths = np.hypot(*incoming.T) * np.hypot(*outgoing.T)
+        sharp = turn < -0.4 * lengths
+        starts.append(points)
+        ends.append(after)
+        reflex.append(np.column_stack([sharp, np.roll(sharp, -1)]))
     if not starts:
         empty = np.empty((0, 2))
         return empty, empty, empty

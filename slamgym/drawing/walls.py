@@ -9,6 +9,7 @@ import numpy as np
 import shapely
 from shapely import MultiPolygon, Polygon
 
+from slamgym.cad.polygons import oriented_rings
 from slamgym.core.types import FloatArray
 from slamgym.drawing.settings import DrawingConfig
 
@@ -117,17 +118,15 @@ def _pair(point: FloatArray) -> tuple[float, float]:
 
 def _faces_of(floor: MultiPolygon) -> list[_Face]:
     faces = []
-    for part in floor.geoms:
-        oriented = shapely.geometry.polygon.orient(part)
-        for ring in (oriented.exterior, *oriented.interiors):
-            points = shapely.get_coordinates(ring)[:-1]
-            after = np.roll(points, -1, axis=0)
-            outgoing = after - points
-            incoming = np.roll(outgoing, 1, axis=0)
-            convex = incoming[:, 0] * outgoing[:, 1] - incoming[:, 1] * outgoing[:, 0] > 0.0
-            following = np.roll(convex, -1)
-            turns = zip(convex.tolist(), following.tolist(), strict=True)
-            faces += [_Face(a, b, turn) for a, b, turn in zip(points, after, turns, strict=True)]
+    for ring in oriented_rings(floor):
+        points = shapely.get_coordinates(ring)[:-1]
+        after = np.roll(points, -1, axis=0)
+        outgoing = after - points
+        incoming = np.roll(outgoing, 1, axis=0)
+        convex = incoming[:, 0] * outgoing[:, 1] - incoming[:, 1] * outgoing[:, 0] > 0.0
+        following = np.roll(convex, -1)
+        turns = zip(convex.tolist(), following.tolist(), strict=True)
+        faces += [_Face(a, b, turn) for a, b, turn in zip(points, after, turns, strict=True)]
     return faces
 
 
