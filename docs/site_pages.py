@@ -22,7 +22,7 @@ FACES = (
 )  # fmt: skip
 """Packages whose public names are the API."""
 ENVIRONMENTS = {"slamgym/Explore-v1": "ExploreEnv", "slamgym/ExploreFrontiers-v1": "ExploreFrontiersEnv"}
-_PICTURE = re.compile(r"!\[([^\]]+)\]\((images/[\w.]+)\)")
+_PICTURE = re.compile(r"!\[([^\]]+)\]\((?:\.\./)*(images/[\w.]+)\)")
 _SNIPPET = re.compile(r"```py\n--8<-- \"(examples/(\w+)\.py)\"\n```")
 _TO_SOURCE = re.compile(
     r"\[([^\]]+)\]\((?:\.\./)*((?:slamgym|agents|gan|tests|benchmarks|examples)/[\w/.]+)\)"
@@ -100,13 +100,13 @@ def gallery_page() -> str:
     """Every picture of the other pages, with its caption and the page that says how it was made."""
     parts = ["# Gallery\n\nEach picture leads to the page that explains it."]
     seen = set()
-    for page in sorted((ROOT / "docs").glob("*.md")):
-        text = page.read_text()
+    for page in sorted((ROOT / "docs").rglob("*.md")):
+        text, link = page.read_text(), page.relative_to(ROOT / "docs").as_posix()
         title = text.partition("\n")[0].removeprefix("# ")
         for caption, image in _PICTURE.findall(text):
             if image not in seen:
                 parts.append(
-                    f"[![{caption}]({image})]({page.name})\n\n{caption[0].upper()}{caption[1:]}: [{title}]({page.name})"
+                    f"[![{caption}]({image})]({link})\n\n{caption[0].upper()}{caption[1:]}: [{title}]({link})"
                 )
             seen.add(image)
     return "\n\n".join(parts)
