@@ -33,8 +33,8 @@ TOUCHING = 0.05
 class Confidence:
     """Coefficients of a logistic function: the probability that a true wall lies within 20 cm of a drawn one.
 
-    Fitted and tried on simulated homes of other plans (``benchmarks/drawing/wall_confidence.py``, docs/drawing/quality.md). The
-    model's certainty and a wall's thickness said nothing beside these.
+    Fitted and tried on simulated homes of other plans (``benchmarks/drawing/wall_confidence.py``,
+    docs/drawing/quality.md). The model's certainty and a wall's thickness said nothing beside these.
     """
 
     constant: float
