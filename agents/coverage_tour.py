@@ -286,7 +286,8 @@ class CoverageTourPlanner:
             ahead = path[i] - path[i - stride]
             nearest = int(np.argmin(((self.places - path[i]) ** 2).sum(axis=1)))
             cells = self._lists[nearest]
-            seen[cells[(self._centres[cells] - path[i]) @ ahead > 0.0]] = True
+            x, y = (self._centres[cells] - path[i]).T
+            seen[cells[x * ahead[0] + y * ahead[1] > 0.0]] = True
         return seen
 
     def _stops(self, tour: list[int], wanted: BoolArray) -> list[Stop]:

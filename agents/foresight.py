@@ -2,7 +2,7 @@
 
 A U-Net (Ronneberger, Fischer and Brox, MICCAI 2015) on shares of free and of occupied cells. Its doubt comes from
 dropout: the same few masks every time, so that the same map is foreseen alike (Gal and Ghahramani, ICML 2016). It runs
-with numpy alone; ``benchmarks/exploring/foresight.py`` trains it. That predicted maps help exploration: Shrestha et
+without torch; ``benchmarks/exploring/foresight.py`` trains it. That predicted maps help exploration: Shrestha et
 al., "Learned map prediction for enhanced mobile robot exploration", ICRA 2019.
 """
 
@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from slamgym.core.grids import paste
+from slamgym.core.portable import exp, product
 from slamgym.core.provenance import check_origin
 from slamgym.core.types import (
     FREE,
@@ -101,7 +102,7 @@ class MapCompletion:
             skips.append(values)
         lowest = _halved(values)
         drawn = np.stack([self._member(lowest, skips, masks) for masks in self._masks])
-        likely: Float32Array = (1.0 / (1.0 + np.exp(-drawn))).astype(np.float32)
+        likely: Float32Array = (1.0 / (1.0 + exp(-drawn))).astype(np.float32)
         return Foreseen(likely[:, 0], likely[:, 1], frame)
 
     def _member(
@@ -112,9 +113,8 @@ class MapCompletion:
         for level, (skip, mask) in enumerate(zip(reversed(skips), masks[1:], strict=True)):
             doubled = values.repeat(2, axis=1).repeat(2, axis=2)
             values = self._block(f"up.{level}", np.concatenate([doubled, skip]) * mask)
-        weight = self._weights["out.weight"].reshape(2, -1)
-        logits: Float32Array = np.tensordot(weight, values, axes=1) + self._weights["out.bias"][:, None, None]
-        return logits
+        logits = product(self._weights["out.weight"].reshape(2, -1), values.reshape(len(values), -1))
+        return logits.reshape(2, *values.shape[1:]) + self._weights["out.bias"][:, None, None]
 
     def _block(self, name: str, values: Float32Array) -> Float32Array:
         return self._convolved(f"{name}.1", self._convolved(f"{name}.0", values))
@@ -128,9 +128,9 @@ class MapCompletion:
             row, col = divmod(index, 3)
             columns[:, index] = padded[:, row : row + height, col : col + width]
         weight = self._weights[f"{name}.weight"]
-        product = weight.reshape(len(weight), -1) @ columns.reshape(channels * 9, -1)
-        product += self._weights[f"{name}.bias"][:, None]
-        rectified: Float32Array = np.maximum(product, 0.0, out=product).reshape(-1, height, width)
+        drawn = product(weight.reshape(len(weight), -1), columns.reshape(channels * 9, -1))
+        drawn += self._weights[f"{name}.bias"][:, None]
+        rectified: Float32Array = np.maximum(drawn, 0.0, out=drawn).reshape(-1, height, width)
         return rectified
 
 

@@ -108,7 +108,9 @@ class NextBestView:
         """Score the loop's candidates, shape (N,)."""
         # The logarithm orders alike, and distinguishes far views that the exponential rounds to 0.
         gains = np.maximum(view_gains(loop, self.max_range), 1e-3)
-        scores: FloatArray = np.log(gains) - self.path_weight * path_lengths(loop)
+        scores: FloatArray = np.array([math.log(gain) for gain in gains]) - self.path_weight * path_lengths(
+            loop
+        )
         return scores
 
 

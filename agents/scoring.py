@@ -1,4 +1,4 @@
-"""The network of :mod:`slamgym.agents.rl.policy` with numpy alone: choosing needs neither torch nor its start-up."""
+"""The network of :mod:`slamgym.agents.rl.policy` without torch: choosing doesn't wait for its start-up."""
 
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
@@ -7,6 +7,7 @@ import numpy as np
 
 from slamgym.core.config import Count, Settings
 from slamgym.core.errors import ConfigError
+from slamgym.core.portable import exp, product
 from slamgym.core.types import Float32Array
 
 if TYPE_CHECKING:
@@ -70,7 +71,8 @@ class FrontierScorer:
     """
 
     def __init__(self, weights: Mapping[str, Float32Array], heads: int) -> None:
-        self._weights = {name: np.ascontiguousarray(value, np.float32) for name, value in weights.items()}
+        # Of layers (inputs, outputs), as products take them.
+        self._weights = {name: np.ascontiguousarray(value.T, np.float32) for name, value in weights.items()}
         self._heads = heads
 
     def scores(self, observation: Mapping[str, Any]) -> Float32Array:
@@ -89,7 +91,7 @@ class FrontierScorer:
         pooled = np.concatenate([vectors.mean(axis=0), vectors.max(axis=0)])
         own = np.concatenate([vectors, np.broadcast_to(pooled, (len(features), len(pooled)))], axis=1)
         learned = self._linear("score_out", _relu(self._linear("score_in", own)))
-        scores: Float32Array = learned[:, 0] + features @ self._weights["prior.weight"][0]
+        scores: Float32Array = (learned + product(features, self._weights["prior.weight"]))[:, 0]
         return scores
 
     def choose(self, observation: Mapping[str, Any]) -> int:
@@ -101,17 +103,17 @@ class FrontierScorer:
         return int(scores.argmax())
 
     def _linear(self, name: str, values: Float32Array) -> Float32Array:
-        product: Float32Array = values @ self._weights[f"{name}.weight"].T + self._weights[f"{name}.bias"]
-        return product
+        return product(values, self._weights[f"{name}.weight"]) + self._weights[f"{name}.bias"]
 
     def _attend(self, vectors: Float32Array) -> Float32Array:
         count, width = vectors.shape
         parts = self._linear("query_key_value", vectors).reshape(count, 3, self._heads, width // self._heads)
-        query, key, value = parts.transpose(1, 2, 0, 3)  # each (heads, N, width / heads)
-        weights = query @ key.transpose(0, 2, 1) / np.sqrt(np.float32(width // self._heads))
-        weights = np.exp(weights - weights.max(axis=2, keepdims=True))
-        weights /= weights.sum(axis=2, keepdims=True)
-        return self._linear("attended", (weights @ value).transpose(1, 0, 2).reshape(count, width))
+        attended = []
+        for query, key, value in parts.transpose(2, 1, 0, 3):  # of each head, (N, width / heads) each
+            weights = product(query, key.T) / np.sqrt(np.float32(width // self._heads))
+            weights = exp(weights - weights.max(axis=1, keepdims=True))
+            attended.append(product(weights / weights.sum(axis=1, keepdims=True), value))
+        return self._linear("attended", np.concatenate(attended, axis=1))
 
     def _normalise(self, vectors: Float32Array) -> Float32Array:
         centred = vectors - vectors.mean(axis=1, keepdims=True)

@@ -12,6 +12,7 @@ import itertools
 import numpy as np
 
 from slamgym.agents.coverage_tour import CoverageTourPlanner
+from slamgym.core.portable import product
 from slamgym.core.types import BoolArray, IntArray
 from slamgym.planning.frontiers import Point
 from slamgym.planning.open_tour import improve_tour
@@ -36,7 +37,7 @@ class TourSearch:
     def __init__(self, planner: CoverageTourPlanner, start: Point, rng: np.random.Generator) -> None:
         self._planner, self._start, self._rng = planner, start, rng
         self._views = planner.views
-        self._matrix = self._views.astype(np.float32)
+        self._matrix = np.ascontiguousarray(self._views.T, np.float32)
         count = len(planner.places)
         self._lengths = np.empty((count + 1, count + 1))
         self._lengths[:count, :count] = planner.lengths
@@ -101,7 +102,9 @@ class TourSearch:
         unseen = self._counts(tour) == 0
         noise = 1.0 + 0.3 * self._rng.random(len(self._views))
         while (missing := needed - (unseen.size - int(np.count_nonzero(unseen)))) > 0:
-            gains = np.minimum(self._matrix @ unseen.astype(np.float32), missing) * self._usable
+            gains = (
+                np.minimum(product(unseen[None].astype(np.float32), self._matrix)[0], missing) * self._usable
+            )
             stops = np.array([self._home, *tour])
             to_stops = self._lengths[stops, : self._home]  # (n + 1, P)
             detours = to_stops.copy()

@@ -1,5 +1,6 @@
-"""The network that drives the wheels, with numpy alone, and its weights on disk."""
+"""The network that drives the wheels, without torch, and its weights on disk."""
 
+import functools
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +17,7 @@ from slamgym.agents.pretrained_policy import (
 from slamgym.core.config import Count, Positive, Settings, from_dict, to_dict
 from slamgym.core.documents import load_json
 from slamgym.core.errors import ConfigError, InputFileError
+from slamgym.core.portable import product
 from slamgym.core.provenance import check_origin
 from slamgym.core.types import Float32Array
 from slamgym.envs.compact import BLOCKS, SCAN_SECTORS, compact_size
@@ -72,11 +74,19 @@ class WheelsPolicy:
         """
         w = self.weights
         scaled = (observation - w["mean"]) / np.sqrt(w["variance"] + np.float32(_EPSILON))
-        hidden = np.clip(scaled, -CLIP, CLIP)
-        for name in ("first", "second"):
-            hidden = np.maximum(hidden @ w[f"{name}.weight"].T + w[f"{name}.bias"], 0.0)
-        action: Float32Array = np.clip(hidden @ w["action.weight"].T + w["action.bias"], -1.0, 1.0)
-        return action
+        hidden = np.clip(scaled, -CLIP, CLIP).reshape(-1, scaled.shape[-1])
+        for name, layer in self._layers.items():
+            hidden = product(hidden, layer) + w[f"{name}.bias"]
+            hidden = np.clip(hidden, -1.0, 1.0) if name == "action" else np.maximum(hidden, 0.0)
+        return hidden.reshape(*observation.shape[:-1], 2)
+
+    @functools.cached_property
+    def _layers(self) -> dict[str, Float32Array]:
+        """The weights of each layer as :func:`product` takes them, (inputs, outputs)."""
+        return {
+            name: np.ascontiguousarray(self.weights[f"{name}.weight"].T)
+            for name in ("first", "second", "action")
+        }
 
 
 def shapes(network: WheelsNetwork) -> dict[str, tuple[int, ...]]:

@@ -12,6 +12,7 @@ import numpy as np
 
 from slamgym.core.geometry import wrap_angle
 from slamgym.core.jit import kernel
+from slamgym.core.portable import lower_factor, solve_factored, solve_upper
 from slamgym.core.types import BoolArray, FloatArray, GridFrame, Int32Array
 from slamgym.parametric.config import MatchingConfig
 from slamgym.parametric.odometry_error import Increments
@@ -124,9 +125,10 @@ def anchor_poses(
             g[0] += settings.prior * (cos * pulls[k, 0] - sin * pulls[k, 1])
             g[1] += settings.prior * (sin * pulls[k, 0] + cos * pulls[k, 1])
             g[2] += settings.prior * _PRIOR_LEVER**2 * pulls[k, 2]
-            poses[k] += gain[k] * np.linalg.solve(A, g)
+            factor = lower_factor(A)
+            poses[k] += gain[k] * solve_factored(factor, g)
             # Of covariance A^-1: what errors of single beams do to the fit.
-            poses[k] += settings.scatter * np.linalg.solve(np.linalg.cholesky(A).T, dice[k])
+            poses[k] += settings.scatter * solve_upper(factor, dice[k])
         cos = math.cos(poses[k, 2] - true_poses[k, 2])
         sin = math.sin(poses[k, 2] - true_poses[k, 2])
         for b in range(hits.shape[1]):
@@ -241,5 +243,7 @@ def wall_normals(occupied: BoolArray) -> FloatArray:
     smooth = cv2.GaussianBlur(occupied.astype(np.float32), (0, 0), 1.0)
     gx, gy = cv2.Sobel(smooth, cv2.CV_32F, 1, 0), -cv2.Sobel(smooth, cv2.CV_32F, 0, 1)
     xx, yy, xy = (cv2.GaussianBlur(product, (0, 0), 1.5) for product in (gx * gx, gy * gy, gx * gy))
-    angle = 0.5 * np.arctan2(2.0 * xy, xx - yy).astype(np.float64)
-    return np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    # Half the angle of (xx - yy, 2 xy), without arctan2, whose last bit depends on the processor.
+    difference, mixed = (xx - yy).astype(np.float64), 2.0 * xy.astype(np.float64)
+    cos = difference / np.maximum(np.hypot(difference, mixed), 1e-12)
+    return np.stack([np.sqrt(0.5 * (1.0 + cos)), np.copysign(np.sqrt(0.5 * (1.0 - cos)), mixed)], axis=-1)

@@ -141,5 +141,10 @@ def tour_lengths(
 def straight_turns(pose: Pose2D, places: FloatArray) -> FloatArray:
     """How far the robot would turn to face places (N, 2), shape (N,) [rad]; 0 for those that it stands at."""
     dx, dy = (places - np.array(pose[:2])).T
-    turns = np.abs(np.remainder(np.arctan2(dy, dx) - pose.theta + np.pi, 2.0 * np.pi) - np.pi)
+    turns = np.abs(
+        np.remainder(
+            np.array([math.atan2(*one) for one in zip(dy, dx, strict=True)]) - pose.theta + np.pi, 2.0 * np.pi
+        )
+        - np.pi
+    )
     return np.where(np.hypot(dx, dy) < 0.3, 0.0, turns)

@@ -14,6 +14,7 @@ import numpy as np
 from slamgym.core.config import NonNegative, Positive, Settings, Within
 from slamgym.core.errors import ConfigError
 from slamgym.core.geometry import compose
+from slamgym.core.portable import exp
 from slamgym.core.types import (
     OCCUPIED,
     UNKNOWN,
@@ -214,7 +215,7 @@ def _cost_table(config: CostmapConfig, resolution: float) -> ByteArray:
     coastal = math.isfinite(config.coastal_distance)
     end = max(config.inflation_radius, config.coastal_distance if coastal else 0.0)
     distance = np.sqrt(np.arange(math.floor((end / resolution) ** 2 + 1e-9) + 1)) * resolution
-    decayed = (INSCRIBED_COST - 1) * np.exp(-config.cost_scaling * (distance - config.inscribed_radius))
+    decayed = (INSCRIBED_COST - 1) * exp(-config.cost_scaling * (distance - config.inscribed_radius))
     decayed[distance > config.inflation_radius + 1e-9] = FREE_COST
     table = np.where(distance <= config.inscribed_radius + 1e-9, INSCRIBED_COST, decayed).astype(np.uint8)
     table[0] = LETHAL_COST

@@ -16,6 +16,7 @@ import numpy as np
 
 from slamgym.core.config import Positive, Settings, Within
 from slamgym.core.errors import ConfigError
+from slamgym.core.portable import exp, product
 from slamgym.core.provenance import check_origin
 from slamgym.core.types import Float32Array, FloatArray
 from slamgym.planning.frontier_feature_kernels import come_near
@@ -141,8 +142,7 @@ class UnseenFloor:
         return max(0.0, float(thresholds[allowed])) if 0 <= allowed < len(thresholds) else 0.0
 
     def _linear(self, name: str, values: FloatArray) -> FloatArray:
-        product: FloatArray = values @ self._arrays[f"{name}.weight"].T + self._arrays[f"{name}.bias"]
-        return product
+        return product(values, self._arrays[f"{name}.weight"].T) + self._arrays[f"{name}.bias"]
 
 
 @functools.cache
@@ -194,4 +194,4 @@ def expected_floor(remains: Remains, frontiers: Sequence[FloatArray]) -> FloatAr
 
 def _area(values: FloatArray) -> FloatArray:
     """Square metres of what the network gives."""
-    return np.exp(np.clip(values, -8.0, 5.0))
+    return exp(np.clip(values, -8.0, 5.0))

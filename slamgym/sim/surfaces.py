@@ -14,6 +14,7 @@ import numpy as np
 
 from slamgym.core.config import CountOrZero, NonNegative, Settings, ShareBelowOne
 from slamgym.core.errors import ConfigError
+from slamgym.core.portable import exp
 from slamgym.core.types import FloatArray, IntArray
 from slamgym.sim.raycast import next_hit
 
@@ -185,7 +186,7 @@ def _outer(plan: "FloorPlan", walls: FloatArray) -> list[bool]:
 
     middles = 0.5 * (walls[:, :2] + walls[:, 2:])
     along = walls[:, 2:] - walls[:, :2]
-    normals = np.column_stack([-along[:, 1], along[:, 0]]) / np.linalg.norm(along, axis=1)[:, None]
+    normals = np.column_stack([-along[:, 1], along[:, 0]]) / np.hypot(*along.T)[:, None]
     probes = middles + 0.01 * normals
     inwards = shapely.contains_xy(plan.free_space, probes[:, 0], probes[:, 1])
     normals[inwards] *= -1.0
@@ -240,8 +241,8 @@ def _with_frames(
         if kind == GLASS:
             depth = float(rng.uniform(0.0, config.frames))
             frames += [(at - _FRAME_WIDTH, at, PLAIN, 1.0, depth) for at in (begin, end + _FRAME_WIDTH)]
-    direction = (wall[2:] - wall[:2]) / np.linalg.norm(wall[2:] - wall[:2])
-    length = float((wall[2:] - wall[:2]) @ direction)
+    length = float(np.hypot(*(wall[2:] - wall[:2])))
+    direction = (wall[2:] - wall[:2]) / length
     for jamb in (point for door in plan.doors for point in (door.start, door.end)):
         x, y = (np.asarray(jamb) - wall[:2]).tolist()
         along, across = x * direction[0] + y * direction[1], x * direction[1] - y * direction[0]
@@ -257,13 +258,13 @@ def _things_outside(
     """Some short walls before a pane, seen from within the building, shape (K, 4) [m]."""
     import shapely
 
-    along = (wall[2:] - wall[:2]) / np.linalg.norm(wall[2:] - wall[:2])
+    along = (wall[2:] - wall[:2]) / np.hypot(*(wall[2:] - wall[:2]))
     out = np.array([along[1], -along[0]])
     middle = wall[:2] + 0.5 * (pane[0] + pane[1]) * along
     if shapely.contains_xy(plan.free_space, *(middle + 0.01 * out)):
         out = -out
     number = int(rng.integers(_THINGS_OUTSIDE + 1))
-    away = _NEAREST_OUTSIDE * (_FURTHEST_OUTSIDE / _NEAREST_OUTSIDE) ** rng.random(number)
+    away = _NEAREST_OUTSIDE * exp(math.log(_FURTHEST_OUTSIDE / _NEAREST_OUTSIDE) * rng.random(number))
     aside = (0.5 + 0.5 * away) * rng.normal(0.0, 1.0, number)
     half = 0.5 * _SMALLEST_OUTSIDE * (_LARGEST_OUTSIDE / _SMALLEST_OUTSIDE) ** rng.random(number)
     far = _NEAREST_BACKDROP * (_FURTHEST_OUTSIDE / _NEAREST_BACKDROP) ** rng.random()

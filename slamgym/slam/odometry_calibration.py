@@ -87,7 +87,11 @@ class OdometryCalibration:
         small that the odometry seems to be true, only significant systematic ones count.
         """
         squared = self.scale**2 / self._scale_variance
-        squared += float(self.heading @ np.linalg.solve(self._heading_covariance, self.heading))
+        drift, turn = self.heading.tolist()
+        (drift_variance, both), (_, turn_variance) = self._heading_covariance.tolist()
+        squared += (drift**2 * turn_variance - 2.0 * drift * turn * both + turn**2 * drift_variance) / (
+            drift_variance * turn_variance - both**2
+        )
         truth = (FAULTY_NOISE - self.heading_noise) / (FAULTY_NOISE - TRUE_NOISE)
         return max(0.0, 1.0 - SIGNIFICANT * min(max(truth, 0.0), 1.0) / max(squared, 1e-9))
 
@@ -113,7 +117,7 @@ class OdometryCalibration:
         )
         return MotionSpread(
             random_distance + self._scale_variance * forward**2,
-            random_heading + float(share @ self._heading_covariance @ share),
+            random_heading + float((share * self._shared(share)).sum()),
             random_distance,
             random_heading,
         )
@@ -153,19 +157,21 @@ class OdometryCalibration:
     def _learn_heading(self, error: float, match_variance: float) -> None:
         shares = np.array([self._signed, self._odometry.theta])
         slip = SLIP_DRIFT**2 * self._distance + SLIP_TURN**2 * self._turn
-        innovation = error - float(self.heading @ shares)
+        innovation = error - float((self.heading * shares).sum())
         expected = max(self.heading_noise, LEAST_NOISE) * slip + match_variance
-        spread = float(shares @ self._heading_covariance @ shares) + expected
+        spread = float((shares * self._shared(shares)).sum()) + expected
         self.heading_noise, self._heading_weight = _learned_noise(
             self.heading_noise, self._heading_weight, (innovation, spread), slip, match_variance
         )
         if innovation**2 > OUTLIER * spread:
             return
-        gain = self._heading_covariance @ shares / spread
+        gain = self._shared(shares) / spread
         self.heading = self.heading + gain * innovation
-        self._heading_covariance = self._heading_covariance - np.outer(
-            gain, shares @ self._heading_covariance
-        )
+        self._heading_covariance = self._heading_covariance - np.outer(gain, self._shared(shares))
+
+    def _shared(self, shares: FloatArray) -> FloatArray:
+        """The covariance of the heading's errors times shares of them, (2,)."""
+        return np.asarray((self._heading_covariance * shares).sum(axis=1), dtype=np.float64)
 
     def _learn_distance(self, error: float, length: float, match_variance: float) -> None:
         slip = SLIP_DISTANCE**2 * self._distance

@@ -11,6 +11,7 @@ import numpy as np
 
 from slamgym.core.geometry import between, compose, wrap_angle
 from slamgym.core.jit import plain
+from slamgym.core.portable import product
 from slamgym.core.types import (
     Float32Array,
     FloatArray,
@@ -128,8 +129,8 @@ class ParticleFilter(GatedMapper):
         best = self._poses[self.best_particle]
         deviations = self._poses - best
         deviations[:, 2] = wrap_angle(deviations[:, 2])
-        deviations -= self._weights @ deviations
-        spread = (deviations * self._weights[:, None]).T @ deviations
+        deviations -= (self._weights[:, None] * deviations).sum(axis=0)
+        spread = product((deviations * self._weights[:, None]).T, deviations)
         return np.asarray(self._uncertainty.at(best, self._match_covariance) + spread, dtype=np.float64)
 
     @property
@@ -251,7 +252,8 @@ class ParticleFilter(GatedMapper):
         self._free_offset = between(matched, aligned)
         covariance = match_covariance(free[4:])
         along = np.array([math.cos(matched.theta), math.sin(matched.theta), 0.0])
-        along_variance, turn_variance = float(along @ covariance @ along), float(covariance[2, 2])
+        along_variance = float((covariance * np.outer(along, along)).sum())
+        turn_variance = float(covariance[2, 2])
         reliable = fits and along_variance <= RELIABLE_METRES**2 and turn_variance <= RELIABLE_RADIANS**2
         self._match_covariance = covariance if reliable else None
         if self._calibration is None:

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 
+from slamgym.core.portable import exp
 from slamgym.core.types import FloatArray, IntArray
 
 FULL_NOISE = 4.0
@@ -36,14 +37,14 @@ def normalized_weights(log_weights: FloatArray, gain: float) -> FloatArray:
         log_weights: (particles,) log-likelihood since the last resampling.
         gain: GMapping's ``ogain``.
     """
-    weights = np.exp((log_weights - log_weights.max()) / (gain * len(log_weights)))
+    weights = exp((log_weights - log_weights.max()) / (gain * len(log_weights)))
     normalized: FloatArray = weights / weights.sum()
     return normalized
 
 
 def effective_sample_size(weights: FloatArray) -> float:
     """N_eff = 1 / sum of squares, from 1 (one particle has all the weight) to the number of particles."""
-    return float(1.0 / np.dot(weights, weights))
+    return float(1.0 / np.square(weights).sum())
 
 
 def systematic_resample(weights: FloatArray, uniform: float, count: int) -> IntArray:

@@ -16,6 +16,7 @@ import numpy as np
 
 from slamgym.core.geometry import wrap_angle
 from slamgym.core.jit import kernel
+from slamgym.core.portable import inverted
 from slamgym.core.types import FloatArray, IntArray
 
 _IDENTITY = np.eye(3)
@@ -42,7 +43,7 @@ def match_covariance(binding: FloatArray) -> FloatArray:
     """
     uu, uv, vv, ut, vt, tt = binding.tolist()
     information = POINT_INFORMATION * np.array([[uu, uv, ut], [uv, vv, vt], [ut, vt, tt]])
-    return np.asarray(np.linalg.inv(information + _IDENTITY), dtype=np.float64)
+    return np.asarray(inverted(information + _IDENTITY), dtype=np.float64)
 
 
 def step_covariance(motion: FloatArray, before: FloatArray, added: FloatArray) -> FloatArray:
@@ -203,11 +204,11 @@ class PathUncertainty:
     def between(self, one: int, other: int) -> FloatArray:
         """Covariance (3, 3) of a node seen from another, in the map frame: what was added on the way between them."""
         added = np.array(sorted(self._way(one) ^ self._way(other)), dtype=np.int64)
-        levers = np.tile(_IDENTITY, (len(added), 1, 1))
-        levers[:, 0, 2] = self._poses[added, 1] - self._poses[other, 1]
-        levers[:, 1, 2] = self._poses[other, 0] - self._poses[added, 0]
-        steps = self._added[added]
-        return np.asarray((levers @ steps @ levers.transpose(0, 2, 1)).sum(axis=0), dtype=np.float64)
+        total = np.zeros((3, 3))
+        for node in added:
+            x, y = self._poses[other, :2] - self._poses[node, :2]
+            _add_step(x, y, self._added[node], total, total)
+        return total
 
     def _way(self, node: int) -> set[int]:
         """The nodes on the way by which a node is known, but for the first of all."""
@@ -223,7 +224,7 @@ class PathUncertainty:
         if match is None:
             return odometry
         matched = 2.0 * match + np.diag(np.square(STEP_FLOOR))
-        return np.asarray(np.linalg.inv(np.linalg.inv(odometry) + np.linalg.inv(matched)), dtype=np.float64)
+        return np.asarray(inverted(inverted(odometry) + inverted(matched)), dtype=np.float64)
 
     def follow(self, poses: FloatArray, ties: Iterable[tuple[int, int, FloatArray]]) -> None:
         """Compute everything again after nodes were moved or loops closed.

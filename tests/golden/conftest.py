@@ -28,7 +28,8 @@ from slamgym.core.types import FREE, OCCUPIED
 STORE = Path(__file__).with_name("golden.json")
 RENAMED = Path(__file__).with_name("renamed.json")
 DECIMALS = 4  # a tenth of a millimetre: libm and compilers differ in the last bit from processor to processor
-TOLERANCE = 1e-5  # of figures that are stored as numbers, for the same reason
+FIGURES = 6  # decimals of figures that are stored as numbers ...
+TOLERANCE = 1e-5  # ... and by how much they may differ, so that no rounding decides
 
 
 def recorded(name, renamed):
@@ -152,8 +153,8 @@ class Golden:
         poses = np.asarray(poses, np.float64)
         return {
             "poses": len(poses),
-            "length": round(float(np.hypot(*np.diff(poses[:, :2], axis=0).T).sum()), DECIMALS),
-            "last": [round(float(value), DECIMALS) + 0.0 for value in poses[-1]],
+            "length": round(float(np.hypot(*np.diff(poses[:, :2], axis=0).T).sum()), FIGURES),
+            "last": [round(float(value), FIGURES) + 0.0 for value in poses[-1]],
             "digest": Golden.rounded_digest(poses),
         }
 

@@ -49,15 +49,15 @@ def test_explore_env(golden, name):
     measured = {
         "plan": plan,
         "steps": len(rewards),
-        "reward": round(float(np.sum(rewards)), 4),
+        "reward": round(float(np.sum(rewards)), 6),
         "rewards": golden.rounded_digest(rewards),
-        "terms": {key: round(float(sum(term[key] for term in terms)), 4) for key in terms[0]},
+        "terms": {key: round(float(sum(term[key] for term in terms)), 6) for key in terms[0]},
         "observations": digest(golden, observations[::4]),
-        "coverage": round(info["coverage"], 4),
-        "pose error": round(info["pose_error"], 4),
-        "map error": round(env.map_error(), 4),
+        "coverage": round(info["coverage"], 6),
+        "pose error": round(info["pose_error"], 6),
+        "map error": round(env.map_error(), 6),
         "collisions": info["collisions"],
-        "last": [round(float(value), 4) for value in info["true_pose"]],
+        "last": [round(float(value), 6) for value in info["true_pose"]],
     }
     golden.check(f"environment/{name}", measured)
 
@@ -73,14 +73,14 @@ def test_explore_frontiers_env(golden, localization):
         choice = int(rng.choice(np.flatnonzero(env.action_masks())))
         observation, reward, terminated, truncated, info = env.step(choice)
         observations.append(observation)
-        steps.append([choice, round(reward, 4), round(info["duration"], 4)])
+        steps.append([choice, round(reward, 6), round(info["duration"], 6)])
         over = terminated or truncated
     measured = {
         "choice, reward, duration": steps,
         "observations": digest(golden, observations),
-        "coverage": round(info["coverage"], 4),
+        "coverage": round(info["coverage"], 6),
         "terminated": terminated,
         "truncated": truncated,
-        "last": [round(float(value), 4) for value in info["true_pose"]],
+        "last": [round(float(value), 6) for value in info["true_pose"]],
     }
     golden.check(f"environment/frontiers/{localization}", measured)

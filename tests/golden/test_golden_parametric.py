@@ -29,8 +29,9 @@ def test_deform(golden, plan, method, name):
     measured = {
         "map": golden.of_cells(result.grid.cells),
         "cad": golden.of_cells(result.cad.cells),
-        "field": golden.rounded_digest(result.field),
-        "moved": round(float(np.hypot(*result.field)[result.seen].mean()), 4),
+        # float32 is too coarse for a digest of rounded values: the next processor rounds a few to the other side.
+        "field": np.round(result.field[:, ::80, ::80].astype(np.float64), 6).tolist(),
+        "moved": round(float(np.hypot(*result.field)[result.seen].mean()), 6),
         "true": golden.of_path(result.true.poses),
         "odometry": golden.of_path(result.odometry.poses),
         "believed": golden.of_path(result.believed.poses),

@@ -41,7 +41,7 @@ def test_the_log_itself(episode, golden):
         "truth": golden.of_path(episode.truth.poses),
         "odometry": golden.of_path(episode.odometry.poses),
         "ranges": golden.rounded_digest(ranges),
-        "coverage": round(episode.coverage, 4),
+        "coverage": round(episode.coverage, 6),
         "collisions": episode.collisions,
         "finished": episode.finished,
     }
@@ -55,7 +55,7 @@ def test_replay(episode, golden, way):
     frame = result.grid.frame
     measured = {
         "map": golden.of_cells(result.grid.cells),
-        "origin": [round(frame.origin_x, 4), round(frame.origin_y, 4)],
+        "origin": [round(frame.origin_x, 6), round(frame.origin_y, 6)],
         "processed": golden.of_path(result.processed.poses),
         "path": golden.of_path(result.trajectory.poses),
         "resamplings": result.stats.resamplings,
