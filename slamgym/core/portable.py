@@ -7,11 +7,14 @@ in the order of their terms and no multiplication is fused with an addition, so 
 """
 
 import math
+from typing import Any, TypeVar
 
 import numpy as np
 
 from slamgym.core.jit import kernel
 from slamgym.core.types import Float32Array, FloatArray
+
+_Values = TypeVar("_Values", Float32Array, FloatArray)
 
 _LOWEST, _HIGHEST = -745.2, 709.782712893384  # beyond them it is 0 and inf
 _PER_LN2 = 1.4426950408889634
@@ -20,7 +23,7 @@ _SERIES = tuple(1.0 / math.factorial(term) for term in range(13, -1, -1))  # the
 
 
 @kernel
-def _multiply(a: FloatArray, b: FloatArray, out: FloatArray) -> None:
+def _multiply(a: Any, b: Any, out: Any) -> None:
     """Add a (N, K) times b (K, M) to out (N, M), each sum in the order of K; all C-contiguous and of one type."""
     inner = a.shape[1]
     grouped = inner - inner % 4
@@ -102,17 +105,15 @@ def inverted(matrix: FloatArray) -> FloatArray:
     return found
 
 
-def product(a: Float32Array | FloatArray, b: Float32Array | FloatArray) -> FloatArray:
-    """The matrix product of a, shape (N, K), and b, shape (K, M); of float32 if both are, else of float64."""
-    kind = np.result_type(a, b)
-    a, b = np.ascontiguousarray(a, kind), np.ascontiguousarray(b, kind)
-    out = np.zeros((len(a), b.shape[1]), kind)
-    _multiply(a, b, out)
+def product(a: _Values, b: Float32Array | FloatArray) -> _Values:
+    """The matrix product of a, shape (N, K), and b, shape (K, M), in the type of a."""
+    out = np.zeros((len(a), b.shape[1]), a.dtype)
+    _multiply(np.ascontiguousarray(a), np.ascontiguousarray(b, a.dtype), out)
     return out
 
 
-def exp(values: Float32Array | FloatArray) -> FloatArray:
+def exp(values: _Values) -> _Values:
     """Exponentials, of any shape, float32 or float64 as given; within 2 units in the last place."""
     found = np.array(values, np.float64)
     _exponentiate(found.reshape(-1))
-    return found.astype(np.asarray(values).dtype, copy=False)
+    return found.astype(values.dtype, copy=False)
