@@ -6,7 +6,7 @@ DEMO ?= out/demo
 # One thread per process: the programs run one process per core.
 export OMP_NUM_THREADS ?= 1
 
-.PHONY: help setup demo test smoke site fuzz check format clean lowest
+.PHONY: help setup demo test smoke site fuzz check types format clean lowest
 
 help:
 	@echo "make demo    explore the bundled plans, write map pairs and a contact sheet to $(DEMO)"
@@ -23,14 +23,17 @@ help:
 $(VENV)/bin/python:
 	$(PYTHON) -m venv $(VENV)
 
+# For developers, new files are importable at once; the mode of pyproject.toml, for users, needs another installation for that.
+EDITABLE := --config-settings editable_mode=lenient --editable
+
 # What a user needs: no torch.
-$(VENV)/.base: pyproject.toml constraints.txt | $(VENV)/bin/python
-	$(BIN)/pip install --quiet --constraint constraints.txt --editable .
+$(VENV)/.base: setup.py pyproject.toml constraints.txt | $(VENV)/bin/python
+	$(BIN)/pip install --quiet --constraint constraints.txt $(EDITABLE) .
 	@touch $@
 
 # What a developer needs: every extra that the tests exercise.
-$(VENV)/.dev: pyproject.toml constraints.txt | $(VENV)/bin/python
-	$(BIN)/pip install --quiet --constraint constraints.txt --editable ".[films,agents,gan,hub,offline,ifc,ray,ros,human,viz,site,dev]"
+$(VENV)/.dev: setup.py pyproject.toml constraints.txt | $(VENV)/bin/python
+	$(BIN)/pip install --quiet --constraint constraints.txt $(EDITABLE) ".[films,agents,gan,hub,offline,ifc,ray,ros,human,viz,site,dev]"
 	@touch $@ $(VENV)/.base
 
 setup: $(VENV)/.dev
@@ -57,7 +60,7 @@ LOWEST_TESTS := tests/envs tests/sim tests/core/test_geometry.py tests/core/test
 lowest:
 	$(PYTHON) -m venv $(LOWEST)
 	grep -oE '"($(LEANS_ON))>=[0-9.]+' pyproject.toml | sed 's/"//; s/>=/==/' | sort -u > $(LOWEST)/constraints.txt
-	$(LOWEST)/bin/pip install --quiet --constraint $(LOWEST)/constraints.txt --editable ".[agents,human,dev]"
+	$(LOWEST)/bin/pip install --quiet --constraint $(LOWEST)/constraints.txt $(EDITABLE) ".[agents,human,dev]"
 	$(LOWEST)/bin/python -m pytest --import-mode=importlib $(LOWEST_TESTS)
 
 # What was found is kept in .hypothesis and tried first in the next search.
@@ -71,12 +74,19 @@ endif
 check: $(VENV)/.dev
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
+	$(MAKE) types
+
+# mypy reads packages where their names say: the three folders are put together below build/, with the times of their files,
+# by which it knows what it has checked already.
+types: $(VENV)/.dev
+	rm -rf build/types && mkdir -p build/types && cp -Rp slamgym build/types && cp -Rp agents gan build/types/slamgym
 	$(BIN)/mypy
 
 format: $(VENV)/.dev
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
 
+# Not all of build/: an editable installation for users leads to a tree of links there.
 clean:
-	rm -rf $(VENV) $(LOWEST) build dist *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis
+	rm -rf $(VENV) $(LOWEST) build/types build/site build/lib build/bdist.* dist *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis
 	find slamgym agents gan tests benchmarks -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -8,6 +8,7 @@ import importlib
 import inspect
 import json
 import re
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +28,14 @@ _SNIPPET = re.compile(r"```py\n--8<-- \"(examples/(\w+)\.py)\"\n```")
 _TO_SOURCE = re.compile(
     r"\[([^\]]+)\]\((?:\.\./)*((?:slamgym|agents|gan|tests|benchmarks|examples)/[\w/.]+)\)"
 )
+
+
+def on_startup(**_: Any) -> None:
+    """Put the packages together by their names where docstrings are read without importing (mkdocs.yml: paths)."""
+    together = ROOT / "build" / "site"
+    shutil.rmtree(together, ignore_errors=True)
+    for folder, package in (("slamgym", ""), ("agents", "slamgym"), ("gan", "slamgym")):
+        shutil.copytree(ROOT / folder, together / package / folder)
 
 
 def on_files(files: Files, config: Any) -> Files:

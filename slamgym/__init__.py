@@ -19,10 +19,15 @@ What most programs begin with is here; it is imported when it is first used:
 - errors that the user can fix: :class:`~slamgym.core.errors.SlamgymError`
 """
 
+from pathlib import Path
+
 import lazy_loader as lazy
 from gymnasium.envs.registration import register
 
 __version__ = "0.1.0"
+# In a checkout the folders of slamgym.agents and slamgym.gan lie beside this one (setup.py); installed, they lie in it.
+if all((Path(__file__).parents[1] / name).is_file() for name in ("setup.py", "agents/__init__.py")):
+    __path__.append(str(Path(__file__).parents[1]))
 __getattr__, __dir__, __all__ = lazy.attach_stub(__name__, __file__)
 
 # Names rather than classes, so that nothing heavy is imported before an environment is made. The environment

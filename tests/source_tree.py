@@ -7,19 +7,17 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 PACKAGE = "slamgym"
+FOLDERS = {PACKAGE: ROOT / PACKAGE, f"{PACKAGE}.agents": ROOT / "agents", f"{PACKAGE}.gan": ROOT / "gan"}
 NO_ROOM = {PACKAGE, f"{PACKAGE}.__main__"}
 
 
 @functools.cache
 def modules() -> dict[str, Path]:
-    """Every module by its dotted name; ``slamgym/agents`` and ``slamgym/gan`` are links to folders beside it."""
-    folders = {PACKAGE: ROOT / PACKAGE, f"{PACKAGE}.agents": ROOT / "agents", f"{PACKAGE}.gan": ROOT / "gan"}
+    """Every module by its dotted name; ``slamgym.agents`` and ``slamgym.gan`` lie beside the package."""
     found = {}
-    for prefix, folder in folders.items():
+    for prefix, folder in FOLDERS.items():
         for path in sorted(folder.rglob("*.py")):
             parts = path.relative_to(folder).with_suffix("").parts
-            if prefix == PACKAGE and parts[0] in {"agents", "gan"}:
-                continue
             parts = parts[:-1] if parts[-1] == "__init__" else parts
             found[".".join([prefix, *parts])] = path
     return found

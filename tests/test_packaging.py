@@ -1,7 +1,9 @@
-"""The wheel holds every package with its data and nothing at the top but slamgym; the sdist holds all else, too."""
+"""The wheel holds every package with its data and nothing at the top but slamgym; the sdist holds all else, too.
+
+Every kind of installation imports ``slamgym.agents`` and ``slamgym.gan``, which lie beside the package in a checkout.
+"""
 
 import email
-import os
 import shutil
 import subprocess
 import sys
@@ -10,7 +12,9 @@ import tomllib
 import zipfile
 from pathlib import Path
 
+import numpy as np
 import pytest
+from source_tree import FOLDERS, modules
 
 ROOT = Path(__file__).parents[1]
 DATA = (
@@ -35,33 +39,64 @@ DATA = (
     "planning/pretrained/remaining.safetensors",
     "pretrained.sha256",
 )
-BUILD = "import setuptools.build_meta as b, sys; out = sys.argv[1]; b.build_wheel(out); b.build_sdist(out)"
 BESIDE = (
-    "pyproject.toml", "README.md", "LICENSE", "MANIFEST.in", "CITATION.cff", "CHANGELOG.md", "CONTRIBUTING.md",
-    "Makefile", "constraints.txt", "mkdocs.yml",
+    "setup.py", "pyproject.toml", "README.md", "LICENSE", "MANIFEST.in", "CITATION.cff", "CHANGELOG.md",
+    "CONTRIBUTING.md", "Makefile", "constraints.txt", "mkdocs.yml",
 )  # fmt: skip
+
+# Programs see this interpreter's packages, but not by its .pth files: those of an installed slamgym may be among them.
+BEGIN = f"import os, site, sys; sys.path.append({str(Path(np.__file__).parents[1])!r})\n"
+BUILD = BEGIN + "import setuptools.build_meta as meta; meta.{}(sys.argv[1], {{'editable_mode': '{}'}})"
+IMPORT = (
+    BEGIN
+    + """
+import importlib
+for folder in sys.argv[1:]:
+    sys.path.insert(0, folder)
+    site.addsitedir(folder)
+for name in sys.stdin.read().split():
+    try:
+        print(name, os.path.realpath(importlib.import_module(name).__file__))
+    except ModuleNotFoundError as error:
+        if error.name.startswith("slamgym"):
+            raise
+        print(name, "needs", error.name)
+"""
+)
+
+
+def run(place, code, *arguments, names=()):
+    """Run a program in a folder; returns the lines that it prints."""
+    done = subprocess.run(
+        [sys.executable, "-ES", "-c", code, *map(str, arguments)], cwd=place, input=" ".join(names),
+        capture_output=True, text=True, check=False, timeout=600,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    return done.stdout.splitlines()
 
 
 @pytest.fixture(scope="module")
-def built(tmp_path_factory):
-    """Folder of a wheel and an sdist that were built from a copy, so that no build folder is left in the repository."""
-    folder = tmp_path_factory.mktemp("wheel")
-    source = folder / "source"
-    source.mkdir()
+def source(tmp_path_factory):
+    """A copy of the checkout, so that no build folder is left in it."""
+    source = tmp_path_factory.mktemp("source")
     for name in BESIDE:
         shutil.copy(ROOT / name, source)
-    ignored = shutil.ignore_patterns("__pycache__")
-    # As links, where they are links: setuptools has to follow them.
-    for name in ("slamgym", "docs", "examples", "tests"):
-        shutil.copytree(ROOT / name, source / name, ignore=ignored, symlinks=True)
-    for link in ("agents", "gan"):
-        if (source / "slamgym" / link).is_symlink():
-            shutil.copytree(ROOT / link, source / link, ignore=ignored)
-    done = subprocess.run(
-        [sys.executable, "-c", BUILD, str(folder)],
-        cwd=source, capture_output=True, text=True, check=False, timeout=300,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
+    for name in ("slamgym", "agents", "gan", "docs", "examples", "tests"):
+        shutil.copytree(
+            ROOT / name, source / name, ignore=shutil.ignore_patterns("__pycache__"), symlinks=True
+        )
+    return source
+
+
+@pytest.fixture(scope="module")
+def built(tmp_path_factory, source):
+    """Folder of an sdist and of a wheel that was built from what the sdist holds."""
+    folder = tmp_path_factory.mktemp("wheel")
+    run(source, BUILD.format("build_sdist", ""), folder)
+    (sdist,) = folder.glob("*.tar.gz")
+    with tarfile.open(sdist) as archive:
+        archive.extractall(folder, filter="data")
+    run(folder / sdist.name.removesuffix(".tar.gz"), BUILD.format("build_wheel", ""), folder)
     return folder
 
 
@@ -81,7 +116,7 @@ def about(built):
         return email.message_from_bytes(archive.read(name))
 
 
-def test_the_sdist_holds_what_the_tests_and_the_site_need(built, wheel):
+def test_the_sdist_holds_what_the_tests_and_the_site_need(built):
     (path,) = built.glob("*.tar.gz")
     with tarfile.open(path) as archive:
         names = {name.partition("/")[2] for name in archive.getnames()}
@@ -93,7 +128,6 @@ def test_the_sdist_holds_what_the_tests_and_the_site_need(built, wheel):
         "tests/test_packaging.py",
     } <= names
     assert {"docs/images/drawing.png", "docs/tutorials/own_reward.md", "tests/golden/golden.json"} <= names
-    assert {name for name in wheel if name.startswith("slamgym/")} <= names
     assert not [name for name in names if "__pycache__" in name]
 
 
@@ -120,14 +154,59 @@ def test_the_wheel_holds_nothing_at_the_top_but_slamgym(wheel):
 
 
 def test_the_wheel_holds_every_module(wheel):
-    modules = {
-        str((Path(folder) / name).relative_to(ROOT))
-        for folder, _, names in os.walk(ROOT / "slamgym", followlinks=True)
-        for name in names
-        if name.endswith((".py", ".pyi"))
+    sources = {
+        f"{package.replace('.', '/')}/{path.relative_to(folder).as_posix()}"
+        for package, folder in FOLDERS.items()
+        for path in folder.rglob("*.py*")
+        if path.suffix in {".py", ".pyi"}
     }
-    assert modules <= set(wheel)
-    assert any(name.startswith("slamgym/gan/training/") for name in modules)
+    assert sources <= set(wheel)
+    assert any(name.startswith("slamgym/gan/training/") for name in sources)
+
+
+def test_every_module_of_the_wheel_is_imported_from_it(built, tmp_path):
+    (path,) = built.glob("*.whl")
+    with zipfile.ZipFile(path) as archive:
+        archive.extractall(tmp_path / "site")
+    lines = run(tmp_path, IMPORT, tmp_path / "site", names=modules().keys() - {"slamgym.__main__"})
+    assert len(lines) == len(modules()) - 1
+    assert [line for line in lines if " needs " not in line and str(tmp_path / "site") not in line] == []
+
+
+def test_a_checkout_holds_no_links(source):
+    assert [path for path in source.rglob("*") if path.is_symlink()] == []
+
+
+@pytest.mark.parametrize(
+    ("mode", "before"),
+    [("lenient", "pass"), ("", "pass"), ("", "del os.symlink")],
+    ids=["lenient", "strict", "hard"],
+)
+def test_an_editable_installation_leads_to_the_checkout(source, tmp_path, mode, before):
+    (tmp_path / "site").mkdir()
+    run(
+        source,
+        BUILD.replace("import setuptools", f"{before}; import setuptools").format("build_editable", mode),
+        tmp_path,
+    )
+    (path,) = tmp_path.glob("*.whl")
+    with zipfile.ZipFile(path) as archive:
+        archive.extractall(tmp_path / "site")
+    names = ("slamgym", "slamgym.agents.rules", "slamgym.gan.config", "slamgym.core.types")
+    for line in run(tmp_path, IMPORT, tmp_path / "site", names=names):
+        name, found = line.split(" ", 1)
+        assert Path(found).samefile(source / modules()[name].relative_to(ROOT))
+    if mode == "lenient":
+        return
+    (link,) = (tmp_path / "site").glob("*.pth")
+    tree = Path(link.read_text().strip())
+    # Type checkers follow a .pth file that names a folder, and find types there.
+    assert all((tree / "slamgym" / name).is_file() for name in DATA)
+
+
+def test_a_checkout_is_imported_where_it_lies(source):
+    (line,) = run(source, IMPORT, names=["slamgym.agents.rules"])
+    assert line == f"slamgym.agents.rules {(source / 'agents' / 'rules.py').resolve()}"
 
 
 @pytest.mark.parametrize("name", DATA)

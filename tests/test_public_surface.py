@@ -3,19 +3,14 @@
 import ast
 import importlib
 import inspect
-import os
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+from source_tree import modules
 
-ROOT = Path(__file__).parents[1]
-PACKAGES = sorted(
-    ".".join(Path(folder).relative_to(ROOT).parts)
-    for folder, _, files in os.walk(ROOT / "slamgym", followlinks=True)
-    if "__init__.py" in files
-)
+PACKAGES = sorted(name for name, path in modules().items() if path.name == "__init__.py")
 
 
 def test_all_packages_are_found():

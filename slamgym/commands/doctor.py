@@ -63,7 +63,9 @@ def findings() -> Iterator[Finding]:
     system = f"Python {platform.python_version()}, {platform.system()} {platform.machine()}, {os.cpu_count()} cores"
     yield Finding("slamgym", "ok", f"{__version__} in {Path(__file__).parents[1]}; {system}")
     yield from _distributions()
-    yield _try("what comes with the package", _pretrained, "install slamgym again")
+    yield _try(
+        "what comes with the package", _pretrained, "install slamgym again; in a checkout, git restore them"
+    )
     yield _try("numeric kernels", _kernels, "run slamgym warmup, and see what it says")
     yield _try("films (ffmpeg)", _films, "pip install 'slamgym[films]'", "missing")
     yield _disk(Path.cwd())
@@ -79,7 +81,8 @@ def _distributions() -> Iterator[Finding]:
     try:
         requirements = importlib.metadata.requires("slamgym") or []
     except importlib.metadata.PackageNotFoundError:
-        yield Finding("packages", "broken", "slamgym is not installed, only on the path", "pip install .")
+        fix = f"pip install {Path(__file__).parents[2]}"
+        yield Finding("packages", "broken", "slamgym is not installed, only on the path", fix)
         return
     groups: dict[str, list[str]] = {}
     for requirement in requirements:
@@ -93,9 +96,7 @@ def _distributions() -> Iterator[Finding]:
         missing = [name for name, version in found.items() if not version]
         shown = ", ".join(f"{name} {version or 'missing'}" for name, version in found.items())
         what = f"extra {extra_name}" if extra_name else "packages"
-        install = (
-            f"pip install 'slamgym[{extra_name}]'" if extra_name else "pip install --force-reinstall slamgym"
-        )
+        install = f"pip install 'slamgym[{extra_name}]'" if extra_name else "pip install slamgym"
         state: Literal["missing", "broken"] = "missing" if extra_name else "broken"
         yield Finding(what, state if missing else "ok", shown, install if missing else "")
 

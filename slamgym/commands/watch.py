@@ -87,12 +87,12 @@ def main(argv: list[str]) -> int:
 
 
 def _choose_plan(arguments: WatchArguments) -> FloorPlan:
-    from slamgym.cad import open_plans
-    from slamgym.core.seeding import shuffled
+    from slamgym.cad import open_plans, plan_groups
+    from slamgym.dataset.generate.schedule import schedule_groups
 
     plans = open_plans(arguments.plans)
     if arguments.plan is None:
-        return plans.load(shuffled(plans.ids, arguments.exploration.seed)[0])
+        return plans.load(next(schedule_groups(plan_groups(plans), arguments.exploration.seed)).plan_id)
     if arguments.plan not in plans.ids:
         raise ConfigError(
             f"{arguments.plans} has no plan {arguments.plan!r}; {suggest(arguments.plan, plans.ids[:1000])}"

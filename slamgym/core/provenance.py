@@ -5,11 +5,11 @@
 
 from pathlib import Path
 
+import slamgym
 from slamgym.core.errors import InputFileError
 from slamgym.core.files import read_text, sha256_of, write_text
 
-PACKAGE = Path(__file__).parents[1]
-CHECKSUMS = PACKAGE / "pretrained.sha256"
+CHECKSUMS = Path(__file__).parents[1] / "pretrained.sha256"
 _FOLDERS = (
     "cad/bundled",
     "agents/bench/v1",
@@ -28,9 +28,10 @@ def check_origin(path: Path | str) -> None:
         InputFileError: If it differs, or isn't listed.
     """
     path = Path(path).absolute()
-    if path.parent not in [PACKAGE / folder for folder in _FOLDERS]:
+    homes = {home_of(folder): folder for folder in _FOLDERS}
+    if path.parent not in homes:
         return
-    name = path.relative_to(PACKAGE).as_posix()
+    name = f"{homes[path.parent]}/{path.name}"
     expected = read_checksums().get(name)
     if expected is None:
         raise InputFileError(
@@ -41,6 +42,12 @@ def check_origin(path: Path | str) -> None:
         raise InputFileError(
             path, f"is not the file that came with slamgym ({CHECKSUMS.name}); install slamgym again"
         )
+
+
+def home_of(name: str) -> Path:
+    """Where a folder of the package lies; in a checkout, ``agents`` and ``gan`` lie beside the package."""
+    homes = [Path(part) / name for part in slamgym.__path__]
+    return next((home for home in homes if home.exists()), homes[0])
 
 
 def read_checksums() -> dict[str, str]:
@@ -55,9 +62,8 @@ def read_checksums() -> dict[str, str]:
 
 def current_checksums() -> dict[str, str]:
     """The same as the files are now."""
-    paths = [path for folder in _FOLDERS for path in (PACKAGE / folder).iterdir()]
-    names = sorted(path.relative_to(PACKAGE).as_posix() for path in paths if path.suffix not in _NOT_LISTED)
-    return {name: sha256_of(PACKAGE / name) for name in names}
+    paths = {f"{name}/{path.name}": path for name in _FOLDERS for path in home_of(name).iterdir()}
+    return {name: sha256_of(paths[name]) for name in sorted(paths) if paths[name].suffix not in _NOT_LISTED}
 
 
 def write_checksums() -> None:

@@ -43,8 +43,8 @@ def test_a_file_with_a_comma_and_an_equals_sign_in_its_name_is_a_file(tmp_path):
 
 
 def test_a_single_source_is_itself(folders):
-    assert not isinstance(open_plan_mix(["bundled"]), MixedSource)
-    assert plan_groups(open_plans("bundled"))[0].weight == 1.0
+    assert not isinstance(open_plan_mix(["procedural"]), MixedSource)
+    assert plan_groups(open_plans("procedural"))[0].weight == 1.0
 
 
 def test_a_mix_can_be_sent_to_a_worker(folders):

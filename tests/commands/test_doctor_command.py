@@ -46,6 +46,7 @@ def test_what_is_missing_or_broken_comes_with_its_fix(monkeypatch, capsys):
     assert found["extra ros"].fix == "pip install 'slamgym[ros]'"
     assert found["packages"].state == "broken"
     assert "numba missing" in found["packages"].found
+    assert found["packages"].fix == "pip install slamgym"  # brings what the installed one needs
     assert found["films (ffmpeg)"][1:3] == ("missing", "no ffmpeg at all")
     assert {finding.state for what, finding in found.items() if what.startswith("folder ")} == {"broken"}
     assert main([]) == 1

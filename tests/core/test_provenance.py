@@ -5,13 +5,14 @@ import subprocess
 import sys
 
 import pytest
+from source_tree import FOLDERS
 
 from slamgym.agents.pretrained_policy import PRETRAINED, read_policy
 from slamgym.cad import open_plans
 from slamgym.cad.sources import BUNDLED
 from slamgym.core import provenance
 from slamgym.core.errors import SlamgymError
-from slamgym.core.provenance import PACKAGE, check_origin, current_checksums, read_checksums
+from slamgym.core.provenance import check_origin, current_checksums, read_checksums
 from slamgym.dataset.curate.completeness_model import PRETRAINED_MODEL, CompletenessModel
 
 SHIPPED = {
@@ -27,9 +28,13 @@ def test_the_list_is_up_to_date():
 
 def test_everything_that_is_loaded_from_the_package_is_listed():
     suffixes = {".safetensors", ".npz"}
-    found = {path.relative_to(PACKAGE).as_posix() for path in PACKAGE.rglob("*") if path.suffix in suffixes}
-    found |= {f"{link}/pretrained/{path.name}" for link in ("agents", "gan") for path in
-              (PACKAGE / link / "pretrained").iterdir() if path.suffix in suffixes}  # fmt: skip
+    found = {
+        "/".join([*package.split(".")[1:], path.relative_to(folder).as_posix()])
+        for package, folder in FOLDERS.items()
+        for path in folder.rglob("*")
+        if path.suffix in suffixes
+    }
+    assert {"agents/pretrained/frontier_policy.safetensors", "gan/pretrained/model32.safetensors"} <= found
     assert found <= read_checksums().keys()
 
 
@@ -37,9 +42,7 @@ def test_everything_that_is_loaded_from_the_package_is_listed():
 def test_a_file_that_differs_is_refused_with_one_sentence(what, monkeypatch, tmp_path):
     path, load = SHIPPED[what]
     load()
-    name = path.relative_to(PACKAGE).as_posix()
-    listed = read_checksums()
-    monkeypatch.setattr(provenance, "read_checksums", lambda: {**listed, name: "0" * 64})
+    monkeypatch.setattr(provenance, "read_checksums", lambda: dict.fromkeys(current_checksums(), "0" * 64))
     with pytest.raises(SlamgymError, match=r"is not the file that came with slamgym .*install slamgym again"):
         load()
     monkeypatch.setattr(provenance, "read_checksums", dict)

@@ -6,6 +6,7 @@ import cv2
 import pytest
 
 from slamgym.cad import open_plans
+from slamgym.cad.sources import BUNDLED
 from slamgym.commands.cli import main
 from slamgym.interop import read_ros_map, read_tum
 
@@ -21,7 +22,7 @@ def dataset(tmp_path_factory):
     """Pairs by a recipe of varied conditions."""
     root = tmp_path_factory.mktemp("golden") / "dataset"
     slamgym(
-        *("generate", "--plans", "bundled", "--recipe", "quick", "--pairs", 6, "--minutes", 0.6),
+        *("generate", "--plans", BUNDLED, "--recipe", "quick", "--pairs", 6, "--minutes", 0.6),
         *("--seed", 3, "--workers", 1, "--contact-sheet", 0, "-o", root),
     )
     return root

@@ -13,7 +13,6 @@ from slamgym.parametric.odometry_error import (
     believed_increments,
     increments_of,
     integrate,
-    square_calibration,
 )
 
 BASE, DIAMETER = 0.287, 0.066
@@ -28,6 +27,21 @@ def believed_heading_after_square(errors: WheelErrors, side: float, sign: float)
     true = motion([side, 0.0] * 4, [0.0, sign * math.pi / 2] * 4)
     believed = believed_increments(true, errors, BASE, DIAMETER)
     return float(np.sum(believed.turn - true.turn))
+
+
+def square_calibration(heading_error_cw, heading_error_ccw, side, wheel_base):
+    """E_b and E_d from one square driven each direction, by Jung and Chung's heading formulas."""
+    # Four turns err by -a each, counter-clockwise positive, four sides by +beta each.
+    alpha = (heading_error_cw - heading_error_ccw) / 8.0
+    beta = (heading_error_cw + heading_error_ccw) / 8.0
+    quarter = math.pi / 2.0
+    # A believed quarter turn of quarter - alpha: E_b is the ratio of the true turn to the believed one.
+    wheel_base_ratio = quarter / (quarter - alpha)
+    if beta == 0.0:
+        return wheel_base_ratio, 1.0
+    half = 0.5 * wheel_base_ratio * wheel_base
+    radius = side / beta
+    return wheel_base_ratio, (radius + half) / (radius - half)
 
 
 @given(

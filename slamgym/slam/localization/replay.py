@@ -28,11 +28,6 @@ class LocalizationResult:
     searches: int
     cpu_seconds: float
 
-    @property
-    def is_ever_localised(self) -> bool:
-        """Whether the robot found itself at all."""
-        return any(belief.state == "localised" for belief in self.beliefs)
-
 
 def localize_log(
     log: Log,

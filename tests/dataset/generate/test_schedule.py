@@ -1,9 +1,10 @@
 from itertools import islice
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from slamgym.cad import PlanGroup
+from slamgym.cad import PlanGroup, open_plans, plan_groups
 from slamgym.core.seeding import exploration_seed
 from slamgym.dataset.generate.recipe import ids_digest
 from slamgym.dataset.generate.schedule import schedule, schedule_groups
@@ -74,6 +75,12 @@ def test_explorations_of_one_plan_follow_each_other_and_differ():
     assert [slot.repetition for slot in of_one] == [0, 1, 2, 3]
     single = {(s.plan_id, s.repetition): s.seed for s in islice(schedule(IDS, seed=3), 28)}
     assert {(s.plan_id, s.repetition): s.seed for s in slots} == single
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_the_bundled_plans_begin_with_homes_and_hide_no_office(seed):
+    slots = islice(schedule_groups(plan_groups(open_plans("bundled")), seed), 24)
+    assert "".join(slot.plan_id[0] for slot in slots) == "hhoh" * 6
 
 
 def test_a_source_has_the_same_order_whatever_stands_beside_it():
