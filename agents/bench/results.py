@@ -48,7 +48,7 @@ class BenchRow(Settings):
     cpu: Measured
     """CPU time of the whole exploration [s]."""
     error: str = ""
-    """Why the process crashed or hung; the exploration counts as a failure."""
+    """Why the exploration crashed, hung or failed; it counts as a failure."""
 
     @property
     def pace(self) -> float:

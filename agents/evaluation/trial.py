@@ -109,7 +109,7 @@ class Trial:
 
 @dataclass(frozen=True)
 class FailedTrial:
-    """An exploration whose process crashed or hung, so that it is not begun again and again."""
+    """An exploration that crashed, hung or failed, so that it is not begun again and again."""
 
     explorer: str
     plan: str
