@@ -22,7 +22,7 @@ from slamgym.agents.teleop import Teleop
 from slamgym.agents.wheels.explorer import WheelsExplorer
 from slamgym.core.config import suggest
 from slamgym.core.errors import ConfigError
-from slamgym.core.own_code import own_function
+from slamgym.core.own_code import is_own_explorer, own_function
 from slamgym.planning.context import ExplorerContext
 from slamgym.planning.exploration_loop import ExplorationLoopConfig
 from slamgym.planning.promise import Promise, split_promise
@@ -94,7 +94,7 @@ def make_explorer(
         return _learned(context, promise, base.removeprefix("rl:"))
     if base.startswith("wheels:"):
         return WheelsExplorer(context, base.removeprefix("wheels:"))
-    if base not in EXPLORERS and ":" in base:
+    if is_own_explorer(base):
         return _own(base, context, seed, promise)
     if base not in EXPLORERS:
         raise ConfigError(f"no explorer {base!r}; {suggest(base, EXPLORERS)}")

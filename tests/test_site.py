@@ -40,7 +40,11 @@ def test_the_site_is_built_in_strict_mode(tmp_path):
     commands = (tmp_path / "site" / "reference" / "commands.html").read_text()
     assert "slamgym plans fetch" in commands
     assert "slamgym.cad.sources.open_plans" in (tmp_path / "site" / "reference" / "api.html").read_text()
-    assert "https://fonts" not in (tmp_path / "site" / "index.html").read_text()
+    start = (tmp_path / "site" / "index.html").read_text()
+    assert "https://fonts" not in start
+    # A line of code that is wider than the page must not be cut off at its edge.
+    assert 'href="site.css"' in start
+    assert "white-space: pre-wrap" in (tmp_path / "site" / "site.css").read_text()
 
 
 @pytest.mark.parametrize("name", sorted(path.stem for path in (ROOT / "docs" / "tutorials").glob("*.md")))

@@ -4,10 +4,9 @@ import dataclasses
 import json
 import platform
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 from slamgym import __version__
 from slamgym.agents.bench.manifest import BENCH, BENCH_VERSION, Manifest, Track, bench_tasks
@@ -16,41 +15,40 @@ from slamgym.agents.evaluation.evaluate import Evaluation, EvaluationConfig, run
 from slamgym.agents.evaluation.summary import DONE, censored, succeeded
 from slamgym.agents.evaluation.trial import FailedTrial, Trial
 from slamgym.cad import PlanSource
-from slamgym.core.config import from_dict
+from slamgym.core.config import Counted, Measured, Settings, Share, Within, from_dict
 from slamgym.core.documents import read_json
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.files import replace_file, storage_errors
 from slamgym.core.limits import DRAWING_BYTES
-from slamgym.core.names import as_file_name
+from slamgym.core.names import Label, as_file_name
 from slamgym.core.parallel.engine import Execution
 from slamgym.envs.episode import time_limit
 
 _PACKAGES = ("numpy", "numba", "pymunk", "shapely", "scipy", "opencv-python-headless")
 
 
-@dataclass(frozen=True)
-class BenchRow:
+class BenchRow(Settings):
     """One exploration."""
 
     plan: str
     seed: int
-    area: float
+    area: Measured
     """[m2]"""
     success: bool
     """Whether at least 98 % of the floor was truly seen when the explorer said that it was done, in time."""
-    coverage: float
+    coverage: Share
     """Share truly seen at the end."""
-    done: float
+    done: Annotated[float, Within(ge=1e-3, le=1e9)]
     """Time until done [s]; the time limit where it failed."""
-    path: float
+    path: Measured
     """Path until done [m]; where it failed, what the time limit makes of it."""
-    contacts: int
-    map_error: float
+    contacts: Counted
+    map_error: Measured
     """[m]"""
-    cpu: float
+    cpu: Measured
     """CPU time of the whole exploration [s]."""
     error: str = ""
-    """Why the process crashed or hung; the exploration counts as a failure."""
+    """Why the exploration crashed, hung or failed; it counts as a failure."""
 
     @property
     def pace(self) -> float:
@@ -58,21 +56,20 @@ class BenchRow:
         return self.done / horizon(self.area)
 
 
-@dataclass(frozen=True)
-class BenchResult:
+class BenchResult(Settings):
     """An explorer on a track."""
 
     track: str
     quick: bool
     """Whether only the quick subset was explored."""
-    entry: str
+    entry: Label
     """Name on the leaderboard; results of one name are several trainings of one explorer."""
     explorer: str
     settings: str
     """Hash of the settings of explorer and trials; of weights, too."""
     manifest: str
     """SHA-256 of the manifest."""
-    versions: dict[str, str]
+    versions: dict[str, Label]
     rows: tuple[BenchRow, ...]
     bench: str = BENCH
     version: int = BENCH_VERSION

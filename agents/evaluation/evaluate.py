@@ -4,6 +4,7 @@ Trials are kept as one JSON object a line. A line is written with one call and s
 explorations in flight; a line that was cut short is dropped when the file is opened again.
 """
 
+import contextlib
 import dataclasses
 import functools
 import json
@@ -32,8 +33,8 @@ from slamgym.core.config import Count, Settings, from_dict, to_dict
 from slamgym.core.documents import parse_json
 from slamgym.core.errors import ConfigError, InputFileError, PlanError
 from slamgym.core.files import append_line, exclusive_lock, read_bytes, replace_file, storage_errors
-from slamgym.core.parallel.backlog import Lost
-from slamgym.core.parallel.engine import Execution
+from slamgym.core.parallel.backlog import Lost, tried
+from slamgym.core.parallel.engine import Execution, try_out
 from slamgym.core.progress import show_progress
 from slamgym.core.seeding import exploration_seed, shuffled
 from slamgym.core.types import Pose2D
@@ -152,7 +153,7 @@ class Evaluation:
     skipped: list[Skipped]
     """Plans that can't be explored."""
     failed: list[FailedTrial]
-    """Explorations whose process crashed or hung, now or in an earlier run."""
+    """Explorations that crashed, hung or failed, now or in an earlier run."""
     fresh: int
     """How many trials were done just now; the others had been done before."""
 
@@ -194,10 +195,13 @@ def run_trials(
     only_done: bool = False,
 ) -> Evaluation:
     """Run explorations, at least one, by any of the explorers of ``config``; :func:`evaluate` says the rest."""
-    hashes = {name: _hash(name, wanted[0].plan, config) for name in config.names}
-    with storage_errors(out):
-        out.mkdir(parents=True, exist_ok=True)
-    with exclusive_lock(out / ".lock"):
+    workers = max(1, min(execution.workers, len(wanted)))
+    with contextlib.ExitStack() as stack:
+        pool = stack.enter_context(dataclasses.replace(execution, workers=workers).open())
+        hashes = try_out(pool, functools.partial(_hash, config, wanted[0].plan), config.names)
+        with storage_errors(out):
+            out.mkdir(parents=True, exist_ok=True)
+        stack.enter_context(exclusive_lock(out / ".lock"))
         log, failures = TrialLog(out / "trials.jsonl", Trial), TrialLog(out / "failed.jsonl", FailedTrial)
         over = log.trials.keys() | failures.trials.keys()
         tasks = [task for task in wanted if _key(task, hashes) not in over]
@@ -207,17 +211,15 @@ def run_trials(
                 raise ConfigError(f"{out}: none of these explorations is done yet")
         with storage_errors(out):
             replace_file(out / "config.json", json.dumps(to_dict(config), indent=1).encode() + b"\n")
-        with (
-            dataclasses.replace(execution, workers=max(1, min(execution.workers, len(tasks)))).open() as pool,
-            show_progress("explorations", len(wanted) - len(tasks), len(wanted)) as advance,
-        ):
-            for outcome in pool.run(functools.partial(_explore, config, hashes.get(ORACLE, "")), tasks):
-                if isinstance(outcome, Lost):
-                    key = _key(outcome.item, hashes)
-                    failures.append(FailedTrial(*key, error=outcome.error, reason=outcome.reason))
-                else:
-                    log.append(outcome)
-                advance()
+        advance = stack.enter_context(show_progress("explorations", len(wanted) - len(tasks), len(wanted)))
+        explore = functools.partial(_explore, config, hashes.get(ORACLE, ""))
+        for outcome in pool.run(functools.partial(tried, explore), tasks):
+            if isinstance(outcome, Lost):
+                key = _key(outcome.item, hashes)
+                failures.append(FailedTrial(*key, error=outcome.error, reason=outcome.reason))
+            else:
+                log.append(outcome)
+            advance()
     order = sorted(wanted, key=lambda task: config.names.index(task.explorer))
     keys = [_key(task, hashes) for task in order]
     return Evaluation(
@@ -279,7 +281,7 @@ def _key(task: Task, hashes: dict[str, str]) -> Key:
     return task.explorer, task.plan.id, task.seed, hashes[task.explorer]
 
 
-def _hash(name: str, plan: FloorPlan, config: EvaluationConfig) -> str:
+def _hash(config: EvaluationConfig, plan: FloorPlan, name: str) -> str:
     """Settings hash of an explorer; finds a wrong name or unfit weights before any work is done."""
     if name == ORACLE:
         return bound_hash(config.trial, config.bound)

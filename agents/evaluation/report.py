@@ -227,7 +227,7 @@ def _heading(summary: Summary, config: EvaluationConfig, evaluation: Evaluation)
         lines.append(f"{len(evaluation.skipped)} plan(s) were skipped: the robot can't explore them.")
     for name, count in Counter(trial.explorer for trial in evaluation.failed).items():
         lines.append(
-            f"{count} exploration(s) of `{name}` crashed or hung and are left out for all explorers."
+            f"{count} exploration(s) of `{name}` crashed, hung or failed and are left out for all explorers."
         )
     return "\n".join(lines) + "\n\n"
 

@@ -10,7 +10,7 @@ import numpy as np
 from slamgym.agents.evaluation.coverage_curve import COVERAGE_LEVELS, CoverageCurve, CurveRecorder, horizon
 from slamgym.agents.oracle import OracleConfig, bound_exploration
 from slamgym.cad import FloorPlan
-from slamgym.core.config import Positive, Settings, config_hash
+from slamgym.core.config import Counted, Measured, Positive, Settings, Share, config_hash
 from slamgym.core.types import Explorer, Float32Array, Observation, Pose2D
 from slamgym.envs import ExploreConfig, ExploreEnv
 from slamgym.envs.episode import episode_steps, explored_env, fitted_env, time_limit
@@ -54,43 +54,43 @@ class Trial:
     seed: int
     settings: str
     """Hash of the settings of trial and explorer."""
-    area: float
+    area: Measured
     """Free area of the plan [m2]."""
-    rooms: int
-    time_limit: float
+    rooms: Counted
+    time_limit: Measured
     """[s]"""
     finished: bool
     """Whether the explorer itself said that it is done; else the time was up."""
-    time: float
+    time: Measured
     """Robot time at the end [s]."""
-    path: float
+    path: Measured
     """True path driven [m]."""
-    coverage: float
+    coverage: Share
     """Share of the reachable floor truly seen at the end."""
-    time_to: dict[str, float | None]
+    time_to: dict[str, Measured | None]
     """Level to the time when it was reached [s]; None if it never was."""
-    path_to: dict[str, float | None]
+    path_to: dict[str, Measured | None]
     """Level to the path driven by then [m]."""
-    mean_coverage: float
+    mean_coverage: Share
     """Area under the coverage curve as a share of the most possible, up to
     :func:`~slamgym.agents.evaluation.coverage_curve.horizon`."""
-    collisions: int
+    collisions: Counted
     """Contacts begun."""
-    map_error: float
+    map_error: Measured
     """Mean distance of the final map's occupied cells from the nearest wall [m]."""
-    ate: float
+    ate: Measured
     """Root mean square error of the final trajectory's positions, unaligned [m]."""
-    decisions: int
+    decisions: Counted
     """How often the explorer chose where to go."""
-    decision_cpu: float
+    decision_cpu: Measured
     """CPU time of a control step in which it chose [s]."""
-    decision_cpu_max: float
+    decision_cpu_max: Measured
     """The longest of these [s]."""
-    step_cpu: float
+    step_cpu: Measured
     """CPU time of the explorer and its navigation per control step, all steps [s]."""
-    cpu: float
+    cpu: Measured
     """CPU time of the whole exploration: explorer, physics, sensors and SLAM [s]."""
-    curve: dict[str, list[float]]
+    curve: dict[str, list[Measured]]
     """Coverage over time and path."""
 
     def __post_init__(self) -> None:
@@ -109,7 +109,7 @@ class Trial:
 
 @dataclass(frozen=True)
 class FailedTrial:
-    """An exploration whose process crashed or hung, so that it is not begun again and again."""
+    """An exploration that crashed, hung or failed, so that it is not begun again and again."""
 
     explorer: str
     plan: str

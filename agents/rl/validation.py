@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from slamgym.core.config import Counted, Measured, Share
+
 if TYPE_CHECKING:
     from slamgym.cad import FloorPlan
     from slamgym.envs.explore_frontiers_env import ExploreFrontiersEnv
@@ -22,16 +24,16 @@ Choose = Callable[[dict[str, Any]], int]
 class PolicyOutcome:
     """One exploration. Times and paths that were not reached count as those at the end."""
 
-    time_95: float  # to 95 % of the floor truly seen [s]
-    time_99: float  # [s]
-    path_95: float  # [m]
-    path_99: float  # [m]
-    time: float  # until the explorer was done [s]
-    path: float  # until then [m]
-    coverage: float
-    decisions: int
-    seconds: float  # of CPU
-    map_error: float  # [m]
+    time_95: Measured  # to 95 % of the floor truly seen [s]
+    time_99: Measured  # [s]
+    path_95: Measured  # [m]
+    path_99: Measured  # [m]
+    time: Measured  # until the explorer was done [s]
+    path: Measured  # until then [m]
+    coverage: Share
+    decisions: Counted
+    seconds: Measured  # of CPU
+    map_error: Measured  # [m]
 
 
 def explore_plan(env: ExploreFrontiersEnv, choose: Choose, plan: FloorPlan, seed: int) -> PolicyOutcome:

@@ -86,7 +86,7 @@ def measure_memory(arguments: Arguments) -> None:
     ):
         queue = SlotQueue(folder, plans, config, make_explorer, arguments.pairs)
         for done, outcome in enumerate(engine.run(run_exploration, queue.draw()), start=1):
-            if isinstance(outcome, Lost) or outcome.error:
+            if isinstance(outcome, Lost):
                 raise SystemExit(f"an exploration failed: {outcome.reason}")
             folder.commit(outcome.slot, folder.stage(outcome.slot.name), outcome.timing)
             if done % arguments.keep == 0:

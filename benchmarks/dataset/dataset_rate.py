@@ -176,7 +176,7 @@ def make_pairs(
         queue = SlotQueue(folder, plans, config, make_explorer, pairs)
         began, cpu = time.perf_counter(), time.process_time()
         for outcome in engine.run(run_exploration, queue.draw()):
-            if isinstance(outcome, Lost) or outcome.error:
+            if isinstance(outcome, Lost):
                 raise SystemExit(f"an exploration failed: {outcome.reason}")
             now = time.perf_counter() - began
             folder.commit(outcome.slot, folder.stage(outcome.slot.name), outcome.timing)

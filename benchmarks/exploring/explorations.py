@@ -149,7 +149,6 @@ def explore(task: ExplorationTask) -> Cost:
     yardsticks = Yardsticks.measure(1)
     with TemporaryDirectory() as folder:
         outcome = run_exploration(replace(task, staged=Path(folder) / "pair"))
-        assert not outcome.error, outcome.reason
         record = PairRecord.from_line((Path(folder) / "pair/episode/episode.json").read_text())
     return Cost(record.robot_seconds, outcome.timing["cpu_seconds"], yardsticks)
 

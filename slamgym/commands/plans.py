@@ -71,7 +71,7 @@ class WritePlans(_Selection):
 
 
 class FetchPlans(Arguments):
-    """Download a public archive of floor plans; a download that broke off goes on where it stopped."""
+    """Download a public archive of floor plans, unless it is there."""
 
     archive: tyro.conf.Positional[Literal["houseexpo"]] = "houseexpo"
     """Which one."""

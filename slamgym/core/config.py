@@ -13,7 +13,7 @@ from typing import Annotated, Any, ClassVar, NamedTuple, TypeVar
 
 from slamgym.core.errors import ConfigError
 from slamgym.core.limits import MAX_SHOWN, shown
-from slamgym.core.names import OnePart
+from slamgym.core.names import OneLine
 
 _T = TypeVar("_T")
 _MOST_LISTED = 40
@@ -60,6 +60,10 @@ PositiveShare = Annotated[float, Within(gt=0.0, le=1.0)]
 ShareBelowOne = Annotated[float, Within(ge=0.0, lt=1.0)]
 Count = Annotated[int, Within(ge=1)]
 CountOrZero = Annotated[int, Within(ge=0)]
+Measured = Annotated[float, Within(ge=0.0, le=1e9)]
+"""A figure of a record, which can't be below 0: more than 1e9 s are 30 years, and sums stay finite."""
+Counted = Annotated[int, Within(ge=0, le=10**9)]
+"""A number of things in a record."""
 
 
 @typing.dataclass_transform(frozen_default=True, field_specifiers=(dataclasses.field,))
@@ -136,7 +140,7 @@ def _faults(hint: Any, value: Any, name: str, bounds: Within) -> Iterator[_Fault
         rules = [rule for rule in hint.__metadata__ if isinstance(rule, Within)]
         yield from _faults(hint.__origin__, value, name, rules[0] if rules else bounds)
         for rule in hint.__metadata__:
-            if isinstance(rule, OnePart) and isinstance(value, str) and not rule.allow(value):
+            if isinstance(rule, OneLine) and isinstance(value, str) and not rule.allow(value):
                 yield _Fault(name, str(rule), value)
     elif origin in (types.UnionType, typing.Union):
         faults = [next(_faults(option, value, name, bounds), None) for option in options]
@@ -293,7 +297,8 @@ def _convert(hint: Any, value: Any, where: str) -> Any:
         if not variadic and len(options) != len(value):
             return tuple(value)
         inner = [options[0]] * len(value) if variadic else options
-        return tuple(_convert(option, item, where) for option, item in zip(inner, value, strict=True))
+        pairs = enumerate(zip(inner, value, strict=True))
+        return tuple(_convert(option, item, f"{where}[{index}]") for index, (option, item) in pairs)
     if isinstance(value, Mapping) and origin in (dict, Mapping):
         return {name: _convert(options[1], item, f"{where}.{name}") for name, item in value.items()}
     return value

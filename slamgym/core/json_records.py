@@ -7,6 +7,7 @@ known here, goes to :func:`slamgym.core.config.from_dict`, which says what is wr
 import dataclasses
 import functools
 import math
+import sys
 import types
 import typing
 from collections.abc import Callable, Hashable, Mapping
@@ -15,7 +16,7 @@ from typing import Annotated, Any, NamedTuple, TypeVar, cast
 
 from slamgym.core.config import Within, from_dict
 from slamgym.core.errors import ConfigError
-from slamgym.core.names import OnePart
+from slamgym.core.names import OneLine
 
 _T = TypeVar("_T")
 _Fits = Callable[[Any], bool]
@@ -130,13 +131,14 @@ def _test_of(hint: Any) -> _Fits | None:
 
 
 def _bounded(hint: Any, rule: Any) -> _Fits | None:
-    if hint is str and isinstance(rule, OnePart):
+    if hint is str and isinstance(rule, OneLine):
         return lambda value: type(value) is str and rule.allow(value)
     if not isinstance(rule, Within) or hint not in (int, float):
         return None
     kinds = (int,) if hint is int else (float, int)
-    if rule == Within():
-        return lambda value: type(value) in kinds and -math.inf < value < math.inf
+    if rule == Within(ge=rule.ge, le=rule.le):
+        low, high = max(rule.ge, -sys.float_info.max), min(rule.le, sys.float_info.max)
+        return lambda value: type(value) in kinds and low <= value <= high
     return lambda value: type(value) in kinds and rule.allow(value)
 
 

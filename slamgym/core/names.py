@@ -1,4 +1,4 @@
-"""Names that come from files and become parts of paths.
+"""Names that come from files and become parts of paths or tables.
 
 A dataset's manifest, an archive or a journal may come from anybody. What they call a file is one part of a path,
 never a path: :data:`FileName` is the type of every such field, and :func:`as_file_name` makes one of any text.
@@ -10,37 +10,43 @@ from typing import Annotated, NamedTuple
 
 MAX_NAME_BYTES = 200
 """File systems take 255; this leaves room for suffixes and for the temporary name while a file is written."""
-_FORBIDDEN = frozenset('/\\:*?"<>|')  # separators, and what Windows forbids besides
 _DIGEST_DIGITS = 8
 
 
-class OnePart(NamedTuple):
-    """The rule of :data:`FileName`."""
+class OneLine(NamedTuple):
+    """The rule of a text out of a file that goes into a path, or into a table."""
 
+    noun: str
+    forbidden: str
     max_bytes: int = MAX_NAME_BYTES
 
     def allow(self, text: str) -> bool:
-        """Whether a text is one part of a path and nothing else."""
+        """Whether a text is what it should be and nothing else."""
         return (
             0 < len(text) <= self.max_bytes
             and text.isprintable()  # neither NUL nor line ends nor half a surrogate pair
             and len(text.encode()) <= self.max_bytes
             and not text.startswith(".")
             and text == text.strip()
-            and _FORBIDDEN.isdisjoint(text)
+            and set(self.forbidden).isdisjoint(text)
         )
 
     def __str__(self) -> str:
-        return f"a plain file name of at most {self.max_bytes} bytes, without separators or a leading dot"
+        return (
+            f"{self.noun} of at most {self.max_bytes} bytes, without a leading dot or any of {self.forbidden}"
+        )
 
 
-FileName = Annotated[str, OnePart()]
+_ONE_PART = OneLine("a plain file name", '/\\:*?"<>|')  # separators, and what Windows forbids besides
+FileName = Annotated[str, _ONE_PART]
 """A name out of a file that becomes a part of a path."""
+Label = Annotated[str, OneLine("printable text", "|`")]
+"""A text out of a file that becomes a cell of a table."""
 
 
 def is_file_name(text: str) -> bool:
     """Whether a text may be a part of a path as it is."""
-    return OnePart().allow(text)
+    return _ONE_PART.allow(text)
 
 
 def as_file_name(text: str, max_bytes: int = MAX_NAME_BYTES) -> str:

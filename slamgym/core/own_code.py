@@ -1,4 +1,4 @@
-"""Functions of the user's own, named on the command line as ``module:function``."""
+"""Functions of the user's own, named on the command line as ``module:function``, and never by a file."""
 
 import importlib
 import sys
@@ -7,6 +7,12 @@ from pathlib import Path
 from typing import Any
 
 from slamgym.core.errors import ConfigError
+
+
+def is_own_explorer(name: str) -> bool:
+    """Whether an explorer's name is ``module:function``, and neither weights (``rl:FILE``) nor ``rl@98%:95%``."""
+    module, colon, _ = name.partition("@")[0].partition(":")
+    return bool(colon) and module not in ("rl", "wheels")
 
 
 def own_function(spec: str, what: str) -> Callable[..., Any]:

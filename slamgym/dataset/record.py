@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self
 import numpy as np
 
 from slamgym import __version__
-from slamgym.core.config import Within, to_dict
+from slamgym.core.config import Counted, Measured, Positive, Share, Within, to_dict
 from slamgym.core.documents import parse_json
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.files import staged
@@ -92,7 +92,7 @@ class PairRecord(ManifestLine):
     plan_id: str
     plan_source: str
     """File that the plan came from, without its folder, or the generator."""
-    repetition: int
+    repetition: Counted
     """How many explorations of the same plan come before this one."""
     seed: int
     """Seed of the exploration, derived from the dataset's seed, the plan id and the repetition."""
@@ -105,30 +105,30 @@ class PairRecord(ManifestLine):
     vary within the dataset."""
     finished: str
     """Why the exploration ended: ``explored``, ``coverage``, ``time_limit``, ..."""
-    coverage: float
+    coverage: Share
     """Share of the reachable floor that was truly seen, 0 to 1."""
-    robot_seconds: float
+    robot_seconds: Measured
     """Time on the robot's clock [s]."""
-    time_limit: float
+    time_limit: Measured
     """[s]"""
-    path_length: float
+    path_length: Measured
     """Metres truly driven."""
-    collisions: int
+    collisions: Counted
     """Contacts with walls, furniture or people."""
-    ate: float
+    ate: Measured
     """Absolute trajectory error of the estimate: RMSE of the position against the truth, not aligned [m]."""
-    odometry_ate: float
+    odometry_ate: Measured
     """The same of the wheels' dead reckoning [m]."""
-    final_position_error: float
+    final_position_error: Measured
     """[m]"""
-    map_error: float
+    map_error: Measured
     """Mean distance of the SLAM map's occupied cells to the nearest face of a CAD wall [m]."""
-    mse: float
+    mse: Measured
     """Mean squared error of B against A, free 1 and all else 0: the paper's MSE2 of Table I, not aligned."""
-    area: float
+    area: Measured
     """Free area of the plan [m2]."""
-    rooms: int
-    resolution: float
+    rooms: Counted
+    resolution: Positive
     """[m/pixel]"""
     origin: tuple[float, float]
     """Outer corner of the images' bottom-left pixel, map frame [m]."""

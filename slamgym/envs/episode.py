@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Annotated, Any, Literal, Protocol
 
-from slamgym.cad import FloorPlan, PlanSource
+from slamgym.cad import FloorPlan
 from slamgym.core.config import Positive, Settings, Within
 from slamgym.core.geometry import transform_poses
 from slamgym.core.types import (
@@ -107,13 +107,13 @@ def time_limit(plan: FloorPlan, minutes: Literal["auto"] | float) -> float:
     return AUTO_BASE + AUTO_PER_AREA * plan.area if minutes == "auto" else 60.0 * float(minutes)
 
 
-def check_explorer(plans: PlanSource, config: EpisodeConfig, make_explorer: MakeExplorer) -> None:
+def check_explorer(config: EpisodeConfig, make_explorer: MakeExplorer, name: str) -> None:
     """Make an explorer without exploring, to find a wrong setting before any work is done.
 
     Raises:
         ConfigError: If there is no explorer of that name, or the environment refuses a setting.
     """
-    make_explorer(config.explorer, ExploreEnv(plans, config.env).explorer_context())
+    make_explorer(name, ExploreEnv("bundled", config.env).explorer_context())
 
 
 def episode_steps(

@@ -267,6 +267,29 @@ def test_damaged_repeated_and_missing_results_are_refused(tmp_path):
         read_results([path], manifest_of(result()))
 
 
+@pytest.mark.parametrize(
+    ("place", "field", "value", "reason"),
+    [
+        ("rows", "done", -5, r"rows\[3\].done must be in \[0.001, 1e\+09\], not -5"),
+        ("rows", "done", 1e308, r"rows\[3\].done must be in"),
+        ("rows", "coverage", 7, r"rows\[3\].coverage must be in \[0, 1\], not 7"),
+        ("rows", "path", -1.0, r"rows\[3\].path must be in \[0, 1e\+09\]"),
+        ("rows", "contacts", 10**40, r"rows\[3\].contacts must be in"),
+        ("", "entry", "a\nb", "entry must be printable text of at most 200 bytes"),
+        ("", "entry", "\x1b[2J", "entry must be printable text"),
+        ("", "entry", "a | b", "entry must be printable text .* without .* any of |`"),
+        ("", "versions", {"slamgym": "1\n"}, r"versions\['slamgym'\] must be printable text"),
+    ],
+)
+def test_a_result_with_senseless_figures_or_names_is_refused(tmp_path, place, field, value, reason):
+    path = write_result(result(), tmp_path)
+    document = json.loads(path.read_text())
+    (document[place][3] if place else document)[field] = value
+    path.write_text(json.dumps(document))
+    with pytest.raises(InputFileError, match=f"homes-ours-s.json: is no result of slamgym-bench .{reason}"):
+        read_results([path], manifest_of(result()))
+
+
 # The leaderboard.
 
 

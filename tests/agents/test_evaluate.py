@@ -136,7 +136,7 @@ class Unlucky:
 
     def run(self, task, items):
         for item in items:
-            is_deadly = (item.plan.id, item.explorer) == ("room_1", "nearest")
+            is_deadly = item[:1] == ("nearest",) and item.plan.id == "room_1"
             yield Lost(item, "a worker process died", "WorkerLostError") if is_deadly else task(item)
 
 
@@ -151,8 +151,49 @@ def test_an_exploration_that_crashes_is_noted_and_not_begun_again(tmp_path, monk
     again = run(source(), config(), tmp_path)
     assert (again.trials, again.failed, again.fresh) == (found.trials, found.failed, 0)
     report = write_report(tmp_path, again, config(), "nearest")
-    assert "1 exploration(s) of `nearest` crashed or hung and are left out for all explorers." in report
+    assert (
+        "1 exploration(s) of `nearest` crashed, hung or failed and are left out for all explorers." in report
+    )
     assert json.loads((tmp_path / "results.json").read_text())["summary"]["plans"] == 2
+
+
+FAULTY = """
+import os, sys
+from slamgym.agents.registry import make_explorer
+
+def fails(fault, at_once):
+    def make(context, seed, promise):
+        if seed or at_once:  # the seed is 0 where an explorer is only tried out
+            fault()
+        return make_explorer("nearest", context, seed, promise)
+    return make
+
+FAULTS = os.abort, lambda: sys.exit(3), lambda: {}["x"]
+aborts, exits, raises = (fails(fault, False) for fault in FAULTS)
+aborts_at_once, exits_at_once, raises_at_once = (fails(fault, True) for fault in FAULTS)
+"""
+
+
+@pytest.mark.filterwarnings(
+    "ignore:Exception in thread ExecutorManagerThread:pytest.PytestUnhandledThreadExceptionWarning"
+)
+def test_an_own_explorer_that_fails_costs_its_explorations_alone(tmp_path, monkeypatch):
+    (tmp_path / "faulty.py").write_text(FAULTY)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("slamgym.core.parallel.backlog.MAX_ATTEMPTS", 1)
+    names = ("faulty:aborts", "faulty:exits", "faulty:raises", "nearest")
+    found = evaluate(source(1), config(explorers=names), tmp_path, Execution(1))
+    assert [trial.explorer for trial in found.trials] == ["nearest"]
+    assert [(trial.explorer, trial.error) for trial in found.failed] == [
+        ("faulty:aborts", "WorkerLostError"), ("faulty:exits", "SystemExit"), ("faulty:raises", "KeyError"),
+    ]  # fmt: skip
+    assert found.failed[0].reason == "a worker process died (SIGABRT) at each of 1 attempts"
+    assert found.failed[2].reason == "'x' (in faulty.py:12, <lambda>)"
+    for fault in ("aborts", "exits", "raises"):
+        where = Execution(1, "local" if fault == "aborts" else "in_process")
+        with pytest.raises(ConfigError, match=f"'faulty:{fault}_at_once' can't be used"):
+            evaluate(source(1), config(explorers=(f"faulty:{fault}_at_once",)), tmp_path / "no", where)
+    assert not (tmp_path / "no").exists()
 
 
 def test_plans_too_small_for_the_robot_are_skipped_and_counted(tmp_path):

@@ -56,6 +56,16 @@ def test_a_file_of_something_else_is_refused_with_its_line(tmp_path, make_trial,
         TrialLog(path, Trial)
 
 
+@pytest.mark.parametrize("change", [{"coverage": 7}, {"time": -5}, {"path_to": {"0.5": 1e308}}])
+def test_a_senseless_figure_is_refused_with_its_line(tmp_path, make_trial, change):
+    path = tmp_path / "trials.jsonl"
+    path.write_text(json.dumps(dataclasses.asdict(make_trial()) | change) + "\n")
+    with pytest.raises(
+        InputFileError, match=rf"trials\.jsonl:1: is no trial .*{next(iter(change))}.* must be"
+    ):
+        TrialLog(path, Trial)
+
+
 def test_a_folder_that_is_not_there_is_one_clear_error(tmp_path, make_trial):
     with pytest.raises((StorageError, InputFileError), match="missing"):
         TrialLog(tmp_path / "missing" / "trials.jsonl", Trial).append(make_trial())

@@ -11,7 +11,7 @@ import time
 
 import pytest
 
-from slamgym.core.errors import ConfigError
+from slamgym.core.errors import ConfigError, PlanError, SlamgymError
 from slamgym.core.parallel import engine as module
 from slamgym.core.parallel.backlog import (
     MAX_ATTEMPTS,
@@ -20,8 +20,9 @@ from slamgym.core.parallel.backlog import (
     Backlog,
     Lost,
     WorkerLostError,
+    tried,
 )
-from slamgym.core.parallel.engine import open_engine, run_tasks
+from slamgym.core.parallel.engine import open_engine, run_tasks, try_out
 
 # loky's own thread may stumble over a task that was taken back while its process was being ended.
 pytestmark = pytest.mark.filterwarnings(
@@ -121,6 +122,42 @@ def test_a_crash_costs_one_task_with_one_worker_too(one_worker):
     assert [r.item if isinstance(r, Lost) else r for r in results] == ["SIGSEGV", "exit", "well"]
     assert results[0].reason == f"a worker process died (SIGSEGV) at each of {MAX_ATTEMPTS} attempts"
     assert results[1].reason == f"a worker process died at each of {MAX_ATTEMPTS} attempts"
+
+
+@pytest.mark.parametrize(
+    ("error", "kind", "reason"),
+    [
+        (ZeroDivisionError("by zero"), "ZeroDivisionError", "by zero (in test_engine.py:"),
+        (SystemExit(3), "SystemExit", "3 (in test_engine.py:"),
+        (FileNotFoundError(2, "missing"), "FileNotFoundError", "[Errno 2] missing (in test_engine.py:"),
+        (PlanError("p", "is too small"), "PlanError", "is too small"),
+    ],
+)
+def test_a_task_that_fails_costs_itself(error, kind, reason):
+    def fail(_):
+        raise error
+
+    lost = tried(fail, 7)
+    assert (lost.item, lost.error) == (7, kind)
+    assert lost.reason.startswith(reason)
+
+
+def test_a_wrong_setting_or_memory_that_runs_out_ends_the_run():
+    def fail(error):
+        raise error
+
+    with pytest.raises(SlamgymError, match=r"memory ran out; .*fewer --workers"):
+        tried(fail, MemoryError())
+    with pytest.raises(ConfigError, match="wrong"):
+        tried(fail, ConfigError("wrong"))
+
+
+def test_what_is_tried_out_first_is_refused_by_its_name(one_worker):
+    assert try_out(one_worker, str.upper, ["a", "b"]) == {"a": "A", "b": "B"}
+    with pytest.raises(
+        ConfigError, match=r"'SIGSEGV' can't be used .WorkerLostError.: a worker process died"
+    ):
+        try_out(one_worker, crash, ["well", "SIGSEGV"])
 
 
 def test_a_task_that_hangs_is_ended_with_its_worker(tmp_path):

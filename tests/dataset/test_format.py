@@ -70,6 +70,13 @@ def test_an_unknown_field_is_named_with_a_suggestion():
         PairRecord.from_line(line)
 
 
+@pytest.mark.parametrize("change", [{"coverage": 7.0}, {"ate": -1.0}, {"area": 1e308}, {"resolution": 0.0}])
+def test_a_senseless_figure_is_refused(change):
+    line = json.dumps(json.loads(RECORD.to_line()) | change)
+    with pytest.raises(InputFileError, match=f"is not a record of a pair .{next(iter(change))} must be"):
+        PairRecord.from_line(line)
+
+
 def test_a_folder_without_a_dataset_is_said_to_be_one(tmp_path):
     with pytest.raises(InputFileError, match="no manifest"):
         list(read_manifest(tmp_path))

@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 import tyro
 
 from slamgym.core.config import Arguments, CountOrZero, Positive
+from slamgym.core.names import Label
 from slamgym.core.parallel.backlog import TASK_TIMEOUT, available_cores
 from slamgym.core.parallel.engine import Execution
 from slamgym.core.progress import say
@@ -30,7 +31,7 @@ class BenchRunArguments(Arguments):
     """Your copy of HouseExpo, for all tracks but ``loops`` and ``large``; `slamgym plans fetch` downloads it."""
     quick: bool = False
     """Only the first twelve buildings of a track, to see that it runs."""
-    entry: str = ""
+    entry: Label | None = None
     """Name on the leaderboard; by default the explorer's. Give the trainings of one explorer the same name."""
     workers: CountOrZero = 0
     """Processes; 0 takes one per core."""

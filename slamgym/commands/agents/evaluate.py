@@ -99,7 +99,7 @@ def main(argv: list[str]) -> int:
         say(f"skipped {counted(len(evaluation.skipped), 'plan')}, the first: {evaluation.skipped[0].reason}")
     if evaluation.failed:
         say(
-            f"{counted(len(evaluation.failed), 'exploration')} crashed or hung; "
+            f"{counted(len(evaluation.failed), 'exploration')} crashed, hung or failed; "
             f"{arguments.out / 'failed.jsonl'} says which"
         )
     sys.stdout.write(write_report(arguments.out, evaluation, config, _reference(arguments.against, config)))

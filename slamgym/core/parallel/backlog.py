@@ -3,13 +3,14 @@
 import faulthandler
 import os
 import time
+import traceback
 from collections import deque
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Generic, TypeVar
 
-from slamgym.core.errors import SlamgymError
+from slamgym.core.errors import PlanError, SlamgymError
 from slamgym.core.progress import duration
 
 _Item = TypeVar("_Item")
@@ -31,7 +32,7 @@ class WorkerLostError(SlamgymError):
 
 @dataclass(frozen=True)
 class Lost(Generic[_Item]):
-    """An item whose worker died at every attempt, or that took too long."""
+    """An item whose worker died at every attempt, that took too long, or of which :func:`tried` says why it failed."""
 
     item: _Item
     reason: str
@@ -73,6 +74,26 @@ def run_limited(task: Callable[[_Item], _Result], item: _Item, timeout: float | 
             return task(item)
         finally:
             faulthandler.cancel_dump_traceback_later()
+
+
+def tried(task: Callable[[_Item], _Result], item: _Item) -> _Result | Lost[_Item]:
+    """Run a task whose failure costs this item alone: one odd plan or explorer must not end a night's run.
+
+    Raises:
+        SlamgymError: If a setting is wrong, the disk can't be written or memory runs out.
+    """
+    try:
+        return task(item)
+    except PlanError as error:
+        return Lost(item, error.reason, PlanError.__name__)
+    except MemoryError as error:
+        raise SlamgymError("memory ran out; run the same command again with fewer --workers") from error
+    except SlamgymError:
+        raise
+    except (Exception, SystemExit) as error:  # noqa: BLE001 - code of the user's own may raise anything
+        frame = traceback.extract_tb(error.__traceback__)[-1]
+        place = f"{Path(frame.filename).name}:{frame.lineno}, {frame.name}"
+        return Lost(item, f"{error} (in {place})", type(error).__name__)
 
 
 class Backlog(Generic[_Item]):

@@ -7,13 +7,14 @@ A task that takes longer than it may is ended with its worker and handed back at
 only the engine ``in_process`` runs the tasks in the caller's process, which dies with them.
 """
 
+import functools
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from typing import Literal, Protocol, TypeVar
 
 from slamgym.core.errors import ConfigError
-from slamgym.core.parallel.backlog import TASK_TIMEOUT, Lost, WorkerLostError
+from slamgym.core.parallel.backlog import TASK_TIMEOUT, Lost, WorkerLostError, tried
 
 _Item = TypeVar("_Item")
 _Result = TypeVar("_Result")
@@ -91,6 +92,21 @@ class Execution:
     def open(self) -> AbstractContextManager[Engine]:
         """Start the engine for the length of a ``with`` block, as :func:`open_engine`."""
         return open_engine(self.engine, self.workers, self.address, self.task_timeout)
+
+
+def try_out(engine: Engine, task: Callable[[str], _Result], names: Iterable[str]) -> dict[str, _Result]:
+    """Apply a function to names before any work is done, in a worker: code of the user's own may crash.
+
+    Raises:
+        ConfigError: If that of one fails.
+    """
+    results = {}
+    for name in names:
+        for result in engine.run(functools.partial(tried, task), [name]):
+            if isinstance(result, Lost):
+                raise ConfigError(f"{name!r} can't be used ({result.error}): {result.reason}")
+            results[name] = result
+    return results
 
 
 def run_tasks(task: Callable[[_Item], _Result], items: Iterable[_Item], workers: int) -> Iterator[_Result]:

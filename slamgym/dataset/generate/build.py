@@ -1,6 +1,7 @@
 """The main path of ``slamgym generate``: floor plans in, a folder of map pairs out."""
 
-import dataclasses
+import contextlib
+import functools
 import time
 from collections import Counter
 from dataclasses import dataclass
@@ -8,8 +9,8 @@ from pathlib import Path
 
 from slamgym.cad import PlanSource
 from slamgym.core.jit import is_compiled
-from slamgym.core.parallel.backlog import Lost
-from slamgym.core.parallel.engine import Execution
+from slamgym.core.parallel.backlog import Lost, tried
+from slamgym.core.parallel.engine import Execution, try_out
 from slamgym.core.progress import show_progress
 from slamgym.dataset.folder import DatasetFolder, open_dataset
 from slamgym.dataset.generate.exploration import (
@@ -77,21 +78,20 @@ def build_dataset(
     began = time.monotonic()
     execution = execution or Execution(workers)
     root = Path(root) if shard == WHOLE else Path(root) / shard.folder_name
-    for explorer in config.recipe.values("explorer") or [config.episode.explorer]:
-        check_explorer(plans, dataclasses.replace(config.episode, explorer=explorer), make_explorer)
-    if not is_compiled(cast_rays):
-        warm_up()  # here, once, rather than in every worker
-    with (
-        execution.open() as engine,
-        open_dataset(root, dataset_settings(config, plans)) as folder,
-    ):
+    explorers = config.recipe.values("explorer") or [config.episode.explorer]
+    with contextlib.ExitStack() as stack:
+        engine = stack.enter_context(execution.open())
+        try_out(engine, functools.partial(check_explorer, config.episode, make_explorer), explorers)
+        if not is_compiled(cast_rays):
+            warm_up()  # here, once, rather than in every worker
+        folder = stack.enter_context(open_dataset(root, dataset_settings(config, plans)))
         before, wanted = len(folder.committed), shard.share_of(pairs)
         queue = SlotQueue(
             folder, plans, config, make_explorer, pairs, shard, shares_files=engine.shares_files
         )
         with show_progress("pairs", min(before, wanted), wanted) as advance:
             while queue.wants_more():
-                for outcome in engine.run(run_exploration, queue.draw()):
+                for outcome in engine.run(functools.partial(tried, run_exploration), queue.draw()):
                     if _take(outcome, folder, queue):
                         advance()
         committed = len(folder.committed)
@@ -106,9 +106,6 @@ def _take(
     """Commit what a worker made, or note why there is nothing; returns whether there is a pair."""
     if isinstance(outcome, Lost):
         queue.reject(outcome.item.slot, outcome.error, outcome.reason)
-        return False
-    if outcome.error:
-        queue.reject(outcome.slot, outcome.error, outcome.reason)
         return False
     staged = folder.stage(outcome.slot.name)
     if outcome.files is not None:

@@ -7,7 +7,6 @@ place there; on another machine it gives the files back as bytes.
 import os
 import shutil
 import time
-import traceback
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -16,7 +15,6 @@ from typing import Any
 
 from slamgym.cad import FloorPlan
 from slamgym.core.config import config_hash
-from slamgym.core.errors import PlanError, SlamgymError
 from slamgym.core.files import storage_errors, sync_tree
 from slamgym.core.png import encode_png
 from slamgym.dataset.format import SIDES, write_episode
@@ -40,39 +38,25 @@ class ExplorationTask:
 
 @dataclass(frozen=True)
 class ExplorationOutcome:
-    """What a worker reports: files, or ``error`` says why there are none."""
+    """What a worker reports."""
 
     slot: Slot
     timing: dict[str, Any] = field(default_factory=dict)
     files: Mapping[str, bytes] | None = None
     """Content by path below the staging place, unless the worker has written there itself."""
-    error: str = ""
-    reason: str = ""
 
 
 def run_exploration(exploration: ExplorationTask) -> ExplorationOutcome:
     """Run one exploration and write its pair.
 
     Raises:
-        SlamgymError: If a setting is wrong or the disk can't be written; a plan that can't be explored is an
-            outcome instead, and so is an error of the program.
+        PlanError: If the plan can't be explored.
+        SlamgymError: If a setting is wrong or the disk can't be written.
     """
-    slot = exploration.slot
     wall, cpu = time.perf_counter(), time.process_time()
-    try:
-        files = _write_or_pack(exploration)
-    except PlanError as error:
-        return ExplorationOutcome(slot, error="PlanError", reason=error.reason)
-    except MemoryError as error:
-        raise SlamgymError(
-            f"memory ran out while {slot.plan_id} was explored; run the same command again with fewer --workers"
-        ) from error
-    except (SlamgymError, OSError):
-        raise
-    except Exception as error:  # noqa: BLE001 - one odd plan must not end a night's run; the record names the place
-        return ExplorationOutcome(slot, error=type(error).__name__, reason=_place_of(error))
+    files = _write_or_pack(exploration)
     timing = {"cpu_seconds": time.process_time() - cpu, "wall_seconds": time.perf_counter() - wall}
-    return ExplorationOutcome(slot, timing, files)
+    return ExplorationOutcome(exploration.slot, timing, files)
 
 
 def write_files(folder: Path, files: Mapping[str, bytes]) -> None:
@@ -123,9 +107,3 @@ def _make_staging_place(staged: Path) -> None:
         shutil.rmtree(staged)
     staged.mkdir()
     (staged / "episode").mkdir()
-
-
-def _place_of(error: Exception) -> str:
-    """The error's message and the innermost line that raised it."""
-    frame = traceback.extract_tb(error.__traceback__)[-1]
-    return f"{error} (in {Path(frame.filename).name}:{frame.lineno}, {frame.name})"

@@ -34,6 +34,7 @@ from slamgym.core.documents import parse_yaml
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.files import read_text
 from slamgym.core.limits import YAML_BYTES, shown
+from slamgym.core.own_code import is_own_explorer
 from slamgym.core.seeding import uniform_share
 from slamgym.dataset.format import FORMAT_VERSION
 from slamgym.dataset.pair import PairConfig
@@ -137,6 +138,10 @@ class Recipe(Settings):
             for name in {name for choice in choices for name in choice.settings}:
                 if owners.setdefault(name, factor) != factor:
                     raise ConfigError(f"{owners[name]!r} and {factor!r} both set {name!r}; let one of them")
+        for explorer in filter(is_own_explorer, map(str, self.values("explorer"))):
+            raise ConfigError(
+                f"explorer: {shown(explorer)} is code of your own, which no recipe may run; give it by --explorer"
+            )
 
     @property
     def settings(self) -> frozenset[str]:

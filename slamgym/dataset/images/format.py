@@ -20,6 +20,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
+from slamgym.core.config import Count, Counted, Measured, Positive, Share
 from slamgym.core.errors import InputFileError
 from slamgym.core.names import FileName
 from slamgym.core.png import read_png
@@ -44,20 +45,20 @@ class ImageRecord(ManifestLine):
     plan_id: str
     group: str
     """The plan that stands for all near-duplicates of this one; a group is never on both sides."""
-    repetition: int
+    repetition: Counted
     """How many explorations of the same plan come before this one."""
     seed: int
     """Seed of the exploration."""
-    size: int
+    size: Count
     """Rows and columns [px]."""
-    metres_per_px: float
+    metres_per_px: Positive
     origin: tuple[float, float]
     """Outer corner of the bottom-left pixel, map frame [m]."""
-    coverage: float
+    coverage: Share
     """Share of the reachable floor that was truly seen, 0 to 1."""
-    ate: float
+    ate: Measured
     """Absolute trajectory error of the SLAM estimate: RMSE of the position, not aligned [m]."""
-    map_error: float
+    map_error: Measured
     """Mean distance of the SLAM map's occupied cells to the nearest face of a CAD wall [m]."""
     explorer: str
     conditions: dict[str, Any]

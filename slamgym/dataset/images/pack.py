@@ -171,9 +171,15 @@ def _claim(out: Path, settings: dict[str, Any]) -> None:
 def _starts_of_lines(layout: ImageLayout) -> dict[str, IntArray]:
     """Where the lines of each side begin in the manifest [bytes]: a million records are too many to hold."""
     starts = {split: array("q") for split in SPLITS}
+    names: set[int] = set()  # their hashes: of a million, too, they take little
     at = 0
     lines = byte_lines(layout.manifest)
-    for record, (line, _) in zip(iterate_images(layout.root), lines, strict=True):
+    for number, (record, (line, _)) in enumerate(zip(iterate_images(layout.root), lines, strict=True), 1):
+        names.add(hash(record.name))
+        if len(names) < number:
+            raise InputFileError(
+                layout.manifest, f"has the name {record.name} twice; render the images again"
+            )
         starts[record.split].append(at)
         at += len(line)
     return {split: np.array(places, dtype=np.int64) for split, places in starts.items()}
@@ -201,9 +207,11 @@ def _write_shard(
     if not all(path.exists() for path in wanted):
         records = list(_records_at(layout, starts))
         pictures = [_pictures(layout, record) for record in records]
-        with staged(archive) as part, tarfile.open(part, "w", format=tarfile.USTAR_FORMAT) as tar:
+        with staged(archive) as part, tarfile.open(part, "w", format=tarfile.PAX_FORMAT) as tar:
             for record, (cad, slam) in zip(records, pictures, strict=True):
-                key = record.name.replace(".", "_")  # WebDataset ends the key at the first dot
+                key = record.name.replace("%", "%25").replace(
+                    ".", "%2E"
+                )  # WebDataset ends a key at its first dot
                 line = json.dumps(to_dict(record)).encode()
                 for ending, content in zip(
                     (*WEBDATASET_NAMES.values(), "json"), (cad, slam, line), strict=True

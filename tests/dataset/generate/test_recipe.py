@@ -109,12 +109,22 @@ def test_every_known_name_can_be_read():
         ({"clutter.furniture": [{"between": [0.5, 3.2]}]}, r"clutter.furniture must be in \[0, 3\], not 3.2"),
         ({"scanner": [{"set": {}}]}, "'set' takes settings"),
         ({"x": [{"set": {"slam.particles": 3}}], "slam.particles": [5]}, "both set 'slam.particles'"),
+        (
+            {"explorer": ["rl@98%:95%", "own:make"]},
+            "'own:make' is code of your own, .* give it by --explorer",
+        ),
+        ({"x": [{"set": {"explorer": "own:make@98%:95%"}}]}, "no recipe may run; give it by --explorer"),
     ],
 )
 def test_a_senseless_recipe_is_one_error_that_names_the_place(plain, words):
     with pytest.raises(ConfigError, match=words) as caught:
         parse_recipe(plain, "test")
     assert str(caught.value).startswith("test: ")
+
+
+def test_a_recipe_may_name_weights_and_promises():
+    names = ["rl@98%:95%", "rl:weights.safetensors", "wheels:own/weights.safetensors", "tour@2m2:90%"]
+    assert parse_recipe({"explorer": names}, "test").values("explorer") == names
 
 
 def test_yaml_and_json_say_the_same(tmp_path):

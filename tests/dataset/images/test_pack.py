@@ -75,6 +75,38 @@ def test_the_shards_hold_every_pair_once_and_the_same_bytes_again(images, tmp_pa
     assert paths[2].stat().st_mtime_ns == stamp
 
 
+def renamed(images, names):
+    """Give the first pairs of the side ``train`` other names."""
+    layout = ImageLayout(images)
+    lines = [json.loads(line) for line in layout.manifest.read_text().splitlines()]
+    for line, name in zip([line for line in lines if line["split"] == "train"], names, strict=False):
+        for side in "AB":
+            layout.image("train", side, line["name"]).rename(layout.image("train", side, name))
+        line["name"] = name
+    layout.manifest.write_text("".join(json.dumps(line) + "\n" for line in lines))
+
+
+def test_names_with_dots_and_long_ones_have_keys_of_their_own(images, tmp_path):
+    names = ["x.y", "x_y", "x%2Ey", "long" * 45, "straße"]
+    renamed(images, names)
+    pack_images(images, tmp_path / "pack", PackConfig(parquet=False))
+    with tarfile.open(tmp_path / "pack" / "train-000000.tar") as tar:
+        entries = {entry: tar.extractfile(entry).read() for entry in tar.getnames()}
+    keys = {
+        entry.partition(".")[0]: json.loads(entries[entry]) for entry in entries if entry.endswith(".json")
+    }
+    assert len(entries) == 3 * len(keys)
+    assert set(names) <= {record["name"] for record in keys.values()}
+
+
+def test_a_name_that_comes_twice_is_refused(images, tmp_path):
+    manifest = ImageLayout(images).manifest
+    lines = manifest.read_text().splitlines(keepends=True)
+    manifest.write_text("".join([*lines, lines[0]]))
+    with pytest.raises(InputFileError, match=r"manifest.jsonl: has the name .* twice"):
+        pack_images(images, tmp_path / "pack", SMALL)
+
+
 @pytest.mark.parametrize("config", ["folder", "webdataset"])
 def test_datasets_streams_the_folder(images, tmp_path, config):
     pytest.importorskip("datasets")
