@@ -52,6 +52,11 @@ def test_dxf(write, how):
     assert open_plans(path).load("flat").free_space.equals(plan.free_space)
 
 
+def test_coordinates_next_to_nothing_are_zeros(write):
+    path = write("a.dxf", flat.dxf().replace("\n 10\n1.0\n 20\n-0.12\n", "\n 10\n1.0\n 20\n-1e-308\n"))
+    check_plan(read_dxf(path).plan)  # geometry would divide by zero
+
+
 def test_dxf_without_a_unit_is_guessed_with_a_doubt_and_refused_as_a_source(write):
     path = write("flat.dxf", flat.dxf(unit=""))
     plan, doubts = read_dxf(path)

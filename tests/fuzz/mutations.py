@@ -3,6 +3,7 @@
 import copy
 import json
 import os
+import re
 from collections.abc import Callable
 from typing import Any
 
@@ -62,6 +63,23 @@ def mutated_bytes(draw: st.DrawFn, files: list[bytes]) -> bytes:
     return content
 
 
+_NUMBER = re.compile(rb"\d+(\.\d+)?")
+_NUMBERS = st.sampled_from(
+    [b"0", b"1", b"-1", b"7", b"0.5", b"1e9", b"1e308", b"1e-308", b"nan", b"-inf", b"9" * 20]
+)
+
+
+@st.composite
+def mutated_text(draw: st.DrawFn, files: list[bytes]) -> bytes:
+    """One of some good files of lines in which up to three numbers are others; now and then with other faults, too."""
+    content = draw(st.sampled_from(files))
+    for _ in range(draw(st.integers(0, 3))):
+        place = draw(st.sampled_from(list(_NUMBER.finditer(content))))
+        number = draw(_NUMBERS | st.floats(-100.0, 100.0).map(lambda value: str(round(value, 2)).encode()))
+        content = content[: place.start()] + number + content[place.end() :]
+    return content if draw(st.integers(0, 2)) else draw(mutated_bytes([content]))
+
+
 @st.composite
 def mutated_value(draw: st.DrawFn, values: list[Any]) -> Any:
     """One of some good documents in which up to three values are others, missing, twice there or nested."""
@@ -85,6 +103,21 @@ def mutated_lines(draw: st.DrawFn, values: list[Any]) -> bytes:
     chosen = draw(st.integers(0, len(lines) - 1))
     lines[chosen] = draw(mutated_json([values[chosen]]))
     return b"\n".join(lines) + (b"\n" if draw(st.integers(0, 7)) else b"")
+
+
+def _alike(value: Any) -> st.SearchStrategy[Any]:
+    """Other values of a kind: a reader that checks kinds alone lets them through."""
+    if isinstance(value, bool):
+        return st.booleans()
+    if isinstance(value, int):
+        return st.sampled_from([0, 1, 2, value + 1, 2 * value, -value, 10**6, 2**31, 2**63]) | st.integers(
+            0, 100
+        )
+    if isinstance(value, float):
+        return st.sampled_from([0.0, 1.0, -value, 1e-308, 1e-3, 1e9, 1e308]) | st.floats(0.0, 2.0)
+    if isinstance(value, str):
+        return st.sampled_from(["", value + "x", value.upper(), value[::-1]]) | st.text(max_size=8)
+    return st.just(value[::-1] if isinstance(value, list) else value)
 
 
 def cases(usual: int) -> settings:
@@ -114,13 +147,18 @@ def _with_fault(draw: st.DrawFn, document: Any) -> Any:
     holder: Any = document
     while True:
         keys = list(holder) if isinstance(holder, dict) else range(len(holder))
-        key = draw(st.sampled_from(keys))
+        outer = [key for key in keys if isinstance(holder[key], dict | list)]
+        key = draw(
+            st.sampled_from([*keys, *outer * 3])
+        )  # mostly further down, where the first check has passed
         inner = holder[key]
         if not isinstance(inner, dict | list) or not inner or draw(st.integers(0, 3)) == 0:
             break
         holder = inner
-    how = draw(st.sampled_from(["replace", "replace", "drop", "nest", "double", "add"]))
-    if how == "drop":
+    how = draw(st.sampled_from([*["alike"] * 8, "replace", "replace", "drop", "nest", "double", "add"]))
+    if how == "alike":
+        holder[key] = draw(_alike(inner))
+    elif how == "drop":
         del holder[key]
     elif how == "nest":
         for _ in range(draw(st.sampled_from([1, 40]))):

@@ -126,14 +126,13 @@ def test_manifests_of_images(images, content):
     for split in ("train", "test"):
         (images / split / "metadata.jsonl").write_bytes(content)
     must_read_or_refuse(check_image_folder, images)
-    must_read_or_refuse(describe_pairs, images)
     must_read_or_refuse(_read_journal, type("Layout", (), {"root": images}))
     for record in must_read_or_refuse(read_images, images) or []:
         assert record.frame.shape == (record.size, record.size)
 
 
 @cases(100)
-@given(mutated_lines([dataclasses.asdict(VERDICT)]))
+@given(mutated_lines([dataclasses.asdict(VERDICT), dataclasses.asdict(VERDICT) | {"name": SECOND.name}]))
 def test_verdicts(root, content):
     (root / "clean.jsonl").write_bytes(content)
     for verdict in (must_read_or_refuse(read_verdicts, root) or {}).values():

@@ -1,7 +1,7 @@
 """Whatever a DXF, IFC or GeoJSON drawing holds, reading and checking it gives a plan or a SlamgymError."""
 
 import drawn_flat as flat
-from fuzz.mutations import cases, must_read_or_refuse, mutated_bytes, mutated_json
+from fuzz.mutations import cases, must_read_or_refuse, mutated_json, mutated_text
 from hypothesis import given
 
 from slamgym.cad import check_plan, open_plans
@@ -26,7 +26,7 @@ def test_geojson(tmp_path, content):
     must_read_or_refuse(check_drawing, path)
 
 
-@given(mutated_bytes(DXF))
+@given(mutated_text(DXF))
 @cases(25)
 def test_dxf(tmp_path, content):
     path = tmp_path / "a.dxf"
@@ -34,7 +34,7 @@ def test_dxf(tmp_path, content):
     must_read_or_refuse(check_drawing, path)
 
 
-@given(mutated_bytes(ENTITIES))
+@given(mutated_text(ENTITIES))
 @cases(25)
 def test_entities_of_dxf(tmp_path, content):
     path = tmp_path / "a.dxf"
@@ -42,7 +42,7 @@ def test_entities_of_dxf(tmp_path, content):
     must_read_or_refuse(check_drawing, path)
 
 
-@given(mutated_bytes([flat.ifc().encode()]))
+@given(mutated_text([flat.ifc().encode()]))
 @cases(40)
 def test_ifc(tmp_path, content):
     path = tmp_path / "a.ifc"

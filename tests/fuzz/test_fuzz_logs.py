@@ -6,7 +6,7 @@ import warnings
 
 import numpy as np
 import pytest
-from fuzz.mutations import cases, must_read_or_refuse, mutated_bytes, mutated_json
+from fuzz.mutations import cases, must_read_or_refuse, mutated_bytes, mutated_json, mutated_text
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -23,6 +23,7 @@ from slamgym.slam.replay import read_overrides, settings_for
 
 LASER = LaserGeometry(5, -1.5, 0.75, 0.12, 3.5)
 ROBOTLASER = b"ROBOTLASER1 0 -1.5 3.0 0.75 80 0.01 0 5 1 2 3 4 5 0 0 0 0 0 0 0 0 0 0 0 0 %d.5 host 0\n"
+BYTE = st.sampled_from([0, 1, 63, 127, 128, 192, 240, 255])
 FACTORS = {"k_l": 0.1, "k_lt": 0.1, "k_t": 0.1, "s_l": 0.1, "s_lt": 0.1, "s_t": 0.1}
 
 
@@ -55,7 +56,7 @@ def bag(tmp_path_factory):
 @cases(200)
 def test_carmen_logs(tmp_path, logs, data):
     path = tmp_path / "a.log"
-    path.write_bytes(data.draw(mutated_bytes(logs)))
+    path.write_bytes(data.draw(mutated_bytes(logs) | mutated_text([logs[0], logs[2]])))
     must_read_or_refuse(open_log, path)
 
 
@@ -69,7 +70,24 @@ def test_bags(tmp_path, bag, data):
         must_read_or_refuse(open_log, path)
 
 
-@given(mutated_bytes([b"# t x y z qx qy qz qw\n1.0 0 0 0 0 0 0 1\n2.0 1 0 0 0 0 0.1 0.99\n"]))
+@given(data=st.data())
+@cases(50)
+def test_messages_of_bags(tmp_path, bag, data):
+    """The container is whole, so that what its messages hold is read."""
+    path, content = tmp_path / "a.mcap", bytearray(bag)
+    path.write_bytes(content)
+    with pytest.importorskip("rosbags.rosbag2").Reader(path) as reader:
+        messages = [(bag.index(message), len(message)) for _, _, message in reader.messages()]
+    for _ in range(data.draw(st.integers(1, 4))):
+        begin, length = data.draw(st.sampled_from(messages))
+        content[begin + data.draw(st.integers(4, length - 1))] = data.draw(BYTE)
+    path.write_bytes(content)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        must_read_or_refuse(open_log, path)
+
+
+@given(mutated_text([b"# t x y z qx qy qz qw\n1.0 0 0 0 0 0 0 1\n2.0 1 0 0 0 0 0.1 0.99\n"]))
 @cases(100)
 def test_trajectories(tmp_path, content):
     path = tmp_path / "a.tum"
@@ -77,7 +95,7 @@ def test_trajectories(tmp_path, content):
     must_read_or_refuse(read_tum, path)
 
 
-@given(mutated_bytes([b"1.0 2.0 0.5 0 0 0 0 0.1\n2.0 3.0 0.5 0 0 0 0 0.1\n"]))
+@given(mutated_text([b"1.0 2.0 0.5 0 0 0 0 0.1\n2.0 3.0 0.5 0 0 0 0 0.1\n"]))
 @cases(60)
 def test_relations(tmp_path, content):
     path = tmp_path / "a.relations"
@@ -85,7 +103,7 @@ def test_relations(tmp_path, content):
     must_read_or_refuse(read_relations, path)
 
 
-@given(mutated_bytes([b"x,y,t\n1,2,0\n2;3;1\n", b"1,2\n2,3 # end\n"]))
+@given(mutated_text([b"x,y,t\n1,2,0\n2;3;1\n", b"1,2\n2,3 # end\n"]))
 @cases(60)
 def test_waypoints(tmp_path, content):
     path = tmp_path / "a.csv"

@@ -79,7 +79,7 @@ def floor_of_walls(drawn: DrawnWalls, plan_id: str, source: str) -> DrawnPlan:
     Raises:
         PlanError: If the walls enclose nothing, or doors join too little of it.
     """
-    _check(drawn, source)
+    drawn = _checked(drawn, source)
     network = _network(drawn.walls, drawn.doors, drawn.windows, source)
     spaces = _spaces(network)
     min_x, min_y, max_x, max_y = shapely.bounds(network).tolist()
@@ -122,7 +122,8 @@ def middle_line(polygon: Polygon) -> FloatArray:
     return np.concatenate([centre - 0.5 * along, centre + 0.5 * along])
 
 
-def _check(drawn: DrawnWalls, source: str) -> None:
+def _checked(drawn: DrawnWalls, source: str) -> DrawnWalls:
+    """The drawing within its limits, and with zeros for numbers so small that geometry divides by zero."""
     segments = np.vstack([drawn.walls, drawn.doors, drawn.windows])
     if not np.isfinite(segments).all() or np.abs(segments).max(initial=0.0) > MAX_PLAN_COORDINATE:
         raise PlanError(
@@ -134,6 +135,9 @@ def _check(drawn: DrawnWalls, source: str) -> None:
         PLAN_PARTS.check(source, len(parts), PlanError)
     if len(drawn.walls) < 3:
         raise PlanError(source, "has no walls; name their layer, or check the kind of its objects")
+    segments[np.abs(segments) < 1e-9] = 0.0
+    walls, doors, windows = np.split(segments, np.cumsum([len(drawn.walls), len(drawn.doors)]))
+    return DrawnWalls(walls, doors, windows, drawn.rooms, drawn.doubts)
 
 
 def _network(walls: FloatArray, doors: FloatArray, windows: FloatArray, source: str) -> Any:
