@@ -13,6 +13,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import shapely
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 from shapely import Polygon
 
 from slamgym.cad.crowding import refuse_crowded
@@ -210,15 +212,11 @@ def _space_beside(tree: Any, middle: FloatArray, normal: FloatArray) -> tuple[in
 
 def _largest_group(spaces: Sequence[Polygon], doorways: Sequence[_Doorway]) -> set[int]:
     """The spaces that doors join to the largest floor."""
-    group = list(range(len(spaces)))
-    for way in doorways:
-        first, second = group[way.spaces[0]], group[way.spaces[1]]
-        group = [first if member == second else member for member in group]
-    areas: dict[int, float] = {}
-    for index, space in enumerate(spaces):
-        areas[group[index]] = areas.get(group[index], 0.0) + space.area
-    largest = max(areas, key=lambda name: areas[name])
-    return {index for index, member in enumerate(group) if member == largest}
+    joined = np.array([way.spaces for way in doorways], np.int64).reshape(-1, 2).T
+    graph = coo_array((np.ones(joined.shape[1]), (joined[0], joined[1])), shape=(len(spaces), len(spaces)))
+    group = connected_components(graph, directed=False)[1]
+    largest = np.argmax(np.bincount(group, [space.area for space in spaces]))
+    return set(np.flatnonzero(group == largest).tolist())
 
 
 def _floor(spaces: Sequence[Polygon], slabs: Sequence[Polygon], drawn: DrawnWalls, source: str) -> Polygon:

@@ -8,20 +8,23 @@ header's ``$INSUNITS`` (AutoCAD DXF reference, HEADER section); where that says 
 import fnmatch
 import io
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from itertools import islice
 from pathlib import Path
 from typing import Any, Literal
 
 import ezdxf
 import numpy as np
 import shapely
+from scipy.spatial import cKDTree
 from shapely import Polygon
 
 from slamgym.cad.floorplan import Room
 from slamgym.cad.plan_files.drawn_plan import DrawnPlan, DrawnWalls, edges_of, floor_of_walls
 from slamgym.core.errors import InputFileError, PlanError
 from slamgym.core.files import read_bytes
-from slamgym.core.limits import DEPTH, DRAWING_BYTES, ENTRIES, shown
+from slamgym.core.limits import DEPTH, DRAWING_BYTES, ENTRIES, VERTICES, shown
 from slamgym.core.types import FloatArray
 
 LayerKind = Literal["wall", "door", "window", "room", "other"]
@@ -47,6 +50,7 @@ UNIT_BY_SIZE = ((1500.0, 0.001, "millimetres"), (150.0, 0.01, "centimetres"), (0
 MAX_COORDINATE = 1e8
 """In the drawing's unit; what lies farther is a broken number."""
 CURVES = frozenset({"LINE", "LWPOLYLINE", "POLYLINE", "ARC", "CIRCLE", "ELLIPSE", "SPLINE"})
+_READ = CURVES | {"INSERT", "MLINE"}
 
 # What ezdxf raises on damaged files, beside its own errors.
 _DAMAGED = (
@@ -72,6 +76,8 @@ def read_dxf(path: Path | str, unit: float | None = None, layers: Sequence[str] 
     unit = unit or (UNITS.get(code) if isinstance(code, int) else None)
     found = _Found(str(path), layers, _FLATNESS / (unit or UNIT_BY_SIZE[0][1]))
     try:
+        _strip(document)
+        found.check_size(document)
         found.take(document.modelspace())
     except (ezdxf.DXFError, *_DAMAGED):
         raise PlanError(path, "is a damaged DXF drawing; save it again") from None
@@ -106,6 +112,28 @@ def _open(path: Path) -> Any:
     return document
 
 
+def _strip(document: Any) -> None:
+    """Delete what is passed over, and what is attached to the rest: every insert of a block would copy it."""
+    for block in document.blocks:
+        for entity in block:
+            entity.xdata = entity.appdata = entity.extension_dict = entity.reactors = None
+            if entity.dxftype() == "INSERT":
+                entity.delete_all_attribs()
+            elif entity.dxftype() not in _READ:
+                entity.destroy()
+        block.purge()
+
+
+def _weight(entity: Any) -> int:
+    """How many points or lines an entity is drawn with at least, as its insert copies them."""
+    name = entity.dxftype()
+    if name == "SPLINE":
+        return len(entity.control_points) + len(entity.fit_points)
+    if name == "MLINE":
+        return len(entity) * (len(entity.style.elements) if entity.style else 1)
+    return len(entity) if name in ("LWPOLYLINE", "POLYLINE") else 1
+
+
 def _unit_by_size(walls: FloatArray) -> tuple[float, tuple[str, ...]]:
     """The likely unit of a drawing that doesn't say it."""
     points = walls.reshape(-1, 2)
@@ -122,27 +150,60 @@ class _Found:
         self.rings: list[FloatArray] = []
         self.swings: list[FloatArray] = []  # (3, 2): hinge, start and end of the arc
         self._layers: set[str] = set()
+        self._kinds: dict[str, LayerKind] = {}
         self._source, self._chosen, self._flatness = source, tuple(layers), flatness
         self._count = 0
 
-    def take(self, entities: Iterable[Any], parent: LayerKind | None = None, depth: int = 0) -> None:
+    def check_size(self, document: Any) -> None:
+        """Refuse a drawing whose blocks stand for too much, before any of it is expanded.
+
+        Raises:
+            PlanError: If there are too many entities, walls or blocks within blocks.
+        """
+        level: Counter[tuple[str, LayerKind | None]] = Counter(
+            {(document.modelspace().block_record_name, None): 1}
+        )
+        contents: dict[tuple[str, LayerKind | None], tuple[int, int, Counter[Any]]] = {}
+        total = walls = depth = 0
+        while level:
+            DEPTH.check(self._source, depth, PlanError)
+            deeper: Counter[tuple[str, LayerKind | None]] = Counter()
+            for key, times in level.items():
+                if key not in contents:
+                    contents[key] = self._contents(document.blocks.get(key[0]) or (), key[1])
+                entities, lines, inserts = contents[key]
+                total, walls = total + times * entities, walls + times * lines
+                for inner, copies in inserts.items():
+                    deeper[inner] += times * copies
+            ENTRIES.check(self._source, total, PlanError)
+            VERTICES.check(self._source, walls, PlanError)
+            level, depth = deeper, depth + 1
+
+    def _contents(self, block: Iterable[Any], parent: LayerKind | None) -> tuple[int, int, Counter[Any]]:
+        """Entities and lines of walls in a block itself, and how often it holds each other block."""
+        entities = lines = 0
+        inserts: Counter[tuple[str, LayerKind | None]] = Counter()
+        for entity in block:
+            kind, name = self._kind_within(entity, parent), entity.dxftype()
+            copies = max(entity.mcount, 1) if name == "INSERT" else 1
+            entities += copies * _weight(entity)
+            lines += kind == "wall" and name == "LINE"
+            if name == "INSERT":
+                inserts[entity.dxf.name.lower(), kind] += copies
+        return entities, lines, inserts
+
+    def take(self, entities: Iterable[Any], parent: LayerKind | None = None) -> None:
         """Sort entities into kinds; blocks are exploded, and their layer 0 is that of the block."""
-        DEPTH.check(self._source, depth, PlanError)
         for entity in entities:
-            self._count += 1
-            ENTRIES.check(self._source, self._count, PlanError)
-            layer, name = str(entity.dxf.get("layer", "0")), entity.dxftype()
-            kind = parent if parent is not None and layer == "0" else self._kind(layer)
-            if parent in ("door", "window") and not self._chosen:
-                kind = parent
+            kind, name = self._kind_within(entity, parent), entity.dxftype()
             if name == "INSERT":
                 copies = entity.multi_insert() if entity.mcount > 1 else (entity,)
                 for copy in copies:
-                    self.take(copy.virtual_entities(), kind, depth + 1)
+                    self.take(copy.virtual_entities(), kind)
             elif name == "MLINE":
-                self.take(entity.virtual_entities(), kind, depth + 1)
+                self.take(entity.virtual_entities(), kind)
             elif name in CURVES:
-                self._layers.add(layer)
+                self._layers.add(entity.dxf.get("layer", "0"))
                 self._take_curve(entity, name, kind)
 
     def walls(self) -> FloatArray:
@@ -163,10 +224,21 @@ class _Found:
 
     def doors(self, walls: FloatArray, unit: float) -> FloatArray:
         """The doors, from jamb to jamb [m]: lines, and closed positions of swings."""
-        chords = [self._closed_leaf(swing, walls, HINGED / unit) for swing in self.swings]
-        edges = np.vstack([np.empty((0, 4)), *self.lines["door"], *(chord[None] for chord in chords)]) * unit
+        edges = (
+            np.vstack([np.empty((0, 4)), *self.lines["door"], self._closed_leaves(walls, HINGED / unit)])
+            * unit
+        )
         lengths = np.hypot(*(edges[:, 2:] - edges[:, :2]).T)
         return edges[(lengths >= DOOR_LENGTHS[0]) & (lengths <= DOOR_LENGTHS[1])]
+
+    def _kind_within(self, entity: Any, parent: LayerKind | None) -> LayerKind:
+        """What an entity is, in a block whose insert is of the kind ``parent``."""
+        layer = str(entity.dxf.get("layer", "0"))
+        if parent is not None and (layer == "0" or (parent in ("door", "window") and not self._chosen)):
+            return parent
+        if layer not in self._kinds:
+            self._kinds[layer] = self._kind(layer)
+        return self._kinds[layer]
 
     def _kind(self, layer: str) -> LayerKind:
         if any(fnmatch.fnmatch(layer.lower(), pattern.lower()) for pattern in self._chosen):
@@ -179,15 +251,19 @@ class _Found:
     def _take_curve(self, entity: Any, name: str, kind: LayerKind) -> None:
         from ezdxf import path as paths
 
+        sizes = ("radius", "start_angle", "end_angle")[: {"ARC": 3, "CIRCLE": 1}.get(name, 0)]
+        if not all(abs(float(entity.dxf.get(size, 0.0))) < MAX_COORDINATE for size in sizes):
+            raise PlanError(self._source, "has an arc without bounds; delete it")
         if kind == "door" and name == "ARC":
             self.swings.append(
                 np.array([tuple(p)[:2] for p in (entity.dxf.center, entity.start_point, entity.end_point)])
             )
             return
-        if name in ("ARC", "CIRCLE") and not abs(float(entity.dxf.radius)) < MAX_COORDINATE:
-            raise PlanError(self._source, "has an arc without bounds; delete it")
         curve = paths.make_path(entity)
-        points = np.array([tuple(point)[:2] for point in self._some(curve.flattening(self._flatness, 8))])
+        flattened = islice(curve.flattening(self._flatness, 8), ENTRIES.value - self._count + 1)
+        points = np.array([tuple(point)[:2] for point in flattened])
+        self._count += len(points)
+        ENTRIES.check(self._source, self._count, PlanError)
         if len(points) < 2 or not np.abs(points).max() < MAX_COORDINATE:
             return
         closed = bool(curve.is_closed or (name in ("LWPOLYLINE", "POLYLINE") and entity.is_closed))
@@ -205,21 +281,20 @@ class _Found:
             return
         self.lines[kind].append(edges_of(points, closed))
 
-    def _some(self, points: Iterable[Any]) -> Iterator[Any]:
-        """Counts what curves are made of."""
-        for point in points:
-            self._count += 1
-            ENTRIES.check(self._source, self._count, PlanError)
-            yield point
-
-    def _closed_leaf(self, swing: FloatArray, walls: FloatArray, near: float) -> FloatArray:
-        """From the hinge to that end of the arc that lies at a wall, or at the end of the other leaf's arc."""
-        hinge, *ends = swing
-        others = np.array([end for other in self.swings if other is not swing for end in other[1:]]).reshape(
-            -1, 2
+    def _closed_leaves(self, walls: FloatArray, near: float) -> FloatArray:
+        """From hinges to those ends of the arcs that lie at a wall, or at another leaf's arc, shape (N, 4)."""
+        swings = np.array(self.swings).reshape(-1, 3, 2)
+        swings = swings[np.abs(swings).max(axis=(1, 2), initial=0.0) < MAX_COORDINATE]
+        if not len(swings):
+            return np.empty((0, 4))
+        ends = swings[:, 1:].reshape(-1, 2)
+        lines: Any = shapely.linestrings(walls.reshape(-1, 2, 2))
+        _, away = shapely.STRtree(lines).query_nearest(
+            shapely.points(ends), return_distance=True, all_matches=False
         )
-        lines = shapely.multilinestrings(walls.reshape(-1, 2, 2))
-        away = [float(shapely.distance(lines, shapely.Point(end))) for end in ends]
-        meets = [bool((np.hypot(*(others - end).T) < near).any()) for end in ends]
-        best = min(range(2), key=lambda i: (not meets[i], away[i]))
-        return np.concatenate([hinge, ends[best]])
+        # Of the three nearest ends two may be a swing's own.
+        apart, nearest = cKDTree(ends).query(ends, k=3, distance_upper_bound=near)
+        own = np.arange(len(ends))[:, None] // 2
+        alone = ~((apart < near) & (nearest // 2 != own)).any(axis=1)
+        best = np.lexsort((away.reshape(-1, 2), alone.reshape(-1, 2)))[:, 0]
+        return np.hstack([swings[:, 0], swings[np.arange(len(swings)), 1 + best]])
