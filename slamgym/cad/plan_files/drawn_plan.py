@@ -13,8 +13,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import shapely
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 from shapely import Polygon
 
 from slamgym.cad.crowding import refuse_crowded
@@ -35,6 +33,8 @@ BESIDE_DOOR = (0.02, 0.1, 0.2, 0.3, 0.4, 0.5)
 """How far from a door's middle the spaces that it joins are looked for [m]; a wall may run through it."""
 LINE_WIDTH = 0.01
 """Thickness of a wall that is drawn as one line [m]."""
+CROWDED = 0.1
+"""Lines that are closer than this are near each other [m]."""
 _MIN_ENCLOSED_SHARE = 0.3
 """Spaces fill at least this share of the box round the walls; else the building has open gaps."""
 OUTER_GAP = 1.5
@@ -82,12 +82,14 @@ def floor_of_walls(drawn: DrawnWalls, plan_id: str, source: str) -> DrawnPlan:
         PlanError: If the walls enclose nothing, or doors join too little of it.
     """
     drawn = _checked(drawn, source)
-    network = _network(drawn.walls, drawn.doors, drawn.windows, source)
+    segments = np.vstack([drawn.walls, _lengthened(np.vstack([drawn.doors, drawn.windows]))])
+    _refuse_tangled(segments, source)
+    network = _joined(segments)
     spaces = _spaces(network)
     min_x, min_y, max_x, max_y = shapely.bounds(network).tolist()
     box = (max_x - min_x) * (max_y - min_y)
     if sum(space.area for space in spaces) < _MIN_ENCLOSED_SHARE * box:
-        spaces = _spaces_with_gaps_shut(network) or spaces
+        spaces = _spaces_with_gaps_shut(network, segments) or spaces
     if not spaces:
         raise PlanError(source, "its walls enclose no space; check the layers, the unit and gaps at corners")
     doorways = _doorways(drawn.doors, spaces)
@@ -102,7 +104,8 @@ def floor_of_walls(drawn: DrawnWalls, plan_id: str, source: str) -> DrawnPlan:
         )
     used = [way for way in doorways if way.spaces[0] in joined]
     floor = _floor([spaces[i] for i in joined], [way.slab for way in used], drawn, source)
-    rooms = tuple(room for room in drawn.rooms if room.polygon.intersects(floor))
+    shapely.prepare(floor)
+    rooms = tuple(room for room in drawn.rooms if floor.intersects(room.polygon))
     doors = tuple(_door(drawn.doors[way.door]) for way in used)
     return DrawnPlan(FloorPlan(plan_id, floor, rooms, doors, source), drawn.doubts)
 
@@ -132,7 +135,8 @@ def _checked(drawn: DrawnWalls, source: str) -> DrawnWalls:
             source,
             f"has a coordinate that is no number or beyond {MAX_PLAN_COORDINATE:.0f} m; check its unit",
         )
-    VERTICES.check(source, len(segments), PlanError)
+    corners = shapely.get_coordinates([room.polygon for room in drawn.rooms])
+    VERTICES.check(source, len(segments) + len(corners), PlanError)
     for parts in (drawn.doors, drawn.windows, drawn.rooms):
         PLAN_PARTS.check(source, len(parts), PlanError)
     if len(drawn.walls) < 3:
@@ -142,15 +146,23 @@ def _checked(drawn: DrawnWalls, source: str) -> DrawnWalls:
     return DrawnWalls(walls, doors, windows, drawn.rooms, drawn.doubts)
 
 
-def _network(walls: FloatArray, doors: FloatArray, windows: FloatArray, source: str) -> Any:
-    """All lines, cut where they cross; the union's ends lie on a grid of a millimetre."""
-    closures = _lengthened(np.vstack([doors, windows]))
-    segments = np.vstack([walls, closures])
-    refuse_crowded(segments, 0.0, source)
-    lines: Any = shapely.linestrings(segments.reshape(-1, 2, 2))
+def _refuse_tangled(segments: FloatArray, source: str) -> None:
+    """Refuse lines of which too many cross or all but touch."""
+    refuse_crowded(segments, CROWDED, source)
+    lines: Any = _lines(segments)
     crossings = shapely.STRtree(lines).query(lines, predicate="intersects").shape[1]
     NEAR_PAIRS.check(source, crossings * 10, PlanError)
-    return shapely.union_all(lines, grid_size=LINE_GRID)
+
+
+def _joined(segments: FloatArray) -> Any:
+    """Lines cut where they cross, with their ends on the grid."""
+    # GEOS keeps the ends in a tree that nothing balances: lines in the order of their places make it a list.
+    mixed = np.random.default_rng(0).permutation(segments)
+    return shapely.union_all(_lines(mixed), grid_size=LINE_GRID)
+
+
+def _lines(segments: FloatArray) -> Any:
+    return shapely.linestrings(segments.reshape(-1, 2, 2))
 
 
 def _lengthened(segments: FloatArray) -> FloatArray:
@@ -165,15 +177,16 @@ def _spaces(network: Any) -> list[Polygon]:
     return [face for face in faces if not face.buffer(-0.5 * MAX_WALL, join_style="mitre").is_empty]
 
 
-def _spaces_with_gaps_shut(network: Any) -> list[Polygon]:
+def _spaces_with_gaps_shut(network: Any, segments: FloatArray) -> list[Polygon]:
     """The same where the outer walls have gaps: the outside is what a disc that can't pass them covers."""
     radius = 0.5 * OUTER_GAP
     around = shapely.box(*shapely.bounds(network)).buffer(4.0 * OUTER_GAP, join_style="mitre")
-    free = around.difference(network.buffer(radius))
+    # One line at a time: GEOS takes the square of the time, and of the memory, for all of them at once.
+    free = around.difference(shapely.union_all(shapely.buffer(_lines(segments), radius, quad_segs=16)))
     border = around.exterior
     outside = shapely.union_all([part for part in shapely.get_parts(free) if part.intersects(border)])
     # A hair smaller, so that its border doesn't lie on the walls that it touches; the strip between is taken off.
-    outside = outside.buffer(radius - 5.0 * LINE_GRID)
+    outside = outside.simplify(LINE_GRID, preserve_topology=False).buffer(radius - 5.0 * LINE_GRID)
     shut = shapely.union_all([network, outside.boundary], grid_size=LINE_GRID)
     strip = 10.0 * LINE_GRID
     inner = [space for space in _spaces(shut) if not outside.intersects(space.representative_point())]
@@ -212,22 +225,25 @@ def _space_beside(tree: Any, middle: FloatArray, normal: FloatArray) -> tuple[in
 
 def _largest_group(spaces: Sequence[Polygon], doorways: Sequence[_Doorway]) -> set[int]:
     """The spaces that doors join to the largest floor."""
-    joined = np.array([way.spaces for way in doorways], np.int64).reshape(-1, 2).T
-    graph = coo_array((np.ones(joined.shape[1]), (joined[0], joined[1])), shape=(len(spaces), len(spaces)))
-    group = connected_components(graph, directed=False)[1]
-    largest = np.argmax(np.bincount(group, [space.area for space in spaces]))
-    return set(np.flatnonzero(group == largest).tolist())
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    ends = np.array([way.spaces for way in doorways], np.int64).reshape(-1, 2).T
+    joined = coo_array((np.ones(ends.shape[1]), ends), shape=(len(spaces), len(spaces)))
+    _, group = connected_components(joined, directed=False)
+    areas = np.bincount(group, [space.area for space in spaces])
+    return set(np.flatnonzero(group == np.argmax(areas)).tolist())
 
 
 def _floor(spaces: Sequence[Polygon], slabs: Sequence[Polygon], drawn: DrawnWalls, source: str) -> Polygon:
     """The spaces and the doors between them as one polygon; walls of one line get a thickness."""
     floor = shapely.union_all([*spaces, *slabs], grid_size=LINE_GRID)
-    barriers = np.vstack([drawn.walls, drawn.windows])
-    lines = shapely.union_all(shapely.linestrings(barriers.reshape(-1, 2, 2)), grid_size=LINE_GRID)
+    lines = _joined(np.vstack([drawn.walls, drawn.windows]))
     inner = lines.intersection(floor.buffer(-3.0 * LINE_GRID)).difference(shapely.union_all(list(slabs)))
     if not inner.is_empty:
-        floor = floor.difference(inner.buffer(0.5 * LINE_WIDTH, cap_style="square", join_style="mitre"))
-    largest = largest_part(floor).simplify(LINE_GRID)
+        bodies = shapely.buffer(shapely.get_parts(inner), 0.5 * LINE_WIDTH, cap_style="square")
+        floor = floor.difference(shapely.disjoint_subset_union_all(bodies))
+    largest = largest_part(floor).simplify(LINE_GRID, preserve_topology=False)
     if not isinstance(largest, Polygon) or largest.is_empty or not largest.is_valid:
         raise PlanError(source, "its walls enclose no simple floor; check the layers of the walls")
     PLAN_PARTS.check(source, len(largest.interiors), PlanError)
