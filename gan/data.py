@@ -254,9 +254,13 @@ def _matched(folder: Path) -> dict[str, tuple[Path, Path]]:
 def _images(folder: Path) -> dict[str, Path]:
     if not folder.is_dir():
         raise InputFileError(folder, "is missing; pairs need a folder A (CAD) and a folder B (SLAM)")
-    found = {path.stem: path for path in sorted(folder.iterdir()) if path.suffix.lower() in SUFFIXES}
-    if not found:
+    images = [path for path in sorted(folder.iterdir()) if path.suffix.lower() in SUFFIXES]
+    if not images:
         raise InputFileError(folder, f"holds no images ({', '.join(SUFFIXES)})")
+    found = {path.stem: path for path in images}
+    if len(found) < len(images):
+        twice = next(path for path in images if found[path.stem] is not path)
+        raise InputFileError(twice, f"has the name of {found[twice.stem].name}, too; remove one")
     return found
 
 

@@ -115,7 +115,7 @@ def read_turned_map(path: Path | str) -> TurnedMap:
     """
     path = Path(path)
     description = _read_description(path)
-    image = path.parent / _text(path, description, "image")
+    image = _image(path, description)
     resolution = _number(path, description, "resolution")
     if not MIN_RESOLUTION <= resolution <= MAX_RESOLUTION:
         raise InputFileError(
@@ -228,12 +228,21 @@ def _read_description(path: Path) -> dict[str, Any]:
     return description
 
 
-def _text(path: Path, description: dict[str, Any], key: str) -> str:
-    value = description.get(key)
+def described_picture(path: Path) -> Path:
+    """The picture that a map's yaml names.
+
+    Raises:
+        InputFileError: If it is malformed or names none.
+    """
+    return _image(path, _read_description(path))
+
+
+def _image(path: Path, description: dict[str, Any]) -> Path:
+    value = description.get("image")
     if not isinstance(value, str) or not value or "\0" in value:
         problem = "is missing" if value is None else f"is {shown(value)}"
-        raise InputFileError(path, f"{key!r} {problem}; it names the map's image file")
-    return value
+        raise InputFileError(path, f"'image' {problem}; it names the map's image file")
+    return path.parent / value
 
 
 def _number(path: Path, description: dict[str, Any], key: str, default: float | None = None) -> float:
