@@ -18,13 +18,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
 
-import cv2
 import numpy as np
 
 from slamgym.core.documents import parse_json, read_json
 from slamgym.core.errors import InputFileError
 from slamgym.core.files import read_bytes, text_lines
-from slamgym.core.pictures import decode_picture
+from slamgym.core.pictures import decode_picture, grey_picture
 from slamgym.core.types import UNKNOWN, BoolArray, ByteArray, FloatArray
 from slamgym.gan.encoding import resample_grey
 from slamgym.metrics.maps import resample_slam
@@ -210,15 +209,12 @@ def read_grey(path: Path) -> ByteArray:
     Raises:
         InputFileError: If it can't be read or is coloured.
     """
-    image = decode_picture(path, read_bytes(path), cv2.IMREAD_UNCHANGED)
+    image = decode_picture(path, read_bytes(path))
     if image.dtype != np.uint8:
         raise InputFileError(path, f"has pixels of type {image.dtype}; save it with 8 bits per channel")
-    if image.ndim == 3:
-        colours = image[:, :, : 3 if image.shape[2] >= 3 else 1]
-        if int((colours.max(axis=2) - colours.min(axis=2)).max()) > 8:
-            raise InputFileError(path, f"is coloured ({image.shape[2]} channels); maps are grey images")
-        image = np.rint(colours.mean(axis=2)).astype(np.uint8)
-    return np.asarray(image, dtype=np.uint8)
+    if image.ndim == 3 and np.ptp(image[:, :, :3], axis=2).max() > 8 and image.shape[2] > 2:
+        raise InputFileError(path, f"is coloured ({image.shape[2]} channels); maps are grey images")
+    return grey_picture(image)[0]
 
 
 def image_side(root: Path | str, split: str) -> int:
@@ -258,9 +254,13 @@ def _matched(folder: Path) -> dict[str, tuple[Path, Path]]:
 def _images(folder: Path) -> dict[str, Path]:
     if not folder.is_dir():
         raise InputFileError(folder, "is missing; pairs need a folder A (CAD) and a folder B (SLAM)")
-    found = {path.stem: path for path in sorted(folder.iterdir()) if path.suffix.lower() in SUFFIXES}
-    if not found:
+    images = [path for path in sorted(folder.iterdir()) if path.suffix.lower() in SUFFIXES]
+    if not images:
         raise InputFileError(folder, f"holds no images ({', '.join(SUFFIXES)})")
+    found = {path.stem: path for path in images}
+    if len(found) < len(images):
+        twice = next(path for path in images if found[path.stem] is not path)
+        raise InputFileError(twice, f"has the name of {found[twice.stem].name}, too; remove one")
     return found
 
 

@@ -1,7 +1,6 @@
 """Hostile files, each a few kilobytes to make, and a process of its own that measures what reading one costs."""
 
 import gzip
-import io
 import json
 import lzma
 import subprocess
@@ -22,14 +21,14 @@ from slamgym.agents.pretrained_policy import read_policy
 from slamgym.core.errors import SlamgymError
 from slamgym.dataset.format import read_manifest
 from slamgym.dataset.generate.recipe import open_recipe
-from slamgym.interop import open_log, read_ros_map, ros_map
+from slamgym.interop import open_log, read_map, read_ros_map, ros_map
 shapely.STRtree(shapely.box([0], [0], [1], [1])).query(shapely.box(0, 0, 1, 1))
 def read(kind, path):
     if kind == "plans":
         source = open_plans(path)
         check_plan(source.load(source.ids[0]), 0.22, 64.0)
     else:
-        readers = {"map": read_ros_map, "log": open_log, "recipe": open_recipe}
+        readers = {"map": read_ros_map, "any map": read_map, "log": open_log, "recipe": open_recipe}
         readers |= {"dataset": lambda path: list(read_manifest(path)), "weights": lambda path: read_policy(Path(path))}
         readers[kind](path)
 def used():
@@ -140,14 +139,36 @@ def picture_bomb(folder: Path, side: int = 30_000) -> Path:
     stream = zlib.compressobj(1)
     row = b"\0" * (side + 1)
     content = b"".join(stream.compress(row) for _ in range(side)) + stream.flush()
-    header = side.to_bytes(4, "big") * 2 + b"\x08\0\0\0\0"
-    png = io.BytesIO(b"\x89PNG\r\n\x1a\n")
-    png.seek(8)
-    for kind, data in ((b"IHDR", header), (b"IDAT", content), (b"IEND", b"")):
-        crc = zlib.crc32(kind + data).to_bytes(4, "big")
-        png.write(len(data).to_bytes(4, "big") + kind + data + crc)
-    (folder / "huge.png").write_bytes(png.getvalue())
+    _png(folder / "huge.png", side, [(b"IDAT", content)])
     return _map(folder, "huge.png")
+
+
+def vacuum_of_runs(folder: Path, layers: int = 1) -> Path:
+    """A vacuum's map of a few kB whose runs paint the same pixels again and again."""
+    layer = {"type": "floor", "compressedPixels": [0, 0, 1_000_000] * (300 // layers)}
+    return _write(folder / "runs.json", json.dumps({"pixelSize": 5, "layers": [layer] * layers}))
+
+
+def vacuum_of_segments(folder: Path, count: int = 300) -> Path:
+    """A vacuum's map of two far pixels and many rooms of one."""
+    layers = [{"type": "floor", "pixels": [0, 0, 9000, 9000]}]
+    layers += [{"type": "segment", "pixels": [number, 0]} for number in range(count)]
+    return _write(folder / "segments.json", json.dumps({"pixelSize": 5, "layers": layers}))
+
+
+def vacuum_of_texts(folder: Path) -> Path:
+    """A vacuum's map of a long text among a million numbers."""
+    layer = {"type": "floor", "pixels": ["x" * 100_000, *([0] * 99_999)]}
+    return _write(folder / "texts.json", json.dumps({"pixelSize": 5, "layers": [layer]}))
+
+
+def vacuum_picture(folder: Path, size: int = 60 << 20) -> Path:
+    """A PNG of 60 kB that holds a vacuum's map of 60 MB."""
+    head, tail = b'{"pixelSize":5,"layers":[', b"{}]}"
+    text = zlib.compress(head + b"{}," * ((size - len(head)) // 3) + tail, 9)
+    return _png(
+        folder / "card.png", 4, [(b"zTXt", b"ValetudoMap\0\0" + text), (b"IDAT", zlib.compress(bytes(20)))]
+    )
 
 
 def endless_line(folder: Path) -> Path:
@@ -168,6 +189,16 @@ def huge_weights(folder: Path) -> Path:
 def device_as_image(folder: Path) -> Path:
     """A map whose image has no end."""
     return _map(folder, "/dev/zero")
+
+
+def _png(path: Path, side: int, chunks: list[tuple[bytes, bytes]]) -> Path:
+    """A square grey picture of these chunks."""
+    header = side.to_bytes(4, "big") * 2 + b"\x08\0\0\0\0"
+    content = b"\x89PNG\r\n\x1a\n"
+    for kind, data in ((b"IHDR", header), *chunks, (b"IEND", b"")):
+        content += len(data).to_bytes(4, "big") + kind + data + zlib.crc32(kind + data).to_bytes(4, "big")
+    path.write_bytes(content)
+    return path
 
 
 def _map(folder: Path, image: str) -> Path:

@@ -29,7 +29,7 @@ from slamgym.agents.registry import make_explorer
 from slamgym.cad import FloorPlan, read_image_plan
 from slamgym.cad.floorplan import floor_share
 from slamgym.core.files import read_bytes
-from slamgym.core.pictures import decode_picture
+from slamgym.core.pictures import decode_picture, grey_picture
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, BoolArray, ByteArray, FloatArray, GridFrame
 from slamgym.dataset.generate.recipe import apply_conditions, open_recipe
 from slamgym.envs import EpisodeConfig, run_episode
@@ -124,8 +124,7 @@ def main() -> None:
 
 def read_grey(path: Path) -> ByteArray:
     """A picture in grey."""
-    image: ByteArray = decode_picture(path, read_bytes(path), cv2.IMREAD_GRAYSCALE)
-    return image
+    return grey_picture(decode_picture(path, read_bytes(path)))[0]
 
 
 def exact_plan(

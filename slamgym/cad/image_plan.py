@@ -18,7 +18,7 @@ from slamgym.core.errors import InputFileError, PlanError
 from slamgym.core.files import read_bytes
 from slamgym.core.geometry import transform_points
 from slamgym.core.limits import PLAN_PARTS, RUNS, VERTICES
-from slamgym.core.pictures import decode_picture
+from slamgym.core.pictures import decode_picture, grey_picture
 from slamgym.core.types import FREE, BoolArray, GridFrame
 from slamgym.interop.ros_map import read_turned_map
 
@@ -71,8 +71,6 @@ def read_image_plan(path: Path | str, resolution: float, smoothing: float = PLAN
     Raises:
         PlanError: If the file is no picture, or has no floor or several disjoint parts of it.
     """
-    import cv2
-
     path = Path(path)
     if not resolution > 0.0:
         raise PlanError(path, f"the resolution must be above 0 m per pixel, not {resolution}")
@@ -80,8 +78,8 @@ def read_image_plan(path: Path | str, resolution: float, smoothing: float = PLAN
         encoded = read_bytes(path)
     except InputFileError as error:
         raise PlanError(error.path, error.reason) from error
-    image = decode_picture(path, encoded, cv2.IMREAD_GRAYSCALE, PlanError)
-    inside = _without_outside(image > MAX_GREY, resolution)
+    grey, _ = grey_picture(decode_picture(path, encoded, PlanError, upright=True))
+    inside = _without_outside(grey > MAX_GREY, resolution)
     height, width = inside.shape
     frame = GridFrame(resolution, 0.0, 0.0, height, width)
     return trace_plan(inside, frame, path.stem, str(path), smoothing)

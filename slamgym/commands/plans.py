@@ -11,6 +11,7 @@ import tyro
 
 from slamgym.core.config import Arguments, Count, Within
 from slamgym.core.errors import ConfigError
+from slamgym.core.files import spare_inputs
 from slamgym.core.names import as_file_name, is_file_name
 from slamgym.core.progress import counted
 from slamgym.envs.config import ObservationConfig
@@ -193,6 +194,7 @@ def _draw(arguments: DrawPlans, source: PlanSource, rejections: Rejections) -> N
     if arguments.count is None and len(source) > MAX_DRAWN:
         raise ConfigError(f"{len(source)} plans are too many for one picture; add --count 24, for example")
     plans = list(_usable(arguments, source, rejections))
+    spare_inputs([Path(plan.source) for plan in plans], arguments.out)
     if plans:
         write_picture(arguments.out, draw_plan_sheet(plans, arguments.columns, arguments.size))
         sys.stdout.write(f"{counted(len(plans), 'plan')} drawn: {arguments.out}\n")
@@ -206,6 +208,7 @@ def _write(arguments: WritePlans, source: PlanSource, rejections: Rejections) ->
     written = 0
     for plan in _usable(arguments, source, rejections):
         name = plan.id if is_file_name(plan.id) else as_file_name(f"plan-{written}-{plan.id}")
+        spare_inputs([Path(plan.source)], arguments.out / f"{name}.json")
         write_houseexpo(arguments.out / f"{name}.json", plan)
         written += 1
     sys.stdout.write(f"{counted(written, 'plan')} written: {arguments.out}\n")

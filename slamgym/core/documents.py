@@ -1,6 +1,7 @@
 """JSON and YAML from outside, parsed within the limits of size and depth."""
 
 import json
+from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -9,7 +10,7 @@ import yaml
 
 from slamgym.core.errors import InputFileError
 from slamgym.core.files import read_bytes
-from slamgym.core.limits import DEPTH, DOCUMENT_BYTES, YAML_BYTES, Limit
+from slamgym.core.limits import DEPTH, DOCUMENT_BYTES, YAML_BYTES, Limit, shown
 
 YAML_SUFFIXES = (".yaml", ".yml")
 MAX_DIGITS = 300
@@ -104,7 +105,7 @@ def parse_yaml(text: str, where: object) -> Any:
 
 
 class _PlainLoader(yaml.SafeLoader):
-    """PyYAML's safe loader without aliases."""
+    """PyYAML's safe loader without aliases and double keys."""
 
     def compose_node(self, parent: Any, index: Any) -> Any:
         """The next node; refuses an alias."""
@@ -114,6 +115,15 @@ class _PlainLoader(yaml.SafeLoader):
                 None, None, "aliases are not allowed; write the value out", mark
             )
         return super().compose_node(parent, index)
+
+    def construct_mapping(self, node: Any, deep: bool = False) -> Any:
+        """A mapping; refuses a key that stands there twice, of which one would be lost."""
+        keys = [key.value for key, _ in node.value if isinstance(key, yaml.ScalarNode)]
+        for key, count in Counter(keys).most_common(1):
+            if count > 1:
+                problem = f"the key {shown(key)} stands there twice"
+                raise yaml.constructor.ConstructorError(None, None, problem, node.start_mark)
+        return super().construct_mapping(node, deep)
 
 
 def _whole_number(text: str) -> int:

@@ -191,6 +191,20 @@ def require_file(path: Path | str, limit: Limit = FILE_BYTES) -> None:
         limit.check(path, os.fstat(file.fileno()).st_size)
 
 
+def spare_inputs(sources: Iterable[Path], target: Path) -> None:
+    """Refuse to write over what is read.
+
+    Raises:
+        InputFileError: If the target is one of the sources.
+    """
+    for source in sources:
+        with contextlib.suppress(OSError, ValueError):  # one of them isn't there, or is no path
+            if target.samefile(source):
+                raise InputFileError(
+                    target, "is the input itself and would be written over; name another --out"
+                )
+
+
 def sha256_of(path: Path | str) -> str:
     """The SHA-256 of a file, of any length.
 

@@ -63,9 +63,7 @@ FILE_BYTES = Limit("SLAMGYM_MAX_FILE_BYTES", 1 << 30, "bytes", "any file, after 
 DOCUMENT_BYTES = Limit(
     "SLAMGYM_MAX_DOCUMENT_BYTES", 4 << 20, "bytes", "a floor plan, other JSON document, or line of a list"
 )
-DRAWING_BYTES = Limit(
-    "SLAMGYM_MAX_DRAWING_BYTES", 64 << 20, "bytes", "a DXF, IFC or GeoJSON drawing, or a vacuum's map"
-)
+DRAWING_BYTES = Limit("SLAMGYM_MAX_DRAWING_BYTES", 64 << 20, "bytes", "a DXF, IFC or GeoJSON drawing")
 WEIGHT_BYTES = Limit("SLAMGYM_MAX_WEIGHT_BYTES", 4 << 30, "bytes", "weights, or the state of a training")
 YAML_BYTES = Limit("SLAMGYM_MAX_YAML_BYTES", 1 << 16, "bytes", "a YAML file: a map's description, a recipe")
 DEPTH = Limit("SLAMGYM_MAX_DEPTH", 32, "levels of nesting", "a JSON or YAML document")

@@ -6,7 +6,12 @@ never a path: :data:`FileName` is the type of every such field, and :func:`as_fi
 
 import hashlib
 import re
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
 from typing import Annotated, NamedTuple
+
+from slamgym.core.errors import InputFileError
 
 MAX_NAME_BYTES = 200
 """File systems take 255; this leaves room for suffixes and for the temporary name while a file is written."""
@@ -47,6 +52,26 @@ Label = Annotated[str, OneLine("printable text", "|`")]
 def is_file_name(text: str) -> bool:
     """Whether a text may be a part of a path as it is."""
     return _ONE_PART.allow(text)
+
+
+def distinct_names(paths: Sequence[Path]) -> list[str]:
+    """What to call that which is made of each file: its stem, with the folder and the suffix where others have it, too.
+
+    Raises:
+        InputFileError: If two would have one name even so.
+    """
+    names = [path.stem for path in paths]
+    for form in ("{folder}_{stem}", "{folder}_{stem}_{suffix}"):
+        counts = Counter(map(str.casefold, names))  # some file systems know one case alone
+        for index, path in enumerate(paths):
+            if counts[names[index].casefold()] > 1:
+                folder, suffix = path.resolve().parent.name, path.suffix[1:]
+                names[index] = form.format(folder=folder, stem=path.stem, suffix=suffix)
+    first: dict[str, Path] = {}
+    for name, path in zip(names, paths, strict=True):
+        if (other := first.setdefault(name.casefold(), path)) is not path:
+            raise InputFileError(path, f"would be written as {name!r}, and so would {other}; rename one")
+    return names
 
 
 def as_file_name(text: str, max_bytes: int = MAX_NAME_BYTES) -> str:

@@ -15,12 +15,10 @@ def encode_png(image: ByteArray) -> bytes:
 
 
 def read_png(path: Path) -> ByteArray:
-    """Read a picture as it is, shape (rows, cols) or (rows, cols, channels).
+    """Read a picture as :func:`~slamgym.core.pictures.decode_picture` does.
 
     Raises:
         InputFileError: If it is missing, no picture, or larger than allowed.
     """
-    import cv2
-
-    image: ByteArray = decode_picture(path, read_bytes(path), cv2.IMREAD_UNCHANGED)
+    image: ByteArray = decode_picture(path, read_bytes(path))
     return image

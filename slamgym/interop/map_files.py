@@ -10,10 +10,9 @@ from pathlib import Path
 
 import numpy as np
 
-from slamgym.core.documents import YAML_SUFFIXES, parse_json
+from slamgym.core.documents import YAML_SUFFIXES, read_json
 from slamgym.core.errors import InputFileError
 from slamgym.core.files import read_bytes
-from slamgym.core.limits import DRAWING_BYTES
 from slamgym.core.pictures import PICTURE_SUFFIXES
 from slamgym.core.types import FREE, OCCUPIED, OccupancyGrid, Pose2D
 from slamgym.interop.ros_map import MAX_RESOLUTION, MIN_RESOLUTION, read_bare_map, read_turned_map
@@ -68,7 +67,7 @@ def _read(path: Path, resolution: float | None) -> RobotMap:
         return _read_ros(path)
     if suffix == ".json":
         _refuse_resolution(path, resolution)
-        found = parse_valetudo(parse_json(read_bytes(path, DRAWING_BYTES), path, limit=DRAWING_BYTES), path)
+        found = parse_valetudo(read_json(path), path)
         return RobotMap(found.grid, found.segments)
     if suffix in PICTURE_SUFFIXES:
         return _read_picture(path, resolution)

@@ -18,12 +18,16 @@ from slamgym.core.errors import InputFileError
 from slamgym.core.files import read_bytes, read_text, write_bytes, write_text
 from slamgym.core.geometry import wrap_angle
 from slamgym.core.limits import YAML_BYTES, shown
-from slamgym.core.pictures import decode_picture
+from slamgym.core.pictures import decode_picture, grey_picture
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, ByteArray, GridFrame, OccupancyGrid, Pose2D
 
 OCCUPIED_THRESHOLD = 0.65
 FREE_THRESHOLD = 0.196
 """map_saver's own thresholds: the grey value 205 lies between them."""
+
+MODES = {"trinary": "trinary", "scale": "scale", "raw": "raw"}
+NEGATIONS = {"0": False, "1": True, "false": False, "true": True}
+"""What a description may say, and what it means; the first where it says nothing."""
 
 MIN_RESOLUTION, MAX_RESOLUTION = 1e-5, 100.0
 """Cells of another size are a broken number [m]."""
@@ -111,7 +115,7 @@ def read_turned_map(path: Path | str) -> TurnedMap:
     """
     path = Path(path)
     description = _read_description(path)
-    image = path.parent / _text(path, description, "image")
+    image = _image(path, description)
     resolution = _number(path, description, "resolution")
     if not MIN_RESOLUTION <= resolution <= MAX_RESOLUTION:
         raise InputFileError(
@@ -122,13 +126,20 @@ def read_turned_map(path: Path | str) -> TurnedMap:
     origin = _origin(path, description)
     occupied = _share(path, description, "occupied_thresh", OCCUPIED_THRESHOLD)
     free = _share(path, description, "free_thresh", FREE_THRESHOLD)
-    grey, transparent = _read_grey(image)
-    if str(description.get("mode", "trinary")).lower() == "raw":
+    if not free <= occupied:
+        raise InputFileError(
+            path, f"'free_thresh' is {free:g}, above 'occupied_thresh', {occupied:g}; swap them"
+        )
+    mode = _word(path, description, "mode", MODES)
+    negated = _word(path, description, "negate", NEGATIONS)
+    pixels = _read_pixels(image)
+    if mode == "raw" and (negated or pixels.dtype != np.uint8):
+        raise InputFileError(path, "has the mode raw, which needs 'negate: 0' and an image of 8 bits a pixel")
+    grey, transparent = grey_picture(pixels)
+    if mode == "raw":
         cells = _classify_raw(grey, occupied, free)
     else:
-        if description.get("negate", 0) in (1, True, "1", "true"):
-            grey = 255 - grey
-        cells = classify_greys(grey, occupied, free)
+        cells = classify_greys(255 - grey if negated else grey, occupied, free)
     cells[transparent] = UNKNOWN
     if origin.theta != 0.0:
         return TurnedMap(OccupancyGrid(cells, GridFrame(resolution, 0.0, 0.0, *grey.shape)), origin)
@@ -150,7 +161,7 @@ def read_bare_map(path: Path | str, resolution: float) -> OccupancyGrid:
         InputFileError: If the image is missing or malformed, or has too many shades for a map.
     """
     path = Path(path)
-    grey, transparent = _read_grey(path)
+    grey, transparent = grey_picture(_read_pixels(path))
     common = np.sort(np.bincount(grey.ravel(), minlength=256))[-3:].sum() / grey.size
     if common < COMMON_GREYS_SHARE:
         raise InputFileError(
@@ -217,11 +228,21 @@ def _read_description(path: Path) -> dict[str, Any]:
     return description
 
 
-def _text(path: Path, description: dict[str, Any], key: str) -> str:
-    value = description.get(key)
+def described_picture(path: Path) -> Path:
+    """The picture that a map's yaml names.
+
+    Raises:
+        InputFileError: If it is malformed or names none.
+    """
+    return _image(path, _read_description(path))
+
+
+def _image(path: Path, description: dict[str, Any]) -> Path:
+    value = description.get("image")
     if not isinstance(value, str) or not value or "\0" in value:
-        raise InputFileError(path, f"{key!r} is missing; it names the map's image file")
-    return value
+        problem = "is missing" if value is None else f"is {shown(value)}"
+        raise InputFileError(path, f"'image' {problem}; it names the map's image file")
+    return path.parent / value
 
 
 def _number(path: Path, description: dict[str, Any], key: str, default: float | None = None) -> float:
@@ -230,13 +251,27 @@ def _number(path: Path, description: dict[str, Any], key: str, default: float | 
         raise InputFileError(
             path, f"has no {key!r}; a map's yaml needs the keys image, resolution and origin"
         )
-    try:
-        number = float(value)
-    except (TypeError, ValueError, OverflowError):
-        number = math.nan
+    number = _as_number(value)
     if not math.isfinite(number):
         raise InputFileError(path, f"{key!r} is {shown(value)}; it must be a number")
     return number
+
+
+def _as_number(value: Any) -> float:
+    """Of a number, which may stand in quotes; else nan."""
+    try:
+        return math.nan if isinstance(value, bool) else float(value)
+    except (TypeError, ValueError, OverflowError):
+        return math.nan
+
+
+def _word(path: Path, description: dict[str, Any], key: str, words: dict[str, Any]) -> Any:
+    """What a key's word means; the first where the key is missing."""
+    value = description.get(key, next(iter(words)))
+    if not isinstance(value, str | int) or str(value).lower() not in words:
+        known = ", ".join(words)
+        raise InputFileError(path, f"{key!r} is {shown(value)}; it must be one of {known}")
+    return words[str(value).lower()]
 
 
 def _share(path: Path, description: dict[str, Any], key: str, default: float) -> float:
@@ -248,10 +283,8 @@ def _share(path: Path, description: dict[str, Any], key: str, default: float) ->
 
 def _origin(path: Path, description: dict[str, Any]) -> Pose2D:
     origin: Any = description.get("origin")
-    try:
-        x, y, *yaw = (float(value) for value in origin)
-    except (TypeError, ValueError, OverflowError):
-        x, y, yaw = math.nan, math.nan, []
+    listed = isinstance(origin, list) and len(origin) in (2, 3)
+    x, y, *yaw = map(_as_number, origin) if listed else (math.nan, math.nan)
     if not (abs(x) <= MAX_ORIGIN and abs(y) <= MAX_ORIGIN):  # false for nan
         raise InputFileError(
             path, f"'origin' is {shown(origin)}; it must be a list [x, y, yaw] of numbers in metres"
@@ -262,23 +295,9 @@ def _origin(path: Path, description: dict[str, Any]) -> Pose2D:
     return Pose2D(x, y, 0.0 if abs(turn) < 1e-3 else wrap_angle(turn))
 
 
-def _read_grey(path: Path) -> tuple[ByteArray, Any]:
-    """The image as grey values and the mask of its transparent pixels."""
-    import cv2
-
+def _read_pixels(path: Path) -> Any:
     try:
         encoded = read_bytes(path)
     except InputFileError as error:
         raise InputFileError(path, f"the map's image {error.reason}") from error
-    image = decode_picture(path, encoded, cv2.IMREAD_UNCHANGED)
-    if image.dtype == np.uint16:
-        image = (image >> 8).astype(np.uint8)
-    if image.dtype != np.uint8:
-        raise InputFileError(path, f"has pixels of type {image.dtype}; save it with 8 bits per channel")
-    transparent = np.zeros(image.shape[:2], bool)
-    if image.ndim == 3:
-        if image.shape[2] in (2, 4):
-            transparent = image[:, :, -1] < 128
-            image = image[:, :, :-1]
-        image = np.rint(image.mean(axis=2)).astype(np.uint8)
-    return image, transparent
+    return decode_picture(path, encoded)

@@ -13,13 +13,13 @@ import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from slamgym.core.documents import parse_json
 from slamgym.core.errors import InputFileError
-from slamgym.core.limits import DRAWING_BYTES, ENTRIES, PIXELS, shown
+from slamgym.core.limits import DOCUMENT_BYTES, ENTRIES, PIXELS, shown
 from slamgym.core.types import (
     FREE,
     OCCUPIED,
@@ -79,26 +79,29 @@ def parse_valetudo(value: Any, where: Path | str) -> VacuumMap:
     resolution = 0.01 * _pixel_size(value["pixelSize"], where)
     height = _height(value, where)
     layers = [_layer(layer, where) for layer in _objects(value, "layers", where)]
-    layers = [layer for layer in layers if len(layer.pixels)]
+    layers = [layer for layer in layers if len(layer.runs)]
     if not layers:
         raise InputFileError(
             where, "has no pixels of floor, rooms or walls; let the robot map its home first"
         )
-    pixels = np.vstack([layer.pixels for layer in layers])
-    low, high = pixels.min(axis=0), pixels.max(axis=0)
-    cols, rows = (high - low + 1).tolist()
-    PIXELS.check(where, rows * cols)
+    runs = np.vstack([layer.runs for layer in layers])
+    left, top = runs[:, :2].min(axis=0).tolist()
+    cols, rows = int(runs[:, [0, 2]].sum(axis=1).max()) - left, int(runs[:, 1].max()) + 1 - top
+    # A few bytes stand for a million pixels: what all runs paint, and the masks of all segments, are counted before.
+    masks = sum(layer.kind == "segment" for layer in layers)
+    PIXELS.check(where, max(int(runs[:, 2].sum()), rows * cols * (1 + masks)))
     cells = np.full((rows, cols), UNKNOWN, np.uint8)
     for kind, grey in (("floor", FREE), ("segment", FREE), ("wall", OCCUPIED)):
         for layer in layers:
             if layer.kind == kind:
-                cells[layer.pixels[:, 1] - low[1], layer.pixels[:, 0] - low[0]] = grey
-    frame = GridFrame(
-        resolution, float(low[0]) * resolution, height - float(high[1] + 1) * resolution, rows, cols
-    )
-    segments = [
-        _segment(layer, low, cells, number) for number, layer in enumerate(layers) if layer.kind == "segment"
-    ]
+                layer.paint(cells, left, top, grey)
+    frame = GridFrame(resolution, left * resolution, height - (top + rows) * resolution, rows, cols)
+    segments = []
+    for number, layer in enumerate(layers):
+        if layer.kind == "segment":
+            mask = np.zeros((rows, cols), np.bool_)
+            layer.paint(mask, left, top, True)
+            segments.append(MapSegment(layer.name or f"segment {number}", mask))
     return VacuumMap(OccupancyGrid(cells, frame), tuple(segments), _entities(value, height, where))
 
 
@@ -119,19 +122,23 @@ def embedded_map(content: bytes, where: Path | str) -> Any:
         if kind == b"zTXt" and data.startswith(CHUNK + b"\0"):
             inflate = zlib.decompressobj()
             try:
-                text = inflate.decompress(data[len(CHUNK) + 2 :], DRAWING_BYTES.value + 1)
+                text = inflate.decompress(data[len(CHUNK) + 2 :], DOCUMENT_BYTES.value + 1)
             except zlib.error:
                 raise InputFileError(where, "has a damaged ValetudoMap chunk; export the map again") from None
-            return parse_json(text, where, limit=DRAWING_BYTES)
+            return parse_json(text, where)
         place += 12 + length
     return None
 
 
-@dataclass(frozen=True)
-class _Layer:
+class _Layer(NamedTuple):
     kind: str
     name: str
-    pixels: IntArray  # (N, 2) x, y
+    runs: IntArray  # (N, 3) x, y, count; counts above 0
+
+    def paint(self, cells: Any, left: int, top: int, value: int) -> None:
+        """Set the layer's pixels in an array whose first pixel is at (left, top)."""
+        for x, y, count in zip(*(self.runs - [left, top, 0]).T.tolist(), strict=True):
+            cells[y, x : x + count] = value
 
 
 def _pixel_size(value: Any, where: Path | str) -> float:
@@ -164,47 +171,27 @@ def _objects(value: Mapping[str, Any], key: str, where: Path | str) -> list[dict
 def _layer(layer: Mapping[str, Any], where: Path | str) -> _Layer:
     kind, about = layer.get("type"), layer.get("metaData") or {}
     if kind not in ("floor", "segment", "wall"):
-        return _Layer("other", "", np.empty((0, 2), np.int64))
+        return _Layer("other", "", np.empty((0, 3), np.int64))
     if not isinstance(about, dict):
         raise InputFileError(where, f"has a layer whose metaData is {shown(about)}; it must be an object")
     runs = _numbers(layer, "compressedPixels", 3, where)
-    if len(runs):
-        count = runs[:, 2]
-        if (count < 0).any():
-            raise InputFileError(where, "has a run of pixels of a negative length")
-        PIXELS.check(where, int(count.sum()))
-        step = np.arange(int(count.sum())) - np.repeat(np.cumsum(count) - count, count)
-        pixels = np.repeat(runs[:, :2], count, axis=0)
-        pixels[:, 0] += step
-    else:
-        pixels = _numbers(layer, "pixels", 2, where)
+    if (runs[:, 2] < 0).any():
+        raise InputFileError(where, "has a run of pixels of a negative length")
+    if not len(runs):
+        runs = np.pad(_numbers(layer, "pixels", 2, where), ((0, 0), (0, 1)), constant_values=1)
     name = about.get("name") or about.get("segmentId") or ""
-    return _Layer(str(kind), str(name)[:_MAX_NAME] if isinstance(name, str | int) else "", pixels)
+    name = str(name)[:_MAX_NAME] if isinstance(name, str | int) else ""
+    return _Layer(str(kind), name, runs[runs[:, 2] > 0])
 
 
 def _numbers(layer: Mapping[str, Any], key: str, group: int, where: Path | str) -> IntArray:
     """A flat list of whole numbers in groups, shape (N, group)."""
     values = layer.get(key) or []
-    try:
-        numbers = np.asarray(values)
-    except (ValueError, OverflowError):
-        numbers = np.array(None)
-    if numbers.size == 0:
-        return np.empty((0, group), np.int64)
-    if (
-        numbers.ndim != 1
-        or numbers.dtype.kind not in "iu"
-        or len(numbers) % group
-        or abs(numbers).max() > MAX_PIXEL
-    ):
+    # numpy would give every item the size of the longest text among them.
+    whole = isinstance(values, list) and all(type(number) is int for number in values)
+    if not whole or len(values) % group or max(map(abs, values), default=0) > MAX_PIXEL:
         raise InputFileError(where, f"'{key}' of a layer is no list of whole numbers in groups of {group}")
-    return numbers.astype(np.int64).reshape(-1, group)
-
-
-def _segment(layer: _Layer, low: IntArray, cells: Any, number: int) -> MapSegment:
-    mask = np.zeros(cells.shape, np.bool_)
-    mask[layer.pixels[:, 1] - low[1], layer.pixels[:, 0] - low[0]] = True
-    return MapSegment(layer.name or f"segment {number}", mask)
+    return np.array(values, np.int64).reshape(-1, group)
 
 
 def _entities(value: Mapping[str, Any], height: float, where: Path | str) -> dict[str, FloatArray]:

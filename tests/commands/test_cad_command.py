@@ -77,7 +77,11 @@ def test_a_giant_picture_is_refused_before_it_is_decoded(tmp_path, capsys):
     chunk = b"IHDR" + header
     giant = tmp_path / "giant.png"
     giant.write_bytes(
-        b"\x89PNG\r\n\x1a\n" + struct.pack(">I", 13) + chunk + struct.pack(">I", zlib.crc32(chunk))
+        b"\x89PNG\r\n\x1a\n"
+        + struct.pack(">I", 13)
+        + chunk
+        + struct.pack(">I", zlib.crc32(chunk))
+        + b"\0\0\1\0IDAT"
     )
     assert main(["cad", str(giant), "-o", str(tmp_path), "--model", "none", "--resolution", "0.05"]) == 2
     assert "SLAMGYM_MAX_PIXELS" in capsys.readouterr().err

@@ -1,6 +1,7 @@
 """What ``slamgym cad`` says to inputs that are no maps, and how it doubts those that may be none."""
 
 import json
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -162,6 +163,48 @@ def test_the_map_is_not_written_over(tmp_path, capsys):
         assert main([*command, "--formats", kind]) == 2
         assert "would be written over" in capsys.readouterr().err
     assert before == ((tmp_path / "map.png").read_bytes(), (tmp_path / "map.yaml").read_bytes())
+
+
+def test_maps_of_one_name_become_drawings_of_their_own(tmp_path, capsys):
+    cells = room_cells()
+    for name in ("a/map.png", "b/map.png", "b/map.jpg", "c/other.png"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        cv2.imwrite(str(tmp_path / name), cells)
+    command = [
+        "cad",
+        "--model",
+        "none",
+        "--formats",
+        "json",
+        "--resolution",
+        "0.05",
+        "-o",
+        str(tmp_path / "out"),
+    ]
+    assert main([*command, *(str(tmp_path / name) for name in "abc")]) == 0
+    drawn = {path.stem: json.loads(path.read_text()) for path in (tmp_path / "out").iterdir()}
+    assert {name: Path(one["drawing"]["provenance"]["source"]).name for name, one in drawn.items()} == {
+        "a_map": "map.png",
+        "b_map_jpg": "map.jpg",
+        "b_map_png": "map.png",
+        "other": "other.png",
+    }
+    assert main([*command, str(tmp_path / "a"), str(tmp_path / "a" / "map.png")]) == 2
+    assert "would be written as 'a_map_png', and so would" in capsys.readouterr().err
+
+
+def test_the_drawing_of_another_map_stays(draw, tmp_path):
+    grid, _, _ = painted(FLAT)
+    for folder in ("a", "b"):
+        (tmp_path / folder).mkdir()
+        write_ros_map(tmp_path / folder / "map", grid)
+    assert draw("a/map.yaml")[0] == 0
+    assert draw("a/map.yaml")[0] == 0
+    drawn = (tmp_path / "out" / "map.json").read_bytes()
+    command = ["cad", str(tmp_path / "b" / "map.yaml"), "-o", str(tmp_path / "out"), "--model", "none"]
+    assert main([*command, "--formats", "svg"]) == 2
+    assert [path.name for path in (tmp_path / "out").iterdir()] == ["map.json"]
+    assert (tmp_path / "out" / "map.json").read_bytes() == drawn
 
 
 def test_a_folder_becomes_a_gallery(tmp_path, capsys):

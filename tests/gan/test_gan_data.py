@@ -149,6 +149,11 @@ def break_garbage(root):
     return root
 
 
+def break_name(root):
+    (root / "train" / "A" / "003.bmp").write_bytes(b"")
+    return root
+
+
 def break_manifest(root):
     (root / "manifest.jsonl").write_text('{"name": 3\n')
     return root
@@ -172,6 +177,7 @@ def break_manifest(root):
         (break_colour, "is coloured"),
         (break_depth, "pixels of type uint16"),
         (break_garbage, "is not a picture"),
+        (break_name, "has the name of 003.png, too"),
         (break_manifest, "manifest.jsonl:1: is not valid JSON"),
     ],
 )

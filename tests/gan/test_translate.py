@@ -246,6 +246,18 @@ def test_a_folder_of_both_is_translated_once_each(tmp_path, weights, capsys):
     assert "2 maps in" in captured.out
     assert "skipped" in captured.err
     assert "broken.png: is not a picture" in captured.err
+    # What is translated is never written over, and pictures of one name become two.
+    before = {path.name: path.read_bytes() for path in source.iterdir()}
+    with pytest.raises(InputFileError, match="nothing that could be translated"):
+        main([str(source), "-o", str(source), "--weights", str(weights)])
+    assert {path.name: path.read_bytes() for path in source.iterdir()} == before
+    (source / "sketch.png").rename(source / "flat2.png")
+    cv2.imwrite(str(source / "flat2.bmp"), building(30, 30))
+    assert main([str(source), "-o", str(tmp_path / "two"), "--weights", str(weights)]) == 0
+    assert {path.name for path in (tmp_path / "two").glob("*.png")} == {
+        "in_flat2_bmp.png",
+        "in_flat2_png.png",
+    }
 
 
 @pytest.mark.parametrize(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import shlex
 import sys
 import time
@@ -13,10 +14,10 @@ import tyro
 
 from slamgym.commands.extras import TRANSLATING, Extra, require
 from slamgym.core.config import Arguments, Positive, Within
-from slamgym.core.documents import YAML_SUFFIXES, parse_yaml
+from slamgym.core.documents import YAML_SUFFIXES
 from slamgym.core.errors import ConfigError, InputFileError, SlamgymError
-from slamgym.core.files import read_text, write_text
-from slamgym.core.limits import YAML_BYTES
+from slamgym.core.files import read_bytes, shown_path, spare_inputs, write_text
+from slamgym.core.names import distinct_names
 from slamgym.core.pictures import PICTURE_SUFFIXES
 from slamgym.core.progress import counted, say
 from slamgym.drawing.settings import DEFAULT_DRAWING, DEFAULT_MODEL
@@ -35,8 +36,9 @@ class CadArguments(Arguments):
     What the map holds no evidence of lies in a layer of its own, INFERRED.
     """
 
-    map: Annotated[Path, tyro.conf.Positional]
-    """A ROS map's .yaml, Valetudo's .json or .png, a picture of a map (with --resolution), or a folder of those."""
+    maps: Annotated[tuple[Path, ...], tyro.conf.Positional]
+    """A ROS map's .yaml, Valetudo's .json or .png, a picture of a map (with --resolution), or a folder of those; or
+    several."""
     out: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
     """Folder of the drawings; made if it is missing."""
     formats: str = "dxf,svg,geojson,json,png,html"
@@ -64,19 +66,24 @@ def main(argv: list[str]) -> int:
     arguments = tyro.cli(CadArguments, args=argv, prog="slamgym cad")
     formats = _formats(arguments.formats)
     if arguments.model != "none":
-        require(TRANSLATING, f"--model {arguments.model}")
+        require(
+            TRANSLATING, f"--model {arguments.model}", ", or clean the map without a network: --model none"
+        )
     if arguments.out.is_file():
         raise InputFileError(arguments.out, "is a file; drawings are written into a folder")
-    if not arguments.map.exists():
-        raise InputFileError(
-            arguments.map, "doesn't exist; give a map's yaml, a picture of a map or a folder"
-        )
+    for path in arguments.maps:
+        if not path.exists():
+            raise InputFileError(path, "doesn't exist; give a map's yaml, a picture of a map or a folder")
+    maps = [one for path in arguments.maps for one in (_maps_in(path) if path.is_dir() else [path])]
+    if not maps:
+        raise ConfigError("no map is named; give a map's yaml, a picture of a map or a folder")
+    named = dict(zip(distinct_names(maps), maps, strict=True))
     from slamgym.drawing import load_floor_model
 
     job = _Job(arguments, formats, load_floor_model(arguments.model), shlex.join(["slamgym", "cad", *argv]))
-    if arguments.map.is_dir():
-        return _draw_folder(_maps_in(arguments.map), job)
-    _draw(arguments.map, job)
+    if len(arguments.maps) > 1 or arguments.maps[0].is_dir():
+        return _draw_all(named, job)
+    _draw(maps[0].stem, maps[0], job)
     return 0
 
 
@@ -89,17 +96,17 @@ class _Job(NamedTuple):
     command: str
 
 
-def _draw_folder(maps: list[Path], job: _Job) -> int:
+def _draw_all(maps: dict[str, Path], job: _Job) -> int:
     """Draw what can be drawn, and a gallery of it; returns the exit code."""
     from slamgym.drawing.report.gallery import GALLERY, GalleryCard, format_gallery
 
     arguments, with_gallery = job.arguments, "html" in job.formats
     cards, failures, drawn = [], [], 0
-    for path in maps:
+    for name, path in maps.items():
         try:
-            if with_gallery and path.stem == GALLERY.stem:
+            if with_gallery and name == GALLERY.stem:
                 raise InputFileError(path, f"is called like the gallery, {GALLERY}; rename it")
-            drawing = _draw(path, job)
+            drawing = _draw(name, path, job)
         except SlamgymError as error:
             failures.append(str(error))
             say(f"skipped {error}")
@@ -107,10 +114,12 @@ def _draw_folder(maps: list[Path], job: _Job) -> int:
         drawn += 1
         if with_gallery:
             cards.append(GalleryCard.of(drawing))
+    given = shown_path(", ".join(map(str, arguments.maps)))
     if not drawn:
-        raise InputFileError(arguments.map, "holds nothing that could be drawn; see the lines above")
+        raise InputFileError(given, "holds nothing that could be drawn; see the lines above")
     if with_gallery:
-        page = format_gallery(arguments.map.resolve().name, cards, failures, job.command)
+        title = arguments.maps[0].resolve().name if len(arguments.maps) == 1 else given
+        page = format_gallery(title, cards, failures, job.command)
         write_text(arguments.out / GALLERY, page)
     sys.stdout.write(f"{drawn} of {counted(len(maps), 'map')} drawn in {arguments.out}\n")
     return 1 if failures else 0
@@ -151,21 +160,20 @@ def _may_be_map(path: Path) -> bool:
     return suffix in PICTURE_SUFFIXES
 
 
-def _draw(path: Path, job: _Job) -> Drawing:
-    """Draw one map and say what came of it."""
+def _draw(name: str, path: Path, job: _Job) -> Drawing:
+    """Draw one map under a name and say what came of it."""
     from slamgym.drawing import make_drawing, write_drawing
     from slamgym.interop.map_files import read_map
 
     arguments = job.arguments
     begun = time.process_time()
     robot_map = read_map(path, arguments.resolution)
-    stem = arguments.out / path.stem
-    suffixes = [*job.formats, "pgm"] if "yaml" in job.formats else job.formats
-    _spare_input(path, [stem.with_name(f"{stem.name}.{suffix}") for suffix in suffixes])
+    stem = arguments.out / name
+    _spare_files(path, stem, [*job.formats, "pgm"] if "yaml" in job.formats else job.formats)
     provenance = {"source": str(path), "model": arguments.model, "command": job.command}
     drawing = make_drawing(
         robot_map.grid,
-        path.stem,
+        name,
         job.model,
         dataclasses.replace(DEFAULT_DRAWING, opening_width=arguments.opening_width),
         angle_deg=arguments.angle,
@@ -179,14 +187,18 @@ def _draw(path: Path, job: _Job) -> Drawing:
     return drawing
 
 
-def _spare_input(path: Path, targets: list[Path]) -> None:
-    """Refuse to write over the map, or over the picture that its yaml names."""
-    sources = [path]
-    if path.suffix.lower() in YAML_SUFFIXES:
-        sources.append(path.parent / str(parse_yaml(read_text(path, YAML_BYTES), path)["image"]))
-    for target in targets:
-        if target.exists() and any(source.exists() and target.samefile(source) for source in sources):
-            raise InputFileError(target, "is the map itself and would be written over; name another --out")
+def _spare_files(path: Path, stem: Path, suffixes: list[str]) -> None:
+    """Refuse to write over the map, the picture that its yaml names, or the drawing of another map."""
+    from slamgym.interop.ros_map import described_picture
+
+    sources = [path, described_picture(path)] if path.suffix.lower() in YAML_SUFFIXES else [path]
+    for suffix in suffixes:
+        spare_inputs(sources, stem.with_name(f"{stem.name}.{suffix}"))
+    older = stem.with_name(f"{stem.name}.json")
+    if older.is_file() and json.dumps(str(path)).encode() not in read_bytes(older):
+        raise InputFileError(
+            older, f"is no drawing of {path} and would lose its company; name another --out, or remove it"
+        )
 
 
 def _summary(drawing: Drawing) -> str:

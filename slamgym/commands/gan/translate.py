@@ -9,12 +9,13 @@ import numpy as np
 from slamgym.commands.gan.arguments import TranslateArguments
 from slamgym.core.documents import YAML_SUFFIXES
 from slamgym.core.errors import ConfigError, InputFileError
-from slamgym.core.files import write_bytes
+from slamgym.core.files import spare_inputs, write_bytes
+from slamgym.core.names import distinct_names
 from slamgym.core.progress import counted, say, show_progress
 from slamgym.core.types import OccupancyGrid
 from slamgym.gan.data import SUFFIXES, read_grey
 from slamgym.gan.translation.translate import LearnedTranslator, load_translator
-from slamgym.interop.ros_map import classify_greys, read_ros_map, write_ros_map
+from slamgym.interop.ros_map import classify_greys, described_picture, read_ros_map, write_ros_map
 
 
 def run_translation(arguments: TranslateArguments) -> int:
@@ -67,6 +68,8 @@ def translate_ros_map(source: Path, stem: Path, translator: LearnedTranslator) -
         stem: Of the two files to write.
         translator: What translates.
     """
+    for suffix in (".yaml", ".pgm"):
+        spare_inputs([source, described_picture(source)], stem.with_name(stem.name + suffix))
     grid = read_ros_map(source)
     cells = translator.translate_cells(grid.cells, grid.frame.resolution)
     return write_ros_map(stem, OccupancyGrid(cells, grid.frame))
@@ -86,6 +89,7 @@ def translate_image(
         translator: What translates.
         arguments: Scale, and what to write.
     """
+    spare_inputs([source], out)
     cells = classify_greys(read_grey(source))
     scale, straighten = arguments.metres_per_px, arguments.straighten
     if arguments.probability:
@@ -116,16 +120,16 @@ def _translate_folder(arguments: TranslateArguments, translator: LearnedTranslat
         raise InputFileError(arguments.input, f"holds no images ({', '.join(SUFFIXES)}) and no ROS maps")
     if arguments.out.is_file():
         raise InputFileError(arguments.out, "is a file; a folder is translated into a folder")
+    named = zip(distinct_names([*maps, *images]), [*maps, *images], strict=True)
     arguments.out.mkdir(parents=True, exist_ok=True)
     refused = 0
     with show_progress("maps", 0, len(maps) + len(images)) as advance:
-        for path in [*maps, *images]:
+        for name, path in named:
             try:
                 if path in maps:
-                    translate_ros_map(path, arguments.out / path.stem, translator)
+                    translate_ros_map(path, arguments.out / name, translator)
                 else:
-                    out = arguments.out / f"{path.stem}.png"
-                    translate_image(path, out, translator, arguments)
+                    translate_image(path, arguments.out / f"{name}.png", translator, arguments)
             except InputFileError as error:
                 refused += 1
                 say(f"skipped {error}")

@@ -117,11 +117,11 @@ def _pictures(run: Reproduction) -> Iterator[str]:
 
 
 def _inline(path: Path) -> str:
-    bgr = decode_picture(path, read_bytes(path), cv2.IMREAD_COLOR)
-    if bgr.shape[1] > _MOST_WIDE:
-        size = (_MOST_WIDE, round(bgr.shape[0] * _MOST_WIDE / bgr.shape[1]))
-        bgr = cv2.resize(bgr, size, interpolation=cv2.INTER_AREA)
-    return inline_picture(bgr[:, :, ::-1])
+    picture = decode_picture(path, read_bytes(path))
+    if picture.shape[1] > _MOST_WIDE:
+        size = (_MOST_WIDE, round(picture.shape[0] * _MOST_WIDE / picture.shape[1]))
+        picture = cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
+    return inline_picture(picture)
 
 
 def _commands_table(state: ReproductionState) -> str:
