@@ -18,6 +18,7 @@ from slamgym.commands.extras import LEARNING, TRANSLATING, Extra, require
 from slamgym.core.config import suggest
 from slamgym.core.errors import SlamgymError
 from slamgym.core.interruption import Terminated, termination_as_interrupt
+from slamgym.core.progress import say, tell
 
 EXIT_USER_ERROR = 2
 EXIT_INTERRUPTED = 130  # 128 + SIGINT, as shells report it
@@ -228,7 +229,7 @@ def main(argv: list[str] | None = None) -> int:
 def _run(arguments: list[str]) -> int:
     try:
         if arguments[:1] in (["-V"], ["--version"]):
-            sys.stdout.write(f"slamgym {__version__}\n")
+            tell(f"slamgym {__version__}")
             return 0
         with termination_as_interrupt():
             return TABLE.run("slamgym", arguments)
@@ -265,4 +266,4 @@ def _abandon_streams() -> None:
 
 def _complain(message: str) -> None:
     with contextlib.suppress(OSError):  # the exit code says it where nobody reads the sentence
-        sys.stderr.write(f"slamgym: error: {message}\n")
+        say(f"slamgym: error: {message}")

@@ -19,12 +19,13 @@ LEARNING = Extra("agents", ("torch", "stable_baselines3", "sb3_contrib", "tensor
 TRANSLATING = Extra("gan", ("torch", "safetensors"))
 
 
-def require(extra: Extra, what: str) -> None:
+def require(extra: Extra, what: str, otherwise: str = "") -> None:
     """Refuse with one sentence where a package is missing, before any work is done.
 
     Args:
         extra: The packages.
         what: The command or option that needs them.
+        otherwise: What works without them, behind the advice to install them.
 
     Raises:
         SlamgymError: If one of them isn't installed.
@@ -33,6 +34,7 @@ def require(extra: Extra, what: str) -> None:
         if not is_installed(package):
             raise SlamgymError(
                 f"{what} needs the package {package!r}; install it with: pip install 'slamgym[{extra.name}]'"
+                f"{otherwise}"
             )
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import shlex
-import sys
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NamedTuple
@@ -18,7 +17,7 @@ from slamgym.core.errors import ConfigError, InputFileError, SlamgymError
 from slamgym.core.files import read_text, write_text
 from slamgym.core.limits import YAML_BYTES
 from slamgym.core.pictures import PICTURE_SUFFIXES
-from slamgym.core.progress import counted, say
+from slamgym.core.progress import counted, say, tell
 from slamgym.drawing.settings import DEFAULT_DRAWING, DEFAULT_MODEL
 
 if TYPE_CHECKING:
@@ -64,7 +63,7 @@ def main(argv: list[str]) -> int:
     arguments = tyro.cli(CadArguments, args=argv, prog="slamgym cad")
     formats = _formats(arguments.formats)
     if arguments.model != "none":
-        require(TRANSLATING, f"--model {arguments.model}")
+        require(TRANSLATING, f"--model {arguments.model}", ", or draw without a network by --model none")
     if arguments.out.is_file():
         raise InputFileError(arguments.out, "is a file; drawings are written into a folder")
     if not arguments.map.exists():
@@ -106,13 +105,13 @@ def _draw_folder(maps: list[Path], job: _Job) -> int:
             continue
         drawn += 1
         if with_gallery:
-            cards.append(GalleryCard.of(drawing))
+            cards.append(GalleryCard.of(drawing, path.stem))
     if not drawn:
         raise InputFileError(arguments.map, "holds nothing that could be drawn; see the lines above")
     if with_gallery:
         page = format_gallery(arguments.map.resolve().name, cards, failures, job.command)
         write_text(arguments.out / GALLERY, page)
-    sys.stdout.write(f"{drawn} of {counted(len(maps), 'map')} drawn in {arguments.out}\n")
+    tell(f"{drawn} of {counted(len(maps), 'map')} drawn in {arguments.out}")
     return 1 if failures else 0
 
 
@@ -173,7 +172,7 @@ def _draw(path: Path, job: _Job) -> Drawing:
     )
     drawing = dataclasses.replace(drawing, doubts=(*robot_map.doubts, *drawing.doubts))
     files = write_drawing(drawing, stem, job.formats)
-    sys.stdout.write(f"{_summary(drawing)}, {time.process_time() - begun:.1f} CPU s: {files[0].parent}\n")
+    tell(f"{_summary(drawing)}, {time.process_time() - begun:.1f} CPU s: {files[0].parent}")
     for doubt in drawing.doubts:
         say(f"{path}: {doubt}")
     return drawing
