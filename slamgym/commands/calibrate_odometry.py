@@ -7,7 +7,6 @@ coefficients of the two-phase model (Souza et al. 2008), which ``slamgym deform 
 from __future__ import annotations
 
 import math
-import sys
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -17,6 +16,7 @@ import tyro
 
 from slamgym.core.config import Arguments, Within
 from slamgym.core.geometry import between
+from slamgym.core.progress import tell
 from slamgym.core.types import Pose2D, Twist2D
 from slamgym.sim import OdometryLevel
 
@@ -66,9 +66,10 @@ def main(argv: list[str]) -> int:
     about = {name: value for name, value in asdict(arguments).items() if name != "out"}
     write_calibration(arguments.out, coefficients, about)
     rows = "\n".join(f"  {name:<5}{value:.5f}" for name, value in asdict(coefficients).items())
-    sys.stdout.write(
-        f"{arguments.robots} robots x {arguments.repeats} lines and turns, odometry {arguments.odometry}:\n"
-        f"{rows}\n{arguments.out}\n"
+    tell(
+        f"{arguments.robots} robots x {arguments.repeats} lines and turns, odometry {arguments.odometry}:",
+        *rows.splitlines(),
+        str(arguments.out),
     )
     return 0
 

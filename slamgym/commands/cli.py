@@ -5,7 +5,9 @@ Nothing is imported before it is needed, so a help page answers at once.
 """
 
 import contextlib
+import errno
 import importlib
+import io
 import os
 import sys
 from collections.abc import Mapping
@@ -16,11 +18,13 @@ from slamgym.commands.extras import LEARNING, TRANSLATING, Extra, require
 from slamgym.core.config import suggest
 from slamgym.core.errors import SlamgymError
 from slamgym.core.interruption import Terminated, termination_as_interrupt
+from slamgym.core.progress import say, tell
 
 EXIT_USER_ERROR = 2
 EXIT_INTERRUPTED = 130  # 128 + SIGINT, as shells report it
 EXIT_TERMINATED = 143  # 128 + SIGTERM
 EXIT_BROKEN_PIPE = 141  # 128 + SIGPIPE
+_UNWRITABLE = (errno.EPIPE, errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
 
 
 @dataclass(frozen=True)
@@ -203,17 +207,32 @@ def main(argv: list[str] | None = None) -> int:
         argv: The arguments after the program's name; None takes them from ``sys.argv``.
 
     Returns:
-        The exit code: 0 success, 2 an error that the user can fix, 130 interrupted, 143 ended by SIGTERM.
+        The exit code: 0 success, 2 an error that the user can fix, 130 interrupted, 141 nobody reads on, 143 ended by
+        SIGTERM.
     """
-    arguments = sys.argv[1:] if argv is None else argv
+    _open_streams()
+    try:
+        try:
+            return _run(sys.argv[1:] if argv is None else argv)
+        finally:
+            sys.stdout.flush()  # also after a help page, which ends the program
+    except OSError as error:
+        if error.filename is not None or error.errno not in _UNWRITABLE:
+            raise
+        _abandon_streams()
+        if error.errno == errno.EPIPE:
+            return EXIT_BROKEN_PIPE  # the reader (`| head`) has gone: nothing is wrong
+        _complain(f"standard output can't be written ({error.strerror}); send it elsewhere")
+        return EXIT_USER_ERROR
+
+
+def _run(arguments: list[str]) -> int:
     try:
         if arguments[:1] in (["-V"], ["--version"]):
-            sys.stdout.write(f"slamgym {__version__}\n")
+            tell(f"slamgym {__version__}")
             return 0
         with termination_as_interrupt():
-            code = TABLE.run("slamgym", arguments)
-        sys.stdout.flush()
-        return code
+            return TABLE.run("slamgym", arguments)
     except SlamgymError as error:
         _complain(str(error))
         return EXIT_USER_ERROR
@@ -223,11 +242,28 @@ def main(argv: list[str] | None = None) -> int:
     except KeyboardInterrupt:
         _complain("interrupted")
         return EXIT_INTERRUPTED
-    except BrokenPipeError:
-        # The reader (`| head`) has gone: nothing is wrong, but the interpreter would complain at exit.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return EXIT_BROKEN_PIPE
+
+
+def _open_streams() -> None:
+    """Open those of the standard streams that are closed, lest a file take their place, and let none refuse a text."""
+    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
+        if getattr(sys, name) is None:
+            descriptor = os.open(os.devnull, os.O_RDWR)  # the lowest free number
+            os.set_inheritable(descriptor, True)
+            setattr(sys, name, os.fdopen(descriptor, mode, encoding="utf-8"))
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")  # as the standard error does
+
+
+def _abandon_streams() -> None:
+    """Drop what couldn't be written, about which the interpreter would complain at exit."""
+    for stream in (sys.stdout, sys.stderr):
+        try:
+            stream.flush()
+        except OSError:
+            os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
 def _complain(message: str) -> None:
-    sys.stderr.write(f"slamgym: error: {message}\n")
+    with contextlib.suppress(OSError):  # the exit code says it where nobody reads the sentence
+        say(f"slamgym: error: {message}")

@@ -1,11 +1,11 @@
 """``slamgym deform``: from a floor plan to the maps that SLAM would have drawn of it."""
 
-import sys
 import time
 
 import tyro
 
 from slamgym.commands.deforming.arguments import DeformArguments
+from slamgym.core.progress import tell
 
 
 def main(argv: list[str]) -> int:
@@ -33,7 +33,7 @@ def main(argv: list[str]) -> int:
         return 0
     with open_new_dataset(arguments.out, arguments) as dataset:
         for subject, drawn in hypotheses(subjects(arguments), arguments):
-            sys.stdout.write(dataset.add(subject, drawn) + "\n")
+            tell(dataset.add(subject, drawn))
     seconds = time.perf_counter() - begun
-    sys.stdout.write(f"{dataset.count} map(s) of {dataset.of_what} in {seconds:.1f} s: {arguments.out}\n")
+    tell(f"{dataset.count} map(s) of {dataset.of_what} in {seconds:.1f} s: {arguments.out}")
     return 0

@@ -19,6 +19,7 @@ import tyro
 
 from slamgym.core.config import Arguments
 from slamgym.core.errors import SlamgymError
+from slamgym.core.progress import tell
 
 _GIB = 1 << 30
 _LEAST_DISK = _GIB
@@ -51,7 +52,7 @@ def main(argv: list[str]) -> int:
     for finding in findings():
         states.append(finding.state)
         fix = f"\n{'':>9}fix: {finding.fix}" if finding.fix else ""
-        sys.stdout.write(f"{finding.state:<7}  {finding.what}: {finding.found}{fix}\n")
+        tell(f"{finding.state:<7}  {finding.what}: {finding.found}{fix}")
         sys.stdout.flush()
     return 1 if "broken" in states else 0
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from contextlib import closing
 from dataclasses import field
 from pathlib import Path
@@ -13,6 +12,7 @@ import tyro
 from slamgym.commands.exploration_options import ExplorationOptions
 from slamgym.core.config import Arguments, Positive, Within
 from slamgym.core.errors import SlamgymError
+from slamgym.core.progress import tell
 
 
 class DriveArguments(Arguments):
@@ -71,5 +71,5 @@ def main(argv: list[str]) -> int:
         )
     if not report.fresh:
         raise SlamgymError(f"{arguments.out}: no pair was added")
-    sys.stdout.write(describe_pairs(arguments.out) + "\n")
+    tell(*describe_pairs(arguments.out).splitlines())
     return 0

@@ -1,6 +1,5 @@
 """``slamgym export-log``: a log in the form that other SLAM programs replay."""
 
-import sys
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -9,7 +8,7 @@ import tyro
 from slamgym.commands.extras import Extra, require
 from slamgym.core.config import Arguments, NonNegative
 from slamgym.core.errors import InputFileError
-from slamgym.core.progress import counted
+from slamgym.core.progress import counted, say, tell
 from slamgym.core.types import OccupancyGrid, Trajectory
 from slamgym.interop.rosbag_writer import Storage
 
@@ -64,7 +63,7 @@ def main(argv: list[str]) -> int:
         require(Extra("ros", ("rosbags",)), "--format rosbag2")
     log = open_log(arguments.log)
     for sentence in log.warnings.sentences():
-        sys.stderr.write(f"slamgym: warning: {sentence}\n")
+        say(f"slamgym: warning: {sentence}")
     if arguments.format == "carmen":
         if arguments.out.exists() and not arguments.overwrite:
             raise InputFileError(arguments.out, "exists already; give --overwrite to replace it")
@@ -80,7 +79,7 @@ def main(argv: list[str]) -> int:
             first_stamp=arguments.first_stamp if undated else None,
             storage=arguments.storage,
         )
-    sys.stdout.write(f"{arguments.out}: {counted(len(log), 'scan')} over {log.duration:.1f} s\n")
+    tell(f"{arguments.out}: {counted(len(log), 'scan')} over {log.duration:.1f} s")
     return 0
 
 

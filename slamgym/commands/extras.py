@@ -19,13 +19,13 @@ LEARNING = Extra("agents", ("torch", "stable_baselines3", "sb3_contrib", "tensor
 TRANSLATING = Extra("gan", ("torch", "safetensors"))
 
 
-def require(extra: Extra, what: str, instead: str = "") -> None:
+def require(extra: Extra, what: str, otherwise: str = "") -> None:
     """Refuse with one sentence where a package is missing, before any work is done.
 
     Args:
         extra: The packages.
         what: The command or option that needs them.
-        instead: What else the user could do.
+        otherwise: What works without them, behind the advice to install them.
 
     Raises:
         SlamgymError: If one of them isn't installed.
@@ -33,7 +33,8 @@ def require(extra: Extra, what: str, instead: str = "") -> None:
     for package in extra.packages:
         if not is_installed(package):
             raise SlamgymError(
-                f"{what} needs the package {package!r}; install it with: pip install 'slamgym[{extra.name}]'{instead}"
+                f"{what} needs the package {package!r}; install it with: pip install 'slamgym[{extra.name}]'"
+                f"{otherwise}"
             )
 
 

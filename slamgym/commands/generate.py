@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -15,7 +14,7 @@ from slamgym.core.config import Arguments, Count, CountOrZero, Positive
 from slamgym.core.errors import ConfigError
 from slamgym.core.parallel.backlog import TASK_TIMEOUT, available_cores
 from slamgym.core.parallel.engine import EngineName, Execution
-from slamgym.core.progress import counted, duration, say
+from slamgym.core.progress import counted, duration, say, tell
 from slamgym.dataset.pair import PairConfig
 from slamgym.dataset.shard import WHOLE, Shard
 
@@ -139,7 +138,7 @@ def _report(report: BuildReport, sheet_pairs: int) -> None:
         say(
             f"Skipped {counted(sum(report.rejected.values()), 'plan')} ({kinds}); {layout.rejected} says why."
         )
-    sys.stdout.write(describe_pairs(report.root) + "\n")
+    tell(*describe_pairs(report.root).splitlines())
     if sheet_pairs > 0 and report.pairs > 0:
         path = write_contact_sheet(report.root, sheet_pairs)
-        sys.stdout.write(f"contact sheet: {path}\n")
+        tell(f"contact sheet: {path}")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import sys
 from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -16,7 +15,7 @@ from slamgym import __version__
 from slamgym.core.config import Arguments, Positive, from_dict, to_dict
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.files import write_text
-from slamgym.core.progress import counted
+from slamgym.core.progress import counted, say, tell
 from slamgym.core.types import Pose2D
 from slamgym.slam.localization.config import LocalizationConfig
 
@@ -77,12 +76,12 @@ def main(argv: list[str]) -> int:
     known = read_map(arguments.map, arguments.resolution)
     log = open_log(arguments.log, scan_topic=arguments.scan_topic, odometry_topic=arguments.odometry_topic)
     for sentence in log.warnings.sentences():
-        sys.stderr.write(f"slamgym: warning: {sentence}\n")
+        say(f"slamgym: warning: {sentence}")
     rng = np.random.default_rng(arguments.seed)
     result = localize_log(log, known.grid, known.placement, config, rng, initial)
     summary = _summary(arguments, log, config, result)
     _write(arguments.out, known, result, summary)
-    sys.stdout.write(_report(arguments.out, summary))
+    tell(*_report(arguments.out, summary).splitlines())
     return 0
 
 

@@ -13,7 +13,7 @@ from slamgym.core.config import Arguments, Count, Within
 from slamgym.core.errors import ConfigError
 from slamgym.core.files import spare_inputs
 from slamgym.core.names import as_file_name, is_file_name
-from slamgym.core.progress import counted
+from slamgym.core.progress import counted, say, tell
 from slamgym.envs.config import ObservationConfig
 from slamgym.sim import RobotConfig
 
@@ -148,9 +148,7 @@ def _fetch(arguments: FetchPlans) -> None:
             arguments.url,
             lambda done, total: progress.update(task, completed=done, total=total or None),
         )
-    sys.stdout.write(
-        f"{path}: {counted(count, 'plan')}, SHA-256 in {path.name}.sha256; use it as --plans {path}\n"
-    )
+    tell(f"{path}: {counted(count, 'plan')}, SHA-256 in {path.name}.sha256; use it as --plans {path}")
 
 
 def _usable(arguments: _Selection, source: PlanSource, rejections: Rejections) -> Iterator[FloorPlan]:
@@ -167,21 +165,19 @@ def _usable(arguments: _Selection, source: PlanSource, rejections: Rejections) -
 
 
 def _list(plans: Iterator[FloorPlan]) -> None:
-    sys.stdout.write(
-        f"{'id':32} {'area m2':>8} {'rooms':>5} {'size m':>13} {'corners':>7} {'holes':>5} {'doors':>5}\n"
-    )
+    tell(f"{'id':32} {'area m2':>8} {'rooms':>5} {'size m':>13} {'corners':>7} {'holes':>5} {'doors':>5}")
     for plan in plans:
         min_x, min_y, max_x, max_y = plan.bounds
         size = f"{max_x - min_x:.1f} x {max_y - min_y:.1f}"
-        sys.stdout.write(
+        tell(
             f"{plan.id:32} {plan.area:8.1f} {len(plan.rooms):5d} {size:>13} {plan.num_vertices:7d} "
-            f"{len(plan.free_space.interiors):5d} {len(plan.doors):5d}\n"
+            f"{len(plan.free_space.interiors):5d} {len(plan.doors):5d}"
         )
 
 
 def _check(arguments: CheckPlans, source: PlanSource, rejections: Rejections) -> int:
     usable = sum(1 for _ in _usable(arguments, source, rejections))
-    sys.stdout.write(f"{usable} of {counted(usable + len(rejections), 'plan')} can be explored.\n")
+    tell(f"{usable} of {counted(usable + len(rejections), 'plan')} can be explored.")
     rejections.write(arguments.rejected)
     _report(rejections, arguments.rejected)
     return 1 if len(rejections) else 0
@@ -197,7 +193,7 @@ def _draw(arguments: DrawPlans, source: PlanSource, rejections: Rejections) -> N
     spare_inputs([Path(plan.source) for plan in plans], arguments.out)
     if plans:
         write_picture(arguments.out, draw_plan_sheet(plans, arguments.columns, arguments.size))
-        sys.stdout.write(f"{counted(len(plans), 'plan')} drawn: {arguments.out}\n")
+        tell(f"{counted(len(plans), 'plan')} drawn: {arguments.out}")
     rejections.write(arguments.out.with_name("rejected.jsonl"))
     _report(rejections, arguments.out.with_name("rejected.jsonl"))
 
@@ -211,7 +207,7 @@ def _write(arguments: WritePlans, source: PlanSource, rejections: Rejections) ->
         spare_inputs([Path(plan.source)], arguments.out / f"{name}.json")
         write_houseexpo(arguments.out / f"{name}.json", plan)
         written += 1
-    sys.stdout.write(f"{counted(written, 'plan')} written: {arguments.out}\n")
+    tell(f"{counted(written, 'plan')} written: {arguments.out}")
     rejections.write(arguments.out / "rejected.jsonl")
     _report(rejections, arguments.out / "rejected.jsonl")
 
@@ -220,9 +216,9 @@ def _report(rejections: Rejections, path: Path | None = None) -> None:
     """Say which plans were left out and why."""
     if not len(rejections):
         return
-    sys.stderr.write(f"Left out {counted(len(rejections), 'plan')}" + (f", see {path}:\n" if path else ":\n"))
+    say(f"Left out {counted(len(rejections), 'plan')}" + (f", see {path}:" if path else ":"))
     for index, entry in enumerate(rejections):
         if index == MAX_NAMED:
-            sys.stderr.write(f"  and {len(rejections) - MAX_NAMED} more\n")
+            say(f"  and {len(rejections) - MAX_NAMED} more")
             break
-        sys.stderr.write(f"  {entry.source}: {entry.reason}\n")
+        say(f"  {entry.source}: {entry.reason}")

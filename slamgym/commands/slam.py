@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import sys
 from collections.abc import Callable
 from contextlib import ExitStack, closing, suppress
 from pathlib import Path
@@ -17,7 +16,7 @@ from slamgym import __version__
 from slamgym.core.config import Arguments, to_dict
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.files import write_text
-from slamgym.core.progress import counted
+from slamgym.core.progress import counted, say, tell
 from slamgym.core.types import FloatArray, Trajectory
 from slamgym.slam.config import Matcher, Mode, SlamConfig
 
@@ -106,14 +105,14 @@ def main(argv: list[str]) -> int:
     log = open_log(arguments.log, scan_topic=arguments.scan_topic, odometry_topic=arguments.odometry_topic)
     truth = read_truth(arguments.log)
     for sentence in log.warnings.sentences():
-        sys.stderr.write(f"slamgym: warning: {sentence}\n")
+        say(f"slamgym: warning: {sentence}")
     older = _older_map(arguments)
     config = _config(arguments, log, older)
     result = _replay(arguments, log, config, older)
     accuracy = _accuracy(result, relations, truth)
     summary = _summary(arguments, log, config, result, accuracy)
     _write(arguments.out, result, summary)
-    sys.stdout.write(_report(arguments.out, summary))
+    tell(*_report(arguments.out, summary).splitlines())
     return 0
 
 

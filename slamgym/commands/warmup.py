@@ -1,9 +1,10 @@
 """``slamgym warmup``: compile the numeric kernels, once after an installation."""
 
-import sys
 from dataclasses import dataclass
 
 import tyro
+
+from slamgym.core.progress import tell
 
 
 @dataclass(frozen=True)
@@ -19,5 +20,5 @@ def main(argv: list[str]) -> int:
     from slamgym.sim.raycast import cast_rays
 
     warm_up()
-    sys.stdout.write(f"the kernels are compiled: {kernel_cache(cast_rays)} and the folders beside it\n")
+    tell(f"the kernels are compiled: {kernel_cache(cast_rays)} and the folders beside it")
     return 0

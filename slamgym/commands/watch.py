@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import sys
 from collections.abc import Callable, Iterator
 from dataclasses import field
 from pathlib import Path
@@ -16,7 +15,7 @@ from slamgym.commands.exploration_options import ExplorationOptions
 from slamgym.core.config import Arguments, Positive, Within, suggest
 from slamgym.core.errors import ConfigError
 from slamgym.core.geometry import transform_points, transform_poses
-from slamgym.core.progress import say
+from slamgym.core.progress import say, tell
 
 if TYPE_CHECKING:
     from slamgym.agents.explorer import BatchedExplorer
@@ -82,7 +81,7 @@ def main(argv: list[str]) -> int:
     finally:
         env.close()
     for path in filter(None, (arguments.out, arguments.rerun)):
-        sys.stdout.write(f"{path}\n")
+        tell(f"{path}")
     return 0
 
 

@@ -4,9 +4,15 @@ Every one carries a single sentence that names the file or argument, says what i
 fix it. The command line prints that sentence alone; library users catch :class:`SlamgymError`.
 """
 
+from slamgym.core.names import printable
+
 
 class SlamgymError(Exception):
     """Base class of all errors that a user can fix."""
+
+    def __str__(self) -> str:
+        """The sentence in one line, whatever a file or a plan is called."""
+        return printable(" ".join(super().__str__().splitlines()))
 
 
 class InputFileError(SlamgymError):
@@ -18,8 +24,7 @@ class InputFileError(SlamgymError):
     """
 
     def __init__(self, path: object, reason: str) -> None:
-        # One line, also where a file or a plan has a line end in its name.
-        super().__init__(" ".join(f"{path}: {reason}".splitlines()))
+        super().__init__(f"{path}: {reason}")
         self.path = str(path)
         self.reason = reason
 

@@ -231,7 +231,7 @@ def write_text(path: Path | str, content: str) -> None:
     Raises:
         StorageError: If it can't be written.
     """
-    write_bytes(path, content.encode())
+    write_bytes(path, content.encode(errors="backslashreplace"))
 
 
 def replace_file(path: Path, data: bytes) -> None:

@@ -2,10 +2,12 @@
 
 from collections.abc import Iterable, Sequence
 
+from slamgym.core.names import printable
+
 
 def markdown(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     """A table in Markdown whose columns line up, the first flush left and the others right, ended by a line break."""
-    table = [headings, *rows]
+    table = [[printable(cell).replace("|", r"\|") for cell in row] for row in (headings, *rows)]
     widths = [max(map(len, column)) for column in zip(*table, strict=True)]
 
     def line(first: str, *others: str) -> str:

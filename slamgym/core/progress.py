@@ -8,6 +8,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Protocol
 
+from slamgym.core.names import printable
+
 if TYPE_CHECKING:
     from rich.console import Console
 
@@ -115,5 +117,10 @@ def _lines(console: Console, label: str, meter: Meter) -> Iterator[Advance]:
 
 def say(message: str) -> None:
     """Write one line for the user on standard error, where progress goes."""
-    sys.stderr.write(message + "\n")
+    sys.stderr.write(printable(message) + "\n")
     sys.stderr.flush()
+
+
+def tell(*lines: str) -> None:
+    """Write lines on standard output, where results go."""
+    sys.stdout.write("".join(printable(line) + "\n" for line in lines))

@@ -12,6 +12,7 @@ from shapely.geometry.base import BaseGeometry
 import slamgym
 from slamgym.core.config import to_dict
 from slamgym.core.errors import InputFileError
+from slamgym.core.names import printable
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, Float32Array, GridFrame, OccupancyGrid
 from slamgym.drawing.confidence import judged_walls
 from slamgym.drawing.contours import trace_outlines
@@ -99,10 +100,13 @@ def make_drawing(
         "model": model if isinstance(model, str) else type(model).__name__,
         "settings": to_dict(config),
         "slamgym": slamgym.__version__,
-        **(provenance or {}),
+        **{
+            key: printable(value) if isinstance(value, str) else value
+            for key, value in (provenance or {}).items()
+        },
     }
     drawing = Drawing(
-        name=name,
+        name=printable(name),
         grid=grid,
         floor=floor,
         angle_deg=float(angle),

@@ -11,6 +11,7 @@ import numpy as np
 
 from slamgym.core.errors import InputFileError
 from slamgym.core.files import write_bytes
+from slamgym.core.names import printable
 from slamgym.core.types import FREE, OCCUPIED, ByteArray, FloatArray, GridFrame
 
 Colour = tuple[int, int, int]
@@ -42,12 +43,12 @@ def draw_text(
     picture: ByteArray, text: str, left: int, baseline: int, size: float, colour: Colour = INK
 ) -> None:
     """Write a line into a picture."""
-    cv2.putText(picture, text, (left, baseline), _FONT, size, colour, 1, cv2.LINE_AA)
+    cv2.putText(picture, printable(text), (left, baseline), _FONT, size, colour, 1, cv2.LINE_AA)
 
 
 def text_width(text: str, size: float) -> int:
     """Width of a line [px]."""
-    return int(cv2.getTextSize(text, _FONT, size, 1)[0][0])
+    return int(cv2.getTextSize(printable(text), _FONT, size, 1)[0][0])
 
 
 def fitting_size(text: str, size: float, width: int) -> float:

@@ -1,12 +1,12 @@
 """HTML pages that are whole in themselves: no script, no other file, no address; they print on A4."""
 
 import base64
-import html
 from collections.abc import Sequence
 
 import cv2
 import numpy as np
 
+from slamgym.core.names import markup
 from slamgym.core.types import ByteArray
 
 _POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
@@ -38,7 +38,7 @@ def make_page(title: str, parts: Sequence[str], style: str = "") -> str:
         '<html lang="en"><head><meta charset="utf-8">',
         f'<meta http-equiv="Content-Security-Policy" content="{_POLICY}">',
         '<meta name="viewport" content="width=device-width, initial-scale=1">',
-        f"<title>{html.escape(title)}</title><style>{_STYLE}{style}</style></head><body>",
+        f"<title>{markup(title)}</title><style>{_STYLE}{style}</style></head><body>",
     ]
     return "\n".join([*head, *parts, "</body></html>"]) + "\n"
 
@@ -57,22 +57,22 @@ def make_table(
         row_classes: CSS classes of the rows, where they have some.
         cell_classes: The same of their cells, row by row.
     """
-    lines = ["<table><thead><tr>" + "".join(f"<th>{html.escape(text)}</th>" for text in headings)]
+    lines = ["<table><thead><tr>" + "".join(f"<th>{markup(text)}</th>" for text in headings)]
     lines.append("</tr></thead><tbody>")
     for number, row in enumerate(rows):
         classes = cell_classes[number] if cell_classes else [""] * len(row)
-        cells = [f"<td{_class(kind)}>{html.escape(text)}" for text, kind in zip(row, classes, strict=True)]
+        cells = [f"<td{_class(kind)}>{markup(text)}" for text, kind in zip(row, classes, strict=True)]
         lines.append(f"<tr{_class(row_classes[number] if row_classes else '')}>{''.join(cells)}</tr>")
     return "\n".join([*lines, "</tbody></table>"])
 
 
 def _class(name: str) -> str:
-    return f' class="{html.escape(name)}"' if name else ""
+    return f' class="{markup(name)}"' if name else ""
 
 
 def paragraph(text: str) -> str:
     """Plain text as a paragraph."""
-    return f"<p>{html.escape(text)}</p>"
+    return f"<p>{markup(text)}</p>"
 
 
 def bullets(sentences: Sequence[str], kind: str = "ul") -> str:
@@ -82,7 +82,7 @@ def bullets(sentences: Sequence[str], kind: str = "ul") -> str:
         sentences: The entries.
         kind: ``ul``, or ``ol`` for a numbered list.
     """
-    entries = "".join(f"<li>{html.escape(sentence)}</li>" for sentence in sentences)
+    entries = "".join(f"<li>{markup(sentence)}</li>" for sentence in sentences)
     return f"<{kind}>{entries}</{kind}>" if entries else ""
 
 
@@ -99,4 +99,4 @@ def inline_picture(picture: ByteArray) -> str:
 
 def figure(content: str, caption: str) -> str:
     """A picture or SVG, which is HTML, over its caption, which is plain text."""
-    return f"<figure>{content}<figcaption>{html.escape(caption)}</figcaption></figure>"
+    return f"<figure>{content}<figcaption>{markup(caption)}</figcaption></figure>"

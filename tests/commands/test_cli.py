@@ -2,9 +2,11 @@
 
 import importlib
 import os
+import shlex
 import signal
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -171,13 +173,28 @@ def test_what_needs_no_extra_works_without(monkeypatch, capsys):
     assert "coverage_only" in capsys.readouterr().out
 
 
-def test_a_reader_that_leaves_early_is_no_error():
-    read, write = os.pipe()
-    os.close(read)
-    process = subprocess.Popen(
-        [sys.executable, "-m", "slamgym", "--help"], stdout=write, stderr=subprocess.PIPE
+STREAMS = {
+    "plans list --count 2 >&-": (0, False),
+    "plans list --count 2 >&- 2>&-": (0, False),
+    "nonsense 2>&-": (2, False),
+    "nonsense 2> /dev/full": (2, False),
+    "plans list --count 2 > /dev/full": (2, True),
+    "plans list --help > /dev/full": (2, True),
+    "--version > /dev/full": (2, True),
+    "--help | true": (141, False),
+    "plans list --count 2 | true": (141, False),
+    "plans list --help | true": (141, False),
+}
+"""What a shell does with the output: the exit code, and whether a sentence says why."""
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="a device of Linux")
+@pytest.mark.parametrize("words", STREAMS)
+def test_an_output_that_is_closed_or_full_costs_no_traceback(words):
+    program, code = shlex.join([sys.executable, "-m", "slamgym"]), "exit ${PIPESTATUS[0]}"
+    done = subprocess.run(
+        ["bash", "-c", f"{program} {words}; {code}"], capture_output=True, text=True, check=False, timeout=120
     )
-    os.close(write)
-    _, error = process.communicate(timeout=60)
-    assert process.returncode == cli.EXIT_BROKEN_PIPE
-    assert error == b""
+    expected, has_sentence = STREAMS[words]
+    assert done.returncode == expected, done.stderr
+    assert len(done.stderr.splitlines()) == has_sentence, done.stderr

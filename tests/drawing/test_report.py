@@ -123,7 +123,7 @@ def test_a_sheet_fits_on_paper_at_any_size():
 
 def test_the_gallery_shows_the_most_doubtful_first(drawing):
     doubtful = dataclasses.replace(drawing, name="zeta & co", doubts=("direction doubtful",))
-    cards = [GalleryCard.of(one) for one in (drawing, doubtful)]
+    cards = [GalleryCard.of(one, one.name) for one in (drawing, doubtful)]
     page = format_gallery("homes", cards, ["broken.yaml: is <no> map"], "slamgym cad homes")
     assert page.index("zeta &amp; co") < page.index("flat &lt;1&gt;")
     assert 'href="./zeta%20%26%20co.html"' in page

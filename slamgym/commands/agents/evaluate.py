@@ -17,7 +17,7 @@ from slamgym.core.config import Arguments, Count, CountOrZero, Positive
 from slamgym.core.errors import ConfigError
 from slamgym.core.parallel.backlog import TASK_TIMEOUT, available_cores
 from slamgym.core.parallel.engine import Execution
-from slamgym.core.progress import counted, say
+from slamgym.core.progress import counted, say, tell
 
 if TYPE_CHECKING:
     from slamgym.agents.evaluation.evaluate import EvaluationConfig
@@ -108,13 +108,13 @@ def main(argv: list[str]) -> int:
 
         path = arguments.out / "coverage_over_time.png"
         draw_coverage(evaluation.trials, path)
-        sys.stdout.write(f"plot: {path}\n")
+        tell(f"plot: {path}")
     if filmed:
         from slamgym.agents.evaluation.side_by_side_video import film_side_by_side
 
         path = arguments.out / "film.mp4"
         film_side_by_side(source, evaluation.trials, filmed, config.trial, path, arguments.film_plan or None)
-        sys.stdout.write(f"film: {path}\n")
+        tell(f"film: {path}")
     return 0
 
 

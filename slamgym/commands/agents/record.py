@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import os
 import re
-import sys
 import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -15,7 +14,7 @@ import tyro
 from slamgym.commands.extras import LEARNING, Extra, require
 from slamgym.core.config import Arguments, Count, CountOrZero, Share
 from slamgym.core.errors import ConfigError
-from slamgym.core.progress import counted, show_progress
+from slamgym.core.progress import counted, show_progress, tell
 
 if TYPE_CHECKING:
     import numpy as np
@@ -90,8 +89,8 @@ def main(argv: list[str]) -> int:
         except ValueError as error:
             reason = " ".join(str(error).split())
             raise ConfigError(f"--minari {arguments.minari}: {reason}; choose another id") from None
-    sys.stdout.write(
-        f"{arguments.minari}: {counted(dataset.total_episodes, 'episode')}, {counted(dataset.total_steps, 'step')}\n"
+    tell(
+        f"{arguments.minari}: {counted(dataset.total_episodes, 'episode')}, {counted(dataset.total_steps, 'step')}"
     )
     return 0
 

@@ -15,7 +15,7 @@ from slamgym.commands.agents.train import drives_the_wheels
 from slamgym.commands.extras import LEARNING, require
 from slamgym.core.config import Arguments
 from slamgym.core.errors import ConfigError
-from slamgym.core.progress import say
+from slamgym.core.progress import say, tell
 
 
 class _Arguments(Arguments):
@@ -68,7 +68,7 @@ def main(argv: list[str]) -> int:
         shown = {name: REWARD_PRESETS[name].about for name in names}
         width = max(map(len, shown))
         for name, about in shown.items():
-            sys.stdout.write(f"{name:<{width}}  {about}\n")
+            tell(f"{name:<{width}}  {about}")
         return 0
     if arguments.out is None:
         raise ConfigError("give the folder of the experiment: -o FOLDER (or --list to see the presets)")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shlex
-import sys
 from dataclasses import field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -13,6 +12,7 @@ import tyro
 from slamgym.core.config import Arguments, Positive, suggest
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.files import write_text
+from slamgym.core.progress import say, tell
 from slamgym.drawing.comparison.config import ComparisonConfig
 
 if TYPE_CHECKING:
@@ -106,15 +106,13 @@ def _read_plan(arguments: CompareArguments) -> tuple[FloorPlan, tuple[str, ...]]
 def _report(found: PlanComparison, folder: Path) -> None:
     """Print a table."""
     for doubt in found.doubts:
-        sys.stderr.write(f"slamgym: doubt: {doubt}\n")
+        say(f"slamgym: doubt: {doubt}")
     if found.is_confident:
         share = found.registration.explained
-        sys.stdout.write(
-            f"{share:.0%} of the plan's walls in view are in the map; {len(found.changes)} changes\n"
-        )
+        tell(f"{share:.0%} of the plan's walls in view are in the map; {len(found.changes)} changes")
         if found.changes:
-            sys.stdout.write(
-                f"{'change':16} {'at x, y m':>14} {'length m':>8} {'by cm':>6} {'+-':>4} {'with drift':>10}  of, note\n"
+            tell(
+                f"{'change':16} {'at x, y m':>14} {'length m':>8} {'by cm':>6} {'+-':>4} {'with drift':>10}  of, note"
             )
         for change in found.changes:
             x, y = 0.5 * (change.line[0] + change.line[2]), 0.5 * (change.line[1] + change.line[3])
@@ -123,8 +121,8 @@ def _report(found: PlanComparison, folder: Path) -> None:
                 for value in (change.offset, change.error, change.raw_offset)
             )
             note = f"{change.what}; {change.note}" if change.note else change.what
-            sys.stdout.write(
+            tell(
                 f"{change.kind.replace('_', ' '):16} {f'{x:.1f}, {y:.1f}':>14} {change.length:8.2f} {by:>6} {error:>4} "
-                f"{raw:>10}  {note}\n"
+                f"{raw:>10}  {note}"
             )
-    sys.stdout.write(f"{folder / 'comparison.html'}\n")
+    tell(f"{folder / 'comparison.html'}")

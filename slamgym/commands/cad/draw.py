@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import json
 import shlex
-import sys
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NamedTuple
@@ -19,7 +18,7 @@ from slamgym.core.errors import ConfigError, InputFileError, SlamgymError
 from slamgym.core.files import read_bytes, shown_path, spare_inputs, write_text
 from slamgym.core.names import distinct_names
 from slamgym.core.pictures import PICTURE_SUFFIXES
-from slamgym.core.progress import counted, say
+from slamgym.core.progress import counted, say, tell
 from slamgym.drawing.settings import DEFAULT_DRAWING, DEFAULT_MODEL
 
 if TYPE_CHECKING:
@@ -66,9 +65,7 @@ def main(argv: list[str]) -> int:
     arguments = tyro.cli(CadArguments, args=argv, prog="slamgym cad")
     formats = _formats(arguments.formats)
     if arguments.model != "none":
-        require(
-            TRANSLATING, f"--model {arguments.model}", ", or clean the map without a network: --model none"
-        )
+        require(TRANSLATING, f"--model {arguments.model}", ", or draw without a network by --model none")
     if arguments.out.is_file():
         raise InputFileError(arguments.out, "is a file; drawings are written into a folder")
     for path in arguments.maps:
@@ -113,7 +110,7 @@ def _draw_all(maps: dict[str, Path], job: _Job) -> int:
             continue
         drawn += 1
         if with_gallery:
-            cards.append(GalleryCard.of(drawing))
+            cards.append(GalleryCard.of(drawing, name))
     given = shown_path(", ".join(map(str, arguments.maps)))
     if not drawn:
         raise InputFileError(given, "holds nothing that could be drawn; see the lines above")
@@ -121,7 +118,7 @@ def _draw_all(maps: dict[str, Path], job: _Job) -> int:
         title = arguments.maps[0].resolve().name if len(arguments.maps) == 1 else given
         page = format_gallery(title, cards, failures, job.command)
         write_text(arguments.out / GALLERY, page)
-    sys.stdout.write(f"{drawn} of {counted(len(maps), 'map')} drawn in {arguments.out}\n")
+    tell(f"{drawn} of {counted(len(maps), 'map')} drawn in {arguments.out}")
     return 1 if failures else 0
 
 
@@ -181,7 +178,7 @@ def _draw(name: str, path: Path, job: _Job) -> Drawing:
     )
     drawing = dataclasses.replace(drawing, doubts=(*robot_map.doubts, *drawing.doubts))
     files = write_drawing(drawing, stem, job.formats)
-    sys.stdout.write(f"{_summary(drawing)}, {time.process_time() - begun:.1f} CPU s: {files[0].parent}\n")
+    tell(f"{_summary(drawing)}, {time.process_time() - begun:.1f} CPU s: {files[0].parent}")
     for doubt in drawing.doubts:
         say(f"{path}: {doubt}")
     return drawing

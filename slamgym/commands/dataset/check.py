@@ -1,13 +1,12 @@
 """``slamgym dataset check``: verify every file and name every fault."""
 
-import sys
 from pathlib import Path
 
 import tyro
 
 from slamgym.core.config import Arguments
 from slamgym.core.files import open_regular
-from slamgym.core.progress import counted, show_progress
+from slamgym.core.progress import counted, show_progress, tell
 
 EXIT_FAULTS = 1
 
@@ -37,7 +36,7 @@ def main(argv: list[str]) -> int:
     with show_progress("pairs checked", 0, total) as advance:
         faults = check(arguments.folder, advance)
     for fault in faults:
-        sys.stdout.write(f"{fault}\n")
+        tell(f"{fault}")
     verdict = f"{counted(len(faults), 'fault')}" if faults else "no fault"
-    sys.stdout.write(f"{arguments.folder}: {counted(total, 'pair')}, {verdict}\n")
+    tell(f"{arguments.folder}: {counted(total, 'pair')}, {verdict}")
     return EXIT_FAULTS if faults else 0

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import field
 from pathlib import Path
@@ -17,7 +16,7 @@ from slamgym.core.config import Arguments, CountOrZero, Within
 from slamgym.core.errors import ConfigError
 from slamgym.core.files import exclusive_lock, sha256_of
 from slamgym.core.parallel.backlog import available_cores
-from slamgym.core.progress import counted, say
+from slamgym.core.progress import counted, say, tell
 from slamgym.core.types import FloatArray
 from slamgym.dataset.curate.completeness_model import TreesConfig
 from slamgym.dataset.curate.criteria import Criteria, StuckFilter
@@ -205,7 +204,7 @@ def _print(root: Path, report: CleanReport, config: CleanConfig) -> None:
             f"  doubtful maps that no person has seen: {report.undecided}; slamgym dataset review {root}"
         )
     lines.append(f"verdicts: {root / VERDICTS_FILE}")
-    sys.stdout.write("\n".join(lines) + "\n")
+    tell(*lines)
 
 
 def _agreement_lines(score: ProbabilityScore, band: tuple[float, float]) -> list[str]:

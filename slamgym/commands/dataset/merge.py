@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import tyro
 
 from slamgym.core.config import Arguments
-from slamgym.core.progress import counted
+from slamgym.core.progress import counted, tell
 
 if TYPE_CHECKING:
     from slamgym.dataset.merge import MergeReport
@@ -36,7 +35,7 @@ def main(argv: list[str]) -> int:
     from slamgym.dataset.statistics import describe_pairs
 
     report = merge_shards(arguments.root)
-    sys.stdout.write(_describe(report) + "\n" + describe_pairs(arguments.root) + "\n")
+    tell(_describe(report), *describe_pairs(arguments.root).splitlines())
     return 0
 
 

@@ -1,6 +1,5 @@
 """``slamgym dataset pack``: rendered images as shards that stream, and their way to the hub."""
 
-import sys
 from dataclasses import field
 from pathlib import Path
 from typing import Annotated
@@ -8,7 +7,7 @@ from typing import Annotated
 import tyro
 
 from slamgym.core.config import Arguments
-from slamgym.core.progress import counted, show_progress
+from slamgym.core.progress import counted, show_progress, tell
 from slamgym.dataset.images.pack import PackConfig
 
 
@@ -40,9 +39,7 @@ def main(argv: list[str]) -> int:
     with show_progress("pairs packed", 0, total) as advance:
         paths = pack_images(arguments.images, arguments.out, arguments.pack, advance)
     size = sum(path.stat().st_size for path in paths)
-    sys.stdout.write(
-        f"{arguments.out}: {counted(total, 'pair')} in {counted(len(paths), 'file')}, {size / 1e6:.1f} MB\n"
-    )
+    tell(f"{arguments.out}: {counted(total, 'pair')} in {counted(len(paths), 'file')}, {size / 1e6:.1f} MB")
     if arguments.push_to_hub is not None:
-        sys.stdout.write(f"{push_to_hub(arguments.out, arguments.push_to_hub, arguments.private)}\n")
+        tell(f"{push_to_hub(arguments.out, arguments.push_to_hub, arguments.private)}")
     return 0

@@ -14,7 +14,8 @@ import tyro
 from slamgym.commands.extras import is_installed
 from slamgym.core.config import Arguments, Count, CountOrZero, Positive
 from slamgym.core.errors import ConfigError
-from slamgym.core.progress import counted, say
+from slamgym.core.names import printable
+from slamgym.core.progress import counted, say, tell
 
 if TYPE_CHECKING:
     from slamgym.dataset.realism.comparison import LearnerOf
@@ -97,7 +98,7 @@ def main(argv: list[str]) -> int:
         write_picture(out / "mixed.png", sheet)
         write_text(out / "mixed_key.json", json.dumps([entry._asdict() for entry in key], indent=1) + "\n")
     _print(report)
-    sys.stdout.write(f"{out / 'realism.html'}\n")
+    tell(f"{out / 'realism.html'}")
     return 0
 
 
@@ -192,13 +193,15 @@ def _print(report: RealismReport) -> None:
 
     from slamgym.dataset.realism.page import statistics_table, tests_table
 
-    console = Console(file=sys.stdout, width=max(Console().width, _TABLE_WIDTH), highlight=False)
+    console = Console(
+        file=sys.stdout, width=max(Console().width, _TABLE_WIDTH), highlight=False, markup=False
+    )
     for headings, rows in (statistics_table(report), tests_table(report)):
         table = Table()
         for number, heading in enumerate(headings):
             table.add_column(heading, justify="right" if number else "left")
         for row in rows:
-            table.add_row(*row)
+            table.add_row(*map(printable, row))
         console.print(table)
     for sentence in report.left_out:
-        console.print(sentence)
+        console.print(printable(sentence))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -12,7 +11,7 @@ import tyro
 from slamgym.core.config import Arguments, CountOrZero
 from slamgym.core.errors import ConfigError
 from slamgym.core.parallel.backlog import available_cores
-from slamgym.core.progress import counted, say
+from slamgym.core.progress import counted, say, tell
 from slamgym.dataset.images.square_images import ImageConfig
 
 if TYPE_CHECKING:
@@ -76,9 +75,9 @@ def render_and_report(
     split = current_split(dataset, config.scaling, workers)
     report = render_images(dataset, out, config, split, selection=selection, workers=workers)
     sides = ", ".join(f"{report.sides.get(side, 0)} {side}" for side in SPLITS)
-    sys.stdout.write(f"{out}: {counted(report.images, 'pair')} of images ({sides}), {report.fresh} new\n")
+    tell(f"{out}: {counted(report.images, 'pair')} of images ({sides}), {report.fresh} new")
     for reason, count in report.left_out.items():
-        sys.stdout.write(f"  left out: {counted(count, 'pair')}, {reason}; see skipped.jsonl\n")
+        tell(f"  left out: {counted(count, 'pair')}, {reason}; see skipped.jsonl")
     for side in SPLITS:
         if not report.sides.get(side):
             say(

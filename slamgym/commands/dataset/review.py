@@ -1,7 +1,6 @@
 """``slamgym dataset review``: a page on which a person judges doubtful maps."""
 
 import shlex
-import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -11,7 +10,7 @@ from slamgym.core.config import Arguments, Count
 from slamgym.core.documents import read_json
 from slamgym.core.errors import InputFileError
 from slamgym.core.files import write_text
-from slamgym.core.progress import counted, say
+from slamgym.core.progress import counted, say, tell
 from slamgym.dataset.curate.review import Which
 
 
@@ -51,7 +50,7 @@ def main(argv: list[str]) -> int:
         )
     entries = choose_entries(items, verdicts, arguments.which)
     if not entries:
-        sys.stdout.write(f"{root}: no map is {_words(arguments.which)}; there is nothing to review.\n")
+        tell(f"{root}: no map is {_words(arguments.which)}; there is nothing to review.")
         return 0
     if len(entries) > arguments.limit:
         say(f"The first {arguments.limit} of {len(entries)} maps; raise --limit to see more.")
@@ -64,7 +63,7 @@ def main(argv: list[str]) -> int:
         stored_decisions(root),
     )
     write_text(arguments.out, page)
-    sys.stdout.write(f"{arguments.out}: {counted(len(entries), 'map')}, {len(page) / 1e6:.1f} MB\n")
+    tell(f"{arguments.out}: {counted(len(entries), 'map')}, {len(page) / 1e6:.1f} MB")
     return 0
 
 

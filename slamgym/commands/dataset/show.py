@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -12,6 +11,7 @@ import tyro
 
 from slamgym.core.config import Arguments, Count, suggest
 from slamgym.core.errors import ConfigError
+from slamgym.core.progress import tell
 from slamgym.core.types import ByteArray
 
 if TYPE_CHECKING:
@@ -73,7 +73,7 @@ def main(argv: list[str]) -> int:
         picture = draw_contact_sheet(heading, sheet_entries(arguments.folder, chosen), arguments.columns)
         write_picture(output, picture)
         _list(chosen)
-    sys.stdout.write(f"{output}\n")
+    tell(f"{output}")
     return 0
 
 
@@ -133,7 +133,7 @@ def _draw_images(arguments: ShowArguments, records: Sequence[ImageRecord]) -> By
 
 def _list(records: Sequence[PairRecord] | Sequence[ImageRecord]) -> None:
     for record in records:
-        sys.stdout.write(
+        tell(
             f"{record.name}  {100 * record.coverage:5.1f} % covered, position error {record.ate:.3f} m, "
-            f"walls {record.map_error:.3f} m, {record.explorer}\n"
+            f"walls {record.map_error:.3f} m, {record.explorer}"
         )

@@ -1,13 +1,12 @@
 """``slamgym dataset split``: put plans on the training or the test side."""
 
-import sys
 from pathlib import Path
 
 import tyro
 
 from slamgym.core.config import Arguments, CountOrZero
 from slamgym.core.parallel.backlog import available_cores
-from slamgym.core.progress import counted
+from slamgym.core.progress import counted, tell
 from slamgym.dataset.images.format import Scaling
 
 
@@ -51,8 +50,8 @@ def main(argv: list[str]) -> int:
     )
     train, test = len(table.of_side("train")), len(table.of_side("test"))
     alike = len(table.plans) - table.groups
-    sys.stdout.write(
+    tell(
         f"{split_path(arguments.dataset)}: {counted(train, 'plan')} for training, {test} for testing "
-        f"({alike} of them a look-alike of another)\n"
+        f"({alike} of them a look-alike of another)"
     )
     return 0

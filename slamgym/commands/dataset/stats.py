@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import tyro
 
 from slamgym.core.config import Arguments, to_dict
+from slamgym.core.names import printable
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -61,7 +62,7 @@ def _print(statistics: DatasetStatistics) -> None:
     # A table that is cut off says less than one whose lines a terminal wraps.
     from rich.console import Console
 
-    console = Console(file=sys.stdout, width=max(Console().width, TABLE_WIDTH), highlight=False)
+    console = Console(file=sys.stdout, width=max(Console().width, TABLE_WIDTH), highlight=False, markup=False)
     console.print(_table(statistics))
     total = sum(statistics.bytes.values())
     pairs = max(statistics.whole.pairs, 1)
@@ -75,20 +76,22 @@ def _print(statistics: DatasetStatistics) -> None:
         ("dropped by cleaning", statistics.left_out),
     ):
         if counts:
-            console.print(f"{title}: " + ", ".join(f"{count} {name}" for name, count in counts.items()))
+            console.print(
+                printable(f"{title}: " + ", ".join(f"{count} {name}" for name, count in counts.items()))
+            )
 
 
 def _table(statistics: DatasetStatistics) -> Table:
     from rich.table import Table
 
-    table = Table(title=statistics.dataset, title_justify="left")
+    table = Table(title=printable(statistics.dataset), title_justify="left")
     for number, column in enumerate(STATISTICS_COLUMNS):
         table.add_column(column, justify="right" if number else "left", no_wrap=number == 0)
     table.add_row("all", *_cells(statistics.whole))
     for name, groups in statistics.by_condition.items():
         table.add_section()
         for label, group in groups.items():
-            table.add_row(f"{name}: {label}", *_cells(group))
+            table.add_row(printable(f"{name}: {label}"), *_cells(group))
     return table
 
 

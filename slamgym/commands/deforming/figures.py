@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -18,6 +17,7 @@ from slamgym.commands.deforming.hypotheses import generator_config, hypotheses, 
 from slamgym.commands.deforming.subjects import load_plan, subjects
 from slamgym.core.files import write_text
 from slamgym.core.markdown import markdown
+from slamgym.core.progress import tell
 from slamgym.core.types import UNKNOWN, ByteArray, Float32Array, GridFrame, Trajectory
 from slamgym.dataset.generate.recipe import episode_conditions, open_recipe
 from slamgym.dataset.images.square_images import resample_map
@@ -77,7 +77,7 @@ def draw_figures(arguments: DeformArguments) -> None:
         for name, pictures in rows.items():
             write_picture(folder / f"{name}.png", draw_grid(_TITLES[name], pictures, panel_px=DEFORMATION_PX))
         write_text(folder / "table2.md", markdown(headings, table))
-    sys.stdout.write(f"{arguments.count} plan(s): {arguments.out}\n")
+    tell(f"{arguments.count} plan(s): {arguments.out}")
 
 
 def _rows(

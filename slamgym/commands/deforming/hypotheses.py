@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
@@ -11,6 +10,7 @@ import numpy as np
 
 from slamgym.core.config import to_dict
 from slamgym.core.errors import SlamgymError
+from slamgym.core.progress import say
 from slamgym.core.types import FREE, Float32Array, FloatArray, GridFrame, OccupancyGrid, Trajectory
 from slamgym.parametric.config import ParametricConfig, SensingConfig
 from slamgym.parametric.model import Deformation, deform
@@ -59,7 +59,7 @@ def hypotheses(wanted: Iterable[Subject], arguments: DeformArguments) -> Iterato
         except SlamgymError as error:
             if arguments.plans == 1 and subject.recorded is None:
                 raise
-            sys.stderr.write(f"left out: {error}\n")
+            say(f"left out: {error}")
             left_out = error
             continue
         drawn += 1

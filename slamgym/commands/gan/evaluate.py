@@ -15,7 +15,8 @@ from slamgym.commands.gan.arguments import EvaluateTranslatorsArguments
 from slamgym.core.errors import ConfigError
 from slamgym.core.files import write_text
 from slamgym.core.markdown import markdown
-from slamgym.core.progress import counted, say, show_progress
+from slamgym.core.names import printable
+from slamgym.core.progress import counted, say, show_progress, tell
 from slamgym.core.types import ByteArray
 from slamgym.gan.data import PairSet, image_side, load_pairs, true_faces
 from slamgym.gan.evaluation.evaluate import (
@@ -84,7 +85,7 @@ def run_evaluation(arguments: EvaluateTranslatorsArguments) -> int:
     if tested:
         realism = _compare_realism(arguments, pairs, generated, to_slam)
         _write(arguments, pairs, scores, summary, realism)
-    sys.stdout.write(f"results: {arguments.out}\n")
+    tell(f"results: {arguments.out}")
     return 0
 
 
@@ -233,5 +234,5 @@ def _print(title: str, headings: list[str], rows: list[list[str]]) -> None:
     for number, heading in enumerate(headings):
         table.add_column(heading, justify="right" if number else "left")
     for row in rows:
-        table.add_row(*row)
-    Console(width=None if sys.stdout.isatty() else 200).print(table)
+        table.add_row(*map(printable, row))
+    Console(width=None if sys.stdout.isatty() else 200, markup=False).print(table)

@@ -1,7 +1,5 @@
 """The commands of ``slamgym gan``: torch and scikit-learn are imported after the arguments are parsed."""
 
-import sys
-
 import tyro
 
 from slamgym.commands.extras import Extra, require
@@ -11,6 +9,7 @@ from slamgym.commands.gan.arguments import (
     TrainTranslatorArguments,
     TranslateArguments,
 )
+from slamgym.core.progress import tell
 
 
 def train_command(argv: list[str]) -> int:
@@ -45,5 +44,5 @@ def publish_command(argv: list[str]) -> int:
 
     folder = arguments.out or PRETRAINED_FOLDER
     path = publish(arguments.run, arguments.name, arguments.data, arguments.command, folder)
-    sys.stdout.write(f"{path}\n")
+    tell(f"{path}")
     return 0

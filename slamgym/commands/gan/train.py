@@ -12,7 +12,7 @@ import torch
 from slamgym.commands.gan.arguments import TrainTranslatorArguments
 from slamgym.core.config import from_dict, to_dict
 from slamgym.core.errors import ConfigError
-from slamgym.core.progress import counted, duration
+from slamgym.core.progress import counted, duration, tell
 from slamgym.gan.config import Stage, TranslatorTrainingConfig
 from slamgym.gan.device import choose_compute, keep_freed_memory
 from slamgym.gan.presets import find_preset
@@ -45,9 +45,7 @@ def run_training(arguments: TrainTranslatorArguments, argv: Sequence[str]) -> in
     )
     compute = choose_compute(chosen.device, chosen.precision, chosen.layout)
     report = train_translator(arguments.images, arguments.out, config, compute, options)
-    sys.stdout.write(
-        f"{counted(report.steps, 'step')}, {counted(report.images, 'image')}, {duration(report.seconds)}\n"
-    )
+    tell(f"{counted(report.steps, 'step')}, {counted(report.images, 'image')}, {duration(report.seconds)}")
     if report.figures:
         figures = "".join(f"  {name}: {value:.4g}\n" for name, value in report.figures.items())
         sys.stdout.write(f"on held-out pairs, not aligned:\n{figures}")

@@ -1,6 +1,5 @@
 """``slamgym gan translate``: SLAM maps in (an image, a ROS map or a folder); CAD maps out."""
 
-import sys
 from pathlib import Path
 
 import cv2
@@ -11,7 +10,7 @@ from slamgym.core.documents import YAML_SUFFIXES
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.files import spare_inputs, write_bytes
 from slamgym.core.names import distinct_names
-from slamgym.core.progress import counted, say, show_progress
+from slamgym.core.progress import counted, say, show_progress, tell
 from slamgym.core.types import OccupancyGrid
 from slamgym.gan.data import SUFFIXES, read_grey
 from slamgym.gan.translation.translate import LearnedTranslator, load_translator
@@ -52,11 +51,11 @@ def run_translation(arguments: TranslateArguments) -> int:
             if out.suffix in YAML_SUFFIXES
             else out
         )
-        sys.stdout.write(f"{translate_ros_map(arguments.input, stem, translator)}\n")
+        tell(f"{translate_ros_map(arguments.input, stem, translator)}")
     else:
         out = _image_destination(arguments.out, arguments.input)
         translate_image(arguments.input, out, translator, arguments)
-        sys.stdout.write(f"{out}\n")
+        tell(f"{out}")
     return 0
 
 
@@ -136,4 +135,4 @@ def _translate_folder(arguments: TranslateArguments, translator: LearnedTranslat
             advance()
     if refused == len(maps) + len(images):
         raise InputFileError(arguments.input, "holds nothing that could be translated; see the lines above")
-    sys.stdout.write(f"{counted(len(maps) + len(images) - refused, 'map')} in {arguments.out}\n")
+    tell(f"{counted(len(maps) + len(images) - refused, 'map')} in {arguments.out}")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -13,6 +12,7 @@ from slamgym.commands.reproduce.scales import REPRODUCTION_SCALES, ScaleName
 from slamgym.core.config import Arguments, CountOrZero
 from slamgym.core.errors import ConfigError
 from slamgym.core.parallel.backlog import available_cores
+from slamgym.core.progress import tell
 
 
 class ReproduceArguments(Arguments):
@@ -57,5 +57,5 @@ def main(argv: list[str]) -> int:
     workers = arguments.workers or available_cores()
     run = Reproduction(arguments.out, scale, arguments.train, arguments.seed, workers)
     state = run_steps(run)
-    sys.stdout.write(f"{write_reproduction(run, state)}\n")
+    tell(f"{write_reproduction(run, state)}")
     return 0

@@ -17,6 +17,7 @@ from slamgym.commands.reproduce.steps import Reproduction, ReproductionState
 from slamgym.core.config import to_dict
 from slamgym.core.documents import read_json
 from slamgym.core.files import read_bytes, read_text, write_text
+from slamgym.core.names import markup
 from slamgym.core.pictures import decode_picture
 from slamgym.dataset.statistics import dataset_statistics
 from slamgym.viz.pages import figure, inline_picture, make_page, make_table, paragraph
@@ -85,7 +86,7 @@ def markdown_parts(text: str) -> Iterator[str]:
             yield make_table(rows[0], rows[1:])
             rows = []
         if line.startswith("#"):
-            yield f"<h3>{html.escape(line.lstrip('# '))}</h3>"
+            yield f"<h3>{markup(line.lstrip('# '))}</h3>"
         elif line.strip():
             yield paragraph(line.replace("`", ""))
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import hashlib
-import html
 import json
 import re
 from collections.abc import Mapping, Sequence
@@ -14,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
+from slamgym.core.names import markup
 from slamgym.core.types import FREE, UNKNOWN, ByteArray
 from slamgym.dataset.curate.decisions import DECISIONS_FORMAT, DECISIONS_VERSION, Decision
 from slamgym.dataset.curate.map_items import MapItem
@@ -90,7 +90,7 @@ def make_review_page(
     # In a script element only "<" could end the element early.
     text = json.dumps(data, separators=(",", ":")).replace("<", "\\u003c")
     parts = {
-        "TITLE": html.escape(title),
+        "TITLE": markup(title),
         "STYLE": _part("page.css"),
         "SCRIPT": _part("page.js"),
         "DATA": text,

@@ -1,6 +1,5 @@
 """The realism page: one HTML file with everything in it, and the same figures as JSON and Markdown."""
 
-import html
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any
@@ -8,6 +7,7 @@ from typing import Any
 from slamgym import __version__
 from slamgym.core.intervals import Interval
 from slamgym.core.markdown import markdown
+from slamgym.core.names import markup
 from slamgym.core.progress import counted
 from slamgym.dataset.realism.comparison import SetTestRow, StatisticRow
 from slamgym.dataset.realism.map_sets import MapSet
@@ -112,7 +112,7 @@ def realism_page(report: RealismReport, figures: Sequence[Figure]) -> str:
         report: What was found.
         figures: Pictures below the tables.
     """
-    own = html.escape(report.own.name)
+    own = markup(report.own.name)
     parts = [
         f"<h1>Realism of {own}</h1>",
         *(_set_line(one) for one in report.sets),
@@ -138,7 +138,7 @@ def _set_line(one: MapSet) -> str:
     skipped = ", ".join(f"{count} {reason}" for reason, count in one.skipped.items())
     left_out = f"; left out: {skipped}" if skipped else ""
     text = f"{counted(len(one.maps), 'map')} of {counted(len(set(one.buildings)), 'building')}{left_out}"
-    return f"<p><b>{html.escape(one.name)}</b>: {html.escape(text)}</p>"
+    return f"<p><b>{markup(one.name)}</b>: {markup(text)}</p>"
 
 
 def _tests_part(report: RealismReport) -> str:
@@ -162,4 +162,4 @@ def _figure(found: Interval) -> str:
 
 
 def _figure_part(figure: Figure) -> str:
-    return f'<h3>{html.escape(figure.heading)}</h3>\n<img alt="" src="{inline_picture(figure.picture)}">'
+    return f'<h3>{markup(figure.heading)}</h3>\n<img alt="" src="{inline_picture(figure.picture)}">'

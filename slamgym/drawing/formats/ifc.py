@@ -12,7 +12,7 @@ import numpy as np
 import shapely
 from shapely import Polygon
 
-from slamgym.core.files import staged
+from slamgym.core.files import write_text
 from slamgym.drawing.drawing import Drawing, DrawnDoor, DrawnPoint, DrawnWall
 
 WALL_HEIGHT, DOOR_HEIGHT = 2.5, 2.1
@@ -22,8 +22,7 @@ ASSUMED = f"drawn from a two-dimensional map: heights ({WALL_HEIGHT} m, doors {D
 
 def write_ifc(path: Path, drawing: Drawing) -> None:
     """Write an IFC4 file."""
-    with staged(path) as part:
-        ifc_model(drawing).write(str(part))
+    write_text(path, ifc_model(drawing).to_string())
 
 
 def ifc_model(drawing: Drawing) -> Any:

@@ -1,12 +1,12 @@
 """SVG to scale: user units are millimetres of the building, printed at 1:100; one group a layer."""
 
 from collections.abc import Callable, Iterator
-from xml.sax.saxutils import escape, quoteattr
 
 import numpy as np
 import shapely
 from shapely import MultiPolygon, Polygon
 
+from slamgym.core.names import markup
 from slamgym.core.types import OCCUPIED
 from slamgym.drawing.drawing import Drawing, DrawnPoint
 
@@ -46,7 +46,7 @@ def format_svg(drawing: Drawing) -> str:
         '<?xml version="1.0" encoding="UTF-8"?>',
         f'<svg xmlns="http://www.w3.org/2000/svg" width="{1000 * width / PRINTED:.2f}mm" '
         f'height="{1000 * height / PRINTED:.2f}mm" viewBox="0 0 {1000 * width:.1f} {1000 * height:.1f}">',
-        f"<title>{escape(drawing.name)}</title>",
+        f"<title>{markup(drawing.name)}</title>",
         f"<desc>Scale 1:{PRINTED:.0f}; user units are millimetres of the building. x of the map = {left:.4f} m + "
         f"x / 1000; y of the map = {top:.4f} m - y / 1000.</desc>",
         f"<style>{STYLE}</style>",
@@ -135,8 +135,8 @@ def svg_path(shape: Polygon | MultiPolygon, place: Placed, kind: str, title: str
         "M" + " ".join(place((x, y)) for x, y in shapely.get_coordinates(ring)[:-1].tolist()) + "z"
         for ring in rings
     )
-    name = f"<title>{escape(title)}</title>" if title else ""
-    return f'<path class={quoteattr(kind)} fill-rule="evenodd" d="{data}">{name}</path>'
+    name = f"<title>{markup(title)}</title>" if title else ""
+    return f'<path class="{markup(kind)}" fill-rule="evenodd" d="{data}">{name}</path>'
 
 
 def _footer(drawing: Drawing, left: float, bottom: float) -> list[str]:
@@ -146,7 +146,7 @@ def _footer(drawing: Drawing, left: float, bottom: float) -> list[str]:
         f'<path id="SCALE" d="M{left:.0f} {bottom - 90:.0f}v90h{bar:.0f}v-90" fill="none" stroke="#343a40" '
         'stroke-width="30"/>',
         f'<text font-size="{_TEXT}" style="text-anchor:start" x="{left + bar + 120:.0f}" y="{bottom:.0f}">'
-        f"{drawing.scale_bar:g} m · 1:{PRINTED:.0f} · {escape(drawing.name)} · {drawing.area:.1f} m²</text>",
+        f"{drawing.scale_bar:g} m · 1:{PRINTED:.0f} · {markup(drawing.name)} · {drawing.area:.1f} m²</text>",
         f'<text font-size="{_TEXT}" style="text-anchor:start;fill:#c92a2a" x="{left:.0f}" y="{bottom + 380:.0f}">'
-        f"{escape(doubts)}</text>",
+        f"{markup(doubts)}</text>",
     ]

@@ -1,13 +1,13 @@
 """A comparison of a map with a plan as a page."""
 
 from collections.abc import Iterator
-from html import escape
 
 import numpy as np
 
 import slamgym
 from slamgym.cad.floorplan import FloorPlan
 from slamgym.core.config import to_dict
+from slamgym.core.names import markup
 from slamgym.core.types import OccupancyGrid
 from slamgym.drawing.comparison.config import ComparisonConfig
 from slamgym.drawing.comparison.picture import draw_changes, legend_entries, verdict
@@ -33,9 +33,9 @@ def format_comparison(
     picture = f'<img alt="the map over its plan" src="{inline_picture(draw_changes(found, plan, grid))}">'
     words = "Green: as planned. " if found.is_confident else "The map where it fits best; don't rely on it. "
     parts = [
-        f"<h1>{escape(verdict(found))}</h1>",
-        f'<p class="lead"><code>{escape(found.map)}</code>, a robot\'s map, against the plan '
-        f"<code>{escape(found.plan)}</code>.</p>",
+        f"<h1>{markup(verdict(found))}</h1>",
+        f'<p class="lead"><code>{markup(found.map)}</code>, a robot\'s map, against the plan '
+        f"<code>{markup(found.plan)}</code>.</p>",
         doubts_part(doubts),
         figures_part(_figures(found)),
         figure(picture, f"{words}The map is grey: white is free, unknown is darker."),
@@ -64,7 +64,7 @@ def _figures(found: PlanComparison) -> list[tuple[str, str]]:
 
 def _legend(found: PlanComparison) -> str:
     entries = "".join(
-        f'<li><span class="key line" style="color: rgb{colour}"></span>{escape(text)}</li>'
+        f'<li><span class="key line" style="color: rgb{colour}"></span>{markup(text)}</li>'
         for colour, text in legend_entries(found)
     )
     return f'<ul class="legend">{entries}</ul>'

@@ -4,12 +4,12 @@ User units are millimetres of the building, as in :mod:`slamgym.drawing.formats.
 """
 
 from collections.abc import Iterator, Sequence
-from html import escape
 from typing import Literal, NamedTuple
 
 import numpy as np
 import shapely
 
+from slamgym.core.names import markup
 from slamgym.core.types import ByteArray
 from slamgym.drawing.drawing import Dimension, Drawing, DrawnPoint, DrawnRoom
 from slamgym.drawing.formats.svg import readable_angle, svg_path
@@ -108,7 +108,7 @@ class Sheet(NamedTuple):
         height = size * self.letters
         return (
             f'<text class="{kind}" x="{x}" y="{float(y) + 0.35 * height:.0f}" font-size="{height:.0f}" '
-            f'stroke-width="{0.25 * height:.0f}"{turned}>{escape(words)}</text>'
+            f'stroke-width="{0.25 * height:.0f}"{turned}>{markup(words)}</text>'
         )
 
     def fits(self, words: str, room: float, size: float = 1.0) -> bool:
@@ -124,13 +124,13 @@ class Sheet(NamedTuple):
         words = f"{bar / 1000:g} m; 1:{self.scale} on A4"
         return "\n".join(
             [
-                f'<svg role="img" aria-label="{escape(label)}" class="{kind}" style="--paper: {paper:.1f}mm" '
+                f'<svg role="img" aria-label="{markup(label)}" class="{kind}" style="--paper: {paper:.1f}mm" '
                 f'viewBox="0 0 {1000 * self.width:.0f} {1000 * self.height:.0f}">',
                 *parts,
                 f'<path class="bar" stroke-width="{0.25 * tick:.0f}" '
                 f'd="M{x:.0f} {y - tick:.0f}v{tick:.0f}h{bar:.0f}v{-tick:.0f}"/>',
                 f'<text class="start" x="{x + bar + tick:.0f}" y="{y:.0f}" '
-                f'font-size="{self.letters:.0f}">{escape(words)}</text>',
+                f'font-size="{self.letters:.0f}">{markup(words)}</text>',
                 "</svg>",
             ]
         )

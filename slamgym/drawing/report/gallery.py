@@ -1,11 +1,12 @@
 """A page of cards, one a map, that leads to the reports: what to check comes first."""
 
+import os
 from collections.abc import Sequence
-from html import escape
 from pathlib import Path
 from typing import NamedTuple
 from urllib.parse import quote
 
+from slamgym.core.names import markup
 from slamgym.core.progress import counted
 from slamgym.drawing.drawing import Drawing
 from slamgym.drawing.formats.png import Look, draw_picture
@@ -35,12 +36,16 @@ class GalleryCard(NamedTuple):
     figures: list[tuple[str, str]]
     thumbnail: str
     """The picture as an address that holds it."""
+    page: str
+    """The file's name of its report, which isn't always one that can be shown."""
 
     @classmethod
-    def of(cls, drawing: Drawing) -> "GalleryCard":
+    def of(cls, drawing: Drawing, stem: str) -> "GalleryCard":
         """The card of a drawing, which isn't kept."""
         picture = draw_picture(drawing, THUMBNAIL_PX, _THUMBNAIL)
-        return cls(drawing.name, checks(drawing), key_figures(drawing), inline_picture(picture))
+        return cls(
+            drawing.name, checks(drawing), key_figures(drawing), inline_picture(picture), f"{stem}.html"
+        )
 
 
 def format_gallery(title: str, cards: Sequence[GalleryCard], failures: Sequence[str], command: str) -> str:
@@ -54,7 +59,7 @@ def format_gallery(title: str, cards: Sequence[GalleryCard], failures: Sequence[
     """
     doubtful = sum(bool(card.checks) for card in cards)
     parts = [
-        f"<h1>{escape(title)}</h1>",
+        f"<h1>{markup(title)}</h1>",
         paragraph(
             f"{counted(len(cards), 'map')} drawn, {doubtful} of them with something to check, {len(failures)} refused. "
             f"The maps with most to check come first. {_LEGEND}"
@@ -63,16 +68,16 @@ def format_gallery(title: str, cards: Sequence[GalleryCard], failures: Sequence[
         '<div class="cards">',
         *(_card_part(card) for card in sorted(cards, key=lambda card: (-len(card.checks), card.name))),
         "</div>",
-        f"<p>This page was made by</p><pre><code>{escape(command)}</code></pre>",
+        f"<p>This page was made by</p><pre><code>{markup(command)}</code></pre>",
     ]
     return make_page(f"Drawings of {title}", parts, REPORT_STYLE + _STYLE)
 
 
 def _card_part(card: GalleryCard) -> str:
-    link = escape(quote(f"./{card.name}.html"))
+    link = markup(quote(os.fsencode(f"./{card.page}")))
     return (
-        f'<article class="card {"doubtful" if card.checks else ""}"><h2><a href="{link}">{escape(card.name)}</a></h2>'
+        f'<article class="card {"doubtful" if card.checks else ""}"><h2><a href="{link}">{markup(card.name)}</a></h2>'
         f"{bullets(card.checks)}"
-        f'<a href="{link}"><img alt="drawing of {escape(card.name)}" src="{card.thumbnail}"></a>'
+        f'<a href="{link}"><img alt="drawing of {markup(card.name)}" src="{card.thumbnail}"></a>'
         f"{figures_part(card.figures)}</article>"
     )

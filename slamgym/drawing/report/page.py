@@ -1,9 +1,9 @@
 """The report of one drawing: what was drawn, what of it was seen, its sizes, and what to check."""
 
 from collections.abc import Iterator, Sequence
-from html import escape
 from typing import Any
 
+from slamgym.core.names import markup
 from slamgym.drawing.drawing import Drawing, DrawnRoom, DrawnWall
 from slamgym.drawing.report.figures import (
     FIGURE_STYLE,
@@ -40,7 +40,7 @@ border: 1px solid #868e96 } .key.line { height: 0; border: 0; border-top: 3px so
 def format_html(drawing: Drawing) -> str:
     """The text of the file."""
     parts = [
-        f"<h1>{escape(drawing.name)}</h1>",
+        f"<h1>{markup(drawing.name)}</h1>",
         f'<p class="lead">{_lead(drawing)}</p>',
         doubts_part(checks(drawing)),
         figures_part(key_figures(drawing)),
@@ -105,7 +105,7 @@ def doubts_part(doubts: Sequence[str]) -> str:
 
 def figures_part(figures: Sequence[tuple[str, str]]) -> str:
     """Figures and what they are of, beside each other."""
-    entries = "".join(f"<li><b>{escape(value)}</b>{escape(of)}</li>" for value, of in figures)
+    entries = "".join(f"<li><b>{markup(value)}</b>{markup(of)}</li>" for value, of in figures)
     return f'<ul class="figures">{entries}</ul>'
 
 
@@ -126,7 +126,7 @@ def key_figures(drawing: Drawing) -> list[tuple[str, str]]:
 def provenance_part(provenance: dict[str, Any]) -> Iterator[str]:
     """The command, the version and the settings."""
     if "command" in provenance:
-        yield f"<p>This page was made by</p><pre><code>{escape(str(provenance['command']))}</code></pre>"
+        yield f"<p>This page was made by</p><pre><code>{markup(str(provenance['command']))}</code></pre>"
     model = f", model {provenance['model']}" if "model" in provenance else ""
     yield paragraph(f"slamgym {provenance.get('slamgym', '')}{model}.")
     settings = provenance.get("settings", {})
@@ -141,7 +141,7 @@ def provenance_part(provenance: dict[str, Any]) -> Iterator[str]:
 
 def _lead(drawing: Drawing) -> str:
     source = drawing.provenance.get("source")
-    origin = f", drawn from <code>{escape(str(source))}</code>" if source else ""
+    origin = f", drawn from <code>{markup(str(source))}</code>" if source else ""
     cell = 100 * drawing.grid.frame.resolution
     return (
         f"{drawing.area:.1f} m² of floor with {_count(len(drawing.rooms), 'room')} and "
