@@ -27,7 +27,7 @@ FREE_THRESHOLD = 0.196
 """map_saver's own thresholds: the grey value 205 lies between them."""
 
 DIGITS = 12
-"""Of lengths in metres behind the point: -20.700000000000003 is written as -20.7."""
+"""Of the origin in metres behind the point: -20.700000000000003 is written as -20.7."""
 
 MIN_RESOLUTION, MAX_RESOLUTION = 1e-5, 100.0
 """Cells of another size are a broken number [m]."""
@@ -69,7 +69,7 @@ def write_ros_map(destination: Path | str, grid: OccupancyGrid) -> Path:
         # A name may need quotes, or an escape for what is no UTF-8.
         f"{yaml.safe_dump({'image': image.name}, allow_unicode=True, width=math.inf)}"
         "mode: trinary\n"
-        f"resolution: {round(float(frame.resolution), DIGITS)!r}\n"
+        f"resolution: {float(frame.resolution)!r}\n"
         f"origin: [{round(float(frame.origin_x), DIGITS)!r}, {round(float(frame.origin_y), DIGITS)!r}, 0.0]\n"
         "negate: 0\n"
         f"occupied_thresh: {OCCUPIED_THRESHOLD}\n"
