@@ -30,7 +30,7 @@ MODES = {"trinary": "trinary", "scale": "scale", "raw": "raw"}
 NEGATIONS = {"0": False, "1": True, "false": False, "true": True}
 """What a description may say, and what it means; the first where it says nothing."""
 DIGITS = 12
-"""Of lengths in metres behind the point: -20.700000000000003 is written as -20.7."""
+"""Of the origin in metres behind the point: -20.700000000000003 is written as -20.7."""
 
 MIN_RESOLUTION, MAX_RESOLUTION = 1e-5, 100.0
 """Cells of another size are a broken number [m]."""
@@ -72,7 +72,7 @@ def write_ros_map(destination: Path | str, grid: OccupancyGrid) -> Path:
         # A name may need quotes, or an escape for what is no UTF-8.
         f"{yaml.safe_dump({'image': image.name}, allow_unicode=True, width=math.inf)}"
         "mode: trinary\n"
-        f"resolution: {round(float(frame.resolution), DIGITS)!r}\n"
+        f"resolution: {float(frame.resolution)!r}\n"
         f"origin: [{round(float(frame.origin_x), DIGITS)!r}, {round(float(frame.origin_y), DIGITS)!r}, 0.0]\n"
         "negate: 0\n"
         f"occupied_thresh: {OCCUPIED_THRESHOLD}\n"
