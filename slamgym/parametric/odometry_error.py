@@ -124,33 +124,6 @@ def believed_increments(
     )
 
 
-def square_calibration(
-    heading_error_cw: float, heading_error_ccw: float, side: float, wheel_base: float
-) -> tuple[float, float]:
-    """E_b and E_d from one square driven each direction, by Jung and Chung's heading formulas.
-
-    Args:
-        heading_error_cw: Believed minus true heading after four sides and four right turns [rad].
-        heading_error_ccw: The same with left turns [rad].
-        side: Side of the square [m].
-        wheel_base: Nominal b [m].
-
-    Returns:
-        (E_b, E_d).
-    """
-    # Four turns err by -a each, counter-clockwise positive, four sides by +beta each.
-    alpha = (heading_error_cw - heading_error_ccw) / 8.0
-    beta = (heading_error_cw + heading_error_ccw) / 8.0
-    quarter = math.pi / 2.0
-    # A believed quarter turn of quarter - alpha: E_b is the ratio of the true turn to the believed one.
-    wheel_base_ratio = quarter / (quarter - alpha)
-    if beta == 0.0:
-        return wheel_base_ratio, 1.0
-    half = 0.5 * wheel_base_ratio * wheel_base
-    radius = side / beta
-    return wheel_base_ratio, (radius + half) / (radius - half)
-
-
 @dataclass(frozen=True)
 class Failures:
     """When matching fails, and by how much it jumps."""

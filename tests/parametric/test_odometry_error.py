@@ -13,7 +13,6 @@ from slamgym.parametric.odometry_error import (
     believed_increments,
     increments_of,
     integrate,
-    square_calibration,
 )
 
 BASE, DIAMETER = 0.287, 0.066
@@ -28,24 +27,6 @@ def believed_heading_after_square(errors: WheelErrors, side: float, sign: float)
     true = motion([side, 0.0] * 4, [0.0, sign * math.pi / 2] * 4)
     believed = believed_increments(true, errors, BASE, DIAMETER)
     return float(np.sum(believed.turn - true.turn))
-
-
-@given(
-    alpha_deg=st.floats(0.2, 1.5) | st.floats(-1.5, -0.2),
-    kappa_deg=st.floats(0.05, 0.5) | st.floats(-0.5, -0.05),
-    side=st.floats(1.0, 4.0),
-)
-def test_umbmark_square_recovers_wheel_parameters_within_two_percent(alpha_deg, kappa_deg, side) -> None:
-    errors = WheelErrors(kappa=math.radians(kappa_deg), alpha_eb=math.radians(alpha_deg))
-    e_b, e_d = square_calibration(
-        believed_heading_after_square(errors, side, -1.0),
-        believed_heading_after_square(errors, side, 1.0),
-        side,
-        BASE,
-    )
-    # The two ratios are 1 within 2 % whatever the robot, so their deviations from 1 are what is compared.
-    assert e_b - 1.0 == pytest.approx(errors.wheel_base_ratio(BASE) - 1.0, rel=0.02)
-    assert e_d - 1.0 == pytest.approx(errors.diameter_ratio(BASE) - 1.0, rel=0.02)
 
 
 @given(kappa=st.floats(-0.03, 0.03), turn=st.floats(-3.0, 3.0))
