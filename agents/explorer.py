@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slamgym.core.config import config_hash
-from slamgym.core.types import BoolArray, Float32Array, FloatArray, Observation, Twist2D
+from slamgym.core.types import Float32Array, FloatArray, Observation, Twist2D
 from slamgym.planning.context import ExplorerContext
 from slamgym.planning.exploration_loop import ExplorationLoop, ExplorationLoopConfig
 
@@ -106,11 +106,6 @@ class BatchedExplorer(ABC):
     def loops(self) -> list[ExplorationLoop | None]:
         """:attr:`Pilot.loop` of each environment."""
         return [pilot.loop for pilot in self._pilots]
-
-    @property
-    def finished_each(self) -> BoolArray:
-        """:attr:`finished` of each environment, shape (n,)."""
-        return np.array([pilot.finished for pilot in self._pilots], dtype=np.bool_)
 
     def predict(
         self,

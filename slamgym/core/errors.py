@@ -4,7 +4,7 @@ Every one carries a single sentence that names the file or argument, says what i
 fix it. The command line prints that sentence alone; library users catch :class:`SlamgymError`.
 """
 
-from slamgym.core.names import printable
+from slamgym.core.text import printable
 
 
 class SlamgymError(Exception):

@@ -29,10 +29,6 @@ class Interval:
     low: float
     high: float
 
-    def excludes(self, value: float) -> bool:
-        """Whether the interval lies wholly on one side of a value."""
-        return self.high < value or self.low > value
-
 
 def wilson_interval(successes: int, trials: int, z: float = 1.959964) -> Interval:
     """A share with its 95 % interval (Wilson 1927), which stays inside [0, 1] and holds for shares near 1.

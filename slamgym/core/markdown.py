@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 
-from slamgym.core.names import printable
+from slamgym.core.text import printable
 
 
 def markdown(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> str:

@@ -5,7 +5,6 @@ never a path: :data:`FileName` is the type of every such field, and :func:`as_fi
 """
 
 import hashlib
-import html
 import re
 from collections import Counter
 from collections.abc import Sequence
@@ -48,20 +47,6 @@ FileName = Annotated[str, _ONE_PART]
 """A name out of a file that becomes a part of a path."""
 Label = Annotated[str, OneLine("printable text", "|`")]
 """A text out of a file that becomes a cell of a table."""
-
-
-def printable(text: str) -> str:
-    """A text in one line that any terminal, page or file can hold: what can't be seen is written as in Python.
-
-    That is control characters, line ends, marks that turn the direction of writing, and bytes of a file's name
-    that are no UTF-8 (halves of surrogate pairs): a name from outside neither steers a terminal nor looks like another.
-    """
-    return text if text.isprintable() else "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
-
-
-def markup(text: str) -> str:
-    """The same as a part of HTML or XML, between tags or in an attribute."""
-    return html.escape(printable(text))
 
 
 def is_file_name(text: str) -> bool:

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Protocol
 
-from slamgym.core.names import printable
+from slamgym.core.text import printable
 
 if TYPE_CHECKING:
     from rich.console import Console

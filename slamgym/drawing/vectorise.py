@@ -12,7 +12,7 @@ from shapely.geometry.base import BaseGeometry
 import slamgym
 from slamgym.core.config import to_dict
 from slamgym.core.errors import InputFileError
-from slamgym.core.names import printable
+from slamgym.core.text import printable
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, Float32Array, GridFrame, OccupancyGrid
 from slamgym.drawing.confidence import judged_walls
 from slamgym.drawing.contours import trace_outlines

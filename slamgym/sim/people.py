@@ -19,8 +19,6 @@ _LEG_SWING = 0.14
 _STRIDE = 1.4
 _LEG_CORNERS = 6
 
-SEGMENTS_PER_PERSON = 2 * _LEG_CORNERS
-
 # People keep this much more than touching distance from the robot and from each other [m].
 _POLITE_DISTANCE = 0.1
 
@@ -96,7 +94,7 @@ class Crowd:
                 self._walk(index, span / pieces, (robot_x, robot_y, robot_radius))
 
     def legs(self) -> FloatArray:
-        """What the LIDAR sees, shape (P * SEGMENTS_PER_PERSON, 4) as x0, y0, x1, y1 [m]."""
+        """What the LIDAR sees, shape (P * 2 * _LEG_CORNERS, 4) as x0, y0, x1, y1 [m]."""
         angles = np.arange(_LEG_CORNERS + 1) * (2.0 * math.pi / _LEG_CORNERS)
         ring = _LEG_RADIUS * np.column_stack([np.cos(angles), np.sin(angles)])
         outlines = []

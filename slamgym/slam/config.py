@@ -177,11 +177,6 @@ class SlamConfig(Settings, section="slam"):
         )
 
     @staticmethod
-    def ros_defaults() -> "SlamConfig":
-        """Defaults of the slam_gmapping node itself, which differ from TurtleBot3's launch file."""
-        return SlamConfig(max_usable_range=80.0, angular_update=0.5, temporal_update=None)
-
-    @staticmethod
     def for_log(max_range: float, num_beams: int) -> "SlamConfig":
         """Settings for a recorded log: whatever its scanner, a scan is processed every 0.1 m and 0.1 rad.
 

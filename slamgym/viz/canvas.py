@@ -11,7 +11,7 @@ import numpy as np
 
 from slamgym.core.errors import InputFileError
 from slamgym.core.files import write_bytes
-from slamgym.core.names import printable
+from slamgym.core.text import printable
 from slamgym.core.types import FREE, OCCUPIED, ByteArray, FloatArray, GridFrame
 
 Colour = tuple[int, int, int]

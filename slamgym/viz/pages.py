@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 
-from slamgym.core.names import markup
+from slamgym.core.text import markup
 from slamgym.core.types import ByteArray
 
 _POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"

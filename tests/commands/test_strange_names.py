@@ -13,7 +13,7 @@ from shapely import box
 from slamgym.cad import FloorPlan
 from slamgym.cad.houseexpo import format_houseexpo, read_houseexpo
 from slamgym.commands import cli, extras
-from slamgym.core.names import printable
+from slamgym.core.text import printable
 from slamgym.interop.ros_map import read_ros_map
 
 NAMES = {

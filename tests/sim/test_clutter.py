@@ -22,7 +22,7 @@ from slamgym.sim import (
 from slamgym.sim.clutter import outlines_of
 from slamgym.sim.furniture import pieces_for
 from slamgym.sim.passages import PASSAGE_CELL, Passages
-from slamgym.sim.people import PERSON_RADIUS, SEGMENTS_PER_PERSON
+from slamgym.sim.people import PERSON_RADIUS
 
 FURNISHED = ClutterConfig(furniture=1.0)
 EVERYTHING = {"furniture": 1.0, "doors": 1.0, "changes": 6.0}
@@ -316,7 +316,7 @@ class TestPeople:
         for _ in range(1500):
             # The robot may run into people, but neither ever overlaps the other.
             pose = world.step(Twist2D(0.26, rng.uniform(-1.5, 1.5)), 0.2).pose
-            legs = seen[-4 * SEGMENTS_PER_PERSON :].reshape(-1, 2)
+            legs = seen[-4 * 12 :].reshape(-1, 2)
             assert np.hypot(*(legs - pose[:2]).T).min() > robot.radius
 
     def test_their_legs_stay_within_their_disc(self, flat):

@@ -14,8 +14,8 @@ import tyro
 from slamgym.commands.extras import is_installed
 from slamgym.core.config import Arguments, Count, CountOrZero, Positive
 from slamgym.core.errors import ConfigError
-from slamgym.core.names import printable
 from slamgym.core.progress import counted, say, tell
+from slamgym.core.text import printable
 
 if TYPE_CHECKING:
     from slamgym.dataset.realism.comparison import LearnerOf

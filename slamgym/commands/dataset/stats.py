@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import tyro
 
 from slamgym.core.config import Arguments, to_dict
-from slamgym.core.names import printable
+from slamgym.core.text import printable
 
 if TYPE_CHECKING:
     from rich.table import Table

@@ -17,8 +17,8 @@ from slamgym.commands.reproduce.steps import Reproduction, ReproductionState
 from slamgym.core.config import to_dict
 from slamgym.core.documents import read_json
 from slamgym.core.files import read_bytes, read_text, write_text
-from slamgym.core.names import markup
 from slamgym.core.pictures import decode_picture
+from slamgym.core.text import markup
 from slamgym.dataset.statistics import dataset_statistics
 from slamgym.viz.pages import figure, inline_picture, make_page, make_table, paragraph
 

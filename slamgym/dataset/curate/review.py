@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from slamgym.core.names import markup
+from slamgym.core.text import markup
 from slamgym.core.types import FREE, UNKNOWN, ByteArray
 from slamgym.dataset.curate.decisions import DECISIONS_FORMAT, DECISIONS_VERSION, Decision
 from slamgym.dataset.curate.map_items import MapItem

@@ -111,8 +111,6 @@ def _with_env(config: EpisodeConfig, part: str, value: Any) -> EpisodeConfig:
 
 RECIPES = Path(__file__).parent / "recipes"
 """The recipes that come with the package."""
-_DAMAGED_SCALARS = (ValueError, LookupError, AttributeError, TypeError)
-"""What yaml raises of numbers and dates that are none, such as ``2020-99-99``."""
 RANGE_DECIMALS = 3
 """Decimals of a number that is drawn from a range."""
 

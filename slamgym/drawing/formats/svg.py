@@ -6,7 +6,7 @@ import numpy as np
 import shapely
 from shapely import MultiPolygon, Polygon
 
-from slamgym.core.names import markup
+from slamgym.core.text import markup
 from slamgym.core.types import OCCUPIED
 from slamgym.drawing.drawing import Drawing, DrawnPoint
 

@@ -7,7 +7,7 @@ import numpy as np
 import slamgym
 from slamgym.cad.floorplan import FloorPlan
 from slamgym.core.config import to_dict
-from slamgym.core.names import markup
+from slamgym.core.text import markup
 from slamgym.core.types import OccupancyGrid
 from slamgym.drawing.comparison.config import ComparisonConfig
 from slamgym.drawing.comparison.picture import draw_changes, legend_entries, verdict

@@ -9,7 +9,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 import shapely
 
-from slamgym.core.names import markup
+from slamgym.core.text import markup
 from slamgym.core.types import ByteArray
 from slamgym.drawing.drawing import Dimension, Drawing, DrawnPoint, DrawnRoom
 from slamgym.drawing.formats.svg import readable_angle, svg_path

@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import NamedTuple
 from urllib.parse import quote
 
-from slamgym.core.names import markup
 from slamgym.core.progress import counted
+from slamgym.core.text import markup
 from slamgym.drawing.drawing import Drawing
 from slamgym.drawing.formats.png import Look, draw_picture
 from slamgym.drawing.report.page import REPORT_STYLE, checks, figures_part, key_figures

@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-from slamgym.core.names import markup
+from slamgym.core.text import markup
 from slamgym.drawing.drawing import Drawing, DrawnRoom, DrawnWall
 from slamgym.drawing.report.figures import (
     FIGURE_STYLE,

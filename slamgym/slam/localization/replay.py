@@ -1,6 +1,6 @@
 """Localising a recorded log on a finished map."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -36,7 +36,6 @@ def localize_log(
     config: LocalizationConfig,
     rng: np.random.Generator,
     initial_pose: Pose2D | None = None,
-    on_scan: Callable[[int, Localizer], None] | None = None,
 ) -> LocalizationResult:
     """Localise every scan of a log.
 
@@ -47,7 +46,6 @@ def localize_log(
         config: Settings.
         rng: Source of all randomness.
         initial_pose: Where the robot starts in the map's frame, if that is known.
-        on_scan: Called after each scan with its index and the localiser.
     """
     mapping = SlamConfig.for_log(log.geometry.range_max, log.geometry.num_beams)
     start = None if initial_pose is None else compose(inverse(placement), initial_pose)
@@ -58,8 +56,6 @@ def localize_log(
         if localizer.update(record.odometry, record.scan):
             beliefs.append(_placed(localizer.belief, placement))
             processed.append(index)
-        if on_scan is not None:
-            on_scan(index, localizer)
     return LocalizationResult(
         beliefs,
         processed,
