@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from slamgym.cad import PlanSource
-from slamgym.core.jit import is_compiled
 from slamgym.core.parallel.backlog import Lost
 from slamgym.core.parallel.engine import Execution
 from slamgym.core.progress import show_progress
@@ -22,8 +21,7 @@ from slamgym.dataset.generate.recipe import DatasetConfig, dataset_settings
 from slamgym.dataset.generate.schedule import SlotQueue
 from slamgym.dataset.shard import WHOLE, Shard
 from slamgym.envs.episode import MakeExplorer, check_explorer
-from slamgym.envs.warmup import warm_up
-from slamgym.sim import cast_rays
+from slamgym.envs.warmup import compile_for
 
 
 @dataclass(frozen=True)
@@ -79,8 +77,7 @@ def build_dataset(
     root = Path(root) if shard == WHOLE else Path(root) / shard.folder_name
     for explorer in config.recipe.values("explorer") or [config.episode.explorer]:
         check_explorer(plans, dataclasses.replace(config.episode, explorer=explorer), make_explorer)
-    if not is_compiled(cast_rays):
-        warm_up()  # here, once, rather than in every worker
+    compile_for(config.episode.env, execution, is_varied=bool(config.recipe.factors))
     with (
         execution.open() as engine,
         open_dataset(root, dataset_settings(config, plans)) as folder,
