@@ -42,7 +42,7 @@ demo: $(VENV)/.base
 	$(BIN)/slamgym generate --plans bundled --pairs 8 --workers 2 --seed 1 --out $(DEMO)
 
 test: $(VENV)/.dev
-	$(BIN)/slamgym warmup
+	$(BIN)/slamgym warmup --batched
 	$(BIN)/python -m pytest -n 2 --import-mode=importlib
 
 smoke: $(VENV)/.dev

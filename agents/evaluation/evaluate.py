@@ -39,6 +39,7 @@ from slamgym.core.progress import show_progress
 from slamgym.core.seeding import exploration_seed, shuffled
 from slamgym.core.types import Pose2D
 from slamgym.envs import ExploreEnv
+from slamgym.envs.warmup import compile_for
 from slamgym.planning.promise import Promise
 
 _Entry = TypeVar("_Entry", Trial, FailedTrial)
@@ -211,6 +212,8 @@ def run_trials(
                 raise ConfigError(f"{out}: none of these explorations is done yet")
         with storage_errors(out):
             replace_file(out / "config.json", json.dumps(to_dict(config), indent=1).encode() + b"\n")
+        if tasks:
+            compile_for(config.trial.env, execution)
         advance = stack.enter_context(show_progress("explorations", len(wanted) - len(tasks), len(wanted)))
         explore = functools.partial(_explore, config, hashes.get(ORACLE, ""))
         for outcome in pool.run(functools.partial(tried, explore), tasks):

@@ -247,9 +247,8 @@ def _procedural(spec: str) -> ProceduralSource:
 
 def _open(spec: str, wanted: frozenset[str] | None) -> PlanSource:
     """Choose the reader by what ``spec`` looks like."""
-    if (
-        spec == "bundled"
-    ):  # in turns by their numbers: a dataset begins with homes, and has its share of offices soon
+    if spec == "bundled":
+        # In turns, by their numbers: a dataset begins with homes, and soon has its share of offices.
         kinds = [FileSource(BUNDLED.glob(f"{kind}_*.json")) for kind in ("home", "office")]
         return MixedSource(kinds, [len(kind) for kind in kinds])
     if spec == "procedural" or spec.startswith("procedural:"):

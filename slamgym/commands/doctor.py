@@ -64,9 +64,7 @@ def findings() -> Iterator[Finding]:
     system = f"Python {platform.python_version()}, {platform.system()} {platform.machine()}, {os.cpu_count()} cores"
     yield Finding("slamgym", "ok", f"{__version__} in {Path(__file__).parents[1]}; {system}")
     yield from _distributions()
-    yield _try(
-        "what comes with the package", _pretrained, "install slamgym again; in a checkout, git restore them"
-    )
+    yield _try("what comes with the package", _pretrained, "install slamgym again, or git restore them")
     yield _try("numeric kernels", _kernels, "run slamgym warmup, and see what it says")
     yield _try("films (ffmpeg)", _films, "pip install 'slamgym[films]'", "missing")
     yield _disk(Path.cwd())
@@ -139,13 +137,13 @@ def _pretrained() -> str:
 
 def _kernels() -> str:
     from slamgym.core.jit import is_compiled, kernel_cache
-    from slamgym.sim.raycast import cast_rays
+    from slamgym.sim.raycast import cast_sweep
 
-    folder = kernel_cache(cast_rays)
+    folder = kernel_cache(cast_sweep)
     folder.mkdir(parents=True, exist_ok=True)
     with tempfile.NamedTemporaryFile(dir=folder):
         pass
-    state = "compiled" if is_compiled(cast_rays) else "not compiled yet (slamgym warmup does it)"
+    state = "compiled" if is_compiled(cast_sweep) else "not compiled yet (slamgym warmup does it)"
     return f"{state}, kept in {folder}"
 
 

@@ -10,15 +10,18 @@ import os
 import stat
 import sys
 import tempfile
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
+import numpy as np
+
 _F = TypeVar("_F", bound=Callable[..., Any])
 _T = TypeVar("_T", bound=tuple[Any, ...])
 
-EXPECTED_SECONDS = 25
-"""About what the kernels take to compile on one core (17 CPU seconds were measured)."""
+_EXPLORATION, _ADDITIONS = 900.0, 1_000_000
+"""The kernels of an exploration take so many loops of so many additions to compile."""
 
 
 def kernel(function: _F) -> _F:
@@ -56,20 +59,37 @@ class Kernel:
         """What numba makes of the function."""
         import numba
 
-        jit = numba.njit(cache=True, nogil=True, error_model="numpy")
+        # No kernel is a callback of C, which would be an entry of its own.
+        jit = numba.njit(cache=True, nogil=True, error_model="numpy", no_cfunc_wrapper=True)
         try:
-            return jit(self._function)
+            return _without_literals(jit(self._function))
         except RuntimeError as error:
             # Neither the package nor the user's cache folder is writable.
             if "no locator available" not in str(error):
                 raise
             numba.config.CACHE_DIR = use_temporary_cache()
-            return jit(self._function)
+            return _without_literals(jit(self._function))
 
     @property
     def _numba_type_(self) -> Any:
         """What another kernel sees of it: numba asks objects that it doesn't know for their type."""
         return self.dispatcher._numba_type_
+
+
+def _without_literals(dispatcher: Any) -> Any:
+    """Let kernels that call this one with a number of their own text share what is compiled for any number."""
+    from numba.types import unliteral
+
+    find = dispatcher.get_call_template
+    dispatcher.get_call_template = lambda args, keywords: find([unliteral(each) for each in args], keywords)
+    return dispatcher
+
+
+@kernel
+def assign(values: np.ndarray, out: np.ndarray) -> None:
+    """What ``out[:] = values`` does, of one shape, but without the texts about shapes that numba compiles with that."""
+    for i in range(out.size):
+        out.flat[i] = values.flat[i]
 
 
 def use_temporary_cache() -> str:
@@ -99,8 +119,9 @@ def kernel_cache(function: Callable[..., Any]) -> Path:
 
 
 def is_compiled(function: Callable[..., Any]) -> bool:
-    """Whether a kernel, or another one of its package, was compiled already."""
-    return any(kernel_cache(function).glob("*.nbi"))
+    """Whether a kernel was compiled already."""
+    name = f"{function.__module__.rpartition('.')[2]}.{function.__qualname__}"
+    return any(kernel_cache(function).glob(f"{name}-*.nbi"))
 
 
 @functools.cache
@@ -111,7 +132,12 @@ def announce_compilation(function: Callable[..., Any]) -> None:
         function: A kernel that stands for those that will be called.
     """
     if not is_compiled(function):
+        began, total = time.perf_counter(), 0
+        for number in range(_ADDITIONS):
+            total += number
+        seconds = _EXPLORATION * (time.perf_counter() - began)
         sys.stderr.write(
-            f"slamgym: compiling the numeric kernels, once after installation: about {EXPECTED_SECONDS} s\n"
+            f"slamgym: compiling the numeric kernels, once after installation: about {seconds:.0f} s in all; "
+            "slamgym warmup does it beforehand, in processes beside each other\n"
         )
         sys.stderr.flush()

@@ -22,7 +22,8 @@ from slamgym.envs.plan_cache import PlanCache, PlansArgument, PreparedPlan, Rese
 from slamgym.envs.rewards import Reward, RewardFunction
 from slamgym.envs.simulation import Actions, Simulation, Streams
 from slamgym.planning import ExplorerContext
-from slamgym.sim import Clutter, Lidar, cast_rays, make_clutter
+from slamgym.sim import Clutter, Lidar, make_clutter
+from slamgym.sim.raycast import cast_sweep
 from slamgym.slam import Mapper
 from slamgym.viz.exploration import Renderer, Scene
 from slamgym.viz.window import Window
@@ -154,7 +155,6 @@ class ExploreEnv(gym.Env[Any, Any]):
     ) -> None:
         if render_mode is not None and render_mode not in RENDER_MODES:
             raise ConfigError(f"unknown render_mode {render_mode!r}; {suggest(render_mode, RENDER_MODES)}")
-        announce_compilation(cast_rays)
         self.config = resolve_config(config, settings)
         self.render_mode = render_mode
         self.metadata = {**self.metadata, "render_fps": round(self.config.lidar.rate)}
@@ -184,6 +184,7 @@ class ExploreEnv(gym.Env[Any, Any]):
             PlanError: If the plan can't be explored or doesn't fit on the canvas.
         """
         super().reset(seed=seed)
+        announce_compilation(cast_sweep)
         config, wanted = self.config, ResetOptions.read(options)
         streams = Streams.spawn(self.np_random)
         self._prepared = prepared = self._choose_site(wanted, streams)

@@ -33,7 +33,6 @@ from slamgym.planning.frontier_feature_kernels import (
     coarse_cells,
     cut_frontier_crop,
     explore_unknown_region,
-    wall_distances,
 )
 from slamgym.planning.frontiers import expected_gain
 from slamgym.planning.open_tour import lengths_by_first, open_tour
@@ -362,10 +361,9 @@ def _wall_distances(costmap: Costmap, points: FloatArray) -> Float32Array:
     uncertainty that it would bring (Roy et al., "Coastal navigation", 1999).
     """
     frame = costmap.frame
-    metres: Float32Array = wall_distances(
-        costmap.distance, points, frame.origin_x, frame.origin_y, frame.resolution, _FARTHEST_WALL
-    )
-    return metres
+    row, col = frame.to_cell(points[:, 0], points[:, 1])
+    there = costmap.distance[np.clip(row, 0, frame.height_px - 1), np.clip(col, 0, frame.width_px - 1)]
+    return np.minimum(there * np.float32(frame.resolution), np.float32(_FARTHEST_WALL))
 
 
 def _outward(candidate: FrontierCandidate, costmap: Costmap) -> float:

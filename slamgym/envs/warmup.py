@@ -1,58 +1,187 @@
-"""Compiling the numeric kernels once after an installation, rather than in the first exploration."""
+"""Compiling the numeric kernels once after an installation, rather than in the first exploration.
 
+The kernels come in parts, each compiled by a moment of what needs it, in processes beside each other. The first three
+have hardly a kernel in common; the others come after them, because they call the same ones.
+"""
+
+import contextlib
+import functools
+import gc
+import io
+import math
+from collections.abc import Callable, Collection
+from typing import Any
+
+import numpy as np
 import shapely
 
 from slamgym.cad import FloorPlan
-from slamgym.core.jit import announce_compilation
-from slamgym.core.types import OccupancyGrid, Pose2D
+from slamgym.core.jit import is_compiled
+from slamgym.core.parallel.backlog import available_cores
+from slamgym.core.parallel.engine import Execution, open_engine
+from slamgym.core.progress import say, show_progress
+from slamgym.core.types import (
+    FREE,
+    OCCUPIED,
+    UNKNOWN,
+    Float32Array,
+    GridFrame,
+    LaserGeometry,
+    LaserScan,
+    OccupancyGrid,
+    Pose2D,
+)
+from slamgym.envs.batch import kernels as batch_kernels
 from slamgym.envs.batch.env import BatchExploreEnv
 from slamgym.envs.config import ExploreConfig
 from slamgym.envs.explore_env import ExploreEnv
 from slamgym.envs.explore_frontiers_env import ExploreFrontiersEnv
-from slamgym.planning import Goal, Navigator, find_frontiers
-from slamgym.sim import cast_rays
-from slamgym.slam import SlamConfig
+from slamgym.planning import ExplorerContext, Goal, Navigator, find_frontiers
+from slamgym.planning.frontier_feature_kernels import cut_frontier_crop
+from slamgym.planning.open_tour import lengths_by_first, open_tour, short_paths
+from slamgym.sim import ClutterConfig
+from slamgym.sim.motion import settle
+from slamgym.sim.passages import first_fitting
+from slamgym.slam import SlamConfig, make_mapper
+from slamgym.slam.graph.config import PoseGraphConfig
+from slamgym.slam.graph.matching import search_window
+from slamgym.slam.tiles import copy_maps
+
+BATCHED = "batch"
+"""The part that only many environments at once call."""
+_MOST_WORKERS = 3  # more would compile what they have in common at the same time
+_LASER = LaserGeometry(180, 0.01 - math.pi, math.radians(2.0), 0.1, 8.0)
 
 
 def warm_up() -> None:
-    """Compile the kernels of exploration: a moment of driving and mapping, and of navigation."""
-    announce_compilation(cast_rays)
-    plan = _two_rooms()
-    for mode in ("ground_truth", "rbpf", "pose_graph"):
-        config = ExploreConfig(slam=SlamConfig(mode=mode, particles=2))
-        env = ExploreEnv(plan, config, reward={"map_error": 1.0}, clutter={"furniture": 1.0, "people": 1})
-        env.reset(seed=0)
+    """Compile all kernels in this process, or bring them into it."""
+    for part, _ in KERNEL_PARTS.values():
+        part()
+
+
+def compile_for(env: ExploreConfig, execution: Execution, is_varied: bool = False) -> None:
+    """Compile what explorations in such an environment call: once, rather than in each of their processes.
+
+    Args:
+        env: The environment.
+        execution: Where they run.
+        is_varied: Whether other settings may be drawn.
+    """
+    furnished = {"furnish"} if env.clutter != ClutterConfig() else set()
+    names = {"drive", "navigate", "decide", env.slam.mode} | furnished
+    workers = execution.workers if execution.engine == "local" else available_cores()
+    if execution.engine != "in_process":
+        compile_kernels(KERNEL_PARTS.keys() - {BATCHED} if is_varied else names, workers)
+
+
+def compile_kernels(names: Collection[str], workers: int) -> None:
+    """Compile the parts of these names that aren't yet, in processes of their own, and show how far it is.
+
+    Args:
+        names: Of :data:`KERNEL_PARTS`.
+        workers: Most processes.
+    """
+    fresh = [name for name, (_, last) in KERNEL_PARTS.items() if name in names and not is_compiled(last)]
+    if not fresh:
+        return
+    say("slamgym: compiling the numeric kernels, once after installation")
+    with (
+        show_progress("groups of kernels", 0, len(fresh)) as advance,
+        open_engine("local", min(workers, _MOST_WORKERS, len(fresh)), timeout=None) as engine,
+    ):
+        for _ in engine.run(_compile, fresh):
+            advance()
+
+
+def _compile(name: str) -> str:
+    """Compile a part in a process that does nothing else; returns its name."""
+    gc.disable()  # most of what a compiler makes it keeps: to look for what it doesn't takes a tenth of its time
+    with contextlib.redirect_stderr(io.StringIO()):  # the parent has said that it takes a while
+        KERNEL_PARTS[name][0]()
+    return name
+
+
+def _drive() -> None:
+    """Drive and scan with a known pose, and then with the nose to the wall, for the kernels of contact."""
+    env = ExploreEnv(
+        _two_rooms(), ExploreConfig().for_explorer(), localization="ground_truth", reward={"map_error": 1.0}
+    )
+    for start, action in (None, (1.0, 0.5)), ((0.24, 1.0, 3.14), (1.0, 0.0)):
+        env.reset(seed=0, options={"start": start} if start else None)
         for _ in range(12):
-            env.step((1.0, 0.5))
-        # Nose to the wall, for the kernels of contact; furniture may stand there.
-        env = ExploreEnv(plan, config)
-        env.reset(seed=0, options={"start": (0.24, 1.0, 3.14)})
-        env.step((1.0, 0.0))
-    for preset in ("compact_far", "map"):
-        batch = BatchExploreEnv(1, plan, localization="ground_truth", observation={"preset": preset})
-        batch.reset(seed=0)
-        batch.step(batch.action_space.sample())
-    _navigate(ExploreEnv(plan, config.for_explorer(), observation={"map_size": 8.0}))
-    decisions = ExploreFrontiersEnv(plan, localization="ground_truth", observation={"map_size": 10.0})
-    decisions.reset(seed=0, options={"start": (0.8, 1.0, 0.0)})
-    decisions.step(0)
+            env.step(action)
 
 
-def _navigate(env: ExploreEnv) -> None:
-    """Drive to a goal on the map."""
-    context = env.explorer_context()
-    navigator = Navigator(context)
-    observation, _ = env.reset(seed=0, options={"start": (0.8, 1.0, 0.0)})
-    for step in range(12):
-        pose, time = Pose2D(*observation["pose"].tolist()), float(observation["time"][0])
-        if step % 10 == 0:
-            navigator.update_map(OccupancyGrid(observation["map"][0], context.frame), pose, time)
-        if step == 0:
-            navigator.set_goal(Goal(0.5, 0.0), pose, time)
-        command = navigator.step(pose, observation["scan"], time)
-        observation, *_ = env.step(context.to_action(command))
+def _match(mode: Any) -> None:
+    """Map a room in two rounds."""
+    graph = PoseGraphConfig(loop_length=1.0, local_nodes=3, final_passes=1)
+    config = SlamConfig(mode=mode, particles=2, resample_threshold=1.0, pose_graph=graph)
+    mapper = make_mapper(config, _LASER, Pose2D(0.0, 0.0, 0.0), np.random.default_rng(0))
+    for step in range(24):
+        turn = 0.6 * step
+        pose = Pose2D(0.8 * math.sin(turn), 0.8 - 0.8 * math.cos(turn), turn)
+        mapper.update(pose, LaserScan(2.0 * step, _seen_from(pose, 1.5), _LASER))
+    mapper.finish()
+    mapper.render(GridFrame(0.1, -4.0, -4.0, 80, 80))
+
+
+def _navigate() -> None:
+    """Drive to a goal on a map of a room."""
+    frame = GridFrame(0.05, -4.0, -4.0, 160, 160)
+    cells = np.full(frame.shape, UNKNOWN, np.uint8)
+    cells[50:111, 50:111], cells[50:110, 51:110] = OCCUPIED, FREE
+    navigator, pose = Navigator(ExplorerContext(frame=frame, geometry=_LASER)), Pose2D(0.0, 0.0, 0.0)
+    navigator.update_map(OccupancyGrid(cells, frame), pose, 0.0)
     if navigator.costmap is not None:
         find_frontiers(navigator.costmap, pose)
+    navigator.set_goal(Goal(0.8, 0.0), pose, 0.0)
+    for step in range(12):
+        # Something stands in the way that the map doesn't hold.
+        command = navigator.step(pose, _seen_from(pose, 1.5 if step == 0 else 0.23), 0.2 * step)
+        pose = Pose2D(pose.x, pose.y, pose.theta + 0.2 * command.angular)
+    for count in (4, 14):
+        open_tour(np.ones((count, count)))
+        lengths_by_first(np.ones((count, count)))
+
+
+def _decide() -> None:
+    """Choose among frontiers."""
+    env = ExploreFrontiersEnv(_two_rooms(), localization="ground_truth", observation={"map_size": 10.0})
+    env.reset(seed=0, options={"start": (0.8, 1.0, 0.0)})
+    env.step(0)
+
+
+def _furnish() -> None:
+    """Drive among furniture and people."""
+    env = ExploreEnv(_two_rooms(), localization="ground_truth", clutter={"furniture": 1.0, "people": 1})
+    env.reset(seed=0)
+
+
+def _step_many() -> None:
+    """Step many robots at once."""
+    for preset in ("compact_far", "map"):
+        batch = BatchExploreEnv(1, _two_rooms(), localization="ground_truth", observation={"preset": preset})
+        batch.reset(seed=0)
+        batch.step(batch.action_space.sample())
+
+
+KERNEL_PARTS: dict[str, tuple[Callable[[], None], Callable[..., Any]]] = {
+    "rbpf": (functools.partial(_match, "rbpf"), copy_maps),
+    "drive": (_drive, settle),
+    "navigate": (_navigate, short_paths),
+    BATCHED: (_step_many, batch_kernels.crop_all),
+    "pose_graph": (functools.partial(_match, "pose_graph"), search_window),
+    "furnish": (_furnish, first_fitting),
+    "decide": (_decide, cut_frontier_crop),
+}
+"""What compiles each part, and a kernel that it compiles at its end."""
+
+
+def _seen_from(pose: Pose2D, half: float) -> Float32Array:
+    """Ranges of a scan in a square room about the origin, whose side is twice ``half`` [m]."""
+    angles = pose.theta + _LASER.angles
+    x, y = np.cos(angles), np.sin(angles)
+    return np.minimum((half * np.sign(x) - pose.x) / x, (half * np.sign(y) - pose.y) / y).astype(np.float32)
 
 
 def _two_rooms() -> FloorPlan:

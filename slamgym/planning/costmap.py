@@ -31,7 +31,6 @@ from slamgym.planning.costmap_kernels import (
     clear_body,
     cost_cells,
     distance_to_occupied,
-    known_window,
     stand_apart,
 )
 
@@ -200,13 +199,13 @@ def make_costmap(grid: OccupancyGrid, config: CostmapConfig | None = None) -> Co
 def _known_window(cells: ByteArray) -> tuple[int, int, int, int]:
     """A box (first row, end row, first col, end col) round the known cells; all 0 if there is none.
 
-    Where the width allows, eight cells are looked at together, and the box may be up to 7 columns wider.
+    Its columns come in eights where the map's do: where a box begins decides how places in it are rounded.
     """
+    import cv2  # here, because help pages read the settings above
+
     step = 8 if cells.flags.c_contiguous and cells.shape[1] % 8 == 0 else 1
-    word = np.uint64 if step == 8 else np.uint8
-    unknown = np.full(step, UNKNOWN, np.uint8).view(word)[0]
-    first_row, end_row, first_col, end_col = known_window(cells.view(word), unknown)
-    return first_row, end_row, first_col * step, end_col * step
+    col, row, width, height = cv2.boundingRect((cells != UNKNOWN).view(np.uint8))
+    return row, row + height, col // step * step, -(-(col + width) // step) * step
 
 
 @lru_cache(maxsize=16)

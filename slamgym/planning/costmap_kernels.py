@@ -1,7 +1,5 @@
 """Kernels of the costmap: the ground under the robot, distances to obstacles, and what cells cost."""
 
-from typing import Any
-
 import numpy as np
 
 from slamgym.core.jit import kernel
@@ -23,34 +21,6 @@ def clear_body(cells: ByteArray, row: int, col: int, radius_px: float, core_px: 
             unknown = cells[r, c] != _OCCUPIED and cells[r, c] != _FREE
             if squared <= core_px**2 or (unknown and squared <= radius_px**2):
                 cells[r, c] = _FREE
-
-
-@kernel
-def known_window(words: np.ndarray, unknown: Any) -> tuple[int, int, int, int]:
-    """A box (first row, end row, first col, end col) round a map's words that aren't ``unknown``; all 0 without any.
-
-    Args:
-        words: Cells, one or several in each, shape (H, W).
-        unknown: The word of cells that aren't known.
-    """
-    height, width = words.shape
-    first_row, end_row, first_col, end_col = 0, 0, width, 0
-    for row in range(height):
-        differing = unknown ^ unknown
-        for col in range(width):  # without a way out, so that many words are compared at once
-            differing |= words[row, col] ^ unknown
-        if not differing:
-            continue
-        first, last = 0, width - 1
-        while words[row, first] == unknown:
-            first += 1
-        while words[row, last] == unknown:
-            last -= 1
-        if end_row == 0:
-            first_row = row
-        end_row = row + 1
-        first_col, end_col = min(first_col, first), max(end_col, last + 1)
-    return (first_row, end_row, first_col, end_col) if end_row else (0, 0, 0, 0)
 
 
 @kernel

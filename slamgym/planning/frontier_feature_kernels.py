@@ -14,33 +14,22 @@ UNKNOWN_CLASS = 0
 FREE_CLASS = 1
 OCCUPIED_CLASS = 2
 
-_LETHAL = np.uint8(254)
-_NO_INFORMATION = np.uint8(255)
+_CLASS_OF_COST = np.array([*[FREE_CLASS] * 254, OCCUPIED_CLASS, UNKNOWN_CLASS], np.uint8)
 
 
-@kernel
 def classify_costs(costs: ByteArray, coarsening: int) -> ByteArray:
     """Coarse classes of a costmap, shape (H // coarsening, W // coarsening).
 
     A coarse cell is occupied if any of its cells is, else free if any is, else unknown: walls stay closed.
     """
-    height, width = costs.shape[0] // coarsening, costs.shape[1] // coarsening
-    classes = np.zeros((height, width), np.uint8)
-    for row in range(height):
-        for col in range(width):
-            found = UNKNOWN_CLASS
-            for r in range(row * coarsening, (row + 1) * coarsening):
-                for c in range(col * coarsening, (col + 1) * coarsening):
-                    cost = costs[r, c]
-                    if cost == _LETHAL:
-                        found = OCCUPIED_CLASS
-                    elif cost != _NO_INFORMATION and found == UNKNOWN_CLASS:
-                        found = FREE_CLASS
-            classes[row, col] = found
-    return classes
+    height, width = (size // coarsening * coarsening for size in costs.shape)
+    classes, offsets = _CLASS_OF_COST[costs[:height, :width]], range(coarsening)
+    highest: ByteArray = np.maximum.reduce(
+        [classes[r::coarsening, c::coarsening] for r in offsets for c in offsets]
+    )
+    return highest
 
 
-@kernel
 def coarse_cells(cells: Int32Array, coarsening: int, shape: tuple[int, int]) -> IntArray:
     """The coarse cells of a frontier, once each, shape (N, 2); those beyond the coarse map moved to its edge.
 
@@ -49,18 +38,8 @@ def coarse_cells(cells: Int32Array, coarsening: int, shape: tuple[int, int]) -> 
         coarsening: Side of a coarse cell [cells].
         shape: Of the coarse map.
     """
-    numbers = np.empty(len(cells), np.int64)
-    for i in range(len(cells)):
-        row, col = min(cells[i, 0] // coarsening, shape[0] - 1), min(cells[i, 1] // coarsening, shape[1] - 1)
-        numbers[i] = row * shape[1] + col
-    numbers.sort()
-    coarse = np.empty((len(cells), 2), np.int64)
-    count = 0
-    for i in range(len(cells)):
-        if i == 0 or numbers[i] != numbers[i - 1]:
-            coarse[count, 0], coarse[count, 1] = numbers[i] // shape[1], numbers[i] % shape[1]
-            count += 1
-    return coarse[:count]
+    row, col = (np.minimum(cells[:, k] // coarsening, shape[k] - 1, dtype=np.int64) for k in range(2))
+    return np.stack(np.divmod(np.unique(row * shape[1] + col), shape[1]), axis=1)
 
 
 class FrontierOutline(NamedTuple):
@@ -104,35 +83,6 @@ def come_near(points: FloatArray, others: FloatArray, apart: float) -> bool:
     return False
 
 
-@kernel
-def wall_distances(
-    distance_px: Float32Array,
-    points: FloatArray,
-    left: float,
-    bottom: float,
-    resolution: float,
-    farthest: float,
-) -> Float32Array:
-    """Distance of points from the nearest occupied cell, shape (N,) [m].
-
-    Args:
-        distance_px: That of each cell, shape (H, W) [cells].
-        points: Shape (N, 2) [m]; those off the map count as at its edge.
-        left: Where the map begins [m].
-        bottom: The same upwards [m].
-        resolution: Cell size [m].
-        farthest: What larger distances become [m].
-    """
-    height, width = distance_px.shape
-    metres = np.empty(len(points), np.float32)
-    for i in range(len(points)):
-        row = height - 1 - int(np.floor((points[i, 1] - bottom) / resolution))
-        col = int(np.floor((points[i, 0] - left) / resolution))
-        row, col = min(max(row, 0), height - 1), min(max(col, 0), width - 1)
-        metres[i] = min(distance_px[row, col] * np.float32(resolution), np.float32(farthest))
-    return metres
-
-
 class UnknownRegion(NamedTuple):
     """The unknown region behind a frontier, flooded from it up to some distance. Counts are of coarse cells."""
 
@@ -168,7 +118,7 @@ def explore_unknown_region(
     met = np.zeros(num_labels, np.bool_)
     tail = _seed_unknown_region(classes, cells, seen, queue)
     head, end, ring, near, outside = 0, tail, 0, tail, 0
-    free, occupied = 0, 0
+    free, occupied, others = 0, 0, 0
     while head < end and ring < far_steps:
         while head < end:
             cell = queue[head]
@@ -183,6 +133,7 @@ def explore_unknown_region(
                     continue
                 seen[r * width + c] = True
                 if labels[r, c] >= 0 and labels[r, c] != label:
+                    others += int(not met[labels[r, c]])
                     met[labels[r, c]] = True
                 if classes[r, c] == 0:
                     queue[tail] = r * width + c
@@ -204,7 +155,7 @@ def explore_unknown_region(
         1.0 if head == tail else 0.0,
         free,
         occupied,
-        int(np.count_nonzero(met)),
+        others,
     )
 
 

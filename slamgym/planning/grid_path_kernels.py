@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from slamgym.core.jit import kernel
+from slamgym.core.jit import assign, kernel
 from slamgym.core.types import BoolArray, ByteArray, Float32Array, FloatArray, Int32Array, IntArray
 
 UInt64Array = NDArray[np.uint64]
@@ -90,9 +90,10 @@ def search_path(
     closed = flat >= limit  # entered no more: done with, or an obstacle
     closed[start] = False
     awaited = np.zeros(height * width, np.bool_)
+    num_awaited = 0
     for i in range(len(wanted)):
+        num_awaited += int(not awaited[wanted[i]])
         awaited[wanted[i]] = True
-    num_awaited = np.count_nonzero(awaited)
     steps = np.empty(256, np.float32)
     for cost in range(256):
         steps[cost] = 1.0 + factor * cost
@@ -117,7 +118,7 @@ def search_path(
         row, col = cell // width, cell % width
         if np.int64(size) + 8 > capacity:
             grown = np.empty(2 * capacity, np.uint64)
-            grown[:capacity] = heap
+            assign(heap, grown[:capacity])
             heap, capacity = grown, 2 * capacity
         so_far = distance[here]
         for dr in range(-1 if row > 0 else 0, 2 if row < height - 1 else 1):

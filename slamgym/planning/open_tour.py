@@ -10,7 +10,7 @@ travelling repairman's (Afrati et al., "The complexity of the travelling repairm
 
 import numpy as np
 
-from slamgym.core.jit import kernel
+from slamgym.core.jit import assign, kernel
 from slamgym.core.types import FloatArray, IntArray
 
 EXACT_PLACES = 9
@@ -78,7 +78,7 @@ def lengths_by_first(lengths: FloatArray) -> FloatArray:
         Shape (N,) [m]: the shortest for up to 11 places, beyond as near to it as 2-opt and Or-opt get.
     """
     matrix = np.where(np.isfinite(lengths), lengths, _FAR).astype(np.float64)
-    between = np.minimum(matrix, matrix.T)[1:, 1:]
+    between = np.ascontiguousarray(np.minimum(matrix, matrix.T)[1:, 1:])
     onward = exact_paths(between) if len(between) <= _EXACT_FIRSTS else short_paths(between)
     by_first: FloatArray = matrix[0, 1:] + onward
     return by_first
@@ -189,7 +189,8 @@ def nearest_neighbour_tour(lengths: FloatArray) -> IntArray:
 @kernel
 def improve_tour(lengths: FloatArray, order: IntArray) -> IntArray:
     """Reverse stretches (2-opt) and move stretches of up to 3 places (Or-opt) while the tour gets shorter."""
-    tour = np.append(np.zeros(1, np.int64), order)
+    tour = np.zeros(len(order) + 1, np.int64)
+    assign(order, tour[1:])
     improved = True
     while improved:
         improved = _two_opt(lengths, tour)
@@ -207,7 +208,8 @@ def _two_opt(lengths: FloatArray, tour: IntArray) -> bool:
             if j + 1 < n:
                 change += lengths[tour[i], tour[j + 1]] - lengths[tour[j], tour[j + 1]]
             if change < -_GAIN:
-                tour[i : j + 1] = tour[i : j + 1][::-1].copy()
+                for k in range((j - i + 1) // 2):
+                    tour[i + k], tour[j - k] = tour[j - k], tour[i + k]
                 improved = True
     return improved
 
@@ -230,12 +232,9 @@ def _or_opt(lengths: FloatArray, tour: IntArray) -> bool:
                 if after + 1 < n:
                     added += lengths[tour[last], tour[after + 1]] - lengths[tour[after], tour[after + 1]]
                 if added - taken < -_GAIN:
-                    stretch = tour[first : last + 1].copy()
-                    if after < first:
-                        tour[after + 1 + size : last + 1] = tour[after + 1 : first].copy()
-                        tour[after + 1 : after + 1 + size] = stretch
-                    else:
-                        tour[first : after - size + 1] = tour[last + 1 : after + 1].copy()
-                        tour[after - size + 1 : after + 1] = stretch
+                    before, begin, end = tour.copy(), min(first, after + 1), max(last, after) + 1
+                    shift = first - begin if after < first else size
+                    for k in range(begin, end):
+                        tour[k] = before[begin + (k - begin + shift) % (end - begin)]
                     return True
     return False

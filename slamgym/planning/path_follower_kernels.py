@@ -48,7 +48,7 @@ def points_within(points: FloatArray, distance: float) -> FloatArray:
     count = 0
     for i in range(len(points)):
         if points[i, 0] ** 2 + points[i, 1] ** 2 < distance**2:
-            near[count] = points[i]
+            near[count, 0], near[count, 1] = points[i, 0], points[i, 1]
             count += 1
     return near[:count]
 

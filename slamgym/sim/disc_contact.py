@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 import pymunk
 
-from slamgym.core.jit import kernel
+from slamgym.core.jit import assign, kernel
 from slamgym.core.types import FloatArray, IntArray
 from slamgym.sim.contact import ITERATIONS, SKIN, SLOP, SOLVER_STEP, Velocity
 from slamgym.sim.robot import RobotConfig
@@ -235,7 +235,7 @@ def _list_by_tree(walls: FloatArray, order: IntArray) -> None:
         nodes += 1
         children[joint, 0], children[joint, 1] = s, node
         parents[s], parents[node], parents[joint] = joint, joint, above
-        boxes[joint] = boxes[node]
+        assign(boxes[node], boxes[joint])
         if above < 0:
             root = joint
         else:

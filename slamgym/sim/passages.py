@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from slamgym.core.jit import kernel
+from slamgym.core.jit import assign, kernel
 from slamgym.core.types import BoolArray, ByteArray, FloatArray, GridFrame, Int32Array, IntArray
 
 if TYPE_CHECKING:
@@ -70,7 +70,7 @@ class Passages:
         Returns:
             The box's index, or -1 if none fits.
         """
-        found: int = _first_fit(
+        found: int = first_fitting(
             self.clearance, *self.origin, self.walls, self.boxes, boxes, radii + ROUNDING, self._far
         )
         if found >= 0 and reserve:
@@ -353,7 +353,7 @@ def _stays_connected(before: FloatArray, after: FloatArray, radius: float) -> bo
 
 
 @kernel
-def _first_fit(
+def first_fitting(
     clearance: FloatArray,
     origin_x: float,
     origin_y: float,
@@ -382,6 +382,6 @@ def _first_fit(
         for radius in radii:
             connected = connected and _stays_connected(there, after, radius)
         if connected:
-            there[:] = after
+            assign(after, there)
             return index
     return -1

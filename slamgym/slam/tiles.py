@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from slamgym.core.jit import kernel
+from slamgym.core.jit import assign, kernel
 from slamgym.core.types import FloatArray, IntArray
 
 TILE_BITS = 5
@@ -86,10 +86,8 @@ def writable_tile(pool: TilePool, table: np.ndarray, row: int, col: int) -> int:
     pool.num_free[0] -= 1
     fresh = pool.free[pool.num_free[0]]
     pool.references[fresh] = 1
-    if tile == EMPTY:
-        pool.cells[fresh] = 0
-    else:
-        pool.cells[fresh] = pool.cells[tile]
+    assign(pool.cells[tile], pool.cells[fresh])
+    if tile != EMPTY:
         pool.references[tile] -= 1
     table[row, col] = fresh
     return fresh

@@ -15,7 +15,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from slamgym.core.geometry import wrap_angle
-from slamgym.core.jit import kernel
+from slamgym.core.jit import assign, kernel
 from slamgym.core.portable import inverted
 from slamgym.core.types import FloatArray, IntArray
 
@@ -86,9 +86,10 @@ def know_nodes(
     stepped = np.zeros((3, 3))
     for node in range(first, len(poses)):
         sources[node] = max(node - 1, 0)
-        added[node] = steps[node] if node > 0 else np.zeros((3, 3))
+        added[node] = 0.0
         covariances[node] = 0.0
         if node > 0:
+            assign(steps[node], added[node])
             x, y = poses[node, 0] - poses[node - 1, 0], poses[node, 1] - poses[node - 1, 1]
             _add_step(x, y, covariances[node - 1], steps[node], covariances[node])
         while tie < len(tied) and tied[tie, 0] == node:
@@ -96,7 +97,9 @@ def know_nodes(
             x, y = poses[node, 0] - poses[old, 0], poses[node, 1] - poses[old, 1]
             _add_step(x, y, covariances[old], ties[tie], stepped)
             if stepped[0, 0] + stepped[1, 1] < covariances[node, 0, 0] + covariances[node, 1, 1]:
-                covariances[node], added[node], sources[node] = stepped, ties[tie], old
+                sources[node] = old
+                assign(ties[tie], added[node])
+                assign(stepped, covariances[node])
             tie += 1
 
 

@@ -2,6 +2,7 @@
 
 import os
 import pickle
+import re
 import shutil
 import subprocess
 import sys
@@ -11,7 +12,8 @@ import pytest
 
 from slamgym.commands.cli import main
 from slamgym.core import jit
-from slamgym.sim import cast_rays
+from slamgym.envs.warmup import BATCHED, KERNEL_PARTS
+from slamgym.sim.raycast import cast_sweep
 
 KERNEL = """
 from slamgym.core.jit import kernel
@@ -33,24 +35,54 @@ def fresh():
 
 def test_an_installation_without_compiled_kernels_says_so_once(fresh, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(jit, "kernel_cache", lambda function: tmp_path)
-    jit.announce_compilation(cast_rays)
-    jit.announce_compilation(cast_rays)
+    jit.announce_compilation(cast_sweep)
+    jit.announce_compilation(cast_sweep)
     message = capsys.readouterr().err
     assert message.count("\n") == 1
-    assert "compiling the numeric kernels, once" in message
+    assert re.search(
+        r"compiling the numeric kernels, once after installation: about [1-9]\d* s in all", message
+    )
 
 
 def test_compiled_kernels_need_no_word(fresh, tmp_path, monkeypatch, capsys):
-    (tmp_path / "raycast.cast_rays-1.py311.nbi").touch()
+    (tmp_path / "raycast.cast_sweep-1.py311.nbi").touch()
     monkeypatch.setattr(jit, "kernel_cache", lambda function: tmp_path)
-    jit.announce_compilation(cast_rays)
+    jit.announce_compilation(cast_sweep)
     assert capsys.readouterr().err == ""
 
 
-def test_warming_up_compiles_and_leaves_a_cache(capsys):
-    assert main(["warmup"]) == 0
-    assert jit.is_compiled(cast_rays)
-    assert str(jit.kernel_cache(cast_rays)) in capsys.readouterr().out
+@pytest.mark.parametrize("options", [[], ["--batched"]])
+def test_warming_up_compiles_and_leaves_a_cache(options, capsys):
+    assert main(["warmup", *options]) == 0
+    assert all(
+        jit.is_compiled(last) for name, (_, last) in KERNEL_PARTS.items() if options or name != BATCHED
+    )
+    assert str(jit.kernel_cache(cast_sweep)) in capsys.readouterr().out
+
+
+def test_an_exploration_compiles_nothing_that_was_not_warmed_up(tmp_path):
+    """In a process of its own, in which every kernel that was called is known by what it was called with."""
+    code = f"""
+import gc, sys
+from slamgym.commands.cli import main
+from slamgym.core.jit import Kernel
+from slamgym.envs.warmup import KERNEL_PARTS
+
+def compiled():
+    kernels = [one for one in gc.get_objects() if type(one) is Kernel and "dispatcher" in vars(one)]
+    return {{(str(one), *map(str, signature)) for one in kernels for signature in one.dispatcher.overloads}}
+
+for name in ("rbpf", "drive", "navigate", "decide"):
+    KERNEL_PARTS[name][0]()
+before = compiled()
+line = "generate --pairs 2 --minutes 3 --engine in_process --contact-sheet 0 -o {tmp_path}"
+assert main(line.split()) == 0
+print(sorted(compiled() - before))
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=False, timeout=600
+    )
+    assert done.stdout.splitlines()[-1:] == ["[]"], done.stdout + done.stderr
 
 
 def run_kernel(folder: Path, **environment: str) -> subprocess.CompletedProcess[str]:
@@ -94,4 +126,4 @@ def test_kernels_are_kept_beside_the_sources_without_a_word(tmp_path):
 
 
 def test_a_kernel_is_pickled_by_its_name():
-    assert pickle.loads(pickle.dumps(cast_rays)) is cast_rays
+    assert pickle.loads(pickle.dumps(cast_sweep)) is cast_sweep

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from slamgym.cad import PlanSource
-from slamgym.core.jit import is_compiled
 from slamgym.core.parallel.backlog import Lost, tried
 from slamgym.core.parallel.engine import Execution, try_out
 from slamgym.core.progress import show_progress
@@ -23,8 +22,7 @@ from slamgym.dataset.generate.recipe import DatasetConfig, dataset_settings
 from slamgym.dataset.generate.schedule import SlotQueue
 from slamgym.dataset.shard import WHOLE, Shard
 from slamgym.envs.episode import MakeExplorer, check_explorer
-from slamgym.envs.warmup import warm_up
-from slamgym.sim import cast_rays
+from slamgym.envs.warmup import compile_for
 
 
 @dataclass(frozen=True)
@@ -82,8 +80,7 @@ def build_dataset(
     with contextlib.ExitStack() as stack:
         engine = stack.enter_context(execution.open())
         try_out(engine, functools.partial(check_explorer, config.episode, make_explorer), explorers)
-        if not is_compiled(cast_rays):
-            warm_up()  # here, once, rather than in every worker
+        compile_for(config.episode.env, execution, is_varied=bool(config.recipe.factors))
         folder = stack.enter_context(open_dataset(root, dataset_settings(config, plans)))
         before, wanted = len(folder.committed), shard.share_of(pairs)
         queue = SlotQueue(

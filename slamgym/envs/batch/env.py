@@ -15,6 +15,7 @@ from slamgym.core.geometry import wrap_angle
 from slamgym.core.jit import announce_compilation
 from slamgym.core.types import BoolArray, FloatArray, IntArray, Pose2D
 from slamgym.envs.batch.fleet import Fleet
+from slamgym.envs.batch.kernels import drive_all
 from slamgym.envs.batch.observing import BatchObserver
 from slamgym.envs.completion import CompletionDetector
 from slamgym.envs.config import ExploreConfig, resolve_config
@@ -23,7 +24,7 @@ from slamgym.envs.observations import observation_space
 from slamgym.envs.plan_cache import PlanCache, PlansArgument, ResetOptions
 from slamgym.envs.rewards import Reward, StepRecord
 from slamgym.envs.simulation import Actions, Streams
-from slamgym.sim import cast_rays, make_clutter
+from slamgym.sim import make_clutter
 
 BATCH_SITES = 1024
 """Buildings that a batch keeps ready: a training draws from hundreds again and again."""
@@ -65,7 +66,6 @@ class BatchExploreEnv(VectorEnv[Any, Any, Any]):
     ) -> None:
         if num_envs < 1:
             raise ConfigError(f"num_envs must be at least 1, not {num_envs}")
-        announce_compilation(cast_rays)
         self.config = config = resolve_config(config, settings)
         self._reward = Reward(config.reward)
         _refuse_unsupported(config, self._reward, render_mode)
@@ -96,6 +96,7 @@ class BatchExploreEnv(VectorEnv[Any, Any, Any]):
             ConfigError: If an option is unknown, or a start leaves no room for the robot.
             PlanError: If a plan can't be explored.
         """
+        announce_compilation(drive_all)
         options = dict(options or {})
         mask = self._read_mask(options.pop("reset_mask", None))
         wanted = ResetOptions.read(options)

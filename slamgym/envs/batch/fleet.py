@@ -252,7 +252,10 @@ class Fleet:
     def sense(self, ids: IntArray) -> None:
         """Scan, and map."""
         self._draw_noise(ids)
-        look_all(self.robots, self.scenes, self._scanner, self.scans, CELL, ids)
+        # The read-only type, with which a single scanner has its kernels compiled already.
+        segments = self.scenes.segments.view()
+        segments.flags.writeable = False
+        look_all(self.robots, self.scenes._replace(segments=segments), self._scanner, self.scans, CELL, ids)
         if self.is_mapped_together:
             map_all(self.robots, self.scans, self.maps, self.map_law, ids, self.times)
             return

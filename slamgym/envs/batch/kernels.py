@@ -1,6 +1,7 @@
 """One step of many environments: loops over the kernels that a single environment uses, so that both compute the same.
 
-Every kernel takes ``ids``, the environments that it is about, shape (n,).
+Named tuples go on as ``law[:]``, without names, as a single environment's do (:func:`slamgym.core.jit.plain`), so that
+what takes them is compiled once. Every kernel takes ``ids``, the environments that it is about, shape (n,).
 """
 
 import math
@@ -9,7 +10,7 @@ from enum import IntEnum
 import numpy as np
 
 from slamgym.core import geometry
-from slamgym.core.jit import kernel
+from slamgym.core.jit import assign, kernel
 from slamgym.core.types import UNKNOWN, ByteArray, Float32Array, FloatArray, IntArray, Pose2D
 from slamgym.envs.batch.arrays import DriveLaw, MapLaw, Maps, Robots, Scanner, Scans, Scenes, WheelLaw
 from slamgym.envs.compact import MAP_TILE, pack_tiles, write_compact
@@ -19,7 +20,6 @@ from slamgym.sim import motion
 from slamgym.sim.beams import blur_beams, fail_beams, measure_beams, write_rep117
 from slamgym.sim.disc_contact import DiscContacts, solve_disc
 from slamgym.sim.raycast import cast_hits
-from slamgym.sim.surfaces import Surfaces
 from slamgym.sim.wheel_odometry import count_ticks, slipped_arc
 from slamgym.slam.hit_count_kernels import cells_of, classify_counts, draw_scans
 from slamgym.slam.motion_model import add_way, is_far_enough
@@ -76,7 +76,7 @@ def drive_all(
                 wished = motion.wished(state, linear, angular, limits, span)
                 wish = (wished[0] / span, wished[1] / span, wished[4])
                 solved = solve_disc(contacts, i, walls, drive.disc, state, wish)
-                touches |= motion.settle(state, wished, solved, span, body, walls, nobody)[0]
+                touches |= motion.settle(state, wished, solved, span, body[:], walls, nobody)[0]  # type: ignore[arg-type]
                 rest -= span
         robots.collisions[i] += touches and not robots.contact[i]
         robots.contact[i], left[i] = touches, rest
@@ -163,7 +163,7 @@ def look_all(
             hits,
         )
         if scans.kind[i] == ScanKind.PLACES:
-            materials = Surfaces(
+            materials = (
                 scenes.first[i, : scenes.num_first[i]],
                 scenes.patches[i, : scenes.num_patches[i]],
                 scenes.outside[i, : scenes.num_outside[i]],
@@ -171,11 +171,11 @@ def look_all(
                 scenes.materials[i, 1],
                 scenes.roughness[i],
             )
-            measure_beams(sensors, walls, true, hits, materials, law, scans.normal[i], measured)
+            measure_beams(sensors, walls, true, hits, materials, law[:], scans.normal[i], measured)  # type: ignore[arg-type]
         elif scans.kind[i] == ScanKind.NOISE:
             blur_beams(true, law, scans.normal[i, 0], measured)
         else:
-            measured[:] = true
+            assign(true, measured)
         if scans.kind[i] != ScanKind.PERFECT:
             fail_beams(measured, scans.fate[i], scanner.lost, scanner.stray, law.range_max)
             first = scans.burst[i, 0]
@@ -241,9 +241,8 @@ def _draw(maps: Maps, law: MapLaw, i: int, ranges: Float32Array) -> None:
     counts = maps.counts[i, : rows * cols].reshape(rows, cols, 2)
     corner = (maps.corner[i, 0], maps.corner[i, 1])
     maps.warmth[i] = _fetch(counts, maps.box[i])
-    bounds = draw_scans(
-        counts, corner, law.resolution, maps.anchor[i : i + 1], ranges[i : i + 1], law.beams, 1
-    )
+    ranges, beams, resolution = ranges[i : i + 1], law.beams[:], law.resolution
+    bounds = draw_scans(counts, corner, resolution, maps.anchor[i : i + 1], ranges, beams, 1)  # type: ignore[arg-type]
     box = cells_of(bounds, corner, law.resolution)
     for k in range(4):
         maps.box[i, k] = box[k]

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from slamgym.core.jit import kernel
+from slamgym.core.jit import assign, kernel
 from slamgym.core.types import FloatArray, IntArray
 from slamgym.slam.graph.config import PoseGraphConfig
 from slamgym.slam.graph.surface_map import (
@@ -123,7 +123,7 @@ def search_window(  # noqa: C901 - a branch and bound is one loop
                 )
     best = int(least * HIT * num)
     stack = np.empty((4 * top + 4, 4), dtype=np.int64)
-    pose[:] = centre
+    assign(centre, pose)
     for place in np.argsort(-bounds):
         if bounds[place] <= best:
             break
@@ -163,7 +163,7 @@ def search_window(  # noqa: C901 - a branch and bound is one loop
                 # Insertion keeps the best child on top of the stack.
                 at = height
                 while at > first and stack[at - 1, 3] > value:
-                    stack[at] = stack[at - 1]
+                    assign(stack[at - 1], stack[at])
                     at -= 1
                 stack[at, 0], stack[at, 1], stack[at, 2], stack[at, 3] = h - 1, child_u, child_v, value
                 height += 1

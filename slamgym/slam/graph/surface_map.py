@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from slamgym.core.jit import kernel
+from slamgym.core.jit import assign, kernel
 from slamgym.core.types import FloatArray, IntArray
 
 VACANT = -1
@@ -205,13 +205,13 @@ def align_scan(
     """
     (numbers, origin_x, origin_y, cell), means, infos = local
     rows, cols = numbers.shape
-    pose[:] = start
+    assign(start, pose)
     scale2 = ALIGN_WIDTH * ALIGN_WIDTH
     fit = 0.0
     for _ in range(ALIGN_STEPS):
         cos, sin = math.cos(pose[2]), math.sin(pose[2])
         fit = 0.0
-        information[:] = prior_info
+        assign(prior_info, information)
         gradient_x, gradient_y, gradient_t = 0.0, 0.0, 0.0
         away_x, away_y = pose[0] - prior[0], pose[1] - prior[1]
         away_t = nearest_turn(pose[2] - prior[2])
