@@ -3,7 +3,7 @@
 A SLAM map starts where the robot starts, and drift shifts and turns it as a whole. No network can know from the map
 how far it is off, and the evaluation doesn't ask (it aligns every translation); unaligned pairs only teach it to blur
 walls over all the places where they might be. Of the error of simulated pairs two fifths are of this kind
-(docs/gan_training.md).
+(docs/notes/translators.md).
 
 The motion is rigid. A laser measures metres, and what a scaling would make up for is that a map's free space ends a
 hit before the wall: exactly what the network shall learn to add.

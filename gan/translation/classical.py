@@ -4,7 +4,7 @@ What a careful user would put together from an image processing library: drop wh
 windows, specks of furniture and noise), close the gaps of walls, and keep the space that the robot could drive in.
 A median filter is not among the steps, since it erases walls one pixel thick; nor is turning the map to its dominant
 wall direction, which only the straightening of outlines would need, and straightening made the maps worse
-(docs/gan.md).
+(docs/notes/translators.md).
 """
 
 from typing import Annotated

@@ -26,7 +26,7 @@ OCCUPIED_THRESHOLD = 0.65
 FREE_THRESHOLD = 0.196
 """map_saver's own thresholds: the grey value 205 lies between them."""
 
-MODES = {"trinary": "trinary", "scale": "scale", "raw": "raw"}
+_MODES = {"trinary": "trinary", "scale": "scale", "raw": "raw"}
 NEGATIONS = {"0": False, "1": True, "false": False, "true": True}
 """What a description may say, and what it means; the first where it says nothing."""
 DIGITS = 12
@@ -134,7 +134,7 @@ def read_turned_map(path: Path | str) -> TurnedMap:
         raise InputFileError(
             path, f"'free_thresh' is {free:g}, above 'occupied_thresh', {occupied:g}; swap them"
         )
-    mode = _word(path, description, "mode", MODES)
+    mode = _word(path, description, "mode", _MODES)
     negated = _word(path, description, "negate", NEGATIONS)
     pixels = _read_pixels(image)
     if mode == "raw" and (negated or pixels.dtype != np.uint8):
