@@ -34,40 +34,37 @@ class Measure:
 
 
 TERMS = [
-    Term("adversarial loss", "what a generator pays for outputs that a discriminator recognises", "slamgym.gan.training.losses"),
-    Term("CAD map", "the true map: black walls and outside, white floor; image A of a pair", "slamgym.dataset.pair:MapPair"),
-    Term("completion detector", "says that nothing reachable is left to explore, from the robot's own map", "slamgym.envs.completion:CompletionDetector"),
-    Term("costmap", "an occupancy grid with obstacles inflated by the robot's body", "slamgym.planning.costmap:Costmap"),
-    Term("coverage", "share of the reachable floor that the scanner has truly seen", "slamgym.envs.coverage:Coverage"),
-    Term("coverage tour", "a short tour of places from which a whole building is seen, planned with the truth", "slamgym.agents.coverage_tour:CoverageTourPlanner"),
-    Term("discriminator", "a network that tells real outputs from generated ones, or outputs that belong to an input from others", "slamgym.gan.networks.discriminators"),
-    Term("episode", "one exploration from start to end, and all that is worth keeping of it", "slamgym.envs.episode:Episode"),
-    Term("exploration loop", "which frontiers are offered, how the robot drives to the chosen one, when the next choice is due, and what ends it all", "slamgym.planning.exploration_loop:ExplorationLoop"),
-    Term("explorer", "a policy that drives a robot through an unknown building: the exploration loop and a rule that scores candidates", "slamgym.agents.registry:make_explorer"),
-    Term("fault", "why a pair is not fit for use, as a record: its kind, the value found and the limit", "slamgym.dataset.faults:MapFault"),
-    Term("floor share", "how much of a cell is floor: greys that put the faces of walls within cells", "slamgym.cad.floorplan:floor_share"),
-    Term("foresight", "a network that completes the map beyond the frontier, and the rule that tours what it expects", "slamgym.agents.foresight:MapCompletion"),
-    Term("frontier", "where the space that the robot can reach meets the unknown (Yamauchi 1997)", "slamgym.planning.frontiers:find_frontiers"),
-    Term("frontier candidate", "a part of a frontier with the path that leads to it, offered for a choice", "slamgym.planning.frontier_candidates:FrontierCandidate"),
-    Term("generator output", "what a generator draws: image, log odds and displacement field", "slamgym.gan.networks.layers:GeneratorOutput"),
-    Term("hindsight cost", "length of the tour through all that is left to see, hidden floor included, that begins with a frontier", "slamgym.agents.hindsight:HindsightCosts"),
-    Term("hit-count map", "per cell, how many beams ended in it and how many crossed it: the map that is published", "slamgym.slam.hit_counts:HitCountMap"),
-    Term("map frame", "the frame of the robot's belief: its origin is the start, its axes are parallel to the world's", "slamgym.core.types:GridFrame"),
-    Term("map pair", "a CAD map (A) and the SLAM map that a robot made of the same building (B), on one frame", "slamgym.dataset.pair:MapPair"),
-    Term("mapper", "a SLAM method that is fed scan by scan", "slamgym.slam.mapper:Mapper"),
-    Term("odometry level", "a named size of the errors of wheel odometry", "slamgym.sim.wheel_odometry:odometry_level"),
-    Term("oracle", "the least that one who knows the floor plan needs, as far as is known", "slamgym.agents.oracle:bound_exploration"),
-    Term("parametric model", "deforms a CAD map as SLAM would, without simulating", "slamgym.parametric.model:deform"),
-    Term("plan cache", "floor plans made ready for exploration, and where the next one comes from", "slamgym.envs.plan_cache:PlanCache"),
+    Term("CAD map", "rasterised floor plan: walls and outside black, floor white; image A of a pair", "slamgym.dataset.pair:MapPair"),
+    Term("completion detector", "decides from the robot's own map that no reachable place is left to explore", "slamgym.envs.completion:CompletionDetector"),
+    Term("costmap", "occupancy grid with obstacles inflated by the robot's radius", "slamgym.planning.costmap:Costmap"),
+    Term("coverage", "share of the reachable floor that the scanner has seen", "slamgym.envs.coverage:Coverage"),
+    Term("coverage tour", "short tour of viewpoints that shows a whole building, planned on the true plan", "slamgym.agents.coverage_tour:CoverageTourPlanner"),
+    Term("discriminator", "network that separates real outputs from generated ones", "slamgym.gan.networks.discriminators"),
+    Term("episode", "one exploration from start to end, with its records", "slamgym.envs.episode:Episode"),
+    Term("exploration loop", "offers frontiers, drives to the chosen one, and decides when to choose again and when to stop", "slamgym.planning.exploration_loop:ExplorationLoop"),
+    Term("explorer", "policy that drives a robot through an unknown building", "slamgym.agents.registry:make_explorer"),
+    Term("fault", "reason why a pair is unfit: kind, value and limit", "slamgym.dataset.faults:MapFault"),
+    Term("floor share", "share of a cell that is floor: grey values place walls within cells", "slamgym.cad.floorplan:floor_share"),
+    Term("foresight", "network that predicts the map behind frontiers, and the rule that uses it", "slamgym.agents.foresight:MapCompletion"),
+    Term("frontier", "border between reachable known space and unknown space (Yamauchi 1997)", "slamgym.planning.frontiers:find_frontiers"),
+    Term("frontier candidate", "part of a frontier with a path to it, offered as a choice", "slamgym.planning.frontier_candidates:FrontierCandidate"),
+    Term("hindsight cost", "length of the tour through everything left to see, hidden floor included, that starts with a frontier", "slamgym.agents.hindsight:HindsightCosts"),
+    Term("hit-count map", "counts, per cell, the beams that ended in it and crossed it; the published map", "slamgym.slam.hit_counts:HitCountMap"),
+    Term("map frame", "frame of the robot's belief: origin at the start, axes parallel to the world's", "slamgym.core.types:GridFrame"),
+    Term("map pair", "a CAD map (A) and a SLAM map (B) of the same building in one frame", "slamgym.dataset.pair:MapPair"),
+    Term("mapper", "SLAM method that processes scans one by one", "slamgym.slam.mapper:Mapper"),
+    Term("odometry level", "named size of wheel odometry errors", "slamgym.sim.wheel_odometry:odometry_level"),
+    Term("oracle", "lower bound of the time that a robot with the floor plan needs", "slamgym.agents.oracle:bound_exploration"),
+    Term("parametric model", "deforms a CAD map like SLAM would, without simulation", "slamgym.parametric.model:deform"),
+    Term("plan cache", "floor plans prepared for exploration, and the source of the next one", "slamgym.envs.plan_cache:PlanCache"),
     Term("pose graph", "scans as nodes, matches as edges, solved by least squares; closes loops globally", "slamgym.slam.graph.mapper:PoseGraphMapper"),
-    Term("promise", "what has been seen when an explorer says that it is done, and how sure that is: `98%:95%`", "slamgym.planning.promise:Promise"),
-    Term("RBPF", "Rao-Blackwellised particle filter: each particle has a path and a map of its own, as in GMapping", "slamgym.slam.particle_filter:ParticleFilter"),
-    Term("recipe", "which settings of an exploration are drawn again for every one", "slamgym.dataset.generate.recipe:Recipe"),
-    Term("recovery behaviour", "what is tried before an exploration ends because nothing is left that its rule would go to", "slamgym.planning.recovery:RecoveryBehaviours"),
-    Term("rule", "a function that scores the candidates of the exploration loop", "slamgym.agents.rules"),
-    Term("SLAM map", "the map that the robot made: 0 occupied, 205 unknown, 254 free; image B of a pair", "slamgym.core.types:OccupancyGrid"),
-    Term("tail", "what an exploration takes from 99 % of the floor seen until the explorer is done", "slamgym.agents.evaluation.summary:tail"),
-    Term("unknown region", "the connected unknown cells behind a frontier", "slamgym.envs.frontier_features"),
+    Term("promise", "least share of the floor seen when an explorer stops, with its certainty: `98%:95%`", "slamgym.planning.promise:Promise"),
+    Term("RBPF", "Rao-Blackwellised particle filter: each particle has its own path and map, as in GMapping", "slamgym.slam.particle_filter:ParticleFilter"),
+    Term("recipe", "distributions from which each exploration's settings are sampled", "slamgym.dataset.generate.recipe:Recipe"),
+    Term("recovery behaviour", "action tried before an exploration ends because no candidate is left", "slamgym.planning.recovery:RecoveryBehaviours"),
+    Term("rule", "function that scores the candidates of the exploration loop", "slamgym.agents.rules"),
+    Term("SLAM map", "the robot's map: 0 occupied, 205 unknown, 254 free; image B of a pair", "slamgym.core.types:OccupancyGrid"),
+    Term("tail", "time from 99 % of the floor seen until the explorer is done", "slamgym.agents.evaluation.summary:tail"),
 ]  # fmt: skip
 
 MEASURES = [
@@ -119,8 +116,8 @@ def glossary() -> str:
         f"| **{term.name}** | {term.meaning} | `{term.home.replace(':', '.')}` |" for term in TERMS
     )
     return (
-        "# Glossary\n\nThe field's words as slamgym uses them, and where each lives. Measures: [metrics.md](metrics.md).\n"
-        f"Made by `python docs/registry.py`.\n\n| word | what it means | where |\n|---|---|---|\n{rows}\n"
+        "# Glossary\n\nTerms as slamgym uses them, and their place in the code. Measures: [metrics.md](metrics.md).\n"
+        f"Made by `python docs/registry.py`.\n\n| term | meaning | code |\n|---|---|---|\n{rows}\n"
     )
 
 

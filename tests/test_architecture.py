@@ -24,10 +24,10 @@ ROOMS = {
     "viz": "text, sheets, overlays, films, the window: plain records in, pictures out",
     "parametric": "CAD -> SLAM without simulating",
     "envs": "the Gymnasium environments and the episodes that are run in them",
-    "dataset": "the format, and wings for generating, curating and images",
+    "dataset": "the dataset format; generating, curating and rendering",
     "agents": "explorers, their training and their evaluation",
     "gan": "translators between SLAM maps and CAD maps",
-    "drawing": "from a SLAM map to vectors with dimensions, files that CAD reads, and as built against as planned",
+    "drawing": "from a SLAM map to vectors with dimensions and CAD files; comparison with a plan",
     "commands": "the command line",
 }
 
@@ -41,8 +41,8 @@ ALLOWED = {
     ("parametric", "cad"): "floor plans are deformed",
     ("parametric", "interop"): "recorded paths are read",
     ("parametric", "planning"): "paths are planned on a roadmap",
-    ("parametric", "sim"): "scans are drawn by exact ray casting",
-    ("parametric", "slam"): "maps are drawn as SLAM draws them",
+    ("parametric", "sim"): "scans are simulated by exact ray casting",
+    ("parametric", "slam"): "maps are rendered as in SLAM",
     ("envs", "cad"): "buildings are explored",
     ("envs", "interop"): "an episode is a log",
     ("envs", "metrics"): "the map's error is a reward and a figure",
@@ -52,16 +52,16 @@ ALLOWED = {
     ("envs", "viz"): "episodes are rendered",
     ("dataset", "cad"): "plans are explored, drawn and compared",
     ("dataset", "envs"): "explorations are run",
-    ("dataset", "interop"): "logs and paths are kept beside the pairs",
+    ("dataset", "interop"): "logs and paths are kept with the pairs",
     ("dataset", "metrics"): "pairs are measured",
     ("dataset", "sim"): "recipes vary noise and furniture",
-    ("dataset", "slam"): "maps of earlier moments are drawn again",
+    ("dataset", "slam"): "maps of earlier moments are rendered",
     ("dataset", "viz"): "contact sheets",
     ("agents", "cad"): "explorers are trained and evaluated on plans; the oracle knows them",
     ("agents", "envs"): "explorers act in environments",
     ("agents", "metrics"): "trials are measured",
     ("agents", "planning"): "rules choose, the exploration loop drives",
-    ("agents", "viz"): "coverage curves and side-by-side videos are drawn",
+    ("agents", "viz"): "coverage curves and videos are rendered",
     ("agents", "sim"): "the oracle casts rays into the plan",
     ("gan", "interop"): "ROS maps are translated",
     ("gan", "metrics"): "translations are measured",
@@ -128,10 +128,10 @@ def test_the_base_install_needs_no_extra():
 
 
 def table() -> str:
-    """The packages in the order of their floors, with what each may see, as Markdown."""
-    rows = ["| package | what it holds | sees, beside `core` |", "|---|---|---|"]
+    """The packages in the order of their floors, with the packages that each may import, as Markdown."""
+    rows = ["| package | content | may import, besides `core` |", "|---|---|---|"]
     for room, holds in ROOMS.items():
-        seen = ", ".join(f"`{second}` ({why})" for (first, second), why in ALLOWED.items() if first == room)
+        seen = ", ".join(f"`{second}`" for first, second in ALLOWED if first == room)
         rows.append(f"| `{room}` | {holds} | {'everything' if room == 'commands' else seen or 'nothing'} |")
     return "\n".join(rows)
 

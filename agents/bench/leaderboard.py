@@ -132,8 +132,8 @@ def leaderboard_page(boards: Sequence[TrackBoard], manifest: Manifest) -> str:
     """The leaderboard as a Markdown page."""
     head = [
         "# Leaderboard\n",
-        f"{BENCH} {BENCH_VERSION}, manifest SHA-256 `{manifest.sha256}`. What is measured, and how to enter an "
-        "explorer, is in [the benchmark](bench.md). `slamgym bench leaderboard` makes this page from the result "
+        f"{BENCH} {BENCH_VERSION}, manifest SHA-256 `{manifest.sha256}`. [The benchmark](bench.md) explains "
+        "the measures and how to enter an explorer. `slamgym bench leaderboard` makes this page from the result "
         "files.\n",
         "*Score*: interquartile mean of the time until done over the par time of the plan (60 s and 3 s for each m²); "
         "a failure counts as the time limit; smaller is better. *Gate*: an entry is ranked if the interval of its "
