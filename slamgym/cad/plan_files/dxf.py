@@ -130,8 +130,8 @@ def _weight(entity: Any) -> int:
     """How many points or lines an entity is drawn with at least, as its insert copies them."""
     name = entity.dxftype()
     if name == "SPLINE":
-        # A curve through n points solves n equations, at a cost that grows with the square.
-        return len(entity.control_points) + len(entity.fit_points) ** 2 // 80
+        # Without control points a curve through n points solves n equations, at a cost that grows with the square.
+        return len(entity.control_points) or 1 + len(entity.fit_points) ** 2 // 80
     if name == "MLINE":
         return len(entity) * (len(entity.style.elements) if entity.style else 1)
     return len(entity) if name in ("LWPOLYLINE", "POLYLINE") else _LEAST_POINTS.get(name, 1)
