@@ -73,7 +73,12 @@ EXPANSION = Limit(
     "bytes for each compressed one",
     "a compressed file above 4 MB",
 )
-ENTRIES = Limit("SLAMGYM_MAX_ENTRIES", 200_000, "entries", "an archive, or a file of one floor a line")
+ENTRIES = Limit(
+    "SLAMGYM_MAX_ENTRIES",
+    200_000,
+    "entries",
+    "an archive, a drawing (its blocks expanded), or a file of one floor a line",
+)
 PIXELS = Limit("SLAMGYM_MAX_PIXELS", 100_000_000, "pixels", "a picture")
 VERTICES = Limit("SLAMGYM_MAX_VERTICES", 50_000, "vertices", "a floor plan, holes and rooms included")
 PLAN_PARTS = Limit("SLAMGYM_MAX_PARTS", 10_000, "holes, rooms or doors", "a floor plan, of each kind")

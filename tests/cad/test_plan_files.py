@@ -162,6 +162,88 @@ def test_rooms_that_no_door_joins_are_refused(write):
         read_geojson(path)
 
 
+def add_grid_of_an_empty_block(document, space):
+    document.blocks.new("E")
+    grid = {"row_count": 32767, "column_count": 32767, "row_spacing": 1.0, "column_spacing": 1.0}
+    space.add_blockref("E", (0, 0), dxfattribs=grid)
+
+
+def add_blocks_of_empty_blocks(document, space):
+    document.blocks.new("B0")
+    for number in range(1, 18):
+        block = document.blocks.new(f"B{number}")
+        for _ in range(8):
+            block.add_blockref(f"B{number - 1}", (0, 0))
+    space.add_blockref("B17", (0, 0))
+
+
+def add_a_block_in_itself(document, space):
+    document.blocks.new("S").add_blockref("S", (0, 0))
+    space.add_blockref("S", (0, 0))
+
+
+def add_walls_in_a_block(document, space):
+    block = document.blocks.new("W")
+    for number in range(1000):
+        block.add_line((number, 0), (number, 1))
+    grid = {"row_count": 9, "column_count": 9, "row_spacing": 1.0, "column_spacing": 1.0}
+    space.add_blockref("W", (0, 0), dxfattribs={"layer": "WALLS", **grid})
+
+
+def add_many_swings(document, space):
+    for x, y in np.random.default_rng(0).uniform(0.0, 8.0, (3000, 2)):
+        space.add_arc((x, y), 0.9, 0, 90, dxfattribs={"layer": "DOORS"})
+
+
+def add_a_curve_through_many_points(document, space):
+    space.add_spline(np.random.default_rng(0).uniform(0.0, 8.0, (8000, 2)), dxfattribs={"layer": "WALLS"})
+
+
+def add_a_wide_scribble(document, space):
+    points = np.random.default_rng(0).uniform(0.0, 8.0, (900, 2))
+    space.add_lwpolyline(points, dxfattribs={"layer": "WALLS", "const_width": 0.1})
+
+
+def add_an_arc_without_bounds(document, space):
+    space.add_arc((0, 0), 1.0, 0.0, 1e300, dxfattribs={"layer": "WALLS"})
+
+
+@pytest.mark.parametrize(
+    ("add", "sentence"),
+    [
+        (add_grid_of_an_empty_block, "MAX_ENTRIES"),
+        (add_blocks_of_empty_blocks, "MAX_ENTRIES"),
+        (add_a_block_in_itself, "MAX_DEPTH"),
+        (add_walls_in_a_block, "MAX_VERTICES"),
+        (add_many_swings, "MAX_NEAR_PAIRS"),
+        (add_a_curve_through_many_points, "MAX_ENTRIES"),
+        (add_a_wide_scribble, "MAX_CROSSINGS"),
+        (add_an_arc_without_bounds, "arc without bounds"),
+    ],
+)
+def test_dxf_that_stands_for_too_much_is_refused_at_once(tmp_path, monkeypatch, add, sentence):
+    import time
+
+    import ezdxf
+
+    monkeypatch.setenv("SLAMGYM_MAX_VERTICES", "20000")
+    monkeypatch.setenv("SLAMGYM_MAX_NEAR_PAIRS", "300000")
+    document = ezdxf.new(units=6)
+    document.modelspace().add_lwpolyline([(0, 0), (8, 0), (8, 6)], close=True, dxfattribs={"layer": "WALLS"})
+    add(document, document.modelspace())
+    document.saveas(tmp_path / "a.dxf")
+    start = time.process_time()
+    with pytest.raises(PlanError, match=sentence):
+        read_dxf(tmp_path / "a.dxf")
+    assert time.process_time() - start < 3.0
+
+
+def test_geojson_of_too_many_lists_is_refused_before_it_is_parsed(write):
+    text = '{"type": "MultiLineString", "coordinates": [' + "[]," * 200_001 + "[]]}"
+    with pytest.raises(PlanError, match="MAX_ENTRIES"):
+        read_geojson(write("a.geojson", text))
+
+
 def test_blocks_within_blocks_without_end_are_refused(write, monkeypatch):
     import io
 

@@ -20,11 +20,12 @@ import shapely
 from scipy.spatial import cKDTree
 from shapely import Polygon
 
+from slamgym.cad.crowding import refuse_crowded
 from slamgym.cad.floorplan import Room
 from slamgym.cad.plan_files.drawn_plan import DrawnPlan, DrawnWalls, edges_of, floor_of_walls
 from slamgym.core.errors import InputFileError, PlanError
 from slamgym.core.files import read_bytes
-from slamgym.core.limits import DEPTH, DRAWING_BYTES, ENTRIES, VERTICES, shown
+from slamgym.core.limits import CROSSINGS, DEPTH, DRAWING_BYTES, ENTRIES, VERTICES, shown
 from slamgym.core.types import FloatArray
 
 LayerKind = Literal["wall", "door", "window", "room", "other"]
@@ -50,6 +51,7 @@ UNIT_BY_SIZE = ((1500.0, 0.001, "millimetres"), (150.0, 0.01, "centimetres"), (0
 MAX_COORDINATE = 1e8
 """In the drawing's unit; what lies farther is a broken number."""
 CURVES = frozenset({"LINE", "LWPOLYLINE", "POLYLINE", "ARC", "CIRCLE", "ELLIPSE", "SPLINE"})
+_LEAST_POINTS = {"LINE": 2, "ARC": 2, "ELLIPSE": 9, "CIRCLE": 33}
 _READ = CURVES | {"INSERT", "MLINE"}
 
 # What ezdxf raises on damaged files, beside its own errors.
@@ -128,10 +130,11 @@ def _weight(entity: Any) -> int:
     """How many points or lines an entity is drawn with at least, as its insert copies them."""
     name = entity.dxftype()
     if name == "SPLINE":
-        return len(entity.control_points) + len(entity.fit_points)
+        # Without control points a curve through n points solves n equations, at a cost that grows with the square.
+        return len(entity.control_points) or 1 + len(entity.fit_points) ** 2 // 80
     if name == "MLINE":
         return len(entity) * (len(entity.style.elements) if entity.style else 1)
-    return len(entity) if name in ("LWPOLYLINE", "POLYLINE") else 1
+    return len(entity) if name in ("LWPOLYLINE", "POLYLINE") else _LEAST_POINTS.get(name, 1)
 
 
 def _unit_by_size(walls: FloatArray) -> tuple[float, tuple[str, ...]]:
@@ -152,7 +155,7 @@ class _Found:
         self._layers: set[str] = set()
         self._kinds: dict[str, LayerKind] = {}
         self._source, self._chosen, self._flatness = source, tuple(layers), flatness
-        self._count = 0
+        self._count = self._crossings = 0
 
     def check_size(self, document: Any) -> None:
         """Refuse a drawing whose blocks stand for too much, before any of it is expanded.
@@ -196,7 +199,7 @@ class _Found:
         """Sort entities into kinds; blocks are exploded, and their layer 0 is that of the block."""
         for entity in entities:
             kind, name = self._kind_within(entity, parent), entity.dxftype()
-            if name == "INSERT":
+            if name == "INSERT" and entity.block():  # an empty block is false
                 copies = entity.multi_insert() if entity.mcount > 1 else (entity,)
                 for copy in copies:
                     self.take(copy.virtual_entities(), kind)
@@ -272,6 +275,7 @@ class _Found:
             return
         width = float(entity.dxf.get("const_width", 0.0) or 0.0) if name == "LWPOLYLINE" else 0.0
         if width > 0.0:
+            self._refuse_crossings(edges_of(points, closed))
             line = shapely.LineString(np.vstack([points, points[:1]]) if closed else points)
             body = line.buffer(0.5 * width, cap_style="flat", join_style="mitre")
             for ring in [
@@ -280,6 +284,14 @@ class _Found:
                 self.lines[kind].append(edges_of(shapely.get_coordinates(ring), closed=False))
             return
         self.lines[kind].append(edges_of(points, closed))
+
+    def _refuse_crossings(self, edges: FloatArray) -> None:
+        """Refuse wide lines that cross themselves so often that their bodies would be innumerable."""
+        refuse_crowded(edges, 0.0, self._source)
+        lines: Any = shapely.linestrings(edges.reshape(-1, 2, 2))
+        pairs = shapely.STRtree(lines).query(lines, predicate="intersects").shape[1]
+        self._crossings += max(pairs - 3 * len(lines), 0) // 2  # itself and two neighbours
+        CROSSINGS.check(self._source, self._crossings, PlanError)
 
     def _closed_leaves(self, walls: FloatArray, near: float) -> FloatArray:
         """From hinges to those ends of the arcs that lie at a wall, or at another leaf's arc, shape (N, 4)."""

@@ -41,6 +41,7 @@ def read_geojson(path: Path | str) -> DrawnPlan:
         content = read_bytes(path, DRAWING_BYTES)
     except InputFileError as error:
         raise PlanError(error.path, error.reason) from error
+    ENTRIES.check(source, content.count(b"["), PlanError)  # every point is a list
     features = list(_features(parse_json(content, path, PlanError, DRAWING_BYTES), source))
     named = any(kind for kind, _, _ in features)
     lines: dict[str, list[FloatArray]] = {"wall": [], "door": [], "window": []}

@@ -101,10 +101,11 @@ def _storeys(model: Any, path: Path) -> list[tuple[str, float, list[Any]]]:
 
     try:
         scale = float(calculate_unit_scale(model))
-        found = []
+        found, count = [], 0
         for number, storey in enumerate(model.by_type("IfcBuildingStorey"), start=1):
             elements = list(get_decomposition(storey))
-            ENTRIES.check(path, len(elements), PlanError)
+            count += len(elements)
+            ENTRIES.check(path, count, PlanError)
             if any(element.is_a("IfcWall") for element in elements):
                 name = str(storey.Name or f"storey {number}")
                 found.append((name, scale * float(get_storey_elevation(storey)), elements))
@@ -123,7 +124,8 @@ def _cut(elements: list[Any], height: float, source: str) -> DrawnWalls:
     doors: list[FloatArray] = []
     windows: list[FloatArray] = []
     rooms: list[Room] = []
-    PLAN_PARTS.check(source, len(elements), PlanError)
+    openings = sum(len(getattr(element, "HasOpenings", ()) or ()) for element in elements)
+    PLAN_PARTS.check(source, len(elements) + openings, PlanError)
     for element in elements:
         if any(element.is_a(kind) for kind in SOLIDS):
             section = _section(element, height)
