@@ -95,12 +95,15 @@ RUNS = Limit("SLAMGYM_MAX_RUNS", 1_000_000, "runs of floor in its rows", "a pict
 MAP_CELLS = Limit(
     "SLAMGYM_MAX_MAP_CELLS", 200_000_000, "cells", "the map that an explorer sees, which grows with the plan"
 )
+IFC_SECONDS = Limit(
+    "SLAMGYM_MAX_IFC_SECONDS", 300, "seconds", "reading an IFC model, in a process of its own"
+)
 SCANS = Limit("SLAMGYM_MAX_SCANS", 1_000_000, "scans", "a log")
 JUMP = Limit("SLAMGYM_MAX_JUMP", 100, "metres between the odometry of two scans", "a log")
 
 LIMITS = (
     FILE_BYTES, EXPANSION, ENTRIES, WEIGHT_BYTES, DRAWING_BYTES, DOCUMENT_BYTES, YAML_BYTES, DEPTH, PIXELS, RUNS,
-    VERTICES, PLAN_PARTS, CROSSINGS, NEAR_PAIRS, MAP_CELLS, SCANS, JUMP,
+    VERTICES, PLAN_PARTS, CROSSINGS, NEAR_PAIRS, MAP_CELLS, IFC_SECONDS, SCANS, JUMP,
 )  # fmt: skip
 """All of them, in the order of the documentation."""
 

@@ -154,6 +154,16 @@ def test_bad_drawings_are_refused_with_a_sentence(write, name, content, sentence
         open_plans(path).load("a")
 
 
+def test_a_model_that_its_reader_never_finishes_is_refused(write, monkeypatch):
+    pytest.importorskip("ifcopenshell")
+    monkeypatch.setenv("SLAMGYM_MAX_IFC_SECONDS", "2")
+    path = write("a.ifc", flat.ifc().replace("-140.0000000000001,", "-nan,"))
+    with pytest.raises(
+        PlanError, match=r"a\.ifc: crashes its reader, or takes it more than 2 s; .* set SLAMGYM_"
+    ):
+        read_ifc(path)
+
+
 def test_rooms_that_no_door_joins_are_refused(write):
     boxes = [(0, 0, 4, 0.1), (0, 3.9, 4, 4), (0, 0, 0.1, 4), (3.9, 0, 4, 4)]
     rooms = [[flat.ring((x + a, b, x + c, d))] for x in (0, 3.9, 7.8) for a, b, c, d in boxes]

@@ -22,7 +22,7 @@ from slamgym.core.parallel.backlog import (
     WorkerLostError,
     tried,
 )
-from slamgym.core.parallel.engine import open_engine, run_tasks, try_out
+from slamgym.core.parallel.engine import open_engine, run_apart, run_tasks, try_out
 
 # loky's own thread may stumble over a task that was taken back while its process was being ended.
 pytestmark = pytest.mark.filterwarnings(
@@ -158,6 +158,13 @@ def test_what_is_tried_out_first_is_refused_by_its_name(one_worker):
         ConfigError, match=r"'SIGSEGV' can't be used .WorkerLostError.: a worker process died"
     ):
         try_out(one_worker, crash, ["well", "SIGSEGV"])
+
+
+def test_what_crashes_or_hangs_apart_leaves_this_process_alone(tmp_path):
+    assert run_apart(pid_of, 0, 1.0) != os.getpid()
+    assert isinstance(run_apart(crash, "SIGSEGV", 1.0), Lost)
+    assert isinstance(run_apart(hang, (tmp_path, "lock"), 1.0), Lost)
+    assert run_apart(pid_of, 0, 1.0) == run_apart(pid_of, 0, 1.0)
 
 
 def test_a_task_that_hangs_is_ended_with_its_worker(tmp_path):

@@ -6,7 +6,7 @@ curtain walls are bodies of walls; openings that reach down to it are doors, or 
 Schema: ISO 16739-1 (IFC 4): IfcBuildingStorey, IfcWall, IfcRelVoidsElement, IfcRelFillsElement, IfcSpace.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +26,9 @@ from slamgym.cad.plan_files.drawn_plan import (
 from slamgym.cad.polygons import polygon_parts
 from slamgym.core.errors import ConfigError, PlanError
 from slamgym.core.files import require_file
-from slamgym.core.limits import DRAWING_BYTES, ENTRIES, PLAN_PARTS, shown
+from slamgym.core.limits import DRAWING_BYTES, ENTRIES, IFC_SECONDS, PLAN_PARTS, shown
+from slamgym.core.parallel.backlog import Lost
+from slamgym.core.parallel.engine import run_apart
 from slamgym.core.types import FloatArray, IntArray
 
 LASER_HEIGHT = 0.2
@@ -45,7 +47,23 @@ def storeys_of(path: Path | str) -> list[str]:
     Raises:
         PlanError: If the file is no IFC model.
     """
-    return [name for name, _, _ in _storeys(_open(Path(path)), Path(path))]
+    return list(_apart(_names, Path(path), Path(path)))
+
+
+def _names(path: Path) -> list[str]:
+    return [name for name, _, _ in _storeys(_open(path), path)]
+
+
+def _apart(read: Callable[[Any], Any], item: Any, path: Path) -> Any:
+    """Read in another process: of a damaged model the library's native code may crash, or never end."""
+    result = run_apart(read, item, IFC_SECONDS.value)
+    if isinstance(result, Lost):
+        raise PlanError(
+            path,
+            f"crashes its reader, or takes it more than {IFC_SECONDS.value} s; export it again, or set "
+            f"{IFC_SECONDS.variable} higher if it is only large",
+        )
+    return result
 
 
 def read_ifc(path: Path | str, storey: str | None = None) -> DrawnPlan:
@@ -58,7 +76,11 @@ def read_ifc(path: Path | str, storey: str | None = None) -> DrawnPlan:
     Raises:
         PlanError: If it is no IFC model, has no such storey, or its walls enclose no floor.
     """
-    path = Path(path)
+    return DrawnPlan(*_apart(_read, (Path(path), storey), Path(path)))
+
+
+def _read(file: tuple[Path, str | None]) -> DrawnPlan:
+    path, storey = file
     model = _open(path)  # kept to the end: ifcopenshell's elements are no longer there without it
     storeys = _storeys(model, path)
     chosen = [entry for entry in storeys if storey in (None, entry[0])]

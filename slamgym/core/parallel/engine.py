@@ -8,6 +8,8 @@ only the engine ``in_process`` runs the tasks in the caller's process, which die
 """
 
 import functools
+import multiprocessing
+import os
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
@@ -107,6 +109,25 @@ def try_out(engine: Engine, task: Callable[[str], _Result], names: Iterable[str]
                 raise ConfigError(f"{name!r} can't be used ({result.error}): {result.reason}")
             results[name] = result
     return results
+
+
+def run_apart(task: Callable[[_Item], _Result], item: _Item, seconds: float) -> _Result | Lost[_Item]:
+    """Run a task in another process, which is kept for the next: native code may crash there, or never end.
+
+    Args:
+        task: A function that can be pickled by reference, and returns a value.
+        item: Its argument.
+        seconds: Longest wall time [s].
+    """
+    (result,) = _another_process(os.getpid(), seconds).run(task, [item])
+    return result
+
+
+@functools.cache
+def _another_process(process: int, seconds: float) -> Engine:  # noqa: ARG001 - a fork can't use its parent's
+    """One worker; a daemon may have no child, so there it is this process."""
+    name: EngineName = "in_process" if multiprocessing.current_process().daemon else "local"
+    return open_engine(name, timeout=seconds).__enter__()
 
 
 def run_tasks(task: Callable[[_Item], _Result], items: Iterable[_Item], workers: int) -> Iterator[_Result]:
