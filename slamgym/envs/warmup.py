@@ -19,6 +19,7 @@ from slamgym.cad import FloorPlan
 from slamgym.core.jit import is_compiled
 from slamgym.core.parallel.backlog import available_cores
 from slamgym.core.parallel.engine import Execution, open_engine
+from slamgym.core.portable import product
 from slamgym.core.progress import say, show_progress
 from slamgym.core.types import (
     FREE,
@@ -148,6 +149,7 @@ def _decide() -> None:
     """Choose among frontiers."""
     env = ExploreFrontiersEnv(_two_rooms(), localization="ground_truth", observation={"map_size": 10.0})
     env.reset(seed=0, options={"start": (0.8, 1.0, 0.0)})
+    product(np.ones((1, 1), np.float32), np.ones((1, 1)))  # as the networks of explorers do
     env.step(0)
 
 
