@@ -32,6 +32,8 @@ CHANNELS: dict[Encoding, int] = {"grey": 1, "free_occupied": 2, "rgb": 3}
 MIN_RESOLUTION, MAX_SIZE = 8, 1024
 MAX_WIDTH = 1_000_000
 """Channels that settings in a file of unknown origin may ask for."""
+FOLD = 2
+"""So many pixels a side become channels of one where a ``residual`` generator begins."""
 Side = Annotated[int, Within(ge=MIN_RESOLUTION, le=MAX_SIZE, power_of_two=True)]
 
 
@@ -59,13 +61,6 @@ class GeneratorConfig(Settings, section="generator"):
     """Channels of the finest level; the deeper levels have up to four times as many."""
     depth: Annotated[int, Within(ge=1, le=7)] = 4
     """Halvings below the first one (``residual``); ``progressive`` always goes down to 2 x 2."""
-    fold: Annotated[int, Within(ge=2, le=4, power_of_two=True)] = 2
-    """The first one (``residual``): so many pixels a side become channels of one, 2 or 4. With 4 a step costs
-    far less, and fine detail has to come out of the channels."""
-    displacement: bool = False
-    """Predict a displacement field and undo it on the skip connections (``residual``)."""
-    max_displacement_px: Annotated[float, Within(gt=0.0, le=64.0)] = 8.0
-    """Bound of each component of that field [px of the input]."""
 
 
 class DiscriminatorConfig(Settings, section="discriminator"):
@@ -80,8 +75,6 @@ class DiscriminatorConfig(Settings, section="discriminator"):
     patch_width: Annotated[int, Within(ge=8, le=MAX_WIDTH)] = 128
     """The same for the second and third copy of the real/fake discriminator, which work at full resolution and
     make up nine tenths of its cost."""
-    unassociated: bool = True
-    """Show the domain discriminator targets of other places as negatives."""
 
     def _check(self) -> None:
         if self.width % 8 or self.patch_width % 8:
@@ -94,17 +87,10 @@ class DiscriminatorConfig(Settings, section="discriminator"):
 class LossConfig(Settings, section="loss"):
     """Weights of the terms; a term of weight 0 isn't computed."""
 
-    gan: Literal["lsgan", "bce"] = "lsgan"
-    """``lsgan``: squared distance from 1 and 0 (the published code); ``bce``: logarithms as in eqs. (2), (3)."""
     domain: NonNegative = 1.0
     real_fake: NonNegative = 1.0
-    real_fake_scope: Literal["all", "as_coded"] = "all"
-    """``all``: every scale and every sample, eq. (3); ``as_coded``: the last scale and the last sample of the
-    batch only, as the published code happens to do (for comparison)."""
     feature_matching: NonNegative = 1.0
     input_consistency: NonNegative = 1.0
-    input_consistency_reference: Literal["x", "y", "none"] = "y"
-    """Whose features the output's are compared to: the target's (eq. 5) or the input's (the published code)."""
     layer_weights: tuple[float, ...] = (5.0, 1.5, 1.5, 1.5, 1.0)
     """Of the first layers in feature matching and input consistency (published code; in neither paper)."""
     l1: NonNegative = 10.0
@@ -118,8 +104,6 @@ class LossConfig(Settings, section="loss"):
     wall_weight: NonNegative = 0.0
     """Pixels in and beside walls of at most seven pixels count as much more in the cross entropy: one hole in such a
     wall joins two rooms."""
-    smoothness: NonNegative = 0.0
-    """Squared differences of the displacement field."""
 
     def _check(self) -> None:
         if not self.layer_weights:
@@ -165,7 +149,6 @@ class OptimiserConfig(Settings, section="optimiser"):
     beta1: ShareBelowOne = 0.55
     beta2: ShareBelowOne = 0.99
     """The paper's betas; the published code has (0.5, 0.999)."""
-    weight_decay: float = 0.0
     warm_up: ShareBelowOne = 0.0
     """Share of the training over which the rate rises from 0."""
     decay: Share = 0.3
@@ -200,9 +183,6 @@ class TranslatorConfig(Settings, section="translator"):
     face_shift: Annotated[float, Within(ge=0.0, le=8.0)] = 0.0
     """By how much the network draws the faces of walls inside of the true ones [px of the network's image]: CAD maps
     are drawn without it (:mod:`slamgym.gan.translation.faces`). 0 for networks that learnt true faces."""
-    tile_size: Annotated[int, Within(ge=0, le=4096)] = 0
-    """Side of the tiles in which larger maps are translated [px]; 0 takes ``input_size``. Networks of the kind
-    ``residual`` take any multiple of the pixels that their deepest level folds, and see farther in larger tiles."""
     metres_per_px: tuple[Positive, Positive, Positive] = (0.04, 0.06, 0.1)
     """Smallest, middle and largest scale of the training images (5th, 50th and 95th percentile) [m/px of
     ``input_size``]."""
@@ -214,15 +194,10 @@ class TranslatorConfig(Settings, section="translator"):
                 f"output_size {self.output_size} is larger than input_size {self.input_size}; "
                 "the decoder ends at the input's size"
             )
-        folded = self.generator.fold << self.generator.depth
-        if self.tile_size and (self.generator.kind != "residual" or self.tile_size % folded):
-            raise ConfigError(
-                f"tile_size {self.tile_size} needs a residual generator and a multiple of {folded}"
-            )
         if self.generator.kind == "residual":
             if self.output_size != self.input_size:
                 raise ConfigError("the residual generator works at the input's size: set output_size to it")
-            if self.input_size // self.generator.fold >> self.generator.depth < 2:
+            if self.input_size // FOLD >> self.generator.depth < 2:
                 raise ConfigError(
                     f"generator.depth {self.generator.depth} is too much for {self.input_size} px"
                 )
@@ -265,11 +240,8 @@ class TranslatorTrainingConfig(Settings):
                 raise ConfigError(f"a stage can't fade in longer than it lasts: {tuple(stage)}")
         if self.translator.generator.kind == "residual" and len(self.stages) > 1:
             raise ConfigError("the residual generator has one stage")
-        if self.loss.smoothness > 0.0 and not self.translator.generator.displacement:
-            raise ConfigError("loss.smoothness needs generator.displacement")
 
     @property
     def needs_unassociated(self) -> bool:
         """Whether the domain discriminator is shown targets of other places."""
-        used = self.discriminator.domain and max(self.loss.domain, self.loss.feature_matching) > 0.0
-        return used and self.discriminator.unassociated
+        return self.discriminator.domain and max(self.loss.domain, self.loss.feature_matching) > 0.0

@@ -47,9 +47,6 @@ _OVERLAP = LossConfig(
 _SLAM2CAD = TranslatorTrainingConfig(
     preset="slam2cad",
     translator=TranslatorConfig(
-        direction="slam2cad",
-        input_size=256,
-        output_size=256,
         input_encoding="free_occupied",
         output_encoding="grey",
         derotate=True,
@@ -79,16 +76,10 @@ _THIN = DiscriminatorConfig(width=32, patch_width=16)
 _FAST = OptimiserConfig(learning_rate=5e-4, average=0.99)
 
 TRANSLATOR_PRESETS: dict[str, TranslatorTrainingConfig] = {
-    "model32": TranslatorTrainingConfig(
-        preset="model32",
-        translator=TranslatorConfig(
-            direction="slam2cad", input_size=256, output_size=32, explored_margin=0.0
-        ),
-        stages=(Stage(32, 750.0, 64),),
-    ),
+    "model32": TranslatorTrainingConfig(translator=TranslatorConfig(output_size=32, explored_margin=0.0)),
     "modelprog": TranslatorTrainingConfig(
         preset="modelprog",
-        translator=TranslatorConfig(direction="cad2slam", input_size=256, output_size=256),
+        translator=TranslatorConfig(direction="cad2slam"),
         stages=(
             Stage(32, 16.0, 64),
             Stage(64, 15.0, 32, 1.0, 16),
@@ -104,24 +95,9 @@ TRANSLATOR_PRESETS: dict[str, TranslatorTrainingConfig] = {
         translator=replace(_SLAM2CAD.translator, generator=GeneratorConfig("residual", width=16, depth=4)),
         minutes=60.0,
     ),
-    "slam2cad-fold4": replace(
-        _SLAM2CAD,
-        preset="slam2cad-fold4",
-        translator=replace(
-            _SLAM2CAD.translator, generator=GeneratorConfig("residual", width=32, depth=3, fold=4)
-        ),
-    ),
-    "slam2cad-gan": replace(
-        _SLAM2CAD,
-        preset="slam2cad-gan",
-        discriminator=_THIN,
-        loss=replace(_OVERLAP, domain=0.02, real_fake=0.02, feature_matching=0.02, input_consistency=0.02),
-        optimiser=replace(_SLAM2CAD.optimiser, learning_rate=1e-3, beta1=0.55),
-    ),
     "model32-cpu": TranslatorTrainingConfig(
         preset="model32-cpu",
         translator=TranslatorConfig(
-            direction="slam2cad",
             input_size=128,
             output_size=32,
             input_encoding="free_occupied",

@@ -6,7 +6,7 @@ published code (anime2clothing, which the paper uses) took 0.616, 1.75, 5.72 and
 same graph in single precision with unneeded gradients left out, ``halved`` has the patch discriminators' channels
 halved, ``bfloat16`` mixes precisions.
 
-``--layouts`` measures instead which folds (2 x 2 or 4 x 4 pixels), memory layout and, with ``--compile``, compiled
+``--layouts`` measures instead which memory layout and, with ``--compile``, compiled
 networks take a training step of the default translator fastest on this machine; ratios are to the first row.
 
     python benchmarks/gan/gan_cost.py [--resolutions 32 64] [--steps 2]
@@ -129,7 +129,7 @@ def compare_layouts(steps: int, compile_too: bool) -> None:
     if compile_too:
         settings.append(("auto", True))
     rows: list[list] = []
-    for name in ("slam2cad", "slam2cad-fold4"):
+    for name in ("slam2cad",):
         rows += [
             measure_layout(name, TRANSLATOR_PRESETS[name], layout, compiled, steps)
             for layout, compiled in settings

@@ -30,9 +30,6 @@ from report import print_and_save
 
 VARIANTS: dict[str, tuple[str, tuple[str, ...]]] = {
     "slam2cad": ("slam2cad", ()),
-    "4 x 4 pixels folded": ("slam2cad-fold4", ()),
-    "with a displacement field": ("slam2cad", ("translator.generator.displacement=true",)),
-    "with both discriminators": ("slam2cad-gan", ()),
     "all pairs resampled": ("slam2cad", ("augment.resampled=1.0",)),
     "pairs not registered": ("slam2cad", ("register=false",)),
 }

@@ -132,8 +132,6 @@ Statistics = list[dict[str, float]]
 class Sample:
     """SLAM-like maps of one kind, and what they were made from."""
 
-    maps: ByteArray  # (N, S, S): 0, 205, 254
-    cad: ByteArray  # (N, S, S)
     plans: list[str]
     statistics: Statistics
 
@@ -145,17 +143,11 @@ class Sample:
             maps: (N, S, S): 0, 205, 254.
             pairs: Their CAD maps, plans and scales.
         """
-        return Sample(maps, pairs.cad, list(pairs.plan_ids), describe_maps(maps, pairs))
+        return Sample(list(pairs.plan_ids), describe_maps(maps, pairs))
 
     def subset(self, indices: Sequence[int]) -> "Sample":
         """The maps with these indices."""
-        chosen = list(indices)
-        return Sample(
-            self.maps[chosen],
-            self.cad[chosen],
-            [self.plans[i] for i in chosen],
-            [self.statistics[i] for i in chosen],
-        )
+        return Sample([self.plans[i] for i in indices], [self.statistics[i] for i in indices])
 
 
 def describe_maps(maps: ByteArray, pairs: PairSet) -> Statistics:

@@ -8,14 +8,23 @@ from collections.abc import Sequence
 
 import numpy as np
 import torch
-from torch import Tensor
+from torch import Tensor, nn
+from torch.nn import functional
 
 from slamgym.core.config import Count, PositiveShare, Settings
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, BoolArray, ByteArray, FloatArray, IntArray
-from slamgym.gan.evaluation.map_classifier import ClassifierConfig, train_classifier
 from slamgym.metrics.maps import free_boundary
 
 _BLOCK = 2  # 64 cells become 32 x 32 pixels of four times the channels
+
+
+class ClassifierConfig(Settings):
+    """How the network is trained."""
+
+    width: int = 16
+    epochs: int = 8
+    batch: int = 32
+    learning_rate: float = 4e-3
 
 
 class PatchConfig(Settings):
@@ -31,7 +40,7 @@ class PatchConfig(Settings):
     """Patches of a map that are scored where it is held out."""
     most_unknown: PositiveShare = 0.9
     """Patches with a larger unknown share are drawn again."""
-    training: ClassifierConfig = ClassifierConfig(size=64, epochs=8, learning_rate=4e-3)
+    training: ClassifierConfig = ClassifierConfig()
 
 
 DEFAULT_PATCHES = PatchConfig()
@@ -62,7 +71,7 @@ class PatchLearner:
         kinds = [self._drawn(np.flatnonzero(train & (of_second == kind)), rng) for kind in (False, True)]
         pictures = _channels(np.concatenate(kinds))
         labels = torch.cat([torch.full((len(kind),), float(k)) for k, kind in enumerate(kinds)])
-        network = train_classifier(pictures, labels, seed, self.config.training, _BLOCK)
+        network = _trained(pictures, labels, seed, self.config.training)
         held = np.flatnonzero(~train)
         judged = self.patches[held, : self.scores.shape[1]]
         with torch.inference_mode():
@@ -123,3 +132,46 @@ def _channels(patches: ByteArray) -> Tensor:
     """Free, occupied and unknown as channels of 0 and 1, (P, 3, side, side)."""
     classes = np.stack([patches == value for value in (FREE, OCCUPIED, UNKNOWN)], axis=1)
     return torch.from_numpy(classes.astype(np.float32))
+
+
+def _trained(pictures: Tensor, labels: Tensor, seed: int, config: ClassifierConfig) -> nn.Module:
+    """Train one network; equal seeds give equal networks on one machine.
+
+    Args:
+        pictures: (N, 3, S, S).
+        labels: 0 or 1, (N,).
+        seed: Of the network and of the order.
+        config: How it is trained.
+
+    Returns:
+        The network, which gives logits (N, 1).
+    """
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(seed)
+        network = _network(config.width)
+        optimiser = torch.optim.AdamW(network.parameters(), config.learning_rate, weight_decay=1e-2)
+        steps = config.epochs * max(1, len(labels) // config.batch)
+        schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, config.learning_rate, total_steps=steps)
+        for _ in range(steps):
+            chosen = torch.randint(len(labels), (config.batch,))
+            # The eight flips and quarter turns: a map is no more real for lying on its side.
+            seen = torch.rot90(pictures[chosen], int(torch.randint(4, ())), (2, 3))
+            seen = seen.flip(3) if torch.rand(()) < 0.5 else seen
+            loss = functional.binary_cross_entropy_with_logits(network(seen).squeeze(1), labels[chosen])
+            optimiser.zero_grad()
+            loss.backward()
+            optimiser.step()
+            schedule.step()
+    return network.eval()
+
+
+def _network(width: int) -> nn.Sequential:
+    layers: list[nn.Module] = [nn.PixelUnshuffle(_BLOCK)]
+    channels = 3 * _BLOCK**2
+    for out in (width, 2 * width, 4 * width, 4 * width):
+        layers += [nn.Conv2d(channels, out, 3, padding=1, bias=False), nn.BatchNorm2d(out), nn.ReLU()]
+        layers.append(nn.MaxPool2d(2))
+        channels = out
+    return nn.Sequential(
+        *layers, nn.AdaptiveAvgPool2d(1), nn.Flatten(), nn.Dropout(0.3), nn.Linear(channels, 1)
+    )

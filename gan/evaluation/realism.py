@@ -38,8 +38,6 @@ SHOWN = (
 )
 """Statistics whose medians are printed."""
 
-PICTURES = "network_on_pictures"
-
 
 def elastic_maps(pairs: PairSet, seed: int) -> ByteArray:
     """The baseline: CAD maps bent by random fields, (N, S, S)."""
@@ -84,7 +82,6 @@ def compare_with_simulated(
     generated: Sample,
     seed: int = 0,
     repeats: int = 4,
-    pictures: bool = False,
 ) -> dict[str, Any]:
     """Test one kind of maps against the simulated ones.
 
@@ -94,7 +91,6 @@ def compare_with_simulated(
         generated: The maps to compare with them.
         seed: Of the tests.
         repeats: How often plans are assigned to folds again; the accuracies are averaged.
-        pictures: Test the pictures by a convolutional network, too; needs torch.
 
     Returns:
         JSON form: ``name``, ``maps`` of each kind, for each learner its accuracy with its interval and the most
@@ -112,11 +108,6 @@ def compare_with_simulated(
             "high": result.high,
             "telling": result.telling[:5],
         }
-    if pictures:
-        from slamgym.gan.evaluation.map_classifier import picture_test
-
-        found = picture_test(reference, generated, seed)
-        entry[PICTURES] = {"accuracy": found.value, "low": found.low, "high": found.high}
     entry["kernel_distance"] = asdict(kernel_distance(values, others, seed=seed))
     entry["medians"] = medians(others)
     entry["wasserstein"] = statistic_distances(values, others)
@@ -150,13 +141,12 @@ def medians(statistics: Statistics) -> dict[str, float]:
 
 def realism_table(entries: list[dict[str, Any]]) -> tuple[list[str], list[list[str]]]:
     """Headings and rows: how well each kind can be distinguished from simulated maps."""
-    learners = [learner for learner in (*CLASSIFIERS, PICTURES) if learner in entries[0]]
-    headings = ["maps", "number", *(f"accuracy, {learner.replace('_', ' ')}" for learner in learners)]
+    headings = ["maps", "number", *(f"accuracy, {learner.replace('_', ' ')}" for learner in CLASSIFIERS)]
     headings += ["kernel distance p", "most telling statistics (KS distance)"]
     rows = []
     for entry in entries:
         row = [entry["name"], str(entry["maps"])]
-        for learner in learners:
+        for learner in CLASSIFIERS:
             found = entry[learner]
             row.append(f"{found['accuracy']:.2f} [{found['low']:.2f}, {found['high']:.2f}]")
         row.append(f"{entry['kernel_distance']['p']:.3f}")

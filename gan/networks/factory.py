@@ -47,8 +47,7 @@ def build_discriminators(
     networks = nn.ModuleDict()
     if parts.domain and max(loss.domain, loss.feature_matching) > 0.0:
         networks["domain"] = DomainDiscriminator(inputs, outputs, config.output_size, parts.width)
-    consistency = loss.input_consistency if loss.input_consistency_reference != "none" else 0.0
-    if parts.real_fake and max(loss.real_fake, consistency) > 0.0:
+    if parts.real_fake and max(loss.real_fake, loss.input_consistency) > 0.0:
         networks["real_fake"] = RealFakeDiscriminator(
             outputs, config.output_size, parts.width, parts.patch_width
         )

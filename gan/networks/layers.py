@@ -14,9 +14,6 @@ class GeneratorOutput(NamedTuple):
     logits: Tensor | None = None
     """Log odds of each value being 1 instead of -1, so that ``image = tanh(logits / 2)``; same shape. None while
     two resolutions are blended."""
-    field: Tensor | None = None
-    """Predicted displacement (B, 2, H', W') [px of the input], component 0 to the right, 1 upwards; see
-    :mod:`slamgym.gan.networks.displacement`."""
 
 
 LEAK = 0.2

@@ -12,9 +12,8 @@ from contextlib import contextmanager
 import numpy as np
 import torch
 from torch import Tensor, nn
-from torch.optim import Adam, AdamW, Optimizer
+from torch.optim import Adam, Optimizer
 
-from slamgym.core.errors import ConfigError
 from slamgym.core.types import ByteArray
 from slamgym.gan.config import Encoding, TranslatorTrainingConfig
 from slamgym.gan.data import PairSet
@@ -35,19 +34,10 @@ class Learner:
     """The networks in training."""
 
     def __init__(self, config: TranslatorTrainingConfig, compute: Compute) -> None:
-        """Build networks and optimisers; equal seeds give equal weights.
-
-        Raises:
-            ConfigError: If the settings don't go together.
-        """
+        """Build networks and optimisers; equal seeds give equal weights."""
         self.config = config
         self.compute = compute
         translator = config.translator
-        consistency = config.loss.input_consistency_reference
-        if consistency == "x" and translator.input_encoding != translator.output_encoding:
-            raise ConfigError(
-                "loss.input_consistency_reference 'x' needs equal encodings of input and output; use 'y'"
-            )
         self.generator: Generator = compute.put(build_generator(translator, config.seed))
         self.discriminators = compute.put(
             build_discriminators(translator, config.discriminator, config.loss, config.seed)
@@ -161,21 +151,16 @@ class Learner:
         fake = self._features(x_small, output.image, fade)
         terms: dict[str, Tensor] = {}
         if "domain" in fake and loss.domain > 0.0:
-            terms["domain"] = losses.domain_loss(fake["domain"], loss.gan)
+            terms["domain"] = losses.taken_for_real_loss(fake["domain"])
         if "domain" in fake and loss.feature_matching > 0.0:
             terms["feature_matching"] = losses.feature_matching_loss(
                 fake["domain"], real["domain"], loss.layer_weights
             )
         if "real_fake" in fake and loss.real_fake > 0.0:
-            terms["real_fake"] = losses.real_fake_loss(fake["real_fake"], loss.gan, loss.real_fake_scope)
-        if (
-            "real_fake" in fake
-            and loss.input_consistency > 0.0
-            and loss.input_consistency_reference != "none"
-        ):
-            reference = self._consistency_reference(x_small, real, fade)
+            terms["real_fake"] = losses.taken_for_real_loss(fake["real_fake"])
+        if "real_fake" in fake and loss.input_consistency > 0.0:
             terms["input_consistency"] = losses.feature_matching_loss(
-                fake["real_fake"], reference, loss.layer_weights
+                fake["real_fake"], real["real_fake"], loss.layer_weights
             )
         if loss.l1 > 0.0:
             terms["l1"] = losses.l1_loss(output.image, y)
@@ -185,18 +170,7 @@ class Learner:
             )
         if loss.dice > 0.0:
             terms["dice"] = losses.dice_loss(output.image, y)
-        if loss.smoothness > 0.0 and output.field is not None:
-            terms["smoothness"] = losses.smoothness_loss(output.field)
         return terms
-
-    def _consistency_reference(
-        self, x_small: Tensor, real: losses.FeaturesByName, fade: float
-    ) -> losses.Features:
-        if self.config.loss.input_consistency_reference == "y":
-            return real["real_fake"]
-        with torch.no_grad():
-            features: losses.Features = self.discriminators["real_fake"](x_small, fade)
-        return features
 
     def _weighted(self, terms: dict[str, Tensor]) -> Tensor:
         """Eq. (1): the sum of all terms, each with its weight."""
@@ -207,19 +181,16 @@ class Learner:
         self, image: Tensor, x_small: Tensor, other: Tensor | None, real: losses.FeaturesByName, fade: float
     ) -> dict[str, Tensor]:
         """Losses of the discriminators, of eqs. (2) and (3)."""
-        kind = self.config.loss.gan
         terms: dict[str, Tensor] = {}
         with self.compute.autocast():
             fake = self._features(x_small, image, fade)
             if "domain" in fake:
                 unassociated = None if other is None else self.discriminators["domain"](x_small, other, fade)
                 terms["domain"] = losses.domain_discriminator_loss(
-                    real["domain"], fake["domain"], unassociated, kind
+                    real["domain"], fake["domain"], unassociated
                 )
             if "real_fake" in fake:
-                terms["real_fake"] = losses.real_fake_discriminator_loss(
-                    real["real_fake"], fake["real_fake"], kind
-                )
+                terms["real_fake"] = losses.real_fake_discriminator_loss(real["real_fake"], fake["real_fake"])
         return terms
 
     def _descend(self, name: str, loss: Tensor) -> None:
@@ -245,9 +216,6 @@ class Learner:
     def _optimiser(self, network: nn.Module) -> Optimizer:
         settings = self.config.optimiser
         betas = (settings.beta1, settings.beta2)
-        if settings.weight_decay > 0.0:
-            decay = settings.weight_decay
-            return AdamW(network.parameters(), settings.learning_rate, betas, weight_decay=decay)
         return Adam(network.parameters(), settings.learning_rate, betas)
 
 

@@ -5,85 +5,64 @@ Every sample and every scale takes part in every term.
 """
 
 from collections.abc import Sequence
-from typing import Literal
 
 import torch
 from torch import Tensor
 from torch.nn import functional
 
-GanKind = Literal["lsgan", "bce"]
 Features = Sequence[Sequence[Tensor]]
 """Features per copy, the last one the scores."""
 FeaturesByName = dict[str, Features]
 """By discriminator."""
 
 
-def adversarial_loss(scores: Tensor, real: bool, kind: GanKind) -> Tensor:
-    """How far scores are from ``real`` (1) or fake (0): the mean of squares, or of -log.
+def adversarial_loss(scores: Tensor, real: bool) -> Tensor:
+    """How far scores are from ``real`` (1) or fake (0): the mean of squares (LSGAN, Mao et al. 2017).
 
     Args:
         scores: Any shape, before any sigmoid.
         real: Their target.
-        kind: ``lsgan`` (Mao et al. 2017) or ``bce``, the logarithms of eqs. (2) and (3).
     """
     target = torch.full_like(scores, float(real), dtype=torch.float32)
-    if kind == "lsgan":
-        return functional.mse_loss(scores.float(), target)
-    return functional.binary_cross_entropy_with_logits(scores.float(), target)
+    return functional.mse_loss(scores.float(), target)
 
 
-def _over_copies(copies: Features, real: bool, kind: GanKind) -> Tensor:
-    return torch.stack([adversarial_loss(features[-1], real, kind) for features in copies]).sum()
+def _over_copies(copies: Features, real: bool) -> Tensor:
+    return torch.stack([adversarial_loss(features[-1], real) for features in copies]).sum()
 
 
-def domain_discriminator_loss(
-    real: Features, fake: Features, other: Features | None, kind: GanKind
-) -> Tensor:
+def domain_discriminator_loss(real: Features, fake: Features, other: Features | None) -> Tensor:
     """Eq. (2) for the domain discriminator: (x, y) is real; (x, G(x)) and an unassociated target (x, y') are fake.
 
     Args:
         real: Of (x, y).
         fake: Of (x, G(x)).
         other: Of (x, y'), or None to leave it out.
-        kind: See :func:`adversarial_loss`.
 
     Returns:
         The mean over the three kinds of the sum over the copies.
     """
-    terms = [_over_copies(real, True, kind), _over_copies(fake, False, kind)]
+    terms = [_over_copies(real, True), _over_copies(fake, False)]
     if other is not None:
-        terms.append(_over_copies(other, False, kind))
+        terms.append(_over_copies(other, False))
     return torch.stack(terms).mean()
 
 
-def real_fake_discriminator_loss(real: Features, fake: Features, kind: GanKind) -> Tensor:
+def real_fake_discriminator_loss(real: Features, fake: Features) -> Tensor:
     """Eq. (3) for the real/fake discriminator: y is real, G(x) is fake; the mean of the sums over the copies."""
-    return 0.5 * (_over_copies(real, True, kind) + _over_copies(fake, False, kind))
+    return 0.5 * (_over_copies(real, True) + _over_copies(fake, False))
 
 
-def domain_loss(fake: Features, kind: GanKind) -> Tensor:
-    """Eq. (2) for the generator: the domain discriminator shall take (x, G(x)) for real. Sum over the copies."""
-    return _over_copies(fake, True, kind)
-
-
-def real_fake_loss(fake: Features, kind: GanKind, scope: Literal["all", "as_coded"] = "all") -> Tensor:
-    """Eq. (3) for the generator: the real/fake discriminator shall take every G(x) for real. Sum over the copies.
-
-    Args:
-        fake: Of G(x).
-        kind: See :func:`adversarial_loss`.
-        scope: ``as_coded`` is the published code's error: the last copy's score of the last sample alone.
-    """
-    if scope == "as_coded":
-        return adversarial_loss(fake[-1][-1][-1], True, kind)
-    return _over_copies(fake, True, kind)
+def taken_for_real_loss(fake: Features) -> Tensor:
+    """Eqs. (2) and (3) for the generator: a discriminator shall take every output for real. Sum over the copies."""
+    return _over_copies(fake, True)
 
 
 def feature_matching_loss(fake: Features, reference: Features, layer_weights: Sequence[float]) -> Tensor:
     """Eqs. (4) and (5): a discriminator's features of the output and of a reference shall agree. Sum over the copies.
 
     Eq. (4) compares the domain discriminator's features of (x, G(x)) and (x, y). Eq. (5), input consistency, compares
-    the real/fake discriminator's of G(x) and of y in the paper, of x in the published code.
+    the real/fake discriminator's of G(x) and of y (the published code: of x).
 
     Args:
         fake: Of the output.
@@ -196,11 +175,3 @@ def _overlap(a: Tensor, b: Tensor) -> Tensor:
     shared = (a * b).sum(dim=(-2, -1))
     total = a.square().sum(dim=(-2, -1)) + b.square().sum(dim=(-2, -1))
     return ((2.0 * shared + 1.0) / (total + 1.0)).mean()
-
-
-def smoothness_loss(field: Tensor) -> Tensor:
-    """Mean squared difference of neighbouring vectors: 0 for a constant field. Scalar."""
-    field = field.float()
-    along_x = (field[..., :, 1:] - field[..., :, :-1]).square().mean()
-    along_y = (field[..., 1:, :] - field[..., :-1, :]).square().mean()
-    return along_x + along_y

@@ -7,72 +7,57 @@ wall direction, which only the straightening of outlines would need, and straigh
 (docs/notes/translators.md).
 """
 
-from typing import Annotated
-
 import cv2
 import numpy as np
 
-from slamgym.core.config import Settings, Within
 from slamgym.core.errors import ConfigError
 from slamgym.core.types import FREE, BoolArray, ByteArray, Float32Array
 
-_Size = Annotated[float, Within(ge=0.0, lt=10.0)]
+RAY_WIDTH = 0.25
+"""Free space narrower than this is a ray that left through a window or between two walls [m]."""
+FURNITURE = 0.6
+"""Things in a room of at most this length and width are furniture, people or noise, not walls [m]."""
+WALL_GAP = 0.2
+"""Gaps in a wall narrower than this are closed [m]."""
+MIN_AREA = 1.0
+"""Separate free space smaller than this is dropped [m2]."""
 
 
-class CleaningConfig(Settings, section="cleaning"):
-    """Sizes of what is dropped and filled."""
-
-    ray_width: _Size = 0.25
-    """Free space narrower than this is a ray that left through a window or between two walls [m]."""
-    furniture: _Size = 0.6
-    """Things in a room of at most this length and width are furniture, people or noise, not walls [m]."""
-    wall_gap: _Size = 0.2
-    """Gaps in a wall narrower than this are closed [m]."""
-    min_area: _Size = 1.0
-    """Separate free space smaller than this is dropped [m2]."""
-
-
-DEFAULT_CLEANING = CleaningConfig()
-
-
-def clean_map(slam: ByteArray, metres_per_px: float, config: CleaningConfig = DEFAULT_CLEANING) -> BoolArray:
+def clean_map(slam: ByteArray, metres_per_px: float) -> BoolArray:
     """Free space as an architect might have drawn it.
 
     Args:
         slam: SLAM map, shape (H, W): 0 occupied, 205 unknown, 254 free.
         metres_per_px: Scale [m].
-        config: Sizes of what is dropped and filled.
 
     Returns:
         Free cells, shape (H, W), in the frame of ``slam``.
     """
-    free = _fill_furniture(slam == FREE, config.furniture / metres_per_px)
-    walls = cv2.morphologyEx((~free).astype(np.uint8), cv2.MORPH_CLOSE, disc(config.wall_gap / metres_per_px))
-    opened = cv2.morphologyEx(1 - walls, cv2.MORPH_OPEN, disc(config.ray_width / metres_per_px))
-    return without_small(opened > 0, config.min_area / metres_per_px**2)
+    free = _fill_furniture(slam == FREE, FURNITURE / metres_per_px)
+    walls = cv2.morphologyEx((~free).astype(np.uint8), cv2.MORPH_CLOSE, disc(WALL_GAP / metres_per_px))
+    opened = cv2.morphologyEx(1 - walls, cv2.MORPH_OPEN, disc(RAY_WIDTH / metres_per_px))
+    return without_small(opened > 0, MIN_AREA / metres_per_px**2)
 
 
 class ClassicalTranslator:
     """The cleaning as a :class:`slamgym.gan.translation.translate.Translator`."""
 
-    def __init__(self, config: CleaningConfig = DEFAULT_CLEANING, metres_per_px: float = 0.05) -> None:
-        """Keep the settings.
+    def __init__(self, metres_per_px: float = 0.05) -> None:
+        """Keep the scale.
 
         Args:
-            config: Sizes of what is dropped and filled.
-            metres_per_px: Scale of maps that come without one; 0.05 m is what most robots use.
+                metres_per_px: Scale of maps that come without one; 0.05 m is what most robots use.
 
         Raises:
             ConfigError: If the scale isn't positive.
         """
         if not metres_per_px > 0.0:
             raise ConfigError(f"metres_per_px must be a positive number, not {metres_per_px}")
-        self.config = config
         self.metres_per_px = metres_per_px
 
     def translate(self, slam: ByteArray, metres_per_px: float | None = None) -> Float32Array:
         """Clean a SLAM map; the values are 0 and 1."""
-        return clean_map(slam, metres_per_px or self.metres_per_px, self.config).astype(np.float32)
+        return clean_map(slam, metres_per_px or self.metres_per_px).astype(np.float32)
 
 
 def outline_only(cad: ByteArray, metres_per_px: float, thickest_wall: float = 0.5) -> BoolArray:

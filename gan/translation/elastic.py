@@ -11,34 +11,25 @@ DISPLACEMENT = 0.15
 """Standard deviation of each component of the field [m]: about that of walls in simulated maps."""
 
 
-def bend(
-    cad: ByteArray,
-    metres_per_px: float,
-    rng: np.random.Generator,
-    displacement: float = DISPLACEMENT,
-    correlation_length: float = CORRELATION_LENGTH,
-) -> ByteArray:
+def bend(cad: ByteArray, metres_per_px: float, rng: np.random.Generator) -> ByteArray:
     """Deform a CAD map elastically (Simard, Steinkraus, Platt 2003) and draw it with the values of a SLAM map.
 
     Args:
         cad: CAD map, shape (H, W): 0 walls and outside, 254 inside.
         metres_per_px: Scale [m].
         rng: Draws the field.
-        displacement: Standard deviation of each component [m].
-        correlation_length: Of the Gaussian that smooths the field [m].
 
     Returns:
         Shape (H, W): 0 on the faces of walls, 205 behind them, 254 free.
     """
-    field = _random_field(cad.shape, metres_per_px, rng, displacement, correlation_length)
-    return _pulled(_faces(cad), field, UNKNOWN)
+    return bend_with_field(cad, metres_per_px, rng)[0]
 
 
 def bend_with_field(
     cad: ByteArray, metres_per_px: float, rng: np.random.Generator
 ) -> tuple[ByteArray, Float32Array]:
     """:func:`bend` with its field, (2, H, W) [m] x, y (up): out(q) = in(q + d(q))."""
-    field = _random_field(cad.shape, metres_per_px, rng, DISPLACEMENT, CORRELATION_LENGTH)
+    field = _random_field(cad.shape, metres_per_px, rng)
     upwards = np.array([metres_per_px, -metres_per_px], dtype=np.float32)[:, None, None]
     return _pulled(_faces(cad), field, UNKNOWN), field * upwards
 
@@ -61,21 +52,15 @@ def drifted(cad: ByteArray, metres_per_px: float, rng: np.random.Generator) -> B
     Returns:
         Shape (H, W), the same values.
     """
-    field = _random_field(cad.shape, metres_per_px, rng, DISPLACEMENT, CORRELATION_LENGTH)
+    field = _random_field(cad.shape, metres_per_px, rng)
     return _pulled(cad, field, OCCUPIED)
 
 
-def _random_field(
-    shape: tuple[int, ...],
-    metres_per_px: float,
-    rng: np.random.Generator,
-    displacement: float,
-    correlation_length: float,
-) -> Float32Array:
+def _random_field(shape: tuple[int, ...], metres_per_px: float, rng: np.random.Generator) -> Float32Array:
     """Smoothed noise (2, H, W) [px]: columns, rows."""
     noise = rng.standard_normal((2, *shape)).astype(np.float32)
-    field = np.stack([cv2.GaussianBlur(n, (0, 0), correlation_length / metres_per_px) for n in noise])
-    scale = np.float32(displacement / metres_per_px) / max(float(field.std()), 1e-9)
+    field = np.stack([cv2.GaussianBlur(n, (0, 0), CORRELATION_LENGTH / metres_per_px) for n in noise])
+    scale = np.float32(DISPLACEMENT / metres_per_px) / max(float(field.std()), 1e-9)
     return np.asarray(field * scale, dtype=np.float32)
 
 

@@ -260,19 +260,13 @@ class LearnedTranslator:
             return result
         shape = self._working_shape((part.shape[0], part.shape[1]), metres_per_px)
         resampled = resample_slam(part, shape) if empty == UNKNOWN else resample_grey(part, shape)
-        image = translate_tiled(resampled, self._tile(shape), empty, self._run)
+        image = translate_tiled(resampled, size, empty, self._run)
         if image.shape[0] == 3:
             image = image.mean(axis=0, keepdims=True)
         for channel in range(channels):
             share = resample_probability(0.5 * (image[channel] + 1.0), (part.shape[0], part.shape[1]))
             result[channel, rows, cols] = 2.0 * share - 1.0
         return result
-
-    def _tile(self, shape: tuple[int, int]) -> int:
-        """Side of the tiles for a map of this shape: no larger than it takes."""
-        folded = self.config.generator.fold << self.config.generator.depth
-        needed = folded * math.ceil(max(shape) / folded)
-        return max(self.config.input_size, min(self.config.tile_size, needed))
 
     def _shift_px(self, cells: ByteArray, metres_per_px: float | None) -> float:
         """By how much the network draws faces inside of the true ones, in cells of the map."""
@@ -303,8 +297,7 @@ class LearnedTranslator:
 
     def _run(self, tiles: ByteArray) -> Float32Array:
         """Translate tiles (N, S, S) to (N, C, S, S), the mean over the symmetries."""
-        size = tiles.shape[-1]
-        resolution = self.config.output_size if size == self.config.input_size else size
+        size, resolution = tiles.shape[-1], self.config.output_size
         outputs: list[np.ndarray] = []
         for symmetry in SYMMETRIES[self.config.flips]:
             seen = np.stack([flipped(tile, symmetry) for tile in tiles])

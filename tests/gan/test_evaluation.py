@@ -13,7 +13,7 @@ from slamgym.commands.gan.main import evaluate_command as main
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, GridFrame, OccupancyGrid
 from slamgym.gan.data import PairSet
-from slamgym.gan.evaluation import realism
+from slamgym.gan.evaluation import generated_maps, realism
 from slamgym.gan.evaluation.evaluate import (
     BLURRED,
     CLEANED,
@@ -30,7 +30,7 @@ from slamgym.gan.evaluation.generated_maps import Sample, load_generated, parse_
 from slamgym.gan.evaluation.pictures import find_ros_maps, translate_real, working_map
 from slamgym.gan.evaluation.realism import compare_with_simulated, elastic_maps, null_halves, translated_maps
 from slamgym.gan.evaluation.summary import main_table, scores_csv, summarise_scores, table_one
-from slamgym.gan.translation.classical import ClassicalTranslator, CleaningConfig, clean_map, outline_only
+from slamgym.gan.translation.classical import ClassicalTranslator, clean_map, outline_only
 from slamgym.gan.translation.elastic import bend
 from slamgym.gan.translation.translate import Translator
 from slamgym.interop import write_ros_map
@@ -216,9 +216,7 @@ class TestCleaning:
         slam = explored(plan(), np.random.default_rng(2))
         assert np.array_equal(translator.translate(slam, SCALE) >= 0.5, clean_map(slam, SCALE))
 
-    def test_senseless_sizes_are_refused(self):
-        with pytest.raises(ConfigError, match="ray_width"):
-            CleaningConfig(ray_width=-1.0)
+    def test_a_senseless_scale_is_refused(self):
         with pytest.raises(ConfigError, match="positive"):
             ClassicalTranslator(metres_per_px=0.0)
 
@@ -272,21 +270,6 @@ class TestRealism:
         assert elastic["kernel_distance"]["p"] < 0.01
         assert json.loads(json.dumps(elastic))["name"] == "elastic"
 
-    def test_the_network_on_pictures_recognises_elastic_maps(self):
-        pytest.importorskip("torch")
-        from slamgym.gan.evaluation.map_classifier import ClassifierConfig, picture_test
-
-        pairs = make_pairs(24)
-        config = ClassifierConfig(size=32, width=8, epochs=16, folds=2, batch=8)
-        simulated = Sample(pairs.slam, pairs.cad, list(pairs.plan_ids), [])
-        bent = picture_test(
-            simulated, dataclasses.replace(simulated, maps=elastic_maps(pairs, 0)), config=config
-        )
-        assert bent.low > 0.6
-        # Each map is in both samples: half of the guesses fail, whatever was learnt.
-        brief = ClassifierConfig(size=32, width=8, epochs=1, folds=2, batch=8)
-        assert picture_test(simulated, simulated, config=brief).value == pytest.approx(0.5, abs=1e-9)
-
     def test_a_translator_is_compared_at_its_own_resolution_and_with_drift(self):
         translator = copying_translator(64)
         pairs = make_pairs(2)
@@ -310,7 +293,8 @@ class TestRealism:
         seen = {}
 
         def watched(name, reference, generated, *_):
-            seen[name] = reference.maps.shape, generated.maps.shape
+            sides = ([row["side"] for row in sample.statistics] for sample in (reference, generated))
+            seen[name] = tuple((len(side), side[0], side[0]) for side in sides)
             learner = {"accuracy": 0.5, "low": 0.4, "high": 0.6, "telling": []}
             medians = realism.medians(generated.statistics)
             return {
@@ -321,6 +305,12 @@ class TestRealism:
                 "medians": medians,
             }
 
+        describe = generated_maps.describe_maps
+
+        def described(maps, pairs):
+            return [row | {"side": maps.shape[1]} for row in describe(maps, pairs)]
+
+        monkeypatch.setattr(generated_maps, "describe_maps", described)
         monkeypatch.setattr(evaluate, "compare_with_simulated", watched)
         pairs = make_pairs(2)
         generated = {"made": (pairs.subset([1]), pairs.slam[1:])}
@@ -341,11 +331,9 @@ class TestRealism:
         first, second = null_halves(["a", "a", "b", "b", "b", "c"], seed=0)
         assert (first, second) == ([0, 2], [1, 3])
 
-    def test_bending_displaces_walls_as_asked_and_keeps_the_values(self):
+    def test_bending_displaces_walls_and_keeps_the_values(self):
         cad = plan()
-        still = bend(cad, SCALE, np.random.default_rng(0), displacement=1e-6)
-        assert np.array_equal(still == FREE, cad == FREE)
-        bent = bend(cad, SCALE, np.random.default_rng(0), displacement=0.3)
+        bent = bend(cad, SCALE, np.random.default_rng(0))
         assert set(np.unique(bent)) == {OCCUPIED, UNKNOWN, FREE}
         assert 0.01 < np.mean((bent == FREE) != (cad == FREE)) < 0.2
 

@@ -92,10 +92,10 @@ def test_epochs_scale_all_stages():
 
 def test_settings_are_put_in_by_path():
     config = apply_settings(
-        TRANSLATOR_PRESETS["model32"], ["loss.l1=20", "loss.gan=bce", "stages=[[32,5,8]]"]
+        TRANSLATOR_PRESETS["model32"], ["loss.l1=20", "translator.direction=cad2slam", "stages=[[32,5,8]]"]
     )
     assert config.loss.l1 == 20
-    assert config.loss.gan == "bce"
+    assert config.translator.direction == "cad2slam"
     assert config.stages == (Stage(32, 5, 8),)
 
 

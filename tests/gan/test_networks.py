@@ -78,41 +78,22 @@ def test_the_generator_refuses_other_resolutions(resolution):
 
 
 @pytest.mark.parametrize("channels", [1, 2, 3])
-@pytest.mark.parametrize("displacement", [False, True])
-def test_the_residual_network_draws_at_its_inputs_size(channels, displacement):
-    network = ResidualUNet(channels, 1, GeneratorConfig("residual", 8, 3, displacement=displacement))
-    drawing = network(torch.randn(2, channels, 32, 32))
+def test_the_residual_network_draws_at_its_inputs_size(channels):
+    drawing = ResidualUNet(channels, 1, GeneratorConfig("residual", 8, 3))(torch.randn(2, channels, 32, 32))
     assert drawing.image.shape == (2, 1, 32, 32)
-    assert (drawing.field is not None) == displacement
-    if displacement:
-        assert drawing.field.shape == (2, 2, 4, 4)
-        assert drawing.field.abs().max() <= network.max_displacement_px
 
 
-@pytest.mark.parametrize(("fold", "depth"), [(2, 3), (4, 2)])
-def test_the_residual_network_starts_by_copying_its_input(fold, depth):
-    network = ResidualUNet(2, 1, GeneratorConfig("residual", 8, depth, fold))
+def test_the_residual_network_starts_by_copying_its_input():
+    network = ResidualUNet(2, 1, GeneratorConfig("residual", 8, 3))
     network.start(torch.Generator().manual_seed(0))
     x = torch.randn(2, 2, 32, 32).sign()
     with torch.no_grad():
         assert torch.equal(network(x).image.sign(), x[:, :1])
 
 
-@pytest.mark.parametrize(
-    ("generator", "message"), [({"fold": 3}, "fold"), ({"fold": 4, "depth": 4}, "depth")]
-)
-def test_a_fold_that_does_not_fit_is_refused(generator, message):
-    with pytest.raises(ConfigError, match=message):
-        TranslatorConfig(input_size=64, output_size=64, generator=GeneratorConfig("residual", **generator))
-
-
-def test_the_residual_networks_field_starts_at_zero_and_learns():
-    network = ResidualUNet(2, 1, GeneratorConfig("residual", 8, 3, displacement=True))
-    network.start(torch.Generator().manual_seed(0))
-    drawing = network(torch.randn(2, 2, 32, 32))
-    assert not drawing.field.any()
-    drawing.image.square().mean().backward()
-    assert network.field_head.weight.grad.abs().max() > 0.0
+def test_a_depth_that_does_not_fit_is_refused():
+    with pytest.raises(ConfigError, match="depth"):
+        TranslatorConfig(input_size=64, output_size=64, generator=GeneratorConfig("residual", depth=5))
 
 
 def fading_generator():

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN
-from slamgym.gan.evaluation.map_classifier import ClassifierConfig
-from slamgym.gan.evaluation.patch_classifier import PatchConfig, PatchLearner, cut_patches
+from slamgym.gan.evaluation.patch_classifier import ClassifierConfig, PatchConfig, PatchLearner, cut_patches
 from slamgym.metrics.two_sample import distinguish
 
 SMALL = PatchConfig(

@@ -322,18 +322,6 @@ def test_the_command_line_shows_no_traceback(tmp_path, capsys):
     assert "translate" in capsys.readouterr().out
 
 
-def test_large_tiles_are_no_larger_than_the_map(monkeypatch):
-    config = dataclasses.replace(CONFIG, tile_size=128)
-    translator = LearnedTranslator(build_generator(config), config, ModelCard(), CPU)
-    seen = []
-    run = translator._run
-    monkeypatch.setattr(translator, "_run", lambda tiles: seen.append(tiles.shape) or run(tiles))
-    for side in (70, 100, 200):
-        cells = building(side, side)
-        assert agreement(translator.translate(cells, 0.1), cells) > 0.98
-    assert [shape[-1] for shape in seen] == [64, 72, 128]  # of what is known, with its margin
-
-
 def test_tiles_without_anything_known_are_left_out():
     cells = np.full((300, 300), 7, np.uint8)
     cells[10:20, 10:20] = 9

@@ -40,7 +40,7 @@ class TrainTranslatorArguments(Arguments):
     """Folder of the run: settings, checkpoint, weights, samples, curves."""
     preset: str = "slam2cad"
     """model32 and modelprog (the paper's), slam2cad (the default translator), slam2cad-metric (the same, for pairs
-    rendered with true faces), slam2cad-fold4, slam2cad-gan, slam2cad-cpu, model32-cpu, modelprog-cpu."""
+    rendered with true faces), slam2cad-cpu, model32-cpu, modelprog-cpu."""
     minutes: Annotated[float, Within(gt=0.0, le=1e5)] | None = None
     """Wall-clock time for the whole training: the schedule is stretched so that it ends then. The CPU presets have
     some by default."""
@@ -118,8 +118,6 @@ class EvaluateTranslatorsArguments(Arguments):
     """Compare elastic deformation with the simulated maps even if nothing else is given to be compared."""
     repeats: Count = 4
     """How often the two-sample tests deal plans to folds again; fewer are faster and vary more."""
-    cnn: bool = False
-    """Test the pictures by a convolutional network, too; takes minutes."""
     real: Path | None = None
     """A folder of ROS maps of real robots: draws their translations, for looking at."""
     device: DeviceName = "cpu"

@@ -176,9 +176,7 @@ def _compare_realism(
 def _compare(
     arguments: EvaluateTranslatorsArguments, name: str, reference: Sample, generated: Sample
 ) -> dict[str, Any]:
-    return compare_with_simulated(
-        name, reference, generated, arguments.seed, arguments.repeats, arguments.cnn
-    )
+    return compare_with_simulated(name, reference, generated, arguments.seed, arguments.repeats)
 
 
 def _spread(maps: ByteArray, chosen: Sequence[int], count: int) -> ByteArray:
