@@ -54,7 +54,7 @@ def runs_of(plan: FloorPlan, kind: str, seed: list[int]) -> dict[str, tuple[Plac
     scans = pick_scans(plan_trajectory(plan, config.motion, rng, kind), config.motion)  # type: ignore[arg-type]
     side = max(plan.bounds[2] - plan.bounds[0], plan.bounds[3] - plan.bounds[1])
     frame = GridFrame.covering(plan.bounds, side / (PIXELS - 8), 0.1)
-    seen, _ = observe(plan.raster(frame.resolution, frame).cells != FREE, frame, scans.poses, config.scanner)
+    seen = observe(plan.raster(frame.resolution, frame).cells != FREE, frame, scans.poses, config.scanner)
     poses, motion = scans.poses, increments_of(scans.poses)
     unit = rng.standard_normal(3)
     wheels = WheelErrors.of_unit(config.odometry, unit)
@@ -75,11 +75,8 @@ def runs_of(plan: FloorPlan, kind: str, seed: list[int]) -> dict[str, tuple[Plac
         return placement_field(poses, integrate(poses[0], increments), seen), seen.seen
 
     def landmarks(ekf: EkfConfig, batched: bool = False) -> Placement:
-        every = np.ones(len(poses), dtype=np.bool_)
         draws = np.random.default_rng([*seed, 1])
-        problem = landmark_problem(
-            poses, believed, seen, config.scanner.mount_x, LidarErrors(), every, ekf, draws
-        )
+        problem = landmark_problem(poses, believed, seen, config.scanner.mount_x, LidarErrors(), ekf, draws)
         estimate = run_ekf(problem, 9000) if batched else solve_schur(problem)
         field, known = np.zeros((2, *frame.shape)), np.zeros(frame.shape, dtype=np.bool_)
         rows, cols = np.divmod(problem.cells, frame.width_px)

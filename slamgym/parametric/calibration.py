@@ -7,7 +7,7 @@ of the systematic coefficients over robots and the random coefficients.
 """
 
 import json
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
@@ -32,19 +32,7 @@ class Runs:
     turn_error: FloatArray  # (R, N) believed minus true angle [rad]
 
 
-@dataclass(frozen=True)
-class PhaseCoefficients:
-    """What calibration measures; names and units as in ``TwoPhaseConfig``."""
-
-    k_l: float
-    k_lt: float
-    k_t: float
-    s_l: float
-    s_lt: float
-    s_t: float
-
-
-def fit_phases(runs: Runs) -> PhaseCoefficients:
+def fit_phases(runs: Runs) -> TwoPhaseConfig:
     """Fit the coefficients.
 
     Raises:
@@ -55,7 +43,7 @@ def fit_phases(runs: Runs) -> PhaseCoefficients:
     k_l, s_l = _slope_and_scatter(runs.distance, runs.distance_error)
     k_lt, s_lt = _slope_and_scatter(runs.distance, runs.drift)
     k_t, s_t = _slope_and_scatter(runs.turn, runs.turn_error)
-    return PhaseCoefficients(k_l=k_l, k_lt=k_lt, k_t=k_t, s_l=s_l, s_lt=s_lt, s_t=s_t)
+    return TwoPhaseConfig(k_l=k_l, k_lt=k_lt, k_t=k_t, s_l=s_l, s_lt=s_lt, s_t=s_t)
 
 
 def _slope_and_scatter(amount: FloatArray, error: FloatArray) -> tuple[float, float]:
@@ -72,7 +60,7 @@ def _slope_and_scatter(amount: FloatArray, error: FloatArray) -> tuple[float, fl
     return float(np.sqrt(max(spread, 0.0))), float(np.sqrt(random))
 
 
-def write_calibration(path: Path | str, coefficients: PhaseCoefficients, about: dict[str, object]) -> None:
+def write_calibration(path: Path | str, coefficients: TwoPhaseConfig, about: dict[str, object]) -> None:
     """Write the coefficients as JSON, with what they were measured on.
 
     Raises:
@@ -81,15 +69,15 @@ def write_calibration(path: Path | str, coefficients: PhaseCoefficients, about: 
     write_text(path, json.dumps({"two_phase": asdict(coefficients), "about": about}, indent=1) + "\n")
 
 
-def read_calibration(path: Path | str, base: TwoPhaseConfig) -> TwoPhaseConfig:
-    """Put measured coefficients in the place of ``base``'s.
+def read_calibration(path: Path | str) -> TwoPhaseConfig:
+    """Read measured coefficients.
 
     Raises:
         InputFileError: If the file can't be read or has not the six coefficients.
     """
     document = parse_json(read_bytes(path, DOCUMENT_BYTES), path)
     values = document.get("two_phase") if isinstance(document, dict) else None
-    names = set(PhaseCoefficients.__dataclass_fields__)
+    names = set(TwoPhaseConfig.__dataclass_fields__)
     if not isinstance(values, dict):
         raise InputFileError(path, 'has no section "two_phase"; write it with slamgym calibrate-odometry')
     for name in values:
@@ -101,13 +89,4 @@ def read_calibration(path: Path | str, base: TwoPhaseConfig) -> TwoPhaseConfig:
             raise InputFileError(
                 path, f"coefficient {name!r} must be a number of 0 or more, not {shown(value)}"
             )
-    fitted = PhaseCoefficients(**{name: float(values[name]) for name in names})
-    return replace(
-        base,
-        k_l=fitted.k_l,
-        k_lt=fitted.k_lt,
-        k_t=fitted.k_t,
-        s_l=fitted.s_l,
-        s_lt=fitted.s_lt,
-        s_t=fitted.s_t,
-    )
+    return TwoPhaseConfig(**{name: float(values[name]) for name in names})

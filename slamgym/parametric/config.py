@@ -8,7 +8,7 @@ cameras; MIT licence), from which the odometry magnitudes were computed.
 import dataclasses
 import math
 from dataclasses import field
-from typing import Annotated, Literal
+from typing import Annotated, Literal, TypeVar
 
 from slamgym.core.config import NonNegative, Positive, Settings, Share, Within
 from slamgym.core.errors import ConfigError
@@ -17,6 +17,7 @@ from slamgym.sim.lidar import LidarConfig, lidar_level
 from slamgym.sim.robot import RobotConfig
 from slamgym.slam.config import MotionNoise, SlamConfig
 
+_SettingsT = TypeVar("_SettingsT", bound=Settings)
 ConversionMethod = Literal["ekf_schur", "ekf", "two_phase", "scan_matching"]
 
 _ROBOT, _SCANNER = RobotConfig(), LidarConfig()
@@ -26,9 +27,6 @@ _ROBOT, _SCANNER = RobotConfig(), LidarConfig()
 class MotionConfig(Settings, section="motion"):
     """How the robot drives along its waypoints, and where it takes a scan."""
 
-    profile: Literal["turn_go", "smooth"] = "turn_go"
-    """turn_go: turn in place, then drive straight (what UMBmark and the two phases assume); smooth: a cubic
-    spline through the waypoints, as a clothoid would go."""
     max_linear: float = _ROBOT.max_linear
     """[m/s]"""
     max_angular: float = _ROBOT.max_angular
@@ -93,21 +91,13 @@ class LidarErrorConfig(Settings, section="lidar"):
     sigma_bearing: float = math.radians(0.2)
     """[rad] noise of a bearing."""
     weight_hit: Share = 0.95
-    """[-] share of beams that measure the wall."""
+    """[-] share of beams that measure the wall; the others lose it."""
     weight_short: Share = 0.03
     """[-] share of beams that meet something in front of it."""
     weight_max: Share = 0.01
     """[-] share of beams without return."""
     weight_rand: Share = 0.01
     """[-] share of beams with any range."""
-    lambda_short: float = 0.5
-    """[1/m] rate of the short beams' exponential."""
-    mode: Literal["trajectory", "random"] = "trajectory"
-    """trajectory: range and bearing of a wall cell come from the pose that saw it best; random: drawn per
-    cell and median filtered, as the paper prints it."""
-    mixture: Literal["categorical", "weighted_sum"] = "categorical"
-    """categorical: each beam is one of hit, short, max, rand; weighted_sum: the paper's sum of the four
-    displacements, which shifts every wall by decimetres and is kept for comparison only."""
     median_px: int = 5
     """[px] window of the median filter over the hits; 0 leaves it out."""
 
@@ -146,8 +136,6 @@ class TwoPhaseConfig(Settings, section="two_phase"):
     """[rad/sqrt(m)] random heading error of driving."""
     s_t: float = 0.0035
     """[rad/sqrt(rad)] random heading error of turning."""
-    observe: Literal["first", "mean", "last"] = "first"
-    """Which pose places a cell that several poses saw; first anchors it like a landmark."""
 
 
 class EkfConfig(Settings, section="ekf"):
@@ -217,22 +205,6 @@ class SensingConfig(Settings, section="sensing"):
     """How hits and visits become cells."""
 
 
-class FailureConfig(Settings, section="failures"):
-    """What the paper lists as missing: data association that fails, so that a room jumps or a wall breaks.
-
-    Events come as a Poisson process along the path. During an event nothing corrects the robot's pose.
-    """
-
-    rate: float = 0.0
-    """[1/m] failures per metre driven."""
-    skipped_scans: int = 8
-    """Scans without correction per failure."""
-    jump: float = 0.08
-    """[m] standard deviation of the wrong match's offset, per axis."""
-    jump_deg: float = 2.0
-    """[deg] standard deviation of the wrong match's heading."""
-
-
 class RenderConfig(Settings, section="render"):
     """How the displaced map is drawn."""
 
@@ -243,8 +215,6 @@ class RenderConfig(Settings, section="render"):
     """[m] Gaussian over the densified field; 2 px of a 256 px map at 0.05 m."""
     inversions: int = 6
     """Fixed-point iterations from true to output pixels."""
-    lost_walls: Literal["unknown", "free"] = "unknown"
-    """What stands where a beam lost its wall (renderer warp)."""
 
 
 class ParametricConfig(Settings):
@@ -268,7 +238,6 @@ class ParametricConfig(Settings):
     ekf: EkfConfig = field(default_factory=EkfConfig)
     matching: MatchingConfig = field(default_factory=MatchingConfig)
     sensing: SensingConfig = field(default_factory=SensingConfig)
-    failures: FailureConfig = field(default_factory=FailureConfig)
     render: RenderConfig = field(default_factory=RenderConfig)
 
     def _check(self) -> None:
@@ -283,45 +252,33 @@ def scaled(config: ParametricConfig) -> ParametricConfig:
 
     Shares of stray beams grow with the severity until none hits; variances, not means, of the draws scale.
     """
-    s = config.severity
-    lidar, odometry, phases, failures = config.lidar, config.odometry, config.two_phase, config.failures
-    matching = config.matching
+    s, lidar, matching = config.severity, config.lidar, config.matching
     stray = lidar.weight_short + lidar.weight_max + lidar.weight_rand
     factor = min(s, 1.0 / stray) if stray > 0.0 else 0.0
     short, long, rand = (w * factor for w in (lidar.weight_short, lidar.weight_max, lidar.weight_rand))
-    names = ("a0", "a1", "b1", "b2", "b3", "b4", "b5", "b6", "sigma_range", "sigma_bearing")
     return dataclasses.replace(
         config,
         severity=1.0,
         lidar=dataclasses.replace(
-            lidar,
+            _times(lidar, s, "a0 a1 b1 b2 b3 b4 b5 b6 sigma_range sigma_bearing"),
             weight_hit=1.0 - short - long - rand,
             weight_short=short,
             weight_max=long,
             weight_rand=rand,
-            **{name: s * getattr(lidar, name) for name in names},
         ),
-        odometry=dataclasses.replace(
-            odometry,
-            alpha_eb_deg=s * odometry.alpha_eb_deg,
-            kappa_deg=s * odometry.kappa_deg,
-            scale=s * odometry.scale,
-        ),
-        two_phase=dataclasses.replace(
-            phases,
-            **{name: s * getattr(phases, name) for name in ("k_l", "k_lt", "k_t", "s_l", "s_lt", "s_t")},
-        ),
-        ekf=dataclasses.replace(config.ekf, noise=s * config.ekf.noise),
+        odometry=_times(config.odometry, s, "alpha_eb_deg kappa_deg scale"),
+        two_phase=_times(config.two_phase, s, "k_l k_lt k_t s_l s_lt s_t"),
+        ekf=_times(config.ekf, s, "noise"),
         matching=dataclasses.replace(
-            matching,
-            lag=min(1.0, s * matching.lag),
-            wander=s * matching.wander,
-            scatter=s * matching.scatter,
-            noise=s * matching.noise,
+            _times(matching, s, "wander scatter noise"), lag=min(1.0, s * matching.lag)
         ),
         sensing=dataclasses.replace(config.sensing, lidar=_scaled_lidar(config.sensing.lidar, s)),
-        failures=dataclasses.replace(failures, rate=s * failures.rate),
     )
+
+
+def _times(settings: _SettingsT, factor: float, names: str) -> _SettingsT:
+    """Settings with these of them, separated by blanks, multiplied."""
+    return dataclasses.replace(settings, **{name: factor * getattr(settings, name) for name in names.split()})
 
 
 def _scaled_lidar(lidar: LidarConfig, s: float) -> LidarConfig:

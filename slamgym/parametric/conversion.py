@@ -13,7 +13,6 @@ from slamgym.parametric.ekf_slam import run_ekf
 from slamgym.parametric.landmarks import landmark_problem
 from slamgym.parametric.lidar_error import LidarErrors, draw_lidar_errors
 from slamgym.parametric.odometry_error import (
-    Failures,
     Increments,
     WheelErrors,
     believed_increments,
@@ -25,11 +24,9 @@ from slamgym.parametric.schur_slam import solve_schur
 from slamgym.parametric.two_phase import (
     PhaseErrors,
     disturb,
-    frame_centre,
     placement_field,
-    rigid_motions,
 )
-from slamgym.parametric.visibility import Visibility, observe
+from slamgym.parametric.visibility import Visibility
 
 
 @dataclass(frozen=True)
@@ -48,7 +45,7 @@ class DeformStreams:
     odometry: np.random.Generator
     lidar: np.random.Generator
     noise: np.random.Generator
-    failures: np.random.Generator
+    unused: np.random.Generator  # once for failures of the matching: seeds keep their maps
     scans: np.random.Generator
     beams: np.random.Generator
 
@@ -60,9 +57,7 @@ class ConversionInput:
     poses: FloatArray  # (T, 3) true poses of the scans
     motion: Increments  # between them
     visibility: Visibility
-    occupied: BoolArray  # (H, W)
     robot: RobotErrors
-    failures: Failures
     model: ParametricConfig
     streams: DeformStreams
     stamps: FloatArray  # (T,) [s]
@@ -99,7 +94,7 @@ def convert(run: ConversionInput) -> Conversion:
 def _two_phase(run: ConversionInput) -> Conversion:
     """Empirical odometry errors, and every cell where its scan would have put it."""
     controls = disturb(run.motion, run.robot.phases, run.model.two_phase, run.streams.noise)
-    believed = integrate(run.poses[0], run.failures.disturb(controls))
+    believed = integrate(run.poses[0], controls)
     return _placed(run, controls, believed)
 
 
@@ -110,9 +105,8 @@ def _scan_matching(run: ConversionInput) -> Conversion:
     controls = disturb(run.motion, run.robot.phases, run.model.two_phase, run.streams.noise)
     believed = matched_path(
         run.scans,
-        run.failures.disturb(controls),
+        controls,
         np.maximum(1.0, np.round(np.diff(run.stamps) * run.model.sensing.lidar.rate)),
-        run.failures.matched,
         run.visibility.frame,
         run.model.matching,
         run.streams.noise,
@@ -121,17 +115,11 @@ def _scan_matching(run: ConversionInput) -> Conversion:
 
 
 def _placed(run: ConversionInput, controls: Increments, believed: FloatArray) -> Conversion:
-    """Every cell where the scans that saw it put it."""
-    poses, visibility, phases = run.poses, run.visibility, run.model.two_phase
-    mean_motion: Float32Array | None = None
-    if phases.observe == "mean":
-        motions = rigid_motions(poses, believed, frame_centre(visibility.frame)).astype(np.float32)
-        _, sums = observe(run.occupied, visibility.frame, poses, run.model.scanner, motions)
-        mean_motion = (sums / np.maximum(visibility.cells.num_scans, 1)[:, :, None]).astype(np.float32)
+    """Every cell where the first scan that saw it put it."""
     return Conversion(
-        field=placement_field(poses, believed, visibility, phases.observe, mean_motion),
-        known=visibility.seen,
-        odometry=integrate(poses[0], controls),
+        field=placement_field(run.poses, believed, run.visibility),
+        known=run.visibility.seen,
+        odometry=integrate(run.poses[0], controls),
         believed=believed,
     )
 
@@ -143,11 +131,10 @@ def _landmark_slam(run: ConversionInput) -> Conversion:
     controls = believed_increments(run.motion, run.robot.wheels, base, diameter)
     problem = landmark_problem(
         run.poses,
-        run.failures.disturb(controls),
+        controls,
         run.visibility,
         model.scanner.mount_x,
         run.robot.lidar,
-        run.failures.matched,
         model.ekf,
         run.streams.noise,
     )

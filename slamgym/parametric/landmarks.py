@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from slamgym.core.geometry import wrap_angle
-from slamgym.core.types import BoolArray, FloatArray, Int32Array, IntArray
+from slamgym.core.types import FloatArray, Int32Array, IntArray
 from slamgym.parametric.config import EkfConfig
 from slamgym.parametric.lidar_error import LidarErrors
 from slamgym.parametric.odometry_error import Increments, increments_of
@@ -48,7 +48,6 @@ def landmark_problem(
     visibility: Visibility,
     mount_x: float,
     errors: LidarErrors,
-    matched: BoolArray,
     config: EkfConfig,
     rng: np.random.Generator,
 ) -> LandmarkProblem:
@@ -62,12 +61,11 @@ def landmark_problem(
         visibility: Which beams meet which cells.
         mount_x: [m] of the scanner ahead of the base.
         errors: Systematic LIDAR errors.
-        matched: (T,) False where a scan is skipped because its data association failed.
         config: Noise, number of landmarks.
         rng: Source of randomness.
     """
     true_motion = increments_of(true_poses)
-    scan, cells = _observed_cells(visibility.cells.hits, config.landmarks_per_scan, matched, rng)
+    scan, cells = _observed_cells(visibility.cells.hits, config.landmarks_per_scan, rng)
     unique, first_use, landmark = np.unique(cells, return_index=True, return_inverse=True)
     order = np.argsort(first_use, kind="stable")
     rank = np.empty_like(order)
@@ -104,12 +102,10 @@ def landmark_problem(
     )
 
 
-def _observed_cells(
-    hits: Int32Array, per_scan: int, matched: BoolArray, rng: np.random.Generator
-) -> tuple[IntArray, Int32Array]:
+def _observed_cells(hits: Int32Array, per_scan: int, rng: np.random.Generator) -> tuple[IntArray, Int32Array]:
     """(scan, cell) of every observation: each cell once per scan, at most ``per_scan`` of them, at random."""
     scans, cells = [], []
-    for k in np.flatnonzero(matched):
+    for k in range(len(hits)):
         seen = np.unique(hits[k])
         seen = seen[seen >= 0]
         if per_scan and len(seen) > per_scan:

@@ -57,21 +57,6 @@ def draw_lidar_errors(config: LidarErrorConfig, rng: np.random.Generator) -> Lid
     return LidarErrors(*(float(v) for v in np.array(sigmas) * rng.standard_normal(8)))
 
 
-def short_ranges(distance: FloatArray, rate: float, rng: np.random.Generator) -> FloatArray:
-    """Ranges of beams that met something in front of the wall: a truncated exponential.
-
-    Args:
-        distance: True ranges z* (...,) [m].
-        rate: lambda [1/m].
-        rng: Source of randomness.
-
-    Returns:
-        Samples in [0, z*], the inverse of the distribution function of eq. (7).
-    """
-    uniform = rng.random(distance.shape)
-    return np.asarray(-np.log1p(-uniform * (1.0 - np.exp(-rate * distance))) / rate)
-
-
 def draw_components(shape: tuple[int, ...], config: LidarErrorConfig, rng: np.random.Generator) -> ByteArray:
     """One component of the mixture per beam, ~ Cat(hit, short, max, rand)."""
     edges = np.cumsum([config.weight_hit, config.weight_short, config.weight_max])
@@ -114,7 +99,7 @@ def wall_beams(
     Args:
         visibility: Which pose saw the cell best.
         errors: Systematic coefficients.
-        config: Noise, mixture and the paper's variants.
+        config: Noise and mixture.
         scanner: Limits of the range.
         rng: Source of randomness.
     """
@@ -124,38 +109,21 @@ def wall_beams(
     dx, dy = x - sensors[:, 0], y - sensors[:, 1]
     distance = np.hypot(dx, dy)
     bearing = np.asarray(wrap_angle(np.arctan2(dy, dx) - sensors[:, 2]))
-    if config.mode == "random":
-        distance = _scattered(
-            rng.uniform(scanner.range_min, scanner.range_max, len(rows)), visibility, config
-        )
-        bearing = _scattered(rng.uniform(-np.pi, np.pi, len(rows)), visibility, config)
     measured, at = measure(distance, bearing, errors, config, rng)
     component = draw_components(distance.shape, config, rng)
-    ranges = {
-        HIT: measured,
-        SHORT: short_ranges(distance, config.lambda_short, rng),
-        MAX: np.full_like(distance, scanner.range_max),
-        RAND: rng.uniform(0.0, scanner.range_max, distance.shape),
-    }
-    if config.mixture == "weighted_sum":
-        weights = (config.weight_hit, config.weight_short, config.weight_max, config.weight_rand)
-        shift = sum(
-            w * _shift(distance, bearing, ranges[c], at, sensors[:, 2]) for c, w in enumerate(weights)
-        )
-        hit = np.ones(len(rows), dtype=np.bool_)
-        component = np.full_like(component, HIT)
-    else:
-        shift = _shift(distance, bearing, measured, at, sensors[:, 2])
-        hit = component == HIT
+    rng.random(distance.shape)  # once the ranges of short beams: seeds keep their maps
+    anywhere = rng.uniform(0.0, scanner.range_max, distance.shape)
+    shift = _shift(distance, bearing, measured, at, sensors[:, 2])
+    hit = component == HIT
     field = np.zeros((2, *visibility.frame.shape), dtype=np.float32)
-    field[:, rows[hit], cols[hit]] = np.asarray(shift)[:, hit]
+    field[:, rows[hit], cols[hit]] = shift[:, hit]
     if config.median_px > 1:
         field = _median_over_hits(field, rows[hit], cols[hit], config.median_px)
     per_cell = np.full(visibility.frame.shape, NO_BEAM, dtype=np.uint8)
     per_cell[rows, cols] = component
     stray = component == RAND
     direction = bearing[stray] + sensors[stray, 2]
-    length = np.minimum(ranges[RAND][stray], distance[stray])
+    length = np.minimum(anywhere[stray], distance[stray])
     points = sensors[stray, :2] + length[:, None] * np.column_stack([np.cos(direction), np.sin(direction)])
     return WallBeams(field, per_cell, points)
 
@@ -171,17 +139,6 @@ def _shift(
             distance * np.sin(true_direction) - measured * np.sin(measured_direction),
         ]
     )
-
-
-def _scattered(values: FloatArray, visibility: Visibility, config: LidarErrorConfig) -> FloatArray:
-    """A random value per wall cell, median filtered over the picture: the paper's literal D and alpha."""
-    if config.median_px <= 1:
-        return values
-    wall = visibility.cells.best >= 0
-    picture = np.zeros((1, *wall.shape), dtype=np.float32)
-    picture[0, wall] = values
-    rows, cols = np.nonzero(wall)
-    return _median_over_hits(picture, rows, cols, config.median_px)[0, wall].astype(np.float64)
 
 
 def _median_over_hits(field: Float32Array, rows: IntArray, cols: IntArray, window_px: int) -> Float32Array:

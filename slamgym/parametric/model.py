@@ -27,7 +27,7 @@ from slamgym.core.types import (
 from slamgym.parametric.config import ParametricConfig, scaled
 from slamgym.parametric.conversion import ConversionInput, DeformStreams, convert, draw_robot
 from slamgym.parametric.lidar_error import HIT, wall_beams
-from slamgym.parametric.odometry_error import draw_failures, increments_of
+from slamgym.parametric.odometry_error import increments_of
 from slamgym.parametric.render import observed_cad
 from slamgym.parametric.robot_scans import RobotScans, drawn_map, furniture_beside, take_scans
 from slamgym.parametric.trajectory import TimedTrajectory, check_path_is_free, pick_scans
@@ -100,21 +100,18 @@ def deform(
     scans = pick_scans(trajectory, model.motion)
     clock.lap("plan and trajectory")
 
-    visibility, _ = observe(occupied, frame, scans.poses, model.scanner)
+    visibility = observe(occupied, frame, scans.poses, model.scanner)
     clock.lap("visibility")
 
     robot = draw_robot(model, streams)
     motion = increments_of(scans.poses)
-    failures = draw_failures(motion, model.failures, streams.failures)
     sensed = None
     if model.method == "scan_matching" or model.render.renderer == "scans":
         of_furniture, of_errors = streams.scans.spawn(2)
         furniture = furniture_beside(trajectory.poses[:, :2], plan, model.sensing.clutter, of_furniture)
         sensed = take_scans(plan, furniture, scans, model.sensing.lidar, of_errors)
         clock.lap("scans")
-    run = ConversionInput(
-        scans.poses, motion, visibility, occupied, robot, failures, model, streams, scans.stamps, sensed
-    )
+    run = ConversionInput(scans.poses, motion, visibility, robot, model, streams, scans.stamps, sensed)
     conversion = convert(run)
     clock.lap("conversion")
 
@@ -141,9 +138,7 @@ def deform(
         top, left = _corner_of(drawn.frame, frame)
         paste(cells, drawn.cells, -top, -left)
     else:
-        picture = np.pad(
-            observed_cad(occupied, visibility, beams, model.render), pad, constant_values=UNKNOWN
-        )
+        picture = np.pad(observed_cad(occupied, visibility, beams), pad, constant_values=UNKNOWN)
         cells = warp(picture, field, frame.resolution, UNKNOWN)
     clock.lap("map")
 
@@ -156,7 +151,7 @@ def deform(
         odometry=Trajectory(scans.stamps, conversion.odometry),
         believed=Trajectory(scans.stamps, conversion.believed),
         scans=sensed,
-        parameters=to_dict(robot) | {"failures": failures.scans.tolist()},
+        parameters=to_dict(robot),
         config=given,
         seconds=clock.laps,
     )

@@ -9,13 +9,13 @@ from the increments below and starts at the same pose.
 """
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from slamgym.core.geometry import wrap_angle
-from slamgym.core.types import BoolArray, FloatArray, IntArray
-from slamgym.parametric.config import FailureConfig, OdometryErrorConfig
+from slamgym.core.types import FloatArray
+from slamgym.parametric.config import OdometryErrorConfig
 
 
 @dataclass(frozen=True)
@@ -122,39 +122,3 @@ def believed_increments(
         lateral=true.lateral,
         turn=(distance_right - distance_left) / base,
     )
-
-
-@dataclass(frozen=True)
-class Failures:
-    """When matching fails, and by how much it jumps."""
-
-    scans: IntArray  # (F,) scan at which each failure begins, at least 1
-    jumps: FloatArray  # (F, 3) distance [m], lateral [m], turn [rad] of the wrong match
-    matched: BoolArray  # (T,) False for scans that nothing corrects
-
-    def disturb(self, believed: Increments) -> Increments:
-        """Believed increments with the wrong matches in them."""
-        distance, lateral, turn = believed.distance.copy(), believed.lateral.copy(), believed.turn.copy()
-        np.add.at(distance, self.scans - 1, self.jumps[:, 0])
-        np.add.at(lateral, self.scans - 1, self.jumps[:, 1])
-        np.add.at(turn, self.scans - 1, self.jumps[:, 2])
-        return replace(believed, distance=distance, lateral=lateral, turn=turn)
-
-
-def draw_failures(motion: Increments, config: FailureConfig, rng: np.random.Generator) -> Failures:
-    """Draw failures as a Poisson process along the path.
-
-    Args:
-        motion: T - 1 true increments.
-        config: Rate and size.
-        rng: Source of randomness.
-    """
-    driven = np.concatenate([[0.0], np.cumsum(np.abs(motion.distance))])
-    count = int(rng.poisson(config.rate * driven[-1]))
-    places = np.sort(rng.uniform(0.0, driven[-1], count))
-    scans = np.clip(np.searchsorted(driven, places), 1, len(driven) - 1)
-    sizes = np.array([config.jump, config.jump, math.radians(config.jump_deg)])
-    matched = np.ones(len(driven), dtype=np.bool_)
-    for scan in scans:
-        matched[scan : scan + config.skipped_scans] = False
-    return Failures(scans, sizes * rng.standard_normal((count, 3)), matched)

@@ -1,7 +1,6 @@
 """Where a true path comes from: a file of waypoints, a recorded trajectory, or a probabilistic roadmap."""
 
 import math
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -73,8 +72,6 @@ def trajectory_from_file(path: Path | str, plan: "FloorPlan", motion: MotionConf
     waypoints = read_waypoints(path)
     trajectory = drive(waypoints, motion, str(path))
     check_path_is_free(waypoints.points, plan.free_space, str(path))
-    if motion.profile == "smooth":
-        check_path_is_free(trajectory.poses[:, :2], plan.free_space, f"{path}, driven smoothly", "pose")
     return trajectory
 
 
@@ -117,8 +114,7 @@ def plan_trajectory(
         stops = [spread_stops(roadmap, _STOP_SPACING, rng)]
         stops += [room_centre(plan, roadmap, room.polygon) for room in plan.rooms]
         points = tour(roadmap, np.concatenate(stops), rng)
-    turns_only = replace(motion, profile="turn_go")  # a spline may cut a corner
-    return drive(Waypoints(points), turns_only, f"the path planned in {plan.id}")
+    return drive(Waypoints(points), motion, f"the path planned in {plan.id}")
 
 
 def room_centre(plan: "FloorPlan", roadmap: Roadmap, room: shapely.Polygon) -> FloatArray:

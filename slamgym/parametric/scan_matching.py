@@ -36,6 +36,7 @@ class AnchorSettings(NamedTuple):
     min_known: int  # scans with fewer beams on known walls are not matched
     prior: float  # weight of the expected pose in the fit [beams]
     thin_wall_px: int  # a new wall cell is taken for a known one up to so many cells across the wall from it
+    gain: float  # share [0-1] of the correction that is applied
     scatter: float  # error of one beam [m], independent of the others'
 
 
@@ -47,7 +48,6 @@ def anchor_poses(
     dice: FloatArray,
     hits: Int32Array,
     walls: WallCells,
-    gain: FloatArray,
     settings: AnchorSettings,
 ) -> FloatArray:
     """Integrate ``motions`` and correct every pose by a share of the best fit to known walls.
@@ -66,7 +66,6 @@ def anchor_poses(
         dice: (T, 3) standard normal; what the beams' own errors add follows from them and the walls in sight.
         hits: (T, B) flat index of the wall cell that each beam met, -1 for none.
         walls: What the beams hit.
-        gain: (T,) share [0-1] of the correction that is applied.
         settings: Limits of the matching.
 
     Returns:
@@ -116,7 +115,7 @@ def anchor_poses(
             g[0] += nx * gap
             g[1] += ny * gap
             g[2] += lever * gap
-        if known >= settings.min_known and gain[k] > 0.0:
+        if known >= settings.min_known:
             A[1, 0], A[2, 0], A[2, 1] = A[0, 1], A[0, 2], A[1, 2]
             A[0, 0] += settings.prior
             A[1, 1] += settings.prior
@@ -126,7 +125,7 @@ def anchor_poses(
             g[1] += settings.prior * (sin * pulls[k, 0] + cos * pulls[k, 1])
             g[2] += settings.prior * _PRIOR_LEVER**2 * pulls[k, 2]
             factor = lower_factor(A)
-            poses[k] += gain[k] * solve_factored(factor, g)
+            poses[k] += settings.gain * solve_factored(factor, g)
             # Of covariance A^-1: what errors of single beams do to the fit.
             poses[k] += settings.scatter * solve_upper(factor, dice[k])
         cos = math.cos(poses[k, 2] - true_poses[k, 2])
@@ -160,7 +159,6 @@ def matched_path(
     scans: RobotScans,
     odometry: Increments,
     steps: FloatArray,
-    matched: BoolArray,
     frame: GridFrame,
     config: MatchingConfig,
     rng: np.random.Generator,
@@ -171,7 +169,6 @@ def matched_path(
         scans: What the robot saw from its true poses.
         odometry: T - 1 motions as the wheels report them.
         steps: (T - 1,) how many scans came since the last one that entered the map: the filter adds noise at each.
-        matched: (T,) False where the match is left out.
         frame: Its cells are what walls are known by.
         config: The matcher.
         rng: Source of randomness.
@@ -193,11 +190,11 @@ def matched_path(
         dice,
         np.ascontiguousarray(hits[:, :: config.beam_skip + 1]),
         walls,
-        np.where(matched, config.gain, 0.0),
         AnchorSettings(
             config.least_beams // (config.beam_skip + 1),
             config.prior,
             round(config.thin_wall / frame.resolution),
+            config.gain,
             config.scatter,
         ),
     )

@@ -1,6 +1,6 @@
 """From waypoints and times of arrival to poses, velocities and accelerations over time.
 
-The counterpart of MATLAB's ``waypointTrajectory``, for a robot on wheels: the default profile turns in place
+The counterpart of MATLAB's ``waypointTrajectory``, for a robot on wheels: it turns in place
 and then drives straight, each with a trapezoidal speed, because the odometry model (eqs. 13-20 of the paper)
 is written for exactly these two motions.
 """
@@ -10,7 +10,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import shapely
-from scipy.interpolate import CubicSpline
 
 from slamgym.core.errors import ConfigError
 from slamgym.core.geometry import wrap_angle
@@ -85,7 +84,7 @@ def drive(waypoints: Waypoints, config: MotionConfig, name: str = "the trajector
 
     Args:
         waypoints: Where to pass, and when if times are given.
-        config: Speed and acceleration limits and the profile.
+        config: Speed and acceleration limits.
         name: What to call the waypoints in an error.
 
     Returns:
@@ -96,16 +95,13 @@ def drive(waypoints: Waypoints, config: MotionConfig, name: str = "the trajector
         ConfigError: If the waypoints describe no motion or the times of arrival ask for more than the limits.
     """
     check_waypoints(waypoints, name)
-    if config.profile == "smooth":
-        return _smooth(waypoints, config)
     return _turn_and_go(waypoints, config, name)
 
 
 def _trapezoid(length: float, top_speed: float, acceleration: float, n: int) -> tuple[FloatArray, ...]:
     """Time, distance, speed and acceleration of a move from rest to rest over ``length``, n + 1 samples."""
     ramp = min(top_speed / acceleration, math.sqrt(length / acceleration))  # [s]
-    speed = acceleration * ramp
-    total = length / speed + ramp
+    speed, total = acceleration * ramp, _duration(length, top_speed, acceleration)
     t = np.linspace(0.0, total, n + 1)
     rising, falling = t < ramp, t > total - ramp
     left = total - t
@@ -150,65 +146,32 @@ def _turn_and_go(waypoints: Waypoints, config: MotionConfig, name: str) -> Timed
                 clock += allowed
                 continue
             stretch = allowed / (turning + driving)
-        if turning > 0.0:
-            n = max(2, math.ceil(turning * stretch / _SAMPLE_INTERVAL))
-            t, distance, speed, acceleration = _trapezoid(
-                abs(turn), config.max_angular, config.angular_acceleration, n
-            )
+        moves = (
+            (turning, abs(turn), config.max_angular, config.angular_acceleration, 1),
+            (driving, length, config.max_linear, config.linear_acceleration, 0),
+        )
+        for duration, amount, top_speed, limit, turns in moves:
+            if duration == 0.0:
+                continue
+            n = max(2, math.ceil(duration * stretch / _SAMPLE_INTERVAL))
+            t, distance, speed, acceleration = _trapezoid(amount, top_speed, limit, n)
+            sign = math.copysign(1.0, turn) if turns else 1.0
             block = np.zeros((n, 8))
             block[:, 0] = clock + stretch * t[1:]
             block[:, 1:3] = points[i]
-            block[:, 3] = heading + math.copysign(1.0, turn) * distance[1:]
-            block[:, 5] = math.copysign(1.0, turn) * speed[1:] / stretch
-            block[:, 7] = math.copysign(1.0, turn) * acceleration[1:] / stretch**2
-            rows.append(block)
-            clock += stretch * turning
-            heading += turn
-        if driving > 0.0:
-            n = max(2, math.ceil(driving * stretch / _SAMPLE_INTERVAL))
-            t, distance, speed, acceleration = _trapezoid(
-                length, config.max_linear, config.linear_acceleration, n
-            )
-            block = np.zeros((n, 8))
-            block[:, 0] = clock + stretch * t[1:]
-            block[:, 1:3] = points[i] + (distance[1:, None] / length) * step
             block[:, 3] = heading
-            block[:, 4] = speed[1:] / stretch
-            block[:, 6] = acceleration[1:] / stretch**2
+            if turns:
+                block[:, 3] += sign * distance[1:]
+                heading += turn
+            else:
+                block[:, 1:3] += (distance[1:, None] / length) * step
+            block[:, 4 + turns] = sign * speed[1:] / stretch
+            block[:, 6 + turns] = sign * acceleration[1:] / stretch**2
             rows.append(block)
-            clock += stretch * driving
+            clock += stretch * duration
     table = np.concatenate(rows)
     table[:, 3] = wrap_angle(table[:, 3])
     return TimedTrajectory(table[:, 0], table[:, 1:4], table[:, 4:6], table[:, 6:8])
-
-
-def _smooth(waypoints: Waypoints, config: MotionConfig) -> TimedTrajectory:
-    """A natural cubic spline x(t), y(t); heading, speed and turn rate are its derivatives."""
-    points = waypoints.points
-    lengths = np.hypot(*np.diff(points, axis=0).T)
-    keep = np.concatenate([[True], lengths > 0.0])
-    points = points[keep]
-    if waypoints.times is not None:
-        times = waypoints.times[keep]
-    else:
-        # A spline overshoots its chords' speed between waypoints; the margin keeps it below the limit.
-        times = np.concatenate([[0.0], np.cumsum(1.5 * lengths[keep[1:]] / config.max_linear)])
-    spline = CubicSpline(times, points, bc_type="natural" if len(points) > 2 else "not-a-knot")
-    n = max(2, math.ceil((times[-1] - times[0]) / _SAMPLE_INTERVAL))
-    t = np.linspace(times[0], times[-1], n + 1)
-    xy, velocity, acceleration = spline(t), spline(t, 1), spline(t, 2)
-    speed = np.hypot(velocity[:, 0], velocity[:, 1])
-    heading = np.arctan2(velocity[:, 1], velocity[:, 0])
-    safe = np.maximum(speed, 1e-6)
-    cross = velocity[:, 0] * acceleration[:, 1] - velocity[:, 1] * acceleration[:, 0]
-    turn_rate = cross / safe**2
-    forward = np.sum(velocity * acceleration, axis=1) / safe
-    return TimedTrajectory(
-        t,
-        np.column_stack([xy, heading]),
-        np.column_stack([speed, turn_rate]),
-        np.column_stack([forward, np.gradient(turn_rate, t)]),
-    )
 
 
 def from_recorded(recorded: Trajectory, name: str = "the recorded path") -> TimedTrajectory:

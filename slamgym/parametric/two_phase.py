@@ -6,7 +6,6 @@ placed as the scan that saw it would have placed it. Nothing corrects that path:
 """
 
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 
@@ -62,8 +61,6 @@ def disturb(
 def rigid_motions(true_poses: FloatArray, believed_poses: FloatArray, centre: FloatArray) -> FloatArray:
     """How each scan displaces what it draws: p' = that + R(thetahat - theta)(p - t), as four numbers.
 
-    They enter p' linearly, so their mean over several scans gives the mean placement.
-
     Args:
         true_poses: (T, 3).
         believed_poses: (T, 3).
@@ -89,10 +86,8 @@ def placement_field(
     true_poses: FloatArray,
     believed_poses: FloatArray,
     visibility: Visibility,
-    choice: Literal["first", "mean", "last"] = "first",
-    mean_motion: Float32Array | None = None,
 ) -> Float32Array:
-    """The proprioceptive field d_O over every seen cell.
+    """The proprioceptive field d_O over every seen cell, placed by the first scan that saw it, like a landmark.
 
     Convention: world frame, component 0 = x, 1 = y, true minus measured [m]; lies on *true* cells.
 
@@ -100,21 +95,13 @@ def placement_field(
         true_poses: (T, 3).
         believed_poses: (T, 3).
         visibility: Who saw what.
-        choice: Which scan places a cell.
-        mean_motion: (H, W, 4) mean of :func:`rigid_motions` over the scans that saw the cell, for ``mean``.
 
     Returns:
         (2, H, W) float32, 0 in cells that no scan saw.
     """
     frame, seen = visibility.frame, visibility.seen
     centre = frame_centre(frame)
-    if choice == "mean":
-        if mean_motion is None:
-            raise ValueError("the mean placement needs mean_motion")
-        motion = mean_motion[seen].astype(np.float64)
-    else:
-        scan = visibility.cells.first if choice == "first" else visibility.cells.last
-        motion = rigid_motions(true_poses, believed_poses, centre)[scan[seen]]
+    motion = rigid_motions(true_poses, believed_poses, centre)[visibility.cells.first[seen]]
     rows, cols = np.nonzero(seen)
     x, y = frame.to_point(rows, cols)
     x, y = x - centre[0], y - centre[1]

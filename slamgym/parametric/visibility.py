@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from slamgym.core.jit import kernel
-from slamgym.core.types import BoolArray, Float32Array, FloatArray, GridFrame, Int32Array
+from slamgym.core.types import BoolArray, FloatArray, GridFrame, Int32Array
 from slamgym.parametric.config import ScannerConfig
 
 
@@ -16,7 +16,6 @@ class SeenCells(NamedTuple):
 
     first: Int32Array  # (H, W) first scan that saw the cell, -1 never
     last: Int32Array  # (H, W) last scan that saw it, -1 never
-    num_scans: Int32Array  # (H, W) number of scans that saw it
     best: Int32Array  # (H, W) nearest scan that saw the wall cell, -1 for no wall or unseen
     hits: Int32Array  # (T, B) wall cell that each beam met, -1 for none
 
@@ -28,9 +27,7 @@ def observe_cells(
     angles: FloatArray,
     range_min_px: float,
     range_max_px: float,
-    values: Float32Array,
     seen: SeenCells,
-    sums: Float32Array,
 ) -> None:
     """Cast every beam of every scan and keep a record per cell.
 
@@ -45,11 +42,9 @@ def observe_cells(
         angles: (B,) beam directions in the sensor frame [rad].
         range_min_px: Walls nearer than this give no hit [cells].
         range_max_px: Longest beam [cells].
-        values: (T, C) what each scan adds to ``sums`` of the cells it sees; C may be 0.
-        seen: Out; -1 or 0 before.
-        sums: (H, W, C) out.
+        seen: Out; -1 before.
     """
-    first, last, num_scans, best, hits = seen
+    first, last, best, hits = seen
     height, width = occupied.shape
     for k in range(sensors.shape[0]):
         x0, y0 = sensors[k, 0], sensors[k, 1]
@@ -67,11 +62,8 @@ def observe_cells(
             while travelled <= range_max_px and 0 <= row < height and 0 <= col < width:
                 if last[row, col] != k:
                     last[row, col] = k
-                    num_scans[row, col] += 1
                     if first[row, col] < 0:
                         first[row, col] = k
-                    for c in range(values.shape[1]):
-                        sums[row, col, c] += values[k, c]
                 if occupied[row, col] and travelled > 0.0:
                     if travelled >= range_min_px:
                         hits[k, b] = row * width + col
@@ -141,13 +133,7 @@ def beam_angles(scanner: ScannerConfig, resolution: float) -> FloatArray:
     return np.asarray(fan / (num - 1) * beams - 0.5 * fan, dtype=np.float64)
 
 
-def observe(
-    occupied: BoolArray,
-    frame: GridFrame,
-    poses: FloatArray,
-    scanner: ScannerConfig,
-    values: Float32Array | None = None,
-) -> tuple[Visibility, Float32Array]:
+def observe(occupied: BoolArray, frame: GridFrame, poses: FloatArray, scanner: ScannerConfig) -> Visibility:
     """Cast the scans of a trajectory on a raster.
 
     Convention: ``poses`` are in the frame that ``frame`` places the raster in.
@@ -157,31 +143,21 @@ def observe(
         frame: Where the cells lie.
         poses: (T, 3) poses of the robot's base.
         scanner: Field of view and range.
-        values: (T, C) a quantity to sum per cell over the scans that see it.
-
-    Returns:
-        The record, and the sums (H, W, C) float32 (C = 0 without ``values``).
     """
     sensors = sensor_poses(poses, scanner.mount_x)
     angles = beam_angles(scanner, frame.resolution)
-    if values is None:
-        values = np.zeros((len(poses), 0), dtype=np.float32)
     cells = SeenCells(
         first=np.full(frame.shape, -1, dtype=np.int32),
         last=np.full(frame.shape, -1, dtype=np.int32),
-        num_scans=np.zeros(frame.shape, dtype=np.int32),
         best=np.full(frame.shape, -1, dtype=np.int32),
         hits=np.empty((len(poses), len(angles)), dtype=np.int32),
     )
-    sums = np.zeros((*frame.shape, values.shape[1]), dtype=np.float32)
     observe_cells(
         np.ascontiguousarray(occupied),
         poses_in_cells(sensors, frame),
         angles,
         scanner.range_min / frame.resolution,
         scanner.range_max / frame.resolution,
-        np.ascontiguousarray(values, dtype=np.float32),
         cells,
-        sums,
     )
-    return Visibility(frame, sensors, angles, cells), sums
+    return Visibility(frame, sensors, angles, cells)

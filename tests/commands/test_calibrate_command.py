@@ -9,7 +9,6 @@ import pytest
 from slamgym.commands.calibrate_odometry import main, measure_odometry
 from slamgym.core.errors import ConfigError
 from slamgym.parametric.calibration import fit_phases, read_calibration
-from slamgym.parametric.config import TwoPhaseConfig
 from slamgym.sim import OdometryConfig, RobotConfig, odometry_level
 
 ROBOT = RobotConfig()
@@ -47,7 +46,7 @@ def test_the_command_writes_what_deform_reads(tmp_path, capsys) -> None:
     assert "3 robots x 3 lines" in capsys.readouterr().out
     document = json.loads(out.read_text())
     assert document["about"]["odometry"] == "high"
-    assert read_calibration(out, TwoPhaseConfig()).s_l == document["two_phase"]["s_l"]
+    assert read_calibration(out).s_l == document["two_phase"]["s_l"]
 
 
 @pytest.mark.parametrize(

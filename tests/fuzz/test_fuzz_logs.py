@@ -17,7 +17,6 @@ from slamgym.interop.logs import read_relations
 from slamgym.interop.rosbag_writer import write_rosbag2
 from slamgym.interop.tum import read_tum
 from slamgym.parametric.calibration import read_calibration
-from slamgym.parametric.config import TwoPhaseConfig
 from slamgym.parametric.paths import read_waypoints
 from slamgym.slam.replay import read_overrides, settings_for
 
@@ -116,7 +115,7 @@ def test_waypoints(tmp_path, content):
 def test_calibrations(tmp_path, content):
     path = tmp_path / "a.json"
     path.write_bytes(content)
-    must_read_or_refuse(read_calibration, path, TwoPhaseConfig())
+    must_read_or_refuse(read_calibration, path)
 
 
 @given(mutated_json([{"sigma": 0.05, "particles": 10, "motion": {"srr": 0.1}}]))

@@ -22,13 +22,12 @@ def problem_of(flat, tour, resolution=0.3, wheels=ERRORS, **ekf):
     occupied = flat.raster(resolution, frame).cells != FREE
     scans = pick_scans(tour, MotionConfig(scan_spacing=0.3, scan_angle=0.5))
     scanner = ScannerConfig()
-    visibility, _ = observe(occupied, frame, scans.poses, scanner)
+    visibility = observe(occupied, frame, scans.poses, scanner)
     motion = increments_of(scans.poses)
     controls = believed_increments(motion, wheels, 0.287, 0.066)
     config = EkfConfig(sigma_range=0.02, sigma_bearing_deg=0.5, landmarks_per_scan=0, **ekf)
-    matched = np.ones(len(scans), dtype=bool)
     return landmark_problem(
-        scans.poses, controls, visibility, scanner.mount_x, LidarErrors(), matched, config,
+        scans.poses, controls, visibility, scanner.mount_x, LidarErrors(), config,
         np.random.default_rng(0),
     )  # fmt: skip
 
@@ -108,16 +107,13 @@ def test_a_limit_on_landmarks_per_scan_holds(flat, tour) -> None:
     frame = GridFrame.covering(flat.bounds, 0.1, 0.5)
     occupied = flat.raster(0.1, frame).cells != FREE
     scans = pick_scans(tour, MotionConfig())
-    visibility, _ = observe(occupied, frame, scans.poses, ScannerConfig())
+    visibility = observe(occupied, frame, scans.poses, ScannerConfig())
     motion = increments_of(scans.poses)
-    matched = np.ones(len(scans), dtype=bool)
-    matched[5:9] = False
     problem = landmark_problem(
-        scans.poses, motion, visibility, -0.064, LidarErrors(), matched,
+        scans.poses, motion, visibility, -0.064, LidarErrors(),
         EkfConfig(landmarks_per_scan=8), np.random.default_rng(0),
     )  # fmt: skip
     counts = np.bincount(problem.scan, minlength=len(scans))
     assert counts.max() == 8
-    assert not counts[5:9].any()
     first_use = [int(np.flatnonzero(problem.landmark == i)[0]) for i in range(len(problem.cells))]
     assert first_use == sorted(first_use)

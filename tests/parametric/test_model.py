@@ -9,10 +9,8 @@ import pytest
 from slamgym.core.errors import ConfigError
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, GridFrame
 from slamgym.parametric.config import (
-    FailureConfig,
     MatchingConfig,
     ParametricConfig,
-    RenderConfig,
     SensingConfig,
     TwoPhaseConfig,
     scaled,
@@ -112,15 +110,6 @@ def test_the_field_says_where_the_walls_went(flat, tour) -> None:
     assert on_wall.mean() > 0.95
 
 
-@pytest.mark.parametrize("observe", ["first", "mean", "last"])
-def test_ways_to_place_a_cell_agree_on_its_first_and_only_view(flat, tour, observe) -> None:
-    phases = dataclasses.replace(TwoPhaseConfig(), observe=observe)
-    once = TimedTrajectory(*(a[:2] for a in (tour.stamps, tour.poses, tour.twists, tour.accelerations)))
-    result = deform(flat, once, config_of("two_phase", two_phase=phases), np.random.default_rng(0))
-    first = deform(flat, once, config_of("two_phase"), np.random.default_rng(0))
-    np.testing.assert_allclose(result.field, first.field, atol=1e-3)
-
-
 def end_error(flat, tour, method: str, **changes) -> float:
     errors = []
     for seed in range(8):
@@ -185,23 +174,6 @@ def test_all_conversions_are_given_the_same_robot(flat, tour) -> None:
     assert np.dot(*errors) > 0.9 * np.linalg.norm(errors[0]) * np.linalg.norm(errors[1])
 
 
-def test_failures_make_maps_that_differ_more_from_the_plan(flat, tour) -> None:
-    def worst(rate: float) -> float:
-        largest = []
-        for seed in range(8):
-            config = config_of(
-                "scan_matching",
-                "realistic",
-                failures=FailureConfig(rate=rate, jump=0.3, jump_deg=5.0),
-                render=RenderConfig(renderer="scans"),
-            )
-            result = deform(flat, tour, config, np.random.default_rng(seed))
-            largest.append(np.hypot(*result.field)[result.seen].max())
-        return float(np.mean(largest))
-
-    assert worst(0.5) > 2.0 * worst(0.0)
-
-
 def test_a_path_through_a_wall_is_refused(flat, tour) -> None:
     through = TimedTrajectory(tour.stamps, tour.poses.copy(), tour.twists, tour.accelerations)
     through.poses[len(tour) // 2, :2] = [3.05, 1.0]
@@ -231,7 +203,7 @@ def test_an_unknown_preset_suggests_the_nearest() -> None:
 def test_scaling_by_zero_leaves_no_magnitude_and_by_one_changes_nothing() -> None:
     nothing = scaled(dataclasses.replace(preset("realistic"), severity=0.0))
     assert nothing.lidar.weight_hit == 1.0
-    assert nothing.failures.rate == nothing.matching.scatter == nothing.odometry.kappa_deg == 0.0
+    assert nothing.matching.scatter == nothing.odometry.kappa_deg == 0.0
     assert nothing.sensing.lidar.sigma == nothing.sensing.lidar.lost == 0.0
     same = scaled(preset("realistic"))
     assert same.two_phase == preset("realistic").two_phase

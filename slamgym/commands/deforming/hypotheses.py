@@ -125,7 +125,7 @@ def model_settings(
     if arguments.calibration is not None:
         from slamgym.parametric.calibration import read_calibration
 
-        config = replace(config, two_phase=read_calibration(arguments.calibration, config.two_phase))
+        config = replace(config, two_phase=read_calibration(arguments.calibration))
     return config
 
 
