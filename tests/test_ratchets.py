@@ -36,7 +36,6 @@ MORE_ATTRIBUTES: dict[str, int] = {
     "slamgym.envs.explore_env.ExploreEnv": 18,
     "slamgym.envs.rewards.StepRecord": 16,
     "slamgym.envs.simulation.Simulation": 21,
-    "slamgym.parametric.config.LidarErrorConfig": 18,
     "slamgym.sim.lidar.LidarConfig": 16,
     "slamgym.sim.space.World": 16,
     "slamgym.slam.config.SlamConfig": 31,

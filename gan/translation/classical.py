@@ -13,13 +13,13 @@ import numpy as np
 from slamgym.core.errors import ConfigError
 from slamgym.core.types import FREE, BoolArray, ByteArray, Float32Array
 
-RAY_WIDTH = 0.25
+NARROWEST_FLOOR = 0.25
 """Free space narrower than this is a ray that left through a window or between two walls [m]."""
-FURNITURE = 0.6
+LARGEST_FURNITURE = 0.6
 """Things in a room of at most this length and width are furniture, people or noise, not walls [m]."""
-WALL_GAP = 0.2
+WIDEST_WALL_GAP = 0.2
 """Gaps in a wall narrower than this are closed [m]."""
-MIN_AREA = 1.0
+SMALLEST_SPACE = 1.0
 """Separate free space smaller than this is dropped [m2]."""
 
 
@@ -33,10 +33,10 @@ def clean_map(slam: ByteArray, metres_per_px: float) -> BoolArray:
     Returns:
         Free cells, shape (H, W), in the frame of ``slam``.
     """
-    free = _fill_furniture(slam == FREE, FURNITURE / metres_per_px)
-    walls = cv2.morphologyEx((~free).astype(np.uint8), cv2.MORPH_CLOSE, disc(WALL_GAP / metres_per_px))
-    opened = cv2.morphologyEx(1 - walls, cv2.MORPH_OPEN, disc(RAY_WIDTH / metres_per_px))
-    return without_small(opened > 0, MIN_AREA / metres_per_px**2)
+    free = _fill_furniture(slam == FREE, LARGEST_FURNITURE / metres_per_px)
+    walls = cv2.morphologyEx((~free).astype(np.uint8), cv2.MORPH_CLOSE, disc(WIDEST_WALL_GAP / metres_per_px))
+    opened = cv2.morphologyEx(1 - walls, cv2.MORPH_OPEN, disc(NARROWEST_FLOOR / metres_per_px))
+    return without_small(opened > 0, SMALLEST_SPACE / metres_per_px**2)
 
 
 class ClassicalTranslator:

@@ -300,7 +300,7 @@ class TestRealism:
             return {
                 "name": name,
                 "maps": 2,
-                "extra_trees": learner,
+                **dict.fromkeys(realism.CLASSIFIERS, learner),
                 "kernel_distance": {"p": 1.0},
                 "medians": medians,
             }
