@@ -51,7 +51,9 @@ class Stage(NamedTuple):
     """Batch during the fade-in; 0 takes ``batch``."""
 
 
-class GeneratorConfig(Settings, section="generator"):
+class GeneratorConfig(
+    Settings, section="generator", dropped={"fold": 2, "displacement": False, "max_displacement_px": 8.0}
+):
     """The network that computes the translation."""
 
     kind: Literal["progressive", "residual"] = "progressive"
@@ -163,7 +165,7 @@ class OptimiserConfig(Settings, section="optimiser"):
             raise ConfigError(f"optimiser.decay must be at most 1 - optimiser.warm_up, not {self.decay}")
 
 
-class TranslatorConfig(Settings, section="translator"):
+class TranslatorConfig(Settings, section="translator", dropped={"tile_size": 0}):
     """What a trained generator needs to be used: stored with the weights."""
 
     direction: Direction = "slam2cad"

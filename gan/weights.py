@@ -8,7 +8,6 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
 import torch
 from safetensors import SafetensorError, safe_open
@@ -31,8 +30,6 @@ from slamgym.gan.networks.layers import count_parameters
 
 WEIGHTS_FORMAT = "slamgym-translator-2"
 PRETRAINED_FOLDER = Path(__file__).parent / "pretrained"
-DROPPED_SETTINGS = {"tile_size": 0, "fold": 2, "displacement": False}
-"""Of files of earlier versions, with the only values that can still be read."""
 MAX_BYTES = 15_000_000
 """Pretrained weights that come with the package are no larger."""
 MAX_PARAMETERS = 200_000_000
@@ -230,27 +227,11 @@ def _read_header(path: Path, header: dict[str, str]) -> tuple[TranslatorConfig, 
             )
         raise InputFileError(path, "is a safetensors file, but not of a slamgym translator")
     try:
-        config = from_dict(TranslatorConfig, _kept(load_json(header["config"])), str(path))
+        config = from_dict(TranslatorConfig, load_json(header["config"]), str(path))
         card = from_dict(ModelCard, load_json(header["card"]), str(path))
     except (KeyError, ValueError, ConfigError) as error:
         raise InputFileError(path, f"has settings that can't be used ({error})") from error
     return config, card
-
-
-def _kept(settings: Any) -> Any:
-    """Settings without those that every pretrained file has but networks have no more.
-
-    Raises:
-        ConfigError: If one of them has another value than the networks of today.
-    """
-    for section in (settings, settings.get("generator")) if isinstance(settings, dict) else ():
-        if not isinstance(section, dict):
-            continue
-        section.pop("max_displacement_px", None)
-        for name, value in DROPPED_SETTINGS.items():
-            if section.pop(name, value) != value:
-                raise ConfigError(f"{name} was dropped; train again without it")
-    return settings
 
 
 def _fill(path: Path, config: TranslatorConfig, tensors: dict[str, Tensor]) -> Generator:

@@ -74,14 +74,17 @@ class Settings:
 
     Args of a subclass:
         section: What names its settings in errors, as in ``slam.particles``.
+        dropped: Former settings, each with the only value that it still has: files that hold that value are read.
     """
 
     __dataclass_fields__: ClassVar[dict[str, dataclasses.Field[Any]]]
     _section: ClassVar[str]
+    _dropped: ClassVar[Mapping[str, Any]]
 
-    def __init_subclass__(cls, section: str = "") -> None:
+    def __init_subclass__(cls, section: str = "", dropped: Mapping[str, Any] | None = None) -> None:
         super().__init_subclass__()
         cls._section = section
+        cls._dropped = dropped or {}
         dataclasses.dataclass(frozen=True)(cls)
 
     def __post_init__(self) -> None:
@@ -211,14 +214,19 @@ def from_dict(cls: type[_T], values: Mapping[str, Any], where: str = "") -> _T:
 
     Raises:
         ConfigError: If a name is unknown (the error suggests the nearest known one) or one without a default is
-            missing, or a value is refused.
+            missing, or a value is refused, or a former setting has another value than the one that it still has.
     """
-    hints = _hints(cls)
+    hints, dropped = _hints(cls), getattr(cls, "_dropped", {})
     prefix = f"{where}: " if where else ""
     if not isinstance(values, Mapping):
         raise ConfigError(f"{prefix}{cls.__name__} takes an object of settings by name, not {shown(values)}")
     converted = {}
     for name in values:
+        if name in dropped:
+            if values[name] != dropped[name]:
+                always = f"is always {shown(dropped[name])} in this version, not {shown(values[name])}"
+                raise ConfigError(f"{prefix}{name} of {cls.__name__} {always}")
+            continue
         if name not in hints:
             raise ConfigError(
                 f"{prefix}unknown setting {shown(name)} of {cls.__name__}; {suggest(str(name), hints)}"
