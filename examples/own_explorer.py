@@ -1,4 +1,4 @@
-"""A template for an explorer of your own: the exploration loop, and a rule that scores the frontiers.
+"""A template for your own explorer: the exploration loop, and a rule that scores the frontiers.
 
 Run it on the benchmark: ``slamgym bench run own_explorer:make --track loops --quick -o out``
 """

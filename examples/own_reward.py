@@ -1,4 +1,4 @@
-"""Reinforcement learning: a reward of your own, a policy that learns it, and how it fares.
+"""Reinforcement learning: your own reward, a policy that learns it, and its evaluation.
 
 Needs the extra `agents`. Run: ``python examples/own_reward.py [STEPS]``
 """
