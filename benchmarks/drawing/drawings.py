@@ -40,7 +40,6 @@ from slamgym.metrics import (
     intersection_over_union,
     measure_dimensions,
     room_score,
-    vertex_ratio,
 )
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
@@ -214,7 +213,7 @@ def score(case: Case, name: str, model: FloorModel) -> Score:
             room_score(inside[::FINE, ::FINE], truth[::FINE, ::FINE], coarse.resolution).f1,
             polygons_f1(rooms, true_rooms.rooms),
         ),
-        vertices=vertex_ratio(corners(drawing.floor), corners(case.truth.simplify(STRAIGHT_WITHIN))),
+        vertices=corners(drawing.floor) / corners(case.truth.simplify(STRAIGHT_WITHIN)),
         doors=len(true_rooms.doors),
         door_widths=widths,
         doors_invented=invented,

@@ -36,7 +36,7 @@ from slamgym.envs.episode import EpisodeConfig
 from slamgym.gan.evaluation.patch_classifier import PatchLearner
 from slamgym.gan.translation.elastic import bend
 from slamgym.gan.translation.translate import load_translator
-from slamgym.metrics.map_look import at_look_cell, cut_to_floor, look_statistics
+from slamgym.metrics.map_statistics import at_look_cell, cut_to_floor, look_statistics
 from slamgym.metrics.two_sample import distinguish, half_against_half, tree_learner
 from slamgym.parametric import deform, from_recorded, preset
 

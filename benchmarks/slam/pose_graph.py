@@ -9,17 +9,19 @@ given.
 """
 
 import argparse
+import math
 import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from slamgym.core.geometry import between, compose
-from slamgym.core.types import Pose2D
+from slamgym.core.types import BoolArray, FloatArray, IntArray, Pose2D
 from slamgym.interop import Log, LogRecord, Relations, open_log, read_relations, read_truth
-from slamgym.metrics import absolute_trajectory_error, end_points, relation_error, revisit_disagreement
+from slamgym.metrics import absolute_trajectory_error, relation_error
 from slamgym.slam.replay import ReplayResult, replay, settings_for
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
@@ -111,7 +113,57 @@ def revisit(log: Log, result: ReplayResult) -> float:
         result.trajectory.poses,
         REVISIT_RANGE,
     )
-    return revisit_disagreement(points, owners, gap=REVISIT_GAP).mean
+    return revisit_disagreement(points, owners, gap=REVISIT_GAP)
+
+
+def revisit_disagreement(
+    points: FloatArray, owners: IntArray, *, gap: int, radius: float = 0.5, stride: int = 5
+) -> float:
+    """Mean distance from end points to the nearest end point that another pass saw [m]; nan if no place was seen twice.
+
+    Args:
+        points: End points of all scans in the map frame, shape (N, 2) [m].
+        owners: Index of each point's scan, shape (N,), ascending.
+        gap: Scans whose indices differ by at least this belong to different passes.
+        radius: Points with nothing of another pass within this distance were seen once only, or belong to
+            something that moved; they don't count [m].
+        stride: Measure every so many points.
+    """
+    num_scans = int(owners[-1]) + 1 if len(owners) else 0
+    block = max(1, gap // 4)
+    distances: list[FloatArray] = []
+    # Points of one block of scans are compared with all scans that are at least a gap away.
+    for first in range(0, num_scans, block):
+        own = (owners >= first) & (owners < first + block)
+        other: BoolArray = (owners <= first - gap) | (owners >= first + block - 1 + gap)
+        if own.any() and other.any():
+            found, _ = cKDTree(points[other]).query(points[own][::stride], distance_upper_bound=radius)
+            distances.append(np.asarray(found, dtype=np.float64)[np.isfinite(found)])
+    return float(np.concatenate(distances).mean()) if distances else math.nan
+
+
+def end_points(
+    ranges: FloatArray, directions: FloatArray, mount: FloatArray, poses: FloatArray, range_max: float
+) -> tuple[FloatArray, IntArray]:
+    """End points of scans in the map frame.
+
+    Args:
+        ranges: (scans, num_beams) [m]; only finite ones below ``range_max`` count.
+        directions: (num_beams, 2) unit vectors of the beams in the robot frame.
+        mount: (2,) sensor position in the robot frame [m].
+        poses: (scans, 3) robot poses.
+        range_max: Longer returns are left out [m].
+
+    Returns:
+        Points (N, 2) [m] and the index of each point's scan (N,).
+    """
+    usable = np.isfinite(ranges) & (ranges < range_max)
+    owners, beams = np.nonzero(usable)
+    local = ranges[owners, beams][:, None] * directions[beams] + mount
+    cos, sin = np.cos(poses[owners, 2]), np.sin(poses[owners, 2])
+    x = poses[owners, 0] + cos * local[:, 0] - sin * local[:, 1]
+    y = poses[owners, 1] + sin * local[:, 0] + cos * local[:, 1]
+    return np.column_stack([x, y]), owners
 
 
 def disturbed(log: Log, seed: int) -> Log:

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.stats import chi2
 
 from slamgym.agents.registry import make_explorer
 from slamgym.cad import PlanGeneratorConfig, generate_plan
@@ -25,7 +26,6 @@ from slamgym.envs import EpisodeConfig, ExploreConfig, run_episode
 from slamgym.interop import Log, open_log, read_relations
 from slamgym.metrics import (
     absolute_trajectory_error,
-    nees_interval,
     normalised_estimation_error_squared,
     poses_at,
     relation_error,
@@ -176,5 +176,5 @@ def simulated_row(
 
 
 if __name__ == "__main__":
-    print(f"NEES of one run of a consistent filter lies in {nees_interval(1)} with 95 %")
+    print(f"NEES of one run of a consistent filter lies in {chi2.interval(0.95, 3)} with 95 %")
     main()

@@ -11,39 +11,22 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from slamgym.core.config import Count, PositiveShare, Settings
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, BoolArray, ByteArray, FloatArray, IntArray
 from slamgym.metrics.maps import free_boundary
 
+SIDE = 64
+"""Of a patch [cells]; a multiple of 32."""
+PER_MAP = 32
+"""Patches of a map, each around a random cell of the border of its free space."""
+PER_KIND = 512
+"""Patches of each kind that a network learns from, shared evenly by its maps."""
+JUDGED = 12
+"""Patches of a map that are scored where it is held out."""
+MOST_UNKNOWN = 0.9
+"""Patches with a larger unknown share are drawn again."""
+WIDTH, EPOCHS, BATCH, LEARNING_RATE = 16, 8, 32, 4e-3
+"""Of the network and its training: half a CPU minute for 50 maps."""
 _BLOCK = 2  # 64 cells become 32 x 32 pixels of four times the channels
-
-
-class ClassifierConfig(Settings):
-    """How the network is trained."""
-
-    width: int = 16
-    epochs: int = 8
-    batch: int = 32
-    learning_rate: float = 4e-3
-
-
-class PatchConfig(Settings):
-    """What the network sees, and how it is trained."""
-
-    side: Count = 64
-    """Of a patch [cells]; a multiple of 32."""
-    per_map: Count = 32
-    """Patches of a map, each around a random cell of the border of its free space."""
-    per_kind: Count = 512
-    """Patches of each kind that a network learns from, shared evenly by its maps."""
-    judged: Count = 12
-    """Patches of a map that are scored where it is held out."""
-    most_unknown: PositiveShare = 0.9
-    """Patches with a larger unknown share are drawn again."""
-    training: ClassifierConfig = ClassifierConfig()
-
-
-DEFAULT_PATCHES = PatchConfig()
 
 
 class PatchLearner:
@@ -52,17 +35,13 @@ class PatchLearner:
     Args:
         maps: Each (H, W), all at one cell size.
         seed: Of the patches.
-        config: What is seen, and how the network is trained.
     """
 
-    def __init__(
-        self, maps: Sequence[ByteArray], seed: int = 0, config: PatchConfig = DEFAULT_PATCHES
-    ) -> None:
-        self.config = config
-        cut = [cut_patches(cells, np.random.default_rng([seed, i]), config) for i, cells in enumerate(maps)]
+    def __init__(self, maps: Sequence[ByteArray], seed: int = 0) -> None:
+        cut = [cut_patches(cells, np.random.default_rng([seed, i])) for i, cells in enumerate(maps)]
         self.patches: ByteArray = np.stack(cut)
-        """(N, per_map, side, side)."""
-        self.scores: FloatArray = np.full((len(maps), min(config.judged, config.per_map)), 0.5)
+        """(N, PER_MAP, SIDE, SIDE)."""
+        self.scores: FloatArray = np.full((len(maps), JUDGED), 0.5)
         """Held-out probability of the second kind of the judged patches, which come first."""
 
     def __call__(self, train: BoolArray, of_second: BoolArray, seed: int) -> FloatArray:
@@ -71,7 +50,7 @@ class PatchLearner:
         kinds = [self._drawn(np.flatnonzero(train & (of_second == kind)), rng) for kind in (False, True)]
         pictures = _channels(np.concatenate(kinds))
         labels = torch.cat([torch.full((len(kind),), float(k)) for k, kind in enumerate(kinds)])
-        network = _trained(pictures, labels, seed, self.config.training)
+        network = _trained(pictures, labels, seed)
         held = np.flatnonzero(~train)
         judged = self.patches[held, : self.scores.shape[1]]
         with torch.inference_mode():
@@ -83,17 +62,16 @@ class PatchLearner:
 
     def _drawn(self, maps: IntArray, rng: np.random.Generator) -> ByteArray:
         """Patches of some maps, as many as a kind has, spread evenly over them."""
-        shares = np.arange(self.config.per_kind)
-        of_map = maps[shares % len(maps)]
-        number = (shares // len(maps) + rng.integers(self.config.per_map)) % self.config.per_map
-        chosen: ByteArray = self.patches[of_map, number]
+        shares = np.arange(PER_KIND)
+        number = (shares // len(maps) + rng.integers(PER_MAP)) % PER_MAP
+        chosen: ByteArray = self.patches[maps[shares % len(maps)], number]
         return chosen
 
     def surest(self, second: bool, maps: IntArray, count: int) -> list[tuple[int, ByteArray, float]]:
         """The patches that the network took for one kind with most confidence, one of each map.
 
         Args:
-            second: Whether for the second kind.
+            second: For the second kind, rather than the first.
             maps: Indices of the maps to look at.
             count: At most so many.
 
@@ -106,25 +84,23 @@ class PatchLearner:
         return [(int(maps[i]), self.patches[maps[i], best[i]], float(likely[i, best[i]])) for i in order]
 
 
-def cut_patches(cells: ByteArray, rng: np.random.Generator, config: PatchConfig) -> ByteArray:
+def cut_patches(cells: ByteArray, rng: np.random.Generator) -> ByteArray:
     """Cut patches around random cells of the free space's border; unknown beyond the map.
 
     Args:
         cells: A map with some free space, (H, W).
         rng: Picks the cells.
-        config: How many, and how large.
 
     Returns:
-        (per_map, side, side).
+        (PER_MAP, SIDE, SIDE).
     """
-    side = config.side
-    padded = np.pad(cells, side, constant_values=UNKNOWN)
+    padded = np.pad(cells, SIDE, constant_values=UNKNOWN)
     centres = np.argwhere(free_boundary(padded == FREE))
-    corners = centres[rng.integers(len(centres), size=4 * config.per_map)] - side // 2
-    cut = np.stack([padded[row : row + side, col : col + side] for row, col in corners])
-    dull = (cut == UNKNOWN).mean(axis=(1, 2)) > config.most_unknown
+    corners = centres[rng.integers(len(centres), size=4 * PER_MAP)] - SIDE // 2
+    cut = np.stack([padded[row : row + SIDE, col : col + SIDE] for row, col in corners])
+    dull = (cut == UNKNOWN).mean(axis=(1, 2)) > MOST_UNKNOWN
     # Dull ones stand last: they are taken only where a map has hardly anything else.
-    chosen: ByteArray = cut[np.argsort(dull, kind="stable")[: config.per_map]]
+    chosen: ByteArray = cut[np.argsort(dull, kind="stable")[:PER_MAP]]
     return chosen
 
 
@@ -134,26 +110,25 @@ def _channels(patches: ByteArray) -> Tensor:
     return torch.from_numpy(classes.astype(np.float32))
 
 
-def _trained(pictures: Tensor, labels: Tensor, seed: int, config: ClassifierConfig) -> nn.Module:
+def _trained(pictures: Tensor, labels: Tensor, seed: int) -> nn.Module:
     """Train one network; equal seeds give equal networks on one machine.
 
     Args:
         pictures: (N, 3, S, S).
         labels: 0 or 1, (N,).
         seed: Of the network and of the order.
-        config: How it is trained.
 
     Returns:
         The network, which gives logits (N, 1).
     """
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
-        network = _network(config.width)
-        optimiser = torch.optim.AdamW(network.parameters(), config.learning_rate, weight_decay=1e-2)
-        steps = config.epochs * max(1, len(labels) // config.batch)
-        schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, config.learning_rate, total_steps=steps)
+        network = _network(WIDTH)
+        optimiser = torch.optim.AdamW(network.parameters(), LEARNING_RATE, weight_decay=1e-2)
+        steps = EPOCHS * max(1, len(labels) // BATCH)
+        schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, LEARNING_RATE, total_steps=steps)
         for _ in range(steps):
-            chosen = torch.randint(len(labels), (config.batch,))
+            chosen = torch.randint(len(labels), (BATCH,))
             # The eight flips and quarter turns: a map is no more real for lying on its side.
             seen = torch.rot90(pictures[chosen], int(torch.randint(4, ())), (2, 3))
             seen = seen.flip(3) if torch.rand(()) < 0.5 else seen

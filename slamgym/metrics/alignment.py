@@ -132,17 +132,9 @@ class Similarity(NamedTuple):
 IDENTITY = Similarity(0.0, 0.0, 0.0, 0.0)
 
 
-class Level(NamedTuple):
-    """How far the images are reduced for a stage of the search."""
-
-    size_px: int  # larger side
-    blur_px: float  # standard deviation, in pixels of the reduced image
-
-
-COARSE = Level(64, 2.0)
-FINE = Level(128, 1.0)
-RIGID_FINE = Level(256, 0.7)
-"""Of rigid motions alone: walls shall lie over each other within centimetres."""
+COARSE, FINE, RIGID_FINE = (64, 2.0), (128, 1.0), (256, 0.7)
+"""How far the images are reduced for a stage of the search: the larger side, and the standard deviation of the blur [px
+of the reduced image]. The last is for rigid motions alone: walls shall lie over each other within centimetres."""
 
 
 @dataclass(frozen=True)
@@ -236,13 +228,14 @@ def apply_similarity(image: FloatArray, similarity: Similarity) -> FloatArray:
     return np.clip(warped, 0.0, 1.0).astype(np.float64)
 
 
-def _reduce(image: FloatArray, level: Level) -> Float32Array:
+def _reduce(image: FloatArray, level: tuple[int, float]) -> Float32Array:
     """Shrink to the level's size, never enlarge, and blur."""
     rows, cols = image.shape
-    factor = min(1.0, level.size_px / max(rows, cols))
+    size_px, blur_px = level
+    factor = min(1.0, size_px / max(rows, cols))
     size = (max(1, round(cols * factor)), max(1, round(rows * factor)))
     small = cv2.resize(np.asarray(image, dtype=np.float32), size, interpolation=cv2.INTER_AREA)
-    blurred = cv2.GaussianBlur(small, (0, 0), level.blur_px, borderType=cv2.BORDER_CONSTANT)
+    blurred = cv2.GaussianBlur(small, (0, 0), blur_px, borderType=cv2.BORDER_CONSTANT)
     return np.asarray(blurred, dtype=np.float32)
 
 
@@ -270,17 +263,8 @@ class _Search:
         def error(values: FloatArray) -> float:
             return self.error(np.concatenate([values, start[free:]]))
 
-        result = minimize(
-            error,
-            start[:free],
-            method="Powell",
-            options={
-                "direc": np.diag(FIRST_STEPS[:free]),
-                "xtol": tolerance,
-                "ftol": tolerance,
-                "maxfev": 400,
-            },
-        )
+        options = {"direc": np.diag(FIRST_STEPS[:free]), "xtol": tolerance, "ftol": tolerance, "maxfev": 400}
+        result = minimize(error, start[:free], method="Powell", options=options)
         return np.concatenate([result.x, start[free:]])
 
     def similarity(self, values: FloatArray) -> Similarity:
@@ -294,20 +278,17 @@ class _Search:
 
 
 def _distinct(found: list[FloatArray]) -> list[FloatArray]:
-    """Drop what lies beside a better one: several starts lead to the same minimum."""
+    """Drop what lies near a better one: several starts lead to the same minimum."""
     kept: list[FloatArray] = []
     for values in found:
-        if not any(_near(values, other) for other in kept):
+        apart = [np.abs(values - other) for other in kept]
+        turns = [abs(float(wrap_angle(float(values[2] - other[2])))) for other in kept]
+        if not any(
+            turn < 0.05 and math.hypot(d[0], d[1]) < 0.02 and d[3] < 0.05
+            for d, turn in zip(apart, turns, strict=True)
+        ):
             kept.append(values)
     return kept
-
-
-def _near(a: FloatArray, b: FloatArray) -> bool:
-    return (
-        abs(float(wrap_angle(float(a[2] - b[2])))) < 0.05
-        and math.hypot(a[0] - b[0], a[1] - b[1]) < 0.02
-        and abs(a[3] - b[3]) < 0.05
-    )
 
 
 def _centroid(image: Float32Array) -> FloatArray:

@@ -82,11 +82,18 @@ def measure_dimensions(
     check_same_shape(floor, true_floor)
     drawn, truth = (turned_upright(values, angle_deg) for values in (floor, true_floor))
     rooms = label_rooms(truth >= FLOOR, metres_per_px)
+    narrowest, thickest, piece = (x / metres_per_px for x in (MIN_WIDTH, MAX_THICKNESS, MIN_PIECE))
     widths, lengths, thicknesses = [], [], []
     for a, b, labels in ((drawn, truth, rooms), (drawn.T, truth.T, rooms.T)):
-        lines = _Lines(a, metres_per_px)
-        widths += list(_width_errors(lines, b, labels, metres_per_px))
-        thicknesses += list(_thickness_errors(lines, b, metres_per_px))
+        across = [
+            [run for run in floor_runs(line) if run.length >= narrowest and _in_one_room(run, numbers)]
+            for line, numbers in zip(b, labels, strict=True)
+        ]
+        widths += list(_run_errors(across, [floor_runs(line) for line in a], piece, 0.0, or_none=True))
+        walls = [[run for run in wall_runs(line) if run.length <= thickest] for line in b]
+        thicknesses += list(
+            _run_errors(walls, [wall_runs(line) for line in a], piece, SEARCH / metres_per_px)
+        )
         lengths += list(_length_errors(a, b, metres_per_px))
     return Dimensions(
         room_width=np.array(widths) * metres_per_px,
@@ -157,29 +164,18 @@ def floor_runs(line: Float32Array) -> list[Run]:
     ]
 
 
-def wall_runs(line: Float32Array, runs: list[Run] | None = None) -> list[Run]:
-    """What isn't floor between two runs of floor; its thickness is by the shares of its cells and their neighbours."""
-    runs = floor_runs(line) if runs is None else runs
+def wall_runs(line: Float32Array) -> list[Run]:
+    """Runs of wall between two runs of floor; their thickness is by the shares of the cells and their neighbours."""
     walls = []
-    for before, behind in itertools.pairwise(runs):
+    for before, behind in itertools.pairwise(floor_runs(line)):
         first, last = before.last + 1, behind.first - 1
         if first == last:  # one cell is all the wall there is: its share counts once
-            half = 0.5 * (
-                1.0 - float(line[first]) + 2.0 - float(line[before.last]) - float(line[behind.first])
-            )
+            floor = float(line[before.last]), float(line[behind.first])
+            half = 0.5 * (1.0 - float(line[first]) + 2.0 - floor[0] - floor[1])
             walls.append(Run(first, last, first - half, first + half))
         else:
             walls.append(Run(first, last, before.end, behind.start))
     return walls
-
-
-class _Lines:
-    """The runs of every line of a drawing."""
-
-    def __init__(self, values: Float32Array, metres_per_px: float) -> None:
-        self.floor = [floor_runs(line) for line in values]
-        self.walls = [wall_runs(line, runs) for line, runs in zip(values, self.floor, strict=True)]
-        self.search_px = SEARCH / metres_per_px
 
 
 @dataclass
@@ -220,53 +216,36 @@ def _same_ends(a: Run, b: Run) -> bool:
     return abs(a.start - b.start) <= STRAIGHT and abs(a.end - b.end) <= STRAIGHT
 
 
-def _width_errors(
-    lines: _Lines, truth: Float32Array, rooms: IntArray, metres_per_px: float
+def _run_errors(
+    truth: list[list[Run]], drawn: list[list[Run]], min_px: float, search_px: float, or_none: bool = False
 ) -> Iterator[float]:
-    """Of every pair of facing walls of one room, the median over its lines [cells]."""
-    shortest = MIN_WIDTH / metres_per_px
-    runs_by_line = [
-        [
-            run
-            for run in floor_runs(line)
-            if run.length >= shortest and _in_one_room(labels[run.first : run.last + 1])
-        ]
-        for line, labels in zip(truth, rooms, strict=True)
-    ]
-    for piece in straight_pieces(runs_by_line, MIN_PIECE / metres_per_px):
+    """Of every straight piece of true runs, the median over its lines of drawn less true length [cells].
+
+    Args:
+        truth: Runs by line.
+        drawn: The same of the drawing.
+        min_px: Shorter pieces are left out.
+        search_px: How far from the true run a drawn one is looked for.
+        or_none: Count a run that isn't drawn as one of no length; else it is left out.
+    """
+    for piece in straight_pieces(truth, min_px):
         errors = []
         for number in piece.trimmed:
-            run = piece.runs[number]
-            drawn = _most_overlapping(lines.floor[piece.line + number], run.start, run.end)
-            errors.append((drawn.length if drawn is not None else 0.0) - run.length)
-        yield float(np.median(errors))
-
-
-def _most_overlapping(runs: list[Run], start: float, end: float) -> Run | None:
-    """The run that covers most of an interval; None if none touches it."""
-    best = max(runs, key=lambda run: run.overlap(start, end), default=None)
-    return best if best is not None and best.overlap(start, end) > 0.0 else None
-
-
-def _in_one_room(labels: IntArray) -> bool:
-    """Whether nearly all cells belong to the room of the middle one."""
-    room = labels[len(labels) // 2]
-    return bool(room > 0 and np.count_nonzero(labels == room) >= 0.95 * len(labels))
-
-
-def _thickness_errors(lines: _Lines, truth: Float32Array, metres_per_px: float) -> Iterator[float]:
-    """Of every straight wall with floor on both sides that is drawn, the median over its lines [cells]."""
-    thickest, search = MAX_THICKNESS / metres_per_px, lines.search_px
-    runs_by_line = [[run for run in wall_runs(line) if run.length <= thickest] for line in truth]
-    for piece in straight_pieces(runs_by_line, MIN_PIECE / metres_per_px):
-        errors = []
-        for number in piece.trimmed:
-            run = piece.runs[number]
-            drawn = _most_overlapping(lines.walls[piece.line + number], run.start - search, run.end + search)
-            if drawn is not None:
-                errors.append(drawn.length - run.length)
+            run, line = piece.runs[number], drawn[piece.line + number]
+            overlaps = [other.overlap(run.start - search_px, run.end + search_px) for other in line]
+            if overlaps and max(overlaps) > 0.0:
+                errors.append(line[overlaps.index(max(overlaps))].length - run.length)
+            elif or_none:
+                errors.append(-run.length)
         if errors:
             yield float(np.median(errors))
+
+
+def _in_one_room(run: Run, numbers: IntArray) -> bool:
+    """True if nearly all cells of a run belong to the room of the middle one."""
+    labels = numbers[run.first : run.last + 1]
+    room = labels[len(labels) // 2]
+    return bool(room > 0 and np.count_nonzero(labels == room) >= 0.95 * len(labels))
 
 
 def _length_errors(drawn: Float32Array, truth: Float32Array, metres_per_px: float) -> Iterator[float]:

@@ -1,6 +1,7 @@
 """Numbers that describe how a SLAM map looks, for comparing sets of maps.
 
-All take maps with the values of ROS map_server (0, 205, 254), row 0 at the top.
+All take maps with the values of ROS map_server (0, 205, 254), row 0 at the top. :func:`map_statistics` serves any cell
+size; :func:`look_statistics` adds what else tells simulated maps from those of robots, at one cell size.
 """
 
 import cv2
@@ -8,11 +9,80 @@ import numpy as np
 
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, BoolArray, ByteArray, FloatArray, IntArray
 from slamgym.metrics.map_error import wall_faces
-from slamgym.metrics.maps import distance_to
+from slamgym.metrics.maps import CROSS, crop_to_known, distance_to, resample_slam
 
-_PATTERN_VALUES = (OCCUPIED, UNKNOWN, FREE)
+LOOK_CELL = 0.05
+"""Cell size at which maps are compared [m]: the usual one of GMapping and cartographer."""
+COARSEST_CELL = 0.06
+"""Maps of larger cells are not compared: finer cells can't bring back what they never held [m]."""
+_MIN_OCCUPIED = 0.2
+"""A wall one cell thick, drawn at 1 or 2 cm, stays closed wherever it lies on the coarser grid."""
+_MARGIN_CELLS = 2  # both rows of a wall that SLAM has drawn twice
+_SPECK_CELLS = 3
+_RAY_CELLS = 6  # shortest thin part of the free space that counts as a ray
+_NEIGHBOURHOOD = 2.0  # [cells] of the structure tensor, standard deviation
+_STRAIGHT = 0.5  # coherence below which a wall cell is part of a corner or clutter
+_SQUARE = np.ones((3, 3), np.uint8)
+_UNIFORM = (0, 40, 80)  # codes of the 2 x 2 patterns of one value
 _NEAR_WALL = 0.6  # [m] occupied cells farther from every CAD wall are stray, not displaced
 _LAGS = (0.25, 1.0, 2.5)  # [m] of the spatial correlation of wall displacements
+_DISPLACEMENTS = (
+    "displacement_p50_m", "displacement_p90_m", "displacement_p95_m", "stray_share", "missed_share",
+    *(f"displacement_correlation_{lag:g}m" for lag in _LAGS),
+)  # fmt: skip
+
+LOOK_NAMES = {
+    "open_border": "open border (share)",
+    "free_fragments_per_100m2": "free fragments / 100 m²",
+    "blobs_per_100m2": "blobs / 100 m²",
+    "share_unknown": "unknown (share)",
+    "share_occupied": "occupied (share)",
+    "blob_median_px": "median blob (cells)",
+    "run_1": "wall runs of 1 cell (share)",
+    "run_2": "wall runs of 2 cells (share)",
+    "run_3": "wall runs of 3 cells (share)",
+    "run_4_plus": "wall runs of 4 cells and more (share)",
+    "wall_thickness_px": "wall thickness (cells)",
+    "thin_free_share": "free cells in strips 1-2 cells wide (share)",
+    "rays_per_100m2": "single rays / 100 m²",
+    "open_run_m": "mean length of an open border (m)",
+    "checkerboard_share": "checkerboard of free and unknown (share of 2 x 2 blocks)",
+    "specks_in_free_share": "specks in free space (share)",
+    "dots_in_unknown_per_100m2": "dots beyond walls / 100 m²",
+    "wall_coherence": "straightness of walls (0-1)",
+    "bent_share": "corners and clutter (share of wall cells)",
+    "axis_alignment": "walls along two main directions (0-1)",
+    "free_area_m2": "free area (m²)",
+    "long_side_m": "long side (m)",
+    "share_free": "free (share of the box)",
+}
+"""The statistics that a person reads, in this order, in words."""
+
+
+def at_look_cell(cells: ByteArray, resolution: float) -> ByteArray:
+    """A map at the common cell size; a thin wall stays closed.
+
+    Args:
+        cells: (H, W).
+        resolution: [m/cell], at most :data:`COARSEST_CELL`.
+    """
+    if abs(resolution - LOOK_CELL) < 0.02 * LOOK_CELL:
+        return cells
+    rows, cols = (max(1, round(n * resolution / LOOK_CELL)) for n in cells.shape)
+    return resample_slam(cells, (rows, cols), _MIN_OCCUPIED)
+
+
+def cut_to_floor(cells: ByteArray) -> ByteArray:
+    """The part of a map around its largest connected free space (4-neighbours), with two cells of margin.
+
+    Without free space it is empty.
+    """
+    _, _, stats, _ = cv2.connectedComponentsWithStats((cells == FREE).astype(np.uint8), connectivity=4)
+    if len(stats) < 2:
+        return cells[:0, :0]
+    left, top, width, height, _ = stats[1 + int(np.argmax(stats[1:, cv2.CC_STAT_AREA]))]
+    m = _MARGIN_CELLS
+    return cells[max(top - m, 0) : top + height + m, max(left - m, 0) : left + width + m]
 
 
 def map_statistics(cells: ByteArray, resolution: float) -> dict[str, float]:
@@ -26,25 +96,53 @@ def map_statistics(cells: ByteArray, resolution: float) -> dict[str, float]:
         Name to value: shares of the known bounding box, wall thickness, holes, blobs, open borders, tilt,
         and how often each 2 x 2 pattern of cells occurs.
     """
-    cells = _cropped(cells)
+    cells = crop_to_known(cells, 1)
     occupied, free, unknown = cells == OCCUPIED, cells == FREE, cells == UNKNOWN
-    statistics = {
+    area = max(float(free.sum()) * resolution**2, 1e-9) / 100.0
+    sizes = _sizes(occupied)
+    return {
         "share_unknown": float(unknown.mean()),
         "share_occupied": float(occupied.mean()),
         "share_free": float(free.mean()),
         "occupied_per_free": float(occupied.sum() / max(free.sum(), 1)),
         "wall_thickness_px": wall_thickness(occupied),
         "tilt_deg": wall_tilt(occupied),
+        "blobs_per_100m2": len(sizes) / area,
+        "specks_per_100m2": float((sizes <= _SPECK_CELLS).sum()) / area,
+        "holes_per_100m2": len(_sizes(~free)) / area,
+        "unknown_holes_per_100m2": len(_sizes(unknown)) / area,
+        "open_border": open_border(free, unknown),
+        **_run_lengths(occupied),
+        **_patterns(cells),
     }
-    area = max(float(free.sum()) * resolution**2, 1e-9) / 100.0
-    sizes = _blob_sizes(occupied)
-    statistics["blobs_per_100m2"] = len(sizes) / area
-    statistics["specks_per_100m2"] = float((sizes <= 3).sum()) / area
-    statistics["holes_per_100m2"] = len(_blob_sizes(~free)) / area
-    statistics["unknown_holes_per_100m2"] = len(_blob_sizes(unknown)) / area
+
+
+def look_statistics(cells: ByteArray) -> dict[str, float]:
+    """Statistics of how a map looks: those of :func:`map_statistics` and more.
+
+    Args:
+        cells: (H, W) at :data:`LOOK_CELL`, cut by :func:`cut_to_floor`; some free space is in it.
+
+    Returns:
+        Name to value.
+    """
+    occupied, free, unknown = cells == OCCUPIED, cells == FREE, cells == UNKNOWN
+    area = max(float(free.sum()) * LOOK_CELL**2, 1e-9)
+    statistics = map_statistics(cells, LOOK_CELL)
+    # What borders floor at the end of a picture is unknown: unlike in map_statistics, it does not count.
     statistics["open_border"] = open_border(free, unknown)
-    statistics |= _run_lengths(occupied)
-    return statistics | _patterns(cells)
+    for name, mask in (("unknown", unknown), ("occupied", occupied), ("free", free)):
+        statistics[f"share_{name}"] = float(mask.mean())
+    statistics["run_4_plus"] = max(0.0, 1.0 - sum(statistics[f"run_{n}"] for n in (1, 2, 3)))
+    statistics["free_fragments_per_100m2"] = 100.0 * free_fragments(free) / area
+    sizes, specks = _sizes(occupied), _sizes(~free)
+    statistics["blob_median_px"] = float(np.median(sizes)) if len(sizes) else 0.0
+    statistics |= _ray_statistics(free, unknown, area)
+    speck_cells = float(specks[specks <= _SPECK_CELLS].sum())
+    statistics["specks_in_free_share"] = speck_cells / max(float(free.sum()), 1.0)
+    statistics["dots_in_unknown_per_100m2"] = 100.0 * _dots(occupied, unknown) / area
+    statistics |= _straightness(occupied)
+    return statistics | {"free_area_m2": area, "long_side_m": max(cells.shape) * LOOK_CELL}
 
 
 def displacement_statistics(
@@ -68,19 +166,14 @@ def displacement_statistics(
     signed = np.where(cad_occupied, to_face, -to_face)
     rows, cols = np.nonzero(cells == OCCUPIED)
     if len(rows) < 10 or not faces.any():
-        return dict.fromkeys(_displacement_names(), 0.0)
+        return dict.fromkeys(_DISPLACEMENTS, 0.0)
     away = to_face[rows, cols]
     near = away < _NEAR_WALL
     to_map = distance_to(cells == OCCUPIED) * resolution
-    values = [float(v) for v in np.percentile(away[near], (50, 90, 95))] if near.any() else [0.0] * 3
+    values = np.percentile(away[near], (50, 90, 95)).tolist() if near.any() else [0.0] * 3
     values += [float((~near).mean()), float((to_map[faces] > 0.3).mean())]
     values += _correlations(rows[near], cols[near], signed, resolution, rng)
-    return dict(zip(_displacement_names(), values, strict=True))
-
-
-def _displacement_names() -> list[str]:
-    names = [f"displacement_p{q}_m" for q in (50, 90, 95)] + ["stray_share", "missed_share"]
-    return names + [f"displacement_correlation_{lag:g}m" for lag in _LAGS]
+    return dict(zip(_DISPLACEMENTS, values, strict=True))
 
 
 def wall_thickness(occupied: BoolArray) -> float:
@@ -102,29 +195,23 @@ def wall_tilt(occupied: BoolArray) -> float:
     gx, gy = cv2.Sobel(smooth, cv2.CV_32F, 1, 0), cv2.Sobel(smooth, cv2.CV_32F, 0, 1)
     # Directions count modulo 90 degrees: average the fourth power of the gradient's phase.
     phase = np.exp(4j * np.arctan2(-gy, gx).astype(np.float64))
-    weight = np.hypot(gx, gy)
-    return float(np.degrees(np.angle((weight * phase).sum())) / 4.0)
+    return float(np.degrees(np.angle((np.hypot(gx, gy) * phase).sum())) / 4.0)
 
 
 def open_border(free: BoolArray, unknown: BoolArray) -> float:
     """Share of the free space's border that meets unknown space instead of a wall."""
-    grown = cv2.dilate(free.astype(np.uint8), cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))) > 0
-    border = grown & ~free
+    border = (cv2.dilate(free.astype(np.uint8), CROSS) > 0) & ~free
     return float((border & unknown).sum() / max(border.sum(), 1))
 
 
-def _cropped(cells: ByteArray) -> ByteArray:
-    """The map without the unknown margin, but one cell of it."""
-    known = cells != UNKNOWN
-    rows, cols = np.flatnonzero(known.any(axis=1)), np.flatnonzero(known.any(axis=0))
-    if len(rows) == 0:
-        return cells
-    return np.pad(cells[rows[0] : rows[-1] + 1, cols[0] : cols[-1] + 1], 1, constant_values=UNKNOWN)
+def free_fragments(free: BoolArray) -> int:
+    """How many connected parts (4-neighbours) the free space has besides the largest."""
+    return max(cv2.connectedComponents(free.astype(np.uint8), connectivity=4)[0] - 2, 0)
 
 
-def _blob_sizes(mask: BoolArray) -> FloatArray:
+def _sizes(mask: BoolArray) -> FloatArray:
     """Sizes [px] of the 8-connected parts of a mask."""
-    _, _, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=8)
+    stats = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=8)[2]
     return np.asarray(stats[1:, cv2.CC_STAT_AREA], dtype=np.float64)
 
 
@@ -133,24 +220,66 @@ def _run_lengths(occupied: BoolArray) -> dict[str, float]:
     lengths = []
     for picture in (occupied, occupied.T):
         edges = np.diff(np.pad(picture, ((0, 0), (1, 1))).astype(np.int8), axis=1)
-        starts, ends = np.nonzero(edges == 1)[1], np.nonzero(edges == -1)[1]
-        lengths.append(ends - starts)
+        lengths.append(np.nonzero(edges == -1)[1] - np.nonzero(edges == 1)[1])
     run = np.concatenate(lengths)
-    total = max(len(run), 1)
     names = {"run_1": run == 1, "run_2": run == 2, "run_3": run == 3, "run_4_to_6": (run >= 4) & (run <= 6)}
-    return {name: float(hit.sum() / total) for name, hit in names.items()}
+    return {name: float(hit.sum() / max(len(run), 1)) for name, hit in names.items()}
 
 
 def _patterns(cells: ByteArray) -> dict[str, float]:
     """Share of each 2 x 2 pattern among the patterns that are not uniform."""
-    level = np.zeros(cells.shape, dtype=np.int64)
-    for i, value in enumerate(_PATTERN_VALUES):
-        level[cells == value] = i
+    level = np.where(cells == FREE, 2, np.where(cells == UNKNOWN, 1, 0))
     code = level[:-1, :-1] + 3 * level[:-1, 1:] + 9 * level[1:, :-1] + 27 * level[1:, 1:]
     counts = np.bincount(code.ravel(), minlength=81).astype(np.float64)
-    counts[[0, 40, 80]] = 0.0
+    counts[list(_UNIFORM)] = 0.0
     shares = counts / max(counts.sum(), 1.0)
-    return {f"pattern_{i:02d}": float(share) for i, share in enumerate(shares) if i not in (0, 40, 80)}
+    return {f"pattern_{i:02d}": float(share) for i, share in enumerate(shares) if i not in _UNIFORM}
+
+
+def _ray_statistics(free: BoolArray, unknown: BoolArray, area: float) -> dict[str, float]:
+    """Beams that were drawn alone: thin strips of free space, their open ends, and checkerboards of them."""
+    image = free.astype(np.uint8)
+    thin = free & (cv2.morphologyEx(image, cv2.MORPH_OPEN, _SQUARE) == 0)
+    stats = cv2.connectedComponentsWithStats(thin.astype(np.uint8), connectivity=8)[2][1:]
+    length = np.maximum(stats[:, cv2.CC_STAT_WIDTH], stats[:, cv2.CC_STAT_HEIGHT])
+    rays = (length >= _RAY_CELLS) & (stats[:, cv2.CC_STAT_AREA] <= 2 * length)
+    open_runs = _sizes((cv2.dilate(image, CROSS) > 0) & unknown)
+    a, b, c, d = free[:-1, :-1], free[:-1, 1:], free[1:, :-1], free[1:, 1:]
+    crossed = (a == d) & (b == c) & (a != b)
+    mixed = ~((a == b) & (a == c) & (a == d))
+    return {
+        "thin_free_share": float(thin.sum() / max(free.sum(), 1)),
+        "rays_per_100m2": 100.0 * float(rays.sum()) / area,
+        "open_run_m": LOOK_CELL * float(open_runs.mean()) if len(open_runs) else 0.0,
+        "checkerboard_share": float(crossed.sum() / max(mixed.sum(), 1)),
+    }
+
+
+def _dots(occupied: BoolArray, unknown: BoolArray) -> int:
+    """Blobs of at most three occupied cells with more unknown than free neighbours: ends of stray beams."""
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(occupied.astype(np.uint8), connectivity=8)
+    near = cv2.filter2D(unknown.astype(np.float32), -1, _SQUARE / 8.0, borderType=cv2.BORDER_REPLICATE)
+    count = np.bincount(labels.ravel(), minlength=len(stats))
+    share = np.bincount(labels.ravel(), near.ravel(), len(stats)) / np.maximum(count, 1)
+    return int(((stats[1:, cv2.CC_STAT_AREA] <= _SPECK_CELLS) & (share[1:] > 0.5)).sum())
+
+
+def _straightness(occupied: BoolArray) -> dict[str, float]:
+    """Coherence of the structure tensor at wall cells (Bigün and Granlund 1987), and how the walls are directed."""
+    if not occupied.any():
+        return {"wall_coherence": 0.0, "bent_share": 0.0, "axis_alignment": 0.0}
+    image = cv2.GaussianBlur(occupied.astype(np.float32), (0, 0), 1.0)
+    gx, gy = (cv2.Sobel(image, cv2.CV_32F, x, 1 - x, borderType=cv2.BORDER_REPLICATE) for x in (1, 0))
+    xx, yy, xy = (cv2.GaussianBlur(part, (0, 0), _NEIGHBOURHOOD) for part in (gx * gx, gy * gy, gx * gy))
+    coherence = (np.hypot(xx - yy, 2.0 * xy) / np.maximum(xx + yy, 1e-9))[occupied]
+    # Directions count modulo 90 degrees, as walls of one building stand square to each other.
+    turns = np.exp(4j * np.arctan2(gy, gx).astype(np.float64))
+    weight = np.hypot(gx, gy).astype(np.float64)
+    return {
+        "wall_coherence": float(coherence.mean()),
+        "bent_share": float((coherence < _STRAIGHT).mean()),
+        "axis_alignment": float(abs((weight * turns).sum()) / max(weight.sum(), 1e-9)),
+    }
 
 
 def _correlations(

@@ -1,4 +1,4 @@
-"""How well a map agrees with the true one: walls found, space covered, image error.
+"""How well a map agrees with the true one: walls found, image error.
 
 Convention: both maps are images of one shape on one frame (row 0 at the top); only :func:`aligned_error`
 first searches for the motion that brings one onto the other.
@@ -18,7 +18,7 @@ from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, BoolArray, ByteArray, Fl
 MIN_OCCUPIED_SHARE = 0.3
 """A shrunk cell is occupied if this share of it was: a wall one cell thick survives shrinking to a third."""
 
-_CROSS = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
+CROSS = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
 
 
 @dataclass(frozen=True)
@@ -29,8 +29,6 @@ class WallScore:
     """Share of the map's wall cells that lie near a true wall."""
     recall: float
     """Share of the true wall cells that lie near a wall of the map."""
-    iou: float
-    """Intersection over union of the two walls, both thickened by half the tolerance."""
 
     @property
     def f1(self) -> float:
@@ -53,13 +51,10 @@ def wall_score(walls: BoolArray, true_walls: BoolArray, tolerance_px: float = 2.
     check_same_shape(walls, true_walls)
     if not walls.any() or not true_walls.any():
         same = float(walls.any() == true_walls.any())
-        return WallScore(same, same, same)
-    to_map, to_truth = distance_to(walls), distance_to(true_walls)
-    thick, true_thick = to_map <= 0.5 * tolerance_px, to_truth <= 0.5 * tolerance_px
+        return WallScore(same, same)
     return WallScore(
-        precision=float((to_truth[walls] <= tolerance_px).mean()),
-        recall=float((to_map[true_walls] <= tolerance_px).mean()),
-        iou=float((thick & true_thick).sum() / (thick | true_thick).sum()),
+        precision=float((distance_to(true_walls)[walls] <= tolerance_px).mean()),
+        recall=float((distance_to(walls)[true_walls] <= tolerance_px).mean()),
     )
 
 
@@ -73,23 +68,6 @@ class WallDistance:
     """95th percentile of those distances, the larger of both directions."""
 
 
-def coverage(cells: ByteArray, reachable: BoolArray) -> float:
-    """Share of the reachable space that the map shows as free.
-
-    Args:
-        cells: Map values (0, 205, 254), shape (rows, cols).
-        reachable: Cells that the robot could have seen, same shape.
-    """
-    check_same_shape(cells, reachable)
-    total = np.count_nonzero(reachable)
-    return float(np.count_nonzero((cells == FREE) & reachable) / total) if total else 1.0
-
-
-def known_area(cells: ByteArray, resolution: float) -> float:
-    """Area of the cells that are not unknown [m^2]."""
-    return float(np.count_nonzero(cells != UNKNOWN)) * resolution**2
-
-
 def free_space(cells: ByteArray) -> FloatArray:
     """The image on which the paper's Table I is computed: 1 where free, 0 in walls and the unknown."""
     return (cells == FREE).astype(np.float64)
@@ -99,6 +77,16 @@ def squared_error(image: FloatArray, target: FloatArray) -> float:
     """Mean squared error of two images with values in [0, 1]."""
     check_same_shape(image, target)
     return float(np.mean((np.asarray(image, dtype=np.float64) - target) ** 2))
+
+
+def crop_to_known(cells: ByteArray, margin_px: int) -> ByteArray:
+    """The known part of a map with so many unknown cells around it; the map as it is if nothing is known."""
+    known = cells != UNKNOWN
+    rows, cols = np.flatnonzero(known.any(axis=1)), np.flatnonzero(known.any(axis=0))
+    if len(rows) == 0:
+        return cells
+    part = cells[rows[0] : rows[-1] + 1, cols[0] : cols[-1] + 1]
+    return np.pad(part, margin_px, constant_values=UNKNOWN)
 
 
 def resample_slam(
@@ -130,7 +118,7 @@ def free_boundary(free: BoolArray) -> BoolArray:
     Args:
         free: Free cells, shape (rows, cols).
     """
-    inner = cv2.erode(free.astype(np.uint8), _CROSS, borderType=cv2.BORDER_CONSTANT, borderValue=0)
+    inner = cv2.erode(free.astype(np.uint8), CROSS, borderType=cv2.BORDER_CONSTANT, borderValue=0)
     boundary: BoolArray = free & (inner == 0)
     return boundary
 

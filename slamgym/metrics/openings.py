@@ -17,7 +17,6 @@ from slamgym.metrics.dimensions import (
     FLOOR,
     MAX_THICKNESS,
     Run,
-    StraightPiece,
     floor_runs,
     straight_pieces,
     turned_upright,
@@ -82,7 +81,8 @@ def compare_openings(
     drawn, truth = (turned_upright(values, angle_deg) for values in (floor, true_floor))
     rooms = label_rooms(truth >= FLOOR, metres_per_px)
     doors = find_doors(rooms, truth >= FLOOR)
-    cores = _cores(rooms, truth >= FLOOR, metres_per_px)
+    # The rooms without what lies so near to a wall that a displaced wall may have it on its other side.
+    cores = np.where(_from_walls(truth >= FLOOR) * metres_per_px > 0.2, rooms, 0)
     kept = [door for door in doors if _is_open(door, drawn >= FLOOR, cores, metres_per_px)]
     widths = [
         _clear_width(door, drawn, metres_per_px) - _clear_width(door, truth, metres_per_px) for door in kept
@@ -116,11 +116,6 @@ def unseen_share(floor: BoolArray, seen: BoolArray) -> float:
     return float(np.count_nonzero(floor & ~seen) / total) if total else 0.0
 
 
-def vertex_ratio(vertices: int, true_vertices: int) -> float:
-    """Corners of a drawing's outlines over those of the true ones; nan if there are no true ones."""
-    return vertices / true_vertices if true_vertices else math.nan
-
-
 def find_doors(rooms: IntArray, floor: BoolArray) -> list[Doorway]:
     """Where the rooms of a plan meet: of each connected border of two rooms the place farthest from any wall.
 
@@ -128,15 +123,11 @@ def find_doors(rooms: IntArray, floor: BoolArray) -> list[Doorway]:
         rooms: Numbers of the rooms, 0 where there is none, shape (rows, cols).
         floor: Same shape.
     """
-    radius = cv2.distanceTransform(np.pad(floor, 1).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)[
-        1:-1, 1:-1
-    ]
+    radius = _from_walls(floor)
     borders: dict[tuple[int, int], list[tuple[int, int]]] = defaultdict(list)
     for step in ((0, 1), (1, 0)):
-        here, there = (
-            rooms[: rooms.shape[0] - step[0], : rooms.shape[1] - step[1]],
-            rooms[step[0] :, step[1] :],
-        )
+        here = rooms[: rooms.shape[0] - step[0], : rooms.shape[1] - step[1]]
+        there = rooms[step[0] :, step[1] :]
         for row, col in np.argwhere((here != there) & (here > 0) & (there > 0)).tolist():
             low, high = sorted((int(here[row, col]), int(there[row, col])))
             borders[low, high].append((row, col))
@@ -153,16 +144,15 @@ def find_doors(rooms: IntArray, floor: BoolArray) -> list[Doorway]:
     return doors
 
 
-def _cores(rooms: IntArray, floor: BoolArray, metres_per_px: float) -> IntArray:
-    """The rooms without what lies so near to a wall that a displaced wall may have it on its other side."""
-    away = cv2.distanceTransform(np.pad(floor, 1).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)[
-        1:-1, 1:-1
-    ]
-    return np.where(away * metres_per_px > 0.2, rooms, 0)
+def _from_walls(floor: BoolArray) -> Float32Array:
+    """Distance of each floor cell from the nearest other cell, or the border of the image [cells]."""
+    padded = np.pad(floor, 1).astype(np.uint8)
+    away: Float32Array = cv2.distanceTransform(padded, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    return away[1:-1, 1:-1]
 
 
 def _is_open(door: Doorway, drawn: BoolArray, cores: IntArray, metres_per_px: float) -> bool:
-    """Whether drawn floor near a door joins its two rooms."""
+    """True if drawn floor near a door joins its two rooms."""
     reach = math.ceil(1.0 / metres_per_px)
     window = (
         slice(max(0, door.row - reach), door.row + reach + 1),
@@ -180,10 +170,10 @@ def _clear_width(door: Doorway, values: Float32Array, metres_per_px: float) -> f
         widths = []
         reach = math.ceil(REACH / metres_per_px)
         for shifted in range(max(0, line - reach), min(len(image), line + reach + 1)):
-            through = [r for r in floor_runs(image[shifted]) if r.overlap(place - 4.0, place + 4.0) > 0.0]
-            if not through:
-                continue
-            widths.append(max(through, key=lambda run: run.overlap(place - 4.0, place + 4.0)).length)
+            runs = floor_runs(image[shifted])
+            through = max(runs, key=lambda run: run.overlap(place - 4.0, place + 4.0), default=None)
+            if through is not None and through.overlap(place - 4.0, place + 4.0) > 0.0:
+                widths.append(through.length)
         if widths:
             narrowest = np.fmin(narrowest, min(widths) * metres_per_px)
     return float(narrowest)
@@ -201,24 +191,14 @@ def _holes(
         by_line.append([wall for wall in walls if 0 < labels[wall.first - 1] != labels[wall.last + 1] > 0])
     found = []
     for piece in straight_pieces(by_line, smallest + 2 * trimmed):
-        low, high = sorted(int(n) for n in _rooms_beside(piece, rooms))
-        opened = [
-            _is_passage(drawn[piece.line + number], piece.runs[number], beside)
-            for number in range(trimmed, len(piece.runs) - trimmed)
-        ]
-        found.append(
-            ((low, high), sum(run.length >= smallest for run in floor_runs(np.array(opened, np.float32))))
-        )
+        middle = len(piece.runs) // 2
+        wall, labels = piece.runs[middle], rooms[piece.line + middle]
+        low, high = sorted((int(labels[wall.first - 1]), int(labels[wall.last + 1])))
+        opened = []
+        for number in range(trimmed, len(piece.runs) - trimmed):
+            wall, line = piece.runs[number], drawn[piece.line + number]
+            part = line[max(0, wall.first - beside) : wall.last + beside + 1]
+            opened.append((part >= FLOOR).all())  # floor from one side of the wall to the other
+        holes = floor_runs(np.array(opened, np.float32))
+        found.append(((low, high), sum(hole.length >= smallest for hole in holes)))
     return found
-
-
-def _rooms_beside(piece: StraightPiece, rooms: IntArray) -> tuple[int, int]:
-    middle = len(piece.runs) // 2
-    wall, labels = piece.runs[middle], rooms[piece.line + middle]
-    return labels[wall.first - 1], labels[wall.last + 1]
-
-
-def _is_passage(line: Float32Array, wall: Run, beside: int) -> bool:
-    """Whether a line is floor from one side of a wall to the other."""
-    part = line[max(0, wall.first - beside) : wall.last + beside + 1]
-    return bool((part >= FLOOR).all())

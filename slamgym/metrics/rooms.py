@@ -74,8 +74,12 @@ def label_rooms(free: BoolArray, metres_per_px: float, rule: RoomRule = DEFAULT_
     is_root = np.bincount(parts.ravel(), minlength=1) > 0
     is_root[0] = True  # outside
     labels = (np.cumsum(is_root) - 1)[parts]
-    large = _is_room(labels, radius, rule, metres_per_px)
-    numbers = np.where(large, np.cumsum(large), 0)
+    sizes = np.bincount(labels.ravel()) * metres_per_px**2
+    widest = np.zeros(len(sizes))
+    np.maximum.at(widest, labels.ravel(), radius.ravel())
+    is_room = (sizes >= rule.min_area) & (widest >= rule.min_width / 2.0)
+    is_room[0] = False  # outside
+    numbers = np.where(is_room, np.cumsum(is_room), 0)
     return np.asarray(numbers[labels][1:-1, 1:-1], dtype=np.int64)
 
 
@@ -104,16 +108,6 @@ def room_score(
     matched = int((iou > 0.5).sum())
     total = count + true_count
     return RoomScore(count, true_count, 2.0 * matched / total if total else 1.0)
-
-
-def _is_room(labels: IntArray, radius: FloatArray, rule: RoomRule, metres_per_px: float) -> BoolArray:
-    """Which labels are wide and large enough; label 0, outside, never is."""
-    sizes = np.bincount(labels.ravel()) * metres_per_px**2
-    widest = np.zeros(len(sizes))
-    np.maximum.at(widest, labels.ravel(), radius.ravel())
-    rooms: BoolArray = (sizes >= rule.min_area) & (widest >= rule.min_width / 2.0)
-    rooms[0] = False
-    return rooms
 
 
 @kernel

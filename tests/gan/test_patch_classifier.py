@@ -4,16 +4,24 @@ import numpy as np
 import pytest
 
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN
-from slamgym.gan.evaluation.patch_classifier import ClassifierConfig, PatchConfig, PatchLearner, cut_patches
+from slamgym.gan.evaluation import patch_classifier
+from slamgym.gan.evaluation.patch_classifier import PatchLearner, cut_patches
 from slamgym.metrics.two_sample import distinguish
 
-SMALL = PatchConfig(
-    side=32,
-    per_map=8,
-    per_kind=64,
-    judged=4,
-    training=ClassifierConfig(width=4, epochs=10, learning_rate=1e-2),
-)
+
+@pytest.fixture(autouse=True)
+def small(monkeypatch):
+    sizes = {
+        "SIDE": 32,
+        "PER_MAP": 8,
+        "PER_KIND": 64,
+        "JUDGED": 4,
+        "WIDTH": 4,
+        "EPOCHS": 10,
+        "LEARNING_RATE": 1e-2,
+    }
+    for name, value in sizes.items():
+        monkeypatch.setattr(patch_classifier, name, value)
 
 
 def room(wall: int, side: int):
@@ -24,7 +32,7 @@ def room(wall: int, side: int):
 
 
 def test_patches_lie_on_the_border_of_the_floor_and_reach_beyond_the_map():
-    patches = cut_patches(room(1, 50), np.random.default_rng(0), SMALL)
+    patches = cut_patches(room(1, 50), np.random.default_rng(0))
     assert patches.shape == (8, 32, 32)
     assert all({OCCUPIED, FREE, UNKNOWN} == set(np.unique(patch)) for patch in patches)
 
@@ -33,11 +41,10 @@ def test_thick_walls_are_told_from_thin_ones_and_the_surest_patches_are_known():
     maps = [room(1 + 3 * (i % 2), 40 + i) for i in range(12)]
     of_second = np.arange(12) % 2 == 1
     buildings = [str(i) for i in range(12)]
-    found = [distinguish(of_second, buildings, learner, 3) for learner in (PatchLearner(maps, 0, SMALL),) * 2]
+    learner = PatchLearner(maps, 0)
+    found = [distinguish(of_second, buildings, one, 3) for one in (PatchLearner(maps, 0), learner)]
     assert found[0].accuracy.value > 0.9
     assert np.array_equal(found[0].scores, found[1].scores)
-    learner = PatchLearner(maps, 0, SMALL)
-    distinguish(of_second, buildings, learner, 3)
     surest = learner.surest(True, np.flatnonzero(of_second), 3)
     assert len({index for index, _, _ in surest}) == 3
     assert all(of_second[index] for index, _, _ in surest)

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from slamgym.metrics import compare_openings, measure_dimensions, unseen_share, vertex_ratio
+from slamgym.metrics import compare_openings, measure_dimensions, unseen_share
 from slamgym.metrics.dimensions import floor_area, floor_runs, wall_runs
 
 CELL = 0.05
@@ -128,8 +128,3 @@ def test_floor_that_was_never_seen():
     seen[:, :8] = True
     assert unseen_share(floor, seen) == pytest.approx(0.2)
     assert unseen_share(~floor, seen) == 0.0
-
-
-def test_vertices_are_compared_by_their_number():
-    assert vertex_ratio(30, 20) == 1.5
-    assert np.isnan(vertex_ratio(4, 0))

@@ -7,9 +7,6 @@ from slamgym.metrics import (
     Similarity,
     aligned_error,
     apply_similarity,
-    coverage,
-    free_space,
-    known_area,
     squared_error,
     wall_score,
 )  # fmt: skip
@@ -62,7 +59,7 @@ class TestWalls:
         half = walls.copy()
         half[10, 15:] = False
         score = wall_score(half, walls, 0.0)
-        assert (score.precision, score.recall, score.iou) == (1.0, 0.5, 0.5)
+        assert (score.precision, score.recall) == (1.0, 0.5)
 
     def test_two_empty_maps_agree_and_one_empty_map_does_not(self):
         none, some = np.zeros((5, 5), bool), np.eye(5, dtype=bool)
@@ -72,14 +69,6 @@ class TestWalls:
     def test_shapes_must_agree(self):
         with pytest.raises(ValueError, match="different shapes"):
             wall_score(np.zeros((2, 2), bool), np.zeros((2, 3), bool))
-
-
-def test_coverage_counts_free_cells_of_the_reachable_space_only():
-    cells = np.array([[254, 254, 205], [0, 205, 254]], np.uint8)
-    reachable = np.array([[1, 0, 1], [1, 1, 0]], bool)
-    assert coverage(cells, reachable) == pytest.approx(0.25)
-    assert known_area(cells, 0.5) == pytest.approx(1.0)
-    assert free_space(cells).sum() == 3.0
 
 
 @settings(max_examples=40)

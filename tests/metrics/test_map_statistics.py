@@ -1,18 +1,21 @@
-"""Map statistics on pictures whose numbers are known, and the two-sample test on samples whose answer is."""
+"""Map statistics on pictures whose numbers are known."""
 
 import numpy as np
 import pytest
 
-from slamgym.core.errors import ConfigError
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN
 from slamgym.metrics.map_statistics import (
+    LOOK_NAMES,
+    at_look_cell,
+    cut_to_floor,
     displacement_statistics,
+    free_fragments,
+    look_statistics,
     map_statistics,
     open_border,
     wall_thickness,
     wall_tilt,
 )
-from slamgym.metrics.two_sample import two_sample_test
 
 
 def room(thickness: int = 1, size: int = 60):
@@ -80,24 +83,64 @@ def _faces(cad):
     return near & cad
 
 
-def samples(shift: float, seed: int, n: int = 60) -> list[dict[str, float]]:
-    values = np.random.default_rng(seed).standard_normal((n, 4))
-    values[:, 0] += shift
-    return [{f"s{i}": float(v) for i, v in enumerate(row)} for row in values]
+def square_room(side: int = 100, wall: int = 1):
+    """A square room in unknown space."""
+    cells = np.full((side + 40, side + 40), UNKNOWN, np.uint8)
+    cells[20 - wall : 20 + side + wall, 20 - wall : 20 + side + wall] = OCCUPIED
+    cells[20 : 20 + side, 20 : 20 + side] = FREE
+    return cells
 
 
-@pytest.mark.parametrize("learner", ["gradient_boosting", "extra_trees"])
-def test_different_samples_are_distinguished_and_equal_ones_are_not(learner) -> None:
-    pytest.importorskip("sklearn")
-    plans = [str(i) for i in range(60)]
-    same = two_sample_test(samples(0.0, 0), samples(0.0, 1), plans, plans, learner, repeats=1)
-    assert same.low < 0.5 < same.high + 0.05
-    assert same.accuracy < 0.65
-    different = two_sample_test(samples(0.0, 0), samples(4.0, 1), plans, plans, learner, repeats=1)
-    assert different.accuracy > 0.9
-    assert different.telling[0][0] == "s0"
+def test_a_plain_room_has_closed_straight_walls_and_nothing_else():
+    found = look_statistics(cut_to_floor(square_room()))
+    assert set(LOOK_NAMES) <= set(found)
+    assert found["free_area_m2"] == pytest.approx(25.0)
+    assert found["long_side_m"] == pytest.approx(5.2)
+    for name in ("open_border", "free_fragments_per_100m2", "rays_per_100m2", "dots_in_unknown_per_100m2"):
+        assert found[name] == 0.0
+    assert found["specks_in_free_share"] == 0.0
+    assert found["wall_coherence"] > 0.9
+    assert found["axis_alignment"] > 0.9
 
 
-def test_too_few_plans_for_the_folds_are_refused() -> None:
-    with pytest.raises(ConfigError, match="as many plans"):
-        two_sample_test(samples(0, 0, 4), samples(0, 1, 4), list("abca"), list("abca"))
+def test_a_stray_beam_counts_as_fragment_ray_and_dot():
+    cells = square_room()
+    cells[10, 45:60] = FREE  # beyond the wall, not connected
+    cells[10, 60] = OCCUPIED
+    cells[50:52, 50] = OCCUPIED
+    cut = cells[8:-8, 8:-8]
+    found = look_statistics(cut)
+    assert free_fragments(cut == FREE) == 1
+    per_100m2 = 100.0 / found["free_area_m2"]
+    assert found["free_fragments_per_100m2"] == pytest.approx(per_100m2)
+    assert found["rays_per_100m2"] == pytest.approx(per_100m2)
+    assert found["dots_in_unknown_per_100m2"] == pytest.approx(per_100m2)
+    assert found["specks_in_free_share"] == pytest.approx(2 / (found["free_area_m2"] / 0.05**2))
+    assert found["open_border"] > 0.05
+
+
+def test_a_wall_without_a_row_is_as_open_as_it_is_long():
+    cells = square_room()
+    cells[19, 20:70] = UNKNOWN
+    found = look_statistics(cut_to_floor(cells))
+    assert found["open_border"] == pytest.approx(50 / 400)
+    assert found["open_run_m"] == pytest.approx(2.5)
+
+
+@pytest.mark.parametrize("offset", range(5))
+def test_thin_walls_stay_closed_at_larger_cells(offset):
+    fine = np.full((250, 260), UNKNOWN, np.uint8)
+    fine[20 + offset : 220, 20 + offset : 225] = OCCUPIED
+    fine[21 + offset : 219, 21 + offset : 224] = FREE
+    coarse = at_look_cell(fine, 0.02)
+    assert coarse.shape == (100, 104)
+    assert look_statistics(cut_to_floor(coarse))["open_border"] == 0.0
+
+
+def test_maps_at_the_common_cell_stay_as_they_are():
+    assert at_look_cell(square_room(), 0.05) is not None
+    assert np.array_equal(at_look_cell(square_room(), 0.05), square_room())
+
+
+def test_without_floor_nothing_is_left():
+    assert cut_to_floor(np.full((9, 9), UNKNOWN, np.uint8)).size == 0
