@@ -22,14 +22,14 @@ import numpy as np
 import tyro
 
 from slamgym.agents.registry import make_explorer
-from slamgym.cad import open_plans
+from slamgym.cad import PlanGroup, open_plans
 from slamgym.core.parallel.backlog import Lost
 from slamgym.core.parallel.engine import open_engine
 from slamgym.dataset import DatasetConfig
 from slamgym.dataset.folder import open_dataset
+from slamgym.dataset.generate.build import SlotQueue, schedule_groups
 from slamgym.dataset.generate.exploration import run_exploration
 from slamgym.dataset.generate.recipe import dataset_settings
-from slamgym.dataset.generate.schedule import SlotQueue, schedule
 from slamgym.dataset.record import Slot
 from slamgym.envs import EpisodeConfig
 from slamgym.envs.warmup import warm_up
@@ -120,7 +120,7 @@ def measure_memory(arguments: Arguments) -> None:
 def measure_bookkeeping(count: int) -> None:
     """Commit pairs of empty files, and open the folder again."""
     rows = []
-    slots = schedule([f"plan-{number:032d}" for number in range(1000)], 0)
+    slots = schedule_groups([PlanGroup([f"plan-{number:032d}" for number in range(1000)], 1.0)], 0)
     with TemporaryDirectory(dir=IN_MEMORY) as temporary:
         root = Path(temporary)
         for part in (count // 4, count - count // 4):

@@ -36,9 +36,9 @@ from slamgym.dataset import DatasetConfig, Layout, read_manifest
 from slamgym.dataset import format as dataset_format
 from slamgym.dataset.folder import DatasetFolder, open_dataset
 from slamgym.dataset.generate import exploration
+from slamgym.dataset.generate.build import SlotQueue
 from slamgym.dataset.generate.exploration import run_exploration
 from slamgym.dataset.generate.recipe import dataset_settings
-from slamgym.dataset.generate.schedule import SlotQueue
 from slamgym.envs import EpisodeConfig
 from slamgym.envs.warmup import warm_up
 

@@ -25,12 +25,12 @@ import tyro
 
 from slamgym.agents.explorer import BatchedExplorer
 from slamgym.agents.registry import make_explorer
-from slamgym.cad import PlanSource, open_plans
+from slamgym.cad import PlanGroup, PlanSource, open_plans
 from slamgym.cad.plan_filter import passes
 from slamgym.dataset import DatasetConfig, PairRecord
 from slamgym.dataset.generate import exploration
+from slamgym.dataset.generate.build import schedule_groups
 from slamgym.dataset.generate.exploration import ExplorationTask, run_exploration
-from slamgym.dataset.generate.schedule import schedule
 from slamgym.envs import EpisodeConfig, ExploreConfig, ExploreEnv
 from slamgym.envs.warmup import warm_up
 from slamgym.sim import Lidar, WheelOdometry, World
@@ -138,7 +138,7 @@ def main() -> None:
 
 def explorations(plans: PlanSource, config: DatasetConfig) -> Iterator[ExplorationTask]:
     """What ``slamgym generate`` explores first."""
-    for slot in schedule(plans.ids, config.seed):
+    for slot in schedule_groups([PlanGroup(plans.ids, 1.0)], config.seed):
         plan = plans.load(slot.plan_id)
         if passes(plan, config.plans_filter):
             yield ExplorationTask(slot, plan, None, config, make_explorer)

@@ -15,8 +15,8 @@ from slamgym.core.errors import ConfigError
 from slamgym.core.parallel.backlog import TASK_TIMEOUT, available_cores
 from slamgym.core.parallel.engine import EngineName, Execution
 from slamgym.core.progress import counted, duration, say, tell
+from slamgym.dataset.format import WHOLE, Shard
 from slamgym.dataset.pair import PairConfig
-from slamgym.dataset.shard import WHOLE, Shard
 
 if TYPE_CHECKING:
     from slamgym.dataset.generate.build import BuildReport

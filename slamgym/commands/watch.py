@@ -87,7 +87,7 @@ def main(argv: list[str]) -> int:
 
 def _choose_plan(arguments: WatchArguments) -> FloorPlan:
     from slamgym.cad import open_plans, plan_groups
-    from slamgym.dataset.generate.schedule import schedule_groups
+    from slamgym.dataset.generate.build import schedule_groups
 
     plans = open_plans(arguments.plans)
     if arguments.plan is None:

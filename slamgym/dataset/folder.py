@@ -33,10 +33,9 @@ from slamgym.core.files import (
     sync_folder,
     text_lines,
 )
-from slamgym.dataset.format import SIDES, FolderLayout, Layout, read_dataset_config
+from slamgym.dataset.format import SIDES, FolderLayout, Layout, is_shard_name, read_dataset_config
 from slamgym.dataset.manifest_file import ManifestFile, SlotSet
 from slamgym.dataset.record import Slot
-from slamgym.dataset.shard import is_shard_name
 
 _OUR_NAME = re.compile(r"([0-9]{6,8})_[A-Za-z0-9_.-]+")  # below MAX_SLOTS
 _INDEX_SHARE_OF_TIME = 0.02
@@ -54,7 +53,7 @@ class DatasetFolder:
         self.committed = self._scan()
         self.rejected: dict[int, dict[str, Any]] = read_rejected(self.layout.rejected)
         self._manifest = ManifestFile(self.layout.manifest)
-        self._list_what_is_there()
+        self._list_committed()
         self._next_index_time = time.monotonic()
 
     def stage(self, name: str) -> Path:
@@ -65,7 +64,7 @@ class DatasetFolder:
         """Make a staged pair (``A.png``, ``B.png`` and the folder ``episode``) part of the dataset."""
         layout, name = self.layout, slot.name
         with storage_errors(layout.root):
-            line = _record_line(staged / "episode")
+            line = (staged / "episode" / "episode.json").read_bytes()
             for side in SIDES:
                 (staged / f"{side}.png").replace(layout.image(side, name))
             (staged / "episode").rename(layout.episode(name))
@@ -108,16 +107,17 @@ class DatasetFolder:
         It may have come between a pair's last rename and the note of it.
         """
         self.committed = self._scan()
-        self._list_what_is_there()
+        self._list_committed()
         self.write_index()
 
-    def _list_what_is_there(self) -> None:
+    def _list_committed(self) -> None:
         names: dict[int, str] = {}
         missing = SlotSet(index for index in self.committed if index not in self._manifest.listed)
         if missing:
             names = {index: name for index, name in pair_names(self.layout.episodes) if index in missing}
         self._manifest.agree_with(
-            self.committed, lambda index: _record_line(self.layout.episode(names[index]))
+            self.committed,
+            lambda index: (self.layout.episode(names[index]) / "episode.json").read_bytes(),
         )
 
     def _scan(self) -> SlotSet:
@@ -185,13 +185,9 @@ def pair_names(folder: Path) -> Iterator[tuple[int, str]]:
 
 
 def is_whole(layout: Layout, name: str) -> bool:
-    """Whether a pair has its two images and its record."""
+    """True if a pair has its two images and its record."""
     files = [layout.image(side, name) for side in SIDES] + [layout.episode(name) / "episode.json"]
     return all(path.is_file() for path in files)
-
-
-def _record_line(episode: Path) -> bytes:
-    return (episode / "episode.json").read_bytes()
 
 
 def read_rejected(path: Path) -> dict[int, dict[str, Any]]:
@@ -204,37 +200,24 @@ def read_rejected(path: Path) -> dict[int, dict[str, Any]]:
         return {}
     try:
         entries = [parse_json(line, where) for line, where in text_lines(path)]
-        return {int(entry["index"]): {**entry, **_plan_and_error(entry)} for entry in entries}
+        return {
+            int(entry["index"]): entry | {name: str(entry[name]) for name in ("plan_id", "error")}
+            for entry in entries
+        }
     except (ValueError, KeyError, TypeError, OverflowError) as error:
         raise InputFileError(
             path, f"is malformed ({error}); delete it to have the plans tried again"
         ) from error
 
 
-def _plan_and_error(entry: dict[str, Any]) -> dict[str, str]:
-    return {name: str(entry[name]) for name in ("plan_id", "error")}
-
-
-def read_times(path: Path) -> dict[str, dict[str, Any]]:
-    """What each exploration took, by its name, as far as ``timing.jsonl`` has it; times are no part of the data."""
-    times = {}
+def read_times(path: Path) -> Iterator[tuple[str, dict[str, Any]]]:
+    """Name and times of each exploration, one by one, as far as ``timing.jsonl`` has them."""
     for line, where in text_lines(path) if path.is_file() else ():
         try:
             entry = parse_json(line, where)
-            times[str(entry.pop("name"))] = {"cpu_seconds": float(entry.pop("cpu_seconds")), **entry}
+            yield str(entry.pop("name")), {"cpu_seconds": float(entry.pop("cpu_seconds")), **entry}
         except (InputFileError, ValueError, KeyError, TypeError, AttributeError, OverflowError):
-            continue  # a killed run may leave an incomplete line
-    return times
-
-
-def read_seconds(path: Path) -> Iterator[tuple[str, float]]:
-    """Name and CPU seconds of each exploration, one by one."""
-    for line, where in text_lines(path) if path.is_file() else ():
-        try:
-            entry = parse_json(line, where)
-            yield str(entry["name"]), float(entry["cpu_seconds"])
-        except (InputFileError, ValueError, KeyError, TypeError, OverflowError):
-            continue
+            continue  # a killed run may have cut a line off
 
 
 def claim_folder(

@@ -21,7 +21,6 @@ class SlotSet:
 
     def __init__(self, indices: Iterable[int] = ()) -> None:
         self._flags = bytearray()
-        self._count = 0
         for index in indices:
             self.add(index)
 
@@ -29,20 +28,13 @@ class SlotSet:
         """Put an index in."""
         if index >= len(self._flags):
             self._flags.extend(bytes(max(index + 1 - len(self._flags), len(self._flags))))
-        self._count += not self._flags[index]
         self._flags[index] = 1
-
-    def discard(self, index: int) -> None:
-        """Take an index out, if it is in."""
-        if index in self:
-            self._flags[index] = 0
-            self._count -= 1
 
     def __contains__(self, index: int) -> bool:
         return index < len(self._flags) and self._flags[index] == 1
 
     def __len__(self) -> int:
-        return self._count
+        return self._flags.count(1)
 
     def __iter__(self) -> Iterator[int]:
         """The indices in ascending order."""
@@ -64,17 +56,14 @@ class ManifestFile:
     def __init__(self, path: Path) -> None:
         self._path = path
         self._fresh: dict[int, bytes] = {}
-        self._stale = False
+        self._is_usable = True
+        self._is_stale = False
         self.listed = SlotSet()
         """Slots of the pairs that the file will list when it is written."""
         try:
-            for index, _ in self._lines():
-                self.listed.add(index)
-        except (
-            ValueError,
-            InputFileError,
-        ):  # somebody has edited it; the pairs' own files say what belongs there
-            self.listed, self._stale = SlotSet(), True
+            self.listed = SlotSet(index for index, _ in self._lines())
+        except (ValueError, InputFileError):  # it was edited; the pairs' own files say what belongs there
+            self._is_usable, self._is_stale = False, True
 
     def agree_with(self, committed: SlotSet, read_line: Callable[[int], bytes]) -> None:
         """List the committed pairs and no others.
@@ -83,11 +72,9 @@ class ManifestFile:
             committed: The slots of the pairs.
             read_line: Gives the line of one that is not listed yet.
         """
-        for index in list(self.listed):
-            if index not in committed:
-                self.listed.discard(index)
-                self._fresh.pop(index, None)
-                self._stale = True
+        kept = SlotSet(index for index in self.listed if index in committed)
+        self._is_stale |= len(kept) < len(self.listed)
+        self.listed, self._fresh = kept, {index: self._fresh[index] for index in self._fresh if index in kept}
         for index in committed:
             if index not in self.listed:
                 self.add(index, read_line(index))
@@ -101,25 +88,15 @@ class ManifestFile:
 
     def write(self) -> None:
         """Merge the fresh lines into the file."""
-        if not self._fresh and not self._stale and self._path.exists():
+        if not self._fresh and not self._is_stale and self._path.exists():
             return
         # What is not listed any more, or is to be replaced, is left out.
-        kept = (
-            (index, line)
-            for index, line in self._valid_lines()
-            if index in self.listed and index not in self._fresh
-        )
+        lines = self._lines() if self._is_usable else iter(())
+        kept = (entry for entry in lines if entry[0] in self.listed and entry[0] not in self._fresh)
         merged = heapq.merge(kept, sorted(self._fresh.items()), key=itemgetter(0))
         replace_file_by(self._path, map(itemgetter(1), merged))
         self._fresh.clear()
-        self._stale = False
-
-    def _valid_lines(self) -> Iterator[tuple[int, bytes]]:
-        """The lines of the file; none if it was not usable, as then all are fresh."""
-        try:
-            yield from self._lines()
-        except (ValueError, InputFileError):
-            return
+        self._is_usable, self._is_stale = True, False
 
     def _lines(self) -> Iterator[tuple[int, bytes]]:
         """The slots and lines of the file.

@@ -18,9 +18,8 @@ from slamgym.dataset.folder import (
     read_rejected,
     read_times,
 )
-from slamgym.dataset.format import SIDES, Layout, read_dataset_config
+from slamgym.dataset.format import SHARD_NAME, SIDES, Layout, read_dataset_config, shard_folders
 from slamgym.dataset.record import PairRecord
-from slamgym.dataset.shard import FOLDER, shard_folders
 
 
 @dataclass(frozen=True)
@@ -86,7 +85,7 @@ def _common_settings(shards: list[Path]) -> dict[str, Any]:
 def _take_shard(folder: DatasetFolder, shard: Layout, advance: Advance) -> list[str]:
     """Put a shard's pairs into the dataset; returns the names of those that are not whole."""
     broken = []
-    times = read_times(shard.timing)
+    times = dict(read_times(shard.timing))
     for index, name in pair_names(shard.episodes):
         if index not in folder.committed:
             if is_whole(shard, name) and _is_plain(shard, name):
@@ -123,7 +122,7 @@ def _link(shard: Layout, name: str, staged: Path) -> None:
 
 
 def _is_plain(shard: Layout, name: str) -> bool:
-    """Whether a pair is made of files alone: no links to what lies elsewhere, no devices."""
+    """True if a pair is made of files alone: no links to what lies elsewhere, no devices."""
     folder = shard.episode(name)
     files = [*(shard.image(side, name) for side in SIDES), *folder.iterdir()]
     return not folder.is_symlink() and all(path.is_file() and not path.is_symlink() for path in files)
@@ -141,7 +140,7 @@ def _link_or_copy(source: Path, target: Path) -> bool:
 
 def _missing_shards(shards: list[Path]) -> list[str]:
     """Which shards of the same division are not there."""
-    matches = [match for shard in shards if (match := FOLDER.fullmatch(shard.name))]
+    matches = [match for shard in shards if (match := SHARD_NAME.fullmatch(shard.name))]
     count = max(int(match[2]) for match in matches)
     there = {int(match[1]) for match in matches if int(match[2]) == count}
     return [f"{number}/{count}" for number in range(count) if number not in there]

@@ -1,7 +1,8 @@
 """A pair's record: where each column of the manifest is declared, described, filled, and written.
 
-A new column is a field of :class:`PairRecord` and its value in :func:`make_record`; files of lines, tables and
-Parquet follow from the two.
+A new column is a field of :class:`PairRecord` and its value in :func:`make_record`, which describes simulated and
+deformed maps alike; files of lines, tables and Parquet follow from the two. Rendered images take over the columns that
+:class:`~slamgym.dataset.images.format.ImageRecord` declares under the same name.
 """
 
 from __future__ import annotations
@@ -23,10 +24,11 @@ from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.files import staged
 from slamgym.core.json_records import read_record
 from slamgym.core.names import FileName, as_file_name
-from slamgym.core.types import GridFrame, Pose2D
+from slamgym.core.types import GridFrame, Pose2D, Trajectory
 from slamgym.dataset.pair import MapPair
 
 if TYPE_CHECKING:
+    from slamgym.cad import FloorPlan
     from slamgym.envs.episode import Episode
 
 GOOD_COVERAGE = 0.95
@@ -150,68 +152,85 @@ class PairRecord(ManifestLine):
         return Slot(self.index, self.plan_id, self.repetition, self.seed)
 
 
+@dataclass(frozen=True)
+class Outcome:
+    """How a map came about that wasn't explored: what of an :class:`~slamgym.envs.episode.Episode` records judge.
+
+    Trajectories are in the map frame; without poses they aren't known.
+    """
+
+    finished: str
+    coverage: float
+    robot_seconds: float
+    time_limit: float
+    start: Pose2D  # world frame
+    truth: Trajectory
+    odometry: Trajectory
+    estimate: Trajectory
+    final_estimate: Pose2D
+    collisions: int = 0
+
+
 def make_record(
     slot: Slot,
-    episode: Episode,
+    plan: FloorPlan,
     pair: MapPair,
+    outcome: Outcome | Episode,
     files: Mapping[str, bytes],
     conditions: Mapping[str, Any],
     settings_hash: str,
 ) -> PairRecord:
-    """Judge an exploration against the truth and describe it.
+    """Judge a map against the truth and describe it.
 
     Args:
         slot: Its place in the schedule.
-        episode: The exploration.
+        plan: The building.
         pair: Its images.
+        outcome: How the map came about.
         files: Contents of the files that the record vouches for, by name: ``A``, ``B``, ``episode``.
         conditions: The conditions of the exploration.
         settings_hash: Hash of the dataset's settings.
     """
     from slamgym.metrics import absolute_trajectory_error, free_space, squared_error, wall_error
 
-    frame = pair.frame
+    frame, start, truth = pair.frame, outcome.start, outcome.truth
+
+    def error_of(path: Trajectory) -> float:
+        if len(truth) == 0:
+            return 0.0
+        return _rounded(absolute_trajectory_error(path, truth, align=False).translation.rmse)
+
+    believed, last = outcome.final_estimate, truth.poses[-1] if len(truth) else outcome.final_estimate
     return PairRecord(
         name=slot.name,
         index=slot.index,
         plan_id=slot.plan_id,
-        plan_source=episode.plan.source.rpartition("/")[2],
+        plan_source=plan.source.rpartition("/")[2],
         repetition=slot.repetition,
         seed=slot.seed,
         config_hash=settings_hash,
         version=__version__,
         explorer=conditions["explorer"],
         conditions=dict(conditions),
-        finished=episode.finished,
-        coverage=_rounded(episode.coverage),
-        robot_seconds=_rounded(episode.robot_seconds),
-        time_limit=_rounded(episode.time_limit),
-        path_length=_rounded(episode.truth.length),
-        collisions=episode.collisions,
-        ate=_rounded(
-            absolute_trajectory_error(episode.estimate, episode.truth, align=False).translation.rmse
-        ),
-        odometry_ate=_rounded(
-            absolute_trajectory_error(episode.odometry, episode.truth, align=False).translation.rmse
-        ),
-        final_position_error=_rounded(
-            position_error(episode.final_estimate, Pose2D(*episode.truth.poses[-1]))
-        ),
+        finished=outcome.finished,
+        coverage=_rounded(outcome.coverage),
+        robot_seconds=_rounded(outcome.robot_seconds),
+        time_limit=_rounded(outcome.time_limit),
+        path_length=_rounded(truth.length),
+        collisions=outcome.collisions,
+        ate=error_of(outcome.estimate),
+        odometry_ate=error_of(outcome.odometry),
+        final_position_error=_rounded(np.hypot(believed[0] - last[0], believed[1] - last[1])),
         map_error=_rounded(wall_error(pair.slam, pair.cad, frame.resolution)),
         mse=_rounded(squared_error(free_space(pair.slam), free_space(pair.cad))),
-        area=_rounded(episode.plan.area),
-        rooms=len(episode.plan.rooms),
+        area=_rounded(plan.area),
+        rooms=len(plan.rooms),
         resolution=frame.resolution,
         origin=(_rounded(frame.origin_x), _rounded(frame.origin_y)),
         shape=frame.shape,
-        start=(_rounded(episode.start.x), _rounded(episode.start.y), _rounded(episode.start.theta)),
+        start=(_rounded(start.x), _rounded(start.y), _rounded(start.theta)),
         sha256={side: hashlib.sha256(data).hexdigest() for side, data in files.items()},
     )
-
-
-def position_error(estimate: Pose2D, truth: Pose2D) -> float:
-    """Distance between two positions [m]."""
-    return float(np.hypot(estimate.x - truth.x, estimate.y - truth.y))
 
 
 def _rounded(value: float) -> float:

@@ -1,11 +1,16 @@
 """What lies in a dataset: tables by condition, a few lines of text, and one picture of many pairs."""
 
+from __future__ import annotations
+
 import io
+import math
 from array import array
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
+from operator import attrgetter
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -13,9 +18,8 @@ from slamgym.core.files import open_regular, replace_file
 from slamgym.core.png import encode_png
 from slamgym.core.progress import counted
 from slamgym.core.types import FloatArray, IntArray
-from slamgym.dataset.columns import RecordColumns
 from slamgym.dataset.curate.verdicts import VERDICTS_FILE, iterate_verdicts
-from slamgym.dataset.folder import read_rejected, read_seconds
+from slamgym.dataset.folder import read_rejected, read_times
 from slamgym.dataset.format import SIDES, Layout, load_pair, read_manifest
 from slamgym.dataset.record import GOOD_COVERAGE, PairRecord
 from slamgym.interop import read_tum
@@ -23,6 +27,127 @@ from slamgym.viz.sheets import SheetEntry, draw_contact_sheet
 
 MOST_MEASURED = 20_000
 """Of more pairs the bytes on disk are those of so many, evenly spaced, scaled up."""
+FIGURES = ("coverage", "robot_seconds", "ate", "odometry_ate", "map_error")
+"""Figures of a record that are summarised."""
+MAX_VALUES = 6
+"""A condition with more different numbers is shown in ranges."""
+RANGES = 4
+_FIGURES_OF = attrgetter(*FIGURES)
+
+
+class Column:
+    """One value of each record, numbers or words, of which each different one is kept once."""
+
+    def __init__(self, missing: int = 0) -> None:
+        self._codes = array("i", [-1]) * missing
+        self._known: dict[Any, int] = {}
+
+    def add(self, value: Any) -> None:
+        """Add the value of the next record; None if it has none."""
+        known = self._known
+        key = value if type(value) in (int, float, str) else str(value)
+        self._codes.append(-1 if value is None else known.setdefault(key, len(known)))
+
+    @property
+    def codes(self) -> IntArray:
+        """Number of the value of each record, -1 where it has none, shape (N,)."""
+        return np.frombuffer(self._codes, dtype=np.int32) if self._codes else np.empty(0, np.int32)
+
+    def counts(self) -> dict[str, int]:
+        """How many records have each value, the most frequent first."""
+        codes = self.codes
+        return dict(
+            Counter({value: int((codes == code).sum()) for value, code in self._known.items()}).most_common()
+        )
+
+    def groups(self) -> dict[str, IntArray]:
+        """Places of the records by the value; many different numbers are gathered in ranges."""
+        numbers = sorted(value for value in self._known if not isinstance(value, str))
+        words = sorted(value for value in self._known if isinstance(value, str))
+        if len(numbers) > MAX_VALUES and not words:
+            found = self._ranges(numbers)
+        else:
+            found = {str(key): np.flatnonzero(self.codes == self._known[key]) for key in (*numbers, *words)}
+        missing = np.flatnonzero(self.codes < 0)
+        return found | ({"not set": missing} if len(missing) else {})
+
+    def _ranges(self, numbers: list[float]) -> dict[str, IntArray]:
+        """Ranges of equal width; 0 is a case of its own where nothing is less."""
+        values = np.array([*self._known, math.nan])[self.codes]  # -1 is the last
+        found = {}
+        if numbers[0] == 0:
+            found[str(numbers.pop(0))] = np.flatnonzero(values == 0)
+        edges = np.linspace(numbers[0], numbers[-1], RANGES + 1)
+        place = np.minimum(np.searchsorted(edges, values, side="right"), RANGES) - 1
+        for number in range(RANGES):
+            chosen = np.flatnonzero((values >= numbers[0]) & (place == number))
+            if len(chosen):
+                found[f"{edges[number]:.2g} to {edges[number + 1]:.2g}"] = chosen
+        return found
+
+
+class RecordColumns:
+    """What a million records hold: some three hundred bytes each, where the records take five thousand.
+
+    Args:
+        records: Are read one by one.
+    """
+
+    def __init__(self, records: Iterable[PairRecord]) -> None:
+        self.conditions: dict[str, Column] = {}
+        self.plans, self.endings, self.kinds = Column(), Column(), Column()
+        keys, figures = array("q"), array("d")
+        for place, record in enumerate(records):
+            # By hashes other lists are joined; equal ones are as good as impossible.
+            keys.append(hash(record.name))
+            figures.extend(_FIGURES_OF(record))
+            self.plans.add(record.plan_id)
+            self.endings.add(record.finished)
+            self.kinds.add(_kind_of_plan(record))
+            for name in record.conditions.keys() - self.conditions.keys():
+                self.conditions[name] = Column(place)
+            for name, column in self.conditions.items():
+                column.add(record.conditions.get(name))
+        self._keys = np.array(keys)
+        self._figures = dict(zip(FIGURES, np.array(figures).reshape(-1, len(FIGURES)).T, strict=True))
+
+    def __len__(self) -> int:
+        return len(self._keys)
+
+    def figures(self, name: str, places: IntArray | None = None) -> FloatArray:
+        """One of the figures, of all records or of some."""
+        figures = self._figures[name]
+        return figures if places is None else figures[places]
+
+    def joined(self, names: Iterable[tuple[str, float]]) -> FloatArray:
+        """Values of another list in the order of the records, shape (N,); nan where it has none."""
+        keys, values = array("q"), array("d")
+        for name, value in names:
+            keys.append(hash(name))
+            values.append(value)
+        found = np.full(len(self), np.nan)
+        if len(keys) and len(self):
+            order = np.argsort(np.array(keys), kind="stable")
+            known = np.array(keys)[order]
+            place = np.minimum(np.searchsorted(known, self._keys, side="right") - 1, len(known) - 1)
+            hit = known[place] == self._keys
+            found[hit] = np.array(values)[order][place[hit]]
+        return found
+
+    def groupings(self) -> Iterator[tuple[str, dict[str, IntArray]]]:
+        """Every way to group the records that gives more than one group."""
+        for name, column in [("plans", self.kinds), *sorted(self.conditions.items())]:
+            groups = column.groups()
+            if len(groups) > 1:
+                yield name, groups
+
+
+def _kind_of_plan(record: PairRecord) -> str:
+    """Generated plans by their kind, all others as files."""
+    if not record.plan_source.startswith("generator:"):
+        return "from files"
+    name = record.plan_id.rstrip("0123456789~").rstrip("_").rstrip("0123456789").rstrip("_")
+    return f"generated {name}"
 
 
 @dataclass(frozen=True)
@@ -75,28 +200,26 @@ def dataset_statistics(root: Path | str) -> DatasetStatistics:
         InputFileError: If the folder holds no dataset or a list is malformed.
     """
     layout = Layout(Path(root))
-    measured = _spread_over(layout)
-    sizes: Counter[str] = Counter()
-    columns = RecordColumns.of(_count_bytes(layout, measured, sizes))
-    dropped: Counter[str] = Counter()
+    sizes, dropped = Counter[str](), Counter[str]()
+    columns = RecordColumns(_count_bytes(layout, _spread_over(layout), sizes))
     kept = columns.joined(_verdicts(layout.root, dropped))
-    seconds = columns.joined(read_seconds(layout.timing))
+    seconds = columns.joined((name, times["cpu_seconds"]) for name, times in read_times(layout.timing))
     rejected = {entry["plan_id"]: entry["error"] for entry in read_rejected(layout.rejected).values()}
-    everything = np.arange(len(columns))
-    endings = (
-        np.bincount(np.frombuffer(columns.endings.codes, dtype=np.int32)) if len(columns) else np.empty(0)
-    )
     scale = len(columns) / min(max(len(columns), 1), MOST_MEASURED)
+
+    def summarise(places: IntArray) -> GroupStatistics:
+        return _summarise(columns, places, kept[places], seconds[places])
+
     return DatasetStatistics(
         dataset=str(root),
-        whole=_summarise(columns, everything, kept, seconds),
-        endings=dict(Counter(dict(zip(columns.endings.known, endings.tolist(), strict=True))).most_common()),
+        whole=summarise(np.arange(len(columns))),
+        endings=columns.endings.counts(),
         rejected=dict(Counter(rejected.values()).most_common()),
         left_out=dict(dropped.most_common()),
         bytes={name: round(size * scale) for name, size in sizes.most_common()},
         by_condition={
-            name: {label: _summarise(columns, places, kept, seconds) for label, places in groups.items()}
-            for name, groups in _groupings(columns)
+            name: {label: summarise(places) for label, places in groups.items()}
+            for name, groups in columns.groupings()
         },
     )
 
@@ -105,10 +228,7 @@ def _spread_over(layout: Layout) -> Callable[[int], bool]:
     """Which places of the manifest are looked at on the disk: all, or so many evenly spaced ones."""
     with open_regular(layout.manifest) if layout.manifest.is_file() else io.BytesIO() as file:
         count = sum(chunk.count(b"\n") for chunk in iter(lambda: file.read(1 << 20), b""))
-    if count <= MOST_MEASURED:
-        return lambda place: True  # noqa: ARG005 - all of them
-    chosen = frozenset(np.linspace(0, count - 1, MOST_MEASURED).astype(int).tolist())
-    return chosen.__contains__
+    return set(np.linspace(0, count - 1, min(count, MOST_MEASURED)).astype(int).tolist()).__contains__
 
 
 def _count_bytes(
@@ -127,54 +247,40 @@ def _count_bytes(
 
 
 def _verdicts(root: Path, dropped: Counter[str]) -> Iterator[tuple[str, float]]:
-    """Name and whether it is kept, of what was cleaned; the reasons of the others are counted."""
+    """Name and 1 if it is kept, of what was cleaned; the reasons of the others are counted."""
     for verdict in iterate_verdicts(root) if (root / VERDICTS_FILE).is_file() else ():
         if not verdict.keep:
             dropped[verdict.kind] += 1
         yield verdict.name, float(verdict.keep)
 
 
-def _groupings(columns: RecordColumns) -> Iterator[tuple[str, dict[str, IntArray]]]:
-    """Every way to group the pairs that gives more than one group."""
-    if len(columns.kinds.known) > 1:
-        codes = np.frombuffer(columns.kinds.codes, dtype=np.int32)
-        yield (
-            "plans",
-            {kind: np.flatnonzero(codes == code) for kind, code in sorted(columns.kinds.known.items())},
-        )
-    for name, column in sorted(columns.conditions.items()):
-        groups = column.groups()
-        if len(groups) > 1:
-            yield name, groups
-
-
 def _summarise(
     columns: RecordColumns, places: IntArray, kept: FloatArray, seconds: FloatArray
 ) -> GroupStatistics:
-    times, judged = (values[places][~np.isnan(values[places])] for values in (seconds, kept))
-    minutes = columns.column("robot_seconds")[places] / 60.0
-    coverage = columns.column("coverage")[places]
+    times, judged = (values[~np.isnan(values)] for values in (seconds, kept))
+    coverage = columns.figures("coverage", places)
+    minutes = columns.figures("robot_seconds", places) / 60.0
+
+    def percentiles(name: str, first: float, second: float) -> tuple[float, float]:
+        return _percentiles(columns.figures(name, places), first, second)
+
     return GroupStatistics(
         pairs=len(places),
-        plans=len(np.unique(np.frombuffer(columns.plans.codes, dtype=np.int32)[places]))
-        if len(places)
-        else 0,
+        plans=len(np.unique(columns.plans.codes[places])),
         robot_hours=float(minutes.sum() / 60.0),
         complete=float(np.mean(coverage >= GOOD_COVERAGE)) if len(places) else 0.0,
         kept=float(np.mean(judged)) if len(judged) else None,
-        coverage=_percentiles(coverage, 5, 50),
-        ate=_percentiles(columns.column("ate")[places], 50, 95),
-        odometry_ate=_percentiles(columns.column("odometry_ate")[places], 50, 50)[0],
-        map_error=_percentiles(columns.column("map_error")[places], 50, 95),
+        coverage=percentiles("coverage", 5, 50),
+        ate=percentiles("ate", 50, 95),
+        odometry_ate=percentiles("odometry_ate", 50, 50)[0],
+        map_error=percentiles("map_error", 50, 95),
         minutes=_percentiles(minutes, 50, 100),
         cpu_seconds=float(np.mean(times)) if len(times) else None,
     )
 
 
 def _percentiles(values: FloatArray, first: float, second: float) -> tuple[float, float]:
-    if len(values) == 0:
-        return 0.0, 0.0
-    low, high = np.percentile(values, [first, second])
+    low, high = np.percentile(values, [first, second]) if len(values) else (0.0, 0.0)
     return float(low), float(high)
 
 
@@ -184,25 +290,19 @@ def describe_pairs(root: Path | str) -> str:
     Raises:
         InputFileError: If the folder holds no dataset.
     """
-    # A million records would not fit in memory; five numbers of each do.
-    figures, plans, endings_count = array("d"), set[str](), Counter[str]()
-    for record in read_manifest(root):
-        figures.extend(
-            (record.coverage, record.ate, record.odometry_ate, record.map_error, record.robot_seconds / 60.0)
-        )
-        plans.add(record.plan_id)
-        endings_count[record.finished] += 1
-    if not figures:
+    columns = RecordColumns(read_manifest(root))
+    if len(columns) == 0:
         return f"{root}: no pairs"
-    coverage, ate, odometry, walls, minutes = np.frombuffer(figures).reshape(-1, 5).T
+    coverage, seconds, ate, odometry, walls = (columns.figures(name) for name in FIGURES)
     complete = 100.0 * np.mean(coverage >= GOOD_COVERAGE)
-    endings = ", ".join(f"{count} {reason}" for reason, count in endings_count.most_common())
+    endings = ", ".join(f"{count} {reason}" for reason, count in columns.endings.counts().items())
+    plans = len(np.unique(columns.plans.codes))
     return "\n".join(
         [
-            f"{root}: {counted(len(coverage), 'pair')} of {counted(len(plans), 'plan')}",
+            f"{root}: {counted(len(columns), 'pair')} of {counted(plans, 'plan')}",
             f"  coverage        median {100 * np.median(coverage):.1f} %, "
             f"{complete:.0f} % of the pairs at {100 * GOOD_COVERAGE:.0f} % or more",
-            f"  robot time      median {np.median(minutes):.1f} min, longest {minutes.max():.1f} min",
+            f"  robot time      median {np.median(seconds) / 60:.1f} min, longest {seconds.max() / 60:.1f} min",
             f"  ended by        {endings}",
             f"  position error  median {np.median(ate):.3f} m, worst {ate.max():.3f} m "
             f"(wheels alone: median {np.median(odometry):.3f} m)",
@@ -238,13 +338,10 @@ def sheet_entries(root: Path | str, records: Sequence[PairRecord]) -> list[Sheet
     for record in records:
         cad, slam = load_pair(root, record.name)
         path = read_tum(layout.episode(record.name) / "estimate.tum").poses[:, :2]
-        entries.append(SheetEntry(record.plan_id, _details(record), cad, slam, record.frame, path))
+        details = (
+            f"{100 * record.coverage:.1f} % covered in {record.robot_seconds / 60:.1f} min, "
+            f"{record.path_length:.0f} m; errors: pose {record.ate:.2f} m (wheels {record.odometry_ate:.2f} m), "
+            f"walls {record.map_error:.3f} m"
+        )
+        entries.append(SheetEntry(record.plan_id, details, cad, slam, record.frame, path))
     return entries
-
-
-def _details(record: PairRecord) -> str:
-    return (
-        f"{100 * record.coverage:.1f} % covered in {record.robot_seconds / 60:.1f} min, "
-        f"{record.path_length:.0f} m; errors: pose {record.ate:.2f} m (wheels {record.odometry_ate:.2f} m), "
-        f"walls {record.map_error:.3f} m"
-    )

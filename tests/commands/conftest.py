@@ -7,7 +7,7 @@ from commands.hostile import SMALL, OnePlan
 
 from slamgym.agents.registry import make_explorer
 from slamgym.dataset import Layout, build_dataset
-from slamgym.dataset.shard import Shard
+from slamgym.dataset.format import Shard
 
 
 @pytest.fixture(scope="session")

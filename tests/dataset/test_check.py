@@ -10,10 +10,9 @@ import pytest
 
 from slamgym.commands import cli
 from slamgym.core.errors import InputFileError
-from slamgym.dataset.check import check_dataset
+from slamgym.dataset.check import check_dataset, check_image_folder
 from slamgym.dataset.curate.split import make_split
 from slamgym.dataset.format import Layout, read_manifest
-from slamgym.dataset.images.check import check_image_folder
 from slamgym.dataset.images.format import ImageLayout, read_images
 from slamgym.dataset.images.render import render_images, select_pairs
 from slamgym.dataset.images.square_images import ImageConfig

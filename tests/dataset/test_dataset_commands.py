@@ -9,11 +9,10 @@ import pytest
 
 from slamgym.commands import cli
 from slamgym.dataset import statistics
-from slamgym.dataset.columns import ConditionColumn, RecordColumns
 from slamgym.dataset.folder import open_dataset
 from slamgym.dataset.format import Layout, read_manifest
 from slamgym.dataset.record import Slot
-from slamgym.dataset.statistics import dataset_statistics
+from slamgym.dataset.statistics import Column, RecordColumns, dataset_statistics
 
 
 def test_the_whole_is_the_sum_of_its_groups(small_dataset):
@@ -43,13 +42,9 @@ def test_bytes_are_those_on_disk(small_dataset):
 
 
 def groups_of(*values):
-    column = ConditionColumn(0)
+    column = Column()
     for value in values:
-        column.extend([value])
-    at_once = ConditionColumn(0)
-    at_once.extend(values)
-    assert at_once.numbers.tobytes() == column.numbers.tobytes()
-    assert (at_once.codes, at_once.words, at_once.few) == (column.codes, column.words, column.few)
+        column.add(value)
     return {label: len(places) for label, places in column.groups().items()}
 
 
@@ -62,7 +57,7 @@ def test_words_few_numbers_and_what_is_missing_are_groups_of_their_own():
 
 def test_a_condition_that_comes_late_is_missing_before(small_dataset):
     record = next(iter(read_manifest(small_dataset)))
-    columns = RecordColumns.of(dataclasses.replace(record, conditions=c) for c in ({}, {"x": 1}, {"x": 2}))
+    columns = RecordColumns(dataclasses.replace(record, conditions=c) for c in ({}, {"x": 1}, {"x": 2}))
     assert {label: places.tolist() for label, places in columns.conditions["x"].groups().items()} == {
         "1": [1],
         "2": [2],
@@ -72,7 +67,7 @@ def test_a_condition_that_comes_late_is_missing_before(small_dataset):
 
 def test_lists_are_joined_by_name(small_dataset):
     records = list(read_manifest(small_dataset))
-    columns = RecordColumns.of(records)
+    columns = RecordColumns(records)
     joined = columns.joined([("stranger", 9.0), *((r.name, r.ate) for r in reversed(records[1:]))])
     assert np.isnan(joined[0])
     assert joined[1:].tolist() == [r.ate for r in records[1:]]

@@ -12,7 +12,7 @@ import yaml
 
 from slamgym.commands.dataset.merge import MergeArguments
 from slamgym.commands.generate import GenerateArguments
-from slamgym.dataset.shard import Shard
+from slamgym.dataset.format import Shard
 
 TEXT = (Path(__file__).parents[2] / "docs" / "scale.md").read_text()
 BLOCKS = re.findall(r"```(\w+)\n(.*?)```", TEXT, re.DOTALL)

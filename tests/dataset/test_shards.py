@@ -18,8 +18,8 @@ from slamgym.core.files import StorageError, exclusive_lock
 from slamgym.core.parallel.engine import Execution
 from slamgym.dataset import DatasetConfig, Layout, build_dataset, read_manifest
 from slamgym.dataset.check import check_dataset
+from slamgym.dataset.format import WHOLE, Shard, shard_folders
 from slamgym.dataset.merge import merge_shards
-from slamgym.dataset.shard import WHOLE, Shard, shard_folders
 from slamgym.envs import EpisodeConfig, ExploreConfig
 from slamgym.slam import SlamConfig
 

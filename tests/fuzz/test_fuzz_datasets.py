@@ -21,7 +21,7 @@ from hypothesis import strategies as st
 from slamgym.commands.dataset.review import _band
 from slamgym.core.config import to_dict
 from slamgym.core.png import encode_png
-from slamgym.dataset.check import check_dataset
+from slamgym.dataset.check import check_dataset, check_image_folder
 from slamgym.dataset.curate.completeness import FEATURES
 from slamgym.dataset.curate.completeness_model import PRETRAINED_MODEL, CompletenessModel
 from slamgym.dataset.curate.criteria import Criteria, record_faults
@@ -34,7 +34,6 @@ from slamgym.dataset.faults import MapFault
 from slamgym.dataset.folder import read_rejected, read_times
 from slamgym.dataset.format import Layout, read_dataset_config, read_manifest
 from slamgym.dataset.generate.recipe import RECIPES, DatasetConfig, open_recipe
-from slamgym.dataset.images.check import check_image_folder
 from slamgym.dataset.images.format import ImageRecord, read_images
 from slamgym.dataset.images.render import _read_journal, select_pairs
 from slamgym.dataset.manifest_file import ManifestFile
@@ -190,7 +189,7 @@ def test_rejections_and_times(root, rejected, times):
     layout.timing.write_bytes(times)
     entries = must_read_or_refuse(read_rejected, layout.rejected) or {}
     assert all({"plan_id", "error"} <= entry.keys() for entry in entries.values())
-    must_read_or_refuse(read_times, layout.timing)
+    must_read_or_refuse(lambda path: list(read_times(path)), layout.timing)
     must_read_or_refuse(describe_pairs, root)
     layout.rejected.unlink()
     layout.timing.unlink()

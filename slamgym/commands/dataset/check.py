@@ -24,9 +24,8 @@ class CheckArguments(Arguments):
 def main(argv: list[str]) -> int:
     """Run the command; returns the exit code."""
     arguments = tyro.cli(CheckArguments, args=argv, prog="slamgym dataset check")
-    from slamgym.dataset.check import check_dataset
+    from slamgym.dataset.check import check_dataset, check_image_folder, is_image_folder
     from slamgym.dataset.format import require_manifest
-    from slamgym.dataset.images.check import check_image_folder, is_image_folder
 
     manifest = arguments.folder / "manifest.jsonl"
     require_manifest(manifest, "slamgym generate` or `slamgym dataset render")

@@ -52,8 +52,8 @@ class ShowArguments(Arguments):
 def main(argv: list[str]) -> int:
     """Run the command; returns the exit code."""
     arguments = tyro.cli(ShowArguments, args=argv, prog="slamgym dataset show")
+    from slamgym.dataset.check import is_image_folder
     from slamgym.dataset.format import read_manifest
-    from slamgym.dataset.images.check import is_image_folder
     from slamgym.dataset.images.format import read_images
     from slamgym.dataset.statistics import sheet_entries
     from slamgym.viz.canvas import write_picture

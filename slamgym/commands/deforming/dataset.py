@@ -18,12 +18,12 @@ from slamgym import __version__
 from slamgym.cad import write_houseexpo
 from slamgym.core.errors import InputFileError
 from slamgym.core.png import encode_png
-from slamgym.core.types import GridFrame, OccupancyGrid, Trajectory
+from slamgym.core.types import GridFrame, OccupancyGrid, Pose2D, Trajectory
 from slamgym.dataset.curate.split import split_path
 from slamgym.dataset.format import FIELD_FILE, FORMAT_VERSION, SIDES, SUMS, Layout, digest_lines, is_dataset
-from slamgym.dataset.record import PairRecord, Slot
+from slamgym.dataset.pair import MapPair
+from slamgym.dataset.record import Outcome, Slot, make_record
 from slamgym.interop import write_ros_map, write_tum
-from slamgym.metrics import absolute_trajectory_error, free_space, squared_error, wall_error
 from slamgym.viz.canvas import write_picture
 from slamgym.viz.sheets import draw_deformation
 
@@ -71,7 +71,9 @@ class DeformedDataset:
         sums = digest_lines(folder)
         (folder / SUMS).write_bytes(sums)
         files = {**images, "episode": sums}
-        record = _record(slot, plan, hypothesis, frame, files, self._conditions(subject), self._hash)
+        pair = MapPair(hypothesis.cad.cells, hypothesis.grid.cells, frame)
+        conditions = self._conditions(subject)
+        record = make_record(slot, plan, pair, _outcome(hypothesis), files, conditions, self._hash)
         line = record.to_line()
         (folder / "episode.json").write_text(line, encoding="utf-8")
         for side in SIDES:
@@ -175,58 +177,16 @@ def _write_episode(folder: Path, plan: FloorPlan, hypothesis: DrawnMap, frame: G
     (folder / "parameters.json").write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
 
 
-def _record(
-    slot: Slot,
-    plan: FloorPlan,
-    hypothesis: DrawnMap,
-    frame: GridFrame,
-    files: dict[str, bytes],
-    conditions: dict[str, Any],
-    config_hash: str,
-) -> PairRecord:
-    paths, cad, slam = hypothesis.paths, hypothesis.cad.cells, hypothesis.grid.cells
-    truth = paths.get("truth")
-
-    def error_of(name: str) -> float:
-        if truth is None:
-            return 0.0
-        return float(absolute_trajectory_error(paths[name], truth, align=False).translation.rmse)
-
-    def rounded(value: float) -> float:
-        return round(float(value), 6)
-
-    seconds = float(truth.stamps[-1] - truth.stamps[0]) if truth is not None else 0.0
-    apart = np.hypot(*(paths["estimate"].poses - paths["truth"].poses)[-1, :2]) if truth is not None else 0.0
-    return PairRecord(
-        name=slot.name,
-        index=slot.index,
-        plan_id=slot.plan_id,
-        plan_source=plan.source.rpartition("/")[2],
-        repetition=slot.repetition,
-        seed=slot.seed,
-        config_hash=config_hash,
-        version=__version__,
-        explorer=conditions["explorer"],
-        conditions=conditions,
-        finished="deformed",
-        coverage=rounded(hypothesis.coverage),
-        robot_seconds=rounded(seconds),
-        time_limit=rounded(seconds),
-        path_length=rounded(truth.length) if truth is not None else 0.0,
-        collisions=0,
-        ate=rounded(error_of("estimate")),
-        odometry_ate=rounded(error_of("odometry")),
-        final_position_error=rounded(apart),
-        map_error=rounded(wall_error(slam, cad, frame.resolution)),
-        mse=rounded(squared_error(free_space(slam), free_space(cad))),
-        area=rounded(plan.area),
-        rooms=len(plan.rooms),
-        resolution=frame.resolution,
-        origin=(rounded(frame.origin_x), rounded(frame.origin_y)),
-        shape=frame.shape,
-        start=(rounded(hypothesis.start[0]), rounded(hypothesis.start[1]), rounded(hypothesis.start[2])),
-        sha256={side: hashlib.sha256(data).hexdigest() for side, data in files.items()},
+def _outcome(hypothesis: DrawnMap) -> Outcome:
+    """What a record says of a map that a robot might have drawn."""
+    unknown = Trajectory(np.empty(0), np.empty((0, 3)))
+    truth, odometry, estimate = (
+        hypothesis.paths.get(name, unknown) for name in ("truth", "odometry", "estimate")
     )
+    seconds = float(truth.stamps[-1] - truth.stamps[0]) if len(truth) else 0.0
+    final = Pose2D(*estimate.poses[-1]) if len(estimate) else Pose2D(0.0, 0.0, 0.0)
+    start = Pose2D(*hypothesis.start)
+    return Outcome("deformed", hypothesis.coverage, seconds, seconds, start, truth, odometry, estimate, final)
 
 
 def _moved(frame: GridFrame, start: np.ndarray) -> GridFrame:

@@ -11,9 +11,15 @@ from slamgym.core.files import read_bytes, read_text, sha256_of
 from slamgym.core.limits import YAML_BYTES
 from slamgym.core.png import read_png
 from slamgym.core.types import ByteArray, GridFrame, OccupancyGrid
-from slamgym.dataset.format import Layout, is_dataset, load_pair, read_manifest, require_manifest
+from slamgym.dataset.format import (
+    Layout,
+    is_dataset,
+    load_pair,
+    read_manifest,
+    require_manifest,
+    shard_folders,
+)
 from slamgym.dataset.record import PairRecord
-from slamgym.dataset.shard import shard_folders
 
 MAP_IMAGE_SUFFIXES = (".png", ".pgm")
 

@@ -95,7 +95,7 @@ def _write_pair(exploration: ExplorationTask, staged: Path) -> None:
         _make_staging_place(staged)
         sums = write_episode(staged / "episode", episode)
         hashed = {**images, "episode": sums}
-        record = make_record(slot, episode, pair, hashed, conditions, config_hash(config))
+        record = make_record(slot, episode.plan, pair, episode, hashed, conditions, config_hash(config))
         (staged / "episode" / "episode.json").write_bytes(record.to_line().encode())
         for side, data in images.items():
             (staged / f"{side}.png").write_bytes(data)

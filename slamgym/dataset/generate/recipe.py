@@ -74,7 +74,8 @@ def apply_conditions(base: EpisodeConfig, conditions: Mapping[str, Any]) -> Epis
         elif name in ERROR_LEVELS:
             if not isinstance(value, str):
                 raise ConfigError(f"{name} must be the name of an error level, not {shown(value)}")
-            config = _with_env(config, name, ERROR_LEVELS[name](value))
+            env = dataclasses.replace(config.env, **{name: ERROR_LEVELS[name](value)})
+            config = dataclasses.replace(config, env=env)
         elif name.partition(".")[0] in PARTS:
             config = dataclasses.replace(config, env=replace_setting(config.env, name, value))
         else:
@@ -92,21 +93,12 @@ def setting_value(config: EpisodeConfig, name: str) -> Any:
 
 def standard_conditions(config: EpisodeConfig) -> dict[str, Any]:
     """What every manifest records, whether it varies or not."""
-    env = config.env
-    return {
-        "explorer": config.explorer,
-        "odometry": name_of_odometry(env.odometry),
-        "slam.mode": env.slam.mode,
-        "slam.particles": env.slam.particles,
-        "lidar.range_max": env.lidar.range_max,
-        "slam.max_usable_range": env.slam.max_usable_range,
-        "clutter.furniture": env.clutter.furniture,
-        "clutter.people": env.clutter.people,
-    }
-
-
-def _with_env(config: EpisodeConfig, part: str, value: Any) -> EpisodeConfig:
-    return dataclasses.replace(config, env=dataclasses.replace(config.env, **{part: value}))
+    always = (
+        "slam.mode", "slam.particles", "lidar.range_max", "slam.max_usable_range", "clutter.furniture",
+        "clutter.people",
+    )  # fmt: skip
+    named = {"explorer": config.explorer, "odometry": name_of_odometry(config.env.odometry)}
+    return named | {name: setting_value(config, name) for name in always}
 
 
 RECIPES = Path(__file__).parent / "recipes"
@@ -142,19 +134,18 @@ class Recipe(Settings):
             )
 
     @property
+    def _choices(self) -> list[Choice]:
+        return [choice for choices in self.factors.values() for choice in choices]
+
+    @property
     def settings(self) -> frozenset[str]:
         """Names of the settings that the recipe varies."""
-        return frozenset(
-            name for choices in self.factors.values() for choice in choices for name in choice.settings
-        )
+        return frozenset(name for choice in self._choices for name in choice.settings)
 
     def values(self, name: str) -> list[Any]:
         """What may be drawn for a setting; the ends of ranges."""
-        values = []
-        for choice in (choice for choices in self.factors.values() for choice in choices):
-            if name in choice.settings:
-                values.extend(_ends(choice.settings[name]))
-        return values
+        found = (_ends(choice.settings[name]) for choice in self._choices if name in choice.settings)
+        return [value for ends in found for value in ends]
 
     def draw(self, seed: int) -> dict[str, Any]:
         """Draw the settings of the exploration that has this seed."""
@@ -173,18 +164,6 @@ def episode_conditions(
     drawn = recipe.draw(seed)
     config = apply_conditions(base, drawn)
     return config, {**standard_conditions(config), **drawn}
-
-
-def check_recipe(recipe: Recipe, base: EpisodeConfig) -> None:
-    """Refuse settings that the user has chosen and the recipe would draw over.
-
-    Raises:
-        ConfigError: Naming the setting.
-    """
-    default = EpisodeConfig()
-    for name in sorted(recipe.settings):
-        if setting_value(base, name) != setting_value(default, name):
-            raise ConfigError(f"{name} is set, but the recipe varies it; leave one of the two out")
 
 
 def open_recipe(spec: str) -> Recipe:
@@ -232,36 +211,28 @@ def _choice(factor: str, entry: Any, place: str) -> Choice:
     """Read one entry of a list and try it out."""
     if not isinstance(entry, Mapping):
         entry = {"value": entry}
-    kinds = {"value", "between", "set"} & entry.keys()
+    kinds = ("value", "between", "set")
     for key in entry:
-        if key not in ("value", "between", "set", "weight"):
-            raise ConfigError(
-                f"{place}: unknown word {shown(key)}; {suggest(str(key), ['value', 'between', 'set', 'weight'])}"
-            )
-    if len(kinds) != 1:
+        if key not in (*kinds, "weight"):
+            raise ConfigError(f"{place}: unknown word {shown(key)}; {suggest(str(key), [*kinds, 'weight'])}")
+    if len(entry.keys() & kinds) != 1:
         raise ConfigError(
             f"{place}: an entry has either a 'value', a range 'between', or a 'set' of settings"
         )
     weight = entry.get("weight", 1.0)
     if not _is_number(weight) or not weight > 0.0:
         raise ConfigError(f"{place}: the weight must be a number above 0, not {shown(weight)}")
-    settings = _settings(factor, entry, place)
+    between = {"between": entry["between"]} if "between" in entry else None
+    chosen = entry.get("set", {factor: between or entry.get("value")})
+    if not isinstance(chosen, Mapping) or not chosen:
+        raise ConfigError(f"{place}: 'set' takes settings and their values")
+    settings = {str(name): _value_or_range(value, place) for name, value in chosen.items()}
     try:
         for end in (0, -1):
             apply_conditions(EpisodeConfig(), {name: _ends(value)[end] for name, value in settings.items()})
     except ConfigError as error:
         raise ConfigError(f"{place}: {error}") from None
     return Choice(settings, float(weight))
-
-
-def _settings(factor: str, entry: Mapping[Any, Any], place: str) -> dict[str, Any]:
-    if "value" in entry:
-        return {factor: _value_or_range(entry["value"], place)}
-    if "between" in entry:
-        return {factor: _value_or_range({"between": entry["between"]}, place)}
-    if not isinstance(entry["set"], Mapping) or not entry["set"]:
-        raise ConfigError(f"{place}: 'set' takes settings and their values")
-    return {str(name): _value_or_range(value, place) for name, value in entry["set"].items()}
 
 
 def _value_or_range(value: Any, place: str) -> Any:
@@ -276,7 +247,7 @@ def _value_or_range(value: Any, place: str) -> Any:
 
 
 def _is_number(value: Any) -> bool:
-    """Whether a value is a number that a float can hold."""
+    """True if a value is a number that a float can hold."""
     return (
         isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) <= sys.float_info.max
     )
@@ -325,25 +296,22 @@ class DatasetConfig(Settings):
     """What varies from one exploration to the next."""
 
     def _check(self) -> None:
-        check_recipe(self.recipe, self.episode)
+        default = EpisodeConfig()
+        for name in sorted(self.recipe.settings):
+            if setting_value(self.episode, name) != setting_value(default, name):
+                raise ConfigError(f"{name} is set, but the recipe varies it; leave one of the two out")
 
 
 def dataset_settings(config: DatasetConfig, plans: PlanSource) -> dict[str, Any]:
     """The content of ``config.json``: two datasets with the same one have the same pairs."""
+    groups = []
+    for group in plan_groups(plans):
+        ids = "".join(f"{plan_id}\n" for plan_id in group.ids)
+        digest = hashlib.sha256(ids.encode()).hexdigest()
+        groups.append({"count": len(group.ids), "sha256": digest, "weight": group.weight})
     return {
         "format_version": FORMAT_VERSION,
         "version": __version__,
-        "plans": [
-            {"count": len(group.ids), "sha256": ids_digest(group.ids), "weight": group.weight}
-            for group in plan_groups(plans)
-        ],
+        "plans": groups,
         **to_dict(config),
     }
-
-
-def ids_digest(plan_ids: Sequence[str]) -> str:
-    """SHA-256 of a list of plan ids, so that a changed list is noticed."""
-    digest = hashlib.sha256()
-    for plan_id in plan_ids:
-        digest.update(plan_id.encode() + b"\n")
-    return digest.hexdigest()

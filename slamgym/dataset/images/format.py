@@ -16,7 +16,7 @@ the same place at the same scale.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, Literal
 
@@ -32,11 +32,16 @@ IMAGES_VERSION = 1
 Split = Literal["train", "test"]
 Scaling = Literal["fit", "fixed"]
 SPLITS: tuple[Split, Split] = ("train", "test")
+METADATA = "metadata.jsonl"
+"""In the folder of each side: one line per pair, for the image-folder builder of Hugging Face's ``datasets``."""
 
 
 @dataclass(frozen=True)
 class ImageRecord(ManifestLine):
-    """One line of the manifest: what a pair of images shows, and where it comes from."""
+    """One line of the manifest: what a pair of images shows, and where it comes from.
+
+    Fields that have the name of one of :class:`PairRecord` are taken over from the pair.
+    """
 
     noun = "a record of images"
     name: FileName
@@ -79,23 +84,10 @@ class ImageRecord(ManifestLine):
             group: The plan that stands for its plan's near-duplicates.
             sha256: Digests of the files ``A`` and ``B``.
         """
-        return cls(
-            name=pair.name,
-            split=split,
-            plan_id=pair.plan_id,
-            group=group,
-            repetition=pair.repetition,
-            seed=pair.seed,
-            size=frame.height_px,
-            metres_per_px=frame.resolution,
-            origin=(frame.origin_x, frame.origin_y),
-            coverage=pair.coverage,
-            ate=pair.ate,
-            map_error=pair.map_error,
-            explorer=pair.explorer,
-            conditions=pair.conditions,
-            sha256=sha256,
-        )
+        values: dict[str, Any] = {entry.name: getattr(pair, entry.name, None) for entry in fields(cls)}
+        values |= {"split": split, "group": group, "sha256": sha256}
+        values |= {"size": frame.height_px, "metres_per_px": frame.resolution}
+        return cls(**values | {"origin": (frame.origin_x, frame.origin_y)})
 
     @property
     def frame(self) -> GridFrame:

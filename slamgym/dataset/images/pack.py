@@ -19,8 +19,9 @@ import json
 import tarfile
 from array import array
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import fields
 from pathlib import Path
-from typing import Any
+from typing import Any, get_type_hints
 
 import numpy as np
 
@@ -40,39 +41,16 @@ from slamgym.core.files import (
 )
 from slamgym.core.types import IntArray
 from slamgym.dataset.format import SIDES
+from slamgym.dataset.images.card import pack_card
 from slamgym.dataset.images.format import SPLITS, ImageLayout, ImageRecord, iterate_images
 from slamgym.dataset.record import require_parquet
 
-WEBDATASET_NAMES = {"A": "cad.png", "B": "slam.png"}
-_COLUMNS = {
-    "name": "string", "plan_id": "string", "group": "string", "repetition": "int64", "seed": "int64", "size": "int64",
-    "metres_per_px": "float64", "coverage": "float64", "ate": "float64", "map_error": "float64", "conditions": "string",
-}  # fmt: skip
-"""Of Parquet, beside the pictures."""
+_NO_COLUMNS = ("split", "origin", "explorer", "sha256")
+"""Fields of a record that Parquet does without: by file, by pixel, among the conditions, and of the pictures."""
+_KINDS = {int: "int64", float: "float64"}
+"""Of columns; all others hold text."""
 _ROWS_IN_A_GROUP = 100
 """Of Parquet: what a reader has to fetch at once."""
-
-_READING = """\
-## Reading
-
-Every tar file is a WebDataset shard (`NAME.cad.png`, `NAME.slam.png`, `NAME.json`); every Parquet file holds the same
-pairs. The sides are split by floor plan.
-
-```python
-from datasets import load_dataset
-
-pairs = load_dataset("PACK", streaming=True)  # this folder, or its name on the hub
-first = next(iter(pairs["train"]))
-first["A"], first["B"], first["metres_per_px"]
-shards = load_dataset("webdataset", data_files={"train": "PACK/train-*.tar"}, streaming=True)
-next(iter(shards["train"]))["cad.png"]
-```
-
-## Known faults
-
-The SLAM maps are simulated. What tells them from maps of robots is measured in slamgym's docs/realism.md; pairs whose
-maps are incomplete or bent too much were left out.
-"""
 
 
 class PackConfig(Settings, section="pack"):
@@ -117,7 +95,8 @@ def pack_images(
             chosen = starts[shard_of == shard]
             chosen = chosen[np.random.default_rng([config.seed, shard]).permutation(len(chosen))]
             paths += _write_shard(layout, out, f"{split}-{shard:06d}", chosen, config.parquet, advance)
-    write_text(out / "README.md", _card(read_text(layout.card), paths, config.parquet))
+    card = pack_card(read_text(layout.card), [path.name for path in paths], config.parquet)
+    write_text(out / "README.md", card)
     return paths
 
 
@@ -209,14 +188,13 @@ def _write_shard(
         pictures = [_pictures(layout, record) for record in records]
         with staged(archive) as part, tarfile.open(part, "w", format=tarfile.PAX_FORMAT) as tar:
             for record, (cad, slam) in zip(records, pictures, strict=True):
-                key = record.name.replace("%", "%25").replace(
-                    ".", "%2E"
-                )  # WebDataset ends a key at its first dot
+                # WebDataset ends a key at its first dot.
+                key = record.name.replace("%", "%25").replace(".", "%2E")
                 line = json.dumps(to_dict(record)).encode()
-                for ending, content in zip(
-                    (*WEBDATASET_NAMES.values(), "json"), (cad, slam, line), strict=True
-                ):
-                    _add(tar, f"{key}.{ending}", content)
+                for ending, content in (("cad.png", cad), ("slam.png", slam), ("json", line)):
+                    entry = tarfile.TarInfo(f"{key}.{ending}")
+                    entry.size, entry.mode = len(content), 0o644
+                    tar.addfile(entry, io.BytesIO(content))
         if parquet:
             _write_table(table, records, pictures)
     for _ in starts:
@@ -236,62 +214,26 @@ def _pictures(layout: ImageLayout, record: ImageRecord) -> tuple[bytes, bytes]:
     return contents[0], contents[1]
 
 
-def _add(tar: tarfile.TarFile, name: str, content: bytes) -> None:
-    entry = tarfile.TarInfo(name)
-    entry.size, entry.mode = len(content), 0o644
-    tar.addfile(entry, io.BytesIO(content))
-
-
 def _write_table(path: Path, records: Sequence[ImageRecord], pictures: Sequence[tuple[bytes, bytes]]) -> None:
     """One Parquet file; ``datasets`` reads A and B as images."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
+    hints = get_type_hints(ImageRecord)
+    kinds = {
+        f.name: _KINDS.get(hints[f.name], "string") for f in fields(ImageRecord) if f.name not in _NO_COLUMNS
+    }
     rows: list[dict[str, Any]] = []
     for record, pair in zip(records, pictures, strict=True):
-        row = {name: getattr(record, name) for name in _COLUMNS}
-        row["conditions"] = json.dumps(record.conditions)
+        row = {name: getattr(record, name) for name in kinds} | {"conditions": json.dumps(record.conditions)}
         named = [{"bytes": png, "path": f"{record.name}.png"} for png in pair]
-        rows.append({**row, "A": named[0], "B": named[1]})
+        rows.append({**row, **dict(zip(SIDES, named, strict=True))})
     picture = pa.struct([("bytes", pa.binary()), ("path", pa.string())])
-    columns = [
-        *((side, picture) for side in SIDES),
-        *((name, _arrow(pa, kind)) for name, kind in _COLUMNS.items()),
-    ]
-    features = {side: {"_type": "Image"} for side in "AB"}
-    features |= {name: {"dtype": kind, "_type": "Value"} for name, kind in _COLUMNS.items()}
+    columns = [*((side, picture) for side in SIDES)]
+    columns += [(name, pa.type_for_alias(kind)) for name, kind in kinds.items()]
+    features = {side: {"_type": "Image"} for side in SIDES}
+    features |= {name: {"dtype": kind, "_type": "Value"} for name, kind in kinds.items()}
     about = {"huggingface": json.dumps({"info": {"features": features}})}
     with staged(path) as part:
         table = pa.Table.from_pylist(rows, schema=pa.schema(columns)).replace_schema_metadata(about)
         pq.write_table(table, part, row_group_size=_ROWS_IN_A_GROUP)
-
-
-def _arrow(pa: Any, kind: str) -> Any:
-    return {"string": pa.string(), "int64": pa.int64(), "float64": pa.float64()}[kind]
-
-
-def _card(images_card: str, paths: Sequence[Path], parquet: bool) -> str:
-    """The card of the images with the shards in its head, and how to read them."""
-    import yaml
-
-    _, head_text, body = images_card.split("---\n", 2)
-    head = yaml.safe_load(head_text)
-    splits = [split for split in SPLITS if any(path.name.startswith(f"{split}-") for path in paths)]
-    place = "parquet/{}-*.parquet" if parquet else "{}-*.tar"
-    files = [{"split": split, "path": place.format(split)} for split in splits]
-    head["configs"] = [{"config_name": "default", "data_files": files}]
-    body = "".join(_without_section(body.splitlines(keepends=True), "## Files"))
-    return f"---\n{yaml.safe_dump(head, sort_keys=False).strip()}\n---\n{body.rstrip()}\n\n{_READING}"
-
-
-def _without_section(lines: Sequence[str], heading: str) -> Iterator[str]:
-    """Everything but one section and the code in it; what follows its code stays."""
-    inside = fences = 0
-    for line in lines:
-        if line.strip() == heading:
-            inside = 1
-        if not inside:
-            yield line
-        elif line.startswith("```"):
-            fences += 1
-            inside = int(fences < 2)

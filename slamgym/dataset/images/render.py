@@ -8,8 +8,9 @@ where it stopped, and what it left half done is done again with the same result.
 import hashlib
 import json
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -35,12 +36,12 @@ from slamgym.core.parallel.engine import run_tasks
 from slamgym.core.png import encode_png
 from slamgym.core.progress import show_progress
 from slamgym.core.types import Float32Array
-from slamgym.dataset.curate.split import SplitTable
+from slamgym.dataset.curate.split import PlanSide, SplitTable
 from slamgym.dataset.curate.verdicts import VERDICTS_FILE, read_verdicts
 from slamgym.dataset.faults import MapFault
 from slamgym.dataset.folder import claim_folder
 from slamgym.dataset.format import FIELD_FILE, SIDES, Layout, read_dataset_config, read_manifest
-from slamgym.dataset.images.dataset_card import write_card
+from slamgym.dataset.images.card import write_card
 from slamgym.dataset.images.format import IMAGES_VERSION, SPLITS, ImageLayout, ImageRecord
 from slamgym.dataset.images.square_images import DoesNotFitError, ImageConfig, draw_pair
 from slamgym.dataset.record import GOOD_COVERAGE, PairRecord
@@ -78,21 +79,23 @@ def select_pairs(root: Path | str, min_coverage: float | None = None) -> Selecti
                 f"{Path(root) / VERDICTS_FILE} says nothing of {unexpected[0]} and {len(unexpected) - 1} more; "
                 "run `slamgym dataset clean` again"
             )
-        kept = frozenset(record.name for record in records if verdicts[record.name].keep)
         left_out = {
-            r.name: MapFault("not_clean", detail=verdicts[r.name].reason)
-            for r in records
-            if r.name not in kept
+            record.name: MapFault("not_clean", detail=verdicts[record.name].reason)
+            for record in records
+            if not verdicts[record.name].keep
         }
-        return Selection(kept, left_out, {"by": VERDICTS_FILE})
+        return Selection(_others(records, left_out), left_out, {"by": VERDICTS_FILE})
     least = GOOD_COVERAGE if min_coverage is None else min_coverage
     if not 0.0 <= least <= 1.0:
         raise ConfigError(f"the least coverage must lie in [0, 1], not {least}")
-    kept = frozenset(record.name for record in records if record.coverage >= least)
     left_out = {
-        r.name: MapFault("low_coverage", r.coverage, least, r.finished) for r in records if r.name not in kept
+        r.name: MapFault("low_coverage", r.coverage, least, r.finished) for r in records if r.coverage < least
     }
-    return Selection(kept, left_out, {"min_coverage": least})
+    return Selection(_others(records, left_out), left_out, {"min_coverage": least})
+
+
+def _others(records: Sequence[PairRecord], left_out: Mapping[str, MapFault]) -> frozenset[str]:
+    return frozenset(record.name for record in records if record.name not in left_out)
 
 
 _CHUNK = 8
@@ -111,26 +114,6 @@ class RenderReport:
     """Pairs of the dataset without images, by reason; see ``skipped.jsonl``."""
     sides: dict[str, int]
     """Pairs of images on each side of the split."""
-
-
-@dataclass(frozen=True)
-class _Drawing:
-    """A task for a worker: some pairs to draw."""
-
-    dataset: Path
-    out: Path
-    records: tuple[PairRecord, ...]
-    split: SplitTable
-    config: ImageConfig
-
-
-@dataclass(frozen=True)
-class _Drawn:
-    """What a worker reports of one pair: its record, or why there is none."""
-
-    name: str
-    record: ImageRecord | None
-    fault: MapFault | None = None
 
 
 def render_images(
@@ -164,7 +147,7 @@ def render_images(
     with storage_errors(layout.root):
         layout.root.mkdir(parents=True, exist_ok=True)
     with exclusive_lock(layout.lock):
-        settings = image_settings(dataset, config, split, chosen)
+        settings = _image_settings(dataset, config, split, chosen)
         claim_folder(layout, settings, "images")
         done = _read_journal(layout)
         todo = [record for record in records if not _is_done(layout, done.get(record.name), split, record)]
@@ -183,7 +166,7 @@ def render_images(
     )
 
 
-def image_settings(
+def _image_settings(
     dataset: Path, config: ImageConfig, split: SplitTable, selection: Selection
 ) -> dict[str, Any]:
     """The content of the images' ``config.json``."""
@@ -212,44 +195,45 @@ def _draw_all(
         own_folder(layout.root / side)
         for image in SIDES:
             own_folder(layout.root / side / image)
-    chunks = (
-        _Drawing(dataset, layout.root, tuple(todo[i : i + _CHUNK]), split, config)
-        for i in range(0, len(todo), _CHUNK)
-    )
+    chunks = [
+        [(record, split.plans[record.plan_id]) for record in todo[first : first + _CHUNK]]
+        for first in range(0, len(todo), _CHUNK)
+    ]
+    draw = partial(_draw_chunk, dataset, layout, config)
     fresh, misfits = 0, dict[str, MapFault]()
-    journal = layout.root / JOURNAL
     with show_progress("pairs drawn", 0, len(todo)) as advance:
-        for drawn in run_tasks(_draw_chunk, chunks, max(1, min(workers, -(-len(todo) // _CHUNK)))):
-            for entry in drawn:
-                if entry.fault is not None:
-                    misfits[entry.name] = entry.fault
-                elif entry.record is not None:
-                    append_line(journal, entry.record.to_line())
-                    done[entry.name] = entry.record
+        for drawn in run_tasks(draw, chunks, max(1, min(workers, len(chunks)))):
+            for name, found in drawn.items():
+                if isinstance(found, MapFault):
+                    misfits[name] = found
+                else:
+                    append_line(layout.root / JOURNAL, found.to_line())
+                    done[name] = found
                     fresh += 1
                 advance()
     return fresh, misfits
 
 
-def _draw_chunk(task: _Drawing) -> list[_Drawn]:
-    return [_draw(task, record) for record in task.records]
-
-
-def _draw(task: _Drawing, record: PairRecord) -> _Drawn:
-    """Draw one pair and write its two files (in a worker)."""
-    episode = Layout(task.dataset).episode(record.name)
-    plan, slam_map = read_houseexpo(episode / "plan.json"), read_ros_map(episode / "map.yaml")
-    field = _displacement(episode, slam_map.frame.shape) if task.config.as_mapped else None
-    try:
-        cad, slam, frame = draw_pair(plan, record.start[:2], slam_map, task.config, field)
-    except DoesNotFitError as error:
-        return _Drawn(record.name, None, error.fault)
-    place = task.split.plans[record.plan_id]
-    images = {side: encode_png(image) for side, image in zip(SIDES, (cad, slam), strict=True)}
-    for side, data in images.items():
-        write_bytes(ImageLayout(task.out).image(place.side, side, record.name), data)
-    sha256 = {side: hashlib.sha256(data).hexdigest() for side, data in images.items()}
-    return _Drawn(record.name, ImageRecord.of_pair(record, frame, place.side, place.group, sha256))
+def _draw_chunk(
+    dataset: Path, layout: ImageLayout, config: ImageConfig, pairs: Sequence[tuple[PairRecord, PlanSide]]
+) -> dict[str, ImageRecord | MapFault]:
+    """Draw some pairs and write their files (in a worker); their records, or why there is none."""
+    drawn: dict[str, ImageRecord | MapFault] = {}
+    for record, place in pairs:
+        episode = Layout(dataset).episode(record.name)
+        plan, slam_map = read_houseexpo(episode / "plan.json"), read_ros_map(episode / "map.yaml")
+        field = _displacement(episode, slam_map.frame.shape) if config.as_mapped else None
+        try:
+            cad, slam, frame = draw_pair(plan, record.start[:2], slam_map, config, field)
+        except DoesNotFitError as error:
+            drawn[record.name] = error.fault
+            continue
+        images = {side: encode_png(image) for side, image in zip(SIDES, (cad, slam), strict=True)}
+        for side, data in images.items():
+            write_bytes(layout.image(place.side, side, record.name), data)
+        sha256 = {side: hashlib.sha256(data).hexdigest() for side, data in images.items()}
+        drawn[record.name] = ImageRecord.of_pair(record, frame, place.side, place.group, sha256)
+    return drawn
 
 
 def _displacement(episode: Path, shape: tuple[int, int]) -> Float32Array:
@@ -281,9 +265,10 @@ def _finish(
     """Write manifest, list of what is missing and card; remove images that are no part of the result."""
     with storage_errors(layout.root):
         wanted = {layout.image(record.split, side, record.name) for record in records for side in SIDES}
-        for path in _images(layout):
-            if path not in wanted:
-                path.unlink()
+        for folder in {layout.image(split, side, "x").parent for split in SPLITS for side in SIDES}:
+            for path in folder.iterdir():  # what isn't a picture is the user's
+                if path.suffix == ".png" and path not in wanted:
+                    path.unlink()
         replace_file(layout.manifest, "".join(record.to_line() for record in records).encode())
         skipped = (
             json.dumps({"name": name, "reason": fault.sentence}) + "\n"
@@ -293,25 +278,13 @@ def _finish(
         write_card(layout, records, left_out, settings, source)
 
 
-def _images(layout: ImageLayout) -> Iterator[Path]:
-    """The images in the folder, finished or not; what a user put there is left alone."""
-    for side in SPLITS:
-        for image in SIDES:
-            folder = layout.image(side, image, "x").parent
-            yield from (path for path in folder.iterdir() if path.suffix == ".png")
-
-
 def _is_done(layout: ImageLayout, drawn: ImageRecord | None, split: SplitTable, record: PairRecord) -> bool:
-    """Whether a pair of images was drawn, lies on its side of the split and is whole."""
-    if drawn is None or drawn.split != split.plans[record.plan_id].side or drawn.seed != record.seed:
+    """True if a pair of images was drawn, lies on its side of the split and is whole."""
+    place = split.plans[record.plan_id]
+    if drawn is None or (drawn.split, drawn.group, drawn.seed) != (place.side, place.group, record.seed):
         return False
-    if drawn.group != split.plans[record.plan_id].group:
-        return False
-    for side in SIDES:
-        path = layout.image(drawn.split, side, drawn.name)
-        if not path.is_file() or sha256_of(path) != drawn.sha256.get(side):
-            return False
-    return True
+    paths = {side: layout.image(drawn.split, side, drawn.name) for side in SIDES}
+    return all(path.is_file() and sha256_of(path) == drawn.sha256.get(side) for side, path in paths.items())
 
 
 def _read_journal(layout: ImageLayout) -> dict[str, ImageRecord]:

@@ -201,14 +201,8 @@ def mapped_bounds(grid: OccupancyGrid) -> Bounds | None:
 
 def union(first: Bounds, second: Bounds | None) -> Bounds:
     """The smallest bounds around two."""
-    if second is None:
-        return first
-    return (
-        min(first[0], second[0]),
-        min(first[1], second[1]),
-        max(first[2], second[2]),
-        max(first[3], second[3]),
-    )
+    (a, b, c, d), (e, f, g, h) = first, second or first
+    return min(a, e), min(b, f), max(c, g), max(d, h)
 
 
 def draw_plan_image(segments: FloatArray, frame: GridFrame, edge_px: float) -> ByteArray:

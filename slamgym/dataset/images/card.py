@@ -1,10 +1,11 @@
-"""What makes a folder of images a dataset of the Hugging Face hub: its card and the metadata of each side.
+"""What makes folders of images and packs datasets of the Hugging Face hub: their cards, and the metadata of images.
 
 ``datasets.load_dataset(IMAGES)`` finds the image-folder builder by the files, the two sides by the head of
 ``README.md``, and the two pictures of a row by the ``*_file_name`` columns of each side's ``metadata.jsonl``.
 """
 
 import json
+import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -16,11 +17,30 @@ from slamgym.core.files import replace_file
 from slamgym.core.markdown import markdown
 from slamgym.dataset.faults import MapFault
 from slamgym.dataset.format import SIDES
-from slamgym.dataset.images.format import SPLITS, ImageLayout, ImageRecord
+from slamgym.dataset.images.format import METADATA, SPLITS, ImageLayout, ImageRecord
 from slamgym.dataset.record import rows_of
 
-METADATA = "metadata.jsonl"
-"""In the folder of each side: one line per pair, for the image-folder builder."""
+_READING = """\
+## Reading
+
+Every tar file is a WebDataset shard (`NAME.cad.png`, `NAME.slam.png`, `NAME.json`); every Parquet file holds the same
+pairs. The sides are split by floor plan.
+
+```python
+from datasets import load_dataset
+
+pairs = load_dataset("PACK", streaming=True)  # this folder, or its name on the hub
+first = next(iter(pairs["train"]))
+first["A"], first["B"], first["metres_per_px"]
+shards = load_dataset("webdataset", data_files={"train": "PACK/train-*.tar"}, streaming=True)
+next(iter(shards["train"]))["cad.png"]
+```
+
+## Known faults
+
+The SLAM maps are simulated. What tells them from maps of robots is measured in slamgym's docs/realism.md; pairs whose
+maps are incomplete or bent too much were left out.
+"""
 
 
 def write_card(
@@ -69,12 +89,8 @@ def _card(
             }
         ],
     }
-    counts = Counter(record.split for record in records)
-    plans = {split: {r.plan_id for r in records if r.split == split} for split in SPLITS}
-    table = markdown(
-        ("side", "pairs", "plans", "coverage, median", "position error, median"),
-        [(s, str(counts[s]), str(len(plans[s])), _percent(records, s), _metres(records, s)) for s in SPLITS],
-    )
+    headings = ("side", "pairs", "plans", "coverage, median", "position error, median")
+    table = markdown(headings, [_side_row([r for r in records if r.split == s], s) for s in SPLITS])
     images = settings["images"]
     reasons = Counter(fault.reason for fault in left_out.values())
     missing = ", ".join(f"{count} {reason}" for reason, count in reasons.most_common()) or "none"
@@ -119,17 +135,37 @@ Plan ids name floor plans of the sources the dataset was made from, whose licenc
 """
 
 
-def _percent(records: Sequence[ImageRecord], split: str) -> str:
-    values = [record.coverage for record in records if record.split == split]
-    return f"{100.0 * np.median(values):.1f} %" if values else "-"
-
-
-def _metres(records: Sequence[ImageRecord], split: str) -> str:
-    values = [record.ate for record in records if record.split == split]
-    return f"{np.median(values):.3f} m" if values else "-"
+def _side_row(records: Sequence[ImageRecord], split: str) -> tuple[str, ...]:
+    if not records:
+        return split, "0", "0", "-", "-"
+    coverage, error = (
+        np.median([getattr(record, name) for record in records]) for name in ("coverage", "ate")
+    )
+    plans = {record.plan_id for record in records}
+    return split, str(len(records)), str(len(plans)), f"{100.0 * coverage:.1f} %", f"{error:.3f} m"
 
 
 def _size_category(count: int) -> str:
     """The hub's name for a number of rows."""
     bounds = [(1_000, "n<1K"), (10_000, "1K<n<10K"), (100_000, "10K<n<100K"), (1_000_000, "100K<n<1M")]
     return next((name for bound, name in bounds if count < bound), "1M<n<10M")
+
+
+def pack_card(images_card: str, names: Sequence[str], parquet: bool) -> str:
+    """The card of the images with the shards in its head, and how to read them instead of the list of files.
+
+    Args:
+        images_card: The content of the images' ``README.md``.
+        names: Of the shards' files.
+        parquet: Let the hub read the Parquet files rather than the tar files.
+    """
+    import yaml
+
+    _, head_text, body = images_card.split("---\n", 2)
+    head = yaml.safe_load(head_text)
+    splits = [split for split in SPLITS if any(name.startswith(f"{split}-") for name in names)]
+    place = "parquet/{}-*.parquet" if parquet else "{}-*.tar"
+    files = [{"split": split, "path": place.format(split)} for split in splits]
+    head["configs"] = [{"config_name": "default", "data_files": files}]
+    body = re.sub(r"^## Files\n.*?^```.*?^```\n", "", body, flags=re.MULTILINE | re.DOTALL)
+    return f"---\n{yaml.safe_dump(head, sort_keys=False).strip()}\n---\n{body.rstrip()}\n\n{_READING}"
