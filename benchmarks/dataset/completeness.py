@@ -6,7 +6,7 @@
 ``--make`` explores HouseExpo plans and furnished generated ones with several explorers and odometry errors;
 ``--read`` takes datasets that exist. Every exploration is sampled several times, from its first seconds to
 its end, so that there are maps of every degree of completeness. ``--write-model`` stores the model trained on
-all of them as the pretrained one of the package.
+all of them as the pretrained one of the package, or with ``--model m.npz`` for `slamgym dataset clean --model m.npz`.
 
 The explorations of ``--make`` took 11 minutes of CPU in all, which two workers share; drawing, measuring and
 learning from their maps takes less than 7 more, on one core: a quarter of an hour on two. An interrupted run
@@ -33,13 +33,10 @@ from slamgym.dataset.curate.completeness import FEATURES, completeness_features
 from slamgym.dataset.curate.completeness_model import (
     PRETRAINED_MODEL,
     ProbabilityScore,
-    TreesConfig,
-    cross_fit,
     roc_auc,
     score_probabilities,
 )
-from slamgym.dataset.curate.criteria import Criteria, StuckFilter
-from slamgym.dataset.curate.snapshots import LabelledMaps, StrArray, label_maps
+from slamgym.dataset.faults import Criteria
 from slamgym.dataset.format import load_pair, read_manifest
 from slamgym.dataset.generate.build import DatasetConfig, build_dataset
 from slamgym.envs import ExploreConfig
@@ -48,6 +45,7 @@ from slamgym.sim import ClutterConfig, odometry_level
 from slamgym.slam import SlamConfig
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
+from dataset.completeness_training import LabelledMaps, StrArray, Trees, cross_fit, label_maps, write_model
 from report import print_and_save
 
 BAND = (0.4, 0.8)
@@ -70,7 +68,9 @@ class Arguments:
     workers: int = 2
     """Processes of --make."""
     write_model: bool = False
-    """Store the model trained on everything as the pretrained one."""
+    """Store the model trained on everything."""
+    model: Path = PRETRAINED_MODEL
+    """Where --write-model stores it: by default as the pretrained one. `slamgym dataset clean --model` uses another."""
 
 
 @dataclass(frozen=True)
@@ -98,9 +98,9 @@ GROUPS = (
 def main() -> None:
     arguments = tyro.cli(Arguments)
     roots = list(arguments.read) or make_datasets(arguments)
-    criteria, stuck, trees = Criteria(), StuckFilter(), TreesConfig()
+    criteria, trees = Criteria(), Trees()
     pairs = [(root, record) for root in roots for record in read_manifest(root)]
-    everything = label_maps(pairs, criteria, stuck)
+    everything = label_maps(pairs, criteria)
     maps = everything.where(everything.learnable)
     models = cross_fit(maps.features, maps.complete, maps.plan_ids.tolist(), trees)
     probabilities = models.probabilities(maps.features, maps.plan_ids.tolist())
@@ -116,8 +116,8 @@ def main() -> None:
             "explorations": len(pairs),
             "plans": len(set(maps.plan_ids)),
         }
-        dataclasses.replace(models.whole, about=models.whole.about | about).write(PRETRAINED_MODEL)
-        print(f"model: {PRETRAINED_MODEL}, {PRETRAINED_MODEL.stat().st_size / 1e3:.0f} kB")
+        write_model(arguments.model, dataclasses.replace(models.whole, about=models.whole.about | about))
+        print(f"model: {arguments.model}, {arguments.model.stat().st_size / 1e3:.0f} kB")
 
 
 def make_datasets(arguments: Arguments) -> list[Path]:
@@ -143,9 +143,7 @@ def make_datasets(arguments: Arguments) -> list[Path]:
     return roots
 
 
-def report_accuracy(
-    maps: LabelledMaps, probabilities: FloatArray, trees: TreesConfig, explorations: int
-) -> None:
+def report_accuracy(maps: LabelledMaps, probabilities: FloatArray, trees: Trees, explorations: int) -> None:
     """The figures of the classifier on all maps and on the harder or more usual ones among them."""
     subsets: list[tuple[str, BoolArray]] = [("all", np.ones(len(maps), dtype=np.bool_))]
     subsets += [("at the end, or after 7 min", maps.is_last | (maps.minutes == 7.0))]
@@ -170,7 +168,7 @@ def report_accuracy(
     print_and_save("dataset/completeness", title, rows, list(rows[0]))
 
 
-def transfer_rows(maps: LabelledMaps, trees: TreesConfig) -> list[dict[str, object]]:
+def transfer_rows(maps: LabelledMaps, trees: Trees) -> list[dict[str, object]]:
     """Each kind of explorations assessed by models that know neither its plans nor its explorer, noise or furniture."""
     sources = maps.sources
     rows = []

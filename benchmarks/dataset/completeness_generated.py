@@ -22,8 +22,7 @@ from slamgym.core.errors import SlamgymError
 from slamgym.core.progress import show_progress
 from slamgym.core.types import BoolArray, FloatArray, Trajectory
 from slamgym.dataset.curate.completeness import completeness_features
-from slamgym.dataset.curate.completeness_model import TreesConfig, cross_fit, score_probabilities
-from slamgym.dataset.curate.snapshots import take_snapshots
+from slamgym.dataset.curate.completeness_model import score_probabilities
 from slamgym.dataset.format import read_manifest
 from slamgym.dataset.generate.recipe import apply_conditions
 from slamgym.dataset.record import GOOD_COVERAGE
@@ -32,6 +31,7 @@ from slamgym.parametric import deform, from_recorded
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from dataset.completeness import BAND, intervals
+from dataset.completeness_training import Trees, cross_fit, take_snapshots
 from report import print_and_save
 
 MINUTES = (0.5, 1.0, 2.0, 4.0)
@@ -81,7 +81,7 @@ def main() -> None:
     }
     rows: list[tuple[object, ...]] = []
     for name, (features, labels, ids) in learned_from.items():
-        model = cross_fit(features, labels, ids, TreesConfig())
+        model = cross_fit(features, labels, ids, Trees())
         said = model.probabilities(simulated, plans)
         score = score_probabilities(said, complete, BAND)
         low, high = intervals(said, complete, np.array(plans))

@@ -20,7 +20,7 @@ from slamgym.agents.registry import make_explorer
 from slamgym.cad import open_plans
 from slamgym.core.intervals import wilson_interval
 from slamgym.dataset import DatasetConfig, PairRecord, build_dataset, read_manifest, write_contact_sheet
-from slamgym.dataset.curate.criteria import Criteria, record_faults
+from slamgym.dataset.faults import Criteria, record_faults
 from slamgym.envs import EpisodeConfig
 
 sys.path.insert(0, str(Path(__file__).parents[1]))

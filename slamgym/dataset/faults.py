@@ -1,7 +1,13 @@
-"""What makes a map unfit for a dataset, as records; :attr:`MapFault.sentence` alone puts them into words."""
+"""What makes a map unfit for a dataset: the criteria, and faults as records that :attr:`MapFault.sentence` words."""
 
+import dataclasses
+import math
 from dataclasses import dataclass
 from typing import Literal
+
+from slamgym.core.config import Positive, Settings, Share
+from slamgym.core.types import FloatArray
+from slamgym.dataset.record import GOOD_COVERAGE, PairRecord
 
 MapFaultKind = Literal[
     "coverage", "map_error", "position_error", "hardly_driven", "no_free_space", "few_walls", "many_walls",
@@ -60,7 +66,7 @@ class MapFault:
 
     @property
     def is_stuck(self) -> bool:
-        """Whether it means that the robot got stuck."""
+        """True if it means that the robot got stuck."""
         return self.reason == "stuck"
 
     @property
@@ -75,3 +81,90 @@ def _below(value: float, limit: float) -> str:
         if float(text) < limit:
             return text
     return f"{value:.6f}"
+
+
+STUCK_PATH = 1.0
+"""A robot that drove less than this got stuck, by the truth [m]: some three times its own length."""
+
+
+class Criteria(Settings):
+    """When a map counts as good, where the truth is known."""
+
+    min_coverage: Share = GOOD_COVERAGE
+    """Share of the reachable floor that was truly seen."""
+    max_map_error: Positive = 0.30
+    """Mean distance of the SLAM map's walls to the CAD walls [m]. An honest map of medium odometry has 0.1 m;
+    beyond 0.3 m, three times the thickness of an inner wall, rooms overlap. Not asked for with furniture or
+    people, which no CAD map shows."""
+    max_ate: Positive = 0.60
+    """Position error of the estimate [m]: about twice the map error that it causes."""
+
+    def faults(self, coverage: float, map_error: float, ate: float, *, has_clutter: bool) -> list[MapFault]:
+        """What is wrong with a map; nothing if it is good.
+
+        Args:
+            coverage: True coverage.
+            map_error: [m].
+            ate: [m].
+            has_clutter: Furniture or people were about.
+        """
+        found = []
+        if coverage < self.min_coverage:
+            found.append(MapFault("coverage", coverage, self.min_coverage))
+        if map_error > self.max_map_error and not has_clutter:
+            found.append(MapFault("map_error", map_error, self.max_map_error))
+        if ate > self.max_ate:
+            found.append(MapFault("position_error", ate, self.max_ate))
+        return found
+
+
+RATIO = (0.015, 0.25)
+"""Occupied to free cells, least and most: complete maps of homes at 5 cm have 0.03 to 0.09. The ratio falls in
+proportion to the cell size, which is allowed for."""
+ONE_VIEW = math.pi * 3.0**2
+"""A robot that maps 3 m far sees at most this area from one place [m2]."""
+WAY_ON = 0.35
+"""Width of an open frontier that counts as a way on [m], as the environment's frontiers."""
+
+
+def stuck_fault(features: FloatArray, resolution: float) -> MapFault | None:
+    """Why a map looks like that of a robot that got stuck; None if it doesn't.
+
+    The ratio of occupied to free cells alone isn't enough: standing in a corner and having mapped a home give the same.
+    Its bounds catch open space without walls and walls smeared by a robot that spins; besides, a robot is stuck if its
+    map shows no more than is seen from one place although an open frontier leads on.
+
+    Args:
+        features: Of the map, shape (15,).
+        resolution: [m/px].
+    """
+    from slamgym.dataset.curate.completeness import FEATURES
+
+    values = dict(zip(FEATURES, features.tolist(), strict=True))
+    area, ratio = values["free_area"], values["occupied_per_free"] * 0.05 / resolution
+    least, most = RATIO
+    if area == 0.0:
+        return MapFault("no_free_space")
+    if ratio < least:
+        return MapFault("few_walls", ratio, least)
+    if ratio > most:
+        return MapFault("many_walls", ratio, most)
+    if area <= ONE_VIEW and values["widest_frontier"] >= WAY_ON:
+        return MapFault("one_view", area, ONE_VIEW)
+    return None
+
+
+def has_clutter(record: PairRecord) -> bool:
+    """True if furniture, doors' leaves or people were about in an exploration."""
+    conditions = record.conditions
+    return any(conditions.get(f"clutter.{kind}") for kind in ("furniture", "doors", "people"))
+
+
+def record_faults(record: PairRecord, criteria: Criteria) -> list[MapFault]:
+    """What is wrong with a pair by the truth; nothing if it is good."""
+    found = criteria.faults(record.coverage, record.map_error, record.ate, has_clutter=has_clutter(record))
+    if found and found[0].kind == "coverage":
+        found[0] = dataclasses.replace(found[0], detail=record.finished)
+        if record.path_length < STUCK_PATH:
+            found.insert(0, MapFault("hardly_driven", record.path_length, STUCK_PATH))
+    return found

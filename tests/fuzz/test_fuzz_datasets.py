@@ -24,13 +24,11 @@ from slamgym.core.png import encode_png
 from slamgym.dataset.check import check_dataset, check_image_folder
 from slamgym.dataset.curate.completeness import FEATURES
 from slamgym.dataset.curate.completeness_model import PRETRAINED_MODEL, CompletenessModel
-from slamgym.dataset.curate.criteria import Criteria, record_faults
-from slamgym.dataset.curate.decisions import DECISIONS_FILE, Decision, decisions_document, stored_decisions
 from slamgym.dataset.curate.map_items import open_items
-from slamgym.dataset.curate.snapshots import _slam_settings
+from slamgym.dataset.curate.review import DECISIONS_FILE, Decision, decisions_document, stored_decisions
 from slamgym.dataset.curate.split import PlanSide, SplitTable, current_split, read_split
 from slamgym.dataset.curate.verdicts import Verdict, read_verdicts
-from slamgym.dataset.faults import MapFault
+from slamgym.dataset.faults import Criteria, MapFault, record_faults
 from slamgym.dataset.folder import read_rejected, read_times
 from slamgym.dataset.format import Layout, read_dataset_config, read_manifest
 from slamgym.dataset.generate.recipe import RECIPES, DatasetConfig, open_recipe
@@ -109,7 +107,6 @@ def test_manifests(root, content):
             assert record.frame.shape == record.shape
             assert "/" not in record.slot.name
             assert Layout(root).episode(record.name).parent == Layout(root).episodes
-            must_read_or_refuse(_slam_settings, root, record)
         rows_of(records or [])
         for item in must_read_or_refuse(open_items, root) or []:
             must_read_or_refuse(item.load)
@@ -176,7 +173,6 @@ def test_settings_of_datasets(root, content):
     try:
         must_read_or_refuse(read_dataset_config, root)
         must_read_or_refuse(check_dataset, root)
-        must_read_or_refuse(_slam_settings, root, RECORD)
     finally:
         config.write_bytes(before)
 

@@ -3,29 +3,26 @@
 from __future__ import annotations
 
 import contextlib
-import dataclasses
 from collections.abc import Iterator, Sequence
 from dataclasses import field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 import tyro
 
-from slamgym.core.config import Arguments, CountOrZero, Within
+from slamgym.core.config import Arguments, CountOrZero
 from slamgym.core.errors import ConfigError
-from slamgym.core.files import exclusive_lock, sha256_of
+from slamgym.core.files import exclusive_lock
 from slamgym.core.parallel.backlog import available_cores
 from slamgym.core.progress import counted, say, tell
-from slamgym.core.types import FloatArray
-from slamgym.dataset.curate.completeness_model import TreesConfig
-from slamgym.dataset.curate.criteria import Criteria, StuckFilter
+from slamgym.dataset.faults import Criteria
 
 if TYPE_CHECKING:
-    from slamgym.dataset.curate.cleaning import Classifier, CleanConfig, CleanReport
+    from slamgym.dataset.curate.cleaning import CleanConfig, CleanReport
     from slamgym.dataset.curate.completeness_model import ProbabilityScore
-    from slamgym.dataset.curate.decisions import Decision
     from slamgym.dataset.curate.map_items import MapItem
+    from slamgym.dataset.curate.review import Decision
 
 
 class CleanArguments(Arguments):
@@ -50,35 +47,17 @@ class CleanArguments(Arguments):
     """What becomes of doubtful maps until a person has decided, where the classifier decides."""
     model: Path | None = None
     """A trained classifier (.npz); the pretrained one by default."""
-    train: bool = False
-    """Train on this dataset instead (needs scikit-learn): every pair is judged by a model that has seen no
-    map of the same plan."""
-    train_pairs: Annotated[int, Within(ge=2)] = 300
-    """Explorations to train on at most, each at several moments."""
-    save_model: Path | None = None
-    """Where to write the model that --train made."""
     workers: CountOrZero = 0
     """Processes that look at the maps; 0 takes one per core."""
     criteria: Criteria = field(default_factory=Criteria)
     """When a map is good by the truth."""
-    stuck: StuckFilter = field(default_factory=StuckFilter)
-    """When a map looks like that of a robot that got stuck."""
-    trees: TreesConfig = field(default_factory=TreesConfig)
-    """How --train grows its trees."""
-
-    def _check(self) -> None:
-        if self.train and self.model:
-            raise ConfigError("--train makes a model of its own; leave --model out")
-        if self.save_model and not self.train:
-            raise ConfigError("--save-model needs --train: there is no new model to save")
-        if self.save_model and self.save_model.suffix != ".npz":
-            raise ConfigError(f"--save-model {self.save_model}: a model is an .npz file")
 
 
 def main(argv: list[str]) -> int:
     """Run the command; returns the exit code."""
     arguments = tyro.cli(CleanArguments, args=argv, prog="slamgym dataset clean")
     from slamgym.dataset.curate.cleaning import CleanConfig, clean_maps
+    from slamgym.dataset.curate.completeness_model import PRETRAINED_MODEL
     from slamgym.dataset.curate.map_items import open_items
 
     config = CleanConfig(
@@ -86,16 +65,13 @@ def main(argv: list[str]) -> int:
         band=arguments.keep_band,
         doubtful=arguments.doubtful,
         criteria=arguments.criteria,
-        stuck=arguments.stuck,
     )
     root = arguments.dataset
     with _locked(root):
         items = open_items(root)
         decisions = _decisions(arguments, items)
-        classifier, about = _classifier(arguments, items)
-        report = clean_maps(
-            root, items, classifier, about, config, decisions, arguments.workers or available_cores()
-        )
+        model = arguments.model or PRETRAINED_MODEL
+        report = clean_maps(root, items, config, decisions, model, arguments.workers or available_cores())
     _print(root, report, config)
     return 0
 
@@ -114,7 +90,7 @@ def _locked(root: Path) -> Iterator[None]:
 
 def _decisions(arguments: CleanArguments, items: Sequence[MapItem]) -> dict[str, Decision]:
     """What people decided before and now; what is new is stored."""
-    from slamgym.dataset.curate.decisions import (
+    from slamgym.dataset.curate.review import (
         DECISIONS_FILE,
         check_decisions,
         combine,
@@ -143,48 +119,6 @@ def _decisions(arguments: CleanArguments, items: Sequence[MapItem]) -> dict[str,
     store_decisions(root, merged.values())
     say(f"{len(fresh)} decisions applied, {len(merged)} in all.")
     return merged
-
-
-def _classifier(arguments: CleanArguments, items: Sequence[MapItem]) -> tuple[Classifier, dict[str, Any]]:
-    """What predicts the probabilities, and what to note about it."""
-    from slamgym.dataset.curate.completeness_model import PRETRAINED_MODEL, CompletenessModel
-
-    if arguments.train:
-        return _train(arguments, items)
-    path = arguments.model or PRETRAINED_MODEL
-    model = CompletenessModel.read(path)
-
-    def probabilities(features: FloatArray, plan_ids: Sequence[str]) -> FloatArray:  # noqa: ARG001 - of a protocol
-        return model.probabilities(features)
-
-    digest = sha256_of(path)
-    return probabilities, {"model": path.name, "sha256": digest, **model.about}
-
-
-def _train(arguments: CleanArguments, items: Sequence[MapItem]) -> tuple[Classifier, dict[str, Any]]:
-    from slamgym.dataset.curate.completeness_model import cross_fit
-    from slamgym.dataset.curate.snapshots import label_maps
-
-    records = [item.record for item in items if item.record is not None]
-    if not records:
-        raise ConfigError(f"{arguments.dataset}: --train needs pairs of which the truth is known")
-    count = min(arguments.train_pairs, len(records))
-    chosen = [records[i] for i in np.unique(np.linspace(0, len(records) - 1, count).astype(int))]
-    maps = label_maps([(arguments.dataset, record) for record in chosen], arguments.criteria, arguments.stuck)
-    maps = maps.where(maps.learnable)
-    models = cross_fit(maps.features, maps.complete, maps.plan_ids.tolist(), arguments.trees)
-    about = {
-        "model": "trained on held-out plans of this dataset",
-        "explorations": len(chosen),
-        "maps": len(maps),
-        "complete": int(maps.complete.sum()),
-        "trees": dataclasses.asdict(arguments.trees),
-    }
-    if arguments.save_model:
-        notes = {"criteria": dataclasses.asdict(arguments.criteria)}
-        dataclasses.replace(models.whole, about=models.whole.about | notes).write(arguments.save_model)
-        say(f"model: {arguments.save_model}")
-    return models.probabilities, about
 
 
 def _print(root: Path, report: CleanReport, config: CleanConfig) -> None:

@@ -35,9 +35,8 @@ class ReviewArguments(Arguments):
 def main(argv: list[str]) -> int:
     """Run the command; returns the exit code."""
     arguments = tyro.cli(ReviewArguments, args=argv, prog="slamgym dataset review")
-    from slamgym.dataset.curate.decisions import stored_decisions
     from slamgym.dataset.curate.map_items import open_items
-    from slamgym.dataset.curate.review import choose_entries, make_review_page
+    from slamgym.dataset.curate.review import choose_entries, make_review_page, stored_decisions
     from slamgym.dataset.curate.verdicts import VERDICTS_FILE, read_verdicts
 
     root = arguments.dataset

@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal, Protocol
+from typing import Any, Literal
 
 import numpy as np
 
@@ -14,17 +14,21 @@ from slamgym import __version__
 from slamgym.core.config import Settings, Share
 from slamgym.core.documents import parse_json
 from slamgym.core.errors import ConfigError, InputFileError
-from slamgym.core.files import append_line, drop_torn_line, text_lines
+from slamgym.core.files import append_line, drop_torn_line, sha256_of, text_lines
 from slamgym.core.parallel.engine import run_tasks
 from slamgym.core.progress import show_progress
-from slamgym.core.types import FloatArray, OccupancyGrid
+from slamgym.core.types import OccupancyGrid
 from slamgym.dataset.curate.completeness import FEATURES, completeness_features
-from slamgym.dataset.curate.completeness_model import ProbabilityScore, score_probabilities
-from slamgym.dataset.curate.criteria import Criteria, StuckFilter, record_faults
-from slamgym.dataset.curate.decisions import Decision
+from slamgym.dataset.curate.completeness_model import (
+    PRETRAINED_MODEL,
+    CompletenessModel,
+    ProbabilityScore,
+    score_probabilities,
+)
 from slamgym.dataset.curate.map_items import MapItem
+from slamgym.dataset.curate.review import Decision
 from slamgym.dataset.curate.verdicts import Verdict, write_verdicts
-from slamgym.dataset.faults import MapFault
+from slamgym.dataset.faults import Criteria, MapFault, record_faults, stuck_fault
 
 NOTES_FILE = "clean.partial.jsonl"
 """What a run has measured that isn't done yet."""
@@ -34,16 +38,6 @@ _WIDTH, _NUMBERS = 1 + len(FEATURES), {int, float}
 
 _Seen = list[float] | str
 """Resolution and features of a map, or why it can't be read."""
-_Batch = tuple[list[int], list[Callable[[], OccupancyGrid]]]
-"""Numbers of some maps, and what reads them."""
-
-
-class Classifier(Protocol):
-    """Predicts how probable it is that maps are complete."""
-
-    def __call__(self, features: FloatArray, plan_ids: Sequence[str]) -> FloatArray:
-        """Probabilities, shape (N,), for features of shape (N, 15)."""
-        ...
 
 
 class CleanConfig(Settings):
@@ -57,8 +51,6 @@ class CleanConfig(Settings):
     """What becomes of doubtful maps until a person has decided, where the classifier decides."""
     criteria: Criteria = field(default_factory=Criteria)
     """When a map is good by the truth."""
-    stuck: StuckFilter = field(default_factory=StuckFilter)
-    """When a map looks like that of a robot that got stuck."""
 
     def _check(self) -> None:
         if self.band[0] > self.band[1]:
@@ -92,101 +84,86 @@ class CleanReport:
 def clean_maps(
     root: Path,
     items: Sequence[MapItem],
-    classifier: Classifier,
-    about_classifier: Mapping[str, Any],
     config: CleanConfig,
     decisions: Mapping[str, Decision],
+    model_path: Path = PRETRAINED_MODEL,
     workers: int = 1,
 ) -> CleanReport:
     """Judge every map and write the verdicts into the folder.
 
     The same maps, settings and decisions give the same files, with any number of workers; a run that is killed leaves
-    the old ones, and the same command goes on where it was.
+    the old ones, and the same command continues where it was.
 
     Args:
         root: Where ``clean.jsonl`` and ``clean.json`` go.
         items: The maps.
-        classifier: Predicts how probable it is that they are complete.
-        about_classifier: What to note about it.
         config: The settings.
         decisions: What people decided, by the maps' names.
+        model_path: The classifier.
         workers: Processes that look at the maps.
 
     Raises:
+        InputFileError: If the classifier can't be read.
         StorageError: If the folder can't be written.
     """
-    features, faults = _measure(root, items, config.stuck, workers)
-    readable = [number for number, fault in enumerate(faults) if not fault or fault.kind != "unreadable"]
-    probabilities = np.full(len(items), np.nan)
-    probabilities[readable] = classifier(features[readable], [items[i].plan_id for i in readable])
+    model = CompletenessModel.read(model_path)
+    seen = _measure(root, items, workers)
+    readable = [number for number, row in enumerate(seen) if not isinstance(row, str)]
+    features = np.array([seen[number][1:] for number in readable], dtype=np.float64)
+    probability = dict(zip(readable, model.probabilities(features).tolist(), strict=True))
     verdicts = tuple(
-        _judge(item, None if np.isnan(probability) else float(probability), fault, config, decisions)
-        for item, probability, fault in zip(items, probabilities.tolist(), faults, strict=True)
+        _judge(item, probability.get(number), _fault_of(seen[number]), config, decisions)
+        for number, item in enumerate(items)
     )
     report = CleanReport(verdicts, _agreement(verdicts, config.band))
-    write_verdicts(root, verdicts, _summary(report, config, about_classifier))
+    about = {"model": model_path.name, "sha256": sha256_of(model_path), **model.about}
+    write_verdicts(root, verdicts, _summary(report, config, about))
     (root / NOTES_FILE).unlink(missing_ok=True)
     return report
 
 
-def _measure(
-    root: Path, items: Sequence[MapItem], stuck: StuckFilter, workers: int
-) -> tuple[FloatArray, list[MapFault | None]]:
-    """Features of every map, shape (N, 15), and what is wrong with it at first sight.
+def _measure(root: Path, items: Sequence[MapItem], workers: int) -> list[_Seen]:
+    """Look at every map.
 
-    What is measured is noted in a file that goes with the verdicts' arrival; a run that was killed goes on from it.
+    What is measured is noted in a file that goes with the verdicts' arrival; a run that was killed continues from it.
     """
-    features = np.zeros((len(items), len(FEATURES)))
-    faults: list[MapFault | None] = [None] * len(items)
     notes = root / NOTES_FILE
     noted = _read_notes(notes)
-    missing = []
-    for number, item in enumerate(items):
-        row = noted.get((item.name, item.digest))
-        if row is None:
-            missing.append(number)
-        else:
-            _take(row, number, features, faults, stuck)
+    seen = [noted.get((item.name, item.digest), "") for item in items]
+    missing = [number for number, row in enumerate(seen) if not row]
     batches = [missing[first : first + _BATCH] for first in range(0, len(missing), _BATCH)]
-    tasks = [(batch, [items[number].load for number in batch]) for batch in batches]
+    tasks = [[(number, items[number].load) for number in batch] for batch in batches]
     with show_progress("maps", len(items) - len(missing), len(items)) as advance:
-        for batch, rows in run_tasks(_features_of, tasks, workers if len(tasks) > 1 else 1):
+        for rows in run_tasks(_look_at, tasks, workers if len(tasks) > 1 else 1):
             lines = []
-            for number, row in zip(batch, rows, strict=True):
-                _take(row, number, features, faults, stuck)
+            for number, row in rows:
+                seen[number] = row
                 if isinstance(row, list):
                     lines.append(json.dumps([items[number].name, items[number].digest, row]) + "\n")
                 advance()
             append_line(notes, "".join(lines))
-    return features, faults
+    return seen
 
 
-def _features_of(task: _Batch) -> tuple[list[int], list[_Seen]]:
-    """Resolution and features of some maps, or why one can't be read."""
-    rows: list[_Seen] = []
-    for load in task[1]:
+def _look_at(task: list[tuple[int, Callable[[], OccupancyGrid]]]) -> list[tuple[int, _Seen]]:
+    """Resolution and features of some maps, or why one can't be read (in a worker)."""
+    rows: list[tuple[int, _Seen]] = []
+    for number, load in task:
         try:
             grid = load()
         except InputFileError as error:
-            rows.append(str(error))
+            rows.append((number, str(error)))
         else:
             resolution = grid.frame.resolution
-            rows.append([resolution, *completeness_features(grid.cells, resolution).tolist()])
-    return task[0], rows
+            rows.append((number, [resolution, *completeness_features(grid.cells, resolution).tolist()]))
+    return rows
 
 
-def _take(
-    row: _Seen,
-    number: int,
-    features: FloatArray,
-    faults: list[MapFault | None],
-    stuck: StuckFilter,
-) -> None:
+def _fault_of(row: _Seen) -> MapFault | None:
+    """What the map alone shows to be wrong."""
     if isinstance(row, str):
-        faults[number] = MapFault("unreadable", detail=row)
-    else:
-        features[number] = row[1:]
-        faults[number] = stuck.fault(features[number], row[0])
+        return MapFault("unreadable", detail=row)
+    return stuck_fault(np.array(row[1:]), row[0])
 
 
 def _read_notes(path: Path) -> dict[tuple[str, str], _Seen]:
@@ -236,16 +213,15 @@ def _judge(
         faults, by = _by_probability(probability, config.band), "classifier"
     is_tolerated = config.doubtful == "keep" and all(fault.kind == "doubtful" for fault in faults)
     keep = decision.keep if by == "person" and decision else not faults or is_tolerated
-    by_person = f"{'kept' if keep else 'dropped'} by a person"
+    reason = "; ".join(fault.sentence for fault in faults) or "complete"
+    is_known = probability is not None and seen is None
     return Verdict(
         name=item.name,
         keep=keep,
-        reason=by_person if by == "person" else "; ".join(fault.sentence for fault in faults) or "complete",
+        reason=f"{'kept' if keep else 'dropped'} by a person" if by == "person" else reason,
         by=by,
         probability=None if probability is None else round(probability, 4),
-        is_doubtful=seen is None
-        and probability is not None
-        and config.band[0] <= probability < config.band[1],
+        is_doubtful=is_known and config.band[0] <= (probability or 0.0) < config.band[1],
         looks_stuck=seen is not None and seen.is_stuck,
         is_complete=not true_faults if record else None,
         coverage=record.coverage if record else None,
@@ -271,12 +247,12 @@ def _agreement(verdicts: Sequence[Verdict], band: tuple[float, float]) -> Probab
     return score_probabilities(probabilities, np.array([bool(v.is_complete) for v in known]), band)
 
 
-def _summary(report: CleanReport, config: CleanConfig, about_classifier: Mapping[str, Any]) -> dict[str, Any]:
+def _summary(report: CleanReport, config: CleanConfig, about: Mapping[str, Any]) -> dict[str, Any]:
     agreement = dataclasses.asdict(report.agreement) if report.agreement else None
     return {
         "version": __version__,
         "settings": dataclasses.asdict(config),
-        "classifier": dict(about_classifier),
+        "classifier": dict(about),
         "maps": len(report.verdicts),
         "kept": report.kept,
         "undecided": report.undecided,

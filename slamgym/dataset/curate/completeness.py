@@ -10,9 +10,11 @@ Convention: maps have the values of ROS map_server (0, 205, 254). No feature cha
 turned by 90 degrees or given a wider margin.
 """
 
+import cv2
 import numpy as np
 
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, BoolArray, ByteArray, FloatArray
+from slamgym.metrics.maps import CROSS, crop_to_known
 
 FEATURES = (
     "free_area",  # [m2] white cells within the hull
@@ -40,8 +42,6 @@ Waffle Pi is 0.22 m, and the walls of a map are smeared by a cell."""
 SPIKE_WIDTH = 0.2
 """Free space narrower than this is no floor [m]: a stray beam clears a spike through the wall."""
 
-_CROSS = np.array([[0, 1, 0], [1, 1, 1], [0, 1, 0]], np.uint8)
-
 
 def completeness_features(cells: ByteArray, resolution: float) -> FloatArray:
     """Measure a map.
@@ -53,10 +53,10 @@ def completeness_features(cells: ByteArray, resolution: float) -> FloatArray:
     Returns:
         Values in the order of :data:`FEATURES`, shape (15,); all 0 for a map without any known cell.
     """
+    if (cells == UNKNOWN).all():
+        return np.zeros(len(FEATURES))
     margin = round(SPIKE_WIDTH / resolution)
     cropped = crop_to_known(cells, margin + 1)
-    if cropped is None:
-        return np.zeros(len(FEATURES))
     free, occupied, unknown = cropped == FREE, cropped == OCCUPIED, cropped == UNKNOWN
     floor = without_spikes(free, resolution)
     if not floor.any():
@@ -71,16 +71,12 @@ def completeness_features(cells: ByteArray, resolution: float) -> FloatArray:
     frontier = shared_sides(floor, unknown)
     borders = shared_sides(floor, ~floor)
     open_cells, widest = open_frontier(floor, occupied, unknown, resolution)
+    areas = np.array([free_area, occupied_area, unknown_area])
     return np.array(
         [
-            free_area,
-            occupied_area,
-            unknown_area,
-            free_area / hull_area,
-            occupied_area / hull_area,
-            unknown_area / hull_area,
-            occupied_area / floor_area,
-            unknown_area / floor_area,
+            *areas,
+            *(areas / hull_area),
+            *(areas[1:] / floor_area),
             count_holes(floor),
             count_holes(floor | occupied),
             10.0 * count_parts(occupied) / floor_area,
@@ -93,20 +89,8 @@ def completeness_features(cells: ByteArray, resolution: float) -> FloatArray:
     )
 
 
-def crop_to_known(cells: ByteArray, margin_px: int) -> ByteArray | None:
-    """The map's known part with unknown cells around it; None if nothing is known."""
-    known = cells != UNKNOWN
-    rows, cols = np.flatnonzero(known.any(axis=1)), np.flatnonzero(known.any(axis=0))
-    if len(rows) == 0:
-        return None
-    part = cells[rows[0] : rows[-1] + 1, cols[0] : cols[-1] + 1]
-    return np.pad(part, margin_px, constant_values=UNKNOWN)
-
-
 def without_spikes(free: BoolArray, resolution: float) -> BoolArray:
     """The free space without what is narrower than :data:`SPIKE_WIDTH` (a morphological opening)."""
-    import cv2
-
     side = 2 * round(0.5 * SPIKE_WIDTH / resolution) + 1
     opened = cv2.morphologyEx(free.astype(np.uint8), cv2.MORPH_OPEN, np.ones((side, side), np.uint8))
     return np.asarray(opened, dtype=np.bool_)
@@ -122,8 +106,6 @@ def inside_hull(mask: BoolArray, margin_px: int) -> BoolArray:
         mask: (rows, cols), with at least one true cell.
         margin_px: How far it grows, along rows and columns.
     """
-    import cv2
-
     side = 2 * margin_px + 1
     grown = cv2.dilate(mask.astype(np.uint8), np.ones((side, side), np.uint8)) > 0
     rows = np.flatnonzero(grown.any(axis=1))
@@ -161,8 +143,6 @@ def euler_number(mask: BoolArray) -> int:
     true cell, of three, and of two on a diagonal (Gray, Local properties of binary images in two dimensions,
     IEEE Trans. Computers 20(5), 1971).
     """
-    import cv2
-
     padded = np.pad(mask.astype(np.uint8), 1)
     code = padded[:-1, :-1] | padded[:-1, 1:] << 1 | padded[1:, :-1] << 2 | padded[1:, 1:] << 3
     count = cv2.calcHist([code], [0], None, [16], [0, 16]).ravel().astype(np.int64)
@@ -174,8 +154,6 @@ def euler_number(mask: BoolArray) -> int:
 
 def count_parts(mask: BoolArray) -> int:
     """Number of 8-connected parts."""
-    import cv2
-
     return int(cv2.connectedComponents(mask.astype(np.uint8), connectivity=8)[0]) - 1
 
 
@@ -201,9 +179,7 @@ def open_frontier(
     Returns:
         Number of the cells, and of those in the largest 8-connected piece.
     """
-    import cv2
-
-    frontier = (cv2.dilate(floor.astype(np.uint8), _CROSS) > 0) & unknown
+    frontier = (cv2.dilate(floor.astype(np.uint8), CROSS) > 0) & unknown
     rows, cols = np.nonzero(frontier)
     radius = int(FRONTIER_CLEARANCE / resolution)
     down, right = np.indices((2 * radius + 1, 2 * radius + 1)).reshape(2, -1) - radius

@@ -1,212 +1,120 @@
-"""A classifier of completeness: Extra Trees on the fifteen features, as in the paper.
+"""A classifier of completeness: Extra Trees on the fifteen features, as in the paper, and how its predictions score.
 
-Training needs scikit-learn (the extra ``clean``); using a trained model doesn't. The pretrained model was
-trained by ``benchmarks/dataset/completeness.py``.
+What the trees learned is six arrays, stored as an npz file and read without executing anything: no pickle, and no
+scikit-learn to use them. The pretrained model was trained by ``benchmarks/dataset/completeness.py``.
 """
 
-import dataclasses
-import importlib
-from collections.abc import Sequence
+import io
+import zipfile
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import ModuleType
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
 
-from slamgym import __version__
-from slamgym.core.config import Count, Settings, Within
-from slamgym.core.errors import InputFileError, SlamgymError
-from slamgym.core.types import BoolArray, FloatArray
+from slamgym.core.compression import DAMAGED_ZIP
+from slamgym.core.documents import load_json
+from slamgym.core.errors import InputFileError
+from slamgym.core.files import read_bytes
+from slamgym.core.provenance import check_origin
+from slamgym.core.types import BoolArray, FloatArray, IntArray
 from slamgym.dataset.curate.completeness import FEATURES
-from slamgym.dataset.curate.forest import LEAF, Forest, read_forest, write_forest
 
 PRETRAINED_MODEL = Path(__file__).parent / "pretrained" / "completeness.npz"
-
-
-class TreesConfig(Settings):
-    """How the trees are grown (Geurts, Ernst and Wehenkel, Extremely randomized trees, Machine Learning 2006)."""
-
-    trees: Count = 100
-    """Their number."""
-    min_leaf: Count = 4
-    """A leaf holds at least so many samples: fewer give bolder probabilities, which are worse calibrated."""
-    max_features: Annotated[int, Within(ge=1, le=len(FEATURES))] = 8
-    """Features tried for a split."""
-    seed: int = 0
-    """Of the random thresholds."""
+MAX_MODEL_BYTES = 64_000_000
+"""Larger files are refused: the pretrained model has a hundredth of it."""
+LEAF = -1
+"""Feature index of a leaf."""
+_ARRAYS = {"feature": np.int64, "threshold": np.float64, "left": np.int64, "right": np.int64}
+_ARRAYS |= {"value": np.float64, "roots": np.int64}
 
 
 @dataclass(frozen=True)
 class CompletenessModel:
-    """Predicts from the features of a map how probable it is that the map is complete."""
+    """Predicts from the features of a map how probable it is that the map is complete.
 
-    forest: Forest
+    The trees are one list of nodes. A sample goes to the left child if its feature is at most the threshold, else to
+    the right one. Children stand behind their parent, so every path down ends.
+    """
+
+    feature: IntArray  # (nodes,) index of the feature that a node asks for, LEAF at a leaf
+    threshold: FloatArray  # (nodes,)
+    left: IntArray  # (nodes,)
+    right: IntArray  # (nodes,)
+    value: FloatArray  # (nodes,) share of complete maps among the training samples of a leaf
+    roots: IntArray  # (trees,)
     about: dict[str, Any] = field(default_factory=dict)
     """Where it comes from: criteria, number of maps, version."""
 
     def probabilities(self, features: FloatArray) -> FloatArray:
-        """Probability of being complete, shape (N,), for features of shape (N, 15)."""
-        return self.forest.predict(features.reshape(-1, len(FEATURES)))
-
-    def write(self, path: Path | str) -> None:
-        """Write the model as an npz file.
-
-        Raises:
-            InputFileError: If the file can't be written.
-        """
-        write_forest(path, self.forest, {**self.about, "features": list(FEATURES)})
+        """Probability of being complete, shape (N,), for features of shape (N, 15): the mean over the trees."""
+        if len(features) == 0:
+            return np.zeros(0)
+        # scikit-learn grows its trees on single precision; thresholds are double.
+        values = np.asarray(features, dtype=np.float32).reshape(-1, len(FEATURES))
+        node = np.tile(self.roots, (len(values), 1))  # (N, trees)
+        sample = np.arange(len(values))[:, None]
+        inner = self.feature[node] != LEAF
+        while inner.any():
+            goes_left = values[sample, self.feature[node]] <= self.threshold[node]
+            node = np.where(inner, np.where(goes_left, self.left[node], self.right[node]), node)
+            inner = self.feature[node] != LEAF
+        mean: FloatArray = self.value[node].mean(axis=1)
+        return mean
 
     @classmethod
     def read(cls, path: Path | str = PRETRAINED_MODEL) -> "CompletenessModel":
         """Read a model; nothing in the file is executed.
 
         Raises:
-            InputFileError: If the file is no model, or one of other features.
+            InputFileError: If the file is missing, too large, no model, one of other features, or broken.
         """
-        forest, about = read_forest(path)
-        if about.get("features") != list(FEATURES) or forest.feature.max() >= len(FEATURES):
+        try:
+            # From memory: where np.load fails it would leave a file open.
+            content = io.BytesIO(read_bytes(path))
+            with zipfile.ZipFile(content) as archive:
+                expanded = sum(entry.file_size for entry in archive.infolist())
+            if expanded > MAX_MODEL_BYTES:
+                what = f"is larger than {MAX_MODEL_BYTES / 1e6:.0f} MB; it is no model of ours"
+                raise InputFileError(path, what)
+            check_origin(path)
+            with np.load(content, allow_pickle=False) as file:
+                arrays = {name: np.asarray(file[name]) for name in (*_ARRAYS, "about")}
+            about = load_json(arrays.pop("about").tobytes())
+        except (OSError, *DAMAGED_ZIP) as error:
+            raise InputFileError(path, f"can't be read as a model of completeness ({error})") from error
+        fault = _fault(arrays)
+        if fault or not isinstance(about, dict):
+            reason = fault or "its description is no object"
+            raise InputFileError(path, f"is no model of completeness ({reason})")
+        if about.get("features") != list(FEATURES) or arrays["feature"].max() >= len(FEATURES):
             raise InputFileError(path, "was trained on other features; train it again with this version")
-        return cls(forest, about)
+        nodes: dict[str, Any] = {name: arrays[name].astype(kind) for name, kind in _ARRAYS.items()}
+        return cls(**nodes, about=about)
 
 
-def train_completeness(
-    features: FloatArray, complete: BoolArray, config: TreesConfig, about: dict[str, Any] | None = None
-) -> CompletenessModel:
-    """Grow trees on maps of which the truth is known.
-
-    Args:
-        features: (N, 15).
-        complete: (N,) whether each map is complete; both kinds must occur.
-        config: The settings.
-        about: What to note with the model.
-
-    Raises:
-        SlamgymError: If scikit-learn is missing, or all maps are of one kind.
-    """
-    _refuse_one_kind(complete)
-    ensemble = _require_sklearn("ensemble").ExtraTreesClassifier(
-        n_estimators=config.trees,
-        min_samples_leaf=config.min_leaf,
-        max_features=config.max_features,
-        random_state=config.seed,
-        n_jobs=1,
-    )
-    ensemble.fit(features.astype(np.float32), complete)
-    notes = {"version": __version__, "maps": len(complete), "complete": int(complete.sum())}
-    trees = [estimator.tree_ for estimator in ensemble.estimators_]
-    return CompletenessModel(
-        _to_forest(trees), {**notes, "trees": dataclasses.asdict(config), **(about or {})}
-    )
-
-
-@dataclass(frozen=True)
-class CrossFittedModel:
-    """Models of which at least one has seen no map of a given plan.
-
-    The plans are split into parts; each part's model learned from all the others, and ``whole`` from all.
-    """
-
-    whole: CompletenessModel
-    parts: tuple[CompletenessModel, ...]
-    part_of: dict[str, int]
-    """Plan id to its part; other plans are left to ``whole``, which hasn't seen them either."""
-
-    def probabilities(self, features: FloatArray, plan_ids: Sequence[str]) -> FloatArray:
-        """Probability of being complete by a model that has seen no map of the same plan.
-
-        Args:
-            features: (N, 15).
-            plan_ids: (N,).
-
-        Returns:
-            (N,).
-        """
-        part = np.array([self.part_of.get(plan_id, -1) for plan_id in plan_ids], dtype=np.int64)
-        probabilities = np.zeros(len(part))
-        for number in np.unique(part):
-            chosen = part == number
-            model = self.whole if number < 0 else self.parts[number]
-            probabilities[chosen] = model.probabilities(features[chosen])
-        return probabilities
-
-
-def cross_fit(
-    features: FloatArray,
-    complete: BoolArray,
-    plan_ids: Sequence[str],
-    config: TreesConfig,
-    folds: int = 5,
-) -> CrossFittedModel:
-    """Train models for predictions on held-out plans.
-
-    Args:
-        features: (N, 15).
-        complete: (N,).
-        plan_ids: (N,) maps of one plan stay together.
-        config: The settings.
-        folds: Parts into which the plans are split; fewer where there are fewer plans.
-
-    Raises:
-        SlamgymError: If scikit-learn is missing, there are less than two plans, or one kind of maps alone
-            is there, in all plans or outside some part.
-    """
-    plans = sorted(set(plan_ids))
-    if len(plans) < 2:
-        raise SlamgymError("held-out plans need at least two plans; add pairs of other plans")
-    count = min(folds, len(plans))
-    order = np.random.default_rng(config.seed).permutation(len(plans))
-    part_of = {plans[place]: number % count for number, place in enumerate(order)}
-    part = np.array([part_of[plan_id] for plan_id in plan_ids])
-    whole = train_completeness(features, complete, config)
-    parts = [
-        train_completeness(features[part != number], complete[part != number], config)
-        for number in range(count)
-    ]
-    return CrossFittedModel(whole, tuple(parts), part_of)
-
-
-def _to_forest(trees: Sequence[Any]) -> Forest:
-    """Put scikit-learn's trees into one list of nodes."""
-    sizes = [tree.node_count for tree in trees]
-    roots = np.concatenate([[0], np.cumsum(sizes)[:-1]]).astype(np.int64)
-    is_leaf = np.concatenate([tree.children_left == -1 for tree in trees])
-    offset = np.repeat(roots, sizes)
-
-    def child(name: str) -> np.ndarray:
-        return np.where(is_leaf, 0, np.concatenate([getattr(tree, name) for tree in trees]) + offset)
-
-    counts = np.concatenate([tree.value[:, 0, :] for tree in trees])  # (nodes, classes), false before true
-    shares = counts[:, 1] / counts.sum(axis=1)
-    return Forest(
-        feature=np.where(is_leaf, LEAF, np.concatenate([tree.feature for tree in trees])),
-        threshold=np.where(is_leaf, 0.0, np.concatenate([tree.threshold for tree in trees])),
-        left=child("children_left"),
-        right=child("children_right"),
-        # As stored: a model answers the same before and after it was written.
-        value=np.where(is_leaf, shares, 0.0).astype(np.float32).astype(np.float64),
-        roots=roots,
-    )
-
-
-def _refuse_one_kind(complete: BoolArray) -> None:
-    if complete.all() or not complete.any():
-        kind = "complete" if len(complete) and complete.all() else "incomplete"
-        raise SlamgymError(
-            f"all {len(complete)} maps are {kind}; a classifier needs both kinds to learn from, "
-            "e.g. explorations that were cut off early (slamgym generate --minutes 2)"
-        )
-
-
-def _require_sklearn(module: str) -> ModuleType:
-    """A module of scikit-learn, or an error that says how to get it."""
-    try:
-        return importlib.import_module(f"sklearn.{module}")
-    except ImportError as error:
-        raise SlamgymError(
-            "training the completeness classifier needs scikit-learn: pip install 'slamgym[clean]' "
-            "(using a trained model doesn't)"
-        ) from error
+def _fault(arrays: Mapping[str, np.ndarray]) -> str:
+    """What is wrong with the arrays of a file; nothing if they make trees."""
+    for name, kind in _ARRAYS.items():
+        if arrays[name].ndim != 1 or arrays[name].dtype.kind != np.dtype(kind).kind:
+            return f"{name} is not a list of numbers of its kind"
+    nodes = len(arrays["feature"])
+    if any(len(arrays[name]) != nodes for name in ("threshold", "left", "right", "value")):
+        return "the lists of nodes differ in length"
+    roots, inner = arrays["roots"], arrays["feature"] != LEAF
+    if len(roots) == 0 or roots.min() < 0 or roots.max() >= nodes:
+        return "the trees have no roots"
+    if arrays["feature"].min() < LEAF:
+        return "a node asks for no feature"
+    for side in ("left", "right"):
+        child = arrays[side][inner]
+        if (child <= np.flatnonzero(inner)).any() or (child >= nodes).any():
+            return f"a {side} child doesn't stand behind its parent"
+    values = arrays["value"]
+    if not (np.isfinite(values).all() and values.min() >= 0.0 and values.max() <= 1.0):
+        return "a leaf holds no share"
+    return "" if np.isfinite(arrays["threshold"]).all() else "a threshold is not a number"
 
 
 BINS = 10

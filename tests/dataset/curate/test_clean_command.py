@@ -1,6 +1,5 @@
 """`slamgym dataset clean` as a user runs it."""
 
-import dataclasses
 import json
 import shutil
 
@@ -18,6 +17,7 @@ from slamgym.dataset import DatasetConfig, Layout, build_dataset, read_manifest
 from slamgym.dataset.curate import cleaning
 from slamgym.dataset.curate.cleaning import CleanConfig, CleanReport, clean_maps
 from slamgym.dataset.curate.completeness import completeness_features
+from slamgym.dataset.curate.completeness_model import CompletenessModel
 from slamgym.dataset.curate.map_items import open_items
 from slamgym.dataset.curate.verdicts import Verdict, read_verdicts, write_verdicts
 from slamgym.dataset.faults import MapFault
@@ -184,19 +184,12 @@ def test_conflicts_and_unknown_maps_are_named_and_change_nothing(dataset, capsys
     assert read_verdicts(dataset)[name].reason == "kept by a person"
 
 
-def test_the_classifier_decides_if_asked_and_the_band_waits_for_a_person(dataset):
+def test_the_classifier_decides_if_asked_and_the_band_waits_for_a_person(dataset, monkeypatch):
     items = open_items(dataset)
-    given = {item.name: probability for item, probability in zip(items, (0.9, 0.5, 0.1, 0.8), strict=True)}
-
-    def classifier(features, plan_ids):
-        return np.array(list(given.values()))[: len(features)]
-
-    generous = {"stuck": {"way_on": 99.0, "min_ratio": 0.0, "max_ratio": 9.0}}
-    from slamgym.core.config import from_dict
-
+    monkeypatch.setattr(CompletenessModel, "probabilities", lambda *_: np.array([0.9, 0.5, 0.1, 0.8]))
+    monkeypatch.setattr(cleaning, "stuck_fault", lambda *_: None)
     for doubtful in ("drop", "keep"):
-        config = from_dict(CleanConfig, {"by": "classifier", "doubtful": doubtful, **generous})
-        report = clean_maps(dataset, items, classifier, {}, config, {})
+        report = clean_maps(dataset, items, CleanConfig(by="classifier", doubtful=doubtful), {})
         assert [verdict.keep for verdict in report.verdicts] == [True, doubtful == "keep", False, True]
         assert [verdict.is_doubtful for verdict in report.verdicts] == [False, True, False, False]
         assert report.undecided == 1
@@ -236,41 +229,10 @@ def test_maps_from_elsewhere_are_judged_by_their_looks(tmp_path):
     assert not (tmp_path / ".lock").exists()
 
 
-def test_training_judges_each_pair_by_a_model_that_has_not_seen_its_plan(tmp_path):
-    pytest.importorskip("sklearn")
-    plans = Plans()
-    plans.plans["closet"] = FloorPlan("closet", box(0, 0, 9, 12))
-    dataset = tmp_path / "dataset"
-    longer = dataclasses.replace(QUICK, minutes=0.6)
-    build_dataset(
-        dataset,
-        plans,
-        DatasetConfig(seed=2, episode=longer),
-        make_explorer,
-        pairs=2,
-        execution=Execution(engine="in_process"),
-    )
-    # In so short a time little is seen: what is seen at the end counts as complete, what was before does not.
-    goal = 0.98 * min(record.coverage for record in read_manifest(dataset))
-    easy = ["--criteria.max-ate", "9", "--criteria.max-map-error", "9", "--criteria.min-coverage", f"{goal}"]
-    loose = ["--stuck.way-on", "99", "--stuck.min-ratio", "0", "--stuck.max-ratio", "9"]
-    model = tmp_path / "m.npz"
-    assert clean(dataset, "--train", *easy, *loose, "--save-model", model, "--trees.trees", "5") == 0
-    summary = json.loads((dataset / "clean.json").read_text())
-    assert summary["classifier"]["explorations"] == 2
-    assert summary["classifier"]["maps"] == 6  # after 0.1 and 0.5 minutes, and at the end
-    assert summary["agreement"]["count"] == 2
-    assert clean(dataset, "--model", model) == 0
-    assert json.loads((dataset / "clean.json").read_text())["classifier"]["model"] == "m.npz"
-
-
 @pytest.mark.parametrize(
     ("more", "words"),
     [
         (["--keep-band", "0.8", "0.4"], "ascending order"),
-        (["--save-model", "m.npz"], "needs --train"),
-        (["--train", "--model", "m.npz"], "leave --model out"),
-        (["--train", "--save-model", "m.pkl"], "an .npz file"),
         (["--model", "nowhere.npz"], "nowhere.npz"),
         (["--apply", "nowhere.json"], "nowhere.json"),
         (["--criteria.min-coverage", "2"], "min_coverage must be in [0, 1], not 2.0"),

@@ -5,7 +5,7 @@ import pytest
 
 from slamgym.core.errors import ConfigError
 from slamgym.dataset.curate.completeness import FEATURES, completeness_features
-from slamgym.dataset.curate.criteria import Criteria, StuckFilter
+from slamgym.dataset.faults import Criteria, stuck_fault
 
 
 def test_a_good_map_has_no_fault():
@@ -41,14 +41,6 @@ def test_senseless_criteria_are_refused(settings):
         Criteria(**settings)
 
 
-@pytest.mark.parametrize(
-    "settings", [{"min_ratio": 0.5}, {"min_ratio": -0.1}, {"view": 0.0}, {"way_on": 0.0}]
-)
-def test_a_senseless_stuck_filter_is_refused(settings):
-    with pytest.raises(ConfigError):
-        StuckFilter(**settings)
-
-
 def row(**values):
     return np.array([values.get(name, 0.0) for name in FEATURES])
 
@@ -56,8 +48,8 @@ def row(**values):
 def test_a_home_is_not_stuck_and_neither_is_a_small_closed_room():
     home = row(free_area=90.0, occupied_per_free=0.06, widest_frontier=1.0)
     room = row(free_area=12.0, occupied_per_free=0.09)
-    assert StuckFilter().fault(home, 0.05) is None
-    assert StuckFilter().fault(room, 0.05) is None
+    assert stuck_fault(home, 0.05) is None
+    assert stuck_fault(room, 0.05) is None
 
 
 @pytest.mark.parametrize(
@@ -70,7 +62,7 @@ def test_a_home_is_not_stuck_and_neither_is_a_small_closed_room():
     ],
 )
 def test_maps_of_stuck_robots_are_detected(values, words):
-    fault = StuckFilter().fault(row(**values), 0.05)
+    fault = stuck_fault(row(**values), 0.05)
     assert fault.is_stuck
     assert fault.sentence.startswith("stuck: ")
     assert words in fault.sentence
@@ -86,5 +78,5 @@ def test_the_ratio_is_assessed_alike_at_another_resolution():
         resolution = 5.0 / cells_across
         values = completeness_features(cells, resolution)
         ratios.append(values[FEATURES.index("occupied_per_free")] * 0.05 / resolution)
-        assert StuckFilter().fault(values, resolution) is None
+        assert stuck_fault(values, resolution) is None
     assert ratios[1] == pytest.approx(ratios[0], rel=0.05)

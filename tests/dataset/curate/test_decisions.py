@@ -5,7 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from slamgym.core.errors import ConfigError, InputFileError
-from slamgym.dataset.curate.decisions import (
+from slamgym.dataset.curate.review import (
     Decision,
     check_decisions,
     combine,

@@ -13,9 +13,14 @@ import pytest
 
 from slamgym.commands import cli
 from slamgym.core.types import GridFrame, OccupancyGrid
-from slamgym.dataset.curate.decisions import Decision, read_decisions
 from slamgym.dataset.curate.map_items import MapItem
-from slamgym.dataset.curate.review import ReviewEntry, choose_entries, make_review_page
+from slamgym.dataset.curate.review import (
+    Decision,
+    ReviewEntry,
+    choose_entries,
+    make_review_page,
+    read_decisions,
+)
 from slamgym.dataset.curate.verdicts import Verdict, read_verdicts
 from slamgym.interop import write_ros_map
 

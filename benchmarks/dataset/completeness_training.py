@@ -1,4 +1,4 @@
-"""Maps as they were in the middle of an exploration, drawn again from what a dataset keeps.
+"""Training of the classifier of completeness: maps in the middle of explorations, and Extra Trees on their features.
 
 A finished dataset has few incomplete maps to learn from. But each exploration was incomplete for most of its
 time: its scans up to some moment, drawn at the estimated poses, are the map of that moment, and the truth
@@ -8,6 +8,8 @@ The poses are those of the path as corrected by the end, so loops that were clos
 """
 
 import dataclasses
+import io
+import json
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,9 +17,12 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from sklearn.ensemble import ExtraTreesClassifier
 
+from slamgym import __version__
 from slamgym.core.config import from_dict
-from slamgym.core.errors import InputFileError
+from slamgym.core.errors import InputFileError, SlamgymError
+from slamgym.core.files import write_bytes
 from slamgym.core.progress import show_progress
 from slamgym.core.types import (
     FREE,
@@ -29,7 +34,8 @@ from slamgym.core.types import (
     Trajectory,
 )
 from slamgym.dataset.curate.completeness import FEATURES, completeness_features
-from slamgym.dataset.curate.criteria import STUCK_PATH, Criteria, StuckFilter, has_clutter
+from slamgym.dataset.curate.completeness_model import LEAF, CompletenessModel
+from slamgym.dataset.faults import STUCK_PATH, Criteria, has_clutter, stuck_fault
 from slamgym.dataset.format import Layout, load_pair, read_dataset_config
 from slamgym.dataset.record import PairRecord
 from slamgym.interop import read_carmen, read_tum
@@ -224,7 +230,6 @@ class LabelledMaps:
 def label_maps(
     pairs: Sequence[tuple[Path, PairRecord]],
     criteria: Criteria,
-    stuck: StuckFilter,
     minutes: Sequence[float] = MINUTES,
 ) -> LabelledMaps:
     """Draw the maps of explorations at some moments, measure them, and label them by the truth.
@@ -232,7 +237,6 @@ def label_maps(
     Args:
         pairs: Datasets and their records of pairs.
         criteria: When a map is complete.
-        stuck: Finds which maps look like those of a stuck robot.
         minutes: Robot times besides the end [min].
 
     Raises:
@@ -253,7 +257,7 @@ def label_maps(
                         shot.time / 60.0,
                         shot.is_last,
                         shot.path_length < STUCK_PATH and shot.coverage < criteria.min_coverage,
-                        stuck.fault(features, shot.resolution) is not None,
+                        stuck_fault(features, shot.resolution) is not None,
                         shot.plan_id,
                         root.name,
                     )
@@ -264,3 +268,157 @@ def label_maps(
         np.array(column, dtype=kind) for column, kind in zip(columns, _COLUMN_TYPES, strict=True)
     ]
     return LabelledMaps(arrays[0].reshape(-1, len(FEATURES)), *arrays[1:])
+
+
+@dataclass(frozen=True)
+class Trees:
+    """How the trees are grown (Geurts, Ernst and Wehenkel, Extremely randomized trees, Machine Learning 2006)."""
+
+    trees: int = 100
+    """Their number."""
+    min_leaf: int = 4
+    """A leaf holds at least so many samples: fewer give bolder probabilities, which are worse calibrated."""
+    max_features: int = 8
+    """Features tried for a split."""
+    seed: int = 0
+    """Of the random thresholds."""
+
+
+def train_completeness(
+    features: FloatArray, complete: BoolArray, config: Trees, about: dict[str, Any] | None = None
+) -> CompletenessModel:
+    """Grow trees on maps of which the truth is known.
+
+    Args:
+        features: (N, 15).
+        complete: (N,) whether each map is complete; both kinds must occur.
+        config: The settings.
+        about: What to note with the model.
+
+    Raises:
+        SlamgymError: If all maps are of one kind.
+    """
+    if complete.all() or not complete.any():
+        kind = "complete" if len(complete) and complete.all() else "incomplete"
+        raise SlamgymError(
+            f"all {len(complete)} maps are {kind}; a classifier needs both kinds to learn from, "
+            "e.g. explorations that were cut off early (slamgym generate --minutes 2)"
+        )
+    ensemble = ExtraTreesClassifier(
+        n_estimators=config.trees,
+        min_samples_leaf=config.min_leaf,
+        max_features=config.max_features,
+        random_state=config.seed,
+        n_jobs=1,
+    )
+    ensemble.fit(features.astype(np.float32), complete)
+    notes = {"version": __version__, "maps": len(complete), "complete": int(complete.sum())}
+    trees = [estimator.tree_ for estimator in ensemble.estimators_]
+    return _to_model(trees, {**notes, "trees": dataclasses.asdict(config), **(about or {})})
+
+
+@dataclass(frozen=True)
+class CrossFittedModel:
+    """Models of which at least one has seen no map of a given plan.
+
+    The plans are split into parts; each part's model learned from all the others, and ``whole`` from all.
+    """
+
+    whole: CompletenessModel
+    parts: tuple[CompletenessModel, ...]
+    part_of: dict[str, int]
+    """Plan id to its part; other plans are left to ``whole``, which hasn't seen them either."""
+
+    def probabilities(self, features: FloatArray, plan_ids: Sequence[str]) -> FloatArray:
+        """Probability of being complete by a model that has seen no map of the same plan.
+
+        Args:
+            features: (N, 15).
+            plan_ids: (N,).
+
+        Returns:
+            (N,).
+        """
+        part = np.array([self.part_of.get(plan_id, -1) for plan_id in plan_ids], dtype=np.int64)
+        probabilities = np.zeros(len(part))
+        for number in np.unique(part):
+            chosen = part == number
+            model = self.whole if number < 0 else self.parts[number]
+            probabilities[chosen] = model.probabilities(features[chosen])
+        return probabilities
+
+
+def cross_fit(
+    features: FloatArray,
+    complete: BoolArray,
+    plan_ids: Sequence[str],
+    config: Trees,
+    folds: int = 5,
+) -> CrossFittedModel:
+    """Train models for predictions on held-out plans.
+
+    Args:
+        features: (N, 15).
+        complete: (N,).
+        plan_ids: (N,) maps of one plan stay together.
+        config: The settings.
+        folds: Parts into which the plans are split; fewer where there are fewer plans.
+
+    Raises:
+        SlamgymError: If there are less than two plans, or one kind of maps alone
+            is there, in all plans or outside some part.
+    """
+    plans = sorted(set(plan_ids))
+    if len(plans) < 2:
+        raise SlamgymError("held-out plans need at least two plans; add pairs of other plans")
+    count = min(folds, len(plans))
+    order = np.random.default_rng(config.seed).permutation(len(plans))
+    part_of = {plans[place]: number % count for number, place in enumerate(order)}
+    part = np.array([part_of[plan_id] for plan_id in plan_ids])
+    whole = train_completeness(features, complete, config)
+    parts = [
+        train_completeness(features[part != number], complete[part != number], config)
+        for number in range(count)
+    ]
+    return CrossFittedModel(whole, tuple(parts), part_of)
+
+
+def _to_model(trees: Sequence[Any], about: dict[str, Any]) -> CompletenessModel:
+    """Put scikit-learn's trees into one list of nodes."""
+    sizes = [tree.node_count for tree in trees]
+    roots = np.concatenate([[0], np.cumsum(sizes)[:-1]]).astype(np.int64)
+    is_leaf = np.concatenate([tree.children_left == -1 for tree in trees])
+    offset = np.repeat(roots, sizes)
+
+    def child(name: str) -> np.ndarray:
+        return np.where(is_leaf, 0, np.concatenate([getattr(tree, name) for tree in trees]) + offset)
+
+    counts = np.concatenate([tree.value[:, 0, :] for tree in trees])  # (nodes, classes), false before true
+    shares = counts[:, 1] / counts.sum(axis=1)
+    return CompletenessModel(
+        feature=np.where(is_leaf, LEAF, np.concatenate([tree.feature for tree in trees])),
+        threshold=np.where(is_leaf, 0.0, np.concatenate([tree.threshold for tree in trees])),
+        left=child("children_left"),
+        right=child("children_right"),
+        # As stored: a model answers the same before and after it was written.
+        value=np.where(is_leaf, shares, 0.0).astype(np.float32).astype(np.float64),
+        roots=roots,
+        about=about,
+    )
+
+
+def write_model(path: Path, model: CompletenessModel) -> None:
+    """Write a model as an npz file; the same content gives the same bytes."""
+    about = {**model.about, "features": list(FEATURES)}
+    arrays: dict[str, Any] = {
+        "feature": model.feature.astype(np.int8),
+        "threshold": model.threshold,
+        "left": model.left.astype(np.int32),
+        "right": model.right.astype(np.int32),
+        "value": model.value.astype(np.float32),
+        "roots": model.roots.astype(np.int32),
+        "about": np.frombuffer(json.dumps(about).encode(), dtype=np.uint8),
+    }
+    content = io.BytesIO()
+    np.savez_compressed(content, **arrays)
+    write_bytes(path, content.getvalue())
