@@ -24,20 +24,22 @@ from slamgym.core.errors import SlamgymError
 from slamgym.core.types import FREE, BoolArray, Float32Array, FloatArray, GridFrame
 from slamgym.parametric import ParametricConfig, plan_trajectory
 from slamgym.parametric.config import EkfConfig
-from slamgym.parametric.ekf_slam import run_ekf
-from slamgym.parametric.landmarks import landmark_problem
+from slamgym.parametric.ekf_slam import landmark_problem, run_ekf
 from slamgym.parametric.lidar_error import LidarErrors
 from slamgym.parametric.odometry_error import (
+    WHEEL_BASE,
     Increments,
+    PhaseErrors,
     WheelErrors,
     believed_increments,
+    disturb,
     increments_of,
     integrate,
 )
+from slamgym.parametric.paths import pick_scans
 from slamgym.parametric.schur_slam import solve_schur
-from slamgym.parametric.trajectory import pick_scans
-from slamgym.parametric.two_phase import PhaseErrors, disturb, placement_field
 from slamgym.parametric.visibility import observe
+from slamgym.parametric.warp import displacements
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from report import print_and_save
@@ -51,18 +53,16 @@ def runs_of(plan: FloorPlan, kind: str, seed: list[int]) -> dict[str, tuple[Plac
     """All conversions of one run, with their CPU seconds."""
     config = ParametricConfig()
     rng = np.random.default_rng(seed)
-    scans = pick_scans(plan_trajectory(plan, config.motion, rng, kind), config.motion)  # type: ignore[arg-type]
+    scans = pick_scans(plan_trajectory(plan, rng, kind), config.motion)  # type: ignore[arg-type]
     side = max(plan.bounds[2] - plan.bounds[0], plan.bounds[3] - plan.bounds[1])
     frame = GridFrame.covering(plan.bounds, side / (PIXELS - 8), 0.1)
     seen = observe(plan.raster(frame.resolution, frame).cells != FREE, frame, scans.poses, config.scanner)
     poses, motion = scans.poses, increments_of(scans.poses)
     unit = rng.standard_normal(3)
-    wheels = WheelErrors.of_unit(config.odometry, unit)
-    odometry, base = config.odometry, config.odometry.wheel_base
-    believed = believed_increments(motion, wheels, base, odometry.wheel_diameter)
-    ratio = wheels.wheel_base_ratio(base)
+    wheels = WheelErrors.of_unit(unit)
+    believed, ratio = believed_increments(motion, wheels), wheels.wheel_base_ratio
     phases = PhaseErrors(
-        wheels.scale - 1.0, (wheels.diameter_ratio(base) - 1.0) / (ratio * base), 1.0 / ratio - 1.0
+        wheels.scale - 1.0, (wheels.diameter_ratio - 1.0) / (ratio * WHEEL_BASE), 1.0 / ratio - 1.0
     )
     quiet = replace(config.two_phase, s_l=0.0, s_lt=0.0, s_t=0.0)
     found: dict[str, tuple[Placement, float]] = {}
@@ -72,11 +72,13 @@ def runs_of(plan: FloorPlan, kind: str, seed: list[int]) -> dict[str, tuple[Plac
         found[name] = placement(), time.process_time() - begun
 
     def reckoned(increments: Increments) -> Placement:
-        return placement_field(poses, integrate(poses[0], increments), seen), seen.seen
+        return displacements(poses, integrate(poses[0], increments), seen), seen.seen
 
-    def landmarks(ekf: EkfConfig, batched: bool = False) -> Placement:
+    def landmarks(ekf: EkfConfig, batched: bool = False, noise: float = 1.0) -> Placement:
         draws = np.random.default_rng([*seed, 1])
-        problem = landmark_problem(poses, believed, seen, config.scanner.mount_x, LidarErrors(), ekf, draws)
+        problem = landmark_problem(
+            poses, believed, seen, config.scanner.mount_x, LidarErrors(), ekf, draws, noise
+        )
         estimate = run_ekf(problem, 9000) if batched else solve_schur(problem)
         field, known = np.zeros((2, *frame.shape)), np.zeros(frame.shape, dtype=np.bool_)
         rows, cols = np.divmod(problem.cells, frame.width_px)
@@ -84,20 +86,16 @@ def runs_of(plan: FloorPlan, kind: str, seed: list[int]) -> dict[str, tuple[Plac
         known[rows, cols] = True
         return field, known
 
-    def no_information(factor: float) -> EkfConfig:
-        ekf = config.ekf
-        return replace(
-            ekf,
-            sigma_range=factor * ekf.sigma_range,
-            sigma_bearing_deg=factor * ekf.sigma_bearing_deg,
-            noise=1.0 / factor,
-        )
+    def no_information(factor: float) -> Placement:
+        sigmas = factor * config.ekf.sigma_range, factor * config.ekf.sigma_bearing_deg
+        ekf = replace(config.ekf, sigma_range=sigmas[0], sigma_bearing_deg=sigmas[1])
+        return landmarks(ekf, noise=1.0 / factor)
 
     timed("EKF, Schur complement", lambda: landmarks(config.ekf))
     timed("EKF, batched", lambda: landmarks(config.ekf, batched=True))
     timed("EKF, Schur, all landmarks", lambda: landmarks(replace(config.ekf, landmarks_per_scan=0)))
-    timed("EKF that trusts its scans a tenth", lambda: landmarks(no_information(10.0)))
-    timed("EKF that trusts its scans a thousandth", lambda: landmarks(no_information(1000.0)))
+    timed("EKF that trusts its scans a tenth", lambda: no_information(10.0))
+    timed("EKF that trusts its scans a thousandth", lambda: no_information(1000.0))
     timed("dead reckoning of the wheels, (13)-(20)", lambda: reckoned(believed))
     rng_s = np.random.default_rng([*seed, 2])
     timed("two-phase, same robot, no random part", lambda: reckoned(disturb(motion, phases, quiet, rng_s)))

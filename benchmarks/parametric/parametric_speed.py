@@ -64,7 +64,7 @@ def grid_building(rooms_per_side: int) -> FloorPlan:
     return FloorPlan(f"{rooms_per_side} x {rooms_per_side} rooms", floor)
 
 
-def tour_of(rooms_per_side: int, motion: MotionConfig) -> TimedTrajectory:
+def tour_of(rooms_per_side: int) -> TimedTrajectory:
     """Through every room, row by row, and back again."""
     order = [
         (i if j % 2 == 0 else rooms_per_side - 1 - i, j)
@@ -78,7 +78,7 @@ def tour_of(rooms_per_side: int, motion: MotionConfig) -> TimedTrajectory:
         else:
             points.append(((i + 0.35) * ROOM + 0.5, m * ROOM))
         points.append(((k + 0.5) * ROOM, (m + 0.5) * ROOM))
-    return drive(Waypoints(np.array(points + points[-2::-1])), motion)
+    return drive(Waypoints(np.array(points + points[-2::-1])))
 
 
 def seconds(
@@ -101,9 +101,9 @@ def main() -> None:
     cv2.setNumThreads(1)
     home, block, tower = grid_building(2), grid_building(4), grid_building(12)
     motion = MotionConfig(scan_spacing=0.25, scan_angle=0.35)
-    home_path = tour_of(2, motion)
-    block_path = tour_of(4, motion)
-    tower_path = tour_of(12, motion)
+    home_path = tour_of(2)
+    block_path = tour_of(4)
+    tower_path = tour_of(12)
     cases: list[tuple[ConversionMethod, FloorPlan, TimedTrajectory, int, int]] = [
         ("two_phase", home, home_path, 64, 0),
         ("two_phase", home, home_path, 256, 0),

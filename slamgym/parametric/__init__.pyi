@@ -1,8 +1,14 @@
-from .config import ParametricConfig, SensingConfig
+from .config import ParametricConfig, SensingConfig, preset, realistic
 from .model import Deformation, deform
-from .paths import plan_trajectory, read_waypoints, trajectory_from_file
-from .presets import preset, realistic
-from .trajectory import TimedTrajectory, Waypoints, drive, from_recorded
+from .paths import (
+    TimedTrajectory,
+    Waypoints,
+    drive,
+    from_recorded,
+    plan_trajectory,
+    read_waypoints,
+    trajectory_from_file,
+)
 from .warp import densify, invert, warp
 
 __all__ = [

@@ -12,11 +12,11 @@ from pathlib import Path
 
 import numpy as np
 
-from slamgym.core.config import suggest
+from slamgym.core.config import from_dict
 from slamgym.core.documents import parse_json
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.files import read_bytes, write_text
-from slamgym.core.limits import DOCUMENT_BYTES, shown
+from slamgym.core.limits import DOCUMENT_BYTES
 from slamgym.core.types import FloatArray
 from slamgym.parametric.config import TwoPhaseConfig
 
@@ -77,16 +77,13 @@ def read_calibration(path: Path | str) -> TwoPhaseConfig:
     """
     document = parse_json(read_bytes(path, DOCUMENT_BYTES), path)
     values = document.get("two_phase") if isinstance(document, dict) else None
-    names = set(TwoPhaseConfig.__dataclass_fields__)
     if not isinstance(values, dict):
         raise InputFileError(path, 'has no section "two_phase"; write it with slamgym calibrate-odometry')
-    for name in values:
-        if name not in names:
-            raise InputFileError(path, f"unknown coefficient {shown(name)}; {suggest(name, names)}")
-    for name in sorted(names):
-        value = values.get(name)
-        if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 <= value < float("inf"):
-            raise InputFileError(
-                path, f"coefficient {name!r} must be a number of 0 or more, not {shown(value)}"
-            )
-    return TwoPhaseConfig(**{name: float(values[name]) for name in names})
+    try:
+        coefficients = from_dict(TwoPhaseConfig, values)
+    except ConfigError as error:
+        raise InputFileError(path, str(error)) from error
+    missing = sorted(asdict(coefficients).keys() - values.keys())
+    if missing:
+        raise InputFileError(path, f"has no coefficient {missing[0]!r}")
+    return coefficients

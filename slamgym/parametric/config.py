@@ -1,8 +1,7 @@
-"""Settings of the parametric CAD -> SLAM model, with the sources of their default magnitudes.
+"""Settings of the parametric CAD -> SLAM model with the sources of their default magnitudes, and presets.
 
-Every magnitude that no source settles is a named field, so that a reader who has the missing table can put
-the real number in. "OptiOdom" is the public data set of that name (a differential drive robot tracked by
-cameras; MIT licence), from which the odometry magnitudes were computed.
+"OptiOdom" is the public data set of that name (a differential drive robot tracked by cameras; MIT licence), from which
+the odometry magnitudes were computed. Magnitudes that nothing changes but the severity stand next to their formulas.
 """
 
 import dataclasses
@@ -10,31 +9,24 @@ import math
 from dataclasses import field
 from typing import Annotated, Literal, TypeVar
 
-from slamgym.core.config import NonNegative, Positive, Settings, Share, Within
+from slamgym.core.config import NonNegative, Positive, Settings, Share, Within, suggest
 from slamgym.core.errors import ConfigError
 from slamgym.sim.clutter import ClutterConfig
-from slamgym.sim.lidar import LidarConfig, lidar_level
+from slamgym.sim.lidar import Lidar, LidarConfig, lidar_level
 from slamgym.sim.robot import RobotConfig
+from slamgym.sim.wheel_odometry import OdometryConfig
 from slamgym.slam.config import MotionNoise, SlamConfig
 
 _SettingsT = TypeVar("_SettingsT", bound=Settings)
 ConversionMethod = Literal["ekf_schur", "ekf", "two_phase", "scan_matching"]
 
-_ROBOT, _SCANNER = RobotConfig(), LidarConfig()
+_SCANNER = LidarConfig()
 """What the simulator drives, with the sources of its figures."""
 
 
 class MotionConfig(Settings, section="motion"):
-    """How the robot drives along its waypoints, and where it takes a scan."""
+    """Where the robot takes a scan on its way."""
 
-    max_linear: float = _ROBOT.max_linear
-    """[m/s]"""
-    max_angular: float = _ROBOT.max_angular
-    """[rad/s]"""
-    linear_acceleration: float = _ROBOT.linear_acceleration
-    """[m/s^2]"""
-    angular_acceleration: float = _ROBOT.angular_acceleration
-    """[rad/s^2]"""
     scan_spacing: float = 0.15
     """[m] of driving between two scans that enter the map."""
     scan_angle: float = 0.2
@@ -42,8 +34,6 @@ class MotionConfig(Settings, section="motion"):
     scan_interval: Annotated[float, Within(gt=0.0, infinite=True)] = math.inf
     """[s] between two scans that enter the map at the latest; GMapping's temporalUpdate is 0.5 s on a
     TurtleBot3."""
-    clearance: float = _ROBOT.radius + 0.03
-    """[m] that a planned path keeps from walls: the robot's radius and a margin."""
 
 
 class ScannerConfig(Settings, section="scanner"):
@@ -61,62 +51,6 @@ class ScannerConfig(Settings, section="scanner"):
     """[m] of the scanner ahead of the axle."""
 
 
-class LidarErrorConfig(Settings, section="lidar"):
-    """Exteroceptive model: systematic range and bearing errors, noise, and Thrun's beam mixture.
-
-    The systematic coefficients are drawn once per robot from zero-mean normals with these standard
-    deviations: dD = a0 + a1 D, da = b1 a + b2 sin a + b3 cos a + b4 sin 2a + b5 cos 2a + b6 / D (the terms of
-    Mader, Westfeld and Maas 2014). Their table was not available; the defaults keep within the 0.2 % of range
-    and 0.2 deg that its abstract reports.
-    """
-
-    a0: float = 0.005
-    """[m] constant range error."""
-    a1: float = 0.002
-    """[-] range scale error."""
-    b1: float = 0.0003
-    """[-] bearing scale error."""
-    b2: float = math.radians(0.1)
-    """[rad] sin a."""
-    b3: float = math.radians(0.1)
-    """[rad] cos a."""
-    b4: float = math.radians(0.05)
-    """[rad] sin 2a."""
-    b5: float = math.radians(0.05)
-    """[rad] cos 2a."""
-    b6: float = math.radians(0.01)
-    """[rad m] over D."""
-    sigma_range: float = 0.01
-    """[m] noise of a range."""
-    sigma_bearing: float = math.radians(0.2)
-    """[rad] noise of a bearing."""
-    weight_hit: Share = 0.95
-    """[-] share of beams that measure the wall; the others lose it."""
-    weight_short: Share = 0.03
-    """[-] share of beams that meet something in front of it."""
-    weight_max: Share = 0.01
-    """[-] share of beams without return."""
-    weight_rand: Share = 0.01
-    """[-] share of beams with any range."""
-    median_px: int = 5
-    """[px] window of the median filter over the hits; 0 leaves it out."""
-
-
-class OdometryErrorConfig(Settings, section="odometry"):
-    """Proprioceptive model: the wheel errors of UMBmark, drawn once per robot (standard deviations)."""
-
-    wheel_base: float = _ROBOT.wheel_separation
-    """[m]"""
-    wheel_diameter: float = 2.0 * _ROBOT.wheel_radius
-    """[m]"""
-    alpha_eb_deg: float = 1.0
-    """[deg] error of a quarter turn through the wheel base; rms 0.98 over 8 OptiOdom sets."""
-    kappa_deg: float = 0.23
-    """[deg/m] curvature of a straight line through unequal wheels; rms 0.23 over the same sets."""
-    scale: float = 0.002
-    """[-] error of the mean wheel diameter."""
-
-
 class TwoPhaseConfig(Settings, section="two_phase"):
     """Empirical method after Souza et al. 2008: errors of straight lines and of turns in place.
 
@@ -124,17 +58,17 @@ class TwoPhaseConfig(Settings, section="two_phase"):
     ``slamgym.parametric.calibration`` measures them on the simulated robot instead.
     """
 
-    k_l: float = 0.003
+    k_l: NonNegative = 0.003
     """[-] distance error per metre driven."""
-    k_lt: float = 0.006
+    k_lt: NonNegative = 0.006
     """[rad/m] heading error per metre driven."""
-    k_t: float = 0.010
+    k_t: NonNegative = 0.010
     """[-] heading error per radian turned."""
-    s_l: float = 0.0005
+    s_l: NonNegative = 0.0005
     """[m/sqrt(m)] random distance error."""
-    s_lt: float = 0.004
+    s_lt: NonNegative = 0.004
     """[rad/sqrt(m)] random heading error of driving."""
-    s_t: float = 0.0035
+    s_t: NonNegative = 0.0035
     """[rad/sqrt(rad)] random heading error of turning."""
 
 
@@ -149,20 +83,8 @@ class EkfConfig(Settings, section="ekf"):
     """[m] noise of a measured range; never below the cell's own r/sqrt(12)."""
     sigma_bearing_deg: float = 1.0
     """[deg] noise of a measured bearing."""
-    noise: float = 1.0
-    """[-] noise that the measurements really have, as a share of what the filter assumes."""
     landmarks_per_scan: int = 10
     """At most so many landmarks update the filter per scan; 0 takes all."""
-    sigma_distance_floor: float = 0.002
-    """[m] floor of an increment's standard deviation (its systematic part is the paper's)."""
-    sigma_lateral: float = 0.0005
-    """[m] sideways slip per increment; small, it only keeps the increments' covariance regular."""
-    sigma_heading_floor_deg: float = 0.1
-    """[deg] floor of an increment's heading standard deviation."""
-    max_landmarks: int = 4000
-    """The batched filter's covariance grows with the square of this; more landmarks are refused."""
-    iterations: int = 2
-    """Linearisations of the Schur solution; the first is about the true path."""
 
 
 class MatchingConfig(Settings, section="matching"):
@@ -190,8 +112,6 @@ class MatchingConfig(Settings, section="matching"):
     least_beams: int = 30
     """Scans with fewer beams on known walls are not matched and odometry stands: six tenths of GMapping's
     minimumScore, as beams beside known cells score, too."""
-    beam_skip: int = 0
-    """Beams left out between two that are matched."""
     usable_range: Positive = 3.0
     """[m] Longer beams are not matched."""
 
@@ -211,10 +131,6 @@ class RenderConfig(Settings, section="render"):
     renderer: Literal["warp", "scans"] = "warp"
     """warp: the CAD map pulled through the displacement field, unknown where nobody looked; scans: the
     simulator's scans drawn at their believed poses by the mapper's own counts (``sensing``)."""
-    smoothing: float = 0.1
-    """[m] Gaussian over the densified field; 2 px of a 256 px map at 0.05 m."""
-    inversions: int = 6
-    """Fixed-point iterations from true to output pixels."""
 
 
 class ParametricConfig(Settings):
@@ -226,49 +142,23 @@ class ParametricConfig(Settings):
     leaves of it."""
     resolution: Positive = 0.05
     """[m/px]"""
-    margin: float = 0.5
-    """[m] of unknown round the plan, room for the drift."""
     severity: NonNegative = 1.0
     """[-] multiplies every magnitude; 0 gives the CAD map back where the robot looked."""
     motion: MotionConfig = field(default_factory=MotionConfig)
     scanner: ScannerConfig = field(default_factory=ScannerConfig)
-    lidar: LidarErrorConfig = field(default_factory=LidarErrorConfig)
-    odometry: OdometryErrorConfig = field(default_factory=OdometryErrorConfig)
     two_phase: TwoPhaseConfig = field(default_factory=TwoPhaseConfig)
     ekf: EkfConfig = field(default_factory=EkfConfig)
     matching: MatchingConfig = field(default_factory=MatchingConfig)
     sensing: SensingConfig = field(default_factory=SensingConfig)
     render: RenderConfig = field(default_factory=RenderConfig)
 
-    def _check(self) -> None:
-        lidar = self.lidar
-        weights = (lidar.weight_hit, lidar.weight_short, lidar.weight_max, lidar.weight_rand)
-        if not math.isclose(sum(weights), 1.0, abs_tol=1e-6):
-            raise ConfigError(f"the four beam weights must sum to 1, not {weights}")
-
 
 def scaled(config: ParametricConfig) -> ParametricConfig:
-    """The same settings with the severity multiplied into every magnitude, and severity 1.
-
-    Shares of stray beams grow with the severity until none hits; variances, not means, of the draws scale.
-    """
-    s, lidar, matching = config.severity, config.lidar, config.matching
-    stray = lidar.weight_short + lidar.weight_max + lidar.weight_rand
-    factor = min(s, 1.0 / stray) if stray > 0.0 else 0.0
-    short, long, rand = (w * factor for w in (lidar.weight_short, lidar.weight_max, lidar.weight_rand))
+    """The same settings with the severity multiplied into every magnitude among them."""
+    s, matching = config.severity, config.matching
     return dataclasses.replace(
         config,
-        severity=1.0,
-        lidar=dataclasses.replace(
-            _times(lidar, s, "a0 a1 b1 b2 b3 b4 b5 b6 sigma_range sigma_bearing"),
-            weight_hit=1.0 - short - long - rand,
-            weight_short=short,
-            weight_max=long,
-            weight_rand=rand,
-        ),
-        odometry=_times(config.odometry, s, "alpha_eb_deg kappa_deg scale"),
         two_phase=_times(config.two_phase, s, "k_l k_lt k_t s_l s_lt s_t"),
-        ekf=_times(config.ekf, s, "noise"),
         matching=dataclasses.replace(
             _times(matching, s, "wander scatter noise"), lag=min(1.0, s * matching.lag)
         ),
@@ -288,4 +178,86 @@ def _scaled_lidar(lidar: LidarConfig, s: float) -> LidarConfig:
     shares = {name: min(1.0, s * getattr(lidar, name)) for name in ("lost", "stray", "bursts")}
     return dataclasses.replace(
         lidar, sigma=s * lidar.sigma, sigma_relative=s * lidar.sigma_relative, bias=s * lidar.bias, **shares
+    )
+
+
+PRESET_NAMES = ("faithful", "realistic")
+_FIELD_BEAMS = 180  # say where a map of scans is displaced; all beams draw it
+
+
+def preset(name: str) -> ParametricConfig:
+    """The settings of a named preset.
+
+    Args:
+        name: ``faithful``: the paper's model with its misprints corrected; ``realistic``: :func:`realistic` with
+            the simulator's default robot.
+
+    Raises:
+        ConfigError: If the name is unknown.
+    """
+    if name == "faithful":
+        return ParametricConfig()
+    if name == "realistic":
+        return realistic(SensingConfig(), OdometryConfig())
+    raise ConfigError(f"unknown preset {name!r}; {suggest(name, PRESET_NAMES)}")
+
+
+def realistic(sensing: SensingConfig, odometry: OdometryConfig) -> ParametricConfig:
+    """Maps that look like those of a simulated robot: its sensors and mapper, but for the search of the match.
+
+    Args:
+        sensing: Laser, furniture and mapper.
+        odometry: The robot's wheels.
+    """
+    slam, lidar = sensing.slam, sensing.lidar
+    return ParametricConfig(
+        method="scan_matching",
+        resolution=slam.resolution,
+        motion=MotionConfig(
+            slam.linear_update,
+            slam.angular_update,
+            math.inf if slam.temporal_update is None else slam.temporal_update,
+        ),
+        scanner=ScannerConfig(
+            field_of_view=math.radians(lidar.field_of_view_deg),
+            range_min=lidar.range_min,
+            range_max=min(lidar.range_max, slam.max_usable_range),
+            num_beams=min(lidar.num_beams, _FIELD_BEAMS),
+            mount_x=lidar.mount[0],
+        ),
+        two_phase=TwoPhaseConfig(
+            k_l=odometry.scale_std,
+            k_lt=odometry.diameter_ratio_std / RobotConfig().wheel_separation,
+            k_t=odometry.wheelbase_ratio_std,
+            s_l=odometry.slip_distance,
+            s_lt=odometry.slip_drift,
+            s_t=odometry.slip_turn,
+        ),
+        matching=_matching_of(sensing, odometry),
+        sensing=sensing,
+        render=RenderConfig("scans"),
+    )
+
+
+def _matching_of(sensing: SensingConfig, odometry: OdometryConfig) -> MatchingConfig:
+    """The matcher that stands for a mapper whose robot has such wheels."""
+    slam, fitted = sensing.slam, MatchingConfig()
+    if slam.matcher == "coarse_to_fine":
+        fitted = MatchingConfig(
+            gain=0.9, prior=26.0, lag=0.04, wander=0.0, scatter=0.02, thin_wall=0.1, least_beams=10
+        )
+    elif Lidar(sensing.lidar).depends_on_place:
+        fitted = MatchingConfig(wander=0.0, scatter=0.17)
+    motion, drawn = slam.motion, slam.drawn_noise
+    if slam.learn_odometry:
+        # What it takes the noise for, at steps of a decimetre and a decirad.
+        root, drawn = math.sqrt(0.1), 1.0
+        slips = (odometry.slip_distance, odometry.slip_drift, 0.0, odometry.slip_turn)
+        motion = MotionNoise(*(slip / root for slip in slips))
+    return dataclasses.replace(
+        fitted,
+        noise=0.0 if slam.mode == "scan_matching" else fitted.noise * drawn,
+        motion=motion,
+        least_beams=round(0.6 * slam.minimum_score) or fitted.least_beams,
+        usable_range=slam.max_usable_range,
     )

@@ -5,7 +5,6 @@ odometry, their conversion to an error of the map, and the map with that error i
 """
 
 import math
-import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -25,17 +24,31 @@ from slamgym.core.types import (
     Trajectory,
 )
 from slamgym.parametric.config import ParametricConfig, scaled
-from slamgym.parametric.conversion import ConversionInput, DeformStreams, convert, draw_robot
-from slamgym.parametric.lidar_error import HIT, wall_beams
-from slamgym.parametric.odometry_error import increments_of
-from slamgym.parametric.render import observed_cad
-from slamgym.parametric.robot_scans import RobotScans, drawn_map, furniture_beside, take_scans
-from slamgym.parametric.trajectory import TimedTrajectory, check_path_is_free, pick_scans
+from slamgym.parametric.ekf_slam import landmark_problem, run_ekf
+from slamgym.parametric.lidar_error import LidarErrors, observed_cad, wall_beams
+from slamgym.parametric.odometry_error import (
+    Increments,
+    PhaseErrors,
+    WheelErrors,
+    believed_increments,
+    disturb,
+    increments_of,
+    integrate,
+)
+from slamgym.parametric.paths import TimedTrajectory, check_path_is_free, pick_scans
+from slamgym.parametric.robot_scans import drawn_map, furniture_beside, take_scans
+from slamgym.parametric.scan_matching import matched_path
+from slamgym.parametric.schur_slam import solve_schur
 from slamgym.parametric.visibility import Visibility, observe
-from slamgym.parametric.warp import densify, invert, warp
+from slamgym.parametric.warp import densify, displacements, invert, warp
 
 if TYPE_CHECKING:
     from slamgym.cad.floorplan import FloorPlan
+
+DRIFT_MARGIN = 0.5
+"""Unknown space round the plan, room for the drift [m]."""
+_SMOOTHING = 0.1
+"""Gaussian over the densified field [m]: 2 px of a 256 px map at 0.05 m."""
 
 
 @dataclass(frozen=True)
@@ -49,10 +62,17 @@ class Deformation:
     true: Trajectory  # poses of the scans
     odometry: Trajectory  # what the wheels alone believed
     believed: Trajectory  # where the scans were drawn
-    scans: RobotScans | None  # what the simulator's robot measured, where it was asked for
     parameters: dict[str, Any]  # what was drawn, in JSON form
     config: ParametricConfig
-    seconds: dict[str, float]  # wall time of the steps
+
+
+@dataclass(frozen=True)
+class _Robot:
+    """The systematic errors of one robot, drawn once; wheels and phases are two descriptions of the same."""
+
+    wheels: WheelErrors
+    phases: PhaseErrors
+    lidar: LidarErrors
 
 
 def deform(
@@ -69,11 +89,11 @@ def deform(
 
     Args:
         plan: The building.
-        trajectory: True path, from :func:`slamgym.parametric.trajectory.drive` or
-            :func:`slamgym.parametric.trajectory.from_recorded`.
+        trajectory: True path, from :func:`slamgym.parametric.paths.drive` or
+            :func:`slamgym.parametric.paths.from_recorded`.
         config: The model; the faithful preset if left out.
         rng: Source of all randomness; equal seeds give equal bytes. Left out: seed 0.
-        frame: Grid of the map; by default the plan with ``config.margin``, and more where the drift carries
+        frame: Grid of the map; by default the plan with :data:`DRIFT_MARGIN`, and more where the drift carries
             walls beyond it.
 
     Returns:
@@ -84,104 +104,117 @@ def deform(
         PlanError: If the plan has no free cell at this resolution.
     """
     given = config or ParametricConfig()
-    model = scaled(given)
-    streams = DeformStreams(*(rng or np.random.default_rng(0)).spawn(6))
-    clock = _StopWatch()
+    model, draws_scans = scaled(given), given.render.renderer == "scans"
+    # One stream per cause, so that a seed gives one robot to every method; the fourth is unused: seeds keep their maps.
+    of_odometry, of_lidar, of_noise, _, of_scans, of_beams = (rng or np.random.default_rng(0)).spawn(6)
     check_path_is_free(trajectory.poses[:, :2], plan.free_space, "the trajectory", "pose")
     framed = frame is not None
     if frame is None:
-        frame = GridFrame.covering(plan.bounds, model.resolution, model.margin)
-        if model.render.renderer == "scans":
+        frame = GridFrame.covering(plan.bounds, model.resolution, DRIFT_MARGIN)
+        if draws_scans:
             frame = _on_lattice(frame, trajectory.poses[0, :2])
     cad = plan.raster(frame.resolution, frame)
     occupied = cad.cells != FREE
     if occupied.all():
         raise PlanError(plan.id, "has no free cell; use a finer resolution or another plan")
-    scans = pick_scans(trajectory, model.motion)
-    clock.lap("plan and trajectory")
-
-    visibility = observe(occupied, frame, scans.poses, model.scanner)
-    clock.lap("visibility")
-
-    robot = draw_robot(model, streams)
-    motion = increments_of(scans.poses)
-    sensed = None
-    if model.method == "scan_matching" or model.render.renderer == "scans":
-        of_furniture, of_errors = streams.scans.spawn(2)
+    path = pick_scans(trajectory, model.motion)
+    visibility = observe(occupied, frame, path.poses, model.scanner)
+    unit = of_odometry.standard_normal(3)
+    robot = _Robot(
+        WheelErrors.of_unit(unit, model.severity),
+        PhaseErrors.of_unit(model.two_phase, unit),
+        LidarErrors.draw(of_lidar, model.severity),
+    )
+    scans = None
+    if model.method == "scan_matching" or draws_scans:
+        of_furniture, of_errors = of_scans.spawn(2)
         furniture = furniture_beside(trajectory.poses[:, :2], plan, model.sensing.clutter, of_furniture)
-        sensed = take_scans(plan, furniture, scans, model.sensing.lidar, of_errors)
-        clock.lap("scans")
-    run = ConversionInput(scans.poses, motion, visibility, robot, model, streams, scans.stamps, sensed)
-    conversion = convert(run)
-    clock.lap("conversion")
+        scans = take_scans(plan, furniture, path, model.sensing.lidar, of_errors)
 
-    beams = wall_beams(visibility, robot.lidar, model.lidar, model.scanner, streams.beams)
-    forward = conversion.field
+    if model.method in ("ekf", "ekf_schur"):
+        forward, known, controls, believed = _landmark_slam(model, path.poses, visibility, robot, of_noise)
+    else:
+        controls = disturb(increments_of(path.poses), robot.phases, model.two_phase, of_noise)
+        believed = integrate(path.poses[0], controls)
+        if scans is not None and model.method == "scan_matching":
+            rate, skip = model.sensing.lidar.rate, model.sensing.slam.beam_skip
+            steps = np.maximum(1.0, np.round(np.diff(path.stamps) * rate))
+            believed = matched_path(scans, controls, steps, frame, model.matching, skip, of_noise)
+        forward, known = displacements(path.poses, believed, visibility), visibility.seen
+    beams = wall_beams(visibility, robot.lidar, model.scanner.range_max, model.severity, of_beams)
     if model.method == "two_phase":
         # The other methods have taken the LIDAR's errors in as measurements; here they are added.
-        forward = forward + densify(beams.field, beams.component == HIT, 0.0)
-    forward = densify(forward, conversion.known, model.render.smoothing / frame.resolution)
-    drawn = None
-    if model.render.renderer == "scans" and sensed is not None:
-        drawn = drawn_map(sensed, conversion.believed, frame, model.sensing.slam)
-        clock.lap("map")
+        forward = forward + densify(beams.field, beams.hit, 0.0)
+    forward = densify(forward, known, _SMOOTHING / frame.resolution)
+
+    drawn = (
+        drawn_map(scans, believed, frame, model.sensing.slam) if scans is not None and draws_scans else None
+    )
     # Where the caller leaves the frame open, it grows until nothing lies beyond the picture.
     pad = 0
     if not framed:
         pad = _drift_px(forward, visibility, frame) if drawn is None else _beyond_px(drawn.frame, frame)
     frame, forward = _padded(frame, pad), np.pad(forward, ((0, 0), (pad, pad), (pad, pad)), mode="edge")
-    field = invert(forward, frame.resolution, model.render.inversions)
-    clock.lap("field")
-
+    field = invert(forward, frame.resolution)
     if drawn is not None:
         cells = np.full(frame.shape, UNKNOWN, np.uint8)
-        top, left = _corner_of(drawn.frame, frame)
+        top, left = frame.to_cell(*drawn.frame.to_point(0, 0))
         paste(cells, drawn.cells, -top, -left)
     else:
         picture = np.pad(observed_cad(occupied, visibility, beams), pad, constant_values=UNKNOWN)
         cells = warp(picture, field, frame.resolution, UNKNOWN)
-    clock.lap("map")
-
     return Deformation(
         grid=OccupancyGrid(cells, frame),
         cad=cad if pad == 0 else plan.raster(frame.resolution, frame),
         field=field,
         seen=np.pad(visibility.seen, pad),
-        true=scans.as_trajectory(),
-        odometry=Trajectory(scans.stamps, conversion.odometry),
-        believed=Trajectory(scans.stamps, conversion.believed),
-        scans=sensed,
+        true=path.as_trajectory(),
+        odometry=Trajectory(path.stamps, integrate(path.poses[0], controls)),
+        believed=Trajectory(path.stamps, believed),
         parameters=to_dict(robot),
         config=given,
-        seconds=clock.laps,
     )
+
+
+def _landmark_slam(
+    model: ParametricConfig,
+    poses: FloatArray,
+    visibility: Visibility,
+    robot: _Robot,
+    rng: np.random.Generator,
+) -> tuple[Float32Array, BoolArray, Increments, FloatArray]:
+    """EKF-SLAM over wall cells, batched or as one least-squares problem.
+
+    Returns:
+        Displacements [m] on true cells (2, H, W), which are known (H, W), believed increments, and poses (T, 3).
+    """
+    controls = believed_increments(increments_of(poses), robot.wheels)
+    problem = landmark_problem(
+        poses, controls, visibility, model.scanner.mount_x, robot.lidar, model.ekf, rng, model.severity
+    )
+    estimate = run_ekf(problem) if model.method == "ekf" else solve_schur(problem)
+    rows, cols = np.divmod(problem.cells, visibility.frame.width_px)
+    field = np.zeros((2, *visibility.frame.shape), dtype=np.float32)
+    field[:, rows, cols] = (problem.points - estimate.landmarks).T
+    known = np.zeros(visibility.frame.shape, dtype=np.bool_)
+    known[rows, cols] = True
+    return field, known, controls, estimate.poses
 
 
 def _drift_px(forward: Float32Array, visibility: Visibility, frame: GridFrame) -> int:
     """Cells by which the map must grow on every side to hold all displaced walls, at most half its size."""
-    rows, cols = np.nonzero(visibility.cells.best >= 0)
-    new_rows = rows + forward[1, rows, cols] / frame.resolution
-    new_cols = cols - forward[0, rows, cols] / frame.resolution
-    over = (
-        -new_rows.min(initial=0.0),
-        -new_cols.min(initial=0.0),
-        new_rows.max(initial=0.0) - (frame.height_px - 1),
-        new_cols.max(initial=0.0) - (frame.width_px - 1),
-    )
+    walls = np.nonzero(visibility.cells.best >= 0)
+    down, left = forward[1][walls] / frame.resolution, forward[0][walls] / frame.resolution
+    placed = np.column_stack([walls[0] + down, walls[1] - left])
+    beyond = placed - (np.array(frame.shape) - 1)
+    over = max(-placed.min(initial=0.0), beyond.max(initial=0.0))
     # Dead reckoning over kilometres drifts without bound; a picture that follows it is of no use.
-    return min(max(0, math.ceil(max(over))), max(frame.shape) // 2)
-
-
-def _corner_of(inner: GridFrame, frame: GridFrame) -> tuple[int, int]:
-    """Row and column of a frame's upper left cell in another of the same lattice."""
-    left = round((inner.origin_x - frame.origin_x) / frame.resolution)
-    bottom = round((inner.origin_y - frame.origin_y) / frame.resolution)
-    return frame.height_px - bottom - inner.height_px, left
+    return min(math.ceil(over), max(frame.shape) // 2)
 
 
 def _beyond_px(inner: GridFrame, frame: GridFrame) -> int:
     """Cells by which a frame must grow on every side to hold another of the same lattice."""
-    top, left = _corner_of(inner, frame)
+    top, left = frame.to_cell(*inner.to_point(0, 0))
     bottom, right = top + inner.height_px - frame.height_px, left + inner.width_px - frame.width_px
     return max(0, -top, -left, bottom, right)
 
@@ -198,23 +231,5 @@ def _on_lattice(frame: GridFrame, start: FloatArray) -> GridFrame:
 
 def _padded(frame: GridFrame, pad: int) -> GridFrame:
     """The frame with ``pad`` more cells on every side."""
-    return GridFrame(
-        frame.resolution,
-        frame.origin_x - pad * frame.resolution,
-        frame.origin_y - pad * frame.resolution,
-        frame.height_px + 2 * pad,
-        frame.width_px + 2 * pad,
-    )
-
-
-class _StopWatch:
-    """Wall time per step [s]."""
-
-    def __init__(self) -> None:
-        self.laps: dict[str, float] = {}
-        self._last = time.perf_counter()
-
-    def lap(self, name: str) -> None:
-        now = time.perf_counter()
-        self.laps[name] = now - self._last
-        self._last = now
+    r, x, y, height, width = frame
+    return GridFrame(r, x - pad * r, y - pad * r, height + 2 * pad, width + 2 * pad)

@@ -1,7 +1,9 @@
 """Proprioceptive model: what a differential drive with wrong wheel parameters believes about its motion.
 
+Two descriptions of one robot: wrong wheels (UMBmark), and the errors of straight lines and turns in place, after
+Souza, Santana, Britto, Goncalves and Medeiros, *Representation of Odometry Errors on Occupancy Grids* (ICINCO 2008).
 Equation numbers are those of Daher, Chakhachiro and Asmar (*From SLAM to CAD Maps and Back Using Generative
-Models*), corrected: docs/parametric.md lists the misprints. Sources: Borenstein and Feng 1996 (UMBmark), Jung
+Models*), corrected: docs/parametric.md lists the misprints. Sources of the wheels: Borenstein and Feng 1996, Jung
 and Chung 2011.
 
 Convention: the given trajectory is the *true* one, it stays in free space; the *believed* one is integrated
@@ -10,16 +12,26 @@ from the increments below and starts at the same pose.
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from slamgym.core.geometry import wrap_angle
 from slamgym.core.types import FloatArray
-from slamgym.parametric.config import OdometryErrorConfig
+from slamgym.parametric.config import TwoPhaseConfig
+from slamgym.sim.robot import RobotConfig
+
+_ROBOT = RobotConfig()
+WHEEL_BASE, WHEEL_DIAMETER = _ROBOT.wheel_separation, 2.0 * _ROBOT.wheel_radius  # nominal [m]
+_ALPHA_EB_DEG = 1.0
+"""Spread of the error of a quarter turn through the wheel base [deg]; rms 0.98 over 8 OptiOdom sets."""
+_KAPPA_DEG = 0.23
+"""Spread of the curvature of a straight line through unequal wheels [deg/m]; rms 0.23 over the same sets."""
+_SCALE = 0.002
+"""Spread of the error of the mean wheel diameter [-]."""
 
 
-@dataclass(frozen=True)
-class Increments:
+class Increments(NamedTuple):
     """Motion between successive poses, split as eqs. (18)-(20) need it."""
 
     distance: FloatArray  # (T - 1,) [m] along the mean heading of the two poses, negative backwards
@@ -36,27 +48,48 @@ class WheelErrors:
     scale: float = 1.0  # [-] E_s, mean wheel diameter over nominal
 
     @classmethod
-    def of_unit(cls, config: OdometryErrorConfig, unit: FloatArray) -> "WheelErrors":
+    def of_unit(cls, unit: FloatArray, severity: float = 1.0) -> "WheelErrors":
         """The robot of three draws (3,) from the standard normal: wheel diameters, wheel base, scale."""
         return cls(
-            kappa=math.radians(config.kappa_deg) * float(unit[0]),
-            alpha_eb=math.radians(config.alpha_eb_deg) * float(unit[1]),
-            scale=1.0 + config.scale * float(unit[2]),
+            kappa=math.radians(severity * _KAPPA_DEG) * float(unit[0]),
+            alpha_eb=math.radians(severity * _ALPHA_EB_DEG) * float(unit[1]),
+            scale=1.0 + severity * _SCALE * float(unit[2]),
         )
 
-    def alpha_ed(self, wheel_base: float) -> float:
-        """Error of a quarter turn through unequal wheels [rad]: Jung and Chung's pi b beta / (4 L)."""
-        return math.pi * wheel_base * self.kappa / 4.0
-
-    def wheel_base_ratio(self, wheel_base: float) -> float:
+    @property
+    def wheel_base_ratio(self) -> float:
         """E_b = b_actual / b_nominal, eq. (13) in radians."""
+        # Error of a quarter turn through unequal wheels: Jung and Chung's pi b beta / (4 L).
+        alpha_ed = math.pi * WHEEL_BASE * self.kappa / 4.0
         quarter = math.pi / 2.0
-        return quarter / (quarter - (self.alpha_eb + self.alpha_ed(wheel_base)))
+        return quarter / (quarter - (self.alpha_eb + alpha_ed))
 
-    def diameter_ratio(self, wheel_base: float) -> float:
+    @property
+    def diameter_ratio(self) -> float:
         """E_d = D_right / D_left, eq. (14) with R = 1 / kappa, once per robot."""
-        half = 0.5 * self.wheel_base_ratio(wheel_base) * wheel_base
+        half = 0.5 * self.wheel_base_ratio * WHEEL_BASE
         return (1.0 + self.kappa * half) / (1.0 - self.kappa * half)
+
+
+@dataclass(frozen=True)
+class PhaseErrors:
+    """Systematic coefficients of one robot, drawn once."""
+
+    k_l: float = 0.0  # [-]
+    k_lt: float = 0.0  # [rad/m]
+    k_t: float = 0.0  # [-]
+
+    @classmethod
+    def of_unit(cls, config: TwoPhaseConfig, unit: FloatArray) -> "PhaseErrors":
+        """The robot that :meth:`WheelErrors.of_unit` makes of the same draws (3,), to first order.
+
+        A line bends by k_lt = (E_d - 1) / b, a turn errs by k_t = 1 / E_b - 1: a wider base turns less.
+        """
+        return cls(
+            k_l=config.k_l * float(unit[2]),
+            k_lt=config.k_lt * float(unit[0]),
+            k_t=-config.k_t * float(unit[1]),
+        )
 
 
 def increments_of(poses: FloatArray) -> Increments:
@@ -65,11 +98,7 @@ def increments_of(poses: FloatArray) -> Increments:
     turn = np.asarray(wrap_angle(np.diff(poses[:, 2])))
     middle = poses[:-1, 2] + 0.5 * turn
     cos, sin = np.cos(middle), np.sin(middle)
-    return Increments(
-        distance=cos * step[:, 0] + sin * step[:, 1],
-        lateral=-sin * step[:, 0] + cos * step[:, 1],
-        turn=turn,
-    )
+    return Increments(cos * step[:, 0] + sin * step[:, 1], -sin * step[:, 0] + cos * step[:, 1], turn)
 
 
 def integrate(start: FloatArray, increments: Increments) -> FloatArray:
@@ -94,31 +123,37 @@ def integrate(start: FloatArray, increments: Increments) -> FloatArray:
     return poses
 
 
-def believed_increments(
-    true: Increments, errors: WheelErrors, wheel_base: float, wheel_diameter: float
+def believed_increments(true: Increments, errors: WheelErrors) -> Increments:
+    """What odometry with the actual wheels reports for the true motion; the lateral part, unmeasured, is kept."""
+    ratio = errors.diameter_ratio
+    left = 2.0 * errors.scale * WHEEL_DIAMETER / (ratio + 1.0)  # eq. (15)
+    right = 2.0 * errors.scale * WHEEL_DIAMETER / (1.0 / ratio + 1.0)  # eq. (16)
+    # Eq. (17), corrected: one rolled angle per wheel, and the arc is half the angle times the diameter.
+    half_turn = 0.5 * WHEEL_BASE * true.turn
+    rolled_right = 2.0 * (true.distance + half_turn) / WHEEL_DIAMETER
+    rolled_left = 2.0 * (true.distance - half_turn) / WHEEL_DIAMETER
+    distance_right, distance_left = 0.5 * rolled_right * right, 0.5 * rolled_left * left
+    turn = (distance_right - distance_left) / (errors.wheel_base_ratio * WHEEL_BASE)
+    return Increments(0.5 * (distance_right + distance_left), true.lateral, turn)
+
+
+def disturb(
+    true: Increments, errors: PhaseErrors, config: TwoPhaseConfig, rng: np.random.Generator
 ) -> Increments:
-    """What odometry with the actual wheels reports for the true motion.
+    """Believed increments of the two phases: E_lin added to every distance, E_ang to every turn.
 
     Args:
         true: The motion.
-        errors: The robot's wheels.
-        wheel_base: Nominal b [m].
-        wheel_diameter: Nominal D [m].
-
-    Returns:
-        Believed increments; the lateral part, which wheels can't measure, is kept.
+        errors: Systematic coefficients.
+        config: Random coefficients.
+        rng: Source of the random part.
     """
-    base = errors.wheel_base_ratio(wheel_base) * wheel_base
-    ratio = errors.diameter_ratio(wheel_base)
-    left = 2.0 * errors.scale * wheel_diameter / (ratio + 1.0)  # eq. (15)
-    right = 2.0 * errors.scale * wheel_diameter / (1.0 / ratio + 1.0)  # eq. (16)
-    # Eq. (17), corrected: one rolled angle per wheel, and the arc is half the angle times the diameter.
-    half_turn = 0.5 * wheel_base * true.turn
-    rolled_right = 2.0 * (true.distance + half_turn) / wheel_diameter
-    rolled_left = 2.0 * (true.distance - half_turn) / wheel_diameter
-    distance_right, distance_left = 0.5 * rolled_right * right, 0.5 * rolled_left * left
-    return Increments(
-        distance=0.5 * (distance_right + distance_left),
-        lateral=true.lateral,
-        turn=(distance_right - distance_left) / base,
+    noise = rng.standard_normal((2, len(true.turn)))
+    driven, turned = np.abs(true.distance), np.abs(true.turn)
+    linear = errors.k_l * true.distance + config.s_l * np.sqrt(driven) * noise[0]
+    angular = (
+        errors.k_t * true.turn
+        + errors.k_lt * true.distance
+        + (config.s_t * np.sqrt(turned) + config.s_lt * np.sqrt(driven)) * noise[1]
     )
+    return Increments(true.distance + linear, true.lateral, true.turn + angular)

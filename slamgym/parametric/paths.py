@@ -1,28 +1,244 @@
-"""Where a true path comes from: a file of waypoints, a recorded trajectory, or a probabilistic roadmap."""
+"""The true path: from a file of waypoints, a recorded trajectory or a probabilistic roadmap to poses over time.
+
+The counterpart of MATLAB's ``waypointTrajectory``, for a robot on wheels: it turns in place
+and then drives straight, each with a trapezoidal speed, because the odometry model (eqs. 13-20 of the paper)
+is written for exactly these two motions.
+"""
 
 import math
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 import shapely
 
-from slamgym.core.errors import InputFileError, PlanError, SlamgymError
+from slamgym.core.errors import ConfigError, InputFileError, PlanError, SlamgymError
 from slamgym.core.files import read_text
+from slamgym.core.geometry import wrap_angle
 from slamgym.core.limits import shown
-from slamgym.core.types import FREE, FloatArray
+from slamgym.core.types import FREE, FloatArray, IntArray, Trajectory
 from slamgym.interop.tum import read_tum
 from slamgym.parametric.config import MotionConfig
-from slamgym.parametric.trajectory import TimedTrajectory, Waypoints, check_path_is_free, drive, from_recorded
 from slamgym.planning.prm import PrmConfig, Roadmap, build_roadmap, random_path, spread_stops, tour
+from slamgym.sim.robot import RobotConfig
 
 if TYPE_CHECKING:
     from slamgym.cad.floorplan import FloorPlan
 
+_ROBOT = RobotConfig()
+_SAMPLE_INTERVAL = 0.05  # [s] of the fine trajectory that scans are picked from
 _ROADMAP_RESOLUTION = 0.05  # [m] of the grid that a roadmap is made on
-_STOP_SPACING = (
-    5.0  # [m] along the path between stops in a plan without rooms; the LIDAR sees what lies between
-)
+_STOP_SPACING = 5.0  # [m] between stops in a plan without rooms; the LIDAR sees what lies between
+
+
+@dataclass(frozen=True)
+class TimedTrajectory:
+    """Poses of the robot's base with their velocities, in the world frame."""
+
+    stamps: FloatArray  # (T,) [s]
+    poses: FloatArray  # (T, 3) x [m], y [m], theta [rad]
+    twists: FloatArray  # (T, 2) forward [m/s], counter-clockwise [rad/s]
+
+    def __len__(self) -> int:
+        return len(self.stamps)
+
+    def as_trajectory(self) -> Trajectory:
+        """The poses alone."""
+        return Trajectory(self.stamps, self.poses)
+
+    def pick(self, index: IntArray) -> "TimedTrajectory":
+        """The samples at ``index`` (N,)."""
+        return TimedTrajectory(self.stamps[index], self.poses[index], self.twists[index])
+
+
+@dataclass(frozen=True)
+class Waypoints:
+    """A path to drive: points in the world frame and, if the user set them, times of arrival."""
+
+    points: FloatArray  # (M, 2) [m]
+    times: FloatArray | None = None  # (M,) [s]
+
+
+def _require(is_right: bool | np.bool_, name: str, fault: str) -> None:
+    if not is_right:
+        raise ConfigError(f"{name}: {fault}")
+
+
+def check_waypoints(waypoints: Waypoints, name: str) -> None:
+    """Refuse waypoints that describe no motion.
+
+    Raises:
+        ConfigError: If there are fewer than two, or one is not a number, or time doesn't grow, or all lie in
+            one place.
+    """
+    points, times = waypoints.points, waypoints.times
+    _require(len(points) >= 2, name, f"has {len(points)} waypoint(s); give at least two")
+    finite = np.isfinite(points).all(axis=1)
+    _require(finite.all(), name, f"waypoint {np.argmin(finite) + 1} is not a pair of finite numbers")
+    _require(np.diff(points, axis=0).any(), name, "all waypoints lie in one place; give two different ones")
+    if times is not None:
+        known = times.shape == (len(points),) and np.isfinite(times).all()
+        _require(known, name, "every waypoint needs one finite time of arrival")
+        growing = np.diff(times) > 0.0
+        i = int(np.argmin(growing))
+        grows = f"{times[i]:g} s to {times[i + 1]:g} s at waypoint {i + 2}; times of arrival must increase"
+        _require(growing.all(), name, f"time goes from {grows}")
+
+
+def _duration(length: float, top_speed: float, acceleration: float) -> float:
+    """Shortest time [s] of a move from rest to rest over ``length``."""
+    if length == 0.0:
+        return 0.0
+    ramp = min(top_speed / acceleration, math.sqrt(length / acceleration))
+    return length / (acceleration * ramp) + ramp
+
+
+def _trapezoid(length: float, top_speed: float, acceleration: float, n: int) -> tuple[FloatArray, ...]:
+    """Time, distance and speed of a move from rest to rest over ``length``, n + 1 samples."""
+    ramp = min(top_speed / acceleration, math.sqrt(length / acceleration))  # [s]
+    speed, total = acceleration * ramp, _duration(length, top_speed, acceleration)
+    t = np.linspace(0.0, total, n + 1)
+    left = total - t
+    phases = [t < ramp, t > total - ramp]
+    distance = np.select(
+        phases,
+        [0.5 * acceleration * t**2, length - 0.5 * acceleration * left**2],
+        speed * (t - 0.5 * ramp),
+    )
+    return t, distance, np.select(phases, [acceleration * t, acceleration * left], speed)
+
+
+def drive(waypoints: Waypoints, name: str = "the trajectory") -> TimedTrajectory:
+    """Drive along waypoints: turn in place, drive straight; slower than the robot can where times allow it.
+
+    Args:
+        waypoints: Where to pass, and when if times are given.
+        name: What to call the waypoints in an error.
+
+    Returns:
+        A trajectory sampled every 0.05 s, from the first waypoint to the last; the robot starts facing its
+        second waypoint.
+
+    Raises:
+        ConfigError: If the waypoints describe no motion or the times of arrival ask for more than the limits.
+    """
+    check_waypoints(waypoints, name)
+    points, times = waypoints.points, waypoints.times
+    steps = np.diff(points, axis=0)
+    lengths = np.hypot(steps[:, 0], steps[:, 1])
+    heading = math.atan2(*steps[np.argmax(lengths > 0.0)][::-1])
+    clock = 0.0 if times is None else float(times[0])
+    rows = [np.array([[clock, *points[0], heading, 0.0, 0.0]])]
+    for i, (step, length) in enumerate(zip(steps, lengths, strict=True)):
+        turn = float(wrap_angle(math.atan2(step[1], step[0]) - heading)) if length > 0.0 else 0.0
+        moves = (
+            (abs(turn), _ROBOT.max_angular, _ROBOT.angular_acceleration),
+            (length, _ROBOT.max_linear, _ROBOT.linear_acceleration),
+        )
+        turning, driving = durations = [_duration(*move) for move in moves]
+        stretch = 1.0
+        if times is not None:
+            allowed = float(times[i + 1] - times[i])
+            speeds = f"{_ROBOT.max_linear:g} m/s and {_ROBOT.max_angular:g} rad/s"
+            needs = f"{allowed:.2f} s; the robot needs {turning + driving:.2f} s at {speeds}"
+            is_slow = turning + driving <= allowed + 1e-9
+            _require(is_slow, name, f"waypoint {i + 2} can't be reached in {needs}")
+            if turning + driving == 0.0:
+                clock += allowed
+                continue
+            stretch = allowed / (turning + driving)
+        for drives, (duration, move) in enumerate(zip(durations, moves, strict=True)):
+            if duration == 0.0:
+                continue
+            n = max(2, math.ceil(duration * stretch / _SAMPLE_INTERVAL))
+            t, distance, speed = _trapezoid(*move, n)
+            sign = 1.0 if drives else math.copysign(1.0, turn)
+            block = np.zeros((n, 6))
+            block[:, 0] = clock + stretch * t[1:]
+            block[:, 1:3] = points[i]
+            block[:, 3] = heading
+            if drives:
+                block[:, 1:3] += (distance[1:, None] / length) * step
+            else:
+                block[:, 3] += sign * distance[1:]
+                heading += turn
+            block[:, 5 - drives] = sign * speed[1:] / stretch
+            rows.append(block)
+            clock += stretch * duration
+    table = np.concatenate(rows)
+    table[:, 3] = wrap_angle(table[:, 3])
+    return TimedTrajectory(table[:, 0], table[:, 1:4], table[:, 4:6])
+
+
+def from_recorded(recorded: Trajectory, name: str = "the recorded path") -> TimedTrajectory:
+    """Give a recorded path (an explorer's, in the world frame) its velocities.
+
+    Raises:
+        ConfigError: If it has fewer than two poses, a number that is not finite, or time that doesn't grow.
+    """
+    stamps, poses = np.asarray(recorded.stamps, dtype=np.float64), np.asarray(recorded.poses)
+    _require(len(stamps) >= 2, name, f"has {len(stamps)} pose(s); give at least two")
+    finite = np.isfinite(stamps).all() and np.isfinite(poses).all()
+    _require(finite, name, "holds a number that is not finite")
+    growing = np.diff(stamps) > 0.0
+    late = f"time doesn't grow at pose {np.argmin(growing) + 2}; sort the poses by time"
+    _require(growing.all(), name, late)
+    turned = np.concatenate([[0.0], np.cumsum(wrap_angle(np.diff(poses[:, 2])))])
+    velocity = np.gradient(poses[:, :2], stamps, axis=0)
+    forward = velocity[:, 0] * np.cos(poses[:, 2]) + velocity[:, 1] * np.sin(poses[:, 2])
+    return TimedTrajectory(stamps, poses, np.column_stack([forward, np.gradient(turned, stamps)]))
+
+
+def pick_scans(trajectory: TimedTrajectory, config: MotionConfig) -> TimedTrajectory:
+    """Keep the poses at which a scan enters the map: after enough driving, turning or time, and the last."""
+    poses = trajectory.poses
+    way = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(poses[:, :2], axis=0).T))])
+    turn = np.concatenate([[0.0], np.cumsum(np.abs(wrap_angle(np.diff(poses[:, 2]))))])
+    passed = np.column_stack([way, turn, trajectory.stamps]).tolist()
+    spacing, angle, interval = (
+        most - 1e-9 for most in (config.scan_spacing, config.scan_angle, config.scan_interval)
+    )
+    kept = [0]
+    for i, (driven, turned, time) in enumerate(passed):
+        last = passed[kept[-1]]
+        if driven - last[0] >= spacing or turned - last[1] >= angle or time - last[2] >= interval:
+            kept.append(i)
+    if passed[kept[-1]][:2] != passed[-1][:2]:
+        kept.append(len(passed) - 1)
+    return trajectory.pick(np.array(kept))
+
+
+def check_path_is_free(
+    points: FloatArray, free_space: shapely.Polygon, name: str, what: str = "waypoint"
+) -> None:
+    """Check every point and every straight piece of a path.
+
+    Args:
+        points: (M, 2) [m], the frame of the plan.
+        free_space: Where a robot's centre can be.
+        name: What to call the path in the error.
+        what: What to call one point.
+
+    Raises:
+        ConfigError: If a point lies outside the plan or in a wall, or a piece leads through a wall.
+    """
+    shapely.prepare(free_space)
+    inside = shapely.intersects_xy(free_space, points[:, 0], points[:, 1])
+    i = int(np.argmin(inside))
+    (x, y), (min_x, min_y, max_x, max_y) = points[i], free_space.bounds
+    where = "in a wall; move it to free space"
+    if not (min_x <= x <= max_x and min_y <= y <= max_y):
+        spans = f"({min_x:.2f}, {min_y:.2f}) to ({max_x:.2f}, {max_y:.2f})"
+        where = f"outside the plan, which spans {spans}"
+    _require(inside.all(), name, f"{what} {i + 1} at ({x:.2f}, {y:.2f}) lies {where}")
+    pieces = np.asarray(shapely.linestrings(np.stack([points[:-1], points[1:]], axis=1)))
+    clear = shapely.covers(free_space, pieces)
+    if not clear.all():
+        i = int(np.argmin(clear))
+        x, y = shapely.get_coordinates(shapely.difference(pieces[i], free_space))[0]
+        wall = f"leads through a wall at ({x:.2f}, {y:.2f}); add a point that goes round it"
+        raise ConfigError(f"{name}: the path from {what} {i + 1} to {i + 2} {wall}")
 
 
 def read_waypoints(path: Path | str) -> Waypoints:
@@ -31,20 +247,18 @@ def read_waypoints(path: Path | str) -> Waypoints:
     Raises:
         InputFileError: If the file can't be read or a line has not two or three numbers.
     """
-    lines = read_text(path).splitlines()
     rows: list[list[float]] = []
-    for number, line in enumerate(lines, start=1):
-        fields = [field.strip() for field in line.split("#", 1)[0].replace(";", ",").split(",")]
-        if fields == [""]:
+    for number, line in enumerate(read_text(path).splitlines(), start=1):
+        values = line.split("#", 1)[0].replace(";", ",").strip()
+        if not values:
             continue
         try:
-            row = [float(field) for field in fields]
+            row = [float(value) for value in values.split(",")]
         except ValueError as error:
-            if not rows and number == 1:
+            if number == 1:
                 continue  # the header
-            raise InputFileError(
-                f"{path}:{number}", f"is not a line of numbers x,y[,t]: {shown(line)}"
-            ) from error
+            where = f"{path}:{number}"
+            raise InputFileError(where, f"is not a line of numbers x,y[,t]: {shown(line)}") from error
         if len(row) not in (2, 3) or (rows and len(row) != len(rows[0])):
             raise InputFileError(
                 f"{path}:{number}", "has not two (x,y) or three (x,y,t) numbers like the rest"
@@ -56,7 +270,7 @@ def read_waypoints(path: Path | str) -> Waypoints:
     return Waypoints(table[:, :2], table[:, 2] if table.shape[1] == 3 else None)
 
 
-def trajectory_from_file(path: Path | str, plan: "FloorPlan", motion: MotionConfig) -> TimedTrajectory:
+def trajectory_from_file(path: Path | str, plan: "FloorPlan") -> TimedTrajectory:
     """The true path that a file holds: waypoints (``.csv``) or recorded poses (``.tum`` or ``.txt``).
 
     Convention: the numbers are in the world frame of the plan.
@@ -70,61 +284,45 @@ def trajectory_from_file(path: Path | str, plan: "FloorPlan", motion: MotionConf
         check_path_is_free(recorded.poses[:, :2], plan.free_space, str(path), "pose")
         return recorded
     waypoints = read_waypoints(path)
-    trajectory = drive(waypoints, motion, str(path))
+    trajectory = drive(waypoints, str(path))
     check_path_is_free(waypoints.points, plan.free_space, str(path))
     return trajectory
 
 
-def roadmap_of(plan: "FloorPlan", clearance: float, rng: np.random.Generator) -> Roadmap:
-    """A roadmap of a plan.
-
-    Raises:
-        PlanError: If the plan has no free space that the robot fits in.
-    """
-    grid = plan.raster(_ROADMAP_RESOLUTION)
-    if not (grid.cells == FREE).any():
-        raise PlanError(plan.id, "has no free space")
-    try:
-        return build_roadmap(grid, PrmConfig(clearance=clearance), rng)
-    except SlamgymError as error:
-        raise PlanError(plan.id, str(error)) from error
-
-
 def plan_trajectory(
-    plan: "FloorPlan",
-    motion: MotionConfig,
-    rng: np.random.Generator,
-    kind: Literal["tour", "pair"] = "tour",
+    plan: "FloorPlan", rng: np.random.Generator, kind: Literal["tour", "pair"] = "tour"
 ) -> TimedTrajectory:
     """Plan a true path over a roadmap.
 
     Args:
         plan: The building.
-        motion: Speeds, and the clearance to keep.
         rng: Draws the roadmap and the ends.
         kind: ``tour``: through all rooms; ``pair``: between two random points, as in the paper.
 
     Raises:
         PlanError: If the robot fits nowhere.
     """
-    roadmap = roadmap_of(plan, motion.clearance, rng)
+    grid = plan.raster(_ROADMAP_RESOLUTION)
+    if not (grid.cells == FREE).any():
+        raise PlanError(plan.id, "has no free space")
+    try:
+        roadmap = build_roadmap(grid, PrmConfig(), rng)
+    except SlamgymError as error:
+        raise PlanError(plan.id, str(error)) from error
     if kind == "pair":
         points = random_path(roadmap, rng)
     else:
         stops = [spread_stops(roadmap, _STOP_SPACING, rng)]
-        stops += [room_centre(plan, roadmap, room.polygon) for room in plan.rooms]
+        stops += [_room_centre(plan, roadmap, room.polygon) for room in plan.rooms]
         points = tour(roadmap, np.concatenate(stops), rng)
-    return drive(Waypoints(points), motion, f"the path planned in {plan.id}")
+    return drive(Waypoints(points), f"the path planned in {plan.id}")
 
 
-def room_centre(plan: "FloorPlan", roadmap: Roadmap, room: shapely.Polygon) -> FloatArray:
+def _room_centre(plan: "FloorPlan", roadmap: Roadmap, room: shapely.Polygon) -> FloatArray:
     """The roadmap's node nearest to the middle of a room's free part, (1, 2), or (0, 2) if none is inside."""
     free = shapely.intersection(room, plan.free_space)
-    if free.is_empty:
-        return np.empty((0, 2))
-    inside = np.flatnonzero(shapely.intersects_xy(free, roadmap.nodes[:, 0], roadmap.nodes[:, 1]))
-    if len(inside) == 0:
-        return np.empty((0, 2))
-    centre = free.centroid
-    away = [math.hypot(x - centre.x, y - centre.y) for x, y in roadmap.nodes[inside]]
-    return roadmap.nodes[inside[[int(np.argmin(away))]]]
+    nodes = roadmap.nodes[shapely.intersects_xy(free, roadmap.nodes[:, 0], roadmap.nodes[:, 1])]
+    if len(nodes) == 0:
+        return nodes
+    away = [math.hypot(x - free.centroid.x, y - free.centroid.y) for x, y in nodes]
+    return nodes[[int(np.argmin(away))]]

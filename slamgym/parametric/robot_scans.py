@@ -19,7 +19,7 @@ from slamgym.core.types import (
     Pose2D,
     Twist2D,
 )
-from slamgym.parametric.trajectory import TimedTrajectory
+from slamgym.parametric.paths import TimedTrajectory
 from slamgym.sim import ClutterConfig, Lidar, LidarConfig, RobotConfig, make_clutter, make_surfaces
 from slamgym.sim.clutter import outlines_of
 from slamgym.slam.config import SlamConfig
@@ -52,11 +52,7 @@ class RobotScans:
 
 
 def furniture_beside(
-    path: FloatArray,
-    plan: "FloorPlan",
-    config: ClutterConfig,
-    rng: np.random.Generator,
-    robot: RobotConfig | None = None,
+    path: FloatArray, plan: "FloorPlan", config: ClutterConfig, rng: np.random.Generator
 ) -> FloatArray:
     """Furnish a building, but not where the robot is known to have driven.
 
@@ -65,17 +61,16 @@ def furniture_beside(
         plan: The building.
         config: How much there is.
         rng: Draws it.
-        robot: Who drives; a TurtleBot3 Waffle Pi where left out.
 
     Returns:
         Outlines, (F, 4) as x0, y0, x1, y1 [m].
     """
     if config.is_empty:
         return np.empty((0, 4))
-    robot = robot or RobotConfig()
-    solids = make_clutter(plan, rng, config, robot).solids()
+    solids = make_clutter(plan, rng, config).solids()
     gaps = shapely.distance(shapely.LineString(path), [shapely.Polygon(corners) for corners in solids])
-    return outlines_of([solid for solid, gap in zip(solids, gaps, strict=True) if gap > 0.5 * robot.radius])
+    near = 0.5 * RobotConfig().radius
+    return outlines_of([solid for solid, gap in zip(solids, gaps, strict=True) if gap > near])
 
 
 def take_scans(

@@ -76,6 +76,7 @@ def anchor_poses(
     is_placed = np.zeros(len(points), dtype=np.bool_)
     poses = np.empty_like(true_poses)
     poses[0] = true_poses[0]
+    row = np.empty(3)
     for k in range(true_poses.shape[0]):
         if k > 0:
             turn = motions[k - 1, 2]
@@ -105,18 +106,12 @@ def anchor_poses(
             gap = nx * (placed[reference, 0] - poses[k, 0] - x) + ny * (
                 placed[reference, 1] - poses[k, 1] - y
             )
-            lever = x * ny - y * nx
-            A[0, 0] += nx * nx
-            A[0, 1] += nx * ny
-            A[0, 2] += nx * lever
-            A[1, 1] += ny * ny
-            A[1, 2] += ny * lever
-            A[2, 2] += lever * lever
-            g[0] += nx * gap
-            g[1] += ny * gap
-            g[2] += lever * gap
+            row[0], row[1], row[2] = nx, ny, x * ny - y * nx
+            for i in range(3):
+                g[i] += row[i] * gap
+                for j in range(i + 1):
+                    A[i, j] += row[i] * row[j]
         if known >= settings.min_known:
-            A[1, 0], A[2, 0], A[2, 1] = A[0, 1], A[0, 2], A[1, 2]
             A[0, 0] += settings.prior
             A[1, 1] += settings.prior
             A[2, 2] += settings.prior * _PRIOR_LEVER**2
@@ -161,6 +156,7 @@ def matched_path(
     steps: FloatArray,
     frame: GridFrame,
     config: MatchingConfig,
+    beam_skip: int,
     rng: np.random.Generator,
 ) -> FloatArray:
     """Believed poses of a run.
@@ -171,12 +167,13 @@ def matched_path(
         steps: (T - 1,) how many scans came since the last one that entered the map: the filter adds noise at each.
         frame: Its cells are what walls are known by.
         config: The matcher.
+        beam_skip: Beams left out between two that are matched.
         rng: Source of randomness.
 
     Returns:
         (T, 3), world frame, heading wrapped.
     """
-    motions = np.column_stack([odometry.distance, odometry.lateral, odometry.turn])
+    motions = np.column_stack(odometry)
     noisy = motions + _motion_noise(motions, steps, config) * rng.standard_normal(motions.shape)
     pulls = np.zeros((len(scans.middle), 3))
     pulls[1:, :2] = -config.lag * noisy[:, :2]
@@ -188,10 +185,10 @@ def matched_path(
         noisy,
         pulls,
         dice,
-        np.ascontiguousarray(hits[:, :: config.beam_skip + 1]),
+        np.ascontiguousarray(hits[:, :: beam_skip + 1]),
         walls,
         AnchorSettings(
-            config.least_beams // (config.beam_skip + 1),
+            config.least_beams // (beam_skip + 1),
             config.prior,
             round(config.thin_wall / frame.resolution),
             config.gain,

@@ -13,20 +13,21 @@ from scipy.sparse.linalg import splu
 from slamgym.core.errors import ConfigError
 from slamgym.core.geometry import wrap_angle
 from slamgym.core.types import FloatArray, IntArray
-from slamgym.parametric.landmarks import LandmarkEstimate, LandmarkProblem, observation_model
+from slamgym.parametric.ekf_slam import LandmarkEstimate, LandmarkProblem, observation_model
 from slamgym.parametric.odometry_error import increments_of
 
+_ITERATIONS = (
+    2  # Gauss-Newton steps, the first from the truth; the second matters if the heading errs by 5 deg
+)
 _MAX_SCANS = 4000  # beyond this the factors of a long winding path fill gigabytes
 _DENSE_UNKNOWNS = 1500  # above this the pose system is sparse enough for a sparse factorisation to win
 
 
-def solve_schur(problem: LandmarkProblem, iterations: int = 2) -> LandmarkEstimate:
+def solve_schur(problem: LandmarkProblem) -> LandmarkEstimate:
     """Solve a run as a batch.
 
     Args:
         problem: Controls and measurements.
-        iterations: Gauss-Newton steps, the first from the truth; more than one matters when the heading errs
-            by more than some 5 degrees.
 
     Returns:
         Smoothed poses (the first is exact) and landmarks.
@@ -40,7 +41,7 @@ def solve_schur(problem: LandmarkProblem, iterations: int = 2) -> LandmarkEstima
             "larger scan spacing, a shorter path or the method two_phase"
         )
     poses, points = problem.true_poses.copy(), problem.points.copy()
-    for _ in range(iterations):
+    for _ in range(_ITERATIONS):
         pose_step, point_step = _gauss_newton_step(problem, poses, points)
         poses[1:] += pose_step
         points += point_step
@@ -57,12 +58,11 @@ def _gauss_newton_step(
 
     scan, landmark = problem.scan, problem.landmark
     predicted, by_pose, by_point = observation_model(poses[scan], points[landmark], problem.mount_x)
-    residual = np.column_stack([problem.ranges, problem.bearings]) - predicted
+    residual = problem.measured - predicted
     residual[:, 1] = wrap_angle(residual[:, 1])
-    sigmas = np.array(problem.sigmas)
-    residual /= sigmas
-    by_pose /= sigmas[:, None]
-    by_point /= sigmas[:, None]
+    residual /= problem.sigmas
+    by_pose /= problem.sigmas[:, None]
+    by_point /= problem.sigmas[:, None]
 
     np.add.at(diagonal, scan, np.einsum("mai,maj->mij", by_pose, by_pose))
     np.add.at(pose_gradient, scan, np.einsum("mai,ma->mi", by_pose, residual))
@@ -96,7 +96,7 @@ def _motion_terms(problem: LandmarkProblem, poses: FloatArray) -> tuple[FloatArr
     Returns:
         Diagonal blocks (T, 3, 3), blocks (k, k + 1) (T - 1, 3, 3), and the gradient (T, 3).
     """
-    motion, control = increments_of(poses), problem.controls
+    motion = increments_of(poses)
     middle = poses[:-1, 2] + 0.5 * motion.turn
     cos, sin = np.cos(middle), np.sin(middle)
     after = np.zeros((len(motion.turn), 3, 3))  # by the later pose
@@ -106,13 +106,8 @@ def _motion_terms(problem: LandmarkProblem, poses: FloatArray) -> tuple[FloatArr
     before = -after
     for jacobian in (before, after):  # half of either heading turns the mean heading
         jacobian[:, 0, 2], jacobian[:, 1, 2] = 0.5 * motion.lateral, -0.5 * motion.distance
-    residual = np.column_stack(
-        [
-            control.distance - motion.distance,
-            control.lateral - motion.lateral,
-            wrap_angle(control.turn - motion.turn),
-        ]
-    )
+    residual = problem.controls - np.column_stack(motion)
+    residual[:, 2] = wrap_angle(residual[:, 2])
     residual /= problem.control_sigmas
     before /= problem.control_sigmas[:, :, None]
     after /= problem.control_sigmas[:, :, None]

@@ -90,7 +90,6 @@ class Visibility:
 
     frame: GridFrame
     sensors: FloatArray  # (T, 3) true poses of the scanner, world frame
-    angles: FloatArray  # (B,) [rad] beam directions in the sensor frame
     cells: SeenCells
 
     @property
@@ -99,38 +98,18 @@ class Visibility:
         return self.cells.first >= 0
 
     def cell_points(self, cells: Int32Array) -> FloatArray:
-        """Centres (..., 2) [m] of flat cell indices (...,), world frame."""
-        row, col = np.divmod(cells, self.frame.width_px)
-        return np.stack(self.frame.to_point(row, col), axis=-1)
-
-
-def sensor_poses(poses: FloatArray, mount_x: float) -> FloatArray:
-    """Poses (T, 3) of a scanner mounted ``mount_x`` [m] ahead of the base on its centre line."""
-    sensors = poses.copy()
-    sensors[:, 0] += mount_x * np.cos(poses[:, 2])
-    sensors[:, 1] += mount_x * np.sin(poses[:, 2])
-    return sensors
-
-
-def poses_in_cells(poses: FloatArray, frame: GridFrame) -> FloatArray:
-    """Poses (T, 3) [m] as continuous (col, row, heading) of a grid, rows growing downwards."""
-    return np.column_stack(
-        [
-            (poses[:, 0] - frame.origin_x) / frame.resolution,
-            frame.height_px - (poses[:, 1] - frame.origin_y) / frame.resolution,
-            poses[:, 2],
-        ]
-    )
+        """Centres (N, 2) [m] of flat cell indices (N,), world frame."""
+        return self.frame.to_points(*np.divmod(cells, self.frame.width_px))
 
 
 def beam_angles(scanner: ScannerConfig, resolution: float) -> FloatArray:
     """Beam directions in the sensor frame, shape (B,) [rad], symmetric about the heading."""
-    fan = float(scanner.field_of_view)
-    num = scanner.num_beams or math.ceil(fan * scanner.range_max / resolution)
+    view = float(scanner.field_of_view)
+    num = scanner.num_beams or math.ceil(view * scanner.range_max / resolution)
     beams = np.arange(num, dtype=np.float64)
-    if fan >= 2.0 * math.pi - 1e-9:  # a full circle has no two ends
-        return np.asarray(fan / num * beams - math.pi, dtype=np.float64)
-    return np.asarray(fan / (num - 1) * beams - 0.5 * fan, dtype=np.float64)
+    if view >= 2.0 * math.pi - 1e-9:  # a full circle has no two ends
+        return np.asarray(view / num * beams - math.pi, dtype=np.float64)
+    return np.asarray(view / (num - 1) * beams - 0.5 * view, dtype=np.float64)
 
 
 def observe(occupied: BoolArray, frame: GridFrame, poses: FloatArray, scanner: ScannerConfig) -> Visibility:
@@ -144,20 +123,24 @@ def observe(occupied: BoolArray, frame: GridFrame, poses: FloatArray, scanner: S
         poses: (T, 3) poses of the robot's base.
         scanner: Field of view and range.
     """
-    sensors = sensor_poses(poses, scanner.mount_x)
+    sensors = poses.copy()
+    sensors[:, 0] += scanner.mount_x * np.cos(poses[:, 2])
+    sensors[:, 1] += scanner.mount_x * np.sin(poses[:, 2])
+    x, y, heading = sensors.T
+    # In cells, rows growing downwards.
+    across = (x - frame.origin_x) / frame.resolution
+    down = frame.height_px - (y - frame.origin_y) / frame.resolution
     angles = beam_angles(scanner, frame.resolution)
     cells = SeenCells(
-        first=np.full(frame.shape, -1, dtype=np.int32),
-        last=np.full(frame.shape, -1, dtype=np.int32),
-        best=np.full(frame.shape, -1, dtype=np.int32),
+        *(np.full(frame.shape, -1, dtype=np.int32) for _ in range(3)),
         hits=np.empty((len(poses), len(angles)), dtype=np.int32),
     )
     observe_cells(
         np.ascontiguousarray(occupied),
-        poses_in_cells(sensors, frame),
+        np.column_stack([across, down, heading]),
         angles,
         scanner.range_min / frame.resolution,
         scanner.range_max / frame.resolution,
         cells,
     )
-    return Visibility(frame, sensors, angles, cells)
+    return Visibility(frame, sensors, cells)

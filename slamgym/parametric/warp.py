@@ -1,4 +1,4 @@
-"""Densify, invert and apply a displacement field.
+"""Make, densify, invert and apply a displacement field.
 
 Convention (all of this module): a field has shape (2, H, W) in metres, component 0 = x (right), 1 = y (up),
 true minus measured. A *forward* field f lies on true cells: what stands at p is measured at p - f(p). An
@@ -10,7 +10,46 @@ a constant d of +3 cells in x moves a wall 3 cells to the left.
 import cv2
 import numpy as np
 
-from slamgym.core.types import BoolArray, ByteArray, Float32Array
+from slamgym.core.types import BoolArray, ByteArray, Float32Array, FloatArray
+from slamgym.parametric.visibility import Visibility
+
+_INVERSIONS = 6
+"""Fixed-point iterations: each one shrinks the error by the field's slope (of the order of the heading error)."""
+
+
+def displacements(true_poses: FloatArray, believed_poses: FloatArray, visibility: Visibility) -> Float32Array:
+    """The proprioceptive field d_O over every seen cell, placed by the first scan that saw it, like a landmark.
+
+    A scan displaces what it draws by a rigid motion: p' = that + R(thetahat - theta)(p - t).
+
+    Args:
+        true_poses: (T, 3).
+        believed_poses: (T, 3).
+        visibility: Which scan saw what.
+
+    Returns:
+        (2, H, W) float32 [m], a forward field; 0 in cells that no scan saw.
+    """
+    frame, seen = visibility.frame, visibility.seen
+    # Relative to the middle of the map, which keeps the numbers small.
+    min_x, min_y, max_x, max_y = frame.bounds
+    middle = np.array([0.5 * (min_x + max_x), 0.5 * (min_y + max_y)])
+    turn = believed_poses[:, 2] - true_poses[:, 2]
+    cos, sin = np.cos(turn), np.sin(turn)
+    x, y = (middle - true_poses[:, :2]).T
+    motion = np.column_stack(
+        [
+            cos - 1.0,
+            sin,
+            believed_poses[:, 0] + cos * x - sin * y - middle[0],
+            believed_poses[:, 1] + sin * x + cos * y - middle[1],
+        ]
+    )[visibility.cells.first[seen]]
+    x, y = (frame.to_points(*np.nonzero(seen)) - middle).T
+    field = np.zeros((2, *frame.shape), dtype=np.float32)
+    field[0, seen] = -(motion[:, 0] * x - motion[:, 1] * y + motion[:, 2])
+    field[1, seen] = -(motion[:, 1] * x + motion[:, 0] * y + motion[:, 3])
+    return field
 
 
 def densify(field: Float32Array, known: BoolArray, sigma_px: float) -> Float32Array:
@@ -40,19 +79,18 @@ def densify(field: Float32Array, known: BoolArray, sigma_px: float) -> Float32Ar
     return np.stack([cv2.GaussianBlur(c, (0, 0), sigma_px, borderType=cv2.BORDER_REPLICATE) for c in filled])
 
 
-def invert(forward: Float32Array, resolution: float, iterations: int = 6) -> Float32Array:
+def invert(forward: Float32Array, resolution: float) -> Float32Array:
     """Carry a dense field from true to output cells by the fixed point d(q) = f(q + d(q)).
 
     Args:
         forward: (2, H, W) [m] on true cells.
         resolution: [m/cell].
-        iterations: Each one shrinks the error by the field's slope (of the order of the heading error).
 
     Returns:
         (2, H, W) float32 [m] on output cells.
     """
     d = forward
-    for _ in range(iterations):
+    for _ in range(_INVERSIONS):
         cols, rows = _sample_positions(d, resolution)
         d = np.stack(
             [cv2.remap(c, cols, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE) for c in forward]

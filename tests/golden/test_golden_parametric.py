@@ -7,9 +7,9 @@ import pytest
 
 from slamgym.cad import open_plans
 from slamgym.gan.translation.elastic import bend, drifted
+from slamgym.parametric.config import preset
 from slamgym.parametric.model import deform
 from slamgym.parametric.paths import plan_trajectory
-from slamgym.parametric.presets import preset
 
 METHODS = ("two_phase", "ekf", "ekf_schur", "scan_matching")
 
@@ -24,7 +24,7 @@ def plan():
 def test_deform(golden, plan, method, name):
     config = dataclasses.replace(preset(name), method=method)
     rng = np.random.default_rng(2)
-    path = plan_trajectory(plan, config.motion, rng, "pair")
+    path = plan_trajectory(plan, rng, "pair")
     result = deform(plan, path, config, rng)
     measured = {
         "map": golden.of_cells(result.grid.cells),

@@ -5,8 +5,7 @@ import pytest
 import shapely
 
 from slamgym.cad.floorplan import FloorPlan
-from slamgym.parametric.config import MotionConfig
-from slamgym.parametric.trajectory import TimedTrajectory, Waypoints, drive
+from slamgym.parametric.paths import TimedTrajectory, Waypoints, drive
 
 WALLS = [
     (3.0, 0.0, 3.1, 2.0),
@@ -43,7 +42,7 @@ def flat() -> FloorPlan:
 
 @pytest.fixture(scope="session")
 def tour(flat: FloorPlan) -> TimedTrajectory:
-    return drive(Waypoints(TOUR), MotionConfig())
+    return drive(Waypoints(TOUR))
 
 
 @pytest.fixture(scope="session")

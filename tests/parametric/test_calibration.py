@@ -55,9 +55,10 @@ def test_coefficients_survive_the_file(tmp_path) -> None:
     [
         ("{", "is not valid JSON"),
         ("{}", 'no section "two_phase"'),
-        (json.dumps({"two_phase": {"k_x": 1.0}}), "unknown coefficient 'k_x'"),
-        (json.dumps({"two_phase": {"k_l": -1.0}}), "must be a number of 0 or more"),
-        (json.dumps({"two_phase": {"k_l": "a"}}), "must be a number of 0 or more"),
+        (json.dumps({"two_phase": {"k_x": 1.0}}), "unknown setting 'k_x'"),
+        (json.dumps({"two_phase": {"k_l": -1.0}}), "k_l must be at least 0, not -1.0"),
+        (json.dumps({"two_phase": {"k_l": "a"}}), "k_l must be of type float, not 'a'"),
+        (json.dumps({"two_phase": {"k_l": 0.1}}), "has no coefficient 'k_lt'"),
     ],
 )
 def test_bad_calibration_files_are_refused_by_name(tmp_path, text, message) -> None:

@@ -10,6 +10,7 @@ import shapely
 from slamgym.cad.floorplan import FloorPlan
 from slamgym.cad.houseexpo import write_houseexpo
 from slamgym.commands.deform import main
+from slamgym.commands.generate import main as generate
 from slamgym.core.errors import InputFileError, PlanError, SlamgymError
 from slamgym.core.png import read_png
 from slamgym.dataset import load_pair, read_manifest
@@ -25,6 +26,18 @@ def plan_file(flat, tmp_path):
     path = tmp_path / "flat.json"
     write_houseexpo(path, flat)
     return path
+
+
+@pytest.fixture(scope="module")
+def explored(flat, tmp_path_factory):
+    """A dataset of two short explorations with a split."""
+    folder = tmp_path_factory.mktemp("deform")
+    root, plan_file = folder / "explored", folder / "flat.json"
+    write_houseexpo(plan_file, flat)
+    options = ("--pairs", "2", "--minutes", "0.5", "--explorer", "nearest", "--workers", "1")
+    generate(["--plans", str(plan_file), "-o", str(root), *options])
+    make_split(root, test=1.0)
+    return root
 
 
 def csv(path, rows) -> str:
@@ -144,27 +157,6 @@ def test_several_plans_of_a_source_and_several_hypotheses_of_each(plan_file, tmp
     assert len({load_pair(out, record.name)[1].tobytes() for record in records}) == 4
 
 
-@pytest.fixture
-def explored(plan_file, tmp_path):
-    """A dataset of two short explorations with a split."""
-    from slamgym.commands.generate import main as generate
-
-    root = tmp_path / "explored"
-    options = (
-        "--pairs",
-        "2",
-        "--minutes",
-        "0.5",
-        "--explorer",
-        "nearest",
-        "--workers",
-        "1",
-    )
-    generate(["--plans", str(plan_file), "-o", str(root), *options])
-    make_split(root, test=1.0)
-    return root
-
-
 def test_a_dataset_is_drawn_anew_along_its_own_paths(explored, tmp_path) -> None:
     """Each pair keeps name, plan, true path, start and side; the map is another."""
     out = tmp_path / "anew"
@@ -275,13 +267,11 @@ def test_an_existing_folder_is_kept_unless_overwrite_is_given(plan_file, tmp_pat
 
 def test_a_plan_without_free_space_is_refused() -> None:
     narrow = FloorPlan("slit", shapely.box(0.0, 0.0, 6.0, 0.3))
-    from slamgym.parametric.config import MotionConfig
-
     with pytest.raises(PlanError, match="slit"):
-        plan_trajectory(narrow, MotionConfig(), np.random.default_rng(0))
+        plan_trajectory(narrow, np.random.default_rng(0))
     hairline = FloorPlan("hairline", shapely.box(0.0, 0.0, 6.0, 0.001))
     with pytest.raises(PlanError, match="hairline"):
-        plan_trajectory(hairline, MotionConfig(), np.random.default_rng(0))
+        plan_trajectory(hairline, np.random.default_rng(0))
 
 
 @pytest.mark.parametrize("method", ["parametric", "generator", "elastic", "modelprog"])

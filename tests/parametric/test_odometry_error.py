@@ -8,14 +8,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from slamgym.parametric.odometry_error import (
+    WHEEL_BASE,
     Increments,
     WheelErrors,
     believed_increments,
     increments_of,
     integrate,
 )
-
-BASE, DIAMETER = 0.287, 0.066
 
 
 def motion(distance: list[float], turn: list[float]) -> Increments:
@@ -25,7 +24,7 @@ def motion(distance: list[float], turn: list[float]) -> Increments:
 def believed_heading_after_square(errors: WheelErrors, side: float, sign: float) -> float:
     """Believed minus true heading after four sides and four quarter turns."""
     true = motion([side, 0.0] * 4, [0.0, sign * math.pi / 2] * 4)
-    believed = believed_increments(true, errors, BASE, DIAMETER)
+    believed = believed_increments(true, errors)
     return float(np.sum(believed.turn - true.turn))
 
 
@@ -55,26 +54,26 @@ def test_umbmark_square_recovers_wheel_parameters_within_two_percent(alpha_deg, 
         believed_heading_after_square(errors, side, -1.0),
         believed_heading_after_square(errors, side, 1.0),
         side,
-        BASE,
+        WHEEL_BASE,
     )
     # The two ratios are 1 within 2 % whatever the robot, so their deviations from 1 are what is compared.
-    assert e_b - 1.0 == pytest.approx(errors.wheel_base_ratio(BASE) - 1.0, rel=0.02)
-    assert e_d - 1.0 == pytest.approx(errors.diameter_ratio(BASE) - 1.0, rel=0.02)
+    assert e_b - 1.0 == pytest.approx(errors.wheel_base_ratio - 1.0, rel=0.02)
+    assert e_d - 1.0 == pytest.approx(errors.diameter_ratio - 1.0, rel=0.02)
 
 
 @given(kappa=st.floats(-0.03, 0.03), turn=st.floats(-3.0, 3.0))
 def test_turn_in_place_has_the_same_heading_whatever_the_wheels_diameters(kappa, turn) -> None:
     errors = WheelErrors(kappa=kappa, alpha_eb=0.01)
-    ratio = errors.wheel_base_ratio(BASE)
-    believed = believed_increments(motion([0.0], [turn]), errors, BASE, DIAMETER)
+    ratio = errors.wheel_base_ratio
+    believed = believed_increments(motion([0.0], [turn]), errors)
     assert believed.turn[0] == pytest.approx(turn / ratio, abs=1e-12)
 
 
 @given(kappa=st.floats(-0.02, 0.02), way=st.floats(0.1, 5.0))
 def test_straight_line_bends_by_the_diameter_ratio_over_the_base(kappa, way) -> None:
     errors = WheelErrors(kappa=kappa)
-    ratio, base = errors.diameter_ratio(BASE), errors.wheel_base_ratio(BASE) * BASE
-    believed = believed_increments(motion([way], [0.0]), errors, BASE, DIAMETER)
+    ratio, base = errors.diameter_ratio, errors.wheel_base_ratio * WHEEL_BASE
+    believed = believed_increments(motion([way], [0.0]), errors)
     # (E_d - 1)/b to first order; exactly 2 (E_d - 1)/((E_d + 1) b), which is kappa again.
     assert believed.turn[0] / way == pytest.approx(2.0 * (ratio - 1.0) / ((ratio + 1.0) * base), abs=1e-12)
     assert believed.turn[0] / way == pytest.approx((ratio - 1.0) / base, rel=0.01, abs=1e-12)
@@ -83,10 +82,10 @@ def test_straight_line_bends_by_the_diameter_ratio_over_the_base(kappa, way) -> 
 
 def test_perfect_wheels_believe_the_truth_and_scale_stretches_the_distance() -> None:
     true = motion([1.0, 0.0, 0.5], [0.0, 1.0, 0.2])
-    believed = believed_increments(true, WheelErrors(), BASE, DIAMETER)
+    believed = believed_increments(true, WheelErrors())
     np.testing.assert_allclose(believed.distance, true.distance, atol=1e-15)
     np.testing.assert_allclose(believed.turn, true.turn, atol=1e-15)
-    stretched = believed_increments(true, WheelErrors(scale=1.01), BASE, DIAMETER)
+    stretched = believed_increments(true, WheelErrors(scale=1.01))
     np.testing.assert_allclose(stretched.distance, 1.01 * true.distance, atol=1e-15)
 
 

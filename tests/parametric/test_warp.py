@@ -62,7 +62,7 @@ def test_walls_placed_forwards_land_on_walls_of_the_output(turn, shift_x, shift_
     new_x = np.cos(turn) * x - np.sin(turn) * y + shift_x
     new_y = np.sin(turn) * x + np.cos(turn) * y + shift_y + wobble
     forward = np.stack([x - new_x, y - new_y]).astype(np.float32)
-    inverse = invert(forward, R, iterations=8)
+    inverse = invert(forward, R)
     walls = np.random.default_rng(0).integers(60, 140, (60, 2))
     for row, col in walls:
         to_row = row + forward[1, row, col] / R

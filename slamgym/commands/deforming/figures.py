@@ -105,7 +105,7 @@ def _rows(
         return [one.grid.cells for _, one in hypotheses(subjects(plain), plain)]
 
     faithful = preset("faithful")
-    coarse = square_around(plan, faithful, _COARSE_PX)
+    coarse = square_around(plan, _COARSE_PX)
     ekf, schur = run(replace(faithful, method="ekf"), coarse), run(faithful).grid.cells
     looks = generator_config(env)
     at_start = GridFrame(
@@ -141,7 +141,7 @@ def _times(plan: FloorPlan, episode: Episode, seed: int) -> list[list[str]]:
     rows = []
     for conversion, side, paper in _TABLE:
         config = replace(preset("faithful"), method=conversion)
-        frame = square_around(plan, config, side)
+        frame = square_around(plan, side)
         config = replace(config, resolution=frame.resolution)
         seconds = []
         for _ in range(2):

@@ -12,11 +12,9 @@ from slamgym.core.config import to_dict
 from slamgym.core.errors import SlamgymError
 from slamgym.core.progress import say
 from slamgym.core.types import FREE, Float32Array, FloatArray, GridFrame, OccupancyGrid, Trajectory
-from slamgym.parametric.config import ParametricConfig, SensingConfig
-from slamgym.parametric.model import Deformation, deform
-from slamgym.parametric.paths import plan_trajectory, trajectory_from_file
-from slamgym.parametric.presets import preset, realistic
-from slamgym.parametric.trajectory import TimedTrajectory, from_recorded
+from slamgym.parametric.config import ParametricConfig, SensingConfig, preset, realistic
+from slamgym.parametric.model import DRIFT_MARGIN, Deformation, deform
+from slamgym.parametric.paths import TimedTrajectory, from_recorded, plan_trajectory, trajectory_from_file
 
 if TYPE_CHECKING:
     from slamgym.cad.floorplan import FloorPlan
@@ -40,7 +38,6 @@ class DrawnMap:
     paths: dict[str, Trajectory]  # "truth", "odometry" and "estimate"; empty where a method knows none
     coverage: float  # share of the floor that was seen
     parameters: dict[str, Any]
-    seconds: float
 
 
 def hypotheses(wanted: Iterable[Subject], arguments: DeformArguments) -> Iterator[tuple[Subject, DrawnMap]]:
@@ -79,9 +76,7 @@ def _drawing_of(arguments: DeformArguments) -> Callable[[Subject, np.random.Gene
     if arguments.trajectory is None:
         return lambda subject, rng: _along_path(subject, arguments, rng)
     way = arguments.trajectory
-    return lambda subject, rng: _along_path(
-        subject, arguments, rng, trajectory_from_file(way, subject.plan, model_settings(arguments, 0).motion)
-    )
+    return lambda subject, rng: _along_path(subject, arguments, rng, trajectory_from_file(way, subject.plan))
 
 
 def _along_path(
@@ -92,10 +87,10 @@ def _along_path(
 ) -> DrawnMap:
     """Methods ``parametric`` and ``generator``."""
     config = model_settings(arguments, subject.slot.index, subject.recorded)
-    frame = square_around(subject.plan, config, arguments.size) if arguments.size else None
+    frame = square_around(subject.plan, arguments.size) if arguments.size else None
     if frame is not None:
         config = replace(config, resolution=frame.resolution)
-    path = given or _path(subject, arguments, config, rng)
+    path = given or _path(subject, arguments, rng)
     return _of_deformation(deform(subject.plan, path, config, rng, frame))
 
 
@@ -139,14 +134,13 @@ def _of_deformation(result: Deformation) -> DrawnMap:
         paths={"truth": result.true, "odometry": result.odometry, "estimate": result.believed},
         coverage=float(result.seen[floor].mean()),
         parameters={"drawn": result.parameters, "config": to_dict(result.config)},
-        seconds=sum(result.seconds.values()),
     )
 
 
-def square_around(plan: FloorPlan, config: ParametricConfig, size_px: int) -> GridFrame:
+def square_around(plan: FloorPlan, size_px: int) -> GridFrame:
     """A square grid of ``size_px`` that holds the plan and its margin, the plan in the middle."""
     min_x, min_y, max_x, max_y = plan.bounds
-    side = max(max_x - min_x, max_y - min_y) + 2.0 * config.margin
+    side = max(max_x - min_x, max_y - min_y) + 2.0 * DRIFT_MARGIN
     return GridFrame(
         resolution=side / size_px,
         origin_x=0.5 * (min_x + max_x - side),
@@ -156,13 +150,11 @@ def square_around(plan: FloorPlan, config: ParametricConfig, size_px: int) -> Gr
     )
 
 
-def _path(
-    subject: Subject, arguments: DeformArguments, config: ParametricConfig, rng: np.random.Generator
-) -> TimedTrajectory:
+def _path(subject: Subject, arguments: DeformArguments, rng: np.random.Generator) -> TimedTrajectory:
     if subject.driven is not None:
         return from_recorded(subject.driven)
     if arguments.explorer is None:
-        return plan_trajectory(subject.plan, config.motion, rng, arguments.prm_kind)
+        return plan_trajectory(subject.plan, rng, arguments.prm_kind)
     from slamgym.agents.registry import make_explorer
     from slamgym.envs.episode import record_path
 
@@ -197,4 +189,4 @@ def _without_path(
     plan: FloorPlan, grid: OccupancyGrid, cad: OccupancyGrid, field: Float32Array | None
 ) -> DrawnMap:
     point = plan.free_space.representative_point()
-    return DrawnMap(grid, cad, np.array([point.x, point.y, 0.0]), field, {}, 1.0, {}, 0.0)
+    return DrawnMap(grid, cad, np.array([point.x, point.y, 0.0]), field, {}, 1.0, {})
