@@ -41,7 +41,7 @@ def imported_names(module: str) -> Iterator[str]:
 
 
 def room_of(name: str) -> str:
-    """The package below ``slamgym`` that a dotted name belongs to: ``slam`` of ``slamgym.slam.graph.nodes``."""
+    """The package below ``slamgym`` that a dotted name belongs to: ``slam`` of ``slamgym.slam.graph.solver``."""
     return name.split(".")[1]
 
 

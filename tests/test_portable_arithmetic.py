@@ -22,7 +22,6 @@ APART = {
     "slamgym.core.intervals": "statistics of finished runs",
     "slamgym.slam.graph": "sparse least squares by SuperLU: the pose graph, for logs",
     "slamgym.slam.localization": "where a robot is on a finished map",
-    "slamgym.slam.path_correction": "bends finished paths for the pose graph",
 }
 """Modules of these packages that are not on the way from a seed to an exploration, and why."""
 LINEAR = {

@@ -38,9 +38,7 @@ MORE_ATTRIBUTES: dict[str, int] = {
     "slamgym.envs.simulation.Simulation": 21,
     "slamgym.sim.lidar.LidarConfig": 16,
     "slamgym.sim.space.World": 16,
-    "slamgym.slam.config.SlamConfig": 31,
-    "slamgym.slam.graph.config.PoseGraphConfig": 20,
-    "slamgym.slam.localization.config.LocalizationConfig": 28,
+    "slamgym.slam.config.SlamConfig": 26,
     "slamgym.slam.particle_filter.ParticleFilter": 16,
 }
 """Settings and records whose fields are names in saved files or options of commands, and what still is to be split."""

@@ -35,7 +35,7 @@ from slamgym.envs import EpisodeConfig, ExploreConfig, ExploreEnv
 from slamgym.envs.warmup import warm_up
 from slamgym.sim import Lidar, WheelOdometry, World
 from slamgym.slam import SlamConfig
-from slamgym.slam.mapper import GatedMapper
+from slamgym.slam.mapper import Mapper
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from report import Yardsticks, print_and_save
@@ -44,7 +44,7 @@ GOAL = 6.5
 """CPU time of a 7-minute exploration with 30 particles and 180 beams, in Python loops of ten million additions."""
 
 PARTS: dict[str, list[tuple[Any, str]]] = {
-    "SLAM": [(GatedMapper, "update")],
+    "SLAM": [(Mapper, "update")],
     "explorer (frontiers, navigation)": [(BatchedExplorer, "predict")],
     "world and sensors": [
         (World, "step"),

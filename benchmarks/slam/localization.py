@@ -29,8 +29,8 @@ from slamgym.interop import Log, LogRecord, open_log
 from slamgym.metrics import normalised_estimation_error_squared, poses_at
 from slamgym.sim import ClutterConfig, odometry_level
 from slamgym.slam import SlamConfig
-from slamgym.slam.localization.config import LocalizationConfig
-from slamgym.slam.localization.replay import LocalizationResult, localize_log
+from slamgym.slam.config import LocalizationConfig
+from slamgym.slam.localization.logs import LocalizationResult, localize_log
 from slamgym.slam.replay import replay, settings_for
 
 sys.path.insert(0, str(Path(__file__).parents[1]))

@@ -17,13 +17,13 @@ from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.files import write_text
 from slamgym.core.progress import counted, say, tell
 from slamgym.core.types import Pose2D
-from slamgym.slam.localization.config import LocalizationConfig
+from slamgym.slam.config import LocalizationConfig
 
 if TYPE_CHECKING:
     from slamgym.interop.map_files import RobotMap
     from slamgym.interop.records import Log
-    from slamgym.slam.localization.judge import Belief
-    from slamgym.slam.localization.replay import LocalizationResult
+    from slamgym.slam.localization.hypothesis import Belief
+    from slamgym.slam.localization.logs import LocalizationResult
 
 
 class LocalizeArguments(Arguments):
@@ -63,7 +63,7 @@ def main(argv: list[str]) -> int:
     arguments = tyro.cli(LocalizeArguments, args=argv, prog="slamgym localize")
     from slamgym.interop.logs import open_log
     from slamgym.interop.map_files import read_map
-    from slamgym.slam.localization.replay import localize_log
+    from slamgym.slam.localization.logs import localize_log
     from slamgym.slam.replay import read_overrides
 
     if arguments.out.exists() and not arguments.out.is_dir():

@@ -159,7 +159,7 @@ def _replay(
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-    from slamgym.slam.localization.continuation import continue_map
+    from slamgym.slam.localization.logs import continue_map
     from slamgym.slam.replay import replay
     from slamgym.viz.films import open_film
     from slamgym.viz.window import Window

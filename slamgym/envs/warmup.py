@@ -44,7 +44,7 @@ from slamgym.sim import ClutterConfig
 from slamgym.sim.motion import settle
 from slamgym.sim.passages import first_fitting
 from slamgym.slam import SlamConfig, make_mapper
-from slamgym.slam.graph.config import PoseGraphConfig
+from slamgym.slam.config import PoseGraphConfig
 from slamgym.slam.graph.matching import search_window
 from slamgym.slam.tiles import copy_maps
 

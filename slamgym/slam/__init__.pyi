@@ -1,7 +1,6 @@
 from .config import MotionNoise, SlamConfig
-from .mapper import Mapper, SlamStats
+from .mapper import Mapper, PoseTracker, SlamStats
 from .modes import make_mapper
 from .particle_filter import ParticleFilter
-from .pose_tracking import PoseTracker
 
 __all__ = ["Mapper", "MotionNoise", "ParticleFilter", "PoseTracker", "SlamConfig", "SlamStats", "make_mapper"]

@@ -3,14 +3,13 @@
 from dataclasses import field
 from typing import Annotated, Literal
 
-from slamgym.core.config import Count, CountOrZero, NonNegative, Positive, Settings, Within
-from slamgym.slam.graph.config import PoseGraphConfig
-from slamgym.slam.localization.config import LocalizationConfig
+from slamgym.core.config import Count, CountOrZero, NonNegative, Positive, Settings, Share, Within
 
 Mode = Literal["rbpf", "pose_graph", "scan_matching", "dead_reckoning", "map", "ground_truth"]
 NoReturn = Literal["clear", "ignore"]
 Matcher = Literal["coarse_to_fine", "hill_climbing"]
 Counting = Literal["beams", "scans"]
+Start = Literal["global", "known"]
 
 
 SEES_ACROSS_ROOMS = 10.0
@@ -39,7 +38,83 @@ class MotionNoise(Settings, section="slam.motion"):
     """Rotation error per radian of rotation [rad/rad]."""
 
 
-class SlamConfig(Settings, section="slam"):
+class PoseGraphConfig(
+    Settings,
+    section="slam.pose_graph",
+    dropped={
+        "keyframe_distance": 0.5, "keyframe_turn": 0.2, "match_range": 25.0, "cell": 0.1, "surface_sigma": 0.02,
+        "point_share": 0.05, "minimum_fit": 0.45, "loop_interval": 2, "loop_radius": 3.0, "drift": 0.04,
+        "drift_turn": 0.012, "largest_window": 6.0, "loop_fit": 0.7, "final_fit": 0.5, "trusted_window": 0.6,
+        "agreeing": 2, "robust_width": 8.0,
+    },
+):  # fmt: skip
+    """When loops are sought. The defaults serve indoor scanners of 3 to 80 m range."""
+
+    local_nodes: Count = 30
+    """A new scan is matched with this many nodes before it."""
+
+    loop_length: float = 5.0
+    """Only nodes that lie further back than this along the graph make a loop [m]."""
+
+    final_passes: int = 0
+    """How often, at the end, all nodes are matched with their neighbours once more: good for scanners that see across
+    rooms (see :meth:`slamgym.slam.SlamConfig.for_log`)."""
+
+
+class LocalizationConfig(
+    Settings,
+    section="slam.localization",
+    dropped={
+        "z_hit": 0.75, "z_rand": 0.2, "z_max": 0.05, "beam_weight": 0.15, "evidence": 0.2, "jump_cost": 10.0,
+        "linear_update": 0.1, "angular_update": 0.1, "min_particles": 100, "kld_error": 0.05, "kld_quantile": 2.33,
+        "resample_threshold": 0.5, "most_hypotheses": 60, "score_margin": 0.12, "search_memory": 3.0,
+        "search_distance": 0.5, "check_distance": 5.0, "claim_fit": 0.75, "fit_distance": 0.2, "certain_weight": 0.95,
+    },
+):  # fmt: skip
+    """How a robot finds itself on a map, named after AMCL's parameters where it has them.
+
+    The sensor model is the likelihood field of Thrun, Burgard and Fox (*Probabilistic Robotics*, 2005, Table 6.3),
+    the filter their Monte Carlo localisation (Tables 8.2 and 8.3), the number of particles KLD-sampling's (Table
+    8.4; Fox 2003). Several hypotheses are kept apart, each with particles of its own (Vermaak, Doucet and Perez
+    2003), so that chance kills none of them.
+    """
+
+    start: Start = "global"
+    """``global``: nothing is known of the start; ``known``: the start is the initial pose, as in AMCL."""
+
+    max_beams: Count = 60
+    """Beams of a scan that weigh the particles (``laser_max_beams``; 30 in AMCL's launch file, 60 in Nav2)."""
+
+    sigma_hit: Positive = 0.08
+    """Spread of end points round the mapped surface [m] (``laser_sigma_hit``; 0.2 in AMCL): the error of a TurtleBot3's
+    laser and that of a map with 5 cm cells."""
+
+    max_particles: Count = 2000
+    """Most particles of all hypotheses together, but for the least of each (``max_particles``)."""
+
+    initial_spread: Positive = 0.5
+    """Standard deviation of a known start [m] (``initial_cov_xx`` is its square) ..."""
+
+    initial_turn: Positive = 0.26
+    """... and of its heading [rad]."""
+
+    minimum_fit: Share = 0.6
+    """A hypothesis explains the scans if so many of their beams, in a mean over the latest, end at a mapped surface
+    with none in between."""
+
+    confirm_distance: NonNegative = 3.0
+    """So far the robot must have driven with one hypothesis certain before it is believed [m]; half a turn counts as
+    much as a metre. Twice as far after each place that was believed and given up."""
+
+
+class SlamConfig(
+    Settings,
+    section="slam",
+    dropped={
+        "min_particles": None, "linear_step": 0.05, "angular_step": 0.05, "likelihood_sigma": 0.075,
+        "likelihood_gain": 3.0,
+    },
+):  # fmt: skip
     """How the map is made.
 
     The defaults are TurtleBot3's GMapping launch file (``turtlebot3_slam/config/gmapping_params.yaml``),
@@ -54,12 +129,7 @@ class SlamConfig(Settings, section="slam"):
     (:mod:`slamgym.slam.localization`); ``ground_truth``: as dead reckoning, for a caller who hands it true poses."""
 
     particles: Count = 30
-    """Number of particles (``particles``), at most."""
-
-    min_particles: Count | None = None
-    """As few are kept where the odometry that was learned is so true that fewer will do
-    (:func:`slamgym.slam.resampling.needed_particles`); 10 halve the time, and single maps are a little worse. None: the
-    number is fixed, as GMapping's."""
+    """Number of particles (``particles``)."""
 
     resolution: Positive = 0.05
     """Cell size of the maps [m] (``delta``)."""
@@ -76,20 +146,8 @@ class SlamConfig(Settings, section="slam"):
     sigma: Positive = 0.05
     """Width of the matching score exp(-d^2 / sigma) [m^2] (``sigma``)."""
 
-    linear_step: Positive = 0.05
-    """First step of the search in x and y [m] (``lstep``)."""
-
-    angular_step: Positive = 0.05
-    """First step of the search in heading [rad] (``astep``)."""
-
     iterations: CountOrZero = 5
     """How often GMapping's search halves its steps (``iterations``); ``hill_climbing`` only."""
-
-    likelihood_sigma: Positive = 0.075
-    """Width of the log-likelihood -d^2 / sigma that weighs the particles [m^2] (``lsigma``)."""
-
-    likelihood_gain: Positive = 3.0
-    """Flattens the weights: they are exp(l / (gain x particles)) (``ogain``)."""
 
     beam_skip: CountOrZero = 0
     """Beams left out between two that are matched (``lskip``); all are drawn into the map."""

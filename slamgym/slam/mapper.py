@@ -1,14 +1,15 @@
-"""What a SLAM mode offers, whatever its method, and what the modes share."""
+"""The interface of all SLAM modes with what they share, and mapping with known poses."""
 
 import math
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
+from slamgym.core.geometry import compose
 from slamgym.core.types import (
     ByteArray,
     FloatArray,
@@ -19,10 +20,11 @@ from slamgym.core.types import (
     Pose2D,
     Trajectory,
 )
+from slamgym.slam.columns import Columns
 from slamgym.slam.config import SlamConfig
 from slamgym.slam.hit_count_kernels import BeamTable
 from slamgym.slam.hit_counts import HitCountMap
-from slamgym.slam.motion_model import OdometryGate
+from slamgym.slam.motion_model import OdometryGate, update_thresholds
 
 
 @dataclass
@@ -59,12 +61,9 @@ class SlamStats:
     n_eff: list[float] = field(default_factory=list)
     """N_eff at each processed scan, before resampling."""
 
-    particles: list[int] = field(default_factory=list)
-    """Number of particles at each of those scans."""
-
     @property
     def is_doubtful(self) -> bool:
-        """Whether the last processed scan is in doubt, and with it the pose."""
+        """True if the last processed scan is in doubt, and with it the pose."""
         return bool(self.doubtful) and self.doubtful[-1] == self.last_stamp
 
     @property
@@ -73,60 +72,100 @@ class SlamStats:
         return 1e3 * self.cpu_seconds / max(self.processed, 1)
 
 
-class Mapper(Protocol):
-    """A SLAM method that is fed scan by scan.
+class Mapper(ABC):
+    """A SLAM method that is fed scan by scan: which scans are processed, counters, and a map drawn when asked for.
 
     Poses and maps are in the ``map`` frame (see :mod:`slamgym.core.types`), in which the robot starts at the
     initial pose. Odometry may be in any frame: only its increments count.
+
+    Args:
+        config: Settings of the map.
+        geometry: The scanner.
+        thresholds: Distance [m], turn [rad] and time [s] after which a scan is processed; by default the settings'.
     """
 
+    def __init__(
+        self,
+        config: SlamConfig,
+        geometry: LaserGeometry,
+        thresholds: tuple[float, float, float] | None = None,
+    ) -> None:
+        self._config = config
+        self._beams = BeamTable.of(geometry, config)
+        self._gate = OdometryGate(thresholds or update_thresholds(config))
+        self._map = HitCountMap(self._beams, config)
+        self._grid: OccupancyGrid | None = None
+        self._stats = SlamStats()
+        self._known: OccupancyGrid | None = None
+        self._path = Columns(stamps=(), poses=(3,))
+
     @property
+    @abstractmethod
     def pose(self) -> Pose2D:
         """The estimate at the last scan: best pose at the last processed scan plus odometry since."""
-        ...
 
     @property
     def covariance(self) -> FloatArray:
         """Covariance (3, 3) of x, y [m] and theta [rad] at the last processed scan; zero if not known."""
-        ...
+        return np.zeros((3, 3))
 
     @property
     def n_eff(self) -> float:
-        """Effective sample size at the last processed scan, before resampling."""
-        ...
+        """Effective sample size at the last processed scan, before resampling; 1 of a single path."""
+        return 1.0
 
     @property
     def stats(self) -> SlamStats:
         """Counters."""
-        ...
+        self._stats.memory_bytes = self._map.num_bytes + self._num_bytes()
+        return self._stats
 
     def update(self, odometry: Pose2D, scan: LaserScan) -> bool:
         """Take a scan and the odometry pose at its time; to be called for every scan.
 
         Returns:
-            Whether the scan was processed, i.e. was past the update thresholds.
+            True if the scan was processed, i.e. was past the update thresholds.
         """
-        ...
+        self._stats.scans += 1
+        if not self._gate.must_process(odometry, scan.stamp):
+            return False  # and no look at the clock: it would cost more than the gate
+        begin = time.process_time()
+        self._process(scan)
+        self._grid = None
+        self._stats.processed += 1
+        self._stats.last_stamp = scan.stamp
+        self._stats.cpu_seconds += time.process_time() - begin
+        return True
 
     def know(self, grid: OccupancyGrid) -> None:
         """Begin with an older map, before the first scan; its cells lie on the lattice of this one."""
-        ...
+        self._known, self._grid = grid, None
+        self._new_map()
 
-    def finish(self) -> None:
+    def _new_map(self) -> None:
+        """Begin the map again, with what was known before."""
+        self._map = HitCountMap(self._beams, self._config)
+        if self._known is not None:
+            self._map.add_known(self._known)
+
+    def finish(self) -> None:  # noqa: B027 - most modes have nothing to do
         """Improve map and path once the log is complete; to be called after the last scan."""
-        ...
 
     def report(self) -> Mapping[str, Any]:
         """What this mode adds to a summary, e.g. its loop closures."""
-        ...
+        return {}
 
     def particle_paths(self, most: int) -> list[FloatArray]:
-        """Paths of at most so many hypotheses, each (processed scans, 3); empty if there is one path only."""
-        ...
+        """Paths of at most ``most`` hypotheses, each (processed scans, 3); empty if there is one path only."""
+        del most
+        return []
 
     def occupancy_grid(self) -> OccupancyGrid:
         """The map, cropped to what is known. The same object comes back until another scan is processed."""
-        ...
+        if self._grid is None:
+            self._draw_path()
+            self._grid = self._map.occupancy_grid()
+        return self._grid
 
     def render(self, frame: GridFrame) -> ByteArray:
         """The map on another grid.
@@ -139,117 +178,53 @@ class Mapper(Protocol):
         Returns:
             Values as ROS map_server, shape ``frame.shape``, row 0 at the top.
         """
-        ...
+        self._draw_path()
+        return self._map.render(frame)
 
     def lattice(self) -> tuple[ByteArray, tuple[int, int]]:
         """The map on its own lattice: values of cells, row 0 at the bottom, and the row and column they begin at.
 
         They are not copied: later calls may change them.
         """
-        ...
+        self._draw_path()
+        return self._map.classified(), self._map.corner
 
     def trajectory(self) -> Trajectory:
         """The path: poses at the processed scans, corrected by what was learned since."""
-        ...
-
-
-class GatedMapper(ABC):
-    """What the modes share: which scans are processed, counters, and a map drawn when it is asked for.
-
-    See :class:`Mapper` for the methods.
-
-    Args:
-        config: Settings of the map.
-        geometry: The scanner.
-        gate: Settings of the update thresholds, if they are not those of ``config``.
-    """
-
-    def __init__(self, config: SlamConfig, geometry: LaserGeometry, gate: SlamConfig | None = None) -> None:
-        self._config = config
-        self._beams = BeamTable.of(geometry, config)
-        self._gate = OdometryGate(gate or config)
-        self._map = HitCountMap(self._beams, config)
-        self._grid: OccupancyGrid | None = None
-        self._stats = SlamStats()
-        self._known: OccupancyGrid | None = None
-
-    @property
-    def covariance(self) -> FloatArray:
-        """Not known."""
-        return np.zeros((3, 3))
-
-    @property
-    def n_eff(self) -> float:
-        """Of one path."""
-        return 1.0
-
-    @property
-    def stats(self) -> SlamStats:
-        """Counters."""
-        self._stats.memory_bytes = self._map.num_bytes + self._num_bytes()
-        return self._stats
-
-    def update(self, odometry: Pose2D, scan: LaserScan) -> bool:
-        """Take a scan; returns whether it was processed."""
-        self._stats.scans += 1
-        if not self._gate.is_due(odometry, scan.stamp):
-            return False  # and no look at the clock: it would cost more than the gate
-        begin = time.process_time()
-        self._process(scan)
-        self._grid = None
-        self._stats.processed += 1
-        self._stats.last_stamp = scan.stamp
-        self._stats.cpu_seconds += time.process_time() - begin
-        return True
-
-    def know(self, grid: OccupancyGrid) -> None:
-        """Begin with an older map."""
-        self._known, self._grid = grid, None
-        self._new_map()
-
-    def _new_map(self) -> None:
-        """Begin drawing anew, on what was known before."""
-        self._map = HitCountMap(self._beams, self._config)
-        if self._known is not None:
-            self._map.add_known(self._known)
-
-    def finish(self) -> None:  # noqa: B027 - most modes have nothing to do
-        """Nothing is left to do."""
-
-    def report(self) -> Mapping[str, Any]:
-        """Nothing is added."""
-        return {}
-
-    def particle_paths(self, most: int) -> list[FloatArray]:
-        """There is one path only."""
-        del most
-        return []
-
-    def occupancy_grid(self) -> OccupancyGrid:
-        """The map, cropped to what is known."""
-        if self._grid is None:
-            self._draw_path()
-            self._grid = self._map.occupancy_grid()
-        return self._grid
-
-    def render(self, frame: GridFrame) -> ByteArray:
-        """The map on another grid."""
-        self._draw_path()
-        return self._map.render(frame)
-
-    def lattice(self) -> tuple[ByteArray, tuple[int, int]]:
-        """The map on its own lattice."""
-        self._draw_path()
-        return self._map.classified(), self._map.corner
+        return Trajectory(self._path["stamps"].copy(), self._path["poses"].copy())
 
     @abstractmethod
     def _process(self, scan: LaserScan) -> None:
         """Take a scan that is due."""
 
-    @abstractmethod
-    def _draw_path(self) -> None:
+    def _draw_path(self) -> None:  # noqa: B027 - where scans are drawn at once
         """Bring the map up to date with the path."""
 
-    @abstractmethod
     def _num_bytes(self) -> int:
-        """Memory beside the map."""
+        """Memory without the map's."""
+        return self._path.num_bytes
+
+
+class PoseTracker(Mapper):
+    """Mapping with known poses: dead reckoning, and ground truth for a caller who knows it.
+
+    Every processed scan is drawn into the map at once.
+    """
+
+    def __init__(
+        self, config: SlamConfig, geometry: LaserGeometry, initial_pose: Pose2D, rng: np.random.Generator
+    ) -> None:
+        del rng  # nothing is random here
+        super().__init__(config, geometry)
+        self._last_pose = initial_pose
+
+    @property
+    def pose(self) -> Pose2D:
+        """The pose at the last scan, as it was given."""
+        return compose(self._last_pose, self._gate.since_processed)
+
+    def _process(self, scan: LaserScan) -> None:
+        self._last_pose = self.pose
+        self._gate.take(scan.stamp)
+        self._map.draw(np.array([self._last_pose]), scan.ranges[np.newaxis])
+        self._path.append(stamps=scan.stamp, poses=self._last_pose)

@@ -1,22 +1,16 @@
 """The SLAM modes by their names in the settings."""
 
-from collections.abc import Callable
-
 import numpy as np
 
 from slamgym.core.errors import ConfigError
 from slamgym.core.types import LaserGeometry, OccupancyGrid, Pose2D
 from slamgym.slam.config import SlamConfig
 from slamgym.slam.graph.mapper import PoseGraphMapper
-from slamgym.slam.localization.mapping import MapLocalizer
-from slamgym.slam.mapper import Mapper
+from slamgym.slam.localization.localizer import MapLocalizer
+from slamgym.slam.mapper import Mapper, PoseTracker
 from slamgym.slam.particle_filter import ParticleFilter
-from slamgym.slam.pose_tracking import PoseTracker
 
-MapperFactory = Callable[[SlamConfig, LaserGeometry, Pose2D, np.random.Generator], Mapper]
-
-
-MODES: dict[str, MapperFactory] = {
+MODES = {
     "rbpf": ParticleFilter,
     "pose_graph": PoseGraphMapper,
     "scan_matching": ParticleFilter,

@@ -1,12 +1,13 @@
-"""Odometry in the filter: GMapping's motion model over all particles, and which scans are processed at all."""
+"""Odometry: which scans are processed, GMapping's motion model, and the path between the poses that were estimated."""
 
 import math
 
 import numpy as np
 
-from slamgym.core.geometry import between
+from slamgym.core.geometry import between, wrap_angle
 from slamgym.core.jit import kernel
-from slamgym.core.types import FloatArray, Pose2D
+from slamgym.core.types import FloatArray, IntArray, Pose2D
+from slamgym.metrics.trajectory import relative_poses
 from slamgym.slam.config import MotionNoise, SlamConfig
 
 
@@ -16,7 +17,7 @@ def add_way(distance: float, turn: float, increment: Pose2D) -> tuple[float, flo
 
 
 def is_far_enough(distance: float, turn: float, waited: float, updates: tuple[float, float, float]) -> bool:
-    """Whether a scan must be processed after so much motion [m, rad] and time [s]; ``updates`` holds what each asks."""
+    """Return True if a scan must be processed after so much motion [m, rad] and time [s], by three thresholds."""
     return distance >= updates[0] or turn >= updates[1] or waited > updates[2]
 
 
@@ -27,13 +28,16 @@ def update_thresholds(config: SlamConfig) -> tuple[float, float, float]:
 
 
 class OdometryGate:
-    """Collects the motion between scans until one is due.
+    """Collects the motion between scans until one must be processed.
 
     Distance and turn add up along the path, as in GMapping.
+
+    Args:
+        thresholds: Distance [m], turn [rad] and time [s]; see :func:`update_thresholds`.
     """
 
-    def __init__(self, config: SlamConfig) -> None:
-        self._updates = update_thresholds(config)
+    def __init__(self, thresholds: tuple[float, float, float]) -> None:
+        self._updates = thresholds
         self._last: Pose2D | None = None
         self._last_processed = Pose2D(0.0, 0.0, 0.0)
         self._last_stamp = 0.0
@@ -46,7 +50,7 @@ class OdometryGate:
         """Motion since the last processed scan, in the robot frame of that time."""
         return Pose2D(0.0, 0.0, 0.0) if self._last is None else between(self._last_processed, self._last)
 
-    def is_due(self, odometry: Pose2D, stamp: float) -> bool:
+    def must_process(self, odometry: Pose2D, stamp: float) -> bool:
         """Take the odometry pose of a scan; True if the scan must be processed. The first one must."""
         if self._last is None:
             self._last = self._last_processed = odometry
@@ -66,6 +70,50 @@ class OdometryGate:
         self._distance = self._turn = 0.0
         self._increments.clear()
         return increments
+
+
+def poses_between(poses: FloatArray, indices: IntArray, odometry: FloatArray) -> FloatArray:
+    """Fill in the poses of the moments between the processed scans.
+
+    Between two processed scans the robot moved as odometry says, up to a small error, the difference of the
+    two corrections, which is spread linearly over the moments in between.
+
+    Args:
+        poses: Estimates at the processed scans, shape (P, 3).
+        indices: Which of the moments those are, shape (P,), ascending.
+        odometry: Odometry pose at every moment, shape (N, 3).
+
+    Returns:
+        Poses at every moment, shape (N, 3).
+    """
+    every = np.arange(len(odometry))
+    before = np.maximum(np.searchsorted(indices, every, side="right") - 1, 0)
+    after = np.minimum(before + 1, len(indices) - 1)
+    from_before = _carried(poses, indices, odometry, every, before)
+    from_after = _carried(poses, indices, odometry, every, after)
+    span = indices[after] - indices[before]
+    share = np.clip((every - indices[before]) / np.maximum(span, 1), 0.0, 1.0)[:, None]
+    difference = from_after - from_before
+    difference[:, 2] = wrap_angle(difference[:, 2])
+    filled: FloatArray = from_before + share * difference
+    filled[:, 2] = wrap_angle(filled[:, 2])
+    return filled
+
+
+def _carried(
+    poses: FloatArray, indices: IntArray, odometry: FloatArray, every: IntArray, anchor: IntArray
+) -> FloatArray:
+    """Every scan's pose by odometry from the processed scan ``anchor``."""
+    motion = relative_poses(odometry[indices[anchor]], odometry[every])
+    base = poses[anchor]
+    cos, sin = np.cos(base[:, 2]), np.sin(base[:, 2])
+    return np.column_stack(
+        [
+            base[:, 0] + cos * motion[:, 0] - sin * motion[:, 1],
+            base[:, 1] + sin * motion[:, 0] + cos * motion[:, 1],
+            wrap_angle(base[:, 2] + motion[:, 2]),
+        ]
+    )
 
 
 LATERAL_SHARE = 0.3

@@ -30,8 +30,6 @@ PRIOR_STRETCHES = 4.0
 """What the sizes of the random errors count before anything is learned, in stretches."""
 MEMORY_STRETCHES = 60.0
 """Older stretches are forgotten: floors and loads change."""
-SURE_STRETCHES = 12.0
-"""The size of the random errors is known after so many stretches, those before anything is learned included."""
 OUTLIER = 9.0
 """A squared error beyond this many times what is expected counts as so many."""
 LEAST_NOISE = 0.01
@@ -94,13 +92,6 @@ class OdometryCalibration:
         )
         truth = (FAULTY_NOISE - self.heading_noise) / (FAULTY_NOISE - TRUE_NOISE)
         return max(0.0, 1.0 - SIGNIFICANT * min(max(truth, 0.0), 1.0) / max(squared, 1e-9))
-
-    @property
-    def random_noise(self) -> float | None:
-        """The larger of the two random errors; None until enough stretches were compared to say."""
-        if self._heading_weight < SURE_STRETCHES:
-            return None
-        return max(self.heading_noise, self.distance_noise)
 
     def spread(self, increments: FloatArray) -> MotionSpread:
         """How far a motion by odometry may be off once it is corrected.

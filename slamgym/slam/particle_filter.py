@@ -25,17 +25,16 @@ from slamgym.core.types import (
 from slamgym.slam.config import SlamConfig
 from slamgym.slam.end_points import farthest, usable_end_points
 from slamgym.slam.hill_climbing import MatchSettings, Search
-from slamgym.slam.mapper import GatedMapper
+from slamgym.slam.mapper import Mapper
 from slamgym.slam.motion_model import noise_array, sample_motion
 from slamgym.slam.odometry_calibration import OdometryCalibration
-from slamgym.slam.particles import ParticleMaps, TrajectoryTree, trace_lineage
-from slamgym.slam.resampling import (
-    LEAST_CHANGE,
+from slamgym.slam.particles import (
+    ParticleMaps,
+    TrajectoryTree,
     effective_sample_size,
-    in_place,
-    needed_particles,
     normalized_weights,
     systematic_resample,
+    trace_lineage,
 )
 from slamgym.slam.scan_match import align_freely, match_particles
 from slamgym.slam.uncertainty import PathUncertainty, match_covariance
@@ -43,6 +42,10 @@ from slamgym.slam.uncertainty import PathUncertainty, match_covariance
 POSITION_FLOOR = 0.005
 HEADING_FLOOR = 0.003
 """Odometry is never trusted further than this [m], [rad]."""
+FIRST_STEP = 0.05
+"""First step of the search in x and y [m] (GMapping's ``lstep``)."""
+LIKELIHOOD_SIGMA = 0.075
+"""Width of the log-likelihood -d^2 / sigma that weighs the particles [m^2] (GMapping's ``lsigma``)."""
 NULL_LIKELIHOOD = -0.5
 """-d^2 of a beam with nothing near [m^2] (GMapping's ``nullLikelihood``)."""
 COMMON_ERROR = 40.0
@@ -64,11 +67,10 @@ def match_settings(config: SlamConfig) -> MatchSettings:
     """The settings as the matching kernels take them, lengths in cells."""
     return MatchSettings(
         gain=config.resolution**2 / config.sigma,
-        likelihood_gain=config.resolution**2 / config.likelihood_sigma,
-        miss=NULL_LIKELIHOOD / config.likelihood_sigma,
+        likelihood_gain=config.resolution**2 / LIKELIHOOD_SIGMA,
+        miss=NULL_LIKELIHOOD / LIKELIHOOD_SIGMA,
         stride=config.beam_skip + 1,
-        linear_step=config.linear_step / config.resolution,
-        angular_step=float(config.angular_step),
+        linear_step=FIRST_STEP / config.resolution,
         search=int(Search[config.matcher.upper()]),
         halvings=config.iterations,
         minimum_score=float(config.minimum_score),
@@ -76,7 +78,7 @@ def match_settings(config: SlamConfig) -> MatchSettings:
     )
 
 
-class ParticleFilter(GatedMapper):
+class ParticleFilter(Mapper):
     """Modes ``rbpf`` and ``scan_matching``; see :class:`slamgym.slam.mapper.Mapper`."""
 
     def __init__(
@@ -99,8 +101,7 @@ class ParticleFilter(GatedMapper):
         self._calibration = OdometryCalibration() if config.learn_odometry else None
         self._free_offset = Pose2D(0.0, 0.0, 0.0)
         self._match_covariance: FloatArray | None = None
-        nodes, view = config.pose_graph, geometry.num_beams * geometry.angle_increment
-        self._uncertainty = PathUncertainty(nodes.keyframe_distance, nodes.keyframe_turn, view)
+        self._uncertainty = PathUncertainty(geometry.num_beams * geometry.angle_increment)
 
     @property
     def pose(self) -> Pose2D:
@@ -114,14 +115,9 @@ class ParticleFilter(GatedMapper):
 
     def particle_paths(self, most: int) -> list[FloatArray]:
         """Paths of at most so many particles, each (processed scans, 3)."""
-        last = len(self._tree) - 1
-        paths: list[FloatArray] = []
-        for particle in range(min(most, len(self._poses)) if last >= 0 else 0):
-            lineage = np.full(last + 1, -1, dtype=np.int64)
-            # After a resampling the places of the particles changed; their parents are at the last scan.
-            trace_lineage(self._tree.parents, last, particle, lineage)
-            paths.append(self._tree.poses_along(lineage))
-        return paths
+        # After a resampling the places of the particles changed; their parents are at the last scan.
+        count = min(most, len(self._poses)) if len(self._tree) else 0
+        return [self._tree.poses_along(self._tree.lineage(particle)) for particle in range(count)]
 
     @property
     def covariance(self) -> FloatArray:
@@ -168,13 +164,11 @@ class ParticleFilter(GatedMapper):
             self._learn(increments, before[best], best, free, fits)
         matched = self._poses[best].copy()
         if len(self._tree) > 0 and self.n_eff < self._config.resample_threshold * len(self._poses):
-            self._resample(len(self._poses))
-        elif len(self._tree) > 0:
-            self._adapt()
-        self._tree.append(scan.stamp, self._poses, scan.ranges)
+            self._resample()
+        self._tree.add(scan.stamp, self._poses, scan.ranges)
         self._maps.register(self._poses, points)
         self._uncertainty.move(before[best], matched, np.array(variances))
-        if self._uncertainty.is_due:
+        if self._uncertainty.needs_node:
             self._add_node(scan, matched)
 
     def _add_node(self, scan: LaserScan, pose: FloatArray) -> None:
@@ -267,71 +261,42 @@ class ParticleFilter(GatedMapper):
         )
 
     def _match_and_weigh(self, points: FloatArray, variance: float, turn_variance: float) -> int:
-        c = self._config
-        log_likelihoods = np.empty(len(self._poses))
-        matched = match_particles(
-            plain(self._maps.tile_maps),
-            self._poses,
-            points,
-            variance,
-            turn_variance,
-            self._match_settings,
-            log_likelihoods,
-        )
+        """Move the particles to their best matches and weigh them; returns the best particle."""
+        likelihoods, maps = np.empty(len(self._poses)), plain(self._maps.tile_maps)
+        settings = self._match_settings
+        matched = match_particles(maps, self._poses, points, variance, turn_variance, settings, likelihoods)
         self._stats.refused_matches += len(self._poses) - matched
-        self._log_weights += log_likelihoods
-        self._path_log_weights += log_likelihoods
-        self._weights = normalized_weights(self._log_weights, c.likelihood_gain)
-        n_eff = effective_sample_size(self._weights)
-        self._stats.n_eff.append(n_eff)
-        self._stats.particles.append(len(self._poses))
+        self._log_weights += likelihoods
+        self._path_log_weights += likelihoods
+        self._weights = normalized_weights(self._log_weights)
+        self._stats.n_eff.append(effective_sample_size(self._weights))
         return self.best_particle
 
-    def _adapt(self) -> None:
-        """Drop the particles that are not needed, or add copies, once the odometry is known well enough to say."""
-        now, least, noise = len(self._poses), self._config.min_particles, None
-        if self._config.mode == "rbpf" and self._calibration is not None:
-            noise = self._calibration.random_noise
-        if least is None or noise is None:
-            return
-        wanted = needed_particles(least, self._config.particles, noise)
-        if wanted <= (1.0 - LEAST_CHANGE) * now:
-            self._descend(in_place(np.argsort(-self._path_log_weights, kind="stable")[:wanted], wanted, now))
-        elif wanted >= (1.0 + LEAST_CHANGE) * now:
-            self._resample(wanted)
-
-    def _resample(self, count: int) -> None:
-        self._descend(systematic_resample(self._weights, float(self._rng.random()), count))
-        self._log_weights = np.zeros(count)
-        self._weights = np.full(count, 1.0 / count)
-        self._stats.resamplings += 1
-
-    def _descend(self, ancestors: IntArray) -> None:
-        """Let the particles be those that descend from ``ancestors``."""
+    def _resample(self) -> None:
+        ancestors = systematic_resample(self._weights, float(self._rng.random()))
         self._poses = self._poses[ancestors]
-        self._log_weights = self._log_weights[ancestors]
         self._path_log_weights = self._path_log_weights[ancestors]
-        self._weights = normalized_weights(self._log_weights, self._config.likelihood_gain)
         self._maps.resample(ancestors)
         self._tree.resample(ancestors)
+        self._log_weights = np.zeros(len(self._poses))
+        self._weights = np.full(len(self._poses), 1.0 / len(self._poses))
+        self._stats.resamplings += 1
 
     def _draw_path(self) -> None:
         """Make the drawn path that of the best particle: take out what it doesn't share, draw the rest."""
-        steps, known = len(self._tree), len(self._lineage)
+        steps, known, ranges = len(self._tree), len(self._lineage), self._tree["ranges"]
         if steps == 0:
             return
         lineage = np.full(steps, -1, dtype=np.int64)
         lineage[:known] = self._lineage
-        first = trace_lineage(self._tree.parents, steps - 1, self.best_particle, lineage)
-        self._map.draw(self._drawn_poses[first:], self._tree.ranges[first:known], sign=-1)
+        first = trace_lineage(self._tree["parents"], steps - 1, self.best_particle, lineage)
+        self._map.draw(self._drawn_poses[first:], ranges[first:known], sign=-1)
         poses = self._tree.poses_along(lineage, first)
-        self._map.draw(poses, self._tree.ranges[first:])
+        self._map.draw(poses, ranges[first:])
         self._lineage = lineage
         self._drawn_poses = np.concatenate([self._drawn_poses[:first], poses])
 
     def trajectory(self) -> Trajectory:
         """The best particle's path."""
-        lineage = np.full(len(self._tree), -1, dtype=np.int64)
-        if len(lineage):
-            trace_lineage(self._tree.parents, len(lineage) - 1, self.best_particle, lineage)
-        return Trajectory(self._tree.stamps.copy(), self._tree.poses_along(lineage))
+        lineage = self._tree.lineage(self.best_particle)
+        return Trajectory(self._tree["stamps"].copy(), self._tree.poses_along(lineage))

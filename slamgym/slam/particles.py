@@ -1,4 +1,4 @@
-"""What the particles own: maps made of shared tiles, and paths that share their past (GMapping's trajectory tree)."""
+"""The particles' maps, made of shared tiles; paths that share their past (GMapping's trajectory tree); and weights."""
 
 import math
 
@@ -6,8 +6,10 @@ import numpy as np
 
 from slamgym.core.errors import SlamgymError
 from slamgym.core.jit import kernel, plain
+from slamgym.core.portable import exp
 from slamgym.core.types import OCCUPIED, FloatArray, IntArray, OccupancyGrid
-from slamgym.slam.tiles import BYTES_PER_TILE, TILE, TileMaps, TilePool, copy_maps, drop_maps, register_scan
+from slamgym.slam.columns import Columns
+from slamgym.slam.tiles import BYTES_PER_TILE, TILE, TileMaps, TilePool, copy_maps, register_scan
 
 
 @kernel
@@ -31,66 +33,89 @@ def trace_lineage(parents: IntArray, last: int, particle: int, lineage: IntArray
     return step + 1
 
 
-class TrajectoryTree:
-    """Pose and parent of each particle at each processed scan, and the scans themselves."""
+class TrajectoryTree(Columns):
+    """Pose and parent of each particle at each processed scan, and the scans themselves.
+
+    Columns: ``parents`` (particles,), ``poses`` (particles, 3), ``stamps`` [s] and ``ranges`` (num_beams,) [m].
+    """
 
     def __init__(self, particles: int, num_beams: int) -> None:
-        self._length = 0
-        self._parents = np.zeros((64, particles), dtype=np.int64)
-        self._poses = np.zeros((64, particles, 3))
-        self._stamps = np.zeros(64)
-        self._ranges = np.zeros((64, num_beams), dtype=np.float32)
-        self._pending = np.arange(particles)
+        super().__init__(
+            {"parents": np.int64, "ranges": np.float32},
+            parents=(particles,), poses=(particles, 3), stamps=(), ranges=(num_beams,),
+        )  # fmt: skip
+        self._every = self._pending = np.arange(particles)
 
-    def __len__(self) -> int:
-        return self._length
-
-    @property
-    def num_bytes(self) -> int:
-        """Memory of the tree."""
-        return self._parents.nbytes + self._poses.nbytes + self._ranges.nbytes
-
-    @property
-    def stamps(self) -> FloatArray:
-        """(steps,) [s]."""
-        return self._stamps[: self._length]
-
-    @property
-    def ranges(self) -> np.ndarray:
-        """(steps, num_beams) float32 [m]."""
-        return self._ranges[: self._length]
-
-    @property
-    def parents(self) -> IntArray:
-        """(steps, particles)."""
-        return self._parents[: self._length]
-
-    def append(self, stamp: float, poses: FloatArray, ranges: np.ndarray) -> None:
+    def add(self, stamp: float, poses: FloatArray, ranges: np.ndarray) -> None:
         """Add a processed scan with the pose (particles, 3) of each particle."""
-        if self._length == len(self._stamps):
-            for name in ("_parents", "_poses", "_stamps", "_ranges"):
-                old = getattr(self, name)
-                setattr(self, name, np.concatenate([old, np.zeros_like(old)]))
-        self._parents[self._length, : len(poses)] = self._pending
-        self._poses[self._length, : len(poses)] = poses
-        self._stamps[self._length] = stamp
-        self._ranges[self._length] = ranges
-        self._pending = np.arange(poses.shape[0])
-        self._length += 1
+        self.append(parents=self._pending, poses=poses, stamps=stamp, ranges=ranges)
+        self._pending = self._every
 
     def resample(self, ancestors: IntArray) -> None:
         """Note which particle each place descends from, after the last processed scan."""
         self._pending = self._pending[ancestors]
 
-    def replace_poses(self, poses: FloatArray) -> None:
-        """Put the only particle's path elsewhere, (steps, 3)."""
-        self._poses[: self._length, 0] = poses
+    def lineage(self, particle: int) -> IntArray:
+        """Place per step of the ancestors of the particle at a place after the last step, (steps,)."""
+        lineage = np.full(len(self), -1, dtype=np.int64)
+        if len(self):
+            trace_lineage(self["parents"], len(self) - 1, particle, lineage)
+        return lineage
 
     def poses_along(self, lineage: IntArray, first: int = 0) -> FloatArray:
         """Poses, shape (steps - first, 3), along a lineage from step ``first``."""
-        steps = np.arange(first, self._length)
-        along: FloatArray = self._poses[steps, lineage[steps]]
+        steps = np.arange(first, len(self))
+        along: FloatArray = self["poses"][steps, lineage[steps]]
         return along
+
+
+LIKELIHOOD_GAIN = 3.0
+"""GMapping's ``ogain``: flattens the weights."""
+
+
+def normalized_weights(log_weights: FloatArray) -> FloatArray:
+    """Weights that sum to 1, flattened as GMapping does: exp(l / (gain x particles)).
+
+    Args:
+        log_weights: (particles,) log-likelihood since the last resampling.
+    """
+    weights = exp((log_weights - log_weights.max()) / (LIKELIHOOD_GAIN * len(log_weights)))
+    normalized: FloatArray = weights / weights.sum()
+    return normalized
+
+
+def effective_sample_size(weights: FloatArray) -> float:
+    """N_eff = 1 / sum of squares, from 1 (one particle has all the weight) to the number of particles."""
+    return float(1.0 / np.square(weights).sum())
+
+
+def systematic_draw(weights: FloatArray, uniform: float, count: int) -> IntArray:
+    """Draw ``count`` particles in ascending order, particle i about ``count x weights[i]`` times.
+
+    Args:
+        weights: (particles,) that sum to 1.
+        uniform: One draw from [0, 1).
+        count: Number of draws.
+    """
+    ticks = (np.arange(count) + uniform) / count
+    drawn: IntArray = np.searchsorted(np.cumsum(weights), ticks, side="right").clip(max=len(weights) - 1)
+    return drawn
+
+
+def systematic_resample(weights: FloatArray, uniform: float) -> IntArray:
+    """Draw as many ancestors as there are particles; see :func:`systematic_draw`.
+
+    Returns:
+        (particles,) ancestor of each place. Every survivor keeps its own place, so that only the maps of those that
+        die are replaced.
+    """
+    count = len(weights)
+    copies = np.bincount(systematic_draw(weights, uniform, count), minlength=count)
+    ancestors = np.arange(count)
+    dead = copies == 0
+    copies[~dead] -= 1
+    ancestors[dead] = np.repeat(np.arange(count), copies)
+    return ancestors
 
 
 FIRST_TILES = 1024
@@ -183,13 +208,5 @@ class ParticleMaps:
         self.register(poses, points)
 
     def resample(self, ancestors: IntArray) -> None:
-        """Give each of so many particles the map of its ancestor."""
-        before, after = len(self.tables), len(ancestors)
-        if after > before:
-            self.tables = np.concatenate(
-                [self.tables, np.zeros_like(self.tables[:1]).repeat(after - before, 0)]
-            )
+        """Give each particle the map of its ancestor, (particles,)."""
         copy_maps(self.pool, self.tables, ancestors)
-        if after < before:
-            drop_maps(self.pool, self.tables[after:])
-            self.tables = self.tables[:after].copy()

@@ -27,7 +27,7 @@ from slamgym.interop.records import Log
 from slamgym.slam.config import SlamConfig
 from slamgym.slam.mapper import Mapper, SlamStats
 from slamgym.slam.modes import make_mapper
-from slamgym.slam.path_correction import poses_between
+from slamgym.slam.motion_model import poses_between
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class ReplayResult:
     moments: Trajectory
     """The same for every moment of which the log holds the odometry, in the order of time."""
     doubtful: BoolArray
-    """Whether the last processed scan before each scan fits poorly, shape (N,): the pose may be wrong there."""
+    """True where the last processed scan before each scan fits poorly, shape (N,): the pose may be wrong there."""
     covariances: FloatArray
     """What the mapper said then of that scan's pose, shape (N, 3, 3); zero where it doesn't know."""
     stats: SlamStats

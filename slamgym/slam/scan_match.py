@@ -20,11 +20,12 @@ from slamgym.slam.end_points import surface_normals
 from slamgym.slam.hill_climbing import (
     CellPose,
     MatchSettings,
+    NearMeans,
     Prior,
     Search,
     climb,
+    empty_means,
 )
-from slamgym.slam.near_means import NearMeans, empty_means
 from slamgym.slam.near_surfaces import (
     BLOCK_POINTS,
     Block,

@@ -172,24 +172,13 @@ def register_scan(maps: TileMaps, poses: FloatArray, points: FloatArray, first: 
 
 
 @kernel
-def _release(pool: TilePool, tile: int) -> None:
-    """Count one table less that names a tile, and give the tile back if it was the last."""
-    if tile == EMPTY:
-        return
-    pool.references[tile] -= 1
-    if pool.references[tile] == 0:
-        pool.free[pool.num_free[0]] = tile
-        pool.num_free[0] += 1
-
-
-@kernel
 def copy_maps(pool: TilePool, tables: np.ndarray, ancestors: IntArray) -> None:
-    """Give each particle the map of its ancestor.
+    """Give each particle the map of its ancestor; a tile that no table names any more becomes free.
 
     Args:
         pool: The tiles.
         tables: (particles, rows, cols) int32, changed in place.
-        ancestors: (at most particles,) sorted so that no survivor's place is given away: ``ancestors[i] == i`` for
+        ancestors: (particles,) sorted so that no survivor's place is given away: ``ancestors[i] == i`` for
             each place i that occurs in it.
     """
     for p in range(len(ancestors)):
@@ -201,14 +190,11 @@ def copy_maps(pool: TilePool, tables: np.ndarray, ancestors: IntArray) -> None:
                 old, new = tables[p, row, col], tables[source, row, col]
                 if old == new:
                     continue
+                tables[p, row, col] = new
                 if new != EMPTY:
                     pool.references[new] += 1
-                _release(pool, old)
-                tables[p, row, col] = new
-
-
-@kernel
-def drop_maps(pool: TilePool, tables: np.ndarray) -> None:
-    """Give the tiles of maps back to the pool; the tables (particles, rows, cols) are not to be used again."""
-    for tile in tables.flat:
-        _release(pool, tile)
+                if old != EMPTY:
+                    pool.references[old] -= 1
+                    if pool.references[old] == 0:
+                        pool.free[pool.num_free[0]] = old
+                        pool.num_free[0] += 1

@@ -18,12 +18,15 @@ from slamgym.core.geometry import wrap_angle
 from slamgym.core.jit import assign, kernel
 from slamgym.core.portable import inverted
 from slamgym.core.types import FloatArray, IntArray
+from slamgym.slam.columns import Columns
 
 _IDENTITY = np.eye(3)
 POINT_INFORMATION = 50_000.0
 """Of a point across the surface that it lies on, in an edge of the graph [1/m^2]: 4.5 mm."""
 ODOMETRY_FLOOR = (0.005, 0.005, 0.002)
 """Odometry between two nodes is never trusted further than this [m], [m], [rad]."""
+NODE_METRES, NODE_RADIANS = 0.5, 0.2
+"""A pose becomes a node after so much driving [m], or so much turning [rad]."""
 STEP_FLOOR = (0.006, 0.006, 0.002)
 """What each node adds to the path's uncertainty at least: chosen on twenty simulated homes so that NEES is about 3."""
 REVISIT_METRES, REVISIT_DRIVEN = 0.5, 5.0
@@ -120,21 +123,15 @@ class PathUncertainty:
     """Covariances of the nodes of a path, (3, 3) each, relative to the first, and of the pose since the newest.
 
     Args:
-        distance: A pose becomes a node after so much driving [m] ...
-        turn: ... or so much turning [rad].
         field_of_view: Of the laser [rad].
     """
 
-    def __init__(self, distance: float, turn: float, field_of_view: float = 2.0 * math.pi) -> None:
-        self._spacing = distance, turn
+    def __init__(self, field_of_view: float = 2.0 * math.pi) -> None:
         self._field_of_view = field_of_view
-        self._count = 0
-        self._poses: FloatArray = np.zeros((64, 3))
-        self._driven: FloatArray = np.zeros(64)  # since the start, at each node [m]
-        self._steps: FloatArray = np.zeros((64, 3, 3))
-        self._covariances: FloatArray = np.zeros((64, 3, 3))
-        self._sources: IntArray = np.zeros(64, dtype=np.int64)  # by which node each is known best,
-        self._added: FloatArray = np.zeros((64, 3, 3))  # and how well
+        # Metres driven since the start, by which node each is known best, and how well.
+        self._nodes = Columns(
+            {"sources": np.int64}, poses=(3,), driven=(), steps=(3, 3), covariances=(3, 3), sources=(), added=(3, 3)
+        )  # fmt: skip
         self.variances = np.zeros(2)
         """Of position [m^2] and heading [rad^2] by the odometry since the newest node."""
         self._distance = self._turn = 0.0
@@ -142,13 +139,12 @@ class PathUncertainty:
     @property
     def latest(self) -> FloatArray:
         """Of the newest node; zero before the first."""
-        return self._covariances[self._count - 1].copy() if self._count else np.zeros((3, 3))
+        return np.array(self._nodes["covariances"][-1]) if len(self._nodes) else np.zeros((3, 3))
 
     @property
-    def is_due(self) -> bool:
-        """Whether the newest pose must become a node. The first one must."""
-        distance, turn = self._spacing
-        return not self._count or self._distance >= distance or self._turn >= turn
+    def needs_node(self) -> bool:
+        """True if the newest pose must become a node. The first one must."""
+        return not len(self._nodes) or self._distance >= NODE_METRES or self._turn >= NODE_RADIANS
 
     def move(self, before: FloatArray, after: FloatArray, variances: FloatArray) -> None:
         """Take a motion between two poses (3,), with the variances that the odometry has over it."""
@@ -163,22 +159,15 @@ class PathUncertainty:
             pose: (3,).
             match: (3, 3) covariance of its match in the map frame; None if odometry is all there is.
         """
-        if not self._count:
+        if not len(self._nodes):
             return np.zeros((3, 3))
-        return step_covariance(pose[:2] - self._poses[self._count - 1, :2], self.latest, self._step(match))
+        return step_covariance(pose[:2] - self._nodes["poses"][-1, :2], self.latest, self._step(match))
 
     def append(self, pose: FloatArray, match: FloatArray | None) -> None:
         """Make the newest pose a node; arguments as for :meth:`at`."""
-        node = self._count
-        if node == len(self._poses):
-            for name in ("_poses", "_driven", "_steps", "_covariances", "_sources", "_added"):
-                rows = getattr(self, name)
-                setattr(self, name, np.concatenate([rows, np.zeros_like(rows)]))
-        self._count += 1
-        self._steps[node] = self._step(match)
-        self._poses[node] = pose
-        self._driven[node] = self._driven[node - 1] + self._distance if node else 0.0
-        self._know(node, [])
+        driven = self._nodes["driven"][-1] + self._distance if len(self._nodes) else 0.0
+        self._nodes.append(poses=pose, driven=driven, steps=self._step(match))
+        self._know(len(self._nodes) - 1, [])
         self.variances = np.zeros(2)
         self._distance = self._turn = 0.0
 
@@ -190,27 +179,26 @@ class PathUncertainty:
         Args:
             match: (3, 3) covariance of its match in the map frame.
         """
-        node = self._count - 1
-        here, now = self._poses[node], self._covariances[node]
-        apart = self._poses[:node] - here
+        node, covariances, driven = len(self._nodes) - 1, self._nodes["covariances"], self._nodes["driven"]
+        apart = self._nodes["poses"][:node] - self._nodes["poses"][node]
         near = np.hypot(apart[:, 0], apart[:, 1]) < REVISIT_METRES
-        near &= self._driven[node] - self._driven[:node] > REVISIT_DRIVEN
+        near &= driven[node] - driven[:node] > REVISIT_DRIVEN
         near &= np.abs(wrap_angle(apart[:, 2])) <= 0.5 * self._field_of_view
         candidates = np.flatnonzero(near)
         if len(candidates) == 0:
             return
-        old = int(min(candidates, key=lambda one: _position_variance(self._covariances[one])))
-        if _position_variance(now) - _position_variance(self._covariances[old]) < REVISIT_SIGMA**2:
-            known = node, int(self._sources[node]), self._added[node].copy()
+        variances = covariances[:, 0, 0] + covariances[:, 1, 1]
+        old = int(candidates[np.argmin(variances[candidates])])
+        if variances[node] - variances[old] < REVISIT_SIGMA**2:
+            known = node, int(self._nodes["sources"][node]), self._nodes["added"][node].copy()
             self._know(node, [known, (node, old, 2.0 * match + np.diag(np.square(REVISIT_FLOOR)))])
 
     def between(self, one: int, other: int) -> FloatArray:
         """Covariance (3, 3) of a node seen from another, in the map frame: what was added on the way between them."""
-        added = np.array(sorted(self._way(one) ^ self._way(other)), dtype=np.int64)
-        total = np.zeros((3, 3))
-        for node in added:
-            x, y = self._poses[other, :2] - self._poses[node, :2]
-            _add_step(x, y, self._added[node], total, total)
+        poses, total = self._nodes["poses"], np.zeros((3, 3))
+        for node in sorted(self._way(one) ^ self._way(other)):
+            x, y = poses[other, :2] - poses[node, :2]
+            _add_step(x, y, self._nodes["added"][node], total, total)
         return total
 
     def _way(self, node: int) -> set[int]:
@@ -218,7 +206,7 @@ class PathUncertainty:
         way = set()
         while node > 0:
             way.add(node)
-            node = int(self._sources[node])
+            node = int(self._nodes["sources"][node])
         return way
 
     def _step(self, match: FloatArray | None) -> FloatArray:
@@ -237,26 +225,16 @@ class PathUncertainty:
             ties: Pairs of nodes whose scans were matched with each other, with the covariance (3, 3) of that match
                 in the map frame.
         """
-        self._poses[: len(poses)] = poses
+        self._nodes["poses"][: len(poses)] = poses
         self._know(0, [(max(one, other), min(one, other), matched) for one, other, matched in ties])
 
     def _know(self, first: int, ties: list[tuple[int, int, FloatArray]]) -> None:
-        """Note by which older node each node from ``first`` on is known best, and how well."""
+        """Note by which older node each node from ``first`` on is known best, and how well; see :func:`know_nodes`."""
         ties.sort(key=lambda tie: tie[0])
         pairs = np.array([tie[:2] for tie in ties], dtype=np.int64).reshape(-1, 2)
         covariances = np.array([tie[2] for tie in ties], dtype=np.float64).reshape(-1, 3, 3)
-        count = self._count
+        nodes = self._nodes
         know_nodes(
-            first,
-            self._poses[:count],
-            self._steps[:count],
-            pairs,
-            covariances,
-            self._covariances[:count],
-            self._sources[:count],
-            self._added[:count],
-        )
-
-
-def _position_variance(covariance: FloatArray) -> float:
-    return float(covariance[0, 0] + covariance[1, 1])
+            first, nodes["poses"], nodes["steps"], pairs, covariances,
+            nodes["covariances"], nodes["sources"], nodes["added"],
+        )  # fmt: skip

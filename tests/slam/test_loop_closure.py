@@ -6,8 +6,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from slamgym.metrics import relative_poses
-from slamgym.slam.graph.config import PoseGraphConfig
-from slamgym.slam.graph.loop_closure import GROUP_SEPARATION, Closure, agree, find_candidates, graph_distances
+from slamgym.slam.config import PoseGraphConfig
+from slamgym.slam.graph.loop_closure import (
+    GROUP_SEPARATION,
+    LOOP_RADIUS,
+    Closure,
+    agree,
+    find_candidates,
+    graph_distances,
+)
 from slamgym.slam.graph.solver import Edges, chi_squared, optimise
 
 CONFIG = PoseGraphConfig(local_nodes=10)
@@ -63,7 +70,7 @@ def test_candidates_are_near_old_and_apart(node, most):
     assert found[0].node == node - 30  # the same place, one round earlier
     for k, candidate in enumerate(found):
         away = np.hypot(*(poses[candidate.node] - poses[node])[:2])
-        assert away < CONFIG.loop_radius + candidate.window
+        assert away < LOOP_RADIUS + candidate.window
         assert distances[candidate.node] > CONFIG.loop_length
         assert abs(candidate.node - node) > CONFIG.local_nodes
         assert all(abs(candidate.node - other.node) >= GROUP_SEPARATION for other in found[:k])
@@ -82,14 +89,14 @@ def test_true_closures_agree_wherever_drift_has_put_them_and_a_false_one_does_no
 ):
     poses = two_rounds()
     a, b = closure(poses, i, i + 30 + further), closure(poses, j, j + 30 + further)
-    assert agree(a, b, poses, CONFIG)
+    assert agree(a, b, poses)
     # Drift moves the second round as a whole: closures don't depend on where it is believed to be.
     moved = poses.copy()
     moved[30:, :2] += (0.7, -0.4)
-    assert agree(a, b, moved, CONFIG)
+    assert agree(a, b, moved)
     false = closure(poses, j, j + 30, (size * np.cos(direction), size * np.sin(direction), 0.0))
-    assert not agree(a, false, poses, CONFIG)
-    assert not agree(a, closure(poses, j, j + 30, (0.0, 0.0, 2.5)), poses, CONFIG)
+    assert not agree(a, false, poses)
+    assert not agree(a, closure(poses, j, j + 30, (0.0, 0.0, 2.5)), poses)
 
 
 @settings(max_examples=15)

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from slamgym.core.geometry import compose
 from slamgym.core.types import Pose2D
 from slamgym.slam.config import MotionNoise, SlamConfig
-from slamgym.slam.motion_model import OdometryGate, noise_array, sample_motion
+from slamgym.slam.motion_model import OdometryGate, noise_array, sample_motion, update_thresholds
 from slamgym.slam.particles import TrajectoryTree, trace_lineage
 
 CONFIG = SlamConfig(linear_update=0.5, angular_update=0.4, temporal_update=None)
@@ -19,15 +19,15 @@ steps = st.builds(Pose2D, st.floats(-0.2, 0.2), st.floats(-0.05, 0.05), st.float
 
 @given(st.lists(steps, min_size=1, max_size=30))
 def test_the_gate_loses_no_motion_and_opens_at_its_thresholds(path):
-    gate = OdometryGate(CONFIG)
+    gate = OdometryGate(update_thresholds(CONFIG))
     odometry = Pose2D(3.0, -2.0, 1.0)
-    assert gate.is_due(odometry, 0.0)
+    assert gate.must_process(odometry, 0.0)
     assert gate.take(0.0).shape == (0, 3)
     since, distance, turn = Pose2D(0.0, 0.0, 0.0), 0.0, 0.0
     for k, step in enumerate(path):
         odometry, since = compose(odometry, step), compose(since, step)
         distance, turn = distance + np.hypot(step.x, step.y), turn + abs(step.theta)
-        due = gate.is_due(odometry, float(k))
+        due = gate.must_process(odometry, float(k))
         if min(abs(distance - 0.5), abs(turn - 0.4)) > 1e-9:
             assert due == (distance > 0.5 or turn > 0.4)
         assert gate.since_processed == pytest.approx(since, abs=1e-9)
@@ -39,9 +39,9 @@ def test_the_gate_loses_no_motion_and_opens_at_its_thresholds(path):
 
 
 def test_there_and_back_again_is_motion_too():
-    gate = OdometryGate(CONFIG)
+    gate = OdometryGate(update_thresholds(CONFIG))
     there_and_back = [Pose2D(0.2 * (k % 2), 0.0, 0.0) for k in range(5)]
-    assert [gate.is_due(pose, 0.0) for pose in there_and_back] == [True, False, False, True, True]
+    assert [gate.must_process(pose, 0.0) for pose in there_and_back] == [True, False, False, True, True]
 
 
 @given(st.lists(steps, min_size=1, max_size=5), st.floats(-3.0, 3.0))
@@ -78,11 +78,11 @@ def test_every_particles_path_is_its_ancestors(seed, length):
     lineage = np.full(100, -1)
     for step in range(length):
         poses = rng.random((particles, 3))
-        tree.append(float(step), poses, np.zeros(2, np.float32))
+        tree.add(float(step), poses, np.zeros(2, np.float32))
         histories = [[*history, tuple(pose)] for history, pose in zip(histories, poses, strict=True)]
         best = int(rng.integers(particles))
         before = lineage.copy()
-        first = trace_lineage(tree.parents, step, best, lineage)
+        first = trace_lineage(tree["parents"], step, best, lineage)
         assert (lineage[:first] == before[:first]).all()
         assert [tuple(pose) for pose in tree.poses_along(lineage)] == histories[best]
         for _ in range(int(rng.integers(3))):

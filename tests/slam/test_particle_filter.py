@@ -100,7 +100,7 @@ def test_the_published_map_equals_a_full_redraw_of_the_best_path():
     )
     assert mapper.stats.resamplings > 3  # so that the drawn lineage did change
     redrawn = HitCountMap(BeamTable.of(GEOMETRY, config), config)
-    redrawn.draw(mapper.trajectory().poses, mapper._tree.ranges)
+    redrawn.draw(mapper.trajectory().poses, mapper._tree["ranges"])
     expected = redrawn.occupancy_grid()
     assert grids[-1].frame == expected.frame
     np.testing.assert_array_equal(grids[-1].cells, expected.cells)
@@ -239,20 +239,6 @@ def test_the_covariance_is_neither_far_too_small_nor_too_large(mode):
     np.testing.assert_allclose(mapper.covariance, mapper.covariance.T, atol=1e-12)
     assert np.linalg.eigvalsh(mapper.covariance).min() > 0.0
     assert 0.3 < np.mean(found[len(found) // 2 :]) < 10.0
-
-
-def test_true_wheels_need_few_particles_and_slipping_ones_all():
-    few, poses = run(SlamConfig(min_particles=10), sigma=0.01)
-    many, _ = run(SlamConfig(min_particles=10), sigma=0.01, odometry_noise=0.5)
-    assert few.stats.particles[0] == many.stats.particles[-1] == 30
-    assert few.stats.particles[-1] < 20
-    assert position_error(few, poses[-1]) < 0.05
-
-
-@pytest.mark.parametrize("config", [SlamConfig(), SlamConfig(min_particles=30), SlamConfig.gmapping(8)])
-def test_a_fixed_number_of_particles_stays(config):
-    mapper, _ = run(config, sigma=0.01)
-    assert set(mapper.stats.particles) == {config.particles}
 
 
 def test_particles_that_disagree_add_to_the_covariance():

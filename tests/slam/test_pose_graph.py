@@ -8,7 +8,7 @@ from slamgym.interop import Log, LogRecord
 from slamgym.metrics import absolute_trajectory_error
 from slamgym.sim.raycast import cast_rays
 from slamgym.slam import SlamConfig
-from slamgym.slam.graph.config import PoseGraphConfig
+from slamgym.slam.config import PoseGraphConfig
 from slamgym.slam.replay import replay
 
 
@@ -120,8 +120,8 @@ def test_scans_that_see_nothing_leave_the_odometry_standing():
 
 
 def test_settings_that_make_no_sense_are_refused():
-    with pytest.raises(ConfigError, match="keyframe_distance"):
-        PoseGraphConfig(keyframe_distance=0.0)
+    with pytest.raises(ConfigError, match="local_nodes"):
+        PoseGraphConfig(local_nodes=0)
 
 
 def lying(log: Log, kind: str) -> Log:

@@ -9,7 +9,8 @@ from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.types import GridFrame, LaserGeometry, LaserScan, OccupancyGrid, Pose2D, Trajectory
 from slamgym.interop import LogRecord, read_ros_map, read_tum, write_carmen, write_tum
 from slamgym.sim.raycast import cast_rays
-from slamgym.slam.replay import poses_between, settings_for
+from slamgym.slam.motion_model import poses_between
+from slamgym.slam.replay import settings_for
 from slamgym.viz.map_pictures import draw_map
 
 ROOM = np.array([(0, 0, 6, 0), (6, 0, 6, 4), (6, 4, 0, 4), (0, 4, 0, 0), (2, 0, 2, 1.5)], dtype=np.float64)

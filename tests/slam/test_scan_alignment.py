@@ -4,10 +4,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from slamgym.sim.raycast import cast_rays
+from slamgym.slam.branch_and_bound import block_score
 from slamgym.slam.config import SlamConfig
-from slamgym.slam.graph.config import PoseGraphConfig
-from slamgym.slam.graph.matching import NodeMatcher
-from slamgym.slam.graph.surface_map import solve_symmetric
+from slamgym.slam.graph.matching import align_node, score_levels, search, search_window
+from slamgym.slam.graph.surface_map import SURFACE_SIGMA, make_local_map, solve_symmetric
 from slamgym.slam.particle_filter import match_settings
 from slamgym.slam.particles import ParticleMaps
 from slamgym.slam.scan_match import align_freely, match_particles
@@ -29,12 +29,12 @@ def scan_points(pose, segments=ROOM, range_max=20.0):
     return ranges[hit, None] * np.column_stack([np.cos(angles), np.sin(angles)])[hit]
 
 
-def local_map(matcher, poses, segments=ROOM):
+def local_map(poses, segments=ROOM):
     scans = [scan_points(pose, segments) for pose in poses]
     points, counts = np.zeros((len(scans), BEAMS, 2)), np.array([len(scan) for scan in scans])
     for k, scan in enumerate(scans):
         points[k, : len(scan)] = scan
-    return matcher.local_map(points, counts, np.arange(len(scans)), np.array(poses), np.zeros(3), 12.0)
+    return make_local_map(points, counts, np.arange(len(scans)), np.array(poses), np.zeros(3), 12.0)
 
 
 KNOWN = [(-1.0, 0.0, 0.0), (-0.5, 0.2, 1.5), (0.0, 0.0, 3.0), (0.3, -0.3, -1.5)]
@@ -43,47 +43,41 @@ KNOWN = [(-1.0, 0.0, 0.0), (-0.5, 0.2, 1.5), (0.0, 0.0, 3.0), (0.3, -0.3, -1.5)]
 @settings(max_examples=25)
 @given(st.floats(-0.8, 0.8), st.floats(-0.8, 0.8), st.floats(-0.35, 0.35))
 def test_search_and_alignment_find_the_pose_to_a_centimetre(dx, dy, turn):
-    matcher = NodeMatcher(PoseGraphConfig())
-    room = local_map(matcher, KNOWN)
+    room = local_map(KNOWN)
     truth = np.array([0.1, 0.2, 0.4])
     points = scan_points(truth)
-    start, score = matcher.search(room, points, truth + np.array([dx, dy, turn]), 1.0, 0.4, 0.3)
+    start, score = search(room, points, truth + np.array([dx, dy, turn]), 1.0, 0.4, 0.3)
     assert score > 0.6
-    match = matcher.align(room, points, start, start, np.zeros((3, 3)))
+    match = align_node(room, points, start, start, np.zeros((3, 3)))
     assert match.fit > 0.8
     assert np.abs(match.pose - truth)[:2].max() < 0.01
     assert abs(match.pose[2] - truth[2]) < 0.005
 
 
 def test_a_place_outside_the_window_is_not_found():
-    matcher = NodeMatcher(PoseGraphConfig())
-    room = local_map(matcher, KNOWN)
-    _, score = matcher.search(room, scan_points((0.1, 0.2, 0.4)), np.array([4.0, 0.2, 2.0]), 0.3, 0.1, 0.7)
+    room = local_map(KNOWN)
+    _, score = search(room, scan_points((0.1, 0.2, 0.4)), np.array([4.0, 0.2, 2.0]), 0.3, 0.1, 0.7)
     assert score <= 0.7
 
 
 def test_a_corridor_leaves_the_scan_free_to_slide():
-    matcher = NodeMatcher(PoseGraphConfig())
-    corridor = local_map(matcher, [(0.0, 0.0, 0.0), (0.5, 0.0, 0.0)], CORRIDOR)
+    corridor = local_map([(0.0, 0.0, 0.0), (0.5, 0.0, 0.0)], CORRIDOR)
     here = np.array([0.2, 0.05, 0.0])
-    match = matcher.align(corridor, scan_points(here, CORRIDOR), here, here, np.zeros((3, 3)))
+    match = align_node(corridor, scan_points(here, CORRIDOR), here, here, np.zeros((3, 3)))
     assert abs(match.pose[1] - 0.05) < 0.01
     along, across = match.information[0, 0], match.information[1, 1]
     assert across > 50.0 * along
 
 
 def test_branch_and_bound_finds_what_brute_force_finds():
-    from slamgym.slam.graph.matching import CellIndex, block_score, paint_levels, search_window
-
     rng = np.random.default_rng(0)
     for _ in range(5):
         index = np.where(rng.random((40, 50)) < 0.05, 1, -1).astype(np.int32)
         points = rng.uniform(-1.5, 1.5, (25, 2))
         centre, angles = np.array([2.5, 2.0, 0.3]), np.array([-0.2, 0.0, 0.2])
-        levels = np.empty((4, 40, 50), np.uint8)
-        paint_levels(index, levels)
+        levels = score_levels(index, 4)
         pose = np.empty(3)
-        grid, away = CellIndex(index, 0.0, 0.0, 0.1), np.array([2.4, 2.2, 0.3])
+        grid, away = (0.0, 0.0), np.array([2.4, 2.2, 0.3])
         found = search_window(levels, grid, points, centre, 7, angles, 0.0, np.zeros(3), pose)
         elsewhere = search_window(levels, grid, points, centre, 7, angles, 0.0, away, pose)
         assert np.hypot(*(pose - away)[:2]) >= 0.3
@@ -116,17 +110,16 @@ def test_a_wall_binds_across_and_not_along_whichever_way_it_runs(offset, quarter
     cos, sin = np.cos(angle), np.sin(angle)
     wall = np.column_stack([np.linspace(-1.0, 1.0, 80), np.full(80, 1.0 + 0.1 * offset)])
     points = wall @ np.array([[cos, sin], [-sin, cos]])
-    matcher = NodeMatcher(PoseGraphConfig())
-    local = matcher.local_map(points[None], np.array([80]), np.array([0]), np.zeros((1, 3)), np.zeros(3), 3.0)
+    local = make_local_map(points[None], np.array([80]), np.array([0]), np.zeros((1, 3)), np.zeros(3), 3.0)
     normal, along = np.array([-sin, cos]), np.array([cos, sin])
-    across = 1.0 / PoseGraphConfig().surface_sigma ** 2
+    across = 1.0 / SURFACE_SIGMA**2
     for xx, xy, yy in local.infos:
         info = np.array([[xx, xy], [xy, yy]])
         assert normal @ info @ normal == pytest.approx(across, rel=1e-6)
         assert abs(along @ info @ along) < 1e-6 * across
     # Moved off the wall, a scan comes back to it; along it nothing pulls.
     start = np.array([*(0.04 * normal + 0.03 * along), 0.0])
-    found = matcher.align(local, points, start, start, np.zeros((3, 3))).pose
+    found = align_node(local, points, start, start, np.zeros((3, 3))).pose
     assert found[:2] @ normal == pytest.approx(0.0, abs=1e-3)
     assert found[:2] @ along == pytest.approx(0.03, abs=1e-3)
 

@@ -17,11 +17,11 @@ def straight(count: int) -> np.ndarray:
 def driven(
     poses: np.ndarray, view: float = 2.0 * math.pi, match=MATCH, revisits: bool = False
 ) -> PathUncertainty:
-    path = PathUncertainty(0.5, 0.2, view)
+    path = PathUncertainty(view)
     before = poses[0]
     for pose in poses:
         path.move(before, pose, np.array([1e-3, 1e-4]))
-        assert path.is_due
+        assert path.needs_node
         path.append(pose, match)
         if revisits:
             path.revisit(match)
@@ -54,7 +54,7 @@ def test_a_heading_error_moves_what_lies_ahead_sideways():
 def test_between_nodes_the_uncertainty_grows_from_the_newest():
     path = driven(straight(5))
     path.move(np.array([2.0, 0.0, 0.0]), np.array([2.2, 0.0, 0.0]), np.array([1e-3, 1e-4]))
-    assert not path.is_due
+    assert not path.needs_node
     here = path.at(np.array([2.2, 0.0, 0.0]), None)
     assert np.trace(here[:2, :2]) > position_variance(path)
     assert path.at(np.array([2.2, 0.0, 0.0]), MATCH)[0, 0] < here[0, 0]
@@ -95,7 +95,7 @@ def test_a_laser_that_looks_the_other_way_sees_no_mapped_ground():
 
 def test_who_does_not_know_where_he_is_is_not_back():
     vague = np.diag([0.05, 0.05, 0.01])
-    path = PathUncertainty(0.5, 0.2)
+    path = PathUncertainty()
     poses = there_and_back()
     for before, pose in zip(poses[[0, *range(len(poses) - 1)]], poses, strict=True):
         path.move(before, pose, np.array([0.05, 0.01]))

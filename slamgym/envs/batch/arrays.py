@@ -115,7 +115,7 @@ class Scans(NamedTuple):
 
 
 class Maps(NamedTuple):
-    """What robots with known poses believe: path and hit counts, see slamgym.slam.pose_tracking."""
+    """What robots with known poses believe: path and hit counts, see slamgym.slam.PoseTracker."""
 
     counts: np.ndarray  # (N, cells, 2) int32 hits and visits, row by row, row 0 at the bottom
     cells: ByteArray  # (N, cells) the map as it is shown

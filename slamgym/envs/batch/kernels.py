@@ -192,7 +192,7 @@ def look_all(
 
 @kernel
 def map_all(robots: Robots, scans: Scans, maps: Maps, law: MapLaw, ids: IntArray, times: FloatArray) -> None:
-    """Let the robots believe their poses and draw the scans that are due; see :mod:`slamgym.slam.pose_tracking`.
+    """Let the robots believe their poses and draw the scans that are due; see :class:`slamgym.slam.PoseTracker`.
 
     Args:
         robots: Where they stand, or believe to.

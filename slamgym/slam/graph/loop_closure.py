@@ -10,7 +10,7 @@ from scipy.sparse.csgraph import dijkstra
 from slamgym.core.geometry import compose, inverse, wrap_angle
 from slamgym.core.types import FloatArray, IntArray, Pose2D
 from slamgym.metrics.trajectory import relative_poses
-from slamgym.slam.graph.config import PoseGraphConfig
+from slamgym.slam.config import PoseGraphConfig
 
 HEADING_COST = 0.5
 """A candidate that looks elsewhere counts as further away [m/rad]."""
@@ -18,6 +18,12 @@ LOOP_EDGE_LENGTH = 0.1
 """Length of a closed loop's edge in the graph [m]: what a closure leaves uncertain."""
 GROUP_SEPARATION = 20
 """Two candidates of one node lie at least so many nodes apart."""
+LOOP_RADIUS = 3.0
+"""A loop is sought with nodes this near, plus the uncertainty that has accumulated [m]."""
+DRIFT, DRIFT_TURN = 0.04, 0.012
+"""Uncertainty of position [m/m] and heading [rad/m] that accumulates per metre along the graph."""
+LARGEST_WINDOW = 6.0
+"""Most position uncertainty that a loop is searched in [m]."""
 
 
 class LoopCandidate(NamedTuple):
@@ -60,13 +66,13 @@ def find_candidates(
         config: Settings.
         most: Most candidates to give.
     """
-    window = np.minimum(0.2 + config.drift * distances, config.largest_window)
+    window = np.minimum(0.2 + DRIFT * distances, LARGEST_WINDOW)
     away = np.hypot(poses[:, 0] - poses[node, 0], poses[:, 1] - poses[node, 1])
     turn = np.abs(wrap_angle(poses[:, 2] - poses[node, 2]))
     indices = np.arange(len(poses))
     possible = (
         (distances > config.loop_length)
-        & (away < config.loop_radius + window)
+        & (away < LOOP_RADIUS + window)
         & (np.abs(indices - node) > config.local_nodes)
     )
     chosen: list[LoopCandidate] = []
@@ -75,14 +81,14 @@ def find_candidates(
         best = int(np.argmin(cost))
         if not math.isfinite(cost[best]):
             break
-        turn_window = min(0.08 + config.drift_turn * float(distances[best]), 1.0)
+        turn_window = min(0.08 + DRIFT_TURN * float(distances[best]), 1.0)
         chosen.append(LoopCandidate(best, float(window[best]), turn_window))
         cost[np.abs(indices - best) < GROUP_SEPARATION] = math.inf
     return chosen
 
 
-def agree(a: Closure, b: Closure, poses: FloatArray, config: PoseGraphConfig) -> bool:
-    """Whether two closures agree, given the motion between their ends (Mangelson et al. 2018).
+def agree(a: Closure, b: Closure, poses: FloatArray) -> bool:
+    """Return True if two closures agree, given the motion between their ends (Mangelson et al. 2018).
 
     The path old_a -> new_a -> new_b -> old_b -> old_a must lead back to where it began, up to the drift of the
     two stretches driven.
@@ -92,5 +98,5 @@ def agree(a: Closure, b: Closure, poses: FloatArray, config: PoseGraphConfig) ->
     through = compose(compose(Pose2D(*a.measured), Pose2D(*new)), inverse(Pose2D(*b.measured)))
     error = np.array(through) - old
     driven = float(np.hypot(old[0], old[1]) + np.hypot(new[0], new[1]))
-    near = float(np.hypot(error[0], error[1])) < 0.25 + 3.0 * config.drift * driven
-    return near and abs(wrap_angle(float(error[2]))) < 0.1 + 3.0 * config.drift_turn * driven
+    near = float(np.hypot(error[0], error[1])) < 0.25 + 3.0 * DRIFT * driven
+    return near and abs(wrap_angle(float(error[2]))) < 0.1 + 3.0 * DRIFT_TURN * driven

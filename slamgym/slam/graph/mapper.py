@@ -14,6 +14,7 @@ import numpy as np
 from slamgym.core.geometry import compose, wrap_angle
 from slamgym.core.types import FloatArray, IntArray, LaserGeometry, LaserScan, Pose2D
 from slamgym.metrics.trajectory import relative_poses
+from slamgym.slam.columns import Columns
 from slamgym.slam.config import SlamConfig
 from slamgym.slam.graph.loop_closure import (
     LOOP_EDGE_LENGTH,
@@ -23,14 +24,24 @@ from slamgym.slam.graph.loop_closure import (
     find_candidates,
     graph_distances,
 )
-from slamgym.slam.graph.matching import NodeMatch, NodeMatcher
-from slamgym.slam.graph.nodes import GraphNodes
+from slamgym.slam.graph.matching import NodeMatch, align_node, search
 from slamgym.slam.graph.solver import Edges, chi_squared, optimise
+from slamgym.slam.graph.surface_map import make_local_map
 from slamgym.slam.graph.wheels import WheelTurns
+from slamgym.slam.motion_model import poses_between
 from slamgym.slam.particle_filter import FEW_POINTS, ParticleFilter
-from slamgym.slam.path_correction import poses_between
 from slamgym.slam.uncertainty import ODOMETRY_FLOOR
 
+MATCH_RANGE = 25.0
+"""Longer returns are not matched with local maps, but drawn [m]."""
+LOOP_INTERVAL = 2
+"""A loop is sought at every so many nodes."""
+LOOP_FIT, FINAL_FIT = 0.7, 0.5
+"""A loop closure needs this share of fitting points, and the second at the end, when the places are known."""
+TRUSTED_WINDOW, AGREEING = 0.6, 2
+"""Within this uncertainty one match is enough; beyond it, a closure waits for so many others that agree [m]."""
+ROBUST_WIDTH = 8.0
+"""Chi-squared beyond which a loop closure loses its pull (dynamic covariance scaling)."""
 EXPECTED_CHI2, AGREEING_CHI2 = 12.0, 25.0
 """A closure may disagree so much with the path and its uncertainty: one alone, and one of several that agree."""
 CLOSURE_FLOOR = (0.05, 0.05, 0.03)
@@ -73,9 +84,9 @@ class PoseGraphMapper(ParticleFilter):
     ) -> None:
         super().__init__(config, geometry, initial_pose, rng)
         self._settings = config.pose_graph
-        self._matcher = NodeMatcher(self._settings)
-        self._nodes = GraphNodes(geometry.num_beams)
-        self._steps_of_nodes: list[int] = []  # processed scan of each node
+        self._nodes = Columns(
+            {"counts": np.int64, "steps": np.int64}, poses=(3,), points=(geometry.num_beams, 2), counts=(), steps=()
+        )  # fmt: skip
         self._steps: list[Closure] = []  # edges between successive nodes
         self._wheels = WheelTurns()
         self._closures: list[Closure] = []
@@ -99,13 +110,10 @@ class PoseGraphMapper(ParticleFilter):
             # The first pass still searches; after it the scans lie so close that alignment alone finds them.
             window = FINAL_WINDOW if final == 0 else (0.0, 0.0)
             self._closures = []
-            steps = np.hypot(*np.diff(self._nodes.poses[:, :2], axis=0).T)
-            driven = np.concatenate([[0.0], np.cumsum(steps)])
+            driven = np.concatenate([[0.0], np.cumsum(_lengths(self._places))])
             for node in range(len(self._nodes)):
                 for candidate in self._candidates(node, np.abs(driven - driven[node])):
-                    closure = self._close(
-                        node, LoopCandidate(candidate.node, *window), self._settings.final_fit
-                    )
+                    closure = self._close(node, LoopCandidate(candidate.node, *window), FINAL_FIT)
                     if closure is not None:
                         self._closures.append(closure)
             self._stale = True
@@ -113,6 +121,16 @@ class PoseGraphMapper(ParticleFilter):
             self._drop_false_closures()
         self._grid = None
         self._stats.cpu_seconds += time.process_time() - begin
+
+    @property
+    def _places(self) -> FloatArray:
+        """Poses of the nodes (N, 3); they may be written to."""
+        places: FloatArray = self._nodes["poses"]
+        return places
+
+    def _seen_from(self, node: int, pose: FloatArray) -> FloatArray:
+        """A pose (3,) in the frame of a node."""
+        return relative_poses(self._places[[node]], pose[None])[0]
 
     # --- one scan ---
 
@@ -137,12 +155,12 @@ class PoseGraphMapper(ParticleFilter):
         window = (WIDE_WINDOW[0] + 2.0 * sigma, WIDE_WINDOW[1] + 2.0 * sigma_turn)
         last = len(self._nodes) - 1
         members = np.arange(max(0, last + 1 - self._settings.local_nodes), last + 1)
-        guess = relative_poses(self._nodes.poses[[last]], predicted[None])[0]
+        guess = self._seen_from(last, predicted)
         prior = np.diag(1.0 / np.square([sigma + 0.05, sigma + 0.05, sigma_turn + 0.02]))
         match = self._match(points, last, members, guess, prior, *window, least=0.3)
         if match is None:
             return share
-        placed = np.array(compose(Pose2D(*self._nodes.poses[last]), Pose2D(*match.pose)))
+        placed = np.array(compose(Pose2D(*self._places[last]), Pose2D(*match.pose)))
         free = self._align_freely(placed, points)
         if free[3] / len(points) < share + BETTER_SHARE:
             return share
@@ -152,22 +170,22 @@ class PoseGraphMapper(ParticleFilter):
 
     def _add_node(self, scan: LaserScan, pose: FloatArray) -> None:
         """Make the scan just processed a node, bound to the one before by matching and by odometry."""
-        if len(self._nodes) > 0:
-            relative = relative_poses(self._nodes.poses[[-1]], pose[None])[0]
+        node = len(self._nodes)
+        if node > 0:
             variances = self._uncertainty.variances
             information = np.diag(1.0 / (variances[[0, 0, 1]] + np.square(ODOMETRY_FLOOR)))
             if self._match_covariance is not None:
-                turned = _rotation(-float(self._nodes.poses[-1, 2]))
-                covariance = turned @ self._match_covariance @ turned.T + np.diag(np.square(MATCH_FLOOR))
-                information = information + np.linalg.inv(covariance)
-            node = len(self._nodes)
-            self._steps.append(Closure(node - 1, node, relative, information))
+                covariance = _turned(self._match_covariance, -float(self._places[-1, 2]))
+                information = information + np.linalg.inv(covariance + np.diag(np.square(MATCH_FLOOR)))
+            self._steps.append(Closure(node - 1, node, self._seen_from(node - 1, pose), information))
         self._wheels.append()
-        self._nodes.append(scan, pose, self._usable_points(scan.ranges, self._settings.match_range))
-        self._steps_of_nodes.append(len(self._tree) - 1)
+        points = self._usable_points(scan.ranges, MATCH_RANGE)
+        self._nodes.append(
+            poses=pose, counts=len(points), steps=len(self._tree) - 1
+        )  # steps: which processed scan
+        self._nodes["points"][-1, : len(points)] = points
         self._uncertainty.append(pose, self._match_covariance)
-        node = len(self._nodes) - 1
-        if node % self._settings.loop_interval == 0:
+        if node % LOOP_INTERVAL == 0:
             self._close_loops(node)
         if self._stale and node - self._last_optimised > OPTIMISE_INTERVAL:
             self._optimise()
@@ -183,25 +201,22 @@ class PoseGraphMapper(ParticleFilter):
         """
         if len(points) < FEW_POINTS:
             return None
-        relative = relative_poses(
-            np.broadcast_to(self._nodes.poses[reference], (len(members), 3)), self._nodes.poses[members]
-        )
+        poses = self._places
+        relative = relative_poses(np.broadcast_to(poses[reference], (len(members), 3)), poses[members])
         radius = float(np.hypot(points[:, 0], points[:, 1]).max()) + window
-        local = self._matcher.local_map(
-            self._nodes.points, self._nodes.counts, members, relative, guess, radius
-        )
-        near = self._matcher.align(local, points, guess, guess, prior_info)
+        local = make_local_map(self._nodes["points"], self._nodes["counts"], members, relative, guess, radius)
+        near = align_node(local, points, guess, guess, prior_info)
         if window == 0.0:
             return near
-        start, score = self._matcher.search(local, points, guess, window, turn, least)
+        start, score = search(local, points, guess, window, turn, least)
         if score <= least:
             return near
-        far = self._matcher.align(local, points, start, guess, prior_info)
+        far = align_node(local, points, start, guess, prior_info)
         if far.fit < near.fit + BETTER_SHARE:
             return near
         if np.hypot(*(start - guess)[:2]) > AMBIGUOUS_METRES:
             nearly = score - AMBIGUOUS_SCORE
-            _, second = self._matcher.search(local, points, guess, window, turn, nearly, start)
+            _, second = search(local, points, guess, window, turn, nearly, start)
             if second > nearly:
                 return None
         return far
@@ -209,50 +224,44 @@ class PoseGraphMapper(ParticleFilter):
     # --- loops ---
 
     def _candidates(self, node: int, distances: FloatArray) -> list[LoopCandidate]:
-        return find_candidates(self._nodes.poses, node, distances, self._settings, MOST_CANDIDATES)
+        return find_candidates(self._places, node, distances, self._settings, MOST_CANDIDATES)
 
     def _close_loops(self, node: int) -> None:
         """Look for places seen before, in windows as large as the drift may be by now."""
         for candidate in self._candidates(node, self._distances(node)):
-            closure = self._close(node, candidate, self._settings.loop_fit)
+            closure = self._close(node, candidate, LOOP_FIT)
             if closure is None:
                 continue
             chi2 = self._disagreement(closure)
             if chi2 > AGREEING_CHI2:
                 self._rejected += 1
                 continue
-            if candidate.window <= self._settings.trusted_window and chi2 < EXPECTED_CHI2:
+            if candidate.window <= TRUSTED_WINDOW and chi2 < EXPECTED_CHI2:
                 self._accept([closure])
                 continue
-            allies = [
-                other for other in self._pending if agree(closure, other, self._nodes.poses, self._settings)
-            ]
+            allies = [other for other in self._pending if agree(closure, other, self._places)]
             self._pending.append(closure)
-            if len(allies) >= self._settings.agreeing and self._driven_since(allies) >= AGREEING_METRES:
+            if len(allies) >= AGREEING and self._driven_since(allies) >= AGREEING_METRES:
                 self._accept([closure, *allies])
                 self._pending.clear()
 
     def _ties(self) -> Iterator[tuple[int, int, FloatArray]]:
         """The closures with their covariances in the map frame."""
         for closure in self._closures:
-            turned = _rotation(float(self._nodes.poses[closure.old, 2]))
-            covariance = np.linalg.inv(closure.information + np.diag([1.0, 1.0, 1.0])) + np.diag(
-                np.square(MATCH_FLOOR)
-            )
-            yield closure.old, closure.new, turned @ covariance @ turned.T
+            covariance = np.linalg.inv(closure.information + np.eye(3)) + np.diag(np.square(MATCH_FLOOR))
+            yield closure.old, closure.new, _turned(covariance, float(self._places[closure.old, 2]))
 
     def _driven_since(self, closures: list[Closure]) -> float:
         """How far the robot drove since the first of some closures was found [m]."""
         first = min(closure.new for closure in closures)
-        return float(np.hypot(*np.diff(self._nodes.poses[first:, :2], axis=0).T).sum())
+        return float(_lengths(self._places[first:]).sum())
 
     def _disagreement(self, closure: Closure) -> float:
         """Chi-squared of a closure with the newest node, given how far off the path may be."""
-        implied = relative_poses(self._nodes.poses[[closure.old]], self._nodes.poses[[closure.new]])[0]
-        error = closure.measured - implied
+        error = closure.measured - self._seen_from(closure.old, self._places[closure.new])
         error[2] = wrap_angle(error[2])
-        turned = _rotation(-float(self._nodes.poses[closure.old, 2]))
-        covariance = turned @ self._uncertainty.between(closure.old, closure.new) @ turned.T
+        between = self._uncertainty.between(closure.old, closure.new)
+        covariance = _turned(between, -float(self._places[closure.old, 2]))
         covariance += np.linalg.inv(closure.information + np.eye(3)) + np.diag(np.square(CLOSURE_FLOOR))
         return float(error @ np.linalg.solve(covariance, error))
 
@@ -261,18 +270,10 @@ class PoseGraphMapper(ParticleFilter):
         low, high = max(0, old - NEIGHBOURS), min(len(self._nodes), old + NEIGHBOURS + 1)
         members = np.arange(low, high)
         members = members[np.abs(members - node) > self._settings.local_nodes]
-        guess = relative_poses(self._nodes.poses[[old]], self._nodes.poses[[node]])[0]
+        guess = self._seen_from(old, self._places[node])
+        points = self._nodes["points"][node, : self._nodes["counts"][node]]
         least = least_fit - 0.15  # the search's score is a little lower than the fit after alignment
-        match = self._match(
-            self._nodes.end_points(node),
-            old,
-            members,
-            guess,
-            np.zeros((3, 3)),
-            candidate.window,
-            candidate.turn,
-            least,
-        )
+        match = self._match(points, old, members, guess, np.zeros((3, 3)), *candidate[1:], least)
         if match is None or match.fit < least_fit:
             return None
         return Closure(old, node, match.pose, match.information)
@@ -280,24 +281,19 @@ class PoseGraphMapper(ParticleFilter):
     def _accept(self, closures: list[Closure]) -> None:
         self._closures += closures
         self._stale = True
-        self._uncertainty.follow(self._nodes.poses, self._ties())
-        urgent = chi_squared(self._nodes.poses, _edges([], closures)) > URGENT_CHI2
+        self._uncertainty.follow(self._places, self._ties())
+        urgent = chi_squared(self._places, _edges([], closures)) > URGENT_CHI2
         if urgent.any() and len(self._nodes) - self._last_optimised > 5:
             self._optimise()
 
     def _distances(self, node: int) -> FloatArray:
         """Length of the shortest path to every node along successive nodes and closed loops [m]."""
-        steps = np.hypot(*np.diff(self._nodes.poses[:, :2], axis=0).T) + 1e-3
+        steps = _lengths(self._places) + 1e-3
         first = np.arange(len(steps))
-        old = np.array([closure.old for closure in self._closures], dtype=np.int64)
-        new = np.array([closure.new for closure in self._closures], dtype=np.int64)
-        return graph_distances(
-            np.concatenate([first, old]),
-            np.concatenate([first + 1, new]),
-            np.concatenate([steps, np.full(len(old), LOOP_EDGE_LENGTH)]),
-            len(self._nodes),
-            node,
-        )
+        ends = np.array([closure[:2] for closure in self._closures], dtype=np.int64).reshape(-1, 2)
+        first, second = np.vstack([np.column_stack([first, first + 1]), ends]).T
+        lengths = np.concatenate([steps, np.full(len(ends), LOOP_EDGE_LENGTH)])
+        return graph_distances(first, second, lengths, len(self._nodes), node)
 
     def _optimise(self, iterations: int = 10, tolerance: float = 1e-3) -> None:
         self._last_optimised = len(self._nodes)
@@ -305,15 +301,15 @@ class PoseGraphMapper(ParticleFilter):
             return
         self._stale = False
         edges = _edges([*self._steps, *self._wheel_edges()], self._closures)
-        poses = self._nodes.poses
+        poses = self._places
         width = float(chi_squared(poses, edges)[edges.robust].max(initial=0.0))
         # Graduated: what may pull shrinks from "anything" to the robust width, so that a large true
         # correction isn't taken for a false one.
-        while width > self._settings.robust_width:
+        while width > ROBUST_WIDTH:
             poses = optimise(poses, edges, robust_width=width, iterations=8, tolerance=1e-3)
             width = min(width * 0.1, float(chi_squared(poses, edges)[edges.robust].max(initial=0.0)))
-        width = self._settings.robust_width
-        self._relocate(optimise(poses, edges, robust_width=width, iterations=iterations, tolerance=tolerance))
+        limits = {"iterations": iterations, "tolerance": tolerance}
+        self._relocate(optimise(poses, edges, robust_width=ROBUST_WIDTH, **limits))
 
     def _wheel_edges(self) -> list[Closure]:
         """Turns between nodes by the odometry as the whole path shows it; none where they'd be no help."""
@@ -322,7 +318,7 @@ class PoseGraphMapper(ParticleFilter):
             return []
         matched = np.array([edge.measured[2] for edge in self._steps])
         variances = np.linalg.inv(np.array([edge.information for edge in self._steps]))[:, 2, 2]
-        turns, information = self._wheels.between(self._nodes.poses, matched, variances)
+        turns, information = self._wheels.between(self._places, matched, variances)
         return [
             Closure(node, node + 1, np.array([0.0, 0.0, turn]), np.diag([0.0, 0.0, known]))
             for node, (turn, known) in enumerate(zip(turns.tolist(), information.tolist(), strict=True))
@@ -331,7 +327,7 @@ class PoseGraphMapper(ParticleFilter):
     def _drop_false_closures(self) -> None:
         if not self._closures:
             return
-        chi2 = chi_squared(self._nodes.poses, _edges([], self._closures))
+        chi2 = chi_squared(self._places, _edges([], self._closures))
         kept = [closure for closure, value in zip(self._closures, chi2, strict=True) if value < FALSE_CHI2]
         self._rejected += len(self._closures) - len(kept)
         self._closures = kept
@@ -341,13 +337,13 @@ class PoseGraphMapper(ParticleFilter):
     def _relocate(self, poses: FloatArray) -> None:
         """Move the nodes to ``poses``, the scans between them along, and make the map again from there."""
         old = self._tree.poses_along(np.zeros(len(self._tree), dtype=np.int64))
-        self._nodes.poses[:] = poses
-        self._uncertainty.follow(self._nodes.poses, self._ties())
-        corrected = poses_between(poses, np.array(self._steps_of_nodes), old)
-        self._tree.replace_poses(corrected)
+        self._places[:] = poses
+        self._uncertainty.follow(self._places, self._ties())
+        corrected = poses_between(poses, self._nodes["steps"], old)
+        self._tree["poses"][:, 0] = corrected
         self._poses[0] = corrected[-1]
         self._new_particle_maps()
-        for step, ranges in enumerate(self._tree.ranges):
+        for step, ranges in enumerate(self._tree["ranges"]):
             points = self._usable_points(ranges)
             self._maps.cover(corrected[step : step + 1], self._radius(points))
             self._maps.register(corrected[step : step + 1], points)
@@ -357,9 +353,16 @@ class PoseGraphMapper(ParticleFilter):
         self._grid = None
 
 
-def _rotation(angle: float) -> FloatArray:
+def _lengths(poses: FloatArray) -> FloatArray:
+    """Distances between successive poses (N, 3), (N - 1,) [m]."""
+    return np.asarray(np.hypot(*np.diff(poses[:, :2], axis=0).T), dtype=np.float64)
+
+
+def _turned(covariance: FloatArray, angle: float) -> FloatArray:
+    """A covariance (3, 3) of a pose in a frame that is turned."""
     cos, sin = np.cos(angle), np.sin(angle)
-    return np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
+    rotation = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
+    return np.asarray(rotation @ covariance @ rotation.T, dtype=np.float64)
 
 
 def _edges(steps: list[Closure], closures: list[Closure]) -> Edges:

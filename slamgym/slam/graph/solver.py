@@ -71,7 +71,6 @@ def optimise(
     cost = _cost(poses, edges, robust_width)
     for _ in range(iterations):
         hessian, gradient = _normal_equations(poses, edges, robust_width)
-        improved = False
         for _ in range(6):
             step = _solve(hessian, gradient, damping)
             moved = poses.copy()
@@ -79,11 +78,10 @@ def optimise(
             moved[1:, 2] = wrap_angle(moved[1:, 2])
             new_cost = _cost(moved, edges, robust_width)
             if new_cost <= cost:
-                improved = True
                 break
             damping = max(damping * 10.0, 1e-6)
-        if not improved:
-            break
+        else:
+            break  # no step makes it better
         largest = float(np.abs(step).max())
         poses, cost, damping = moved, new_cost, damping * 0.1
         if largest < tolerance:
@@ -123,15 +121,9 @@ def _normal_equations(poses: FloatArray, edges: Edges, robust_width: float) -> t
     block_rows, block_cols = np.concatenate([a, a, b, b]), np.concatenate([a, b, a, b])
     free = (block_rows > 0) & (block_cols > 0)
     inner = np.arange(3)
-    rows = (
-        (3 * (block_rows[free] - 1))[:, None, None]
-        + inner[None, :, None]
-        + np.zeros((1, 1, 3), dtype=np.int64)
-    )
-    cols = (
-        (3 * (block_cols[free] - 1))[:, None, None]
-        + inner[None, None, :]
-        + np.zeros((1, 3, 1), dtype=np.int64)
+    rows, cols = np.broadcast_arrays(
+        3 * (block_rows[free, None, None] - 1) + inner[:, None],
+        3 * (block_cols[free, None, None] - 1) + inner,
     )
     hessian = csc_matrix((blocks[free].ravel(), (rows.ravel(), cols.ravel())), shape=(size, size))
     return hessian, gradient[3:]
@@ -142,14 +134,11 @@ def _jacobians(poses: FloatArray, edges: Edges) -> tuple[FloatArray, FloatArray]
     a, b = poses[edges.first], poses[edges.second]
     cos, sin = np.cos(a[:, 2]), np.sin(a[:, 2])
     dx, dy = b[:, 0] - a[:, 0], b[:, 1] - a[:, 1]
-    first = np.zeros((len(a), 3, 3))
-    first[:, 0, 0], first[:, 0, 1], first[:, 0, 2] = -cos, -sin, -sin * dx + cos * dy
-    first[:, 1, 0], first[:, 1, 1], first[:, 1, 2] = sin, -cos, -cos * dx - sin * dy
-    first[:, 2, 2] = -1.0
-    second = np.zeros((len(a), 3, 3))
-    second[:, 0, 0], second[:, 0, 1] = cos, sin
-    second[:, 1, 0], second[:, 1, 1] = -sin, cos
-    second[:, 2, 2] = 1.0
+    first, second = np.zeros((len(a), 3, 3)), np.zeros((len(a), 3, 3))
+    second[:, :2, :2] = np.array([[cos, sin], [-sin, cos]]).transpose(2, 0, 1)
+    first[:, :2, :2] = -second[:, :2, :2]
+    first[:, 0, 2], first[:, 1, 2] = -sin * dx + cos * dy, -cos * dx - sin * dy
+    first[:, 2, 2], second[:, 2, 2] = -1.0, 1.0
     return first, second
 
 

@@ -33,51 +33,71 @@ ALIGN_WIDTH = 3.0
 """Residual at which a point's weight has fallen to a quarter [standard deviations]."""
 
 
-class CellIndex(NamedTuple):
-    """A grid that says which cells are occupied."""
-
-    numbers: np.ndarray  # (rows, cols) int32, number of the occupied cell or ``VACANT``
-    origin_x: float  # lower left corner [m]
-    origin_y: float  # [m]
-    cell: float  # size of a cell [m]
+MATCH_CELL = 0.1
+"""Size of a cell [m]: of furniture's scale, and few of an indoor scanner's beams fall between."""
+MARGIN_CELLS = 3
+SURFACE_SIGMA = 0.02
+"""Standard deviation of end points across a wall [m]; at corners and clutter twice that, both ways."""
+POINT_SHARE = 0.05
+"""What a point counts in the information of a match: neighbouring points err together."""
 
 
 class LocalMap(NamedTuple):
     """Surface cells round a pose."""
 
-    grid: CellIndex
-    means: FloatArray  # (cells, 4), see bind_cells
-    infos: FloatArray  # (cells, 3), see bind_cells
+    numbers: np.ndarray  # (rows, cols) int32, number of the occupied cell or ``VACANT``
+    origin_x: float  # lower left corner [m]
+    origin_y: float  # [m]
+    means: FloatArray
+    """(cells, 4) the means, relative to the grid's corner [m], and the mean unit vectors towards the robot that saw the
+    cell."""
+    infos: FloatArray
+    """(cells, 3) xx, xy and yy entries of the information matrices [1/m^2]."""
 
 
-@kernel
-def collect_cells(
+def make_local_map(
     points: FloatArray,
     counts: IntArray,
-    poses: FloatArray,
     members: IntArray,
-    index: CellIndex,
-    places: np.ndarray,
-    moments: FloatArray,
-) -> int:
-    """Put the end points of some scans into cells.
+    poses: FloatArray,
+    centre: FloatArray,
+    radius: float,
+) -> LocalMap:
+    """Make a local map.
 
     Args:
         points: (nodes, most points, 2) end points in each node's own frame [m].
         counts: (nodes,) how many of them are set.
-        poses: (members, 3) poses of the members in the local map's frame.
-        members: (members,) which nodes.
-        index: The grid; receives the number of each occupied cell.
-        places: (most cells, 2) int32, receives each occupied cell's row and column.
-        moments: (most cells, 8) receives n, sums of x, y, xx, xy, yy, relative to the grid's corner, and the
-            sums of the unit vectors towards the robot that saw the points.
-
-    Returns:
-        The number of occupied cells.
+        members: (members,) which nodes the map is made of.
+        poses: (members, 3) their poses in the frame of the map.
+        centre: (3,) what the map is centred on.
+        radius: The map extends so far from there [m].
     """
-    numbers, origin_x, origin_y, cell = index
+    half = math.ceil(radius / MATCH_CELL) + MARGIN_CELLS
+    origin_x, origin_y = (
+        (math.floor(value / MATCH_CELL) - half) * MATCH_CELL for value in centre[:2].tolist()
+    )
+    numbers = np.full((2 * half, 2 * half), VACANT, dtype=np.int32)
+    means, infos = _collect_cells(points, counts, members, poses, numbers, origin_x, origin_y)
+    return LocalMap(numbers, origin_x, origin_y, means, infos)
+
+
+@kernel
+def _collect_cells(
+    points: FloatArray, counts: IntArray, members: IntArray, poses: FloatArray,
+    numbers: np.ndarray, origin_x: float, origin_y: float,
+) -> tuple[FloatArray, FloatArray]:  # fmt: skip
+    """Put the end points of some scans into cells; returns means and information, see :class:`LocalMap`.
+
+    ``numbers`` receives the number of each occupied cell; all others as for :func:`make_local_map`.
+    """
     rows, cols = numbers.shape
-    numbers[:] = VACANT
+    most = 1
+    for node in members:
+        most += counts[node]
+    most = min(most, numbers.size)
+    places = np.empty((most, 2), dtype=np.int32)
+    moments = np.empty((most, 8))  # n, sums of x, y, xx, xy, yy, and of the unit vectors towards the robot
     used = 0
     for k in range(len(members)):
         node = members[k]
@@ -85,13 +105,11 @@ def collect_cells(
         for i in range(counts[node]):
             x = poses[k, 0] + cos * points[node, i, 0] - sin * points[node, i, 1] - origin_x
             y = poses[k, 1] + sin * points[node, i, 0] + cos * points[node, i, 1] - origin_y
-            col, row = math.floor(x / cell), math.floor(y / cell)
+            col, row = math.floor(x / MATCH_CELL), math.floor(y / MATCH_CELL)
             if row < 0 or col < 0 or row >= rows or col >= cols:
                 continue
             number = numbers[row, col]
             if number == VACANT:
-                if used == len(moments):
-                    continue
                 number = used
                 numbers[row, col] = number
                 places[number, 0], places[number, 1] = row, col
@@ -107,68 +125,52 @@ def collect_cells(
             length = math.hypot(view_x, view_y) + 1e-9
             moments[number, 6] += view_x / length
             moments[number, 7] += view_y / length
-    return used
-
-
-@kernel
-def bind_cells(
-    numbers: np.ndarray,
-    places: np.ndarray,
-    moments: FloatArray,
-    sigma: float,
-    means: FloatArray,
-    infos: FloatArray,
-) -> None:
-    """Compute what each occupied cell binds.
-
-    Args:
-        numbers: (rows, cols) from :func:`collect_cells`.
-        places: (cells, 2) from :func:`collect_cells`.
-        moments: (cells, 8) from :func:`collect_cells`.
-        sigma: Standard deviation of a point across a wall [m]; at corners and clutter twice that, both ways.
-        means: (cells, 4) receives the means, relative to the grid's corner [m], and the mean unit vectors
-            towards the robot that saw the cell.
-        infos: (cells, 3) receives the matrices' xx, xy and yy entries [1/m^2].
-    """
-    rows, cols = numbers.shape
-    across = 1.0 / (sigma * sigma)
-    for number in range(len(moments)):
-        row, col = places[number, 0], places[number, 1]
-        n = sx = sy = sxx = sxy = syy = 0.0
-        # Far away the beams are wider apart than the cells: then the second ring of neighbours joins in.
-        for ring in range(1, 3):
-            if n >= ENOUGH:
-                break
-            n = sx = sy = sxx = sxy = syy = 0.0
-            for near_row in range(max(row - ring, 0), min(row + ring + 1, rows)):
-                for near_col in range(max(col - ring, 0), min(col + ring + 1, cols)):
-                    near = numbers[near_row, near_col]
-                    if near != VACANT:
-                        n += moments[near, 0]
-                        sx += moments[near, 1]
-                        sy += moments[near, 2]
-                        sxx += moments[near, 3]
-                        sxy += moments[near, 4]
-                        syy += moments[near, 5]
+    means, infos = np.empty((used, 4)), np.empty((used, 3))
+    for number in range(used):
         own = moments[number, 0]
         means[number, 0], means[number, 1] = moments[number, 1] / own, moments[number, 2] / own
         means[number, 2], means[number, 3] = moments[number, 6] / own, moments[number, 7] / own
-        mean_x, mean_y = sx / n, sy / n
-        var_x, var_y = sxx / n - mean_x * mean_x, syy / n - mean_y * mean_y
-        cov = sxy / n - mean_x * mean_y
-        middle, half = 0.5 * (var_x + var_y), 0.5 * (var_x - var_y)
-        root = math.sqrt(half * half + cov * cov)
-        wide, narrow = middle + root, max(middle - root, 0.0)
-        if n >= ENOUGH and narrow < FLATNESS * FLATNESS * wide:
-            along = 0.5 * math.atan2(2.0 * cov, var_x - var_y)
-            normal_x, normal_y = -math.sin(along), math.cos(along)
-            infos[number, 0] = across * normal_x * normal_x
-            infos[number, 1] = across * normal_x * normal_y
-            infos[number, 2] = across * normal_y * normal_y
-        else:
-            # A corner or clutter binds both ways; of a few stray points nothing is known.
-            infos[number, 0] = infos[number, 2] = (0.25 if n >= ENOUGH else STRAY) * across
-            infos[number, 1] = 0.0
+        _bind_cell(numbers, moments, places[number, 0], places[number, 1], infos[number])
+    return means, infos
+
+
+@kernel
+def _bind_cell(numbers: np.ndarray, moments: FloatArray, row: int, col: int, info: FloatArray) -> None:
+    """Compute what an occupied cell binds: the xx, xy and yy entries ``info`` (3,) [1/m^2]."""
+    rows, cols = numbers.shape
+    across = 1.0 / (SURFACE_SIGMA * SURFACE_SIGMA)
+    n = sx = sy = sxx = sxy = syy = 0.0
+    # Far away the beams are wider apart than the cells: then the second ring of neighbours joins in.
+    for ring in range(1, 3):
+        if n >= ENOUGH:
+            break
+        n = sx = sy = sxx = sxy = syy = 0.0
+        for near_row in range(max(row - ring, 0), min(row + ring + 1, rows)):
+            for near_col in range(max(col - ring, 0), min(col + ring + 1, cols)):
+                near = numbers[near_row, near_col]
+                if near != VACANT:
+                    n += moments[near, 0]
+                    sx += moments[near, 1]
+                    sy += moments[near, 2]
+                    sxx += moments[near, 3]
+                    sxy += moments[near, 4]
+                    syy += moments[near, 5]
+    mean_x, mean_y = sx / n, sy / n
+    var_x, var_y = sxx / n - mean_x * mean_x, syy / n - mean_y * mean_y
+    cov = sxy / n - mean_x * mean_y
+    middle, half = 0.5 * (var_x + var_y), 0.5 * (var_x - var_y)
+    root = math.sqrt(half * half + cov * cov)
+    wide, narrow = middle + root, max(middle - root, 0.0)
+    if n >= ENOUGH and narrow < FLATNESS * FLATNESS * wide:
+        along = 0.5 * math.atan2(2.0 * cov, var_x - var_y)
+        normal_x, normal_y = -math.sin(along), math.cos(along)
+        info[0] = across * normal_x * normal_x
+        info[1] = across * normal_x * normal_y
+        info[2] = across * normal_y * normal_y
+    else:
+        # A corner or clutter binds both ways; of a few stray points nothing is known.
+        info[0] = info[2] = (0.25 if n >= ENOUGH else STRAY) * across
+        info[1] = 0.0
 
 
 @kernel
@@ -179,15 +181,9 @@ def nearest_turn(angle: float) -> float:
 
 @kernel
 def align_scan(
-    local: LocalMap,
-    points: FloatArray,
-    start: FloatArray,
-    prior: FloatArray,
-    prior_info: FloatArray,
-    share: float,
-    pose: FloatArray,
-    information: FloatArray,
-) -> float:
+    local: LocalMap, points: FloatArray, start: FloatArray, prior: FloatArray, prior_info: FloatArray,
+    pose: FloatArray, information: FloatArray,
+) -> float:  # fmt: skip
     """Align a scan with a local map by Gauss-Newton steps with Geman-McClure weights.
 
     Args:
@@ -196,14 +192,13 @@ def align_scan(
         start: (3,) pose to begin at.
         prior: (3,) expected pose, e.g. by odometry.
         prior_info: (3, 3) how much that is trusted, in the map's frame; zero for not at all.
-        share: What a point counts, because neighbouring points err together, 0 to 1.
         pose: (3,) receives the result.
         information: (3, 3) receives the normal matrix there, prior included.
 
     Returns:
         Share of the points that found a surface within about one cell, weighted by how well they fit.
     """
-    (numbers, origin_x, origin_y, cell), means, infos = local
+    numbers, origin_x, origin_y, means, infos = local
     rows, cols = numbers.shape
     assign(start, pose)
     scale2 = ALIGN_WIDTH * ALIGN_WIDTH
@@ -212,17 +207,16 @@ def align_scan(
         cos, sin = math.cos(pose[2]), math.sin(pose[2])
         fit = 0.0
         assign(prior_info, information)
-        gradient_x, gradient_y, gradient_t = 0.0, 0.0, 0.0
         away_x, away_y = pose[0] - prior[0], pose[1] - prior[1]
         away_t = nearest_turn(pose[2] - prior[2])
-        gradient_x += prior_info[0, 0] * away_x + prior_info[0, 1] * away_y + prior_info[0, 2] * away_t
-        gradient_y += prior_info[1, 0] * away_x + prior_info[1, 1] * away_y + prior_info[1, 2] * away_t
-        gradient_t += prior_info[2, 0] * away_x + prior_info[2, 1] * away_y + prior_info[2, 2] * away_t
+        gradient_x = prior_info[0, 0] * away_x + prior_info[0, 1] * away_y + prior_info[0, 2] * away_t
+        gradient_y = prior_info[1, 0] * away_x + prior_info[1, 1] * away_y + prior_info[1, 2] * away_t
+        gradient_t = prior_info[2, 0] * away_x + prior_info[2, 1] * away_y + prior_info[2, 2] * away_t
         for i in range(len(points)):
             turned_x = cos * points[i, 0] - sin * points[i, 1]
             turned_y = sin * points[i, 0] + cos * points[i, 1]
             x, y = pose[0] + turned_x - origin_x, pose[1] + turned_y - origin_y
-            col, row = math.floor(x / cell), math.floor(y / cell)
+            col, row = math.floor(x / MATCH_CELL), math.floor(y / MATCH_CELL)
             best, number = 1e18, VACANT
             for near_row in range(max(row - 1, 0), min(row + 2, rows)):
                 for near_col in range(max(col - 1, 0), min(col + 2, cols)):
@@ -241,7 +235,7 @@ def align_scan(
             a, b, c = infos[number, 0], infos[number, 1], infos[number, 2]
             chi2 = a * error_x * error_x + 2.0 * b * error_x * error_y + c * error_y * error_y
             root_weight = scale2 / (scale2 + chi2)
-            weight = share * root_weight * root_weight
+            weight = POINT_SHARE * root_weight * root_weight
             fit += root_weight
             # A point moves by (dx - turned_y dt, dy + turned_x dt).
             force_x, force_y = a * error_x + b * error_y, b * error_x + c * error_y
@@ -259,8 +253,8 @@ def align_scan(
         information[2, 1] = information[1, 2]
         step_x, step_y, step_t = solve_symmetric(information, gradient_x, gradient_y, gradient_t)
         length = math.hypot(step_x, step_y)
-        if length > cell:  # the surfaces were sought within a cell: further the step means nothing
-            step_x, step_y = step_x * cell / length, step_y * cell / length
+        if length > MATCH_CELL:  # the surfaces were sought within a cell: further the step means nothing
+            step_x, step_y = step_x * MATCH_CELL / length, step_y * MATCH_CELL / length
         step_t = min(max(step_t, -0.1), 0.1)
         pose[0] -= step_x
         pose[1] -= step_y

@@ -12,9 +12,13 @@ from slamgym.core.errors import SlamgymError
 from slamgym.core.jit import kernel
 from slamgym.core.types import FREE, OCCUPIED, ByteArray, Float32Array, FloatArray, OccupancyGrid
 from slamgym.slam.hit_count_kernels import BeamTable
-from slamgym.slam.localization.config import LocalizationConfig
 
 WALL, FLOOR, UNMAPPED = 0, 1, 2
+Z_HIT, Z_RAND, Z_MAX = 0.75, 0.2, 0.05
+"""Shares of beams that end at what is mapped, that end anywhere (people, moved furniture), and that a mapped surface
+doesn't return (AMCL's ``laser_z_hit``, ``laser_z_rand``, ``laser_z_max``)."""
+FIT_DISTANCE = 0.2
+"""An end point that lies so near to a surface is explained [m]."""
 IN_A_WALL = 5.0
 """What it costs a particle to stand in a wall, in log-likelihood."""
 NEUTRAL = -0.3
@@ -40,14 +44,14 @@ class LikelihoodField(NamedTuple):
     no_return: float  # log-likelihood of no return where a surface is mapped
 
 
-def make_field(grid: OccupancyGrid, config: LocalizationConfig, longest: float) -> LikelihoodField:
+def make_field(grid: OccupancyGrid, sigma_hit: float, longest: float) -> LikelihoodField:
     """Compute the field of a map.
 
     A surface is an occupied cell beside a free one: what lies deeper in a wall is never seen.
 
     Args:
         grid: The map.
-        config: The mixture's shares and the spread.
+        sigma_hit: Spread of end points round surfaces [m].
         longest: Longest usable range, over which random readings are spread [m].
 
     Raises:
@@ -62,9 +66,9 @@ def make_field(grid: OccupancyGrid, config: LocalizationConfig, longest: float) 
         lacking = "free floor" if not floor.any() else "wall beside free floor"
         raise SlamgymError(f"the map has no {lacking}: nothing can be localised on it; check its thresholds")
     distance = distance_transform_edt(~surface) * grid.frame.resolution
-    density = config.z_hit / (math.sqrt(2.0 * math.pi) * config.sigma_hit)
-    random = config.z_rand / longest
-    likelihood = density * np.exp(-0.5 * np.square(distance / config.sigma_hit)) + random
+    density = Z_HIT / (math.sqrt(2.0 * math.pi) * sigma_hit)
+    random = Z_RAND / longest
+    likelihood = density * np.exp(-0.5 * np.square(distance / sigma_hit)) + random
     return LikelihoodField(
         log_likelihood=np.log(likelihood / (density + random)).astype(np.float32),
         distance=distance.astype(np.float32),
@@ -73,7 +77,7 @@ def make_field(grid: OccupancyGrid, config: LocalizationConfig, longest: float) 
         origin_y=float(grid.frame.origin_y),
         cell=float(grid.frame.resolution),
         miss=math.log(random / (density + random)),
-        no_return=math.log(config.z_max),
+        no_return=math.log(Z_MAX),
     )
 
 
@@ -125,7 +129,7 @@ def weigh_poses(field: LikelihoodField, poses: FloatArray, points: FloatArray, o
 
 @kernel
 def wall_cost(field: LikelihoodField, poses: FloatArray) -> FloatArray:
-    """What each pose (n, 3) pays for standing in a wall, (n,)."""
+    """Cost that each pose (n, 3) pays for standing in a wall, (n,)."""
     cost = np.zeros(len(poses))
     for p in range(len(poses)):
         if kind_of_cell(field, poses[p, 0], poses[p, 1]) == WALL:
@@ -135,7 +139,7 @@ def wall_cost(field: LikelihoodField, poses: FloatArray) -> FloatArray:
 
 @kernel
 def _is_clear(field: LikelihoodField, x: float, y: float, across: float, up: float, length: float) -> bool:
-    """Whether a ray meets no surface for so long [m]; each step is as long as nothing is near."""
+    """Return True if a ray meets no surface for so long [m]; each step is as long as nothing is near."""
     rows, cols = field.distance.shape
     driven = 0.0
     while driven < length:
@@ -152,15 +156,9 @@ def _is_clear(field: LikelihoodField, x: float, y: float, across: float, up: flo
 
 @kernel
 def explain_scan(
-    field: LikelihoodField,
-    pose: FloatArray,
-    ranges: Float32Array,
-    beams: BeamTable,
-    step: int,
-    near: float,
-    excuses: bool,
+    field: LikelihoodField, pose: FloatArray, ranges: Float32Array, beams: BeamTable, step: int, excuses: bool
 ) -> tuple[float, float]:
-    """How much of a scan a map explains from a pose.
+    """Measure how much of a scan a map explains from a pose.
 
     Args:
         field: The map.
@@ -168,8 +166,7 @@ def explain_scan(
         ranges: (num_beams,) [m].
         beams: The scanner.
         step: Every so many beams are looked at.
-        near: How near an end point must lie to a surface [m].
-        excuses: Whether what lies where the map knows nothing speaks neither for nor against the pose.
+        excuses: True if what lies where the map knows nothing speaks neither for nor against the pose.
 
     Returns:
         Share of the beams that end near a surface with none in between, of those that return, or should, where the map
@@ -186,9 +183,8 @@ def explain_scan(
         across = cos * beams.directions[i, 0] - sin * beams.directions[i, 1]
         up = sin * beams.directions[i, 0] + cos * beams.directions[i, 1]
         if r > beams.usable or r >= beams.range_max:
-            if beams.no_return_clears and not _is_clear(
-                field, x0, y0, across, up, TRACE_SHARE * beams.usable
-            ):
+            open_space = TRACE_SHARE * beams.usable
+            if beams.no_return_clears and not _is_clear(field, x0, y0, across, up, open_space):
                 correction += field.no_return
                 returned += 1  # something should have returned it
             continue
@@ -201,7 +197,7 @@ def explain_scan(
             continue
         col = math.floor((x - field.origin_x) / field.cell)
         row = math.floor((y - field.origin_y) / field.cell)
-        if 0 <= row < rows and 0 <= col < cols and field.distance[row, col] <= near:
+        if 0 <= row < rows and 0 <= col < cols and field.distance[row, col] <= FIT_DISTANCE:
             explained += 1
         elif excuses and kind_of_cell(field, x, y) == UNMAPPED:
             unknown += 1

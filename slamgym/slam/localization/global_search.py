@@ -1,23 +1,24 @@
 """Search for a scan over a whole map and all headings: every place that explains it nearly as well as the best one.
 
-Branch and bound over grids of maxima (Hess et al. 2016, section V-B), which is exact: a block of places is looked
-into only where its bound says that one of them may be good enough. AMCL scatters particles instead, of which enough
+Branch and bound (:mod:`slamgym.slam.branch_and_bound`) is exact. AMCL scatters particles instead, of which enough
 must fall within the basin of the right pose.
 """
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-from slamgym.core.geometry import wrap_angle
+from slamgym.core.geometry import between, compose, transform_points, wrap_angle
 from slamgym.core.jit import kernel
-from slamgym.core.types import ByteArray, FloatArray
-from slamgym.slam.graph.matching import block_score
-from slamgym.slam.localization.config import LocalizationConfig
-from slamgym.slam.localization.field import FLOOR, LikelihoodField
+from slamgym.core.types import ByteArray, FloatArray, Pose2D
+from slamgym.slam.branch_and_bound import HIT, best_in_block, block_score, fill_levels
+from slamgym.slam.config import LocalizationConfig
+from slamgym.slam.localization.field import FLOOR, LikelihoodField, weigh_poses
+from slamgym.slam.localization.hypothesis import BEAM_WEIGHT, EVIDENCE, MIN_PARTICLES, Hypothesis
+from slamgym.slam.particle_filter import FEW_POINTS
 
-HIT = 255
 SEARCH_CELL = 0.1
 """Least size of a cell of the search [m]."""
 SEARCH_SIGMA = 0.12
@@ -31,6 +32,31 @@ MOST_BOUNDS = 4_000_000
 MOST_PLACES = 20_000
 APART, APART_TURN = 0.5, 0.35
 """Places nearer to each other than this are one [m], [rad]."""
+SCORE_MARGIN = 0.12
+"""A place is kept if its score falls so much behind the best one's at most (1: every point lies on a wall)."""
+MOST_HYPOTHESES = 60
+"""The best places that a search keeps."""
+
+
+SEED_SPREAD = (0.1, 0.1, 0.05)
+"""Spread of the particles round a place that the search has found [m], [m], [rad]."""
+NEGLIGIBLE = 15.0
+"""A hypothesis so much below the best one in log-weight is given up."""
+MOST_SCANS_COUNTED = 10
+"""Scans of the memory that count in the comparison of a new place with those followed."""
+SEARCH_GROWTH = 1.5
+"""Each search that leaves the robot without a place makes the next one wait so many times as long."""
+LOST_SCANS = 3
+"""So many scans in a row that fit poorly start a search at once."""
+SEARCH_DISTANCE, CHECK_DISTANCE = 0.5, 5.0
+"""A search is repeated after so much driving while the robot isn't localised, each time after more, up to the second;
+and after as much while it is, to see whether another place explains more [m]."""
+JUMP_COST = 10.0
+"""Log-weight that a new place begins behind the one that is followed: robots are seldom carried off."""
+MEMORY_METRES, MOST_SCANS = 3.0, 60
+"""A search takes the scans of the last metres together, a view that fewer places share than a single scan."""
+THINNING_CELL = 0.1
+"""Of the points of all scans one is kept in each such cell [m]."""
 
 
 class Place(NamedTuple):
@@ -59,39 +85,16 @@ def search_heading(
     Returns:
         How many were found.
     """
-    top = len(levels) - 1
-    stack = np.empty((4 * top + 8, 4), dtype=np.int64)
-    count = 0
-    for block_row in range(bounds.shape[0]):
-        for block_col in range(bounds.shape[1]):
-            if bounds[block_row, block_col] < least or count == len(places):
+    top, count = len(levels) - 1, 0
+    most = floors.shape[2] - 1, floors.shape[1] - 1
+    for row in range(bounds.shape[0]):
+        for col in range(bounds.shape[1]):
+            if bounds[row, col] < least or count == len(places):
                 continue
-            best = least - 1
-            stack[0, 0], stack[0, 1], stack[0, 2] = top, block_col << top, block_row << top
-            stack[0, 3] = bounds[block_row, block_col]
-            height = 1
-            while height > 0:
-                height -= 1
-                h, u, v, bound = stack[height, 0], stack[height, 1], stack[height, 2], stack[height, 3]
-                if bound <= best:
-                    continue
-                if h == 0:
-                    best = bound
-                    places[count, 0], places[count, 1], places[count, 2] = bound, u, v
-                    continue
-                half = 1 << (h - 1)
-                for child in range(4):
-                    child_u, child_v = u + (child & 1) * half, v + (child >> 1) * half
-                    if child_u >= floors.shape[2] or child_v >= floors.shape[1]:
-                        continue
-                    if floors[h - 1, child_v, child_u] == 0:
-                        continue
-                    value = block_score(levels[h - 1], half, us, vs, child_u, child_v)
-                    if value > best:
-                        stack[height, 0], stack[height, 1], stack[height, 2] = h - 1, child_u, child_v
-                        stack[height, 3] = value
-                        height += 1
-            if best >= least:
+            block = col << top, row << top, bounds[row, col]
+            found = best_in_block(levels, floors, us, vs, block, most, least - 1, (0.0, 0.0, 0.0))
+            if found[0] >= least:
+                places[count, 0], places[count, 1], places[count, 2] = found
                 count += 1
     return count
 
@@ -102,33 +105,25 @@ def bound_heading(
 ) -> None:
     """Fill in the bounds that :func:`search_heading` takes."""
     top = len(levels) - 1
-    for block_row in range(bounds.shape[0]):
-        for block_col in range(bounds.shape[1]):
-            bounds[block_row, block_col] = 0
-            if floors[top, block_row << top, block_col << top]:
-                bounds[block_row, block_col] = block_score(
-                    levels[top], 1 << top, us, vs, block_col << top, block_row << top
-                )
+    for row in range(bounds.shape[0]):
+        for col in range(bounds.shape[1]):
+            bounds[row, col] = 0
+            if floors[top, row << top, col << top]:
+                bounds[row, col] = block_score(levels[top], 1 << top, us, vs, col << top, row << top)
 
 
-def _maxima(grid: ByteArray, levels: int) -> ByteArray:
-    """(levels, rows, cols): ``[h, r, c]`` is the maximum of the 2^h x 2^h cells whose lower left one is ``[r, c]``."""
-    out = np.empty((levels, *grid.shape), dtype=np.uint8)
-    out[0] = grid
-    for h in range(1, levels):
-        step = 1 << (h - 1)
-        out[h] = out[h - 1]
-        np.maximum(out[h, :-step], out[h - 1, step:], out=out[h, :-step])
-        across = out[h].copy()
-        np.maximum(out[h, :, :-step], across[:, step:], out=out[h, :, :-step])
-    return out
+def _maxima(grid: ByteArray, count: int) -> ByteArray:
+    """Grids of maxima (count, rows, cols); see :func:`fill_levels`."""
+    levels = np.empty((count, *grid.shape), dtype=np.uint8)
+    levels[0] = grid
+    fill_levels(levels)
+    return levels
 
 
 class GlobalSearch:
     """Searches one map."""
 
-    def __init__(self, field: LikelihoodField, config: LocalizationConfig) -> None:
-        self._config = config
+    def __init__(self, field: LikelihoodField) -> None:
         self._field = field
         factor = max(1, round(SEARCH_CELL / field.cell))
         self._cell = factor * field.cell
@@ -168,7 +163,7 @@ class GlobalSearch:
         for at, (us, vs) in enumerate(cells):
             bound_heading(self._levels, self._floors, us, vs, bounds[at])
         places = np.empty((MOST_PLACES, 3), dtype=np.int64)
-        best, margin = 0, round(self._config.score_margin * HIT * len(points))
+        best, margin = 0, round(SCORE_MARGIN * HIT * len(points))
         found: list[tuple[int, float, float, float]] = []
         # Headings in the order of their best bound: the first ones soon set a bar for the others.
         for at in np.argsort(-bounds.max(axis=(1, 2)), kind="stable"):
@@ -201,6 +196,118 @@ class GlobalSearch:
                 continue
             kept.append(Place(np.array([x, y, wrap_angle(heading)]), score / (HIT * num_points)))
             poses = np.vstack([poses, kept[-1].pose])
-            if len(kept) == self._config.most_hypotheses:
+            if len(kept) == MOST_HYPOTHESES:
                 break
         return kept
+
+
+class Seeker:
+    """Remembers the latest scans, and searches for them now and then.
+
+    Args:
+        field: The map.
+        config: Settings.
+        rng: Source of the particles.
+        is_urgent: True if the first scan is searched for at once.
+    """
+
+    def __init__(
+        self, field: LikelihoodField, config: LocalizationConfig, rng: np.random.Generator, is_urgent: bool
+    ) -> None:
+        self._field, self._config, self._rng = field, config, rng
+        self._search = GlobalSearch(field)
+        self._pose = Pose2D(0.0, 0.0, 0.0)  # by odometry
+        self._way = 0.0  # driven in all
+        self._scans: list[tuple[float, Pose2D, FloatArray]] = []  # the latest, with those two
+        self._driven = math.inf if is_urgent else 0.0  # since the last search
+        self._patience = SEARCH_DISTANCE
+        self._poor_scans = 0
+        self.searches = 0
+        """Searches so far."""
+
+    def append(self, motion: Pose2D, driven: float, points: FloatArray) -> None:
+        """Take a scan.
+
+        Args:
+            motion: Motion since the one before, in the robot frame of that.
+            driven: Its length [m], turns included.
+            points: (n, 2) end points in the robot frame [m]; copied.
+        """
+        self._pose = compose(self._pose, motion)
+        self._way += driven
+        self._driven += driven
+        self._scans.append((self._way, self._pose, points.copy()))
+        while len(self._scans) > MOST_SCANS or self._way - self._scans[0][0] > MEMORY_METRES:
+            del self._scans[0]
+
+    def _remembered(self) -> FloatArray:
+        """All end points in the robot's present frame, thinned, (n, 2) [m]."""
+        moved = [transform_points(between(self._pose, pose), points) for _, pose, points in self._scans]
+        together = np.concatenate(moved)
+        _, first = np.unique(np.floor(together / THINNING_CELL).astype(np.int64), axis=0, return_index=True)
+        thinned: FloatArray = together[np.sort(first)]
+        return thinned
+
+    def must_search(self, hypotheses: Sequence[Hypothesis], is_localised: bool) -> bool:
+        """Return True if a search is needed now.
+
+        Args:
+            hypotheses: What is followed.
+            is_localised: True if the robot was sure of its place at the last scan.
+        """
+        if is_localised:
+            self._patience = SEARCH_DISTANCE
+        distance = CHECK_DISTANCE if is_localised else self._patience
+        poor = max((hypothesis.fit for hypothesis in hypotheses), default=1.0) < self._config.minimum_fit
+        self._poor_scans = self._poor_scans + 1 if poor else 0
+        if self._poor_scans == LOST_SCANS:
+            # Where the robot was carried off, older scans show another place.
+            self._scans = self._scans[-1:]
+            distance = 0.0
+        return self._driven >= distance
+
+    def find(self, hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
+        """Search the whole map for the latest scans.
+
+        Args:
+            hypotheses: What is followed already.
+
+        Returns:
+            Places that nobody follows yet. Each begins with the weight that the scans give it beside the best
+            hypothesis, less what it costs to have been missed so far.
+        """
+        config, points = self._config, self._remembered()
+        if len(points) < FEW_POINTS:
+            return []
+        self.searches += 1
+        self._driven = 0.0
+        self._patience = min(self._patience * SEARCH_GROWTH, CHECK_DISTANCE)
+        power = EVIDENCE * BEAM_WEIGHT * config.max_beams * min(len(self._scans), MOST_SCANS_COUNTED)
+        known = np.array([hypothesis.estimate[0] for hypothesis in hypotheses]).reshape(-1, 3)
+        level = reference = behind = 0.0
+        least = -math.inf
+        if hypotheses:
+            at = int(np.argmax([hypothesis.log_weight for hypothesis in hypotheses]))
+            best = hypotheses[at]
+            behind = JUMP_COST if best.driven >= config.confirm_distance else 0.0
+            level, reference = best.log_weight, self._mean_log_likelihood(known[at], points)
+            least = level - NEGLIGIBLE
+        found = []
+        for place in self._search.find(points):
+            near = np.hypot(*(known[:, :2] - place.pose[:2]).T) < APART
+            if (near & (np.abs(wrap_angle(known[:, 2] - place.pose[2])) < APART_TURN)).any():
+                continue
+            advantage = power * (self._mean_log_likelihood(place.pose, points) - reference)
+            log_weight = level + min(advantage, 0.0) - behind
+            if log_weight >= least:
+                spread, count = np.array(SEED_SPREAD), 2 * MIN_PARTICLES
+                found.append(Hypothesis.around(place.pose, spread, count, log_weight, self._rng))
+                found[-1].fit = place.score
+        return found
+
+    def _mean_log_likelihood(self, pose: FloatArray, points: FloatArray) -> float:
+        """Of the points at the best of some poses round one."""
+        near = pose + np.array(SEED_SPREAD) * self._rng.standard_normal((MIN_PARTICLES, 3))
+        out = np.empty(len(near))
+        weigh_poses(self._field, near, points, out)
+        return float(out.max()) / len(points)

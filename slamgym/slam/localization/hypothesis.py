@@ -1,20 +1,52 @@
-"""One place where the robot may be, with particles round it: the steps of Monte Carlo localisation."""
+"""The places where a robot may be, and how firmly it believes in one.
+
+Each place has particles round it: the steps of Monte Carlo localisation. Which place leads, for how long, and how much
+it explains tells the states apart.
+"""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal, NamedTuple
 
 import numpy as np
 
 from slamgym.core.geometry import wrap_angle
 from slamgym.core.types import FloatArray, Pose2D
-from slamgym.slam.localization.config import LocalizationConfig
+from slamgym.slam.config import LocalizationConfig
 from slamgym.slam.localization.field import LikelihoodField, wall_cost, weigh_poses
 from slamgym.slam.odometry_calibration import MotionSpread
+from slamgym.slam.particles import systematic_draw
+
+State = Literal["searching", "ambiguous", "localised", "lost"]
 
 BIN_METRES, BIN_RADIANS = 0.15, 0.1
 """Bins of KLD-sampling: AMCL's are 0.5 m and 10 degrees, which one place never fills."""
+KLD_ERROR, KLD_QUANTILE = 0.05, 2.33
+"""Error of the particles' distribution that is kept with a probability of 0.99 (``pf_err``, ``pf_z``)."""
+MIN_PARTICLES = 100
+"""Least particles of a hypothesis (``min_particles`` of all)."""
+RESAMPLE_THRESHOLD = 0.5
+"""Resample when N_eff falls below this share of the particles."""
+BEAM_WEIGHT = 0.15
+"""Power that the likelihood of a beam is taken to, because neighbouring beams and successive scans err together
+(Thrun et al. 2005, section 6.3.4). Chosen so that NEES is between 2 and 5."""
+EVIDENCE = 0.2
+"""What a scan says for one hypothesis against another, as a share of what it says within one: what isn't on the map
+speaks against a place in many scans on end."""
 FIT_MEMORY = 0.25
 """What the newest scan counts in the mean of a hypothesis's fit."""
+CLAIM_FIT = 0.75
+"""So many beams must be explained over all scans since a place was found before it is believed for the first time."""
+CERTAIN_WEIGHT = 0.95
+"""One hypothesis needs this share of all weight to be the robot's place."""
+FIELD_FLOOR = (0.01, 0.01, 0.003)
+"""Nor is a pose on a map of cells [m], [m], [rad]."""
+WIDE_SPREAD = 0.5
+"""A place known no better than this isn't known [m]."""
+FORGIVEN_METRES, MOST_CONFIRM_METRES = 20.0, 16.0
+"""After so many metres without a doubt earlier mistakes are forgotten; and a place never has to prove itself for longer
+than the second."""
 
 
 @dataclass
@@ -33,7 +65,7 @@ class Hypothesis:
     driven: float = 0.0
     """How far the robot has driven with it [m]; a turn by half counts a metre."""
     was_sure: bool = False
-    """Whether the robot was localised there."""
+    """True if the robot was localised there."""
 
     @staticmethod
     def around(
@@ -101,62 +133,124 @@ class Hypothesis:
         self.poses[:, :2] += sigma * noise[:, :2]
         self.poses[:, 2] += math.sqrt(0.5) * turn * noise[:, 3]
 
-    def weigh(self, field: LikelihoodField, points: FloatArray, power: float, evidence: float) -> None:
-        """Correct: weigh each particle, and the hypothesis by the mean, with a scan's end points (k, 2).
-
-        Args:
-            field: The map.
-            points: End points in the robot frame [m].
-            power: That the likelihood of each is taken to.
-            evidence: The same of the hypothesis's own weight, as a share of that.
-        """
+    def weigh(self, field: LikelihoodField, points: FloatArray) -> None:
+        """Correct: weigh each particle, and the hypothesis by the mean, with a scan's end points (k, 2) [m]."""
         out = np.empty(len(self.poses))
         weigh_poses(field, self.poses, points, out)
         before = _log_sum(self.log_weights)
-        self.log_weights = self.log_weights + power * out - wall_cost(field, self.poses)
-        self.log_weight += evidence * (_log_sum(self.log_weights) - before)
+        self.log_weights = self.log_weights + BEAM_WEIGHT * out - wall_cost(field, self.poses)
+        self.log_weight += EVIDENCE * (_log_sum(self.log_weights) - before)
 
-    def resample(self, config: LocalizationConfig, most: int, rng: np.random.Generator) -> None:
+    def resample(self, most: int, rng: np.random.Generator) -> None:
         """Draw as many particles anew as the spread of the present ones needs, if few of them hold the weight.
 
         Args:
-            config: Thresholds.
             most: Most particles.
             rng: Source of the draw.
         """
         weights = self.weights
-        if 1.0 / float(weights @ weights) >= config.resample_threshold * len(weights):
+        if 1.0 / float(weights @ weights) >= RESAMPLE_THRESHOLD * len(weights):
             return
-        totals = np.cumsum(weights)
-        drawn = self.poses[_systematic(totals, len(weights), rng)]
-        count = min(particles_needed(drawn, config), max(most, config.min_particles))
+        drawn = self.poses[systematic_draw(weights, float(rng.random()), len(weights))]
+        count = min(particles_needed(drawn), max(most, MIN_PARTICLES))
         if count != len(drawn):
-            drawn = self.poses[_systematic(totals, count, rng)]
+            drawn = self.poses[systematic_draw(weights, float(rng.random()), count)]
         self.poses, self.log_weights = drawn.copy(), np.zeros(count)
 
 
-def particles_needed(poses: FloatArray, config: LocalizationConfig) -> int:
-    """How many particles a distribution needs that fills as many bins (Fox 2003, equation 9).
-
-    Args:
-        poses: (n, 3) particles drawn from it.
-        config: Error, quantile and bounds.
-    """
+def particles_needed(poses: FloatArray) -> int:
+    """Number of particles that a distribution needs of which those drawn (n, 3) fill as many bins (Fox 2003, eq. 9)."""
     bins = np.floor(poses / (BIN_METRES, BIN_METRES, BIN_RADIANS)).astype(np.int64)
     k = len(np.unique(bins, axis=0))
     if k < 2:
-        return config.min_particles
+        return MIN_PARTICLES
     share = 2.0 / (9.0 * (k - 1))
-    needed = (k - 1) / (2.0 * config.kld_error) * (1.0 - share + math.sqrt(share) * config.kld_quantile) ** 3
-    return max(math.ceil(needed), config.min_particles)
-
-
-def _systematic(totals: FloatArray, count: int, rng: np.random.Generator) -> np.ndarray:
-    """Ancestors (count,) of a systematic draw from cumulated weights."""
-    ticks = (np.arange(count) + float(rng.random())) / count
-    return np.searchsorted(totals, ticks, side="right").clip(max=len(totals) - 1)
+    needed = (k - 1) / (2.0 * KLD_ERROR) * (1.0 - share + math.sqrt(share) * KLD_QUANTILE) ** 3
+    return max(math.ceil(needed), MIN_PARTICLES)
 
 
 def _log_sum(values: FloatArray) -> float:
     top = float(values.max())
     return top + math.log(float(np.exp(values - top).sum()))
+
+
+class Belief(NamedTuple):
+    """What the robot believes after a scan."""
+
+    stamp: float
+    state: State
+    pose: Pose2D
+    covariance: FloatArray  # (3, 3) of x, y [m] and theta [rad], within the best hypothesis
+    fit: float
+    """Share of the beams that the best hypothesis explains, a mean over the latest scans."""
+    hypotheses: tuple[tuple[Pose2D, float], ...]
+    """Poses with their shares of the weight, the best first."""
+    particles: int
+
+
+class Judge:
+    """Tells the states apart, with a memory of earlier mistakes.
+
+    Args:
+        config: Thresholds.
+        known: The hypothesis of a start that is known.
+    """
+
+    def __init__(self, config: LocalizationConfig, known: Hypothesis | None) -> None:
+        self._config = config
+        self._followed = known
+        self._was_localised = known is not None
+        self._led = math.inf if known is not None else 0.0
+        self._confirm_distance = config.confirm_distance
+
+    def belief(self, stamp: float, driven: float, hypotheses: Sequence[Hypothesis], last: Pose2D) -> Belief:
+        """Return what is believed now, and how firmly.
+
+        Args:
+            stamp: Of the scan [s].
+            driven: Since the scan before [m].
+            hypotheses: The best first.
+            last: The pose until now, for a robot without any.
+        """
+        if not hypotheses:
+            return Belief(stamp, "searching", last, np.eye(3), 0.0, (), 0)
+        weights = np.exp([hypothesis.log_weight for hypothesis in hypotheses])
+        weights /= weights.sum()
+        best = hypotheses[0]
+        self._follow(best, driven, float(weights[0]))
+        pose, covariance = best.estimate
+        covariance = covariance + np.diag(np.square(FIELD_FLOOR))
+        return Belief(
+            stamp,
+            self._state(best, float(weights[0]), math.sqrt(covariance[0, 0] + covariance[1, 1])),
+            pose,
+            covariance,
+            best.fit,
+            tuple((h.estimate[0], float(weight)) for h, weight in zip(hypotheses, weights, strict=True)),
+            sum(len(hypothesis.poses) for hypothesis in hypotheses),
+        )
+
+    def _follow(self, best: Hypothesis, driven: float, weight: float) -> None:
+        """Count for how long one hypothesis has led with certainty."""
+        self._led += driven
+        if best is not self._followed:
+            if self._followed is not None and self._followed.was_sure:
+                # That was a mistake, or the robot was carried off: the next place must prove itself for longer.
+                self._confirm_distance = min(2.0 * self._confirm_distance, MOST_CONFIRM_METRES)
+            self._followed, self._led = best, 0.0
+        if weight < CERTAIN_WEIGHT:
+            self._led = 0.0
+
+    def _state(self, best: Hypothesis, weight: float, spread: float) -> State:
+        explains = best.fit >= self._config.minimum_fit
+        if explains and weight < CERTAIN_WEIGHT:
+            return "ambiguous"
+        if not explains or spread > WIDE_SPREAD:
+            return "lost" if self._was_localised else "searching"
+        is_new = not best.was_sure and best.mean_fit < CLAIM_FIT
+        if is_new or min(best.driven, self._led) < self._confirm_distance:
+            return "searching"
+        best.was_sure = self._was_localised = True
+        if self._led > FORGIVEN_METRES:
+            self._confirm_distance = self._config.confirm_distance
+        return "localised"

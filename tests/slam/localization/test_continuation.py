@@ -10,7 +10,7 @@ from slamgym.commands.slam import main
 from slamgym.core.errors import SlamgymError
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from slamgym.interop import read_ros_map, read_tum, write_carmen, write_ros_map
-from slamgym.slam.localization.continuation import continue_map
+from slamgym.slam.localization.logs import continue_map
 from slamgym.slam.replay import settings_for
 
 WAY = [(1, 1), (2.2, 2.3), (3.8, 2.3), (4.7, 2.4), (4.7, 3.6), (7, 3.8)]

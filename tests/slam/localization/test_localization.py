@@ -7,9 +7,8 @@ from drawn_drives import CORRIDOR, FLAT, OTHER, draw, drive
 from slamgym.core.errors import SlamgymError
 from slamgym.core.geometry import compose, wrap_angle
 from slamgym.core.types import FREE, OccupancyGrid, Pose2D
-from slamgym.slam.config import SlamConfig
-from slamgym.slam.localization.config import LocalizationConfig
-from slamgym.slam.localization.replay import localize_log
+from slamgym.slam.config import LocalizationConfig, SlamConfig
+from slamgym.slam.localization.logs import localize_log
 
 HERE = Pose2D(0.0, 0.0, 0.0)
 ROUND_TRIP = [(1, 1), (2.2, 2.3), (3.8, 2.3), (4.7, 2.4), (4.7, 3.6), (7, 3.8)]

@@ -1,0 +1,104 @@
+"""The best place for a scan in a block of a grid, by branch and bound over grids of maxima: numba kernels.
+
+The correlative matcher of Olson (2009), made fast by the bounds of Hess et al. (2016, section V-B): a block of offsets
+is expanded only while its bound beats the best place found, so the result is the best of all, which no local
+search can promise.
+"""
+
+import numpy as np
+
+from slamgym.core.jit import assign, kernel
+from slamgym.core.types import ByteArray
+
+HIT = 255
+"""The most that a point scores."""
+
+
+@kernel
+def fill_levels(levels: ByteArray) -> None:
+    """Make the grids of maxima.
+
+    Args:
+        levels: (levels, rows, cols); ``[0]`` holds the scores, and ``[h, r, c]`` receives the maximum of those in the
+            2^h x 2^h cells whose lower left one is ``[r, c]``.
+    """
+    rows, cols = levels.shape[1:]
+    for h in range(1, len(levels)):
+        step = 1 << (h - 1)
+        below, level = levels[h - 1], levels[h]
+        for row in range(rows):
+            up = min(row + step, rows - 1)
+            # Without a branch inside, the compiler turns these loops into vector instructions.
+            for col in range(cols):
+                level[row, col] = max(below[row, col], below[up, col])
+            for col in range(cols - step):
+                level[row, col] = max(level[row, col], level[row, col + step])
+
+
+@kernel
+def block_score(level: np.ndarray, low: int, us: np.ndarray, vs: np.ndarray, du: int, dv: int) -> int:
+    """Sum of a level's values at the points moved by an offset.
+
+    Cells left of or below the grid still see its border: their block of maxima may reach into it.
+    """
+    rows, cols = level.shape
+    total = 0
+    for i in range(len(us)):
+        row, col = vs[i] + dv, us[i] + du
+        if row >= rows or col >= cols or row <= -low or col <= -low:
+            continue
+        total += level[max(row, 0), max(col, 0)]
+    return total
+
+
+@kernel
+def best_in_block(
+    levels: ByteArray, floors: ByteArray, us: np.ndarray, vs: np.ndarray, block: tuple[int, int, int],
+    most: tuple[int, int], least: int, avoided: tuple[float, float, float],
+) -> tuple[int, int, int]:  # fmt: skip
+    """Find the best place of a block of the top level.
+
+    Args:
+        levels: From :func:`fill_levels`.
+        floors: The same of a mask of places that count; empty if all do.
+        us: (n,) int32 columns of the points with the robot at offset 0.
+        vs: (n,) rows.
+        block: First column and row of the block, and its bound.
+        most: Largest column and row of a place.
+        least: A place that counts scores more than this.
+        avoided: Column, row and radius of a disc whose places don't count.
+
+    Returns:
+        Score, column and row of the place; ``least`` and the block's own if there is none.
+    """
+    top = len(levels) - 1
+    stack = np.empty((4 * top + 4, 4), dtype=np.int64)
+    stack[0, 0], stack[0, 1], stack[0, 2], stack[0, 3] = top, block[0], block[1], block[2]
+    best, best_u, best_v, height = least, block[0], block[1], 1
+    while height > 0:
+        height -= 1
+        h, u, v, bound = stack[height, 0], stack[height, 1], stack[height, 2], stack[height, 3]
+        if bound <= best:
+            continue
+        if h == 0:
+            if (u - avoided[0]) ** 2 + (v - avoided[1]) ** 2 >= avoided[2] ** 2:
+                best, best_u, best_v = bound, u, v
+            continue
+        half, first = 1 << (h - 1), height
+        for child in range(4):
+            child_u, child_v = u + (child & 1) * half, v + (child >> 1) * half
+            if child_u > most[0] or child_v > most[1]:
+                continue
+            if len(floors) > 0 and floors[h - 1, child_v, child_u] == 0:
+                continue
+            value = block_score(levels[h - 1], half, us, vs, child_u, child_v)
+            if value <= best:
+                continue
+            # Insertion keeps the best child on top of the stack.
+            at = height
+            while at > first and stack[at - 1, 3] > value:
+                assign(stack[at - 1], stack[at])
+                at -= 1
+            stack[at, 0], stack[at, 1], stack[at, 2], stack[at, 3] = h - 1, child_u, child_v, value
+            height += 1
+    return best, best_u, best_v
