@@ -19,8 +19,8 @@ from slamgym.core.geometry import unit_vectors
 from slamgym.core.types import BoolArray, FloatArray, GridFrame, IntArray
 from slamgym.envs.sweep import sweep
 from slamgym.planning import Costmap, Reachable
-from slamgym.planning.coarse_paths import CoarsePaths
 from slamgym.planning.frontiers import Point
+from slamgym.planning.grid_path import CoarsePaths
 from slamgym.planning.open_tour import open_tour
 from slamgym.sim.raycast import cast_rays
 

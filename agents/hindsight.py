@@ -15,7 +15,7 @@ from slamgym.agents.oracle import TrueBuilding
 from slamgym.core.config import Count, NonNegative, Positive, Settings
 from slamgym.core.types import BoolArray, FloatArray, IntArray
 from slamgym.envs.explore_frontiers_env import ExploreFrontiersEnv
-from slamgym.planning.coarse_paths import straight_turns
+from slamgym.planning.grid_path import straight_turns
 from slamgym.planning.open_tour import lengths_by_first
 
 

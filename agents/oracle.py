@@ -20,8 +20,8 @@ from slamgym.core.types import OCCUPIED, UNKNOWN, BoolArray, FloatArray, Occupan
 from slamgym.envs import ExploreEnv
 from slamgym.envs.coverage import Coverage, ReachableFloor
 from slamgym.planning import CostmapConfig, crop_known, make_costmap, reachable_space
-from slamgym.planning.coarse_paths import CoarsePaths
 from slamgym.planning.frontiers import Point
+from slamgym.planning.grid_path import CoarsePaths
 from slamgym.sim import Clutter
 
 

@@ -7,7 +7,6 @@ from slamgym.core.geometry import wrap_angle
 from slamgym.core.types import Observation, Twist2D
 from slamgym.planning.context import ExplorerContext
 from slamgym.planning.path_follower import PathFollower
-from slamgym.planning.path_follower_kernels import free_travel
 
 
 class _Walk(Pilot):
@@ -21,25 +20,21 @@ class _Walk(Pilot):
 
     def act(self, observation: Observation) -> Twist2D:
         """Velocity for the next control step; see :meth:`Pilot.act`."""
-        context, config = self._follower.context, self._follower.config
-        points = self._follower.points(observation["scan"])
-        theta = float(observation["pose"][2])
-        keep = context.robot_radius + config.clearance
-        step = context.control_step / 2
-        if free_travel(points, context.max_linear, 0.0, keep, config.horizon, step) < config.horizon:
+        follower, theta = self._follower, float(observation["pose"][2])
+        points = follower.points(observation["scan"])
+        if not follower.is_free_ahead(points):
             self._turning = True
         if self._turning:
             if self._heading is None:
                 self._heading = float(self._rng.uniform(-np.pi, np.pi))
             error = float(wrap_angle(self._heading - theta))
-            if abs(error) > config.turned:
-                rate = min(config.turn_rate, context.max_angular, config.turn_gain * abs(error))
-                return Twist2D(0.0, float(np.copysign(rate, error)))
+            if abs(error) > follower.config.turned:
+                return Twist2D(0.0, float(np.copysign(follower.turn_rate(error), error)))
             self._heading = None
-            if free_travel(points, context.max_linear, 0.0, keep, config.horizon, step) < config.horizon:
+            if not follower.is_free_ahead(points):
                 return Twist2D(0.0, 0.0)
             self._turning = False
-        return Twist2D(context.max_linear, 0.0)
+        return Twist2D(follower.context.max_linear, 0.0)
 
 
 class RandomWalk(BatchedExplorer):

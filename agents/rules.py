@@ -13,9 +13,9 @@ import numpy as np
 from slamgym.agents.foresight import foresee
 from slamgym.core.errors import ConfigError
 from slamgym.core.types import FloatArray, IntArray
-from slamgym.planning.coarse_paths import tour_lengths
 from slamgym.planning.exploration_loop import ExplorationLoop, ExplorationLoopConfig
 from slamgym.planning.frontiers import expected_gain, view_gain
+from slamgym.planning.grid_path import tour_lengths
 from slamgym.planning.open_tour import EXACT_PLACES, open_tour, repairman_tour
 
 EXPLORE_LITE_LOOP = ExplorationLoopConfig(

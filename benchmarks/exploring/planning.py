@@ -1,9 +1,7 @@
 """Planning: time per frontier search, costmap, path and control step against the size of the building.
 
 Buildings are squares of rooms of 4 m with doors of 0.8 m on a canvas of 64 m at 5 cm; half of the rooms are
-known. The second table compares frontier detectors: ``wavefront_frontiers`` (Keidar and Kaminka 2012) looks only
-at the free space that the robot can get to; the full scan looks at every cell of the map: unknown cells with a
-free neighbour, grouped, as image processing does it (Yamauchi 1997). Run: ``python benchmarks/exploring/planning.py``.
+known. Run: ``python benchmarks/exploring/planning.py``.
 """
 
 import argparse
@@ -11,10 +9,8 @@ import math
 import sys
 import time
 from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 
-import cv2
 import numpy as np
 
 from slamgym.agents.registry import make_explorer
@@ -28,7 +24,6 @@ from slamgym.planning import (
     make_costmap,
     plan_path,
     reachable_space,
-    wavefront_frontiers,
 )
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
@@ -38,7 +33,6 @@ RESOLUTION = 0.05  # [m]
 CANVAS = 1280  # [cells]
 ROOM = 80  # [cells]
 DOOR = 16  # [cells]
-CROSS = np.array([[0, 1, 0], [1, 1, 1], [0, 1, 0]], np.uint8)
 CONTEXT = ExplorerContext(
     frame=GridFrame(RESOLUTION, -32.0, -32.0, CANVAS, CANVAS),
     geometry=LaserGeometry(180, -math.pi / 2, math.pi / 179, 0.12, 3.5),
@@ -96,23 +90,8 @@ def decision(name: str, grid: OccupancyGrid, pose: Pose2D) -> Callable[[], objec
     return lambda: make_explorer(name, CONTEXT).predict(observation)
 
 
-def full_scan(grid: OccupancyGrid, min_cells: int) -> list[np.ndarray]:
-    """Frontiers as arrays of cells (N, 2), by image operations over the whole map."""
-    free = (grid.cells == FREE).view(np.uint8)
-    frontier = cv2.dilate(free, CROSS) & (grid.cells == UNKNOWN).view(np.uint8)
-    count, labels, stats, _ = cv2.connectedComponentsWithStats(frontier, connectivity=8)
-    cells = np.argwhere(frontier)
-    of_cell = labels[cells[:, 0], cells[:, 1]]
-    return [cells[of_cell == k] for k in range(1, count) if stats[k, cv2.CC_STAT_AREA] >= min_cells]
-
-
 def main() -> None:
     argparse.ArgumentParser(description=__doc__).parse_args()
-    time_planning()
-    compare_detectors()
-
-
-def time_planning() -> None:
     rows = []
     for rooms_per_side in (2, 4, 6, 8):
         grid, pose = half_explored(rooms_per_side)
@@ -129,7 +108,6 @@ def time_planning() -> None:
                 milliseconds(lambda: crop_known(grid, pose)),  # noqa: B023 - called at once
                 milliseconds(lambda: make_costmap(cropped)),  # noqa: B023
                 milliseconds(lambda: find_frontiers(costmap, pose)),  # noqa: B023
-                milliseconds(lambda: wavefront_frontiers(cropped, pose)),  # noqa: B023
                 milliseconds(lambda: plan_path(costmap, pose, far, reachable=reachable)),  # noqa: B023
                 milliseconds(control_step(grid, pose), 200),
                 milliseconds(decision("explore_lite", grid, pose)),
@@ -142,7 +120,6 @@ def time_planning() -> None:
         "crop [ms]",
         "costmap [ms]",
         "frontiers [ms]",
-        "wavefront [ms]",
         "far path [ms]",
         "control step [ms]",
         "explore_lite decision [ms]",
@@ -153,33 +130,6 @@ def time_planning() -> None:
     times = [column for column in columns if "[ms]" in column]
     title = "CPU time per call; half of the area is known"
     print_and_save("exploring/planning", title, rounded, columns, times)
-
-
-def compare_detectors() -> None:
-    rows = []
-    for rooms in (2, 4, 6, 8):
-        grid, pose = half_explored(rooms)
-        cropped = crop_known(grid, pose)
-        found = {tuple(c) for f in wavefront_frontiers(cropped, pose) for c in f.cells.tolist()}
-        scanned = {tuple(c) for cells in full_scan(cropped, 1) for c in cells.tolist()}
-        # What the scan finds more can't be reached, so nobody can explore it.
-        assert found <= scanned
-        rows.append(
-            {
-                "area [m2]": (4.0 * rooms) ** 2,
-                "wavefront, cropped [ms]": milliseconds(partial(wavefront_frontiers, cropped, pose)),
-                "full scan, cropped [ms]": milliseconds(partial(full_scan, cropped, 1)),
-                "wavefront, canvas [ms]": milliseconds(partial(wavefront_frontiers, grid, pose)),
-                "full scan, canvas [ms]": milliseconds(partial(full_scan, grid, 1)),
-            }
-        )
-    print_and_save(
-        "exploring/frontier_detectors",
-        "Frontier detection, CPU time of a search; half of the area is known",
-        rows,
-        list(rows[0]),
-        times=[column for column in rows[0] if "[ms]" in column],
-    )
 
 
 if __name__ == "__main__":

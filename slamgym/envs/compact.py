@@ -11,14 +11,7 @@ import numpy as np
 from gymnasium import spaces
 
 from slamgym.core.jit import kernel
-from slamgym.core.types import (
-    ByteArray,
-    Float32Array,
-    FloatArray,
-    GridFrame,
-    Pose2D,
-    Twist2D,
-)
+from slamgym.core.types import ByteArray, Float32Array, FloatArray, GridFrame, Pose2D, Twist2D
 from slamgym.envs.config import ExploreConfig
 from slamgym.envs.far_look import FAR_SIZE, FarLook
 

@@ -4,14 +4,7 @@ import numpy as np
 
 from slamgym.core.jit import kernel
 from slamgym.core.types import FREE, UNKNOWN, ByteArray, FloatArray, OccupancyGrid, Pose2D
-from slamgym.planning import (
-    CostmapConfig,
-    Frontier,
-    find_frontiers,
-    free_body,
-    make_costmap,
-    reachable_space,
-)
+from slamgym.planning import CostmapConfig, Frontier, find_frontiers, free_body, make_costmap, reachable_space
 from slamgym.planning.promise import Promise, is_kept
 from slamgym.planning.remaining import measure_remains
 

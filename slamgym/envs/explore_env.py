@@ -327,8 +327,6 @@ class ExploreEnv(gym.Env[Any, Any]):
             robot_radius=robot.circumscribed_radius,
             max_linear=robot.max_linear,
             max_angular=robot.max_angular,
-            linear_acceleration=robot.linear_acceleration,
-            angular_acceleration=robot.angular_acceleration,
             control_step=config.control_step,
             map_update_interval=config.map_update_interval,
             normalized_actions=config.actions == "normalized",

@@ -14,16 +14,8 @@ from typing import NamedTuple
 import numpy as np
 from gymnasium import spaces
 
-from slamgym.core.types import (
-    BoolArray,
-    ByteArray,
-    Float32Array,
-    FloatArray,
-    IntArray,
-    Observation,
-    Pose2D,
-)
-from slamgym.planning.coarse_paths import tour_lengths
+from slamgym.core.types import BoolArray, ByteArray, Float32Array, FloatArray, IntArray, Observation, Pose2D
+from slamgym.planning.grid_path import tour_lengths
 from slamgym.planning.costmap import Costmap
 from slamgym.planning.exploration_loop import ExplorationLoop
 from slamgym.planning.frontier_candidates import COARSENING, FrontierCandidate
@@ -110,10 +102,7 @@ _CANDIDATE_TABLE: tuple[tuple[str, Callable[[_Measured], float]], ...] = (
     ("nearest_other", lambda m: m.others[0] / 5.0),
     ("mean_other", lambda m: m.others[1] / 10.0),
     ("is_target", lambda m: float(m.is_target)),
-    (
-        "path_detour",
-        lambda m: m.candidate.path_length / max(m.candidate.frontier.min_distance, 0.5) / 3.0,
-    ),
+    ("path_detour", lambda m: m.candidate.path_length / max(m.candidate.frontier.min_distance, 0.5) / 3.0),
     ("expected", lambda m: 0.5 * math.log10(1.0 + 10.0 * min(m.expected, _LARGEST_EXPECTED))),
     ("tour", lambda m: 1.0 / (1.0 + m.tour)),
     ("tour_detour", lambda m: m.tour_detour / 5.0),

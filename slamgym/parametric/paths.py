@@ -20,7 +20,7 @@ from slamgym.core.limits import shown
 from slamgym.core.types import FREE, FloatArray, IntArray, Trajectory
 from slamgym.interop.tum import read_tum
 from slamgym.parametric.config import MotionConfig
-from slamgym.planning.prm import PrmConfig, Roadmap, build_roadmap, random_path, spread_stops, tour
+from slamgym.planning.prm import Roadmap, build_roadmap, random_path, spread_stops, tour
 from slamgym.sim.robot import RobotConfig
 
 if TYPE_CHECKING:
@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 _ROBOT = RobotConfig()
 _SAMPLE_INTERVAL = 0.05  # [s] of the fine trajectory that scans are picked from
 _ROADMAP_RESOLUTION = 0.05  # [m] of the grid that a roadmap is made on
+_CLEARANCE = 0.25  # [m] that the path keeps from walls: the radius of the robot and 3 cm
 _STOP_SPACING = 5.0  # [m] between stops in a plan without rooms; the LIDAR sees what lies between
 
 
@@ -306,7 +307,7 @@ def plan_trajectory(
     if not (grid.cells == FREE).any():
         raise PlanError(plan.id, "has no free space")
     try:
-        roadmap = build_roadmap(grid, PrmConfig(), rng)
+        roadmap = build_roadmap(grid, _CLEARANCE, rng)
     except SlamgymError as error:
         raise PlanError(plan.id, str(error)) from error
     if kind == "pair":

@@ -1,25 +1,16 @@
 from .context import ExplorerContext
-from .costmap import (
-    Costmap,
-    CostmapConfig,
-    clear_seen,
-    crop_known,
-    free_body,
-    make_costmap,
-    mark_obstacles,
-)
+from .costmap import Costmap, CostmapConfig, clear_seen, crop_known, free_body, make_costmap, mark_obstacles
 from .frontiers import (
     Frontier,
     Reachable,
     expected_gain,
     find_frontiers,
-    occluded_views,
     reachable_space,
-    wavefront_frontiers,
 )
 from .grid_path import GridPath, path_is_free, place_near, plan_path
 from .navigator import Goal, GoalStatus, Navigator, NavigatorConfig
 from .path_follower import FollowerConfig, PathFollower
+from .recovery import occluded_views
 
 __all__ = [
     "Costmap",
@@ -46,5 +37,4 @@ __all__ = [
     "place_near",
     "plan_path",
     "reachable_space",
-    "wavefront_frontiers",
 ]

@@ -1,13 +1,15 @@
-"""What an explorer may know before the first observation: its own body, its scanner and the map's frame."""
+"""Facts that an explorer is given before the first observation: its own body, its scanner and the map's frame."""
+
+from dataclasses import dataclass
 
 import numpy as np
 
-from slamgym.core.config import Positive, Settings
 from slamgym.core.types import Float32Array, GridFrame, LaserGeometry, Twist2D
 
 
-class ExplorerContext(Settings):
-    """The facts about a robot and its environment that don't change during an exploration.
+@dataclass(frozen=True)
+class ExplorerContext:
+    """Facts about a robot and its environment that don't change during an exploration.
 
     An environment hands it to an explorer; it says nothing of the floor plan.
     """
@@ -16,22 +18,18 @@ class ExplorerContext(Settings):
     """Frame of the observation's ``"map"``: the fixed canvas, centred on the start of the robot."""
     geometry: LaserGeometry
     """Beams of the observation's ``"scan"``."""
-    robot_radius: Positive = 0.22
+    robot_radius: float = 0.22
     """Radius of the circle about the axle that holds the robot [m]."""
-    max_linear: Positive = 0.26
+    max_linear: float = 0.26
     """Largest forward speed [m/s] (TurtleBot3 Waffle Pi)."""
-    max_angular: Positive = 1.82
+    max_angular: float = 1.82
     """Largest rate of turn [rad/s] (TurtleBot3 Waffle Pi)."""
-    linear_acceleration: Positive = 2.5
-    """Largest change of the forward speed [m/s2]."""
-    angular_acceleration: Positive = 3.2
-    """Largest change of the rate of turn [rad/s2]."""
-    control_step: Positive = 0.2
+    control_step: float = 0.2
     """Time from one observation to the next [s]."""
     map_update_interval: float = 2.0
     """Time between two publications of the map [s]."""
     normalized_actions: bool = True
-    """Whether an action is a share of the largest speeds, in [-1, 1], rather than [m/s] and [rad/s]."""
+    """True if an action is a share of the largest speeds, in [-1, 1]; else it is in [m/s] and [rad/s]."""
 
     def to_action(self, command: Twist2D) -> Float32Array:
         """The environment's action, shape (2,), for a velocity command, clipped to the robot's limits."""

@@ -11,27 +11,25 @@ from typing import Annotated
 
 import numpy as np
 
-from slamgym.core.config import NonNegative, Positive, Settings, Within
+from slamgym.core.config import Positive, Settings, Within
 from slamgym.core.errors import ConfigError
 from slamgym.core.geometry import compose
+from slamgym.core.jit import kernel
 from slamgym.core.portable import exp
 from slamgym.core.types import (
+    FREE,
     OCCUPIED,
     UNKNOWN,
+    BoolArray,
     ByteArray,
     Float32Array,
     FloatArray,
     GridFrame,
+    Int32Array,
+    IntArray,
     LaserGeometry,
     OccupancyGrid,
     Pose2D,
-)
-from slamgym.planning.costmap_kernels import (
-    clear_beams,
-    clear_body,
-    cost_cells,
-    distance_to_occupied,
-    stand_apart,
 )
 
 FREE_COST = 0
@@ -40,27 +38,32 @@ LETHAL_COST = 254
 NO_INFORMATION = 255
 """Costs as costmap_2d defines them: the robot's centre may stand on a cell below ``INSCRIBED_COST``."""
 
+_COST_SCALING = 3.0
+"""Exponential decay of the cost with the distance beyond the inscribed radius [1/m] (TurtleBot3 navigation)."""
+_COASTAL_COST = 252
+"""What cells out of sight of all obstacles cost: as much as those at the inscribed radius."""
+_APART = 0.15
+"""Points nearer to a wall of the map than this are taken for that wall [m]: the pose errs by as much."""
+_KEPT = 0.3
+"""The last stretch of each beam clears nothing [m]: errors of the pose must not erase real walls."""
 
-class CostmapConfig(Settings):
+
+class CostmapConfig(Settings, section="costmap"):
     """How obstacles are inflated."""
 
     inscribed_radius: Positive = 0.22
     """A robot's centre closer than this to an obstacle is a collision [m]; its radius if it is round."""
     inflation_radius: float = 1.0
     """Obstacles cost something up to this distance [m] (TurtleBot3 navigation default)."""
-    cost_scaling: NonNegative = 3.0
-    """Exponential decay of the cost with the distance beyond the inscribed radius [1/m] (same source)."""
     coastal_distance: Annotated[float, Within(ge=0.0, infinite=True)] = math.inf
     """Cells farther than this from every obstacle cost again [m]: a scanner that sees nothing can't localise
     the robot (Roy et al., "Coastal navigation", ICRA 1999)."""
-    coastal_cost: Annotated[int, Within(ge=1, le=252)] = 100
-    """What they cost, 1 to 252."""
 
     def _check(self) -> None:
         if self.inflation_radius < self.inscribed_radius:
             raise ConfigError(
-                f"inflation_radius {self.inflation_radius} m must not be less than "
-                f"inscribed_radius {self.inscribed_radius} m"
+                f"inflation_radius {self.inflation_radius} m must not be less than inscribed_radius "
+                f"{self.inscribed_radius} m"
             )
 
 
@@ -88,23 +91,18 @@ def crop_known(grid: OccupancyGrid, pose: Pose2D, margin: float = 0.5) -> Occupa
         pose: The robot, in the frame of the map.
         margin: Kept around the known part and around the robot, as far as the map goes [m].
     """
-    frame = grid.frame
+    frame, size = grid.frame, grid.frame.resolution
     first_row, end_row, first_col, end_col = _known_window(grid.cells)
     row, col = (int(i) for i in frame.to_cell(pose.x, pose.y))
     row, col = min(max(row, 0), frame.height_px - 1), min(max(col, 0), frame.width_px - 1)
     if end_row == 0:
         first_row, end_row, first_col, end_col = row, row + 1, col, col + 1
-    pad = math.ceil(margin / frame.resolution)
+    pad = math.ceil(margin / size)
     top, bottom = max(0, min(first_row, row) - pad), min(frame.height_px, max(end_row, row + 1) + pad)
     left, right = max(0, min(first_col, col) - pad), min(frame.width_px, max(end_col, col + 1) + pad)
-    window = GridFrame(
-        resolution=frame.resolution,
-        origin_x=frame.origin_x + left * frame.resolution,
-        origin_y=frame.origin_y + (frame.height_px - bottom) * frame.resolution,
-        height_px=bottom - top,
-        width_px=right - left,
-    )
-    return OccupancyGrid(np.ascontiguousarray(grid.cells[top:bottom, left:right]).copy(), window)
+    origin = frame.origin_x + left * size, frame.origin_y + (frame.height_px - bottom) * size
+    window = GridFrame(size, *origin, bottom - top, right - left)
+    return OccupancyGrid(np.array(grid.cells[top:bottom, left:right], order="C"), window)
 
 
 def free_body(grid: OccupancyGrid, pose: Pose2D, radius: float) -> OccupancyGrid:
@@ -116,11 +114,11 @@ def free_body(grid: OccupancyGrid, pose: Pose2D, radius: float) -> OccupancyGrid
     cells = grid.cells.copy()
     row, col = grid.frame.to_cell(pose.x, pose.y)
     radius_px = radius / grid.frame.resolution
-    clear_body(cells, int(row), int(col), radius_px, 0.6 * radius_px)
+    _clear_body(cells, int(row), int(col), radius_px, 0.6 * radius_px)
     return OccupancyGrid(cells, grid.frame)
 
 
-def mark_obstacles(grid: OccupancyGrid, points: FloatArray, apart: float = 0.15) -> OccupancyGrid:
+def mark_obstacles(grid: OccupancyGrid, points: FloatArray, apart: float = _APART) -> OccupancyGrid:
     """Copy a map with points seen just now, e.g. on a person, entered as occupied.
 
     Points nearer than ``apart`` [m] to a wall of the map are taken for that wall and left out, so that small
@@ -138,21 +136,21 @@ def mark_obstacles(grid: OccupancyGrid, points: FloatArray, apart: float = 0.15)
     return OccupancyGrid(cells, grid.frame)
 
 
-def unmapped_points(grid: OccupancyGrid, points: FloatArray, apart: float = 0.15) -> FloatArray:
+def unmapped_points(grid: OccupancyGrid, points: FloatArray, apart: float = _APART) -> FloatArray:
     """The points (N, 2) [m] that lie on a map and farther than ``apart`` [m] from its walls."""
-    row, col = grid.frame.to_cell(points[:, 0], points[:, 1])
-    inside = (row >= 0) & (row < grid.frame.height_px) & (col >= 0) & (col < grid.frame.width_px)
-    is_apart = stand_apart(grid.cells, row[inside], col[inside], grid.frame.resolution, apart)
-    return points[inside][is_apart]
+    row, col, inside = cells_inside(grid.frame, points)
+    return points[inside][_stand_apart(grid.cells, row, col, grid.frame.resolution, apart)]
+
+
+def cells_inside(frame: GridFrame, points: FloatArray) -> tuple[IntArray, IntArray, BoolArray]:
+    """Rows and columns of those points (N, 2) [m] that lie on a grid, and a mask of them, shape (N,)."""
+    row, col = frame.to_cell(points[:, 0], points[:, 1])
+    inside = (row >= 0) & (row < frame.height_px) & (col >= 0) & (col < frame.width_px)
+    return row[inside], col[inside], inside
 
 
 def clear_seen(
-    grid: OccupancyGrid,
-    pose: Pose2D,
-    ranges: Float32Array,
-    geometry: LaserGeometry,
-    margin: float = 0.3,
-    longest: float = 2.5,
+    grid: OccupancyGrid, pose: Pose2D, ranges: Float32Array, geometry: LaserGeometry, longest: float = 2.5
 ) -> OccupancyGrid:
     """Copy a map with walls taken out that a scan sees through, as costmap_2d's raytracing does.
 
@@ -161,22 +159,16 @@ def clear_seen(
         pose: The robot, in the frame of the map.
         ranges: Scan, shape (num_beams,) [m].
         geometry: The scanner.
-        margin: The last stretch of each beam clears nothing [m].
-        longest: Nor does what lies beyond [m].
+        longest: Beams are cut off here [m].
     """
-    frame, cells = grid.frame, grid.cells.copy()
+    frame, cells, size = grid.frame, grid.cells.copy(), grid.frame.resolution
     sensor = compose(pose, geometry.mount)
-    clear_beams(
-        cells,
-        (sensor.x - frame.origin_x) / frame.resolution - 0.5,
-        frame.height_px - 0.5 - (sensor.y - frame.origin_y) / frame.resolution,
-        sensor.theta,
-        ranges / np.float32(frame.resolution),
-        geometry.angle_min,
-        geometry.angle_increment,
-        longest / frame.resolution,
-        margin / frame.resolution,
+    col, row = (
+        (sensor.x - frame.origin_x) / size - 0.5,
+        frame.height_px - 0.5 - (sensor.y - frame.origin_y) / size,
     )
+    beams = sensor.theta, geometry.angle_min, geometry.angle_increment
+    _clear_beams(cells, row, col, beams, ranges / np.float32(size), longest / size, _KEPT / size)
     return OccupancyGrid(cells, frame)
 
 
@@ -184,16 +176,15 @@ def make_costmap(grid: OccupancyGrid, config: CostmapConfig | None = None) -> Co
     """Inflate the obstacles of a map.
 
     A cell nearer than the inscribed radius to an occupied cell costs 253; farther off the cost is
-    ``252 exp(-cost_scaling (d - inscribed_radius))``; unknown cells stay unknown.
+    ``252 exp(-3 / m (d - inscribed_radius))``; unknown cells stay unknown.
 
     Args:
         grid: The map; crop it first (:func:`crop_known`) where most of it is unknown.
         config: Radii and decay.
     """
-    config = config or CostmapConfig()
-    distance = distance_to_occupied(grid.cells)
-    table = _cost_table(config, grid.frame.resolution)
-    return Costmap(cost_cells(grid.cells, distance, table), distance, grid.frame)
+    distance = _distance_to_occupied(grid.cells)
+    table = _cost_table(config or CostmapConfig(), grid.frame.resolution)
+    return Costmap(_cost_cells(grid.cells, distance, table), distance, grid.frame)
 
 
 def _known_window(cells: ByteArray) -> tuple[int, int, int, int]:
@@ -214,8 +205,177 @@ def _cost_table(config: CostmapConfig, resolution: float) -> ByteArray:
     coastal = math.isfinite(config.coastal_distance)
     end = max(config.inflation_radius, config.coastal_distance if coastal else 0.0)
     distance = np.sqrt(np.arange(math.floor((end / resolution) ** 2 + 1e-9) + 1)) * resolution
-    decayed = (INSCRIBED_COST - 1) * exp(-config.cost_scaling * (distance - config.inscribed_radius))
+    decayed = (INSCRIBED_COST - 1) * exp(-_COST_SCALING * (distance - config.inscribed_radius))
     decayed[distance > config.inflation_radius + 1e-9] = FREE_COST
     table = np.where(distance <= config.inscribed_radius + 1e-9, INSCRIBED_COST, decayed).astype(np.uint8)
     table[0] = LETHAL_COST
-    return np.append(table, np.uint8(config.coastal_cost if coastal else FREE_COST))
+    return np.append(table, np.uint8(_COASTAL_COST if coastal else FREE_COST))
+
+
+@kernel
+def _clear_body(cells: ByteArray, row: int, col: int, radius_px: float, core_px: float) -> None:
+    """Free the cells under the robot: unknown ones within ``radius_px``, all within ``core_px``."""
+    half = int(radius_px) + 1
+    for r in range(max(0, row - half), min(cells.shape[0], row + half + 1)):
+        for c in range(max(0, col - half), min(cells.shape[1], col + half + 1)):
+            squared = (r - row) ** 2 + (c - col) ** 2
+            unknown = cells[r, c] != OCCUPIED and cells[r, c] != FREE
+            if squared <= core_px**2 or (unknown and squared <= radius_px**2):
+                cells[r, c] = FREE
+
+
+@kernel
+def _cost_cells(cells: ByteArray, distance_px: Float32Array, table: ByteArray) -> ByteArray:
+    """Costs, shape (H, W), from the distance to the nearest occupied cell.
+
+    Args:
+        cells: ROS map values, shape (H, W).
+        distance_px: Distance between centres of a cell and the nearest occupied one, shape (H, W) [cells].
+        table: Cost by squared distance [cells^2]; the last entry holds for all that is farther.
+    """
+    height, width = cells.shape
+    costs = np.empty((height, width), np.uint8)
+    limit = np.float32(len(table) - 1)
+    for row in range(height):
+        for col in range(width):
+            if cells[row, col] == OCCUPIED:
+                costs[row, col] = LETHAL_COST
+            elif cells[row, col] == FREE:
+                squared = distance_px[row, col] * distance_px[row, col] + np.float32(0.5)
+                costs[row, col] = table[int(squared)] if squared < limit else table[-1]
+            else:
+                costs[row, col] = NO_INFORMATION
+    return costs
+
+
+@kernel
+def _clear_beams(
+    cells: ByteArray, y: float, x: float, beams: tuple[float, float, float],
+    ranges: Float32Array, longest: float, margin: float,
+) -> None:  # fmt: skip
+    """Free the occupied cells that the beams of a scan passed, but for the last stretch of each beam.
+
+    Args:
+        cells: ROS map values, shape (H, W); changed in place.
+        y: Sensor [cells], row of cell centres.
+        x: Sensor [cells], column of cell centres.
+        beams: The sensor's heading, the direction of the first beam from there, and the angle from one beam to the
+            next [rad], counter-clockwise; rows grow downwards.
+        ranges: Shape (num_beams,) [cells].
+        longest: Beams are cut off here [cells].
+        margin: What is kept at the end of each beam [cells].
+    """
+    height, width = cells.shape
+    theta, angle_min, angle_increment = beams
+    for i in range(len(ranges)):
+        if not ranges[i] > 0.0:
+            continue
+        end = min(ranges[i], longest) - margin
+        angle = theta + angle_min + i * angle_increment
+        dx, dy = np.cos(angle), -np.sin(angle)
+        step = 0.0
+        while step < end:
+            row, col = int(np.floor(y + step * dy + 0.5)), int(np.floor(x + step * dx + 0.5))
+            if 0 <= row < height and 0 <= col < width and cells[row, col] == OCCUPIED:
+                cells[row, col] = FREE
+            step += 0.5
+
+
+@kernel
+def _stand_apart(
+    cells: ByteArray, rows: IntArray, cols: IntArray, resolution: float, apart: float
+) -> BoolArray:
+    """Mask of those cells that are farther than ``apart`` from every occupied one, shape (N,).
+
+    Args:
+        cells: ROS map values, shape (H, W).
+        rows: Of the cells asked about, shape (N,).
+        cols: The same.
+        resolution: Cell size [m].
+        apart: Between the centres of two cells [m].
+    """
+    height, width = cells.shape
+    half = int(apart / resolution) + 1
+    is_apart = np.ones(len(rows), np.bool_)
+    for i in range(len(rows)):
+        for row in range(max(0, rows[i] - half), min(height, rows[i] + half + 1)):
+            for col in range(max(0, cols[i] - half), min(width, cols[i] + half + 1)):
+                if cells[row, col] == OCCUPIED:
+                    squared = np.float32((row - rows[i]) ** 2 + (col - cols[i]) ** 2)
+                    # In single precision, as distance fields are.
+                    if not np.sqrt(squared) * np.float32(resolution) > np.float32(apart):
+                        is_apart[i] = False
+    return is_apart
+
+
+@kernel
+def _distance_to_occupied(cells: ByteArray) -> Float32Array:
+    """Exact Euclidean distance of each cell to the nearest occupied one, shape (H, W) [cells]; 1e6 without any.
+
+    First the distance along the column, then, row by row, the lower envelope of the parabolas
+    ``(col - c)^2 + along_column[c]^2`` (Felzenszwalb and Huttenlocher 2012). Where two parabolas meet on a cell
+    either may be taken, so the rounding of their intersection does no harm.
+
+    Args:
+        cells: ROS map values, shape (H, W).
+    """
+    height, width = cells.shape
+    far = height + width
+    along_column = np.empty((height, width), np.int32)
+    for col in range(width):
+        along_column[0, col] = 0 if cells[0, col] == OCCUPIED else far
+    for row in range(1, height):
+        for col in range(width):
+            step = min(along_column[row - 1, col] + 1, far)
+            along_column[row, col] = 0 if cells[row, col] == OCCUPIED else step
+    for row in range(height - 2, -1, -1):
+        for col in range(width):
+            along_column[row, col] = min(along_column[row, col], along_column[row + 1, col] + 1)
+    distance = np.empty((height, width), np.float32)
+    apex, lift, first = np.empty((3, width), np.int32)
+    half_inverse = 0.5 / np.arange(0.0, width)
+    for row in range(height):
+        count = _lower_envelope(along_column[row], far, half_inverse, apex, lift, first)
+        end = width
+        for k in range(count - 1, -1, -1):
+            height_2 = lift[k] - apex[k] ** 2
+            for col in range(first[k], end):
+                distance[row, col] = np.sqrt(np.float32((col - apex[k]) ** 2 + height_2))
+            end = first[k]
+        if count == 0:
+            distance[row] = 1e6
+    return distance
+
+
+@kernel
+def _lower_envelope(
+    along_column: Int32Array, far: int, half_inverse: FloatArray, apex: Int32Array, lift: Int32Array, first: Int32Array
+) -> int:  # fmt: skip
+    """The parabolas of a row that are lowest somewhere, from left to right; returns their number.
+
+    Args:
+        along_column: Distance along the column, shape (W,) [cells]; ``far`` where it holds no occupied cell.
+        far: See above.
+        half_inverse: ``1 / (2 n)`` for each n, shape (W,).
+        apex: Receives the column of each parabola, shape (W,).
+        lift: Receives ``along_column^2 + apex^2``, shape (W,).
+        first: Receives the first column where it is the lowest, shape (W,).
+    """
+    count = 0
+    for col in range(len(along_column)):
+        if along_column[col] >= far:
+            continue
+        lifted = along_column[col] ** 2 + col**2
+        begin = 0
+        while count > 0:
+            top = np.uint64(count - 1)  # an unsigned index isn't asked whether it counts from the end
+            meeting = (lifted - lift[top]) * half_inverse[np.uint64(col - apex[top])]
+            begin = int(meeting) + 1 if meeting >= 0.0 else 0
+            if begin > first[top]:
+                break
+            count -= 1
+            begin = 0
+        if begin < len(along_column):
+            apex[count], lift[count], first[count] = col, lifted, begin
+            count += 1
+    return count

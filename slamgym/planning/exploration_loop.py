@@ -20,16 +20,25 @@ from slamgym.planning.context import ExplorerContext
 from slamgym.planning.costmap import NO_INFORMATION, Costmap
 from slamgym.planning.frontier_candidates import FrontierCandidate, make_candidates
 from slamgym.planning.frontiers import Point
-from slamgym.planning.navigator import Goal, GoalStatus, Navigator, NavigatorConfig
+from slamgym.planning.navigator import PLAN_TOLERANCE, Goal, GoalStatus, Navigator, NavigatorConfig
 from slamgym.planning.promise import Promise, is_kept
-from slamgym.planning.recovery import Recovery, RecoveryBehaviours
+from slamgym.planning.recovery import RELAXED_FOOTPRINTS, RecoveryBehaviours
 from slamgym.planning.remaining import Remains, measure_remains
 
 _STOP = Twist2D(0.0, 0.0)
-_GROWTH = 0.5  # less than this is no growth of the map [m2]: noise opens pinholes for ever
+_GROWTH = 0.5
+"""Less than this is no growth of the map [m2]: noise opens pinholes for ever."""
+_BLACKLIST_DISTANCE = 0.25
+"""A frontier is blacklisted if both coordinates of its centroid are this near to an entry [m]: 5 cells, as in Explore
+Lite."""
+_STALL_TIME = 40.0
+"""If the map hasn't grown for so long, choices are no longer reconsidered while driving [s]: a policy that
+changes its mind for ever would never arrive."""
+_FUTILE_GOALS = 12
+"""So many frontiers in a row that added nothing to the map end the exploration: no map of a home needs as many."""
 
 
-class ExplorationLoopConfig(Settings):
+class ExplorationLoopConfig(Settings, section="loop"):
     """How frontiers are offered and driven to."""
 
     max_candidates: Count = 16
@@ -40,23 +49,10 @@ class ExplorationLoopConfig(Settings):
     """Frontiers shorter than this are left for the end [m]."""
     split_extent: Annotated[float, Within(gt=0.0, infinite=True)] = 3.0
     """A frontier that extends farther than this is offered in parts [m]."""
-    blacklist_distance: float = 0.25
-    """A frontier is blacklisted if both coordinates of its centroid are this near to an entry [m]."""
     progress_timeout: Positive = 30.0
     """A frontier that the robot doesn't come nearer to for so long is given up [s]."""
-    stall_time: Positive = 40.0
-    """If the map hasn't grown for so long, choices are no longer reconsidered while driving: a policy that
-    changes its mind for ever would never arrive [s]."""
     last_frontier_size: float = 0.25
     """Once nothing larger is left, frontiers down to this size are offered too [m]."""
-    relaxed_footprints: tuple[float, ...] = (0.85, 0.6)
-    """Then also doors that a robot of these shares of the radius could pass: maps draw walls too thick."""
-    look_around_before: float = 30.0
-    """If nothing is left to explore so soon, the robot first turns once round on the spot [s]."""
-    closed_room_looks: int = 8
-    """Rooms that the map cuts off from the robot are looked at from so many places at most."""
-    futile_goals: int = 12
-    """So many frontiers in a row that added nothing to the map end the exploration."""
     promise: Promise | None = None
     """The exploration ends as soon as the map keeps this promise; without one when nothing is left to try."""
     navigator: NavigatorConfig = field(default_factory=NavigatorConfig)
@@ -75,10 +71,10 @@ class _Belief:
 
 @dataclass
 class _Choice:
-    """Whether the last choice still holds."""
+    """The last choice, and what asks for the next one."""
 
     made_at: float = -math.inf  # [s]
-    is_due: bool = True
+    is_open: bool = True  # none was made since the candidates were searched
     is_new_map: bool = False  # since the last search of candidates
     is_stale: bool = True  # something but the map has changed since then
     settles_at: float = -math.inf  # when the map shows what the last goal brought [s]
@@ -146,13 +142,7 @@ class ExplorationLoop:
         self._blacklist: list[Point] = []
         self._remains: tuple[list[FrontierCandidate], Remains | None] | None = None  # of the last search
         self._has_tried_all = False  # whether the last search of candidates had the last footprint
-        self._recovery = RecoveryBehaviours(
-            context,
-            self.navigator,
-            self.config.look_around_before,
-            self.config.relaxed_footprints,
-            self.config.closed_room_looks,
-        )
+        self._recovery = RecoveryBehaviours(self.navigator)
 
     @property
     def pose(self) -> Pose2D:
@@ -177,7 +167,7 @@ class ExplorationLoop:
     # The three steps of the protocol.
 
     def observe(self, observation: Observation) -> bool:
-        """Take over an observation; whether a choice is due.
+        """Take over an observation; returns True if a choice is due.
 
         Args:
             observation: Of an environment whose map is the global one: ``"map"`` uint8 (1, H, W), ``"scan"``
@@ -194,7 +184,7 @@ class ExplorationLoop:
             return False
         if self._wants_choice():
             self._offer()
-        return bool(self.candidates) and self._choice.is_due
+        return bool(self.candidates) and self._choice.is_open
 
     def choose(self, index: int) -> bool:
         """Drive to a candidate.
@@ -203,7 +193,7 @@ class ExplorationLoop:
             index: Of :attr:`candidates`.
 
         Returns:
-            Whether a path leads there. Otherwise the candidate is taken off the list, and as long as others
+            True if a path leads there. Otherwise the candidate is taken off the list, and as long as others
             are left a choice is still due.
 
         Raises:
@@ -212,15 +202,12 @@ class ExplorationLoop:
         candidate = self.candidates[index]
         same = self.target is not None and math.dist(self.target.target, candidate.target) < 0.01
         if not (same and self.navigator.is_active) and not self._set_goal(candidate):
-            self._blacklist.append(candidate.frontier.centroid)
             del self.candidates[index]
-            self.target = None
-            self.navigator.cancel()
+            self._give_up(candidate)
             self._choice.is_stale = not self.candidates
             return False
         self.target = candidate
-        self._choice.made_at = self.time
-        self._choice.is_due = False
+        self._choice.made_at, self._choice.is_open = self.time, False
         return True
 
     def command(self) -> Twist2D:
@@ -275,7 +262,7 @@ class ExplorationLoop:
         self._choice.settles_at = self.time + self.context.map_update_interval + self.context.control_step
 
     def _wants_choice(self) -> bool:
-        """Whether the candidates have to be searched again."""
+        """True if the candidates have to be searched again."""
         choice, time = self._choice, self.time
         if self.target is None:
             changed = choice.is_stale or choice.is_new_map or time >= choice.settles_at
@@ -289,28 +276,23 @@ class ExplorationLoop:
             return True
         if not self._is_still_there(self.target):
             return True
-        is_stalled = time - self._growth.grown_at > self.config.stall_time
+        is_stalled = time - self._growth.grown_at > _STALL_TIME
         return not is_stalled and time - choice.made_at >= self.config.horizon - 1e-6
 
     def _offer(self) -> None:
         """Search the candidates; without any, try what is left to try."""
         self._choice.is_new_map = self._choice.is_stale = False
-        self._choice.is_due = True
-        self._has_tried_all = self.round == len(self.config.relaxed_footprints)
+        self._choice.is_open = True
+        self._has_tried_all = self.round == len(RELAXED_FOOTPRINTS)
         self.candidates, self.num_frontiers = [], 0
         costmap, space = self.navigator.costmap, self.navigator.reachable
-        if costmap is not None and space is not None and self._growth.futile < self.config.futile_goals:
+        if costmap is not None and space is not None and self._growth.futile < _FUTILE_GOALS:
             size = self.config.min_frontier_size
             if self.round:
                 size = min(size, self.config.last_frontier_size)
+            keep = self.target.target if self.target else None
             found = make_candidates(
-                costmap,
-                space,
-                self.pose,
-                min_size=size,
-                split_extent=self.config.split_extent,
-                tolerance=self.config.navigator.plan_tolerance,
-                keep=self.target.target if self.target else None,
+                costmap, space, self.pose, size, self.config.split_extent, PLAN_TOLERANCE, keep
             )
             found = [one for one in found if not self._is_blacklisted(one.frontier.centroid)]
             self.num_frontiers = len(found)
@@ -330,7 +312,7 @@ class ExplorationLoop:
     def remains(self) -> Remains | None:
         """What the newest map leaves open.
 
-        None before the first, where the robot finds no place on it, before open air that it doesn't show, and
+        None before the first, where the robot finds no place on it, before open space that it doesn't show, and
         while nothing is offered but the next search, with another footprint or a newer map, may find something.
         """
         # Every search makes a list of its own.
@@ -341,27 +323,25 @@ class ExplorationLoop:
     def _measure_remains(self) -> Remains | None:
         if self._belief.cells is None or not (self.candidates or self._has_tried_all):
             return None
-        if self._recovery.has_open_air(self.known_map()):
+        if self._recovery.has_open_space(self.known_map()):
             return None
-        context = self.context
-        return measure_remains(
-            self.known_map(),
-            self.pose,
-            context.robot_radius,
-            context.geometry.range_max,
-            [candidate.frontier.middle for candidate in self.candidates],
-            self.round,
-        )
+        radius, range_max = self.context.robot_radius, self.context.geometry.range_max
+        offered = [candidate.frontier.middle for candidate in self.candidates]
+        return measure_remains(self.known_map(), self.pose, radius, range_max, offered, self.round)
 
     def _drop_target(self) -> None:
         assert self.target is not None
         self._recovery.note_given_up(self.pose, self._belief.scan)
-        self._blacklist.append(self.target.frontier.centroid)
         if self.navigator.status is not GoalStatus.SUCCEEDED:
-            self.navigator.keep_hindrances(self.pose, self.time)
+            self.navigator.keep_obstacles(self.pose, self.time)
+        self._give_up(self.target)
+        self._choice.is_stale = True
+
+    def _give_up(self, candidate: FrontierCandidate) -> None:
+        """Blacklist a frontier, and drive nowhere."""
+        self._blacklist.append(candidate.frontier.centroid)
         self.target = None
         self.navigator.cancel()
-        self._choice.is_stale = True
 
     def _set_goal(self, candidate: FrontierCandidate) -> bool:
         """Send a goal to the navigation stack; False if no path leads there."""
@@ -373,7 +353,7 @@ class ExplorationLoop:
         return False
 
     def _is_still_there(self, candidate: FrontierCandidate) -> bool:
-        """Whether enough cells of a frontier are still unknown on the newest map."""
+        """True if enough cells of a frontier are still unknown on the newest map."""
         costmap, checked = self.navigator.costmap, self._choice.checked
         assert costmap is not None
         if checked is not None and checked[0] is costmap and checked[1] is candidate:
@@ -383,7 +363,7 @@ class ExplorationLoop:
         return is_there
 
     def _is_blacklisted(self, point: Point) -> bool:
-        within = self.config.blacklist_distance + 0.5 * self.context.frame.resolution
+        within = _BLACKLIST_DISTANCE + 0.5 * self.context.frame.resolution
         return any(abs(point[0] - x) < within and abs(point[1] - y) < within for x, y in self._blacklist)
 
     def _recover(self) -> None:
@@ -392,8 +372,8 @@ class ExplorationLoop:
             return  # driving to a closed room, or the map doesn't show yet what the last goal brought
         self._growth.futile = 0
         self._choice.is_stale = True
-        behaviour = self._recovery.attempt(self.known_map(), self.pose, self.time)
-        if behaviour is Recovery.RELAXED_FOOTPRINT and self.round == 1:
+        rounds = self.round
+        self.finished = not self._recovery.attempt(self.known_map(), self.pose, self.time)
+        if self.round > rounds == 0:
             # What was given up may have become possible: people walk on and maps get better.
             self._blacklist.clear()
-        self.finished = behaviour is Recovery.NOTHING

@@ -2,13 +2,12 @@
 
 import functools
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from slamgym.core.types import ByteArray, Float32Array, FloatArray, GridFrame, Int32Array, IntArray, Pose2D
-from slamgym.planning.costmap import INSCRIBED_COST, NO_INFORMATION, Costmap
+from slamgym.core.types import ByteArray, FloatArray, GridFrame, Int32Array, Pose2D
+from slamgym.planning.costmap import INSCRIBED_COST, NO_INFORMATION, Costmap, cells_inside
 from slamgym.planning.frontiers import Frontier, Point, Reachable, find_frontiers
 from slamgym.planning.grid_path import COST_FACTOR, place_near
 from slamgym.planning.grid_path_kernels import search_path, trace_path
@@ -16,7 +15,10 @@ from slamgym.planning.grid_path_kernels import search_path, trace_path
 COARSENING = 2
 """Paths to candidates are measured on a grid whose cells are so many cells of the map wide."""
 
-_BEND = 0.5  # a frontier whose centroid is farther than this from its cells is visited at one of them [m]
+_BEND = 0.5
+"""A frontier whose centroid is farther than this from its cells is visited at one of them [m]."""
+_KEPT_WITHIN = 0.25
+"""A frontier one of whose cells is so near to a place, by both coordinates, passes there [m]."""
 
 
 @dataclass(frozen=True)
@@ -32,49 +34,10 @@ class FrontierCandidate:
     path: FloatArray  # (N, 2) the path on the coarse grid, from the robot, map frame [m]
 
     def is_still_there(self, costmap: Costmap) -> bool:
-        """Whether at least half of its cells are still unknown on a newer map."""
-        row, col = costmap.frame.to_cell(self.points[:, 0], self.points[:, 1])
-        height, width = costmap.costs.shape
-        inside = (row >= 0) & (row < height) & (col >= 0) & (col < width)
-        unknown = costmap.costs[row[inside], col[inside]] == NO_INFORMATION
-        left = int(np.count_nonzero(unknown)) + int(np.count_nonzero(~inside))
-        return left >= 0.5 * len(self.points)
-
-
-@dataclass(frozen=True)
-class PathTree:
-    """Cheapest paths from the robot to every cell of a coarsened costmap."""
-
-    costs: ByteArray  # (h, w)
-    distance: Float32Array  # (h, w) cost of the path [coarse cells], inf where none leads
-    parent: Int32Array  # (h * w,) flat index of the cell before, -1 where there is none
-    start: int  # flat index of the robot's cell
-    frame: GridFrame
-
-    @staticmethod
-    def search(costmap: Costmap, reachable: Reachable, places: Sequence[tuple[int, int]] = ()) -> "PathTree":
-        """Search the paths from the robot's cell.
-
-        Args:
-            costmap: The costmap.
-            reachable: The robot's reachable space.
-            places: Cells (row, col) of the costmap; no others need a path. Every cell gets one where left out.
-        """
-        costs, frame = coarsen_costmap(costmap.costs, costmap.frame)
-        row, col = divmod(int(reachable.order[0]), costmap.frame.width_px)
-        start = (row // COARSENING) * frame.width_px + col // COARSENING
-        wanted = [row * frame.width_px + col for row, col in (_coarse_cell(place, frame) for place in places)]
-        distance, parent = search_path(
-            costs, start, -1, np.array(wanted, dtype=np.int64), INSCRIBED_COST, COST_FACTOR
-        )
-        return PathTree(costs, distance.reshape(costs.shape), parent, start, frame)
-
-    def path_to(self, row: int, col: int) -> FloatArray | None:
-        """The path to a cell of this grid, shape (N, 2) [m]; None where none leads."""
-        if not math.isfinite(self.distance[row, col]):
-            return None
-        cells: IntArray = trace_path(self.parent, self.start, row * self.frame.width_px + col)
-        return self.frame.to_points(*np.divmod(cells, self.frame.width_px))
+        """True if at least half of its cells are still unknown on a newer map."""
+        row, col, inside = cells_inside(costmap.frame, self.points)
+        known = np.count_nonzero(costmap.costs[row, col] != NO_INFORMATION)
+        return len(inside) - int(known) >= 0.5 * len(self.points)
 
 
 def coarsen_costmap(costs: ByteArray, frame: GridFrame) -> tuple[ByteArray, GridFrame]:
@@ -90,13 +53,8 @@ def coarsen_costmap(costs: ByteArray, frame: GridFrame) -> tuple[ByteArray, Grid
         np.minimum, [cut[r::COARSENING, c::COARSENING] for r in steps for c in steps]
     )
     size = frame.resolution * COARSENING
-    return joined, GridFrame(
-        size,
-        frame.origin_x,
-        frame.origin_y + frame.height_px * frame.resolution - height * size,
-        height,
-        width,
-    )
+    bottom = frame.origin_y + frame.height_px * frame.resolution - height * size
+    return joined, GridFrame(size, frame.origin_x, bottom, height, width)
 
 
 def make_candidates(
@@ -132,9 +90,19 @@ def make_candidates(
                 places.append((frontier, place))
     if not places:
         return []
-    paths = PathTree.search(costmap, reachable, [place for _, place in places])
-    found = [_candidate(frontier, place, costmap, paths, keep) for frontier, place in places]
-    return sorted((one for one in found if one is not None), key=lambda one: one.path_cost)
+    costs, frame = coarsen_costmap(costmap.costs, costmap.frame)
+    start = _coarse_cell(divmod(int(reachable.order[0]), costmap.frame.width_px), frame)
+    ends = np.array([_coarse_cell(place, frame) for _, place in places], dtype=np.int64)
+    distance, parent = search_path(costs, start, -1, ends, INSCRIBED_COST, COST_FACTOR)
+    found = []
+    for (frontier, place), end in zip(places, ends.tolist(), strict=True):
+        if math.isfinite(distance[end]):
+            path = frame.to_points(*np.divmod(trace_path(parent, start, end), frame.width_px))
+            points = costmap.frame.to_points(frontier.cells[:, 0], frontier.cells[:, 1])
+            length = float(np.hypot(*(path[1:] - path[:-1]).T).sum())
+            cost, target = float(distance[end]) * frame.resolution, _target(frontier, points, keep)
+            found.append(FrontierCandidate(frontier, points, target, place, length, cost, path))
+    return sorted(found, key=lambda one: one.path_cost)
 
 
 def split_frontier(frontier: Frontier, frame: GridFrame, pose: Pose2D, extent: float) -> list[Frontier]:
@@ -159,48 +127,18 @@ def _describe(cells: Int32Array, frame: GridFrame, pose: Pose2D) -> Frontier:
     centroid = points.mean(axis=0)
     from_robot = np.hypot(*(points - np.array(pose[:2])).T)
     nearest, middle = np.argmin(from_robot), np.argmin(np.hypot(*(points - centroid).T))
-
-    def point(values: FloatArray) -> Point:
-        return float(values[0]), float(values[1])
-
-    return Frontier(
-        size=len(cells),
-        min_distance=float(from_robot[nearest]),
-        initial=point(points[0]),
-        centroid=point(centroid),
-        nearest=point(points[nearest]),
-        middle=point(points[middle]),
-        cells=cells,
-    )
+    places = [(x, y) for x, y in np.array([centroid, points[nearest], points[middle]]).tolist()]
+    return Frontier(len(cells), float(from_robot[nearest]), *places, cells)
 
 
-def _coarse_cell(place: tuple[int, int], frame: GridFrame) -> tuple[int, int]:
-    """The coarse cell of a cell (row, col)."""
-    return min(place[0] // COARSENING, frame.height_px - 1), min(place[1] // COARSENING, frame.width_px - 1)
+def _coarse_cell(place: tuple[int, int], frame: GridFrame) -> int:
+    """The coarse cell (flat index) of a cell (row, col)."""
+    row, col = (min(place[k] // COARSENING, frame.shape[k] - 1) for k in range(2))
+    return row * frame.width_px + col
 
 
-def _candidate(
-    frontier: Frontier,
-    place: tuple[int, int],
-    costmap: Costmap,
-    paths: PathTree,
-    keep: Point | None,
-) -> FrontierCandidate | None:
-    """A frontier with the path to the place from which it is visited; None where none leads."""
-    row, col = _coarse_cell(place, paths.frame)
-    path = paths.path_to(row, col)
-    if path is None:
-        return None
-    points = costmap.frame.to_points(frontier.cells[:, 0], frontier.cells[:, 1])
-    target = frontier.middle if math.dist(frontier.centroid, frontier.middle) > _BEND else frontier.centroid
-    if keep is not None and np.abs(points - np.array(keep)).max(axis=1).min() <= 0.25:
-        target = keep
-    return FrontierCandidate(
-        frontier=frontier,
-        points=points,
-        target=target,
-        place=place,
-        path_length=float(np.hypot(*(path[1:] - path[:-1]).T).sum()),
-        path_cost=float(paths.distance[row, col]) * paths.frame.resolution,
-        path=path,
-    )
+def _target(frontier: Frontier, points: FloatArray, keep: Point | None) -> Point:
+    """Where the robot would go for a frontier, given by its cells' centres, too."""
+    if keep is not None and np.abs(points - np.array(keep)).max(axis=1).min() <= _KEPT_WITHIN:
+        return keep
+    return frontier.middle if math.dist(frontier.centroid, frontier.middle) > _BEND else frontier.centroid

@@ -1,98 +1,22 @@
-"""Frontiers: where the space that the robot can get to meets the unknown (Yamauchi 1997).
-
-Two searches share their kernels. :func:`find_frontiers` is the breadth-first search of Explore Lite
-(wiki.ros.org/explore_lite) on a costmap, by default with a rule of entry that doesn't stop at inflated
-doorways. :func:`wavefront_frontiers` is the wavefront frontier detector (Keidar and Kaminka, "Robot
-exploration with fast frontier detection", AAMAS 2012), which needs no costmap.
-"""
+"""Frontiers: where the space that the robot can get to meets the unknown (Yamauchi 1997)."""
 
 import math
 from dataclasses import dataclass
-from functools import cached_property
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from slamgym.core.jit import kernel
-from slamgym.core.types import (
-    FREE,
-    OCCUPIED,
-    BoolArray,
-    ByteArray,
-    FloatArray,
-    GridFrame,
-    Int32Array,
-    LaserGeometry,
-    OccupancyGrid,
-    Pose2D,
-)
-from slamgym.planning.costmap import (
-    FREE_COST,
-    INSCRIBED_COST,
-    LETHAL_COST,
-    NO_INFORMATION,
-    Costmap,
-)
-from slamgym.planning.frontier_kernels import (
-    collect_frontiers,
-    describe_frontiers,
-    flood,
-    nearest_open_cell,
-)
+from slamgym.core.types import BoolArray, ByteArray, FloatArray, Int32Array, IntArray, LaserGeometry, Pose2D
+from slamgym.planning.costmap import INSCRIBED_COST, LETHAL_COST, NO_INFORMATION, Costmap
+from slamgym.planning.frontier_feature_kernels import unknown_by_ray, visible_unknown
 
-_LETHAL = np.uint8(254)
-_NO_INFORMATION = np.uint8(255)
-
-
-@kernel
-def visible_unknown(costs: ByteArray, row: int, col: int, max_range: float) -> float:
-    """Unknown area in sight of a cell, by 72 rays that end at lethal cells [cells^2].
-
-    Its rays run clockwise and are added up in this order, on which the last bit of the sum depends.
-    """
-    step = 2.0 * np.pi / 72
-    area = 0.0
-    for i in range(72):
-        area = _add_unknown(costs, row, col, np.sin(i * step), np.cos(i * step), max_range, step, area)
-    return area
-
-
-@kernel
-def unknown_by_ray(costs: ByteArray, row: int, col: int, max_range: float) -> FloatArray:
-    """Unknown area in sight of a cell in each direction, shape (72,) [cells^2].
-
-    Ray i points i * 5 degrees counter-clockwise from +x.
-    """
-    step = 2.0 * np.pi / 72
-    areas = np.zeros(72)
-    for i in range(72):
-        areas[i] = _add_unknown(costs, row, col, -np.sin(i * step), np.cos(i * step), max_range, step, 0.0)
-    return areas
-
-
-@kernel
-def _add_unknown(
-    costs: ByteArray, row: int, col: int, dr: float, dc: float, max_range: float, step: float, area: float
-) -> float:
-    """An area with the unknown along a ray added to it [cells^2].
-
-    The ray stands for its sector, so a cell at distance r counts r times the angle between two rays. It ends at
-    a lethal cell; beyond the costmap all is unknown.
-    """
-    height, width = costs.shape
-    for r in range(1, int(max_range) + 1):
-        rr, cc = int(np.floor(row + r * dr + 0.5)), int(np.floor(col + r * dc + 0.5))
-        cost = _NO_INFORMATION
-        if 0 <= rr < height and 0 <= cc < width:
-            cost = costs[rr, cc]
-        if cost == _LETHAL:
-            break
-        if cost == _NO_INFORMATION:
-            area += r * step
-    return area
-
+_BODY_SIDE = 0.3
+"""Free cells this near to a place of the robot's centre count as reachable, too [m]: the strips along walls, where no
+centre can be."""
 
 Point = tuple[float, float]
+_OPENING = np.ones((5, 5), np.uint8)
 _CROSS = np.array([[0, 1, 0], [1, 1, 1], [0, 1, 0]], np.uint8)
 _ANY: BoolArray = np.zeros(0, dtype=np.bool_)
 
@@ -103,7 +27,6 @@ class Frontier:
 
     size: int  # number of cells
     min_distance: float  # straight from the robot to the nearest cell [m]
-    initial: Point  # the first cell that the search touched
     centroid: Point  # mean of the cells; may lie anywhere, even where the robot stands
     nearest: Point  # the cell nearest to the robot
     middle: Point  # the cell nearest to the centroid
@@ -118,52 +41,26 @@ class Reachable(NamedTuple):
     num_centre: int  # the robot's centre can stand on the first so many cells; its body covers the others
 
 
-def reachable_space(
-    costmap: Costmap,
-    pose: Pose2D,
-    margin: float = 0.3,
-    rule: Literal["passable", "descending"] = "passable",
-) -> Reachable | None:
+def reachable_space(costmap: Costmap, pose: Pose2D) -> Reachable | None:
     """Cells connected with the robot, or None if it stands on no map or is walled in.
 
     Args:
         costmap: The costmap.
         pose: The robot, in the frame of the costmap.
-        margin: Free cells this near to a place of the robot's centre count too, so that the strips beside
-            walls, where no centre can be, are part of the reachable space [m].
-        rule: ``"passable"`` enters every cell where the robot's centre can be. ``"descending"`` is Explore
-            Lite's own rule: a neighbour is entered if it costs no more than the cell. It can't climb over the
-            saddle of cost in an inflated doorway.
     """
     import cv2
 
     row, col = costmap.frame.to_cell(pose.x, pose.y)
-    descending = rule == "descending"
-    limit = FREE_COST + 1 if descending else INSCRIBED_COST
-    start = nearest_open_cell(costmap.costs, int(row), int(col), limit, _ANY, costmap.costs.size)
+    start = nearest_open_cell(costmap.costs, int(row), int(col), INSCRIBED_COST, _ANY, costmap.costs.size)
     if start < 0:
         return None
-    margin_px = 0 if descending else math.ceil(margin / costmap.frame.resolution)
-    order, mask = flood(costmap.costs, start, limit, descending)
+    order, mask = flood(costmap.costs, start, INSCRIBED_COST)
     widened = mask.reshape(costmap.costs.shape).view(np.uint8)
     passable = (costmap.costs < LETHAL_COST).view(np.uint8)
-    for _ in range(margin_px):
+    for _ in range(math.ceil(_BODY_SIDE / costmap.frame.resolution)):
         widened = cv2.dilate(widened, _CROSS) & passable
     beside = np.flatnonzero(widened.reshape(-1) > mask.view(np.uint8)).astype(np.int32)
     return Reachable(np.append(order, beside), widened.reshape(-1).view(np.bool_), len(order))
-
-
-@dataclass(frozen=True)
-class Surroundings:
-    """A costmap and where the robot stood when it was made."""
-
-    costmap: Costmap
-    pose: Pose2D
-
-    @cached_property
-    def reachable(self) -> Reachable | None:
-        """What the robot can get to: searched when first asked for, which only decisions and plans do."""
-        return reachable_space(self.costmap, self.pose)
 
 
 def frontier_cells(costs: ByteArray, open_cells: BoolArray) -> BoolArray:
@@ -181,13 +78,9 @@ def frontier_cells(costs: ByteArray, open_cells: BoolArray) -> BoolArray:
 
 
 def find_frontiers(
-    costmap: Costmap,
-    pose: Pose2D,
-    min_size: float = 0.75,
-    rule: Literal["passable", "descending"] = "passable",
-    reachable: Reachable | None = None,
+    costmap: Costmap, pose: Pose2D, min_size: float = 0.75, reachable: Reachable | None = None
 ) -> list[Frontier]:
-    """Explore Lite's search for frontiers.
+    """The search for frontiers of Explore Lite (wiki.ros.org/explore_lite), which doesn't stop at inflated doorways.
 
     Breadth-first, 4-connected from the robot's cell (or the nearest one that it can stand on). An unknown
     cell with a free 4-neighbour starts a frontier, which is grown 8-connected over such cells.
@@ -196,85 +89,42 @@ def find_frontiers(
         costmap: The costmap.
         pose: The robot, in the frame of the costmap.
         min_size: Frontiers shorter than this are dropped [m] (0.75 in Explore Lite's launch file).
-        rule: See :func:`reachable_space`. With ``"descending"`` only cells without any cost make a frontier,
-            as in the original.
         reachable: The reachable space, where the caller has it already.
 
     Returns:
         The frontiers in the order in which the search touched them, which is that of the path length.
     """
-    space = reachable or reachable_space(costmap, pose, rule=rule)
-    if space is None:
-        return []
-    open_cells = space.mask if rule == "passable" else (costmap.costs == FREE_COST).reshape(-1)
-    return _frontiers(costmap.costs, costmap.frame, pose, space.order, open_cells, min_size)
-
-
-def wavefront_frontiers(grid: OccupancyGrid, pose: Pose2D, min_size: float = 0.0) -> list[Frontier]:
-    """Wavefront frontier detection on a map without a costmap: every free cell is open to the search.
-
-    Args:
-        grid: The map.
-        pose: The robot, in the frame of the map.
-        min_size: Frontiers shorter than this are dropped [m].
-    """
-    costs = np.full(grid.cells.shape, NO_INFORMATION, dtype=np.uint8)
-    costs[grid.cells == FREE] = FREE_COST
-    costs[grid.cells == OCCUPIED] = LETHAL_COST
-    row, col = grid.frame.to_cell(pose.x, pose.y)
-    start = nearest_open_cell(costs, int(row), int(col), FREE_COST + 1, _ANY, costs.size)
-    if start < 0:
-        return []
-    order, mask = flood(costs, start, FREE_COST + 1, False)
-    return _frontiers(costs, grid.frame, pose, order, mask, min_size)
-
-
-def occluded_views(
-    costmap: Costmap,
-    reachable: Reachable,
-    min_area: float = 1.0,
-    max_range: float = 1.0,
-    spacing: float = 1.0,
-) -> list[tuple[Point, Point]]:
-    """Views of free space that the map cuts off from the robot, e.g. by a wall drawn across a doorway.
-
-    Looking again may open it. What rays through walls cleared is too narrow to be taken for a room.
-
-    Args:
-        costmap: The costmap.
-        reachable: The robot's reachable space.
-        min_area: Smaller regions are left out [m2].
-        max_range: Farther than this from a region there is nothing to see of it [m].
-        spacing: Smallest distance between two places to look at the same region from [m].
-
-    Returns:
-        Where to stand and what point of the region to look at [m]; the largest region first, and of each
-        region the nearest places first.
-    """
     import cv2
 
-    resolution, frame = costmap.frame.resolution, costmap.frame
-    isolated = (costmap.costs < LETHAL_COST) & ~reachable.mask.reshape(costmap.costs.shape)
-    opened = cv2.morphologyEx(isolated.astype(np.uint8), cv2.MORPH_OPEN, np.ones((5, 5), np.uint8))
-    count, labels, stats, _ = cv2.connectedComponentsWithStats(opened, connectivity=4)
-    places = np.column_stack(np.divmod(reachable.order[: reachable.num_centre], frame.width_px))
-    views: list[tuple[Point, Point]] = []
-    for label in sorted(range(1, count), key=lambda k: -int(stats[k, cv2.CC_STAT_AREA])):
-        if stats[label, cv2.CC_STAT_AREA] * resolution**2 < min_area:
-            break
-        distance = cv2.distanceTransform((labels != label).view(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5)
-        distance = distance[places[:, 0], places[:, 1]] * resolution
-        near = np.flatnonzero(distance <= max_range)
-        near = near[np.argsort(distance[near], kind="stable")]
-        region = np.argwhere(labels == label)
-        while len(near):
-            place = places[near[0]]
-            looked_at = region[np.argmin(((region - place) ** 2).sum(axis=1))]
-            x, y = frame.to_point([place[0], looked_at[0]], [place[1], looked_at[1]])
-            views.append(((float(x[0]), float(y[0])), (float(x[1]), float(y[1]))))
-            apart = np.hypot(*(places[near] - place).T) * resolution
-            near = near[apart >= spacing]
-    return views
+    space = reachable or reachable_space(costmap, pose)
+    if space is None:
+        return []
+    # Most reachable cells border nothing unknown: what is collected are frontiers' neighbours in the order of the
+    # search, which are few.
+    frame = costmap.frame
+    edge = frontier_cells(costmap.costs, space.mask).view(np.uint8)
+    near_edge = cv2.dilate(edge, _CROSS).reshape(-1).view(np.bool_)
+    order = space.order[near_edge[space.order]]
+    # A tiny amount is subtracted, so that 15 cells of 0.05 m are not less than 0.75 m by rounding.
+    members, starts = collect_frontiers(costmap.costs, order, space.mask, min_size / frame.resolution - 1e-6)
+    row = frame.height_px - 0.5 - (pose.y - frame.origin_y) / frame.resolution
+    col = (pose.x - frame.origin_x) / frame.resolution - 0.5
+    described = describe_frontiers(members, starts, frame.width_px, row, col)
+    frontiers = []
+    for values, first, end in zip(described.tolist(), starts[:-1], starts[1:], strict=True):
+        cells = np.column_stack(np.divmod(members[first:end], frame.width_px))
+        points = [frame.to_point(row, col) for row, col in zip(values[2::2], values[3::2], strict=True)]
+        frontiers.append(Frontier(int(values[0]), values[1] * frame.resolution, *points, cells))
+    return frontiers
+
+
+def closed_space(costmap: Costmap, reachable: Reachable) -> ByteArray:
+    """Mask of the free space that no path leads to, without what is too narrow for a room, shape (H, W)."""
+    import cv2
+
+    closed = (costmap.costs < LETHAL_COST) & ~reachable.mask.reshape(costmap.costs.shape)
+    opened: ByteArray = cv2.morphologyEx(closed.view(np.uint8), cv2.MORPH_OPEN, _OPENING)  # type: ignore[assignment]
+    return opened
 
 
 def expected_gain(costmap: Costmap, point: Point, range_max: float) -> float:
@@ -297,7 +147,7 @@ def view_gain(costmap: Costmap, point: Point, max_range: float, geometry: LaserG
     """Unknown area that a scanner would see from a place in the heading that shows most [m2].
 
     The optimistic measure of Gonzalez-Banos and Latombe ("Navigation strategies for exploring indoor environments",
-    IJRR 21(10-11), 2002): whatever is unknown is taken to be free.
+    IJRR 21(10-11), 2002): all that is unknown is taken to be free.
 
     Args:
         costmap: The costmap.
@@ -314,43 +164,214 @@ def view_gain(costmap: Costmap, point: Point, max_range: float, geometry: LaserG
     return float(sums.max()) * costmap.frame.resolution**2
 
 
-def _frontiers(
-    costs: ByteArray,
-    frame: GridFrame,
-    pose: Pose2D,
-    order: Int32Array,
-    open_cells: BoolArray,
-    min_size: float,
-) -> list[Frontier]:
-    """Collect and describe the frontiers of a flooded grid."""
-    import cv2
+@kernel
+def nearest_open_cell(
+    costs: ByteArray, row: int, col: int, limit: int, mask: BoolArray, max_steps: int
+) -> int:
+    """Flat index of the nearest cell with a cost below ``limit``; -1 if there is none.
 
-    # Only cells beside a frontier matter to the search, which are few.
-    edge = frontier_cells(costs, open_cells).view(np.uint8)
-    beside = cv2.dilate(edge, _CROSS).reshape(-1).view(np.bool_)
-    order = order[beside[order]]
-    # A tiny amount is subtracted, so that 15 cells of 0.05 m are not less than 0.75 m by rounding.
-    members, starts = collect_frontiers(costs, order, open_cells, min_size / frame.resolution - 1e-6)
-    row = frame.height_px - 0.5 - (pose.y - frame.origin_y) / frame.resolution
-    col = (pose.x - frame.origin_x) / frame.resolution - 0.5
-    described = describe_frontiers(members, starts, frame.width_px, row, col)
+    The search spreads 8-connected from a cell and doesn't cross lethal cells, so that it never ends on the
+    other side of a wall. Among the cells found it takes the one nearest in a straight line.
 
-    def point(row: float, col: float) -> Point:
-        x, y = frame.to_point(row, col)
-        return float(x), float(y)
+    Args:
+        costs: Costmap, shape (H, W).
+        row: Where the search begins.
+        col: Where the search begins.
+        limit: The cell found costs less than this.
+        mask: The cell found must be in it, shape (H * W,); of shape (0,) for any cell.
+        max_steps: How far to search [cells].
+    """
+    height, width = costs.shape
+    if row < 0 or row >= height or col < 0 or col >= width:
+        return -1
+    # What the search can come to: its marks, and its queue, are no larger than that.
+    top, left = max(0, row - max_steps - 1), max(0, col - max_steps - 1)
+    span = min(width, col + max_steps + 2) - left
+    cells = (min(height, row + max_steps + 2) - top) * span
+    seen = np.zeros(cells, np.bool_)
+    queue = np.empty(cells, np.int32)
+    queue[0] = row * width + col
+    seen[(row - top) * span + col - left] = True
+    head, tail, end = 0, 1, 1
+    best, found, ring = np.inf, -1, 0
+    while head < end and ring <= max_steps:
+        while head < end:
+            cell = queue[head]
+            head += 1
+            r, c = cell // width, cell % width
+            if costs[r, c] < limit and (mask.size == 0 or mask[cell]):
+                squared = (r - row) ** 2 + (c - col) ** 2
+                if squared < best:
+                    best, found = squared, cell
+                continue
+            for dr in range(-1, 2):
+                for dc in range(-1, 2):
+                    rr, cc = r + dr, c + dc
+                    if rr < 0 or rr >= height or cc < 0 or cc >= width:
+                        continue
+                    mark = (rr - top) * span + cc - left
+                    if not seen[mark] and costs[rr, cc] != LETHAL_COST:
+                        seen[mark] = True
+                        queue[tail] = rr * width + cc
+                        tail += 1
+        end = tail
+        ring += 1
+        if ring * ring > best:
+            break  # all farther rings are farther in a straight line too
+    return found
 
-    frontiers = []
-    for values, first, end in zip(described, starts[:-1], starts[1:], strict=True):
-        cells = np.column_stack(np.divmod(members[first:end], frame.width_px))
-        frontiers.append(
-            Frontier(
-                size=int(values[0]),
-                min_distance=float(values[1]) * frame.resolution,
-                initial=point(cells[0, 0], cells[0, 1]),
-                centroid=point(values[2], values[3]),
-                nearest=point(values[4], values[5]),
-                middle=point(values[6], values[7]),
-                cells=cells,
-            )
-        )
-    return frontiers
+
+@kernel
+def flood(costs: ByteArray, start: int, limit: int) -> tuple[Int32Array, BoolArray]:
+    """Breadth-first, 4-connected search from a cell.
+
+    Args:
+        costs: Costmap, shape (H, W).
+        start: Flat index of the first cell.
+        limit: Cells below this cost are entered, where the robot's centre can be.
+
+    Returns:
+        The cells in the order of the search (flat indices), and a mask of them, shape (H * W,).
+    """
+    height, width = costs.shape
+    flat = costs.reshape(-1)
+    reached = np.zeros(height * width, np.bool_)
+    queue = np.empty(height * width, np.int32)
+    queue[0] = start
+    reached[start] = True
+    head, tail = 0, 1
+    while head < tail:
+        cell = queue[head]
+        head += 1
+        row = cell // width
+        col = cell - row * width
+        # Written out, because this innermost step is most of the cost of a search; an unsigned index isn't asked
+        # whether it counts from the end.
+        above, left = np.uint64(cell - width), np.uint64(cell - 1)
+        right, below = np.uint64(cell + 1), np.uint64(cell + width)
+        if row > 0 and not reached[above] and flat[above] < limit:
+            reached[above] = True
+            queue[tail] = above
+            tail += 1
+        if col > 0 and not reached[left] and flat[left] < limit:
+            reached[left] = True
+            queue[tail] = left
+            tail += 1
+        if col < width - 1 and not reached[right] and flat[right] < limit:
+            reached[right] = True
+            queue[tail] = right
+            tail += 1
+        if row < height - 1 and not reached[below] and flat[below] < limit:
+            reached[below] = True
+            queue[tail] = below
+            tail += 1
+    return queue[:tail], reached
+
+
+@kernel
+def collect_frontiers(
+    costs: ByteArray, order: Int32Array, open_cells: BoolArray, min_size: float
+) -> tuple[Int32Array, IntArray]:
+    """Group the unknown neighbours of the flooded cells, 8-connected.
+
+    Args:
+        costs: Costmap, shape (H, W).
+        order: Flooded cells (flat indices) in the order of the search, at least those next to unknown ones.
+        open_cells: Cells that make an unknown 4-neighbour a frontier cell, shape (H * W,).
+        min_size: Frontiers of fewer cells are dropped.
+
+    Returns:
+        Frontier cells (flat indices), frontier after frontier, the first-contact cell first, and the position
+        where each frontier begins, with the end appended.
+    """
+    height, width = costs.shape
+    flat = costs.reshape(-1)
+    flagged = np.zeros(height * width, np.bool_)
+    members = np.empty(height * width, np.int32)
+    starts = np.empty(height * width + 1, np.int64)
+    count, end = 0, 0
+    for position in range(len(order)):
+        cell = order[position]
+        row, col = cell // width, cell % width
+        for dr, dc in ((-1, 0), (0, -1), (0, 1), (1, 0)):
+            r, c = row + dr, col + dc
+            if r < 0 or r >= height or c < 0 or c >= width:
+                continue
+            seed = r * width + c
+            if flagged[seed] or not _is_frontier(flat, open_cells, r, c, height, width):
+                continue
+            first = end
+            members[end] = seed
+            flagged[seed] = True
+            end += 1
+            head = first
+            while head < end:
+                rr, cc = members[head] // width, members[head] % width
+                head += 1
+                for er in range(-1, 2):
+                    for ec in range(-1, 2):
+                        nr, nc = rr + er, cc + ec
+                        if nr < 0 or nr >= height or nc < 0 or nc >= width:
+                            continue
+                        neighbour = nr * width + nc
+                        if not flagged[neighbour] and _is_frontier(flat, open_cells, nr, nc, height, width):
+                            flagged[neighbour] = True
+                            members[end] = neighbour
+                            end += 1
+            if end - first >= min_size:
+                starts[count] = first
+                count += 1
+            else:
+                end = first
+    starts[count] = end
+    return members[:end].copy(), starts[: count + 1].copy()
+
+
+@kernel
+def _is_frontier(flat: ByteArray, open_cells: BoolArray, row: int, col: int, height: int, width: int) -> bool:
+    """True if a cell is unknown and has an open 4-neighbour."""
+    cell = row * width + col
+    if flat[cell] != NO_INFORMATION or open_cells[cell]:
+        return False
+    return (
+        (row > 0 and open_cells[cell - width])
+        or (col > 0 and open_cells[cell - 1])
+        or (col < width - 1 and open_cells[cell + 1])
+        or (row < height - 1 and open_cells[cell + width])
+    )
+
+
+@kernel
+def describe_frontiers(
+    members: Int32Array, starts: IntArray, width: int, row: float, col: float
+) -> FloatArray:
+    """Size, smallest distance to (row, col), and cells of each frontier, shape (F, 8) [cells].
+
+    Columns: size, smallest distance, centroid row and col, nearest cell's row and col, row and col of the
+    frontier's cell nearest to the centroid.
+    """
+    described = np.empty((len(starts) - 1, 8))
+    for f in range(len(starts) - 1):
+        first, end = starts[f], starts[f + 1]
+        mean_row, mean_col, best = 0.0, 0.0, np.inf
+        for i in range(first, end):
+            r, c = members[i] // width, members[i] % width
+            mean_row += r
+            mean_col += c
+            squared = (r - row) ** 2 + (c - col) ** 2
+            if squared < best:
+                best = squared
+                described[f, 4], described[f, 5] = r, c
+        mean_row /= end - first
+        mean_col /= end - first
+        described[f, 0] = end - first
+        described[f, 1] = np.sqrt(best)
+        described[f, 2], described[f, 3] = mean_row, mean_col
+        best = np.inf
+        for i in range(first, end):
+            r, c = members[i] // width, members[i] % width
+            squared = (r - mean_row) ** 2 + (c - mean_col) ** 2
+            if squared < best:
+                best = squared
+                described[f, 6], described[f, 7] = r, c
+    return described

@@ -1,4 +1,4 @@
-"""Global paths over a costmap."""
+"""Paths over a costmap: the one to a goal, and the lengths of those between many places."""
 
 import itertools
 import math
@@ -6,14 +6,21 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from slamgym.core.types import FloatArray, Pose2D
-from slamgym.planning.costmap import INSCRIBED_COST, Costmap
-from slamgym.planning.frontier_kernels import nearest_open_cell
-from slamgym.planning.frontiers import Point, Reachable, reachable_space
+from slamgym.core.types import BoolArray, Float32Array, FloatArray, IntArray, Pose2D
+from slamgym.planning.costmap import INSCRIBED_COST, LETHAL_COST, Costmap, cells_inside
+from slamgym.planning.frontiers import Point, Reachable, nearest_open_cell, reachable_space
 from slamgym.planning.grid_path_kernels import EVERYWHERE, line_cost, search_path, shortcut, trace_path
 
 COST_FACTOR = 0.8 / 50.0
 """Weight of a cell's cost relative to its length: navfn's COST_FACTOR 0.8 over COST_NEUTRAL 50."""
+
+SHRINK = 3
+"""Cells of the costmap along the side of a coarse one."""
+
+_STANDS_AT = 0.3
+"""A robot need not turn to face a place that is nearer than this [m]: it stands there."""
+
+_ANY: BoolArray = np.zeros(0, dtype=np.bool_)
 
 
 @dataclass(frozen=True)
@@ -30,11 +37,7 @@ class GridPath:
 
 
 def plan_path(
-    costmap: Costmap,
-    start: Pose2D,
-    goal: Point,
-    tolerance: float = 0.5,
-    reachable: Reachable | None = None,
+    costmap: Costmap, start: Pose2D, goal: Point, tolerance: float = 0.5, reachable: Reachable | None = None
 ) -> GridPath | None:
     """The cheapest path to a goal, or to the place nearest to it where the robot's centre can be.
 
@@ -82,16 +85,13 @@ def _path_through(costmap: Costmap, start: Pose2D, cells: FloatArray) -> GridPat
 
 
 def path_is_free(costmap: Costmap, points: FloatArray) -> bool:
-    """Whether a path, shape (N, 2) [m], stays where the robot's centre can be.
+    """True if a path, shape (N, 2) [m], stays where the robot's centre can be.
 
-    Cells that the path leaves at its begin may be too near to an obstacle: there the robot stands already.
+    Its first cells may be too near to an obstacle: there the robot stands already.
     """
-    row, col = costmap.frame.to_cell(points[:, 0], points[:, 1])
-    inside = (row >= 0) & (row < costmap.frame.height_px) & (col >= 0) & (col < costmap.frame.width_px)
-    if not inside.all():
-        return False
+    row, col, inside = cells_inside(costmap.frame, points)
     free = costmap.costs[row, col] < INSCRIBED_COST
-    return bool(free[np.argmax(free) :].all()) and bool(free.any())
+    return bool(inside.all() and free.any() and free[np.argmax(free) :].all())
 
 
 def place_near(
@@ -109,3 +109,127 @@ def place_near(
     steps = math.ceil(tolerance / costmap.frame.resolution)
     cell = nearest_open_cell(costmap.costs, int(row), int(col), INSCRIBED_COST, reachable.mask, steps)
     return None if cell < 0 else divmod(int(cell), costmap.frame.width_px)
+
+
+class CoarsePaths:
+    """Shortest path lengths over the cells that the robot's centre can be on, on a grid of larger cells.
+
+    A tour over frontiers needs the distance of every place from every other. On cells of 0.15 m instead of
+    0.05 m such a search costs a twentieth and is as good for comparing lengths.
+
+    A coarse cell is open if any of its cells is, so no doorway is lost. Walls stay closed, because the ring
+    round them where no centre can be is wider than a coarse cell.
+
+    Args:
+        costmap: The costmap.
+        reachable: The robot's reachable space.
+
+    Attributes:
+        cell: Size of a coarse cell [m].
+    """
+
+    def __init__(self, costmap: Costmap, reachable: Reachable) -> None:
+        self._frame = costmap.frame
+        rows, cols = np.divmod(reachable.order[: reachable.num_centre], costmap.frame.width_px)
+        self._costs = np.full(
+            [-(-size // SHRINK) for size in costmap.costs.shape], LETHAL_COST, dtype=np.uint8
+        )
+        self._costs[rows // SHRINK, cols // SHRINK] = 0
+        self._crossable = np.where(self._costs == LETHAL_COST, np.uint8(INSCRIBED_COST), np.uint8(0))
+        self.cell = SHRINK * costmap.frame.resolution
+
+    def place(self, point: Point) -> int:
+        """The open coarse cell (flat index) nearest to a point [m]; -1 if the point is off the map.
+
+        Walls are crossed in the search: a place that is known to be reachable may lie in a closed cell's
+        corner.
+        """
+        row, col = (int(cell) // SHRINK for cell in self._frame.to_cell(*point))
+        return int(nearest_open_cell(self._crossable, row, col, 1, _ANY, self._crossable.size))
+
+    def lengths_from(self, place: int, wanted: IntArray = EVERYWHERE) -> Float32Array:
+        """Length of the shortest path from an open cell to each coarse cell, inf where none leads.
+
+        Args:
+            place: Flat index, from :meth:`place`; from -1 none leads anywhere.
+            wanted: Flat indices of the cells to which lengths must be right; by default all.
+
+        Returns:
+            Flat, shape (cells,) [m].
+        """
+        if place < 0:
+            return np.full(self._costs.size, np.inf, dtype=np.float32)
+        lengths, _ = search_path(self._costs, place, -1, wanted, INSCRIBED_COST, 0.0)
+        return lengths * np.float32(self.cell)
+
+    def lengths_to(self, lengths: Float32Array, points: FloatArray) -> FloatArray:
+        """Read :meth:`lengths_from` at points that lie in open cells.
+
+        Args:
+            lengths: Shape (cells,) [m].
+            points: Shape (N, 2) [m].
+
+        Returns:
+            Shape (N,) [m]; inf where the cell isn't open or off the map.
+        """
+        row, col, inside = cells_inside(self._frame, points)
+        values = np.full(len(points), math.inf)
+        values[inside] = lengths[row // SHRINK * self._costs.shape[1] + col // SHRINK]
+        return values
+
+    def matrix(self, pose: Pose2D, places: FloatArray) -> FloatArray:
+        """Path lengths between the robot and some places.
+
+        Args:
+            pose: The robot.
+            places: Shape (N, 2) [m], each on or near a cell where the robot's centre can be.
+
+        Returns:
+            Shape (N + 1, N + 1) [m], symmetric, the robot first; inf between places that no path joins.
+        """
+        cells = np.array([self.place((pose.x, pose.y)), *(self.place((x, y)) for x, y in places.tolist())])
+        lengths = np.full((len(cells), len(cells)), math.inf)
+        on_map = np.flatnonzero(cells >= 0)
+        for i in on_map:
+            lengths[i, on_map] = self.lengths_from(int(cells[i]), cells[on_map])[cells[on_map]]
+        return np.minimum(lengths, lengths.T)
+
+    def path(self, start: Point, goal: Point) -> FloatArray:
+        """Points of a shortest path, a coarse cell apart, shape (N, 2) [m]; empty where none leads."""
+        first, last = self.place(start), self.place(goal)
+        if first < 0 or last < 0:
+            return np.zeros((0, 2))
+        lengths, parent = search_path(self._costs, first, last, EVERYWHERE, INSCRIBED_COST, 0.0)
+        if not math.isfinite(lengths[last]):
+            return np.zeros((0, 2))
+        row, col = np.divmod(trace_path(parent, first, last), self._costs.shape[1])
+        half = 0.5 * (SHRINK - 1)
+        return np.column_stack(self._frame.to_point(SHRINK * row + half, SHRINK * col + half))
+
+
+def tour_lengths(
+    costmap: Costmap, reachable: Reachable, pose: Pose2D, places: FloatArray, turn_weight: float
+) -> FloatArray:
+    """Path lengths between the robot and some places where turning before the first leg counts as length.
+
+    Args:
+        costmap: The costmap.
+        reachable: The robot's reachable space.
+        pose: The robot.
+        places: Shape (N, 2) [m].
+        turn_weight: What a radian of turning counts [m/rad].
+
+    Returns:
+        Shape (N + 1, N + 1) [m], as :meth:`CoarsePaths.matrix` gives them.
+    """
+    lengths = CoarsePaths(costmap, reachable).matrix(pose, places)
+    lengths[0, 1:] += turn_weight * straight_turns(pose, places)
+    return lengths
+
+
+def straight_turns(pose: Pose2D, places: FloatArray) -> FloatArray:
+    """How far the robot would turn to face places (N, 2), shape (N,) [rad]; 0 for those that it stands at."""
+    dx, dy = (places - np.array(pose[:2])).T
+    bearings = np.array([math.atan2(*one) for one in zip(dy, dx, strict=True)])
+    turns = np.abs(np.remainder(bearings - pose.theta + np.pi, 2.0 * np.pi) - np.pi)
+    return np.where(np.hypot(dx, dy) < _STANDS_AT, 0.0, turns)

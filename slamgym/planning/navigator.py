@@ -7,7 +7,7 @@ never from its commands. A goal that can't be reached aborts at once.
 
 import enum
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import lru_cache
 
 import numpy as np
@@ -25,11 +25,10 @@ from slamgym.planning.costmap import (
     free_body,
     make_costmap,
 )
-from slamgym.planning.frontiers import Point, Reachable, Surroundings
+from slamgym.planning.frontiers import Point, Reachable, reachable_space
 from slamgym.planning.grid_path import path_is_free, plan_path
-from slamgym.planning.hindrances import Hindrances
-from slamgym.planning.open_air import clear_open_air
 from slamgym.planning.path_follower import FollowerConfig, PathFollower
+from slamgym.planning.unmapped import UnmappedObstacles, free_unknown
 
 _STOP = Twist2D(0.0, 0.0)
 
@@ -52,40 +51,35 @@ class Goal:
     look_at: Point | None = None  # once there, turn towards this point
 
 
-class NavigatorConfig(Settings):
+_GOAL_TOLERANCE = 0.15
+"""A goal is reached within this distance [m]: three cells of the map."""
+PLAN_TOLERANCE = 0.6
+"""A goal in unknown or inflated space is replaced by a place this near to it [m]: twice the body and a margin."""
+_REPLAN_INTERVAL = 1.0
+"""Shortest time between two plans to the same goal [s] (move_base plans at 1 Hz)."""
+_DEVIATION = 0.4
+"""Farther than this from the path the robot plans again [m]: a pursued point is 0.5 m ahead."""
+_STUCK_TIME = 4.0
+"""Without moving for so long the robot recovers [s]; a half turn on the spot takes less."""
+_STUCK_DISTANCE = 0.1
+"""Moving less than this is standing still [m], which errors of the pose may be; turning on the spot is moving."""
+_BARRIER_GAP = 0.1
+"""What the robot couldn't pass is taken to be so far ahead of its body [m]."""
+_SEEN_NEAR = 1.5
+"""The costmap takes over what the scan shows within this distance [m]: what matters for the next seconds."""
+_VIEWS_KEPT = 10
+"""So many trusted scans overrule the map: each is raytraced anew for every costmap."""
+_BACK_UP, _BACK_UP_SPEED = 0.2, 0.1
+"""Distance [m] and speed [m/s] of the backward recovery: less than a body, for the scanner doesn't look there."""
+_RECOVERIES = ("back up", "turn", "back up")
+"""Recoveries from one place, one after the other, before a goal is given up."""
+
+
+class NavigatorConfig(Settings, section="navigator"):
     """How the navigation stack behaves."""
 
-    goal_tolerance: float = 0.15
-    """A goal is reached within this distance [m]."""
-    plan_tolerance: float = 0.6
-    """A goal in unknown or inflated space is replaced by a place this near to it [m]."""
-    replan_interval: float = 1.0
-    """Shortest time between two plans to the same goal [s] (move_base plans at 1 Hz)."""
-    deviation: float = 0.4
-    """Farther than this from the path the robot plans again [m]."""
-    stuck_time: float = 4.0
-    """Without moving for so long the robot recovers [s]."""
-    stuck_distance: float = 0.1
-    """Moving less than this is standing still [m]; turning on the spot counts as moving."""
     progress_time: float = 25.0
     """Without coming nearer along the path for so long the robot recovers, moving or not [s]."""
-    obstacle_memory: float = 10.0
-    """Obstacles that only the scan showed are kept in the costmap for so long [s]."""
-    barrier_gap: float = 0.1
-    """What the robot couldn't pass is taken to be so far ahead of its body [m] ..."""
-    barrier_half_width: float = 0.5
-    """... and to reach so far to either side [m]."""
-    views_kept: int = 10
-    """So many trusted scans overrule the map."""
-    back_up: float = 0.2
-    """Distance of the backward recovery [m]."""
-    back_up_speed: float = 0.1
-    """Speed of the backward recovery [m/s]."""
-    costmap: CostmapConfig = field(
-        default_factory=lambda: CostmapConfig(coastal_distance=1.5, coastal_cost=252)
-    )
-    """Inflation; its inscribed radius is replaced by the robot's. Paths keep within sight of walls, which a
-    scanner of short range needs to localise the robot."""
     follower: FollowerConfig = field(default_factory=FollowerConfig)
     """Path following."""
 
@@ -105,17 +99,14 @@ class _Leg:
     recovery_from: Pose2D = Pose2D(0.0, 0.0, 0.0)
     recovery_at: float = 0.0  # [s]
 
-    @staticmethod
-    def begin(pose: Pose2D, time: float) -> "_Leg":
-        """Start to watch."""
-        return _Leg(pose, time, pose, time)
-
 
 @lru_cache(maxsize=16)
-def _inscribing(config: CostmapConfig, radius: float) -> CostmapConfig:
-    """The settings for a robot of another radius [m]."""
-    inflation = max(config.inflation_radius, radius)
-    return replace(config, inscribed_radius=radius, inflation_radius=inflation)
+def _inflation(radius: float) -> CostmapConfig:
+    """How obstacles are inflated for a robot of some radius [m].
+
+    Paths keep within sight of walls, which a scanner of short range needs to localise the robot.
+    """
+    return CostmapConfig(radius, max(CostmapConfig().inflation_radius, radius), coastal_distance=1.5)
 
 
 class Navigator:
@@ -129,38 +120,35 @@ class Navigator:
         self.context = context
         self.config = config or NavigatorConfig()
         self.follower = PathFollower(context, self.config.follower)
-        self.reset()
-
-    def reset(self) -> None:
-        """Forget map and goal."""
         self.status = GoalStatus.IDLE
         self.reason = ""  # why the last goal was given up
         self.goal: Goal | None = None
-        self._surroundings: Surroundings | None = None
-        self.inscribed_radius = self.context.robot_radius
+        self.inscribed_radius = context.robot_radius
+        self.costmap: Costmap | None = None
+        self._reachable: Reachable | None = None
+        self._searched_from: Pose2D | None = (
+            None  # where to search the reachable space from, until that was done
+        )
         self._grid: OccupancyGrid | None = None
         self._published: OccupancyGrid | None = None  # the newest map as it came
         self._views: list[tuple[Pose2D, Float32Array]] = []  # trusted scans and where they were taken
-        self._open_air: list[FloatArray] = []  # points taken for free
-        self._hindrances = Hindrances(
-            self.config.obstacle_memory, self.config.barrier_half_width, 0.5 * self.context.frame.resolution
-        )
+        self._open_space: list[FloatArray] = []  # points taken for free
+        self._obstacles = UnmappedObstacles(0.5 * context.frame.resolution)
         self._planned_at = -math.inf
-        self._leg = _Leg.begin(Pose2D(0.0, 0.0, 0.0), 0.0)
-
-    @property
-    def costmap(self) -> Costmap | None:
-        """What the robot plans on; None without a map."""
-        return None if self._surroundings is None else self._surroundings.costmap
+        self._leg = _Leg(Pose2D(0.0, 0.0, 0.0), 0.0, Pose2D(0.0, 0.0, 0.0), 0.0)
 
     @property
     def reachable(self) -> Reachable | None:
         """Where the robot could get to when the costmap was made; None without a map, or if it was walled in."""
-        return None if self._surroundings is None else self._surroundings.reachable
+        # Searched when first asked for, which only decisions and plans do.
+        if self.costmap is not None and self._searched_from is not None:
+            self._reachable = reachable_space(self.costmap, self._searched_from)
+            self._searched_from = None
+        return self._reachable
 
     @property
     def is_active(self) -> bool:
-        """Whether the robot drives to a goal."""
+        """True while the robot drives to a goal."""
         return self.status is GoalStatus.ACTIVE
 
     def update_map(self, grid: OccupancyGrid, pose: Pose2D, time: float) -> None:
@@ -172,8 +160,8 @@ class Navigator:
             time: Now [s].
         """
         self._published = grid
-        for points in self._open_air:
-            grid = clear_open_air(points, grid)
+        for points in self._open_space:
+            grid = free_unknown(points, grid)
         self._grid = crop_known(grid, pose)
         self._rebuild(pose, time)
         if self.is_active and self.costmap is not None:
@@ -191,12 +179,12 @@ class Navigator:
             ranges: The scan, shape (num_beams,) [m].
             time: Now [s].
         """
-        self._views = [*self._views[-(self.config.views_kept - 1) :], (pose, ranges.copy())]
+        self._views = [*self._views[1 - _VIEWS_KEPT :], (pose, ranges.copy())]
         self._rebuild(pose, time)
 
-    def enter_open_air(self, points: FloatArray, pose: Pose2D, time: float) -> None:
+    def enter_open_space(self, points: FloatArray, pose: Pose2D, time: float) -> None:
         """Take what the map doesn't know at some points for free, shape (N, 2) [m]; the scan still stops the robot."""
-        self._open_air.append(points)
+        self._open_space.append(points)
         if self._published is not None:
             self.update_map(self._published, pose, time)
 
@@ -206,25 +194,24 @@ class Navigator:
         For what stops the body and not the beams, such as glass; narrow doors get another try.
         """
         ahead = self.follower.ahead - np.array(pose[:2])
-        reach = self.inscribed_radius + self.config.barrier_gap
+        reach = self.inscribed_radius + _BARRIER_GAP
         beyond = ahead[np.hypot(*ahead.T) > reach]
         if len(beyond) == 0:
             return
         along = beyond[0] / np.hypot(*beyond[0])
-        if self._hindrances.note_impassable(pose[:2] + reach * along, along):
+        if self._obstacles.note_impassable(pose[:2] + reach * along, along):
             self._rebuild(pose, time)
 
-    def keep_hindrances(self, pose: Pose2D, time: float) -> None:
-        """Keep the obstacles just around the robot, where it gave a goal up, whatever map and scan show later."""
+    def keep_obstacles(self, pose: Pose2D, time: float) -> None:
+        """Keep the obstacles just around the robot, where it gave a goal up, even if map and scan show them no more."""
         if self.costmap is not None and self._grid is not None:
-            self._hindrances.keep_around(pose, self.context.robot_radius, self.costmap, self._grid)
+            self._obstacles.keep_around(pose, self.context.robot_radius, self.costmap, self._grid)
             self._rebuild(pose, time)
 
     def set_inscribed_radius(self, radius: float, pose: Pose2D, time: float) -> None:
         """Plan as if the robot had another radius [m], e.g. to try doors that the map draws too narrow."""
         self.inscribed_radius = radius
-        if self._grid is not None:
-            self._rebuild(pose, time)
+        self._rebuild(pose, time)
 
     def set_goal(self, goal: Goal, pose: Pose2D, time: float) -> None:
         """Go somewhere. Sets :attr:`status` to ``ABORTED`` at once if no path leads there.
@@ -234,11 +221,10 @@ class Navigator:
             pose: The robot's estimated pose.
             time: Now [s].
         """
-        fresh = not self.is_active
+        if not self.is_active:
+            self._leg = _Leg(pose, time, pose, time)
         self.goal, self.status, self.reason = goal, GoalStatus.ACTIVE, ""
         self._leg.arrived = False
-        if fresh:
-            self._leg = _Leg.begin(pose, time)
         self._leg.best_remaining, self._leg.progress_at = math.inf, time
         self._plan(pose, time)
 
@@ -268,7 +254,7 @@ class Navigator:
             self._plan(pose, time)
         elif self._is_stuck(pose, time):
             self._begin_recovery(pose, obstacles, time)
-        if self._leg.arrived or self.follower.remaining(pose) < self.config.goal_tolerance:
+        if self._leg.arrived or self.follower.remaining(pose) < _GOAL_TOLERANCE:
             return self._finish(pose)
         command = self.follower.step(costmap, pose, obstacles)
         self._mind_deviation(pose, obstacles, time)
@@ -287,7 +273,7 @@ class Navigator:
 
     def _mind_deviation(self, pose: Pose2D, obstacles: FloatArray, time: float) -> None:
         """Plan again when the robot is off its path or the scan blocks it."""
-        if time - self._planned_at < self.config.replan_interval:
+        if time - self._planned_at < _REPLAN_INTERVAL:
             return
         ahead = self.follower.ahead
         off = math.hypot(ahead[0, 0] - pose.x, ahead[0, 1] - pose.y) if len(ahead) else 0.0
@@ -296,7 +282,7 @@ class Navigator:
             self._rebuild(pose, time)
             # A path round what blocks the robot, if there is one; else it waits for it to go away.
             self._plan(pose, time, keep_old=True)
-        elif off > self.config.deviation:
+        elif off > _DEVIATION:
             self._plan(pose, time)
 
     def _plan(self, pose: Pose2D, time: float, keep_old: bool = False) -> None:
@@ -305,9 +291,7 @@ class Navigator:
         if self.costmap is None or self.goal is None:
             self._abort("no map")
             return
-        path = plan_path(
-            self.costmap, pose, (self.goal.x, self.goal.y), self.config.plan_tolerance, self.reachable
-        )
+        path = plan_path(self.costmap, pose, (self.goal.x, self.goal.y), PLAN_TOLERANCE, self.reachable)
         if path is not None:
             self.follower.set_path(path.points)
         elif not keep_old:
@@ -323,69 +307,64 @@ class Navigator:
         grid = self._grid
         for place, ranges in self._views:
             grid = clear_seen(grid, place, ranges, self.context.geometry)
-        grid = self._hindrances.mark(grid, time)
-        config = _inscribing(self.config.costmap, self.inscribed_radius)
-        costmap = make_costmap(free_body(grid, pose, self.context.robot_radius), config)
-        self._surroundings = Surroundings(costmap, pose)
+        grid = free_body(self._obstacles.mark(grid, time), pose, self.context.robot_radius)
+        self.costmap, self._searched_from = make_costmap(grid, _inflation(self.inscribed_radius)), pose
 
     def _remember(self, obstacles: FloatArray, pose: Pose2D, time: float) -> None:
-        """Keep what the scan shows within 1.5 m for the costmap."""
-        near = obstacles[(obstacles**2).sum(axis=1) < 1.5**2]
-        self._hindrances.note_seen(transform_points(pose, near), pose, time)
+        """Keep what the scan shows near the robot for the costmap."""
+        near = obstacles[(obstacles**2).sum(axis=1) < _SEEN_NEAR**2]
+        self._obstacles.note_seen(transform_points(pose, near), pose, time)
 
     # Recovery: wait for none, plan round what the scan shows, back up, turn; then give up.
 
     def _is_stuck(self, pose: Pose2D, time: float) -> bool:
-        """Whether the robot has stood still, or not come nearer, for too long."""
+        """True if the robot has stood still, or not come nearer, for too long."""
         leg = self._leg
-        moved = math.hypot(pose.x - leg.anchor.x, pose.y - leg.anchor.y)
         turned = abs(wrap_angle(pose.theta - leg.anchor.theta))
-        if moved > self.config.stuck_distance or turned > 0.3:
+        if _apart(pose, leg.anchor) > _STUCK_DISTANCE or turned > 0.3:
             leg.anchor, leg.anchor_at = pose, time
         remaining = self.follower.remaining(pose)
-        if remaining < leg.best_remaining - self.config.stuck_distance:
+        if remaining < leg.best_remaining - _STUCK_DISTANCE:
             leg.best_remaining, leg.progress_at = remaining, time
-            if math.hypot(pose.x - leg.recovered_from.x, pose.y - leg.recovered_from.y) > 0.5:
+            if _apart(pose, leg.recovered_from) > 0.5:
                 leg.recoveries, leg.recovered_from = 0, pose
-        still = time - leg.anchor_at > self.config.stuck_time
-        return still or time - leg.progress_at > self.config.progress_time
+        return time - leg.anchor_at > _STUCK_TIME or time - leg.progress_at > self.config.progress_time
 
     def _begin_recovery(self, pose: Pose2D, obstacles: FloatArray, time: float) -> None:
         """Start the next recovery, or give the goal up after the last one."""
         leg = self._leg
         if leg.recoveries == 0:
             leg.recovered_from = pose
-        leg.recoveries += 1
         leg.anchor, leg.anchor_at, leg.progress_at = pose, time, time
         leg.best_remaining = math.inf
         leg.recovery_from, leg.recovery_at = pose, time
         self._remember(obstacles, pose, time)
         self._rebuild(pose, time)
-        if leg.recoveries > 3:
+        if leg.recoveries == len(_RECOVERIES):
             self._abort("stuck")
-        elif leg.recoveries == 2:
-            leg.recovery = "turn"
         else:
-            leg.recovery = "back up"
+            leg.recovery = _RECOVERIES[leg.recoveries]
+            leg.recoveries += 1
 
     def _continue_recovery(self, pose: Pose2D, time: float) -> Twist2D | None:
         """Velocity of the recovery in progress; None when it is over."""
         leg = self._leg
         begin, elapsed = leg.recovery_from, time - leg.recovery_at
         leg.anchor, leg.anchor_at = pose, time
-        if leg.recovery == "back up" and elapsed < 2.0 * self.config.back_up / self.config.back_up_speed:
-            gone = math.hypot(pose.x - begin.x, pose.y - begin.y)
-            if gone < self.config.back_up and self._is_free_behind(pose):
-                return Twist2D(-self.config.back_up_speed, 0.0)
-        elif leg.recovery == "turn" and elapsed < 4.0:
-            turned = abs(wrap_angle(pose.theta - begin.theta))
-            if turned < 0.5 * math.pi:
-                return Twist2D(0.0, min(self.config.follower.turn_rate, self.context.max_angular))
+        if leg.recovery == "back up" and elapsed < 2.0 * _BACK_UP / _BACK_UP_SPEED:
+            if _apart(pose, begin) < _BACK_UP and self._is_free_behind(pose):
+                return Twist2D(-_BACK_UP_SPEED, 0.0)
+        elif (
+            leg.recovery == "turn"
+            and elapsed < 4.0
+            and abs(wrap_angle(pose.theta - begin.theta)) < 0.5 * math.pi
+        ):
+            return Twist2D(0.0, self.follower.fastest_turn)
         leg.recovery = ""
         return None
 
     def _is_free_behind(self, pose: Pose2D) -> bool:
-        """Whether the map shows nothing just behind the robot, which a scanner that looks ahead can't see."""
+        """True if the map shows nothing just behind the robot, which a scanner that looks ahead can't see."""
         if self.costmap is None:
             return False
         distance = self.context.robot_radius + 0.05
@@ -395,3 +374,8 @@ class Navigator:
             if self.costmap.cost_at(x, y) == LETHAL_COST:
                 return False
         return True
+
+
+def _apart(first: Pose2D, second: Pose2D) -> float:
+    """Distance of two positions [m]."""
+    return math.hypot(first.x - second.x, first.y - second.y)

@@ -36,16 +36,11 @@ def open_tour(lengths: FloatArray) -> IntArray:
     Returns:
         Indices 1 to N in the order of the visits, shape (N,). Places that can't be reached come last.
     """
-    matrix = np.where(np.isfinite(lengths), lengths, _FAR).astype(np.float64)
-    if len(matrix) <= 1:
-        return np.zeros(0, dtype=np.int64)
-    if len(matrix) - 1 <= EXACT_PLACES:
-        order: IntArray = exact_tour(matrix, np.zeros(len(matrix) - 1), 1.0)
-        return order
+    if len(lengths) - 1 <= EXACT_PLACES:
+        return exact_tour(_finite(lengths), np.zeros(len(lengths) - 1), 1.0)
     # Moves are measured as if a stretch were as long backwards; else they might go round in circles.
-    matrix = np.minimum(matrix, matrix.T)
-    tour: IntArray = improve_tour(matrix, nearest_neighbour_tour(matrix))
-    return tour
+    matrix = _finite(np.minimum(lengths, lengths.T))
+    return improve_tour(matrix, nearest_neighbour_tour(matrix))
 
 
 def repairman_tour(lengths: FloatArray, weights: FloatArray) -> IntArray:
@@ -61,11 +56,7 @@ def repairman_tour(lengths: FloatArray, weights: FloatArray) -> IntArray:
     """
     if len(lengths) - 1 > EXACT_PLACES:
         raise ValueError(f"at most {EXACT_PLACES} places can be ordered exactly, not {len(lengths) - 1}")
-    if len(lengths) <= 1:
-        return np.zeros(0, dtype=np.int64)
-    matrix = np.where(np.isfinite(lengths), lengths, _FAR).astype(np.float64)
-    order: IntArray = exact_tour(matrix, np.asarray(weights, dtype=np.float64), 0.0)
-    return order
+    return exact_tour(_finite(lengths), np.asarray(weights, dtype=np.float64), 0.0)
 
 
 def lengths_by_first(lengths: FloatArray) -> FloatArray:
@@ -77,11 +68,14 @@ def lengths_by_first(lengths: FloatArray) -> FloatArray:
     Returns:
         Shape (N,) [m]: the shortest for up to 11 places, beyond as near to it as 2-opt and Or-opt get.
     """
-    matrix = np.where(np.isfinite(lengths), lengths, _FAR).astype(np.float64)
+    matrix = _finite(lengths)
     between = np.ascontiguousarray(np.minimum(matrix, matrix.T)[1:, 1:])
-    onward = exact_paths(between) if len(between) <= _EXACT_FIRSTS else short_paths(between)
-    by_first: FloatArray = matrix[0, 1:] + onward
-    return by_first
+    return matrix[0, 1:] + (exact_paths(between) if len(between) <= _EXACT_FIRSTS else short_paths(between))
+
+
+def _finite(lengths: FloatArray) -> FloatArray:
+    """Path lengths with a number for those that are infinite."""
+    return np.where(np.isfinite(lengths), lengths, _FAR).astype(np.float64)
 
 
 @kernel
@@ -149,17 +143,17 @@ def exact_tour(lengths: FloatArray, weights: FloatArray, length_weight: float) -
     A leg costs its length times ``length_weight`` plus the weights of the places that still wait.
     """
     n = len(lengths) - 1
-    waiting = np.zeros(1 << n)
+    order = np.empty(n, np.int64)
+    if n == 0:
+        return order
+    waiting = np.full(1 << n, length_weight)
     for visited in range(1 << n):
-        waiting[visited] = length_weight
         for i in range(n):
             if not visited >> i & 1:
                 waiting[visited] += weights[i]
-    between = np.ascontiguousarray(lengths[1:, 1:])
-    best, before = _held_karp(lengths[0, 1:] * waiting[0], between, waiting)
+    best, before = _held_karp(lengths[0, 1:] * waiting[0], np.ascontiguousarray(lengths[1:, 1:]), waiting)
     visited = (1 << n) - 1
     last = int(np.argmin(best[visited]))
-    order = np.empty(n, np.int64)
     for position in range(n - 1, -1, -1):
         order[position] = last + 1
         previous = before[visited, last]
@@ -193,13 +187,13 @@ def improve_tour(lengths: FloatArray, order: IntArray) -> IntArray:
     assign(order, tour[1:])
     improved = True
     while improved:
-        improved = _two_opt(lengths, tour)
+        improved = two_opt(lengths, tour)
         improved = _or_opt(lengths, tour) or improved
     return tour[1:].copy()
 
 
 @kernel
-def _two_opt(lengths: FloatArray, tour: IntArray) -> bool:
+def two_opt(lengths: FloatArray, tour: IntArray) -> bool:
     """Do all reversals that help; the last place has no successor. Returns whether there was any."""
     n, improved = len(tour), False
     for i in range(1, n - 1):

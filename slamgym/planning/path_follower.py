@@ -11,38 +11,34 @@ import numpy as np
 
 from slamgym.core.config import Settings
 from slamgym.core.geometry import wrap_angle
-from slamgym.core.types import Float32Array, FloatArray, Pose2D, Twist2D
+from slamgym.core.jit import kernel, plain
+from slamgym.core.types import ByteArray, Float32Array, FloatArray, Pose2D, Twist2D
 from slamgym.planning.context import ExplorerContext
 from slamgym.planning.costmap import INSCRIBED_COST, Costmap
-from slamgym.planning.path_follower_kernels import (
-    best_arc,
-    free_travel,
-    lookahead_on_path,
-    nearest_on_path,
-    points_within,
-    scan_points,
-)
+
+_LOOKAHEAD = 0.5
+"""Distance of the pursued point, less where a straight line to it isn't free [m]: two body widths keep turns smooth."""
+_TURN_GAIN = 2.5
+"""Rate of turn per heading error [1/s]; a turn must not overshoot in one control step."""
+_CLEARANCE = 0.03
+"""Kept between the robot's body and what the scanner sees [m]: three standard deviations of its noise."""
+_SQUEEZE_SPEED = 0.1
+"""Speed in a gap that leaves less than the clearance [m/s]."""
+_HORIZON = 1.2
+"""How far ahead arcs are checked against the scan [s]: the robot comes to rest within it."""
+_SEARCHED = 40
+"""So many points of the path, one a cell, are searched for the one nearest to the robot: it drives one in a step."""
 
 
-class FollowerConfig(Settings):
+class FollowerConfig(Settings, section="follower"):
     """How a path is followed."""
 
-    lookahead: float = 0.5
-    """Distance of the pursued point, less where a straight line to it isn't free [m]."""
     turn_in_place: float = 0.9
     """A heading error above this is corrected by a turn on the spot [rad]."""
     turned: float = 0.25
     """A turn on the spot ends below this heading error [rad]."""
     turn_rate: float = 1.2
     """Largest rate of turn used [rad/s], less than the robot can, so that scans overlap well."""
-    turn_gain: float = 2.5
-    """Rate of turn per heading error [1/s]; a turn must not overshoot in one control step."""
-    clearance: float = 0.03
-    """Kept between the robot's body and what the scanner sees [m]."""
-    squeeze_speed: float = 0.1
-    """Speed in a gap that leaves less than the clearance [m/s]."""
-    horizon: float = 1.2
-    """How far ahead arcs are checked against the scan [s]."""
 
 
 class PathFollower:
@@ -53,6 +49,11 @@ class PathFollower:
         self.config = config or FollowerConfig()
         self.path: FloatArray = np.zeros((0, 2))
         self.blocked = False  # the last command was held back by something in the scan
+        self._laser = plain(context.geometry)
+        self.fastest_turn = min(self.config.turn_rate, context.max_angular)  # [rad/s]
+        self._apart = (
+            context.robot_radius + _CLEARANCE
+        )  # of the robot's centre from what the scanner sees [m]
         self._index = 0
         self._along: FloatArray = np.zeros(1)  # length of the path up to each point [m]
         self._turn_sign = 0.0  # direction of the turn on the spot in progress, else 0
@@ -78,11 +79,15 @@ class PathFollower:
 
     def points(self, ranges: Float32Array) -> FloatArray:
         """Obstacles that a scan shows, in the robot's frame, shape (N, 2) [m]."""
-        laser = self.context.geometry
-        points: FloatArray = scan_points(
-            ranges, laser.angle_min, laser.angle_increment, laser.range_min, laser.range_max, *laser.mount
-        )
-        return points
+        return scan_points(ranges, self._laser)
+
+    def is_free_ahead(self, obstacles: FloatArray) -> bool:
+        """True if the robot could drive straight on at full speed up to the horizon; arguments as for :meth:`step`."""
+        return self._free_time(obstacles, self.context.max_linear, 0.0) >= _HORIZON
+
+    def turn_rate(self, error: float) -> float:
+        """Rate at which a heading error is corrected on the spot [rad/s], without its sign."""
+        return min(self.fastest_turn, _TURN_GAIN * abs(error))
 
     def turn_towards(self, pose: Pose2D, x: float, y: float) -> Twist2D | None:
         """Turn on the spot towards a point; None once the robot faces it."""
@@ -105,73 +110,42 @@ class PathFollower:
         if not len(self.path):
             return Twist2D(0.0, 0.0)
         x, y = self._pursued_point(costmap, pose)
-        distance = math.hypot(x, y)
-        error = math.atan2(y, x)
+        distance, error = math.hypot(x, y), math.atan2(y, x)
         if self._turn_sign and abs(error) < config.turned:
             self._turn_sign = 0.0
         if self._turn_sign or abs(error) > config.turn_in_place:
             return self._turn(error)
 
         # The arc through the pursued point has curvature 2 sin(error) / distance.
-        curvature = 2.0 * math.sin(error) / max(distance, 1e-3)
-        turn_rate = min(config.turn_rate, context.max_angular)
-        linear = min(
-            context.max_linear, turn_rate / max(abs(curvature), 1e-6), distance / context.control_step
-        )
-        angular = linear * curvature
-        near = points_within(obstacles, self._sight)
-        free = self._free_travel(near, linear, angular)
-        if free >= config.horizon:
-            return Twist2D(linear, angular)
+        curvature, fastest = 2.0 * math.sin(error) / max(distance, 1e-3), context.max_linear
+        linear = min(fastest, self.fastest_turn / max(abs(curvature), 1e-6), distance / context.control_step)
+        near = points_within(obstacles, fastest * _HORIZON + self._apart)
+        free = self._free_time(near, linear, linear * curvature)
+        if free >= _HORIZON:
+            return Twist2D(linear, linear * curvature)
         # Slow down so that the body would still stand clear when the horizon is over.
-        slowed = linear * free / config.horizon
-        if slowed > 0.25 * context.max_linear:
+        slowed = linear * free / _HORIZON
+        if slowed > 0.25 * fastest:
             return Twist2D(slowed, slowed * curvature)
-        for speed, apart in (
-            (context.max_linear, self._keep_apart),
-            (config.squeeze_speed, context.robot_radius),
-        ):
-            step = context.control_step / 2
-            linear, angular, gain = best_arc(near, x, y, speed, turn_rate, apart, config.horizon, step)
+        for speed, apart in (fastest, self._apart), (_SQUEEZE_SPEED, context.robot_radius):
+            limits, step = (speed, self.fastest_turn), context.control_step / 2
+            linear, angular, gain = best_arc(near, (x, y), limits, apart, _HORIZON, step)
             if gain > 0.02:
                 return Twist2D(linear, angular)
         self.blocked = slowed < 0.02
         return Twist2D(slowed, slowed * curvature)
 
-    @property
-    def _keep_apart(self) -> float:
-        """Distance of the robot's centre to what the scanner sees [m]."""
-        return self.context.robot_radius + self.config.clearance
-
-    @property
-    def _sight(self) -> float:
-        """Obstacles farther off don't matter within the horizon [m]."""
-        return self.context.max_linear * self.config.horizon + self._keep_apart
-
-    def _free_travel(self, near: FloatArray, linear: float, angular: float) -> float:
-        config = self.config
-        return float(
-            free_travel(
-                near, linear, angular, self._keep_apart, config.horizon, self.context.control_step / 2
-            )
-        )
+    def _free_time(self, obstacles: FloatArray, linear: float, angular: float) -> float:
+        """For how long a velocity can be held, up to the horizon [s]."""
+        step = self.context.control_step / 2
+        return float(free_travel(obstacles, linear, angular, self._apart, _HORIZON, step))
 
     def _pursued_point(self, costmap: Costmap, pose: Pose2D) -> tuple[float, float]:
         """The path point to steer to, in the robot's frame [m]."""
-        self._index = nearest_on_path(self.path, pose.x, pose.y, self._index, 40)
-        frame = costmap.frame
-        chosen = lookahead_on_path(
-            self.path,
-            self._index,
-            pose.x,
-            pose.y,
-            self.config.lookahead,
-            costmap.costs,
-            INSCRIBED_COST,
-            frame.origin_x,
-            frame.origin_y + frame.height_px * frame.resolution,
-            frame.resolution,
-        )
+        here, frame = pose[:2], costmap.frame
+        corner = frame.origin_x, frame.origin_y + frame.height_px * frame.resolution
+        self._index = nearest_on_path(self.path, here, self._index)
+        chosen = lookahead_on_path(self.path, self._index, here, costmap.costs, corner, frame.resolution)
         x, y = self.path[chosen].tolist()
         dx, dy = x - pose.x, y - pose.y
         cos, sin = math.cos(pose.theta), math.sin(pose.theta)
@@ -179,9 +153,164 @@ class PathFollower:
 
     def _turn(self, error: float) -> Twist2D:
         """Turn on the spot; near a half turn the direction once chosen is kept."""
-        sign = math.copysign(1.0, error)
-        if self._turn_sign and abs(error) > 2.4:
-            sign = self._turn_sign
-        self._turn_sign = sign
-        rate = min(self.config.turn_rate, self.context.max_angular, self.config.turn_gain * abs(error))
-        return Twist2D(0.0, sign * rate)
+        if not self._turn_sign or abs(error) <= 2.4:
+            self._turn_sign = math.copysign(1.0, error)
+        return Twist2D(0.0, self._turn_sign * self.turn_rate(error))
+
+
+@kernel
+def scan_points(
+    ranges: Float32Array, laser: tuple[int, float, float, float, float, tuple[float, float, float]]
+) -> FloatArray:
+    """End points of the beams that hit something, in the robot's frame, shape (N, 2) [m].
+
+    A hit counts only if a beam at most two places aside ends within 0.2 m of its range: single short or
+    random readings (Thrun et al., Probabilistic Robotics, section 6.3) are no obstacles.
+
+    Args:
+        ranges: The scan, shape (num_beams,) [m].
+        laser: A :class:`~slamgym.core.types.LaserGeometry` without names (:func:`slamgym.core.jit.plain`).
+    """
+    _, angle_min, angle_increment, range_min, range_max, mount = laser
+    n = len(ranges)
+    points = np.empty((n, 2))
+    count = 0
+    for i in range(n):
+        r = ranges[i]
+        if not (r > range_min and r < 0.999 * range_max):
+            continue
+        agrees = False
+        for j in range(max(0, i - 2), min(n, i + 3)):
+            if j != i and abs(ranges[j] - r) < 0.2:
+                agrees = True
+        if agrees:
+            angle = mount[2] + angle_min + i * angle_increment
+            points[count, 0] = mount[0] + r * np.cos(angle)
+            points[count, 1] = mount[1] + r * np.sin(angle)
+            count += 1
+    return points[:count].copy()
+
+
+@kernel
+def points_within(points: FloatArray, distance: float) -> FloatArray:
+    """Those points, shape (N, 2) [m], that are nearer to the origin than a distance [m]."""
+    near = np.empty_like(points)
+    count = 0
+    for i in range(len(points)):
+        if points[i, 0] ** 2 + points[i, 1] ** 2 < distance**2:
+            near[count, 0], near[count, 1] = points[i, 0], points[i, 1]
+            count += 1
+    return near[:count]
+
+
+@kernel
+def nearest_on_path(path: FloatArray, here: tuple[float, float], begin: int) -> int:
+    """Index of the path point nearest to the robot among the next ones from ``begin`` on."""
+    best, index = np.inf, begin
+    for i in range(begin, min(len(path), begin + _SEARCHED)):
+        squared = (path[i, 0] - here[0]) ** 2 + (path[i, 1] - here[1]) ** 2
+        if squared < best:
+            best, index = squared, i
+    return index
+
+
+@kernel
+def lookahead_on_path(
+    path: FloatArray, begin: int, here: tuple[float, float],
+    costs: ByteArray, corner: tuple[float, float], resolution: float,
+) -> int:  # fmt: skip
+    """Index of the farthest path point within the lookahead that a straight line reaches over free cells.
+
+    Args:
+        path: Points [m], shape (N, 2).
+        begin: Index of the point where the robot is.
+        here: The robot [m].
+        costs: Costmap, shape (H, W).
+        corner: Its left and its upper border [m].
+        resolution: [m/cell].
+    """
+    (x, y), (left, top), (height, width) = here, corner, costs.shape
+    chosen = min(begin + 1, len(path) - 1)
+    for i in range(chosen, len(path)):
+        length = np.hypot(path[i, 0] - x, path[i, 1] - y)
+        if length > _LOOKAHEAD and i > chosen:
+            break
+        steps = max(1, int(np.ceil(2.0 * length / resolution)))
+        free, left_start = True, False
+        for k in range(1, steps + 1):
+            px = x + (path[i, 0] - x) * k / steps
+            py = y + (path[i, 1] - y) * k / steps
+            row, col = int(np.floor((top - py) / resolution)), int(np.floor((px - left) / resolution))
+            open_cell = 0 <= row < height and 0 <= col < width and costs[row, col] < INSCRIBED_COST
+            # Where the robot already stands too near to an obstacle the line may lead out, but not in again.
+            if not open_cell and (left_start or k == steps):
+                free = False
+                break
+            left_start = left_start or open_cell
+        if free:
+            chosen = i
+    return chosen
+
+
+@kernel
+def free_travel(
+    points: FloatArray, linear: float, angular: float, radius: float, horizon: float, time_step: float
+) -> float:
+    """For how long a round robot can hold a velocity before it comes too near to a point, up to the horizon [s].
+
+    Args:
+        points: Obstacles in the robot's frame, shape (N, 2) [m].
+        linear: [m/s].
+        angular: [rad/s].
+        radius: Distance to keep [m]; if a point is nearer already, then no step may bring the robot nearer.
+        horizon: [s].
+        time_step: [s].
+    """
+    nearest = np.inf
+    for i in range(len(points)):
+        nearest = min(nearest, points[i, 0] ** 2 + points[i, 1] ** 2)
+    keep = min(radius, np.sqrt(nearest) - 1e-3)
+    keep_squared = keep * keep if keep > 0.0 else 0.0
+    x, y, theta, time = 0.0, 0.0, 0.0, 0.0
+    while time < horizon - 1e-9:
+        x += linear * time_step * np.cos(theta + 0.5 * angular * time_step)
+        y += linear * time_step * np.sin(theta + 0.5 * angular * time_step)
+        theta += angular * time_step
+        for i in range(len(points)):
+            if (points[i, 0] - x) ** 2 + (points[i, 1] - y) ** 2 < keep_squared:
+                return time
+        time += time_step
+    return horizon
+
+
+@kernel
+def best_arc(
+    points: FloatArray, target: tuple[float, float], fastest: tuple[float, float],
+    radius: float, horizon: float, time_step: float,
+) -> tuple[float, float, float]:  # fmt: skip
+    """The free arc that ends nearest to a target, as in the dynamic window approach (Fox et al. 1997).
+
+    Args:
+        points: As for :func:`free_travel`, like the last three.
+        target: In the robot's frame [m].
+        fastest: Forward speed [m/s] and rate of turn [rad/s].
+        radius: See above.
+        horizon: See above.
+        time_step: See above.
+
+    Returns:
+        Forward speed [m/s], rate of turn [rad/s], and how much nearer to the target the arc ends [m]; all 0 if every
+        arc is blocked or leads away.
+    """
+    best = (0.0, 0.0, 0.0)
+    start = np.hypot(target[0], target[1])
+    for i in range(1, 4):
+        linear = fastest[0] * i / 3.0
+        for j in range(-6, 7):
+            angular = fastest[1] * j / 6.0
+            turned = 0.5 * angular * horizon
+            chord = linear * horizon * (np.sin(turned) / turned if abs(turned) > 1e-9 else 1.0)
+            gain = start - np.hypot(target[0] - chord * np.cos(turned), target[1] - chord * np.sin(turned))
+            if gain > best[2] and free_travel(points, linear, angular, radius, horizon, time_step) >= horizon:
+                best = (linear, angular, gain)
+    return best

@@ -15,24 +15,16 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components, dijkstra
 from scipy.spatial import cKDTree
 
-from slamgym.core.config import Settings
 from slamgym.core.errors import SlamgymError
-from slamgym.core.types import FREE, Float32Array, FloatArray, IntArray, OccupancyGrid
+from slamgym.core.types import FREE, BoolArray, Float32Array, FloatArray, OccupancyGrid
+from slamgym.planning.costmap import cells_inside
+from slamgym.planning.open_tour import nearest_neighbour_tour, two_opt
 
-
-class PrmConfig(Settings):
-    """Settings of a roadmap."""
-
-    clearance: float = 0.25
-    """[m] that the path keeps from everything that is not free: the robot's radius and a margin."""
-    nodes_per_m2: float = 4.0
-    """Density of the random points over the free space that keeps the clearance."""
-    max_nodes: int = 4000
-    """Upper limit of their number."""
-    neighbours: int = 12
-    """Each point tries to join so many nearest points ..."""
-    radius: float = 3.0
-    """[m] ... within this distance."""
+_NODES_PER_M2, _MOST_NODES = 4.0, 4000
+"""Density of the random points over the free space that keeps the clearance, and their number at most: one for each
+half metre of a corridor, and no more than are joined in a second."""
+_NEIGHBOURS, _FARTHEST = 12, 3.0
+"""Each point tries to join so many nearest points within this distance [m]: a dense mesh of short straight drives."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +35,7 @@ class Roadmap:
     lengths: "csr_array[np.float64]"  # (N, N) [m] of the drives, symmetric
     grid: OccupancyGrid
     clearance_map: Float32Array  # (H, W) [m] distance to the nearest cell that isn't free
-    config: PrmConfig
+    clearance: float  # [m] that drives keep from everything that is not free
 
     def nearest(self, point: Sequence[float] | FloatArray) -> int:
         """The node nearest to ``point`` (2,) [m]."""
@@ -55,47 +47,50 @@ class Roadmap:
         chain = [goal]
         while chain[-1] != start:
             chain.append(int(before[0, chain[-1]]))
-        return shorten(self.nodes[chain[::-1]], self.clearance_map, self.grid, self.config.clearance)
+        return shorten(self.nodes[chain[::-1]], self.clearance_map, self.grid, self.clearance)
 
 
-def build_roadmap(grid: OccupancyGrid, config: PrmConfig, rng: np.random.Generator) -> Roadmap:
+def build_roadmap(grid: OccupancyGrid, clearance: float, rng: np.random.Generator) -> Roadmap:
     """Sample and join points; the largest connected part is kept.
+
+    Args:
+        grid: The map.
+        clearance: What drives keep from everything that is not free [m]: the robot's radius and a margin.
+        rng: Draws the points.
 
     Raises:
         SlamgymError: If no free space keeps the clearance.
     """
     resolution = grid.frame.resolution
-    # A border of the picture counts as a wall: nobody knows what is beyond.
+    # A border of the picture counts as a wall: what is beyond is unknown.
     free = np.pad((grid.cells == FREE).astype(np.uint8), 1)
     clearance_map = cv2.distanceTransform(free, cv2.DIST_L2, 5)[1:-1, 1:-1] * np.float32(resolution)
-    rows, cols = np.nonzero(clearance_map > config.clearance)
+    rows, cols = np.nonzero(clearance_map > clearance)
     if len(rows) < 2:
         raise SlamgymError(
-            f"no free space keeps {config.clearance:g} m from the walls; the plan is too narrow for the robot"
+            f"no free space keeps {clearance:g} m from the walls; the plan is too narrow for the robot"
         )
-    wanted = min(config.max_nodes, max(30, int(config.nodes_per_m2 * len(rows) * resolution**2)))
+    wanted = min(_MOST_NODES, max(30, int(_NODES_PER_M2 * len(rows) * resolution**2)))
     picked = rng.choice(len(rows), size=min(wanted, len(rows)), replace=False)
-    nodes = np.column_stack(grid.frame.to_point(rows[picked], cols[picked]))
+    nodes = grid.frame.to_points(rows[picked], cols[picked])
 
-    count = min(config.neighbours + 1, len(nodes))
-    distance, neighbour = cKDTree(nodes).query(nodes, k=count, distance_upper_bound=config.radius)
-    a = np.repeat(np.arange(len(nodes)), count)
-    b, length = np.ravel(neighbour), np.ravel(distance)
-    pair = np.isfinite(length) & (length > 0.0)
-    a, b, length = a[pair], b[pair], length[pair]
-    clear = lines_are_clear(nodes[a], nodes[b], clearance_map, grid, config.clearance)
-    a, b, length = a[clear], b[clear], length[clear]
-    graph = csr_array((length, (a, b)), shape=(len(nodes), len(nodes)))
+    count = min(_NEIGHBOURS + 1, len(nodes))
+    distance, neighbour = cKDTree(nodes).query(nodes, k=count, distance_upper_bound=_FARTHEST)
+    pairs = np.column_stack([np.repeat(np.arange(len(nodes)), count), np.ravel(neighbour)])
+    is_pair = np.isfinite(np.ravel(distance)) & (np.ravel(distance) > 0.0)
+    pairs, length = pairs[is_pair], np.ravel(distance)[is_pair]
+    clear = lines_are_clear(nodes[pairs[:, 0]], nodes[pairs[:, 1]], clearance_map, grid, clearance)
+    graph = csr_array((length[clear], tuple(pairs[clear].T)), shape=(len(nodes), len(nodes)))
     graph = graph.maximum(graph.T)
     _, component = connected_components(graph, directed=False)
     kept = np.flatnonzero(component == np.bincount(component).argmax())
-    return Roadmap(nodes[kept], csr_array(graph[kept][:, kept]), grid, clearance_map, config)
+    return Roadmap(nodes[kept], csr_array(graph[kept][:, kept]), grid, clearance_map, clearance)
 
 
 def lines_are_clear(
     starts: FloatArray, ends: FloatArray, clearance_map: Float32Array, grid: OccupancyGrid, clearance: float
-) -> np.ndarray:
-    """Whether straight drives keep clear of walls.
+) -> BoolArray:
+    """Mask of those straight drives that keep clear of walls, shape (E,).
 
     Args:
         starts: (E, 2) [m].
@@ -103,20 +98,15 @@ def lines_are_clear(
         clearance_map: (H, W) [m] distance to the nearest cell that isn't free.
         grid: Where the cells lie.
         clearance: [m] to keep.
-
-    Returns:
-        (E,) bool.
     """
     longest = float(np.hypot(*(ends - starts).T).max(initial=0.0))
     steps = max(2, int(np.ceil(longest / (0.5 * grid.frame.resolution))) + 1)
     clear = np.ones(len(starts), dtype=np.bool_)
     for share in np.linspace(0.0, 1.0, steps):  # a line is dropped at its first point that is too near
         alive = np.flatnonzero(clear)
-        points = starts[alive] + share * (ends[alive] - starts[alive])
-        row, col = grid.frame.to_cell(points[:, 0], points[:, 1])
-        inside = (row >= 0) & (row < grid.frame.height_px) & (col >= 0) & (col < grid.frame.width_px)
+        row, col, inside = cells_inside(grid.frame, starts[alive] + share * (ends[alive] - starts[alive]))
         clear[alive[~inside]] = False
-        clear[alive[inside]] = clearance_map[row[inside], col[inside]] > clearance
+        clear[alive[inside]] = clearance_map[row, col] > clearance
     return clear
 
 
@@ -127,12 +117,10 @@ def shorten(
     kept = [0]
     while kept[-1] < len(points) - 1:
         i = kept[-1]
-        later = np.arange(i + 1, len(points))
-        clear = lines_are_clear(
-            np.broadcast_to(points[i], (len(later), 2)), points[later], clearance_map, grid, clearance
-        )
+        ends = points[i + 1 :]
+        clear = lines_are_clear(np.broadcast_to(points[i], ends.shape), ends, clearance_map, grid, clearance)
         clear[0] = True  # a drive of the roadmap itself
-        kept.append(int(later[np.flatnonzero(clear)[-1]]))
+        kept.append(i + 1 + int(np.flatnonzero(clear)[-1]))
     return np.asarray(points[kept])
 
 
@@ -156,8 +144,11 @@ def tour(roadmap: Roadmap, stops: FloatArray, rng: np.random.Generator) -> Float
     nodes = list(dict.fromkeys(roadmap.nearest(stop) for stop in stops))
     if len(nodes) < 2:
         return random_path(roadmap, rng)
+    nodes.insert(0, nodes.pop(int(rng.integers(len(nodes)))))
     distances = dijkstra(roadmap.lengths, indices=nodes)[:, nodes]
-    order = _short_order(distances, int(rng.integers(len(nodes))))
+    order = np.append(0, nearest_neighbour_tour(distances))
+    while two_opt(distances, order):
+        pass
     legs = [roadmap.path(nodes[i], nodes[j]) for i, j in itertools.pairwise(order)]
     return np.concatenate([legs[0], *(leg[1:] for leg in legs[1:])])
 
@@ -172,26 +163,3 @@ def spread_stops(roadmap: Roadmap, spacing: float, rng: np.random.Generator) -> 
         stops.append(furthest)
         gap = np.minimum(gap, dijkstra(roadmap.lengths, indices=[furthest])[0])
     return roadmap.nodes[stops]
-
-
-def _short_order(distances: FloatArray, first: int) -> IntArray:
-    """Order of all stops from ``first``: nearest next, then 2-opt exchanges while they shorten the tour."""
-    left = set(range(len(distances))) - {first}
-    order = [first]
-    while left:
-        order.append(min(left, key=lambda stop: distances[order[-1], stop]))
-        left.remove(order[-1])
-    best = np.array(order)
-    improved = True
-    while improved:
-        improved = False
-        for i in range(1, len(best) - 1):
-            for j in range(i + 1, len(best)):
-                tail = distances[best[j], best[j + 1]] if j + 1 < len(best) else 0.0
-                swapped = distances[best[i], best[j + 1]] if j + 1 < len(best) else 0.0
-                before = distances[best[i - 1], best[i]] + tail
-                after = distances[best[i - 1], best[j]] + swapped
-                if after < before - 1e-9:
-                    best[i : j + 1] = best[i : j + 1][::-1]
-                    improved = True
-    return best

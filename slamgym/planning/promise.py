@@ -73,12 +73,8 @@ class Promise(Settings, section="promise"):
         return Promise(None, amount, confidence)
 
     def holds(self, seen: float, floor_area: float) -> bool:
-        """Whether it is true of a share that was seen of a floor [m2]."""
-        return (
-            seen >= self.seen
-            if self.seen is not None
-            else (1.0 - seen) * floor_area <= float(self.left or 0.0)
-        )
+        """True if it is true of a share that was seen of a floor [m2]."""
+        return seen >= self.seen if self.left is None else (1.0 - seen) * floor_area <= self.left  # type: ignore[operator]
 
     def __str__(self) -> str:
         what = f"{self.left:g}m2" if self.seen is None else f"{100.0 * self.seen:g}%"
@@ -120,25 +116,16 @@ class UnseenFloor:
 
     def limit(self, promise: Promise) -> float:
         """The largest estimated share at which the promise is kept; 0 where no stop before the end keeps it."""
-        calibration = {
-            key: self._arrays[f"calibration.{key}"] for key in ("exploration", "estimate", "share", "area")
-        }
-        broken = (
-            calibration["area"] > promise.left
-            if promise.left is not None
-            else calibration["share"] > 1.0 - float(promise.seen or 0.0)
-        )
-        begins = np.flatnonzero(np.diff(calibration["exploration"], prepend=-1.0))
-        parts = [slice(*ends) for ends in zip(begins, [*begins[1:], len(broken)], strict=True)]
+        names = ("exploration", "estimate", "share", "area")
+        exploration, estimate, share, area = (self._arrays[f"calibration.{name}"] for name in names)
+        broken = area > promise.left if promise.left is not None else share > 1.0 - float(promise.seen or 0.0)
         # An exploration stops too early with every limit above its lowest estimate while the promise is broken.
-        thresholds = sorted(
-            float(calibration["estimate"][part][broken[part]].min(initial=np.inf))
-            if not broken[part][-1]
-            else 0.0
-            for part in parts
-        )
+        lowest = np.where(broken, estimate, np.inf)
+        begins = np.flatnonzero(np.diff(exploration, prepend=-1.0))
+        ends = np.append(begins[1:], len(broken)) - 1
+        thresholds = np.sort(np.where(broken[ends], 0.0, np.minimum.reduceat(lowest, begins)))
         # One exploration more than were seen may fail, too: that is what the new one is.
-        allowed = int(np.floor((len(parts) + 1) * (1.0 - promise.confidence) + 1e-9)) - 1
+        allowed = int(np.floor((len(begins) + 1) * (1.0 - promise.confidence) + 1e-9)) - 1
         return max(0.0, float(thresholds[allowed])) if 0 <= allowed < len(thresholds) else 0.0
 
     def _linear(self, name: str, values: FloatArray) -> FloatArray:
@@ -161,7 +148,7 @@ def pretrained_limit(promise: Promise) -> float:
 
 
 def is_kept(promise: Promise, remains: Remains | None) -> bool:
-    """Whether an exploration may stop on what a map shows; never beyond :data:`LARGEST_CALIBRATED`."""
+    """True if an exploration may stop on what a map shows; never beyond :data:`LARGEST_CALIBRATED`."""
     if remains is None or remains.known_area > LARGEST_CALIBRATED:
         return False
     return pretrained_unseen_floor().share(remains) < pretrained_limit(promise)
@@ -180,15 +167,10 @@ def expected_floor(remains: Remains, frontiers: Sequence[FloatArray]) -> FloatAr
     areas = pretrained_unseen_floor().area_behind(remains)
     lowest, highest = (np.array([end(one, axis=0) for one in remains.points]) for end in (np.min, np.max))
     for index, points in enumerate(frontiers):
-        boxes_meet = (
-            (lowest <= points.max(axis=0) + _SAME_FRONTIER) & (highest >= points.min(axis=0) - _SAME_FRONTIER)
-        ).all(axis=1)
-        near = [
-            areas[k]
-            for k in np.flatnonzero(boxes_meet)
-            if come_near(remains.points[k], points, _SAME_FRONTIER)
-        ]
-        expected[index] = max(near, default=np.inf)
+        low, high = points.min(axis=0) - _SAME_FRONTIER, points.max(axis=0) + _SAME_FRONTIER
+        boxes_meet = np.flatnonzero(((lowest <= high) & (highest >= low)).all(axis=1))
+        near = [k for k in boxes_meet if come_near(remains.points[k], points, _SAME_FRONTIER)]
+        expected[index] = areas[near].max() if near else np.inf
     return expected
 
 

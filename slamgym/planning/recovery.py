@@ -1,146 +1,160 @@
 """Recovery behaviours of an exploration: what is tried before it ends because no frontier is left.
 
 In this order, one thing at a time: a look around at the very beginning, a relaxed footprint for passages that the
-map draws too narrow, a look at rooms that the map has closed, and a step into open air that the map doesn't show.
+map draws too narrow, a look at rooms that the map has closed, and a step into open space that the map doesn't show.
 """
 
 import math
-from collections.abc import Sequence
-from enum import Enum
+
+import numpy as np
 
 from slamgym.core.types import Float32Array, FloatArray, OccupancyGrid, Pose2D, Twist2D
-from slamgym.planning.context import ExplorerContext
-from slamgym.planning.frontiers import Point, occluded_views
+from slamgym.planning.costmap import Costmap
+from slamgym.planning.frontiers import Point, Reachable, closed_space
 from slamgym.planning.navigator import Goal, Navigator
-from slamgym.planning.open_air import find_open_air, is_undrawn
+from slamgym.planning.unmapped import find_open_space, is_unmapped
 
+LOOK_AROUND_BEFORE = 30.0
+"""Only so soon after the beginning a look around is worth its time [s]: later the robot has turned anyway."""
+RELAXED_FOOTPRINTS = (0.85, 0.6)
+"""Shares of the robot's radius that doors may have room for in the end: maps draw walls too thick."""
+_CLOSED_ROOM_LOOKS = 8
+"""Rooms that the map cuts off from the robot are looked at from so many places at most."""
+_CLOSED_ROOM = 1.0
+"""Smaller regions that the map cuts off are left out [m2]: what rays through walls cleared is too narrow for a room."""
+_VIEW_RANGE = 1.0
+"""Farther than this from a closed room there is nothing to see of it [m]."""
+_VIEW_SPACING = 1.0
+"""Smallest distance between two places to look at the same room from [m]."""
 _SAME_PLACE = 0.7
 """Places nearer to one another than this show the same of a closed room [m]."""
-
-
-class Recovery(Enum):
-    """What :meth:`RecoveryBehaviours.attempt` chose."""
-
-    LOOK_AROUND = "look_around"
-    """The robot turns once round on the spot; :meth:`RecoveryBehaviours.turn` drives."""
-    RELAXED_FOOTPRINT = "relaxed_footprint"
-    """The navigation stack takes the robot for narrower than it is from now on."""
-    CLOSED_ROOM = "closed_room"
-    """The navigation stack drives to a place from which a closed room can be looked at."""
-    OPEN_AIR = "open_air"
-    """The navigation stack takes a metre of air in which a scan met nothing for free from now on."""
-    NOTHING = "nothing"
-    """Everything was tried."""
 
 
 class RecoveryBehaviours:
     """One exploration's recovery behaviours.
 
     Args:
-        context: What the environment says about the robot and its map.
         navigator: Navigation stack of the exploration.
-        look_around_before: Only so soon after the beginning a look around is worth its time [s]; 0 for never.
-        relaxed_footprints: Shares of the robot's radius to try one after the other, in ``round`` 1, 2, ...
-        closed_room_looks: Closed rooms are looked at from so many places at most.
 
     Attributes:
         round: 0 at first; counts the relaxed footprints tried.
+        is_turning: True while a look around is in progress.
     """
 
-    def __init__(
-        self,
-        context: ExplorerContext,
-        navigator: Navigator,
-        look_around_before: float,
-        relaxed_footprints: Sequence[float],
-        closed_room_looks: int,
-    ) -> None:
+    def __init__(self, navigator: Navigator) -> None:
         self.round = 0
-        self._context = context
+        self.is_turning = False
         self._navigator = navigator
-        self._look_around_before = look_around_before
-        self._footprints = relaxed_footprints
-        self._closed_room_looks = closed_room_looks
         self._began_at = math.inf
-        self._has_looked_around = look_around_before <= 0.0  # a look that is never worth it counts as done
+        self._has_looked_around = False
         self._turn_left, self._last_theta = 0.0, 0.0  # of a look around [rad]
         self._looked_from: list[Point] = []
-        self._open_air: list[FloatArray] = []  # points, where a frontier was given up
+        self._open_space: list[FloatArray] = []  # points, where a frontier was given up
         self._entered: list[Point] = []
 
-    @property
-    def is_turning(self) -> bool:
-        """Whether a look around is in progress."""
-        return self._turn_left > 0.0
-
     def note_time(self, time: float) -> None:
-        """Note the time of a control step, if looks around are wanted: the first one is the beginning."""
+        """Note the time of a control step: the first one is the beginning."""
         self._began_at = min(self._began_at, time)
 
     def turn(self, pose: Pose2D) -> Twist2D:
         """Velocity for the next control step of a look around."""
         self._turn_left -= abs(math.remainder(pose.theta - self._last_theta, 2.0 * math.pi))
-        self._last_theta = pose.theta
-        rate = self._navigator.config.follower.turn_rate
-        return Twist2D(0.0, min(rate, self._context.max_angular))
+        self._last_theta, self.is_turning = pose.theta, self._turn_left > 0.0
+        return Twist2D(0.0, self._navigator.follower.fastest_turn)
 
-    def attempt(self, grid: OccupancyGrid, pose: Pose2D, time: float) -> Recovery:
-        """Begin what is to be tried next.
+    def attempt(self, grid: OccupancyGrid, pose: Pose2D, time: float) -> bool:
+        """Begin what is to be tried next; returns False if everything was tried.
 
         Args:
             grid: The newest map.
             pose: The believed pose.
             time: Now [s].
         """
-        if time - self._began_at < self._look_around_before and not self._has_looked_around:
-            self._has_looked_around = True
+        if time - self._began_at < LOOK_AROUND_BEFORE and not self._has_looked_around:
+            self._has_looked_around = self.is_turning = True
             self._turn_left, self._last_theta = 2.0 * math.pi, pose.theta
-            return Recovery.LOOK_AROUND
-        if self.round < len(self._footprints):
-            radius = self._footprints[self.round] * self._context.robot_radius
+            return True
+        if self.round < len(RELAXED_FOOTPRINTS):
+            radius = RELAXED_FOOTPRINTS[self.round] * self._navigator.context.robot_radius
             self.round += 1
             self._navigator.set_inscribed_radius(radius, pose, time)
-            return Recovery.RELAXED_FOOTPRINT
-        if self._visit_closed_room(pose, time):
-            return Recovery.CLOSED_ROOM
-        return Recovery.OPEN_AIR if self._enter_open_air(grid, pose, time) else Recovery.NOTHING
+            return True
+        return self._visit_closed_room(pose, time) or self._enter_open_space(grid, pose, time)
 
     def note_given_up(self, pose: Pose2D, ranges: Float32Array) -> None:
-        """Note the scan where a frontier was given up, reached or not: there may be open air."""
-        points = find_open_air(pose, ranges, self._context.geometry)
+        """Note the scan where a frontier was given up, reached or not: there may be open space."""
+        points = find_open_space(pose, ranges, self._navigator.context.geometry)
         if points is not None:
-            self._open_air.append(points)
+            self._open_space.append(points)
 
-    def has_open_air(self, grid: OccupancyGrid) -> bool:
-        """Whether open air that was noted isn't on the map, and hasn't been entered."""
-        return any(is_undrawn(points, grid) for points in self._open_air)
+    def has_open_space(self, grid: OccupancyGrid) -> bool:
+        """True if open space that was noted isn't on the map, and hasn't been entered."""
+        return any(is_unmapped(points, grid) for points in self._open_space)
 
-    def _enter_open_air(self, grid: OccupancyGrid, pose: Pose2D, time: float) -> bool:
-        """Take the next open air that isn't on the map for free; False if there is none left."""
-        while self._open_air:
-            points = self._open_air.pop()
-            middle = points.mean(axis=0)
-            place = (float(middle[0]), float(middle[1]))
-            is_new = all(math.dist(place, entered) > _SAME_PLACE for entered in self._entered)
-            if is_new and is_undrawn(points, grid):
-                self._entered.append(place)
-                self._navigator.enter_open_air(points, pose, time)
+    def _enter_open_space(self, grid: OccupancyGrid, pose: Pose2D, time: float) -> bool:
+        """Take the next open space that isn't on the map for free; False if there is none left."""
+        while self._open_space:
+            points = self._open_space.pop()
+            x, y = points.mean(axis=0).tolist()
+            if _is_new((x, y), self._entered) and is_unmapped(points, grid):
+                self._entered.append((x, y))
+                self._navigator.enter_open_space(points, pose, time)
                 return True
         return False
 
     def _visit_closed_room(self, pose: Pose2D, time: float) -> bool:
         """Go and look at a room that the map cuts off, from each side once; False if there is none left."""
         costmap, space = self._navigator.costmap, self._navigator.reachable
-        if costmap is None or space is None or len(self._looked_from) >= self._closed_room_looks:
+        if costmap is None or space is None or len(self._looked_from) >= _CLOSED_ROOM_LOOKS:
             return False
-        views = [
-            view
-            for view in occluded_views(costmap, space)
-            if all(math.dist(view[0], seen) > _SAME_PLACE for seen in self._looked_from)
-        ]
+        views = [view for view in occluded_views(costmap, space) if _is_new(view[0], self._looked_from)]
         if not views:
             return False
         place, looked_at = min(views, key=lambda view: math.dist(view[0], pose[:2]))
         self._looked_from.append(place)
         self._navigator.set_goal(Goal(*place, look_at=looked_at), pose, time)
         return True
+
+
+def _is_new(place: Point, known: list[Point]) -> bool:
+    """True if a place isn't the same as one of those known."""
+    return all(math.dist(place, other) > _SAME_PLACE for other in known)
+
+
+def occluded_views(costmap: Costmap, reachable: Reachable) -> list[tuple[Point, Point]]:
+    """Views of rooms that the map cuts off from the robot, e.g. by a wall drawn across a doorway.
+
+    Looking again may open it.
+
+    Args:
+        costmap: The costmap.
+        reachable: The robot's reachable space.
+
+    Returns:
+        Where to stand and what point of the region to look at [m]; the largest region first, and of each
+        region the nearest places first.
+    """
+    import cv2
+
+    resolution, frame = costmap.frame.resolution, costmap.frame
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(
+        closed_space(costmap, reachable), connectivity=4
+    )
+    places = np.column_stack(np.divmod(reachable.order[: reachable.num_centre], frame.width_px))
+    views: list[tuple[Point, Point]] = []
+    for label in sorted(range(1, count), key=lambda k: -int(stats[k, cv2.CC_STAT_AREA])):
+        if stats[label, cv2.CC_STAT_AREA] * resolution**2 < _CLOSED_ROOM:
+            break
+        distance = cv2.distanceTransform((labels != label).view(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5)
+        distance = distance[places[:, 0], places[:, 1]] * resolution
+        near = np.flatnonzero(distance <= _VIEW_RANGE)
+        near = near[np.argsort(distance[near], kind="stable")]
+        region = np.argwhere(labels == label)
+        while len(near):
+            place = places[near[0]]
+            looked_at = region[np.argmin(((region - place) ** 2).sum(axis=1))]
+            x, y = frame.to_point([place[0], looked_at[0]], [place[1], looked_at[1]])
+            views.append(((float(x[0]), float(y[0])), (float(x[1]), float(y[1]))))
+            apart = np.hypot(*(places[near] - place).T) * resolution
+            near = near[apart >= _VIEW_SPACING]
+    return views

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from slamgym.core.types import BoolArray, FloatArray, IntArray, OccupancyGrid, Pose2D
-from slamgym.planning.costmap import LETHAL_COST, Costmap, CostmapConfig, crop_known, free_body, make_costmap
+from slamgym.planning.costmap import Costmap, CostmapConfig, crop_known, free_body, make_costmap
 from slamgym.planning.frontier_candidates import COARSENING
 from slamgym.planning.frontier_feature_kernels import (
     classify_costs,
@@ -19,13 +19,7 @@ from slamgym.planning.frontier_feature_kernels import (
     explore_unknown_region,
     outline_frontier,
 )
-from slamgym.planning.frontiers import (
-    Point,
-    Reachable,
-    expected_gain,
-    frontier_cells,
-    reachable_space,
-)
+from slamgym.planning.frontiers import Point, closed_space, expected_gain, frontier_cells, reachable_space
 
 FRONTIER_FEATURES = (
     "size", "extent", "gain", "near", "far", "outside", "enclosed", "free_border", "wall_border",
@@ -84,10 +78,12 @@ def measure_remains(
     measured = frontiers[:_MOST]
     points = tuple(costmap.frame.to_points(cells[:, 0], cells[:, 1]) for cells in measured)
     rows = _measure(costmap, measured, points, radius, range_max, offered)
-    known_area = float(np.count_nonzero(space.mask)) * costmap.frame.resolution**2
+    known_area, closed_area = (
+        float(np.count_nonzero(mask)) * costmap.frame.resolution**2
+        for mask in (space.mask, closed_space(costmap, space))
+    )
     left_out = len(frontiers) - len(measured)
-    closed = _closed_area(costmap, space)
-    whole = [known_area / 100.0, closed / 5.0, min(attempts, 2), len(frontiers) / 8.0, left_out / 8.0]
+    whole = [known_area / 100.0, closed_area / 5.0, min(attempts, 2), len(frontiers) / 8.0, left_out / 8.0]
     return Remains(rows, np.array(whole), known_area, points)
 
 
@@ -151,12 +147,3 @@ def _measure(
             float(opening >= radius),
         )
     return rows
-
-
-def _closed_area(costmap: Costmap, space: Reachable) -> float:
-    """Free area that no path leads to, without what is too narrow for a room [m2]."""
-    import cv2
-
-    free = (costmap.costs < LETHAL_COST) & ~space.mask.reshape(costmap.costs.shape)
-    opened = cv2.morphologyEx(free.view(np.uint8), cv2.MORPH_OPEN, np.ones((5, 5), np.uint8))
-    return float(np.count_nonzero(opened)) * costmap.frame.resolution**2

@@ -67,10 +67,10 @@ def test_a_larger_radius_never_lowers_a_cost():
 def test_coastal_cost_holds_only_out_of_sight_of_walls():
     cells = np.full((80, 80), FREE)
     cells[0] = OCCUPIED
-    config = CostmapConfig(inflation_radius=0.5, coastal_distance=2.0, coastal_cost=90)
+    config = CostmapConfig(inflation_radius=0.5, coastal_distance=2.0)
     costs = make_costmap(grid_of(cells), config).costs
     rows = np.arange(80)
-    assert (costs[rows * RESOLUTION > 2.0 + 1e-9] == 90).all()
+    assert (costs[rows * RESOLUTION > 2.0 + 1e-9] == 252).all()
     between = (rows * RESOLUTION > 0.5 + 1e-9) & (rows * RESOLUTION < 2.0 - 1e-9)
     assert (costs[between] == FREE_COST).all()
 
@@ -131,7 +131,7 @@ def test_marked_obstacles_leave_known_walls_as_thin_as_they_are():
 
 
 @pytest.mark.parametrize(
-    "settings_", [{"inscribed_radius": 0.0}, {"inflation_radius": 0.1}, {"cost_scaling": -1.0}]
+    "settings_", [{"inscribed_radius": 0.0}, {"inflation_radius": 0.1}, {"coastal_distance": -1.0}]
 )
 def test_senseless_settings_are_refused(settings_):
     with pytest.raises(ConfigError):

@@ -9,7 +9,7 @@ from slamgym.core.errors import ConfigError
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, GridFrame, LaserGeometry, OccupancyGrid, Pose2D
 from slamgym.planning import CostmapConfig, ExplorerContext, find_frontiers, make_costmap, reachable_space
 from slamgym.planning.exploration_loop import ExplorationLoop, ExplorationLoopConfig
-from slamgym.planning.frontier_candidates import PathTree, coarsen_costmap, make_candidates, split_frontier
+from slamgym.planning.frontier_candidates import coarsen_costmap, make_candidates, split_frontier
 
 FRAME = GridFrame(0.05, -4.0, -4.0, 160, 160)
 HERE = Pose2D(0.0, 0.0, 0.0)
@@ -93,17 +93,6 @@ def test_coarse_cells_take_the_lowest_cost_and_stay_in_place():
     x, y = coarse_frame.to_point(0, 0)
     left, top = frame.to_point(0, 0)
     assert (x, y) == pytest.approx((left + 0.025, top - 0.025))
-
-
-def test_paths_lead_everywhere_the_robot_can_get_to_and_nowhere_else():
-    grid = room(openings=[EAST])
-    costmap, space = planned(grid)
-    paths = PathTree.search(costmap, space)
-    row, col = (int(i) for i in paths.frame.to_cell(1.0, 1.0))
-    path = paths.path_to(row, col)
-    np.testing.assert_allclose(path[-1], [1.0, 1.0], atol=0.1)
-    outside = tuple(int(i) for i in paths.frame.to_cell(3.0, 3.0))
-    assert paths.path_to(*outside) is None
 
 
 @pytest.fixture

@@ -11,10 +11,9 @@ from slamgym.planning import (
     make_costmap,
     occluded_views,
     reachable_space,
-    wavefront_frontiers,
 )
 from slamgym.planning.costmap import INSCRIBED_COST, LETHAL_COST, NO_INFORMATION
-from slamgym.planning.frontier_kernels import nearest_open_cell
+from slamgym.planning.frontiers import nearest_open_cell
 
 RESOLUTION = 0.05
 
@@ -54,39 +53,18 @@ def two_rooms(door_cells, far_known=30):
 
 
 @settings(max_examples=25)
-@given(seed=st.integers(0, 10_000), rule=st.sampled_from(["passable", "descending"]))
-def test_frontiers_border_free_and_unknown_and_share_no_cell(seed, rule):
+@given(seed=st.integers(0, 10_000))
+def test_frontiers_border_free_and_unknown_and_share_no_cell(seed):
     grid = blobs(seed)
     costmap = make_costmap(grid, CostmapConfig(inflation_radius=0.3))
     pose = pose_at(grid, 35, 45)
-    frontiers = find_frontiers(costmap, pose, min_size=0.0, rule=rule)
+    frontiers = find_frontiers(costmap, pose, min_size=0.0)
     free = np.pad(costmap.costs < LETHAL_COST, 1)
     cells = [tuple(cell) for frontier in frontiers for cell in frontier.cells]
     assert len(cells) == len(set(cells))
     for row, col in cells:
         assert costmap.costs[row, col] == NO_INFORMATION
         assert free[row, col + 1] or free[row + 2, col + 1] or free[row + 1, col] or free[row + 1, col + 2]
-
-
-@settings(max_examples=25)
-@given(seed=st.integers(0, 10_000))
-def test_wavefront_detector_finds_every_frontier_cell_of_the_connected_space(seed):
-    grid = blobs(seed)
-    found = {tuple(c) for f in wavefront_frontiers(grid, pose_at(grid, 35, 45)) for c in f.cells}
-    # By brute force: spread over free 4-neighbours, then look at the unknown 4-neighbours.
-    free, height, width = grid.cells == FREE, *grid.cells.shape
-    stack, seen, expected = [(35, 45)], {(35, 45)}, set()
-    while stack:
-        row, col = stack.pop()
-        for r, c in ((row - 1, col), (row + 1, col), (row, col - 1), (row, col + 1)):
-            if not (0 <= r < height and 0 <= c < width):
-                continue
-            if grid.cells[r, c] == UNKNOWN:
-                expected.add((r, c))
-            elif free[r, c] and (r, c) not in seen:
-                seen.add((r, c))
-                stack.append((r, c))
-    assert found == expected
 
 
 def test_fields_of_a_straight_frontier():
@@ -100,7 +78,6 @@ def test_fields_of_a_straight_frontier():
     centroid_x, centroid_y = grid.frame.to_point(19, 29.5)
     assert frontier.centroid == pytest.approx((float(centroid_x), float(centroid_y)))
     assert frontier.nearest == pytest.approx(pose_at(grid, 19, 10)[:2])
-    assert frontier.initial == pytest.approx(pose_at(grid, 19, 10)[:2])
     assert frontier.middle[0] == pytest.approx(float(centroid_x), abs=RESOLUTION)
 
 
@@ -109,7 +86,8 @@ def test_centroid_counts_the_first_contact_cell():
     cells[10:30, 10:30] = FREE
     cells[9, 18:20] = UNKNOWN  # two cells: leaving one out would move the mean by half a cell
     grid = grid_of(cells)
-    (frontier,) = wavefront_frontiers(grid, pose_at(grid, 20, 20))
+    costmap = make_costmap(grid, CostmapConfig(inscribed_radius=0.05, inflation_radius=0.05))
+    (frontier,) = find_frontiers(costmap, pose_at(grid, 20, 20), min_size=0.0)
     assert frontier.centroid == pytest.approx(tuple(float(v) for v in grid.frame.to_point(9, 18.5)))
 
 
@@ -123,20 +101,15 @@ def test_smaller_frontiers_are_dropped_and_those_of_exactly_the_size_kept():
     assert find_frontiers(make_costmap(grid), pose, min_size=0.8) == []
 
 
-def test_an_inflated_doorway_hides_a_frontier_from_the_original_rule_only():
+def test_an_inflated_doorway_hides_no_frontier():
     grid = two_rooms(door_cells=16)
-    costmap = make_costmap(grid)
-    pose = pose_at(grid, 30, 30)
-    assert find_frontiers(costmap, pose, rule="descending") == []
-    (frontier,) = find_frontiers(costmap, pose)
+    (frontier,) = find_frontiers(make_costmap(grid), pose_at(grid, 30, 30))
     assert frontier.size >= 55
 
 
 def test_a_gap_that_the_robot_cannot_pass_leads_to_no_frontier():
     grid = two_rooms(door_cells=7)
-    pose = pose_at(grid, 30, 30)
-    assert len(wavefront_frontiers(grid, pose, min_size=0.75)) == 1  # seen through the gap
-    assert find_frontiers(make_costmap(grid), pose) == []
+    assert find_frontiers(make_costmap(grid), pose_at(grid, 30, 30)) == []
 
 
 def test_a_robot_on_inflated_or_unknown_ground_still_searches():

@@ -7,11 +7,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from slamgym.core.geometry import wrap_angle
+from slamgym.core.jit import plain
 from slamgym.core.types import FREE, OCCUPIED, GridFrame, LaserGeometry, OccupancyGrid, Pose2D, Twist2D
 from slamgym.planning import Goal, GoalStatus, Navigator, PathFollower, make_costmap
 from slamgym.planning.context import ExplorerContext
-from slamgym.planning.hindrances import Hindrances
-from slamgym.planning.path_follower_kernels import free_travel, scan_points
+from slamgym.planning.path_follower import free_travel, scan_points
+from slamgym.planning.unmapped import UnmappedObstacles
 
 
 def room(rows=80, cols=120):
@@ -146,7 +147,7 @@ def test_what_the_map_showed_where_a_goal_was_given_up_stays_closed(make_world, 
     assert not is_open(world.truth.cells)  # from straight ahead the pane is seen
     assert is_open(looked_through)
     assert not is_open(world.truth.cells)
-    navigator.keep_hindrances(world.pose, 100.0)
+    navigator.keep_obstacles(world.pose, 100.0)
     assert not is_open(looked_through)
     navigator.set_goal(Goal(*world.point(40, 20)), world.pose, 100.0)
     assert navigator.is_active
@@ -156,15 +157,14 @@ def test_what_only_the_scan_showed_is_kept_as_a_wall_across_its_line_of_sight(ma
     cells = room()
     cells[:, 60] = OCCUPIED
     cells[30:50, 60] = FREE
-    hindrances = Hindrances(memory=10.0, half_width=0.5, spacing=0.025)
+    obstacles = UnmappedObstacles(spacing=0.025)
     world = make_world(cells)
     world.place(40, 54)
-    hindrances.note_seen(np.array([world.point(40, 60)]), world.pose, 0.0)
-    assert (
-        np.count_nonzero(hindrances.mark(world.truth, 5.0).cells == OCCUPIED) == (cells == OCCUPIED).sum() + 1
-    )
-    hindrances.keep_around(world.pose, 0.22, make_costmap(world.truth), world.truth)
-    kept = hindrances.mark(world.truth, 50.0).cells
+    obstacles.note_seen(np.array([world.point(40, 60)]), world.pose, 0.0)
+    marked = obstacles.mark(world.truth, 5.0).cells
+    assert (marked == OCCUPIED).sum() == (cells == OCCUPIED).sum() + 1
+    obstacles.keep_around(world.pose, 0.22, make_costmap(world.truth), world.truth)
+    kept = obstacles.mark(world.truth, 50.0).cells
     assert np.all(kept[31:49, 60] == OCCUPIED)
     assert np.all(kept[:, 59] == cells[:, 59])
 
@@ -206,7 +206,7 @@ def test_single_false_readings_are_no_obstacles():
     ranges = np.full(180, 3.5, np.float32)
     ranges[90] = 0.3
     ranges[20:23] = 1.0
-    points = scan_points(ranges, laser.angle_min, laser.angle_increment, 0.12, 3.5, 0.0, 0.0, 0.0)
+    points = scan_points(ranges, plain(laser))
     np.testing.assert_allclose(np.hypot(*points.T), 1.0, atol=1e-6)
     assert len(points) == 3
 
@@ -214,7 +214,7 @@ def test_single_false_readings_are_no_obstacles():
 @pytest.mark.parametrize("nan", [np.nan, np.inf, -np.inf])
 def test_erroneous_readings_are_left_out(nan):
     ranges = np.full(10, nan, np.float32)
-    assert len(scan_points(ranges, 0.0, 0.1, 0.12, 3.5, 0.0, 0.0, 0.0)) == 0
+    assert len(scan_points(ranges, plain(LaserGeometry(10, 0.0, 0.1, 0.12, 3.5)))) == 0
 
 
 def test_free_travel_is_the_time_to_contact():
@@ -245,7 +245,6 @@ def test_a_turn_past_the_back_keeps_its_direction():
 
 
 def test_normalised_and_physical_actions_are_the_same_velocity():
-
     context = ExplorerContext(GridFrame(0.05, 0, 0, 10, 10), LaserGeometry(2, 0, 1, 0.1, 3.5))
     np.testing.assert_allclose(context.to_action(Twist2D(0.13, -9.0)), [0.5, -1.0])
     physical = replace(context, normalized_actions=False)

@@ -6,7 +6,7 @@ import shapely
 
 from slamgym.cad.floorplan import FloorPlan
 from slamgym.core.errors import SlamgymError
-from slamgym.planning.prm import PrmConfig, build_roadmap, random_path, shorten, spread_stops, tour
+from slamgym.planning.prm import build_roadmap, random_path, shorten, spread_stops, tour
 
 CLEARANCE = 0.25
 
@@ -19,7 +19,7 @@ def grid():
 
 @pytest.fixture(scope="module")
 def roadmap(grid):
-    return build_roadmap(grid, PrmConfig(clearance=CLEARANCE), np.random.default_rng(0))
+    return build_roadmap(grid, CLEARANCE, np.random.default_rng(0))
 
 
 def clearance_along(path: np.ndarray) -> float:
@@ -67,11 +67,11 @@ def test_shortening_leaves_out_needless_points(roadmap) -> None:
 
 
 def test_the_same_seed_gives_the_same_roadmap(grid, roadmap) -> None:
-    again = build_roadmap(grid, PrmConfig(clearance=CLEARANCE), np.random.default_rng(0))
+    again = build_roadmap(grid, CLEARANCE, np.random.default_rng(0))
     np.testing.assert_array_equal(again.nodes, roadmap.nodes)
 
 
 def test_a_plan_too_narrow_for_the_robot_is_refused() -> None:
     grid = FloorPlan("gap", shapely.box(0.0, 0.0, 8.0, 0.3)).raster(0.05)
     with pytest.raises(SlamgymError, match="too narrow"):
-        build_roadmap(grid, PrmConfig(clearance=CLEARANCE), np.random.default_rng(0))
+        build_roadmap(grid, CLEARANCE, np.random.default_rng(0))

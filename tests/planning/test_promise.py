@@ -136,8 +136,8 @@ def test_the_loop_ends_where_the_promise_is_kept_and_goes_on_where_a_door_is_ope
     geometry = LaserGeometry(180, -np.pi / 2, np.pi / 179, 0.12, 3.5)
     lax = Promise(0.5, None, 0.5)
     for door, promise, ends_at in ((0.0, EASY, 64), (1.0, lax, 60), (1.0, EASY, None)):
-        config = ExplorationLoopConfig(look_around_before=0.0, promise=promise)
-        loop = ExplorationLoop(ExplorerContext(FRAME, geometry), config)
+        loop = ExplorationLoop(ExplorerContext(FRAME, geometry), ExplorationLoopConfig(promise=promise))
+        loop._recovery.note_time(0.0)  # it began long ago: too late for a look around
         ended = []
         for time in range(60, 66, 2):
             see(loop, door, time)

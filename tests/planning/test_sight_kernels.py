@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from slamgym.planning.frontiers import unknown_by_ray, visible_unknown
+from slamgym.planning.frontier_feature_kernels import unknown_by_ray, visible_unknown
 
 LETHAL, UNKNOWN = 254, 255
 STEP = 2.0 * np.pi / 72

@@ -5,8 +5,8 @@ import pytest
 
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, GridFrame, LaserGeometry, OccupancyGrid, Pose2D
 from slamgym.planning import expected_gain, make_costmap, reachable_space
-from slamgym.planning.coarse_paths import CoarsePaths
 from slamgym.planning.frontiers import view_gain
+from slamgym.planning.grid_path import CoarsePaths
 
 RESOLUTION = 0.05
 HALF_TURN = LaserGeometry(180, -math.pi / 2, math.pi / 179, 0.12, 3.5)

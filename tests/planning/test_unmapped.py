@@ -6,7 +6,7 @@ import pytest
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, GridFrame, LaserGeometry, OccupancyGrid, Pose2D
 from slamgym.planning import ExplorerContext
 from slamgym.planning.exploration_loop import ExplorationLoop, ExplorationLoopConfig
-from slamgym.planning.open_air import clear_open_air, find_open_air, is_undrawn
+from slamgym.planning.unmapped import find_open_space, free_unknown, is_unmapped
 
 FRAME = GridFrame(0.05, -6.0, -6.0, 240, 240)
 LASER = LaserGeometry(180, -np.pi / 2, np.pi / 179, 0.12, 3.5)
@@ -33,8 +33,8 @@ def doorway():
 
 
 @pytest.mark.parametrize("first", [0, 40, 88])
-def test_open_air_is_a_fan_a_metre_long_where_a_right_angle_is_empty(first):
-    points = find_open_air(Pose2D(1.0, 2.0, np.pi / 2), opened(first, 92), LASER)
+def test_open_space_is_a_fan_a_metre_long_where_a_right_angle_is_empty(first):
+    points = find_open_space(Pose2D(1.0, 2.0, np.pi / 2), opened(first, 92), LASER)
     assert points is not None
     east, north = points[:, 0] - 1.0, points[:, 1] - 2.0
     assert np.hypot(east, north).max() <= 1.0
@@ -45,31 +45,31 @@ def test_open_air_is_a_fan_a_metre_long_where_a_right_angle_is_empty(first):
 
 
 @pytest.mark.parametrize("width", [0, 30, 80])
-def test_windows_and_dark_walls_are_no_open_air(width):
-    assert find_open_air(Pose2D(0.0, 0.0, 0.0), opened(20, width), LASER) is None
+def test_windows_and_dark_walls_are_no_open_space(width):
+    assert find_open_space(Pose2D(0.0, 0.0, 0.0), opened(20, width), LASER) is None
 
 
-def test_a_few_strays_do_not_close_open_air_and_many_do():
+def test_a_few_strays_do_not_close_open_space_and_many_do():
     scan = NOTHING.copy()
     scan[::60] = 1.0
-    assert find_open_air(Pose2D(0.0, 0.0, 0.0), scan, LASER) is not None
+    assert find_open_space(Pose2D(0.0, 0.0, 0.0), scan, LASER) is not None
     scan[::10] = 1.0
-    assert find_open_air(Pose2D(0.0, 0.0, 0.0), scan, LASER) is None
+    assert find_open_space(Pose2D(0.0, 0.0, 0.0), scan, LASER) is None
 
 
 def test_only_unknown_cells_become_free():
     grid = doorway()
-    points = find_open_air(Pose2D(1.8, 0.0, 0.0), NOTHING, LASER)
+    points = find_open_space(Pose2D(1.8, 0.0, 0.0), NOTHING, LASER)
     before = grid.cells.copy()
-    after = clear_open_air(points, grid)
+    after = free_unknown(points, grid)
     np.testing.assert_array_equal(grid.cells, before)
     changed = after.cells != before
     assert changed.any()
     assert (before[changed] == UNKNOWN).all()
     assert (after.cells[changed] == FREE).all()
     beyond = points + np.array([0.6, 0.0])
-    assert is_undrawn(beyond, grid)
-    assert not is_undrawn(beyond, clear_open_air(beyond, grid))
+    assert is_unmapped(beyond, grid)
+    assert not is_unmapped(beyond, free_unknown(beyond, grid))
 
 
 @pytest.mark.parametrize(("scan", "goes_out"), [(NOTHING, True), (WALL, False)])

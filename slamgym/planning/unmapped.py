@@ -1,0 +1,134 @@
+"""What the map doesn't show: obstacles that stop the robot, and open space from which no beam returns.
+
+A map is cleared along a beam without return only as far as the returns next to it vouch for it, because behind a
+window or a dark wall there is nothing to see either. A robot that stands in a doorway sees both posts and, of a hall
+larger than its scanner's range, nothing else: the map doesn't grow, however often it goes there.
+"""
+
+import math
+
+import numpy as np
+
+from slamgym.core.geometry import compose, transform_points
+from slamgym.core.types import FREE, UNKNOWN, Float32Array, FloatArray, LaserGeometry, OccupancyGrid, Pose2D
+from slamgym.planning.costmap import LETHAL_COST, Costmap, cells_inside, mark_obstacles, unmapped_points
+
+_MEMORY = 10.0
+"""Obstacles that only the scan showed are kept for so long [s]: people walk on."""
+_HALF_WIDTH = 0.5
+"""What the robot couldn't pass is taken to reach so far to either side [m]: a door leaf or pane is about 1 m wide."""
+_TOUCHED = 0.4
+"""What stands so near to the body of a robot that gave up is what stopped it [m]."""
+
+_REACH = 1.0
+"""So far from the sensor space without a return is taken for free, if it must be [m]."""
+_GAP = math.radians(90.0)
+"""Windows and dark walls are no wider than this, seen from where a robot goes [rad] (as in drawing the map)."""
+_EMPTY = 0.97
+"""Share of the beams in the gap without return: some are strays."""
+_UNMAPPED = 0.5
+"""Share of the gap, up to the reach, that the map must not know."""
+
+
+class UnmappedObstacles:
+    """Obstacles that the map doesn't show: for some seconds, or for the rest of the exploration.
+
+    Points are in the frame of the map [m].
+
+    Args:
+        spacing: Distance between points that close a passage [m].
+    """
+
+    def __init__(self, spacing: float) -> None:
+        self._offsets = np.arange(-_HALF_WIDTH, _HALF_WIDTH, spacing)
+        self._seen: list[tuple[float, Pose2D, FloatArray]] = []  # when, from where, points (N, 2)
+        self._failed: list[FloatArray] = []  # places (2,) where the robot didn't get through
+        self._closing = np.zeros((0, 2))  # points across passages
+        self._kept = np.zeros((0, 2))  # points
+
+    def note_seen(self, points: FloatArray, pose: Pose2D, time: float) -> None:
+        """Keep what the scan shows, points (N, 2), for a while."""
+        if len(points):
+            self._seen.append((time, pose, points))
+
+    def note_impassable(self, centre: FloatArray, along: FloatArray) -> bool:
+        """Note that the robot didn't get through a place (2,) in a direction (2,); returns True if it is closed now.
+
+        It is from the second time on; narrow doors get another try.
+        """
+        again = any(math.dist(centre, place) < 2.0 * _HALF_WIDTH for place in self._failed)
+        self._failed.append(centre)
+        if again:
+            across = np.array([-along[1], along[0]])
+            self._closing = np.vstack([self._closing, centre + self._offsets[:, None] * across])
+        return again
+
+    def keep_around(self, pose: Pose2D, radius: float, costmap: Costmap, grid: OccupancyGrid) -> None:
+        """Keep the obstacles near the robot for good, even if map and scan show them no more.
+
+        For where it gave a goal up. A pane of glass returns only the beams that meet it at right angles. So it comes
+        and goes in the map, and reaches farther across the line of sight than the scan shows.
+
+        Args:
+            pose: The robot.
+            radius: The robot's [m].
+            costmap: Map and obstacles as they are now.
+            grid: The map alone.
+        """
+        found = [np.column_stack(costmap.frame.to_point(*np.nonzero(costmap.costs == LETHAL_COST)))]
+        for _, seen_from, seen in self._seen:
+            points = unmapped_points(grid, seen)
+            sight = points - np.array(seen_from[:2])
+            across = sight[:, ::-1] * (-1.0, 1.0) / np.maximum(np.hypot(*sight.T), 1e-3)[:, None]
+            found.append((points + self._offsets[:, None, None] * across).reshape(-1, 2))
+        points = np.vstack(found)
+        near = points[np.hypot(*(points - np.array(pose[:2])).T) < radius + _TOUCHED]
+        # One point for each cell, its centre, so that coming again adds next to nothing.
+        cells = np.unique(np.column_stack(costmap.frame.to_cell(near[:, 0], near[:, 1])), axis=0)
+        self._kept = np.unique(np.vstack([self._kept, costmap.frame.to_points(*cells.T)]), axis=0)
+
+    def mark(self, grid: OccupancyGrid, time: float) -> OccupancyGrid:
+        """Copy a map with all of them entered; forgets what was seen too long ago."""
+        self._seen = [seen for seen in self._seen if time - seen[0] < _MEMORY]
+        if self._seen:
+            grid = mark_obstacles(grid, np.vstack([points for _, _, points in self._seen]))
+        if len(self._closing):
+            grid = mark_obstacles(grid, self._closing)
+        return mark_obstacles(grid, self._kept, apart=0.0) if len(self._kept) else grid
+
+
+def find_open_space(pose: Pose2D, ranges: Float32Array, geometry: LaserGeometry) -> FloatArray | None:
+    """Points in the widest direction in which a scan met nothing, shape (N, 2), map frame [m]; None if there is none.
+
+    Args:
+        pose: Where the scan was taken.
+        ranges: The scan, shape (num_beams,) [m]; no return is the largest range or inf.
+        geometry: The scanner.
+    """
+    width = math.ceil(_GAP / geometry.angle_increment)
+    empty = ranges >= np.float32(geometry.range_max)
+    if width > len(ranges) or np.count_nonzero(empty) < _EMPTY * width:
+        return None
+    shares = np.convolve(empty, np.ones(width) / width, mode="valid")
+    best = np.flatnonzero(shares >= shares.max() - 1e-9)
+    if shares[best[0]] < _EMPTY:
+        return None
+    first = int(best[len(best) // 2])  # the middle of all such gaps
+    angles = geometry.angles[np.flatnonzero(empty[first : first + width]) + first]
+    lengths = np.arange(0.0, _REACH, 0.02)
+    points = lengths[:, None, None] * np.column_stack([np.cos(angles), np.sin(angles)])
+    return transform_points(compose(pose, geometry.mount), points.reshape(-1, 2))
+
+
+def is_unmapped(points: FloatArray, grid: OccupancyGrid) -> bool:
+    """True if a map leaves most of some open space, points (N, 2) [m], unknown."""
+    row, col, _ = cells_inside(grid.frame, points)
+    return bool(np.count_nonzero(grid.cells[row, col] != UNKNOWN) <= (1.0 - _UNMAPPED) * len(points))
+
+
+def free_unknown(points: FloatArray, grid: OccupancyGrid) -> OccupancyGrid:
+    """Copy a map with the unknown cells at some points (N, 2) [m] free."""
+    row, col, _ = cells_inside(grid.frame, points)
+    cells = grid.cells.copy()
+    cells[row, col] = np.where(cells[row, col] == UNKNOWN, np.uint8(FREE), cells[row, col])
+    return OccupancyGrid(cells, grid.frame)
