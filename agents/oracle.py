@@ -56,7 +56,7 @@ class TrueBuilding:
         frame = known.frame._replace(
             origin_x=known.frame.origin_x + offset[0], origin_y=known.frame.origin_y + offset[1]
         )
-        radius = robot.circumscribed_radius
+        radius = robot.radius
         config_of_body = CostmapConfig(inscribed_radius=radius, inflation_radius=radius)
         costmap = make_costmap(OccupancyGrid(known.cells, frame), config_of_body)
         space = reachable_space(costmap, self.start)

@@ -255,7 +255,7 @@ def choose_plans(source: PlanSource, config: EvaluationConfig) -> tuple[list[Flo
             plan = source.load(plan_id)
             if not passes(plan, config.plans_filter):
                 continue
-            check_plan(plan, env.robot.circumscribed_radius, env.observation.largest_extent)
+            check_plan(plan, env.robot.radius, env.observation.largest_extent)
         except PlanError as error:
             skipped.append(Skipped(plan_id, error.reason))
             continue

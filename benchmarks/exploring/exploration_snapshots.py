@@ -75,7 +75,7 @@ def explorations(
             return
         try:
             plan = source.load(plan_id)
-            check_plan(plan, config.robot.circumscribed_radius, 0.5 * config.observation.map_size)
+            check_plan(plan, config.robot.radius, 0.5 * config.observation.map_size)
         except PlanError:
             continue
         if passes(plan, "useful"):

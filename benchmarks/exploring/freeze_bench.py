@@ -93,7 +93,7 @@ def main() -> None:
 
 def draw_homes(source: PlanSource) -> list[FloorPlan]:
     """Held-out plans worth exploring whose files need no repair, and which look like no other plan."""
-    radius = RobotConfig().circumscribed_radius
+    radius = RobotConfig().radius
     plans: list[FloorPlan] = []
     for plan_id in shuffled(ids_of(source.ids, "test"), SEED):
         try:
@@ -138,7 +138,7 @@ def draw_real(source: PlanSource) -> list[FloorPlan]:
     for plan_id in source.ids:
         try:
             plan = as_shipped(source.load(plan_id))
-            check_plan(plan, RobotConfig().circumscribed_radius)
+            check_plan(plan, RobotConfig().radius)
         except PlanError as error:
             print(f"left out: {error.reason}")
             continue
@@ -157,7 +157,7 @@ def offices(name: str, count: int, area: tuple[float, float]) -> list[FloorPlan]
         plan = as_shipped(generate_plan(rng, config, f"{name}_{index:02d}"))
         index += 1
         try:
-            check_plan(plan, RobotConfig().circumscribed_radius)
+            check_plan(plan, RobotConfig().radius)
         except PlanError:
             continue
         if plan.free_space.interiors:

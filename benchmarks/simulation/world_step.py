@@ -81,9 +81,6 @@ def cases() -> list[Case]:
         Case("open space, furniture", World(medium, robot, clutter=clutter), middle, circle),
         Case("three people walking", World(medium, robot, clutter=people), away, Twist2D(0.0, 0.4)),
         Case("pressing on a wall", World(medium, robot), middle, Twist2D(0.26, 0.0)),
-        Case(
-            "pressing, footprint", World(medium, RobotConfig(shape="footprint")), middle, Twist2D(0.26, 0.0)
-        ),
     ]
 
 

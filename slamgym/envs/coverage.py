@@ -22,7 +22,7 @@ from slamgym.core.geometry import compose, unit_vectors
 from slamgym.core.types import BoolArray, FloatArray, GridFrame, LaserGeometry, Pose2D
 from slamgym.envs.sweep import sweep
 from slamgym.sim.passages import Passages
-from slamgym.sim.start import fitting_area
+from slamgym.sim.space import fitting_area
 
 CELL = 0.1
 """Cell size of the floor [m]: the beams of one scan are at most 5 cm apart within the usable range."""

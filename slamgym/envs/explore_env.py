@@ -324,7 +324,7 @@ class ExploreEnv(gym.Env[Any, Any]):
         return ExplorerContext(
             frame=observation.frame(),
             geometry=self._lidar.geometry,
-            robot_radius=robot.circumscribed_radius,
+            robot_radius=robot.radius,
             max_linear=robot.max_linear,
             max_angular=robot.max_angular,
             control_step=config.control_step,

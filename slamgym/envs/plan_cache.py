@@ -16,7 +16,7 @@ from slamgym.core.errors import ConfigError, PlanError
 from slamgym.core.types import Pose2D
 from slamgym.envs.coverage import ReachableFloor
 from slamgym.sim import Clutter, RobotConfig, SurfaceConfig
-from slamgym.sim.start import sample_pose, sample_start, start_area
+from slamgym.sim.space import sample_pose, sample_start, start_area
 from slamgym.sim.surfaces import Surfaces, furnished_surfaces, wall_surfaces
 
 _logger = logging.getLogger(__name__)

@@ -137,7 +137,7 @@ class Simulation:
         self._odometry = WheelOdometry(config.odometry, config.robot, streams.odometry)
         self._believes_truth = config.slam.mode == "ground_truth"
         self._dt = config.control_step
-        self.radius = config.robot.circumscribed_radius
+        self.radius = config.robot.radius
         self._steps = 0
         self._in_contact = False
         self.start = start

@@ -42,7 +42,7 @@ from slamgym.planning.frontier_feature_kernels import cut_frontier_crop
 from slamgym.planning.open_tour import lengths_by_first, open_tour, short_paths
 from slamgym.sim import ClutterConfig
 from slamgym.sim.motion import settle
-from slamgym.sim.passages import first_fitting
+from slamgym.sim.passages import next_clear
 from slamgym.slam import SlamConfig, make_mapper
 from slamgym.slam.config import PoseGraphConfig
 from slamgym.slam.graph.matching import search_window
@@ -173,7 +173,7 @@ KERNEL_PARTS: dict[str, tuple[Callable[[], None], Callable[..., Any]]] = {
     "navigate": (_navigate, short_paths),
     BATCHED: (_step_many, batch_kernels.crop_all),
     "pose_graph": (functools.partial(_match, "pose_graph"), search_window),
-    "furnish": (_furnish, first_fitting),
+    "furnish": (_furnish, next_clear),
     "decide": (_decide, cut_frontier_crop),
 }
 """What compiles each part, and a kernel that it compiles at its end."""

@@ -19,10 +19,10 @@ import numpy as np
 from slamgym.core.geometry import wrap_angle
 from slamgym.core.types import FloatArray
 from slamgym.parametric.config import TwoPhaseConfig
-from slamgym.sim.robot import RobotConfig
+from slamgym.sim.robot import WHEEL_RADIUS, RobotConfig
 
 _ROBOT = RobotConfig()
-WHEEL_BASE, WHEEL_DIAMETER = _ROBOT.wheel_separation, 2.0 * _ROBOT.wheel_radius  # nominal [m]
+WHEEL_BASE, WHEEL_DIAMETER = _ROBOT.wheel_separation, 2.0 * WHEEL_RADIUS  # nominal [m]
 _ALPHA_EB_DEG = 1.0
 """Spread of the error of a quarter turn through the wheel base [deg]; rms 0.98 over 8 OptiOdom sets."""
 _KAPPA_DEG = 0.23

@@ -8,15 +8,13 @@ from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 
-from slamgym.core.config import CountOrZero, NonNegative, Positive, Settings, Share, Within
-from slamgym.core.errors import ConfigError
+from slamgym.core.config import CountOrZero, NonNegative, Settings, Share, Within
 from slamgym.core.types import BoolArray, FloatArray, IntArray
-from slamgym.sim.door_leaves import doors_of, has_leaf, is_closed, leaf_boxes
 from slamgym.sim.furnishing import PlacedPiece, Wish, furnish, put_down
 from slamgym.sim.passages import Passages
 from slamgym.sim.people import PERSON_RADIUS, Person, Walkable
 from slamgym.sim.robot import RobotConfig
-from slamgym.sim.room_areas import RoomArea, room_areas
+from slamgym.sim.rooms_and_doors import RoomArea, doors_of, has_leaf, is_closed, leaf_boxes, room_areas
 
 if TYPE_CHECKING:
     from slamgym.cad.floorplan import Door, FloorPlan
@@ -31,14 +29,20 @@ _DOOR_ROOM = 0.45
 _PLACES = 3
 _HINGES = 3
 
-# People walk at least this far from walls [m].
+# Furniture leaves the passages this much wider than the robot on either side: a hand's breadth [m].
+_PASSAGE = 0.1
+
+# People walk at least this far from walls [m], and at these speeds: unhurried indoors to brisk [m/s].
 _WALKING_GAP = 0.05
+_WALKING_SPEED = (0.4, 1.2)
 
 # What is smaller than this is seen as its two diagonals, which have the same shadow as the square about them [m].
 _LEG = 0.1
 
 
-class ClutterConfig(Settings, section="clutter"):
+class ClutterConfig(
+    Settings, section="clutter", dropped={"passage": _PASSAGE, "walking_speed": list(_WALKING_SPEED)}
+):
     """How much there is of it. The default is an empty building."""
 
     furniture: Annotated[float, Within(ge=0.0, le=3.0)] = 0.0
@@ -68,20 +72,10 @@ class ClutterConfig(Settings, section="clutter"):
     people: CountOrZero = 0
     """Number of people who walk about."""
 
-    passage: NonNegative = 0.1
-    """Furniture leaves the passages this much wider than the robot on either side [m]."""
-
-    walking_speed: tuple[Positive, Positive] = (0.4, 1.2)
-    """Range of the people's speeds; unhurried indoors to brisk [m/s]."""
-
     @property
     def is_empty(self) -> bool:
-        """Whether there is none of it."""
+        """True if there is none of it."""
         return not (self.furniture or self.doors or self.people)
-
-    def _check(self) -> None:
-        if self.walking_speed[0] > self.walking_speed[1]:
-            raise ConfigError(f"clutter.walking_speed must be (slowest, fastest), not {self.walking_speed}")
 
 
 @dataclass(frozen=True)
@@ -147,6 +141,72 @@ def outlines_of(solids: Sequence[FloatArray]) -> FloatArray:
     return np.vstack(parts)
 
 
+class Changes:
+    """The movables of a world, and where each stands now.
+
+    Args:
+        clutter: What there is.
+        rows: The world's segments of the clutter, as :meth:`Clutter.segments` gives them; changed in place.
+    """
+
+    def __init__(self, clutter: Clutter, rows: FloatArray) -> None:
+        self._clutter = clutter
+        self.movables = clutter.movables if clutter.changes else ()
+        self._places = [[outlines_of(solids) for solids in places] for places in self.movables]
+        self._rows = rows[len(rows) - sum(len(places[0]) for places in self._places) :]
+        ends = np.cumsum([len(places[0]) for places in self._places])
+        self._slices = [
+            slice(int(end) - len(places[0]), int(end)) for end, places in zip(ends, self._places, strict=True)
+        ]
+        self.reset()
+
+    def reset(self) -> None:
+        """Back to the start, to change in the same way again."""
+        self._rng = np.random.default_rng(self._clutter.seed)
+        self._now = [0] * len(self._places)
+        for index in range(len(self._places)):
+            self._put(index, 0)
+
+    def furniture(self) -> tuple[FloatArray, ...]:
+        """What stands on the floor now: corners of each solid, shape (K, 2) [m]."""
+        if not self.movables:
+            return self._clutter.solids()
+        moved = zip(self.movables, self._now, strict=True)
+        return (*self._clutter.furniture, *(solid for places, now in moved for solid in places[now]))
+
+    def advance(self, span: float, discs: FloatArray) -> bool:
+        """Let time pass, in which something may be moved, but nothing that would come near to somebody.
+
+        Args:
+            span: Duration [s].
+            discs: Robot and people with the room they need, shape (D, 3) as x, y, radius [m].
+
+        Returns:
+            True if anything was moved.
+        """
+        if not self.movables:
+            return False
+        moved = False
+        for _ in range(int(self._rng.poisson(self._clutter.changes * span))):
+            index = int(self._rng.integers(len(self._places)))
+            place = int(self._rng.integers(len(self._places[index])))
+            if place != self._now[index] and self._is_away(index, place, discs):
+                self._put(index, place)
+                moved = True
+        return moved
+
+    def _is_away(self, index: int, place: int, discs: FloatArray) -> bool:
+        """True if nobody is on the way of a piece: in the box about its old and its new place."""
+        points = np.vstack([self._rows[self._slices[index]], self._places[index][place]]).reshape(-1, 2)
+        low, high = points.min(axis=0), points.max(axis=0)
+        gap = discs[:, :2] - np.clip(discs[:, :2], low, high)
+        return bool((np.hypot(*gap.T) > discs[:, 2]).all())
+
+    def _put(self, index: int, place: int) -> None:
+        self._now[index] = place
+        self._rows[self._slices[index]] = self._places[index][place]
+
+
 def make_clutter(
     plan: "FloorPlan", rng: np.random.Generator, config: ClutterConfig, robot: RobotConfig | None = None
 ) -> Clutter:
@@ -164,9 +224,9 @@ def make_clutter(
     Returns:
         The clutter.
     """
-    radius = (robot or RobotConfig()).circumscribed_radius
+    radius = (robot or RobotConfig()).radius
     walking = PERSON_RADIUS + _WALKING_GAP
-    passages = Passages(plan, max(radius + config.passage, walking) + 0.01)
+    passages = Passages(plan, max(radius + _PASSAGE, walking) + 0.01)
     rooms, labels = room_areas(plan, passages, rng)
     # Furniture leaves all parts connected, so only closed doors ask for more than a look at what it covers.
     reach = passages.largest_part if config.cut_off else passages.fits
@@ -272,7 +332,7 @@ def _place_pieces(
     if not config.furniture:
         return [], 0
     places = _PLACES if config.changes else 1
-    wish = Wish(config.furniture, np.array([radius + config.passage, radius]), places, config.untidiness)
+    wish = Wish(config.furniture, np.array([radius + _PASSAGE, radius]), places, config.untidiness)
     placed, left_out = [], 0
     for room in rooms:
         pieces, missing = furnish(passages, room, wish, rng)
@@ -293,7 +353,7 @@ def _populate(
     people = tuple(
         Person(
             passages.sample_point(cells, rng),
-            float(rng.uniform(*config.walking_speed)),
+            float(rng.uniform(*_WALKING_SPEED)),
             int(rng.integers(2**32)),
         )
         for _ in range(config.people)

@@ -11,7 +11,7 @@ from slamgym.core.jit import kernel
 from slamgym.core.types import FloatArray
 from slamgym.sim.furniture import SMALL_THINGS, UNTIDY_TABLES, Corners, Piece, Shape, pieces_for, shape_of
 from slamgym.sim.passages import Passages
-from slamgym.sim.room_areas import RoomArea
+from slamgym.sim.rooms_and_doors import RoomArea
 
 # Places tried for one piece before it is left out.
 _TRIES = 10

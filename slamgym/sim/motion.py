@@ -6,14 +6,12 @@ once; the constants below name its entries.
 """
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
 from slamgym.core.jit import kernel
 from slamgym.core.types import FloatArray
 from slamgym.sim.contact import SKIN, SUBSTEP_DISTANCE, Velocity
-from slamgym.sim.robot import RobotConfig
 
 X, Y, THETA, LINEAR, ANGULAR, LEFT, RIGHT, DISTANCE = range(8)
 """Drive state: pose [m, m, rad], drive velocity [m/s, rad/s], roll of each wheel and distance of the body [m]."""
@@ -36,26 +34,6 @@ _SUBSTEP_TIME = 0.03
 _CONTACT_TOLERANCE = 1e-4
 
 
-class Body(NamedTuple):
-    """What of a robot matters to contacts, as the kernels take it."""
-
-    radius: float  # of the disc [m]
-    lever: float  # how far from the axle turning moves the outline [m]: a disc turns within itself
-    rectangle: tuple[float, float, float, float]  # rear, right, front, left [m]
-    is_disc: bool
-    stops: bool  # at contact, else it slides
-    slip: float  # what the wheels do while contact blocks the body
-    separation: float  # of the wheels [m]
-
-    @classmethod
-    def of(cls, robot: RobotConfig) -> "Body":
-        """The body of a robot."""
-        is_disc, rectangle = robot.shape == "circle", tuple(map(float, robot.footprint))
-        lever, stops = 0.0 if is_disc else robot.circumscribed_radius, robot.contact == "stop"
-        slip, separation = float(robot.contact_slip), float(robot.wheel_separation)
-        return cls(float(robot.radius), lever, rectangle, is_disc, stops, slip, separation)  # type: ignore[arg-type]
-
-
 @kernel
 def clearance(x: float, y: float, segments: FloatArray, discs: FloatArray) -> float:
     """Distance from a point to the nearest segment or disc [m]; negative inside a disc."""
@@ -75,46 +53,6 @@ def clearance(x: float, y: float, segments: FloatArray, discs: FloatArray) -> fl
     for p in range(discs.shape[0]):
         nearest = min(nearest, math.hypot(x - discs[p, 0], y - discs[p, 1]) - discs[p, 2])
     return nearest
-
-
-@kernel
-def rectangle_overlaps(
-    pose: FloatArray, rectangle: FloatArray, segments: FloatArray, discs: FloatArray
-) -> bool:
-    """Whether a rectangle (rear, right, front, left) in the frame of ``pose`` meets a segment or a disc."""
-    cos, sin = math.cos(pose[THETA]), math.sin(pose[THETA])
-    for s in range(segments.shape[0]):
-        gx, gy = segments[s, 0] - pose[X], segments[s, 1] - pose[Y]
-        ax, ay = cos * gx + sin * gy, cos * gy - sin * gx
-        gx, gy = segments[s, 2] - pose[X], segments[s, 3] - pose[Y]
-        bx, by = cos * gx + sin * gy, cos * gy - sin * gx
-        if _segment_meets_box(ax, ay, bx, by, rectangle):
-            return True
-    for p in range(discs.shape[0]):
-        gx, gy = discs[p, 0] - pose[X], discs[p, 1] - pose[Y]
-        ax, ay = cos * gx + sin * gy, cos * gy - sin * gx
-        dx = max(rectangle[0] - ax, 0.0, ax - rectangle[2])
-        dy = max(rectangle[1] - ay, 0.0, ay - rectangle[3])
-        if dx * dx + dy * dy < discs[p, 2] * discs[p, 2]:
-            return True
-    return False
-
-
-@kernel
-def _segment_meets_box(ax: float, ay: float, bx: float, by: float, box: FloatArray) -> bool:
-    """Clip a segment against the open box (min x, min y, max x, max y): the slab method."""
-    enter, leave = 0.0, 1.0
-    for axis in range(2):
-        start, step = (ax, bx - ax) if axis == 0 else (ay, by - ay)
-        low, high = box[axis], box[axis + 2]
-        if step == 0.0:
-            if start <= low or start >= high:
-                return False
-        else:
-            first, second = (low - start) / step, (high - start) / step
-            enter = max(enter, min(first, second))
-            leave = min(leave, max(first, second))
-    return enter < leave
 
 
 @kernel
@@ -227,10 +165,9 @@ def _advance(
 
 
 @kernel
-def contact_span(state: FloatArray, target_linear: float, target_angular: float, lever: float) -> float:
-    """A time in which no point of the body can move further than the contact skin allows [s]."""
+def contact_span(state: FloatArray, target_linear: float) -> float:
+    """A time in which the body, which turns within itself, can't move further than the contact skin allows [s]."""
     speed = max(abs(state[LINEAR]), abs(target_linear))
-    speed += lever * max(abs(state[ANGULAR]), abs(target_angular))
     return min(_SUBSTEP_TIME, SUBSTEP_DISTANCE / speed) if speed > 0.0 else _SUBSTEP_TIME
 
 
@@ -239,8 +176,9 @@ def settle(
     state: FloatArray,
     drive: tuple[float, float, float, float, float, float, float],
     solved: tuple[Velocity, Velocity],
+    limits: FloatArray,
     span: float,
-    body: Body,
+    radius: float,
     segments: FloatArray,
     discs: FloatArray,
 ) -> tuple[bool, float, float]:
@@ -248,59 +186,45 @@ def settle(
 
     Args:
         state: Drive state, updated in place.
-        drive: What the drive would have done, had nothing been in the way: :func:`wished`.
+        drive: The drive's motion had nothing been in the way: :func:`wished`.
         solved: The velocity that contact leaves of that, and the push that ends an overlap of the skin.
+        limits: As for :func:`drive_freely`.
         span: Duration [s].
-        body: The robot's.
+        radius: Of the body without its skin [m].
         segments: Obstacles, shape (S, 4).
         discs: Obstacles, shape (P, 3).
 
     Returns:
-        Whether contact changed the motion; the body's speed [m/s] and turning rate [rad/s].
+        True if contact changed the motion; the body's speed [m/s] and turning rate [rad/s].
     """
-    body = Body(*body)
     x, y, theta = state[X], state[Y], state[THETA]
     left, push = solved
     wish = (drive[0] / span, drive[1] / span, drive[4])
     change = max(abs(left[0] - wish[0]), abs(left[1] - wish[1]), abs(left[2] - wish[2]))
     contact = change > _CONTACT_TOLERANCE
-    vx, vy, rate = left[0] + push[0], left[1] + push[1], left[2] + push[2]
-    if contact and body.stops:
-        vx, vy, rate = 0.0, 0.0, wish[2] if body.is_disc else 0.0
     # Cut to what the skin allows, whatever the solver returns.
-    dx, dy, turn = vx * span, vy * span, rate * span
-    distance = math.hypot(dx, dy) + body.lever * abs(turn)
+    dx, dy, turn = (left[0] + push[0]) * span, (left[1] + push[1]) * span, (left[2] + push[2]) * span
+    distance = math.hypot(dx, dy)
     if distance > SKIN:
         share = SKIN / distance
         dx, dy, turn = dx * share, dy * share, turn * share
     state[X], state[Y], state[THETA] = x + dx, y + dy, theta + turn
-    if overlaps(state, body, segments, discs):
+    if clearance(state[X], state[Y], segments, discs) < radius:
         contact = True
         state[X], state[Y] = x, y
-        if overlaps(state, body, segments, discs):
-            state[THETA] = theta
     dx, dy, turn = state[X] - x, state[Y] - y, state[THETA] - theta
     middle = theta + 0.5 * turn
     distance = dx * math.cos(middle) + dy * math.sin(middle)
-    slip = body.slip if contact else 1.0
-    rolled, rolled_turn = distance + slip * (drive[2] - distance), turn + slip * (drive[3] - turn)
-    half = 0.5 * body.separation
+    # The wheels roll on as driven.
+    rolled, rolled_turn = distance + (drive[2] - distance), turn + (drive[3] - turn)
+    half = 0.5 * limits[2]
     linear, angular = distance / span, turn / span
-    state[LINEAR] = linear + slip * (drive[5] - linear)
-    state[ANGULAR] = angular + slip * (drive[6] - angular)
+    state[LINEAR] = linear + (drive[5] - linear)
+    state[ANGULAR] = angular + (drive[6] - angular)
     state[LEFT] += rolled - half * rolled_turn
     state[RIGHT] += rolled + half * rolled_turn
     state[DISTANCE] += math.hypot(dx, dy)
     return contact, linear, angular
-
-
-@kernel
-def overlaps(state: FloatArray, body: Body, segments: FloatArray, discs: FloatArray) -> bool:
-    """Whether the body, without its skin, would be in an obstacle."""
-    body = Body(*body)
-    if body.is_disc:
-        return clearance(state[X], state[Y], segments, discs) < body.radius
-    return rectangle_overlaps(state, np.array(body.rectangle), segments, discs)
 
 
 @kernel

@@ -10,12 +10,12 @@ middle x, y, unit vector of its length x, y, half its length, half its width [m]
 """
 
 import copy
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from slamgym.core.jit import assign, kernel
-from slamgym.core.types import BoolArray, ByteArray, FloatArray, GridFrame, Int32Array, IntArray
+from slamgym.core.jit import kernel
+from slamgym.core.types import BoolArray, ByteArray, FloatArray, GridFrame, IntArray
 
 if TYPE_CHECKING:
     from slamgym.cad.floorplan import FloorPlan
@@ -70,17 +70,48 @@ class Passages:
         Returns:
             The box's index, or -1 if none fits.
         """
-        found: int = first_fitting(
-            self.clearance, *self.origin, self.walls, self.boxes, boxes, radii + ROUNDING, self._far
+        index = -1
+        while (index := self._next_clear(boxes, index + 1)) >= 0 and not self._leaves_ways(
+            boxes[index], radii
+        ):
+            pass
+        if index >= 0 and reserve:
+            self.reserve(boxes[index])
+        return index
+
+    def _next_clear(self, boxes: FloatArray, first: int) -> int:
+        index: int = next_clear(self.clearance, *self.origin, self.walls, self.boxes, boxes, first)
+        return index
+
+    def _leaves_ways(self, box: FloatArray, radii: FloatArray) -> bool:
+        """Put a box somewhere unless it cuts the ways of discs; returns True if it stands."""
+        around = self._surroundings(box)
+        before = self.clearance[around].copy()
+        self.block(box)
+        if all(
+            _stay_connected(before >= radius, self.clearance[around] >= radius) for radius in radii + ROUNDING
+        ):
+            return True
+        self.clearance[around] = before
+        return False
+
+    def _surroundings(self, box: FloatArray) -> tuple[slice, slice]:
+        """Rows and columns of the cells that a box can concern, and one more about them."""
+        x, y, ux, uy, half_length, half_width = box.tolist()
+        half_x = abs(ux) * half_length + abs(uy) * half_width + self._far
+        half_y = abs(uy) * half_length + abs(ux) * half_width + self._far
+        rows, cols = (
+            slice(
+                max(0, int((middle - half - origin) / PASSAGE_CELL) - 1),
+                max(0, int((middle + half - origin) / PASSAGE_CELL) + 2),
+            )
+            for middle, half, origin in ((y, half_y, self.origin[1]), (x, half_x, self.origin[0]))
         )
-        if found >= 0 and reserve:
-            self.reserve(boxes[found])
-        return found
+        return rows, cols
 
     def is_clear(self, box: FloatArray) -> bool:
-        """Whether a box lies in the free space and overlaps no other."""
-        clear: bool = _is_clear(self.clearance, *self.origin, self.walls, self.boxes, box)
-        return clear
+        """True if a box lies in the free space and overlaps no other."""
+        return self._next_clear(box[None], 0) == 0
 
     def reserve(self, box: FloatArray) -> None:
         """Keep other boxes off a place, though discs may go there."""
@@ -91,7 +122,8 @@ class Passages:
 
     def block(self, box: FloatArray) -> None:
         """Put an obstacle somewhere, whatever it cuts off."""
-        _draw_box(self.clearance, *self.origin, box, self._far)
+        rows, cols = self._surroundings(box)
+        _draw_box(self.clearance[rows, cols], rows.start, cols.start, *self.origin, box)
 
     def with_box(self, box: FloatArray) -> "Passages":
         """The same with one obstacle more."""
@@ -125,10 +157,13 @@ class Passages:
         part: BoolArray = labels == largest
         return part
 
-    def cell(self, x: float, y: float) -> tuple[int, int]:
-        """The cell of a point, cut to the raster: row from the bottom, and column."""
-        row = min(max(int((y - self.origin[1]) / PASSAGE_CELL), 0), self.frame.height_px - 1)
-        return row, min(max(int((x - self.origin[0]) / PASSAGE_CELL), 0), self.frame.width_px - 1)
+    def cell(self, x: Any, y: Any) -> tuple[Any, Any]:
+        """The cells of a point or of points, cut to the raster: row from the bottom, and column."""
+        rows, cols = (
+            np.clip(((np.asarray(values) - origin) / PASSAGE_CELL).astype(np.int64), 0, count - 1)
+            for values, origin, count in zip((y, x), self.origin[::-1], self.frame.shape, strict=True)
+        )
+        return rows, cols
 
     def floor_about(self, part: BoolArray, reach: float, frame: GridFrame) -> BoolArray:
         """The floor near a part of the cells, as far as no obstacle covers it, on another raster.
@@ -147,9 +182,7 @@ class Passages:
         floor = (distance * PASSAGE_CELL <= reach) & (self.clearance > 0.0)
         x, _ = frame.to_point(0, np.arange(frame.width_px))
         _, y = frame.to_point(np.arange(frame.height_px)[::-1], 0)
-        rows = np.clip(((y - self.origin[1]) / PASSAGE_CELL).astype(np.int64), 0, floor.shape[0] - 1)
-        cols = np.clip(((x - self.origin[0]) / PASSAGE_CELL).astype(np.int64), 0, floor.shape[1] - 1)
-        found: BoolArray = np.ascontiguousarray(floor[np.ix_(rows, cols)])
+        found: BoolArray = np.ascontiguousarray(floor[np.ix_(*self.cell(x, y))])
         return found
 
     def distance_from(self, x: float, y: float) -> FloatArray:
@@ -194,39 +227,17 @@ def _draw_segments(
 
 
 @kernel
-def _box_distance(x: float, y: float, box: FloatArray) -> float:
-    """Distance of a point from a box, 0 inside."""
-    dx, dy = x - box[0], y - box[1]
-    along = max(abs(dx * box[2] + dy * box[3]) - box[4], 0.0)
-    across = max(abs(dy * box[2] - dx * box[3]) - box[5], 0.0)
-    return float(np.sqrt(along * along + across * across))
-
-
-@kernel
-def _surroundings(
-    shape: tuple[int, int], origin_x: float, origin_y: float, box: FloatArray, far: float
-) -> IntArray:
-    """First and last (exclusive) row and column of the cells that a box can concern, and one more about them."""
-    half_x = abs(box[2]) * box[4] + abs(box[3]) * box[5] + far
-    half_y = abs(box[3]) * box[4] + abs(box[2]) * box[5] + far
-    found = np.empty(4, np.int64)
-    found[0] = max(0, int((box[1] - half_y - origin_y) / PASSAGE_CELL) - 1)
-    found[1] = min(shape[0], int((box[1] + half_y - origin_y) / PASSAGE_CELL) + 2)
-    found[2] = max(0, int((box[0] - half_x - origin_x) / PASSAGE_CELL) - 1)
-    found[3] = min(shape[1], int((box[0] + half_x - origin_x) / PASSAGE_CELL) + 2)
-    return found
-
-
-@kernel
-def _draw_box(clearance: FloatArray, origin_x: float, origin_y: float, box: FloatArray, far: float) -> None:
-    """Take the distance from a box into account."""
-    row0, row1, col0, col1 = _surroundings(clearance.shape, origin_x, origin_y, box, far)
-    for row in range(row0, row1):
-        for col in range(col0, col1):
-            distance = _box_distance(
-                origin_x + (col + 0.5) * PASSAGE_CELL, origin_y + (row + 0.5) * PASSAGE_CELL, box
-            )
-            clearance[row, col] = min(clearance[row, col], distance)
+def _draw_box(
+    clearance: FloatArray, row0: int, col0: int, origin_x: float, origin_y: float, box: FloatArray
+) -> None:
+    """Take the distance from a box into account, in a part of the raster that begins at a row and a column."""
+    for row in range(clearance.shape[0]):
+        for col in range(clearance.shape[1]):
+            dx = origin_x + (col0 + col + 0.5) * PASSAGE_CELL - box[0]
+            dy = origin_y + (row0 + row + 0.5) * PASSAGE_CELL - box[1]
+            along = max(abs(dx * box[2] + dy * box[3]) - box[4], 0.0)
+            across = max(abs(dy * box[2] - dx * box[3]) - box[5], 0.0)
+            clearance[row, col] = min(clearance[row, col], np.sqrt(along * along + across * across))
 
 
 @kernel
@@ -261,127 +272,37 @@ def _overlap(a: FloatArray, b: FloatArray) -> bool:
 
 
 @kernel
-def _is_clear(
-    clearance: FloatArray,
-    origin_x: float,
-    origin_y: float,
-    walls: FloatArray,
-    boxes: FloatArray,
-    box: FloatArray,
-) -> bool:
-    """Whether a box lies in the free space and overlaps no other."""
-    row, col = int((box[1] - origin_y) / PASSAGE_CELL), int((box[0] - origin_x) / PASSAGE_CELL)
-    if row < 0 or col < 0 or row >= clearance.shape[0] or col >= clearance.shape[1]:
-        return False
-    if clearance[row, col] <= 0.0:
-        return False
-    for b in range(len(boxes)):
-        if _overlap(box, boxes[b]):
-            return False
-    for s in range(len(walls)):  # noqa: SIM110 - numba has no generators here
-        if _meets_segment(box, walls[s]):
-            return False
-    return True
-
-
-@kernel
-def _flood(
-    state: ByteArray, least: int, pitch: int, seed: int, label: int, labels: Int32Array, stack: Int32Array
-) -> None:
-    """Label the part of a small raster with a border that holds a cell, over its eight neighbours.
-
-    Args:
-        state: Flat; cells of ``least`` and more are open.
-        least: See above.
-        pitch: Length of a row.
-        seed: The cell.
-        label: Its part's.
-        labels: 0 where there is none yet; filled.
-        stack: Room for as many cells.
-    """
-    stack[0], top = seed, 1
-    labels[seed] = label
-    while top > 0:
-        top -= 1
-        cell = stack[top]
-        for middle in range(cell - pitch, cell + pitch + 1, pitch):
-            for index in range(middle - 1, middle + 2):
-                if state[index] >= least and labels[index] == 0:
-                    labels[index] = label
-                    stack[top] = index
-                    top += 1
-
-
-@kernel
-def _stays_connected(before: FloatArray, after: FloatArray, radius: float) -> bool:
-    """Whether each connected part of the cells open to a disc keeps some of them, and those connected.
-
-    Args:
-        before: Clearances [m].
-        after: The same with an obstacle more: nowhere larger.
-        radius: Of the disc [m].
-    """
-    height, width = before.shape
-    pitch = width + 2  # with a border of closed cells
-    state = np.zeros((height + 2) * pitch, np.uint8)
-    closes = False
-    for row in range(height):
-        for col in range(width):
-            if before[row, col] >= radius:
-                stays = after[row, col] >= radius
-                state[(row + 1) * pitch + col + 1] = 2 if stays else 1
-                closes = closes or not stays
-    if not closes:
-        return True
-    old, new = np.zeros(len(state), np.int32), np.zeros(len(state), np.int32)
-    stack = np.empty(len(state), np.int32)
-    kept = np.zeros(len(state) + 1, np.bool_)
-    count = 0
-    for index in range(len(state)):
-        if state[index] >= 1 and old[index] == 0:
-            count += 1
-            _flood(state, 1, pitch, index, count, old, stack)
-        if state[index] == 2 and new[index] == 0:
-            if kept[old[index]]:
-                return False
-            kept[old[index]] = True
-            _flood(state, 2, pitch, index, 1, new, stack)
-    for label in range(1, count + 1):  # noqa: SIM110 - as above
-        if not kept[label]:
-            return False
-    return True
-
-
-@kernel
-def first_fitting(
+def next_clear(
     clearance: FloatArray,
     origin_x: float,
     origin_y: float,
     walls: FloatArray,
     boxes: FloatArray,
     candidates: FloatArray,
-    radii: FloatArray,
-    far: float,
+    first: int,
 ) -> int:
-    """Draw the first candidate that is clear and leaves all ways, and return its index; -1 if there is none."""
-    for index in range(len(candidates)):
+    """Index of the first candidate, from one on, that lies in the free space and overlaps no box; -1 if none does."""
+    height, width = clearance.shape
+    for index in range(first, len(candidates)):
         box = candidates[index]
-        if not _is_clear(clearance, origin_x, origin_y, walls, boxes, box):
-            continue
-        row0, row1, col0, col1 = _surroundings(clearance.shape, origin_x, origin_y, box, far)
-        there = clearance[row0:row1, col0:col1]
-        after = np.empty_like(there)
-        for row in range(after.shape[0]):
-            for col in range(after.shape[1]):
-                x, y = (
-                    origin_x + (col0 + col + 0.5) * PASSAGE_CELL,
-                    origin_y + (row0 + row + 0.5) * PASSAGE_CELL,
-                )
-                after[row, col] = min(there[row, col], _box_distance(x, y, box))
-        connected = True
-        for radius in radii:
-            connected = connected and _stays_connected(there, after, radius)
-        if connected:
-            assign(after, there)
+        row, col = int((box[1] - origin_y) / PASSAGE_CELL), int((box[0] - origin_x) / PASSAGE_CELL)
+        clear = 0 <= row < height and 0 <= col < width and clearance[row, col] > 0.0
+        for b in range(len(boxes) if clear else 0):
+            clear = clear and not _overlap(box, boxes[b])
+        for s in range(len(walls) if clear else 0):
+            clear = clear and not _meets_segment(box, walls[s])
+        if clear:
             return index
     return -1
+
+
+def _stay_connected(before: BoolArray, after: BoolArray) -> bool:
+    """True if each connected part of the open cells keeps some of them, and those connected; only some may close."""
+    import cv2
+
+    if (before == after).all():
+        return True
+    parts, labels = cv2.connectedComponents(before.view(np.uint8), connectivity=8)
+    # As many parts as before, and some of each: none was cut in two.
+    count, _ = cv2.connectedComponents(after.view(np.uint8), connectivity=8)
+    return count == parts and bool(np.bincount(labels[after], minlength=parts)[1:].all())

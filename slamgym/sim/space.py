@@ -1,4 +1,4 @@
-"""The physical world: a floor plan, what stands and walks in it, and the robot that drives through it.
+"""The physical world: a floor plan, what stands and walks in it, the robot that drives through it, and its start.
 
 A step has two regimes that share one motion model (:mod:`slamgym.sim.motion`). Away from everything the
 robot follows the exact arc, which costs a microsecond. Within a centimetre of touching something, pymunk
@@ -12,21 +12,32 @@ import math
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+import shapely
+from shapely.geometry.base import BaseGeometry
 
-from slamgym.core.errors import ConfigError
+from slamgym.cad.polygons import largest_part
+from slamgym.core.errors import ConfigError, PlanError
 from slamgym.core.geometry import between, wrap_angle
-from slamgym.core.jit import plain
 from slamgym.core.types import FloatArray, Pose2D, Twist2D
 from slamgym.sim import motion
-from slamgym.sim.changes import Changes
-from slamgym.sim.clutter import Clutter
+from slamgym.sim.clutter import Changes, Clutter
 from slamgym.sim.contact import SKIN, ContactSolver, Velocity
-from slamgym.sim.people import Crowd
+from slamgym.sim.passages import Passages
+from slamgym.sim.people import PERSON_RADIUS, Crowd
 from slamgym.sim.robot import RobotConfig
 from slamgym.sim.surfaces import Surfaces, no_surfaces
 
 if TYPE_CHECKING:
     from slamgym.cad.floorplan import FloorPlan
+
+# Room to spare around the robot at the start [m].
+_MARGIN = 0.02
+
+# Places drawn until one is away from all people.
+_DRAWS = 200
+
+# Detail of the plan's outline that doesn't matter for where a robot fits [m].
+_SIMPLIFICATION = 0.01
 
 
 class Motion(NamedTuple):
@@ -91,8 +102,7 @@ class World:
         self._limits = np.array(
             [robot.linear_acceleration, robot.angular_acceleration, robot.wheel_separation]
         )
-        self._body = plain(motion.Body.of(robot))
-        self._contact_radius = robot.circumscribed_radius + SKIN
+        self._contact_radius = float(robot.radius) + SKIN
         self._state = np.zeros(8) if state is None else state
         self._pose = Pose2D(0.0, 0.0, 0.0)
         self._velocity = Twist2D(0.0, 0.0)
@@ -148,7 +158,7 @@ class World:
             raise ConfigError(
                 f"{where} is outside the free space; choose another or let the start be sampled"
             )
-        if motion.overlaps(self._state, self._body, self._obstacles, self._discs):
+        if motion.clearance(pose.x, pose.y, self._obstacles, self._discs) < self.robot.radius:
             raise ConfigError(
                 f"{where} leaves no room for the robot's body; choose another or let the start be sampled"
             )
@@ -173,7 +183,7 @@ class World:
             self._let_people_walk(self._crowd, dt)
         if self._changes.movables and self._changes.advance(dt, self._somebody()):
             self._solver = None  # it holds the obstacles as they stood
-        contact = self.drive(target, dt)
+        contact = self._drive(target, dt)
         pose = self._note_pose()
         left, right, distance = self._state[motion.LEFT :].tolist()
         return Motion(pose, between(before, pose), (left, right), contact, distance)
@@ -203,16 +213,8 @@ class World:
         robot = [*self._state[:2], self._contact_radius]
         return np.vstack([robot, self._discs + np.array([0.0, 0.0, SKIN])])
 
-    def drive(self, target: Twist2D, dt: float) -> bool:
-        """Drive freely where possible, else in contact substeps; the part of :meth:`step` that moves the robot.
-
-        Args:
-            target: Wished velocity within the limits.
-            dt: Duration [s].
-
-        Returns:
-            Whether contact changed the motion.
-        """
+    def _drive(self, target: Twist2D, dt: float) -> bool:
+        """Drive freely where possible, else in contact substeps; returns True if contact changed the motion."""
         state, contact, left = self._state, False, dt
         while left > motion.NO_TIME:
             before = left
@@ -229,7 +231,7 @@ class World:
             if left < before:
                 self._velocity = Twist2D(float(state[motion.LINEAR]), float(state[motion.ANGULAR]))
             if left > motion.NO_TIME:
-                span = min(left, motion.contact_span(state, target.linear, target.angular, self._body[1]))
+                span = min(left, motion.contact_span(state, target.linear))
                 contact |= self._contact_substep(target, span)
                 left -= span
         return contact
@@ -240,7 +242,14 @@ class World:
         drive = motion.wished(self._state, target.linear, target.angular, self._limits, span)
         solved = self._solve_contact(pose, (drive[0] / span, drive[1] / span, drive[4]))
         contact, linear, angular = motion.settle(
-            self._state, drive, solved, span, self._body, self._obstacles, self._discs
+            self._state,
+            drive,
+            solved,
+            self._limits,
+            span,
+            float(self.robot.radius),
+            self._obstacles,
+            self._discs,
         )
         self._velocity = Twist2D(linear, angular)
         return bool(contact)
@@ -251,3 +260,87 @@ class World:
             self._solver = ContactSolver(self._obstacles, self._discs, self.robot)
             self._solver.place_people(self._discs)
         return self._solver.solve(pose, wish)
+
+
+def sample_start(
+    plan: "FloorPlan", robot: RobotConfig, rng: np.random.Generator, clutter: Clutter | None = None
+) -> Pose2D:
+    """Draw a pose at which the robot touches nothing and from which it can reach most of the building.
+
+    The place is drawn evenly from the largest connected area in which the robot fits, the heading evenly from
+    the full turn.
+
+    Args:
+        plan: The building.
+        robot: The robot.
+        rng: Source of the draw.
+        clutter: Furniture and people to keep off.
+
+    Returns:
+        The pose of the robot's base, world frame.
+
+    Raises:
+        PlanError: If the robot fits nowhere.
+    """
+    if clutter is None or clutter.passages is None:
+        return sample_pose(start_area(plan, robot), rng)
+    return _sample_among(clutter.passages, clutter, plan, robot, rng)
+
+
+def start_area(plan: "FloorPlan", robot: RobotConfig) -> shapely.Polygon:
+    """Where :func:`sample_start` draws from in an empty building, for a caller who draws often.
+
+    Raises:
+        PlanError: If the robot fits nowhere.
+    """
+    area = largest_part(fitting_area(plan, _room_for(robot)))
+    if area.is_empty:
+        raise _fits_nowhere(plan, robot)
+    return area
+
+
+def sample_pose(area: shapely.Polygon, rng: np.random.Generator) -> Pose2D:
+    """A pose whose place is drawn evenly from an area and whose heading from the full turn."""
+    x, y = sample_point(area, rng)
+    return Pose2D(x, y, float(rng.uniform(-math.pi, math.pi)))
+
+
+def fitting_area(plan: "FloorPlan", radius: float) -> BaseGeometry:
+    """Where the middle of a disc can be without touching a wall."""
+    area: BaseGeometry = plan.free_space.simplify(_SIMPLIFICATION)
+    return area.buffer(-radius - _SIMPLIFICATION, quad_segs=4)
+
+
+def sample_point(area: shapely.Polygon, rng: np.random.Generator) -> tuple[float, float]:
+    """A point drawn evenly from an area that isn't empty."""
+    shapely.prepare(area)
+    low, high = np.reshape(area.bounds, (2, 2))
+    for _ in range(100):
+        points = rng.uniform(low, high, (32, 2))
+        inside = np.flatnonzero(shapely.contains_xy(area, points[:, 0], points[:, 1]))
+        if len(inside) > 0:
+            return float(points[inside[0], 0]), float(points[inside[0], 1])
+    # A sliver that thousands of draws miss.
+    point = area.representative_point()
+    return float(point.x), float(point.y)
+
+
+def _sample_among(
+    passages: Passages, clutter: Clutter, plan: "FloorPlan", robot: RobotConfig, rng: np.random.Generator
+) -> Pose2D:
+    """Draw from the cells of the largest part that furniture, doors and people leave."""
+    radius = _room_for(robot)
+    cells = passages.largest_part(radius)
+    for _ in range(_DRAWS if cells.any() else 0):
+        x, y = passages.sample_point(cells, rng)
+        if all(math.dist((x, y), person.start) >= radius + PERSON_RADIUS for person in clutter.people):
+            return Pose2D(x, y, float(rng.uniform(-math.pi, math.pi)))
+    raise _fits_nowhere(plan, robot)
+
+
+def _room_for(robot: RobotConfig) -> float:
+    return robot.radius + SKIN + _MARGIN
+
+
+def _fits_nowhere(plan: "FloorPlan", robot: RobotConfig) -> PlanError:
+    return PlanError(plan.id, f"a robot of radius {robot.radius:.2f} m fits nowhere in it")

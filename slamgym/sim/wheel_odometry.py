@@ -7,29 +7,33 @@ the body and the wheels spin, odometry errs as a real one does.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from slamgym.core.config import CountOrZero, NonNegative, Settings, Within, suggest
+from slamgym.core.config import CountOrZero, NonNegative, Settings, suggest
 from slamgym.core.errors import ConfigError
 from slamgym.core.geometry import compose
 from slamgym.core.types import Pose2D
-from slamgym.sim.robot import RobotConfig
+from slamgym.sim.robot import WHEEL_RADIUS, RobotConfig
 
 if TYPE_CHECKING:
     from slamgym.sim.space import Motion
 
-_Ratio = Annotated[float, Within(ge=0.5, le=2.0)]
 OdometryLevel = Literal["ideal", "low", "medium", "high"]
 
 
-class OdometryConfig(Settings, section="odometry"):
+class OdometryConfig(
+    Settings,
+    section="odometry",
+    dropped={"diameter_ratio": 1.0, "wheelbase_ratio": 1.0, "scale": 1.0},
+):
     """Errors of wheel odometry; the defaults are the level ``medium`` of :func:`odometry_level`.
 
-    Systematic errors are drawn once per robot, i.e. per episode: E_d and E_b as Borenstein and Feng define
-    them (UMBmark, IEEE Trans. Robotics and Automation 12(6), 1996) and a common scale. Random
-    slip grows with the square root of the distance and of the turned angle, as a sum of independent slips does
+    Systematic errors are drawn once per robot, i.e. per episode, each with a mean of 1: E_d, the right wheel's
+    diameter over the left's, and E_b, the effective wheel base over the nominal one, as Borenstein and Feng define
+    them (UMBmark, IEEE Trans. Robotics and Automation 12(6), 1996), and a common scale, measured over true distance.
+    Random slip grows with the square root of the distance and of the turned angle, as a sum of independent slips does
     (Chong and Kleeman, ICRA 1997).
     """
 
@@ -40,20 +44,11 @@ class OdometryConfig(Settings, section="odometry"):
     """Encoder resolution (Dynamixel XM430-W210 e-manual: 4,096 a turn); 0 for a continuous
     encoder."""
 
-    diameter_ratio: _Ratio = 1.0
-    """Mean of E_d, the right wheel's diameter over the left's; 1 for equal wheels."""
-
     diameter_ratio_std: NonNegative = 0.0017
     """Spread of E_d over robots."""
 
-    wheelbase_ratio: _Ratio = 1.0
-    """Mean of E_b, the effective wheel base over the nominal one that the odometry believes in."""
-
     wheelbase_ratio_std: NonNegative = 0.018
     """Spread of E_b over robots and floors."""
-
-    scale: _Ratio = 1.0
-    """Mean ratio of measured to true distance, both wheels alike."""
 
     scale_std: NonNegative = 0.006
     """Spread of the scale."""
@@ -70,7 +65,7 @@ class OdometryConfig(Settings, section="odometry"):
 
 _LEVELS: dict[OdometryLevel, OdometryConfig] = {
     # The plugin reads the simulator's own pose.
-    "ideal": OdometryConfig("ideal", 0, 1.0, 0.0, 1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0),
+    "ideal": OdometryConfig("ideal", 0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
     # A calibrated robot on a smooth floor: figures recomputed from OptiOdom's and Ivanjko's data sets. E_b
     # 0.983 to 1.013; heading per metre 0.0040 rad rms, which is E_d - 1 = 0.0040 * 0.287 m; slips 0.0005,
     # 0.004, 0.0035.
@@ -136,11 +131,10 @@ class WheelOdometry:
 
     def __init__(self, config: OdometryConfig, robot: RobotConfig, rng: np.random.Generator) -> None:
         self.config = config
-        self.robot = robot
         diameter, wheelbase, scale = rng.standard_normal(3).tolist()
-        self.diameter_ratio = config.diameter_ratio + config.diameter_ratio_std * diameter
-        self.wheelbase_ratio = config.wheelbase_ratio + config.wheelbase_ratio_std * wheelbase
-        self.scale = config.scale + config.scale_std * scale
+        self.diameter_ratio = 1.0 + config.diameter_ratio_std * diameter
+        self.wheelbase_ratio = 1.0 + config.wheelbase_ratio_std * wheelbase
+        self.scale = 1.0 + config.scale_std * scale
         # Distance that the nominal wheel would have rolled over what the real one did. D_L = 2 / (E_d + 1) D
         # and D_R = 2 / (1 / E_d + 1) D (Borenstein and Feng 1996, the inverse of their correction factors).
         left_gain = self.scale * 0.5 * (self.diameter_ratio + 1.0)
@@ -148,7 +142,7 @@ class WheelOdometry:
         # The robot's true wheel base is the configured one, so the odometry believes in a wrong one.
         self.believed_base = robot.wheel_separation / self.wheelbase_ratio
         ticks = config.ticks_per_revolution
-        self._tick = 2.0 * math.pi * robot.wheel_radius / ticks if ticks else 0.0
+        self._tick = 2.0 * math.pi * WHEEL_RADIUS / ticks if ticks else 0.0
         self._slips = config.slip_distance, config.slip_drift, config.slip_turn
         self._pose = Pose2D(0.0, 0.0, 0.0)
         self._rolled = (0.0, 0.0)

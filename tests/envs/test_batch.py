@@ -103,12 +103,11 @@ CASES = {
         AutoresetMode.SAME_STEP,
         {"localization": "rbpf", "slam": {"particles": 3}, "odometry": "ideal", "lidar": "exact"},
     ),
-    "rectangles that see far": (
+    "coarse cells": (
         AutoresetMode.SAME_STEP,
         {
             "localization": "ground_truth",
             "observation": {"preset": "compact", "crop_resolution": 0.4},
-            "robot": {"shape": "footprint"},
         },
     ),
     "furniture": (

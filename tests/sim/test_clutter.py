@@ -63,11 +63,10 @@ class TestFurniture:
         assert all(covered.covers(solid) for solid in all_solids(clutter))
 
     @pytest.mark.parametrize("seed", range(5))
-    @pytest.mark.parametrize("shape", ["circle", "footprint"])
-    def test_it_leaves_every_way_in_one_piece_and_wide_enough(self, flat, seed, shape):
-        robot = RobotConfig(shape=shape)
+    def test_it_leaves_every_way_in_one_piece_and_wide_enough(self, flat, seed):
+        robot = RobotConfig()
         clutter = make_clutter(flat, np.random.default_rng(seed), FURNISHED, robot)
-        for radius in (robot.circumscribed_radius, robot.circumscribed_radius + FURNISHED.passage):
+        for radius in (robot.radius, robot.radius + 0.1):
             grown = shapely.union_all([piece.buffer(radius) for piece in polygons(clutter)])
             ways = flat.free_space.buffer(-radius).difference(grown)
             # Pockets smaller than a few cells hold no cell's centre.
@@ -82,7 +81,7 @@ class TestFurniture:
             return sum(shapely.Polygon(solid).area for c in clutters for solid in c.furniture)
 
         assert covered(crowded) > 1.3 * covered(usual)
-        radius = RobotConfig().circumscribed_radius
+        radius = RobotConfig().radius
         assert all(clutter.passages.parts(radius)[1].max() == 1 for clutter in crowded)
 
     def test_an_untidy_room_has_small_things_and_chairs_at_any_angle(self, flat):

@@ -31,35 +31,6 @@ def test_clearance_counts_people_as_discs():
     assert motion.clearance(3.0, 4.0, wall, np.array([[3.0, 4.0, 0.25]])) == pytest.approx(-0.25)
 
 
-@given(coordinate, coordinate, st.floats(-4, 4), segment)
-@settings(max_examples=300)
-def test_a_rectangle_meets_a_segment_where_shapely_says_so(x, y, theta, ends):
-    box = np.array([-2.0, -1.5, 0.8, 1.0])
-    polygon = shapely.affinity.translate(
-        shapely.affinity.rotate(shapely.box(*box), theta, origin=(0, 0), use_radians=True), x, y
-    )
-    line = shapely.LineString([ends[:2], ends[2:]])
-    meets = motion.rectangle_overlaps(state_at(x, y, theta), box, np.array([ends]), NOBODY)
-    # Within rounding of touching, either answer is right.
-    if polygon.buffer(-1e-6).intersects(line):
-        assert meets
-    elif not polygon.buffer(1e-6).intersects(line):
-        assert not meets
-
-
-@given(coordinate, coordinate, st.floats(-4, 4), st.floats(0.1, 2.0))
-@settings(max_examples=200)
-def test_a_rectangle_meets_a_disc_where_shapely_says_so(x, y, theta, radius):
-    box = np.array([-2.0, -1.5, 0.8, 1.0])
-    polygon = shapely.affinity.rotate(shapely.box(*box), theta, origin=(0, 0), use_radians=True)
-    distance = polygon.distance(shapely.Point(x, y))
-    meets = motion.rectangle_overlaps(
-        state_at(0.0, 0.0, theta), box, np.empty((0, 4)), np.array([[x, y, radius]])
-    )
-    if abs(distance - radius) > 1e-9:
-        assert meets == (distance < radius)
-
-
 @given(coordinate, coordinate)
 @settings(max_examples=200)
 def test_inside_follows_the_even_odd_rule_with_holes(x, y):

@@ -7,21 +7,12 @@ from slamgym.core.errors import ConfigError
 from slamgym.sim import ClutterConfig, RobotConfig
 
 
-def test_the_circumscribed_radius_reaches_the_furthest_corner():
-    assert RobotConfig().circumscribed_radius == 0.22
-    assert RobotConfig(shape="footprint").circumscribed_radius == math.hypot(0.205, 0.155)
-
-
 @pytest.mark.parametrize(
     ("name", "value"),
     [
         ("wheel_separation", 0.0),
         ("max_linear", math.inf),
         ("radius", math.nan),
-        ("contact_slip", 1.5),
-        ("shape", "square"),
-        ("contact", "bounce"),
-        ("footprint", (0.1, -0.1, 0.2, 0.1)),
     ],
 )
 def test_senseless_measures_are_refused_by_name(name, value):
@@ -29,14 +20,19 @@ def test_senseless_measures_are_refused_by_name(name, value):
         RobotConfig(**{name: value})
 
 
-@pytest.mark.parametrize(
-    "values", [{"furniture": 4.0}, {"people": -1}, {"passage": -0.1}, {"walking_speed": (1.0, 0.5)}]
-)
+@pytest.mark.parametrize("values", [{"furniture": 4.0}, {"people": -1}, {"changes": -0.1}])
 def test_senseless_clutter_is_refused(values):
     with pytest.raises(ConfigError, match=next(iter(values))):
         ClutterConfig(**values)
 
 
-@pytest.mark.parametrize("config", [RobotConfig(shape="footprint"), ClutterConfig(furniture=0.5, people=2)])
+@pytest.mark.parametrize("config", [RobotConfig(radius=0.2), ClutterConfig(furniture=0.5, people=2)])
 def test_settings_survive_json(config):
     assert from_dict(type(config), to_dict(config)) == config
+
+
+def test_a_robot_saved_with_what_was_dropped_is_read():
+    saved = {"radius": 0.2, "shape": "circle", "mass": 1.8, "footprint": [-0.205, -0.155, 0.077, 0.155]}
+    assert from_dict(RobotConfig, saved) == RobotConfig(radius=0.2)
+    with pytest.raises(ConfigError, match="shape of RobotConfig is always 'circle'"):
+        from_dict(RobotConfig, {"shape": "footprint"})

@@ -7,16 +7,15 @@ from slamgym.core.errors import PlanError
 from slamgym.sim import ClutterConfig, RobotConfig, World, make_clutter, sample_start
 
 
-@pytest.mark.parametrize("shape", ["circle", "footprint"])
-def test_a_sampled_start_is_always_accepted(make_random_plan, shape):
-    robot = RobotConfig(shape=shape)
+def test_a_sampled_start_is_always_accepted(make_random_plan):
+    robot = RobotConfig()
     for seed in range(30):
         rng = np.random.default_rng(seed)
         plan = make_random_plan(rng)
         try:
             start = sample_start(plan, robot, rng)
         except PlanError:
-            assert plan.free_space.buffer(-robot.circumscribed_radius - 0.05).is_empty
+            assert plan.free_space.buffer(-robot.radius - 0.05).is_empty
             continue
         World(plan, robot).reset(start)
 

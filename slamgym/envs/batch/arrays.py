@@ -6,9 +6,7 @@ import numpy as np
 
 from slamgym.core.types import BoolArray, ByteArray, Float32Array, FloatArray, IntArray
 from slamgym.sim.beams import BeamLaw
-from slamgym.sim.contact import SKIN
-from slamgym.sim.disc_contact import DiscLaw
-from slamgym.sim.motion import Body
+from slamgym.sim.contact import SKIN, DiscBody
 from slamgym.sim.robot import RobotConfig
 from slamgym.slam.hit_count_kernels import BeamTable
 
@@ -169,14 +167,14 @@ class DriveLaw(NamedTuple):
     dt: float  # duration of a step [s]
     limits: FloatArray  # accelerations and wheel separation, shape (3,)
     radius: float  # within which the body touches something [m]
-    body: Body
-    disc: DiscLaw
+    body: float  # radius of the body itself [m]
+    disc: DiscBody
 
     @classmethod
     def of(cls, robot: RobotConfig, dt: float) -> "DriveLaw":
         """The law of a robot."""
         limits = np.array([robot.linear_acceleration, robot.angular_acceleration, robot.wheel_separation])
-        return cls(dt, limits, robot.circumscribed_radius + SKIN, Body.of(robot), DiscLaw.of(robot))
+        return cls(dt, limits, robot.radius + SKIN, float(robot.radius), DiscBody.of(robot))
 
 
 class WheelLaw(NamedTuple):

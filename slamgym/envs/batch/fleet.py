@@ -14,7 +14,6 @@ from slamgym.core.types import (
     LaserScan,
     OccupancyGrid,
     Pose2D,
-    Twist2D,
 )
 from slamgym.envs.batch.arrays import DriveLaw, MapLaw, Maps, Robots, Scanner, Scans, Scenes, WheelLaw, put
 from slamgym.envs.batch.kernels import ScanKind, drive_all, integrate_wheels, look_all, map_all, publish_all
@@ -25,9 +24,9 @@ from slamgym.envs.finished_map import finished_map
 from slamgym.envs.plan_cache import PreparedPlan
 from slamgym.envs.simulation import Streams
 from slamgym.sim import Lidar, WheelOdometry, World
-from slamgym.sim.disc_contact import DiscContacts
+from slamgym.sim.contact import DiscContacts, wall_order
 from slamgym.sim.lidar import LONGEST_BURST
-from slamgym.sim.motion import NO_TIME
+from slamgym.sim.robot import WHEEL_RADIUS
 from slamgym.slam import Mapper, make_mapper
 from slamgym.slam.hit_count_kernels import BeamTable
 from slamgym.slam.hit_counts import cropped_to_known
@@ -196,7 +195,7 @@ class Fleet:
         contacts, nothing = self._contacts, np.zeros(len(walls))
         contacts.marks[index] = 0
         self._contacts = contacts._replace(
-            order=put(contacts.order, index, nothing), pairs=put(contacts.pairs, index, nothing),
+            order=put(contacts.order, index, wall_order(walls)), pairs=put(contacts.pairs, index, nothing),
             impulses=put(contacts.impulses, index, nothing), stamps=put(contacts.stamps, index, nothing),
         )  # fmt: skip
         kind = ScanKind.PLACES if self.lidar.depends_on_place or not is_plain else ScanKind.NOISE
@@ -235,14 +234,8 @@ class Fleet:
         if np.isnan(commands[ids]).any():
             raise ValueError(f"commands {commands[ids]} hold what is not a number")
         targets = np.clip(commands, -self._fastest, self._fastest)
-        robots, before = self.robots, self.robots.contact.copy()
-        left = np.zeros(len(self))
-        drive_all(robots, self.scenes, self._contacts, self._drive_law, ids, targets, left)
-        # Rectangles near something are pymunk's: those worlds go on one by one.
-        for i in np.flatnonzero(left > NO_TIME).tolist():
-            target = Twist2D(*targets[i].tolist())
-            robots.contact[i] = self.each[i].world.drive(target, float(left[i]))
-            robots.collisions[i] += robots.contact[i] and not before[i]
+        robots = self.robots
+        drive_all(robots, self.scenes, self._contacts, self._drive_law, ids, targets)
         if not self._wheel_law.is_ideal:
             for i in ids.tolist():
                 self.each[i].streams.odometry.standard_normal(out=robots.slips[i])
@@ -315,6 +308,6 @@ def _wheel_law(config: ExploreConfig) -> WheelLaw:
     odometry, ticks = config.odometry, config.odometry.ticks_per_revolution
     return WheelLaw(
         odometry.model == "ideal",
-        2.0 * math.pi * config.robot.wheel_radius / ticks if ticks else 0.0,
+        2.0 * math.pi * WHEEL_RADIUS / ticks if ticks else 0.0,
         (float(odometry.slip_distance), float(odometry.slip_drift), float(odometry.slip_turn)),
     )

@@ -18,7 +18,7 @@ from slamgym.envs.observations import WINDOW_MARGIN, cut_crop
 from slamgym.envs.sweep import sweep
 from slamgym.sim import motion
 from slamgym.sim.beams import blur_beams, fail_beams, measure_beams, write_rep117
-from slamgym.sim.disc_contact import DiscContacts, solve_disc
+from slamgym.sim.contact import DiscContacts, solve_disc
 from slamgym.sim.raycast import cast_hits
 from slamgym.sim.wheel_odometry import count_ticks, slipped_arc
 from slamgym.slam.hit_count_kernels import cells_of, classify_counts, draw_scans
@@ -48,9 +48,8 @@ def drive_all(
     drive: DriveLaw,
     ids: IntArray,
     targets: FloatArray,
-    left: FloatArray,
 ) -> None:
-    """Drive as :meth:`slamgym.sim.World.drive` does; a robot that isn't round waits at its first contact.
+    """Drive as :meth:`slamgym.sim.World.drive` does.
 
     Args:
         robots: Changed in place.
@@ -59,10 +58,9 @@ def drive_all(
         drive: Limits and bodies.
         ids: Environments.
         targets: Wished velocities within the limits, shape (N, 2).
-        left: Receives the time that is left to those who wait, shape (N,) [s].
     """
     nobody = np.empty((0, 3))
-    limits, body = drive.limits, drive.body
+    limits = drive.limits
     for i in ids:
         state, linear, angular = robots.drive[i], targets[i, 0], targets[i, 1]
         state[motion.LEFT :] = 0.0
@@ -70,16 +68,14 @@ def drive_all(
         while rest > motion.NO_TIME:
             rest = motion.drive_freely(state, linear, angular, limits, rest, drive.radius, walls, nobody)
             if rest > motion.NO_TIME:
-                if not body.is_disc:
-                    break
-                span = min(rest, motion.contact_span(state, linear, angular, body.lever))
+                span = min(rest, motion.contact_span(state, linear))
                 wished = motion.wished(state, linear, angular, limits, span)
                 wish = (wished[0] / span, wished[1] / span, wished[4])
                 solved = solve_disc(contacts, i, walls, drive.disc, state, wish)
-                touches |= motion.settle(state, wished, solved, span, body[:], walls, nobody)[0]  # type: ignore[arg-type]
+                touches |= motion.settle(state, wished, solved, limits, span, drive.body, walls, nobody)[0]
                 rest -= span
         robots.collisions[i] += touches and not robots.contact[i]
-        robots.contact[i], left[i] = touches, rest
+        robots.contact[i] = touches
 
 
 @kernel

@@ -1,5 +1,6 @@
-"""The rooms of a plan as parts of its floor, with the walls that face each; guessed where the plan names none."""
+"""The rooms of a plan with the walls that face each, and its doors with their leaves; guessed where it names none."""
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -12,7 +13,7 @@ from slamgym.sim.furniture import likely_category
 from slamgym.sim.passages import PASSAGE_CELL, Passages
 
 if TYPE_CHECKING:
-    from slamgym.cad.floorplan import FloorPlan
+    from slamgym.cad.floorplan import Door, FloorPlan
 
 # A wall counts as a room's if this far before its middle lies the room [m].
 _BEFORE_WALL = 0.1
@@ -31,6 +32,23 @@ _SMALLEST_REST = 4.0
 
 # Smaller parts of the floor are no rooms [m2].
 _SMALLEST_ROOM = 0.8
+
+# Openings of these clear widths have a leaf [m].
+_DOOR_WIDTH = (0.6, 1.15)
+
+# Thickness of a leaf, and the gap between it and the jambs [m].
+_LEAF = 0.04
+_LEAF_GAP = 0.03
+
+# Doors that stand open, and half open, by their angle from the closed one [deg]; and the share of the first
+# among those that aren't closed.
+_OPEN = (75.0, 90.0)
+_HALF_OPEN = (30.0, 70.0)
+_OPEN_SHARE = 0.65
+
+# Doors that stand ajar [deg]: a gap of 5 to 20 cm, too narrow for a robot.
+_AJAR = (3.0, 14.0)
+_MOST_AJAR = math.sin(math.radians(_AJAR[1] + 1.0))
 
 
 @dataclass(frozen=True)
@@ -120,7 +138,7 @@ def _named(plan: "FloorPlan", passages: Passages) -> IntArray:
     for index in sorted(range(len(plan.rooms)), key=lambda index: -plan.rooms[index].area):
         polygon = plan.rooms[index].polygon
         x0, y0, x1, y1 = polygon.bounds
-        (row0, col0), (row1, col1) = passages.cell(x0, y0), passages.cell(x1, y1)
+        (row0, row1), (col0, col1) = passages.cell([x0, x1], [y0, y1])
         if abs((x1 - x0) * (y1 - y0) - plan.rooms[index].area) < 1e-6:
             labels[row0 : row1 + 1, col0 : col1 + 1] = index + 1
         else:
@@ -166,8 +184,61 @@ def _labels_before(walls: FloatArray, labels: IntArray, passages: Passages) -> I
     along = walls[:, 2:] - walls[:, :2]
     normal = np.column_stack([-along[:, 1], along[:, 0]]) / np.hypot(*along.T)[:, None]
     x, y = (0.5 * (walls[:, :2] + walls[:, 2:]) + _BEFORE_WALL * normal).T
-    height, width = labels.shape
-    rows = np.clip(((y - passages.origin[1]) / PASSAGE_CELL).astype(np.int64), 0, height - 1)
-    cols = np.clip(((x - passages.origin[0]) / PASSAGE_CELL).astype(np.int64), 0, width - 1)
-    found: IntArray = labels[rows, cols]
+    found: IntArray = labels[passages.cell(x, y)]
     return found
+
+
+def doors_of(plan: "FloorPlan") -> list["Door"]:
+    """The openings of a plan: its doors where it has some, else those that its walls show."""
+    if plan.doors:
+        return list(plan.doors)
+    import shapely
+
+    from slamgym.cad.plan_statistics import SIMPLIFY, find_openings
+
+    simple = plan.free_space.simplify(SIMPLIFY)
+    return find_openings(simple) if isinstance(simple, shapely.Polygon) and not simple.is_empty else []
+
+
+def has_leaf(door: "Door") -> bool:
+    """True if an opening is as wide as one that a single leaf closes."""
+    return _DOOR_WIDTH[0] <= door.width <= _DOOR_WIDTH[1]
+
+
+def leaf_boxes(
+    door: "Door", closed_share: tuple[float, float], rng: np.random.Generator, places: int
+) -> list[FloatArray]:
+    """Where a door's leaf may stand, each with the same hinge: the places to try, the first the likeliest.
+
+    Args:
+        door: The opening.
+        closed_share: Probability of each to be closed, and of a closed one to be ajar.
+        rng: Draws hinge, side and angles.
+        places: How many.
+
+    Returns:
+        Boxes as :mod:`slamgym.sim.passages` has them.
+    """
+    start, end = np.array(door.start), np.array(door.end)
+    if rng.random() < 0.5:
+        start, end = end, start
+    along = (end - start) / door.width
+    side = 1.0 if rng.random() < 0.5 else -1.0
+    length = door.width - 2.0 * _LEAF_GAP
+    boxes = []
+    for closed, wide, share in rng.random((places, 3)).tolist():
+        low, high = _OPEN if wide < _OPEN_SHARE else _HALF_OPEN
+        if closed < closed_share[0]:
+            low, high = _AJAR if wide < closed_share[1] else (0.0, 0.0)
+        angle = side * math.radians(low + share * (high - low))
+        cos, sin = math.cos(angle), math.sin(angle)
+        ux, uy = along[0] * cos - along[1] * sin, along[0] * sin + along[1] * cos
+        x, y = start + _LEAF_GAP * along + 0.5 * length * np.array([ux, uy])
+        boxes.append(np.array([x, y, ux, uy, 0.5 * length, 0.5 * _LEAF]))
+    return boxes
+
+
+def is_closed(door: "Door", leaf: FloatArray) -> bool:
+    """True if a leaf lies in its opening, or ajar."""
+    dx, dy = door.end[0] - door.start[0], door.end[1] - door.start[1]
+    return bool(abs(dx * leaf[3] - dy * leaf[2]) < _MOST_AJAR * door.width)
