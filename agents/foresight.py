@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from slamgym.core.grids import paste
+from slamgym.core.geometry import paste
 from slamgym.core.portable import exp, product
 from slamgym.core.provenance import check_origin
 from slamgym.core.types import (

@@ -22,7 +22,7 @@ from slamgym.agents.teleop import Teleop
 from slamgym.agents.wheels.explorer import WheelsExplorer
 from slamgym.core.config import suggest
 from slamgym.core.errors import ConfigError
-from slamgym.core.own_code import is_own_explorer, own_function
+from slamgym.core.names import is_own_explorer, own_function
 from slamgym.planning.context import ExplorerContext
 from slamgym.planning.exploration_loop import ExplorationLoopConfig
 from slamgym.planning.promise import Promise, split_promise

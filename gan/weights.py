@@ -20,10 +20,10 @@ from slamgym.core.documents import load_json
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.files import open_regular, require_file, write_bytes, write_text
 from slamgym.core.limits import WEIGHT_BYTES
-from slamgym.core.markdown import markdown
 from slamgym.core.names import is_file_name
 from slamgym.core.progress import duration
 from slamgym.core.provenance import check_origin, write_checksums
+from slamgym.core.text import markdown
 from slamgym.gan.config import Direction, TranslatorConfig
 from slamgym.gan.networks.factory import Generator, build_generator
 from slamgym.gan.networks.layers import count_parameters

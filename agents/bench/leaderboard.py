@@ -18,8 +18,8 @@ from slamgym.core.intervals import (
     ratio_where_both,
     wilson_interval,
 )
-from slamgym.core.markdown import markdown
 from slamgym.core.progress import counted
+from slamgym.core.text import markdown
 from slamgym.core.types import FloatArray
 
 REFERENCE = "explore_lite"

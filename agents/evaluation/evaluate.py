@@ -33,10 +33,10 @@ from slamgym.core.config import Count, Settings, from_dict, to_dict
 from slamgym.core.documents import parse_json
 from slamgym.core.errors import ConfigError, InputFileError, PlanError
 from slamgym.core.files import append_line, exclusive_lock, read_bytes, replace_file, storage_errors
+from slamgym.core.names import exploration_seed, shuffled
 from slamgym.core.parallel.backlog import Lost, tried
 from slamgym.core.parallel.engine import Execution, try_out
 from slamgym.core.progress import show_progress
-from slamgym.core.seeding import exploration_seed, shuffled
 from slamgym.core.types import Pose2D
 from slamgym.envs import ExploreEnv
 from slamgym.envs.warmup import compile_for

@@ -20,7 +20,7 @@ from slamgym.agents.registry import CLASSICAL
 from slamgym.core.config import to_dict
 from slamgym.core.files import replace_file, storage_errors
 from slamgym.core.intervals import Interval
-from slamgym.core.markdown import markdown
+from slamgym.core.text import markdown
 
 _SHOWN = ("0.5", "0.8", "0.9", "0.95", "0.99")
 _RATIO_LEVELS = ("0.95", "0.99")

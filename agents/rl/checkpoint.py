@@ -5,10 +5,10 @@ from typing import Any
 
 import torch
 
-from slamgym.core.compression import check_zip
 from slamgym.core.errors import InputFileError
 from slamgym.core.files import staged
 from slamgym.core.limits import WEIGHT_BYTES
+from slamgym.core.streams import check_zip
 
 CHECKPOINT = "checkpoint.pt"
 

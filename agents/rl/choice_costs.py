@@ -15,10 +15,10 @@ import torch
 from torch import Tensor
 from torch.nn.functional import huber_loss
 
-from slamgym.core.compression import DAMAGED_ZIP
 from slamgym.core.errors import InputFileError
 from slamgym.core.files import staged
 from slamgym.core.progress import say
+from slamgym.core.streams import DAMAGED_ZIP
 from slamgym.core.types import ByteArray, Float32Array, FloatArray, IntArray, Observation
 
 LARGEST_REGRET = 20.0

@@ -13,8 +13,7 @@ from slamgym.agents.rl.reward_shaping import Experiment
 from slamgym.agents.rl.train_config import POLICY, Curriculum, TrainConfig
 from slamgym.agents.rl.validation import PolicyOutcome, explore_plan
 from slamgym.core.config import Count, Settings
-from slamgym.core.own_code import own_function
-from slamgym.core.seeding import exploration_seed
+from slamgym.core.names import exploration_seed, own_function
 from slamgym.envs import RewardFunction
 
 if TYPE_CHECKING:

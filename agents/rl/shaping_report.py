@@ -18,7 +18,7 @@ from slamgym.core.intervals import (
     mean_band,
     probability_of_improvement,
 )
-from slamgym.core.markdown import markdown
+from slamgym.core.text import markdown
 from slamgym.core.types import FloatArray
 from slamgym.viz.plots import Curve, CurvePanel, Spread, plot_curves, plot_spreads
 

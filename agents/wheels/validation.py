@@ -10,7 +10,7 @@ import numpy as np
 
 from slamgym.agents.wheels.config import WheelsConfig
 from slamgym.cad import FloorPlan
-from slamgym.core.seeding import exploration_seed
+from slamgym.core.names import exploration_seed
 from slamgym.envs.batch.env import BatchExploreEnv
 
 CONTACT_SECONDS = 300.0

@@ -21,7 +21,7 @@ from slamgym.agents.rl.training_envs import draw_plans
 from slamgym.agents.rl.validation import Choose, explore_plan
 from slamgym.agents.rules import FrontierTour, Nearest
 from slamgym.core.intervals import ratio_of_means
-from slamgym.core.seeding import exploration_seed
+from slamgym.core.names import exploration_seed
 from slamgym.envs.explore_frontiers_env import ExploreFrontiersEnv
 
 sys.path.insert(0, str(Path(__file__).parents[1]))

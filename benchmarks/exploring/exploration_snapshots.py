@@ -13,7 +13,7 @@ from slamgym.agents.rl.train_config import FURNISHED
 from slamgym.cad import FloorPlan, PlanSource, check_plan
 from slamgym.cad.plan_filter import passes
 from slamgym.core.errors import PlanError
-from slamgym.core.seeding import exploration_seed, shuffled
+from slamgym.core.names import exploration_seed, shuffled
 from slamgym.core.types import BoolArray, FloatArray, OccupancyGrid, Pose2D
 from slamgym.envs import ExploreConfig, ExploreEnv
 from slamgym.envs.episode import episode_steps, explored_env, time_limit

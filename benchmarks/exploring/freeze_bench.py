@@ -39,8 +39,7 @@ from slamgym.cad.houseexpo import format_houseexpo, parse_houseexpo
 from slamgym.cad.plan_filter import passes
 from slamgym.core.config import to_dict
 from slamgym.core.errors import PlanError
-from slamgym.core.names import as_file_name
-from slamgym.core.seeding import exploration_seed, shuffled
+from slamgym.core.names import as_file_name, exploration_seed, shuffled
 from slamgym.dataset.curate.near_duplicates import near_duplicates, plan_print
 from slamgym.envs import ExploreEnv
 from slamgym.envs.episode import fitted_env

@@ -14,7 +14,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from slamgym.core.markdown import markdown
+from slamgym.core.text import markdown
 from slamgym.gan.evaluation.realism import medians_table, realism_table
 from slamgym.gan.evaluation.summary import main_table
 

@@ -26,7 +26,7 @@ from slamgym.cad import FloorPlan
 from slamgym.commands.deforming.hypotheses import generator_config
 from slamgym.commands.deforming.subjects import recorded_drive
 from slamgym.core.intervals import Interval
-from slamgym.core.png import read_png
+from slamgym.core.pictures import read_png
 from slamgym.core.types import FREE, UNKNOWN, ByteArray, GridFrame, OccupancyGrid, Trajectory
 from slamgym.dataset.format import Layout, read_manifest
 from slamgym.dataset.generate.recipe import apply_conditions

@@ -26,7 +26,7 @@ from slamgym.cad import FloorPlan, check_plan, open_plans, read_houseexpo, write
 from slamgym.commands.cli import main as slamgym
 from slamgym.core.errors import PlanError
 from slamgym.core.intervals import wilson_interval
-from slamgym.core.png import read_png
+from slamgym.core.pictures import read_png
 from slamgym.core.types import GridFrame, OccupancyGrid
 from slamgym.drawing.comparison import Change, ComparisonConfig, compare_with_plan
 from slamgym.interop import read_map

@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TimeElapsedColumn
 
 from slamgym.core.files import own_folder, write_bytes
-from slamgym.core.png import encode_png
+from slamgym.core.pictures import encode_png
 from slamgym.core.progress import LINE_INTERVAL, duration, say
 from slamgym.core.types import ByteArray
 

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from slamgym.cad.sources import ArchiveSource
-from slamgym.core.download import download
 from slamgym.core.errors import InputFileError
 from slamgym.core.files import read_text, sha256_of, write_text
+from slamgym.core.streams import download
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ def fetch_plans(
         archive: Which one.
         path: Where it goes.
         url: Another address of the same file.
-        advance: As :func:`slamgym.core.download.download` takes it.
+        advance: As :func:`slamgym.core.streams.download` takes it.
 
     Returns:
         How many plans it holds.

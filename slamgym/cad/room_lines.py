@@ -21,10 +21,10 @@ from slamgym.cad.crowding import make_valid, refuse_crowded
 from slamgym.cad.floorplan import Door, FloorPlan, Room
 from slamgym.cad.houseexpo import MAX_ID, MAX_PLAN_COORDINATE
 from slamgym.cad.polygons import largest_part, polygon_parts
-from slamgym.core.compression import DAMAGED, open_expanded
 from slamgym.core.documents import parse_json
 from slamgym.core.errors import InputFileError, PlanError
 from slamgym.core.limits import ENTRIES, MAX_SHOWN, PLAN_PARTS, VERTICES, shown
+from slamgym.core.streams import DAMAGED, open_expanded
 from slamgym.core.types import FloatArray
 
 WALL_THICKNESS = 0.15

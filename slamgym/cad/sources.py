@@ -15,12 +15,12 @@ from slamgym.cad.houseexpo import parse_houseexpo, read_houseexpo
 from slamgym.cad.image_plan import PictureSource
 from slamgym.cad.plan_files.source import DRAWING_SUFFIXES, DrawingSource
 from slamgym.cad.room_lines import RoomLinesSource
-from slamgym.core.compression import DAMAGED, open_expanded
 from slamgym.core.config import suggest
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.files import read_text
 from slamgym.core.limits import DOCUMENT_BYTES, ENTRIES, shown
 from slamgym.core.pictures import PICTURE_SUFFIXES
+from slamgym.core.streams import DAMAGED, open_expanded
 
 BUNDLED = Path(__file__).parent / "bundled"
 """The plans that come with the package."""

@@ -2,6 +2,7 @@
 
 import dataclasses
 import difflib
+import functools
 import hashlib
 import json
 import math
@@ -107,6 +108,7 @@ class Arguments(Settings):
         return f"--{name.replace('_', '-')}"
 
 
+@functools.cache
 def _hints(cls: type) -> dict[str, Any]:
     """Types of the fields of a dataclass or named tuple, with their bounds."""
     names = getattr(cls, "_fields", None) or [entry.name for entry in dataclasses.fields(cls)]

@@ -234,24 +234,18 @@ def write_text(path: Path | str, content: str) -> None:
     write_bytes(path, content.encode(errors="backslashreplace"))
 
 
-def replace_file(path: Path, data: bytes) -> None:
+def replace_file(path: Path, content: bytes | Iterable[bytes]) -> None:
     """Write a whole file at once and wait until the disk has it.
+
+    Args:
+        path: The file; what the content is made from may be its old content.
+        content: Its new content, or chunks of it that need not fit in memory together.
 
     Raises:
         StorageError: If it can't be written.
     """
-    replace_file_by(path, [data])
-
-
-def replace_file_by(path: Path, chunks: Iterable[bytes]) -> None:
-    """The same as :func:`replace_file`, of data that need not fit in memory.
-
-    Args:
-        path: The file; what the chunks are made from may be its old content.
-        chunks: The new content.
-    """
     with staged(path, durable=True) as part, part.open("wb") as file:
-        file.writelines(chunks)
+        file.writelines([content] if isinstance(content, bytes) else content)
 
 
 def replace_if_changed(path: Path, data: bytes) -> None:

@@ -1,4 +1,4 @@
-"""SE(2) arithmetic and angles.
+"""SE(2) arithmetic, angles, and one grid laid onto another.
 
 Convention: ``compose(a, b)`` is the pose of frame b's child seen from a's parent, i.e. the matrix product
 ``T_a @ T_b``; ``between(a, b)`` is ``inverse(a) * b``, the pose of b seen from a.
@@ -62,3 +62,20 @@ def transform_poses(pose: Pose2D, poses: FloatArray) -> FloatArray:
     moved[:, :2] = transform_points(pose, poses[:, :2])
     moved[:, 2] = wrap_angle(poses[:, 2] + pose[2])
     return moved
+
+
+def paste(canvas: np.ndarray, picture: np.ndarray, top: int, left: int) -> None:
+    """Fill a canvas as far as a picture reaches; what lies beyond keeps its values.
+
+    Args:
+        canvas: Written to, shape (..., H, W).
+        picture: Shape (..., rows, cols), with the same leading axes.
+        top: Row of the picture at which the canvas begins; may be negative or beyond the picture.
+        left: Its column there.
+    """
+    rows, cols = (
+        slice(min(max(0, first), there), max(0, min(there, first + here)))
+        for first, here, there in zip((top, left), canvas.shape[-2:], picture.shape[-2:], strict=True)
+    )
+    part = picture[..., rows, cols]
+    canvas[..., rows.start - top :, cols.start - left :][..., : part.shape[-2], : part.shape[-1]] = part

@@ -1,17 +1,19 @@
-"""Names that come from files and become parts of paths or tables.
+"""Names: parts of paths and tables, functions of the user's own, and the random choices that follow from them.
 
 A dataset's manifest, an archive or a journal may come from anybody. What they call a file is one part of a path,
 never a path: :data:`FileName` is the type of every such field, and :func:`as_file_name` makes one of any text.
 """
 
 import hashlib
+import importlib
 import re
+import sys
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Annotated, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
-from slamgym.core.errors import InputFileError
+from slamgym.core.errors import ConfigError, InputFileError
 
 MAX_NAME_BYTES = 200
 """File systems take 255; this leaves room for suffixes and for the temporary name while a file is written."""
@@ -84,3 +86,55 @@ def as_file_name(text: str, max_bytes: int = MAX_NAME_BYTES) -> str:
         digest = hashlib.sha256(text.encode(errors="surrogatepass")).hexdigest()[:_DIGEST_DIGITS]
         name = f"{name[: max_bytes - _DIGEST_DIGITS - 1]}-{digest}"
     return name
+
+
+def is_own_explorer(name: str) -> bool:
+    """Whether an explorer's name is ``module:function``, and neither weights (``rl:FILE``) nor ``rl@98%:95%``."""
+    module, colon, _ = name.partition("@")[0].partition(":")
+    return bool(colon) and module not in ("rl", "wheels")
+
+
+def own_function(spec: str, what: str) -> Callable[..., Any]:
+    """Import a function; its module is looked for in the current folder, too.
+
+    An installed command doesn't look there by itself. The module's code is run, as the user who names it wants.
+
+    Args:
+        spec: ``module:function``.
+        what: What names it, for errors.
+
+    Raises:
+        ConfigError: If it can't be imported, or is no function.
+    """
+    module, _, name = spec.partition(":")
+    folder = str(Path.cwd())
+    if folder not in sys.path:
+        sys.path.insert(0, folder)
+    try:
+        function = getattr(importlib.import_module(module), name) if module and name else None
+    except (ImportError, AttributeError, SyntaxError, TypeError) as error:
+        raise ConfigError(f"{what} {spec!r} can't be imported ({error}); give module:function") from None
+    if not callable(function):
+        raise ConfigError(f"{what} {spec!r} must be module:function")
+    return function
+
+
+def exploration_seed(seed: int, plan_id: str, repetition: int) -> int:
+    """The seed of one exploration of a plan, 0 to 2^63 - 1."""
+    return _first_64_bits(f"{seed}/{plan_id}/{repetition}") >> 1
+
+
+def uniform_share(name: str) -> float:
+    """A number in [0, 1) that follows from a name."""
+    return _first_64_bits(name) / 2.0**64
+
+
+def shuffled(names: Sequence[str], seed: int | tuple[int, int]) -> list[str]:
+    """The names in an order that follows from the seed."""
+    import numpy as np  # here, because help pages need the names alone
+
+    return [names[place] for place in np.random.default_rng(seed).permutation(len(names))]
+
+
+def _first_64_bits(text: str) -> int:
+    return int.from_bytes(hashlib.sha256(text.encode(errors="surrogatepass")).digest()[:8], "big")

@@ -10,11 +10,13 @@ import math
 import struct
 import warnings
 import zlib
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from slamgym.core.errors import InputFileError
+from slamgym.core.files import read_bytes
 from slamgym.core.limits import PIXELS
 from slamgym.core.types import BoolArray, ByteArray
 
@@ -117,3 +119,20 @@ def _netpbm_pixels(image: Any, encoded: bytes) -> Any:
     if white != full:
         pixels = np.rint(np.minimum(pixels, white) * (full / white))
     return pixels.astype(np.uint8 if full == 255 else np.uint16)
+
+
+def encode_png(image: ByteArray) -> bytes:
+    """The content of a PNG file, of shape (rows, cols) or (rows, cols, 3) in OpenCV's order of channels."""
+    import cv2
+
+    return bytes(cv2.imencode(".png", image)[1])
+
+
+def read_png(path: Path) -> ByteArray:
+    """Read a picture as :func:`decode_picture` does.
+
+    Raises:
+        InputFileError: If it is missing, no picture, or larger than allowed.
+    """
+    image: ByteArray = decode_picture(path, read_bytes(path))
+    return image

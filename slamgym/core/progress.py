@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 from slamgym.core.text import printable
 
@@ -17,11 +17,8 @@ LINE_INTERVAL = 15.0
 """Time between two lines where there is no terminal [s]."""
 
 
-class Advance(Protocol):
-    """Called once for every pair that is done."""
-
-    def __call__(self) -> None:
-        """Note one more."""
+Advance = Callable[[], None]
+"""Called once for everything that is done."""
 
 
 class Meter:

@@ -1,6 +1,7 @@
-"""Texts from outside, made safe for a terminal, a page or a line of a file."""
+"""Texts from outside, made safe for a terminal, a page or a line of a file; tables in Markdown."""
 
 import html
+from collections.abc import Iterable, Sequence
 
 
 def printable(text: str) -> str:
@@ -15,3 +16,16 @@ def printable(text: str) -> str:
 def markup(text: str) -> str:
     """The same as a part of HTML or XML, between tags or in an attribute."""
     return html.escape(printable(text))
+
+
+def markdown(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """A table in Markdown whose columns line up, the first flush left and the others right, ended by a line break."""
+    table = [[printable(cell).replace("|", r"\|") for cell in row] for row in (headings, *rows)]
+    widths = [max(map(len, column)) for column in zip(*table, strict=True)]
+
+    def line(first: str, *others: str) -> str:
+        padded = (cell.rjust(width) for cell, width in zip(others, widths[1:], strict=True))
+        return "| " + " | ".join([first.ljust(widths[0]), *padded]) + " |\n"
+
+    rule = "|" + "|".join(["-" * (widths[0] + 2), *("-" * (width + 1) + ":" for width in widths[1:])]) + "|\n"
+    return line(*headings) + rule + "".join(line(*row) for row in table[1:])

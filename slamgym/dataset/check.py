@@ -16,10 +16,9 @@ from slamgym.core.documents import parse_json, read_json
 from slamgym.core.errors import InputFileError, SlamgymError
 from slamgym.core.files import byte_lines, read_bytes, sha256_of, text_lines
 from slamgym.core.limits import DOCUMENT_BYTES
-from slamgym.core.names import is_file_name
-from slamgym.core.png import read_png
+from slamgym.core.names import exploration_seed, is_file_name
+from slamgym.core.pictures import read_png
 from slamgym.core.progress import counted
-from slamgym.core.seeding import exploration_seed
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN
 from slamgym.dataset.curate.split import read_split, split_path
 from slamgym.dataset.curate.verdicts import VERDICTS_FILE, iterate_verdicts

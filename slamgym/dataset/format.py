@@ -36,7 +36,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from slamgym.core.documents import read_json
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.files import sha256_of, text_lines, write_bytes
-from slamgym.core.png import read_png
+from slamgym.core.pictures import read_png
 from slamgym.core.types import ByteArray
 from slamgym.dataset.record import PairRecord
 

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from slamgym.core.documents import load_json
 from slamgym.core.errors import InputFileError
-from slamgym.core.files import byte_lines, replace_file_by
+from slamgym.core.files import byte_lines, replace_file
 from slamgym.dataset.record import MAX_SLOTS
 
 
@@ -94,7 +94,7 @@ class ManifestFile:
         lines = self._lines() if self._is_usable else iter(())
         kept = (entry for entry in lines if entry[0] in self.listed and entry[0] not in self._fresh)
         merged = heapq.merge(kept, sorted(self._fresh.items()), key=itemgetter(0))
-        replace_file_by(self._path, map(itemgetter(1), merged))
+        replace_file(self._path, map(itemgetter(1), merged))
         self._fresh.clear()
         self._is_usable, self._is_stale = True, False
 

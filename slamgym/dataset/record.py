@@ -19,10 +19,9 @@ import numpy as np
 
 from slamgym import __version__
 from slamgym.core.config import Counted, Measured, Positive, Share, Within, to_dict
-from slamgym.core.documents import parse_json
+from slamgym.core.documents import parse_json, read_record
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.files import staged
-from slamgym.core.json_records import read_record
 from slamgym.core.names import FileName, as_file_name
 from slamgym.core.types import GridFrame, Pose2D, Trajectory
 from slamgym.dataset.pair import MapPair

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from slamgym.core.files import open_regular, replace_file
-from slamgym.core.png import encode_png
+from slamgym.core.pictures import encode_png
 from slamgym.core.progress import counted
 from slamgym.core.types import FloatArray, IntArray
 from slamgym.dataset.curate.verdicts import VERDICTS_FILE, iterate_verdicts

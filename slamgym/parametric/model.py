@@ -12,7 +12,7 @@ import numpy as np
 
 from slamgym.core.config import to_dict
 from slamgym.core.errors import PlanError
-from slamgym.core.grids import paste
+from slamgym.core.geometry import paste
 from slamgym.core.types import (
     FREE,
     UNKNOWN,

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 
-from slamgym.core.grids import paste
+from slamgym.core.geometry import paste
 from slamgym.core.types import ByteArray, FloatArray, GridFrame, OccupancyGrid
 from slamgym.viz.canvas import (
     PAPER,

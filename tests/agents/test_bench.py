@@ -366,7 +366,7 @@ def test_the_template_of_an_own_explorer_is_short_and_runs_on_the_benchmark(tmp_
         ("nowhere:make", "can't be imported"),
         ("math:tau", "must be module:function"),
         ("math:", "must be module:function"),
-        ("slamgym.core.seeding:uniform_share", "can't be made"),
+        ("slamgym.core.names:uniform_share", "can't be made"),
     ],
 )
 def test_an_own_explorer_that_is_none_is_refused(name, reason):

@@ -6,7 +6,7 @@ import pytest
 from slamgym.agents.evaluation.report import describe_evaluation, level_of
 from slamgym.agents.evaluation.summary import censored, compare, succeeded, summarise_trials
 from slamgym.core.errors import ConfigError
-from slamgym.core.markdown import markdown
+from slamgym.core.text import markdown
 
 
 @pytest.fixture

@@ -14,8 +14,8 @@ import pytest
 
 from slamgym.cad.public_archives import PUBLIC_ARCHIVES, PublicArchive, fetch_plans
 from slamgym.commands.plans import main
-from slamgym.core.download import DownloadError, download
 from slamgym.core.errors import InputFileError
+from slamgym.core.streams import DownloadError, download
 
 SQUARE = {"verts": [[0, 0], [6, 0], [6, 6], [0, 6]], "room_category": {}, "room_num": 1}
 

@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from slamgym.core.grids import paste
+from slamgym.core.geometry import paste
 
 SIDE = st.integers(1, 6)
 OFFSET = st.integers(-9, 9)

@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from slamgym.core import json_records
+from slamgym.core import documents
 from slamgym.core.config import Within, from_dict
+from slamgym.core.documents import read_record
 from slamgym.core.errors import ConfigError
-from slamgym.core.json_records import read_record
 from slamgym.core.names import FileName
 
 
@@ -55,7 +55,7 @@ def outcome(read, values):
 
 def test_a_good_record_takes_the_quick_way(monkeypatch):
     expected = from_dict(Row, GOOD)
-    monkeypatch.setattr(json_records, "from_dict", None)
+    monkeypatch.setattr(documents, "from_dict", None)
     assert read_record(Row, GOOD) == expected
 
 

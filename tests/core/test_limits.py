@@ -13,12 +13,12 @@ import numpy as np
 import pytest
 
 from slamgym.cad import open_plans
-from slamgym.core.compression import check_zip
 from slamgym.core.documents import parse_json, parse_yaml
 from slamgym.core.errors import ConfigError, InputFileError, PlanError
 from slamgym.core.files import read_bytes
 from slamgym.core.limits import LIMITS, MAX_SHOWN, PIXELS, WEIGHT_BYTES, shown
 from slamgym.core.pictures import decode_picture
+from slamgym.core.streams import check_zip
 from slamgym.interop import open_log, read_ros_map
 
 PAGE = Path(__file__).parents[2] / "docs" / "limits.md"

@@ -20,7 +20,7 @@ from hypothesis import strategies as st
 
 from slamgym.commands.dataset.review import _band
 from slamgym.core.config import to_dict
-from slamgym.core.png import encode_png
+from slamgym.core.pictures import encode_png
 from slamgym.dataset.check import check_dataset, check_image_folder
 from slamgym.dataset.curate.completeness import FEATURES
 from slamgym.dataset.curate.completeness_model import PRETRAINED_MODEL, CompletenessModel

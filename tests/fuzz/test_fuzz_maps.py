@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from slamgym.cad import check_plan, open_plans
-from slamgym.core.png import read_png
+from slamgym.core.pictures import read_png
 from slamgym.interop import read_map, read_ros_map
 
 MAP = {

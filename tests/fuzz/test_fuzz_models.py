@@ -23,7 +23,7 @@ from slamgym.agents.evaluation.trial import Trial
 from slamgym.agents.pretrained_policy import PRETRAINED, read_policy
 from slamgym.agents.scoring import NetworkConfig
 from slamgym.core.config import from_dict, to_dict
-from slamgym.core.png import encode_png
+from slamgym.core.pictures import encode_png
 from slamgym.gan.config import TranslatorTrainingConfig
 from slamgym.gan.data import load_pairs
 from slamgym.gan.presets import TRANSLATOR_PRESETS

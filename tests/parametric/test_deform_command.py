@@ -12,7 +12,7 @@ from slamgym.cad.houseexpo import write_houseexpo
 from slamgym.commands.deform import main
 from slamgym.commands.generate import main as generate
 from slamgym.core.errors import InputFileError, PlanError, SlamgymError
-from slamgym.core.png import read_png
+from slamgym.core.pictures import read_png
 from slamgym.dataset import load_pair, read_manifest
 from slamgym.dataset.curate.split import PlanSide, SplitTable, make_split, read_split
 from slamgym.dataset.images.render import render_images, select_pairs

@@ -17,7 +17,7 @@ import numpy as np
 from slamgym import __version__
 from slamgym.cad import write_houseexpo
 from slamgym.core.errors import InputFileError
-from slamgym.core.png import encode_png
+from slamgym.core.pictures import encode_png
 from slamgym.core.types import GridFrame, OccupancyGrid, Pose2D, Trajectory
 from slamgym.dataset.curate.split import split_path
 from slamgym.dataset.format import FIELD_FILE, FORMAT_VERSION, SIDES, SUMS, Layout, digest_lines, is_dataset

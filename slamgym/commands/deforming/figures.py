@@ -16,8 +16,8 @@ from slamgym.commands.deforming.dataset import staged_folder
 from slamgym.commands.deforming.hypotheses import generator_config, hypotheses, square_around
 from slamgym.commands.deforming.subjects import load_plan, subjects
 from slamgym.core.files import write_text
-from slamgym.core.markdown import markdown
 from slamgym.core.progress import tell
+from slamgym.core.text import markdown
 from slamgym.core.types import UNKNOWN, ByteArray, Float32Array, GridFrame, Trajectory
 from slamgym.dataset.generate.recipe import episode_conditions, open_recipe
 from slamgym.dataset.images.square_images import resample_map

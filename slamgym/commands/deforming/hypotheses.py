@@ -105,7 +105,7 @@ def model_settings(
     """The model's settings for one hypothesis: a recipe draws others for each, an exploration had its own."""
     config = preset("faithful")
     if arguments.method == "generator":
-        from slamgym.core.seeding import exploration_seed
+        from slamgym.core.names import exploration_seed
         from slamgym.dataset.generate.recipe import episode_conditions, open_recipe
         from slamgym.envs.episode import EpisodeConfig
 

@@ -14,7 +14,7 @@ from slamgym.cad.plan_filter import passes
 from slamgym.cad.sources import PlanSource, open_plans
 from slamgym.core.config import from_dict, suggest
 from slamgym.core.errors import ConfigError, InputFileError, PlanError
-from slamgym.core.seeding import exploration_seed
+from slamgym.core.names import exploration_seed
 from slamgym.core.types import FREE, Trajectory
 from slamgym.dataset.format import Layout, is_dataset, read_dataset_config, read_manifest
 from slamgym.dataset.generate.recipe import apply_conditions

@@ -14,9 +14,8 @@ from slamgym import __version__
 from slamgym.commands.gan.arguments import EvaluateTranslatorsArguments
 from slamgym.core.errors import ConfigError
 from slamgym.core.files import write_text
-from slamgym.core.markdown import markdown
 from slamgym.core.progress import counted, say, show_progress, tell
-from slamgym.core.text import printable
+from slamgym.core.text import markdown, printable
 from slamgym.core.types import ByteArray
 from slamgym.gan.data import PairSet, image_side, load_pairs, true_faces
 from slamgym.gan.evaluation.evaluate import (

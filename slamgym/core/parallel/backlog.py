@@ -1,14 +1,15 @@
-"""Tasks on their way to the workers of an engine: fresh items, and those whose worker died, to be tried again."""
+"""What all engines have in common: tasks on their way to workers, fresh ones and those whose worker died."""
 
 import faulthandler
 import os
 import time
 import traceback
+from abc import ABC, abstractmethod
 from collections import deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Generic, TypeVar
+from typing import Generic, Self, TypeVar
 
 from slamgym.core.errors import PlanError, SlamgymError
 from slamgym.core.progress import duration
@@ -94,6 +95,41 @@ def tried(task: Callable[[_Item], _Result], item: _Item) -> _Result | Lost[_Item
         frame = traceback.extract_tb(error.__traceback__)[-1]
         place = f"{Path(frame.filename).name}:{frame.lineno}, {frame.name}"
         return Lost(item, f"{error} (in {place})", type(error).__name__)
+
+
+class Engine(ABC):
+    """Applies a function to many items, on processes that live until the end of its ``with`` block.
+
+    Attributes:
+        shares_files: True if the tasks see the files of this process.
+    """
+
+    shares_files = True
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.close()
+
+    @abstractmethod
+    def close(self) -> None:
+        """End the processes."""
+
+    @abstractmethod
+    def run(
+        self, task: Callable[[_Item], _Result], items: Iterable[_Item]
+    ) -> Iterator[_Result | Lost[_Item]]:
+        """Apply a function to every item and yield the results as they come, in any order.
+
+        Args:
+            task: A function that can be pickled by reference.
+            items: What to apply it to; drawn in this thread, a bounded number ahead of the results.
+
+        Raises:
+            WorkerLostError: If nothing but lost tasks comes back.
+            Exception: What a task raises ends the iteration; tasks in flight are lost.
+        """
 
 
 class Backlog(Generic[_Item]):

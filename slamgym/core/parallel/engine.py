@@ -11,12 +11,11 @@ import functools
 import multiprocessing
 import os
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import AbstractContextManager
 from dataclasses import dataclass
-from typing import Literal, Protocol, TypeVar
+from typing import Literal, TypeVar
 
 from slamgym.core.errors import ConfigError
-from slamgym.core.parallel.backlog import TASK_TIMEOUT, Lost, WorkerLostError, tried
+from slamgym.core.parallel.backlog import TASK_TIMEOUT, Engine, Lost, WorkerLostError, tried
 
 _Item = TypeVar("_Item")
 _Result = TypeVar("_Result")
@@ -24,36 +23,12 @@ _Result = TypeVar("_Result")
 EngineName = Literal["local", "ray", "in_process"]
 
 
-class Engine(Protocol):
-    """Applies a function to many items, on processes that live until the engine is closed."""
-
-    @property
-    def shares_files(self) -> bool:
-        """Whether the tasks see the files of this process."""
-        ...
-
-    def run(
-        self, task: Callable[[_Item], _Result], items: Iterable[_Item]
-    ) -> Iterator[_Result | Lost[_Item]]:
-        """Apply a function to every item and yield the results as they come, in any order.
-
-        Args:
-            task: A function that can be pickled by reference.
-            items: What to apply it to; drawn in this thread, a bounded number ahead of the results.
-
-        Raises:
-            WorkerLostError: If nothing but lost tasks comes back.
-            Exception: What a task raises ends the iteration; tasks in flight are lost.
-        """
-        ...
-
-
 def open_engine(
     name: EngineName = "local",
     workers: int = 1,
     address: str | None = None,
     timeout: float | None = TASK_TIMEOUT,
-) -> AbstractContextManager[Engine]:
+) -> Engine:
     """Start an engine for the length of a ``with`` block.
 
     Args:
@@ -91,7 +66,7 @@ class Execution:
     task_timeout: float = TASK_TIMEOUT
     """Longest wall time of an exploration [s]; one that hangs is ended and noted."""
 
-    def open(self) -> AbstractContextManager[Engine]:
+    def open(self) -> Engine:
         """Start the engine for the length of a ``with`` block, as :func:`open_engine`."""
         return open_engine(self.engine, self.workers, self.address, self.task_timeout)
 
@@ -127,7 +102,7 @@ def run_apart(task: Callable[[_Item], _Result], item: _Item, seconds: float) -> 
 def _another_process(process: int, seconds: float) -> Engine:  # noqa: ARG001 - a fork can't use its parent's
     """One worker; a daemon may have no child, so there it is this process."""
     name: EngineName = "in_process" if multiprocessing.current_process().daemon else "local"
-    return open_engine(name, timeout=seconds).__enter__()
+    return open_engine(name, timeout=seconds)
 
 
 def run_tasks(task: Callable[[_Item], _Result], items: Iterable[_Item], workers: int) -> Iterator[_Result]:

@@ -4,7 +4,6 @@ Every worker is a loky executor of its own with a single process: when one dies,
 known, and the others go on. A common pool would lose every task in flight with it.
 """
 
-import contextlib
 import functools
 import os
 import re
@@ -14,13 +13,13 @@ import time
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from concurrent.futures.process import BrokenProcessPool
-from typing import Any, Self, TypeVar
+from typing import Any, TypeVar
 
 import cv2
 from joblib.externals import loky
 
 from slamgym.core.errors import ConfigError
-from slamgym.core.parallel.backlog import Attempt, Backlog, Lost, run_limited
+from slamgym.core.parallel.backlog import Attempt, Backlog, Engine, Lost, run_limited
 
 _Item = TypeVar("_Item")
 _Result = TypeVar("_Result")
@@ -37,24 +36,23 @@ PARENT_CHECK_INTERVAL = 0.5
 """How often a worker looks whether its parent lives [s]."""
 
 
-class InProcessEngine:
+class InProcessEngine(Engine):
     """This process: nothing to start and everything in reach of a debugger, but a crash ends it."""
 
-    shares_files = True
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        pass
+    def close(self) -> None:
+        """Nothing to end."""
 
     def run(self, task: Callable[[_Item], _Result], items: Iterable[_Item]) -> Iterator[_Result]:
-        """Run one task after the other."""
-        with _one_opencv_thread():
+        """Run one task after the other, on one OpenCV thread as in a worker."""
+        before = cv2.getNumThreads()
+        cv2.setNumThreads(1)
+        try:
             yield from map(task, items)
+        finally:
+            cv2.setNumThreads(before)
 
 
-class LocalEngine:
+class LocalEngine(Engine):
     """Processes of this machine, one thread each; one worker is a process of its own, too.
 
     Args:
@@ -65,18 +63,14 @@ class LocalEngine:
         ConfigError: If the number is not positive.
     """
 
-    shares_files = True
-
     def __init__(self, workers: int, timeout: float | None = None) -> None:
         if workers < 1:
             raise ConfigError(f"the number of workers must be at least 1, not {workers}")
         self._workers = [_Worker() for _ in range(workers)]
         self._timeout = timeout
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *exception: object) -> None:
+    def close(self) -> None:
+        """End all workers."""
         for worker in self._workers:
             worker.close()
 
@@ -166,14 +160,3 @@ def _end_with_parent(parent: int) -> None:
     while os.getppid() == parent:
         time.sleep(PARENT_CHECK_INTERVAL)
     os._exit(1)
-
-
-@contextlib.contextmanager
-def _one_opencv_thread() -> Iterator[None]:
-    """Compute on one OpenCV thread inside the block, as in a worker."""
-    before = cv2.getNumThreads()
-    cv2.setNumThreads(1)
-    try:
-        yield
-    finally:
-        cv2.setNumThreads(before)

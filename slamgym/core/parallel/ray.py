@@ -12,14 +12,14 @@ import socket
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from types import ModuleType
-from typing import Any, Self, TypeVar
+from typing import Any, TypeVar
 
 import cv2
 
 from slamgym import __version__
 from slamgym.core.errors import ConfigError, SlamgymError
 from slamgym.core.interruption import kept_termination
-from slamgym.core.parallel.backlog import Attempt, Backlog, Lost, available_cores, run_limited
+from slamgym.core.parallel.backlog import Attempt, Backlog, Engine, Lost, available_cores, run_limited
 
 LOCAL_STORE_PER_WORKER = 64 << 20
 """Object store of a cluster on this machine, per worker: an exploration's files take a few MB."""
@@ -31,6 +31,9 @@ CONNECTION_TIMEOUT = 10.0
 """How long a cluster's head may take to accept a connection [s]."""
 
 _REASON_LENGTH = 200
+
+_Item = TypeVar("_Item")
+_Result = TypeVar("_Result")
 
 
 def import_ray() -> ModuleType:
@@ -132,9 +135,6 @@ def one_line(error: Exception) -> str:
     return text if len(text) <= _REASON_LENGTH else text[: _REASON_LENGTH - 3] + "..."
 
 
-_Item = TypeVar("_Item")
-_Result = TypeVar("_Result")
-
 IN_FLIGHT_PER_CPU = 2
 """Tasks handed to Ray per core of the cluster: one to run, and one that waits, by which a cluster that can
 grow sees that there is work."""
@@ -143,7 +143,7 @@ FETCH_TIMEOUT = 60.0
 """How long the few MB of a result that is ready may take to arrive [s]."""
 
 
-class RayEngine:
+class RayEngine(Engine):
     """A Ray cluster.
 
     Args:
@@ -168,10 +168,8 @@ class RayEngine:
         self._most = workers
         self._timeout = timeout
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *exception: object) -> None:
+    def close(self) -> None:
+        """End the connection, if it was made here."""
         if self._is_ours:
             self._ray.shutdown()
 

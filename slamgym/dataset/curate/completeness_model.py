@@ -13,11 +13,11 @@ from typing import Any
 
 import numpy as np
 
-from slamgym.core.compression import DAMAGED_ZIP
 from slamgym.core.documents import load_json
 from slamgym.core.errors import InputFileError
 from slamgym.core.files import read_bytes
 from slamgym.core.provenance import check_origin
+from slamgym.core.streams import DAMAGED_ZIP
 from slamgym.core.types import BoolArray, FloatArray, IntArray
 from slamgym.dataset.curate.completeness import FEATURES
 

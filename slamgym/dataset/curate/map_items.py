@@ -9,7 +9,7 @@ from pathlib import Path
 from slamgym.core.errors import InputFileError
 from slamgym.core.files import read_bytes, read_text, sha256_of
 from slamgym.core.limits import YAML_BYTES
-from slamgym.core.png import read_png
+from slamgym.core.pictures import read_png
 from slamgym.core.types import ByteArray, GridFrame, OccupancyGrid
 from slamgym.dataset.format import (
     Layout,

@@ -21,8 +21,8 @@ from slamgym.core.documents import read_json
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.files import replace_file
 from slamgym.core.limits import FILE_BYTES
+from slamgym.core.names import uniform_share
 from slamgym.core.progress import show_progress
-from slamgym.core.seeding import uniform_share
 from slamgym.core.types import Float32Array
 from slamgym.dataset.format import Layout, read_manifest
 from slamgym.dataset.images.format import Scaling, Split

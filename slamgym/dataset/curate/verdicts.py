@@ -7,10 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from slamgym.core.documents import parse_json
+from slamgym.core.documents import parse_json, read_record
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.files import replace_if_changed, text_lines
-from slamgym.core.json_records import read_record
 from slamgym.dataset.faults import MapFault
 
 VERDICTS_FILE = "clean.jsonl"

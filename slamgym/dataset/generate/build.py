@@ -18,10 +18,10 @@ from pathlib import Path
 from slamgym.cad import FloorPlan, PlanGroup, PlanSource, check_plan, plan_groups
 from slamgym.cad.plan_filter import passes
 from slamgym.core.errors import PlanError, SlamgymError
+from slamgym.core.names import exploration_seed, shuffled
 from slamgym.core.parallel.backlog import Lost, tried
 from slamgym.core.parallel.engine import Execution, try_out
 from slamgym.core.progress import show_progress
-from slamgym.core.seeding import exploration_seed, shuffled
 from slamgym.dataset.folder import DatasetFolder, open_dataset
 from slamgym.dataset.format import WHOLE, Shard
 from slamgym.dataset.generate.exploration import (

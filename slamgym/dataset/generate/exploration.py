@@ -16,7 +16,7 @@ from typing import Any
 from slamgym.cad import FloorPlan
 from slamgym.core.config import config_hash
 from slamgym.core.files import storage_errors, sync_tree
-from slamgym.core.png import encode_png
+from slamgym.core.pictures import encode_png
 from slamgym.dataset.format import SIDES, write_episode
 from slamgym.dataset.generate.recipe import DatasetConfig, episode_conditions
 from slamgym.dataset.pair import make_pair

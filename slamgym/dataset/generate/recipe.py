@@ -34,8 +34,7 @@ from slamgym.core.documents import parse_yaml
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.files import read_text
 from slamgym.core.limits import YAML_BYTES, shown
-from slamgym.core.own_code import is_own_explorer
-from slamgym.core.seeding import uniform_share
+from slamgym.core.names import is_own_explorer, uniform_share
 from slamgym.dataset.format import FORMAT_VERSION
 from slamgym.dataset.pair import PairConfig
 from slamgym.envs import ExploreConfig

@@ -14,7 +14,7 @@ import numpy as np
 
 from slamgym import __version__
 from slamgym.core.files import replace_file
-from slamgym.core.markdown import markdown
+from slamgym.core.text import markdown
 from slamgym.dataset.faults import MapFault
 from slamgym.dataset.format import SIDES
 from slamgym.dataset.images.format import METADATA, SPLITS, ImageLayout, ImageRecord

@@ -23,7 +23,7 @@ from typing import Any, Literal
 from slamgym.core.config import Count, Counted, Measured, Positive, Share
 from slamgym.core.errors import InputFileError
 from slamgym.core.names import FileName
-from slamgym.core.png import read_png
+from slamgym.core.pictures import read_png
 from slamgym.core.types import ByteArray, GridFrame
 from slamgym.dataset.format import SIDES, FolderLayout, manifest_lines
 from slamgym.dataset.record import ManifestLine, PairRecord

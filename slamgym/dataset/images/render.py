@@ -18,7 +18,6 @@ import numpy as np
 
 from slamgym import __version__
 from slamgym.cad import read_houseexpo
-from slamgym.core.compression import DAMAGED_ZIP
 from slamgym.core.config import to_dict
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.files import (
@@ -33,8 +32,9 @@ from slamgym.core.files import (
     write_bytes,
 )
 from slamgym.core.parallel.engine import run_tasks
-from slamgym.core.png import encode_png
+from slamgym.core.pictures import encode_png
 from slamgym.core.progress import show_progress
+from slamgym.core.streams import DAMAGED_ZIP
 from slamgym.core.types import Float32Array
 from slamgym.dataset.curate.split import PlanSide, SplitTable
 from slamgym.dataset.curate.verdicts import VERDICTS_FILE, read_verdicts

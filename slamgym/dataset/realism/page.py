@@ -6,9 +6,8 @@ from typing import Any
 
 from slamgym import __version__
 from slamgym.core.intervals import Interval
-from slamgym.core.markdown import markdown
 from slamgym.core.progress import counted
-from slamgym.core.text import markup
+from slamgym.core.text import markdown, markup
 from slamgym.dataset.realism.comparison import SetTestRow, StatisticRow
 from slamgym.dataset.realism.map_sets import MapSet
 from slamgym.dataset.realism.pictures import Figure

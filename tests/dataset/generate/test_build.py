@@ -17,9 +17,9 @@ from slamgym.agents.registry import make_explorer
 from slamgym.cad import FloorPlan, read_houseexpo
 from slamgym.core.errors import ConfigError, PlanError, SlamgymError
 from slamgym.core.files import StorageError
+from slamgym.core.names import exploration_seed
 from slamgym.core.parallel.backlog import Lost
 from slamgym.core.parallel.engine import Execution
-from slamgym.core.seeding import exploration_seed
 from slamgym.dataset import DatasetConfig, Layout, build_dataset, load_pair, read_manifest
 from slamgym.envs import EpisodeConfig, ExploreConfig
 from slamgym.interop import read_carmen, read_ros_map, read_tum

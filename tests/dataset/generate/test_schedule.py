@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from slamgym.cad import PlanGroup, open_plans, plan_groups
-from slamgym.core.seeding import exploration_seed
+from slamgym.core.names import exploration_seed
 from slamgym.dataset.generate.build import schedule_groups
 from slamgym.dataset.record import Slot
 

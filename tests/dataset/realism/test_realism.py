@@ -7,7 +7,7 @@ import pytest
 
 from slamgym.commands.cli import main
 from slamgym.core.errors import ConfigError, InputFileError
-from slamgym.core.png import encode_png
+from slamgym.core.pictures import encode_png
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, GridFrame, OccupancyGrid
 from slamgym.dataset.realism.map_sets import MIN_MAPS, read_map_sets
 from slamgym.interop import write_ros_map

@@ -1,0 +1,151 @@
+"""Streams that stop at the limits: compressed files, and files from the network."""
+
+import bz2
+import contextlib
+import gzip
+import lzma
+import os
+import struct
+import urllib.error
+import urllib.request
+import zipfile
+import zlib
+from collections.abc import Callable, Iterator
+from http import HTTPStatus
+from http.client import HTTPException, InvalidURL
+from pathlib import Path
+from typing import BinaryIO
+
+from slamgym.core.errors import InputFileError, SlamgymError
+from slamgym.core.files import open_regular, staged
+from slamgym.core.limits import FILE_BYTES, Limit, check_expansion
+
+_OPENERS = {b"\x1f\x8b": gzip.open, b"\xfd7": lzma.open, b"BZ": bz2.open}
+_CHUNK = 1 << 18
+
+_DOWNLOADED = 1 << 16
+"""Bytes of a download that are counted at once."""
+_TIMEOUT = 30.0
+"""Of a silent server [s]."""
+
+DAMAGED = (EOFError, lzma.LZMAError, zlib.error, gzip.BadGzipFile)
+"""What reading damaged compressed data raises."""
+DAMAGED_ZIP = (
+    EOFError, KeyError, ValueError, zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError, struct.error,
+)  # fmt: skip
+"""What reading a damaged zip archive raises, and numpy's files of several arrays are such."""
+
+
+class ExpandedFile:
+    """The content of a compressed file, counted while it is read.
+
+    Args:
+        path: Named in errors.
+        raw: The compressed file.
+        content: The decompressed stream of it.
+    """
+
+    def __init__(self, path: Path, raw: BinaryIO, content: BinaryIO) -> None:
+        self._path, self._raw, self._content = path, raw, content
+        self._expanded = 0
+
+    def read(self, size: int) -> bytes:
+        """Up to so many bytes; none at the end.
+
+        Raises:
+            InputFileError: If the file expands beyond the limits.
+        """
+        chunk = self._content.read(min(size, _CHUNK))
+        self._expanded += len(chunk)
+        check_expansion(
+            self._path, self._expanded, self._raw.tell() if self._content is not self._raw else 1 << 62
+        )
+        return chunk
+
+    def read_all(self) -> bytes:
+        """Everything.
+
+        Raises:
+            InputFileError: If the file expands beyond the limits.
+        """
+        return b"".join(iter(lambda: self.read(_CHUNK), b""))
+
+
+def check_zip(path: Path | str, limit: Limit) -> None:
+    """Refuse a zip archive whose entries say that they expand to more than a limit; other files pass.
+
+    Raises:
+        InputFileError: If it can't be read, is no regular file or damaged, or is or becomes too large.
+    """
+    with open_regular(path) as file:
+        limit.check(path, os.fstat(file.fileno()).st_size)
+        if zipfile.is_zipfile(file):
+            try:
+                with zipfile.ZipFile(file) as archive:
+                    limit.check(path, sum(entry.file_size for entry in archive.infolist()))
+            except DAMAGED_ZIP as error:
+                raise InputFileError(path, f"is a damaged archive ({error})") from None
+
+
+@contextlib.contextmanager
+def open_expanded(path: Path) -> Iterator[ExpandedFile]:
+    """Open a plain, gzip, xz or bzip2 file, known by how it begins.
+
+    Raises:
+        InputFileError: If it can't be read or is no regular file.
+    """
+    with open_regular(path) as raw:
+        opener = _OPENERS.get(raw.read(2))
+        raw.seek(0)
+        yield ExpandedFile(path, raw, opener(raw) if opener else raw)  # type: ignore[operator]
+
+
+class DownloadError(SlamgymError):
+    """A file can't be fetched: no network, no such address, or the connection broke off."""
+
+
+def download(url: str, path: Path, advance: Callable[[int, int], None] | None = None) -> None:
+    """Fetch a file.
+
+    Args:
+        url: ``https://...`` or ``http://...``.
+        path: Where it goes; its folder is made.
+        advance: Called with the bytes that are there and those of the whole file, 0 where the server doesn't say.
+
+    Raises:
+        DownloadError: If the address is no web address or can't be fetched whole.
+        InputFileError: If it is larger than any file may be.
+        StorageError: If it can't be written.
+    """
+    with staged(path) as part, part.open("wb") as file:
+        file.writelines(_chunks(url, advance or (lambda done, total: None)))  # noqa: ARG005 - nobody looks
+
+
+def _chunks(url: str, advance: Callable[[int, int], None]) -> Iterator[bytes]:
+    """The body piece by piece; an error if it is cut short."""
+    if not url.lower().startswith(("http://", "https://")):
+        raise DownloadError(f"{url!r} is no web address; give one that begins with https://")
+    try:
+        request = urllib.request.Request(
+            url, headers={"User-Agent": "slamgym", "Accept-Encoding": "identity"}
+        )
+        with urllib.request.urlopen(request, timeout=_TIMEOUT) as answer:
+            if answer.status != HTTPStatus.OK:  # a part that nobody asked for, or nothing
+                raise DownloadError(f"{url} can't be fetched ({answer.status} {answer.reason})")
+            done, total = 0, answer.length or 0
+            while chunk := answer.read(_DOWNLOADED):
+                done += len(chunk)
+                FILE_BYTES.check(url, done)
+                advance(done, total)
+                yield chunk
+        if done < total:
+            raise ConnectionError(f"after {done:,} of {total:,} bytes")
+    except urllib.error.HTTPError as error:
+        raise DownloadError(f"{url} can't be fetched ({error.code} {error.reason})") from None
+    except urllib.error.URLError as error:
+        reason = getattr(error.reason, "strerror", None) or error.reason
+        raise DownloadError(f"{url} can't be reached ({reason}); is there a network?") from None
+    except (InvalidURL, ValueError) as error:
+        raise DownloadError(f"{url!r} is no web address ({error})") from None
+    except (HTTPException, OSError) as error:
+        raise DownloadError(f"{url}: the connection broke off ({error}); run it again") from None
