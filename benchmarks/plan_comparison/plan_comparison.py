@@ -28,7 +28,8 @@ from slamgym.core.errors import PlanError
 from slamgym.core.intervals import wilson_interval
 from slamgym.core.pictures import read_png
 from slamgym.core.types import GridFrame, OccupancyGrid
-from slamgym.drawing.comparison import Change, ComparisonConfig, compare_with_plan
+from slamgym.drawing import ComparisonConfig
+from slamgym.drawing.comparison import Change, compare_with_plan
 from slamgym.interop import read_map
 
 sys.path.insert(0, str(Path(__file__).parents[1]))

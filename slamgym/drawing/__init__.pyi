@@ -1,9 +1,8 @@
-from .comparison import ComparisonConfig, PlanComparison, compare_with_plan
-from .drawing import Dimension, Drawing, DrawnDoor, DrawnRoom, DrawnWall, DrawnWindow
+from .comparison import PlanComparison, compare_with_plan
+from .drawing import Dimension, Drawing, DrawnDoor, DrawnRoom, DrawnWall
 from .floor import CleanedFloor, FloorModel, load_floor_model
-from .formats.ros_map import drawing_map
-from .formats.write import write_drawing
-from .settings import DrawingConfig
+from .formats.write import drawing_map, write_drawing
+from .settings import ComparisonConfig, DrawingConfig
 from .vectorise import make_drawing
 
 __all__ = [
@@ -15,7 +14,6 @@ __all__ = [
     "DrawnDoor",
     "DrawnRoom",
     "DrawnWall",
-    "DrawnWindow",
     "FloorModel",
     "PlanComparison",
     "compare_with_plan",

@@ -7,13 +7,14 @@ Convention: metres, in the frame of the MAP that it was drawn from (x right, y u
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
+import numpy as np
 import shapely
 from shapely import MultiPolygon, Polygon
 
 from slamgym.cad.floorplan import Door as PlanDoor
 from slamgym.cad.floorplan import FloorPlan
 from slamgym.cad.floorplan import Room as PlanRoom
-from slamgym.core.types import OccupancyGrid
+from slamgym.core.types import OCCUPIED, FloatArray, OccupancyGrid
 
 Layer = Literal["SEEN", "INFERRED"]
 """SEEN: the map holds evidence of it. INFERRED: drawn because buildings are like that."""
@@ -72,14 +73,6 @@ class DrawnDoor:
 
 
 @dataclass(frozen=True)
-class DrawnWindow:
-    """A window: the segment across its middle. A laser doesn't know of windows; a plan may."""
-
-    start: DrawnPoint
-    end: DrawnPoint
-
-
-@dataclass(frozen=True)
 class DrawnRoom:
     """A room, closed by walls and by the lines of its doors."""
 
@@ -125,7 +118,6 @@ class Drawing:
     walls: tuple[DrawnWall, ...] = ()
     doors: tuple[DrawnDoor, ...] = ()
     rooms: tuple[DrawnRoom, ...] = ()
-    windows: tuple[DrawnWindow, ...] = ()
     unexplored: tuple[Polygon, ...] = ()
     """Parts inside of the building of which the map says nothing, or that were only glimpsed from afar."""
     inferred_floor: tuple[Polygon, ...] = ()
@@ -151,14 +143,16 @@ class Drawing:
         """Of the floor [m2]."""
         return float(self.floor.area)
 
-    @property
-    def scale_bar(self) -> float:
-        """A round length of about a fifth of the drawing's width [m]."""
-        min_x, _, max_x, _ = self.bounds
-        fitting = [
-            length for length in (0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0) if length <= 0.25 * (max_x - min_x)
-        ]
-        return max(fitting, default=0.1)
+    def echo_runs(self) -> FloatArray:
+        """Each run of occupied cells in a row of the map: left x, upper y, right x, lower y, shape (N, 4) [m]."""
+        occupied = np.pad(self.grid.cells == OCCUPIED, ((0, 0), (1, 1))).astype(np.int8)
+        change = np.diff(occupied, axis=1)
+        rows, firsts = np.nonzero(change == 1)
+        _, stops = np.nonzero(change == -1)
+        left, _, _, top = self.grid.frame.bounds
+        return np.array([left, top, left, top]) + self.grid.frame.resolution * np.column_stack(
+            [firsts, -rows, stops, -rows - 1]
+        )
 
     def as_plan(self) -> FloorPlan:
         """The largest part of the floor as a plan that can be explored; rooms are called ``Room``."""

@@ -54,5 +54,17 @@ class DrawingConfig(Settings, section="drawing"):
 
 
 DEFAULT_DRAWING = DrawingConfig()
+DRAWING_FORMATS = ("dxf", "svg", "ifc", "geojson", "json", "png", "html", "yaml")
 DEFAULT_MODEL = "slam2cad-metric+slam2cad"
 """The first keeps sizes; the second draws what the first takes for rays and the robot saw as wide free space."""
+
+
+class ComparisonConfig(Settings, section="comparison"):
+    """What counts as a change; chosen on half of the plans of ``benchmarks/plan_comparison/plan_comparison.py``."""
+
+    scale: bool = False
+    """Fit the map's scale, too (within 10 %); without it, a scale other than 1 is a doubt."""
+    moved: Positive = 0.06
+    """A wall that is farther from its place than this, after the map's own distortion, has moved [m]."""
+    sure: Positive = 2.5
+    """It must also be farther than so many standard errors."""

@@ -11,11 +11,11 @@ import shapely
 from slamgym.cad import Door, FloorPlan, Room
 from slamgym.core.geometry import inverse, transform_points
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, GridFrame, OccupancyGrid, Pose2D
-from slamgym.drawing.comparison import ComparisonConfig, compare_with_plan, draw_comparison
+from slamgym.drawing import ComparisonConfig
+from slamgym.drawing.comparison import compare_with_plan, draw_comparison
 from slamgym.drawing.comparison.distortion import Stretches, estimate_drift
-from slamgym.drawing.comparison.evidence import map_evidence
-from slamgym.drawing.comparison.picture import verdict
-from slamgym.drawing.comparison.plan_faces import plan_faces
+from slamgym.drawing.comparison.faces import map_evidence, plan_faces
+from slamgym.drawing.comparison.report import verdict
 
 T = 0.12
 OUTSIDE = shapely.box(0, 0, 10, 7)

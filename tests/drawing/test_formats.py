@@ -93,8 +93,9 @@ def test_svg_is_true_to_scale(drawing, files):
     (layer,) = [group for group in root.iter(f"{name}g") if group.get("id") == "DOORS"]
     ends = [tuple(map(float, part[1:].split(","))) for part in layer[0].get("d").split()]
     assert np.hypot(*np.subtract(*ends)) == pytest.approx(1000.0 * drawing.doors[0].width, abs=0.3)
-    (bar,) = [path for path in root.iter(f"{name}path") if path.get("id") == "SCALE"]
-    assert f"h{1000 * drawing.scale_bar:.0f}" in bar.get("d")
+    (bar,) = [group for group in root.iter(f"{name}g") if group.get("id") == "SCALE"]
+    length = float(bar[0].get("d").split("h")[1].split("v")[0])
+    assert f"{length / 1000:g} m " in bar[1].text
 
 
 def test_png_shows_floor_walls_and_doors(drawing):

@@ -13,9 +13,7 @@ from drawing.painted import FLAT, painted
 
 from slamgym.core.types import OCCUPIED
 from slamgym.drawing import make_drawing
-from slamgym.drawing.report.figures import Sheet
-from slamgym.drawing.report.gallery import GalleryCard, format_gallery
-from slamgym.drawing.report.page import checks, format_html
+from slamgym.drawing.formats.html import GalleryCard, checks, format_gallery, format_html
 
 
 @pytest.fixture(scope="module")
@@ -49,9 +47,6 @@ def test_its_tables_hold_the_figures_of_the_drawing(drawing, page):
         assert f"{room.area:.2f} m²" in cells
     assert f"{drawing.doors[0].width:.2f} m" in cells
     assert cells.count("R01 and R02") + cells.count("R02 and R01") == 1
-    for wall in drawing.walls:
-        assert f"{wall.length:.2f} m" in cells
-    assert {"tolerance", "0.045"} <= set(cells)
     assert "slamgym cad &#x27;maps/flat &lt;1&gt;.yaml&#x27;" in page
 
 
@@ -66,16 +61,16 @@ def test_shares_of_what_was_seen_add_up(drawing):
 
 def test_figures_are_true_to_scale_on_paper(drawing, page):
     figures = [ET.fromstring(text) for text in re.findall(r"<svg.*?</svg>", page, re.DOTALL)]
-    assert len(figures) == 4
+    assert len(figures) == 3
     for root in figures:
         paper = float(re.search(r"--paper: ([0-9.]+)mm", root.get("style"))[1])
         width, height = (float(value) for value in root.get("viewBox").split()[2:])
         scale = int(re.search(r"1:(\d+) on A4", root.findall("text")[-1].text)[1])
         assert width / paper == pytest.approx(scale, rel=2e-3)
         assert paper <= 180.0
-        assert height / scale <= 190.0
+        assert height / scale <= 160.0
         bar = re.search(r"h([0-9.]+)v-", root.find("path[@class='bar']").get("d"))[1]
-        assert f"{float(bar) / 1000:g} m;" in root.findall("text")[-1].text
+        assert f"{float(bar) / 1000:g} m " in root.findall("text")[-1].text
     shown = {text.text for text in figures[0].iter("text")}
     assert {f"{line.length:.2f}" for line in drawing.dimensions if line.of == "building"} <= shown
 
@@ -112,13 +107,6 @@ def test_what_to_check_is_said(drawing):
 def test_a_drawing_without_rooms_and_doors_is_reported_too(drawing):
     bare = dataclasses.replace(drawing, rooms=(), doors=(), walls=(), dimensions=(), provenance={})
     assert "No room was found" in format_html(bare)
-
-
-def test_a_sheet_fits_on_paper_at_any_size():
-    for side in (0.5, 7.0, 90.0, 3000.0):
-        sheet = Sheet.of((0.0, 0.0, side, 0.7 * side))
-        assert 1000.0 * sheet.width / sheet.scale <= 180.0
-        assert 1000.0 * sheet.height / sheet.scale <= 160.0 + 1e-6
 
 
 def test_the_gallery_shows_the_most_doubtful_first(drawing):

@@ -13,7 +13,7 @@ from slamgym.core.config import Arguments, Positive, suggest
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.files import write_text
 from slamgym.core.progress import say, tell
-from slamgym.drawing.comparison.config import ComparisonConfig
+from slamgym.drawing.settings import ComparisonConfig
 
 if TYPE_CHECKING:
     from slamgym.cad.floorplan import FloorPlan
@@ -59,7 +59,7 @@ def main(argv: list[str]) -> int:
     from slamgym.drawing.comparison.compare import compare_with_plan
     from slamgym.drawing.comparison.picture import draw_comparison
     from slamgym.drawing.comparison.records import write_comparison
-    from slamgym.drawing.report.comparison import format_comparison
+    from slamgym.drawing.comparison.report import format_comparison
     from slamgym.interop.map_files import read_map
     from slamgym.viz.canvas import write_picture
 
@@ -71,7 +71,7 @@ def main(argv: list[str]) -> int:
     found = compare_with_plan(plan, robot_map.grid, arguments.config, str(arguments.map), notes)
     write_picture(arguments.out / "comparison.png", draw_comparison(found, plan, robot_map.grid))
     command = shlex.join(["slamgym", "cad", "compare", *argv])
-    page = format_comparison(found, plan, robot_map.grid, arguments.config, command)
+    page = format_comparison(found, plan, robot_map.grid, command)
     write_text(arguments.out / "comparison.html", page)
     write_comparison(arguments.out, found)
     _report(found, arguments.out)

@@ -19,7 +19,7 @@ from slamgym.core.files import read_bytes, shown_path, spare_inputs, write_text
 from slamgym.core.names import distinct_names
 from slamgym.core.pictures import PICTURE_SUFFIXES
 from slamgym.core.progress import counted, say, tell
-from slamgym.drawing.settings import DEFAULT_DRAWING, DEFAULT_MODEL
+from slamgym.drawing.settings import DEFAULT_DRAWING, DEFAULT_MODEL, DRAWING_FORMATS
 
 if TYPE_CHECKING:
     from slamgym.drawing import Drawing, FloorModel
@@ -95,7 +95,7 @@ class _Job(NamedTuple):
 
 def _draw_all(maps: dict[str, Path], job: _Job) -> int:
     """Draw what can be drawn, and a gallery of it; returns the exit code."""
-    from slamgym.drawing.report.gallery import GALLERY, GalleryCard, format_gallery
+    from slamgym.drawing.formats.html import GALLERY, GalleryCard, format_gallery
 
     arguments, with_gallery = job.arguments, "html" in job.formats
     cards, failures, drawn = [], [], 0
@@ -123,8 +123,6 @@ def _draw_all(maps: dict[str, Path], job: _Job) -> int:
 
 
 def _formats(text: str) -> list[str]:
-    from slamgym.drawing.formats.names import DRAWING_FORMATS
-
     formats = [name.strip() for name in text.split(",") if name.strip()]
     unknown = [name for name in formats if name not in DRAWING_FORMATS]
     if unknown or not formats:

@@ -1,5 +1,4 @@
 from .compare import compare_with_plan
-from .config import ComparisonConfig
 from .picture import draw_comparison
 from .records import Change, FaceReport, PlanComparison, write_comparison
 from .registration import Registration, register
@@ -7,7 +6,6 @@ from .registration import Registration, register
 __all__ = [
     "Change",
     "PlanComparison",
-    "ComparisonConfig",
     "FaceReport",
     "Registration",
     "compare_with_plan",

@@ -8,14 +8,13 @@ from shapely.geometry.base import BaseGeometry
 
 from slamgym.cad.floorplan import FloorPlan
 from slamgym.core.types import FREE, FloatArray, OccupancyGrid
-from slamgym.drawing.comparison.config import ComparisonConfig
 from slamgym.drawing.comparison.door_changes import door_changes
-from slamgym.drawing.comparison.evidence import MapEvidence, map_evidence
 from slamgym.drawing.comparison.extra_walls import extra_structures
-from slamgym.drawing.comparison.plan_faces import PlanFaces, plan_faces
+from slamgym.drawing.comparison.faces import MapEvidence, PlanFaces, map_evidence, plan_faces
 from slamgym.drawing.comparison.records import Change, ChangeKind, FaceReport, Line, PlanComparison
 from slamgym.drawing.comparison.registration import register
 from slamgym.drawing.comparison.walls import Faces, judge_face, measure_faces, open_runs
+from slamgym.drawing.settings import ComparisonConfig
 
 AGREE = 0.15
 """The two faces of a wall have moved together if their offsets agree this well [m]."""
@@ -23,6 +22,10 @@ SEEN_FROM = 0.1
 """Of a room's floor, cells of this size are asked [m]."""
 FURNITURE = (0.15, 0.8)
 """What stands so far before the place of a wall whose other side isn't seen may be furniture [m]."""
+SHORTEST = 0.5
+"""Changes of shorter faces and shorter gaps in a wall aren't reported [m]."""
+EXPLORED = 0.3
+"""A room of which the robot has seen less is not yet explored [share]."""
 
 
 def compare_with_plan(
@@ -52,7 +55,7 @@ def compare_with_plan(
     if not found.is_same_building:
         return PlanComparison(plan.where, map_name, found, (), (), (), doubts)
     evidence = evidence.moved(found.plan_from_map, found.scale)
-    measured = measure_faces(faces, evidence, config)
+    measured = measure_faces(faces, evidence)
     faces = measured.plan
     reports = [judge_face(measured, face, config) for face in range(len(faces.lengths))]
     rooms = tuple(
@@ -61,10 +64,10 @@ def compare_with_plan(
     )
     changes = [
         *_merged(_wall_changes(measured, reports, config)),
-        *_new_openings(plan, measured, reports, config),
-        *_extra_walls(plan, evidence, measured, reports, config),
-        *door_changes(plan, measured, evidence, config),
-        *_unexplored(plan, rooms, config),
+        *_new_openings(plan, measured, reports),
+        *_extra_walls(plan, evidence, measured, reports),
+        *door_changes(plan, measured, evidence),
+        *_unexplored(plan, rooms),
     ]
     return PlanComparison(plan.where, map_name, found, tuple(changes), tuple(reports), rooms, doubts)
 
@@ -76,7 +79,7 @@ def _wall_changes(measured: Faces, reports: list[FaceReport], config: Comparison
     for face in np.argsort(-faces.lengths):
         i, j = int(face), int(faces.opposite[face])
         first, second = reports[i], reports[j] if j >= 0 else None
-        if i in done or faces.lengths[i] < config.shortest_face:
+        if i in done or faces.lengths[i] < SHORTEST:
             continue
         if j >= 0 and faces.opposite[j] == i:
             done.add(j)
@@ -185,18 +188,16 @@ def _together(first: Change, second: Change) -> Change | None:
     )
 
 
-def _new_openings(
-    plan: FloorPlan, measured: Faces, reports: list[FaceReport], config: ComparisonConfig
-) -> Iterator[Change]:
+def _new_openings(plan: FloorPlan, measured: Faces, reports: list[FaceReport]) -> Iterator[Change]:
     """Gaps in walls that are there otherwise, away from the plan's doors."""
     faces = measured.plan
     doors = shapely.MultiLineString([[door.start, door.end] for door in plan.doors]) if plan.doors else None
     found: list[shapely.LineString] = []
-    for face in np.flatnonzero(faces.lengths >= config.opening):
+    for face in np.flatnonzero(faces.lengths >= SHORTEST):
         if reports[face].state in ("missing", "moved", "not_seen"):
             continue
         unit = (faces.segments[face, 2:] - faces.segments[face, :2]) / faces.lengths[face]
-        for start, stop in open_runs(measured, int(face), config.opening):
+        for start, stop in open_runs(measured, int(face), SHORTEST):
             middle = _middle_line(faces, int(face))
             base = np.array(middle[:2])
             line = shapely.LineString([base + start * unit, base + stop * unit])
@@ -212,11 +213,7 @@ def _new_openings(
 
 
 def _extra_walls(
-    plan: FloorPlan,
-    evidence: MapEvidence,
-    measured: Faces,
-    reports: list[FaceReport],
-    config: ComparisonConfig,
+    plan: FloorPlan, evidence: MapEvidence, measured: Faces, reports: list[FaceReport]
 ) -> Iterator[Change]:
     """Straight structures that the plan doesn't have."""
     faces = measured.plan
@@ -225,16 +222,15 @@ def _extra_walls(
     # A wall that has moved is looked for where it is now, and the place that it left is no wall either.
     here = np.vstack([places, faces.points + measured.expected[:, None] * faces.point_normals])
     jambs = np.array([end for door in plan.doors for end in (door.start, door.end)]).reshape(-1, 2)
-    for structure in extra_structures(plan, evidence, np.vstack([here, jambs]), config):
-        both = min(structure.free_left, structure.free_right) >= 0.6
-        note = "seen from both sides" if both else "long, seen from one side"
+    for structure in extra_structures(plan, evidence, np.vstack([here, jambs])):
+        note = "seen from both sides" if structure.is_seen_from_both_sides else "long, seen from one side"
         yield Change(
             "wall_extra", f"wall of {structure.length:.1f} m", structure.line, structure.length, note=note
         )
 
 
 def _seen_share(floor: BaseGeometry, evidence: MapEvidence) -> float:
-    """Which share of a floor the map shows as free."""
+    """The share of a floor that the map shows as free."""
     if floor.is_empty or floor.area < SEEN_FROM**2:
         return 1.0
     min_x, min_y, max_x, max_y = floor.bounds
@@ -244,10 +240,8 @@ def _seen_share(floor: BaseGeometry, evidence: MapEvidence) -> float:
     return float((evidence.values(points) == FREE).mean()) if len(points) else 1.0
 
 
-def _unexplored(
-    plan: FloorPlan, rooms: tuple[tuple[str, float], ...], config: ComparisonConfig
-) -> Iterator[Change]:
+def _unexplored(plan: FloorPlan, rooms: tuple[tuple[str, float], ...]) -> Iterator[Change]:
     for room, (name, seen) in zip(plan.rooms, rooms, strict=True):
-        if seen < config.room_seen:
+        if seen < EXPLORED:
             x, y = room.polygon.representative_point().coords[0]
             yield Change("room_unexplored", name, (x, y, x, y), 0.0, note=f"{seen:.0%} of it seen")

@@ -19,12 +19,12 @@ DEVIATIONS = (0.01, 0.02, 0.04, 0.08, 0.15)
 """Standard deviations of the drift that are tried [m]."""
 LENGTHS = (2.0, 4.0, 8.0)
 """Distances over which the drift changes that are tried [m]."""
-FEW, TILE, _MARGIN = 400, 10.0, 6.0
+FEW, TILE, MARGIN = 400, 10.0, 6.0
 """A map with more stretches is estimated in squares of this side, with what lies around them [m]."""
 MAX_JUDGES = 4
 """So many squares judge the drift's size and smoothness."""
 ROUNDS = 6
-_OUTLIER = 2.0
+OUTLIER = 2.0
 """A stretch this many standard errors off what the others say counts half [1]."""
 
 
@@ -43,10 +43,6 @@ class Drift:
 
     expected: FloatArray  # (M,) offsets [m]
     deviation: FloatArray  # (M,) standard errors of that [m]
-    size: float
-    """Standard deviation of the drift over the map [m]."""
-    length: float
-    """Over which it changes [m]."""
 
 
 def estimate_drift(
@@ -80,7 +76,7 @@ def estimate_drift(
         expected[chosen[inside]], deviation[chosen[inside]] = fit.expected[inside], fit.deviation[inside]
         there = asked_tile == name
         others[there], errors[there] = fit.predict(Stretches(*(part[there] for part in asked)))
-    return Drift(expected, deviation, size, length), others, errors
+    return Drift(expected, deviation), others, errors
 
 
 def _tiles(places: FloatArray, of: FloatArray | None = None) -> IntArray:
@@ -97,7 +93,7 @@ def _around(
     stretches: Stretches, same_wall: BoolArray, inside: BoolArray
 ) -> tuple[IntArray, Stretches, BoolArray]:
     """The stretches of a tile and those around it: their numbers, themselves, and which are one wall."""
-    low, high = stretches.places[inside].min(axis=0) - _MARGIN, stretches.places[inside].max(axis=0) + _MARGIN
+    low, high = stretches.places[inside].min(axis=0) - MARGIN, stretches.places[inside].max(axis=0) + MARGIN
     chosen = np.flatnonzero(((stretches.places >= low) & (stretches.places <= high)).all(axis=1))
     return chosen, Stretches(*(part[chosen] for part in stretches)), same_wall[np.ix_(chosen, chosen)]
 
@@ -123,7 +119,7 @@ class _Fit:
                 variance[i] = own[at, at] - noise[i] / weight[i]
             variance = np.maximum(variance, 1e-6)
             total = variance + noise
-            weight = 1.0 / np.square(1.0 + residual**2 / (_OUTLIER**2 * total))
+            weight = 1.0 / np.square(1.0 + residual**2 / (OUTLIER**2 * total))
         # Student's t with two degrees of freedom: a moved wall says nothing about the drift's size.
         self.likelihood = float((-0.5 * np.log(total) - 1.5 * np.log1p(residual**2 / (2.0 * total))).sum())
         self.expected = stretches.values - residual

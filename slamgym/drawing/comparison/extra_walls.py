@@ -13,8 +13,7 @@ from scipy.spatial import KDTree
 
 from slamgym.cad.floorplan import FloorPlan
 from slamgym.core.types import FREE, BoolArray, FloatArray
-from slamgym.drawing.comparison.config import ComparisonConfig
-from slamgym.drawing.comparison.evidence import MapEvidence
+from slamgym.drawing.comparison.faces import MapEvidence
 from slamgym.drawing.comparison.records import Line
 
 EXPLAINED = 0.15
@@ -25,6 +24,12 @@ TURNS = 60
 """Directions in which structures are looked for."""
 MAX_STRUCTURES = 60
 """A map with more has no structure at all."""
+SHORTEST, LONG = 0.9, 3.5
+"""Structures from the first length on are walls if they are seen from both sides, from the second on always [m]."""
+THICKEST = 0.35
+"""Thicker structures are furniture [m]."""
+SEEN_ALONG = 0.6
+"""Share of its length along which a structure is seen from a side that counts as seen."""
 
 
 @dataclass(frozen=True)
@@ -33,21 +38,24 @@ class Structure:
 
     line: Line
     length: float
-    free_left: float
-    """Share of its length with free space on the left side within the thickness of a wall."""
-    free_right: float
+    free: float
+    """Share of its length with free space within the thickness of a wall, on the side that has more."""
+    free_behind: float
+    """The same on the other side."""
+
+    @property
+    def is_seen_from_both_sides(self) -> bool:
+        """True if most of it is."""
+        return self.free_behind >= SEEN_ALONG
 
 
-def extra_structures(
-    plan: FloorPlan, evidence: MapEvidence, explained_by: FloatArray, config: ComparisonConfig
-) -> list[Structure]:
+def extra_structures(plan: FloorPlan, evidence: MapEvidence, explained_by: FloatArray) -> list[Structure]:
     """The walls that the plan doesn't have.
 
     Args:
         plan: The plan; what lies outside its floor isn't looked at.
         evidence: The map over the plan.
         explained_by: (N, 2) points of the plan's walls where the map is expected to show them [m].
-        config: The settings.
     """
     inner = plan.free_space.buffer(-0.5 * EXPLAINED)
     inside = shapely.contains_xy(inner, evidence.points[:, 0], evidence.points[:, 1])
@@ -56,21 +64,21 @@ def extra_structures(
     )
     left = np.unique(np.round(evidence.points[inside & (away > EXPLAINED)], 6), axis=0)
     found: list[Structure] = []
-    while len(left) >= config.extra_wall / BIN * 0.5 and len(found) < MAX_STRUCTURES:
-        longest = _longest_row(left, config.extra_wall)
+    while len(left) >= SHORTEST / BIN * 0.5 and len(found) < MAX_STRUCTURES:
+        longest = _longest_row(left)
         if longest is None:
             break
         members, line = longest
         left = left[~members]
-        structure = _seen_from(line, evidence, config.extra_thickness)
-        if _is_wall(structure, config):
+        structure = _seen_from(line, evidence)
+        if structure.is_seen_from_both_sides or (structure.length >= LONG and structure.free >= SEEN_ALONG):
             found.append(structure)
-    return _without_doubles(found, config.extra_thickness)
+    return _without_doubles(found)
 
 
-def _longest_row(points: FloatArray, shortest: float) -> tuple[BoolArray, Line] | None:
+def _longest_row(points: FloatArray) -> tuple[BoolArray, Line] | None:
     """The longest straight row of points: which they are, and its ends."""
-    best, best_length = None, shortest
+    best, best_length = None, SHORTEST
     for angle in np.pi * np.arange(TURNS) / TURNS:
         along = points @ [np.cos(angle), np.sin(angle)]
         across = points @ [-np.sin(angle), np.cos(angle)]
@@ -100,31 +108,25 @@ def _fitted(points: FloatArray, row: FloatArray) -> tuple[BoolArray, Line]:
     return members, (float(start[0]), float(start[1]), float(end[0]), float(end[1]))
 
 
-def _seen_from(line: Line, evidence: MapEvidence, thickness: float) -> Structure:
+def _seen_from(line: Line, evidence: MapEvidence) -> Structure:
     start, end = np.array(line[:2]), np.array(line[2:])
     length = float(np.hypot(*(end - start)))
     normal = np.array([start[1] - end[1], end[0] - start[0]]) / length
     points = start + np.linspace(0.05, 0.95, max(5, round(length / 0.05)))[:, None] * (end - start)
-    depths = np.arange(0.1, thickness + 0.1, 0.05)[:, None] * normal
+    depths = np.arange(0.1, THICKEST + 0.1, 0.05)[:, None] * normal
     sides = [
-        (evidence.values(points[:, None] + side * depths) == FREE).any(axis=1).mean() for side in (1.0, -1.0)
+        float((evidence.values(points[:, None] + side * depths) == FREE).any(axis=1).mean())
+        for side in (1.0, -1.0)
     ]
-    return Structure(line, length, float(sides[0]), float(sides[1]))
+    return Structure(line, length, max(sides), min(sides))
 
 
-def _is_wall(structure: Structure, config: ComparisonConfig) -> bool:
-    both = min(structure.free_left, structure.free_right)
-    return both >= 0.6 or (
-        structure.length >= config.long_wall and max(structure.free_left, structure.free_right) >= 0.6
-    )
-
-
-def _without_doubles(found: list[Structure], thickness: float) -> list[Structure]:
+def _without_doubles(found: list[Structure]) -> list[Structure]:
     """The two faces of one wall count once, by the longer."""
     kept: list[Structure] = []
     for structure in sorted(found, key=lambda entry: -entry.length):
         line = shapely.LineString(np.reshape(structure.line, (2, 2)))
-        near = [shapely.LineString(np.reshape(other.line, (2, 2))).buffer(thickness) for other in kept]
+        near = [shapely.LineString(np.reshape(other.line, (2, 2))).buffer(THICKEST) for other in kept]
         if not any(line.intersection(area).length > 0.7 * line.length for area in near):
             kept.append(structure)
     return kept

@@ -19,8 +19,7 @@ from scipy.spatial import KDTree
 from slamgym.cad.floorplan import FloorPlan, fill_segments
 from slamgym.core.geometry import transform_points, wrap_angle
 from slamgym.core.types import FREE, Float32Array, FloatArray, GridFrame, Pose2D
-from slamgym.drawing.comparison.evidence import MapEvidence
-from slamgym.drawing.comparison.plan_faces import PlanFaces
+from slamgym.drawing.comparison.faces import IN_VIEW, MapEvidence, PlanFaces
 
 ANGLES = 120
 COARSE_CELL, COARSE_CELLS = 0.15, 160
@@ -33,18 +32,16 @@ GATES = (1.0, 1.0, 0.7, 0.7, 0.5, 0.5, 0.35, 0.35, 0.25, 0.25, 0.25, 0.2, 0.2, 0
 """Points farther from their wall than this are left out, iteration by iteration [m]."""
 NORMAL_WEIGHT = 0.5
 """How many metres a unit of difference between normals counts when the nearest face is looked for."""
-_MAX_POINTS = 4000
+MAX_POINTS = 4000
 """Points of a map that the search uses."""
 CLOSE = 0.12
 """A point that is so near to a face, and looks the same way, is explained [m]."""
 MISSED = 0.75
 """A face that is farther than this from all that the map shows is missing, not moved [m]."""
-BEFORE_FACE = (0.1, 0.2, 0.3)
-"""A face is in view where the map is free so far before it [m]."""
 MIN_SCORE = 0.73
 """Below this score plan and map are taken to be of different buildings. Maps of changed buildings score 0.71 to 0.94
 over their own plans, and 0.41 to 0.71 over others."""
-_RIVAL = 0.04
+RIVAL = 0.04
 """Another pose whose score is nearer than this makes the best one ambiguous."""
 SCALE_DOUBT = 0.03
 """A scale that differs from 1 by more is a doubt; good maps of robots fit best 0 to 2 % larger."""
@@ -83,7 +80,7 @@ class Registration:
                 f"plan and map are of different buildings, it seems: {self.explained:.0%} of the plan's walls in view "
                 f"are in the map, and {self.inside:.0%} of its floor is the plan's"
             )
-        elif self.score - self.rival_score < _RIVAL:
+        elif self.score - self.rival_score < RIVAL:
             found.append("the map fits the plan nearly as well at another place (a symmetric building?)")
         if abs(self.fitted_scale - 1.0) > SCALE_DOUBT:
             found.append(f"scale doubtful: the map would fit better {self.fitted_scale:.3f} times as large")
@@ -108,7 +105,7 @@ def register(
         ((fitter.score(pose, scale), pose, scale) for pose, scale in found), key=lambda entry: -entry[0][0]
     )
     # Of poses that are nearly as good, the one whose unexplained walls are nearest to others: moved, not missing.
-    near_best = [entry for entry in rated if rated[0][0][0] - entry[0][0] < _RIVAL]
+    near_best = [entry for entry in rated if rated[0][0][0] - entry[0][0] < RIVAL]
     best = max(near_best, key=lambda entry: entry[0][4])
     (score, explained, inside, supported, _), pose, scale = best
     rivals = [entry[0][0] for entry in rated if _are_distinct(entry[1], pose, fitter.middle)]
@@ -121,10 +118,10 @@ class _Fitter:
 
     def __init__(self, plan: FloorPlan, faces: PlanFaces, evidence: MapEvidence) -> None:
         rng = np.random.default_rng(0)
-        chosen = rng.permutation(len(evidence.points))[:_MAX_POINTS]
+        chosen = rng.permutation(len(evidence.points))[:MAX_POINTS]
         self.points, self.normals = evidence.points[chosen], evidence.normals[chosen]
         row, col = np.nonzero(evidence.cells == FREE)
-        some = rng.permutation(len(row))[:_MAX_POINTS]
+        some = rng.permutation(len(row))[:MAX_POINTS]
         self.free = np.stack(evidence.frame.to_point(row[some], col[some]), axis=1)
         self.middle = self.free.mean(axis=0)
         self._faces, self._evidence = faces, evidence
@@ -168,7 +165,7 @@ class _Fitter:
         )
         inside = float(shapely.contains_xy(self._floor, *transform_points(pose, scale * self.free).T).mean())
         faces = self._faces
-        before = faces.points[:, None] + np.array(BEFORE_FACE)[:, None] * faces.point_normals[:, None]
+        before = faces.points[:, None] + IN_VIEW[:, None] * faces.point_normals[:, None]
         in_view = (evidence.values(before) == FREE).any(axis=1)
         tree = KDTree(np.hstack([evidence.points, NORMAL_WEIGHT * evidence.normals]))
         asked = np.hstack([faces.points, NORMAL_WEIGHT * faces.point_normals])[in_view]

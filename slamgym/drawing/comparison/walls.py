@@ -7,17 +7,17 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from slamgym.core.types import FREE, OCCUPIED, BoolArray, FloatArray, IntArray
-from slamgym.drawing.comparison.config import ComparisonConfig
 from slamgym.drawing.comparison.distortion import Stretches, estimate_drift
-from slamgym.drawing.comparison.evidence import MapEvidence
-from slamgym.drawing.comparison.plan_faces import FACE_STEP, PlanFaces, cut_faces
+from slamgym.drawing.comparison.faces import FACE_STEP, IN_VIEW, MapEvidence, PlanFaces, cut_faces
 from slamgym.drawing.comparison.records import FaceReport, FaceState, Line
+from slamgym.drawing.comparison.registration import MISSED
+from slamgym.drawing.settings import ComparisonConfig
 
 LATERAL = 0.045
 """A point of the map lies before a point of a face if it is no farther to its side [m]."""
 ALIKE = 0.7
 """Cosine of the angle between normals up to which a face of the map may be one of the plan."""
-_CORNER = 0.08
+CORNER = 0.08
 """What is nearer to the ends of a face says little about it [m]."""
 NEAR = 0.1
 """So near to its place a wall is there [m]."""
@@ -27,8 +27,8 @@ SPREAD = 0.06
 """Offsets that differ from the commonest by less belong to one straight face [m]."""
 THROUGH = (-0.075, -0.025, 0.025, 0.075)
 """Where the map is free so far from a face on both sides, there is no wall [m]."""
-BEFORE = (0.1, 0.2, 0.3)
-"""A face is in view where the map is free so far before it [m]."""
+LEAST_SEEN = 0.3
+"""A face of a wall of which less is seen is not judged."""
 CELL_ROUNDING = 0.05 / np.sqrt(12.0)
 """A straight wall lies anywhere within its row of cells [m]."""
 MOST, SOME = 0.5, 0.25
@@ -60,11 +60,11 @@ class Faces:
         return self.offsets - self.expected
 
 
-def measure_faces(faces: PlanFaces, evidence: MapEvidence, config: ComparisonConfig) -> Faces:
+def measure_faces(faces: PlanFaces, evidence: MapEvidence) -> Faces:
     """Measure all faces; those of which only a part has moved are cut in two, and all is measured again."""
-    found = _measured(faces, evidence, config)
+    found = _measured(faces, evidence)
     cuts = {face: places for face in range(len(faces.lengths)) if (places := _cuts(found, face))}
-    return _measured(cut_faces(faces, cuts), evidence, config) if cuts else found
+    return _measured(cut_faces(faces, cuts), evidence) if cuts else found
 
 
 def _cuts(found: Faces, face: int) -> list[float]:
@@ -87,10 +87,10 @@ def _cuts(found: Faces, face: int) -> list[float]:
     return places
 
 
-def _measured(faces: PlanFaces, evidence: MapEvidence, config: ComparisonConfig) -> Faces:
+def _measured(faces: PlanFaces, evidence: MapEvidence) -> Faces:
     """In the second round the map's distortion is known from the first."""
     expected, deviation = np.zeros(len(faces.points)), np.zeros(len(faces.points))
-    pairs = _pairs(faces, evidence, config.search)
+    pairs = _pairs(faces, evidence)
     stretch = _stretches_of(faces)
     for _ in range(2):
         found = _look(faces, evidence, _nearest_offsets(pairs, expected), expected, deviation)
@@ -103,11 +103,11 @@ def judge_face(found: Faces, face: int, config: ComparisonConfig) -> FaceReport:
     plan = found.plan
     line: Line = tuple(float(value) for value in plan.segments[face])  # type: ignore[assignment]
     own = np.flatnonzero(plan.face == face)
-    inner = own[(plan.along[own] > _CORNER) & (plan.lengths[face] - plan.along[own] > _CORNER)]
+    inner = own[(plan.along[own] > CORNER) & (plan.lengths[face] - plan.along[own] > CORNER)]
     own = inner if len(inner) >= 3 else own
     view = own[found.in_view[own]]
     seen = len(view) / len(own)
-    if seen < config.seen or len(view) < 3:
+    if seen < LEAST_SEEN or len(view) < 3:
         return FaceReport(line, "not_seen", seen, None, None, None, None)
     values = found.corrected[view]
     centre, support = _commonest(values)
@@ -119,16 +119,14 @@ def judge_face(found: Faces, face: int, config: ComparisonConfig) -> FaceReport:
         centre = float(np.median(values[np.abs(values) <= NEAR]))
         support = near
     if support < SOME:
-        state: FaceState = "unclear"
-        return FaceReport(line, state, seen, None, None, None, None)
+        return FaceReport(line, "unclear", seen, None, None, None, None)
     close = view[np.abs(found.corrected[view] - centre) <= SPREAD]
     offset = float(np.median(found.corrected[close]))
     distortion = float(found.expected[close].mean())
     error = _standard_error(found, close, offset)
     is_moved = abs(offset) > config.moved and abs(offset) > config.sure * error and support >= MOST
-    return FaceReport(
-        line, "moved" if is_moved else "present", seen, offset, error, offset + distortion, distortion
-    )
+    state: FaceState = "moved" if is_moved else "present"
+    return FaceReport(line, state, seen, offset, error, offset + distortion, distortion)
 
 
 def open_runs(found: Faces, face: int, shortest: float) -> list[tuple[float, float]]:
@@ -151,12 +149,10 @@ def _standard_error(found: Faces, points: IntArray, offset: float) -> float:
     )
 
 
-def _pairs(
-    faces: PlanFaces, evidence: MapEvidence, search: float
-) -> tuple[FloatArray, FloatArray, FloatArray, int]:
+def _pairs(faces: PlanFaces, evidence: MapEvidence) -> tuple[IntArray, FloatArray]:
     """Points of faces and points of the map before or behind them: number of the first, offset [m]."""
     tree = KDTree(evidence.points)
-    lists: Any = tree.query_ball_point(faces.points, search)
+    lists: Any = tree.query_ball_point(faces.points, MISSED)
     counts = np.array([len(entries) for entries in lists])
     index = np.repeat(np.arange(len(faces.points)), counts)
     other = np.concatenate([np.asarray(entries, np.int64) for entries in lists]) if len(index) else index
@@ -166,17 +162,15 @@ def _pairs(
     sideways = np.abs(difference[:, 0] * normal[:, 1] - difference[:, 1] * normal[:, 0])
     alike = (evidence.normals[other] * normal).sum(axis=1) > ALIKE
     keep = alike & (sideways < LATERAL)
-    return index[keep], offset[keep], sideways[keep], len(faces.points)
+    return index[keep], offset[keep]
 
 
-def _nearest_offsets(
-    pairs: tuple[FloatArray, FloatArray, FloatArray, int], expected: FloatArray
-) -> FloatArray:
+def _nearest_offsets(pairs: tuple[IntArray, FloatArray], expected: FloatArray) -> FloatArray:
     """For each point the offset that is nearest to what is expected, (S,); nan where there is none."""
-    index, offset, _, size = pairs
+    index, offset = pairs
     order = np.lexsort((np.abs(offset - expected[index]), index))
     first = order[np.unique(index[order], return_index=True)[1]]
-    found = np.full(size, np.nan)
+    found = np.full(len(expected), np.nan)
     found[index[first]] = offset[first]
     return found
 
@@ -225,7 +219,7 @@ def _look(
     normals = faces.point_normals
     place = faces.points + expected[:, None] * normals
     through = evidence.values(place[:, None] + np.array(THROUGH)[:, None] * normals[:, None])
-    before = evidence.values(place[:, None] + np.array(BEFORE)[:, None] * normals[:, None])
+    before = evidence.values(place[:, None] + IN_VIEW[:, None] * normals[:, None])
     is_open = (through == FREE).mean(axis=1) > 0.7
     is_open &= ~(through == OCCUPIED).any(axis=1)
     in_view = (before == FREE).any(axis=1) | is_open | (np.abs(offsets - expected) < NEAR)

@@ -7,15 +7,12 @@ HATCH), RAW (one closed LWPOLYLINE for each run of occupied cells), DIMENSIONS.
 
 import io
 from collections.abc import Iterable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import shapely
 from shapely import Polygon
 
-from slamgym.core.files import write_text
-from slamgym.core.types import OCCUPIED, FloatArray, OccupancyGrid
 from slamgym.drawing.drawing import Drawing
 
 METRES = 6
@@ -31,15 +28,8 @@ _APP = "SLAMGYM"
 """Name under which walls carry thickness, confidence and share seen (extended data)."""
 
 
-def write_dxf(path: Path, drawing: Drawing) -> None:
-    """Write a DXF file (R2018)."""
-    stream = io.StringIO()
-    dxf_document(drawing).write(stream)
-    write_text(path, stream.getvalue())
-
-
-def dxf_document(drawing: Drawing) -> Any:
-    """The drawing as ezdxf's document."""
+def format_dxf(drawing: Drawing) -> str:
+    """The text of the file (R2018)."""
     import ezdxf
     from ezdxf import units
 
@@ -49,13 +39,13 @@ def dxf_document(drawing: Drawing) -> Any:
     document.header["$LUNITS"] = 2
     for name, colour in LAYER_COLOURS.items():
         document.layers.add(name, color=colour)
-    document.layers.get("INFERRED").dxf.linetype = "DASHED"
-    document.layers.get("OPENINGS").dxf.linetype = "DASHED"
-    document.layers.get("UNEXPLORED").dxf.linetype = "DASHED"
+    for name in ("INFERRED", "OPENINGS", "UNEXPLORED"):
+        document.layers.get(name).dxf.linetype = "DASHED"
     document.appids.add(_APP)
     space = document.modelspace()
     space.units = units.M
-    for outline in _echo_runs(drawing.grid):
+    for x0, y0, x1, y1 in np.round(drawing.echo_runs(), 4).tolist():
+        outline = [(x0, y1), (x1, y1), (x1, y0), (x0, y0)]
         space.add_lwpolyline(outline, close=True, dxfattribs={"layer": "RAW"})
     for room in drawing.rooms:
         _add_polygons(space, [room.polygon], "ROOMS")
@@ -68,8 +58,6 @@ def dxf_document(drawing: Drawing) -> Any:
             line.set_xdata(_APP, [(1040, wall.thickness), (1040, wall.confidence), (1040, wall.share_seen)])
     for door in drawing.doors:
         space.add_line(door.start, door.end, dxfattribs={"layer": f"{door.kind.upper()}S"})
-    for window in drawing.windows:
-        space.add_line(window.start, window.end, dxfattribs={"layer": "WINDOWS"})
     for part in drawing.inferred_floor:
         _add_hatch(space, part, "INFERRED")
     _add_polygons(space, drawing.unexplored, "UNEXPLORED")
@@ -78,7 +66,9 @@ def dxf_document(drawing: Drawing) -> Any:
     document.set_modelspace_vport(
         height=max_y - min_y + 2.0, center=(0.5 * (min_x + max_x), 0.5 * (min_y + max_y))
     )
-    return document
+    stream = io.StringIO()
+    document.write(stream)
+    return stream.getvalue()
 
 
 def _add_polygons(space: Any, shapes: Iterable[Polygon], layer: str) -> list[Any]:
@@ -107,28 +97,6 @@ def _add_dimensions(space: Any, drawing: Drawing) -> None:
         "dimscale": 1.0, "dimtad": 1, "dimpost": "<>", "dimzin": 0,
     }  # fmt: skip
     for dimension in drawing.dimensions:
-        added = space.add_aligned_dim(
-            p1=dimension.start,
-            p2=dimension.end,
-            distance=0.0,
-            dimstyle="EZDXF",
-            override=override,
-            dxfattribs={"layer": "DIMENSIONS"},
-        )
-        added.render()
-
-
-def _echo_runs(grid: OccupancyGrid) -> list[FloatArray]:
-    """A rectangle (4, 2) for each run of occupied cells in a row [m]."""
-    occupied = np.pad(grid.cells == OCCUPIED, ((0, 0), (1, 1))).astype(np.int8)
-    change = np.diff(occupied, axis=1)
-    rows, firsts = np.nonzero(change == 1)
-    _, stops = np.nonzero(change == -1)
-    left, _, _, top = grid.frame.bounds
-    res = grid.frame.resolution
-    x0, x1, y1 = left + firsts * res, left + stops * res, top - rows * res
-    y0 = y1 - res
-    corners = np.stack(
-        [np.stack([x0, y0], 1), np.stack([x1, y0], 1), np.stack([x1, y1], 1), np.stack([x0, y1], 1)], 1
-    )
-    return list(np.round(corners, 4))
+        line = {"p1": dimension.start, "p2": dimension.end, "distance": 0.0}
+        look = {"dimstyle": "EZDXF", "override": override, "dxfattribs": {"layer": "DIMENSIONS"}}
+        space.add_aligned_dim(**line, **look).render()

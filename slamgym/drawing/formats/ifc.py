@@ -5,14 +5,12 @@ A map knows nothing of heights: walls and rooms are 2.5 m high, doors 2.1 m, and
 
 import math
 import uuid
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import shapely
 from shapely import Polygon
 
-from slamgym.core.files import write_text
 from slamgym.drawing.drawing import Drawing, DrawnDoor, DrawnPoint, DrawnWall
 
 WALL_HEIGHT, DOOR_HEIGHT = 2.5, 2.1
@@ -20,13 +18,8 @@ WALL_HEIGHT, DOOR_HEIGHT = 2.5, 2.1
 ASSUMED = f"drawn from a two-dimensional map: heights ({WALL_HEIGHT} m, doors {DOOR_HEIGHT} m) are assumed"
 
 
-def write_ifc(path: Path, drawing: Drawing) -> None:
-    """Write an IFC4 file."""
-    write_text(path, ifc_model(drawing).to_string())
-
-
-def ifc_model(drawing: Drawing) -> Any:
-    """The drawing as ifcopenshell's file."""
+def format_ifc(drawing: Drawing) -> str:
+    """The text of the file (IFC4)."""
     import ifcopenshell.api
     import ifcopenshell.guid
 
@@ -50,7 +43,8 @@ def ifc_model(drawing: Drawing) -> Any:
         root.GlobalId = ifcopenshell.guid.compress(
             uuid.uuid5(uuid.NAMESPACE_URL, f"{drawing.name}/{number}").hex
         )
-    return builder.file
+    text: str = builder.file.to_string()
+    return text
 
 
 class _Builder:

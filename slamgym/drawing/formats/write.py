@@ -1,12 +1,17 @@
-"""One function for all formats."""
+"""Drawings as files."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
+from slamgym.cad.floorplan import fill_segments, map_values, ring_segments
 from slamgym.core.errors import InputFileError, SlamgymError
 from slamgym.core.files import write_text
+from slamgym.core.types import UNKNOWN, GridFrame, OccupancyGrid
 from slamgym.drawing.drawing import Drawing
-from slamgym.drawing.formats.names import DRAWING_FORMATS
+from slamgym.drawing.settings import DRAWING_FORMATS
+
+WALL = 0.2
+"""Round the floor so much is occupied in a ROS map [m]; a robot sees the walls' faces alone."""
 
 
 def write_drawing(drawing: Drawing, stem: Path | str, formats: Sequence[str]) -> list[Path]:
@@ -15,7 +20,7 @@ def write_drawing(drawing: Drawing, stem: Path | str, formats: Sequence[str]) ->
     Args:
         drawing: What to write.
         stem: Of the files: ``out/flat`` for ``out/flat.dxf``.
-        formats: Out of :data:`~slamgym.drawing.formats.names.DRAWING_FORMATS`.
+        formats: Out of :data:`~slamgym.drawing.settings.DRAWING_FORMATS`.
 
     Returns:
         The files, in the order of the formats.
@@ -23,75 +28,58 @@ def write_drawing(drawing: Drawing, stem: Path | str, formats: Sequence[str]) ->
     Raises:
         SlamgymError: If a file can't be written, or a format is unknown or needs a package that isn't installed.
     """
-    writers: dict[str, Callable[[Path, Drawing], None]] = {
-        "svg": _write_svg,
-        "geojson": _write_geojson,
-        "json": _write_json,
-        "png": _write_png,
-        "dxf": _write_dxf,
-        "ifc": _write_ifc,
-        "html": _write_html,
-        "yaml": _write_ros_map,
-    }
-    unknown = [name for name in formats if name not in writers]
+    unknown = [name for name in formats if name not in DRAWING_FORMATS]
     if unknown:
         raise SlamgymError(f"unknown format {unknown[0]!r}; choose from {', '.join(DRAWING_FORMATS)}")
     stem, paths = Path(stem), []
     for name in dict.fromkeys(formats):
         path = stem.with_name(f"{stem.name}.{name}")
-        writers[name](path, drawing)
+        if name == "png":
+            from slamgym.drawing.formats.png import draw_picture
+            from slamgym.viz.canvas import write_picture
+
+            write_picture(path, draw_picture(drawing))
+        elif name == "yaml":
+            _write_ros_map(path.with_suffix(""), drawing)
+        else:
+            write_text(path, _text(drawing, name))
         paths.append(path)
     return paths
 
 
-def _write_svg(path: Path, drawing: Drawing) -> None:
-    from slamgym.drawing.formats.svg import format_svg
-
-    write_text(path, format_svg(drawing))
-
-
-def _write_geojson(path: Path, drawing: Drawing) -> None:
-    from slamgym.drawing.formats.geojson import format_geojson
-
-    write_text(path, format_geojson(drawing))
-
-
-def _write_json(path: Path, drawing: Drawing) -> None:
-    from slamgym.drawing.formats.houseexpo_json import format_json
-
-    write_text(path, format_json(drawing))
-
-
-def _write_png(path: Path, drawing: Drawing) -> None:
-    from slamgym.drawing.formats.png import draw_picture
-    from slamgym.viz.canvas import write_picture
-
-    write_picture(path, draw_picture(drawing))
+def _text(drawing: Drawing, name: str) -> str:
+    """The content of a text file; what its format needs is imported for it alone."""
+    match name:
+        case "dxf":
+            from slamgym.drawing.formats.dxf import format_dxf as write
+        case "svg":
+            from slamgym.drawing.formats.svg import format_svg as write
+        case "ifc":
+            from slamgym.drawing.formats.ifc import format_ifc as write
+        case "geojson":
+            from slamgym.drawing.formats.json import format_geojson as write
+        case "json":
+            from slamgym.drawing.formats.json import format_json as write
+        case _:
+            from slamgym.drawing.formats.html import format_html as write
+    return write(drawing)
 
 
-def _write_dxf(path: Path, drawing: Drawing) -> None:
-    from slamgym.drawing.formats.dxf import write_dxf
+def drawing_map(drawing: Drawing) -> OccupancyGrid:
+    """Draw the floor, seen and inferred, as a map for a robot, in the frame of the map that it was drawn from.
 
-    write_dxf(path, drawing)
-
-
-def _write_ifc(path: Path, drawing: Drawing) -> None:
-    from slamgym.drawing.formats.ifc import write_ifc
-
-    write_ifc(path, drawing)
-
-
-def _write_html(path: Path, drawing: Drawing) -> None:
-    from slamgym.drawing.report.page import format_html
-
-    write_text(path, format_html(drawing))
+    Floor is free, what bounds it is occupied, all else is unknown.
+    """
+    cell = drawing.grid.frame.resolution
+    frame = GridFrame.covering(drawing.floor.bounds, cell, margin=WALL)
+    rings = [ring for part in drawing.floor.geoms for ring in (part.exterior, *part.interiors)]
+    inside = fill_segments(ring_segments(rings), frame)
+    return OccupancyGrid(map_values(inside, cell, UNKNOWN, WALL), frame)
 
 
-def _write_ros_map(path: Path, drawing: Drawing) -> None:
-    from slamgym.drawing.formats.ros_map import drawing_map
+def _write_ros_map(stem: Path, drawing: Drawing) -> None:
     from slamgym.interop.ros_map import write_ros_map
 
-    stem = path.with_suffix("")
     if stem.is_dir():
         raise InputFileError(stem, "is a folder, into which the ROS map would be written; name another --out")
     write_ros_map(stem, drawing_map(drawing))

@@ -1,19 +1,35 @@
-"""The straight faces of a plan's walls, with points on them."""
+"""The straight faces of a plan's walls with points on them, and the faces that a map shows.
+
+A map's points lie on the faces of what is occupied, with normals to the side from which they were seen.
+"""
 
 import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import cv2
 import numpy as np
 import shapely
 
 from slamgym.cad.floorplan import FloorPlan
-from slamgym.core.types import BoolArray, FloatArray, IntArray
+from slamgym.core.geometry import inverse, transform_points
+from slamgym.core.types import (
+    FREE,
+    OCCUPIED,
+    UNKNOWN,
+    BoolArray,
+    ByteArray,
+    FloatArray,
+    GridFrame,
+    IntArray,
+    OccupancyGrid,
+    Pose2D,
+)
 
 FACE_STEP = 0.05
 """Distance of the points on a face [m]."""
-_SIMPLIFY = 0.01
+SIMPLIFY = 0.01
 """Corners that stray less than this from a straight face are none [m]."""
 THICKNESS = (0.01, 0.6)
 """Two faces that look away from each other at such a distance belong to one wall [m]."""
@@ -23,6 +39,10 @@ NEXT_PIECE = 1.5
 """Faces on one line with a gap of less than this, a door's, are one wall [m]."""
 PARALLEL = 0.996
 """Cosine of the angle up to which faces count as parallel: 5 degrees."""
+NORMAL_BLUR = 1.5
+"""Of the free space whose gradient gives a map's normals [cells]."""
+IN_VIEW = np.array([0.1, 0.2, 0.3])
+"""A face is in view where the map is free so far before it [m]."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +63,7 @@ class PlanFaces:
         return self.normals[self.face]
 
     def same_wall(self, face: int) -> BoolArray:
-        """Which faces belong to the same straight wall, on both of its sides and beyond its doors, (F,)."""
+        """The faces of the same straight wall, on both of its sides and beyond its doors, as a mask (F,)."""
         normal = self.normals[face]
         middle = 0.5 * (self.segments[:, :2] + self.segments[:, 2:])
         away = middle - middle[face]
@@ -54,7 +74,7 @@ class PlanFaces:
 
 def plan_faces(plan: FloorPlan) -> PlanFaces:
     """The faces of all walls of a plan."""
-    simple = plan.free_space.simplify(_SIMPLIFY)
+    simple = plan.free_space.simplify(SIMPLIFY)
     space: Any = shapely.orient_polygons(simple if simple.geom_type == "Polygon" else plan.free_space)
     edges = []
     for ring in (space.exterior, *space.interiors):
@@ -144,3 +164,62 @@ def _far_apart(cuts: list[float]) -> list[float]:
         if cut - kept[-1] > SHORTEST_PIECE and cuts[-1] - cut > SHORTEST_PIECE:
             kept.append(cut)
     return [*kept, cuts[-1]]
+
+
+@dataclass(frozen=True)
+class MapEvidence:
+    """A map in the frame of a plan."""
+
+    points: FloatArray  # (N, 2) [m] on the faces of walls, plan frame
+    normals: FloatArray  # (N, 2) towards the free space
+    cells: ByteArray
+    frame: GridFrame
+    plan_from_map: Pose2D
+    scale: float = 1.0
+
+    def values(self, points: FloatArray) -> ByteArray:
+        """The map's cells at points of the plan's frame, any shape (..., 2); unknown beyond the map."""
+        flat = transform_points(inverse(self.plan_from_map), points.reshape(-1, 2)) / self.scale
+        row, col = self.frame.to_cell(flat[:, 0], flat[:, 1])
+        inside = (row >= 0) & (row < self.cells.shape[0]) & (col >= 0) & (col < self.cells.shape[1])
+        found = np.full(len(flat), UNKNOWN, np.uint8)
+        found[inside] = self.cells[row[inside], col[inside]]
+        return found.reshape(points.shape[:-1])
+
+    def moved(self, plan_from_map: Pose2D, scale: float = 1.0) -> "MapEvidence":
+        """The same map laid over the plan in another way."""
+        back = transform_points(inverse(self.plan_from_map), self.points) / self.scale
+        turn = plan_from_map.theta - self.plan_from_map.theta
+        return MapEvidence(
+            transform_points(plan_from_map, scale * back),
+            transform_points(Pose2D(0.0, 0.0, turn), self.normals),
+            self.cells,
+            self.frame,
+            plan_from_map,
+            scale,
+        )
+
+
+def map_evidence(grid: OccupancyGrid) -> MapEvidence:
+    """The faces of a map's walls, in its own frame.
+
+    A cell of a thin wall is a point for each side from which it was seen.
+    """
+    free = grid.cells == FREE
+    occupied = grid.cells == OCCUPIED
+    blurred = cv2.GaussianBlur(free.astype(np.float32), (0, 0), NORMAL_BLUR)
+    down, right = np.gradient(blurred)
+    padded, found = np.pad(free, 1), []
+    for row_step, col_step in ((0, 1), (0, -1), (1, 0), (-1, 0)):
+        beside = np.roll(padded, (-row_step, -col_step), (0, 1))[1:-1, 1:-1]
+        row, col = np.nonzero(occupied & beside)
+        normal = np.stack(
+            [right[row + row_step, col + col_step], -down[row + row_step, col + col_step]], axis=1
+        )
+        # Pointing away from the free cell: the blur of a thin wall's other side.
+        wrong = normal @ [col_step, -row_step] <= 0.0
+        normal[wrong] = [col_step, -row_step]
+        x, y = grid.frame.to_point(row, col)
+        found.append(np.column_stack([x, y, normal / np.maximum(np.hypot(*normal.T), 1e-6)[:, None]]))
+    points = np.vstack(found)
+    return MapEvidence(points[:, :2], points[:, 2:], grid.cells, grid.frame, Pose2D(0.0, 0.0, 0.0))

@@ -6,31 +6,32 @@ import numpy as np
 
 import slamgym
 from slamgym.cad.floorplan import FloorPlan
-from slamgym.core.config import to_dict
 from slamgym.core.text import markup
 from slamgym.core.types import OccupancyGrid
-from slamgym.drawing.comparison.config import ComparisonConfig
-from slamgym.drawing.comparison.picture import draw_changes, legend_entries, verdict
+from slamgym.drawing.comparison.picture import COLOURS, PRESENT, draw_comparison
 from slamgym.drawing.comparison.records import Change, PlanComparison
-from slamgym.drawing.report.figures import FIGURE_STYLE
-from slamgym.drawing.report.page import REPORT_STYLE, doubts_part, figures_part, provenance_part, sentence
+from slamgym.drawing.formats.html import (
+    REPORT_STYLE,
+    doubts_part,
+    figures_part,
+    provenance_part,
+    sentence,
+)
+from slamgym.viz.canvas import FAINT
 from slamgym.viz.pages import figure, inline_picture, make_page, make_table, paragraph
 
 
-def format_comparison(
-    found: PlanComparison, plan: FloorPlan, grid: OccupancyGrid, config: ComparisonConfig, command: str
-) -> str:
+def format_comparison(found: PlanComparison, plan: FloorPlan, grid: OccupancyGrid, command: str) -> str:
     """The text of the page.
 
     Args:
         found: What was found.
         plan: As planned.
         grid: The map.
-        config: What counted as a change.
         command: That made it.
     """
     doubts = [sentence(doubt) for doubt in found.doubts]
-    picture = f'<img alt="the map over its plan" src="{inline_picture(draw_changes(found, plan, grid))}">'
+    picture = f'<img alt="the map over its plan" src="{inline_picture(draw_comparison(found, plan, grid))}">'
     words = "Green: as planned. " if found.is_confident else "The map where it fits best; don't rely on it. "
     parts = [
         f"<h1>{markup(verdict(found))}</h1>",
@@ -43,9 +44,9 @@ def format_comparison(
         *_changes_part(found),
         *_rooms_part(found),
         "<h2>How it was made</h2>",
-        *provenance_part({"command": command, "slamgym": slamgym.__version__, "settings": to_dict(config)}),
+        *provenance_part({"command": command, "slamgym": slamgym.__version__}),
     ]
-    return make_page(f"{found.map} against {found.plan}", parts, FIGURE_STYLE + REPORT_STYLE)
+    return make_page(f"{found.map} against {found.plan}", parts, REPORT_STYLE)
 
 
 def _figures(found: PlanComparison) -> list[tuple[str, str]]:
@@ -62,10 +63,18 @@ def _figures(found: PlanComparison) -> list[tuple[str, str]]:
     return [*shown, (f"{pose.x:.2f}, {pose.y:.2f} m, {turn:.1f}°", "the map's origin lies on the plan at")]
 
 
+def verdict(found: PlanComparison) -> str:
+    """The result in a few words."""
+    return f"{len(found.changes)} changes" if found.is_confident else "NOT THE SAME BUILDING, it seems"
+
+
 def _legend(found: PlanComparison) -> str:
+    """The colours that the picture uses, and what they mean."""
+    kinds = {"door_moved" if change.kind == "door_width" else change.kind for change in found.changes}
+    used = [COLOURS[kind] for kind in COLOURS if kind in kinds]
     entries = "".join(
         f'<li><span class="key line" style="color: rgb{colour}"></span>{markup(text)}</li>'
-        for colour, text in legend_entries(found)
+        for colour, text in [(PRESENT, "wall as planned"), (FAINT, "not seen"), *used]
     )
     return f'<ul class="legend">{entries}</ul>'
 
