@@ -55,7 +55,6 @@ ALLOWED = {
     ("dataset", "interop"): "logs and paths are kept with the pairs",
     ("dataset", "metrics"): "pairs are measured",
     ("dataset", "sim"): "recipes vary noise and furniture",
-    ("dataset", "slam"): "maps of earlier moments are rendered",
     ("dataset", "viz"): "contact sheets",
     ("agents", "cad"): "explorers are trained and evaluated on plans; the oracle knows them",
     ("agents", "envs"): "explorers act in environments",

@@ -15,7 +15,6 @@ import numpy as np
 from gymnasium import spaces
 
 from slamgym.core.types import BoolArray, ByteArray, Float32Array, FloatArray, IntArray, Observation, Pose2D
-from slamgym.planning.grid_path import tour_lengths
 from slamgym.planning.costmap import Costmap
 from slamgym.planning.exploration_loop import ExplorationLoop
 from slamgym.planning.frontier_candidates import COARSENING, FrontierCandidate
@@ -27,6 +26,7 @@ from slamgym.planning.frontier_feature_kernels import (
     explore_unknown_region,
 )
 from slamgym.planning.frontiers import expected_gain
+from slamgym.planning.grid_path import tour_lengths
 from slamgym.planning.open_tour import lengths_by_first, open_tour
 from slamgym.planning.promise import expected_floor, pretrained_unseen_floor
 
