@@ -14,7 +14,7 @@ from torch.nn import functional
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, BoolArray, ByteArray, FloatArray, IntArray
 from slamgym.metrics.maps import free_boundary
 
-SIDE = 64
+PATCH_SIDE = 64
 """Of a patch [cells]; a multiple of 32."""
 PER_MAP = 32
 """Patches of a map, each around a random cell of the border of its free space."""
@@ -40,7 +40,7 @@ class PatchLearner:
     def __init__(self, maps: Sequence[ByteArray], seed: int = 0) -> None:
         cut = [cut_patches(cells, np.random.default_rng([seed, i])) for i, cells in enumerate(maps)]
         self.patches: ByteArray = np.stack(cut)
-        """(N, PER_MAP, SIDE, SIDE)."""
+        """(N, PER_MAP, PATCH_SIDE, PATCH_SIDE)."""
         self.scores: FloatArray = np.full((len(maps), JUDGED), 0.5)
         """Held-out probability of the second kind of the judged patches, which come first."""
 
@@ -92,12 +92,12 @@ def cut_patches(cells: ByteArray, rng: np.random.Generator) -> ByteArray:
         rng: Picks the cells.
 
     Returns:
-        (PER_MAP, SIDE, SIDE).
+        (PER_MAP, PATCH_SIDE, PATCH_SIDE).
     """
-    padded = np.pad(cells, SIDE, constant_values=UNKNOWN)
+    padded = np.pad(cells, PATCH_SIDE, constant_values=UNKNOWN)
     centres = np.argwhere(free_boundary(padded == FREE))
-    corners = centres[rng.integers(len(centres), size=4 * PER_MAP)] - SIDE // 2
-    cut = np.stack([padded[row : row + SIDE, col : col + SIDE] for row, col in corners])
+    corners = centres[rng.integers(len(centres), size=4 * PER_MAP)] - PATCH_SIDE // 2
+    cut = np.stack([padded[row : row + PATCH_SIDE, col : col + PATCH_SIDE] for row, col in corners])
     dull = (cut == UNKNOWN).mean(axis=(1, 2)) > MOST_UNKNOWN
     # Dull ones stand last: they are taken only where a map has hardly anything else.
     chosen: ByteArray = cut[np.argsort(dull, kind="stable")[:PER_MAP]]

@@ -82,8 +82,7 @@ def check_dataset(root: Path | str, advance: Callable[[], None] = lambda: None) 
         faults += _check_episode(layout.episode(record.name), record)
         advance()
     for side in SIDES:
-        names = {f"{name}.png" for name in listed.names}
-        faults += _unexpected_files(layout.root / side, names)
+        faults += _unexpected_files(layout.root / side, {f"{name}.png" for name in listed.names})
     faults += _unexpected_files(layout.episodes, listed.names)
     if layout.incoming.exists():
         what = "is what a run left that is at work or was killed; run it again"
@@ -314,27 +313,26 @@ def _unmerged(layout: Layout, names: Collection[str]) -> Iterator[FileFault]:
         there = (name for _, name in pair_names(shard.episodes) if name not in names)
         left = sorted(name for name in there if is_whole(shard, name))
         if left:
-            yield FileFault(
-                folder,
-                f"has {counted(len(left), 'pair')} beyond the dataset's, such as {left[0]}; "
-                f"run `slamgym dataset merge {layout.root}` again",
-            )
+            what = f"has {counted(len(left), 'pair')} beyond the dataset's, such as {left[0]}"
+            yield FileFault(folder, f"{what}; run `slamgym dataset merge {layout.root}` again")
 
 
-def _check_lines(path: Path) -> Iterator[FileFault]:
+def _check_lines(path: Path) -> list[FileFault]:
     """Verify a list of JSON objects."""
-    if not path.exists():
-        return
+    faults: list[FileFault] = []
+    for _ in _iterate_records(path, _json_object, faults) if path.exists() else ():
+        pass
+    return faults
+
+
+def _json_object(line: str, where: str) -> dict[str, Any]:
     try:
-        for line, where in byte_lines(path):
-            try:
-                whole = isinstance(parse_json(line, where), dict)
-            except InputFileError:
-                whole = False
-            if not whole:
-                yield FileFault(Path(where), "is not a JSON object")
-    except InputFileError as error:
-        yield _as_fault(path, error)
+        value = parse_json(line, where)
+    except InputFileError:
+        value = None
+    if not isinstance(value, dict):
+        raise InputFileError(where, "is not a JSON object")
+    return value
 
 
 def _check_side_files(root: Path, plans: Collection[str], names: Collection[str]) -> Iterator[FileFault]:

@@ -119,13 +119,13 @@ def require_manifest(manifest: Path, made_by: str) -> None:
     if manifest.is_file():
         return
     root = manifest.parent
-    if shard_folders(root):
-        raise InputFileError(
-            root,
-            f"holds shards that are not merged yet; run `slamgym dataset merge {root}`, or name one of them",
-        )
     what = f"holds no {manifest.name}" if root.is_dir() else "is no folder"
-    raise InputFileError(root, f"{what}; name a folder that `{made_by}` has written")
+    what += f"; name a folder that `{made_by}` has written"
+    if shard_folders(root):
+        what = (
+            f"holds shards that are not merged yet; run `slamgym dataset merge {root}`, or name one of them"
+        )
+    raise InputFileError(root, what)
 
 
 def manifest_lines(manifest: Path, made_by: str) -> Iterator[tuple[str, str]]:
@@ -138,56 +138,34 @@ def manifest_lines(manifest: Path, made_by: str) -> Iterator[tuple[str, str]]:
     yield from text_lines(manifest)
 
 
-@dataclass(frozen=True)
 class FolderLayout:
     """Names that a dataset and a folder of rendered images have in common."""
 
-    root: Path
-
-    @property
-    def config(self) -> Path:
+    def __init__(self, root: Path) -> None:
+        self.root = root
+        self.config = root / "config.json"
         """Settings and version: how the content was made."""
-        return self.root / "config.json"
-
-    @property
-    def manifest(self) -> Path:
+        self.manifest = root / "manifest.jsonl"
         """One line per pair."""
-        return self.root / "manifest.jsonl"
-
-    @property
-    def lock(self) -> Path:
+        self.lock = root / ".lock"
         """Held by the run that writes."""
-        return self.root / ".lock"
 
 
-@dataclass(frozen=True)
 class Layout(FolderLayout):
     """Names of the files of one dataset."""
 
-    @property
-    def rejected(self) -> Path:
+    def __init__(self, root: Path) -> None:
+        super().__init__(root)
+        self.rejected = root / "rejected.jsonl"
         """Plans that could not be explored."""
-        return self.root / "rejected.jsonl"
-
-    @property
-    def timing(self) -> Path:
+        self.timing = root / "timing.jsonl"
         """Seconds per exploration."""
-        return self.root / "timing.jsonl"
-
-    @property
-    def contact_sheet(self) -> Path:
+        self.contact_sheet = root / "contact_sheet.png"
         """Picture of the pairs."""
-        return self.root / "contact_sheet.png"
-
-    @property
-    def episodes(self) -> Path:
+        self.episodes = root / "episodes"
         """Folder of the explorations."""
-        return self.root / "episodes"
-
-    @property
-    def incoming(self) -> Path:
+        self.incoming = root / ".incoming"
         """Folder of what is being written; nothing in it is part of the dataset."""
-        return self.root / ".incoming"
 
     def episode(self, name: str) -> Path:
         """Folder of one exploration."""

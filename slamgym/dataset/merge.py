@@ -104,21 +104,14 @@ def _take_pair(folder: DatasetFolder, shard: Layout, name: str, times: dict[str,
     if record.name != name or record.slot.name != name:
         raise InputFileError(line, f"is the record of {record.name!r}, not of its folder; take the pair out")
     staged = folder.stage(name)
+    files = {path: staged / "episode" / path.name for path in shard.episode(name).iterdir()}
+    files |= {shard.image(side, name): staged / f"{side}.png" for side in SIDES}
     with storage_errors(folder.layout.root):
-        _link(shard, name, staged)
+        (staged / "episode").mkdir(parents=True)
+        linked = [_link_or_copy(source, target) for source, target in files.items()]
+        if not all(linked):
+            sync_tree(staged)
     folder.commit(record.slot, staged, times)
-
-
-def _link(shard: Layout, name: str, staged: Path) -> None:
-    """Put a shard's pair into a staging place."""
-    (staged / "episode").mkdir(parents=True)
-    linked = True
-    for path in shard.episode(name).iterdir():
-        linked &= _link_or_copy(path, staged / "episode" / path.name)
-    for side in SIDES:
-        linked &= _link_or_copy(shard.image(side, name), staged / f"{side}.png")
-    if not linked:
-        sync_tree(staged)
 
 
 def _is_plain(shard: Layout, name: str) -> bool:

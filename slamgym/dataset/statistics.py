@@ -35,7 +35,7 @@ RANGES = 4
 _FIGURES_OF = attrgetter(*FIGURES)
 
 
-class Column:
+class ValueColumn:
     """One value of each record, numbers or words, of which each different one is kept once."""
 
     def __init__(self, missing: int = 0) -> None:
@@ -94,8 +94,8 @@ class RecordColumns:
     """
 
     def __init__(self, records: Iterable[PairRecord]) -> None:
-        self.conditions: dict[str, Column] = {}
-        self.plans, self.endings, self.kinds = Column(), Column(), Column()
+        self.conditions: dict[str, ValueColumn] = {}
+        self.plans, self.endings, self.kinds = ValueColumn(), ValueColumn(), ValueColumn()
         keys, figures = array("q"), array("d")
         for place, record in enumerate(records):
             # By hashes other lists are joined; equal ones are as good as impossible.
@@ -105,7 +105,7 @@ class RecordColumns:
             self.endings.add(record.finished)
             self.kinds.add(_kind_of_plan(record))
             for name in record.conditions.keys() - self.conditions.keys():
-                self.conditions[name] = Column(place)
+                self.conditions[name] = ValueColumn(place)
             for name, column in self.conditions.items():
                 column.add(record.conditions.get(name))
         self._keys = np.array(keys)

@@ -12,7 +12,7 @@ from slamgym.dataset import statistics
 from slamgym.dataset.folder import open_dataset
 from slamgym.dataset.format import Layout, read_manifest
 from slamgym.dataset.record import Slot
-from slamgym.dataset.statistics import Column, RecordColumns, dataset_statistics
+from slamgym.dataset.statistics import RecordColumns, ValueColumn, dataset_statistics
 
 
 def test_the_whole_is_the_sum_of_its_groups(small_dataset):
@@ -42,7 +42,7 @@ def test_bytes_are_those_on_disk(small_dataset):
 
 
 def groups_of(*values):
-    column = Column()
+    column = ValueColumn()
     for value in values:
         column.add(value)
     return {label: len(places) for label, places in column.groups().items()}

@@ -12,7 +12,7 @@ from slamgym.metrics.two_sample import distinguish
 @pytest.fixture(autouse=True)
 def small(monkeypatch):
     sizes = {
-        "SIDE": 32,
+        "PATCH_SIDE": 32,
         "PER_MAP": 8,
         "PER_KIND": 64,
         "JUDGED": 4,

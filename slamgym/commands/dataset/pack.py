@@ -1,6 +1,5 @@
 """``slamgym dataset pack``: rendered images as shards that stream, and their way to the hub."""
 
-from dataclasses import field
 from pathlib import Path
 from typing import Annotated
 
@@ -8,7 +7,6 @@ import tyro
 
 from slamgym.core.config import Arguments
 from slamgym.core.progress import counted, show_progress, tell
-from slamgym.dataset.images.pack import PackConfig
 
 
 class PackArguments(Arguments):
@@ -21,8 +19,8 @@ class PackArguments(Arguments):
     """A folder that `slamgym dataset render` has written."""
     out: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
     """Folder of the shards."""
-    pack: Annotated[PackConfig, tyro.conf.arg(name="")] = field(default_factory=PackConfig)
-    """Size and order of the shards."""
+    parquet: bool = True
+    """Also write Parquet files (needs pyarrow, extra `hub`)."""
     push_to_hub: str | None = None
     """Also upload them to the Hugging Face hub under this name, USER/NAME (extra `hub`; log in by `hf auth login`)."""
     private: bool = False
@@ -37,7 +35,7 @@ def main(argv: list[str]) -> int:
 
     total = sum(1 for _ in iterate_images(arguments.images))
     with show_progress("pairs packed", 0, total) as advance:
-        paths = pack_images(arguments.images, arguments.out, arguments.pack, advance)
+        paths = pack_images(arguments.images, arguments.out, arguments.parquet, advance)
     size = sum(path.stat().st_size for path in paths)
     tell(f"{arguments.out}: {counted(total, 'pair')} in {counted(len(paths), 'file')}, {size / 1e6:.1f} MB")
     if arguments.push_to_hub is not None:

@@ -18,10 +18,8 @@ from slamgym.core.progress import counted, say, tell
 from slamgym.core.text import printable
 
 if TYPE_CHECKING:
-    from slamgym.dataset.realism.comparison import LearnerOf
-    from slamgym.dataset.realism.map_sets import MapSet
-    from slamgym.dataset.realism.page import RealismReport
-    from slamgym.dataset.realism.pictures import Figure
+    from slamgym.dataset.realism.comparison import MapSet, RealismReport
+    from slamgym.dataset.realism.page import Figure
     from slamgym.gan.evaluation.patch_classifier import PatchLearner
 
 SHOWN_STATISTICS = 4
@@ -69,10 +67,15 @@ def main(argv: list[str]) -> int:
     """Run the command; returns the exit code."""
     arguments = tyro.cli(RealismArguments, args=argv, prog="slamgym dataset realism")
     from slamgym.core.files import write_text
-    from slamgym.dataset.realism.comparison import compare_statistics
-    from slamgym.dataset.realism.map_sets import read_map_sets
-    from slamgym.dataset.realism.page import RealismReport, realism_page, to_json, to_markdown
-    from slamgym.dataset.realism.pictures import draw_examples, draw_mixed, stack_figures
+    from slamgym.dataset.realism.comparison import RealismReport, compare_statistics, read_map_sets
+    from slamgym.dataset.realism.page import (
+        draw_examples,
+        draw_mixed,
+        realism_page,
+        stack_figures,
+        to_json,
+        to_markdown,
+    )
     from slamgym.viz.canvas import write_picture
 
     own, *references = read_map_sets(
@@ -96,7 +99,7 @@ def main(argv: list[str]) -> int:
     if arguments.mixed:
         sheet, key = draw_mixed(own, references, arguments.mixed, arguments.seed)
         write_picture(out / "mixed.png", sheet)
-        write_text(out / "mixed_key.json", json.dumps([entry._asdict() for entry in key], indent=1) + "\n")
+        write_text(out / "mixed_key.json", json.dumps(key, indent=1) + "\n")
     _print(report)
     tell(f"{out / 'realism.html'}")
     return 0
@@ -109,23 +112,15 @@ def _test_by_trees(report: RealismReport, halvings: int) -> None:
             f"{TREES}: left out, scikit-learn isn't installed; get it with: pip install 'slamgym[clean]'"
         )
         return
-    from slamgym.dataset.realism.comparison import (
-        SetTestConfig,
-        SetTestRow,
-        distinguish_halves,
-        distinguish_sets,
-    )
+    from slamgym.dataset.realism.comparison import distinguish_halves, distinguish_sets
     from slamgym.metrics.two_sample import tree_learner
 
-    config = SetTestConfig(halvings=halvings, seed=report.seed)
     for first, second in itertools.combinations(report.sets, 2):
-        found = distinguish_sets(
-            first, second, lambda maps: tree_learner([m.statistics for m in maps]), config
-        )
-        report.tests.append(SetTestRow(first.name, second.name, TREES, found.accuracy))
+        learner = tree_learner([*first.statistics, *second.statistics])
+        report.tests.append(distinguish_sets(first, second, learner, TREES, 2, report.seed))
     for one in report.sets:
-        null = distinguish_halves(one, lambda maps: tree_learner([m.statistics for m in maps]), config)
-        report.tests.append(SetTestRow(one.name, one.name, TREES, null))
+        learner = tree_learner(one.statistics)
+        report.tests.append(distinguish_halves(one, learner, TREES, halvings, report.seed))
 
 
 def _test_by_network(report: RealismReport, wanted: bool) -> list[Figure]:
@@ -138,38 +133,24 @@ def _test_by_network(report: RealismReport, wanted: bool) -> list[Figure]:
             f"{NETWORK}: left out, torch isn't installed; get it with: pip install 'slamgym[gan]'"
         )
         return []
-    from slamgym.dataset.realism.comparison import (
-        SetTestConfig,
-        SetTestRow,
-        distinguish_halves,
-        distinguish_sets,
-    )
+    from slamgym.dataset.realism.comparison import distinguish_halves, distinguish_sets
     from slamgym.gan.evaluation.patch_classifier import PatchLearner
 
-    config = SetTestConfig(repeats=1, halvings=1, seed=report.seed)
     figures = []
     for reference in report.references:
         say(f"{NETWORK}: {report.own.name} against {reference.name}")
         learner = PatchLearner([one.cells for one in (*report.own.maps, *reference.maps)], report.seed)
-        found = distinguish_sets(report.own, reference, _always(learner), config)
-        report.tests.append(SetTestRow(report.own.name, reference.name, NETWORK, found.accuracy))
+        report.tests.append(distinguish_sets(report.own, reference, learner, NETWORK, 1, report.seed))
         figures.append(_surest_patches(report.own, reference, learner))
     for one in report.sets:
         say(f"{NETWORK}: {one.name}, half against half")
-        null = distinguish_halves(
-            one, lambda maps: PatchLearner([m.cells for m in maps], report.seed), config
-        )
-        report.tests.append(SetTestRow(one.name, one.name, NETWORK, null))
+        learner = PatchLearner([m.cells for m in one.maps], report.seed)
+        report.tests.append(distinguish_halves(one, learner, NETWORK, 1, report.seed))
     return figures
 
 
-def _always(learner: PatchLearner) -> LearnerOf:
-    """One learner for whatever maps: those that it was made for."""
-    return lambda _: learner
-
-
 def _surest_patches(own: MapSet, reference: MapSet, learner: PatchLearner) -> Figure:
-    from slamgym.dataset.realism.pictures import draw_patches
+    from slamgym.dataset.realism.page import draw_patches
 
     maps = [*own.maps, *reference.maps]
     count = min(SHOWN_PATCHES, len(own.maps), len(reference.maps))

@@ -87,16 +87,12 @@ def combine(groups: Sequence[Iterable[Decision]], names: Sequence[str] | None = 
         ConfigError: If two say different things about one map.
     """
     combined: dict[str, Decision] = {}
-    conflicts: dict[str, None] = {}
-    for group in groups:
-        for decision in group:
-            before = combined.setdefault(decision.name, decision)
-            if before != decision:
-                conflicts[decision.name] = None
+    every = [decision for group in groups for decision in group]
+    conflicts = [one.name for one in every if combined.setdefault(one.name, one) != one]
     if conflicts:
         where = " and ".join(names or []) or "the decisions"
         raise ConfigError(
-            f"{where}: conflicting decisions about {_listed(conflicts)}; take all but one of each out"
+            f"{where}: conflicting decisions about {_listed(dict.fromkeys(conflicts))}; take all but one of each out"
         )
     return combined
 
@@ -148,10 +144,8 @@ def decisions_document(decisions: Iterable[Decision]) -> str:
         {"name": d.name, "decision": "keep" if d.keep else "drop", "sha256": d.digest}
         for d in sorted(decisions, key=lambda decision: decision.name)
     ]
-    return (
-        json.dumps({"format": DECISIONS_FORMAT, "version": DECISIONS_VERSION, "decisions": entries}, indent=1)
-        + "\n"
-    )
+    document = {"format": DECISIONS_FORMAT, "version": DECISIONS_VERSION, "decisions": entries}
+    return json.dumps(document, indent=1) + "\n"
 
 
 def _decision(path: Path | str, number: int, entry: Any) -> Decision:
@@ -230,14 +224,12 @@ def make_review_page(
     }
     # In a script element only "<" could end the element early.
     text = json.dumps(data, separators=(",", ":")).replace("<", "\\u003c")
-    parts = {
-        "TITLE": markup(title),
-        "STYLE": _part("page.css"),
-        "SCRIPT": _part("page.js"),
-        "DATA": text,
-    }
+    style, script, page = (
+        (_PARTS / f"page.{kind}").read_text(encoding="utf-8") for kind in ("css", "js", "html")
+    )
+    parts = {"TITLE": markup(title), "STYLE": style, "SCRIPT": script, "DATA": text}
     # In one pass: what is put in may hold anything.
-    return re.sub(r"\{\{([A-Z]+)\}\}", lambda found: parts[found[1]], _part("page.html"))
+    return re.sub(r"\{\{([A-Z]+)\}\}", lambda found: parts[found[1]], page)
 
 
 def _is_chosen(verdict: Verdict, which: Which) -> bool:
@@ -272,8 +264,7 @@ def _map_data(entry: ReviewEntry, decision: Decision | None) -> dict[str, Any]:
 
 def _figures(verdict: Verdict, record: PairRecord | None) -> list[tuple[str, str]]:
     """Labels and values, in words."""
-    verdict_word = "keep" if verdict.keep else "drop"
-    figures = [("Verdict so far", verdict_word)]
+    figures = [("Verdict so far", "keep" if verdict.keep else "drop")]
     if verdict.reason != "complete":
         figures.append(("Reason", verdict.reason))
     if record is None:
@@ -305,7 +296,3 @@ def _png(image: ByteArray) -> str:
 
     encoded = cv2.imencode(".png", image, [cv2.IMWRITE_PNG_COMPRESSION, 9])[1]
     return base64.b64encode(encoded.tobytes()).decode()
-
-
-def _part(name: str) -> str:
-    return (_PARTS / name).read_text(encoding="utf-8")

@@ -95,19 +95,15 @@ class ImageRecord(ManifestLine):
         return GridFrame(self.metres_per_px, *self.origin, self.size, self.size)
 
 
-@dataclass(frozen=True)
 class ImageLayout(FolderLayout):
     """Names of the files of one folder of images."""
 
-    @property
-    def card(self) -> Path:
+    def __init__(self, root: Path) -> None:
+        super().__init__(root)
+        self.card = root / "README.md"
         """Dataset card."""
-        return self.root / "README.md"
-
-    @property
-    def skipped(self) -> Path:
+        self.skipped = root / "skipped.jsonl"
         """Pairs of the dataset that have no images, and why."""
-        return self.root / "skipped.jsonl"
 
     def image(self, split: str, side: str, name: str) -> Path:
         """PNG of one side, ``"A"`` or ``"B"``, of a pair."""

@@ -26,7 +26,7 @@ from typing import Any, get_type_hints
 import numpy as np
 
 from slamgym import __version__
-from slamgym.core.config import Count, CountOrZero, Settings, to_dict
+from slamgym.core.config import to_dict
 from slamgym.core.documents import read_json
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.files import (
@@ -45,6 +45,10 @@ from slamgym.dataset.images.card import pack_card
 from slamgym.dataset.images.format import SPLITS, ImageLayout, ImageRecord, iterate_images
 from slamgym.dataset.record import require_parquet
 
+PAIRS_PER_SHARD = 2000
+"""About 30 MB at 256 px."""
+SEED = 0
+"""Of the order."""
 _NO_COLUMNS = ("split", "origin", "explorer", "sha256")
 """Fields of a record that Parquet does without: by file, by pixel, among the conditions, and of the pictures."""
 _KINDS = {int: "int64", float: "float64"}
@@ -53,26 +57,15 @@ _ROWS_IN_A_GROUP = 100
 """Of Parquet: what a reader has to fetch at once."""
 
 
-class PackConfig(Settings, section="pack"):
-    """How images are packed."""
-
-    pairs_per_shard: Count = 2000
-    """About 30 MB at 256 px."""
-    seed: CountOrZero = 0
-    """Of the order."""
-    parquet: bool = True
-    """Also write Parquet files (needs pyarrow, extra `hub`)."""
-
-
 def pack_images(
-    images: Path, out: Path, config: PackConfig, advance: Callable[[], None] = lambda: None
+    images: Path, out: Path, parquet: bool = True, advance: Callable[[], None] = lambda: None
 ) -> list[Path]:
     """Pack a folder of rendered images.
 
     Args:
         images: What ``slamgym dataset render`` has written.
         out: The folder of the shards.
-        config: The settings.
+        parquet: Also write Parquet files (needs pyarrow, extra `hub`).
         advance: Called after each pair.
 
     Returns:
@@ -82,20 +75,21 @@ def pack_images(
         InputFileError: If the images are incomplete, or differ from their digests.
         ConfigError: If the folder holds other shards, or pyarrow is missing.
     """
-    if config.parquet:
+    if parquet:
         require_parquet()
     layout = ImageLayout(images)
-    _claim(out, {"version": __version__, "images": sha256_of(layout.manifest), **to_dict(config)})
+    made_from = {"version": __version__, "images": sha256_of(layout.manifest)}
+    _claim(out, made_from | {"pairs_per_shard": PAIRS_PER_SHARD, "seed": SEED, "parquet": parquet})
     paths = []
     for split, starts in _starts_of_lines(layout).items():
-        order = np.random.default_rng(config.seed).permutation(len(starts))
+        order = np.random.default_rng(SEED).permutation(len(starts))
         shard_of = np.empty(len(starts), dtype=np.int64)
-        shard_of[order] = np.arange(len(starts)) // config.pairs_per_shard
-        for shard in range(-(-len(starts) // config.pairs_per_shard)):
+        shard_of[order] = np.arange(len(starts)) // PAIRS_PER_SHARD
+        for shard in range(-(-len(starts) // PAIRS_PER_SHARD)):
             chosen = starts[shard_of == shard]
-            chosen = chosen[np.random.default_rng([config.seed, shard]).permutation(len(chosen))]
-            paths += _write_shard(layout, out, f"{split}-{shard:06d}", chosen, config.parquet, advance)
-    card = pack_card(read_text(layout.card), [path.name for path in paths], config.parquet)
+            chosen = chosen[np.random.default_rng([SEED, shard]).permutation(len(chosen))]
+            paths += _write_shard(layout, out, f"{split}-{shard:06d}", chosen, parquet, advance)
+    card = pack_card(read_text(layout.card), [path.name for path in paths], parquet)
     write_text(out / "README.md", card)
     return paths
 

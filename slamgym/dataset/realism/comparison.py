@@ -1,30 +1,174 @@
-"""Sets of maps compared: statistics side by side, and how well learners distinguish the sets."""
+"""How a dataset's maps differ from those of robots: sets of maps, statistics side by side, and two-sample tests."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+import re
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 
-from slamgym.core.config import Count, Settings
+from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.intervals import Interval, median_interval
-from slamgym.dataset.realism.map_sets import MapSet, MeasuredMap
-from slamgym.metrics.map_look import LOOK_NAMES
-from slamgym.metrics.two_sample import Distinction, MapLearner, distinguish, half_against_half
+from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, ByteArray, OccupancyGrid
+from slamgym.dataset.curate.map_items import bare_images, open_items
+from slamgym.metrics.map_statistics import (
+    COARSEST_CELL,
+    LOOK_CELL,
+    LOOK_NAMES,
+    at_look_cell,
+    cut_to_floor,
+    look_statistics,
+)
+from slamgym.metrics.two_sample import MapLearner, distinguish, half_against_half, ks_distance
 
-LearnerOf = Callable[[Sequence[MeasuredMap]], MapLearner]
-"""A learner for the maps that it is given."""
+FOLDS = 5
+"""Parts of the buildings that are held out in turn by a test."""
+MIN_MAPS = 8
+"""Maps that a set needs: halves of fewer say nothing."""
+MIN_BUILDINGS = 4
+"""Of a set: halves need two each."""
+_LEAST_FREE = 4.0  # [m^2]
+_MOST_OCCUPIED = 0.4  # of the known cells; SLAM maps have a tenth
 
 
-class SetTestConfig(Settings):
-    """How sets are tested."""
+@dataclass(frozen=True)
+class MeasuredMap:
+    """A map of a set."""
 
-    folds: Count = 5
-    """Parts of the buildings that are held out in turn."""
-    repeats: Count = 2
-    """How often the buildings are dealt to the parts again."""
-    halvings: Count = 10
-    """How often a set is halved for its null."""
-    seed: int = 0
+    name: str
+    building: str
+    """Maps of one building are never on both sides of a test."""
+    cells: ByteArray
+    """At the common cell size, whole, (H, W)."""
+    statistics: dict[str, float]
+    """Of the part around the floor."""
+
+    @property
+    def floor(self) -> ByteArray:
+        """The part around the largest free space."""
+        return cut_to_floor(self.cells)
+
+
+@dataclass(frozen=True)
+class MapSet:
+    """The maps of a dataset or a folder."""
+
+    name: str
+    root: Path
+    maps: list[MeasuredMap]
+    skipped: dict[str, int]
+    """Reasons why files were left out, and how many each."""
+
+    @property
+    def buildings(self) -> list[str]:
+        """Of each map."""
+        return [one.building for one in self.maps]
+
+    @property
+    def statistics(self) -> list[dict[str, float]]:
+        """Of each map."""
+        return [one.statistics for one in self.maps]
+
+
+def read_map_sets(
+    roots: Sequence[Path], assumed_resolution: float | None = None, building: str | None = None
+) -> list[MapSet]:
+    """Read every map of some folders.
+
+    Args:
+        roots: Datasets, or folders (with subfolders) of ROS maps.
+        assumed_resolution: Cell size of images without a yaml file [m]; without it they are left out.
+        building: A pattern that finds the building in the name of a map from elsewhere; without it, or where
+            it finds nothing, each map is a building of its own.
+
+    Raises:
+        InputFileError: If a folder holds too few maps.
+        ConfigError: If the pattern is malformed, or a folder is named twice.
+    """
+    try:
+        pattern = re.compile(building) if building else None
+    except re.error as error:
+        raise ConfigError(f"--building {building!r} is no regular expression ({error})") from error
+    if len({root.resolve() for root in roots}) < len(roots):
+        raise ConfigError("a folder is named twice: its maps can't be told from themselves; name each once")
+    names = _names(roots)
+    return [_read(root, name, assumed_resolution, pattern) for root, name in zip(roots, names, strict=True)]
+
+
+def _names(roots: Sequence[Path]) -> list[str]:
+    """The folders' names; with their parents' where two are alike."""
+    short = [root.resolve().name for root in roots]
+    return [
+        name if short.count(name) == 1 else "/".join(root.resolve().parts[-2:])
+        for root, name in zip(roots, short, strict=True)
+    ]
+
+
+def _read(
+    root: Path, name: str, assumed_resolution: float | None, building: re.Pattern[str] | None
+) -> MapSet:
+    try:
+        items = open_items(root, assumed_resolution)
+    except InputFileError:
+        if assumed_resolution is not None or not root.is_dir() or not bare_images(root):
+            raise
+        raise InputFileError(
+            root, "holds images without yaml files; say how large their cells are with --assume-resolution"
+        ) from None
+    skipped: Counter[str] = Counter()
+    if assumed_resolution is None and not any(item.record for item in items):
+        skipped["no yaml file, and no --assume-resolution"] = len(bare_images(root))
+    maps = []
+    for item in items:
+        try:
+            grid = item.load()
+        except InputFileError as error:
+            reason = "too many shades for a map" if "greys" in error.reason else "can't be read as a map"
+            skipped[reason] += 1
+            continue
+        fault = _fault(grid)
+        if fault:
+            skipped[fault] += 1
+            continue
+        cells = at_look_cell(grid.cells, grid.frame.resolution)
+        found = building.search(item.name) if building and item.record is None else None
+        shown = found[0] if found else item.plan_id
+        maps.append(MeasuredMap(item.name, shown, cells, look_statistics(cut_to_floor(cells))))
+    reasons = {reason: count for reason, count in skipped.items() if count}
+    _require_enough(root, maps, reasons)
+    return MapSet(name, root, maps, reasons)
+
+
+def _fault(grid: OccupancyGrid) -> str:
+    """Why a file is no map that can be compared; empty if it is one."""
+    resolution = grid.frame.resolution
+    if resolution > COARSEST_CELL:
+        return f"cells larger than {COARSEST_CELL:g} m"
+    floor = cut_to_floor(grid.cells)
+    if np.count_nonzero(floor == FREE) * resolution**2 < _LEAST_FREE:
+        return f"less than {_LEAST_FREE:g} m2 of free space"
+    occupied = np.count_nonzero(floor == OCCUPIED)
+    if occupied == 0:
+        return "no walls"
+    if occupied > _MOST_OCCUPIED * np.count_nonzero(floor != UNKNOWN):
+        return "more walls than a map has"
+    return ""
+
+
+def _require_enough(root: Path, maps: list[MeasuredMap], skipped: dict[str, int]) -> None:
+    left_out = "; left out: " + ", ".join(f"{n} {why}" for why, n in skipped.items()) if skipped else ""
+    if len(maps) < MIN_MAPS:
+        raise InputFileError(
+            root,
+            f"holds {len(maps)} maps that can be compared at cells of {LOOK_CELL:g} m; add some: a test needs "
+            f"at least {MIN_MAPS}{left_out}",
+        )
+    buildings = len({one.building for one in maps})
+    if buildings < MIN_BUILDINGS:
+        raise InputFileError(
+            root, f"shows {buildings} buildings; add maps of others: a test needs at least {MIN_BUILDINGS}"
+        )
 
 
 @dataclass(frozen=True)
@@ -36,8 +180,7 @@ class StatisticRow:
     medians: dict[str, Interval]
     """By set, with a 95 % bootstrap interval over buildings."""
     distances: dict[str, float]
-    """Kolmogorov-Smirnov distance of the dataset from each reference set: a threshold on this statistic alone
-    distinguishes them with a balanced accuracy of (1 + distance) / 2."""
+    """Kolmogorov-Smirnov distance of the dataset from each reference set."""
 
     @property
     def telling(self) -> float:
@@ -56,57 +199,76 @@ class SetTestRow:
 
     @property
     def is_null(self) -> bool:
-        """Whether these are halves of one set."""
+        """True if these are halves of one set."""
         return self.first == self.second
+
+
+@dataclass
+class RealismReport:
+    """What a comparison found."""
+
+    own: MapSet
+    references: list[MapSet]
+    seed: int
+    statistics: list[StatisticRow]
+    tests: list[SetTestRow] = field(default_factory=list)
+    left_out: list[str] = field(default_factory=list)
+    """Sentences about tests that could not be made."""
+
+    @property
+    def sets(self) -> list[MapSet]:
+        """The dataset, then the references."""
+        return [self.own, *self.references]
+
+    @property
+    def ranked(self) -> list[StatisticRow]:
+        """The statistics, the most telling first."""
+        return sorted(self.statistics, key=lambda row: -row.telling)
+
+    @property
+    def learners(self) -> list[str]:
+        """Of the tests, in their order."""
+        return list(dict.fromkeys(test.learner for test in self.tests))
+
+    def test_lines(self) -> dict[tuple[str, str], dict[str, Interval]]:
+        """Tests by their sets, then by learner: those of the dataset first, then nulls, then between references."""
+        lines: dict[tuple[str, str], dict[str, Interval]] = {}
+        for test in sorted(self.tests, key=lambda t: (t.is_null or t.first != self.own.name, not t.is_null)):
+            lines.setdefault((test.first, test.second), {})[test.learner] = test.accuracy
+        return lines
 
 
 def compare_statistics(own: MapSet, references: Sequence[MapSet], seed: int = 0) -> list[StatisticRow]:
     """The statistics that a person reads, in their order."""
-    from scipy.stats import ks_2samp
-
     rows = []
     for name, label in LOOK_NAMES.items():
         values = {s.name: np.array([row[name] for row in s.statistics]) for s in (own, *references)}
         medians = {s.name: median_interval(values[s.name], seed, s.buildings) for s in (own, *references)}
-        # The distance alone is wanted; the exact p-value beside it costs more and warns on small samples.
-        distances = {
-            s.name: float(ks_2samp(values[own.name], values[s.name], method="asymp").statistic)
-            for s in references
-        }
+        distances = {s.name: ks_distance(values[own.name], values[s.name]) for s in references}
         rows.append(StatisticRow(name, label, medians, distances))
     return rows
 
 
 def distinguish_sets(
-    first: MapSet, second: MapSet, learner_of: LearnerOf, config: SetTestConfig
-) -> Distinction:
-    """Try to distinguish two sets."""
-    maps = [*first.maps, *second.maps]
-    of_second = np.arange(len(maps)) >= len(first.maps)
-    return distinguish(
-        of_second,
-        [*first.buildings, *second.buildings],
-        learner_of(maps),
-        config.folds,
-        config.repeats,
-        config.seed,
-    )
+    first: MapSet, second: MapSet, learner: MapLearner, name: str, repeats: int, seed: int
+) -> SetTestRow:
+    """Try to distinguish two sets.
 
-
-def distinguish_halves(one: MapSet, learner_of: LearnerOf, config: SetTestConfig) -> Interval:
-    """Try to distinguish the halves of a set."""
-    return half_against_half(one.buildings, learner_of(one.maps), config.folds, config.halvings, config.seed)
-
-
-def most_unlike(
-    own: Sequence[MeasuredMap], others: Sequence[MeasuredMap], name: str, count: int
-) -> tuple[list[int], list[int]]:
-    """The maps of either side that lie furthest on its own side of a statistic.
-
-    Returns:
-        Their indices, the furthest first.
+    Args:
+        first: A set.
+        second: Another one.
+        learner: For the maps of both, those of the first before those of the second.
+        name: Of the learner.
+        repeats: How often the buildings are dealt to the parts again.
+        seed: Of the folds and the learner.
     """
-    mine, theirs = (np.array([one.statistics[name] for one in maps]) for maps in (own, others))
-    sign = 1.0 if np.median(mine) >= np.median(theirs) else -1.0
-    order = np.argsort(-sign * mine, kind="stable"), np.argsort(sign * theirs, kind="stable")
-    return order[0][:count].tolist(), order[1][:count].tolist()
+    buildings = [*first.buildings, *second.buildings]
+    of_second = np.arange(len(buildings)) >= len(first.maps)
+    found = distinguish(of_second, buildings, learner, FOLDS, repeats, seed)
+    return SetTestRow(first.name, second.name, name, found.accuracy)
+
+
+def distinguish_halves(one: MapSet, learner: MapLearner, name: str, halvings: int, seed: int) -> SetTestRow:
+    """Try to distinguish the halves of a set; the arguments are those of :func:`distinguish_sets`."""
+    null = half_against_half(one.buildings, learner, FOLDS, halvings, seed)
+    return SetTestRow(one.name, one.name, name, null)

@@ -1,55 +1,40 @@
-"""The realism page: one HTML file with everything in it, and the same figures as JSON and Markdown."""
+"""The realism page: one HTML file with everything in it, its pictures, and the same figures as JSON and Markdown."""
 
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field
-from typing import Any
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from typing import Any, NamedTuple
+
+import cv2
+import numpy as np
 
 from slamgym import __version__
 from slamgym.core.intervals import Interval
 from slamgym.core.progress import counted
 from slamgym.core.text import markdown, markup
-from slamgym.dataset.realism.comparison import SetTestRow, StatisticRow
-from slamgym.dataset.realism.map_sets import MapSet
-from slamgym.dataset.realism.pictures import Figure
-from slamgym.metrics.map_look import LOOK_CELL
+from slamgym.core.types import FREE, ByteArray, IntArray
+from slamgym.dataset.realism.comparison import MapSet, MeasuredMap, RealismReport, StatisticRow
+from slamgym.metrics.map_statistics import LOOK_CELL
+from slamgym.metrics.maps import free_boundary
+from slamgym.viz.canvas import UNKNOWN_TINT, blank, colour_cells, with_heading
 from slamgym.viz.pages import bullets, inline_picture, make_page, make_table, paragraph
+from slamgym.viz.sheets import Card, draw_sheet
 
 _STYLE = ".apart { background: #ffe3e3 } .null { color: #868e96 }"
+EXAMPLES = 4
+"""Maps of either side that are shown for a statistic."""
+_WINDOW = 128  # [cells] of an example
+_PANEL_PX = 256
+_MIXED_WINDOW = 320  # [cells] of a map in the mixture: 16 m
+_PATCH_PX = 160
+_MIXED_COLUMNS = 6
 
 
-@dataclass
-class RealismReport:
-    """What a comparison found."""
+class Figure(NamedTuple):
+    """A picture of the page."""
 
-    own: MapSet
-    references: list[MapSet]
-    seed: int
-    statistics: list[StatisticRow]
-    tests: list[SetTestRow] = field(default_factory=list)
-    left_out: list[str] = field(default_factory=list)
-    """Sentences about tests that could not be made."""
-
-    @property
-    def sets(self) -> list[MapSet]:
-        """The dataset, then the references."""
-        return [self.own, *self.references]
-
-    @property
-    def ranked(self) -> list[StatisticRow]:
-        """The statistics, the most telling first."""
-        return sorted(self.statistics, key=lambda row: -row.telling)
-
-    @property
-    def learners(self) -> list[str]:
-        """Of the tests, in their order."""
-        return list(dict.fromkeys(test.learner for test in self.tests))
-
-    def test_lines(self) -> dict[tuple[str, str], dict[str, Interval]]:
-        """Tests by their sets, then by learner: those of the dataset first, then nulls, then between references."""
-        lines: dict[tuple[str, str], dict[str, Interval]] = {}
-        for test in sorted(self.tests, key=lambda t: (t.is_null or t.first != self.own.name, not t.is_null)):
-            lines.setdefault((test.first, test.second), {})[test.learner] = test.accuracy
-        return lines
+    heading: str
+    picture: ByteArray
+    """RGB, (H, W, 3)."""
 
 
 def to_json(report: RealismReport) -> dict[str, Any]:
@@ -112,13 +97,14 @@ def realism_page(report: RealismReport, figures: Sequence[Figure]) -> str:
         figures: Pictures below the tables.
     """
     own = markup(report.own.name)
+    headings, rows = tests_table(report)
     parts = [
         f"<h1>Realism of {own}</h1>",
         *(_set_line(one) for one in report.sets),
         "<h2>Can a learner tell the maps apart?</h2>",
         "<p>0.5: it can't; 1: always. Held out by building. A null is the same test between halves of one set; "
         "its interval is over halvings, or over buildings where there was one.</p>",
-        _tests_part(report),
+        make_table(headings, rows, ["null" if row[0].startswith("null") else "" for row in rows]),
         *map(paragraph, report.left_out),
         "<h2>Statistics side by side</h2>",
         f"<p>At cells of {100 * LOOK_CELL:g} cm, over the map cut to its largest free part. Red: the interval lies "
@@ -127,7 +113,10 @@ def realism_page(report: RealismReport, figures: Sequence[Figure]) -> str:
         _statistics_part(report),
         "<h2>The most telling</h2>",
         bullets([f"{row.label}: {row.telling:.2f}" for row in report.ranked[:8]], "ol"),
-        *(_figure_part(figure) for figure in figures),
+        *(
+            f'<h3>{markup(figure.heading)}</h3>\n<img alt="" src="{inline_picture(figure.picture)}">'
+            for figure in figures
+        ),
         f"<p><small>slamgym {__version__}, seed {report.seed}</small></p>",
     ]
     return make_page(f"Realism of {report.own.name}", parts, _STYLE)
@@ -138,11 +127,6 @@ def _set_line(one: MapSet) -> str:
     left_out = f"; left out: {skipped}" if skipped else ""
     text = f"{counted(len(one.maps), 'map')} of {counted(len(set(one.buildings)), 'building')}{left_out}"
     return f"<p><b>{markup(one.name)}</b>: {markup(text)}</p>"
-
-
-def _tests_part(report: RealismReport) -> str:
-    headings, rows = tests_table(report)
-    return make_table(headings, rows, ["null" if row[0].startswith("null") else "" for row in rows])
 
 
 def _statistics_part(report: RealismReport) -> str:
@@ -160,5 +144,90 @@ def _figure(found: Interval) -> str:
     return f"{found.value:.3g} [{found.low:.3g}, {found.high:.3g}]"
 
 
-def _figure_part(figure: Figure) -> str:
-    return f'<h3>{markup(figure.heading)}</h3>\n<img alt="" src="{inline_picture(figure.picture)}">'
+def draw_examples(own: MapSet, references: Sequence[MapSet], row: StatisticRow) -> Figure:
+    """Draw maps of the dataset and of the references at their ends of a statistic."""
+    others = [(reference.name, one) for reference in references for one in reference.maps]
+    mine, theirs = (
+        np.array([one.statistics[row.name] for one in maps])
+        for maps in (own.maps, [one for _, one in others])
+    )
+    sign = 1.0 if np.median(mine) >= np.median(theirs) else -1.0
+    ends = (np.argsort(-sign * mine, kind="stable"), np.argsort(sign * theirs, kind="stable"))
+    chosen = [(own.name, own.maps[i]) for i in ends[0][:EXAMPLES]]
+    chosen += [others[i] for i in ends[1][:EXAMPLES]]
+    cards = [
+        Card((_window(one, _WINDOW),), (f"{one.statistics[row.name]:.3g}  {name}", one.name[-40:]))
+        for name, one in chosen
+    ]
+    return Figure(f"{row.label}: {own.name} above, references below", draw_sheet(cards, EXAMPLES, _PANEL_PX))
+
+
+def draw_patches(title: str, sides: Mapping[str, Sequence[tuple[str, ByteArray, float]]]) -> Figure:
+    """Draw patches that a network was sure of.
+
+    Args:
+        title: Of the figure.
+        sides: By set, the map's name, the patch (side, side) and the probability of that set, for each patch; as
+            many for each set.
+    """
+    cards = [
+        Card((colour_cells(patch),), (f"{probability:.3f}  {side}", name[-28:]))
+        for side, patches in sides.items()
+        for name, patch, probability in patches
+    ]
+    return Figure(title, draw_sheet(cards, len(cards) // len(sides), _PATCH_PX))
+
+
+def draw_mixed(
+    own: MapSet, references: Sequence[MapSet], count: int, seed: int = 0
+) -> tuple[ByteArray, list[dict[str, Any]]]:
+    """Draw maps of the dataset and as many of the references in a random order, all at one scale, numbered alone.
+
+    Args:
+        own: The dataset.
+        references: They take turns.
+        count: Maps of either side; fewer if there are not so many.
+        seed: Of the choice and the order.
+
+    Returns:
+        The sheet, and what its numbers stand for.
+    """
+    rng = np.random.default_rng(seed)
+    mine = [(own.name, own.maps[i]) for i in rng.permutation(len(own.maps))]
+    orders = [(s, rng.permutation(len(s.maps)).tolist()) for s in references]
+    rounds = range(max(len(order) for _, order in orders))
+    theirs = [(s.name, s.maps[order[k]]) for k in rounds for s, order in orders if k < len(order)]
+    count = min(count, len(mine), len(theirs))
+    both = [*mine[:count], *theirs[:count]]
+    shown = [both[i] for i in rng.permutation(len(both))]
+    cards = [
+        Card((_window(one, _MIXED_WINDOW),), (f"{number}",)) for number, (_, one) in enumerate(shown, start=1)
+    ]
+    key = [
+        {"number": number, "set": name, "name": one.name} for number, (name, one) in enumerate(shown, start=1)
+    ]
+    return draw_sheet(cards, _MIXED_COLUMNS, _MIXED_WINDOW), key
+
+
+def stack_figures(figures: Sequence[Figure]) -> ByteArray:
+    """All figures under each other, each below its heading."""
+    width = max(figure.picture.shape[1] for figure in figures)
+    padded = [
+        np.pad(f.picture, ((0, 0), (0, width - f.picture.shape[1]), (0, 0)), constant_values=255)
+        for f in figures
+    ]
+    return np.vstack([with_heading(p, f.heading) for p, f in zip(padded, figures, strict=True)])
+
+
+def _window(one: MeasuredMap, side: int) -> ByteArray:
+    """The square of a map with most border of free space in it, RGB; smaller maps lie in its middle."""
+    floor = one.floor
+    size = tuple(min(side, n) for n in floor.shape)
+    sums: IntArray = cv2.integral(free_boundary(floor == FREE).astype(np.uint8)).astype(np.int64)
+    rows, cols = size
+    inside = sums[rows:, cols:] - sums[:-rows, cols:] - sums[rows:, :-cols] + sums[:-rows, :-cols]
+    top, left = np.unravel_index(int(inside.argmax()), inside.shape)
+    picture = blank((side, side), UNKNOWN_TINT)
+    y, x = (side - rows) // 2, (side - cols) // 2
+    picture[y : y + rows, x : x + cols] = colour_cells(floor[top : top + rows, left : left + cols])
+    return picture

@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 import tarfile
@@ -12,13 +13,13 @@ import pytest
 from slamgym.commands import cli
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.dataset.curate.split import make_split
+from slamgym.dataset.images import pack
 from slamgym.dataset.images.format import ImageLayout, read_images
-from slamgym.dataset.images.pack import PackConfig, pack_images, push_to_hub
+from slamgym.dataset.images.pack import pack_images, push_to_hub
 from slamgym.dataset.images.render import render_images, select_pairs
 from slamgym.dataset.images.square_images import ImageConfig
 
 pytest.importorskip("pyarrow")
-SMALL = PackConfig(pairs_per_shard=3)
 STREAM = """
 import json, sys
 import datasets
@@ -37,20 +38,28 @@ print(json.dumps(rows))
 
 
 @pytest.fixture
-def images(dataset_copy, tmp_path):
-    split = make_split(dataset_copy, test=0.4, seed=1)
-    render_images(
-        dataset_copy,
-        tmp_path / "images",
-        ImageConfig(size=64),
-        split,
-        selection=select_pairs(dataset_copy, 0.0),
-    )
-    return tmp_path / "images"
+def small_shards(monkeypatch):
+    monkeypatch.setattr(pack, "PAIRS_PER_SHARD", 3)
 
 
+@pytest.fixture(scope="module")
+def rendered(small_dataset, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("rendered")
+    dataset = shutil.copytree(small_dataset, folder / "dataset")
+    split = make_split(dataset, test=0.4, seed=1)
+    selection = select_pairs(dataset, 0.0)
+    render_images(dataset, folder / "images", ImageConfig(size=64), split, selection=selection)
+    return folder / "images"
+
+
+@pytest.fixture
+def images(rendered, tmp_path):
+    return shutil.copytree(rendered, tmp_path / "images")
+
+
+@pytest.mark.usefixtures("small_shards")
 def test_the_shards_hold_every_pair_once_and_the_same_bytes_again(images, tmp_path):
-    paths = pack_images(images, tmp_path / "pack", SMALL)
+    paths = pack_images(images, tmp_path / "pack")
     assert [p.name for p in paths[:4]] == [
         "train-000000.tar",
         "train-000000.parquet",
@@ -70,7 +79,7 @@ def test_the_shards_hold_every_pair_once_and_the_same_bytes_again(images, tmp_pa
     before = {path: path.read_bytes() for path in paths}
     paths[0].unlink()
     stamp = paths[2].stat().st_mtime_ns
-    assert pack_images(images, tmp_path / "pack", SMALL) == paths
+    assert pack_images(images, tmp_path / "pack") == paths
     assert {path: path.read_bytes() for path in paths} == before
     assert paths[2].stat().st_mtime_ns == stamp
 
@@ -89,7 +98,7 @@ def renamed(images, names):
 def test_names_with_dots_and_long_ones_have_keys_of_their_own(images, tmp_path):
     names = ["x.y", "x_y", "x%2Ey", "long" * 45, "straße"]
     renamed(images, names)
-    pack_images(images, tmp_path / "pack", PackConfig(parquet=False))
+    pack_images(images, tmp_path / "pack", parquet=False)
     with tarfile.open(tmp_path / "pack" / "train-000000.tar") as tar:
         entries = {entry: tar.extractfile(entry).read() for entry in tar.getnames()}
     keys = {
@@ -104,13 +113,14 @@ def test_a_name_that_comes_twice_is_refused(images, tmp_path):
     lines = manifest.read_text().splitlines(keepends=True)
     manifest.write_text("".join([*lines, lines[0]]))
     with pytest.raises(InputFileError, match=r"manifest.jsonl: has the name .* twice"):
-        pack_images(images, tmp_path / "pack", SMALL)
+        pack_images(images, tmp_path / "pack")
 
 
+@pytest.mark.usefixtures("small_shards")
 @pytest.mark.parametrize("config", ["folder", "webdataset"])
 def test_datasets_streams_the_folder(images, tmp_path, config):
     pytest.importorskip("datasets")
-    pack_images(images, tmp_path / "pack", SMALL)
+    pack_images(images, tmp_path / "pack")
     done = subprocess.run(
         [sys.executable, "-c", STREAM, str(tmp_path / "pack"), config],
         env=os.environ | {"HF_HOME": str(tmp_path / "home"), "HF_HUB_OFFLINE": "1", "HF_DATASETS_OFFLINE": "1"},
@@ -123,15 +133,15 @@ def test_datasets_streams_the_folder(images, tmp_path, config):
 
 
 def test_other_images_a_foreign_folder_and_damage_are_refused(images, tmp_path):
-    pack_images(images, tmp_path / "pack", SMALL)
+    pack_images(images, tmp_path / "pack")
     with pytest.raises(ConfigError, match="other images or settings"):
-        pack_images(images, tmp_path / "pack", PackConfig(pairs_per_shard=4))
+        pack_images(images, tmp_path / "pack", parquet=False)
     with pytest.raises(ConfigError, match="is not empty"):
-        pack_images(images, images, SMALL)
+        pack_images(images, images)
     record = read_images(images)[0]
     ImageLayout(images).image(record.split, "B", record.name).write_bytes(b"")
     with pytest.raises(InputFileError, match="differs from its digest"):
-        pack_images(images, tmp_path / "again", SMALL)
+        pack_images(images, tmp_path / "again")
 
 
 def test_the_command_packs_and_pushes_to_the_hub(images, tmp_path, monkeypatch, capsys):

@@ -9,7 +9,7 @@ from slamgym.commands.cli import main
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.pictures import encode_png
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, GridFrame, OccupancyGrid
-from slamgym.dataset.realism.map_sets import MIN_MAPS, read_map_sets
+from slamgym.dataset.realism.comparison import MIN_MAPS, read_map_sets
 from slamgym.interop import write_ros_map
 
 COUNT = 10
