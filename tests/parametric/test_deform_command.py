@@ -2,7 +2,6 @@
 
 import json
 
-import cv2
 import numpy as np
 import pytest
 import shapely
@@ -12,7 +11,6 @@ from slamgym.cad.houseexpo import write_houseexpo
 from slamgym.commands.deform import main
 from slamgym.commands.generate import main as generate
 from slamgym.core.errors import InputFileError, PlanError, SlamgymError
-from slamgym.core.pictures import read_png
 from slamgym.dataset import load_pair, read_manifest
 from slamgym.dataset.curate.split import PlanSide, SplitTable, make_split, read_split
 from slamgym.dataset.images.render import render_images, select_pairs
@@ -82,32 +80,6 @@ def test_what_it_writes_can_be_rendered(plan_file, tmp_path) -> None:
     table = SplitTable(0, 0.1, {"flat": PlanSide("train", "flat")})
     render_images(out, images, ImageConfig(), table, selection=select_pairs(out))
     assert len(list(images.glob("*/B/*.png"))) == 2
-
-
-def test_a_plan_is_rendered_as_its_map_is_bent(plan_file, tmp_path) -> None:
-    """The echoes lie nearer to the faces of a plan that is bent like them."""
-    out = tmp_path / "out"
-    main([str(plan_file), "-o", str(out), "--method", "generator", "--seed", "4"])
-    table = SplitTable(0, 0.1, {"flat": PlanSide("train", "flat")})
-    off = {}
-    for as_mapped in (False, True):
-        images = tmp_path / f"images_{as_mapped}"
-        config = ImageConfig(scaling="fixed", metres_per_px=0.05, size=400, edge_px=0.0, as_mapped=as_mapped)
-        render_images(out, images, config, table, selection=select_pairs(out))
-        cad, slam = (read_png(next(images.glob(f"*/{side}/*.png"))) for side in "AB")
-        floor = (cad > 127).astype(np.uint8)
-        from_face = cv2.distanceTransform(floor, cv2.DIST_L2, 5) + cv2.distanceTransform(
-            1 - floor, cv2.DIST_L2, 5
-        )
-        off[as_mapped] = float(from_face[slam == 0].mean()) - 1.0  # a cell beside a face is one away
-    assert off[True] < 0.8 * off[False]
-    field = episodes(out)[0] / "field.npz"
-    field.write_bytes(field.read_bytes()[:-100])
-    with pytest.raises(InputFileError, match="holds no displacement field"):
-        render_images(out, tmp_path / "again", config, table, selection=select_pairs(out))
-    field.unlink()
-    with pytest.raises(InputFileError, match="only maps that `slamgym deform` made"):
-        render_images(out, tmp_path / "again", config, table, selection=select_pairs(out))
 
 
 @pytest.mark.parametrize("recipe", [[], ["--method", "generator", "--recipe", "paper"]])

@@ -206,19 +206,11 @@ def roc_auc(probabilities: FloatArray, truth: BoolArray) -> float:
 def reliability(probabilities: FloatArray, truth: BoolArray) -> tuple[ReliabilityBin, ...]:
     """The reliability table: what share was true among predictions of about the same probability."""
     place = np.minimum((probabilities * BINS).astype(np.int64), BINS - 1)
-    table = []
-    for i in range(BINS):
-        chosen = place == i
-        table.append(
-            ReliabilityBin(
-                low=i / BINS,
-                high=(i + 1) / BINS,
-                count=int(chosen.sum()),
-                predicted=_mean(probabilities[chosen]),
-                observed=_mean(truth[chosen]),
-            )
-        )
-    return tuple(table)
+    chosen = [place == i for i in range(BINS)]
+    return tuple(
+        ReliabilityBin(i / BINS, (i + 1) / BINS, int(c.sum()), _mean(probabilities[c]), _mean(truth[c]))
+        for i, c in enumerate(chosen)
+    )
 
 
 def _mean(values: FloatArray | BoolArray) -> float:

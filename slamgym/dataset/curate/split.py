@@ -9,7 +9,7 @@ fixed scale it does not.
 """
 
 import json
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -100,7 +100,9 @@ def make_split(
 
     if not 0.0 <= test <= 1.0:
         raise ConfigError(f"the share of test plans must lie in [0, 1], not {test}")
-    first = first_records(read_manifest(root))
+    first: dict[str, PairRecord] = {}  # pair of each plan, in the order of the schedule
+    for record in read_manifest(root):
+        first.setdefault(record.plan_id, record)
     if not first:
         raise ConfigError(f"{root}: holds no pairs yet")
     unexpected = [plan_id for plan_id in forced if plan_id not in first]
@@ -187,14 +189,6 @@ def assign_sides(
         plan_id: PlanSide("test" if group in chosen else "train", group) for plan_id, group in groups.items()
     }
     return SplitTable(seed, test, plans, tuple(sorted(forced)))
-
-
-def first_records(records: Iterator[PairRecord]) -> dict[str, PairRecord]:
-    """The first pair of each plan, in the order of the schedule."""
-    first: dict[str, PairRecord] = {}
-    for record in records:
-        first.setdefault(record.plan_id, record)
-    return first
 
 
 def read_prints(root: Path, records: Sequence[PairRecord], workers: int) -> tuple[Float32Array, Any]:

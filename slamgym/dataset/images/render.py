@@ -14,12 +14,10 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from slamgym import __version__
 from slamgym.cad import read_houseexpo
 from slamgym.core.config import to_dict
-from slamgym.core.errors import ConfigError, InputFileError
+from slamgym.core.errors import ConfigError
 from slamgym.core.files import (
     append_line,
     drop_torn_line,
@@ -34,13 +32,11 @@ from slamgym.core.files import (
 from slamgym.core.parallel.engine import run_tasks
 from slamgym.core.pictures import encode_png
 from slamgym.core.progress import show_progress
-from slamgym.core.streams import DAMAGED_ZIP
-from slamgym.core.types import Float32Array
 from slamgym.dataset.curate.split import PlanSide, SplitTable
 from slamgym.dataset.curate.verdicts import VERDICTS_FILE, read_verdicts
 from slamgym.dataset.faults import MapFault
 from slamgym.dataset.folder import claim_folder
-from slamgym.dataset.format import FIELD_FILE, SIDES, Layout, read_dataset_config, read_manifest
+from slamgym.dataset.format import SIDES, Layout, read_dataset_config, read_manifest
 from slamgym.dataset.images.card import write_card
 from slamgym.dataset.images.format import IMAGES_VERSION, SPLITS, ImageLayout, ImageRecord
 from slamgym.dataset.images.square_images import DoesNotFitError, ImageConfig, draw_pair
@@ -175,7 +171,7 @@ def _image_settings(
         "images_version": IMAGES_VERSION,
         "version": __version__,
         "dataset": {"config_sha256": hashlib.sha256(text.encode()).hexdigest()},
-        "images": to_dict(config),
+        "images": to_dict(config) | {"as_mapped": False},  # folders of earlier versions are continued
         "split": {"seed": split.seed, "test": split.test, "forced": list(split.forced)},
         "selection": selection.rule,
     }
@@ -222,9 +218,8 @@ def _draw_chunk(
     for record, place in pairs:
         episode = Layout(dataset).episode(record.name)
         plan, slam_map = read_houseexpo(episode / "plan.json"), read_ros_map(episode / "map.yaml")
-        field = _displacement(episode, slam_map.frame.shape) if config.as_mapped else None
         try:
-            cad, slam, frame = draw_pair(plan, record.start[:2], slam_map, config, field)
+            cad, slam, frame = draw_pair(plan, record.start[:2], slam_map, config)
         except DoesNotFitError as error:
             drawn[record.name] = error.fault
             continue
@@ -234,25 +229,6 @@ def _draw_chunk(
         sha256 = {side: hashlib.sha256(data).hexdigest() for side, data in images.items()}
         drawn[record.name] = ImageRecord.of_pair(record, frame, place.side, place.group, sha256)
     return drawn
-
-
-def _displacement(episode: Path, shape: tuple[int, int]) -> Float32Array:
-    """The field of a map that `slamgym deform` has made, (2, rows, cols) [m].
-
-    Raises:
-        InputFileError: If the map has none, or it isn't the map's.
-    """
-    path = episode / FIELD_FILE
-    if not path.is_file():
-        raise InputFileError(path, "is missing: only maps that `slamgym deform` made know how they are bent")
-    try:
-        with path.open("rb") as raw, np.load(raw, allow_pickle=False) as stored:
-            field: Float32Array = stored["field"].astype(np.float32)
-    except (OSError, *DAMAGED_ZIP) as error:
-        raise InputFileError(path, "holds no displacement field; make the dataset again") from error
-    if field.shape != (2, *shape):
-        raise InputFileError(path, f"has the shape {field.shape}, but its map has {shape}")
-    return field
 
 
 def _finish(

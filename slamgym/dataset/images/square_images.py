@@ -21,7 +21,6 @@ from slamgym.core.types import (
     OCCUPIED,
     UNKNOWN,
     ByteArray,
-    Float32Array,
     FloatArray,
     GridFrame,
     IntArray,
@@ -38,12 +37,6 @@ Bounds = tuple[float, float, float, float]
 _SUB = 3  # the plan is drawn so many times finer to measure distances from its faces
 DRAWN_WALL = 0.15
 """Thickness of wall that an image shows around the floor, if the margin is 0 [m]: SLAM draws 1 to 3 cells."""
-_BENT_STEP = 0.2
-"""Walls are bent in pieces of at most this length [m]."""
-BENT_OVER = 0.8
-"""The field is smoothed by a Gaussian of this width [m]: a map may have drawn the two faces of a wall apart, and the
-plan bends as a whole."""
-_INVERSIONS = 4  # of the field, at the walls: each shrinks the error by its slope, a few hundredths
 _DIGITS = 6  # micrometres, as manifests hold them
 
 
@@ -55,7 +48,7 @@ class DoesNotFitError(SlamgymError):
         super().__init__(self.fault.sentence)
 
 
-class ImageConfig(Settings):
+class ImageConfig(Settings, dropped={"as_mapped": False}):
     """How the images are made."""
 
     size: Annotated[int, Within(ge=16, le=8192)] = 256
@@ -72,10 +65,6 @@ class ImageConfig(Settings):
     that are thinner than a pixel, more makes all walls thicker. 0 draws no line but the share of floor of every
     pixel in greys, so that faces are where the plan has them; walls that are thinner than a pixel stay closed."""
 
-    as_mapped: bool = False
-    """Bend the plan as the map is bent, by the displacement field that `slamgym deform` keeps: pairs that teach what is
-    a wall, and not where it would be in the building, which no network can know from the map."""
-
     def _check(self) -> None:
         if max(2 * self.margin_px, self.edge_px) >= self.size:
             raise ConfigError(
@@ -88,7 +77,6 @@ def draw_pair(
     start: tuple[float, float],
     slam_map: OccupancyGrid,
     config: ImageConfig,
-    field: Float32Array | None = None,
 ) -> tuple[ByteArray, ByteArray, GridFrame]:
     """Draw the two images of a pair.
 
@@ -97,7 +85,6 @@ def draw_pair(
         start: Where the robot began, world frame [m]: the origin of the map frame.
         slam_map: The robot's map, map frame.
         config: The settings.
-        field: Bends the plan, :func:`bent`; None leaves it as it is.
 
     Returns:
         A and B, each (size, size), and where their pixels lie in the map frame.
@@ -113,37 +100,7 @@ def draw_pair(
     if math.isclose(frame.resolution, slam_map.frame.resolution):
         frame = on_lattice(frame, slam_map.frame)
     segments = plan.segments() - np.array([*start, *start])
-    if field is not None:
-        segments = bent(segments, field, slam_map.frame)
     return draw_plan_image(segments, frame, config.edge_px), resample_map(slam_map, frame), frame
-
-
-def bent(segments: FloatArray, field: Float32Array, frame: GridFrame) -> FloatArray:
-    """Walls where a map has them.
-
-    Args:
-        segments: All edges of all rings, shape (S, 4) [m].
-        field: By how much what the map shows is displaced, true minus measured, shape (2, rows, cols) [m], x and y.
-        frame: Of the field.
-
-    Returns:
-        Edges of at most :data:`_BENT_STEP`, shape (N, 4).
-    """
-    import cv2
-    import shapely
-
-    lines = shapely.segmentize(shapely.linestrings(segments.reshape(-1, 2, 2)), _BENT_STEP)
-    true, line = shapely.get_coordinates(lines, return_index=True)
-    sigma = BENT_OVER / frame.resolution
-    field = np.stack(
-        [cv2.GaussianBlur(part, (0, 0), sigma, borderType=cv2.BORDER_REPLICATE) for part in field]
-    )
-    measured = true
-    for _ in range(_INVERSIONS):
-        rows, cols = frame.to_cell(measured[:, 0], measured[:, 1])
-        here = np.clip(rows, 0, frame.height_px - 1), np.clip(cols, 0, frame.width_px - 1)
-        measured = true - field[:, here[0], here[1]].T
-    return np.hstack([measured[:-1], measured[1:]])[line[:-1] == line[1:]]
 
 
 def square_frame(bounds: Bounds, config: ImageConfig) -> GridFrame:

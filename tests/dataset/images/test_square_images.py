@@ -12,10 +12,8 @@ from slamgym.cad import FloorPlan
 from slamgym.core.errors import ConfigError
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, GridFrame, OccupancyGrid
 from slamgym.dataset.images.square_images import (
-    BENT_OVER,
     DoesNotFitError,
     ImageConfig,
-    bent,
     draw_pair,
     draw_plan_image,
     mapped_bounds,
@@ -198,33 +196,3 @@ def test_a_fixed_scale_is_kept_or_refused():
 def test_senseless_settings_are_refused(values):
     with pytest.raises(ConfigError, match=next(iter(values))):
         ImageConfig(**values)
-
-
-def test_a_bent_plan_lies_where_the_map_has_it():
-    """A field that is linear stays what it is under smoothing, away from the border."""
-    frame = GridFrame(0.05, -4.0, -4.0, 320, 320)
-    x, y = frame.to_point(*np.indices(frame.shape))
-    turn, shift = 0.02, 0.3
-    field = np.stack([shift - turn * y, turn * x]).astype(
-        np.float32
-    )  # true minus measured, on measured places
-    segments = np.array([[0.0, 0.0, 8.0, 0.0], [8.0, 0.0, 8.0, 5.0]])
-    pieces = bent(segments, field, frame)
-    true = pieces.reshape(-1, 2)
-    true = true + np.column_stack([shift - turn * true[:, 1], turn * true[:, 0]])
-    on_wall = np.minimum(np.abs(true[:, 1]), np.abs(true[:, 0] - 8.0))
-    # The field is read at the nearest cell: half a cell's diagonal times its slope.
-    assert on_wall.max() < turn * 0.05
-    assert np.hypot(*(pieces[:, 2:] - pieces[:, :2]).T).max() < 0.25
-    assert abs(np.hypot(*(pieces[:, 2:] - pieces[:, :2]).T).sum() - 13.0) < 0.05
-
-
-def test_a_jump_of_the_field_bends_a_wall_and_does_not_break_it():
-    frame = GridFrame(0.05, -4.0, -4.0, 320, 320)
-    x, _ = frame.to_point(*np.indices(frame.shape))
-    field = np.zeros((2, *frame.shape), np.float32)
-    field[1] = np.where(x < 4.0, 0.0, 0.2)
-    pieces = bent(np.array([[0.0, 0.0, 8.0, 0.0]]), field, frame)
-    np.testing.assert_allclose(pieces[1:, :2], pieces[:-1, 2:])
-    np.testing.assert_allclose(pieces[[0, -1], [1, 3]], [0.0, -0.2], atol=1e-3)
-    assert np.abs(np.diff(pieces[:, 1])).max() < 0.2 * 0.2 / BENT_OVER
