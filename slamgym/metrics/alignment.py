@@ -263,7 +263,12 @@ class _Search:
         def error(values: FloatArray) -> float:
             return self.error(np.concatenate([values, start[free:]]))
 
-        options = {"direc": np.diag(FIRST_STEPS[:free]), "xtol": tolerance, "ftol": tolerance, "maxfev": 400}
+        options: Any = {
+            "direc": np.diag(FIRST_STEPS[:free]),
+            "xtol": tolerance,
+            "ftol": tolerance,
+            "maxfev": 400,
+        }
         result = minimize(error, start[:free], method="Powell", options=options)
         return np.concatenate([result.x, start[free:]])
 

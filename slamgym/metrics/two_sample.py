@@ -128,7 +128,8 @@ def ks_distance(first: ArrayLike, second: ArrayLike) -> float:
     from scipy.stats import ks_2samp
 
     # The distance alone is wanted; the exact p-value costs more and warns on small samples.
-    return float(ks_2samp(first, second, method="asymp").statistic)
+    a, b = (np.asarray(values, dtype=np.float64).ravel() for values in (first, second))
+    return float(ks_2samp(a, b, method="asymp").statistic)
 
 
 def _deal(group: IntArray, of_second: BoolArray, folds: int, rng: np.random.Generator) -> IntArray:

@@ -21,8 +21,8 @@ from slamgym.interop import read_carmen
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="forks and kills processes")
 
-PAIRS = 24
-KILLS = 15
+PAIRS = 18
+KILLS = 9
 SETTINGS = {"seed": 1}
 STEPS = frozenset({"open", "os.rename", "os.mkdir", "os.rmdir", "os.remove", "os.scandir", "shutil.rmtree"})
 """Audit events of what changes files, or stands between two changes."""

@@ -223,9 +223,9 @@ def _write_table(path: Path, records: Sequence[ImageRecord], pictures: Sequence[
         named = [{"bytes": png, "path": f"{record.name}.png"} for png in pair]
         rows.append({**row, **dict(zip(SIDES, named, strict=True))})
     picture = pa.struct([("bytes", pa.binary()), ("path", pa.string())])
-    columns = [*((side, picture) for side in SIDES)]
+    columns: list[tuple[str, Any]] = [(side, picture) for side in SIDES]
     columns += [(name, pa.type_for_alias(kind)) for name, kind in kinds.items()]
-    features = {side: {"_type": "Image"} for side in SIDES}
+    features: dict[str, dict[str, str]] = {side: {"_type": "Image"} for side in SIDES}
     features |= {name: {"dtype": kind, "_type": "Value"} for name, kind in kinds.items()}
     about = {"huggingface": json.dumps({"info": {"features": features}})}
     with staged(path) as part:

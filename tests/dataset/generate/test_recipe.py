@@ -186,8 +186,9 @@ def test_a_setting_that_the_recipe_would_draw_over_is_refused():
 
 @pytest.mark.parametrize(("name", "beams", "view"), [("paper", 180, 180.0), ("paper360", 360, 360.0)])
 def test_the_papers_recipes_have_gazebos_laser_and_true_odometry(name, beams, view):
-    for seed in range(10):
-        config = apply_conditions(EpisodeConfig(), open_recipe(name).draw(seed))
+    recipe = open_recipe(name)
+    for seed in range(4):
+        config = apply_conditions(EpisodeConfig(), recipe.draw(seed))
         assert (config.env.lidar.num_beams, config.env.lidar.field_of_view_deg) == (beams, view)
         assert config.env.lidar == lidar_level("gazebo", config.env.lidar)
         assert config.env.lidar.sigma == 0.01
@@ -198,7 +199,7 @@ def test_the_papers_recipes_have_gazebos_laser_and_true_odometry(name, beams, vi
 def test_the_paper_maps_by_gmapping_and_people_by_three_programs():
     assert apply_conditions(EpisodeConfig(), open_recipe("paper").draw(0)).env.slam == SlamConfig.gmapping()
     recipe = open_recipe("paper360")
-    drawn = [apply_conditions(EpisodeConfig(), recipe.draw(seed)) for seed in range(100)]
+    drawn = [apply_conditions(EpisodeConfig(), recipe.draw(seed)) for seed in range(60)]
     assert {config.explorer for config in drawn} == {"teleop"}
     thresholds = [config.env.slam.occupied_threshold for config in drawn]
     assert {0.25, 0.166, 0.1} == set(thresholds)
@@ -207,7 +208,7 @@ def test_the_paper_maps_by_gmapping_and_people_by_three_programs():
         for config, threshold in zip(drawn, thresholds, strict=True)
         if threshold == 0.25
     )
-    assert 0.25 < thresholds.count(0.25) / 100 < 0.55
+    assert 0.25 < thresholds.count(0.25) / 60 < 0.55
 
 
 def test_the_real_recipe_draws_lasers_glass_and_robots_that_stop_early():
@@ -220,10 +221,8 @@ def test_the_real_recipe_draws_lasers_glass_and_robots_that_stop_early():
         assert draw["slam.max_usable_range"] <= draw["lidar.range_max"]
         assert 0.5 <= draw["minutes"] <= 12.0
         assert 0.0 < draw["lidar.sweep"] <= 0.2
-        assert (
-            apply_conditions(EpisodeConfig(), draw).env.lidar.surfaces.mirrors
-            == draw["lidar.surfaces.mirrors"]
-        )
+    applied = apply_conditions(EpisodeConfig(), drawn[0])
+    assert applied.env.lidar.surfaces.mirrors == drawn[0]["lidar.surfaces.mirrors"]
     assert len({draw["turn_deg"] for draw in drawn}) > 100
     assert 0.3 < sum("slam.matcher" in draw for draw in drawn) / 200 < 0.7
 
