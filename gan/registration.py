@@ -21,9 +21,9 @@ from slamgym.core.files import read_bytes, write_bytes
 from slamgym.core.progress import show_progress
 from slamgym.core.types import FREE, ByteArray, FloatArray
 from slamgym.gan.data import PairSet
-from slamgym.gan.translation.derotation import transformed
 from slamgym.metrics.alignment import IDENTITY, Similarity, apply_similarity, search_similarities
 from slamgym.metrics.maps import squared_error
+from slamgym.metrics.wall_direction import transformed
 
 
 def registered(pairs: PairSet, cache: Path | None = None, checksum: str = "") -> PairSet:

@@ -32,7 +32,6 @@ MORE_ATTRIBUTES: dict[str, int] = {
     "slamgym.commands.generate.GenerateArguments": 18,
     "slamgym.commands.slam.SlamArguments": 17,
     "slamgym.dataset.record.PairRecord": 28,
-    "slamgym.drawing.settings.DrawingConfig": 17,
     "slamgym.envs.explore_env.ExploreEnv": 18,
     "slamgym.envs.rewards.StepRecord": 16,
     "slamgym.envs.simulation.Simulation": 21,

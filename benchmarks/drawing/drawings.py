@@ -29,7 +29,6 @@ from slamgym.core.types import FREE, BoolArray, Float32Array, FloatArray, GridFr
 from slamgym.dataset.format import Layout, load_pair, read_manifest
 from slamgym.drawing import FloorModel, load_floor_model, make_drawing
 from slamgym.drawing.openings import divide
-from slamgym.drawing.settings import DEFAULT_DRAWING
 from slamgym.metrics import (
     Dimensions,
     Openings,
@@ -202,7 +201,7 @@ def score(case: Case, name: str, model: FloorModel) -> Score:
         motion = motion_onto(true_floor, shares(drawing.floor, frame))
     floor = shares(moved(drawing.floor, frame, motion), frame)
     inside, truth = floor >= 0.5, true_floor >= 0.5
-    true_rooms = divide(case.truth, DEFAULT_DRAWING)
+    true_rooms = divide(case.truth)
     rooms = [moved(room.polygon, frame, motion) for room in drawing.rooms]
     doors = [moved(LineString([door.start, door.end]), frame, motion) for door in drawing.doors]
     widths, invented = compare_doors(doors, [door.line for door in true_rooms.doors])

@@ -11,7 +11,6 @@ import argparse
 import itertools
 import sys
 from collections.abc import Sequence
-from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
@@ -23,9 +22,8 @@ from shapely.geometry.base import BaseGeometry
 
 from slamgym.core.types import BoolArray, FloatArray
 from slamgym.drawing import DrawnWall, load_floor_model, make_drawing
-from slamgym.drawing.confidence import DEFAULT_CONFIDENCE, Confidence, wall_signs
+from slamgym.drawing.confidence import confidences, wall_signs
 from slamgym.drawing.evidence import Evidence
-from slamgym.drawing.settings import DEFAULT_DRAWING
 from slamgym.drawing.walls import WallPiece
 from slamgym.metrics import intersection_over_union
 
@@ -47,18 +45,19 @@ def main() -> None:
     )
     parser.add_argument("--fit", nargs="*", type=Path, default=[], help="datasets to fit the coefficients on")
     parser.add_argument("--try", nargs="*", default=[], dest="fresh", help="NAME=FOLDER of other plans")
-    parser.add_argument("--model", default="slam2cad-metric+slam2cad", help="as `slamgym cad --model`")
+    parser.add_argument("--model", default="slam2cad-metric", help="as `slamgym cad --model`")
     parser.add_argument("--least-seen", type=float, default=0.7, help="of the true floor")
     arguments = parser.parse_args()
     if arguments.fit:
         signs, true = judged(arguments.fit, arguments.model, arguments.least_seen)
-        found = fitted(signs, true)
-        print(f"{len(true)} walls: {found}, Brier score {brier(found.of(signs), true):.4f}")
+        constant, *weights = fitted(signs, true)
+        sure = 1.0 / (1.0 + np.exp(-(constant + signs @ np.array(weights))))
+        print(f"{len(true)} walls: {constant} and {weights}, Brier score {brier(sure, true):.4f}")
     rows, said, right = [], [], []
     for named in arguments.fresh:
         name, _, folder = named.partition("=")
         signs, true = judged([Path(folder)], arguments.model, arguments.least_seen)
-        sure = DEFAULT_CONFIDENCE.of(signs)
+        sure = confidences(signs)
         constant = np.full(len(true), true.mean())
         scores = [round(brier(values, true), 3) for values in (sure, constant)]
         rows.append([name, len(true), *(round(float(v.mean()), 2) for v in (sure, true)), *scores])
@@ -92,7 +91,7 @@ def judged(folders: Sequence[Path], model: str, least_seen: float) -> tuple[Floa
             faces = [moved(LineString([piece.start, piece.end]), frame, motion) for piece in pieces]
             near = [share_near(face, outline) >= 0.5 for face in faces]
             true.append(np.array(near).reshape(-1, 2).any(axis=1))
-            evidence = Evidence(case.grid, DEFAULT_DRAWING)
+            evidence = Evidence(case.grid)
             signs.append(wall_signs(pieces[::2], evidence))
     return np.concatenate(signs), np.concatenate(true)
 
@@ -116,8 +115,8 @@ def share_near(face: BaseGeometry, outline: BaseGeometry) -> float:
     return float((shapely.distance(outline, places) <= TRUE_WITHIN).mean())
 
 
-def fitted(signs: FloatArray, true: BoolArray) -> Confidence:
-    """The coefficients under which the walls are likeliest."""
+def fitted(signs: FloatArray, true: BoolArray) -> list[float]:
+    """The constant and the weights under which the walls are likeliest."""
     inputs = np.column_stack([np.ones(len(signs)), signs])
 
     def loss(weights: FloatArray) -> float:
@@ -125,8 +124,7 @@ def fitted(signs: FloatArray, true: BoolArray) -> Confidence:
         return float(np.mean(np.logaddexp(0.0, odds) - true * odds) + PENALTY * np.sum(weights[1:] ** 2))
 
     found = minimize(loss, np.zeros(inputs.shape[1]), method="BFGS").x
-    names = [field.name for field in fields(Confidence)]
-    return Confidence(**{name: round(float(value), 2) for name, value in zip(names, found, strict=True)})
+    return [round(float(value), 2) for value in found]
 
 
 def brier(sure: FloatArray, true: BoolArray) -> float:

@@ -35,10 +35,10 @@ from slamgym.gan.evaluation.evaluate import (
 )
 from slamgym.gan.evaluation.pictures import find_ros_maps
 from slamgym.gan.evaluation.summary import dimensions_table, summarise_scores
-from slamgym.gan.translation.classical import without_small
 from slamgym.gan.translation.translate import load_translator
 from slamgym.interop import read_ros_map
 from slamgym.metrics import unseen_share
+from slamgym.metrics.cleaning import without_small
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from realism.same_building import known_part, people_of_the_house

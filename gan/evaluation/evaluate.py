@@ -17,7 +17,7 @@ import numpy as np
 from slamgym.core.errors import ConfigError
 from slamgym.core.types import FREE, UNKNOWN, BoolArray, ByteArray, Float32Array
 from slamgym.gan.data import PairSet
-from slamgym.gan.translation.classical import clean_map, outline_only
+from slamgym.gan.translation.classical import outline_only
 from slamgym.gan.translation.translate import Translator
 from slamgym.metrics import (
     Dimensions,
@@ -35,6 +35,7 @@ from slamgym.metrics import (
     unseen_share,
 )
 from slamgym.metrics.alignment import IDENTITY
+from slamgym.metrics.cleaning import clean_map
 
 TOLERANCES = (0.1, 0.2)
 """Of the wall F1 [m]."""

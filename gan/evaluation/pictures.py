@@ -20,10 +20,10 @@ from slamgym.gan.evaluation.evaluate import (
     aligned_mask,
     evenly_spaced,
 )
-from slamgym.gan.translation.classical import clean_map
 from slamgym.gan.translation.translate import Translator
 from slamgym.interop import read_ros_map
 from slamgym.metrics import aligned_error
+from slamgym.metrics.cleaning import clean_map
 from slamgym.metrics.maps import resample_slam
 from slamgym.viz.canvas import write_picture
 from slamgym.viz.overlays import draw_agreement

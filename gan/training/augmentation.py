@@ -12,7 +12,7 @@ import numpy as np
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, BoolArray, ByteArray, Float32Array
 from slamgym.gan.config import AugmentConfig
 from slamgym.gan.data import window_corner
-from slamgym.gan.translation.derotation import flipped, transformed
+from slamgym.metrics.wall_direction import flipped, transformed
 
 DAMAGE_PROBABILITY = 0.35
 """Of each kind of damage: clean maps shall stay common."""

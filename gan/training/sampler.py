@@ -10,8 +10,8 @@ from slamgym.core.types import ByteArray, IntArray
 from slamgym.gan.config import TranslatorTrainingConfig
 from slamgym.gan.data import PairSet
 from slamgym.gan.training.augmentation import augment
-from slamgym.gan.translation.derotation import MAX_DRIFT_DEG, angle_to_undo_deg, turned
 from slamgym.gan.translation.explored import limited_to_explored
+from slamgym.metrics.wall_direction import MAX_DRIFT_DEG, angle_to_undo_deg, turned
 
 MAX_REDRAWS = 20
 """Attempts to find an unassociated target that differs from the associated one."""

@@ -27,7 +27,13 @@ from slamgym.gan.encoding import (
     resample_probability,
 )
 from slamgym.gan.networks.factory import TRANSLATION_BATCH, Generator, run_generator
-from slamgym.gan.translation.derotation import (
+from slamgym.gan.translation.elastic import drifted
+from slamgym.gan.translation.explored import explored_floor
+from slamgym.gan.translation.faces import moved_faces
+from slamgym.gan.translation.thinning import thinned_walls
+from slamgym.gan.weights import ModelCard, load_weights
+from slamgym.metrics.maps import resample_slam
+from slamgym.metrics.wall_direction import (
     MAX_DRIFT_DEG,
     MIN_TURN_DEG,
     angle_to_undo_deg,
@@ -37,12 +43,6 @@ from slamgym.gan.translation.derotation import (
     turned_probability,
     unflipped,
 )
-from slamgym.gan.translation.elastic import drifted
-from slamgym.gan.translation.explored import explored_floor
-from slamgym.gan.translation.faces import moved_faces
-from slamgym.gan.translation.thinning import thinned_walls
-from slamgym.gan.weights import ModelCard, load_weights
-from slamgym.metrics.maps import resample_slam
 
 OVERLAP = 0.25
 """Least share of a tile that its neighbour sees too."""

@@ -2,7 +2,7 @@ from .comparison import PlanComparison, compare_with_plan
 from .drawing import Dimension, Drawing, DrawnDoor, DrawnRoom, DrawnWall
 from .floor import CleanedFloor, FloorModel, load_floor_model
 from .formats.write import drawing_map, write_drawing
-from .settings import ComparisonConfig, DrawingConfig
+from .settings import ComparisonConfig
 from .vectorise import make_drawing
 
 __all__ = [
@@ -10,7 +10,6 @@ __all__ = [
     "ComparisonConfig",
     "Dimension",
     "Drawing",
-    "DrawingConfig",
     "DrawnDoor",
     "DrawnRoom",
     "DrawnWall",

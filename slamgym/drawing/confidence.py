@@ -8,7 +8,7 @@ than one with nothing known behind it.
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -17,6 +17,7 @@ import shapely
 from slamgym.core.types import BoolArray, FloatArray
 from slamgym.drawing.drawing import DrawnWall, Layer
 from slamgym.drawing.evidence import Evidence
+from slamgym.drawing.settings import SEEN_SHARE
 from slamgym.drawing.walls import ANTIPARALLEL, WallPiece
 
 SHORTEST_CHANGE = 0.4
@@ -29,34 +30,17 @@ TOUCHING = 0.05
 """Parallel pieces so near to each other are one straight wall [m]."""
 
 
-@dataclass(frozen=True)
-class Confidence:
-    """Coefficients of a logistic function: the probability that a true wall lies within 20 cm of a drawn one.
+CONSTANT, WEIGHTS = 1.05, np.array([0.33, -0.66, 0.46, -0.74, -0.74])
+"""Coefficients of a logistic function of :func:`wall_signs`: the probability that a true wall lies within 20 cm.
 
-    Fitted and tried on simulated homes of other plans (``benchmarks/drawing/wall_confidence.py``,
-    docs/drawing/quality.md). The model's certainty and a wall's thickness said nothing beside these.
-    """
-
-    constant: float
-    seen: float
-    """Of the share of its length that was seen."""
-    hidden: float
-    """Of the share of the space behind it that is unknown."""
-    straight: float
-    """Of the length of the straight wall that it is part of, up to :data:`LONG` [1/m]."""
-    ragged_near: float
-    """Of the logarithm of the pieces of wall per metre within :data:`NEAR`."""
-    ragged_around: float
-    """Of the same within :data:`AROUND`."""
-
-    def of(self, signs: FloatArray) -> FloatArray:
-        """Probabilities, from :func:`wall_signs`."""
-        weights = [self.seen, self.hidden, self.straight, self.ragged_near, self.ragged_around]
-        result: FloatArray = 1.0 / (1.0 + np.exp(-(self.constant + signs @ np.array(weights))))
-        return result
+Fitted and tried on simulated homes of other plans (``benchmarks/drawing/wall_confidence.py``,
+docs/drawing/quality.md). The model's certainty and a wall's thickness said nothing more."""
 
 
-DEFAULT_CONFIDENCE = Confidence(1.05, 0.33, -0.66, 0.46, -0.74, -0.74)
+def confidences(signs: FloatArray) -> FloatArray:
+    """Probabilities that a true wall lies within 20 cm of drawn ones, from :func:`wall_signs`."""
+    sure: FloatArray = 1.0 / (1.0 + np.exp(-(CONSTANT + signs @ WEIGHTS)))
+    return sure
 
 
 def judged_walls(pieces: list[WallPiece], evidence: Evidence) -> list[DrawnWall]:
@@ -64,17 +48,20 @@ def judged_walls(pieces: list[WallPiece], evidence: Evidence) -> list[DrawnWall]
     parts = [part for piece in pieces for part in _split(piece, evidence.seen_along(piece))]
     signs = wall_signs(parts, evidence)
     walls = []
-    for part, seen, sure in zip(
-        parts, signs[:, 0].tolist(), DEFAULT_CONFIDENCE.of(signs).tolist(), strict=True
-    ):
-        layer: Layer = "SEEN" if seen >= evidence.config.seen_share else "INFERRED"
+    for part, seen, sure in zip(parts, signs[:, 0].tolist(), confidences(signs).tolist(), strict=True):
+        layer: Layer = "SEEN" if seen >= SEEN_SHARE else "INFERRED"
         start, end = part.centre_line
         walls.append(DrawnWall(part.body, start, end, part.thickness, part.known, sure, seen, layer))
     return walls
 
 
 def wall_signs(walls: Sequence[WallPiece], evidence: Evidence) -> FloatArray:
-    """What tells true walls from others, shape (N, 5), in the order of the coefficients of :class:`Confidence`."""
+    """The signs that tell true walls from others, shape (N, 5).
+
+    They are the share of a wall's length that was seen, the share of the space behind it that is unknown, the length of
+    the straight wall that it is part of, up to :data:`LONG` [m], and the logarithm of the pieces of wall per metre
+    within :data:`NEAR` and within :data:`AROUND`.
+    """
     seen = [float(evidence.seen_along(wall).mean()) for wall in walls]
     hidden = [evidence.hidden_behind(wall) for wall in walls]
     ends = np.array([wall.centre_line for wall in walls]).reshape(-1, 2, 2)
@@ -97,7 +84,7 @@ def wall_signs(walls: Sequence[WallPiece], evidence: Evidence) -> FloatArray:
 
 
 def _split(piece: WallPiece, seen: BoolArray) -> list[WallPiece]:
-    """Pieces that were seen or not, none shorter than :data:`SHORTEST_CHANGE`."""
+    """Split a wall into pieces that were seen or not, none shorter than :data:`SHORTEST_CHANGE`."""
     least = math.ceil(SHORTEST_CHANGE / (piece.length / len(seen)))
     runs = _runs(seen)
     while len(runs) > 1 and min(high - low for low, high in runs) < least:

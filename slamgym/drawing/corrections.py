@@ -1,31 +1,22 @@
-"""Where the map overrules the model: floor that only rays or nobody has seen, and walls that were seen long.
+"""Where the map overrules the model: floor that was never seen, and walls that were seen long.
 
-Rays that leave through a window or a far door make stripes of free cells. What lies behind echoes and was never seen
-is mostly furniture in the homes that models learn from, and mostly no floor in maps of real robots: it takes a sure
-model. Straight rows of occupied cells with free cells on both sides are walls, whatever a model that has learnt to
-remove furniture makes of them.
+What lies behind echoes and was never seen is mostly furniture in the homes that models learn from, and mostly no floor
+in maps of real robots: it takes a sure model. Straight rows of occupied cells with free cells on both sides are walls,
+whatever a model that has learnt to remove furniture makes of them.
 """
-
-import math
 
 import cv2
 import numpy as np
 
-from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, BoolArray, ByteArray, Float32Array, OccupancyGrid
-from slamgym.drawing.floor import faces_within_cells, opened
-from slamgym.gan.translation.classical import disc, without_small
-from slamgym.gan.translation.derotation import padded_for_turning, transformed
+from slamgym.core.types import FREE, OCCUPIED, BoolArray, Float32Array, OccupancyGrid
+from slamgym.drawing.floor import faces_within_cells
+from slamgym.metrics.cleaning import disc, without_small
 from slamgym.metrics.maps import distance_to
 from slamgym.metrics.rooms import label_rooms
+from slamgym.metrics.wall_direction import padded_for_turning, transformed
 
-SINGLE_RAYS = 0.2
-"""Free space narrower than this was seen by single rays; no floor is drawn for it alone [m]."""
 SHORTEST_LOST_WALL = 1.0
 """Straight walls of this length that were seen from both sides are drawn against the model [m]."""
-SHORTEST_OBLIQUE_WALL = 1.3
-"""The same in other directions than the main ones, in which leaves of open doors stand, too [m] ..."""
-CLEAR_OF_OBLIQUE, MOSTLY = 0.3, 0.75
-"""... and so far from it on both sides so many of the cells must be free, as they are not amid clutter [m]."""
 SURE_OF_UNSEEN = 0.8
 """Floor that nobody has seen is drawn from this probability on, where seen floor needs a half."""
 BESIDE_FREE = 0.1
@@ -38,20 +29,10 @@ SMALLEST_DOUBTED = 0.1
 """Smaller patches of doubted floor are left as they are [m2]."""
 CONTACT = 0.8
 """A patch of unseen floor lies at a room or at a wall if it touches it along so much [m]."""
-WIDEST_UNSEEN = 2.0
-"""Unseen places between free cells at most so far apart may be floor: under a bed, behind a wardrobe [m]."""
-LARGEST_POCKET = 2.0
-"""Unknown cells amid free ones that no echo borders are floor up to this [m2]."""
-BEYOND_FREE = 0.6
-"""Floor goes on beyond what was seen free by at most this: behind a wall's echoes, drift, furniture [m]."""
-SMALLEST_WIDE = 0.5
-"""Separate wide free space smaller than this is left to the rays [m2]."""
 BROKEN_ECHOES = 0.15
 """Gaps in a row of echoes at most so long belong to its wall [m]."""
 THICKEST_LOST_WALL = 0.35
 """A row of echoes between two free spaces is a wall up to this thickness [m]."""
-BETWEEN_DIRECTIONS = 7.5
-"""Lost walls are looked for in directions so far apart, beginning with the main ones [deg]."""
 BOTH_SIDES = 0.7
 """Of a wall that is drawn against the model so much of the length has free cells on both sides."""
 ATTACHED_WITHIN = 0.25
@@ -66,48 +47,9 @@ def corrected(probability: Float32Array, grid: OccupancyGrid, angle_deg: float) 
         grid: The map.
         angle_deg: Direction of the main walls, counter-clockwise from the x axis.
     """
-    cell = grid.frame.resolution
-    result = np.where(believable(grid.cells == FREE, cell), probability, 0.0).astype(np.float32)
-    result[empty_pockets(grid.cells, cell)] = 1.0
-    result[lost_walls(result, grid, angle_deg)] = 0.0
+    result = np.where(lost_walls(probability, grid, angle_deg), 0.0, probability).astype(np.float32)
     result = without(result, doubted_floor(result, grid))
     return without(result, dividing_floor(result, grid))
-
-
-def empty_pockets(cells: ByteArray, cell: float) -> BoolArray:
-    """Unknown cells amid free ones without an echo beside them: mappers leave some along the robot's path.
-
-    Args:
-        cells: Of the map, shape (rows, cols).
-        cell: [m]
-    """
-    unknown = (cells == UNKNOWN).astype(np.uint8)
-    _, labels, stats, _ = cv2.connectedComponentsWithStats(unknown, connectivity=8)
-    small = stats[:, cv2.CC_STAT_AREA] <= LARGEST_POCKET / cell**2
-    beside = cv2.dilate((cells == OCCUPIED).astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
-    small[labels[beside]] = False
-    small[[0, *labels[0], *labels[-1], *labels[:, 0], *labels[:, -1]]] = False
-    result: BoolArray = small[labels]
-    return result
-
-
-def believable(free: BoolArray, cell: float) -> BoolArray:
-    """Where floor may be: near to free space that is wider than rays.
-
-    Args:
-        free: Free cells, shape (rows, cols).
-        cell: [m]
-    """
-    border = math.ceil(0.5 * WIDEST_UNSEEN / cell) + 2
-    padded = np.pad(free, border)
-    half_ray, half_gap = 0.5 * SINGLE_RAYS / cell, 0.5 * WIDEST_UNSEEN / cell
-    wide = distance_to(distance_to(~padded) > half_ray) <= half_ray
-    wide = without_small(wide, SMALLEST_WIDE / cell**2)
-    if not wide.any():
-        return np.ones_like(free)
-    closed = distance_to(distance_to(wide) > half_gap) > half_gap
-    near: BoolArray = distance_to(closed) <= BEYOND_FREE / cell
-    return near[border:-border, border:-border]
 
 
 def doubted_floor(probability: Float32Array, grid: OccupancyGrid) -> BoolArray:
@@ -127,9 +69,13 @@ def doubted_floor(probability: Float32Array, grid: OccupancyGrid) -> BoolArray:
         for image in (np.where(unseen, probability, 0.0), unseen)
     )
     doubted = unseen & (total < SURE_OF_UNSEEN * weight)
-    sure = opened(unseen & ~doubted, max(1, round(NARROWEST_UNSEEN / cell)))
+    sure = cv2.morphologyEx(
+        (unseen & ~doubted).astype(np.uint8),
+        cv2.MORPH_OPEN,
+        disc(2 * max(1, round(NARROWEST_UNSEEN / cell)) + 1),
+    )
     patches = without_small(doubted, SMALLEST_DOUBTED / cell**2)
-    return _with_echoes(patches, free, cell) & ~sure
+    return _with_echoes(patches, free, cell) & (sure == 0)
 
 
 def _unseen(probability: Float32Array, free: BoolArray, cell: float) -> BoolArray:
@@ -199,36 +145,23 @@ def without(probability: Float32Array, taken: BoolArray) -> Float32Array:
 
 
 def lost_walls(probability: Float32Array, grid: OccupancyGrid, angle_deg: float) -> BoolArray:
-    """Cells of straight walls that were seen from both sides and aren't drawn.
+    """Cells of straight walls along the main directions that were seen from both sides and aren't drawn.
+
+    Without this rule room F1 of real maps falls by 0.05.
 
     Args:
         probability: Of being floor, shape of the map.
         grid: The map.
         angle_deg: Direction of the main walls.
     """
-    floor = probability >= 0.5
-    seen = grid.cells == OCCUPIED, grid.cells == FREE
-    lost = np.zeros_like(floor)
-    # The main directions come first: what leans on a wall that is found there is found, too.
-    for turn in np.arange(0.0, 90.0, BETWEEN_DIRECTIONS):
-        lost |= _lost_along(
-            (*seen, floor & ~lost), grid.frame.resolution, angle_deg + float(turn), turn != 0.0
-        )
-    return lost
-
-
-def _lost_along(
-    masks: tuple[BoolArray, BoolArray, BoolArray], cell: float, angle_deg: float, is_oblique: bool
-) -> BoolArray:
-    """Cells of lost walls along a direction and across it, from those of echoes, free space and drawn floor."""
+    drawn = probability >= 0.5
+    masks = (grid.cells == OCCUPIED, grid.cells == FREE, drawn)
     turned = [_turned(mask.astype(np.uint8), -angle_deg) > 0 for mask in masks]
-    found = np.zeros(turned[0].shape, np.bool_)
-    for flip in (False, True):
-        echoes, free, floor = (np.ascontiguousarray(mask.T) if flip else mask for mask in turned)
-        rows = _rows_of_echoes(echoes, free, floor, cell, is_oblique)
-        found |= rows.T if flip else rows
-    back: BoolArray = _turned(found.astype(np.uint8), angle_deg, masks[2].shape) > 0
-    return back & masks[2]
+    found = _rows_of_echoes(*turned, grid.frame.resolution)
+    across = [np.ascontiguousarray(mask.T) for mask in turned]
+    found |= _rows_of_echoes(*across, grid.frame.resolution).T
+    back: BoolArray = _turned(found.astype(np.uint8), angle_deg, drawn.shape) > 0
+    return back & drawn
 
 
 def _turned(mask: np.ndarray, angle_deg: float, shape: tuple[int, int] | None = None) -> np.ndarray:
@@ -243,26 +176,11 @@ def _turned(mask: np.ndarray, angle_deg: float, shape: tuple[int, int] | None = 
     return image[above : above + shape[0], beside : beside + shape[1]]
 
 
-def _free_before(free: BoolArray, part: BoolArray, clear: int) -> BoolArray:
-    """Columns of a part before which any cell is free, or most of ``clear`` but for the next, shape (cols,)."""
-    if not clear:
-        any_free: BoolArray = (free & (np.cumsum(part, axis=0) == 0)).any(axis=0)
-        return any_free
-    rows = part.argmax(axis=0)[None] - 2 - np.arange(clear)[:, None]
-    picked = np.take_along_axis(free, np.maximum(rows, 0), axis=0)
-    most_free: BoolArray = (picked & (rows >= 0)).mean(axis=0) >= MOSTLY
-    return most_free
-
-
-def _rows_of_echoes(
-    echoes: BoolArray, free: BoolArray, floor: BoolArray, cell: float, is_oblique: bool
-) -> BoolArray:
+def _rows_of_echoes(echoes: BoolArray, free: BoolArray, floor: BoolArray, cell: float) -> BoolArray:
     """Horizontal walls in drawn floor that were seen from both sides."""
-    shortest = SHORTEST_OBLIQUE_WALL if is_oblique else SHORTEST_LOST_WALL
     length, gap, thick = (
-        max(1, round(size / cell)) for size in (shortest, BROKEN_ECHOES, THICKEST_LOST_WALL)
+        max(1, round(size / cell)) for size in (SHORTEST_LOST_WALL, BROKEN_ECHOES, THICKEST_LOST_WALL)
     )
-    clear = max(1, round(CLEAR_OF_OBLIQUE / cell)) if is_oblique else 0
     image = cv2.dilate(echoes.astype(np.uint8), np.ones((3, 1), np.uint8))  # a wall may lie between two rows
     image = cv2.morphologyEx(image, cv2.MORPH_CLOSE, np.ones((1, 2 * (gap // 2) + 1), np.uint8))
     image = cv2.morphologyEx(image, cv2.MORPH_OPEN, np.ones((1, length), np.uint8))
@@ -281,7 +199,9 @@ def _rows_of_echoes(
         here = np.s_[max(0, top - thick) : top + height + thick, left : left + width]
         part = labels[here] == number
         inside = (part & floor[here]).any(axis=0) & ~(part & ~floor[here]).any(axis=0)
-        sides = [_free_before(free[here][::step], part[::step], clear) for step in (1, -1)]
+        sides = [
+            (free[here][::step] & (np.cumsum(part[::step], axis=0) == 0)).any(axis=0) for step in (1, -1)
+        ]
         ends = part & ((np.arange(width) < 2) | (np.arange(width) >= width - 2))[None]
         if (inside & sides[0] & sides[1]).mean() >= BOTH_SIDES and drawn[here][ends].any():
             result[here] |= part

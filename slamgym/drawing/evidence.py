@@ -1,4 +1,4 @@
-"""What of a drawing the map holds evidence of, and what was only inferred.
+"""The evidence that a map holds of what is drawn.
 
 Along each wall its faces are looked at every few centimetres: where the map has an occupied cell nearby, the wall was
 seen. Floor was observed where the map says free.
@@ -24,10 +24,12 @@ from slamgym.core.types import (
     OccupancyGrid,
 )
 from slamgym.drawing.contours import trace_outlines
-from slamgym.drawing.settings import DrawingConfig
+from slamgym.drawing.settings import SMALLEST_ROOM
 from slamgym.drawing.walls import WallPiece
 from slamgym.metrics.maps import distance_to
 
+SEEN_WITHIN = 0.15
+"""A piece of wall was seen if the map has an occupied cell within this [m]."""
 STEP = 0.05
 """Between two places that are looked at [m]."""
 HIDDEN_DEPTHS = (0.1, 0.2, 0.35)
@@ -45,15 +47,9 @@ NARROWEST_GAP = 0.7
 class Evidence:
     """A map, prepared for the question what was seen."""
 
-    def __init__(self, grid: OccupancyGrid, config: DrawingConfig) -> None:
-        """Measure distances.
-
-        Args:
-            grid: The map.
-            config: Sizes.
-        """
+    def __init__(self, grid: OccupancyGrid) -> None:
+        """Measure distances in a map."""
         self.grid = grid
-        self.config = config
         occupied = grid.cells == OCCUPIED
         self._to_wall = (
             distance_to(occupied) * grid.frame.resolution
@@ -71,12 +67,11 @@ class Evidence:
         return values
 
     def seen_along(self, piece: WallPiece) -> BoolArray:
-        """For places along a wall, a step apart, whether there is an occupied cell near either face."""
+        """True for places along a wall, a step apart, with an occupied cell near either face."""
         face, other = self._faces(piece)
-        reach = self.config.evidence
-        near = self.at(self._to_wall, face, math.inf) <= reach
+        near = self.at(self._to_wall, face, math.inf) <= SEEN_WITHIN
         if piece.known:
-            near |= self.at(self._to_wall, other, math.inf) <= reach
+            near |= self.at(self._to_wall, other, math.inf) <= SEEN_WITHIN
         return near
 
     def share_walled(self, room: Polygon, doors: BaseGeometry) -> float:
@@ -85,11 +80,8 @@ class Evidence:
         outline = shapely.union_all(lines).difference(doors.buffer(2.0 * STEP))
         if outline.is_empty:
             return 0.0
-        return float(self.is_walled(shapely.get_coordinates(shapely.segmentize(outline, STEP))).mean())
-
-    def is_walled(self, points: FloatArray) -> BoolArray:
-        """Whether the map has an occupied cell near each of some points of an outline (N, 2) [m]."""
-        return self.at(self._to_wall, points, math.inf) <= self.config.evidence + STEP
+        points = shapely.get_coordinates(shapely.segmentize(outline, STEP))
+        return float((self.at(self._to_wall, points, math.inf) <= SEEN_WITHIN + STEP).mean())
 
     def hidden_behind(self, piece: WallPiece) -> float:
         """Share of the space just behind a wall that is unknown."""
@@ -140,7 +132,7 @@ def cell_polygons(cells: BoolArray, frame: GridFrame, smallest: float) -> list[P
     return [part for part in polygon_parts(simple) if part.area >= smallest]
 
 
-def unexplored_parts(floor: MultiPolygon, grid: OccupancyGrid, config: DrawingConfig) -> list[Polygon]:
+def unexplored_parts(floor: MultiPolygon, grid: OccupancyGrid) -> list[Polygon]:
     """Parts inside of the building of which the map says nothing: gaps between its floors that are wide enough."""
     cell = max(HULL_CELL, grid.frame.resolution)
     frame = GridFrame.covering(floor.bounds, cell, margin=HULL_REACH + cell)
@@ -155,14 +147,12 @@ def unexplored_parts(floor: MultiPolygon, grid: OccupancyGrid, config: DrawingCo
     gaps = between & (distance_to(wide) <= 0.5 * NARROWEST_GAP / cell)
     parts = []
     to_floor = distance_to(inside) * cell
-    for part in cell_polygons(gaps, frame, config.min_unexplored):
+    for part in cell_polygons(gaps, frame, SMALLEST_ROOM):
         around = part.segmentize(2.0 * cell).exterior.coords.xy
         rows, cols = frame.to_cell(np.array(around[0]), np.array(around[1]))
         enclosed = float((to_floor[rows, cols] <= ENCLOSED_WITHIN).mean()) >= ENCLOSED_SHARE
         if enclosed and share_known(part, grid) <= 0.5:
-            parts += [
-                one for one in polygon_parts(part.difference(floor)) if one.area >= config.min_unexplored
-            ]
+            parts += [one for one in polygon_parts(part.difference(floor)) if one.area >= SMALLEST_ROOM]
     return parts
 
 

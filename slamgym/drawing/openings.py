@@ -1,10 +1,7 @@
-"""Doors and rooms of a floor: gaps between two jambs that separate one part of it from another.
+"""Doors and rooms of a floor: the narrow passages between its wide parts.
 
-A jamb is the end of a wall: a short face between two corners that reach into the floor. Opposite a jamb stands
-another, or the face of a wall that runs across. The lines of all such gaps cut the floor into parts; a gap with the
-same part on both sides, or that cuts off a niche, is no door. Where a jamb was too worn to be found, the watershed of
-:mod:`slamgym.metrics.rooms` finds the passage. A gap wider than a door is an opening if the floor is clearly wider on
-both of its sides: a corridor that ends in a hall has none.
+The watershed of :mod:`slamgym.metrics.rooms` finds the passages, each a line from wall to wall where it is narrowest.
+These lines cut the floor into rooms; a line with the same room on both sides, or that cuts off a niche, is no door.
 """
 
 import math
@@ -17,31 +14,21 @@ import shapely
 from shapely import LineString, MultiPolygon, Point, Polygon
 
 from slamgym.cad.floorplan import fill_segments, ring_segments
-from slamgym.cad.polygons import oriented_rings, polygon_parts
+from slamgym.cad.polygons import polygon_parts
 from slamgym.core.types import Float32Array, FloatArray, GridFrame, IntArray
-from slamgym.drawing.settings import DrawingConfig
+from slamgym.drawing.settings import DRAWN_DOORS, SMALLEST_ROOM
 from slamgym.metrics.rooms import DEFAULT_RULE, RoomRule, label_rooms
 
 NARROWEST_CUT = 0.1
 """Of the gaps that separate rooms [m]; those that are narrower than a door are gaps of the map."""
 INTO_WALLS = 0.02
 """Lines of doors are drawn so far into the walls, so that they cut [m]."""
-FACING = math.cos(math.radians(20.0))
-"""Two faces that look at each other are antiparallel within this."""
-CORNER_REACH = 0.35
-"""Lines of doors end in a corner that lies within this of the nearest face [m]."""
 SAME_DOOR = 0.3
 """Borders of two rooms that lie so near to a door's jambs belong to that door [m]."""
 OPPOSITE = math.cos(math.radians(120.0))
 """The two ends of a door lie on opposite sides of its middle."""
 WATERSHED_CELL = 0.05
 """[m]"""
-ACROSS = 0.25
-"""The middle of a passage's line is at least so far from all walls, in shares of its width."""
-BESIDE_OPENING = 0.3
-"""So far before and behind a gap it is looked whether the floor is wider than it [m]."""
-SURE_DOOR = 1.1
-"""A wider door needs a wider floor on both sides: corridors narrow where a wall stands out [m]."""
 OPENING_ROOM = (4.0, 1.4)
 """Smaller [m2] or narrower [m] parts beside a wide opening are alcoves and bays, not rooms."""
 
@@ -52,8 +39,6 @@ class Gap:
 
     start: tuple[float, float]
     end: tuple[float, float]
-    depth: float
-    """Thickness of the wall [m]."""
 
     @property
     def line(self) -> LineString:
@@ -83,25 +68,23 @@ class Division:
     """Of each door the two rooms, by their numbers."""
 
 
-def divide(floor: MultiPolygon, config: DrawingConfig) -> Division:
+def divide(floor: MultiPolygon, opening_width: float = DRAWN_DOORS[1]) -> Division:
     """Find doors, and the rooms between them.
 
     Args:
         floor: With straight edges [m].
-        config: Sizes.
+        opening_width: Widest gap between two jambs that is an opening and parts two rooms [m]. At the width of a door,
+            rooms extend through wider gaps, as :class:`RoomRule` has it.
     """
-    exact = jamb_gaps(floor, config)
-    parts, gaps = _separated(floor, _likely(floor, exact, config), config)
-    worn = [gap for part in parts for gap in _watershed_gaps(part, config)]
-    # A gap that separates nothing alone may do so beside others. Wide ones need a jamb: furniture narrows floors.
-    left = _likely(floor, [*gaps, *exact, *worn], config)
+    widest = max(DRAWN_DOORS[1], opening_width)
+    left = [gap for part in polygon_parts(floor) for gap in _passages(part, widest)]
     while True:
-        parts, gaps = _separated(floor, left, config)
+        parts, gaps = _separated(floor, left)
         joined = zip(gaps, joined_rooms(parts, gaps), strict=True)
         alcoves = [
             gap
             for gap, pair in joined
-            if gap.width > config.door_width[1] and not all(_is_room(parts[k], *OPENING_ROOM) for k in pair)
+            if gap.width > DRAWN_DOORS[1] and not all(_is_wide(parts[k]) for k in pair)
         ]
         if not alcoves:
             break
@@ -112,112 +95,21 @@ def divide(floor: MultiPolygon, config: DrawingConfig) -> Division:
     kept = [
         (gap, (number[a], number[b]))
         for gap, (a, b) in zip(gaps, joins, strict=True)
-        if gap.width >= config.door_width[0]
+        if gap.width >= DRAWN_DOORS[0]
     ]
     return Division(
         tuple(parts[i] for i in order), tuple(gap for gap, _ in kept), tuple(pair for _, pair in kept)
     )
 
 
-def _likely(floor: MultiPolygon, gaps: Sequence[Gap], config: DrawingConfig) -> list[Gap]:
-    """Gaps of a door's width that don't just cross a corridor, and behind them the wider ones that are openings."""
-    doors = [
-        gap
-        for gap in gaps
-        if gap.width <= config.door_width[1] and (gap.width <= SURE_DOOR or _is_narrower(gap, floor))
-    ]
-    wide = {gap: None for gap in gaps if gap.width > config.door_width[1]}
-    return [*doors, *(gap for gap in wide if _is_narrower(gap, floor))]
-
-
-def _is_narrower(gap: Gap, floor: MultiPolygon) -> bool:
-    """Whether a gap is clearly narrower than the floor on both sides of it, as :class:`RoomRule` has it."""
-    start, end = np.array(gap.start), np.array(gap.end)
-    along = (end - start) / gap.width
-    normal = np.array([-along[1], along[0]])
-    for side in (1.0, -1.0):
-        middle = 0.5 * (start + end) + side * (0.5 * gap.depth + BESIDE_OPENING) * normal
-        line = LineString([middle - gap.width * along, middle + gap.width * along])
-        pieces = shapely.get_parts(line.intersection(floor))
-        width = sum(piece.length for piece in pieces if piece.distance(Point(middle)) < 1e-6)
-        if width * DEFAULT_RULE.max_narrowing < gap.width:
-            return False
-    return True
-
-
-def _faces(floor: MultiPolygon) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """All edges with the floor on their left.
-
-    Returns:
-        Starts and ends, (N, 2) each, and whether each end is a corner that reaches into the floor, (N, 2).
-    """
-    starts, ends, reflex = [], [], []
-    for ring in oriented_rings(floor):
-        points = shapely.get_coordinates(ring)[:-1]
-        before, after = np.roll(points, 1, axis=0), np.roll(points, -1, axis=0)
-        incoming, outgoing = points - before, after - points
-        turn = incoming[:, 0] * outgoing[:, 1] - incoming[:, 1] * outgoing[:, 0]
-        lengths = np.hypot(*incoming.T) * np.hypot(*outgoing.T)
-        sharp = turn < -0.4 * lengths
-        starts.append(points)
-        ends.append(after)
-        reflex.append(np.column_stack([sharp, np.roll(sharp, -1)]))
-    if not starts:
-        empty = np.empty((0, 2))
-        return empty, empty, empty
-    return np.vstack(starts), np.vstack(ends), np.vstack(reflex)
-
-
-def jamb_gaps(floor: MultiPolygon, config: DrawingConfig) -> list[Gap]:
-    """Gaps up to the widest opening between a jamb and what stands opposite, the narrowest first."""
-    starts, ends, reflex = _faces(floor)
-    if len(starts) == 0:
-        return []
-    vectors = ends - starts
-    lengths = np.hypot(*vectors.T)
-    directions = vectors / np.maximum(lengths, 1e-12)[:, None]
-    jambs = np.flatnonzero((lengths <= config.max_thickness) & reflex.all(axis=1) & (lengths > 0.01))
-    gaps = []
-    for jamb in jambs.tolist():
-        direction, length = directions[jamb], lengths[jamb]
-        normal = np.array([-direction[1], direction[0]])  # into the floor
-        facing = np.flatnonzero(directions @ direction < -FACING)
-        first, second = (points[facing] - starts[jamb] for points in (starts, ends))
-        begins, stops = first @ direction, second @ direction
-        low = np.maximum(np.minimum(begins, stops), 0.0)
-        high = np.minimum(np.maximum(begins, stops), length)
-        middle = 0.5 * (low + high)
-        # The face opposite may be oblique: how far it is at the middle of what the two have in common.
-        share = (middle - begins) / np.where(np.abs(stops - begins) < 1e-9, 1.0, stops - begins)
-        across = (1.0 - share) * (first @ normal) + share * (second @ normal)
-        widest = max(config.door_width[1], config.opening_width)
-        good = (high - low > 0.3 * length) & (across >= NARROWEST_CUT) & (across <= widest)
-        for index in np.flatnonzero(good).tolist():
-            start = starts[jamb] + middle[index] * direction
-            gaps.append((jamb, int(facing[index]), start, start + across[index] * normal, length))
-    found: dict[tuple[int, int], Gap] = {}
-    around = floor.buffer(1e-6, join_style="mitre")
-    shapely.prepare(around)
-    for jamb, other, start, end, length in gaps:
-        gap = Gap((float(start[0]), float(start[1])), (float(end[0]), float(end[1])), float(length))
-        key = (min(jamb, other), max(jamb, other))
-        inner = shapely.line_interpolate_point(gap.line, [0.03, 0.5 * gap.width, gap.width - 0.03])
-        is_open = around.covers(LineString(inner.tolist()))
-        if is_open and (key not in found or found[key].depth > gap.depth):
-            found[key] = gap
-    return sorted(found.values(), key=lambda gap: (gap.width, gap.start))
-
-
-def _separated(
-    floor: MultiPolygon, gaps: Sequence[Gap], config: DrawingConfig
-) -> tuple[list[Polygon], list[Gap]]:
+def _separated(floor: MultiPolygon, gaps: Sequence[Gap]) -> tuple[list[Polygon], list[Gap]]:
     """Cut along the gaps; those that don't separate two rooms go."""
     chosen: list[Gap] = []
     for gap in gaps:  # of lines that cross, or of both faces of one wall, the first stays
         if not any(_is_same(gap, other) for other in chosen):
             chosen.append(gap)
     parts = _cut(floor, chosen)
-    kept = _doors_among(parts, chosen, joined_rooms(parts, chosen), config)
+    kept = _doors_among(parts, chosen, joined_rooms(parts, chosen))
     parts = _cut(floor, kept)
     separate = [
         gap for gap, (a, b) in zip(kept, joined_rooms(parts, kept), strict=True) if a != b and min(a, b) >= 0
@@ -226,11 +118,11 @@ def _separated(
 
 
 def _doors_among(
-    parts: Sequence[Polygon], gaps: Sequence[Gap], joins: Sequence[tuple[int, int]], config: DrawingConfig
+    parts: Sequence[Polygon], gaps: Sequence[Gap], joins: Sequence[tuple[int, int]]
 ) -> list[Gap]:
     """The gaps that separate rooms, when parts that are none have been opened to their neighbours."""
     group = list(range(len(parts)))
-    roomy = [_is_room(part, config.min_room, config.min_room_width) for part in parts]
+    roomy = [part.area >= SMALLEST_ROOM for part in parts]
 
     def root(k: int) -> int:
         while group[k] != k:
@@ -260,8 +152,8 @@ def _is_same(gap: Gap, other: Gap) -> bool:
     return apart <= SAME_DOOR or gap.line.intersects(other.line)
 
 
-def _is_room(part: Polygon, area: float, width: float) -> bool:
-    return part.area >= area and not part.buffer(-0.5 * width).is_empty
+def _is_wide(part: Polygon) -> bool:
+    return part.area >= OPENING_ROOM[0] and not part.buffer(-0.5 * OPENING_ROOM[1]).is_empty
 
 
 def _cut(floor: MultiPolygon, gaps: Sequence[Gap]) -> list[Polygon]:
@@ -295,9 +187,9 @@ def joined_rooms(parts: Sequence[Polygon], gaps: Sequence[Gap]) -> list[tuple[in
     return found
 
 
-def _watershed_gaps(part: Polygon, config: DrawingConfig) -> list[Gap]:
-    """Passages of a door's width between two hills of a part's distance from its walls."""
-    if part.area < 2.0 * config.min_room:
+def _passages(part: Polygon, widest: float) -> list[Gap]:
+    """Passages up to a width [m] between two hills of a part's distance from its walls, the narrowest first."""
+    if part.area < 2.0 * SMALLEST_ROOM:
         return []
     cell = max(WATERSHED_CELL, math.sqrt(part.envelope.area / 4e6))
     frame = GridFrame.covering(part.bounds, cell, margin=2.0 * cell)
@@ -307,9 +199,9 @@ def _watershed_gaps(part: Polygon, config: DrawingConfig) -> list[Gap]:
         ring_segments([ring for one in inner for ring in (one.exterior, *one.interiors)]), frame
     )
     rule = RoomRule(
-        max_doorway=config.door_width[1] - cell,
-        min_area=0.8 * config.min_room,
-        min_width=config.min_room_width - cell,
+        max_doorway=widest - cell,
+        min_area=0.8 * SMALLEST_ROOM,
+        min_width=DEFAULT_RULE.min_width - cell,
     )
     labels = label_rooms(free, cell, rule)
     if labels.max(initial=0) < 2:
@@ -318,7 +210,7 @@ def _watershed_gaps(part: Polygon, config: DrawingConfig) -> list[Gap]:
     padded = np.pad(free, 1).astype(np.uint8)
     clearance = cv2.distanceTransform(padded, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)[1:-1, 1:-1]
     for middle in _passes(labels, np.asarray(clearance, dtype=np.float32), frame):
-        gap = _narrowest(part, middle, config)
+        gap = _narrowest(part, middle, widest)
         if gap is not None:
             gaps.append(gap)
     return sorted(gaps, key=lambda gap: (gap.width, gap.start))
@@ -349,33 +241,19 @@ def _passes(labels: IntArray, clearance: Float32Array, frame: GridFrame) -> list
     return passes
 
 
-def _narrowest(part: Polygon, middle: FloatArray, config: DrawingConfig) -> Gap | None:
+def _narrowest(part: Polygon, middle: FloatArray, widest: float) -> Gap | None:
     """The shortest line from wall to wall through a passage, given a point in its middle."""
     rings = [shapely.get_coordinates(ring) for ring in (part.exterior, *part.interiors)]
     starts, ends = np.vstack([ring[:-1] for ring in rings]), np.vstack([ring[1:] for ring in rings])
     first = _nearest_on(starts, ends, middle, None)
-    if first is None:
+    second = None if first is None else _nearest_on(starts, ends, middle, first - middle)
+    if first is None or second is None:
         return None
-    second = _nearest_on(starts, ends, middle, first - middle)
-    if second is None:
+    gap = Gap((float(first[0]), float(first[1])), (float(second[0]), float(second[1])))
+    if not NARROWEST_CUT <= gap.width <= widest:
         return None
-    corners = starts[np.hypot(*(starts - middle).T) <= config.door_width[1]]
-    near = [[end, *corners[np.hypot(*(corners - end).T) <= CORNER_REACH]] for end in (first, second)]
-    best: Gap | None = None
-    for one in near[0]:
-        foot = _nearest_on(starts, ends, middle, one - middle)
-        for other in [*near[1], *([] if foot is None else [foot])]:
-            gap = Gap(
-                (float(one[0]), float(one[1])), (float(other[0]), float(other[1])), config.outer_thickness
-            )
-            if not NARROWEST_CUT <= gap.width <= config.door_width[1]:
-                continue
-            inner = shapely.line_interpolate_point(gap.line, [0.02, gap.width - 0.02])
-            if shapely.distance(part.boundary, gap.line.centroid) < ACROSS * gap.width:
-                continue  # along a face
-            if part.covers(LineString(inner.tolist())) and (best is None or gap.width < best.width - 1e-6):
-                best = gap
-    return best
+    inner = shapely.line_interpolate_point(gap.line, [0.02, gap.width - 0.02])
+    return gap if part.covers(LineString(inner.tolist())) else None
 
 
 def _nearest_on(

@@ -11,11 +11,11 @@ from shapely.geometry.base import BaseGeometry
 from slamgym.cad.polygons import polygon_parts
 from slamgym.core.types import FloatArray
 from slamgym.drawing.contours import Outline
-from slamgym.drawing.edges import Edge, align_edges, crossing, fit_edges, main_axes, projected, simplified
-from slamgym.drawing.settings import DrawingConfig
+from slamgym.drawing.edges import TOLERANCE, Edge, crossing, fit_edges, main_axes, projected, simplified
+from slamgym.drawing.settings import SMALLEST_ROOM
 
-DOOR_GAP = 2.5
-"""Faces of one wall that lie so far apart are still brought into line [m]."""
+SMALLEST_HOLE = 0.05
+"""Things on the floor smaller than this aren't drawn [m2]."""
 NECK = 0.1
 """Half the width of floor that is too narrow to be drawn: nobody passes a slit between two walls [m]."""
 SLIT = 0.005
@@ -24,54 +24,36 @@ SMALLEST_GAP = 0.003
 """What a square corner loses when it is rounded is smaller [m2]."""
 CORNER_GRID = 1e-4
 """Corners lie on a grid of this [m], so that files that round keep polygons valid."""
-MAX_CHANGE = 0.25
-"""An outline whose area changes by more than this share keeps its own points."""
 
 
-def straightened(
-    outlines: Sequence[Outline], angles_deg: Sequence[float], resolution: float, config: DrawingConfig
-) -> MultiPolygon:
+def straightened(outlines: Sequence[Outline], angle_deg: float, resolution: float) -> MultiPolygon:
     """The floor with straight edges.
 
     Args:
         outlines: Closed outlines, free on their left [m].
-        angles_deg: The main directions.
+        angle_deg: The main direction.
         resolution: Of the map [m/cell].
-        config: Sizes.
 
     Returns:
         Valid; empty if nothing is large enough.
     """
-    axes = main_axes(angles_deg)
-    tolerance = max(config.tolerance, 0.9 * resolution)
-    kept = [outline for outline in outlines if _is_drawn(outline, config)]
-    rings = []
-    for outline in kept:
-        edges = fit_edges(outline.points, axes, tolerance, config)
-        rings.append(simplified(edges, axes, config) if len(edges) >= 3 else [])
-    rings = align_edges(rings, axes, 0.5 * max(config.merge, resolution), DOOR_GAP)
+    axes = main_axes(angle_deg)
+    tolerance = max(TOLERANCE, 0.9 * resolution)
     parts = []
-    for outline, ring in zip(kept, rings, strict=True):
-        parts.append((outline.area > 0.0, _polygon(outline, ring, tolerance)))
-    return _assembled(parts, config)
-
-
-def _is_drawn(outline: Outline, config: DrawingConfig) -> bool:
-    return outline.area >= config.min_floor or outline.area <= -config.min_hole
+    for outline in outlines:
+        if outline.area >= SMALLEST_ROOM or outline.area <= -SMALLEST_HOLE:
+            edges = fit_edges(outline.points, axes, tolerance)
+            ring = simplified(edges, axes) if len(edges) >= 3 else []
+            parts.append((outline.area > 0.0, _polygon(outline, ring, tolerance)))
+    return _assembled(parts)
 
 
 def _polygon(outline: Outline, ring: list[Edge], tolerance: float) -> Polygon | MultiPolygon:
-    """The area that edges enclose; what the outline itself does, where they go astray."""
-    own = Polygon(outline.points)
-    if len(ring) >= 3:
-        corners = ring_corners(ring, 4.0 * tolerance)
-        if len(corners) >= 3:
-            drawn = _polygonal(shapely.make_valid(Polygon(corners)))
-            drawn = _polygonal(drawn.buffer(0))
-            different = float(drawn.symmetric_difference(shapely.make_valid(own)).area)
-            if different <= MAX_CHANGE * abs(outline.area):
-                return drawn
-    return _polygonal(shapely.make_valid(own.simplify(tolerance)))
+    """The area that edges enclose, or where there are too few that of the outline itself."""
+    corners = ring_corners(ring, 4.0 * tolerance) if len(ring) >= 3 else np.empty((0, 2))
+    if len(corners) < 3:
+        return _polygonal(shapely.make_valid(Polygon(outline.points).simplify(tolerance)))
+    return _polygonal(_polygonal(shapely.make_valid(Polygon(corners))).buffer(0))
 
 
 def ring_corners(ring: list[Edge], most: float) -> FloatArray:
@@ -123,7 +105,7 @@ def _corners(edges: list[Edge], most: float) -> list[tuple[complex, complex]]:
     return [(ends[index - 1][1], ends[index][0]) for index in range(len(edges))]
 
 
-def _assembled(parts: list[tuple[bool, Polygon | MultiPolygon]], config: DrawingConfig) -> MultiPolygon:
+def _assembled(parts: list[tuple[bool, Polygon | MultiPolygon]]) -> MultiPolygon:
     """Floors less the holes in them; a floor inside of another's hole stays."""
     floors = sorted((part for is_floor, part in parts if is_floor), key=lambda part: -float(part.area))
     holes = [part for is_floor, part in parts if not is_floor and not part.is_empty]
@@ -134,22 +116,21 @@ def _assembled(parts: list[tuple[bool, Polygon | MultiPolygon]], config: Drawing
         inside = [hole for hole in inside if hole.area < floor.area]
         pieces.append(floor.difference(shapely.union_all(inside)) if inside else floor)
     union = shapely.make_valid(shapely.union_all(pieces))
-    return without_necks(union, config)
+    return without_necks(union)
 
 
-def without_necks(floor: BaseGeometry, config: DrawingConfig) -> MultiPolygon:
+def without_necks(floor: BaseGeometry) -> MultiPolygon:
     """A floor without slits and parts that only touch, its corners on the grid.
 
     Args:
         floor: Valid polygons [m].
-        config: Sizes.
     """
     for step in (-NECK, NECK + SLIT, -SLIT):
         floor = shapely.buffer(floor, step, join_style="mitre")
     # Mitred buffers may come out crossing themselves, which set_precision doesn't take.
     floor = shapely.make_valid(floor)
     floor = shapely.set_precision(floor.difference(_gaps_at_tips(floor)), CORNER_GRID)
-    return MultiPolygon([part for part in polygon_parts(floor) if part.area >= 0.5 * config.min_floor])
+    return MultiPolygon([part for part in polygon_parts(floor) if part.area >= 0.5 * SMALLEST_ROOM])
 
 
 def _gaps_at_tips(floor: BaseGeometry) -> BaseGeometry:

@@ -10,10 +10,9 @@ from shapely import LineString, MultiPolygon, Polygon
 from shapely.geometry.base import BaseGeometry
 
 import slamgym
-from slamgym.core.config import to_dict
 from slamgym.core.errors import InputFileError
 from slamgym.core.text import printable
-from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, Float32Array, GridFrame, OccupancyGrid
+from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, GridFrame, OccupancyGrid
 from slamgym.drawing.confidence import judged_walls
 from slamgym.drawing.contours import trace_outlines
 from slamgym.drawing.corrections import corrected
@@ -28,16 +27,15 @@ from slamgym.drawing.evidence import (
     unseen_floor,
 )
 from slamgym.drawing.floor import FloorModel, load_floor_model
-from slamgym.drawing.glimpses import OPEN_ROOM, Explored, explore, without_walls_in_doors
-from slamgym.drawing.leaves import without_leaves
 from slamgym.drawing.openings import Division
+from slamgym.drawing.partly_seen import OPEN_ROOM, Explored, explore, without_walls_in_doors
 from slamgym.drawing.polygons import straightened
-from slamgym.drawing.settings import DEFAULT_DRAWING, DEFAULT_MODEL, DrawingConfig
+from slamgym.drawing.settings import DEFAULT_MODEL, DRAWN_DOORS, OUTER_THICKNESS, SEEN_SHARE, SMALLEST_ROOM
 from slamgym.drawing.walls import find_walls
-from slamgym.gan.translation.wall_direction import SHORTEST_PX, find_wall_direction, main_direction
+from slamgym.metrics.wall_direction import find_wall_direction
 
-SECOND_DIRECTION = 0.2
-"""Walls of a second direction are turned to it, too, if they are so long in shares of those along the first."""
+SMALLEST_INFERRED = 0.05
+"""Smaller patches of floor that was never observed aren't marked [m2]."""
 SMALLEST_DIMENSIONED = 1.5
 """Rooms below this get no dimension lines [m2]."""
 BESIDE_DOORS = (0.0, 0.5, -0.5, 0.9, -0.9, 1.3, -1.3)
@@ -52,7 +50,7 @@ def make_drawing(
     grid: OccupancyGrid,
     name: str = "map",
     model: str | FloorModel = DEFAULT_MODEL,
-    config: DrawingConfig = DEFAULT_DRAWING,
+    opening_width: float = DRAWN_DOORS[1],
     angle_deg: float | None = None,
     provenance: Mapping[str, Any] | None = None,
 ) -> Drawing:
@@ -61,9 +59,8 @@ def make_drawing(
     Args:
         grid: The map: 0 occupied, 205 unknown, 254 free.
         name: Of the drawing.
-        model: ``slam2cad-metric+slam2cad``, the first and what it leaves out by both, or other weights, ``none`` for
-            cleaning alone (no torch), or a translator.
-        config: Sizes.
+        model: Pretrained or other weights, ``none`` for cleaning alone (no torch), or a translator.
+        opening_width: Widest gap between two jambs that is an opening and parts two rooms [m].
         angle_deg: Direction of the main walls against the x axis, counter-clockwise; None finds it.
         provenance: Anything to keep with the drawing, e.g. the source.
 
@@ -78,27 +75,28 @@ def make_drawing(
         raise InputFileError(where, "has no free cell; a map needs some that the robot saw free")
     if not (grid.cells == OCCUPIED).any():
         raise InputFileError(where, "has no occupied cell; a drawing needs walls")
-    no_floor = f"holds no floor of {config.min_floor:g} m2 or more; check its resolution and its greys"
-    if (grid.cells == FREE).sum() * grid.frame.resolution**2 < config.min_floor:
+    no_floor = f"holds no floor of {SMALLEST_ROOM:g} m2 or more; check its resolution and its greys"
+    if (grid.cells == FREE).sum() * grid.frame.resolution**2 < SMALLEST_ROOM:
         raise InputFileError(where, no_floor)
     used = load_floor_model(model) if isinstance(model, str) else model
     grid = known_part(grid)
     direction = find_wall_direction(grid.cells)
     angle = direction.angle_deg if angle_deg is None else (angle_deg + 45.0) % 90.0 - 45.0
     probability = corrected(used.probability(grid, angle), grid, angle)
-    floor = find_floor(probability, grid, angle, config)
+    outlines = trace_outlines(probability, 0.5, grid.frame)
+    floor = straightened(outlines, angle, grid.frame.resolution)
     if floor.is_empty:
         raise InputFileError(where, no_floor)
-    evidence = Evidence(grid, config)
-    explored = explore(floor, evidence)
+    evidence = Evidence(grid)
+    explored = explore(floor, evidence, opening_width)
     floor, division = explored.floor, explored.division
-    walls = judged_walls(without_walls_in_doors(find_walls(floor, config), division), evidence)
+    walls = judged_walls(without_walls_in_doors(find_walls(floor), division), evidence)
     rooms = _rooms(explored, grid)
     doors = _doors(division, rooms, walls, evidence)
-    inferred = tuple(cell_polygons(unseen_floor(floor, grid), grid.frame, config.min_inferred))
+    inferred = tuple(cell_polygons(unseen_floor(floor, grid), grid.frame, SMALLEST_INFERRED))
     kept = {
         "model": model if isinstance(model, str) else type(model).__name__,
-        "settings": to_dict(config),
+        "settings": {"opening_width": opening_width},
         "slamgym": slamgym.__version__,
         **{
             key: printable(value) if isinstance(value, str) else value
@@ -113,17 +111,17 @@ def make_drawing(
         walls=tuple(walls),
         doors=doors,
         rooms=rooms,
-        unexplored=(*explored.glimpsed, *unexplored_parts(floor, grid, config)),
+        unexplored=(*explored.unexplored, *unexplored_parts(floor, grid)),
         inferred_floor=inferred,
         dimensions=tuple(_dimensions(floor, rooms, doors, angle)),
         provenance=kept,
     )
-    doubts = find_doubts(drawing, direction if angle_deg is None else None, config)
+    doubts = find_doubts(drawing, direction if angle_deg is None else None)
     return replace(drawing, doubts=tuple(doubts))
 
 
 def known_part(grid: OccupancyGrid) -> OccupancyGrid:
-    """What of a map is known, with a margin, in the same coordinates: many maps are mostly empty."""
+    """The part of a map that is known, with a margin, in the same coordinates: many maps are mostly empty."""
     known = grid.cells != UNKNOWN
     rows, cols = np.flatnonzero(known.any(axis=1)), np.flatnonzero(known.any(axis=0))
     margin = int(np.ceil(KNOWN_MARGIN / grid.frame.resolution))
@@ -138,40 +136,6 @@ def known_part(grid: OccupancyGrid) -> OccupancyGrid:
         right - left,
     )
     return OccupancyGrid(np.ascontiguousarray(grid.cells[top:bottom, left:right]), frame)
-
-
-def find_floor(
-    probability: Float32Array, grid: OccupancyGrid, angle_deg: float, config: DrawingConfig
-) -> MultiPolygon:
-    """The floor with straight edges.
-
-    Args:
-        probability: Of being floor, shape of the map.
-        grid: The map.
-        angle_deg: Direction of the main walls.
-        config: Sizes.
-    """
-    frame = grid.frame
-    outlines = trace_outlines(probability, 0.5, frame)
-    angles = [angle_deg]
-    floor = straightened(outlines, angles, frame.resolution, config)
-    second = _second_direction(floor, angle_deg, frame.resolution)
-    if second is not None:
-        angles.append(second)
-        floor = straightened(outlines, angles, frame.resolution, config)
-    return without_leaves(floor, angles, config)
-
-
-def _second_direction(floor: MultiPolygon, angle_deg: float, resolution: float) -> float | None:
-    """A direction of many walls that don't run along the first."""
-    rings = [ring for part in floor.geoms for ring in (part.exterior, *part.interiors)]
-    edges = np.vstack([np.empty((0, 2)), *(np.diff(shapely.get_coordinates(ring), axis=0) for ring in rings)])
-    angles = (np.degrees(np.arctan2(edges[:, 1], edges[:, 0])) - angle_deg + 45.0) % 90.0 - 45.0
-    lengths = np.hypot(*edges.T)
-    oblique = np.abs(angles) > 3.0
-    found = main_direction(edges[oblique], SHORTEST_PX * resolution)
-    enough = found.support >= SECOND_DIRECTION * float(lengths[~oblique].sum())
-    return found.angle_deg if enough else None
 
 
 def _rooms(explored: Explored, grid: OccupancyGrid) -> tuple[DrawnRoom, ...]:
@@ -192,11 +156,12 @@ def _doors(
         ends = [shapely.Point(point).buffer(0.05) for point in (gap.start, gap.end)]
         beside = sorted({int(k) for end in ends for k in bodies.query(end, predicate="intersects")})
         seen = share_seen_open(np.array([gap.start, gap.end]), evidence)
-        is_seen = seen >= evidence.config.seen_share and min(pair) >= 0
+        is_seen = seen >= SEEN_SHARE and min(pair) >= 0
         layer: Layer = "SEEN" if is_seen else "INFERRED"
         names = tuple(rooms[k].id for k in pair if k >= 0)
-        kind: Literal["door", "opening"] = "door" if gap.width <= evidence.config.door_width[1] else "opening"
-        doors.append(DrawnDoor(gap.start, gap.end, gap.depth, names, tuple(beside), seen, layer, kind))
+        kind: Literal["door", "opening"] = "door" if gap.width <= DRAWN_DOORS[1] else "opening"
+        depth = max([walls[k].thickness for k in beside if walls[k].thickness_known], default=OUTER_THICKNESS)
+        doors.append(DrawnDoor(gap.start, gap.end, depth, names, tuple(beside), seen, layer, kind))
     return tuple(doors)
 
 

@@ -11,7 +11,7 @@ from shapely import MultiPolygon, Polygon
 
 from slamgym.cad.polygons import oriented_rings
 from slamgym.core.types import FloatArray
-from slamgym.drawing.settings import DrawingConfig
+from slamgym.drawing.settings import OUTER_THICKNESS, THICKEST_WALL
 
 ANTIPARALLEL = math.cos(math.radians(8.0))
 """Two faces belong to one wall if their directions differ by no more."""
@@ -73,12 +73,11 @@ class _Face:
         return float(np.hypot(*(self.end - self.start)))
 
 
-def find_walls(floor: MultiPolygon, config: DrawingConfig) -> list[WallPiece]:
+def find_walls(floor: MultiPolygon) -> list[WallPiece]:
     """The walls round a floor and between its parts.
 
     Args:
         floor: With straight edges [m].
-        config: Sizes.
 
     Returns:
         Every stretch of every face belongs to one wall; the longest faces come first. Jambs of doors belong to the
@@ -90,23 +89,23 @@ def find_walls(floor: MultiPolygon, config: DrawingConfig) -> list[WallPiece]:
     starts = np.array([face.start for face in faces]).reshape(-1, 2)
     ends = np.array([face.end for face in faces]).reshape(-1, 2)
     lines: Any = shapely.linestrings(np.stack([starts, ends], axis=1))
-    pairs = shapely.STRtree(lines).query(lines, predicate="dwithin", distance=config.max_thickness)
+    pairs = shapely.STRtree(lines).query(lines, predicate="dwithin", distance=THICKEST_WALL)
     near = np.split(pairs[1], np.searchsorted(pairs[0], np.arange(1, len(faces))))
     found: list[tuple[int, WallPiece]] = []
     for index in order:
         face = faces[index]
         if face.length < SHORTEST:
             continue
-        pieces = _behind(index, np.sort(near[index]), starts, ends, config)
+        pieces = _behind(index, np.sort(near[index]), starts, ends)
         direction = (face.end - face.start) / face.length
-        for low, high, other, thickness in _free_stretches(face, pieces, taken[index], config):
+        for low, high, other, thickness in _free_stretches(face, pieces, taken[index]):
             if high - low < SHORTEST:
                 continue
-            if other < 0 and _is_jamb(face, low, high, config):
+            if other < 0 and _is_jamb(face, low, high):
                 continue
             first, last = face.start + low * direction, face.start + high * direction
             piece = WallPiece(_pair(first), _pair(last), thickness, other >= 0)
-            found.append((index, _with_corners(piece, face, low, high, config)))
+            found.append((index, _with_corners(piece, face, low, high)))
             for opposite, a, b in _on_opposite(starts, ends, pieces, first, last):
                 taken[opposite].append((a, b))
     return [piece for _, piece in found]
@@ -131,7 +130,7 @@ def _faces_of(floor: MultiPolygon) -> list[_Face]:
 
 
 def _behind(
-    index: int, near: np.ndarray, starts: FloatArray, ends: FloatArray, config: DrawingConfig
+    index: int, near: np.ndarray, starts: FloatArray, ends: FloatArray
 ) -> list[tuple[float, float, int, float]]:
     """Faces that stand back to back with one: from where to where along it, which, and how far behind [m].
 
@@ -140,7 +139,6 @@ def _behind(
         near: Numbers of the faces that are near enough.
         starts: Of all faces, (N, 2).
         ends: The same.
-        config: Sizes.
     """
     start, vector = starts[index], ends[index] - starts[index]
     length = float(np.hypot(*vector))
@@ -156,7 +154,7 @@ def _behind(
         ((others @ direction) / lengths < -ANTIPARALLEL)
         & (high - low > SHORTEST)
         & (depth > 0.005)
-        & (depth <= config.max_thickness)
+        & (depth <= THICKEST_WALL)
     )
     chosen = np.flatnonzero(good)
     chosen = chosen[np.argsort(depth[chosen], kind="stable")]
@@ -167,7 +165,6 @@ def _free_stretches(
     face: _Face,
     pieces: list[tuple[float, float, int, float]],
     taken: list[tuple[float, float]],
-    config: DrawingConfig,
 ) -> list[tuple[float, float, int, float]]:
     """What of a face isn't part of a wall yet, cut where the face behind it changes; -1 where there is none."""
     marks = sorted(
@@ -178,9 +175,7 @@ def _free_stretches(
         middle = 0.5 * (low + high)
         if high - low < 1e-6 or any(a <= middle <= b for a, b in taken):
             continue
-        behind = next(
-            ((k, depth) for a, b, k, depth in pieces if a <= middle <= b), (-1, config.outer_thickness)
-        )
+        behind = next(((k, depth) for a, b, k, depth in pieces if a <= middle <= b), (-1, OUTER_THICKNESS))
         cells.append((low, high, behind[0], behind[1]))
     merged: list[tuple[float, float, int, float]] = []
     for index, (low, high, other, thickness) in enumerate(cells):
@@ -190,7 +185,7 @@ def _free_stretches(
             # Where a wall meets from behind, the two walls beside it go on as one.
             bridge = (
                 other < 0 <= k
-                and high - low <= config.max_thickness
+                and high - low <= THICKEST_WALL
                 and index + 1 < len(cells)
                 and cells[index + 1][2] >= 0
                 and abs(cells[index + 1][3] - depth) <= SAME_THICKNESS
@@ -202,15 +197,15 @@ def _free_stretches(
     return merged
 
 
-def _is_jamb(face: _Face, low: float, high: float, config: DrawingConfig) -> bool:
+def _is_jamb(face: _Face, low: float, high: float) -> bool:
     """Whether a stretch is the end of a wall: a whole short face between two corners that reach into the floor."""
     whole = low < 1e-6 and high > face.length - 1e-6
-    return whole and face.length <= config.max_thickness and not any(face.convex)
+    return whole and face.length <= THICKEST_WALL and not any(face.convex)
 
 
-def _with_corners(piece: WallPiece, face: _Face, low: float, high: float, config: DrawingConfig) -> WallPiece:
+def _with_corners(piece: WallPiece, face: _Face, low: float, high: float) -> WallPiece:
     """Lengthen a wall's body at the corners of its room, so that bodies meet."""
-    most = config.outer_thickness if not piece.known else max(piece.thickness, config.outer_thickness)
+    most = OUTER_THICKNESS if not piece.known else max(piece.thickness, OUTER_THICKNESS)
     before = most if low < 1e-6 and face.convex[0] else 0.0
     after = most if high > face.length - 1e-6 and face.convex[1] else 0.0
     return replace(piece, before=before, after=after)

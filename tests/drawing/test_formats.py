@@ -12,7 +12,6 @@ from slamgym.cad import check_plan, open_plans, read_houseexpo
 from slamgym.core.errors import SlamgymError
 from slamgym.drawing import make_drawing, write_drawing
 from slamgym.drawing.formats.png import draw_picture
-from slamgym.drawing.settings import DrawingConfig
 
 
 @pytest.fixture(scope="module")
@@ -47,7 +46,7 @@ def wide():
     """Two rooms and an opening of 2 m between them."""
     rooms = shapely.union_all([shapely.box(0, 0, 4, 5), shapely.box(4, 1, 4.1, 3), shapely.box(4.1, 0, 9, 5)])
     grid, _, model = painted(rooms)
-    return make_drawing(grid, "wide", model, DrawingConfig(opening_width=3.0))
+    return make_drawing(grid, "wide", model, 3.0)
 
 
 @pytest.mark.parametrize("suffix", ["json", "geojson", "dxf", "ifc"])

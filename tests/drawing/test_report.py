@@ -50,15 +50,6 @@ def test_its_tables_hold_the_figures_of_the_drawing(drawing, page):
     assert "slamgym cad &#x27;maps/flat &lt;1&gt;.yaml&#x27;" in page
 
 
-def test_shares_of_what_was_seen_add_up(drawing):
-    part = dataclasses.replace(drawing, inferred_floor=(shapely.box(0, 0, 2, 1),))
-    cells = re.findall(r"<td[^>]*>([^<]*)", format_html(part))
-    at = cells.index("floor")
-    seen, inferred = (float(cell.split()[0]) for cell in cells[at + 1 : at + 3])
-    assert inferred == pytest.approx(2.0)
-    assert seen + inferred == pytest.approx(drawing.area, abs=0.11)
-
-
 def test_figures_are_true_to_scale_on_paper(drawing, page):
     figures = [ET.fromstring(text) for text in re.findall(r"<svg.*?</svg>", page, re.DOTALL)]
     assert len(figures) == 3

@@ -10,13 +10,14 @@ from slamgym.core.errors import ConfigError
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN
 from slamgym.gan.config import AugmentConfig
 from slamgym.gan.training.augmentation import augment
-from slamgym.gan.translation.derotation import (
+from slamgym.metrics.wall_direction import (
+    NO_DIRECTION,
+    find_wall_direction,
     flipped,
     padded_for_turning,
     turned,
     unflipped,
 )
-from slamgym.gan.translation.wall_direction import NO_DIRECTION, find_wall_direction
 
 EVERYTHING = AugmentConfig(
     zoom=0.2,

@@ -30,11 +30,12 @@ from slamgym.gan.evaluation.generated_maps import Sample, load_generated, parse_
 from slamgym.gan.evaluation.pictures import find_ros_maps, translate_real, working_map
 from slamgym.gan.evaluation.realism import compare_with_simulated, elastic_maps, null_halves, translated_maps
 from slamgym.gan.evaluation.summary import main_table, scores_csv, summarise_scores, table_one
-from slamgym.gan.translation.classical import ClassicalTranslator, clean_map, outline_only
+from slamgym.gan.translation.classical import ClassicalTranslator, outline_only
 from slamgym.gan.translation.elastic import bend
 from slamgym.gan.translation.translate import Translator
 from slamgym.interop import write_ros_map
 from slamgym.metrics import label_rooms
+from slamgym.metrics.cleaning import clean_map
 from slamgym.viz.overlays import draw_agreement
 from slamgym.viz.plots import plot_boxes
 from slamgym.viz.sheets import draw_grid

@@ -17,7 +17,6 @@ from slamgym.gan.config import GeneratorConfig, TranslatorConfig
 from slamgym.gan.device import choose_compute
 from slamgym.gan.networks.factory import build_generator
 from slamgym.gan.networks.layers import GeneratorOutput
-from slamgym.gan.translation.derotation import turned
 from slamgym.gan.translation.thinning import thinned_walls
 from slamgym.gan.translation.translate import (
     LearnedTranslator,
@@ -28,6 +27,7 @@ from slamgym.gan.translation.translate import (
 )
 from slamgym.gan.weights import ModelCard, save_translator
 from slamgym.interop.ros_map import read_ros_map, write_ros_map
+from slamgym.metrics.wall_direction import turned
 
 CPU = choose_compute("cpu", "float32")
 CONFIG = TranslatorConfig(

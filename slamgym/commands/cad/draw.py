@@ -19,7 +19,7 @@ from slamgym.core.files import read_bytes, shown_path, spare_inputs, write_text
 from slamgym.core.names import distinct_names
 from slamgym.core.pictures import PICTURE_SUFFIXES
 from slamgym.core.progress import counted, say, tell
-from slamgym.drawing.settings import DEFAULT_DRAWING, DEFAULT_MODEL, DRAWING_FORMATS
+from slamgym.drawing.settings import DEFAULT_MODEL, DRAWN_DOORS, DRAWING_FORMATS
 
 if TYPE_CHECKING:
     from slamgym.drawing import Drawing, FloorModel
@@ -43,13 +43,12 @@ class CadArguments(Arguments):
     formats: str = "dxf,svg,geojson,json,png,html"
     """Any of dxf, svg, ifc, geojson, json, png, html (the report), yaml (a ROS map of the drawing)."""
     model: str = DEFAULT_MODEL
-    """Pretrained or other weights; of A+B the second helps where the first leaves out floor that the robot saw;
-    ``none`` cleans the map without a network (needs no torch)."""
+    """Pretrained or other weights; ``none`` cleans the map without a network (needs no torch)."""
     angle: Annotated[float, Within(ge=-360.0, le=360.0)] | None = None
     """Direction of the main walls [deg, counter-clockwise from the map's x axis]; found in the map by default."""
     resolution: Positive | None = None
     """Metres of a pixel of pictures that don't say it."""
-    opening_width: Positive = DEFAULT_DRAWING.opening_width
+    opening_width: Positive = DRAWN_DOORS[1]
     """Wide gaps in a wall up to this are openings that part two rooms [m], e.g. 3; at 1.6 doors alone do."""
 
 
@@ -170,7 +169,7 @@ def _draw(name: str, path: Path, job: _Job) -> Drawing:
         robot_map.grid,
         name,
         job.model,
-        dataclasses.replace(DEFAULT_DRAWING, opening_width=arguments.opening_width),
+        arguments.opening_width,
         angle_deg=arguments.angle,
         provenance=provenance,
     )

@@ -1,31 +1,45 @@
 """The whole comparison: registration, walls, extra walls, doors, rooms."""
 
+import itertools
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 import shapely
+from scipy.spatial import KDTree
 from shapely.geometry.base import BaseGeometry
 
-from slamgym.cad.floorplan import FloorPlan
-from slamgym.core.types import FREE, FloatArray, OccupancyGrid
-from slamgym.drawing.comparison.door_changes import door_changes
+from slamgym.cad.floorplan import Door, FloorPlan
+from slamgym.core.types import FREE, OCCUPIED, FloatArray, IntArray, OccupancyGrid
 from slamgym.drawing.comparison.extra_walls import extra_structures
-from slamgym.drawing.comparison.faces import MapEvidence, PlanFaces, map_evidence, plan_faces
+from slamgym.drawing.comparison.faces import PARALLEL, MapEvidence, PlanFaces, map_evidence, plan_faces
 from slamgym.drawing.comparison.records import Change, ChangeKind, FaceReport, Line, PlanComparison
 from slamgym.drawing.comparison.registration import register
 from slamgym.drawing.comparison.walls import Faces, judge_face, measure_faces, open_runs
 from slamgym.drawing.settings import ComparisonConfig
 
 AGREE = 0.15
-"""The two faces of a wall have moved together if their offsets agree this well [m]."""
+"""The two faces of a wall have moved together if their offsets agree this well, and are in line within this [m]."""
+MOVED_ALIKE = 0.06
+"""Pieces of one wall whose offsets differ by no more have moved together [m]."""
 SEEN_FROM = 0.1
 """Of a room's floor, cells of this size are asked [m]."""
 FURNITURE = (0.15, 0.8)
 """What stands so far before the place of a wall whose other side isn't seen may be furniture [m]."""
-SHORTEST = 0.5
+SHORTEST_CHANGED = 0.5
 """Changes of shorter faces and shorter gaps in a wall aren't reported [m]."""
 EXPLORED = 0.3
 """A room of which the robot has seen less is not yet explored [share]."""
+BEYOND_JAMBS = 1.3
+"""The wall is looked at this far beyond both jambs [m]."""
+_STEP = 0.025
+_DEPTH = 0.1
+"""A door is open where the map is free this far to both sides of the wall's middle [m]."""
+NARROWEST_DOOR = 0.45
+"""A gap that is narrower is no door [m]."""
+NEAREST_FACES = 40
+MOVED, OTHER_WIDTH = 0.2, 0.15
+"""A door has moved, or is wider or narrower, if it differs by more [m]."""
 
 
 def compare_with_plan(
@@ -66,7 +80,7 @@ def compare_with_plan(
         *_merged(_wall_changes(measured, reports, config)),
         *_new_openings(plan, measured, reports),
         *_extra_walls(plan, evidence, measured, reports),
-        *door_changes(plan, measured, evidence),
+        *_door_changes(plan, measured, evidence),
         *_unexplored(plan, rooms),
     ]
     return PlanComparison(plan.where, map_name, found, tuple(changes), tuple(reports), rooms, doubts)
@@ -79,7 +93,7 @@ def _wall_changes(measured: Faces, reports: list[FaceReport], config: Comparison
     for face in np.argsort(-faces.lengths):
         i, j = int(face), int(faces.opposite[face])
         first, second = reports[i], reports[j] if j >= 0 else None
-        if i in done or faces.lengths[i] < SHORTEST:
+        if i in done or faces.lengths[i] < SHORTEST_CHANGED:
             continue
         if j >= 0 and faces.opposite[j] == i:
             done.add(j)
@@ -139,53 +153,40 @@ def _middle_line(faces: PlanFaces, i: int) -> Line:
 def _merged(changes: Iterator[Change]) -> list[Change]:
     """Pieces of one wall that have changed alike become one row."""
     rows = list(changes)
-    merged = True
-    while merged:
-        merged = False
-        for a in range(len(rows)):
-            for b in range(a + 1, len(rows)):
-                together = _together(rows[a], rows[b])
-                if together is not None:
-                    rows[a] = together
-                    del rows[b]
-                    merged = True
-                    break
-            if merged:
-                break
-    return rows
+    while True:
+        pairs = itertools.combinations(range(len(rows)), 2)
+        found = ((a, b, _together(rows[a], rows[b])) for a, b in pairs)
+        a, b, together = next((pair for pair in found if pair[2] is not None), (0, 0, None))
+        if together is None:
+            return rows
+        rows[a] = together
+        del rows[b]
 
 
 def _together(first: Change, second: Change) -> Change | None:
     """Two changes as one, if they are of one kind and in line."""
     p, q = np.reshape(first.line, (2, 2)), np.reshape(second.line, (2, 2))
-    unit = (p[1] - p[0]) / np.hypot(*(p[1] - p[0]))
-    other = (q[1] - q[0]) / np.hypot(*(q[1] - q[0]))
-    across, along = (q - p[0]) @ [-unit[1], unit[0]], np.sort((q - p[0]) @ unit)
     reach = float(np.hypot(*(p[1] - p[0])))
-    if first.kind != second.kind or abs(unit @ other) < 0.996 or np.abs(across).max() > 0.15:
+    unit = (p[1] - p[0]) / reach
+    cosine = float((q[1] - q[0]) @ unit) / float(np.hypot(*(q[1] - q[0])))
+    across, along = (q - p[0]) @ [-unit[1], unit[0]], np.sort((q - p[0]) @ unit)
+    if first.kind != second.kind or abs(cosine) < PARALLEL or np.abs(across).max() > AGREE:
         return None
-    if along[0] > reach + 0.15 or along[1] < -0.15:
+    if along[0] > reach + AGREE or along[1] < -AGREE:
         return None
-    offset = second.offset
-    if first.offset is not None and offset is not None:
-        offset = offset if unit @ other > 0 else -offset
-        if abs(first.offset - offset) > 0.06:
-            return None
+    if second.offset is not None and second.raw_offset is not None and cosine < 0:
+        second = replace(second, offset=-second.offset, raw_offset=-second.raw_offset)
+    if (
+        first.offset is not None
+        and second.offset is not None
+        and abs(first.offset - second.offset) > MOVED_ALIKE
+    ):
+        return None
     low, high = min(0.0, float(along[0])), max(reach, float(along[1]))
-    start, end = p[0] + low * unit, p[0] + high * unit
-    length = high - low
+    (x0, y0), (x1, y1) = (p[0] + low * unit).tolist(), (p[0] + high * unit).tolist()
     longer = first if first.length >= second.length else second
-    sign = 1.0 if longer is first or unit @ other > 0 else -1.0
-    return Change(
-        first.kind,
-        f"wall of {length:.1f} m",
-        (float(start[0]), float(start[1]), float(end[0]), float(end[1])),
-        length,
-        None if longer.offset is None else sign * longer.offset,
-        longer.error,
-        None if longer.raw_offset is None else sign * longer.raw_offset,
-        longer.note,
-    )
+    length = high - low
+    return replace(longer, what=f"wall of {length:.1f} m", line=(x0, y0, x1, y1), length=length)
 
 
 def _new_openings(plan: FloorPlan, measured: Faces, reports: list[FaceReport]) -> Iterator[Change]:
@@ -193,11 +194,11 @@ def _new_openings(plan: FloorPlan, measured: Faces, reports: list[FaceReport]) -
     faces = measured.plan
     doors = shapely.MultiLineString([[door.start, door.end] for door in plan.doors]) if plan.doors else None
     found: list[shapely.LineString] = []
-    for face in np.flatnonzero(faces.lengths >= SHORTEST):
+    for face in np.flatnonzero(faces.lengths >= SHORTEST_CHANGED):
         if reports[face].state in ("missing", "moved", "not_seen"):
             continue
         unit = (faces.segments[face, 2:] - faces.segments[face, :2]) / faces.lengths[face]
-        for start, stop in open_runs(measured, int(face), SHORTEST):
+        for start, stop in open_runs(measured, int(face), SHORTEST_CHANGED):
             middle = _middle_line(faces, int(face))
             base = np.array(middle[:2])
             line = shapely.LineString([base + start * unit, base + stop * unit])
@@ -227,6 +228,71 @@ def _extra_walls(
         yield Change(
             "wall_extra", f"wall of {structure.length:.1f} m", structure.line, structure.length, note=note
         )
+
+
+def _door_changes(plan: FloorPlan, faces: Faces, evidence: MapEvidence) -> Iterator[Change]:
+    """The doors that are not as planned: moved along their wall, of another width, or blocked."""
+    tree = KDTree(faces.plan.points)
+    for number, door in enumerate(plan.doors, start=1):
+        line: Line = (*door.start, *door.end)
+        unit = np.array([line[2] - line[0], line[3] - line[1]]) / max(door.width, 1e-6)
+        shift = _distortion_at(faces, tree, 0.5 * (np.array(line[:2]) + np.array(line[2:])))
+        states = _states(door, unit, evidence, shift)
+        along = -BEYOND_JAMBS + _STEP * (np.arange(len(states), dtype=np.float64) + 0.5)
+        # Beyond the ends of the wall lie other rooms.
+        places = np.array(door.start) + along[:, None] * unit
+        is_floor = shapely.contains_xy(plan.free_space, places[:, 0], places[:, 1])
+        states[is_floor & ((along < -_STEP) | (along > door.width + _STEP))] = 0
+        inside = (along > 0.1) & (along < door.width - 0.1)
+        if (states[inside] == 0).mean() > 0.5:
+            continue
+        gap = _best_gap(states, along, door.width)
+        name = f"door {number}, {door.width:.2f} m"
+        if gap is None:
+            if (states[inside] < 0).mean() > 0.6:
+                yield Change("door_blocked", name, line, door.width)
+            continue
+        if gap[0] <= along[0] or gap[1] >= along[-1]:
+            continue  # the wall itself is gone there, which is another change
+        offset = 0.5 * (gap[0] + gap[1]) - 0.5 * door.width
+        if abs(offset) > MOVED and min(abs(gap[0]), abs(gap[1] - door.width)) > 0.5 * MOVED:
+            yield Change("door_moved", name, line, door.width, offset, 2 * _STEP, offset)
+        elif abs(gap[1] - gap[0] - door.width) > OTHER_WIDTH:
+            wider = gap[1] - gap[0] - door.width
+            yield Change("door_width", name, line, door.width, wider, 2 * _STEP, wider)
+
+
+def _distortion_at(faces: Faces, tree: KDTree, place: FloatArray) -> FloatArray:
+    """The map's shift at a place, from the distortions along the normals of the faces around, (2,) [m]."""
+    _, index = tree.query(place, k=min(NEAREST_FACES, len(faces.plan.points)))
+    normals = faces.plan.point_normals[index]
+    # A little prior, where all faces look the same way.
+    left = normals.T @ normals + 0.1 * np.eye(2)
+    found: FloatArray = np.linalg.solve(left, normals.T @ faces.expected[index])
+    return found
+
+
+def _states(door: Door, unit: FloatArray, evidence: MapEvidence, shift: FloatArray) -> IntArray:
+    """Along the wall's middle line: 1 open, -1 closed, 0 unknown."""
+    normal = np.array([-unit[1], unit[0]])
+    along = np.arange(-BEYOND_JAMBS + 0.5 * _STEP, door.width + BEYOND_JAMBS, _STEP)
+    depths = np.arange(-_DEPTH, _DEPTH + 1e-9, 0.025)
+    places = np.array(door.start) + shift + along[:, None] * unit
+    cells = evidence.values(places[:, None] + depths[:, None] * normal)
+    occupied, free = (cells == OCCUPIED).any(axis=1), (cells == FREE).mean(axis=1)
+    return np.where(occupied, -1, np.where(free > 0.8, 1, 0))
+
+
+def _best_gap(states: IntArray, along: FloatArray, width: float) -> tuple[float, float] | None:
+    """The gap that overlaps the door most, or else is nearest to it: its ends along the wall [m]."""
+    gap = np.concatenate([[False], states == 1, [False]])
+    starts, stops = np.flatnonzero(~gap[:-1] & gap[1:]), np.flatnonzero(gap[:-1] & ~gap[1:]) - 1
+    runs = [
+        (float(along[a] - 0.5 * _STEP), float(along[b] + 0.5 * _STEP))
+        for a, b in zip(starts, stops, strict=True)
+    ]
+    runs = [run for run in runs if run[1] - run[0] >= NARROWEST_DOOR]
+    return max(runs, key=lambda run: min(run[1], width) - max(run[0], 0.0), default=None)
 
 
 def _seen_share(floor: BaseGeometry, evidence: MapEvidence) -> float:

@@ -13,18 +13,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from slamgym.core.types import BoolArray, FloatArray, IntArray
+from slamgym.core.types import BoolArray, FloatArray
 
 DEVIATIONS = (0.01, 0.02, 0.04, 0.08, 0.15)
 """Standard deviations of the drift that are tried [m]."""
 LENGTHS = (2.0, 4.0, 8.0)
 """Distances over which the drift changes that are tried [m]."""
-FEW, TILE, MARGIN = 400, 10.0, 6.0
-"""A map with more stretches is estimated in squares of this side, with what lies around them [m]."""
-MAX_JUDGES = 4
-"""So many squares judge the drift's size and smoothness."""
+FEW = 400
+"""Stretches that judge the drift's size and smoothness, evenly from all."""
 ROUNDS = 6
-OUTLIER = 2.0
+_OUTLIER = 2.0
 """A stretch this many standard errors off what the others say counts half [1]."""
 
 
@@ -58,44 +56,13 @@ def estimate_drift(
     Returns:
         The prediction at each stretch without its own wall, and at the asked ones: offsets and standard errors, (Q,).
     """
-    # Far walls say nothing, and a large building has too many for one system of equations.
-    tile, asked_tile = _tiles(stretches.places), _tiles(asked.places, stretches.places)
-    names = np.unique(tile)
-    around = {name: _around(stretches, same_wall, tile == name) for name in names}
-    judges = names[:: max(1, len(names) // MAX_JUDGES)][:MAX_JUDGES]
+    some = np.arange(0, len(stretches.places), -(-len(stretches.places) // FEW))
+    few, same = Stretches(*(part[some] for part in stretches)), same_wall[np.ix_(some, some)]
     size, length = max(
-        itertools.product(DEVIATIONS, LENGTHS),
-        key=lambda guess: sum(_Fit(*around[name][1:], *guess).likelihood for name in judges),
+        itertools.product(DEVIATIONS, LENGTHS), key=lambda guess: _Fit(few, same, *guess).likelihood
     )
-    expected, deviation = np.zeros(len(tile)), np.zeros(len(tile))
-    others, errors = np.zeros(len(asked_tile)), np.full(len(asked_tile), size)
-    for name in names:
-        chosen, some, same = around[name]
-        fit = _Fit(some, same, size, length)
-        inside = tile[chosen] == name
-        expected[chosen[inside]], deviation[chosen[inside]] = fit.expected[inside], fit.deviation[inside]
-        there = asked_tile == name
-        others[there], errors[there] = fit.predict(Stretches(*(part[there] for part in asked)))
-    return Drift(expected, deviation), others, errors
-
-
-def _tiles(places: FloatArray, of: FloatArray | None = None) -> IntArray:
-    """Which square of :data:`TILE` each place lies in; one for all where there are few."""
-    reference = places if of is None else of
-    if len(reference) <= FEW:
-        return np.zeros(len(places), np.int64)
-    cell = np.floor((places - reference.min(axis=0)) / TILE).astype(np.int64)
-    found: IntArray = cell[:, 0] * 1000 + cell[:, 1]
-    return found
-
-
-def _around(
-    stretches: Stretches, same_wall: BoolArray, inside: BoolArray
-) -> tuple[IntArray, Stretches, BoolArray]:
-    """The stretches of a tile and those around it: their numbers, themselves, and which are one wall."""
-    low, high = stretches.places[inside].min(axis=0) - MARGIN, stretches.places[inside].max(axis=0) + MARGIN
-    chosen = np.flatnonzero(((stretches.places >= low) & (stretches.places <= high)).all(axis=1))
-    return chosen, Stretches(*(part[chosen] for part in stretches)), same_wall[np.ix_(chosen, chosen)]
+    fit = _Fit(stretches, same_wall, size, length)
+    return Drift(fit.expected, fit.deviation), *fit.predict(asked)
 
 
 class _Fit:
@@ -119,7 +86,7 @@ class _Fit:
                 variance[i] = own[at, at] - noise[i] / weight[i]
             variance = np.maximum(variance, 1e-6)
             total = variance + noise
-            weight = 1.0 / np.square(1.0 + residual**2 / (OUTLIER**2 * total))
+            weight = 1.0 / np.square(1.0 + residual**2 / (_OUTLIER**2 * total))
         # Student's t with two degrees of freedom: a moved wall says nothing about the drift's size.
         self.likelihood = float((-0.5 * np.log(total) - 1.5 * np.log1p(residual**2 / (2.0 * total))).sum())
         self.expected = stretches.values - residual

@@ -24,7 +24,7 @@ TURNS = 60
 """Directions in which structures are looked for."""
 MAX_STRUCTURES = 60
 """A map with more has no structure at all."""
-SHORTEST, LONG = 0.9, 3.5
+SHORTEST_EXTRA, LONG_EXTRA = 0.9, 3.5
 """Structures from the first length on are walls if they are seen from both sides, from the second on always [m]."""
 THICKEST = 0.35
 """Thicker structures are furniture [m]."""
@@ -64,21 +64,23 @@ def extra_structures(plan: FloorPlan, evidence: MapEvidence, explained_by: Float
     )
     left = np.unique(np.round(evidence.points[inside & (away > EXPLAINED)], 6), axis=0)
     found: list[Structure] = []
-    while len(left) >= SHORTEST / BIN * 0.5 and len(found) < MAX_STRUCTURES:
+    while len(left) >= SHORTEST_EXTRA / BIN * 0.5 and len(found) < MAX_STRUCTURES:
         longest = _longest_row(left)
         if longest is None:
             break
         members, line = longest
         left = left[~members]
         structure = _seen_from(line, evidence)
-        if structure.is_seen_from_both_sides or (structure.length >= LONG and structure.free >= SEEN_ALONG):
+        if structure.is_seen_from_both_sides or (
+            structure.length >= LONG_EXTRA and structure.free >= SEEN_ALONG
+        ):
             found.append(structure)
     return _without_doubles(found)
 
 
 def _longest_row(points: FloatArray) -> tuple[BoolArray, Line] | None:
     """The longest straight row of points: which they are, and its ends."""
-    best, best_length = None, SHORTEST
+    best, best_length = None, SHORTEST_EXTRA
     for angle in np.pi * np.arange(TURNS) / TURNS:
         along = points @ [np.cos(angle), np.sin(angle)]
         across = points @ [-np.sin(angle), np.cos(angle)]

@@ -29,7 +29,7 @@ from slamgym.core.types import (
 
 FACE_STEP = 0.05
 """Distance of the points on a face [m]."""
-SIMPLIFY = 0.01
+_SIMPLIFY = 0.01
 """Corners that stray less than this from a straight face are none [m]."""
 THICKNESS = (0.01, 0.6)
 """Two faces that look away from each other at such a distance belong to one wall [m]."""
@@ -74,7 +74,7 @@ class PlanFaces:
 
 def plan_faces(plan: FloorPlan) -> PlanFaces:
     """The faces of all walls of a plan."""
-    simple = plan.free_space.simplify(SIMPLIFY)
+    simple = plan.free_space.simplify(_SIMPLIFY)
     space: Any = shapely.orient_polygons(simple if simple.geom_type == "Polygon" else plan.free_space)
     edges = []
     for ring in (space.exterior, *space.interiors):

@@ -90,10 +90,3 @@ def _draw_change(picture: ByteArray, change: Change, frame: GridFrame) -> None:
 def _line(picture: ByteArray, line: FloatArray, frame: GridFrame, colour: Colour, thickness: int) -> None:
     pixels = fixed_point(frame_pixels(line.reshape(2, 2), frame, 1.0))
     cv2.polylines(picture, [pixels], False, colour, thickness, cv2.LINE_AA, SHIFT)
-
-
-def verdict(comparison: PlanComparison) -> str:
-    """The result in a few words."""
-    return (
-        f"{len(comparison.changes)} changes" if comparison.is_confident else "NOT THE SAME BUILDING, it seems"
-    )

@@ -18,18 +18,8 @@ FaceState = Literal["present", "moved", "missing", "unclear", "not_seen"]
 Line = tuple[float, float, float, float]
 
 COLUMNS = (
-    "kind",
-    "what",
-    "x0_m",
-    "y0_m",
-    "x1_m",
-    "y1_m",
-    "length_m",
-    "offset_cm",
-    "error_cm",
-    "raw_offset_cm",
-    "note",
-)
+    "kind", "what", "x0_m", "y0_m", "x1_m", "y1_m", "length_m", "offset_cm", "error_cm", "raw_offset_cm", "note",
+)  # fmt: skip
 
 
 @dataclass(frozen=True)

@@ -41,7 +41,7 @@ MISSED = 0.75
 MIN_SCORE = 0.73
 """Below this score plan and map are taken to be of different buildings. Maps of changed buildings score 0.71 to 0.94
 over their own plans, and 0.41 to 0.71 over others."""
-RIVAL = 0.04
+_RIVAL = 0.04
 """Another pose whose score is nearer than this makes the best one ambiguous."""
 SCALE_DOUBT = 0.03
 """A scale that differs from 1 by more is a doubt; good maps of robots fit best 0 to 2 % larger."""
@@ -80,7 +80,7 @@ class Registration:
                 f"plan and map are of different buildings, it seems: {self.explained:.0%} of the plan's walls in view "
                 f"are in the map, and {self.inside:.0%} of its floor is the plan's"
             )
-        elif self.score - self.rival_score < RIVAL:
+        elif self.score - self.rival_score < _RIVAL:
             found.append("the map fits the plan nearly as well at another place (a symmetric building?)")
         if abs(self.fitted_scale - 1.0) > SCALE_DOUBT:
             found.append(f"scale doubtful: the map would fit better {self.fitted_scale:.3f} times as large")
@@ -105,7 +105,7 @@ def register(
         ((fitter.score(pose, scale), pose, scale) for pose, scale in found), key=lambda entry: -entry[0][0]
     )
     # Of poses that are nearly as good, the one whose unexplained walls are nearest to others: moved, not missing.
-    near_best = [entry for entry in rated if rated[0][0][0] - entry[0][0] < RIVAL]
+    near_best = [entry for entry in rated if rated[0][0][0] - entry[0][0] < _RIVAL]
     best = max(near_best, key=lambda entry: entry[0][4])
     (score, explained, inside, supported, _), pose, scale = best
     rivals = [entry[0][0] for entry in rated if _are_distinct(entry[1], pose, fitter.middle)]

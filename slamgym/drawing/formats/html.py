@@ -14,7 +14,7 @@ from slamgym.drawing.formats.png import draw_picture
 from slamgym.drawing.formats.svg import STYLE, Sheet, shape_layers, size_layer
 from slamgym.viz.pages import bullets, figure, inline_picture, make_page, make_table, paragraph
 
-PAPER = (180.0, 160.0)
+PAGE = (180.0, 160.0)
 """Width and height that a figure may take of a page [mm]."""
 PAPER_SCALES = (20, 50, 75, 100, 150, 200, 300, 500, 750, 1000, 1500, 2000, 5000, 10_000, 50_000)
 """Drawn 1 to one of these."""
@@ -118,15 +118,18 @@ def figures_part(figures: Sequence[tuple[str, str]]) -> str:
 
 def key_figures(drawing: Drawing) -> list[tuple[str, str]]:
     """The figures of a drawing that count, and what they are of."""
-    seen = 1.0 - _unseen(drawing) / max(drawing.area, 1e-9)
+    unseen = sum(float(part.area) for part in drawing.inferred_floor)
     sizes = [dimension.length for dimension in drawing.dimensions if dimension.of == "building"]
+    length = sum(wall.length for wall in drawing.walls)
+    inferred = sum(wall.length for wall in drawing.walls if wall.layer == "INFERRED")
     return [
         (f"{drawing.area:.1f} m²", "floor"),
-        (f"{seen:.0%}", "of it seen"),
+        (f"{1.0 - unseen / max(drawing.area, 1e-9):.0%}", "of it seen"),
         (str(len(drawing.rooms)), "rooms"),
         (str(len(drawing.doors)), "doors"),
         (" x ".join(f"{size:.1f}" for size in sizes) + " m", "overall"),
-        (f"{sum(wall.length for wall in drawing.walls):.0f} m", "of wall"),
+        (f"{length:.0f} m", "of wall"),
+        (f"{1.0 - inferred / max(length, 1e-9):.0%}", "of them seen"),
     ]
 
 
@@ -174,7 +177,7 @@ def _sheet(bounds: Sequence[tuple[float, float, float, float]]) -> Sheet:
     fitting = (
         sheet
         for sheet in sheets
-        if 1000 * sheet.width <= PAPER[0] * sheet.scale and 1000 * sheet.height <= PAPER[1] * sheet.scale
+        if 1000 * sheet.width <= PAGE[0] * sheet.scale and 1000 * sheet.height <= PAGE[1] * sheet.scale
     )
     return next(fitting, sheets[-1])
 
@@ -213,24 +216,6 @@ def _evidence_part(drawing: Drawing) -> Iterator[str]:
         "A wall counts as seen where the map has an echo within 15 cm along at least half of it. Inferred is what "
         "buildings usually have in such a place; the robot hasn't seen it."
     )
-    yield make_table(["", "seen", "inferred"], list(_evidence_rows(drawing)))
-
-
-def _evidence_rows(drawing: Drawing) -> Iterator[tuple[str, str, str]]:
-    unseen = _unseen(drawing)
-    yield "floor", *_shares(drawing.area - unseen, unseen, "m²")
-    for name, things in (("rooms", drawing.rooms), ("doors", drawing.doors)):
-        seen = sum(thing.layer == "SEEN" for thing in things)
-        yield name, str(seen), str(len(things) - seen)
-    seen_walls, inferred_walls = (
-        sum(wall.length for wall in drawing.walls if wall.layer == layer) for layer in ("SEEN", "INFERRED")
-    )
-    yield "walls", *_shares(seen_walls, inferred_walls, "m")
-
-
-def _shares(first: float, second: float, unit: str) -> tuple[str, str]:
-    total = max(first + second, 1e-9)
-    return f"{first:.1f} {unit} ({first / total:.0%})", f"{second:.1f} {unit} ({second / total:.0%})"
 
 
 def _rooms_part(drawing: Drawing) -> Iterator[str]:
@@ -272,10 +257,6 @@ def _doors_part(drawing: Drawing) -> Iterator[str]:
     ]
     headings = ["door", "kind", "clear width", "in a wall of", "joins", "seen open"]
     yield make_table(headings, rows, [door.layer for door in drawing.doors])
-
-
-def _unseen(drawing: Drawing) -> float:
-    return sum(float(part.area) for part in drawing.inferred_floor)
 
 
 class GalleryCard(NamedTuple):

@@ -11,7 +11,7 @@ import numpy as np
 import shapely
 from shapely import Polygon
 
-from slamgym.drawing.drawing import Drawing, DrawnDoor, DrawnPoint, DrawnWall
+from slamgym.drawing.drawing import Drawing, DrawnDoor, DrawnPoint, DrawnRoom, DrawnWall
 
 WALL_HEIGHT, DOOR_HEIGHT = 2.5, 2.1
 """Usual in homes [m]; a map has no heights."""
@@ -35,9 +35,7 @@ def format_ifc(drawing: Drawing) -> str:
             builder.add_opening(number, door, walls)
     builder.contain([*walls, *doors])
     for room in drawing.rooms:
-        builder.add_space(
-            room.id, room.polygon, room.area, {"ShareSeen": room.share_seen, "Layer": room.layer}
-        )
+        builder.add_space(room)
     for number, root in enumerate(builder.file.by_type("IfcRoot")):
         # Names that don't change from run to run.
         root.GlobalId = ifcopenshell.guid.compress(
@@ -85,32 +83,21 @@ class _Builder:
 
     def add_wall(self, number: int, wall: DrawnWall) -> Any:
         """An IfcWall whose origin is the beginning of its centre line."""
-        entity = self.run("root.create_entity", self.file, ifc_class="IfcWall", name=f"W{number:03d}")
         matrix = _placement(wall.start, wall.end)
-        self._place(entity, matrix)
-        profile = self._profile(_local(wall.polygon, matrix))
-        self._extrude(entity, profile, WALL_HEIGHT)
-        self._describe(
-            entity,
-            {
-                "Thickness": wall.thickness,
-                "Length": wall.length,
-                "Confidence": wall.confidence,
-                "ShareSeen": wall.share_seen,
-                "Layer": wall.layer,
-            },
-        )
-        return entity
+        evidence = {
+            "Thickness": wall.thickness,
+            "Length": wall.length,
+            "Confidence": wall.confidence,
+            "ShareSeen": wall.share_seen,
+            "Layer": wall.layer,
+        }
+        body = _local(wall.polygon, matrix)
+        return self._solid("IfcWall", f"W{number:03d}", matrix, body, WALL_HEIGHT, evidence)
 
     def add_door(self, number: int, door: DrawnDoor, walls: list[Any]) -> Any:
         """An IfcDoor; where a wall runs through it, in an opening of that wall."""
-        entity = self.run("root.create_entity", self.file, ifc_class="IfcDoor", name=f"D{number:02d}")
+        entity = self._in_gap("IfcDoor", f"D{number:02d}", door, 0.04)
         entity.OverallWidth, entity.OverallHeight = door.width, DOOR_HEIGHT
-        matrix = _placement(door.start, door.end)
-        self._place(entity, matrix)
-        leaf = shapely.box(0.0, -0.02, door.width, 0.02)
-        self._extrude(entity, self._profile(leaf), DOOR_HEIGHT)
-        self._describe(entity, {"Width": door.width, "Confidence": door.confidence, "Layer": door.layer})
         if door.walls:
             opening = self.add_opening(number, door, walls)
             self.run("feature.add_filling", self.file, opening=opening, element=entity)
@@ -119,16 +106,8 @@ class _Builder:
     def add_opening(self, number: int, door: DrawnDoor, walls: list[Any]) -> Any:
         """An IfcOpeningElement in the wall at a jamb."""
         # Drawn walls end at the jambs, so the opening takes nothing away; it says which wall the door is in.
-        opening = self.run(
-            "root.create_entity", self.file, ifc_class="IfcOpeningElement", name=f"O{number:02d}"
-        )
-        self._place(opening, _placement(door.start, door.end))
-        depth = max(door.depth, 0.04)
-        self._extrude(
-            opening, self._profile(shapely.box(0.0, -0.5 * depth, door.width, 0.5 * depth)), DOOR_HEIGHT
-        )
+        opening = self._in_gap("IfcOpeningElement", f"O{number:02d}", door, max(door.depth, 0.04))
         self.run("feature.add_feature", self.file, feature=opening, element=walls[door.walls[0]])
-        self._describe(opening, {"Width": door.width, "Confidence": door.confidence, "Layer": door.layer})
         return opening
 
     def contain(self, entities: list[Any]) -> None:
@@ -136,23 +115,38 @@ class _Builder:
         if entities:
             self.run("spatial.assign_container", self.file, products=entities, relating_structure=self.storey)
 
-    def add_space(self, name: str, polygon: Polygon, area: float, properties: dict[str, Any]) -> None:
+    def add_space(self, room: DrawnRoom) -> None:
         """An IfcSpace with its area."""
-        entity = self.run("root.create_entity", self.file, ifc_class="IfcSpace", name=name)
-        self._extrude(entity, self._profile(polygon), WALL_HEIGHT)
+        evidence = {"ShareSeen": room.share_seen, "Layer": room.layer}
+        entity = self._solid("IfcSpace", room.id, np.eye(4), room.polygon, WALL_HEIGHT, evidence)
         self.run("aggregate.assign_object", self.file, products=[entity], relating_object=self.storey)
-        self._place(entity, np.eye(4))
+        self.run("geometry.edit_object_placement", self.file, product=entity, matrix=np.eye(4))
         quantities = self.run("pset.add_qto", self.file, product=entity, name="Qto_SpaceBaseQuantities")
-        self.run("pset.edit_qto", self.file, qto=quantities, properties={"NetFloorArea": float(area)})
-        self._describe(entity, properties)
+        self.run("pset.edit_qto", self.file, qto=quantities, properties={"NetFloorArea": float(room.area)})
 
-    def _place(self, entity: Any, matrix: np.ndarray) -> None:
+    def _in_gap(self, kind: str, name: str, door: DrawnDoor, depth: float) -> Any:
+        """What fills a door's gap to a depth [m]."""
+        evidence = {"Width": door.width, "Confidence": door.confidence, "Layer": door.layer}
+        box = shapely.box(0.0, -0.5 * depth, door.width, 0.5 * depth)
+        return self._solid(kind, name, _placement(door.start, door.end), box, DOOR_HEIGHT, evidence)
+
+    def _solid(
+        self,
+        kind: str,
+        name: str,
+        matrix: np.ndarray,
+        base: Polygon,
+        height: float,
+        evidence: dict[str, Any],
+    ) -> Any:
+        """A named thing with a body and its evidence."""
+        entity = self.run("root.create_entity", self.file, ifc_class=kind, name=name)
         self.run("geometry.edit_object_placement", self.file, product=entity, matrix=matrix)
-
-    def _describe(self, entity: Any, properties: dict[str, Any]) -> None:
-        values = {key: float(v) if isinstance(v, float) else v for key, v in properties.items()}
+        self._extrude(entity, self._profile(base), height)
+        values = {key: float(v) if isinstance(v, float) else v for key, v in evidence.items()}
         described = self.run("pset.add_pset", self.file, product=entity, name="Slamgym_Evidence")
         self.run("pset.edit_pset", self.file, pset=described, properties=values)
+        return entity
 
     def _profile(self, polygon: Polygon) -> Any:
         """A closed profile; holes become voids."""

@@ -1,0 +1,66 @@
+"""From a SLAM map to the free space of a CAD map without learning.
+
+What a careful user would put together from an image processing library: drop what no wall can be (rays through
+windows, specks of furniture and noise), close the gaps of walls, and keep the space that the robot could drive in.
+A median filter is not among the steps, since it erases walls one pixel thick; nor is turning the map to its dominant
+wall direction, which only the straightening of outlines would need, and straightening made the maps worse
+(docs/notes/translators.md).
+"""
+
+import cv2
+import numpy as np
+
+from slamgym.core.types import FREE, BoolArray, ByteArray
+
+NARROWEST_FLOOR = 0.25
+"""Free space narrower than this is a ray that left through a window or between two walls [m]."""
+LARGEST_FURNITURE = 0.6
+"""Things in a room of at most this length and width are furniture, people or noise, not walls [m]."""
+WIDEST_WALL_GAP = 0.2
+"""Gaps in a wall narrower than this are closed [m]."""
+SMALLEST_SPACE = 1.0
+"""Separate free space smaller than this is dropped [m2]."""
+
+
+def clean_map(slam: ByteArray, metres_per_px: float) -> BoolArray:
+    """Free space as an architect might have drawn it.
+
+    Args:
+        slam: SLAM map, shape (H, W): 0 occupied, 205 unknown, 254 free.
+        metres_per_px: Scale [m].
+
+    Returns:
+        Free cells, shape (H, W), in the frame of ``slam``.
+    """
+    free = _fill_furniture(slam == FREE, LARGEST_FURNITURE / metres_per_px)
+    walls = cv2.morphologyEx((~free).astype(np.uint8), cv2.MORPH_CLOSE, disc(WIDEST_WALL_GAP / metres_per_px))
+    opened = cv2.morphologyEx(1 - walls, cv2.MORPH_OPEN, disc(NARROWEST_FLOOR / metres_per_px))
+    return without_small(opened > 0, SMALLEST_SPACE / metres_per_px**2)
+
+
+def _fill_furniture(free: BoolArray, size_px: float) -> BoolArray:
+    """Fill holes in the free space that fit into a square of this side [px]."""
+    _, labels, stats, _ = cv2.connectedComponentsWithStats((~free).astype(np.uint8), connectivity=8)
+    small = stats[:, [cv2.CC_STAT_WIDTH, cv2.CC_STAT_HEIGHT]].max(axis=1) <= size_px
+    small[0] = False  # the background of the labelling: the free space itself
+    filled: BoolArray = free | small[labels]
+    return filled
+
+
+def without_small(free: BoolArray, min_px: float) -> BoolArray:
+    """Drop separate parts of less than ``min_px`` cells."""
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(free.astype(np.uint8), connectivity=4)
+    large = stats[:, cv2.CC_STAT_AREA] >= min_px
+    large[0] = False
+    kept: BoolArray = large[labels]
+    return kept
+
+
+def odd(diameter_px: float) -> int:
+    """The nearest odd number, 1 at least."""
+    return max(1, 2 * round((diameter_px - 1.0) / 2.0) + 1)
+
+
+def disc(diameter_px: float) -> np.ndarray:
+    """A structuring element of the nearest odd diameter, 1 px at least."""
+    return np.asarray(cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (odd(diameter_px),) * 2))
