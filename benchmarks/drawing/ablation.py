@@ -28,7 +28,6 @@ from slamgym.drawing import (
     load_floor_model,
     make_drawing,
     openings,
-    partly_seen,
     polygons,
 )
 from slamgym.interop import read_map
@@ -43,16 +42,15 @@ def nowhere(probability: Float32Array, *_: object) -> BoolArray:
 
 
 RULES: dict[str, tuple[Any, str, Any]] = {
-    "none": (corrections, "SURE_OF_UNSEEN", corrections.SURE_OF_UNSEEN),
+    "none": (corrections, "CONTACT", corrections.CONTACT),
     "walls that were seen and lost": (corrections, "lost_walls", nowhere),
-    "unseen floor takes a sure model": (corrections, "doubted_floor", nowhere),
     "unseen floor between rooms": (corrections, "dividing_floor", nowhere),
     "steps in walls": (edges, "MERGE", 0.0),
     "rounded corners": (edges, "CHAMFER", 0.0),
     "worn ends of walls": (edges, "_cap", lambda *_: False),
     "gaps at tips of walls": (polygons, "_gaps_at_tips", lambda _: shapely.MultiPolygon()),
     "niches are no rooms": (openings, "SMALLEST_ROOM", 0.0),
-    "partly seen rooms": (partly_seen, "OPEN_ROOM", 0.0),
+    "partly seen rooms": (openings, "OPEN_ROOM", 0.0),
 }
 """Each with what is put in its place: a module, a name in it, a value."""
 PLAN_COLUMNS = ("maps", "without", "room F1", "wall F1, 5 cm", "wall F1, 10 cm", "doors", "drawn", "invented")

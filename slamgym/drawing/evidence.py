@@ -158,26 +158,8 @@ def unexplored_parts(floor: MultiPolygon, grid: OccupancyGrid) -> list[Polygon]:
 
 def share_known(shape: Polygon, grid: OccupancyGrid) -> float:
     """Share of a polygon of which the map says something."""
-    min_x, min_y, max_x, max_y = shape.bounds
-    frame, rows, cols = _window(grid.frame, (min_x, min_y, max_x, max_y))
-    inside = filled(shape, frame)
-    cells = grid.cells[rows, cols]
-    return float((cells[inside] != UNKNOWN).mean()) if inside.any() else 0.0
-
-
-def share_ended(shape: Polygon, grid: OccupancyGrid) -> float:
-    """Of the free cells in a polygon that border on others, the share that lies at occupied cells, not at unknown."""
-    cell = grid.frame.resolution
-    min_x, min_y, max_x, max_y = shape.bounds
-    frame, rows, cols = _window(grid.frame, (min_x - cell, min_y - cell, max_x + cell, max_y + cell))
-    cells = grid.cells[rows, cols]
-    free = filled(shape, frame) & (cells == FREE)
-    at_echo, at_unknown = (
-        free & (cv2.dilate((cells == value).astype(np.uint8), np.ones((3, 3), np.uint8)) > 0)
-        for value in (OCCUPIED, UNKNOWN)
-    )
-    ends = np.count_nonzero(at_echo | at_unknown)
-    return float(np.count_nonzero(at_echo) / ends) if ends else 0.0
+    inside = filled(shape, grid.frame)
+    return float((grid.cells[inside] != UNKNOWN).mean()) if inside.any() else 0.0
 
 
 def share_seen_open(line: FloatArray, evidence: Evidence) -> float:
@@ -185,22 +167,3 @@ def share_seen_open(line: FloatArray, evidence: Evidence) -> float:
     share = np.linspace(0.1, 0.9, 17)[:, None]
     points = line[0] + share * (line[1] - line[0])
     return float((evidence.at(evidence.grid.cells, points, UNKNOWN) == FREE).mean())
-
-
-def _window(frame: GridFrame, bounds: tuple[float, float, float, float]) -> tuple[GridFrame, slice, slice]:
-    """The part of a frame that covers bounds [m], and its rows and columns."""
-    top, left = frame.to_cell(bounds[0], bounds[3])
-    bottom, right = frame.to_cell(bounds[2], bounds[1])[0], frame.to_cell(bounds[2], bounds[1])[1]
-    top, left = min(max(int(top), 0), frame.height_px - 1), min(max(int(left), 0), frame.width_px - 1)
-    bottom, right = (
-        min(max(int(bottom), top), frame.height_px - 1),
-        min(max(int(right), left), frame.width_px - 1),
-    )
-    window = GridFrame(
-        frame.resolution,
-        frame.origin_x + left * frame.resolution,
-        frame.origin_y + (frame.height_px - 1 - bottom) * frame.resolution,
-        bottom - top + 1,
-        right - left + 1,
-    )
-    return window, slice(top, bottom + 1), slice(left, right + 1)

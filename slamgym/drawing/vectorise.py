@@ -27,8 +27,7 @@ from slamgym.drawing.evidence import (
     unseen_floor,
 )
 from slamgym.drawing.floor import FloorModel, load_floor_model
-from slamgym.drawing.openings import Division
-from slamgym.drawing.partly_seen import OPEN_ROOM, Explored, explore, without_walls_in_doors
+from slamgym.drawing.openings import OPEN_ROOM, Division, Explored, explore, without_walls_in_doors
 from slamgym.drawing.polygons import straightened
 from slamgym.drawing.settings import DEFAULT_MODEL, DRAWN_DOORS, OUTER_THICKNESS, SEEN_SHARE, SMALLEST_ROOM
 from slamgym.drawing.walls import find_walls
@@ -181,15 +180,11 @@ def _dimensions(
             line = _clear_line(room.polygon, circle[0], axis, shut)
             if line is not None:
                 found.append(Dimension(*line, room.id))
-    points = shapely.get_coordinates(floor)
-    along, across = points @ axes[0], points @ axes[1]
-    low, high, bottom, top = along.min(), along.max(), across.min(), across.max()
-    edge = bottom - 0.8
-    ends = [low * axes[0] + edge * axes[1], high * axes[0] + edge * axes[1]]
-    found.append(Dimension(_pair(ends[0]), _pair(ends[1]), "building"))
-    edge = low - 0.8
-    ends = [edge * axes[0] + bottom * axes[1], edge * axes[0] + top * axes[1]]
-    found.append(Dimension(_pair(ends[0]), _pair(ends[1]), "building"))
+    spans = [shapely.get_coordinates(floor) @ axis for axis in axes]
+    for k, axis in enumerate(axes):
+        aside = (spans[1 - k].min() - 0.8) * axes[1 - k]
+        start, end = spans[k].min() * axis + aside, spans[k].max() * axis + aside
+        found.append(Dimension(_pair(start), _pair(end), "building"))
     return found
 
 

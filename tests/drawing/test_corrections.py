@@ -42,17 +42,6 @@ class Unsure:
 
 
 @pytest.mark.parametrize("turn", [0.0, 20.0])
-@pytest.mark.parametrize(("sure", "drawn"), [(0.75, False), (0.95, True)])
-def test_floor_that_nobody_has_seen_takes_a_sure_model(turn, sure, drawn):
-    wardrobe = shapely.box(3.0, 0.0, 5.0, 0.6)
-    grid, _, _ = painted(HALL.difference(wardrobe), turn_deg=turn)
-    hall, behind = (affinity.rotate(shape, turn, origin=(0, 0)) for shape in (HALL, wardrobe))
-    drawing = make_drawing(grid, model=Unsure(Painted(hall), behind, sure))
-    hidden = 0.0 if drawn else wardrobe.area
-    assert drawing.area == pytest.approx(HALL.area - hidden, abs=0.3)
-
-
-@pytest.mark.parametrize("turn", [0.0, 20.0])
 @pytest.mark.parametrize(("reaches", "parted"), [(4.0, True), (2.0, False)])
 def test_what_nobody_has_seen_between_two_rooms_is_no_floor_and_a_cupboard_in_one_is(turn, reaches, parted):
     """A block that leaves a door's width between two rooms stays; one that leaves them a hall is furniture."""
@@ -94,19 +83,6 @@ def test_what_was_only_partly_seen_through_a_door_is_unexplored(turn):
     assert sum(part.intersection(beyond).area for part in drawing.unexplored) > 0.8 * fan.area
     assert drawing.area == pytest.approx(HALL.area, abs=0.7)
     assert all(wall.polygon.intersection(beyond.buffer(-0.3)).area < 1e-3 for wall in drawing.walls)
-
-
-def test_a_room_that_others_are_reached_through_is_drawn_however_open():
-    """Without it its neighbours would fall apart."""
-    rooms = [shapely.box(0, 0, 4, 4), shapely.box(4.1, 0, 6.5, 4), shapely.box(6.6, 0, 10, 4)]
-    doors = [shapely.box(4.0, 1.5, 4.1, 2.4), shapely.box(6.5, 1.5, 6.6, 2.4)]
-    floor = shapely.union_all([*rooms, *doors])
-    grid, _, _ = painted(floor)
-    middle = filled(shapely.box(4.2, -0.3, 6.4, 4.3), grid.frame) & (grid.cells != FREE)
-    cells = np.where(middle, np.uint8(UNKNOWN), grid.cells)
-    drawing = make_drawing(OccupancyGrid(cells, grid.frame), model=Painted(floor))
-    assert len(drawing.rooms) == 3
-    assert not drawing.unexplored
 
 
 def test_a_map_that_shows_few_walls_is_drawn_all_the_same():

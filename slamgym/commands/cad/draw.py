@@ -19,7 +19,7 @@ from slamgym.core.files import read_bytes, shown_path, spare_inputs, write_text
 from slamgym.core.names import distinct_names
 from slamgym.core.pictures import PICTURE_SUFFIXES
 from slamgym.core.progress import counted, say, tell
-from slamgym.drawing.settings import DEFAULT_MODEL, DRAWN_DOORS, DRAWING_FORMATS
+from slamgym.drawing.settings import DEFAULT_MODEL, DRAWING_FORMATS, DRAWN_DOORS
 
 if TYPE_CHECKING:
     from slamgym.drawing import Drawing, FloorModel
