@@ -55,7 +55,7 @@ class ExportArguments(Arguments):
 def main(argv: list[str]) -> int:
     """Run the command; returns the exit code."""
     arguments = tyro.cli(ExportArguments, args=argv, prog="slamgym export-log")
-    from slamgym.interop.carmen import write_carmen
+    from slamgym.interop.carmen_writer import write_carmen
     from slamgym.interop.logs import open_log
     from slamgym.interop.rosbag_writer import BagTracks, write_rosbag2
 

@@ -1,4 +1,5 @@
-from .carmen import read_carmen, write_carmen
+from .carmen import read_carmen
+from .carmen_writer import write_carmen
 from .logs import Relations, open_log, read_relations, read_truth
 from .map_files import RobotMap, read_map
 from .records import Log, LogRecord, LogWarnings
@@ -6,7 +7,7 @@ from .ros_map import read_ros_map, write_ros_map
 from .rosbag import read_rosbag
 from .rosbag_writer import write_rosbag2
 from .tum import read_tum, write_tum
-from .valetudo import MapSegment, VacuumMap, parse_valetudo
+from .valetudo import MapSegment, parse_valetudo
 
 __all__ = [
     "Log",
@@ -15,7 +16,6 @@ __all__ = [
     "MapSegment",
     "Relations",
     "RobotMap",
-    "VacuumMap",
     "open_log",
     "parse_valetudo",
     "read_carmen",

@@ -1,41 +1,47 @@
-"""CARMEN logs: the text format of the public 2D SLAM benchmarks, read and written.
+"""CARMEN logs: the text format of the public 2D SLAM benchmarks.
 
 FLASER messages carry no beam angles. Where neither a ``laser_front_laser_resolution`` parameter nor a comment
 gives them, the scanner is taken for a SICK LMS that covers 180 degrees: 180 beams start at -90 degrees and
 step by 1 degree, 181 beams cover -90..90 degrees, 360 and 361 beams are the same at half a degree.
+
+Formats (http://carmen.sourceforge.net, logger module):
+
+- ``FLASER n r1..rn x y theta odom_x odom_y odom_theta stamp host logger_stamp``: the laser's pose, then the
+  robot's, both in the odometry frame. It has no angles.
+- ``ROBOTLASER1 type start_angle field_of_view resolution max_range accuracy remission_mode n r1..rn
+  m remission1..m laser_x laser_y laser_theta robot_x robot_y robot_theta tv rv ... stamp host logger_stamp``.
+- ``ODOM x y theta tv rv acceleration stamp host logger_stamp``: odometry, mostly several times between scans.
+- ``PARAM name value ...`` and comments that start with ``#``.
 """
 
 import gzip
-import itertools
 import math
 import re
 import zlib
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from slamgym.core.errors import InputFileError
-from slamgym.core.files import open_regular, write_bytes
-from slamgym.core.geometry import between, compose, wrap_angle
+from slamgym.core.files import open_regular
+from slamgym.core.geometry import between, wrap_angle
 from slamgym.core.limits import SCANS, check_expansion
 from slamgym.core.types import Float32Array, LaserGeometry, LaserScan, Pose2D
-from slamgym.interop.carmen_messages import (
-    LaserHints,
-    MalformedMessageError,
-    OdometryMessage,
-    ScanMessage,
-    parse_odometry,
-    parse_scan,
-)
 from slamgym.interop.records import (
+    MAX_ABS_COORDINATE,
+    MAX_ANGLE,
+    MAX_ANGLE_STEP,
+    MAX_BEAMS,
+    MAX_STAMP,
     Log,
     LogRecord,
     LogWarnings,
     OdometryTrack,
-    longest_ordered,
-    without_jumps,
+    usable_scans,
 )
 
 SCAN_MESSAGES = ("FLASER", "ROBOTLASER1")
@@ -48,12 +54,74 @@ IGNORED_MESSAGES = re.compile(
 DEFAULT_RANGE_MAX = 80.0
 """A SICK LMS reports 81.91 m or so where nothing came back [m]."""
 
-COMPRESSION = 4
-"""Level of zlib for written logs: 8 % more bytes than at level 6 in a quarter of the time."""
-
-CHUNK_BYTES = 1 << 16
 MAX_LINE_BYTES = 1 << 22
 GZIP_MAGIC = b"\x1f\x8b"
+
+_NUMBER = r"([-+]?[0-9.]+(?:[eE][-+]?[0-9]+)?)"
+_BEAMS_COMMENT = re.compile(rf"beams from {_NUMBER} rad in steps of {_NUMBER} rad")
+_RANGE_COMMENT = re.compile(rf"ranges from {_NUMBER} m mean no return")
+_MINIMUM_COMMENT = re.compile(rf"ranges below {_NUMBER} m are invalid")
+
+
+class _Scan(NamedTuple):
+    """One laser message, as it stands in the log."""
+
+    line: int
+    kind: str  # FLASER or ROBOTLASER1
+    stamp: float  # [s]
+    ranges: Float32Array  # (n,) [m], as logged
+    laser_pose: Pose2D
+    robot_pose: Pose2D
+    angle_min: float | None = None  # [rad], where the message says so
+    angle_increment: float | None = None  # [rad]
+    range_max: float | None = None  # [m]
+
+
+class _Odometry(NamedTuple):
+    """One ODOM message."""
+
+    line: int
+    stamp: float  # [s]
+    pose: Pose2D
+
+
+class _MalformedError(ValueError):
+    """A line that can't be used; the text says what kind of fault it has."""
+
+
+@dataclass
+class _Hints:
+    """What parameters and comments of a log say about its laser."""
+
+    angle_min: float | None = None  # [rad]
+    angle_increment: float | None = None  # [rad]
+    range_min: float | None = None  # [m]
+    range_max: float | None = None  # [m]
+    offset: float | None = None  # [m], laser ahead of the robot's centre
+
+    def read_parameter(self, fields: Sequence[str]) -> None:
+        """Take what a PARAM line says, if it is about the front laser."""
+        value = _number(fields[2], MAX_ABS_COORDINATE) if len(fields) > 2 else None
+        if value is None:
+            return
+        if fields[1] == "robot_frontlaser_offset":
+            self.offset = value
+        elif fields[1] in ("robot_front_laser_max", "robot_front_laser_max_range") and value > 0.0:
+            self.range_max = value
+        elif fields[1] == "laser_front_laser_resolution" and value > 0.0 and self.angle_min is None:
+            # In degrees. A comment that names the angles (and so sets angle_min) is more precise.
+            self.angle_increment = math.radians(value)
+
+    def read_comment(self, text: str) -> None:
+        """Take the angles and range limits that a comment names in words, as the writer here puts them."""
+        if match := _BEAMS_COMMENT.search(text):
+            start, step = _number(match[1], MAX_ANGLE), _number(match[2], MAX_ANGLE_STEP)
+            if start is not None and step is not None and step > 0.0:
+                self.angle_min, self.angle_increment = start, step
+        if match := _RANGE_COMMENT.search(text):
+            self.range_max = _number(match[1], MAX_ABS_COORDINATE) or self.range_max
+        if match := _MINIMUM_COMMENT.search(text):
+            self.range_min = _number(match[1], MAX_ABS_COORDINATE)
 
 
 def read_carmen(path: Path | str) -> Log:
@@ -78,79 +146,19 @@ def read_carmen(path: Path | str) -> Log:
         raise InputFileError(
             path, "holds no usable laser scan (FLASER or ROBOTLASER1)" + (f": {faults}" if faults else "")
         )
-    kept = longest_ordered([message.stamp for message in messages])
-    kept_set = set(kept)
-    for index, message in enumerate(messages):
-        if index not in kept_set:
-            warnings.add("scan left out because time goes backwards", f"{path}:{message.line}")
-    messages = [messages[index] for index in kept]
     places = [f"{path}:{message.line}" for message in messages]
-    near = without_jumps([message.robot_pose for message in messages], places, warnings)
-    messages = [messages[index] for index in near]
+    stamps, poses = [message.stamp for message in messages], [message.robot_pose for message in messages]
+    messages = [messages[index] for index in usable_scans(stamps, poses, places, warnings)]
     geometry = _geometry(messages, hints)
     records = [_record(path, message, geometry, warnings) for message in messages]
     track = _track(odometry, messages, records) if odometry else None
     return Log(str(path), records, geometry, warnings, track)
 
 
-def write_carmen(
-    path: Path | str, records: Iterable[LogRecord], geometry: LaserGeometry, *, message: str | None = None
-) -> None:
-    """Write a log that CARMEN, GMapping and other SLAM programs replay.
-
-    Args:
-        path: The file; compressed if its name ends in ``.gz``.
-        records: The scans; all have the given geometry.
-        geometry: The laser.
-        message: ``"FLASER"``, which every program knows, or ``"ROBOTLASER1"``, which carries the angles. By
-            default the former where the scanner covers about 180 degrees ahead, as FLASER implies.
-
-    Raises:
-        InputFileError: If the file can't be written.
-
-    Ranges are written in millimetres' precision; no return becomes the laser's maximum range, a reading that
-    is too close or erroneous becomes 0.
-    """
-    if message is None:
-        message = "FLASER" if _looks_like_flaser(geometry) else "ROBOTLASER1"
-    limit = geometry.range_max
-    lines = [
-        f"# CARMEN log. FLASER n r1..rn x y theta odom_x odom_y odom_theta t host t; "
-        f"beams from {geometry.angle_min:.9f} rad in steps of {geometry.angle_increment:.9f} rad; "
-        f"ranges from {limit:.6g} m mean no return; ranges below {geometry.range_min:.6g} m are invalid",
-        f"PARAM laser_front_laser_resolution {math.degrees(geometry.angle_increment):.6f} 0 host 0",
-        f"PARAM robot_front_laser_max {limit:.6g} 0 host 0",
-        f"PARAM robot_frontlaser_offset {geometry.mount.x:.6g} 0 host 0",
-    ]
-    texts = _RangeText(limit)
-    for record in records:
-        stamp = f"{record.stamp:.6f}"
-        odometry = _format_pose(record.odometry)
-        laser = _format_pose(compose(record.odometry, geometry.mount))
-        ranges = texts.line(record.scan.ranges)
-        lines.append(f"ODOM {odometry} 0 0 0 {stamp} host {stamp}")
-        if message == "FLASER":
-            lines.append(f"FLASER {len(record.scan.ranges)} {ranges} {laser} {odometry} {stamp} host {stamp}")
-        else:
-            beams = (
-                f"{geometry.angle_min:.9f} {geometry.angle_increment * (geometry.num_beams - 1):.9f} "
-                f"{geometry.angle_increment:.9f} {limit:.6g} 0.01 0 {len(record.scan.ranges)}"
-            )
-            lines.append(
-                f"ROBOTLASER1 0 {beams} {ranges} 0 {laser} {odometry} 0 0 0 0 0 {stamp} host {stamp}"
-            )
-    content = ("\n".join(lines) + "\n").encode()
-    # mtime=0: the same log gives the same bytes.
-    compressed = Path(path).suffix == ".gz"
-    write_bytes(path, gzip.compress(content, COMPRESSION, mtime=0) if compressed else content)
-
-
-def _read_messages(
-    path: Path, warnings: LogWarnings
-) -> tuple[LaserHints, list[ScanMessage], list[OdometryMessage]]:
-    hints = LaserHints()
-    messages: list[ScanMessage] = []
-    odometry: list[OdometryMessage] = []
+def _read_messages(path: Path, warnings: LogWarnings) -> tuple[_Hints, list[_Scan], list[_Odometry]]:
+    hints = _Hints()
+    messages: list[_Scan] = []
+    odometry: list[_Odometry] = []
     for number, raw in enumerate(_read_lines(path, warnings), start=1):
         if not raw:
             continue
@@ -163,15 +171,17 @@ def _read_messages(
         fields = text.split()
         if not fields:
             continue
-        if fields[0] in SCAN_MESSAGES or fields[0] == "ODOM":
+        if fields[0] in (*SCAN_MESSAGES, "ODOM"):
             try:
-                if fields[0] == "ODOM":
-                    odometry.append(parse_odometry(fields, number))
-                else:
-                    messages.append(parse_scan(fields, number))
-                SCANS.check(path, len(messages))
-            except MalformedMessageError as error:
+                message = _parse(fields, number)
+            except _MalformedError as error:
                 warnings.add(str(error), f"{path}:{number}")
+                continue
+            if isinstance(message, _Odometry):
+                odometry.append(message)
+            else:
+                messages.append(message)
+                SCANS.check(path, len(messages))
         elif fields[0] == "PARAM":
             hints.read_parameter(fields)
         elif text.startswith("#"):
@@ -182,53 +192,99 @@ def _read_messages(
 
 
 def _read_lines(path: Path, warnings: LogWarnings) -> Iterator[bytes]:
-    """The lines of a plain or gzip file; damaged compressed data end the file with a warning."""
-    rest = b""
-    for chunk in _read_chunks(path, warnings):
-        lines = (rest + chunk).split(b"\n")
-        rest = lines.pop()
-        if len(rest) > MAX_LINE_BYTES:
-            raise InputFileError(path, "has a line of several megabytes; a CARMEN log is expected")
-        yield from lines
-    if rest:
-        yield rest
-
-
-def _read_chunks(path: Path, warnings: LogWarnings) -> Iterator[bytes]:
+    """Lines of a plain or gzip file; what is readable before a fault of compressed data is kept."""
     try:
         with open_regular(path) as file:
-            chunks = iter(lambda: file.read(CHUNK_BYTES), b"")
-            first = next(chunks, b"")
-            everything = itertools.chain([first], chunks)
-            yield from _inflate(path, everything, warnings) if first.startswith(GZIP_MAGIC) else everything
+            is_packed = file.read(2) == GZIP_MAGIC
+            file.seek(0)
+            stream, expanded = gzip.GzipFile(fileobj=file) if is_packed else file, 0
+            while line := stream.readline(MAX_LINE_BYTES + 1):
+                expanded += len(line)
+                if is_packed:
+                    check_expansion(path, expanded, file.tell())
+                if len(line) > MAX_LINE_BYTES:
+                    raise InputFileError(path, "has a line of several megabytes; a CARMEN log is expected")
+                yield line.rstrip(b"\n")
+    except EOFError:
+        warnings.add("compressed data that end early, the rest of which is lost", path)
+    except (gzip.BadGzipFile, zlib.error):
+        warnings.add("damage in the compressed data, the rest of which is lost", path)
     except OSError as error:
         raise InputFileError(path, f"can't be read ({error.strerror or error})") from error
 
 
-def _inflate(path: Path, chunks: Iterator[bytes], warnings: LogWarnings) -> Iterator[bytes]:
-    """Decompress gzip data of one or more members; what was readable before a fault is kept."""
-    stream = zlib.decompressobj(16 + zlib.MAX_WBITS)  # 16: with a gzip header
-    compressed = expanded = 0
-    for chunk in chunks:
-        data = chunk
-        compressed += len(chunk)
-        while data:
-            try:
-                content = stream.decompress(data, CHUNK_BYTES)
-            except zlib.error:
-                warnings.add("damage in the compressed data, the rest of which is lost", path)
-                return
-            expanded += len(content)
-            check_expansion(path, expanded, compressed)
-            yield content
-            data = stream.unused_data if stream.eof else stream.unconsumed_tail
-            if stream.eof and data:
-                stream = zlib.decompressobj(16 + zlib.MAX_WBITS)
-    if not stream.eof:
-        warnings.add("compressed data that end early, the rest of which is lost", path)
+def _parse(fields: Sequence[str], line: int) -> _Scan | _Odometry:
+    """Parse a FLASER, ROBOTLASER1 or ODOM line, split at white space; ``line`` is its number, from 1.
+
+    Raises:
+        _MalformedError: If it is truncated or holds a broken number, pose or stamp.
+    """
+    kind = fields[0]
+    try:
+        if kind == "ODOM":
+            return _Odometry(line, _stamp(fields[7]), _pose(fields, 1))
+        if kind == "FLASER":
+            after = 2 + _count(fields[1], kind)
+            ranges = _ranges(fields[2:after], after - 2, kind)
+            return _Scan(
+                line, kind, _stamp(fields[after + 6]), ranges, _pose(fields, after), _pose(fields, after + 3)
+            )
+        start, resolution, range_max = float(fields[2]), float(fields[4]), float(fields[5])
+        if not (abs(start) <= MAX_ANGLE and 0.0 < resolution <= MAX_ANGLE_STEP):
+            raise _MalformedError(f"{kind} line with impossible beam angles")
+        after = 9 + _count(fields[8], kind)
+        ranges = _ranges(fields[9:after], after - 9, kind)
+        after += 1 + _count(fields[after], kind, least=0)  # the remissions
+        laser_pose, robot_pose = _pose(fields, after), _pose(fields, after + 3)
+        limit = range_max if 0.0 < range_max <= MAX_ABS_COORDINATE else None
+        stamp = _stamp(fields[after + 11])
+        return _Scan(line, kind, stamp, ranges, laser_pose, robot_pose, start, resolution, limit)
+    except _MalformedError:
+        raise
+    except IndexError as error:
+        raise _MalformedError(f"truncated {kind} line") from error
+    except (ValueError, OverflowError) as error:
+        raise _MalformedError(f"unreadable {kind} line") from error
 
 
-def _of_one_kind(path: Path, messages: list[ScanMessage], warnings: LogWarnings) -> list[ScanMessage]:
+def _count(text: str, kind: str, least: int = 1) -> int:
+    count = int(text)
+    if not least <= count <= MAX_BEAMS:
+        raise _MalformedError(f"{kind} line with an impossible number of readings")
+    return count
+
+
+def _ranges(fields: Sequence[str], count: int, kind: str) -> Float32Array:
+    if len(fields) < count:
+        raise _MalformedError(f"truncated {kind} line")
+    with np.errstate(over="ignore"):
+        return np.array([float(text) for text in fields], dtype=np.float64).astype(np.float32)
+
+
+def _pose(fields: Sequence[str], start: int) -> Pose2D:
+    x, y, theta = float(fields[start]), float(fields[start + 1]), float(fields[start + 2])
+    if not all(abs(value) < MAX_ABS_COORDINATE for value in (x, y, theta)):  # false for nan
+        raise _MalformedError("pose that is not finite")
+    return Pose2D(x, y, theta)
+
+
+def _stamp(text: str) -> float:
+    stamp = float(text)
+    if not abs(stamp) <= MAX_STAMP:  # false for nan
+        raise _MalformedError("stamp that is not a time")
+    return stamp
+
+
+def _number(text: str, most: float) -> float | None:
+    """A number of a size up to ``most``; None for anything else."""
+    try:
+        value = float(text)
+    except ValueError:
+        return None
+    return value if abs(value) <= most else None
+
+
+def _of_one_kind(path: Path, messages: list[_Scan], warnings: LogWarnings) -> list[_Scan]:
     """Keep the scans of the most frequent message type and beam count.
 
     Some loggers write each scan twice, as FLASER and as ROBOTLASER1; at a tie the latter, which has the
@@ -239,7 +295,7 @@ def _of_one_kind(path: Path, messages: list[ScanMessage], warnings: LogWarnings)
     kinds = Counter(message.kind for message in messages)
     kind = max(kinds, key=lambda name: (kinds[name], name))
     beams = Counter(len(message.ranges) for message in messages if message.kind == kind).most_common(1)[0][0]
-    kept: list[ScanMessage] = []
+    kept: list[_Scan] = []
     for message in messages:
         if message.kind != kind:
             warnings.add(f"{message.kind} message beside more {kind} messages", f"{path}:{message.line}")
@@ -250,9 +306,7 @@ def _of_one_kind(path: Path, messages: list[ScanMessage], warnings: LogWarnings)
     return kept
 
 
-def _track(
-    odometry: list[OdometryMessage], scans: list[ScanMessage], records: list[LogRecord]
-) -> OdometryTrack:
+def _track(odometry: list[_Odometry], scans: list[_Scan], records: list[LogRecord]) -> OdometryTrack:
     """ODOM lines and scans in the order of the file."""
     lines = np.array([message.line for message in odometry] + [message.line for message in scans])
     stamps = np.array([message.stamp for message in odometry] + [record.stamp for record in records])
@@ -261,7 +315,7 @@ def _track(
     return OdometryTrack(stamps[order], poses[order], np.flatnonzero(order >= len(odometry)))
 
 
-def _geometry(messages: list[ScanMessage], hints: LaserHints) -> LaserGeometry:
+def _geometry(messages: list[_Scan], hints: _Hints) -> LaserGeometry:
     first = messages[0]
     num_beams = len(first.ranges)
     angle_min = first.angle_min if first.angle_min is not None else hints.angle_min
@@ -281,7 +335,7 @@ def _geometry(messages: list[ScanMessage], hints: LaserHints) -> LaserGeometry:
     )
 
 
-def _guess_range_max(messages: list[ScanMessage]) -> float:
+def _guess_range_max(messages: list[_Scan]) -> float:
     """Without a parameter: the largest reading, if so many beams share it that it means "no return"."""
     ranges = np.concatenate([message.ranges for message in messages])
     ranges = ranges[np.isfinite(ranges)]
@@ -292,7 +346,7 @@ def _guess_range_max(messages: list[ScanMessage]) -> float:
     return largest if largest > 5.0 and sharing >= max(20, 0.0005 * ranges.size) else DEFAULT_RANGE_MAX
 
 
-def _mount(messages: list[ScanMessage], hints: LaserHints) -> Pose2D:
+def _mount(messages: list[_Scan], hints: _Hints) -> Pose2D:
     """The laser in the robot's frame, where the logged pose pairs agree on one.
 
     In "corrected" logs the first pose is a SLAM result instead; then the parameter counts.
@@ -307,7 +361,7 @@ def _mount(messages: list[ScanMessage], hints: LaserHints) -> Pose2D:
     return Pose2D(hints.offset or 0.0, 0.0, 0.0)
 
 
-def _record(path: Path, message: ScanMessage, geometry: LaserGeometry, warnings: LogWarnings) -> LogRecord:
+def _record(path: Path, message: _Scan, geometry: LaserGeometry, warnings: LogWarnings) -> LogRecord:
     ranges = message.ranges.copy()
     # Zero is how a writer marks an invalid reading; what is below it or no number is a fault of the log.
     if np.isnan(ranges).any() or (ranges < 0.0).any():
@@ -317,41 +371,3 @@ def _record(path: Path, message: ScanMessage, geometry: LaserGeometry, warnings:
     x, y, theta = message.robot_pose
     scan = LaserScan(message.stamp, ranges, geometry)
     return LogRecord(message.stamp, Pose2D(x, y, wrap_angle(theta)), scan)
-
-
-def _looks_like_flaser(geometry: LaserGeometry) -> bool:
-    span = geometry.angle_increment * geometry.num_beams
-    return abs(geometry.angle_min + 0.5 * math.pi) < 0.02 and abs(span - math.pi) < 0.02
-
-
-def _format_pose(pose: Pose2D) -> str:
-    return f"{pose.x:.6f} {pose.y:.6f} {pose.theta:.6f}"
-
-
-class _RangeText(dict[int, str]):
-    """Ranges as text by their millimetres, formatted once each: formatting took most of the writing.
-
-    Args:
-        limit: What no return becomes [m].
-    """
-
-    _JUST_INSIDE, _NO_RETURN = -1, -2
-
-    def __init__(self, limit: float) -> None:
-        self._limit = limit
-        # A return just inside the limit must not be rounded up to it: that would mean no return.
-        super().__init__({self._JUST_INSIDE: f"{limit - 0.001:.3f}", self._NO_RETURN: f"{limit:.3f}"})
-
-    def __missing__(self, millimetres: int) -> str:
-        text = self[millimetres] = f"{millimetres / 1000.0:.3f}"
-        return text
-
-    def line(self, ranges: Float32Array) -> str:
-        """The ranges of a scan, separated by blanks."""
-        exact = np.asarray(ranges, dtype=np.float64)
-        # A float32 times 1000 is exact in a float64, so this rounds as the format does.
-        millimetres = np.rint(1000.0 * np.clip(exact, 0.0, self._limit))
-        millimetres[exact > self._limit - 0.001] = self._JUST_INSIDE
-        millimetres[~(exact < self._limit)] = self._NO_RETURN
-        millimetres[~(exact > 0.0)] = 0.0
-        return " ".join(map(self.__getitem__, millimetres.astype(np.int64).tolist()))

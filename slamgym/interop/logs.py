@@ -1,19 +1,17 @@
-"""How to open a recorded run, whatever it is stored as, and the truth or the relations it is compared with."""
+"""Open a recorded run by its kind of file, and the truth or the relations it is compared with."""
 
-import math
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 from slamgym.core.errors import InputFileError
-from slamgym.core.files import read_text
 from slamgym.core.geometry import wrap_angle
 from slamgym.core.types import FloatArray, Trajectory
 from slamgym.interop.carmen import read_carmen
 from slamgym.interop.records import Log
 from slamgym.interop.rosbag import read_rosbag
-from slamgym.interop.tum import read_tum
+from slamgym.interop.tum import read_tum, rows_of_eight
 
 EPISODE_LOGS = ("scans.log", "scans.log.gz")
 BAG_SUFFIXES = (".bag", ".mcap", ".db3")
@@ -35,24 +33,17 @@ def open_log(path: Path | str, *, scan_topic: str | None = None, odometry_topic:
     path = Path(path)
     if not path.exists():
         raise InputFileError(path, "doesn't exist")
-    if path.is_dir():
-        episode = episode_log(path)
-        if episode is not None:
-            return read_carmen(episode)
-        if (path / "manifest.jsonl").exists():
-            raise InputFileError(path, "is a dataset; name one of the folders in its 'episodes'")
-        return read_rosbag(path, scan_topic=scan_topic, odometry_topic=odometry_topic)
-    if path.suffix.lower() in BAG_SUFFIXES:
-        return read_rosbag(path, scan_topic=scan_topic, odometry_topic=odometry_topic)
-    return read_carmen(path)
+    text = episode_log(path) if path.is_dir() else path
+    if text is not None and text.suffix.lower() not in BAG_SUFFIXES:
+        return read_carmen(text)
+    if (path / "manifest.jsonl").exists():
+        raise InputFileError(path, "is a dataset; name one of the folders in its 'episodes'")
+    return read_rosbag(path, scan_topic=scan_topic, odometry_topic=odometry_topic)
 
 
 def episode_log(folder: Path) -> Path | None:
     """The log in an episode's folder, or None if the folder is something else."""
-    for name in EPISODE_LOGS:
-        if (folder / name).is_file():
-            return folder / name
-    return None
+    return next((folder / name for name in EPISODE_LOGS if (folder / name).is_file()), None)
 
 
 def read_truth(path: Path | str) -> Trajectory | None:
@@ -80,23 +71,7 @@ def read_relations(path: Path | str) -> Relations:
     Raises:
         InputFileError: If the file is missing or empty, or a line has no eight finite numbers.
     """
-    lines = read_text(path).splitlines()
-    rows: list[tuple[float, float, float, float, float]] = []
-    for number, line in enumerate(lines, start=1):
-        fields = line.split("#", 1)[0].split()
-        if not fields:
-            continue
-        try:
-            start, end, x, y, z, roll, pitch, yaw = (float(field) for field in fields)
-        except ValueError as error:
-            raise InputFileError(
-                f"{path}:{number}",
-                "is not a line of 't1 t2 x y z roll pitch yaw'; eight numbers are expected",
-            ) from error
-        if not all(math.isfinite(value) for value in (start, end, x, y, z, roll, pitch, yaw)):
-            raise InputFileError(f"{path}:{number}", "holds a value that is not finite")
-        rows.append((start, end, x, y, wrap_angle(yaw)))
-    if not rows:
+    table = np.array([row for _, row in rows_of_eight(path, "t1 t2 x y z roll pitch yaw")], dtype=np.float64)
+    if not len(table):
         raise InputFileError(path, "holds no relation")
-    table = np.array(rows, dtype=np.float64)
-    return Relations(table[:, 0], table[:, 1], table[:, 2:])
+    return Relations(table[:, 0], table[:, 1], np.column_stack([table[:, 2:4], wrap_angle(table[:, 7])]))

@@ -58,17 +58,16 @@ def read_map(path: Path | str, resolution: float | None = None) -> RobotMap:
 def _read(path: Path, resolution: float | None) -> RobotMap:
     suffix = path.suffix.lower()
     if path.is_dir():
-        inner = sorted([*path.glob("*.yaml"), *path.glob("*.yml")])
+        inner = [*path.glob("*.yaml"), *path.glob("*.yml")]
         if len(inner) != 1 and path / "map.yaml" not in inner:
             raise InputFileError(path, f"holds {len(inner)} yaml files; name the one that describes the map")
         return _read(path / "map.yaml" if len(inner) != 1 else inner[0], resolution)
-    if suffix in YAML_SUFFIXES:
+    if suffix in (*YAML_SUFFIXES, ".json"):
         _refuse_resolution(path, resolution)
+    if suffix in YAML_SUFFIXES:
         return _read_ros(path)
     if suffix == ".json":
-        _refuse_resolution(path, resolution)
-        found = parse_valetudo(read_json(path), path)
-        return RobotMap(found.grid, found.segments)
+        return RobotMap(*parse_valetudo(read_json(path), path))
     if suffix in PICTURE_SUFFIXES:
         return _read_picture(path, resolution)
     if suffix == ".pbstream":
@@ -95,8 +94,7 @@ def _read_picture(path: Path, resolution: float | None) -> RobotMap:
     value = embedded_map(read_bytes(path), path) if path.suffix.lower() == ".png" else None
     if value is not None:
         _refuse_resolution(path, resolution)
-        found = parse_valetudo(value, path)
-        return RobotMap(found.grid, found.segments)
+        return RobotMap(*parse_valetudo(value, path))
     if resolution is None:
         for suffix in YAML_SUFFIXES:
             if path.with_suffix(suffix).exists():

@@ -1,6 +1,7 @@
 """What a recorded log holds, whatever the format it was stored in."""
 
 import bisect
+import itertools
 import math
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -10,8 +11,9 @@ from typing import NamedTuple
 import numpy as np
 
 from slamgym.core.errors import InputFileError
+from slamgym.core.geometry import wrap_angle
 from slamgym.core.limits import JUMP
-from slamgym.core.types import FloatArray, IntArray, LaserGeometry, LaserScan, Pose2D
+from slamgym.core.types import FloatArray, IntArray, LaserGeometry, LaserScan, Pose2D, Trajectory
 
 MAX_BEAMS = 100_000
 MAX_ABS_COORDINATE = 1e6
@@ -99,29 +101,36 @@ class Log:
         return self.records[-1].stamp - self.records[0].stamp if self.records else 0.0
 
 
-def without_jumps(poses: Sequence[Pose2D], places: Sequence[str], warnings: LogWarnings) -> list[int]:
-    """Indices of the scans whose odometry follows from the one before.
+def usable_scans(
+    stamps: Sequence[float], poses: Sequence[Pose2D], places: Sequence[str], warnings: LogWarnings
+) -> list[int]:
+    """Indices of the scans whose time runs forwards and whose odometry follows from the one before.
 
     A single scan far away from those around it has a broken pose and is left out. Where the odometry stays away
     (the robot was carried, its odometry reset, or two logs were joined), no map can come of both parts.
 
     Args:
-        poses: Odometry in the order of time.
-        places: Where each stands in the file.
+        stamps: In the order of the file [s].
+        poses: Odometry.
+        places: Where each scan stands in the file.
         warnings: Collects what is left out.
 
     Raises:
         InputFileError: If the odometry jumps and stays away; it names the place.
     """
+    ordered = longest_ordered(stamps)
+    for index in sorted({*range(len(stamps))} - {*ordered}):
+        warnings.add("scan left out because time goes backwards", places[index])
     kept: list[int] = []
-    for index, pose in enumerate(poses):
-        if not kept or _distance(poses[kept[-1]], pose) <= JUMP.value:
+    for index, after in itertools.zip_longest(ordered, ordered[1:]):
+        if not kept or _distance(poses[kept[-1]], poses[index]) <= JUMP.value:
             kept.append(index)
-        elif index + 1 < len(poses) and _distance(poses[kept[-1]], poses[index + 1]) > JUMP.value:
+        elif after is not None and _distance(poses[kept[-1]], poses[after]) > JUMP.value:
+            away = _distance(poses[kept[-1]], poses[index])
             raise InputFileError(
                 places[index],
-                f"the odometry jumps {_distance(poses[kept[-1]], pose):,.0f} m from the scan before; cut the log "
-                f"there and replay the parts one by one (or raise {JUMP.variable}, now {JUMP.value} m)",
+                f"the odometry jumps {away:,.0f} m from the scan before; cut the log there and replay the parts one "
+                f"by one (or raise {JUMP.variable}, now {JUMP.value} m)",
             )
         else:
             warnings.add("scan left out because its odometry is far from its neighbours'", places[index])
@@ -130,6 +139,14 @@ def without_jumps(poses: Sequence[Pose2D], places: Sequence[str], warnings: LogW
 
 def _distance(a: Pose2D, b: Pose2D) -> float:
     return math.hypot(a.x - b.x, a.y - b.y)
+
+
+def interpolated(track: Trajectory, stamps: FloatArray) -> FloatArray:
+    """Poses of a track at other moments, shape (N, 3): linear, along the shorter arc; beyond its ends they stay."""
+    columns = [*track.poses[:, :2].T, np.unwrap(track.poses[:, 2])]
+    poses = np.column_stack([np.interp(stamps, track.stamps, column) for column in columns])
+    poses[:, 2] = wrap_angle(poses[:, 2])
+    return poses
 
 
 def longest_ordered(stamps: Sequence[float]) -> list[int]:

@@ -26,9 +26,9 @@ OCCUPIED_THRESHOLD = 0.65
 FREE_THRESHOLD = 0.196
 """map_saver's own thresholds: the grey value 205 lies between them."""
 
-_MODES = {"trinary": "trinary", "scale": "scale", "raw": "raw"}
-NEGATIONS = {"0": False, "1": True, "false": False, "true": True}
-"""What a description may say, and what it means; the first where it says nothing."""
+_MODES = ("trinary", "scale", "raw")
+NEGATIONS = ("0", "1", "false", "true")
+"""What a description may say; the first where it says nothing."""
 DIGITS = 12
 """Of the origin in metres behind the point: -20.700000000000003 is written as -20.7."""
 
@@ -135,13 +135,16 @@ def read_turned_map(path: Path | str) -> TurnedMap:
             path, f"'free_thresh' is {free:g}, above 'occupied_thresh', {occupied:g}; swap them"
         )
     mode = _word(path, description, "mode", _MODES)
-    negated = _word(path, description, "negate", NEGATIONS)
+    negated = _word(path, description, "negate", NEGATIONS) in ("1", "true")
     pixels = _read_pixels(image)
     if mode == "raw" and (negated or pixels.dtype != np.uint8):
         raise InputFileError(path, "has the mode raw, which needs 'negate: 0' and an image of 8 bits a pixel")
     grey, transparent = grey_picture(pixels)
     if mode == "raw":
-        cells = _classify_raw(grey, occupied, free)
+        # The occupancy in percent, and 255 (or any value above 100) for unknown.
+        cells = np.full(grey.shape, UNKNOWN, np.uint8)
+        cells[grey <= 100.0 * free] = FREE
+        cells[(grey >= 100.0 * occupied) & (grey <= 100)] = OCCUPIED
     else:
         cells = classify_greys(255 - grey if negated else grey, occupied, free)
     cells[transparent] = UNKNOWN
@@ -190,7 +193,13 @@ def classify_greys(
         The cells, shape (rows, cols).
     """
     occupancy = (255.0 - np.arange(256)) / 255.0
-    unknown = unknown_level(grey, occupied_thresh)
+    counts = np.bincount(grey.ravel(), minlength=256)
+    darkest = math.floor(255.0 * (1.0 - occupied_thresh)) + 1
+    # Unknown is the commonest grey between the walls and the lightest common one (free space). White and almost white
+    # (253-255) never is; the margin keeps 250 beside 254 in free space.
+    candidates = np.flatnonzero(counts[:240] >= MIN_UNKNOWN_SHARE * grey.size)
+    candidates = candidates[candidates >= darkest]
+    unknown = int(candidates[np.argmax(counts[candidates])]) if len(candidates) else None
     if unknown is None:
         is_free = occupancy < free_thresh
     else:
@@ -198,31 +207,6 @@ def classify_greys(
         is_free = np.arange(256) > unknown + max(2.0, 0.25 * (FREE - unknown))
     table = np.where(occupancy > occupied_thresh, OCCUPIED, np.where(is_free, FREE, UNKNOWN))
     return table.astype(np.uint8)[grey]
-
-
-def unknown_level(grey: ByteArray, occupied_thresh: float = OCCUPIED_THRESHOLD) -> int | None:
-    """The grey value that means unknown, or None where the image has no such level.
-
-    It is the most frequent value between the walls and the lightest common value (free space).
-    """
-    counts = np.bincount(grey.ravel(), minlength=256)
-    darkest = math.floor(255.0 * (1.0 - occupied_thresh)) + 1
-    common = np.flatnonzero(counts >= MIN_UNKNOWN_SHARE * grey.size)
-    common = common[common >= darkest]
-    # White and almost white (253-255) is never unknown; the margin keeps 250 beside 254 in free space.
-    candidates = common[common < 240]
-    if len(candidates) == 0:
-        return None
-    return int(candidates[np.argmax(counts[candidates])])
-
-
-def _classify_raw(grey: ByteArray, occupied_thresh: float, free_thresh: float) -> ByteArray:
-    """``mode: raw`` stores the occupancy in percent, and 255 (or any value above 100) for unknown."""
-    percent = grey.astype(np.float64)
-    cells = np.full(grey.shape, UNKNOWN, np.uint8)
-    cells[percent <= 100.0 * free_thresh] = FREE
-    cells[(percent >= 100.0 * occupied_thresh) & (percent <= 100.0)] = OCCUPIED
-    return cells
 
 
 def _read_description(path: Path) -> dict[str, Any]:
@@ -269,13 +253,12 @@ def _as_number(value: Any) -> float:
         return math.nan
 
 
-def _word(path: Path, description: dict[str, Any], key: str, words: dict[str, Any]) -> Any:
-    """What a key's word means; the first where the key is missing."""
-    value = description.get(key, next(iter(words)))
+def _word(path: Path, description: dict[str, Any], key: str, words: tuple[str, ...]) -> str:
+    """A key's word; the first where the key is missing."""
+    value = description.get(key, words[0])
     if not isinstance(value, str | int) or str(value).lower() not in words:
-        known = ", ".join(words)
-        raise InputFileError(path, f"{key!r} is {shown(value)}; it must be one of {known}")
-    return words[str(value).lower()]
+        raise InputFileError(path, f"{key!r} is {shown(value)}; it must be one of {', '.join(words)}")
+    return str(value).lower()
 
 
 def _share(path: Path, description: dict[str, Any], key: str, default: float) -> float:

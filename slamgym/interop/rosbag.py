@@ -5,13 +5,13 @@ A scan is taken from ``sensor_msgs/LaserScan``; the odometry at its moment is in
 The laser's mount is the transform from the base to the scan's frame.
 """
 
-import math
-from collections import Counter
+from collections import Counter, defaultdict
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.limits import SCANS
@@ -24,10 +24,10 @@ from slamgym.interop.records import (
     Log,
     LogRecord,
     LogWarnings,
+    interpolated,
     longest_ordered,
-    without_jumps,
+    usable_scans,
 )
-from slamgym.interop.transform_tree import TransformTree, clean_frame, planar, rigid_transform
 
 SCAN_TYPE = "sensor_msgs/msg/LaserScan"
 ODOMETRY_TYPE = "nav_msgs/msg/Odometry"
@@ -40,6 +40,85 @@ ODOMETRY_GAP = 0.5
 
 FINEST_ANGLE_STEP = 1e-6
 """Beams closer together than this are a broken number [rad]."""
+ODOMETRY_FRAME = "odom"
+"""With tf alone: the frame in which the robot's base moves smoothly."""
+
+
+def clean_frame(name: str) -> str:
+    """A frame's name without the leading slash that ROS 1 allowed."""
+    return name.lstrip("/")
+
+
+def rigid_transform(translation: FloatArray, quaternion: FloatArray) -> FloatArray:
+    """Return the 4 x 4 matrix of a translation [m] and a quaternion (x, y, z, w).
+
+    Raises:
+        ValueError: If a value is no number, absurdly large, or the quaternion is zero.
+    """
+    is_bounded = (np.abs([*translation, *quaternion]) < MAX_ABS_COORDINATE).all()  # false for nan
+    if not is_bounded or np.linalg.norm(quaternion) <= 1e-6:
+        raise ValueError("transform with broken numbers")
+    matrix = np.eye(4)
+    matrix[:3, :3] = Rotation.from_quat(quaternion).as_matrix()
+    matrix[:3, 3] = translation
+    return matrix
+
+
+def planar(matrix: FloatArray) -> Pose2D:
+    """Position and heading of a transform, seen from above."""
+    return Pose2D(float(matrix[0, 3]), float(matrix[1, 3]), float(np.arctan2(matrix[1, 0], matrix[0, 0])))
+
+
+class TransformTree:
+    """Edges from child frames to their parents, with their history.
+
+    Convention: the transform of an edge expresses points of the child frame in the parent frame.
+    """
+
+    def __init__(self) -> None:
+        self._parents: dict[str, str] = {}
+        self._latest: dict[str, FloatArray] = {}
+        self._history: dict[str, list[tuple[float, Pose2D]]] = defaultdict(list)
+
+    def add(self, parent: str, child: str, stamp: float, matrix: FloatArray, *, static: bool) -> None:
+        """Take one published transform."""
+        parent, child = clean_frame(parent), clean_frame(child)
+        self._parents[child] = parent
+        self._latest[child] = matrix
+        if not static:
+            self._history[child].append((stamp, planar(matrix)))
+
+    def moving(self) -> dict[str, str]:
+        """Frames that move, each with the frame that it moves in."""
+        return {child: self._parents[child] for child, history in self._history.items() if len(history) > 1}
+
+    def motion(self, parent: str) -> tuple[str, Trajectory]:
+        """The frame with the longest history of those that move in ``parent``, and its planar poses, by time."""
+        children = [child for child, above in self.moving().items() if above == parent]
+        child = max(children, key=lambda one: len(self._history[one]))
+        stamps, poses = zip(*sorted(self._history[child], key=lambda entry: entry[0]), strict=True)
+        return child, Trajectory(np.array(stamps), np.array(poses))
+
+    def lookup(self, frame: str, ancestor: str) -> FloatArray | None:
+        """The latest transform of ``frame`` in ``ancestor``, or in a frame above which both hang; 4 x 4.
+
+        None where the tree doesn't connect the two.
+        """
+        up, up_ancestor = self._chain(clean_frame(frame)), self._chain(clean_frame(ancestor))
+        for name, matrix in up.items():
+            if name in up_ancestor:
+                return np.linalg.inv(up_ancestor[name]) @ matrix
+        return None
+
+    def _chain(self, frame: str) -> dict[str, FloatArray]:
+        """Each frame above ``frame`` (itself included) and the transform of ``frame`` in it."""
+        matrix = np.eye(4)
+        chain = {frame: matrix}
+        while frame in self._parents and self._parents[frame] not in chain:
+            matrix = self._latest[frame] @ matrix
+            frame = self._parents[frame]
+            chain[frame] = matrix
+        return chain
 
 
 @dataclass
@@ -73,13 +152,7 @@ def import_rosbags() -> Any:
     return rosbags
 
 
-def read_rosbag(
-    path: Path | str,
-    *,
-    scan_topic: str | None = None,
-    odometry_topic: str | None = None,
-    odometry_frame: str = "odom",
-) -> Log:
+def read_rosbag(path: Path | str, *, scan_topic: str | None = None, odometry_topic: str | None = None) -> Log:
     """Read the scans and the odometry of a bag.
 
     Args:
@@ -88,7 +161,6 @@ def read_rosbag(
             messages.
         odometry_topic: The Odometry topic; by default ``/odom`` or a usual name, else the one with most
             messages, else tf.
-        odometry_frame: With tf alone: the frame in which the robot's base moves smoothly.
 
     Raises:
         InputFileError: If the bag can't be read, or lacks scans or odometry, or the topic named.
@@ -99,27 +171,23 @@ def read_rosbag(
         raise InputFileError(path, "doesn't exist")
     warnings = LogWarnings()
     contents = _read_contents(path, scan_topic, odometry_topic, warnings)
-    odometry, base_frame = _odometry(path, contents, odometry_frame)
+    odometry, base_frame = _odometry(path, contents)
     mount, flipped = _mount(path, contents, base_frame, warnings)
     geometry = _geometry(contents, mount, flipped)
-    kept = set(longest_ordered([stamp for stamp, _ in contents.scans]))
+    stamps = np.array([stamp for stamp, _ in contents.scans])
+    poses = [Pose2D(*pose) for pose in interpolated(odometry, stamps).tolist()]
     records: list[LogRecord] = []
     for index, (stamp, message) in enumerate(contents.scans):
-        where = f"{path} scan {index + 1}"
-        gap = float(np.min(np.abs(odometry.stamps - stamp)))
-        if index not in kept:
-            warnings.add("scan left out because time goes backwards", where)
-        elif gap > ODOMETRY_GAP:
-            warnings.add("scan left out because no odometry is near in time", where)
+        if float(np.min(np.abs(odometry.stamps - stamp))) > ODOMETRY_GAP:
+            warnings.add("scan left out because no odometry is near in time", f"{path} scan {index + 1}")
         else:
             scan = LaserScan(stamp, _ranges(message, geometry, flipped), geometry)
-            records.append(LogRecord(stamp, _interpolate(odometry, stamp), scan))
+            records.append(LogRecord(stamp, poses[index], scan))
     if not records:
-        faults = "; ".join(warnings.sentences()[:3])
-        raise InputFileError(path, f"holds no usable scan: {faults}")
+        raise InputFileError(path, f"holds no usable scan: {'; '.join(warnings.sentences()[:3])}")
     places = [f"{path} at {record.stamp:.3f} s" for record in records]
-    near = without_jumps([record.odometry for record in records], places, warnings)
-    return Log(str(path), [records[index] for index in near], geometry, warnings)
+    kept = usable_scans([record.stamp for record in records], [r.odometry for r in records], places, warnings)
+    return Log(str(path), [records[index] for index in kept], geometry, warnings)
 
 
 def _read_contents(
@@ -153,9 +221,8 @@ def _read_contents(
                 except _ImpossibleScanError as error:
                     warnings.add(str(error), f"{path} at {stamp_ns} ns")
                 except Exception:  # noqa: BLE001 - a damaged message makes the decoder stumble anywhere
-                    warnings.add(
-                        f"message on {connection.topic} that can't be decoded", f"{path} at {stamp_ns} ns"
-                    )
+                    fault = f"message on {connection.topic} that can't be decoded"
+                    warnings.add(fault, f"{path} at {stamp_ns} ns")
     except InputFileError:
         raise
     except Exception as error:  # the library raises whatever a damaged file makes it stumble on
@@ -164,8 +231,7 @@ def _read_contents(
             raise InputFileError(path, f"is not a readable ROS bag ({reason[:200]})") from error
         warnings.add("damage in the bag, the rest of which is lost", path)
     if not contents.scans:
-        faults = "; ".join(warnings.sentences()[:3])
-        raise InputFileError(path, f"holds no usable scan: {faults}")
+        raise InputFileError(path, f"holds no usable scan: {'; '.join(warnings.sentences()[:3])}")
     return contents
 
 
@@ -190,10 +256,8 @@ def _choose_topic(
             known = ", ".join(sorted(topics)) or "none"
             raise InputFileError(path, f"holds no {kind} on the topic {wanted!r} (such topics: {known})")
         return wanted
-    for name in usual:
-        if name in topics:
-            return name
-    return max(topics, key=lambda topic: (topics[topic], topic), default=None)
+    most = max(topics, key=lambda topic: (topics[topic], topic), default=None)
+    return next((name for name in usual if name in topics), most)
 
 
 def _take(contents: _Contents, connection: Any, message: Any, stamp_ns: int) -> None:
@@ -203,21 +267,15 @@ def _take(contents: _Contents, connection: Any, message: Any, stamp_ns: int) -> 
         SCANS.check(connection.topic, len(contents.scans))
     elif connection.msgtype == ODOMETRY_TYPE:
         pose = message.pose.pose
-        contents.odometry.append(
-            (_stamp(message.header, stamp_ns), planar(_matrix(pose.position, pose.orientation)))
-        )
+        place = planar(_matrix(pose.position, pose.orientation))
+        contents.odometry.append((_stamp(message.header, stamp_ns), place))
         contents.base_frame = contents.base_frame or clean_frame(message.child_frame_id)
     elif connection.msgtype in TRANSFORM_TYPES:
         static = connection.topic.endswith("tf_static")
         for entry in message.transforms:
-            transform = entry.transform
-            contents.transforms.add(
-                entry.header.frame_id,
-                entry.child_frame_id,
-                _stamp(entry.header, stamp_ns),
-                _matrix(transform.translation, transform.rotation),
-                static=static,
-            )
+            header, matrix = entry.header, _matrix(entry.transform.translation, entry.transform.rotation)
+            stamp = _stamp(header, stamp_ns)
+            contents.transforms.add(header.frame_id, entry.child_frame_id, stamp, matrix, static=static)
 
 
 def _check_scan(message: Any) -> None:
@@ -240,41 +298,35 @@ def _stamp(header: Any, stamp_ns: int) -> float:
 
 
 def _matrix(position: Any, orientation: Any) -> FloatArray:
-    return rigid_transform(
-        np.array([position.x, position.y, position.z], dtype=np.float64),
-        np.array([orientation.x, orientation.y, orientation.z, orientation.w], dtype=np.float64),
-    )
+    place, turn = (position.x, position.y, position.z), [getattr(orientation, axis) for axis in "xyzw"]
+    return rigid_transform(np.array(place, dtype=np.float64), np.array(turn, dtype=np.float64))
 
 
-def _odometry(path: Path, contents: _Contents, odometry_frame: str) -> tuple[Trajectory, str]:
+def _odometry(path: Path, contents: _Contents) -> tuple[Trajectory, str]:
     """The base's motion in the odometry frame, and the name of the base's frame."""
     if contents.odometry:
         ordered = longest_ordered([stamp for stamp, _ in contents.odometry])
-        stamps = np.array([contents.odometry[index][0] for index in ordered])
-        poses = np.array([contents.odometry[index][1] for index in ordered])
-        return Trajectory(stamps, poses), contents.base_frame
-    base = contents.transforms.moving_child(odometry_frame)
-    if base is None:
-        moving = ", ".join(contents.transforms.moving_parents()) or "none"
+        stamps, poses = zip(*(contents.odometry[index] for index in ordered), strict=True)
+        return Trajectory(np.array(stamps), np.array(poses)), contents.base_frame
+    parents = contents.transforms.moving().values()
+    if ODOMETRY_FRAME not in parents:
+        moving = ", ".join(sorted(set(parents))) or "none"
         raise InputFileError(
             path,
-            f"holds neither Odometry messages nor a frame that moves in {odometry_frame!r} (frames with "
-            f"moving children: {moving})",
+            f"holds neither Odometry messages nor a frame that moves in {ODOMETRY_FRAME!r} (frames with moving "
+            f"children: {moving})",
         )
-    return contents.transforms.motion(base), base
+    base, motion = contents.transforms.motion(ODOMETRY_FRAME)
+    return motion, base
 
 
 def _mount(path: Path, contents: _Contents, base_frame: str, warnings: LogWarnings) -> tuple[Pose2D, bool]:
-    """The laser in the base's frame, and whether it hangs upside down."""
-    laser_frame = clean_frame(contents.scans[0][1].header.frame_id)
-    if laser_frame == base_frame:
-        return Pose2D(0.0, 0.0, 0.0), False
-    base_frame = base_frame or "base_link"
+    """The laser in the base's frame, and true if it hangs upside down."""
+    laser_frame, base_frame = clean_frame(contents.scans[0][1].header.frame_id), base_frame or "base_link"
     matrix = contents.transforms.lookup(laser_frame, base_frame)
     if matrix is None:
-        warnings.add(
-            f"missing transform from {base_frame!r} to {laser_frame!r}; the mount is taken as 0", path
-        )
+        fault = f"missing transform from {base_frame!r} to {laser_frame!r}; the mount is taken as 0"
+        warnings.add(fault, path)
         return Pose2D(0.0, 0.0, 0.0), False
     return planar(matrix), bool(matrix[2, 2] < 0.0)
 
@@ -283,18 +335,24 @@ def _geometry(contents: _Contents, mount: Pose2D, flipped: bool) -> LaserGeometr
     """The geometry of the most frequent kind of scan."""
     usual = Counter(_kind(message) for _, message in contents.scans).most_common(1)[0][0]
     message = next(message for _, message in contents.scans if _kind(message) == usual)
-    num_beams = len(message.ranges)
+    ranges, angle_min, increment = _fan(message, flipped)
+    range_min, range_max = max(float(message.range_min), 0.0), float(message.range_max)
+    return LaserGeometry(len(ranges), angle_min, increment, range_min, range_max, mount)
+
+
+def _fan(message: Any, flipped: bool) -> tuple[Float32Array, float, float]:
+    """Ranges, first angle and step of a scan, counter-clockwise seen from above."""
+    ranges = np.array(message.ranges, dtype=np.float32)
     angle_min, increment = float(message.angle_min), float(message.angle_increment)
-    range_min, range_max = float(message.range_min), float(message.range_max)
     if flipped:
         angle_min, increment = -angle_min, -increment
     if increment < 0.0:  # stored clockwise: counted from the other end
-        angle_min, increment = angle_min + (num_beams - 1) * increment, -increment
-    return LaserGeometry(num_beams, angle_min, increment, max(range_min, 0.0), range_max, mount)
+        ranges, angle_min, increment = ranges[::-1], angle_min + (len(ranges) - 1) * increment, -increment
+    return ranges, angle_min, increment
 
 
 def _kind(message: Any) -> tuple[int, float, float, float, float]:
-    """What must agree between scans; the angles are float32 in the message."""
+    """Parts that must agree between scans; the angles are float32 in the message."""
     return (
         len(message.ranges),
         round(float(message.angle_min), 5),
@@ -306,13 +364,7 @@ def _kind(message: Any) -> tuple[int, float, float, float, float]:
 
 def _ranges(message: Any, geometry: LaserGeometry, flipped: bool) -> Float32Array:
     """Ranges on the log's geometry; a scan with other angles (rotating scanners vary) is resampled."""
-    ranges = np.array(message.ranges, dtype=np.float32)
-    angle_min, increment = float(message.angle_min), float(message.angle_increment)
-    if flipped:
-        angle_min, increment = -angle_min, -increment
-    if increment < 0.0:
-        ranges = ranges[::-1]
-        angle_min, increment = angle_min + (len(ranges) - 1) * increment, -increment
+    ranges, angle_min, increment = _fan(message, flipped)
     same_angles = (
         abs(angle_min - geometry.angle_min) + abs(increment - geometry.angle_increment) * len(ranges) < 0.005
     )
@@ -321,22 +373,8 @@ def _ranges(message: Any, geometry: LaserGeometry, flipped: bool) -> Float32Arra
         inside = (beam >= 0) & (beam < len(ranges))
         ranges = np.where(inside, ranges[np.clip(beam, 0, len(ranges) - 1)], np.float32(np.nan))
     ranges = np.ascontiguousarray(ranges, dtype=np.float32)
-    if np.isneginf(ranges).any() or (ranges < 0.0).any():
-        ranges[ranges < 0.0] = np.nan
+    ranges[ranges < 0.0] = np.nan
     ranges[ranges >= geometry.range_max] = np.inf
     # Some drivers report 0 for "nothing came back" and for errors alike: neither space nor wall is known.
     ranges[ranges < max(geometry.range_min, 1e-6)] = np.nan
     return ranges
-
-
-def _interpolate(odometry: Trajectory, stamp: float) -> Pose2D:
-    """Pose at a moment, linear between its neighbours, along the shorter arc."""
-    after = int(np.searchsorted(odometry.stamps, stamp))
-    if after == 0 or after == len(odometry.stamps):
-        return Pose2D(*(float(value) for value in odometry.poses[min(after, len(odometry.stamps) - 1)]))
-    t0, t1 = odometry.stamps[after - 1], odometry.stamps[after]
-    a, b = odometry.poses[after - 1], odometry.poses[after]
-    share = float((stamp - t0) / (t1 - t0)) if t1 > t0 else 0.0
-    turn = math.remainder(float(b[2] - a[2]), 2.0 * math.pi)
-    x, y = a[:2] + share * (b[:2] - a[:2])
-    return Pose2D(float(x), float(y), math.remainder(float(a[2]) + share * turn, 2.0 * math.pi))

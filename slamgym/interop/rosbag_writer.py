@@ -13,13 +13,26 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from slamgym.core.errors import InputFileError
+from slamgym.core.files import storage_errors
 from slamgym.core.geometry import compose, inverse, unit_vectors, wrap_angle
 from slamgym.core.types import FREE, OCCUPIED, FloatArray, LaserGeometry, OccupancyGrid, Pose2D, Trajectory
-from slamgym.interop.records import LogRecord
+from slamgym.interop.records import LogRecord, interpolated
 from slamgym.interop.rosbag import import_rosbags
 
 ODOMETRY_FRAME, BASE_FRAME, LASER_FRAME, MAP_FRAME = "odom", "base_footprint", "base_scan", "map"
 """Frame names of a TurtleBot3."""
+
+TOPICS = {
+    "/scan": "sensor_msgs/msg/LaserScan",
+    "/odom": "nav_msgs/msg/Odometry",
+    "/ground_truth": "nav_msgs/msg/Odometry",
+    "/tf": "tf2_msgs/msg/TFMessage",
+    "/tf_static": "tf2_msgs/msg/TFMessage",
+    "/clock": "rosgraph_msgs/msg/Clock",
+    "/map": "nav_msgs/msg/OccupancyGrid",
+}
+LATCHED = ("/tf_static", "/map")
+"""Topics whose last message also reaches who subscribes later (transient local)."""
 
 Storage = Literal["sqlite3", "mcap"]
 _UNOBSERVED = 1e12
@@ -72,61 +85,49 @@ def write_rosbag2(
     if path.exists():
         raise InputFileError(path, "exists already; remove it or choose another name")
     shift = 0.0 if first_stamp is None else first_stamp - records[0].stamp
-    make = _MessageFactory(rosbags.typesys.get_typestore(rosbags.typesys.Stores.ROS2_HUMBLE), shift)
     plugin = rosbags.rosbag2.StoragePlugin[storage.upper()]
     with (
         _staged_folder(path) as part,
         rosbags.rosbag2.Writer(part, version=8, storage_plugin=plugin) as writer,
     ):
-
-        def connect(topic: str, msgtype: str, latched: bool = False) -> Any:
-            qos = [_latched_qos()] if latched else []
-            return writer.add_connection(topic, msgtype, typestore=make.typestore, offered_qos_profiles=qos)
-
-        def write(connection: Any, stamp: float, message: Any) -> None:
-            writer.write(
-                connection, make.nanoseconds(stamp), make.typestore.serialize_cdr(message, connection.msgtype)
-            )
-
-        scan = connect("/scan", "sensor_msgs/msg/LaserScan")
-        odometry = connect("/odom", "nav_msgs/msg/Odometry")
-        transform = connect("/tf", "tf2_msgs/msg/TFMessage")
-        static = connect("/tf_static", "tf2_msgs/msg/TFMessage", latched=True)
-        clock = connect("/clock", "rosgraph_msgs/msg/Clock")
-        truth = connect("/ground_truth", "nav_msgs/msg/Odometry") if tracks.truth is not None else None
-        start = records[0].stamp
-        write(static, start, make.transform(start, BASE_FRAME, LASER_FRAME, geometry.mount))
+        bag = _Bag(writer, rosbags.typesys.get_typestore(rosbags.typesys.Stores.ROS2_HUMBLE), shift)
+        bag.write_transform("/tf_static", records[0].stamp, (BASE_FRAME, LASER_FRAME), geometry.mount)
         if grid is not None:
-            write(connect("/map", "nav_msgs/msg/OccupancyGrid", latched=True), start, make.map(start, grid))
-        stamps = np.array([record.stamp for record in records])
-        odometry_poses = np.array([record.odometry for record in records])
-        twists = _twists(stamps, odometry_poses)
-        true_poses = _at(tracks.truth, stamps)
-        true_twists = _twists(stamps, true_poses) if true_poses is not None else twists
-        estimates = _at(tracks.estimate, stamps)
-        scan_time = float(np.median(np.diff(stamps))) if len(stamps) > 1 else 0.0
-        for i, record in enumerate(records):
-            stamp, pose = record.stamp, record.odometry
-            write(clock, stamp, make.clock(stamp))
-            write(transform, stamp, make.transform(stamp, ODOMETRY_FRAME, BASE_FRAME, pose))
-            if estimates is not None:
-                map_to_odom = compose(Pose2D(*estimates[i]), inverse(pose))
-                write(transform, stamp, make.transform(stamp, MAP_FRAME, ODOMETRY_FRAME, map_to_odom))
-            write(odometry, stamp, make.odometry(stamp, ODOMETRY_FRAME, pose, twists[i]))
-            if truth is not None and true_poses is not None:
-                write(truth, stamp, make.odometry(stamp, MAP_FRAME, Pose2D(*true_poses[i]), true_twists[i]))
-            write(scan, stamp, make.scan(record, geometry, scan_time))
+            bag.write_map(records[0].stamp, grid)
+        _write_records(bag, records, geometry, tracks)
 
 
-def _at(track: Trajectory | None, stamps: FloatArray) -> FloatArray | None:
-    """Poses of a track at other moments, shape (N, 3), by linear interpolation; beyond its ends they stay."""
-    if track is None:
-        return None
-    theta = np.unwrap(track.poses[:, 2])
-    columns = [*track.poses[:, :2].T, theta]
-    poses = np.column_stack([np.interp(stamps, track.stamps, column) for column in columns])
-    poses[:, 2] = wrap_angle(poses[:, 2])
-    return poses
+def _write_records(
+    bag: "_Bag", records: Sequence[LogRecord], geometry: LaserGeometry, tracks: BagTracks
+) -> None:
+    """Write what changes from scan to scan."""
+    stamps = np.array([record.stamp for record in records])
+    twists = _twists(stamps, np.array([record.odometry for record in records]))
+    true_poses, estimates = (
+        None if track is None else interpolated(track, stamps) for track in (tracks.truth, tracks.estimate)
+    )
+    true_twists = _twists(stamps, true_poses) if true_poses is not None else twists
+    laser = {
+        "angle_min": geometry.angle_min,
+        "angle_max": geometry.angle_min + geometry.angle_increment * (geometry.num_beams - 1),
+        "angle_increment": geometry.angle_increment,
+        "scan_time": float(np.median(np.diff(stamps))) if len(stamps) > 1 else 0.0,
+        "range_min": geometry.range_min,
+        "range_max": geometry.range_max,
+        "intensities": np.zeros(0, dtype=np.float32),
+    }
+    for i, record in enumerate(records):
+        stamp, pose = record.stamp, record.odometry
+        bag.write("/clock", stamp, clock=bag.time(stamp))  # for nodes with use_sim_time
+        bag.write_transform("/tf", stamp, (ODOMETRY_FRAME, BASE_FRAME), pose)
+        if estimates is not None:
+            map_to_odom = compose(Pose2D(*estimates[i]), inverse(pose))
+            bag.write_transform("/tf", stamp, (MAP_FRAME, ODOMETRY_FRAME), map_to_odom)
+        bag.write_odometry("/odom", stamp, ODOMETRY_FRAME, pose, twists[i])
+        if true_poses is not None:
+            bag.write_odometry("/ground_truth", stamp, MAP_FRAME, Pose2D(*true_poses[i]), true_twists[i])
+        ranges = np.asarray(record.scan.ranges, dtype=np.float32)  # no return is +inf (REP 117)
+        bag.write("/scan", stamp, header=bag.header(stamp, LASER_FRAME), ranges=ranges, **laser)
 
 
 def _twists(stamps: FloatArray, poses: FloatArray) -> FloatArray:
@@ -151,15 +152,14 @@ def _staged_folder(path: Path) -> Iterator[Path]:
     The library names the storage file after its folder, so the name has to be the final one from the start.
     """
     staging = path.with_name(f".{path.name}.part")
-    try:
-        shutil.rmtree(staging, ignore_errors=True)
-        staging.mkdir(parents=True)
-        yield staging / path.name
-        (staging / path.name).rename(path)
-    except OSError as error:
-        raise InputFileError(path, f"can't be written ({error.strerror or error})") from error
-    finally:
-        shutil.rmtree(staging, ignore_errors=True)
+    with storage_errors(path):
+        try:
+            shutil.rmtree(staging, ignore_errors=True)
+            staging.mkdir(parents=True)
+            yield staging / path.name
+            (staging / path.name).rename(path)
+        finally:
+            shutil.rmtree(staging, ignore_errors=True)
 
 
 def _latched_qos() -> Any:
@@ -179,92 +179,89 @@ def _latched_qos() -> Any:
     )  # fmt: skip
 
 
-class _MessageFactory:
-    """Builds the messages from a typestore of the ``rosbags`` library; ``shift`` is added to all stamps [s]."""
+class _Bag:
+    """Writes messages, given as mappings of their fields, through the ``rosbags`` library.
 
-    def __init__(self, typestore: Any, shift: float) -> None:
-        self.typestore = typestore
-        self._types = typestore.types
+    Args:
+        writer: Of the library.
+        typestore: Of the library.
+        shift: Added to all stamps [s].
+    """
+
+    def __init__(self, writer: Any, typestore: Any, shift: float) -> None:
+        self._writer, self._typestore = writer, typestore
         self._shift_ns = round(shift * 1e9)
+        self._connections: dict[str, Any] = {}
 
-    def nanoseconds(self, stamp: float) -> int:
-        """A stamp of the log as the bag has it."""
+    def write(self, topic: str, stamp: float, **fields: Any) -> None:
+        """Write a message; a field that isn't given is zero."""
+        kind = TOPICS[topic]
+        if topic not in self._connections:
+            qos = [_latched_qos()] if topic in LATCHED else []
+            self._connections[topic] = self._writer.add_connection(
+                topic, kind, typestore=self._typestore, offered_qos_profiles=qos
+            )
+        content = self._typestore.serialize_cdr(self._message(kind, fields), kind)
+        self._writer.write(self._connections[topic], self._nanoseconds(stamp), content)
+
+    def _message(self, kind: str, fields: dict[str, Any]) -> Any:
+        values = {}
+        for name, (_, inner) in self._typestore.fielddefs[kind][1]:
+            value = fields.get(name, {} if isinstance(inner, str) else 0)
+            if isinstance(value, dict):
+                value = self._message(inner, value)
+            elif isinstance(value, list):
+                value = [self._message(inner[0][1], item) for item in value]
+            values[name] = value
+        return self._typestore.types[kind](**values)
+
+    def _nanoseconds(self, stamp: float) -> int:
         return round(stamp * 1e9) + self._shift_ns
 
-    def _time(self, stamp: float) -> Any:
-        total_ns = self.nanoseconds(stamp)
-        return self._types["builtin_interfaces/msg/Time"](sec=total_ns // 10**9, nanosec=total_ns % 10**9)
+    def time(self, stamp: float) -> dict[str, int]:
+        """The fields of a Time message."""
+        return dict(zip(("sec", "nanosec"), divmod(self._nanoseconds(stamp), 10**9), strict=True))
 
-    def clock(self, stamp: float) -> Any:
-        """A Clock message, for nodes with ``use_sim_time``."""
-        return self._types["rosgraph_msgs/msg/Clock"](clock=self._time(stamp))
+    def header(self, stamp: float, frame: str) -> dict[str, Any]:
+        """The fields of a Header message."""
+        return {"stamp": self.time(stamp), "frame_id": frame}
 
-    def _header(self, stamp: float, frame: str) -> Any:
-        return self._types["std_msgs/msg/Header"](stamp=self._time(stamp), frame_id=frame)
+    def write_transform(self, topic: str, stamp: float, frames: tuple[str, str], pose: Pose2D) -> None:
+        """Write the pose of a frame, the second, in its parent."""
+        place, rotation = _pose(pose).values()
+        transform = {"translation": place, "rotation": rotation}
+        stamped = {
+            "child_frame_id": frames[1],
+            "transform": transform,
+            "header": self.header(stamp, frames[0]),
+        }
+        self.write(topic, stamp, transforms=[stamped])
 
-    def _quaternion(self, theta: float) -> Any:
-        return self._types["geometry_msgs/msg/Quaternion"](
-            x=0.0, y=0.0, z=math.sin(0.5 * theta), w=math.cos(0.5 * theta)
-        )
-
-    def transform(self, stamp: float, parent: str, child: str, pose: Pose2D) -> Any:
-        """A TFMessage with one transform."""
-        translation = self._types["geometry_msgs/msg/Vector3"](x=float(pose.x), y=float(pose.y), z=0.0)
-        transform = self._types["geometry_msgs/msg/Transform"](
-            translation=translation, rotation=self._quaternion(pose.theta)
-        )
-        stamped = self._types["geometry_msgs/msg/TransformStamped"](
-            header=self._header(stamp, parent), child_frame_id=child, transform=transform
-        )
-        return self._types["tf2_msgs/msg/TFMessage"](transforms=[stamped])
-
-    def _pose(self, pose: Pose2D) -> Any:
-        point = self._types["geometry_msgs/msg/Point"](x=float(pose.x), y=float(pose.y), z=0.0)
-        return self._types["geometry_msgs/msg/Pose"](position=point, orientation=self._quaternion(pose.theta))
-
-    def odometry(self, stamp: float, frame: str, pose: Pose2D, twist: FloatArray) -> Any:
-        """An Odometry message: a pose in ``frame``, the speeds [m/s, rad/s] in the robot's own."""
-        vector = self._types["geometry_msgs/msg/Vector3"]
-        speeds = self._types["geometry_msgs/msg/Twist"](
-            linear=vector(x=float(twist[0]), y=0.0, z=0.0), angular=vector(x=0.0, y=0.0, z=float(twist[1]))
-        )
+    def write_odometry(self, topic: str, stamp: float, frame: str, pose: Pose2D, twist: FloatArray) -> None:
+        """Write a pose in ``frame`` and the speeds [m/s, rad/s] in the robot's own."""
         covariance = np.diag(POSE_VARIANCES).ravel()
-        return self._types["nav_msgs/msg/Odometry"](
-            header=self._header(stamp, frame),
-            child_frame_id=BASE_FRAME,
-            pose=self._types["geometry_msgs/msg/PoseWithCovariance"](
-                pose=self._pose(pose), covariance=covariance
-            ),
-            twist=self._types["geometry_msgs/msg/TwistWithCovariance"](twist=speeds, covariance=covariance),
-        )
+        speeds = {"linear": {"x": float(twist[0])}, "angular": {"z": float(twist[1])}}
+        self.write(
+            topic, stamp, header=self.header(stamp, frame), child_frame_id=BASE_FRAME,
+            pose={"pose": _pose(pose), "covariance": covariance},
+            twist={"twist": speeds, "covariance": covariance},
+        )  # fmt: skip
 
-    def scan(self, record: LogRecord, geometry: LaserGeometry, scan_time: float) -> Any:
-        """A LaserScan message, with no return as +inf (REP 117)."""
-        return self._types["sensor_msgs/msg/LaserScan"](
-            header=self._header(record.stamp, LASER_FRAME),
-            angle_min=geometry.angle_min,
-            angle_max=geometry.angle_min + geometry.angle_increment * (geometry.num_beams - 1),
-            angle_increment=geometry.angle_increment,
-            time_increment=0.0,
-            scan_time=scan_time,
-            range_min=geometry.range_min,
-            range_max=geometry.range_max,
-            ranges=np.asarray(record.scan.ranges, dtype=np.float32),
-            intensities=np.zeros(0, dtype=np.float32),
-        )
-
-    def map(self, stamp: float, grid: OccupancyGrid) -> Any:
-        """An OccupancyGrid message: 0 free, 100 occupied, -1 unknown, row 0 at the bottom."""
+    def write_map(self, stamp: float, grid: OccupancyGrid) -> None:
+        """Write a map: 0 free, 100 occupied, -1 unknown, row 0 at the bottom."""
         data = np.full(grid.cells.shape, -1, dtype=np.int8)
         data[grid.cells == FREE] = 0
         data[grid.cells == OCCUPIED] = 100
-        header = self._header(stamp, MAP_FRAME)
-        frame = grid.frame
-        info = self._types["nav_msgs/msg/MapMetaData"](
-            map_load_time=header.stamp,
-            resolution=frame.resolution,
-            width=frame.width_px,
-            height=frame.height_px,
-            origin=self._pose(Pose2D(frame.origin_x, frame.origin_y, 0.0)),
-        )
-        return self._types["nav_msgs/msg/OccupancyGrid"](header=header, info=info, data=data[::-1].ravel())
+        resolution, x, y, rows, cols = grid.frame
+        info = {"resolution": resolution, "width": cols, "height": rows, "origin": _pose(Pose2D(x, y, 0.0))}
+        info["map_load_time"] = self.time(stamp)
+        self.write("/map", stamp, header=self.header(stamp, MAP_FRAME), info=info, data=data[::-1].ravel())
+
+
+def _pose(pose: Pose2D) -> dict[str, dict[str, float]]:
+    """The fields of a Pose message."""
+    half = 0.5 * pose.theta
+    return {
+        "position": {"x": float(pose.x), "y": float(pose.y)},
+        "orientation": {"z": math.sin(half), "w": math.cos(half)},
+    }

@@ -1,6 +1,7 @@
 """Trajectories in the TUM format: one ``stamp x y z qx qy qz qw`` per line, which evo and others read."""
 
 import math
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -35,7 +36,7 @@ def write_doubt(path: Path | str, stamps: FloatArray, doubtful: BoolArray, covar
     Args:
         path: The file.
         stamps: (N,) [s].
-        doubtful: (N,) whether the pose may be wrong.
+        doubtful: (N,) true where the pose may be wrong.
         covariances: (N, 3, 3) of x, y [m] and theta [rad]; zero where nothing is known.
 
     Raises:
@@ -56,24 +57,33 @@ def read_tum(path: Path | str) -> Trajectory:
     Raises:
         InputFileError: If the file is missing, a line has no eight finite numbers, or time goes backwards.
     """
-    text = read_text(path)
     stamps: list[float] = []
     poses: list[tuple[float, float, float]] = []
-    for number, line in enumerate(text.splitlines(), start=1):
-        fields = line.split("#", 1)[0].replace(",", " ").split()
-        if not fields:
-            continue
-        try:
-            stamp, x, y, _, qx, qy, qz, qw = (float(field) for field in fields)
-        except ValueError as error:
-            raise InputFileError(
-                f"{path}:{number}", "is not a line of 'stamp x y z qx qy qz qw'; eight numbers are expected"
-            ) from error
-        if not all(math.isfinite(value) for value in (stamp, x, y, qx, qy, qz, qw)):
-            raise InputFileError(f"{path}:{number}", "holds a value that is not finite")
+    for where, (stamp, x, y, _, qx, qy, qz, qw) in rows_of_eight(path, "stamp x y z qx qy qz qw"):
         if stamps and stamp < stamps[-1]:
-            raise InputFileError(f"{path}:{number}", "time goes backwards; sort the lines by their stamp")
+            raise InputFileError(where, "time goes backwards; sort the lines by their stamp")
         stamps.append(stamp)
         yaw = math.atan2(2.0 * (qw * qz + qx * qy), qw * qw + qx * qx - qy * qy - qz * qz)
         poses.append((x, y, wrap_angle(yaw)))
     return Trajectory(np.array(stamps, dtype=np.float64), np.array(poses, dtype=np.float64).reshape(-1, 3))
+
+
+def rows_of_eight(path: Path | str, meaning: str) -> Iterator[tuple[str, list[float]]]:
+    """The lines of a file of eight numbers each, separated by blanks or commas, with where they stand.
+
+    Raises:
+        InputFileError: If the file can't be read, or a line has no eight finite numbers.
+    """
+    for number, line in enumerate(read_text(path).splitlines(), start=1):
+        fields, where = line.split("#", 1)[0].replace(",", " ").split(), f"{path}:{number}"
+        if not fields:
+            continue
+        try:
+            values = [float(field) for field in fields]
+        except ValueError:
+            values = []
+        if len(values) != 8:
+            raise InputFileError(where, f"is not a line of '{meaning}'; eight numbers are expected")
+        if not all(map(math.isfinite, values)):
+            raise InputFileError(where, "holds a value that is not finite")
+        yield where, values

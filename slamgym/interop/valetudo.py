@@ -4,7 +4,7 @@ Sources: https://valetudo.cloud/pages/development/valetudo-core-concepts.html (w
 top left); ``MapLayer.js`` and ``ValetudoMap.openapi.json`` of https://github.com/Hypfer/Valetudo; its release notes
 2021.12.0: version 1 stores ``pixels`` as x, y, x, y, ...; version 2 stores ``compressedPixels`` as x, y, count, ...,
 ``count`` pixels from x to the right. Layers are ``floor``, ``segment`` (a room; ``metaData`` has its id and perhaps a
-name) and ``wall``; entities are points and lines in centimetres. A PNG that the map card of Home Assistant shows has
+name) and ``wall``. A PNG that the map card of Home Assistant shows has
 the deflated JSON in a ``zTXt`` chunk of the name ``ValetudoMap``.
 """
 
@@ -25,7 +25,6 @@ from slamgym.core.types import (
     OCCUPIED,
     UNKNOWN,
     BoolArray,
-    FloatArray,
     GridFrame,
     IntArray,
     OccupancyGrid,
@@ -49,23 +48,8 @@ class MapSegment:
     cells: BoolArray  # (rows, cols), the shape of the map
 
 
-@dataclass(frozen=True)
-class VacuumMap:
-    """What a Valetudo map holds; coordinates are metres, x right, y up."""
-
-    grid: OccupancyGrid
-    segments: tuple[MapSegment, ...] = ()
-    points: Mapping[str, FloatArray] | None = None
-    """``robot_position``, ``charger_location`` and ``path``, each (N, 2) [m], where the map has them."""
-
-
-def is_valetudo(value: Any) -> bool:
-    """Whether a JSON value is a Valetudo map."""
-    return isinstance(value, dict) and "pixelSize" in value and "layers" in value
-
-
-def parse_valetudo(value: Any, where: Path | str) -> VacuumMap:
-    """A map from its JSON value.
+def parse_valetudo(value: Any, where: Path | str) -> tuple[OccupancyGrid, tuple[MapSegment, ...]]:
+    """Read a map and its rooms from a JSON value.
 
     Args:
         value: The value.
@@ -74,12 +58,21 @@ def parse_valetudo(value: Any, where: Path | str) -> VacuumMap:
     Raises:
         InputFileError: If it isn't a Valetudo map, or one of its numbers makes no sense.
     """
-    if not is_valetudo(value):
+    if not (isinstance(value, dict) and "pixelSize" in value and "layers" in value):
         raise InputFileError(where, "is no Valetudo map; it needs the keys pixelSize and layers")
-    resolution = 0.01 * _pixel_size(value["pixelSize"], where)
-    height = _height(value, where)
-    layers = [_layer(layer, where) for layer in _objects(value, "layers", where)]
-    layers = [layer for layer in layers if len(layer.runs)]
+    size, pixel = value.get("size"), value["pixelSize"]
+    if not (_is_number(pixel) and PIXEL_SIZES[0] <= pixel <= PIXEL_SIZES[1]):
+        raise InputFileError(where, f"'pixelSize' is {shown(pixel)}; it must be the centimetres of a pixel")
+    height = (
+        size.get("y", 0) if isinstance(size, dict) else 0
+    )  # y = 0 of the map's frame lies so far below its top
+    if not (_is_number(height) and abs(height) < 1e7):
+        raise InputFileError(where, f"'size' is {shown(size)}; it must be x and y in centimetres")
+    entries, resolution = value["layers"] or [], 0.01 * float(pixel)
+    if not isinstance(entries, list) or not all(isinstance(entry, dict) for entry in entries):
+        raise InputFileError(where, "'layers' is not a list of objects")
+    ENTRIES.check(where, len(entries))
+    layers = [layer for layer in (_layer(entry, where) for entry in entries) if len(layer.runs)]
     if not layers:
         raise InputFileError(
             where, "has no pixels of floor, rooms or walls; let the robot map its home first"
@@ -95,18 +88,18 @@ def parse_valetudo(value: Any, where: Path | str) -> VacuumMap:
         for layer in layers:
             if layer.kind == kind:
                 layer.paint(cells, left, top, grey)
-    frame = GridFrame(resolution, left * resolution, height - (top + rows) * resolution, rows, cols)
+    frame = GridFrame(resolution, left * resolution, 0.01 * height - (top + rows) * resolution, rows, cols)
     segments = []
     for number, layer in enumerate(layers):
         if layer.kind == "segment":
             mask = np.zeros((rows, cols), np.bool_)
             layer.paint(mask, left, top, True)
             segments.append(MapSegment(layer.name or f"segment {number}", mask))
-    return VacuumMap(OccupancyGrid(cells, frame), tuple(segments), _entities(value, height, where))
+    return OccupancyGrid(cells, frame), tuple(segments)
 
 
 def embedded_map(content: bytes, where: Path | str) -> Any:
-    """The JSON value of the map in a PNG; None if it has none.
+    """Read the JSON value of the map in a PNG; None if it has none.
 
     Args:
         content: The PNG file.
@@ -141,31 +134,8 @@ class _Layer(NamedTuple):
             cells[y, x : x + count] = value
 
 
-def _pixel_size(value: Any, where: Path | str) -> float:
-    if (
-        isinstance(value, bool)
-        or not isinstance(value, int | float)
-        or not PIXEL_SIZES[0] <= value <= PIXEL_SIZES[1]
-    ):
-        raise InputFileError(where, f"'pixelSize' is {shown(value)}; it must be the centimetres of a pixel")
-    return float(value)
-
-
-def _height(value: Mapping[str, Any], where: Path | str) -> float:
-    """Where y = 0 of the map's frame lies below its top [m]; 0 where the size isn't known."""
-    size = value.get("size")
-    height = size.get("y", 0) if isinstance(size, dict) else 0
-    if isinstance(height, bool) or not isinstance(height, int | float) or not abs(height) < 1e7:
-        raise InputFileError(where, f"'size' is {shown(size)}; it must be x and y in centimetres")
-    return 0.01 * height
-
-
-def _objects(value: Mapping[str, Any], key: str, where: Path | str) -> list[dict[str, Any]]:
-    entries = value.get(key) or []
-    if not isinstance(entries, list) or not all(isinstance(entry, dict) for entry in entries):
-        raise InputFileError(where, f"'{key}' is not a list of objects")
-    ENTRIES.check(where, len(entries))
-    return entries
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
 
 
 def _layer(layer: Mapping[str, Any], where: Path | str) -> _Layer:
@@ -192,18 +162,3 @@ def _numbers(layer: Mapping[str, Any], key: str, group: int, where: Path | str) 
     if not whole or len(values) % group or max(map(abs, values), default=0) > MAX_PIXEL:
         raise InputFileError(where, f"'{key}' of a layer is no list of whole numbers in groups of {group}")
     return np.array(values, np.int64).reshape(-1, group)
-
-
-def _entities(value: Mapping[str, Any], height: float, where: Path | str) -> dict[str, FloatArray]:
-    found = {}
-    for entity in _objects(value, "entities", where):
-        kind, points = entity.get("type"), entity.get("points")
-        if kind in ("robot_position", "charger_location", "path") and isinstance(points, list):
-            try:
-                array = np.asarray(points, dtype=np.float64)
-            except (ValueError, TypeError, OverflowError):
-                array = np.array(np.nan)
-            if array.ndim != 1 or len(array) % 2 or not np.isfinite(array).all():
-                raise InputFileError(where, f"has a {kind} whose points are no list of x, y in centimetres")
-            found[str(kind)] = np.array([0.0, height]) + 0.01 * array.reshape(-1, 2) * [1.0, -1.0]
-    return found

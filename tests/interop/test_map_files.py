@@ -208,7 +208,7 @@ def test_a_resolution_that_is_none_is_refused(tmp_path, resolution):
         ({"layers": [{"type": "floor", "compressedPixels": [0, 0, 900000] * 200}]}, "MAX_PIXELS"),
         ({"size": [1]}, "none"),
         ({"size": {"y": "x"}}, "size"),
-        ({"entities": [{"type": "path", "points": [1]}]}, "path"),
+        ({"layers": [7]}, "list of objects"),
     ],
 )
 def test_damaged_vacuum_maps(tmp_path, changes, sentence):

@@ -10,8 +10,8 @@ from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.geometry import compose
 from slamgym.core.types import GridFrame, OccupancyGrid, Pose2D, Trajectory
 from slamgym.interop import open_log, read_rosbag, write_rosbag2
+from slamgym.interop.rosbag import TransformTree, planar, rigid_transform
 from slamgym.interop.rosbag_writer import BagTracks
-from slamgym.interop.transform_tree import TransformTree, planar, rigid_transform
 
 pytest.importorskip("rosbags")
 
