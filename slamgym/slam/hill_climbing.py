@@ -11,7 +11,6 @@ Convention: see :mod:`slamgym.slam.tiles` for points in cells. Poses are in cell
 """
 
 import math
-from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
@@ -35,13 +34,6 @@ END_MASK = (1 << END_SHIFT) - 1
 COORDINATE_BITS = 20
 
 
-class Search(IntEnum):
-    """How a scan is matched: the settings' ``matcher`` as the kernels take it."""
-
-    COARSE_TO_FINE = 0
-    HILL_CLIMBING = 1
-
-
 class MatchSettings(NamedTuple):
     """What the kernels need to know of :class:`slamgym.slam.config.SlamConfig`, in cells."""
 
@@ -50,7 +42,7 @@ class MatchSettings(NamedTuple):
     miss: float  # log-likelihood of a beam with nothing near
     stride: int  # match every so many points
     linear_step: float  # [cells]
-    search: int  # one of Search
+    only_climbs: bool  # GMapping's own search alone
     halvings: int  # of the step in GMapping's own search
     minimum_score: float
     odometry_weight: float
@@ -157,15 +149,9 @@ def turn_points(points: FloatArray, theta: float, out: FloatArray) -> None:
 
 @kernel
 def score(
-    cells: np.ndarray,
-    table: np.ndarray,
-    near: NearMeans,
-    turned: FloatArray,
-    u0: float,
-    v0: float,
-    gain: float,
+    cells: np.ndarray, table: np.ndarray, near: NearMeans, turned: FloatArray, u0: float, v0: float, gain: float,
     to_beat: float,
-) -> float:
+) -> float:  # fmt: skip
     """GMapping's matching score of a position; ``gain`` in 1/cells^2.
 
     The count starts at what a perfect fit would score and ends as soon as ``to_beat`` is out of reach; most
@@ -221,15 +207,9 @@ def prior_cost(prior: Prior, pose: CellPose) -> float:
 
 @kernel
 def climb(
-    pool: TilePool,
-    table: np.ndarray,
-    near: NearMeans,
-    points: FloatArray,
-    stride: int,
-    prior: Prior,
-    halvings: int,
-    s: MatchSettings,
-) -> CellPose:
+    pool: TilePool, table: np.ndarray, near: NearMeans, points: FloatArray, stride: int, prior: Prior,
+    halvings: int, s: MatchSettings,
+) -> CellPose:  # fmt: skip
     """GMapping's hill climbing: the best of six axis moves while there is one, then half the step.
 
     Returns:

@@ -24,7 +24,7 @@ from slamgym.core.types import (
 )
 from slamgym.slam.config import SlamConfig
 from slamgym.slam.end_points import farthest, usable_end_points
-from slamgym.slam.hill_climbing import MatchSettings, Search
+from slamgym.slam.hill_climbing import MatchSettings
 from slamgym.slam.mapper import Mapper
 from slamgym.slam.motion_model import noise_array, sample_motion
 from slamgym.slam.odometry_calibration import OdometryCalibration
@@ -71,7 +71,7 @@ def match_settings(config: SlamConfig) -> MatchSettings:
         miss=NULL_LIKELIHOOD / LIKELIHOOD_SIGMA,
         stride=config.beam_skip + 1,
         linear_step=FIRST_STEP / config.resolution,
-        search=int(Search[config.matcher.upper()]),
+        only_climbs=config.matcher == "hill_climbing",
         halvings=config.iterations,
         minimum_score=float(config.minimum_score),
         odometry_weight=float(config.odometry_weight),

@@ -22,7 +22,6 @@ from slamgym.slam.hill_climbing import (
     MatchSettings,
     NearMeans,
     Prior,
-    Search,
     climb,
     empty_means,
 )
@@ -63,30 +62,21 @@ class CellScan(NamedTuple):
     block: Block  # to look them up in
 
 
-class NormalEquations(NamedTuple):
-    """The symmetric matrix [[uu, uv, ut], [uv, vv, vt], [ut, vt, tt]]."""
-
-    uu: float
-    uv: float
-    vv: float
-    ut: float
-    vt: float
-    tt: float
-
-
 class Match(NamedTuple):
     """A pose and how well it fits."""
 
     pose: CellPose
     score: float  # GMapping's, over the points taken
     log_likelihood: float  # GMapping's, over the points taken
-    binding: NormalEquations  # what the points bind
+    binding: tuple[float, float, float, float, float, float]
+    """What the points bind: uu, uv, vv, ut, vt, tt of [[uu, uv, ut], [uv, vv, vt], [ut, vt, tt]]."""
 
 
 @kernel
-def _solve(h: NormalEquations, x: float, y: float, z: float) -> tuple[float, float, float]:
-    """Solve h q = (x, y, z); zero where the matrix is singular."""
-    a, b, c, d, e, f = h.uu, h.uv, h.vv, h.ut, h.vt, h.tt
+def _solve(
+    a: float, b: float, c: float, d: float, e: float, f: float, x: float, y: float, z: float
+) -> tuple[float, float, float]:
+    """Solve [[a, b, d], [b, c, e], [d, e, f]] q = (x, y, z); zero where the matrix is singular."""
     m_aa, m_ab, m_ad = c * f - e * e, d * e - b * f, b * e - c * d
     determinant = a * m_aa + b * m_ab + d * m_ad
     if determinant < 1e-12:
@@ -101,15 +91,9 @@ def _solve(h: NormalEquations, x: float, y: float, z: float) -> tuple[float, flo
 
 @kernel
 def align(
-    pool: TilePool,
-    table: np.ndarray,
-    scan: CellScan,
-    stride: int,
-    start: CellPose,
-    prior: Prior,
-    steps: int,
+    pool: TilePool, table: np.ndarray, scan: CellScan, stride: int, start: CellPose, prior: Prior, steps: int,
     s: MatchSettings,
-) -> Match:
+) -> Match:  # fmt: skip
     """Refine a pose by at most ``steps`` ICP steps; zero steps only evaluate it.
 
     Each step solves for the motion that brings the points to the surface near them, weighted by the objective's
@@ -132,7 +116,7 @@ def align(
     block = scan.block
     sums = block.sums
     u, v, theta = start
-    match = Match(start, 0.0, 0.0, NormalEquations(0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
+    match = Match(start, 0.0, 0.0, (0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
     force = 2.0 * s.gain
     for step in range(steps + 1):
         sums[:] = 0.0
@@ -145,23 +129,18 @@ def align(
             add_up(block, count, s.miss, s.likelihood_gain)
         likelihood, total, r_u, r_v, r_t = sums[0], sums[1], sums[8], sums[9], sums[10]
         uu, uv, vv, ut, vt, tt = sums[2], sums[3], sums[4], sums[5], sums[6], sums[7]  # normal equations
-        match = Match(CellPose(u, v, theta), total, likelihood, NormalEquations(uu, uv, vv, ut, vt, tt))
+        match = Match(CellPose(u, v, theta), total, likelihood, (uu, uv, vv, ut, vt, tt))
         if total == 0.0 or step == steps:
             break
         k, k_t = prior.stiffness, prior.turn_stiffness
+        least = 1e-6  # where nothing binds, nothing moves
         move_u, move_v, turn = _solve(
-            NormalEquations(
-                force * uu + k + 1e-6,  # where nothing binds, nothing moves
-                force * uv,
-                force * vv + k + 1e-6,
-                force * ut,
-                force * vt,
-                force * tt + k_t + 1e-6,
-            ),
+            force * uu + k + least, force * uv, force * vv + k + least,
+            force * ut, force * vt, force * tt + k_t + least,
             force * r_u - k * (u - prior.pose.u),
             force * r_v - k * (v - prior.pose.v),
             force * r_t - k_t * (theta - prior.pose.theta),
-        )
+        )  # fmt: skip
         u, v, theta = u + move_u, v + move_v, theta + turn
         if abs(move_u) + abs(move_v) < CONVERGED_CELLS and abs(turn) < CONVERGED_RAD:
             break
@@ -198,15 +177,18 @@ def match_scan(
 
 
 @kernel
+def _cell_scan(points: FloatArray, scale: float) -> CellScan:
+    """A scan (n, 2) [m] for cells of 1 / scale."""
+    normals = np.empty_like(points)
+    surface_normals(points, normals)
+    return CellScan(points * scale, normals, empty_block())
+
+
+@kernel
 def match_particles(
-    maps: TileMaps,
-    poses: FloatArray,
-    points: FloatArray,
-    variance: float,
-    turn_variance: float,
-    s: MatchSettings,
-    log_likelihoods: FloatArray,
-) -> int:
+    maps: TileMaps, poses: FloatArray, points: FloatArray, variance: float, turn_variance: float,
+    s: MatchSettings, log_likelihoods: FloatArray,
+) -> int:  # fmt: skip
     """Move each particle to the best match of the scan with the particle's own map.
 
     Args:
@@ -225,10 +207,8 @@ def match_particles(
     parts, tables, origin, resolution = maps
     pool, s = TilePool(*parts), MatchSettings(*s)
     scale = 1.0 / resolution
-    scaled = points * scale
-    normals = np.empty_like(points)
-    surface_normals(points, normals)
-    scan = CellScan(scaled, normals, empty_block())
+    scan = _cell_scan(points, scale)
+    scaled = scan.points
     stiffness = s.odometry_weight * resolution * resolution / variance
     turn_stiffness = s.odometry_weight / turn_variance
     # How far off an end point is predicted, for one standard deviation of the position and one of the heading.
@@ -241,7 +221,7 @@ def match_particles(
     for p in range(len(poses)):
         u, v = (poses[p, 0] - origin[0]) * scale, (poses[p, 1] - origin[1]) * scale
         prior = Prior(CellPose(u, v, poses[p, 2]), stiffness, turn_stiffness, sure)
-        if s.search == Search.COARSE_TO_FINE:
+        if not s.only_climbs:
             match = match_scan(pool, tables[p], memory, scan, prior, s)
         else:
             top = climb(pool, tables[p], memory, scaled, s.stride, prior, s.halvings, s)
@@ -259,12 +239,7 @@ def match_particles(
 
 @kernel
 def align_freely(
-    maps: TileMaps,
-    particle: int,
-    pose: FloatArray,
-    points: FloatArray,
-    s: MatchSettings,
-    out: FloatArray,
+    maps: TileMaps, particle: int, pose: FloatArray, points: FloatArray, s: MatchSettings, out: FloatArray
 ) -> None:
     """Align a scan from where it was matched, without the pull of the odometry: what the scan alone says.
 
@@ -275,19 +250,16 @@ def align_freely(
         points: (n, 2) end points in the robot frame, in the order of the beams [m].
         s: Settings.
         out: (10,) receives the pose, the score and what the points bind, the entries
-            of a symmetric matrix in the order of :class:`NormalEquations` [1], [m] and [m^2].
+            of a symmetric matrix in the order of :attr:`Match.binding` [1], [m] and [m^2].
     """
     parts, tables, origin, resolution = maps
     pool, s = TilePool(*parts), MatchSettings(*s)
     scale = 1.0 / resolution
-    normals = np.empty_like(points)
-    surface_normals(points, normals)
     start = CellPose((pose[0] - origin[0]) * scale, (pose[1] - origin[1]) * scale, pose[2])
     free = Prior(start, 0.0, 0.0, True)
-    scan = CellScan(points * scale, normals, empty_block())
-    match = align(pool, tables[particle], scan, s.stride, start, free, FINE_STEPS, s)
+    match = align(pool, tables[particle], _cell_scan(points, scale), s.stride, start, free, FINE_STEPS, s)
     out[0], out[1] = origin[0] + match.pose.u * resolution, origin[1] + match.pose.v * resolution
     out[2], out[3] = match.pose.theta, match.score
-    h = match.binding
-    out[4], out[5], out[6] = h.uu, h.uv, h.vv
-    out[7], out[8], out[9] = h.ut * resolution, h.vt * resolution, h.tt * resolution**2
+    uu, uv, vv, ut, vt, tt = match.binding
+    out[4], out[5], out[6] = uu, uv, vv
+    out[7], out[8], out[9] = ut * resolution, vt * resolution, tt * resolution**2
